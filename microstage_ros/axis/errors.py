@@ -1,0 +1,18 @@
+"""The one error that means: the input is wrong, and this is what would be right."""
+
+
+class InputError(ValueError):
+    """Bad input, told in one line: where, what was found, what would be right.
+
+    Parameters
+    ----------
+    place : file, field, line, parameter or argument that holds the bad value.
+    value : the value as it was found.
+    expected : what would have been accepted, with its unit and range.
+    """
+
+    def __init__(self, place, value, expected):
+        super().__init__(f"{place}: got {value!r}, expected {expected}")
+        self.place = str(place)
+        self.value = value
+        self.expected = str(expected)
