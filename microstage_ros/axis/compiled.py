@@ -2,9 +2,11 @@
 
 Numba's own cache looks only at the file of the function itself, so a caller keeps running the old
 body of a callee that lives in another file. Here the cache folder's name is a digest of all
-compiled sources of the package: a change anywhere makes a new cache, and nothing else does.
+compiled sources that the function's room may call (the rooms below it, see the README's picture):
+a change there makes a new cache, and nothing else does.
 """
 
+import functools
 import hashlib
 import os
 import pathlib
@@ -13,28 +15,28 @@ import sys
 import numba
 
 PACKAGE = pathlib.Path(__file__).resolve().parent.parent
+ROOMS_BELOW = {"axis": ("axis",), "control": ("axis", "control")}  # any other room: all
 
 
-def _sources_digest():
-    """Digest of every source file that imports this module, with the numba and Python versions."""
+@functools.lru_cache
+def _sources_digest(room):
+    """Digest of the compiled sources a room may call, with the numba and Python versions."""
     digest = hashlib.sha256(f"{numba.__version__} {sys.version_info[:2]}".encode())
-    for path in sorted(PACKAGE.rglob("*.py")):
-        text = path.read_bytes()
-        if b"axis.compiled import" in text:
-            digest.update(str(path.relative_to(PACKAGE)).encode())
-            digest.update(text)
+    for name in ROOMS_BELOW.get(room, ("",)):
+        for path in sorted((PACKAGE / name).rglob("*.py")):
+            text = path.read_bytes()
+            if b"axis.compiled import" in text:
+                digest.update(str(path.relative_to(PACKAGE)).encode())
+                digest.update(text)
     return digest.hexdigest()[:16]
 
 
-def cache_folder():
-    """Folder of the compiled code: ``$MICROSTAGE_CACHE`` or the user's cache folder, then the digest."""
+def cache_folder(room):
+    """Folder of a room's compiled code: ``$MICROSTAGE_CACHE`` or the user's cache folder, then the digest."""
     base = os.environ.get("MICROSTAGE_CACHE") or os.path.join(
         os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "microstage_ros"
     )
-    return os.path.join(base, "compiled-" + _sources_digest())
-
-
-numba.config.CACHE_DIR = cache_folder()
+    return os.path.join(base, f"{room}-{_sources_digest(room)}")
 
 
 def compiled(function=None, **options):
@@ -42,5 +44,8 @@ def compiled(function=None, **options):
 
     ``fastmath`` stays off unless asked for, so that the same seed gives the same bits everywhere.
     """
-    options = {"cache": True, "nogil": True, "error_model": "numpy", **options}
-    return numba.njit(**options)(function) if function is not None else numba.njit(**options)
+    if function is None:
+        return functools.partial(compiled, **options)
+    room = (function.__module__.split(".") + ["", ""])[1]
+    numba.config.CACHE_DIR = cache_folder(room)  # numba reads it when the decorator runs
+    return numba.njit(**{"cache": True, "nogil": True, "error_model": "numpy", **options})(function)
