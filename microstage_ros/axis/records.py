@@ -1,0 +1,111 @@
+"""The memory layout that the compiled step works on: one plain record per machine and per state.
+
+Numpy structured scalars, so that a thousand axes are one array and nothing is boxed.
+"""
+
+import numpy as np
+
+BLOCKS = 8        # most Maxwell-slip blocks of a contact
+TABLE = 256       # cells of the tables over position and over velocity
+RIPPLES = 6       # most periodic terms of one kind
+LINES = 6         # most vibration lines
+DELAY = 64        # most whole periods of delay
+
+f8, i8, u8 = np.float64, np.int64, np.uint64
+
+#: One friction contact. Forces are normalised: f_j = F_j / α_j, so every block slips at f = s(w).
+CONTACT = np.dtype([
+    ("blocks", i8),                # number of blocks, 0: no block friction
+    ("kappa", f8, BLOCKS),         # k_j / α_j, normalised stiffness per unit of contact coordinate
+    ("weight", f8, BLOCKS),        # α_j
+    ("static", f8), ("coulomb", f8), ("velocity", f8), ("exponent", f8),
+    ("drops", i8),                 # 1: the limit falls with velocity (Stribeck)
+    ("attraction", f8),            # C; inf: a slipping block is at its limit at once
+    ("viscous", f8),
+    ("stick_damping", f8),         # damping of the bristle while all blocks stick (regularised Coulomb)
+    ("level", f8),                 # factor on the limits
+    ("asymmetry", f8),             # limits × (1 + asymmetry sgn w)
+    ("quadratic", f8), ("power", f8),          # extra force quadratic · |w|^power · sgn w
+    ("lag", f8),                   # s follows |w| with this time constant
+    ("aging_rate", f8), ("aging_time", f8), ("aging_release", f8),
+    ("creep_velocity", f8), ("creep_sharpness", f8),
+    ("random", f8),                # standard deviation of q
+    ("profile", f8, TABLE), ("profiled", i8), # limits × profile(x), cells over the stroke
+    ("ripple_amplitude", f8, RIPPLES), ("ripple_number", f8, RIPPLES), ("ripple_phase", f8, RIPPLES),
+    ("ripples", i8),               # limits × (1 + Σ A sin(number x + phase))
+    ("stribeck", f8, (TABLE + 1, 4)),          # cubic pieces of exp(−|w/V|^δ) over octaves of |w/V|
+])
+
+#: One machine.
+PLANT = np.dtype([
+    ("period", f8), ("ratio", f8),             # ratio r/N: metres per motor radian
+    ("screw_ratio", f8), ("gear", f8),         # r, N
+    ("rigid", i8), ("force_drive", i8),
+    ("gain", f8),                              # volts to volts, or volts to newtons
+    ("limit", f8), ("quantum", f8), ("dac_range", f8),
+    ("resistance", f8), ("inductance", f8), ("back_emf", f8), ("torque_constant", f8), ("inertia", f8),
+    ("stiffness", f8), ("damping", f8), ("mass", f8), ("offset_force", f8),
+    ("actuator", CONTACT), ("guideway", CONTACT),
+    # effects
+    ("base_level", i8),                        # coarsest chunk 2^-level of a period
+    ("amplifier_offset", f8), ("dead_half", f8), ("amplifier_noise", f8),
+    ("delay", f8), ("actuator_lag", f8),
+    ("rise_per_joule", f8), ("rise_time", f8), ("rise_initial", f8),
+    ("gap", f8),                               # lost motion at the stage, r · width [m]
+    ("lead_amplitude", f8, RIPPLES), ("lead_number", f8, RIPPLES), ("lead_phase", f8, RIPPLES), ("leads", i8),
+    ("lead_slope", f8),                        # cumulative error, relative
+    ("cog_amplitude", f8, RIPPLES), ("cog_number", f8, RIPPLES), ("cog_phase", f8, RIPPLES), ("cogs", i8),
+    ("tilt_force", f8), ("cable", f8), ("anchor", f8),
+    ("smooth", i8),                            # 1: a smooth extra force acts on the stage or the motor
+    ("modulated", i8),                         # 1: a limit factor depends on position, time or dwell
+    ("electrical", i8),                        # 1: dead zone, delay, lag, warming or amplifier noise
+    ("travel_low", f8), ("travel_high", f8),
+    # random friction
+    ("random_length", f8), ("random_time", f8), ("random_share", f8), ("random_clip", f8),
+    # sensors
+    ("encoder_count", f8), ("encoder_noise", f8), ("current_noise", f8), ("interferometer_noise", f8),
+    ("late", f8), ("jitter", f8), ("lost", f8),
+    ("sde_number", f8), ("sde_amplitude", f8, 3), ("sde_phase", f8, 3), ("scale", f8),
+    ("drift_amplitude", f8), ("drift_time", f8), ("drift_rate", f8), ("drift_expansion", f8),
+    ("air_path", f8), ("air_temperature_rate", f8), ("air_pressure_rate", f8),
+    ("air_temperature_swing", f8), ("air_pressure_swing", f8), ("air_swing_time", f8), ("air_compensated", i8),
+    ("line_frequency", f8, LINES), ("line_amplitude", f8, LINES), ("line_phase", f8, LINES), ("lines", i8),
+    ("stage_temperature_rise", f8), ("stage_temperature_time", f8),
+])
+
+#: State of one contact.
+CONTACT_STATE = np.dtype([
+    ("force", f8, BLOCKS),         # f_j of sticking blocks; of slipping ones the offset from `slip_force`
+    ("stuck", f8, BLOCKS),         # 1 sticks, 0 slips
+    ("stuck_weight_force", f8),    # Σ α_j f_j over sticking blocks, the sum of their forces
+    ("stuck_stiffness", f8),       # Σ k_j over sticking blocks
+    ("slip_weight", f8),           # Σ α_j over slipping blocks
+    ("slip_force", f8),            # their common normalised force, sign removed
+    ("slip_offset", f8),           # decay of the offsets since they were set
+    ("direction", f8),             # sign of the slip
+    ("mask", i8),                  # bit j: block j sticks
+    ("factor", f8),                # limit factor of this period
+    ("q_travel", f8), ("q_time", f8), ("q", f8), ("random_travel", f8), ("random_wait", f8),
+    ("lagged", f8),                # |w| seen by s when it lags
+    ("dwell", f8), ("aged", f8),
+])
+
+#: State of one machine.
+STATE = np.dtype([
+    ("current", f8), ("omega", f8), ("theta", f8), ("v", f8), ("x", f8),
+    ("actuator", CONTACT_STATE), ("guideway", CONTACT_STATE),
+    ("side", i8),                  # backlash: +1, −1 contact, 0 in the gap
+    ("torque_friction", f8), ("guide_friction", f8),   # at the last end of a period [N m at the motor, N]
+    ("voltage", f8),               # amplifier output at the end of the period
+    ("pending", f8, DELAY), ("pending_at", i8),
+    ("lagged_voltage", f8), ("heat", f8), ("resistance_now", f8),
+    ("time", f8), ("periods", i8),
+    ("last_encoder", f8), ("last_current", f8),
+    ("random", u8, 4),
+])
+
+#: What the sensors say at the start of a period.
+READINGS = np.dtype([
+    ("encoder", f8), ("current", f8), ("motor_angle", f8), ("interferometer", f8),
+    ("stage_temperature", f8), ("air_temperature", f8), ("air_pressure", f8), ("air_humidity", f8),
+])
