@@ -1,0 +1,142 @@
+"""Self-tuning of the PID gains by adaptive interaction, raw and robust.
+
+Raw law (Lin, Brandt, Saikalis 2000, plant-free form, one coefficient; section 5.3 of the paper), with the
+time unit tau that gives the three gains K_P, K_I tau, K_D / tau one unit:
+
+    dK_P/dt = g e^2,    dK_I/dt = g e S / tau^2,    dK_D/dt = g tau^2 e de/dt,    S = integral of e
+
+The trapezoidal rule used here keeps the closed forms K_I = K_I0 + g S^2 / (2 tau^2) and
+K_D = K_D0 + g tau^2 (e^2 - e0^2) / 2 exact. Left alone the law only accumulates, and its speed goes with
+e^2, 10^6 between 1 um and 1 mm.
+
+Robust law. The same three products drive the logarithms of the gains, after the cures below:
+
+* error and its slope pass a filter; a dead band of `dead_band` (the encoder's resolution) is taken off the
+  error, so that noise at rest teaches nothing;
+* e, S and tau de/dt are divided by sqrt(dead_band^2 + e^2 + S^2 + (tau de/dt)^2): the speed does not depend
+  on the size of the move;
+* S forgets with 10 tau and only e S > 0 counts: an error that persists raises K_I, an overshoot does not
+  make it collapse;
+* alternation is the opposite evidence: the power of the error's fast part above what encoder noise
+  explains lowers all three gains together, until it is gone;
+* the gains stay between `floor` and `ceiling` times the tuned ones: the stable set, whose margins
+  `control.margins` computes at both ends. The ratios K_D : K_P : K_I may differ by `spread` at most, since
+  K_P > J R K_I / (k_M (...)) separates stable from unstable triples, not their size alone.
+"""
+
+import math
+
+from microstage_ros.axis.compiled import compiled
+from microstage_ros.control.gains import Gain, record_type
+from microstage_ros.control.pid import pid_change
+
+GAINS = (
+    Gain("raw", "1", 0.0, 1.0, 0.0, "1: the raw law without its cures (for comparison only)"),
+    Gain("raw_coefficient", "V/(m^3 s)", 0.0, 1e30, 1e17, "g of the raw law"),
+    Gain("time_unit", "s", 1e-5, 10.0, 0.01, "tau, which gives K_P, K_I tau, K_D / tau one unit"),
+    Gain("speed", "1/s", 0.0, 1e3, 20.0, "rate of the logarithm of a gain under a full-size error"),
+    Gain("back_off", "1/s", 0.0, 1e4, 100.0, "rate at which alternation lowers the gains"),
+    Gain("dead_band", "m", 0.0, 1e-3, 2.5e-8, "error that teaches nothing"),
+    Gain("alternation", "m", 1e-10, 1e-3, 4.0e-8, "rms of the fast part of the error that is called alternation"),
+    Gain("start", "1", 1e-4, 100.0, 1.0, "gains at reset over the tuned ones"),
+    Gain("floor", "1", 1e-4, 1.0, 0.1, "lowest gains over the tuned ones"),
+    Gain("ceiling", "1", 1.0, 100.0, 1.5, "highest gains over the tuned ones"),
+    Gain("spread", "1", 1.0, 10.0, 1.5, "largest ratio between the factors of two gains"),
+)
+PARAMETERS = record_type(GAINS)
+STATE_FIELDS = [
+    ("error", "f8"),  # m, of the previous period
+    ("integral", "f8"),  # m s (raw)
+    ("filtered", "f8"),  # m
+    ("slope", "f8"),  # m, tau times the slope of the filtered error
+    ("leaky", "f8"),  # m, forgetting integral of the error over tau
+    ("fast", "f8"),  # m^2, power of the fast part of the error
+    ("slow", "f8"),  # m
+    ("log_kp", "f8"),  # natural logarithms of the gains over the tuned ones
+    ("log_ki", "f8"),
+    ("log_kd", "f8"),
+]
+
+
+@compiled
+def adaptation_reset(p, s, pid_p, pid_s):
+    """Forget what was learned; gains at `start` times the tuned ones."""
+    s.error = 0.0
+    s.integral = 0.0
+    s.filtered = 0.0
+    s.slope = 0.0
+    s.leaky = 0.0
+    s.fast = 0.0
+    s.slow = 0.0
+    s.log_kp = math.log(p.start)
+    s.log_ki = s.log_kp
+    s.log_kd = s.log_kp
+    pid_s.kp *= p.start
+    pid_s.ki *= p.start
+    pid_s.kd *= p.start
+
+
+@compiled
+def adapt_raw(p, s, error, period):
+    """Increments of K_P [V/m], K_I [V/(m s)], K_D [V s/m] in one period by the raw law."""
+    mean = 0.5 * (error + s.error)
+    step = mean * period
+    up = p.raw_coefficient * 0.5 * (error * error + s.error * s.error) * period
+    ui = p.raw_coefficient / (p.time_unit * p.time_unit) * step * (s.integral + 0.5 * step)
+    ud = p.raw_coefficient * p.time_unit * p.time_unit * mean * (error - s.error)
+    s.integral += step
+    s.error = error
+    return up, ui, ud
+
+
+@compiled
+def adapt_robust(p, s, error, period):
+    """One period of the robust law on the logarithms of the gains in ``s``."""
+    outside = max(abs(error) - p.dead_band, 0.0) * (1.0 if error > 0.0 else -1.0)
+    share = min(period / (0.1 * p.time_unit), 1.0)
+    before = s.filtered
+    s.filtered += share * (outside - s.filtered)
+    s.slope = (s.filtered - before) * p.time_unit / period
+    forget = period / (10.0 * p.time_unit)
+    s.leaky += (s.filtered * period / p.time_unit) - forget * s.leaky
+    size = p.dead_band * p.dead_band + s.filtered * s.filtered + s.leaky * s.leaky + s.slope * s.slope
+    rate = p.speed * period / size
+    s.log_kp += rate * s.filtered * s.filtered
+    s.log_ki += rate * max(s.filtered * s.leaky, 0.0)
+    s.log_kd += rate * s.filtered * s.slope
+    s.slow += period / (2.0 * p.time_unit) * (error - s.slow)
+    fast = error - s.slow
+    s.fast += period / (5.0 * p.time_unit) * (fast * fast - s.fast)
+    excess = s.fast / (p.alternation * p.alternation) - 1.0
+    if excess > 0.0:
+        fall = p.back_off * min(excess, 1.0) * period
+        s.log_kp -= fall
+        s.log_ki -= fall
+        s.log_kd -= fall
+    project(p, s)
+
+
+@compiled
+def project(p, s):
+    """Bring the gains back into the stable set: floor, ceiling, and not too far from each other."""
+    low = math.log(p.floor)
+    high = math.log(p.ceiling)
+    wide = math.log(p.spread)
+    s.log_kp = min(max(s.log_kp, low), high)
+    s.log_ki = min(max(s.log_ki, low, s.log_kp - wide), high, s.log_kp + wide)
+    s.log_kd = min(max(s.log_kd, low, s.log_kp - wide), high, s.log_kp + wide)
+
+
+@compiled
+def adaptation_step(p, s, pid_p, pid_s, period):
+    """Tune the gains of ``pid_s`` from its newest error, without a jump of the output."""
+    if p.raw > 0.5:
+        up, ui, ud = adapt_raw(p, s, pid_s.error, period)
+        pid_change(pid_p, pid_s, pid_s.kp + up, pid_s.ki + ui, pid_s.kd + ud)
+        return
+    if pid_s.saturated == 0:
+        adapt_robust(p, s, pid_s.error, period)
+    kp = pid_p.proportional * math.exp(s.log_kp)
+    ki = pid_p.proportional / pid_p.integral_time * math.exp(s.log_ki)
+    kd = pid_p.proportional * pid_p.derivative_time * math.exp(s.log_kd)
+    pid_change(pid_p, pid_s, kp, ki, kd)

@@ -1,0 +1,133 @@
+"""The Python face of the control laws: build one by name, step it, look into it.
+
+Example
+-------
+>>> from microstage_ros.axis.axis_file import load_axis
+>>> from microstage_ros.control.controller import make_controller
+>>> controller = make_controller("pid", load_axis("config/axis.yaml"), proportional=4e5)
+>>> controller.reset(encoder=0.0)
+>>> voltage = controller.step(reference=1e-6, encoder=0.0, current=0.0)
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from microstage_ros.axis.errors import InputError
+from microstage_ros.control import laws
+from microstage_ros.control.gains import check_gain, fill
+from microstage_ros.control.pid import pid_change
+
+
+class ControllerState(NamedTuple):
+    """What a controller did in its last period (SI: m, V, V/m, V/(m s), V s/m)."""
+
+    reference: float
+    error: float
+    voltage: float
+    proportional_gain: float
+    integral_gain: float
+    derivative_gain: float
+    proportional_term: float
+    integral_term: float
+    derivative_term: float
+    feed_forward_term: float
+    saturated: bool
+    mode: str
+
+
+def gain_list(type_name):
+    """The `Gain` entries (name, unit, range, default, meaning) that a type of controller accepts."""
+    return [gain for part in laws.law(type_name).parts.values() for gain in part]
+
+
+def controller_parameters(type_name, axis, gains, period=None, place="controller"):
+    """The parameter record (numpy structured scalar `laws.PARAMETERS`) of one controller.
+
+    ``gains`` not given come from the axis file's ``controller:`` section where it has them, else from the
+    law's defaults. Raises `InputError` with name, value and range.
+    """
+    law = laws.law(type_name, f"{place}.type")
+    known = {gain.name for gain in gain_list(type_name)}
+    for name in gains:
+        if name not in known:
+            raise InputError(f"{place}.{name}", gains[name], "one of " + ", ".join(sorted(known)))
+    record = np.zeros(1, laws.PARAMETERS)[0]
+    record["kind"] = law.kind
+    record["period"] = axis.value("period") if period is None else period
+    record["voltage_limit"] = axis.value("drive.voltage_limit")
+    values = {**shipped_gains(type_name, axis), **gains}
+    for part, entries in law.parts.items():
+        fill(record[part], entries, values, place)
+    return record
+
+
+def shipped_gains(type_name, axis):
+    """Gains of this type in the axis file: common ones of ``controller:``, then its entry ``TYPE:``."""
+    section = dict(axis.controller)
+    own = section.get(type_name) or {}
+    known = {gain.name for gain in gain_list(type_name)}
+    common = {name: value for name, value in section.items() if name in known and not isinstance(value, dict)}
+    for name in own:
+        if name not in known:
+            raise InputError(f"{axis.place}: controller.{type_name}.{name}", own[name], "one of " + ", ".join(sorted(known)))
+    return {**common, **own}
+
+
+class Controller:
+    """One control law with its memory.
+
+    Parameters
+    ----------
+    type_name : name in `laws.LAWS`.
+    parameters : record made by `controller_parameters`.
+
+    The fields ``parameters`` and ``memory`` are the records that the compiled loop takes.
+    """
+
+    def __init__(self, type_name, parameters):
+        self.type = type_name
+        self.parameters = parameters
+        self.memory = np.zeros(1, laws.STATE)[0]
+        self.reset(0.0)
+
+    def reset(self, encoder, voltage=0.0):
+        """Start at rest at ``encoder`` [m]; the first output continues from ``voltage`` [V]."""
+        laws.controller_reset(self.parameters, self.memory, float(encoder), float(voltage))
+
+    def step(self, reference, encoder, current=0.0):
+        """Voltage [V] for this period from reference and encoder [m] and current [A] at its start."""
+        return laws.controller_step(self.parameters, self.memory, float(reference), float(encoder), float(current))
+
+    def change(self, **gains):
+        """Change gains while it runs, without a jump of the output; `InputError` for a bad one."""
+        parts = laws.law(self.type).parts
+        known = {gain.name: (part, gain) for part, entries in parts.items() for gain in entries}
+        checked = {}
+        for name, value in gains.items():
+            if name not in known:
+                raise InputError(f"controller.{name}", value, "one of " + ", ".join(sorted(known)))
+            checked[name] = check_gain("controller", known[name][1], value)
+        for name, value in checked.items():
+            self.parameters[known[name][0]][name] = value
+        tuned = self.parameters["pid"]
+        if {"proportional", "integral_time", "derivative_time"} & set(gains):
+            kp = float(tuned["proportional"])
+            ki, kd = kp / float(tuned["integral_time"]), kp * float(tuned["derivative_time"])
+            pid_change(tuned, self.memory["pid"], kp, ki, kd)
+
+    @property
+    def state(self):
+        """`ControllerState` of the last period."""
+        pid = self.memory["pid"]
+        return ControllerState(
+            float(self.memory["reference"]), float(pid["error"]), float(self.memory["voltage"]),
+            float(pid["kp"]), float(pid["ki"]), float(pid["kd"]),
+            float(pid["proportional_term"]), float(pid["integral"]), float(pid["derivative_term"]),
+            float(self.memory["feed_forward"]), bool(pid["saturated"]), self.type,
+        )
+
+
+def make_controller(type_name, axis, period=None, **gains):
+    """Build a controller by name for an axis; see `controller_parameters` for what is refused."""
+    return Controller(type_name, controller_parameters(type_name, axis, gains, period))
