@@ -6,7 +6,9 @@ Numpy structured scalars, so that a thousand axes are one array and nothing is b
 import numpy as np
 
 BLOCKS = 8        # most Maxwell-slip blocks of a contact
-TABLE = 256       # cells of the tables over position and over velocity
+PROFILE = 1024    # cells of a friction profile over position
+OCTAVES = 24      # Stribeck table: octaves of |w/V|, from 2^-18 on
+CELLS = 16        # and cells per octave
 RIPPLES = 6       # most periodic terms of one kind
 LINES = 6         # most vibration lines
 DELAY = 64        # most whole periods of delay
@@ -30,10 +32,11 @@ CONTACT = np.dtype([
     ("aging_rate", f8), ("aging_time", f8), ("aging_release", f8),
     ("creep_velocity", f8), ("creep_sharpness", f8),
     ("random", f8),                # standard deviation of q
-    ("profile", f8, TABLE), ("profiled", i8), # limits × profile(x), cells over the stroke
+    ("profile", f8, PROFILE + 1), ("profiled", i8),          # limits × profile(x), linear between cells
+    ("profile_low", f8), ("profile_high", f8),              # its range of stage positions
     ("ripple_amplitude", f8, RIPPLES), ("ripple_number", f8, RIPPLES), ("ripple_phase", f8, RIPPLES),
     ("ripples", i8),               # limits × (1 + Σ A sin(number x + phase))
-    ("stribeck", f8, (TABLE + 1, 4)),          # cubic pieces of exp(−|w/V|^δ) over octaves of |w/V|
+    ("stribeck", f8, (OCTAVES * CELLS, 4)),    # cubic pieces of exp(−|w/V|^δ) over |w/V|
 ])
 
 #: One machine.
@@ -59,7 +62,6 @@ PLANT = np.dtype([
     ("smooth", i8),                            # 1: a smooth extra force acts on the stage or the motor
     ("modulated", i8),                         # 1: a limit factor depends on position, time or dwell
     ("electrical", i8),                        # 1: dead zone, delay, lag, warming or amplifier noise
-    ("travel_low", f8), ("travel_high", f8),
     # random friction
     ("random_length", f8), ("random_time", f8), ("random_share", f8), ("random_clip", f8),
     # sensors
