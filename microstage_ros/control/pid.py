@@ -46,7 +46,7 @@ STATE_FIELDS = [
 def pid_reset(p, s, encoder, voltage):
     """Start at rest at ``encoder`` [m] with the output at ``voltage`` [V] and the parameters' gains."""
     s.kp = p.proportional
-    s.ki = p.proportional / p.integral_time
+    s.ki = p.proportional / p.integral_time if p.integral_time > 0.0 else 0.0
     s.kd = p.proportional * p.derivative_time
     s.integral = voltage
     s.velocity = 0.0
