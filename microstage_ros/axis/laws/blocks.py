@@ -57,12 +57,7 @@ def blocks_energy(parameters, state):
 
 
 @compiled
-def drag_blocks(parameters, state, displacement, limit_factor):
-    """Move all blocks by a monotone ``displacement``; return the sum of their forces [F].
-
-    F_i ← clip(F_i + k_i Δ, ± α_i F_s(direction)): exact however far they go, because a block that has
-    reached its limit stays there while the direction lasts.
-    """
+def _moved_blocks(parameters, state, displacement, limit_factor, keep):
     n = int(parameters[COUNT])
     sign = 1.0 if displacement >= 0.0 else -1.0
     limit = sign * sliding_limit(parameters, sign, 0.0, limit_factor)
@@ -72,6 +67,23 @@ def drag_blocks(parameters, state, displacement, limit_factor):
         bound = parameters[STIFFNESS + n + i] * limit
         if displacement != 0.0 and (force - bound) * sign > 0.0:
             force = bound
-        state[i] = force
+        if keep:
+            state[i] = force
         total += force
     return total
+
+
+@compiled
+def try_blocks(parameters, state, displacement, limit_factor):
+    """Sum of the blocks' forces after a monotone ``displacement``, which is not carried out [F]."""
+    return _moved_blocks(parameters, state, displacement, limit_factor, False)
+
+
+@compiled
+def drag_blocks(parameters, state, displacement, limit_factor):
+    """Move all blocks by a monotone ``displacement``; return the sum of their forces [F].
+
+    F_i ← clip(F_i + k_i Δ, ± α_i F_s(direction)): exact however far they go, because a block that has
+    reached its limit stays there while the direction lasts.
+    """
+    return _moved_blocks(parameters, state, displacement, limit_factor, True)

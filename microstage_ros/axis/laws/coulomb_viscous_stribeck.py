@@ -22,9 +22,10 @@ class Parameters:
         """Own entries of the packed law: none."""
         return []
 
-    def state_size(self):
-        """Entries of the state: one that stays zero, since arrays of no length are awkward to store."""
-        return 1
+
+def state_size(packed):
+    """Entries of the state: one that stays zero, since arrays of no length are awkward to store."""
+    return 1
 
 
 @compiled

@@ -38,9 +38,10 @@ class Parameters:
         """Own entries of the packed law."""
         return [self.stiffness, self.exponent]
 
-    def state_size(self):
-        """Entries of the state: the force F."""
-        return 1
+
+def state_size(packed):
+    """Entries of the state: the force F."""
+    return 1
 
 
 @compiled

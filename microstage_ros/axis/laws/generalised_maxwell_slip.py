@@ -50,9 +50,10 @@ class Parameters:
         """Own entries of the packed law."""
         return [*pack_blocks(self.stiffness, self.weight), self.attraction, float(self.passive)]
 
-    def state_size(self):
-        """Entries of the state: the force of each block, then the direction (−1, 0, 1) it slips in."""
-        return 2 * len(self.stiffness)
+
+def state_size(packed):
+    """Entries of the state: the force of each block, then the direction (−1, 0, 1) it slips in."""
+    return 2 * int(packed[COUNT])
 
 
 @compiled
@@ -69,14 +70,16 @@ def time_to_limit(gap, gap_rate, curvature, duration):
 def stretch(parameters, state, direction, speed_start, speed_end, duration, limit_factor):
     """Force without its viscous part at the end of a stretch of motion in one direction."""
     n = int(parameters[COUNT])
+    total = 0.0
     if direction == 0.0 or duration <= 0.0:
-        return state[:n].sum()
+        for i in range(n):
+            total += state[i]
+        return total
     attraction, passive = parameters[STIFFNESS + 2 * n], parameters[STIFFNESS + 2 * n + 1]
     s_start = sliding_limit(parameters, direction, speed_start, limit_factor)
     s_end = sliding_limit(parameters, direction, speed_end, limit_factor)
     s_rate = (s_end - s_start) / duration
     acceleration = (speed_end - speed_start) / duration
-    total = 0.0
     for i in range(n):
         stiffness, weight = parameters[STIFFNESS + i], parameters[STIFFNESS + n + i]
         force = direction * state[i]  # along the motion

@@ -11,7 +11,7 @@ friction model appropriate for control purposes" (2003); paper Eqs. 3–6.
 import dataclasses
 
 from microstage_ros.axis.compiled import compiled
-from microstage_ros.axis.laws.blocks import blocks_energy, drag_blocks, pack_blocks
+from microstage_ros.axis.laws.blocks import COUNT, blocks_energy, drag_blocks, pack_blocks
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,9 +31,10 @@ class Parameters:
         """Own entries of the packed law."""
         return pack_blocks(self.stiffness, self.weight)
 
-    def state_size(self):
-        """Entries of the state: the force of each block."""
-        return len(self.stiffness)
+
+def state_size(packed):
+    """Entries of the state: the force of each block."""
+    return int(packed[COUNT])
 
 
 @compiled
