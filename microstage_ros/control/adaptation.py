@@ -59,7 +59,7 @@ STATE_FIELDS = [
 
 
 @compiled
-def adaptation_reset(p, s, pid_p, pid_s):
+def adaptation_reset(p, s, pid_s):
     """Forget what was learned; gains at `start` times the tuned ones."""
     s.error = 0.0
     s.integral = 0.0

@@ -18,7 +18,7 @@ STATE_FIELDS = [("mean", "f8"), ("previous_encoder", "f8")]
 
 
 @compiled
-def cascade_reset(p, s, encoder):
+def cascade_reset(s, encoder):
     """Start at rest at ``encoder`` [m]."""
     s.mean = encoder
     s.previous_encoder = encoder

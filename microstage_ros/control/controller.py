@@ -5,7 +5,6 @@ Example
 >>> from microstage_ros.axis.axis_file import load_axis
 >>> from microstage_ros.control.controller import make_controller
 >>> controller = make_controller("pid", load_axis("config/axis.yaml"), proportional=4e5)
->>> controller.reset(encoder=0.0)
 >>> voltage = controller.step(reference=1e-6, encoder=0.0, current=0.0)
 """
 
@@ -14,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from microstage_ros.axis.errors import InputError
-from microstage_ros.control import laws
+from microstage_ros.control import feedforward, laws, nctf
 from microstage_ros.control.gains import check_gain, fill
 from microstage_ros.control.pid import pid_change
 
@@ -59,6 +58,10 @@ def controller_parameters(type_name, axis, gains, period=None, place="controller
     values = {**shipped_gains(type_name, axis), **gains}
     for part, entries in law.parts.items():
         fill(record[part], entries, values, place)
+    if "feedforward" in law.parts or "nctf" in law.parts:
+        feedforward.fill_model(record["feedforward"], axis)
+    if "nctf" in law.parts:
+        nctf.fill_trajectory(record["nctf"], record["feedforward"])
     return record
 
 
@@ -89,11 +92,11 @@ class Controller:
         self.type = type_name
         self.parameters = parameters
         self.memory = np.zeros(1, laws.STATE)[0]
-        self.reset(0.0)
+        self.reset()
 
-    def reset(self, encoder, voltage=0.0):
-        """Start at rest at ``encoder`` [m]; the first output continues from ``voltage`` [V]."""
-        laws.controller_reset(self.parameters, self.memory, float(encoder), float(voltage))
+    def reset(self, voltage=0.0):
+        """Forget everything; the first output continues from ``voltage`` [V] (a bumpless start)."""
+        laws.controller_reset(self.parameters, self.memory, float(voltage))
 
     def step(self, reference, encoder, current=0.0):
         """Voltage [V] for this period from reference and encoder [m] and current [A] at its start."""

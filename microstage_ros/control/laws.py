@@ -4,15 +4,16 @@ A law is added by writing one file with its gains, its state fields and its comp
 `LAWS` and one branch in `controller_reset` and `controller_step` (compiled code cannot look up a table).
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from microstage_ros.axis.compiled import compiled
 from microstage_ros.axis.errors import InputError
-from microstage_ros.control import adaptation, cascade, none, pid
+from microstage_ros.control import adaptation, cascade, feedforward, nctf, pid
 
-NONE, PID, SELF_TUNING, CASCADE = 0, 1, 2, 3
+NONE, PID, SELF_TUNING, CASCADE, PID_FEEDFORWARD, SELF_TUNING_FEEDFORWARD, NCTF = range(7)
 
 
 class Law(NamedTuple):
@@ -26,6 +27,12 @@ LAWS = {
     "none": Law(NONE, {}),
     "pid": Law(PID, {"pid": pid.GAINS}),
     "self_tuning": Law(SELF_TUNING, {"pid": pid.GAINS, "adaptation": adaptation.GAINS}),
+    "pid_feedforward": Law(PID_FEEDFORWARD, {"pid": pid.GAINS, "feedforward": feedforward.GAINS}),
+    "self_tuning_feedforward": Law(
+        SELF_TUNING_FEEDFORWARD,
+        {"pid": pid.GAINS, "adaptation": adaptation.GAINS, "feedforward": feedforward.GAINS},
+    ),
+    "nctf": Law(NCTF, {"nctf": nctf.GAINS}),
     "cascade": Law(CASCADE, {"cascade": cascade.GAINS}),
 }
 
@@ -36,6 +43,8 @@ PARAMETERS = np.dtype([
     ("voltage_limit", "f8"),  # V
     ("pid", pid.PARAMETERS),
     ("adaptation", adaptation.PARAMETERS),
+    ("feedforward", feedforward.PARAMETERS),
+    ("nctf", nctf.PARAMETERS),
     ("cascade", cascade.PARAMETERS),
 ])
 
@@ -44,8 +53,10 @@ STATE = np.dtype([
     ("voltage", "f8"),  # V, the last output
     ("reference", "f8"),  # m
     ("feed_forward", "f8"),  # V
+    ("started", "i8"),
     ("pid", pid.STATE_FIELDS),
     ("adaptation", adaptation.STATE_FIELDS),
+    ("feedforward", feedforward.STATE_FIELDS),
     ("cascade", cascade.STATE_FIELDS),
 ])
 
@@ -58,16 +69,24 @@ def law(type_name, place="controller.type"):
 
 
 @compiled
-def controller_reset(parameters, state, encoder, voltage):
-    """Start at rest at ``encoder`` [m]; the first output continues from ``voltage`` [V]."""
+def controller_reset(parameters, state, voltage):
+    """Forget everything; the first output continues from ``voltage`` [V]."""
     state.voltage = voltage
-    state.reference = encoder
     state.feed_forward = 0.0
-    pid.pid_reset(parameters.pid, state.pid, encoder, voltage)
-    if parameters.kind == SELF_TUNING:
-        adaptation.adaptation_reset(parameters.adaptation, state.adaptation, parameters.pid, state.pid)
-    if parameters.kind == CASCADE:
-        cascade.cascade_reset(parameters.cascade, state.cascade, encoder)
+    state.started = 0
+    pid.pid_reset(parameters.pid, state.pid, voltage)
+    if parameters.kind == SELF_TUNING or parameters.kind == SELF_TUNING_FEEDFORWARD:
+        adaptation.adaptation_reset(parameters.adaptation, state.adaptation, state.pid)
+
+
+@compiled
+def controller_start(state, reference, encoder):
+    """First period after a reset: the axis is taken to rest where the encoder [m] says."""
+    state.started = 1
+    state.pid.previous_encoder = encoder
+    state.pid.previous_reference = reference
+    cascade.cascade_reset(state.cascade, encoder)
+    feedforward.feedforward_reset(state.feedforward, reference)
 
 
 @compiled
@@ -75,25 +94,36 @@ def controller_step(parameters, state, reference, encoder, current):
     """One control period of the law ``parameters.kind``.
 
     ``reference``, ``encoder`` [m] and ``current`` [A] are those of the start of the period; returns the
-    voltage [V] to hold during it, within the voltage limit.
+    voltage [V] to hold during it, within the voltage limit. An encoder value that is not a number (a
+    lost sample) repeats the voltage before.
     """
-    kind = parameters.kind
+    if not (math.isfinite(encoder) and math.isfinite(reference)):
+        return state.voltage
+    if state.started == 0:
+        controller_start(state, reference, encoder)
     state.reference = reference
-    if kind == NONE:
-        state.pid.error = reference - encoder
-        state.voltage = 0.0
-        return 0.0
+    state.voltage = dispatch(parameters, state, reference, encoder, current)
+    return state.voltage
+
+
+@compiled
+def dispatch(parameters, state, reference, encoder, current):
+    """The branch of `controller_step` for each kind of law."""
+    kind = parameters.kind
     period = parameters.period
     limit = parameters.voltage_limit
+    if kind == NONE:
+        state.pid.error = reference - encoder
+        return 0.0
     if kind == CASCADE:
-        state.voltage = cascade.cascade_step(
-            parameters.cascade, state.cascade, state.pid, period, limit, reference, encoder
+        return cascade.cascade_step(parameters.cascade, state.cascade, state.pid, period, limit, reference, encoder)
+    if kind == NCTF:
+        return nctf.nctf_step(parameters.nctf, state.pid, period, limit, reference, encoder)
+    if kind == PID_FEEDFORWARD or kind == SELF_TUNING_FEEDFORWARD:
+        state.feed_forward = feedforward.feedforward_step(
+            parameters.feedforward, state.feedforward, period, reference, 1.0, 1.0
         )
-        return state.voltage
     pid.pid_motion(parameters.pid, state.pid, period, reference, encoder)
-    if kind == SELF_TUNING:
-        adaptation.adaptation_step(
-            parameters.adaptation, state.adaptation, parameters.pid, state.pid, period
-        )
-    state.voltage = pid.pid_output(parameters.pid, state.pid, period, limit, state.feed_forward)
-    return state.voltage
+    if kind == SELF_TUNING or kind == SELF_TUNING_FEEDFORWARD:
+        adaptation.adaptation_step(parameters.adaptation, state.adaptation, parameters.pid, state.pid, period)
+    return pid.pid_output(parameters.pid, state.pid, period, limit, state.feed_forward)

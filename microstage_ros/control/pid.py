@@ -43,16 +43,14 @@ STATE_FIELDS = [
 
 
 @compiled
-def pid_reset(p, s, encoder, voltage):
-    """Start at rest at ``encoder`` [m] with the output at ``voltage`` [V] and the parameters' gains."""
+def pid_reset(p, s, voltage):
+    """Start with the output at ``voltage`` [V] and the parameters' gains."""
     s.kp = p.proportional
     s.ki = p.proportional / p.integral_time if p.integral_time > 0.0 else 0.0
     s.kd = p.proportional * p.derivative_time
     s.integral = voltage
     s.velocity = 0.0
     s.reference_velocity = 0.0
-    s.previous_encoder = encoder
-    s.previous_reference = encoder
     s.proportional_term = 0.0
     s.derivative_term = 0.0
     s.error = 0.0

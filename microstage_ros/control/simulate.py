@@ -1,0 +1,57 @@
+"""One run of the model without ROS: axis, run and seed in, columns out."""
+
+import numpy as np
+
+from microstage_ros import __version__
+from microstage_ros.axis.plant import NoiseSpec, make_plant, new_state
+from microstage_ros.control.closed_loop import TRACE, new_readings, run_loop
+from microstage_ros.control.controller import make_controller
+from microstage_ros.records import Record
+
+
+def run_controller(axis, run):
+    """The controller that a run asks for: its own section, or the axis's shipped one."""
+    section = dict(run.controller) or {"type": axis.controller.get("type", "none")}
+    return make_controller(section.pop("type"), axis, **section)
+
+
+def simulate(axis, run, seed=0):
+    """Simulate one run.
+
+    Parameters
+    ----------
+    axis : `Axis`. run : `control.run_file.Run`. seed : of every random number in the run.
+
+    Returns
+    -------
+    dict of columns, each of shape (rows,): those of a record (`records.columns`), and what only a
+    simulator knows: true stage position and velocity, motor speed, friction and friction levels.
+    """
+    axis = axis if run.period_s is None else axis.with_values({"period": run.period_s}, source="derived")
+    period = axis.value("period")
+    tables = run.tables(period)
+    rows = len(tables["reference"])
+    plant = make_plant(axis, noise=NoiseSpec(**run.noise), effects=run.effects)
+    state = new_state(plant, seed=seed, position=tables["start"])
+    controller = run_controller(axis, run)
+    trace = np.empty((rows, len(TRACE)))
+    run_loop(
+        plant, state, new_readings(), controller.parameters, controller.memory,
+        tables["reference"], tables["open_loop"], tables["disturbance"], trace,
+    )
+    columns = {"t_s": np.arange(rows) * period, "reference_m": tables["reference"]}
+    columns |= {name: trace[:, place].copy() for place, name in enumerate(TRACE)}
+    if axis.choices["drive.type"] == "force":
+        columns["force_N"] = axis.value("drive.gain") * columns["voltage_V"]
+        del columns["current_A"]
+    if tables["disturbance"].any():
+        columns["disturbance_V"] = tables["disturbance"]
+    return columns
+
+
+def simulated_record(axis, run, seed=0, **more):
+    """`Record` of `simulate`, with version, seed, axis and run in its metadata."""
+    columns = simulate(axis, run, seed)
+    metadata = {"version": __version__, "seed": seed, "axis": axis.name, "run": run.place,
+                "controller": run.controller, "noise": run.noise, "effects": {**axis.effects, **run.effects}, **more}
+    return Record(float(columns["t_s"][1] - columns["t_s"][0]), columns, run.place, metadata)
