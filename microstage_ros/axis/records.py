@@ -7,7 +7,7 @@ import numpy as np
 
 BLOCKS = 8        # most Maxwell-slip blocks of a contact
 PROFILE = 1024    # cells of a friction profile over position
-OCTAVES = 24      # Stribeck table: octaves of |w/V|, from 2^-18 on
+OCTAVES = 30      # Stribeck table: octaves of |w/V|, from 2^-18 on
 CELLS = 16        # and cells per octave
 RIPPLES = 6       # most periodic terms of one kind
 LINES = 6         # most vibration lines

@@ -1,0 +1,51 @@
+"""From the voltage command to the voltage at the motor: converter, amplifier, delay, warm winding."""
+
+import math
+
+import numpy as np
+
+from microstage_ros.axis.compiled import compiled
+from microstage_ros.axis.linear_core import TICKS
+from microstage_ros.axis.random import normal
+from microstage_ros.axis.records import DELAY
+
+REBUILD = 2e-4                 # relative change of the resistance that remakes the matrices
+
+
+@compiled
+def amplifier_output(plant, state, voltage):
+    """u_a = clip(gain · dead(DAC(u) + offset) + noise): V at the motor, or N on a force-driven stage."""
+    u = min(max(voltage, -plant.dac_range), plant.dac_range)
+    if plant.quantum > 0.0:
+        u = plant.quantum * np.rint(u / plant.quantum)
+    u += plant.amplifier_offset
+    if plant.dead_half > 0.0:
+        u = math.copysign(max(abs(u) - plant.dead_half, 0.0), u)
+    u *= plant.gain
+    if plant.amplifier_noise > 0.0:
+        u += plant.amplifier_noise * normal(state.random)
+    return min(max(u, -plant.limit), plant.limit)
+
+
+@compiled
+def delayed_output(plant, state, u):
+    """(output until the split, output after it, split in ticks) of a delay by whole and broken periods."""
+    state.pending[state.pending_at] = u
+    late = plant.delay / plant.period
+    whole = int(late)
+    split = int(round((late - whole) * TICKS))
+    now = state.pending[(state.pending_at - whole + DELAY) % DELAY]
+    before = state.pending[(state.pending_at - whole - 1 + DELAY) % DELAY]
+    state.pending_at = (state.pending_at + 1) % DELAY
+    return before, now, split
+
+
+@compiled
+def warm_up(plant, state, work):
+    """dh/dt = rise R i² − h/τ over one period; matrices of another resistance are dropped."""
+    power = plant.resistance * (1.0 + state.heat) * state.current * state.current
+    state.heat += plant.period * (plant.rise_per_joule * power - state.heat / plant.rise_time)
+    resistance = plant.resistance * (1.0 + state.heat)
+    if not abs(resistance - work[2][0]) <= REBUILD * plant.resistance:
+        work[0][:] = -1
+        work[2][0] = resistance

@@ -1,0 +1,150 @@
+"""One friction contact of the compiled step: generalised Maxwell-slip blocks (paper Eqs. 1–8).
+
+Forces are normalised, f_j = F_j / α_j, so that every block slips at the same f = λ s(w), where λ
+gathers the factors on the limits (random friction, position, direction, dwell). All slipping blocks
+obey the one equation df/dt = C (1 − f / (λ s)), so their weighted mean is one state and their
+differences only decay: the contact is a spring (sticking blocks) beside one relaxing force.
+
+Sticking:  df_j/dt = κ_j w with κ_j = k_j/α_j, until f_j sgn(w) ≥ λ s(w).
+Slipping:  as above, until w changes sign; then all blocks stick again.
+"""
+
+import math
+
+import numpy as np
+
+from microstage_ros.axis.compiled import compiled
+from microstage_ros.axis.records import BLOCKS, CELLS, OCTAVES
+
+LOWEST_OCTAVE = -18
+_BASE = (1023 + LOWEST_OCTAVE) * CELLS
+_LOW = 2.0**LOWEST_OCTAVE
+_FRACTION_BITS = 48                       # mantissa bits below the cell's four
+_FRACTION_MASK = (1 << _FRACTION_BITS) - 1
+_FRACTION_UNIT = 1.0 / (1 << _FRACTION_BITS)
+
+
+def stribeck_table(exponent):
+    """Cubic pieces of exp(−y^δ) on CELLS cells per octave of y = |w/V| from 2^-18 (Chebyshev nodes).
+
+    Shape (OCTAVES·CELLS, 4): coefficients of 1, t, t², t³, t in [0, 1) across the cell. The cell and t
+    are read off the bits of y, so a look-up costs no logarithm. Relative error below 1e-8.
+    """
+    start = 2.0 ** (LOWEST_OCTAVE + np.repeat(np.arange(OCTAVES), CELLS))
+    cell = np.tile(np.arange(CELLS), OCTAVES)
+    nodes = 0.5 - 0.5 * np.cos(np.pi * (np.arange(4) + 0.5) / 4)
+    y = start[:, None] * (1.0 + (cell[:, None] + nodes[None, :]) / CELLS)
+    return np.exp(-(y**exponent)) @ np.linalg.inv(np.vander(nodes, 4, increasing=True)).T
+
+
+@compiled
+def limit(contact, w):
+    """s(w) = F_C + (F_s − F_C) exp(−|w/V_S|^δ), without factors (paper Eq. 2); w the speed."""
+    if contact.drops == 0:
+        return contact.coulomb
+    y = abs(w) / contact.velocity
+    if y < _LOW:
+        fade = 1.0 + (contact.stribeck[0, 0] - 1.0) * (y / _LOW)
+    else:
+        bits = np.float64(y).view(np.int64)
+        cell = (bits >> _FRACTION_BITS) - _BASE
+        if cell >= OCTAVES * CELLS:
+            return contact.coulomb
+        t = (bits & _FRACTION_MASK) * _FRACTION_UNIT
+        c = contact.stribeck[cell]
+        fade = c[0] + t * (c[1] + t * (c[2] + t * c[3]))
+    return contact.coulomb + (contact.static - contact.coulomb) * fade
+
+
+@compiled
+def direction_factor(contact, w):
+    """1 ± asymmetry, by the direction of motion."""
+    return 1.0 + contact.asymmetry if w > 0.0 else 1.0 - contact.asymmetry
+
+
+@compiled
+def regroup(contact, c):
+    """Recompute the sums over sticking blocks and the mode's mask from the blocks themselves."""
+    force, stiffness, mask = 0.0, 0.0, 0
+    for j in range(contact.blocks):
+        if c.stuck[j] == 1.0:
+            force += contact.weight[j] * c.force[j]
+            stiffness += contact.weight[j] * contact.kappa[j]
+            mask |= 1 << j
+    c.stuck_weight_force, c.stuck_stiffness, c.mask = force, stiffness, mask
+
+
+@compiled
+def crosses(contact, c, travel, w):
+    """Whether after ``travel`` a sticking block has reached its limit at velocity w."""
+    sign = 1.0 if w > 0.0 else -1.0
+    most = -1e300
+    for j in range(BLOCKS):
+        f = (c.force[j] + contact.kappa[j] * travel) * sign
+        most = max(most, f if c.stuck[j] == 1.0 else -1e300)
+    scale = c.factor * direction_factor(contact, w)
+    if most < scale * min(contact.coulomb, contact.static):
+        return False
+    return most >= scale * limit(contact, w)
+
+
+@compiled
+def move_stuck(contact, c, travel):
+    """Stretch the sticking blocks by ``travel``."""
+    for j in range(BLOCKS):
+        c.force[j] += c.stuck[j] * contact.kappa[j] * travel
+    c.stuck_weight_force += c.stuck_stiffness * travel
+
+
+@compiled
+def stick_all(contact, c):
+    """The velocity changed sign: every block sticks with the force it has."""
+    for j in range(contact.blocks):
+        if c.stuck[j] == 0.0:
+            c.force[j] = c.direction * (c.slip_force + c.force[j] * c.slip_offset)
+            c.stuck[j] = 1.0
+    c.slip_weight = 0.0
+    c.slip_force = 0.0
+    c.slip_offset = 1.0
+    regroup(contact, c)
+
+
+@compiled
+def release(contact, c, w):
+    """Let every sticking block that has reached its limit slip; joins the common slip force."""
+    sign = 1.0 if w > 0.0 else -1.0
+    top = c.factor * direction_factor(contact, w) * limit(contact, w)
+    changed = False
+    for j in range(contact.blocks):
+        if c.stuck[j] == 1.0 and c.force[j] * sign >= top:
+            _join(contact, c, j, sign, top)
+            changed = True
+    if changed:
+        regroup(contact, c)
+
+
+@compiled
+def _join(contact, c, j, sign, top):
+    """Block j begins to slip: the common force is the weighted mean, the differences are kept."""
+    own = top if math.isinf(contact.attraction) else c.force[j] * sign
+    before, weight = c.slip_weight, contact.weight[j]
+    mean = (before * c.slip_force + weight * own) / (before + weight)
+    for i in range(contact.blocks):
+        if c.stuck[i] == 0.0:
+            c.force[i] = c.force[i] * c.slip_offset + c.slip_force - mean
+    c.stuck[j] = 0.0
+    c.force[j] = own - mean
+    c.slip_force, c.slip_weight, c.slip_offset, c.direction = mean, before + weight, 1.0, sign
+
+
+@compiled
+def block_force(c):
+    """Σ F_j of all blocks, with sign."""
+    return c.stuck_weight_force + c.direction * c.slip_weight * c.slip_force
+
+
+@compiled
+def settle_limit(contact, c, w):
+    """For blocks that follow their limit at once (C infinite): put the slip force on it."""
+    if c.slip_weight > 0.0 and math.isinf(contact.attraction):
+        c.slip_force = c.factor * direction_factor(contact, w) * limit(contact, w)

@@ -1,0 +1,205 @@
+"""From an axis file to the records of the compiled step."""
+
+import math
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from microstage_ros.axis import linear_core
+from microstage_ros.axis.contact import stribeck_table
+from microstage_ros.axis.effects import apply_effects, check_effects
+from microstage_ros.axis.errors import InputError
+from microstage_ros.axis.random import seed_state
+from microstage_ros.axis.records import BLOCKS, PLANT, READINGS, STATE
+
+BRISTLE = 2.0                  # Coulomb contact: natural frequency of its bristle times the control period
+
+
+@dataclass(frozen=True)
+class NoiseSpec:
+    """Standard deviations of a run's noise; 0 turns one off. Names as in run files.
+
+    ``friction_relative`` None takes the axis file's ``variability.relative``, ``interferometer_m`` None its sensor's.
+    """
+
+    encoder_m: float = 8.0e-9
+    voltage_V: float = 1.0e-3
+    current_A: float = 0.0
+    interferometer_m: float | None = None
+    friction_relative: float | None = None
+
+    @classmethod
+    def none(cls):
+        """No noise and no random friction."""
+        return cls(0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def as_dict(self):
+        """Plain numbers, for result files."""
+        return asdict(self)
+
+
+def make_plant(axis, noise=None, effects=None):
+    """The machine as one record (`records.PLANT`): parameters, noise and effects (axis file's and the run's).
+
+    ``noise``: `NoiseSpec`, default all noise as in MODEL.md. ``effects``: {id: parameters}; an id given in both
+    places is taken from ``effects``. Raises InputError.
+    """
+    noise = noise or NoiseSpec()
+    plant = np.zeros(1, PLANT)[0]
+    plant["period"] = axis.value("period")
+    _fill_transmission(plant, axis)
+    _fill_drive(plant, axis)
+    plant["mass"], plant["offset_force"] = axis.value("stage.mass"), axis.value("stage.offset_force")
+    for name, inertia in (("actuator", _screw_inertia(plant)), ("guideway", _moving_mass(plant))):
+        _fill_contact(plant[name], axis, name, inertia, float(plant["period"]))
+    _fill_noise(plant, axis, noise)
+    plant["air_compensated"], plant["air_swing_time"], plant["drift_time"] = 1, 1.0, 1.0
+    plant["rise_time"], plant["stage_temperature_time"] = 1.0, 1.0
+    merged = {**axis.effects, **check_effects(effects or {})}
+    apply_effects(plant, merged)
+    if plant["delay"] > 60 * plant["period"]:
+        raise InputError("effects: transport_delay.delay_s", float(plant["delay"]), f"at most 60 periods ({60 * plant['period']:g} s)")
+    return plant
+
+
+def new_state(plant, seed=0, position=0.0, friction="virgin"):
+    """State at rest at ``position`` (m); ``friction``: ``virgin``, or ``random`` (unknown history)."""
+    state = np.zeros(1, STATE)[0]
+    state["x"], state["theta"] = position, position / plant["ratio"]
+    state["random"] = seed_state(seed)
+    state["side"] = 0 if plant["gap"] > 0.0 else 1
+    state["heat"] = plant["rise_initial"]
+    generator = np.random.default_rng([int(seed), 1])
+    history = generator.uniform(-1.0, 1.0)
+    for name in ("actuator", "guideway"):
+        _start_contact(plant, plant[name], state[name], generator, history if friction == "random" else 0.0)
+    if plant["gap"] > 0.0 and friction == "random":
+        state["theta"] += generator.uniform(-0.5, 0.5) * plant["gap"] / plant["ratio"]
+    state["last_encoder"] = position
+    return state
+
+
+def new_work():
+    """Work arrays for one thread; hold matrices of one plant (see `forget`)."""
+    return (*linear_core.new_work(), np.zeros(linear_core.OUTPUTS))
+
+
+def forget(work):
+    """Make work arrays ready for another plant."""
+    work[0][:] = -1
+    work[2][0] = math.nan
+
+
+def new_readings():
+    """An empty record of readings."""
+    return np.zeros(1, READINGS)[0]
+
+
+def _fill_transmission(plant, axis):
+    gear, pitch = axis.value("transmission.gear_ratio"), axis.value("transmission.pitch")
+    plant["gear"], plant["screw_ratio"] = gear, pitch / (2 * math.pi)
+    plant["ratio"] = plant["screw_ratio"] / gear
+    plant["rigid"] = int(axis.choices["transmission.type"] == "rigid")
+    if not plant["rigid"]:
+        plant["stiffness"], plant["damping"] = axis.value("transmission.stiffness"), axis.value("transmission.damping")
+
+
+def _fill_drive(plant, axis):
+    limit, bits, span = (axis.value(f"drive.{k}") for k in ("voltage_limit", "dac_bits", "dac_range"))
+    plant["dac_range"], plant["gain"], plant["limit"] = span, 1.0, limit
+    plant["quantum"] = 2.0 * span / 2.0**bits if bits else 0.0
+    plant["force_drive"] = int(axis.choices["drive.type"] == "force")
+    plant["resistance"] = plant["inductance"] = 1.0
+    if plant["force_drive"]:
+        plant["gain"] = axis.value("drive.gain")
+        plant["limit"] = limit * plant["gain"]
+        return
+    for key in ("resistance", "inductance", "back_emf", "torque_constant"):
+        plant[key] = axis.value(f"drive.{key}")
+    plant["inertia"] = axis.value("drive.rotor_inertia")
+
+
+def _moving_mass(plant):
+    if not plant["rigid"]:
+        return float(plant["mass"])
+    return float(plant["mass"] + plant["inertia"] / plant["ratio"] ** 2)
+
+
+def _screw_inertia(plant):
+    """Inertia that the actuator's contact torque meets, per unit of screw acceleration."""
+    return float(plant["gear"] * (plant["inertia"] + (plant["mass"] * plant["ratio"] ** 2 if plant["rigid"] else 0.0)))
+
+
+def _fill_contact(contact, axis, name, inertia, period):
+    law, key = axis.law(name), f"contacts.{name}"
+    contact["level"], contact["attraction"], contact["velocity"], contact["exponent"] = 1.0, math.inf, 1.0, 1.0
+    if law == "none":
+        return
+    contact["viscous"] = axis.value(f"{key}.viscous")
+    if law.startswith("coulomb_viscous"):
+        top = max(axis.value(f"{key}.coulomb"), 1e-12)
+        frequency = BRISTLE / period
+        contact["blocks"], contact["weight"][0], contact["kappa"][0] = 1, 1.0, inertia * frequency**2
+        contact["stick_damping"] = 2.0 * inertia * frequency
+        contact["static"] = contact["coulomb"] = top
+    else:
+        k, alpha = blocks_of(axis, name)
+        contact["blocks"] = len(k)
+        contact["weight"][: len(k)], contact["kappa"][: len(k)] = alpha, k / alpha
+        contact["static"] = contact["coulomb"] = axis.value(f"{key}.static")
+    if axis.has(f"{key}.stribeck_velocity"):
+        contact["drops"], contact["static"] = 1, axis.value(f"{key}.static")
+        for field, leaf in (("coulomb", "coulomb"), ("velocity", "stribeck_velocity"), ("exponent", "stribeck_exponent")):
+            contact[field] = axis.value(f"{key}.{leaf}")
+        contact["stribeck"] = stribeck_table(float(contact["exponent"]))
+    if axis.has(f"{key}.attraction"):
+        contact["attraction"] = axis.value(f"{key}.attraction")
+
+
+def blocks_of(axis, name):
+    """Maxwell-slip blocks (k_j, α_j) of a contact, Σα = 1, whatever the file's reading.
+
+    ``segment_slopes``: slopes K_i over segments that carry α_i of the limit; k_i = K_i − K_{i+1}, break points
+    x_i = Σ_{j≤i} α_j F_s / K_j, α'_i = k_i x_i / F_s (NOTES.md, "Virgin curve to blocks", inconsistency 2).
+    """
+    key = f"contacts.{name}"
+    k, alpha = (np.array(axis.value(f"{key}.{leaf}"), float) for leaf in ("stiffness", "weight"))
+    alpha = alpha / alpha.sum()
+    if axis.choices.get(f"{key}.reading", "blocks") == "blocks":
+        return k, alpha
+    top = axis.value(f"{key}.static")
+    ends = np.cumsum(alpha * top / k)
+    blocks = k - np.append(k[1:], 0.0)
+    return blocks, blocks * ends / top
+
+
+def _fill_noise(plant, axis, noise):
+    relative = axis.value("variability.relative") if noise.friction_relative is None else noise.friction_relative
+    for name in ("actuator", "guideway"):
+        plant[name]["random"] = relative if plant[name]["blocks"] else 0.0
+    for field in ("length", "time"):
+        plant[f"random_{field}"] = axis.value("variability.travel_length" if field == "length" else "variability.time_length")
+    plant["random_share"], plant["random_clip"] = axis.value("variability.travel_share"), axis.value("variability.clip")
+    own = axis.value("sensors.interferometer.noise")
+    plant["interferometer_noise"] = own if noise.interferometer_m is None else noise.interferometer_m
+    plant["encoder_noise"], plant["current_noise"], plant["amplifier_noise"] = noise.encoder_m, noise.current_A, noise.voltage_V
+    if plant["force_drive"]:
+        plant["amplifier_noise"] = noise.voltage_V * plant["gain"]
+    plant["encoder_count"] = axis.value("sensors.encoder.resolution")
+
+
+def _start_contact(plant, contact, c, generator, history):
+    n = int(contact["blocks"])
+    c["stuck"][:n], c["slip_offset"], c["mask"] = 1.0, 1.0, (1 << n) - 1
+    if contact["random"] > 0.0:
+        share = float(plant["random_share"])
+        c["q_travel"] = contact["random"] * math.sqrt(share) * generator.standard_normal()
+        c["q_time"] = contact["random"] * math.sqrt(1.0 - share) * generator.standard_normal()
+        c["q"] = np.clip(c["q_travel"] + c["q_time"], -plant["random_clip"], plant["random_clip"])
+    c["factor"] = contact["level"] * (1.0 + c["q"])
+    if n and history:
+        top = float(c["factor"] * min(contact["static"], contact["coulomb"]))
+        reach = 0.6 * top / float(contact["kappa"][:n].min()) * history
+        c["force"][:n] = np.clip(contact["kappa"][:n] * reach, -0.95 * top, 0.95 * top)
+    c["stuck_weight_force"] = float(np.dot(contact["weight"], c["force"]))
+    c["stuck_stiffness"] = float(np.dot(contact["weight"], contact["kappa"]))

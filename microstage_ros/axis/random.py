@@ -1,0 +1,80 @@
+"""Random numbers of the compiled step: xoshiro256++ and a ziggurat, state in the caller's record.
+
+D. Blackman, S. Vigna, Scrambled linear pseudorandom number generators, ACM TOMS 47 (2021).
+J. A. Doornik, An improved ziggurat method to generate normal random samples (2005), 128 layers.
+"""
+
+import math
+
+import numpy as np
+
+from microstage_ros.axis.compiled import compiled
+
+LAYERS = 128
+TAIL = 3.442619855899          # right end of the base layer
+AREA = 9.91256303526217e-3     # area of one layer
+
+
+def _layers():
+    """Edges X_0 > X_1 > … of the layers and the ratios X_{i+1}/X_i inside which no test is needed."""
+    edge = np.zeros(LAYERS + 1)
+    f = math.exp(-0.5 * TAIL**2)
+    edge[0], edge[1] = AREA / f, TAIL
+    for i in range(2, LAYERS):
+        edge[i] = math.sqrt(-2.0 * math.log(AREA / edge[i - 1] + f))
+        f = math.exp(-0.5 * edge[i] ** 2)
+    return edge, edge[1:] / edge[:-1]
+
+
+EDGE, SAFE = _layers()
+UNIT = 1.0 / (1 << 53)
+_7, _11, _17, _19, _23, _41, _45 = (np.uint64(n) for n in (127, 11, 17, 19, 23, 41, 45))
+
+
+def seed_state(seed):
+    """Four uint64 of generator state from any non-negative integer seed (numpy's SeedSequence)."""
+    return np.random.SeedSequence(seed).generate_state(4, np.uint64)
+
+
+@compiled(inline="never")
+def next_bits(s):
+    """Next 64 random bits; advances the state ``s`` (uint64[4])."""
+    total = s[0] + s[3]
+    result = ((total << _23) | (total >> _41)) + s[0]
+    t = s[1] << _17
+    s[2] ^= s[0]
+    s[3] ^= s[1]
+    s[1] ^= s[2]
+    s[0] ^= s[3]
+    s[2] ^= t
+    s[3] = (s[3] << _45) | (s[3] >> _19)
+    return result
+
+
+@compiled
+def uniform(s):
+    """Uniform in [0, 1)."""
+    return (next_bits(s) >> _11) * UNIT
+
+
+@compiled
+def normal(s):
+    """Standard normal deviate."""
+    while True:
+        bits = next_bits(s)
+        i = np.int64(bits & _7)
+        u = 2.0 * ((bits >> _11) * UNIT) - 1.0
+        if abs(u) < SAFE[i]:
+            return u * EDGE[i]
+        if i == 0:
+            x = -math.log(1.0 - uniform(s)) / TAIL
+            y = -math.log(1.0 - uniform(s))
+            while y + y < x * x:
+                x = -math.log(1.0 - uniform(s)) / TAIL
+                y = -math.log(1.0 - uniform(s))
+            return TAIL + x if u > 0 else -TAIL - x
+        x = u * EDGE[i]
+        f0 = math.exp(-0.5 * (EDGE[i] ** 2 - x * x))
+        f1 = math.exp(-0.5 * (EDGE[i + 1] ** 2 - x * x))
+        if f1 + uniform(s) * (f0 - f1) < 1.0:
+            return x

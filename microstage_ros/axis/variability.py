@@ -1,0 +1,99 @@
+"""What scales the friction limits from period to period: chance, position, dwell; and creep.
+
+Random friction: q = q_travel + q_time, two Ornstein–Uhlenbeck processes, one over the travel of the
+stage and one over time, clipped (MODEL.md, "Random friction"). They are advanced exactly, whenever the
+stage has moved by a small part of the length or a small part of the time has passed.
+"""
+
+import math
+
+from microstage_ros.axis.compiled import compiled
+from microstage_ros.axis.contact import regroup
+from microstage_ros.axis.random import normal
+from microstage_ros.axis.records import PROFILE
+
+TRAVEL_STEP = 1 / 2000         # of the correlation length
+TIME_STEP = 1 / 10000          # of the correlation time
+
+
+@compiled
+def vary(plant, state):
+    """Set the limit factor of both contacts for the coming period."""
+    middle = state.x + 0.5 * plant.period * state.v
+    moved = abs(plant.period * state.v)
+    _vary_contact(plant, plant.actuator, state.actuator, state, middle, moved)
+    _vary_contact(plant, plant.guideway, state.guideway, state, middle, moved)
+
+
+@compiled
+def _vary_contact(plant, contact, c, state, x, moved):
+    if contact.random > 0.0:
+        _random_walk(plant, contact, c, state, moved)
+    elif plant.modulated == 0:
+        return
+    factor = contact.level * (1.0 + c.q)
+    if plant.modulated == 1:
+        factor *= _profile(contact, x) * (1.0 + _age(plant, contact, c, moved))
+        if contact.creep_velocity > 0.0:
+            _creep(contact, c, plant.period)
+    before, c.factor = c.factor, factor
+    if math.isinf(contact.attraction) and c.slip_weight > 0.0:
+        c.slip_force *= factor / before
+
+
+@compiled
+def _random_walk(plant, contact, c, state, moved):
+    c.random_travel += moved
+    c.random_wait += plant.period
+    travel_due = c.random_travel > TRAVEL_STEP * plant.random_length
+    if not (travel_due or c.random_wait > TIME_STEP * plant.random_time):
+        return
+    if travel_due:
+        keep = math.exp(-c.random_travel / plant.random_length)
+        spread = contact.random * math.sqrt(plant.random_share * (1.0 - keep * keep))
+        c.q_travel = keep * c.q_travel + spread * normal(state.random)
+        c.random_travel = 0.0
+    keep = math.exp(-c.random_wait / plant.random_time)
+    spread = contact.random * math.sqrt((1.0 - plant.random_share) * (1.0 - keep * keep))
+    c.q_time = keep * c.q_time + spread * normal(state.random)
+    c.random_wait = 0.0
+    c.q = min(max(c.q_travel + c.q_time, -plant.random_clip), plant.random_clip)
+
+
+@compiled
+def _profile(contact, x):
+    """Factor of the limits at stage position x."""
+    factor = 1.0
+    for k in range(contact.ripples):
+        factor += contact.ripple_amplitude[k] * math.sin(contact.ripple_number[k] * x + contact.ripple_phase[k])
+    if contact.profiled == 1:
+        place = (x - contact.profile_low) / (contact.profile_high - contact.profile_low) * PROFILE
+        place = min(max(place, 0.0), PROFILE - 1e-9)
+        cell = int(place)
+        factor *= contact.profile[cell] + (place - cell) * (contact.profile[cell + 1] - contact.profile[cell])
+    return factor
+
+
+@compiled
+def _age(plant, contact, c, moved):
+    """Relative growth of the limits by dwell; travel wipes it out."""
+    if contact.aging_rate == 0.0:
+        return 0.0
+    if c.mask != 0:
+        c.dwell += plant.period
+    fade = math.exp(-moved / contact.aging_release)
+    c.dwell *= fade
+    c.aged = max(c.aged * fade, contact.aging_rate * math.log10(1.0 + c.dwell / contact.aging_time))
+    return c.aged
+
+
+@compiled
+def _creep(contact, c, period):
+    """Flow of the sticking blocks over one period, see `effects.friction.PreslidingCreep`."""
+    top = c.factor * contact.coulomb if contact.drops == 0 else c.factor * contact.static
+    for j in range(contact.blocks):
+        if c.stuck[j] == 1.0:
+            load = min(abs(c.force[j]) / top, 1.0)
+            flow = contact.kappa[j] * contact.creep_velocity * math.sinh(contact.creep_sharpness * load) * period
+            c.force[j] -= math.copysign(min(flow, 0.5 * abs(c.force[j])), c.force[j])
+    regroup(contact, c)
