@@ -46,6 +46,6 @@ def warm_up(plant, state, work):
     power = plant.resistance * (1.0 + state.heat) * state.current * state.current
     state.heat += plant.period * (plant.rise_per_joule * power - state.heat / plant.rise_time)
     resistance = plant.resistance * (1.0 + state.heat)
-    if not abs(resistance - work[2][0]) <= REBUILD * plant.resistance:
-        work[0][:] = -1
-        work[2][0] = resistance
+    if not abs(resistance - work.resistance) <= REBUILD * plant.resistance:
+        work.key[:] = -1
+        work.resistance = resistance

@@ -14,19 +14,25 @@ first occurs and kept in the work arrays.
 import numpy as np
 
 from microstage_ros.axis.compiled import compiled
+from microstage_ros.axis.records import INPUTS, LEVELS, OUTPUTS, WORK
 
-LEVELS = 11                    # level 0 is the whole period, level 10 is T/1024
 TICKS = 1 << (LEVELS - 1)
-SLOTS = 64
-INPUTS, OUTPUTS = 9, 8
 I, OMEGA, V, U, T0, T1, T2, F0, F1 = range(INPUTS)
 O_I, O_OMEGA, O_THETA, O_V, O_X, O_OMEGA_MID, O_V_MID = range(7)
 _SIZE = 11                     # i ω θ v x | u | torque chain of 3 | force chain of 2
 
 
 def new_work():
-    """Work arrays of one thread: mode keys, matrices (slot, level, input, output), resistance they hold for."""
-    return np.full(SLOTS, -1, np.int64), np.zeros((SLOTS, LEVELS, INPUTS, OUTPUTS)), np.full(1, np.nan)
+    """An empty work record for one thread (see `forget` before another plant)."""
+    work = np.zeros(1, WORK)[0]
+    forget(work)
+    return work
+
+
+def forget(work):
+    """Make a work record ready for another plant."""
+    work["key"] = -1
+    work["resistance"] = np.nan
 
 
 @compiled

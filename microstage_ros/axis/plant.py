@@ -5,10 +5,10 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from microstage_ros.axis import linear_core
 from microstage_ros.axis.contact import stribeck_table
 from microstage_ros.axis.effects import apply_effects, check_effects
 from microstage_ros.axis.errors import InputError
+from microstage_ros.axis.linear_core import forget, new_work
 from microstage_ros.axis.random import seed_state
 from microstage_ros.axis.records import BLOCKS, PLANT, READINGS, STATE
 
@@ -77,17 +77,6 @@ def new_state(plant, seed=0, position=0.0, friction="virgin"):
         state["theta"] += generator.uniform(-0.5, 0.5) * plant["gap"] / plant["ratio"]
     state["last_encoder"] = position
     return state
-
-
-def new_work():
-    """Work arrays for one thread; hold matrices of one plant (see `forget`)."""
-    return (*linear_core.new_work(), np.zeros(linear_core.OUTPUTS))
-
-
-def forget(work):
-    """Make work arrays ready for another plant."""
-    work[0][:] = -1
-    work[2][0] = math.nan
 
 
 def new_readings():

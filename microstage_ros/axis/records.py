@@ -13,6 +13,10 @@ RIPPLES = 6       # most periodic terms of one kind
 LINES = 6         # most vibration lines
 DELAY = 64        # most whole periods of delay
 
+LEVELS = 11       # chunks of a period: level 0 is the whole period, level 10 is T/1024
+SLOTS = 64        # modes (combinations of sticking blocks) whose matrices are kept
+INPUTS, OUTPUTS = 9, 8     # columns and rows of a mode's matrix, see `linear_core`
+
 f8, i8, u8 = np.float64, np.int64, np.uint64
 
 #: One friction contact. Forces are normalised: f_j = F_j / α_j, so every block slips at f = s(w).
@@ -27,7 +31,9 @@ CONTACT = np.dtype([
     ("stick_damping", f8),         # damping of the bristle while all blocks stick (regularised Coulomb)
     ("level", f8),                 # factor on the limits
     ("asymmetry", f8),             # limits × (1 + asymmetry sgn w)
+    ("viscous_asymmetry", f8),     # viscous × (1 + viscous_asymmetry sgn w)
     ("quadratic", f8), ("power", f8),          # extra force quadratic · |w|^power · sgn w
+    ("saturation", f8),            # the |w| of that force ends at this speed; 0: it does not end
     ("lag", f8),                   # s follows |w| with this time constant
     ("aging_rate", f8), ("aging_time", f8), ("aging_release", f8),
     ("creep_velocity", f8), ("creep_sharpness", f8),
@@ -110,4 +116,10 @@ STATE = np.dtype([
 READINGS = np.dtype([
     ("encoder", f8), ("current", f8), ("motor_angle", f8), ("interferometer", f8),
     ("stage_temperature", f8), ("air_temperature", f8), ("air_pressure", f8), ("air_humidity", f8),
+])
+
+#: Work space of one thread: the mode matrices of one plant and one chunk's result.
+WORK = np.dtype([
+    ("key", i8, SLOTS), ("resistance", f8), ("out", f8, OUTPUTS),
+    ("matrix", f8, (SLOTS, LEVELS, INPUTS, OUTPUTS)),
 ])

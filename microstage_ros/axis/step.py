@@ -16,9 +16,9 @@ from microstage_ros.axis.contact import (
     block_force, crosses, direction_factor, limit, move_stuck, release, settle_limit, stick_all,
 )
 from microstage_ros.axis.linear_core import (
-    F0, F1, I, LEVELS, O_I, O_OMEGA, O_OMEGA_MID, O_THETA, O_V, O_X, OMEGA, OUTPUTS, SLOTS, T0, T1, T2, TICKS, V,
-    build_mode,
+    F0, F1, I, O_I, O_OMEGA, O_OMEGA_MID, O_THETA, O_V, O_X, OMEGA, T0, T1, T2, TICKS, V, build_mode,
 )
+from microstage_ros.axis.records import LEVELS, OUTPUTS, SLOTS
 from microstage_ros.axis.slip import decay, relax, relax_steady
 from microstage_ros.axis.variability import vary
 
@@ -77,14 +77,14 @@ def _mode(plant, state, work):
     side = 1 if state.side != 0 else 0
     key = ca.mask | (cg.mask << 8) | (side << 16)
     slot = (key ^ (key >> 6) ^ (key >> 11)) & (SLOTS - 1)
-    if work[0][slot] != key:
+    if work.key[slot] != key:
         a, g = plant.actuator, plant.guideway
         damp_a = a.viscous + (a.stick_damping if ca.slip_weight == 0.0 else 0.0)
         damp_g = g.viscous + (g.stick_damping if cg.slip_weight == 0.0 else 0.0)
-        if math.isnan(work[2][0]):
-            work[2][0] = plant.resistance * (1.0 + state.heat)
-        build_mode(plant, ca.stuck_stiffness, damp_a, cg.stuck_stiffness, damp_g, side, work[2][0], work[1][slot])
-        work[0][slot] = key
+        if math.isnan(work.resistance):
+            work.resistance = plant.resistance * (1.0 + state.heat)
+        build_mode(plant, ca.stuck_stiffness, damp_a, cg.stuck_stiffness, damp_g, side, work.resistance, work.matrix[slot])
+        work.key[slot] = key
     return slot
 
 
@@ -138,7 +138,7 @@ def _slip_level(plant, contact, c, w):
 def _chunk(plant, state, work, u, slot, level):
     """Try one chunk. 0: must be halved; 1: done; 2: done, and an event waits at its end."""
     a, g, ca, cg = plant.actuator, plant.guideway, state.actuator, state.guideway
-    m, out = work[1], work[3]
+    m, out = work.matrix, work.out
     h = plant.period / (1 << level)
     gear, omega0, v0 = plant.gear, state.omega, state.v
     slipping = ca.slip_weight > 0.0
@@ -193,7 +193,7 @@ def _steady_forces(plant, state, h):
     force += plant.tilt_force - plant.offset_force - plant.cable * (state.x + 0.5 * h * state.v - plant.anchor)
     if plant.smooth == 1:
         torque += _smooth_torque(plant, state.theta + 0.5 * h * state.omega, state.omega)
-        force -= _power(plant.guideway, state.v)
+        force -= _beyond_viscous(plant.guideway, state.v)
     return torque, force
 
 
@@ -209,19 +209,23 @@ def _lead_error(plant, phi):
 @compiled
 def _smooth_torque(plant, theta, omega):
     """Cogging and nonlinear viscous torque at the motor [N m]."""
-    torque = -_power(plant.actuator, omega / plant.gear)
+    torque = -_beyond_viscous(plant.actuator, omega / plant.gear)
     for k in range(plant.cogs):
         torque += plant.cog_amplitude[k] * math.sin(plant.cog_number[k] * theta + plant.cog_phase[k])
     return torque
 
 
 @compiled
-def _power(contact, w):
-    """Nonlinear viscous friction c |w|^n sgn w."""
+def _beyond_viscous(contact, w):
+    """What σ w leaves out: σ · viscous_asymmetry · |w| + c g(|w|)^n sgn w, g = |w| or V (1 − exp(−|w|/V))."""
+    speed = abs(w)
+    force = contact.viscous * contact.viscous_asymmetry * speed
     if contact.quadratic == 0.0 or w == 0.0:
-        return 0.0
-    size = contact.quadratic * abs(w) ** contact.power
-    return size if w > 0.0 else -size
+        return force
+    if contact.saturation > 0.0:
+        speed = contact.saturation * (1.0 - math.exp(-speed / contact.saturation))
+    size = contact.quadratic * speed**contact.power
+    return force + (size if w > 0.0 else -size)
 
 
 @compiled

@@ -13,15 +13,23 @@ INF = math.inf
 
 
 class DirectionAsymmetry(Effect):
-    """Friction differs between directions: limits × (1 + asymmetry · sgn w)."""
+    """Friction differs between directions: limits × (1 + asymmetry · sgn w), σ × (1 + viscous_asymmetry · sgn w)."""
 
     id = "direction_asymmetry"
     on_contact = True
-    parameters = {"asymmetry": Parameter("1", "half the relative difference between directions", None, -0.9, 0.9)}
+    parameters = {
+        "asymmetry": Parameter("1", "half the relative difference between directions", None, -0.9, 0.9),
+        "viscous_asymmetry": Parameter("1", "the same of the viscous friction", 0.0, -0.9, 0.9),
+    }
 
     @classmethod
     def apply(cls, plant, p):
-        plant[p["contact"]]["asymmetry"] = p["asymmetry"]
+        contact = plant[p["contact"]]
+        contact["asymmetry"] = p["asymmetry"]
+        contact["viscous_asymmetry"] = p["viscous_asymmetry"]
+        if p["viscous_asymmetry"] != 0.0:
+            plant["smooth"] = 1
+            plant["base_level"] = max(plant["base_level"], 2)
 
 
 class PositionDependentFriction(Effect):
@@ -133,19 +141,25 @@ class ViscousChange(Effect):
 
 
 class NonlinearViscous(Effect):
-    """Friction grows with speed other than linearly: extra coefficient · |w|^exponent · sgn w."""
+    """Friction grows with speed other than linearly: extra coefficient · g^exponent · sgn w.
+
+    g = |w|, or, where the growth ends (a lubricant film builds up), g = V (1 − exp(−|w|/V)) with
+    V = saturation_speed.
+    """
 
     id = "nonlinear_viscous"
     on_contact = True
     parameters = {
         "coefficient": Parameter("N m/(rad/s)^n or N/(m/s)^n", "coefficient, of the contact's own units", None),
         "exponent": Parameter("1", "exponent n", 2.0, 0.1, 4.0),
+        "saturation_speed": Parameter("rad/s or m/s", "speed V at which the growth ends; 0: it does not end", 0.0, 0.0, 1e6),
     }
 
     @classmethod
     def apply(cls, plant, p):
         contact = plant[p["contact"]]
         contact["quadratic"], contact["power"] = p["coefficient"], p["exponent"]
+        contact["saturation"] = p["saturation_speed"]
         plant["smooth"] = 1
         plant["base_level"] = max(plant["base_level"], 2)
 

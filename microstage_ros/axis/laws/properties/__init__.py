@@ -1,0 +1,1 @@
+"""What each friction law can and cannot show, measured by running it."""
