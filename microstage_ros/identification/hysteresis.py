@@ -15,36 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize_scalar, nnls
 
-from microstage_ros.axis.compiled import compiled
 from microstage_ros.axis.errors import InputError
-from microstage_ros.axis.laws.blocks import drag_blocks
-from microstage_ros.axis.laws.curve import SlidingCurve
-from microstage_ros.axis.laws.maxwell_slip import Parameters
+from microstage_ros.axis.laws.positions import stop_operators
 
 GRID = 40
 CHARACTERISTIC_SEGMENTS = 12
-
-
-def stop_operators(position, widths):
-    """Stop operators z_j of one input: shape (n, m) for positions (n,) [m] and widths (m,) [m].
-
-    They are the blocks of the Maxwell-slip law with unit stiffness and limits w_j, starting relaxed
-    (z = 0) at the first position.
-    """
-    widths = np.asarray(widths, dtype=float)
-    law = Parameters(tuple(np.ones(len(widths))), tuple(widths / widths.sum()))
-    limit = SlidingCurve(static=float(widths.sum())).pack()
-    packed = np.array([*limit, *limit, *law.pack()])
-    return _drag(np.ascontiguousarray(position, dtype=float), packed, np.zeros(len(widths)))
-
-
-@compiled
-def _drag(position, packed, state):
-    states = np.zeros((len(position), len(state)))
-    for row in range(1, len(position)):
-        drag_blocks(packed, state, position[row] - position[row - 1], 1.0)
-        states[row] = state
-    return states
 
 
 @dataclass(frozen=True)
@@ -72,7 +47,7 @@ class HystereticLaw:
 def _columns(name, widths, position, velocity):
     if name == "coulomb_viscous":
         return np.column_stack([np.sign(velocity), velocity])
-    states = stop_operators(position, widths)
+    states = stop_operators(position, widths).T
     return states if name == "maxwell_slip" else _characteristic(states[:, 0], widths[0])
 
 
