@@ -7,9 +7,9 @@ Row n of the trace is the state at the start of period n and the voltage held du
 
 import numpy as np
 
-from microstage_ros.axis import records
 from microstage_ros.axis.compiled import compiled
-from microstage_ros.axis.step import advance, read_sensors
+from microstage_ros.axis.sensors import read_sensors
+from microstage_ros.axis.step import advance
 from microstage_ros.control import laws
 
 #: Columns of a trace, in order.
@@ -20,7 +20,7 @@ TRACE = (
 
 
 @compiled
-def run_loop(plant, state, readings, parameters, memory, reference, open_loop, disturbance, trace):
+def run_loop(plant, state, work, readings, parameters, memory, reference, open_loop, disturbance, trace):
     """Run one axis over all rows of ``reference`` [m]; fills ``trace`` (rows, len(TRACE))."""
     for n in range(len(reference)):
         read_sensors(plant, state, readings)
@@ -38,17 +38,25 @@ def run_loop(plant, state, readings, parameters, memory, reference, open_loop, d
         trace[n, 9] = state.guide_friction
         trace[n, 10] = state.actuator.factor
         trace[n, 11] = state.guideway.factor
-        advance(plant, state, voltage)
+        advance(plant, state, work, voltage)
 
 
 @compiled
-def run_ensemble(plants, states, readings, parameters, memories, reference, positions, encoders, voltages):
+def forget_matrices(work):
+    """Make the work arrays ready for another plant (the compiled twin of `axis.plant.forget`)."""
+    work[0][:] = -1
+    work[2][0] = np.nan
+
+
+@compiled
+def run_ensemble(plants, states, work, readings, parameters, memories, reference, positions, encoders, voltages):
     """Run many axes over the same ``reference``, one after the other.
 
     ``plants``, ``states``, ``readings``, ``parameters``, ``memories``: arrays of records, one per axis.
     ``positions``, ``encoders`` [m], ``voltages`` [V]: (axes, rows), true position, encoder, command.
     """
     for k in range(len(plants)):
+        forget_matrices(work)
         for n in range(len(reference)):
             read_sensors(plants[k], states[k], readings[k])
             voltage = laws.controller_step(
@@ -57,10 +65,4 @@ def run_ensemble(plants, states, readings, parameters, memories, reference, posi
             positions[k, n] = states[k].x
             encoders[k, n] = readings[k].encoder
             voltages[k, n] = voltage
-            advance(plants[k], states[k], voltage)
-
-
-def new_readings(count=None):
-    """Readings for one axis (a record), or for ``count`` axes (an array of records)."""
-    readings = np.zeros(1 if count is None else count, records.READINGS)
-    return readings[0] if count is None else readings
+            advance(plants[k], states[k], work, voltage)

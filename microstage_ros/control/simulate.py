@@ -3,8 +3,8 @@
 import numpy as np
 
 from microstage_ros import __version__
-from microstage_ros.axis.plant import NoiseSpec, make_plant, new_state
-from microstage_ros.control.closed_loop import TRACE, new_readings, run_loop
+from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
+from microstage_ros.control.closed_loop import TRACE, run_loop
 from microstage_ros.control.controller import make_controller
 from microstage_ros.records import Record
 
@@ -36,7 +36,7 @@ def simulate(axis, run, seed=0):
     controller = run_controller(axis, run)
     trace = np.empty((rows, len(TRACE)))
     run_loop(
-        plant, state, new_readings(), controller.parameters, controller.memory,
+        plant, state, new_work(), new_readings(), controller.parameters, controller.memory,
         tables["reference"], tables["open_loop"], tables["disturbance"], trace,
     )
     columns = {"t_s": np.arange(rows) * period, "reference_m": tables["reference"]}
