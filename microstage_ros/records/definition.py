@@ -95,6 +95,37 @@ def parse_definition(name, text, type_hash=""):
     return Definition(long_name(name), text, type_hash, types)
 
 
+SERVICE_EVENT_INFO = """MSG: service_msgs/ServiceEventInfo
+uint8 event_type
+builtin_interfaces/Time stamp
+char[16] client_gid
+int64 sequence_number
+"""
+TIME = """MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+
+
+def service_event_text(name, text):
+    """The text of a service's event message, of which a bag holds only the service's own file.
+
+    Parameters
+    ----------
+    name : `package/srv/Name_Event`.
+    text : request, `---`, response, then what they are built from.
+    """
+    package, base = name.split("/")[0], name.split("/")[-1].removesuffix("_Event")
+    own, *others = re.split(rf"^{SEPARATOR}\s*$", text, flags=re.MULTILINE)
+    request, response = re.split(r"^---\s*$", own, maxsplit=1, flags=re.MULTILINE)
+    parts = [f"service_msgs/ServiceEventInfo info\n{base}_Request[<=1] request\n{base}_Response[<=1] response\n",
+             SERVICE_EVENT_INFO, f"MSG: {package}/{base}_Request\n{request}",
+             f"MSG: {package}/{base}_Response\n{response}", *(other.strip() for other in others)]
+    if not any(other.strip().startswith("MSG: builtin_interfaces/Time") for other in others):
+        parts.append(TIME)
+    return f"{SEPARATOR}\n".join(_ended(part) for part in parts)
+
+
 def _fields(name, text):
     """The fields of one message file, types in full."""
     package = name.split("/")[0]
