@@ -32,6 +32,10 @@ MODEL_FIELDS = [
     ("volts_per_velocity", "f8"),  # V s/m
     ("rotor", "f8"),  # V s^2/m, rotor inertia alone
     ("mass", "f8"),  # kg
+    ("moving_mass", "f8"),  # kg, stage and reflected rotor
+    ("force_per_torque", "f8"),  # N at the stage per N m at the motor shaft
+    ("force_per_ampere", "f8"),  # N/A; 0: no current, the force comes from the voltage
+    ("resistance", "f8"),  # ohm
     ("compliance", "f8"),  # m/N of the drive train
     ("screw_ratio", "f8"),  # m per radian of the screw
     ("offset_force", "f8"),  # N
@@ -104,7 +108,13 @@ def fill_model(record, axis):
         record["volts_per_velocity"] = axis.value("drive.back_emf") * gear / ratio
         record["rotor"] = per_torque * axis.value("drive.rotor_inertia") * gear / ratio
         record["top_speed"] = limit / record["volts_per_velocity"]
+        record["resistance"] = axis.value("drive.resistance")
+        record["force_per_torque"] = gear / ratio
+        record["force_per_ampere"] = axis.value("drive.torque_constant") * gear / ratio
+        record["moving_mass"] = record["mass"] + axis.value("drive.rotor_inertia") * (gear / ratio) ** 2
     else:
+        record["force_per_torque"] = gear / ratio
+        record["moving_mass"] = record["mass"]
         record["volts_per_force"] = 1.0 / axis.value("drive.gain")
         record["volts_per_torque"] = record["volts_per_force"] * gear / ratio
         record["top_speed"] = 10.0

@@ -11,9 +11,9 @@ import numpy as np
 
 from microstage_ros.axis.compiled import compiled
 from microstage_ros.axis.errors import InputError
-from microstage_ros.control import adaptation, cascade, feedforward, nctf, pid
+from microstage_ros.control import adaptation, cascade, feedforward, nctf, observer, pid
 
-NONE, PID, SELF_TUNING, CASCADE, PID_FEEDFORWARD, SELF_TUNING_FEEDFORWARD, NCTF = range(7)
+NONE, PID, SELF_TUNING, CASCADE, PID_FEEDFORWARD, SELF_TUNING_FEEDFORWARD, NCTF, SELF_TUNING_OBSERVER = range(8)
 
 
 class Law(NamedTuple):
@@ -32,6 +32,13 @@ LAWS = {
         SELF_TUNING_FEEDFORWARD,
         {"pid": pid.GAINS, "adaptation": adaptation.GAINS, "feedforward": feedforward.GAINS},
     ),
+    "self_tuning_observer": Law(
+        SELF_TUNING_OBSERVER,
+        {
+            "pid": pid.GAINS, "adaptation": adaptation.GAINS, "feedforward": feedforward.GAINS,
+            "observer": observer.GAINS,
+        },
+    ),
     "nctf": Law(NCTF, {"nctf": nctf.GAINS}),
     "cascade": Law(CASCADE, {"cascade": cascade.GAINS}),
 }
@@ -44,6 +51,7 @@ PARAMETERS = np.dtype([
     ("pid", pid.PARAMETERS),
     ("adaptation", adaptation.PARAMETERS),
     ("feedforward", feedforward.PARAMETERS),
+    ("observer", observer.PARAMETERS),
     ("nctf", nctf.PARAMETERS),
     ("cascade", cascade.PARAMETERS),
 ])
@@ -57,6 +65,7 @@ STATE = np.dtype([
     ("pid", pid.STATE_FIELDS),
     ("adaptation", adaptation.STATE_FIELDS),
     ("feedforward", feedforward.STATE_FIELDS),
+    ("observer", observer.STATE_FIELDS),
     ("cascade", cascade.STATE_FIELDS),
 ])
 
@@ -75,8 +84,9 @@ def controller_reset(parameters, state, voltage):
     state.feed_forward = 0.0
     state.started = 0
     pid.pid_reset(parameters.pid, state.pid, voltage)
-    if parameters.kind == SELF_TUNING or parameters.kind == SELF_TUNING_FEEDFORWARD:
+    if parameters.kind in (SELF_TUNING, SELF_TUNING_FEEDFORWARD, SELF_TUNING_OBSERVER):
         adaptation.adaptation_reset(parameters.adaptation, state.adaptation, state.pid)
+    observer.observer_reset(parameters.observer, state.observer)
 
 
 @compiled
@@ -87,6 +97,7 @@ def controller_start(state, reference, encoder):
     state.pid.previous_reference = reference
     cascade.cascade_reset(state.cascade, encoder)
     feedforward.feedforward_reset(state.feedforward, reference)
+    observer.observer_start(state.observer, encoder)
 
 
 @compiled
@@ -119,11 +130,21 @@ def dispatch(parameters, state, reference, encoder, current):
         return cascade.cascade_step(parameters.cascade, state.cascade, state.pid, period, limit, reference, encoder)
     if kind == NCTF:
         return nctf.nctf_step(parameters.nctf, state.pid, period, limit, reference, encoder)
-    if kind == PID_FEEDFORWARD or kind == SELF_TUNING_FEEDFORWARD:
+    level = 1.0
+    observed = kind == SELF_TUNING_OBSERVER
+    if observed:
+        observer.observer_step(
+            parameters.observer, parameters.feedforward, state.observer, period, encoder, state.voltage, current
+        )
+        level = state.observer.level
+    if observed or kind == PID_FEEDFORWARD or kind == SELF_TUNING_FEEDFORWARD:
         state.feed_forward = feedforward.feedforward_step(
-            parameters.feedforward, state.feedforward, period, reference, 1.0, 1.0
+            parameters.feedforward, state.feedforward, period, reference, level, 1.0
         )
     pid.pid_motion(parameters.pid, state.pid, period, reference, encoder)
-    if kind == SELF_TUNING or kind == SELF_TUNING_FEEDFORWARD:
+    if observed:  # the observer's position and velocity in place of the encoder's
+        state.pid.error = reference - state.observer.x
+        state.pid.velocity = state.observer.v
+    if kind != PID and kind != PID_FEEDFORWARD:
         adaptation.adaptation_step(parameters.adaptation, state.adaptation, parameters.pid, state.pid, period)
     return pid.pid_output(parameters.pid, state.pid, period, limit, state.feed_forward)

@@ -1,0 +1,259 @@
+"""Friction observer: motion and friction of both contacts from encoder, current and voltage.
+
+The measured current gives the driving force F = (k_M N/r) i without any knowledge of resistance, amplifier
+or delay; the axis as one mass M = m + J (N/r)^2 then moves by
+
+    M dv/dt = F - (N/r) M_f(z; l) - F_g(x) - M d,      dd/dt = 0,      z = x + F_g / K_c
+
+with the friction laws of the axis file run along the estimated motion, l the level of the actuator's limits
+and d what is left (an acceleration). The encoder corrects x, v and d as a critically damped third-order
+observer of bandwidth w_o (pole p = exp(-w_o T) three times):
+
+    x += (1 - p^3) n,    v += 1.5 (1 - p)^2 (1 + p) n / T,    d -= (1 - p)^3 n / T^2,    n = encoder - x
+
+While blocks slip, d is an error of the level. The level follows a random walk in travel and time (the
+Ornstein-Uhlenbeck variability of the model, without its pull to 1, so that wear is seen too), estimated by
+a scalar Kalman filter with the sensitivity S = dF/dl of the slipping blocks; the same filter gives the
+standard deviation. What the filter adds to the level it takes off d.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from microstage_ros.axis.compiled import compiled
+from microstage_ros.control import feedforward
+from microstage_ros.control.feedforward import friction_along
+from microstage_ros.control.gains import Gain, fill, record_type
+
+GAINS = (
+    Gain("observer_bandwidth", "rad/s", 1.0, 1e5, 350.0, "bandwidth w_o of the motion observer"),
+    Gain("level_variability", "1", 0.0, 1.0, 0.06, "standard deviation of the friction level"),
+    Gain("level_length", "m", 1e-9, 1.0, 1.0e-4, "travel over which the level varies"),
+    Gain("level_time", "s", 1e-3, 1e6, 20.0, "time over which the level varies"),
+    Gain("force_noise", "N", 1e-9, 1e6, 0.5, "noise of the force balance within one observer time"),
+)
+PARAMETERS = record_type(GAINS)
+BLOCK_STATE = feedforward.BLOCK_STATE
+STATE_FIELDS = [
+    ("x", "f8"),  # m, stage position
+    ("v", "f8"),  # m/s
+    ("d", "f8"),  # m/s^2, unexplained deceleration
+    ("screw", "f8"),  # m, stage position plus wind-up
+    ("screw_velocity", "f8"),
+    ("current", "f8"),  # A, of the period before
+    ("actuator", "f8", BLOCK_STATE),
+    ("guideway", "f8", BLOCK_STATE),
+    ("actuator_friction", "f8"),  # N m at the motor shaft, by the law
+    ("guideway_friction", "f8"),  # N
+    ("level", "f8"),  # 1, limits of the actuator over nominal
+    ("variance", "f8"),  # of the level
+    ("sensitivity", "f8"),  # N, dF/dl of the slipping blocks
+    ("level_forward", "f8"),  # 1, slow mean of the level while moving forward
+    ("level_backward", "f8"),
+    ("slipping", "f8"),  # share of the actuator's limit that slips
+    ("noise", "f8"),  # m^2, running variance of the innovation
+]
+
+
+@compiled
+def observer_reset(p, s):
+    """Forget everything but the nominal level."""
+    s.v = 0.0
+    s.d = 0.0
+    s.screw_velocity = 0.0
+    s.current = 0.0
+    s.actuator_friction = 0.0
+    s.guideway_friction = 0.0
+    s.level = 1.0
+    s.variance = p.level_variability * p.level_variability
+    s.sensitivity = 0.0
+    s.level_forward = 1.0
+    s.level_backward = 1.0
+    s.slipping = 0.0
+    s.noise = 0.0
+    for j in range(BLOCK_STATE):
+        s.actuator[j] = 0.0
+        s.guideway[j] = 0.0
+
+
+@compiled
+def observer_start(s, encoder):
+    """The axis rests where the encoder [m] says."""
+    s.x = encoder
+    s.screw = encoder
+
+
+@compiled
+def slipping_force(law, blocks, level):
+    """(dF/dl, slipping share): force of the slipping blocks over the level, and the sum of their weights."""
+    count = int(law[10])
+    force = 0.0
+    share = 0.0
+    for j in range(count):
+        if blocks[count + j] != 0.0:
+            force += blocks[j]
+            share += law[11 + count + j]
+    return force / level, share
+
+
+@compiled
+def predict(model, s, period, force):
+    """Move the model by ``period`` [s] under the driving ``force`` [N] at the stage."""
+    friction = model.force_per_torque * s.actuator_friction + s.guideway_friction + model.offset_force
+    before = s.v
+    # semi-implicit: friction of the place reached keeps the stuck spring stable at this step
+    s.v += ((force - friction) / model.moving_mass - s.d) * period
+    s.x += s.v * period
+    if model.has_guideway != 0:
+        s.guideway_friction = friction_along(model.guideway, s.guideway, before, s.v, period, 1.0)
+    screw = s.x + s.guideway_friction * model.compliance
+    velocity = (screw - s.screw) / period
+    if model.has_actuator != 0:
+        s.actuator_friction = friction_along(
+            model.actuator, s.actuator, s.screw_velocity / model.screw_ratio, velocity / model.screw_ratio,
+            period, s.level,
+        )
+    s.screw = screw
+    s.screw_velocity = velocity
+
+
+@compiled
+def correct(p, s, period, encoder):
+    """Correct motion and unexplained deceleration by the encoder [m]."""
+    pole = math.exp(-p.observer_bandwidth * period)
+    rest = 1.0 - pole
+    innovation = encoder - s.x
+    s.x += (1.0 - pole * pole * pole) * innovation
+    s.screw += (1.0 - pole * pole * pole) * innovation
+    s.v += 1.5 * rest * rest * (1.0 + pole) / period * innovation
+    s.d -= rest * rest * rest / (period * period) * innovation
+    s.noise += 0.01 * (innovation * innovation - s.noise)
+
+
+@compiled
+def learn_level(p, model, s, period):
+    """One period of the scalar Kalman filter of the level."""
+    s.sensitivity, s.slipping = 0.0, 0.0
+    if model.has_actuator != 0:
+        force, s.slipping = slipping_force(model.actuator, s.actuator, s.level)
+        s.sensitivity = model.force_per_torque * force
+    spread = p.level_variability * p.level_variability
+    travel = abs(s.v) * period / p.level_length
+    s.variance = min(s.variance + 2.0 * spread * (travel + period / p.level_time), 1.0)
+    noise = p.force_noise * p.force_noise * 2.0 / (p.observer_bandwidth * period)
+    gain = s.variance * s.sensitivity / (s.sensitivity * s.sensitivity * s.variance + noise)
+    residual = model.moving_mass * s.d
+    change = gain * residual
+    level = min(max(s.level + change, 0.1), 10.0)
+    s.d -= (level - s.level) * s.sensitivity / model.moving_mass
+    s.level = level
+    s.variance *= 1.0 - gain * s.sensitivity
+    if s.slipping > 0.9:
+        share = min(2.0 * travel, 1.0)
+        if s.v > 0.0:
+            s.level_forward += share * (s.level - s.level_forward)
+        else:
+            s.level_backward += share * (s.level - s.level_backward)
+
+
+@compiled
+def observer_step(p, model, s, period, encoder, voltage, current):
+    """One control period: ``encoder`` [m] and ``current`` [A] of now, ``voltage`` [V] held until now."""
+    if model.force_per_ampere > 0.0:
+        if not math.isfinite(current):
+            current = (voltage - model.volts_per_velocity * s.v) / model.resistance
+        # the current settles within a fraction of the period, so its mean is nearly the newest value
+        force = model.force_per_ampere * (0.8 * current + 0.2 * s.current)
+        s.current = current
+    else:
+        force = voltage / model.volts_per_force
+    parts = int(math.ceil(period / 2.0e-4 - 1e-9))
+    for _ in range(parts):
+        predict(model, s, period / parts, force)
+    correct(p, s, period, encoder)
+    learn_level(p, model, s, period)
+
+
+class FrictionEstimate(NamedTuple):
+    """What the observer knows after a period (SI)."""
+
+    position: float  # m
+    velocity: float  # m/s
+    actuator_torque: float  # N m at the motor shaft
+    actuator_torque_stderr: float
+    guideway_force: float  # N
+    guideway_force_stderr: float
+    total_force: float  # N at the stage, both contacts
+    equivalent_voltage: float  # V, what the friction costs the drive
+    level: float  # limits of the actuator over nominal
+    level_stderr: float
+    asymmetry: float  # (forward - backward) / (forward + backward)
+    actuator_share: float  # share of the actuator in the total
+    guideway_share: float
+    sliding: bool  # the actuator slides as a whole
+    block_torque: np.ndarray  # N m, actuator blocks
+    block_slips: np.ndarray  # bool
+    guideway_block_force: np.ndarray  # N
+    guideway_block_slips: np.ndarray  # bool
+
+
+class FrictionObserver:
+    """Python face of the observer; ``step`` once per control period.
+
+    Example
+    -------
+    >>> observer = FrictionObserver(load_axis("config/axis.yaml"))
+    >>> estimate = observer.step(encoder=0.0, voltage=0.0, current=0.0)
+    """
+
+    def __init__(self, axis, period=None, **gains):
+        self.period = float(axis.value("period") if period is None else period)
+        self.parameters = np.zeros(1, PARAMETERS)[0]
+        fill(self.parameters, GAINS, gains, "observer")
+        self.model = np.zeros(1, feedforward.PARAMETERS)[0]
+        feedforward.fill_model(self.model, axis)
+        self.memory = np.zeros(1, np.dtype(STATE_FIELDS))[0]
+        self.started = False
+        observer_reset(self.parameters, self.memory)
+
+    def step(self, encoder, voltage, current=math.nan):
+        """Estimate after a period: ``encoder`` [m], ``current`` [A] read now, ``voltage`` [V] held until now."""
+        if math.isfinite(encoder):
+            if not self.started:
+                observer_start(self.memory, float(encoder))
+                self.started = True
+            observer_step(
+                self.parameters, self.model, self.memory, self.period, float(encoder), float(voltage), float(current)
+            )
+        return self.estimate
+
+    @property
+    def estimate(self):
+        """`FrictionEstimate` of the last period."""
+        s, model = self.memory, self.model
+        to_force = float(model["force_per_torque"])
+        unexplained = float(model["moving_mass"]) * float(s["d"])
+        # all but the guideways' share of what is unexplained is put down to the actuator
+        torque = float(s["actuator_friction"]) + (unexplained / to_force if model["has_actuator"] else 0.0)
+        guide = float(s["guideway_friction"]) + (0.0 if model["has_actuator"] else unexplained)
+        size = abs(to_force * torque) + abs(guide) or 1.0
+        stderr = math.sqrt(float(s["variance"]))
+        forward, backward = float(s["level_forward"]), float(s["level_backward"])
+        forces, slips = _blocks(model["actuator"], s["actuator"])
+        guide_forces, guide_slips = _blocks(model["guideway"], s["guideway"])
+        total = to_force * torque * bool(model["has_actuator"]) + guide
+        return FrictionEstimate(
+            float(s["x"]), float(s["v"]), torque, abs(float(s["actuator_friction"])) * stderr, guide,
+            abs(guide) * float(self.parameters["level_variability"]), total, total * float(model["volts_per_force"]),
+            float(s["level"]), stderr, (forward - backward) / (forward + backward),
+            abs(to_force * torque) / size, abs(guide) / size, bool(s["slipping"] > 0.9),
+            forces, slips, guide_forces, guide_slips,
+        )
+
+
+def _blocks(law, state):
+    """Forces and slip flags of a packed contact's blocks."""
+    count = int(law[10])
+    return state[:count].copy(), state[count : 2 * count] != 0.0
