@@ -1,0 +1,65 @@
+"""Effects of motor, drive train and forces on the stage, in the torque balance."""
+
+import numpy as np
+
+from microstage_ros.discrepancy.catalogue.form import Form, one, wave
+
+GRAVITY = 9.80665
+RIPPLE_CYCLES = tuple(range(1, 13))  # per turn of the motor
+
+
+def gravity_tilt(channel, frame):
+    """(r/N) m g sin α, at rest as in motion; β = sin α."""
+    return np.full((len(channel.residual), 1), frame.drive.lever * frame.drive.mass * GRAVITY)
+
+
+def cable_spring(channel, frame):
+    """(r/N) c (x − x₀): columns x and 1; β = (c, −c x₀)."""
+    return frame.drive.lever * np.stack([channel.position, np.ones(len(channel.position))], axis=1)
+
+
+def payload_change(channel, frame):
+    """Guideway friction grows with the load; β = added mass over m."""
+    return channel.guideway[:, None]
+
+
+def torque_ripple(cycles):
+    """Motor torque −(s sin + c cos)(cycles · θ), θ = x N / r."""
+    def columns(channel, frame):
+        p = channel.prepared
+        angle = cycles * (p.position / frame.drive.lever)
+        return -np.stack([channel.mean(np.sin(angle)), channel.mean(np.cos(angle))], axis=1)
+    return columns
+
+
+def _cable_sizes(beta, covariance, frame):
+    stiffness, force = map(float, beta)
+    sigma = np.sqrt(np.diag(covariance))
+    anchor = -force / stiffness
+    slope = np.array([force / stiffness**2, -1.0 / stiffness])
+    return ({"stiffness_N_m": (stiffness, float(sigma[0]), "N/m"),
+             "anchor_m": (anchor, float(np.sqrt(slope @ covariance @ slope)), "m")},
+            {"stiffness_N_m": stiffness, "anchor_m": float(np.clip(anchor, -10.0, 10.0))})
+
+
+def _ripple_sizes(cycles):
+    def sizes(beta, covariance, frame):
+        amplitude, sigma, phase, sigma_phase = wave(beta, covariance)
+        return ({"amplitude_Nm": (amplitude, sigma, "N m"), "cycles_per_turn": (float(cycles), 0.0, "1"),
+                 "phase_rad": (phase, sigma_phase, "rad")},
+                {"amplitude_Nm": amplitude, "cycles_per_turn": float(cycles), "phase_rad": phase})
+    return sizes
+
+
+def _mass_sizes(beta, covariance, frame):
+    mass = float(beta[0] * frame.drive.mass)
+    return ({"mass_kg": (mass, float(np.sqrt(covariance[0, 0]) * frame.drive.mass), "kg")}, {"mass_kg": mass})
+
+
+FORMS = (
+    Form("gravity_tilt", "torque", "", gravity_tilt,
+         one("angle_rad", "rad", value=lambda b: np.arcsin(np.clip(b, -1, 1)))),
+    Form("cable_spring", "torque", "", cable_spring, _cable_sizes),
+    Form("payload_change", "torque", "", payload_change, _mass_sizes),
+    *(Form("torque_ripple", "torque", f"{n}", torque_ripple(n), _ripple_sizes(n)) for n in RIPPLE_CYCLES),
+)

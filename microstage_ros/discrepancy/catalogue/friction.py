@@ -1,0 +1,141 @@
+"""Friction effects in the torque balance. Residual = torque that was needed − torque of the nominal model."""
+
+import numpy as np
+
+from microstage_ros.axis.compiled import compiled
+from microstage_ros.discrepancy.catalogue.form import Form, one, splines
+from microstage_ros.discrepancy.friction_replay import lag_factor, replay
+
+ASYMMETRY_STEP = 0.05
+LAGS = (1.0e-3, 3.0e-3, 1.0e-2, 3.0e-2)             # s
+EXPONENTS = (0.5, 1.5, 2.0, 3.0)
+PIECES = (0.25e-3, 0.5e-3, 1.0e-3)                   # m between the knots of friction along the stroke
+AGING = tuple((scale, release) for scale in (0.02, 0.2) for release in (1.5e-6, 6.0e-6, 25.0e-6))  # s, m
+AGING_STEP = 0.05
+CREEP_SCALES = (0.01, 0.1)                           # s
+STILL = 3.0e-6                                        # m/s: slower than this is a dwell
+
+
+def direction_asymmetry(channel, frame):
+    """Limits × (1 + a · sgn w): the replayed friction's derivative by a."""
+    p, drive = channel.prepared, frame.drive
+    changed, _ = replay(drive.actuator, p.speed / drive.radius, p.period, asymmetry=ASYMMETRY_STEP)
+    return channel.mean((changed - p.actuator) / ASYMMETRY_STEP)[:, None]
+
+
+def friction_level_change(channel, frame):
+    """F → factor · F: nominal friction with its viscous part."""
+    return (channel.friction + channel.viscous)[:, None]
+
+
+def viscous_change(channel, frame):
+    """σ → factor · σ."""
+    return channel.viscous[:, None]
+
+
+def nonlinear_viscous(exponent):
+    """Extra c |ω_r|^n sgn ω_r."""
+    def columns(channel, frame):
+        w = channel.prepared.speed / frame.drive.radius
+        return channel.mean(np.sign(w) * np.abs(w) ** exponent)[:, None]
+    return columns
+
+
+def position_dependent(spacing):
+    """Friction × splines of x."""
+    def columns(channel, frame):
+        pieces = max(int(round((frame.high - frame.low) / spacing)), 2)
+        return channel.friction[:, None] * splines(channel.position, frame.low, frame.high, pieces)
+    return columns
+
+
+def _profile_sizes(spacing):
+    def sizes(beta, covariance, frame):
+        pieces = max(int(round((frame.high - frame.low) / spacing)), 2)
+        x = np.linspace(frame.low, frame.high, 2 * pieces + 1)
+        basis = splines(x, frame.low, frame.high, pieces)
+        factors = 1.0 + basis @ beta
+        spread = float(np.std(basis @ beta))
+        direction = (basis @ beta - np.mean(basis @ beta)) @ basis / (len(x) * max(spread, 1e-12))
+        stderr = float(np.sqrt(max(direction @ covariance @ direction, 0.0)))
+        return ({"rms": (spread, stderr, "1")},
+                {"positions_m": [float(v) for v in x], "factors": [float(v) for v in np.clip(factors, 0.05, 20.0)]})
+    return sizes
+
+
+def frictional_lag(time):
+    """Friction whose sliding curve follows a lagged speed, minus the nominal one; β = 1 at this lag."""
+    def columns(channel, frame):
+        p, drive = channel.prepared, frame.drive
+        w = p.speed / drive.radius
+        changed, _ = replay(drive.actuator, w, p.period, factor=lag_factor(drive.actuator, w, p.period, time))
+        return channel.mean(changed - p.actuator)[:, None]
+    return columns
+
+
+def rising_static(scale, release):
+    """Limits × (1 + a): a grows with log dwell while blocks stick and fades with travel; derivative by the rate."""
+    def columns(channel, frame):
+        p, drive = channel.prepared, frame.drive
+        age = _ageing(p.stuck, np.abs(p.speed), p.period, scale, release)
+        changed, _ = replay(drive.actuator, p.speed / drive.radius, p.period, factor=1.0 + AGING_STEP * age)
+        return channel.mean((changed - p.actuator) / AGING_STEP)[:, None]
+    return columns
+
+
+@compiled
+def _ageing(stuck, speed, period, scale, release):
+    """log10(1 + dwell/scale) while any block sticks, fading as exp(−travel/release) while all slip."""
+    age = np.empty(stuck.size)
+    dwell, level = 0.0, 0.0
+    for i in range(stuck.size):
+        if stuck[i] > 0.02:
+            dwell += period
+            level = np.log10(1.0 + dwell / scale)
+        else:
+            level *= np.exp(-speed[i] * period / release)
+            dwell = scale * (10.0**level - 1.0)
+        age[i] = level
+    return age
+
+
+def presliding_creep(scale):
+    """While held, friction relaxes by log10(1 + t/scale) of its size at the start of the dwell."""
+    def columns(channel, frame):
+        smooth = np.convolve(np.pad(channel.speed, 5, mode="edge"), np.ones(11) / 11, "valid")
+        still = np.abs(smooth) < STILL
+        start = np.maximum.accumulate(np.where(~still, np.arange(len(still)), 0))
+        held = (np.arange(len(still)) - start) * (channel.time[1] - channel.time[0])
+        return (-channel.friction * np.where(still, np.log10(1.0 + held / scale), 0.0))[:, None]
+    return columns
+
+
+def _lag_sizes(time):
+    return one("time_s", "s", value=lambda beta: max(beta, 0.0) * time, slope=lambda beta: time)
+
+
+def _creep_sizes(beta, covariance, frame):
+    rate, stderr = float(beta[0]), float(np.sqrt(covariance[0, 0]))
+    stiff = frame.drive.actuator
+    # relaxation of F by rate·F per decade: F' = −k v_c sinh(s F/F_max) has slope F_max ln10 / s per decade
+    sharpness = float(np.clip(np.log(10.0) / max(rate, 1e-3), 2.0, 60.0))
+    slip = stiff.static * stiff.weight[0] / stiff.stiffness[0]
+    velocity = float(slip / sharpness / 0.01 * np.exp(-sharpness) * 2.0)
+    return ({"rate_per_decade": (rate, stderr, "1")},
+            {"creep_velocity": velocity, "creep_sharpness": sharpness})
+
+
+FORMS = (
+    Form("direction_asymmetry", "torque", "", direction_asymmetry, one("asymmetry", "1")),
+    Form("friction_level_change", "torque", "", friction_level_change,
+         one("factor", "1", value=lambda beta: 1.0 + beta)),
+    Form("viscous_change", "torque", "", viscous_change, one("factor", "1", value=lambda beta: 1.0 + beta)),
+    *(Form("nonlinear_viscous", "torque", f"{n:g}", nonlinear_viscous(n),
+           one("coefficient", "N m/(rad/s)^n", extra={"exponent": n})) for n in EXPONENTS),
+    *(Form("position_dependent_friction", "torque", f"{s:g}", position_dependent(s), _profile_sizes(s)) for s in PIECES),
+    *(Form("frictional_lag", "torque", f"{t:g}", frictional_lag(t), _lag_sizes(t), lambda b: b[0] > 0) for t in LAGS),
+    *(Form("rising_static_friction", "torque", f"{s:g},{r:g}", rising_static(s, r),
+           one("rate_per_decade", "1", extra={"dwell_scale_s": s, "release_m": r}), lambda b: b[0] > 0) for s, r in AGING),
+    *(Form("presliding_creep", "torque", f"{s:g}", presliding_creep(s), _creep_sizes, lambda b: b[0] > 0)
+      for s in CREEP_SCALES),
+)

@@ -1,0 +1,37 @@
+"""Command against current, fast part: residual = R i_s + K_E (N/r) v − u[n−1]  [V], slower parts removed.
+
+The current settles within a period (L/R is a fifth of it), so it answers row n − 1 of the command and
+nothing else; a delay or a lag of the amplifier shows as the missing part of the command's changes.
+Noise: the amplifier's, white.
+"""
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+WINDOW = 9  # periods: below about 1 kHz the motor itself moves, and the wind-up channel judges
+
+
+class Command:
+    """Residual of one record; ``command`` is the rounded voltage that each current answers, slow parts kept."""
+
+    name, unit = "command", "V"
+
+    def __init__(self, prepared, drive):
+        self.prepared, self.drive = prepared, drive
+        p = prepared
+        self.command = p.answered
+        voltage = drive.resistance * p.settled + drive.back_emf / drive.lever * p.speed
+        self.residual = voltage - p.answered
+        spread = np.subtract(*np.percentile(self.fast(self.residual[:, None])[:, 0], [75.0, 25.0])) / 1.349
+        self.noise = max(spread, 0.5e-3)
+
+    @staticmethod
+    def fast(matrix):
+        """Columns (n, k) without their running mean."""
+        return matrix - uniform_filter1d(matrix, WINDOW, axis=0, mode="nearest")
+
+    def whiten(self, matrix):
+        """Unit-variance columns (n, k), and 0."""
+        white = self.fast(matrix) / self.noise
+        white[:, 0] = np.clip(white[:, 0], -30.0, 30.0)
+        return white, 0.0

@@ -1,0 +1,64 @@
+"""Stage against motor: the motor's angle by integrating its back-EMF, the stage by its position reading.
+
+    K_E Δθ = T (u − R i_s)                 (exact over a period: the winding's terms cancel)
+    residual = x − H(s) (r/N) θ + G(s) F_g        [m]
+    H = (D_c s + K_c)/(m s² + D_c s + K_c),  G = 1/(m s² + D_c s + K_c)
+
+so it holds the amplifier and the winding (integrated), lost motion, wind-up, lead errors and the
+resonance. Noise: the amplifier's noise makes θ a random walk of some 25 nm per √s; the reading is white.
+"""
+
+import numpy as np
+from scipy.signal import cont2discrete, lfilter
+
+from microstage_ros.discrepancy.preparation import reading_noise
+from microstage_ros.discrepancy.whitening import whiten_walk
+
+BLOCK = 5
+
+
+class Windup:
+    """Residual of one record; attributes as in `channels.mechanical.Mechanical`, and ``force`` (guideway, N)."""
+
+    name, unit = "windup", "m"
+
+    def __init__(self, prepared, drive):
+        self.prepared, self.drive = prepared, drive
+        p = prepared
+        self.time, self.position, self.speed = (self.mean(v) for v in (p.time, p.position, p.speed))
+        self.voltage, self.current = self.mean(p.answered), self.mean(p.settled)
+        motor = p.period * (p.answered - drive.resistance * p.settled) / drive.back_emf
+        self.angle = drive.lever * np.cumsum(motor)
+        self.force = p.guideway + drive.guideway.viscous * p.speed
+        self.residual = self.mean(p.stage - p.stage[0] - self.predict())
+        self.walk, self.noise = self._noise()
+
+    def mean(self, values):
+        """Block means of a signal of shape (n,) or (n, k)."""
+        rows = len(values) // BLOCK * BLOCK
+        return values[:rows].reshape(-1, BLOCK, *values.shape[1:]).mean(axis=1)
+
+    def predict(self, stiffness=1.0, damping=1.0, mass=1.0, load=1.0):
+        """Stage position from the motor's [m], shape (n,), with factors on K_c, D_c, m and the guideway force."""
+        k, d, m = self.drive.stiffness * stiffness, self.drive.damping * damping, self.drive.mass * mass
+        period = self.prepared.period
+        b, a, _ = cont2discrete(([d, k], [m, d, k]), period, method="foh")
+        g, _, _ = cont2discrete(([1.0], [m, d, k]), period, method="foh")
+        return lfilter(b.ravel(), a, self.angle) - lfilter(g.ravel(), a, load * self.force)
+
+    def integral(self, voltage):
+        """Stage position [m] that a voltage (n,) or (n, k) at the motor's terminals would add, in block means."""
+        return self.mean(np.cumsum(voltage, axis=0) * self.prepared.period * self.drive.lever / self.drive.back_emf)
+
+    def _noise(self):
+        """Walk per block and white noise of a block mean, from robust spreads of differences over two lags."""
+        white = reading_noise(self.prepared.stage) / np.sqrt(BLOCK)
+        lag = 100
+        spread = np.subtract(*np.percentile(self.residual[lag:] - self.residual[:-lag], [75, 25])) / 1.349
+        nominal = 1.0e-3 * self.prepared.period * np.sqrt(BLOCK) * self.drive.lever / self.drive.back_emf
+        walk = np.sqrt(max(spread**2 - 2 * white**2, 0.0) / lag)
+        return float(np.clip(walk, nominal, 2.0 * nominal)), white
+
+    def whiten(self, matrix):
+        """Unit-variance innovations of (blocks, k), and 0."""
+        return whiten_walk(matrix, self.walk, self.noise), 0.0

@@ -1,0 +1,155 @@
+"""Fitting the axis's own parameters and its causes together, to the force of a closed-loop re-simulation.
+
+Gauss-Newton with step halving on residuals r(θ) = measured − simulated force; the derivatives are finite
+differences of whole re-simulations, so they hold the closed loop. Standard errors are from the sandwich
+(JᵀJ)⁻¹ (Σ_b g_b g_bᵀ) (JᵀJ)⁻¹ with g_b = Σ J r over block b: the residual is anything but white.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+OWN = (
+    ("stage.mass", 0.005), ("contacts.guideway.viscous", 0.02), ("contacts.guideway.coulomb", 0.02),
+    ("contacts.guideway.static", 0.02), ("contacts.actuator.viscous", 0.02), ("contacts.actuator.coulomb", 0.02),
+    ("contacts.actuator.static", 0.02),
+)
+"""The axis's own parameters that are re-identified, with the relative step of their derivatives."""
+OFFSET = "stage.offset_force"
+BLOCK_S = 0.5                  # blocks of the sandwich and of the bootstrap [s]
+ITERATIONS = 8
+ENOUGH = 1e-4                  # relative fall of the sum of squares at which the fit ends
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """A candidate with the values of its sizes and shapes."""
+
+    candidate: object
+    values: tuple
+
+    @property
+    def effect(self):
+        """Its section in an axis file."""
+        return self.candidate.effect(self.values)
+
+
+@dataclass(frozen=True)
+class Model:
+    """An axis, its own parameters that are free, and the causes chosen so far."""
+
+    axis: object
+    keys: tuple
+    own: tuple
+    chosen: tuple = ()
+
+    @classmethod
+    def of(cls, axis):
+        """The axis as given, every parameter of `OWN` that it has and the offset free."""
+        keys = [key for key, _ in OWN if axis.has(key) and axis.value(key) > 0.0] + [OFFSET]
+        return cls(axis, tuple(keys), tuple(axis.value(key) for key in keys))
+
+    @property
+    def theta(self):
+        """All free numbers: the axis's own, then each cause's."""
+        return np.array([*self.own, *(value for c in self.chosen for value in c.values)], float)
+
+    def at(self, theta):
+        """The same model with other numbers."""
+        own, rest, chosen = tuple(float(t) for t in theta[: len(self.keys)]), list(theta[len(self.keys):]), []
+        for c in self.chosen:
+            count = len(c.values)
+            chosen.append(Chosen(c.candidate, tuple(float(t) for t in rest[:count])))
+            rest = rest[count:]
+        return replace(self, own=own, chosen=tuple(chosen))
+
+    def with_cause(self, candidate, values):
+        """The same model with one more cause."""
+        return replace(self, chosen=(*self.chosen, Chosen(candidate, tuple(float(v) for v in values))))
+
+    def without(self, name):
+        """The same model without the cause of this id."""
+        return replace(self, chosen=tuple(c for c in self.chosen if c.candidate.id != name))
+
+    @property
+    def extended(self):
+        """The `Axis` that simulates this model."""
+        effects = {**self.axis.effects, **{c.candidate.id: c.effect for c in self.chosen}}
+        return self.axis.with_values(dict(zip(self.keys, self.own))).with_effects(effects)
+
+    def steps_and_bounds(self):
+        """Steps of the derivatives and bounds of every free number, three arrays."""
+        relative = dict(OWN)
+        scale = max(abs(v) for k, v in zip(self.keys, self.own) if k.endswith(("coulomb", "static", "mass")))
+        steps, low, high = [], [], []
+        for key, value in zip(self.keys, self.own):
+            steps.append(0.02 * scale if key == OFFSET else relative[key] * value)
+            low.append(-np.inf if key == OFFSET else 1e-3 * value)
+            high.append(np.inf)
+        for fitted in (f for c in self.chosen for f in c.candidate.fitted):
+            steps.append(fitted.step), low.append(fitted.low), high.append(fitted.high)
+        return np.array(steps), np.array(low), np.array(high)
+
+
+def jacobian(loop, model, base):
+    """d(residual)/dθ by forward differences, shape (rows, parameters); ``base`` is the residual at the model."""
+    theta = model.theta
+    steps, low, high = model.steps_and_bounds()
+    columns = np.empty((len(base), len(theta)))
+    for k, step in enumerate(steps):
+        step = -step if theta[k] + step > high[k] else step
+        moved = theta.copy()
+        moved[k] += 0.3 * step
+        columns[:, k] = (loop.residual(model.at(moved).extended) - base) / (0.3 * step)
+    return columns
+
+
+def fit(loop, model, rows, iterations=ITERATIONS):
+    """Least squares over ``rows`` (boolean mask over all rows of the loop).
+
+    Returns (model, residual over all rows, jacobian at the last but one step).
+    """
+    _, low, high = model.steps_and_bounds()
+    residual = loop.residual(model.extended)
+    columns = None
+    for _ in range(iterations):
+        columns = jacobian(loop, model, residual)
+        better = _step(loop, model, columns, residual, rows, low, high)
+        if better is None:
+            break
+        before, (model, residual) = float(np.sum(residual[rows] ** 2)), better
+        if before - float(np.sum(residual[rows] ** 2)) < ENOUGH * before:
+            break
+    return model, residual, columns
+
+
+def _step(loop, model, columns, residual, rows, low, high):
+    """One Gauss-Newton step, halved until the sum of squares falls; None if it does not."""
+    theta, before = model.theta, float(np.sum(residual[rows] ** 2))
+    move = solve(columns[rows], -residual[rows])
+    for _ in range(6):
+        trial = np.clip(theta + move, low, high)
+        moved = model.at(trial)
+        after = loop.residual(moved.extended)
+        if float(np.sum(after[rows] ** 2)) < before:
+            return moved, after
+        move = 0.3 * move
+    return None
+
+
+def solve(columns, target):
+    """Least squares with columns scaled to unit size (a column of zeros gets a zero)."""
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0.0] = 1.0
+    return np.linalg.lstsq(columns / scale, target, rcond=1e-9)[0] / scale
+
+
+def standard_errors(columns, residual, block):
+    """Sandwich standard errors of θ, shape (parameters,); ``block``: rows per block."""
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0.0] = 1.0
+    scaled = columns / scale
+    inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-9)
+    scores = np.add.reduceat(scaled * residual[:, None], np.arange(0, len(residual), block), axis=0)
+    covariance = inverse @ (scores.T @ scores) @ inverse
+    return np.sqrt(np.maximum(np.diag(covariance), 0.0)) / scale
