@@ -13,6 +13,8 @@ import dataclasses
 from microstage_ros.axis.compiled import compiled
 from microstage_ros.axis.laws.curve import sliding_limit
 
+TITLE = "Coulomb–Stribeck"
+
 
 @dataclasses.dataclass(frozen=True)
 class Parameters:

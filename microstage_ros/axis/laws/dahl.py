@@ -14,6 +14,7 @@ import math
 from microstage_ros.axis.compiled import compiled
 from microstage_ros.axis.laws.curve import COULOMB, DIRECTION_WIDTH, OWN, require_positive
 
+TITLE = "Dahl"
 STIFFNESS, EXPONENT = OWN, OWN + 1
 
 

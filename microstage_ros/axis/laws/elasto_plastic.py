@@ -27,6 +27,7 @@ from microstage_ros.axis.laws.curve import (
     sliding_limit,
 )
 
+TITLE = "elasto-plastic"
 STIFFNESS, DAMPING, BREAKAWAY_SHARE = OWN, OWN + 1, OWN + 2
 SUBSTEPS = 16  # at most, in one stretch
 SUBSTEP_SHARE = 0.2  # of the blend zone that a substep may cross before more substeps are taken

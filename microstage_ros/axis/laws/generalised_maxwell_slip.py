@@ -25,6 +25,8 @@ from microstage_ros.axis.compiled import compiled
 from microstage_ros.axis.laws.blocks import COUNT, STIFFNESS, blocks_energy, pack_blocks
 from microstage_ros.axis.laws.curve import relax, require_positive, sliding_limit
 
+TITLE = "GMS"
+
 
 @dataclasses.dataclass(frozen=True)
 class Parameters:

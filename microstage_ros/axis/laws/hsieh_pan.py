@@ -18,6 +18,7 @@ from microstage_ros.axis.compiled import compiled
 from microstage_ros.axis.laws.blocks import COUNT, STIFFNESS, blocks_energy, drag_blocks, pack_blocks, try_blocks
 from microstage_ros.axis.laws.curve import require_positive, sliding_limit
 
+TITLE = "Hsieh–Pan"
 ROUNDS = 60  # of the bracketing at most; it usually ends after five
 TOLERANCE = 1e-12  # of the bracket
 

@@ -22,6 +22,7 @@ from microstage_ros.axis.errors import InputError
 from microstage_ros.axis.laws.blocks import COUNT, STIFFNESS, blocks_energy, drag_blocks, pack_blocks
 from microstage_ros.axis.laws.curve import passive_damping, require_positive, sliding_limit
 
+TITLE = "Leuven"
 SUBSTEPS = 16  # at most, in one stretch
 SUBSTEP_SHARE = 0.25  # of the limit that F_h may rise in a substep before more substeps are taken
 

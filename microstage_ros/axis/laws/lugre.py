@@ -16,6 +16,7 @@ from microstage_ros.axis.compiled import compiled
 from microstage_ros.axis.errors import InputError
 from microstage_ros.axis.laws.curve import OWN, passive_damping, relax, require_positive, sliding_limit
 
+TITLE = "LuGre"
 STIFFNESS, DAMPING = OWN, OWN + 1
 
 

@@ -13,6 +13,8 @@ import dataclasses
 from microstage_ros.axis.compiled import compiled
 from microstage_ros.axis.laws.blocks import COUNT, blocks_energy, drag_blocks, pack_blocks
 
+TITLE = "Maxwell-slip"
+
 
 @dataclasses.dataclass(frozen=True)
 class Parameters:

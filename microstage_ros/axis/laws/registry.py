@@ -1,7 +1,7 @@
 """The laws by name and number, and the one compiled door to all of them.
 
-A new law is one file (``Parameters``, ``stretch``, ``stored_energy``), one line in ``LAWS`` and its
-line in :func:`stretch_law`. Laws are under prescribed motion: velocity in, force out.
+A new law is one file (``TITLE``, ``Parameters``, ``state_size``, ``stretch``, ``stored_energy``), one
+line in ``LAWS`` and its line in :func:`stretch_law`. Motion is prescribed: velocity in, force out.
 
 >>> law = law_named("dahl")
 >>> packed = law.pack({"stiffness": 1e6, "static": 0.9})
@@ -40,6 +40,11 @@ class Law:
     name: str
     number: int
     file: types.ModuleType
+
+    @property
+    def title(self):
+        """Short name for tables."""
+        return self.file.TITLE
 
     def keys(self):
         """Names of the parameters that :meth:`pack` takes."""

@@ -1,7 +1,9 @@
 """Experiments of slow, small motion: hysteresis and the four rules of its memory.
 
 All run at a speed of 1e-4 Stribeck velocities, so that what is seen depends on displacement alone, and
-up to 80 % of the largest force that the law reaches. Errors are relative to the largest force of the experiment.
+up to 80 % of the largest force that the law reaches. Errors are relative to the largest force of the
+experiment. A memory rule counts as kept if it is broken by less than 3 %, half of the smallest scatter
+(±6 %) of the paper's own measurements: less could not be seen in a measured loop.
 """
 
 import numpy
@@ -10,7 +12,7 @@ from microstage_ros.axis.laws.properties.contact import CURVE, Contact, Finding
 
 SPEED = 1e-4 * CURVE["stribeck_velocity"]
 LEVEL = 0.8  # of the largest force in slow loading
-RULE = 0.01  # a memory rule holds if it is broken by less than this share of the force
+RULE = 0.03
 
 
 def hysteresis(name):
@@ -40,7 +42,7 @@ def rule(experiment):
         error = experiment(name)
         return Finding(bool(error < RULE), float(error))
 
-    measured.__doc__ = experiment.__doc__
+    measured.__doc__ = experiment.__doc__.rstrip() + " Kept if below 3 %."
     measured.__name__ = experiment.__name__
     return measured
 
@@ -57,14 +59,17 @@ def masing(name):
 
 @rule
 def return_point(name):
-    """Return point: force at the tip of an inner loop before and after the loop; difference [1]."""
-    contact = Contact.of(name)
-    amplitude = contact.reach(LEVEL, SPEED)
-    contact.travel(amplitude, SPEED)
-    _, outer = contact.travel(-1.2 * amplitude, SPEED)
-    contact.travel(0.8 * amplitude, SPEED)
-    _, closing = contact.travel(-0.8 * amplitude, SPEED)
-    return abs(closing[-1] - outer[-1]) / numpy.abs(outer).max()
+    """Return point: force at the tip of an inner loop before and after the loop; largest difference [1].
+
+    From first loading down to −80 % of its displacement, then a loop of 40 %, 60 % or 80 % of the outer one.
+    """
+    worst = 0.0
+    for span in SPANS:
+        contact, amplitude, tip, largest = _at_tip(name)
+        contact.travel(span * amplitude, SPEED)
+        _, closing = contact.travel(-span * amplitude, SPEED)
+        worst = max(worst, abs(closing[-1] - tip) / largest)
+    return worst
 
 
 @rule
@@ -85,14 +90,29 @@ def congruency(name):
 
 @rule
 def wipe_out(name):
-    """Wipe-out: past the tip of a closed inner loop the outer branch goes on as if it had not been [1]."""
+    """Wipe-out: past the tip of a closed inner loop the outer branch goes on as if it had not been [1].
+
+    The loops of the return-point experiment; largest deviation from the branch without a loop.
+    """
+    worst = 0.0
+    for span in SPANS:
+        contact, amplitude, _, largest = _at_tip(name)
+        straight = contact.copy()
+        contact.travel(span * amplitude, SPEED)
+        contact.travel(-span * amplitude, SPEED)
+        _, after = contact.travel(-0.6 * amplitude, SPEED)
+        _, without = straight.travel(-0.6 * amplitude, SPEED)
+        worst = max(worst, numpy.abs(after - without).max() / largest)
+    return worst
+
+
+SPANS = (0.8, 1.2, 1.6)  # of inner loops, in amplitudes
+
+
+def _at_tip(name):
+    """(contact, amplitude, force, largest force) at −0.8 amplitudes on the branch that came down from +1."""
     contact = Contact.of(name)
     amplitude = contact.reach(LEVEL, SPEED)
     _, first = contact.travel(amplitude, SPEED)
-    contact.travel(-0.6 * amplitude, SPEED)
-    straight = contact.copy()
-    contact.travel(0.4 * amplitude, SPEED)
-    contact.travel(-0.4 * amplitude, SPEED)
-    _, after = contact.travel(-amplitude, SPEED)
-    _, without = straight.travel(-amplitude, SPEED)
-    return numpy.abs(after - without).max() / first.max()
+    _, outer = contact.travel(-1.8 * amplitude, SPEED)
+    return contact, amplitude, outer[-1], max(first.max(), -outer.min())
