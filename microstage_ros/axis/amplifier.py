@@ -48,4 +48,5 @@ def warm_up(plant, state, work):
     resistance = plant.resistance * (1.0 + state.heat)
     if not abs(resistance - work.resistance) <= REBUILD * plant.resistance:
         work.key[:] = -1
+        work.slot = -1
         work.resistance = resistance

@@ -42,7 +42,7 @@ def limit(contact, w):
     """s(w) = F_C + (F_s − F_C) exp(−|w/V_S|^δ), without factors (paper Eq. 2); w the speed."""
     if contact.drops == 0:
         return contact.coulomb
-    y = abs(w) / contact.velocity
+    y = abs(w) * contact.per_velocity
     if y < _LOW:
         fade = 1.0 + (contact.stribeck[0, 0] - 1.0) * (y / _LOW)
     else:
@@ -63,24 +63,39 @@ def direction_factor(contact, w):
 
 
 @compiled
+def _flush(contact, c):
+    """Add the travel since the last flush to the sticking blocks' forces."""
+    for j in range(BLOCKS):
+        c.force[j] += c.stuck[j] * contact.kappa[j] * c.stretch
+    c.stretch = 0.0
+
+
+@compiled
 def regroup(contact, c):
-    """Recompute the sums over sticking blocks and the mode's mask from the blocks themselves."""
+    """Recompute from the blocks: their sums, the mode's mask, and the travel free of events."""
+    _flush(contact, c)
     force, stiffness, mask = 0.0, 0.0, 0
+    safe = c.factor * (1.0 - abs(contact.asymmetry)) * min(contact.coulomb, contact.static)
+    c.ahead, c.behind = np.inf, np.inf
     for j in range(contact.blocks):
         if c.stuck[j] == 1.0:
             force += contact.weight[j] * c.force[j]
             stiffness += contact.weight[j] * contact.kappa[j]
             mask |= 1 << j
+            c.ahead = min(c.ahead, (safe - c.force[j]) / contact.kappa[j])
+            c.behind = min(c.behind, (safe + c.force[j]) / contact.kappa[j])
     c.stuck_weight_force, c.stuck_stiffness, c.mask = force, stiffness, mask
 
 
 @compiled
 def crosses(contact, c, travel, w):
     """Whether after ``travel`` a sticking block has reached its limit at velocity w."""
+    if travel < c.ahead and -travel < c.behind:
+        return False
     sign = 1.0 if w > 0.0 else -1.0
-    most = -1e300
+    most, stretch = -1e300, c.stretch + travel
     for j in range(BLOCKS):
-        f = (c.force[j] + contact.kappa[j] * travel) * sign
+        f = (c.force[j] + contact.kappa[j] * stretch) * sign
         most = max(most, f if c.stuck[j] == 1.0 else -1e300)
     scale = c.factor * direction_factor(contact, w)
     if most < scale * min(contact.coulomb, contact.static):
@@ -89,16 +104,18 @@ def crosses(contact, c, travel, w):
 
 
 @compiled
-def move_stuck(contact, c, travel):
-    """Stretch the sticking blocks by ``travel``."""
-    for j in range(BLOCKS):
-        c.force[j] += c.stuck[j] * contact.kappa[j] * travel
+def move_stuck(c, travel):
+    """Stretch the sticking blocks by ``travel``; their own forces are brought up to date when needed."""
+    c.stretch += travel
+    c.ahead -= travel
+    c.behind += travel
     c.stuck_weight_force += c.stuck_stiffness * travel
 
 
 @compiled
 def stick_all(contact, c):
     """The velocity changed sign: every block sticks with the force it has."""
+    _flush(contact, c)
     for j in range(contact.blocks):
         if c.stuck[j] == 0.0:
             c.force[j] = c.direction * (c.slip_force + c.force[j] * c.slip_offset)
@@ -112,6 +129,7 @@ def stick_all(contact, c):
 @compiled
 def release(contact, c, w):
     """Let every sticking block that has reached its limit slip; joins the common slip force."""
+    _flush(contact, c)
     sign = 1.0 if w > 0.0 else -1.0
     top = c.factor * direction_factor(contact, w) * limit(contact, w)
     changed = False
@@ -120,6 +138,7 @@ def release(contact, c, w):
             _join(contact, c, j, sign, top)
             changed = True
     if changed:
+        c.slip_limit = top
         regroup(contact, c)
 
 

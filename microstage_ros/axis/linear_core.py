@@ -32,6 +32,7 @@ def new_work():
 def forget(work):
     """Make a work record ready for another plant."""
     work["key"] = -1
+    work["slot"] = -1
     work["resistance"] = np.nan
 
 

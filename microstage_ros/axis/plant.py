@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from microstage_ros.axis.contact import stribeck_table
+from microstage_ros.axis.contact import regroup, stribeck_table
 from microstage_ros.axis.effects import apply_effects, check_effects
 from microstage_ros.axis.errors import InputError
 from microstage_ros.axis.linear_core import forget, new_work
@@ -49,7 +49,7 @@ def make_plant(axis, noise=None, effects=None):
     plant["period"] = axis.value("period")
     _fill_transmission(plant, axis)
     _fill_drive(plant, axis)
-    plant["mass"], plant["offset_force"] = axis.value("stage.mass"), axis.value("stage.offset_force")
+    plant["mass"], plant["push"] = axis.value("stage.mass"), -axis.value("stage.offset_force")
     for name, inertia in (("actuator", _screw_inertia(plant)), ("guideway", _moving_mass(plant))):
         _fill_contact(plant[name], axis, name, inertia, float(plant["period"]))
     _fill_noise(plant, axis, noise)
@@ -57,6 +57,7 @@ def make_plant(axis, noise=None, effects=None):
     plant["rise_time"], plant["stage_temperature_time"] = 1.0, 1.0
     merged = {**axis.effects, **check_effects(effects or {})}
     apply_effects(plant, merged)
+    _set_flags(plant)
     if plant["delay"] > 60 * plant["period"]:
         raise InputError("effects: transport_delay.delay_s", float(plant["delay"]), f"at most 60 periods ({60 * plant['period']:g} s)")
     return plant
@@ -82,6 +83,16 @@ def new_state(plant, seed=0, position=0.0, friction="virgin"):
 def new_readings():
     """An empty record of readings."""
     return np.zeros(1, READINGS)[0]
+
+
+def _set_flags(plant):
+    """What the compiled step may leave out."""
+    plant["varies"] = int(plant["modulated"] or plant["actuator"]["random"] > 0.0 or plant["guideway"]["random"] > 0.0)
+    extra = plant["smooth"] or plant["leads"] or plant["lead_slope"] or plant["cable"] or plant["gap"] or plant["rigid"]
+    plant["plain"] = int(not extra)
+    plant["per_gear"] = 1.0 / plant["gear"]
+    for name in ("actuator", "guideway"):
+        plant[name]["per_velocity"] = 1.0 / plant[name]["velocity"]
 
 
 def _fill_transmission(plant, axis):
@@ -179,7 +190,7 @@ def _fill_noise(plant, axis, noise):
 
 def _start_contact(plant, contact, c, generator, history):
     n = int(contact["blocks"])
-    c["stuck"][:n], c["slip_offset"], c["mask"] = 1.0, 1.0, (1 << n) - 1
+    c["stuck"][:n], c["slip_offset"] = 1.0, 1.0
     if contact["random"] > 0.0:
         share = float(plant["random_share"])
         c["q_travel"] = contact["random"] * math.sqrt(share) * generator.standard_normal()
@@ -190,5 +201,4 @@ def _start_contact(plant, contact, c, generator, history):
         top = float(c["factor"] * min(contact["static"], contact["coulomb"]))
         reach = 0.6 * top / float(contact["kappa"][:n].min()) * history
         c["force"][:n] = np.clip(contact["kappa"][:n] * reach, -0.95 * top, 0.95 * top)
-    c["stuck_weight_force"] = float(np.dot(contact["weight"], c["force"]))
-    c["stuck_stiffness"] = float(np.dot(contact["weight"], contact["kappa"]))
+    regroup(contact, c)

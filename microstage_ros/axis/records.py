@@ -24,7 +24,7 @@ CONTACT = np.dtype([
     ("blocks", i8),                # number of blocks, 0: no block friction
     ("kappa", f8, BLOCKS),         # k_j / α_j, normalised stiffness per unit of contact coordinate
     ("weight", f8, BLOCKS),        # α_j
-    ("static", f8), ("coulomb", f8), ("velocity", f8), ("exponent", f8),
+    ("static", f8), ("coulomb", f8), ("velocity", f8), ("per_velocity", f8), ("exponent", f8),
     ("drops", i8),                 # 1: the limit falls with velocity (Stribeck)
     ("attraction", f8),            # C; inf: a slipping block is at its limit at once
     ("viscous", f8),
@@ -48,12 +48,12 @@ CONTACT = np.dtype([
 #: One machine.
 PLANT = np.dtype([
     ("period", f8), ("ratio", f8),             # ratio r/N: metres per motor radian
-    ("screw_ratio", f8), ("gear", f8),         # r, N
+    ("screw_ratio", f8), ("gear", f8), ("per_gear", f8),        # r, N, 1/N
     ("rigid", i8), ("force_drive", i8),
     ("gain", f8),                              # volts to volts, or volts to newtons
     ("limit", f8), ("quantum", f8), ("dac_range", f8),
     ("resistance", f8), ("inductance", f8), ("back_emf", f8), ("torque_constant", f8), ("inertia", f8),
-    ("stiffness", f8), ("damping", f8), ("mass", f8), ("offset_force", f8),
+    ("stiffness", f8), ("damping", f8), ("mass", f8),
     ("actuator", CONTACT), ("guideway", CONTACT),
     # effects
     ("base_level", i8),                        # coarsest chunk 2^-level of a period
@@ -64,9 +64,11 @@ PLANT = np.dtype([
     ("lead_amplitude", f8, RIPPLES), ("lead_number", f8, RIPPLES), ("lead_phase", f8, RIPPLES), ("leads", i8),
     ("lead_slope", f8),                        # cumulative error, relative
     ("cog_amplitude", f8, RIPPLES), ("cog_number", f8, RIPPLES), ("cog_phase", f8, RIPPLES), ("cogs", i8),
-    ("tilt_force", f8), ("cable", f8), ("anchor", f8),
+    ("push", f8), ("cable", f8), ("anchor", f8),
     ("smooth", i8),                            # 1: a smooth extra force acts on the stage or the motor
-    ("modulated", i8),                         # 1: a limit factor depends on position, time or dwell
+    ("plain", i8),                             # 1: no extra force and no backlash
+    ("modulated", i8),                         # 1: a limit factor depends on position or dwell, or blocks creep
+    ("varies", i8),                            # 1: modulated, or the friction is random
     ("electrical", i8),                        # 1: dead zone, delay, lag, warming or amplifier noise
     # random friction
     ("random_length", f8), ("random_time", f8), ("random_share", f8), ("random_clip", f8),
@@ -91,7 +93,10 @@ CONTACT_STATE = np.dtype([
     ("slip_force", f8),            # their common normalised force, sign removed
     ("slip_offset", f8),           # decay of the offsets since they were set
     ("direction", f8),             # sign of the slip
+    ("slip_limit", f8),            # λ s(w) at the end of the last chunk in slip
     ("mask", i8),                  # bit j: block j sticks
+    ("stretch", f8),               # travel not yet added to the sticking blocks' forces
+    ("ahead", f8), ("behind", f8), # travel that certainly brings no sticking block to its limit
     ("factor", f8),                # limit factor of this period
     ("q_travel", f8), ("q_time", f8), ("q", f8), ("random_travel", f8), ("random_wait", f8),
     ("lagged", f8),                # |w| seen by s when it lags
@@ -120,6 +125,6 @@ READINGS = np.dtype([
 
 #: Work space of one thread: the mode matrices of one plant and one chunk's result.
 WORK = np.dtype([
-    ("key", i8, SLOTS), ("resistance", f8), ("out", f8, OUTPUTS),
+    ("key", i8, SLOTS), ("slot", i8), ("resistance", f8), ("out", f8, OUTPUTS),
     ("matrix", f8, (SLOTS, LEVELS, INPUTS, OUTPUTS)),
 ])

@@ -36,9 +36,9 @@ def relax(attraction, f0, s0, s_mid, s1, h):
 
 
 @compiled
-def relax_steady(attraction, f0, s0, h):
-    """Predictor: (f(h/2), f(h)) with the limit frozen at s0."""
+def change_steady(attraction, f0, s0, h):
+    """Predictor: f(h) − f(0) with the limit frozen at s0, 1 − exp(−g) as a Padé fraction."""
     if math.isinf(attraction):
-        return s0, s0
-    first = decay(0.5 * h * attraction / s0)
-    return s0 + first * (f0 - s0), s0 + first * first * (f0 - s0)
+        return 0.0
+    g = h * attraction / s0
+    return (s0 - f0) * g / (1.0 + g * (0.5 + g * (1.0 / 12.0)))

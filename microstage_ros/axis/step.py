@@ -19,7 +19,7 @@ from microstage_ros.axis.linear_core import (
     F0, F1, I, O_I, O_OMEGA, O_OMEGA_MID, O_THETA, O_V, O_X, OMEGA, T0, T1, T2, TICKS, V, build_mode,
 )
 from microstage_ros.axis.records import LEVELS, OUTPUTS, SLOTS
-from microstage_ros.axis.slip import decay, relax, relax_steady
+from microstage_ros.axis.slip import change_steady, decay, relax
 from microstage_ros.axis.variability import vary
 
 BEND = 2e-3                    # largest second difference of s(w) over a chunk, of the static limit
@@ -35,17 +35,21 @@ def advance(plant, state, work, voltage):
     ``plant``: record `PLANT`; ``state``: record `STATE`, changed in place; ``work``: see `linear_core.new_work`.
     """
     u = amplifier_output(plant, state, voltage)
-    vary(plant, state)
+    if plant.varies == 1:
+        vary(plant, state)
     if plant.electrical == 1:
         warm_up(plant, state, work)
         _advance_electrical(plant, state, work, u)
     else:
         state.voltage = u
-        _span(plant, state, work, u, 0, TICKS)
+        done = 0
+        if plant.base_level == 0:
+            done = _chunk(plant, state, work, u, _slot(plant, state, work), 0)
+        if done == 0:
+            _span(plant, state, work, u, 0, TICKS)
     state.time += plant.period
     state.periods += 1
-    gear = plant.gear
-    state.torque_friction = block_force(state.actuator) + plant.actuator.viscous * state.omega / gear
+    state.torque_friction = block_force(state.actuator) + plant.actuator.viscous * state.omega * plant.per_gear
     state.guide_friction = block_force(state.guideway) + plant.guideway.viscous * state.v
 
 
@@ -71,6 +75,14 @@ def _advance_electrical(plant, state, work, u):
 
 
 @compiled
+def _slot(plant, state, work):
+    """Slot of the present mode, as it was left; looked up only if the matrices were dropped."""
+    if work.slot < 0:
+        work.slot = _mode(plant, state, work)
+    return work.slot
+
+
+@compiled
 def _mode(plant, state, work):
     """Slot of the matrices of the present mode, made if it is new."""
     ca, cg = state.actuator, state.guideway
@@ -91,7 +103,7 @@ def _mode(plant, state, work):
 @compiled
 def _span(plant, state, work, u, start, end):
     """Walk from tick ``start`` to tick ``end`` of the period with the amplifier at ``u``."""
-    slot = _mode(plant, state, work)
+    slot = _slot(plant, state, work)
     base = plant.base_level
     position, level = start, base
     while position < end:
@@ -107,6 +119,7 @@ def _span(plant, state, work, u, start, end):
         if done == 2:
             _switch(plant, state)
             slot = _mode(plant, state, work)
+            work.slot = slot
         elif level > base and (position & (2 * size - 1)) == 0:
             level -= 1
 
@@ -118,7 +131,7 @@ def _switch(plant, state):
     if ca.slip_weight > 0.0 and state.omega * ca.direction < 0.0:
         stick_all(a, ca)
     elif ca.mask != 0:
-        release(a, ca, state.omega / plant.gear)
+        release(a, ca, state.omega * plant.per_gear)
     if cg.slip_weight > 0.0 and state.v * cg.direction < 0.0:
         stick_all(g, cg)
     elif cg.mask != 0:
@@ -129,9 +142,17 @@ def _switch(plant, state):
 
 
 @compiled
-def _slip_level(plant, contact, c, w):
+def _slip_level(contact, c, w):
     """λ s(w) of a contact at velocity w, with its direction and, if it has one, its lag."""
     return c.factor * direction_factor(contact, w) * limit(contact, c.lagged if contact.lag > 0.0 else w)
+
+
+@compiled
+def _row(m, p, q, o, i, omega, v, u, t0, t1, f0):
+    """One output of the mode's matrix times its inputs."""
+    start = (m[p, q, I, o] * i + m[p, q, OMEGA, o] * omega) + (m[p, q, V, o] * v + m[p, q, U, o] * u)
+    driven = (m[p, q, T0, o] * t0 + m[p, q, F0, o] * f0) + m[p, q, T1, o] * t1
+    return start + driven
 
 
 @compiled
@@ -140,42 +161,44 @@ def _chunk(plant, state, work, u, slot, level):
     a, g, ca, cg = plant.actuator, plant.guideway, state.actuator, state.guideway
     m, out = work.matrix, work.out
     h = plant.period / (1 << level)
-    gear, omega0, v0 = plant.gear, state.omega, state.v
+    per_gear, omega0, v0 = plant.per_gear, state.omega, state.v
     slipping = ca.slip_weight > 0.0
     pull = -ca.direction * ca.slip_weight
     torque, force = _steady_forces(plant, state, h)
     f0 = ca.slip_force
-    f_mid, f1, s0, s_mid, s1, fade = f0, f0, 0.0, 0.0, 0.0, 1.0
+    f_mid, f1, s0, s_mid, s1, fade, grow = f0, f0, 0.0, 0.0, 0.0, 1.0, 0.0
     if slipping:
-        s0 = _slip_level(plant, a, ca, omega0 / gear)
+        s0 = ca.slip_limit if a.lag == 0.0 else _slip_level(a, ca, omega0 * per_gear)
         if math.isinf(a.attraction):
             f0 = s0
-        f_mid, f1 = relax_steady(a.attraction, f0, s0, h)
-    t0, t1, t2 = torque + pull * f0, pull * (4.0 * f_mid - 3.0 * f0 - f1), pull * (2.0 * f0 - 4.0 * f_mid + 2.0 * f1)
+        grow = change_steady(a.attraction, f0, s0, h)
+    t0, t1 = torque + pull * f0, pull * grow
     glide = -cg.direction * cg.slip_weight * cg.slip_force
-    for o in range(OUTPUTS):
-        out[o] = (
-            m[slot, level, I, o] * state.current + m[slot, level, OMEGA, o] * omega0 + m[slot, level, V, o] * v0
-            + m[slot, level, U, o] * u + m[slot, level, T0, o] * t0 + m[slot, level, T1, o] * t1
-            + m[slot, level, T2, o] * t2 + m[slot, level, F0, o] * (force + glide)
-        )
+    push = force + glide
+    p, q = np.uint64(slot), np.uint64(level)
+    o0 = _row(m, p, q, 0, state.current, omega0, v0, u, t0, t1, push)
+    o1 = _row(m, p, q, 1, state.current, omega0, v0, u, t0, t1, push)
+    o2 = _row(m, p, q, 2, state.current, omega0, v0, u, t0, t1, push)
+    o3 = _row(m, p, q, 3, state.current, omega0, v0, u, t0, t1, push)
+    o4 = _row(m, p, q, 4, state.current, omega0, v0, u, t0, t1, push)
+    o5 = _row(m, p, q, 5, state.current, omega0, v0, u, t0, t1, push)
+    out[0], out[1], out[2], out[3], out[4], out[5] = o0, o1, o2, o3, o4, o5
     if slipping:
-        s_mid, s1 = _slip_level(plant, a, ca, out[O_OMEGA_MID] / gear), _slip_level(plant, a, ca, out[O_OMEGA] / gear)
+        s_mid, s1 = _slip_level(a, ca, out[O_OMEGA_MID] * per_gear), _slip_level(a, ca, out[O_OMEGA] * per_gear)
         if a.drops == 1 and level < FINEST_BEND and abs(s0 - 2.0 * s_mid + s1) > BEND * a.static:
             return 0
-        was_mid, was1 = f_mid, f1
         f_mid, f1, fade = relax(a.attraction, f0, s0, s_mid, s1, h)
-        d1, d2 = pull * (4.0 * (f_mid - was_mid) - (f1 - was1)), pull * (2.0 * (f1 - was1) - 4.0 * (f_mid - was_mid))
+        d1, d2 = pull * (4.0 * f_mid - 3.0 * f0 - f1 - grow), pull * (2.0 * f0 - 4.0 * f_mid + 2.0 * f1)
         for o in range(OUTPUTS):
-            out[o] += m[slot, level, T1, o] * d1 + m[slot, level, T2, o] * d2
+            out[o] += m[p, q, T1, o] * d1 + m[p, q, T2, o] * d2
     if cg.slip_weight > 0.0 and g.drops == 1:
-        rise = -cg.direction * cg.slip_weight * (_slip_level(plant, g, cg, out[O_V]) - cg.slip_force)
+        rise = -cg.direction * cg.slip_weight * (_slip_level(g, cg, out[O_V]) - cg.slip_force)
         for o in range(OUTPUTS):
             out[o] += m[slot, level, F1, o] * rise
     event = _event(plant, state, out)
     if event and level < LEVELS - 1:
         return 0
-    _accept(plant, state, out, f1, fade, slipping, h)
+    _accept(plant, state, out, f1, s1, fade, slipping, h)
     return 2 if event else 1
 
 
@@ -183,14 +206,17 @@ def _chunk(plant, state, work, u, slot, level):
 def _steady_forces(plant, state, h):
     """(torque at the motor, force at the stage) that do not depend on the slip, about the chunk's middle."""
     ratio = plant.ratio
-    torque, force = -state.actuator.stuck_weight_force, -state.guideway.stuck_weight_force
+    torque, force = -state.actuator.stuck_weight_force, plant.push - state.guideway.stuck_weight_force
+    if plant.plain == 1:
+        spring = plant.stiffness * (ratio * state.theta - state.x)
+        return torque - ratio * spring, force + spring
     if plant.rigid == 0 and state.side != 0:
         d = ratio * state.theta - state.x - 0.5 * plant.gap * state.side
         if plant.leads > 0 or plant.lead_slope != 0.0:
             d += _lead_error(plant, (state.theta + 0.5 * h * state.omega) / plant.gear)
         torque -= ratio * plant.stiffness * d
         force += plant.stiffness * d
-    force += plant.tilt_force - plant.offset_force - plant.cable * (state.x + 0.5 * h * state.v - plant.anchor)
+    force -= plant.cable * (state.x + 0.5 * h * state.v - plant.anchor)
     if plant.smooth == 1:
         torque += _smooth_torque(plant, state.theta + 0.5 * h * state.omega, state.omega)
         force -= _beyond_viscous(plant.guideway, state.v)
@@ -236,7 +262,7 @@ def _event(plant, state, out):
         return True
     if cg.slip_weight > 0.0 and out[O_V] * cg.direction < 0.0:
         return True
-    if ca.mask != 0 and crosses(plant.actuator, ca, out[O_THETA] / plant.gear, out[O_OMEGA] / plant.gear):
+    if ca.mask != 0 and crosses(plant.actuator, ca, out[O_THETA] * plant.per_gear, out[O_OMEGA] * plant.per_gear):
         return True
     if cg.mask != 0 and crosses(plant.guideway, cg, out[O_X], out[O_V]):
         return True
@@ -248,21 +274,22 @@ def _event(plant, state, out):
 
 
 @compiled
-def _accept(plant, state, out, f1, fade, slipping, h):
+def _accept(plant, state, out, f1, s1, fade, slipping, h):
     """Take the tried chunk: new state, stretched blocks, relaxed slip force."""
     a, g, ca, cg = plant.actuator, plant.guideway, state.actuator, state.guideway
     state.current, state.omega, state.v = out[O_I], out[O_OMEGA], out[O_V]
     state.theta += out[O_THETA]
     state.x += out[O_X]
     if ca.mask != 0:
-        move_stuck(a, ca, out[O_THETA] / plant.gear)
+        move_stuck(ca, out[O_THETA] * plant.per_gear)
     if cg.mask != 0:
-        move_stuck(g, cg, out[O_X])
+        move_stuck(cg, out[O_X])
     if slipping:
         ca.slip_force = f1
+        ca.slip_limit = s1
         ca.slip_offset *= fade
     if a.lag > 0.0:
-        ca.lagged += (abs(state.omega) / plant.gear - ca.lagged) * (1.0 - decay(h / a.lag))
+        ca.lagged += (abs(state.omega) * plant.per_gear - ca.lagged) * (1.0 - decay(h / a.lag))
     if g.drops == 1 or g.lag > 0.0:
         cg.lagged += (abs(state.v) - cg.lagged) * (1.0 - decay(h / max(g.lag, 1e-12)))
         settle_limit(g, cg, state.v)

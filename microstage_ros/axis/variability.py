@@ -27,27 +27,33 @@ def vary(plant, state):
 
 @compiled
 def _vary_contact(plant, contact, c, state, x, moved):
+    changed = plant.modulated == 1
     if contact.random > 0.0:
-        _random_walk(plant, contact, c, state, moved)
-    elif plant.modulated == 0:
+        changed |= _random_walk(plant, contact, c, state, moved)
+    if not changed:
         return
     factor = contact.level * (1.0 + c.q)
     if plant.modulated == 1:
         factor *= _profile(contact, x) * (1.0 + _age(plant, contact, c, moved))
         if contact.creep_velocity > 0.0:
             _creep(contact, c, plant.period)
-    before, c.factor = c.factor, factor
-    if math.isinf(contact.attraction) and c.slip_weight > 0.0:
-        c.slip_force *= factor / before
+    change = factor / c.factor
+    c.factor = factor
+    c.slip_limit *= change
+    if math.isinf(contact.attraction):
+        c.slip_force *= change
+    if c.mask != 0:
+        regroup(contact, c)
 
 
 @compiled
 def _random_walk(plant, contact, c, state, moved):
+    """Advance q if it is due; whether it was."""
     c.random_travel += moved
     c.random_wait += plant.period
     travel_due = c.random_travel > TRAVEL_STEP * plant.random_length
     if not (travel_due or c.random_wait > TIME_STEP * plant.random_time):
-        return
+        return False
     if travel_due:
         keep = math.exp(-c.random_travel / plant.random_length)
         spread = contact.random * math.sqrt(plant.random_share * (1.0 - keep * keep))
@@ -58,6 +64,7 @@ def _random_walk(plant, contact, c, state, moved):
     c.q_time = keep * c.q_time + spread * normal(state.random)
     c.random_wait = 0.0
     c.q = min(max(c.q_travel + c.q_time, -plant.random_clip), plant.random_clip)
+    return True
 
 
 @compiled
@@ -90,10 +97,10 @@ def _age(plant, contact, c, moved):
 @compiled
 def _creep(contact, c, period):
     """Flow of the sticking blocks over one period, see `effects.friction.PreslidingCreep`."""
-    top = c.factor * contact.coulomb if contact.drops == 0 else c.factor * contact.static
+    regroup(contact, c)
+    top = c.factor * contact.static
     for j in range(contact.blocks):
         if c.stuck[j] == 1.0:
             load = min(abs(c.force[j]) / top, 1.0)
             flow = contact.kappa[j] * contact.creep_velocity * math.sinh(contact.creep_sharpness * load) * period
             c.force[j] -= math.copysign(min(flow, 0.5 * abs(c.force[j])), c.force[j])
-    regroup(contact, c)

@@ -107,7 +107,7 @@ class GravityTilt(Effect):
 
     @classmethod
     def apply(cls, plant, p):
-        plant["tilt_force"] = -plant["mass"] * GRAVITY * math.sin(p["angle_rad"])
+        plant["push"] -= plant["mass"] * GRAVITY * math.sin(p["angle_rad"])
 
 
 class CableSpring(Effect):
