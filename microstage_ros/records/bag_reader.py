@@ -16,7 +16,7 @@ import yaml
 from microstage_ros.axis.errors import InputError
 from microstage_ros.records.chunk import HEAD_BYTES, HEAD_DTYPE
 from microstage_ros.records.definition import installed_definition, parse_definition, service_event_text
-from microstage_ros.records.layout import NoFixedLayout, layout_of_message
+from microstage_ros.records.layout import NoFixedLayout, layout_of_message, layout_of_type
 from microstage_ros.records.mcap_source import McapSource
 from microstage_ros.records.variable import decode_messages
 
@@ -217,10 +217,10 @@ def _as_array(bag, topic, gathered):
     if topic.message_encoding != "cdr":
         raise InputError(f"{bag.path}: topic {topic.name}", f"messages in {topic.message_encoding!r}", "cdr messages")
     array = None
-    if gathered.count and not gathered.pieces and topic.encoding in ("ros2msg", ""):
+    if not gathered.pieces and topic.encoding in ("ros2msg", ""):
         array = _fixed_array(topic, gathered.rows)
     if array is None:
-        array = decode_messages(topic, gathered.messages() if gathered.count else [])
+        array = decode_messages(topic, gathered.messages())
     times = array["log_time_ns"]
     if (times[1:] < times[:-1]).any():
         array = array[np.argsort(times, kind="stable")]
@@ -228,22 +228,31 @@ def _as_array(bag, topic, gathered):
 
 
 def _fixed_array(topic, rows):
-    """Rows of one size as a structured array over the same bytes; None if the layout is not fixed."""
+    """Rows of one size as a structured array over the same bytes; None if the layout is not fixed.
+
+    Without rows the array is empty, with the fields of the type.
+    """
     try:
-        layout = layout_of_message(topic.definition(), rows[0].tobytes()[HEAD_BYTES:])
+        if rows is None:
+            layout = layout_of_type(topic.definition())
+            rows = np.empty(0, f"V{HEAD_BYTES + layout.size}")
+        else:
+            layout = layout_of_message(topic.definition(), rows[0].tobytes()[HEAD_BYTES:])
     except NoFixedLayout:
         return None
     payloads = rows.view(np.uint8).reshape(len(rows), rows.itemsize)[:, HEAD_BYTES:]
-    if not layout.fits(payloads).all():
-        return None
+    return rows.view(_with_times(layout)) if layout.fits(payloads).all() else None
+
+
+def _with_times(layout):
+    """The dtype of whole message records: the two times, then the fields of the message."""
     fields = {name: layout.dtype.fields[name] for name in layout.dtype.names}
-    dtype = np.dtype({
+    return np.dtype({
         "names": ["log_time_ns", "publish_time_ns", *fields],
         "formats": ["<i8", "<i8", *(kind for kind, _ in fields.values())],
         "offsets": [HEAD_DTYPE.fields["log_time"][1], HEAD_DTYPE.fields["publish_time"][1],
                     *(HEAD_BYTES + offset for _, offset in fields.values())],
-        "itemsize": rows.itemsize})
-    return rows.view(dtype)
+        "itemsize": HEAD_BYTES + layout.size})
 
 
 def _files_of(path):

@@ -23,6 +23,8 @@ packs no better, a quarter as much costs a tenth of the speed of reading."""
 CHUNK_NS = 1_000_000_000
 """A chunk closes after this much log time, so that a crash costs one second at most."""
 
+DEFAULT_QOS = (Qos(),)
+
 CUSTOM_DATA = "microstage"
 """Name of the metadata record that holds the custom data from the start, for a bag that crashes."""
 
@@ -74,7 +76,7 @@ class BagWriter:
         """Bytes in the file so far."""
         return self._sink.place
 
-    def add_channel(self, topic, definition, qos=(Qos(),)):
+    def add_channel(self, topic, definition, qos=DEFAULT_QOS):
         """Announce a topic before its first message.
 
         Parameters

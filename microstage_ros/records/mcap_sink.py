@@ -137,7 +137,7 @@ class McapSink:
                         job()
             except OSError as error:
                 self._stop(error)
-            except Exception as error:  # the caller must hear of it, and the queue must not stand still
+            except Exception as error:  # noqa: BLE001 the caller must hear of it, and the queue must not stand still
                 self._stop(OSError(errno.EIO, f"{type(error).__name__}: {error}"))
             finally:
                 self._queue.task_done()

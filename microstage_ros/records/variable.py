@@ -1,11 +1,14 @@
 """Messages whose size varies: decoded one by one with `rosbags`, as columns."""
 
+from functools import lru_cache
+
 import numpy as np
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.base import TypesysError
 
 from microstage_ros.axis.errors import InputError
 from microstage_ros.records.chunk import HEAD_BYTES, MESSAGE_HEAD
+from microstage_ros.records.definition import long_name, short_name
 
 
 def decode_messages(topic, records):
@@ -26,8 +29,9 @@ def decode_messages(topic, records):
     InputError : the definition or a message cannot be read.
     """
     try:
-        store = _store_of(topic)
-        decoded = [store.deserialize_cdr(record[HEAD_BYTES:], topic.type) for record in records]
+        store, kind = _store_of(topic.type, topic.encoding,
+                                topic.text if topic.encoding == "ros2idl" else topic.definition().text)
+        decoded = [store.deserialize_cdr(record[HEAD_BYTES:], kind) for record in records]
     except (TypesysError, KeyError, ValueError, IndexError, AssertionError) as error:
         raise InputError(f"topic {topic.name}", f"{type(error).__name__}: {error}",
                          f"messages of type {topic.type} as the bag defines it") from None
@@ -42,14 +46,16 @@ def decode_messages(topic, records):
     return _table(columns, len(records))
 
 
-def _store_of(topic):
-    """A type store with the definition of the bag."""
+@lru_cache
+def _store_of(name, encoding, text):
+    """A type store with the definition of the bag, and the type's name in it."""
     store = get_typestore(Stores.EMPTY)
-    if topic.encoding == "ros2idl":
-        store.register(get_types_from_idl(topic.text))
-    else:
-        store.register(get_types_from_msg(topic.definition().text, topic.type))
-    return store
+    if encoding == "ros2idl":
+        store.register(get_types_from_idl(text))
+        return store, name
+    kind = long_name(short_name(name))
+    store.register(get_types_from_msg(text, kind))
+    return store, kind
 
 
 def _flat(message, prefix):

@@ -1,0 +1,301 @@
+"""Bags: what goes in comes out, here and in other people's readers, also after a crash or a full disk."""
+
+import io
+import os
+import subprocess
+import sys
+
+import lz4.frame
+import numpy as np
+import pytest
+import yaml
+from bag_help import (
+    PERIOD_NS,
+    SERVO,
+    START_NS,
+    WORDS,
+    FullDisk,
+    servo_rows,
+    words_message,
+)
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Reader
+
+from microstage_ros import __version__
+from microstage_ros.axis.errors import InputError
+from microstage_ros.records import bag_writer
+from microstage_ros.records.bag import Bag, BagStopped, BagWriter, Qos, read_bag, read_bags
+from microstage_ros.records.mcap_sink import COMPRESSORS
+
+
+def write_bag(path, count=3000, words=("a", "bb", "ccc"), block=True, **options):
+    """A bag with a servo topic and a topic of texts of several lengths."""
+    rows, _, times = servo_rows(count)
+    with BagWriter(path, {"seed": 3}, **options) as bag:
+        servo = bag.add_channel("/axis/servo", SERVO)
+        talk = bag.add_channel("/talk", WORDS, [Qos(depth=1, durability="transient_local")])
+        bag.add_channel("/silent", WORDS)
+        if block:
+            bag.write_block(servo, times, rows)
+        else:
+            for row, time in zip(rows, times.tolist()):
+                bag.write(servo, time, row.tobytes())
+        for number, text in enumerate(words):
+            bag.write(talk, START_NS + number, words_message(text), publish_time_ns=START_NS - 1, sequence=number)
+    return rows, times
+
+
+def check_servo(array, count, first=0):
+    """An array of the servo topic holds the messages `first` … of `servo_rows`."""
+    _, seen, times = servo_rows(count, first)
+    assert len(array) == count
+    np.testing.assert_array_equal(array["log_time_ns"], times)
+    for name in seen.dtype.names:
+        np.testing.assert_array_equal(array[name], seen[name])
+
+
+@pytest.mark.parametrize("compression", COMPRESSORS)
+@pytest.mark.parametrize("place", ["bag", "bag.mcap"])
+@pytest.mark.parametrize("block", [True, False])
+def test_round_trip(tmp_path, compression, place, block, monkeypatch):
+    monkeypatch.setattr(bag_writer, "CHUNK_BYTES", 10_000)
+    write_bag(tmp_path / place, compression=compression, block=block)
+    read = read_bag(tmp_path / place)
+    check_servo(read["/axis/servo"], 3000)
+    assert list(read["/talk"]["data"]) == ["a", "bb", "ccc"]
+    assert (read["/talk"]["publish_time_ns"] == START_NS - 1).all()
+    assert len(read["/silent"]) == 0
+    bag = Bag(tmp_path / place)
+    assert bag.custom_data["seed"] == "3" and bag.custom_data["microstage_ros"]
+    assert (bag.start_ns, bag.end_ns) == (START_NS, START_NS + 2999 * PERIOD_NS)
+    assert not bag.cut_off
+
+
+@settings(max_examples=25, deadline=None)
+@given(texts=st.lists(st.tuples(st.integers(0, 50), st.text(max_size=5).filter(lambda t: "\0" not in t)), max_size=30))
+def test_any_messages_come_back_in_order_of_time(tmp_path_factory, texts):
+    path = tmp_path_factory.mktemp("any") / "bag"
+    with BagWriter(path) as bag:
+        talk = bag.add_channel("/talk", WORDS)
+        for time, text in texts:
+            bag.write(talk, START_NS + time, words_message(text))
+    read = read_bag(path)["/talk"]
+    expected = sorted(texts, key=lambda entry: entry[0])
+    told = [text.decode() if isinstance(text, bytes) else text for text in read["data"].tolist()] if texts else []
+    assert told == [text for _, text in expected]
+    assert read["log_time_ns"].tolist() == [START_NS + time for time, _ in expected]
+
+
+def test_topics_and_time_ranges_read_only_what_is_asked_for(tmp_path, monkeypatch):
+    monkeypatch.setattr(bag_writer, "CHUNK_BYTES", 10_000)
+    write_bag(tmp_path / "bag")
+    unpacked = []
+    source = Bag(tmp_path / "bag").sources[0].__class__
+    whole = source.unpack
+    monkeypatch.setattr(source, "unpack", lambda self, chunk: unpacked.append(chunk) or whole(self, chunk))
+    start = START_NS + 1000 * PERIOD_NS
+    read = read_bag(tmp_path / "bag", "/axis/servo", start, start + 20 * PERIOD_NS)
+    assert list(read) == ["/axis/servo"]
+    check_servo(read["/axis/servo"], 20, first=1000)
+    assert len(unpacked) == 1
+    assert len(read_bag(tmp_path / "bag", "/talk", START_NS + 1, START_NS + 2)["/talk"]) == 1
+    assert len(read_bag(tmp_path / "bag", start=START_NS + 10**12)["/axis/servo"]) == 0
+
+
+def test_raw_messages_for_replay(tmp_path):
+    rows, _ = write_bag(tmp_path / "bag", count=50)
+    raw = list(Bag(tmp_path / "bag").raw_messages())
+    assert [time for _, time, _ in raw] == sorted(time for _, time, _ in raw)
+    assert [bytes(data) for name, _, data in raw if name == "/axis/servo"] == [row.tobytes() for row in rows]
+    assert [bytes(data) for name, _, data in raw if name == "/talk"][1] == words_message("bb")
+
+
+def test_sets_of_bags(tmp_path):
+    for name in ("a", "b"):
+        write_bag(tmp_path / name, count=10)
+    found = dict(read_bags([tmp_path / "a", tmp_path / "b"], ["/axis/servo"]))
+    assert len(found) == 2
+    for arrays in found.values():
+        check_servo(arrays["/axis/servo"], 10)
+
+
+def test_rosbags_opens_ours(tmp_path):
+    rows, times = write_bag(tmp_path / "bag", count=200)
+    with Reader(tmp_path / "bag") as reader:
+        assert reader.message_count == 203
+        talk = next(connection for connection in reader.connections if connection.topic == "/talk")
+        assert talk.ext.offered_qos_profiles[0].durability.name == "TRANSIENT_LOCAL"
+        assert talk.digest == WORDS.hash
+    with AnyReader([tmp_path / "bag"]) as reader:
+        servo = [connection for connection in reader.connections if connection.topic == "/axis/servo"]
+        found = [(time, raw) for _, time, raw in reader.messages(connections=servo)]
+        assert found == [(time, row.tobytes()) for time, row in zip(times.tolist(), rows)]
+        assert reader.deserialize(found[7][1], SERVO.name).sequence == 7
+
+
+def test_mcap_and_its_ros2_support_open_ours(tmp_path):
+    write_bag(tmp_path / "bag", count=200)
+    file = tmp_path / "bag" / "bag_0.mcap"
+    with open(file, "rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        summary = reader.get_summary()
+        assert reader.get_header().profile == "ros2"
+        assert summary.statistics.channel_message_counts == {1: 200, 2: 3}
+        assert {schema.encoding for schema in summary.schemas.values()} == {"ros2msg"}
+        described = {record.name: record.metadata for record in reader.iter_metadata()}
+        assert "rosbag2_bagfile_information" in described["rosbag2"]["serialized_metadata"]
+        assert len(list(reader.iter_messages(["/axis/servo"]))) == 200
+    with open(file, "rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        decoded = [message.position for *_, message in reader.iter_decoded_messages(["/axis/servo"])]
+    np.testing.assert_array_equal(decoded, np.sin(np.arange(200) * 1e-3))
+
+
+def test_channel_metadata_says_what_the_folder_says(tmp_path):
+    write_bag(tmp_path / "bag", count=5)
+    about = yaml.safe_load((tmp_path / "bag/metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    channels = {channel.topic: channel for channel in Bag(tmp_path / "bag").sources[0].channels.values()}
+    assert about["version"] == 9 and about["message_count"] == 8
+    assert about["custom_data"] == {"microstage_ros": __version__, "seed": "3"}
+    for topic in about["topics_with_message_count"]:
+        metadata = channels[topic["topic_metadata"]["name"]].metadata
+        assert yaml.safe_load(metadata["offered_qos_profiles"]) == topic["topic_metadata"]["offered_qos_profiles"]
+        assert metadata["topic_type_hash"] == topic["topic_metadata"]["type_description_hash"]
+
+
+def test_a_process_that_dies_leaves_what_it_had_flushed(tmp_path):
+    program = ("import os, sys\nsys.path[:0] = sys.argv[2:]\nfrom bag_help import *\n"
+               "from microstage_ros.records.bag import BagWriter\nrows, _, times = servo_rows(900)\n"
+               "bag = BagWriter(sys.argv[1])\nservo = bag.add_channel('/axis/servo', SERVO)\n"
+               "bag.write_block(servo, times[:600], rows[:600])\nbag.flush()\n"
+               "bag.write_block(servo, times[600:], rows[600:])\nos._exit(9)\n")
+    root = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+    ended = subprocess.run([sys.executable, "-c", program, tmp_path / "bag", os.path.dirname(__file__), root], check=False)
+    assert ended.returncode == 9
+    bag = Bag(tmp_path / "bag")
+    assert bag.cut_off and bag.custom_data["microstage_ros"]
+    check_servo(bag.read()["/axis/servo"], 600)
+
+
+@pytest.mark.parametrize("kept", [0.05, 0.3, 0.5, 0.77, 0.999])
+def test_a_file_cut_anywhere_is_read_to_its_last_whole_chunk(tmp_path, kept, monkeypatch):
+    monkeypatch.setattr(bag_writer, "CHUNK_BYTES", 10_000)
+    write_bag(tmp_path / "whole.mcap")
+    raw = (tmp_path / "whole.mcap").read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(raw[:int(len(raw) * kept)])
+    bag = Bag(cut)
+    read = bag.read().get("/axis/servo", [])
+    chunks = [chunk for chunk in Bag(tmp_path / "whole.mcap").sources[0].chunks if chunk.data[1] <= len(raw) * kept]
+    per_chunk = len(Bag(tmp_path / "whole.mcap").sources[0].entries(chunks[0])[1]) if chunks else 0
+    assert len(read) == min(per_chunk * len(chunks), 3000)
+    if len(read):
+        check_servo(read, len(read))
+
+
+def test_a_file_of_mcap_writers_own_manner_cut_off(tmp_path):
+    """Schemas and channels inside the chunks, as the C++ and the Python writer put them."""
+    from mcap.writer import CompressionType, Writer
+    rows, _, times = servo_rows(500)
+    writer = Writer(str(tmp_path / "theirs.mcap"), chunk_size=5000, compression=CompressionType.LZ4)
+    writer.start("ros2", "test")
+    schema = writer.register_schema(SERVO.name, "ros2msg", SERVO.text.encode())
+    channel = writer.register_channel("/axis/servo", "cdr", schema)
+    for row, time in zip(rows, times.tolist()):
+        writer.add_message(channel, time, row.tobytes(), time)
+    writer.finish()
+    raw = (tmp_path / "theirs.mcap").read_bytes()
+    check_servo(read_bag(tmp_path / "theirs.mcap")["/axis/servo"], 500)
+    (tmp_path / "theirs.mcap").write_bytes(raw[:len(raw) // 2])
+    read = read_bag(tmp_path / "theirs.mcap")["/axis/servo"]
+    assert 100 < len(read) < 400
+    check_servo(read, len(read))
+
+
+@pytest.mark.parametrize("room", [300_000, 100_000, 40_000, 21_000])
+def test_full_disk_closes_the_bag_and_tells(tmp_path, room, monkeypatch):
+    monkeypatch.setattr(bag_writer, "CHUNK_BYTES", 20_000)
+    monkeypatch.setattr(bag_writer, "open_file", lambda path: FullDisk(io.FileIO(path, "w+"), room))
+    rows, _, times = servo_rows(20_000)
+    bag = BagWriter(tmp_path / "bag", compression="")
+    servo = bag.add_channel("/axis/servo", SERVO)
+    with pytest.raises(BagStopped, match=r"bag_0.mcap: No space left on device; the bag is closed"):
+        for start in range(0, 20_000, 500):
+            bag.write_block(servo, times[start:start + 500], rows[start:start + 500])
+            bag.flush()
+    with pytest.raises(BagStopped):
+        bag.write_block(servo, times, rows)
+    with pytest.raises(BagStopped):
+        bag.close()
+    bag.close()
+    assert os.path.getsize(tmp_path / "bag/bag_0.mcap") <= room
+    kept = Bag(tmp_path / "bag")
+    assert not kept.cut_off
+    read = kept.read()["/axis/servo"]
+    assert len(read) * 90 > room - 60_000
+    check_servo(read, len(read))
+    with Reader(tmp_path / "bag") as reader:
+        assert reader.message_count == len(read) == len(list(reader.messages()))
+
+
+def test_a_writer_that_breaks_inside_tells_instead_of_hanging(tmp_path, monkeypatch):
+    monkeypatch.setitem(COMPRESSORS, "zstd", lambda: lambda raw: 1 / 0)
+    rows, _, times = servo_rows(10)
+    bag = BagWriter(tmp_path / "bag")
+    bag.write_block(bag.add_channel("/axis/servo", SERVO), times, rows)
+    with pytest.raises(BagStopped, match="ZeroDivisionError"):
+        bag.close()
+
+
+def test_what_is_no_bag_is_refused(tmp_path):
+    def refusal(path, topics=None):
+        with pytest.raises(InputError) as caught:
+            read_bag(path, topics)
+        return str(caught.value)
+
+    write_bag(tmp_path / "bag", count=5)
+    assert "one of /axis/servo, /silent, /talk" in refusal(tmp_path / "bag", "/nowhere")
+    assert "no such file" in refusal(tmp_path / "none")
+    (tmp_path / "folder").mkdir()
+    assert "without metadata.yaml" in refusal(tmp_path / "folder")
+    (tmp_path / "text.mcap").write_text("t_s,encoder_m\n")
+    assert "an MCAP file" in refusal(tmp_path / "text.mcap")
+    (tmp_path / "empty.mcap").write_bytes(b"")
+    assert "an empty file" in refusal(tmp_path / "empty.mcap")
+    (tmp_path / "old.db3").write_bytes(b"SQLite format 3\0")
+    assert "ros2 bag convert" in refusal(tmp_path / "old.db3")
+    described = tmp_path / "bag/metadata.yaml"
+    text = described.read_text()
+    for old, new, told in [("identifier: mcap", "identifier: sqlite3", "ros2 bag convert"), ("compression_mode: ''",
+                           "compression_mode: FILE", "compressed by chunk"), ("rosbag2_bag", "x", "KeyError")]:
+        described.write_text(text.replace(old, new))
+        assert told in refusal(tmp_path / "bag")
+    with pytest.raises(InputError, match="free"):
+        BagWriter(tmp_path / "bag")
+    with pytest.raises(InputError, match="every topic once"), BagWriter(tmp_path / "twice") as bag:
+        bag.add_channel("/a", WORDS)
+        bag.add_channel("/a", WORDS)
+
+
+def test_damaged_bytes_are_told(tmp_path):
+    write_bag(tmp_path / "whole.mcap", count=500)
+    raw = bytearray((tmp_path / "whole.mcap").read_bytes())
+    chunk = Bag(tmp_path / "whole.mcap").sources[0].chunks[0]
+    raw[chunk.data[0] + 2:chunk.data[0] + 40] = bytes(38)
+    (tmp_path / "bad.mcap").write_bytes(raw)
+    with pytest.raises(InputError, match="whole chunk"):
+        read_bag(tmp_path / "bad.mcap")
+
+
+def test_index_that_lies_is_not_believed(tmp_path):
+    """Messages of several sizes on one topic, one of them at the very end of a chunk."""
+    with BagWriter(tmp_path / "bag", compression="") as bag:
+        talk = bag.add_channel("/talk", WORDS)
+        for number, text in enumerate(["long text", "long txet", "x"]):
+            bag.write(talk, START_NS + number, words_message(text))
+    assert read_bag(tmp_path / "bag")["/talk"]["data"].tolist() == ["long text", "long txet", "x"]
+    assert lz4.frame.decompress(COMPRESSORS["lz4"]()(b"abc")) == b"abc"
