@@ -1,0 +1,124 @@
+"""Features of records of a motor: slow reversals, steady sliding, accelerations; one record at a time.
+
+A record is reduced to what the estimators need (a few thousand numbers), so that hours of repeats fit in
+memory. `identify_actuator` turns the features of all records into parameters.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from microstage_ros.identification.signals import MotorSignals, reversals, steady_windows, window_means
+from microstage_ros.identification.virgin_curve import Loading, loading_from_samples
+
+QUASI_STATIC = 0.03  # a branch is slow if its speed is below this share of the Stribeck velocity
+SLIDING_TRAVEL = 1.5  # steady points count from this many slip displacements after the start
+
+
+@dataclass
+class Features:
+    """What one or many records hold.
+
+    `loadings` with `loading_repeat`; steady points `speed` [rad/s], `friction` [N m], `repeat`; friction
+    series for the variability as rows (relative deviation is formed later): `series` of (speed, torque,
+    travel [m], time [s], position [m], new run).
+    """
+
+    loadings: list = field(default_factory=list)
+    loading_repeat: list = field(default_factory=list)
+    speed: list = field(default_factory=list)
+    friction: list = field(default_factory=list)
+    repeat: list = field(default_factory=list)
+    series: list = field(default_factory=list)
+
+    def extend(self, other):
+        """Take over the features of another record."""
+        for name in self.__dataclass_fields__:
+            getattr(self, name).extend(getattr(other, name))
+
+
+def slip_displacement(axis):
+    """Largest slip displacement x_j of the axis file's actuator [rad]: where sliding is complete."""
+    stiffness, weight = (np.asarray(axis.value(f"contacts.actuator.{key}")) for key in ("stiffness", "weight"))
+    return float((weight / weight.sum() * axis.value("contacts.actuator.static") / stiffness).max())
+
+
+def extract(signals: MotorSignals, axis, repeat, load=None):
+    """`Features` of one record.
+
+    Parameters
+    ----------
+    signals : `MotorSignals` of the record.
+    axis : gives the scales (slip displacement, Stribeck velocity) and the inertia to take off.
+    repeat : number of the repeat that this record belongs to.
+    load : torque at the motor of what else is driven [N m], shape (n,); taken off. None: nothing is driven.
+    """
+    features = Features()
+    if load is not None:
+        signals = MotorSignals(**{**signals.__dict__, "torque": signals.torque - load})
+    slip = slip_displacement(axis)
+    slow = QUASI_STATIC * axis.value("contacts.actuator.stribeck_velocity")
+    for start, stop, direction in reversals(signals, slow, 2.0 * slip):
+        branch = _branch(signals, start, stop, direction)
+        if branch is not None and branch.displacement[-1] > 0.5 * slip:
+            features.loadings.append(branch)
+            features.loading_repeat.append(repeat)
+    inertia = axis.value("transmission.gear_ratio") * total_inertia(axis)
+    for window in steady_windows(signals, least_travel=SLIDING_TRAVEL * 2.0 * slip):
+        speed, torque = window_means(signals, window, inertia)
+        if speed * torque > 0.0:
+            features.speed.append(speed)
+            features.friction.append(torque)
+            features.repeat.append(repeat)
+    return features
+
+
+def total_inertia(axis):
+    """Inertia at the motor shaft [kg m²]: rotor and the reflected stage."""
+    reflected = (axis.value("transmission.pitch") / (2.0 * np.pi) / axis.value("transmission.gear_ratio")) ** 2
+    return axis.value("drive.rotor_inertia") + axis.value("stage.mass") * reflected
+
+
+def _branch(signals, start, stop, direction):
+    """The branch after a reversal as first loading (Masing: half the displacement, half the force)."""
+    before = slice(max(start - int(0.2 / signals.period), 0), start)
+    torque_before = float(np.mean(signals.torque[before]))
+    # the turning point is where the angle was extreme, which the loop's lag puts after the reference's
+    near = slice(max(start - 10, 0), stop)
+    turn = int(np.argmin(direction * signals.angle[near])) + near.start
+    if stop - turn < 50 or direction * torque_before >= 0.0:
+        return None
+    rows = slice(turn, stop)
+    displacement = 0.5 * direction * (signals.angle[rows] - signals.angle[turn])
+    force = 0.5 * direction * (signals.torque[rows] - torque_before)
+    return loading_from_samples(displacement, force, 0.5 * signals.resolution)
+
+
+def steady_series(signals, axis, travel_step, load=None):
+    """Friction along steady sliding in cells of travel, for the variability.
+
+    Parameters
+    ----------
+    travel_step : length of a cell [m]; well below the length that is looked for.
+
+    Returns
+    -------
+    ndarray, shape (n, 6): speed [rad/s], torque [N m], travel [m], time [s], position [m], 1 at a new run.
+    Travel counts every movement of the record, in the windows and between them.
+    """
+    ratio = axis.value("transmission.pitch") / (2.0 * np.pi)
+    torque = signals.torque if load is None else signals.torque - load
+    travel = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(signals.reference)))]) * ratio
+    slip, rows = slip_displacement(axis), []
+    for window in steady_windows(signals, least_travel=SLIDING_TRAVEL * 2.0 * slip):
+        size = max(int(travel_step / (abs(window.speed) * ratio * signals.period)), 1)
+        if size * signals.period > 2.0 or travel_step < abs(window.speed) * ratio * signals.period:
+            continue
+        for start in range(window.start, window.stop - size + 1, size):
+            part = slice(start, start + size)
+            rows.append((window.speed, float(np.mean(torque[part])), travel[start + size // 2],
+                         (start + 0.5 * size) * signals.period, float(np.mean(signals.angle[part])) * ratio, 0.0))
+    table = np.array(rows).reshape(-1, 6)
+    if len(table):
+        table[0, 5] = 1.0
+    return table

@@ -1,0 +1,77 @@
+"""Motor constants from voltage, current and speed: resistance, back-EMF constant, inductance, voltage offset.
+
+In the band in which the speed can be measured the winding has settled to the voltage of the period before,
+and it follows the back EMF with the lag L/R,
+
+    i = [u + u_0 − K_E (ω − (L/R) dω/dt)] / R;
+
+linear in 1/R, u_0/R, K_E/R and K_E L/R²; one zero-phase low-pass of all columns leaves that true. Without
+the lag R would be a part in a thousand too small, since dω/dt goes with the current. The amplifier's noise
+enters after u was recorded and is the equation's own error, so the current is the dependent variable.
+"""
+
+import numpy as np
+
+from microstage_ros.identification.estimate import Identification, from_interval
+from microstage_ros.identification.intervals import block_covariance, correlation
+from microstage_ros.identification.inverse_dynamics import low_pass
+
+NAMES = ("drive.resistance", "drive.back_emf", "drive.inductance", "amplifier offset")
+UNITS = ("ohm", "V s/rad", "H", "V")
+SPEED_EDGE = 150.0  # low-pass of the speed [Hz]
+TIMING = 0.01  # how well the instants of the readings are known [periods]: counts for the inductance alone
+EXPERIMENTS = (
+    "a record with voltages in both directions, larger than the noise, would",
+    "runs at several speeds in both directions would (the faster the better)",
+    "runs with strong acceleration would: L/R is shorter than the period and shows as a lag of the back EMF",
+    "a record with the motor in both directions would",
+)
+
+
+def identify_motor(signals, axis):
+    """R, K_E, L and the zero error of the amplifier, with intervals.
+
+    Parameters
+    ----------
+    signals : list of `MotorSignals`.
+    axis : gives the gear ratio.
+
+    Returns
+    -------
+    `Identification` with the keys of `NAMES`; the offset in volts at the amplifier's output.
+    """
+    gear, period = axis.value("transmission.gear_ratio"), signals[0].period
+    parts = [_low_band(s, gear) for s in signals]
+    w, i = np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
+    scale = np.maximum(np.abs(w).max(axis=0), 1e-300)
+    values = np.linalg.lstsq(w / scale, i, rcond=None)[0]
+    covariance = block_covariance(w / scale, i - (w / scale) @ values, max(int(0.2 / period), 50))
+    (g, h, o, lag), covariance = values / scale, covariance / np.outer(scale, scale)
+    resistance, back_emf = 1.0 / g, h / g
+    constants = np.array([resistance, back_emf, resistance * lag / h, o / g])
+    # derivatives of (R, K_E, L, u_0) by (1/R, K_E/R, u_0/R, K_E L/R²)
+    jacobian = np.array([
+        [-(resistance**2), 0.0, 0.0, 0.0],
+        [-h * resistance**2, resistance, 0.0, 0.0],
+        [-(resistance**2) * lag / h, -resistance * lag / h**2, 0.0, resistance / h],
+        [-o * resistance**2, 0.0, resistance, 0.0],
+    ])
+    spread = jacobian @ covariance @ jacobian.T
+    spread[2, 2] += (TIMING * resistance * period) ** 2
+    result = Identification()
+    floors = (0.0, 0.0, 0.0, 0.02)
+    for k, key in enumerate(NAMES):
+        result.add(from_interval(key, constants[k], float(np.sqrt(spread[k, k])), UNITS[k], method="least squares, block sandwich",
+                                 experiment=EXPERIMENTS[k], floor=floors[k]))
+    result.correlations.append((NAMES, correlation(spread)))
+    return result
+
+
+def _low_band(signals, gear):
+    """Regressors (u(n−1), −ω, 1, dω/dt) and i(n), all below the speed's edge."""
+    edge = min(SPEED_EDGE, 0.2 / signals.period)
+    speed = gear * signals.smooth_speed(edge)
+    columns = low_pass(np.column_stack([signals.voltage[:-1], signals.current[1:]]), edge, signals.period)
+    w = np.column_stack([columns[:, 0], -speed[1:], np.ones(len(columns)), np.gradient(speed, signals.period)[1:]])
+    cut = int(2.0 / (edge * signals.period)) + 1
+    return w[cut:-cut], columns[cut:-cut, 1]
