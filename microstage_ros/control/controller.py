@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from microstage_ros.axis.errors import InputError
-from microstage_ros.control import feedforward, laws, nctf
+from microstage_ros.control import feedforward, laws, nctf, observer
 from microstage_ros.control.gains import check_gain, fill
 from microstage_ros.control.pid import pid_change
 
@@ -60,6 +60,8 @@ def controller_parameters(type_name, axis, gains, period=None, place="controller
         fill(record[part], entries, values, place)
     if "feedforward" in law.parts or "nctf" in law.parts:
         feedforward.fill_model(record["feedforward"], axis)
+    if "observer" in law.parts:
+        observer.design_motion(record["observer"], record["feedforward"], float(record["period"]))
     if "nctf" in law.parts:
         nctf.fill_trajectory(record["nctf"], record["feedforward"])
     return record

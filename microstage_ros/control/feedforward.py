@@ -36,6 +36,7 @@ MODEL_FIELDS = [
     ("force_per_torque", "f8"),  # N at the stage per N m at the motor shaft
     ("force_per_ampere", "f8"),  # N/A; 0: no current, the force comes from the voltage
     ("resistance", "f8"),  # ohm
+    ("settling", "f8"),  # s, L/R
     ("compliance", "f8"),  # m/N of the drive train
     ("screw_ratio", "f8"),  # m per radian of the screw
     ("offset_force", "f8"),  # N
@@ -109,6 +110,7 @@ def fill_model(record, axis):
         record["rotor"] = per_torque * axis.value("drive.rotor_inertia") * gear / ratio
         record["top_speed"] = limit / record["volts_per_velocity"]
         record["resistance"] = axis.value("drive.resistance")
+        record["settling"] = axis.value("drive.inductance") / axis.value("drive.resistance")
         record["force_per_torque"] = gear / ratio
         record["force_per_ampere"] = axis.value("drive.torque_constant") * gear / ratio
         record["moving_mass"] = record["mass"] + axis.value("drive.rotor_inertia") * (gear / ratio) ** 2

@@ -1,15 +1,17 @@
 """Friction observer: motion and friction of both contacts from encoder, current and voltage.
 
-The measured current gives the driving force F = (k_M N/r) i without any knowledge of resistance, amplifier
-or delay; the axis as one mass M = m + J (N/r)^2 then moves by
+The measured current i gives the driving force F = (k_M N/r) i, and with the voltage the speed of the motor,
+free of the encoder's counts and of the drive train's resonance. The axis is one mass M = m + J (N/r)^2:
 
-    M dv/dt = F - (N/r) M_f(z; l) - F_g(x) - M d,      dd/dt = 0,      z = x + F_g / K_c
+    M dv/dt = F - (N/r) M_f(z; l) - F_g(x) - M d,      dx/dt = v,      z = x + F_g / K_c
+    encoder = x + n_x,      (u - R i_end - o) / (K_E N/r) = v + n_v
 
 with the friction laws of the axis file run along the estimated motion, l the level of the actuator's limits
-and d what is left (an acceleration). The encoder corrects x, v and d as a critically damped third-order
-observer of bandwidth w_o (pole p = exp(-w_o T) three times):
-
-    x += (1 - p^3) n,    v += 1.5 (1 - p)^2 (1 + p) n / T,    d -= (1 - p)^3 n / T^2,    n = encoder - x
+and d what is left (a random walk). x, v and d follow a steady-state Kalman filter (`motion_gain`). The back-
+EMF matters: below the Stribeck velocity friction falls by 34 uNm per rad/s at the motor, so speed errors of a
+model driven by the current alone grow e-fold in 3 ms. Its R (`resistance_factor`) and zero o are learned
+from what encoder and back-EMF disagree on, and the delay of the voltage, in whole periods, from which past
+voltage the current answers to.
 
 While blocks slip, d is an error of the level. The level follows a random walk in travel and time (the
 Ornstein-Uhlenbeck variability of the model, without its pull to 1, so that wear is seen too), estimated by
@@ -21,6 +23,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import solve_discrete_are
 
 from microstage_ros.axis.compiled import compiled
 from microstage_ros.control import feedforward
@@ -28,13 +31,19 @@ from microstage_ros.control.feedforward import friction_along
 from microstage_ros.control.gains import Gain, fill, record_type
 
 GAINS = (
-    Gain("observer_bandwidth", "rad/s", 1.0, 1e5, 350.0, "bandwidth w_o of the motion observer"),
+    Gain("encoder_noise", "m", 1e-12, 1e-3, 1.08e-8, "standard deviation of one encoder value, rounding included"),
+    Gain("voltage_noise", "V", 1e-6, 10.0, 1.5e-3, "standard deviation of the amplifier's voltage"),
+    Gain("acceleration_noise", "m/s^2/rtHz", 1e-12, 1e3, 2.0e-5, "density of what moves the axis unmodelled"),
+    Gain("friction_drift", "m/s^3/rtHz", 1e-12, 1e6, 3.0e-3, "density of the random walk of d"),
+    Gain("learning_time", "s", 1e-3, 1e6, 0.2, "time in which resistance and zero of the amplifier are learned"),
     Gain("level_variability", "1", 0.0, 1.0, 0.06, "standard deviation of the friction level"),
     Gain("level_length", "m", 1e-9, 1.0, 1.0e-4, "travel over which the level varies"),
     Gain("level_time", "s", 1e-3, 1e6, 20.0, "time over which the level varies"),
     Gain("force_noise", "N", 1e-9, 1e6, 0.5, "noise of the force balance within one observer time"),
 )
-PARAMETERS = record_type(GAINS)
+FORCE_TIME = 5e-3  # s, over which errors of d hang together
+LAGS = 4  # voltage delays told apart, in periods
+PARAMETERS = record_type(GAINS, [("motion_gain", "f8", (3, 2)), ("encoder_gain", "f8", 3)])
 BLOCK_STATE = feedforward.BLOCK_STATE
 STATE_FIELDS = [
     ("x", "f8"),  # m, stage position
@@ -43,6 +52,13 @@ STATE_FIELDS = [
     ("screw", "f8"),  # m, stage position plus wind-up
     ("screw_velocity", "f8"),
     ("current", "f8"),  # A, of the period before
+    ("acceleration", "f8"),  # m/s^2, of the period before
+    ("resistance_factor", "f8"),  # 1, learned R over nominal
+    ("zero", "f8"),  # V, learned zero of the amplifier
+    ("voltages", "f8", LAGS + 1),  # V, newest first
+    ("answers", "f8", LAGS),  # correlation of current steps with voltage steps, by lag
+    ("excitation", "f8"),  # V^2, mean square of voltage steps
+    ("lag", "i8"),  # periods between a voltage and its current, beyond the hold
     ("actuator", "f8", BLOCK_STATE),
     ("guideway", "f8", BLOCK_STATE),
     ("actuator_friction", "f8"),  # N m at the motor shaft, by the law
@@ -64,6 +80,15 @@ def observer_reset(p, s):
     s.d = 0.0
     s.screw_velocity = 0.0
     s.current = 0.0
+    s.acceleration = 0.0
+    s.resistance_factor = 1.0
+    s.zero = 0.0
+    s.excitation = 0.0
+    s.lag = 0
+    for j in range(LAGS):
+        s.voltages[j] = 0.0
+        s.answers[j] = 0.0
+    s.voltages[LAGS] = 0.0
     s.actuator_friction = 0.0
     s.guideway_friction = 0.0
     s.level = 1.0
@@ -120,16 +145,52 @@ def predict(model, s, period, force):
 
 
 @compiled
-def correct(p, s, period, encoder):
-    """Correct motion and unexplained deceleration by the encoder [m]."""
-    pole = math.exp(-p.observer_bandwidth * period)
-    rest = 1.0 - pole
-    innovation = encoder - s.x
-    s.x += (1.0 - pole * pole * pole) * innovation
-    s.screw += (1.0 - pole * pole * pole) * innovation
-    s.v += 1.5 * rest * rest * (1.0 + pole) / period * innovation
-    s.d -= rest * rest * rest / (period * period) * innovation
-    s.noise += 0.01 * (innovation * innovation - s.noise)
+def find_lag(s, voltage, step):
+    """Which past voltage the current follows, from its newest ``step`` [A]; keeps the voltages [V]."""
+    for j in range(LAGS, 0, -1):
+        s.voltages[j] = s.voltages[j - 1]
+    s.voltages[0] = voltage
+    best = s.lag
+    for j in range(LAGS):
+        s.answers[j] += 0.01 * (step * (s.voltages[j] - s.voltages[j + 1]) - s.answers[j])
+        if s.answers[j] > 1.5 * s.answers[best]:
+            best = j
+    change = s.voltages[0] - s.voltages[1]
+    s.excitation += 0.01 * (change * change - s.excitation)
+    if s.excitation > 1e-6:  # 1 mV rms of steps: enough to tell
+        s.lag = best
+
+
+@compiled
+def motor_speed_error(p, model, s, period, current):
+    """Innovation of the speed [m/s]: back-EMF speed minus estimate; learns resistance and zero."""
+    settled = current
+    if model.settling > 0.0:
+        rest = math.exp(-period / model.settling)
+        settled = (current - rest * s.current) / (1.0 - rest)
+    drop = model.resistance * settled
+    error = s.voltages[s.lag] - s.resistance_factor * drop - s.zero - model.volts_per_velocity * s.v
+    rate = period / p.learning_time / (drop * drop + 0.01)
+    s.resistance_factor = min(max(s.resistance_factor + rate * error * drop, 0.5), 2.0)
+    s.zero = min(max(s.zero + rate * error * 0.01, -1.0), 1.0)
+    return error / model.volts_per_velocity
+
+
+@compiled
+def correct(p, s, position, speed):
+    """Correct x, v, d by the innovations of position [m] and speed [m/s] (NaN: there is none)."""
+    if math.isfinite(speed):
+        gain = p.motion_gain
+        s.x += gain[0, 0] * position + gain[0, 1] * speed
+        s.screw += gain[0, 0] * position + gain[0, 1] * speed
+        s.v += gain[1, 0] * position + gain[1, 1] * speed
+        s.d += gain[2, 0] * position + gain[2, 1] * speed
+    else:
+        s.x += p.encoder_gain[0] * position
+        s.screw += p.encoder_gain[0] * position
+        s.v += p.encoder_gain[1] * position
+        s.d += p.encoder_gain[2] * position
+    s.noise += 0.01 * (position * position - s.noise)
 
 
 @compiled
@@ -142,7 +203,7 @@ def learn_level(p, model, s, period):
     spread = p.level_variability * p.level_variability
     travel = abs(s.v) * period / p.level_length
     s.variance = min(s.variance + 2.0 * spread * (travel + period / p.level_time), 1.0)
-    noise = p.force_noise * p.force_noise * 2.0 / (p.observer_bandwidth * period)
+    noise = p.force_noise * p.force_noise * FORCE_TIME / period
     gain = s.variance * s.sensitivity / (s.sensitivity * s.sensitivity * s.variance + noise)
     residual = model.moving_mass * s.d
     change = gain * residual
@@ -161,19 +222,53 @@ def learn_level(p, model, s, period):
 @compiled
 def observer_step(p, model, s, period, encoder, voltage, current):
     """One control period: ``encoder`` [m] and ``current`` [A] of now, ``voltage`` [V] held until now."""
-    if model.force_per_ampere > 0.0:
-        if not math.isfinite(current):
-            current = (voltage - model.volts_per_velocity * s.v) / model.resistance
-        # the current settles within a fraction of the period, so its mean is nearly the newest value
-        force = model.force_per_ampere * (0.8 * current + 0.2 * s.current)
-        s.current = current
+    senses = model.force_per_ampere > 0.0 and math.isfinite(current)
+    if senses:
+        find_lag(s, voltage, current - s.current)
+        # within the period the current falls as the back-EMF rises: the mean is above the newest value
+        slack = 0.5 * model.volts_per_velocity * s.acceleration * period / model.resistance
+        part = min(model.settling / period, 1.0)
+        force = model.force_per_ampere * (current + slack + part * (s.current - current))
+    elif model.force_per_ampere > 0.0:
+        force = model.force_per_ampere * (voltage - model.volts_per_velocity * s.v) / model.resistance
     else:
         force = voltage / model.volts_per_force
+    before = s.v
     parts = int(math.ceil(period / 2.0e-4 - 1e-9))
     for _ in range(parts):
         predict(model, s, period / parts, force)
-    correct(p, s, period, encoder)
+    s.acceleration = (s.v - before) / period
+    speed = math.nan
+    if senses:
+        speed = motor_speed_error(p, model, s, period, current)
+        s.current = current
+    correct(p, s, encoder - s.x, speed)
     learn_level(p, model, s, period)
+
+
+def design_motion(record, model, period):
+    """Steady-state Kalman gains of (x, v, d) for encoder and back-EMF, and for the encoder alone.
+
+    The process is dx = v, dv = -d + white acceleration, dd = white; measurements once per period.
+    """
+    a = np.array([[1.0, period, 0.0], [0.0, 1.0, -period], [0.0, 0.0, 1.0]])
+    drift, push = float(record["friction_drift"]) ** 2, float(record["acceleration_noise"]) ** 2
+    q = np.diag([push * period**3 / 3, push * period, drift * period]) + 1e-40 * np.eye(3)
+    speed = float(record["voltage_noise"]) / max(float(model["volts_per_velocity"]), 1e-9)
+    noise = np.array([float(record["encoder_noise"]), speed])
+    record["motion_gain"] = _steady_gain(a, q, noise, np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))
+    record["encoder_gain"] = _steady_gain(a, q, noise[:1], np.array([[1.0, 0.0, 0.0]]))[:, 0]
+
+
+def _steady_gain(a, q, noise, c):
+    """Gain P C' (C P C' + R)^-1 of the filtered estimate, by the discrete Riccati equation in scaled units."""
+    scale = np.array([noise[0], noise[0] * 1e2, noise[0] * 1e4])
+    s, inverse = np.diag(scale), np.diag(1 / scale)
+    n = np.diag(1 / noise)
+    p = solve_discrete_are((inverse @ a @ s).T, (n @ c @ s).T, inverse @ q @ inverse, np.eye(len(noise)))
+    cs = n @ c @ s
+    gain = p @ cs.T @ np.linalg.inv(cs @ p @ cs.T + np.eye(len(noise)))
+    return s @ gain @ n
 
 
 class FrictionEstimate(NamedTuple):
@@ -214,6 +309,7 @@ class FrictionObserver:
         fill(self.parameters, GAINS, gains, "observer")
         self.model = np.zeros(1, feedforward.PARAMETERS)[0]
         feedforward.fill_model(self.model, axis)
+        design_motion(self.parameters, self.model, self.period)
         self.memory = np.zeros(1, np.dtype(STATE_FIELDS))[0]
         self.started = False
         observer_reset(self.parameters, self.memory)
