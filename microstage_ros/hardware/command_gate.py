@@ -1,0 +1,113 @@
+"""What happens to every command on its way to the amplifier; every fault leads to zero voltage and is latched.
+
+| command                                             | effect |
+|-----------------------------------------------------|--------|
+| answers the present period, finite                  | clipped to the limit and obeyed |
+| answers an answered period again                    | dropped, counted `duplicated` |
+| answers an older period than the last obeyed        | dropped, counted `reordered` |
+| answers an older period that had none, paced        | obeyed (the newest there is), counted `late` |
+| none in this period, paced                          | the voltage before it stays, counted `lost` |
+| none for longer than the timeout                    | fault `command_timeout` |
+| NaN or infinite                                     | fault `command_not_finite` |
+| answers a period that has not begun                 | fault `command_sequence` |
+| while the driver is not active                      | fault `command_inactive` (answers to its last periods are let by) |
+"""
+
+import math
+
+FAULTS = ("none", "command_timeout", "command_not_finite", "command_inactive", "command_sequence", "hardware", "travel")
+"""Names of the fault codes of AxisState, by code."""
+
+
+STALE = 10
+"""Answers to so many periods before the driver stopped may still be on their way."""
+
+
+class CommandGate:
+    """Decides which voltage is in force.
+
+    Attributes
+    ----------
+    voltage : in force now [V]. command : the same before clipping [V]; saturated : it was clipped.
+    fault : a name of `FAULTS`, latched. message : the fault in words, with the value.
+    answered, late, lost, duplicated, reordered : counters of periods and commands.
+    """
+
+    def __init__(self, limit):
+        self.limit = float(limit)
+        self.period = -1
+        self.active = False
+        self.last = -1
+        self.voltage = self.command = 0.0
+        self.saturated = False
+        self.fault, self.message = "none", ""
+        self.answered = self.late = self.lost = self.duplicated = self.reordered = 0
+
+    def activate(self):
+        """Obey from now on. Returns False, and stays inactive, while a fault is latched."""
+        self.active = self.fault == "none"
+        return self.active
+
+    def deactivate(self):
+        """Zero voltage; further commands are faults."""
+        self.active = False
+        self.zero()
+
+    def begin(self, period):
+        """Control period number ``period`` begins."""
+        self.period = period
+
+    def offer(self, sequence, voltage):
+        """A command came that answers period ``sequence``. Returns True if it is in force now."""
+        if self.fault != "none":
+            return False
+        if not self.active:
+            if not self.period - STALE < sequence <= self.period:
+                self.trip("command_inactive", f"a command of {voltage!r} V came while the driver was not active")
+            return False
+        if sequence > self.period:
+            self.trip("command_sequence", f"a command answered period {sequence}, the present one is {self.period}")
+            return False
+        if sequence <= self.last:
+            if sequence == self.last:
+                self.duplicated += 1
+            else:
+                self.reordered += 1
+            return False
+        if not math.isfinite(voltage):
+            self.trip("command_not_finite", f"a command of {voltage!r} V for period {sequence}")
+            return False
+        if sequence == self.period:
+            self.answered += 1
+        else:
+            self.late += 1
+        self.last = sequence
+        self.command = voltage
+        self.voltage = min(max(voltage, -self.limit), self.limit)
+        self.saturated = self.voltage != voltage
+        return True
+
+    def close_period(self, tolerated):
+        """The present period ends; trips if its command is missing and more than ``tolerated`` are in a row."""
+        if not self.active or self.fault != "none" or self.last == self.period:
+            return
+        self.lost += 1
+        missing = self.period - self.last
+        if missing > tolerated:
+            self.trip("command_timeout", f"no command for {missing} control periods")
+
+    def trip(self, fault, message):
+        """Latch a fault; the first one stays."""
+        self.zero()
+        if self.fault == "none":
+            self.fault, self.message = fault, message
+
+    def reset(self):
+        """Forget the fault; the driver may be made active again."""
+        self.fault, self.message = "none", ""
+        self.last = self.period
+
+    def zero(self):
+        """No voltage."""
+        self.voltage = self.command = 0.0
+        self.saturated = False

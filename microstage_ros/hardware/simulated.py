@@ -1,0 +1,74 @@
+"""The simulated axis: the compiled step of `axis.step` behind the calls of a real one."""
+
+from microstage_ros.axis.errors import InputError
+from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
+from microstage_ros.axis.sensors import read_sensors
+from microstage_ros.axis.step import advance
+from microstage_ros.hardware.protocol import Reading, Truth
+
+OPTIONS = ("position", "noise", "friction")
+
+
+class SimulatedAxis:
+    """One axis of MODEL equations; `read` moves it by one control period.
+
+    Parameters
+    ----------
+    setup : `protocol.Setup`; options: ``position`` [m] at the start, ``noise`` ({name: standard deviation},
+        names as in run files), ``friction`` (``virgin`` or ``random``, the state of friction at the start).
+
+    Example
+    -------
+    >>> axis = SimulatedAxis(Setup(load_axis("config/axis.yaml"), seed=1))
+    >>> axis.open(); axis.read(); axis.write(0.5)
+    """
+
+    simulated = True
+
+    def __init__(self, setup):
+        options = dict(setup.options or {})
+        for name in options:
+            if name not in OPTIONS:
+                raise InputError(f"simulated axis: option {name}", options[name], "one of " + ", ".join(OPTIONS))
+        self._plant = make_plant(setup.axis, noise=NoiseSpec(**options.get("noise", {})))
+        self._state = new_state(self._plant, seed=setup.seed, position=options.get("position", 0.0),
+                                friction=options.get("friction", "virgin"))
+        self._work = new_work()
+        self._readings = new_readings()
+        self._voltage = None
+        self._compile()
+
+    def _compile(self):
+        """Load or make the compiled step now, on a copy, and not in the first control period."""
+        state = self._state.copy()
+        read_sensors(self._plant, state, self._readings)
+        advance(self._plant, state, self._work, 0.0)
+
+    def open(self):
+        """At rest with no voltage; the first `read` does not move it."""
+        self._voltage = None
+
+    def read(self):
+        """Move by one control period under the voltage written, then read the sensors."""
+        if self._voltage is not None:
+            advance(self._plant, self._state, self._work, self._voltage)
+        read_sensors(self._plant, self._state, self._readings)
+        self._voltage = 0.0 if self._voltage is None else self._voltage
+        r = self._readings
+        return Reading(float(r["encoder"]), float(r["current"]), float(r["motor_angle"]))
+
+    def write(self, voltage):
+        """Hold ``voltage`` [V] during the period that the last `read` began."""
+        self._voltage = float(voltage)
+
+    def close(self):
+        """No voltage."""
+        self._voltage = 0.0
+
+    @property
+    def truth(self):
+        """`Truth` at the last reading."""
+        s, r = self._state, self._readings
+        return Truth(float(s["x"]), float(s["v"]), float(s["torque_friction"]), float(s["guide_friction"]),
+                     float(r["interferometer"]), float(r["air_temperature"]), float(r["air_pressure"]),
+                     float(r["air_humidity"]), float(r["stage_temperature"]))

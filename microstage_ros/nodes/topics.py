@@ -1,0 +1,35 @@
+"""Names and quality of service of all topics, in one place; every name is relative to the node's namespace."""
+
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+DEPTH = 10_000
+"""Messages that a servo topic keeps for a slow reader: one second at 10 kHz."""
+
+SERVO = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
+"""Once per control period, or a fixed part of it: nothing may be lost on the way to the bag."""
+
+LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""The last value also for who comes later."""
+
+SLOW = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+"""A few per second."""
+
+STATE = "state"
+COMMAND = "command"
+CONTROLLER_STATE = "controller_state"
+FRICTION = "friction"
+INTERFEROMETER = "interferometer"
+SIMULATION = "simulation"
+TIMING = "timing"
+CREDIT = "credit"
+DRIVER_STATUS = "driver_status"
+JOINT_STATES = "joint_states"
+AIR_TEMPERATURE = "air_temperature"
+AIR_PRESSURE = "air_pressure"
+AIR_HUMIDITY = "air_humidity"
+DIAGNOSTICS = "/diagnostics"
+FOLLOW_REFERENCE = "follow_reference"
+MOVE_TO = "move_to"
+MOVE = "move"
+STATISTICS = "statistics"
+RESET_FAULT = "reset_fault"
