@@ -3,16 +3,22 @@
 from pathlib import Path
 
 from microstage_ros.axis.errors import InputError
+from microstage_ros.records.bag_record import bag_to_record, record_to_bag
 from microstage_ros.records.csv_file import SUFFIXES, read_csv, write_csv
 from microstage_ros.records.record import Record
 
 __all__ = ["Record", "read_record", "write_record"]
 
-EXPECTED = "a CSV file (" + ", ".join(SUFFIXES) + ")"
+EXPECTED = f"a bag of this project (.mcap or a rosbag2 folder) or a CSV file ({', '.join(SUFFIXES)})"
 
 
-def read_record(path):
-    """Read a record from a CSV file.
+def read_record(path, namespace=None):
+    """Read a record from a CSV file, an MCAP file or a rosbag2 folder.
+
+    Parameters
+    ----------
+    path : the file or folder.
+    namespace : of the axis, in a bag with several.
 
     Raises
     ------
@@ -21,19 +27,24 @@ def read_record(path):
     path = Path(path)
     if not path.exists():
         raise InputError(path, "no such file", EXPECTED)
+    if path.is_dir() or path.suffix in (".mcap", ".db3"):
+        return bag_to_record(path, namespace)
     if str(path).endswith(SUFFIXES):
         return read_csv(path)
     raise InputError(path, path.suffix or path.name, EXPECTED)
 
 
 def write_record(record, path):
-    """Write a record to a CSV file.
+    """Write a record to a CSV file, an MCAP file, or (a name without suffix) a rosbag2 folder.
 
     Raises
     ------
     InputError : another kind of file, or a place that cannot be written.
     """
+    path = Path(path)
     if str(path).endswith(SUFFIXES):
         write_csv(record, path)
+    elif path.suffix in (".mcap", ""):
+        record_to_bag(record, path)
     else:
-        raise InputError(path, Path(path).suffix or path, EXPECTED)
+        raise InputError(path, path.suffix, EXPECTED)

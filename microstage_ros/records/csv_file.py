@@ -16,7 +16,7 @@ from microstage_ros import __version__
 from microstage_ros.axis.errors import InputError
 from microstage_ros.records.columns import COMMANDS, KNOWN_COLUMNS, REQUIRED, in_file_order
 from microstage_ros.records.compression import read_bytes, write_bytes
-from microstage_ros.records.record import Record, refuse_unknown, require_columns
+from microstage_ros.records.record import Record, metadata_value, refuse_unknown, require_columns
 from microstage_ros.records.timebase import constant_period
 
 SUFFIXES = (".csv", ".csv.gz", ".csv.xz")
@@ -193,13 +193,5 @@ def _metadata(text):
             break
         key, colon, value = line[1:].decode("utf-8", "replace").partition(":")
         if colon:
-            metadata[key.strip()] = _value(value.strip())
+            metadata[key.strip()] = metadata_value(value.strip())
     return metadata
-
-
-def _value(text):
-    """A metadata value: JSON if it is that, else the text itself."""
-    try:
-        return json.loads(text)
-    except ValueError:
-        return text

@@ -101,6 +101,10 @@ builtin_interfaces/Time stamp
 char[16] client_gid
 int64 sequence_number
 """
+HEADER = """MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+"""
 TIME = """MSG: builtin_interfaces/Time
 int32 sec
 uint32 nanosec

@@ -1,5 +1,6 @@
 """One record: what an axis did, as columns over a constant period."""
 
+import json
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -85,3 +86,11 @@ def require_columns(source, names, required=REQUIRED, one_of=COMMANDS):
             raise InputError(f"{source}: header", ",".join(names), f"a column {name}")
     if one_of and not any(name in names for name in one_of):
         raise InputError(f"{source}: header", ",".join(names), "a column " + " or ".join(one_of))
+
+
+def metadata_value(text):
+    """A piece of metadata as it stands in a file: JSON if it is that, else the text itself."""
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text

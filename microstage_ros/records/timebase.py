@@ -42,7 +42,7 @@ def constant_period(t_s, place, line_of=lambda row: f"row {row}"):
     bad = np.flatnonzero(np.abs(steps - period) > STEP_TOLERANCE * period)
     if bad.size:
         raise InputError(*_broken_step(t_s, int(bad[0]) + 1, period, place, line_of))
-    return _short((t_s[-1] - t_s[0]) / (len(t_s) - 1), np.spacing(abs(t_s[-1])) + 1e-7 * period)
+    return short_period((t_s[-1] - t_s[0]) / (len(t_s) - 1), np.spacing(abs(t_s[-1])) + 1e-7 * period)
 
 
 def _broken_step(t_s, row, period, place, line_of):
@@ -56,7 +56,7 @@ def _broken_step(t_s, row, period, place, line_of):
     return f"{place}: {line_of(row)}, field t_s", now, expected
 
 
-def _short(period, tolerance):
+def short_period(period, tolerance):
     """The shortest decimal number within `tolerance` of `period`."""
     for digits in range(1, 12):
         rounded = float(f"{period:.{digits}g}")

@@ -3,10 +3,8 @@
 import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from microstage_ros.records.definition import SEPARATOR, TIME, parse_definition
+from microstage_ros.records.definition import HEADER, SEPARATOR, TIME, parse_definition
 from microstage_ros.records.layout import layout_of_type
-
-HEADER = "MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
 
 
 def defined(name, text):

@@ -1,0 +1,127 @@
+"""Bags of this project to records and back, joined by the number of the control period."""
+
+import numpy as np
+import pytest
+from bag_help import WORDS
+
+from microstage_ros.axis.errors import InputError
+from microstage_ros.records import Record, read_record, write_record
+from microstage_ros.records.bag import Bag, BagWriter
+from microstage_ros.records.bag_record import FRAME, own_definition
+from microstage_ros.records.columns import RECORD_COLUMNS
+from microstage_ros.records.layout import layout_of_type
+
+STATE, COMMAND = own_definition("AxisState"), own_definition("VoltageCommand")
+
+
+def full_record(rows=12_000):
+    """A record with all the columns that a bag carries."""
+    generator = np.random.default_rng(3)
+    names = [name for name in RECORD_COLUMNS if name not in ("t_s", "force_N")] + ["stage_m", "guideway_friction_N"]
+    columns = {name: generator.normal(size=rows) for name in names}
+    columns["interferometer_m"][5:9] = np.nan
+    return Record(1e-4, columns, metadata={"seed": 4, "axis": "name: paper axis\nformat: 1\n"})
+
+
+@pytest.mark.parametrize("name", ["run", "run.mcap"])
+def test_a_record_survives_as_a_bag_to_the_last_bit(tmp_path, name):
+    record = full_record()
+    write_record(record, tmp_path / name)
+    back = read_record(tmp_path / name)
+    assert back.period_s == 1e-4
+    assert set(back.columns) == set(record.columns)
+    for column in record.columns:
+        np.testing.assert_array_equal(back[column], record[column], err_msg=column)
+    assert back.metadata["seed"] == 4 and back.metadata["axis"] == record.metadata["axis"]
+    assert (tmp_path / name).is_dir() == (name == "run")
+
+
+def test_same_record_same_bytes(tmp_path):
+    for name in ("a.mcap", "b.mcap"):
+        write_record(full_record(500), tmp_path / name)
+    one, other = (list(Bag(tmp_path / name).raw_messages()) for name in ("a.mcap", "b.mcap"))
+    assert one == other
+
+
+def write_cell(path, states, commands, namespace="/axis"):
+    """A bag from lists of (sequence, value): encoder positions and voltages."""
+    with BagWriter(path) as bag:
+        add_axis(bag, states, commands, namespace)
+
+
+def add_axis(bag, states, commands, namespace):
+    for topic, definition, entries, field in (("state", STATE, states, "position"), ("command", COMMAND, commands, "voltage")):
+        channel = bag.add_channel(f"{namespace}/{topic}", definition)
+        layout = layout_of_type(definition, {"header.frame_id": len(FRAME)})
+        for number, (sequence, value) in enumerate(entries):
+            raw = layout.blank(header__frame_id=FRAME, sequence=sequence, header__stamp__nanosec=sequence * 100_000)
+            seen = np.frombuffer(raw, layout.dtype, 1)
+            seen[field] = value
+            if topic == "state":
+                seen["applied_voltage"], seen["motor_angle"] = np.nan, np.nan
+            bag.write(channel, 1000 * number, bytes(raw))
+
+
+def test_lost_and_reordered_messages_go_to_their_rows(tmp_path):
+    write_cell(tmp_path / "bag", [(7, 1.0), (9, 3.0), (8, 2.0), (11, 5.0)], [(7, 0.1), (9, 0.3), (6, 9.0), (10, 0.4)])
+    record = read_record(tmp_path / "bag")
+    np.testing.assert_array_equal(record["encoder_m"], [1, 2, 3, np.nan, 5])
+    np.testing.assert_array_equal(record["voltage_V"], [0.1, np.nan, 0.3, 0.4, np.nan])
+    np.testing.assert_allclose(record["t_s"], np.arange(5) * 1e-4)
+    assert "motor_angle_rad" not in record.columns
+
+
+def test_readings_without_a_number_go_by_their_stamp(tmp_path):
+    reading = own_definition("InterferometerReading")
+    layout = layout_of_type(reading, {"header.frame_id": len(FRAME)})
+    with BagWriter(tmp_path / "bag") as bag:
+        add_axis(bag, [(n, float(n)) for n in range(40, 60)], [], "/axis")
+        channel = bag.add_channel("/axis/interferometer", reading)
+        for sequence in (42, 50):
+            bag.write(channel, 5, bytes(layout.blank(header__frame_id=FRAME, position=sequence,
+                                                     header__stamp__nanosec=sequence * 100_000 + 30_000)))
+    read = read_record(tmp_path / "bag")["interferometer_m"]
+    assert np.flatnonzero(~np.isnan(read)).tolist() == [2, 10] and read[10] == 50
+
+
+def test_voltage_is_what_was_held(tmp_path):
+    """A command that came late did not act in its own period: the next state tells what did."""
+    record = full_record(10)
+    write_record(record, tmp_path / "bag")
+    bag = Bag(tmp_path / "bag").read()
+    np.testing.assert_array_equal(bag["/axis/state"]["applied_voltage"][1:], record["voltage_V"][:-1])
+    np.testing.assert_array_equal(bag["/axis/state"]["sequence"], np.arange(10))
+
+
+def test_the_longest_activation_is_taken(tmp_path):
+    first, second = [(n, float(n)) for n in range(5)], [(n, 100.0 + n) for n in range(9)]
+    write_cell(tmp_path / "bag", first + second, first + second)
+    record = read_record(tmp_path / "bag")
+    np.testing.assert_array_equal(record["encoder_m"], 100.0 + np.arange(9))
+    np.testing.assert_array_equal(record["voltage_V"], 100.0 + np.arange(9))
+
+
+def test_several_axes_need_a_namespace(tmp_path):
+    with BagWriter(tmp_path / "bag") as bag:
+        add_axis(bag, [(0, 1.0), (1, 1.0)], [], "/left")
+        add_axis(bag, [(0, 2.0), (1, 2.0)], [], "/right")
+    with pytest.raises(InputError, match="/left/, /right/"):
+        read_record(tmp_path / "bag")
+    with pytest.raises(InputError, match="one of /left/, /right/"):
+        read_record(tmp_path / "bag", "middle")
+    assert read_record(tmp_path / "bag", "right")["encoder_m"][0] == 2.0
+
+
+def test_other_bags_are_refused(tmp_path):
+    with BagWriter(tmp_path / "talk") as bag:
+        bag.add_channel("/talk", WORDS)
+    with pytest.raises(InputError, match="topics /talk"):
+        read_record(tmp_path / "talk")
+    write_cell(tmp_path / "one", [(0, 1.0)], [])
+    with pytest.raises(InputError, match="at least 2"):
+        read_record(tmp_path / "one")
+    forces = Record(1e-3, {"encoder_m": [0, 1], "reference_m": [0, 1], "force_N": [0, 1]})
+    with pytest.raises(InputError, match="csv"):
+        write_record(forces, tmp_path / "forces.mcap")
+    with pytest.raises(InputError, match="rosbag2 folder"):
+        write_record(forces, tmp_path / "forces.txt")
