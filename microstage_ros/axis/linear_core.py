@@ -29,11 +29,12 @@ def new_work():
     return work
 
 
+@compiled
 def forget(work):
     """Make a work record ready for another plant."""
-    work["key"] = -1
-    work["slot"] = -1
-    work["resistance"] = np.nan
+    work.key[:] = -1
+    work.slot = -1
+    work.resistance = np.nan
 
 
 @compiled

@@ -5,9 +5,8 @@ Row n of the trace is the state at the start of period n and the voltage held du
     read_sensors -> controller(reference[n], readings) -> + open_loop[n] + disturbance[n] -> record -> advance
 """
 
-import numpy as np
-
 from microstage_ros.axis.compiled import compiled
+from microstage_ros.axis.linear_core import forget
 from microstage_ros.axis.sensors import read_sensors
 from microstage_ros.axis.step import advance
 from microstage_ros.control import laws
@@ -42,13 +41,6 @@ def run_loop(plant, state, work, readings, parameters, memory, reference, open_l
 
 
 @compiled
-def forget_matrices(work):
-    """Make the work arrays ready for another plant (the compiled twin of `axis.plant.forget`)."""
-    work[0][:] = -1
-    work[2][0] = np.nan
-
-
-@compiled
 def run_ensemble(plants, states, work, readings, parameters, memories, reference, positions, encoders, voltages):
     """Run many axes over the same ``reference``, one after the other.
 
@@ -56,7 +48,7 @@ def run_ensemble(plants, states, work, readings, parameters, memories, reference
     ``positions``, ``encoders`` [m], ``voltages`` [V]: (axes, rows), true position, encoder, command.
     """
     for k in range(len(plants)):
-        forget_matrices(work)
+        forget(work)
         for n in range(len(reference)):
             read_sensors(plants[k], states[k], readings[k])
             voltage = laws.controller_step(
