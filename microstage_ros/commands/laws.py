@@ -27,7 +27,9 @@ def main(argv=None):
     )
     arguments = parser.parse_args(argv)
     console = Console(width=None if sys.stdout.isatty() else 160)
-    table = measure(lambda rows: track(rows, "measuring", console=Console(stderr=True)) if sys.stderr.isatty() else rows)
+    table = measure(
+        lambda rows: track(rows, "measuring", console=Console(stderr=True)) if sys.stderr.isatty() else rows
+    )
     if arguments.markdown:
         sys.stdout.write(markdown(table))
     else:
@@ -83,12 +85,9 @@ def markdown(table):
     parts = [
         "# Friction laws\n",
         "Written by `./microstage laws --markdown`; change the sources, not this page.\n",
-        "All laws stand behind one protocol (`microstage_ros/axis/laws/registry.py`): velocity, linear in time over "
-        "the step, goes in; force comes out; the step is split where the velocity changes sign and where a block "
-        "reaches its limit. Every law takes its limits, Stribeck curve and viscous friction apart for each direction.\n",
+        plain(PROTOCOL) + "\n",
         f"## {HEADLINE}\n",
-        "One contact for all, the paper's actuator and gearhead (Tables 1 and 2). Every number is relative; what it "
-        "is, and from where on it counts as *yes*, stands under *Criteria*.\n",
+        plain(CONTACT) + "\n",
         *grid(("property", *(law.title for law in LAWS)), rows_of(table)),
         "\n## Beside the paper's section 3.3\n",
         *grid(STATEMENT_COLUMNS, statements_of(table)),
@@ -127,6 +126,15 @@ def grid(columns, rows):
     return ["| " + " | ".join(line) + " |" for line in (columns, ["---"] * len(columns), *rows)]
 
 
+PROTOCOL = """
+    All laws stand behind one protocol (`microstage_ros/axis/laws/registry.py`): velocity, linear in time over the
+    step, goes in; force comes out; the step is split where the velocity changes sign and where a block reaches its
+    limit. Every law takes its limits, Stribeck curve and viscous friction apart for each direction.
+"""
+CONTACT = """
+    One contact for all, the paper's actuator and gearhead (Tables 1 and 2). Every number is relative; what it is,
+    and from where on it counts as *yes*, stands under *Criteria*.
+"""
 REMARKS = """
     What the numbers say where they differ from the paper, or add to it:
 

@@ -127,7 +127,7 @@ def drag_records(displacement, stiffness, limits, limits_negative, factors, bloc
             if step > 0.0:
                 for i in range(count):
                     moved, bound = blocks[r, i] + stiffness[i] * step, factor * limits[i]
-                    blocks[r, i] = moved if moved < bound else bound
+                    blocks[r, i] = min(moved, bound)
                     total += blocks[r, i]
             else:
                 for i in range(count):

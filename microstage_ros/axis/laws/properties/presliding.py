@@ -52,7 +52,7 @@ def masing(name):
     """Masing: a reversal branch is the first-loading curve scaled by two; largest deviation [1]."""
     contact = Contact.of(name)
     amplitude = contact.reach(LEVEL, SPEED)
-    way, virgin = contact.travel(amplitude, SPEED)
+    _, virgin = contact.travel(amplitude, SPEED)
     _, back = contact.travel(-2.0 * amplitude, SPEED)
     return numpy.abs(virgin[-1] - 2.0 * virgin - back).max() / virgin[-1]
 

@@ -21,12 +21,12 @@ ROUNDS = 80
 
 @compiled
 def imbalance(law, packed, state, trial, inertia, spring, end, start, position, friction, load, period):
-    """Residual of the momentum balance for a velocity ``end``, and the friction there [F]."""
+    """Residual of the momentum balance for a velocity ``end`` [F]."""
     trial[:] = state
     force = advance_law(law, packed, trial, start, end, period, 1.0)
     mean = force if law == STATIC_MAP else 0.5 * (force + friction)
     middle = position + 0.25 * period * (start + end)
-    return inertia * (end - start) / period + spring * middle + mean - load, force
+    return inertia * (end - start) / period + spring * middle + mean - load
 
 
 @compiled
@@ -40,7 +40,7 @@ def slide(law, packed, state, inertia, spring, load, period, stop_speed, positio
         x, start, before = position[i - 1], velocity[i - 1], friction[i - 1]
         push = 0.5 * (load[i - 1] + load[i])
         low = start
-        at_low, force = imbalance(law, packed, state, trial, inertia, spring, low, start, x, before, push, period)
+        at_low = imbalance(law, packed, state, trial, inertia, spring, low, start, x, before, push, period)
         reach = -at_low * period / inertia
         high, at_high = low, at_low
         for _ in range(ROUNDS):
@@ -48,12 +48,10 @@ def slide(law, packed, state, inertia, spring, load, period, stop_speed, positio
                 break
             high = low + reach
             reach *= 2.0
-            at_high, force = imbalance(
-                law, packed, state, trial, inertia, spring, high, start, x, before, push, period
-            )
+            at_high = imbalance(law, packed, state, trial, inertia, spring, high, start, x, before, push, period)
         end, tolerance = high, 1e-14 * (abs(low) + abs(high))
         if law == STATIC_MAP and low * high <= 0.0:
-            at_rest, _ = imbalance(law, packed, state, trial, inertia, spring, 0.0, start, x, before, push, period)
+            at_rest = imbalance(law, packed, state, trial, inertia, spring, 0.0, start, x, before, push, period)
             if -packed[STATIC] <= at_rest <= packed[DIRECTION_WIDTH + STATIC]:
                 position[i], velocity[i], friction[i] = x + 0.5 * period * start, 0.0, -at_rest
                 continue
@@ -61,7 +59,7 @@ def slide(law, packed, state, inertia, spring, load, period, stop_speed, positio
             if abs(high - low) <= tolerance or at_high == 0.0 or at_high == at_low:
                 break
             end = high - at_high * (high - low) / (at_high - at_low)
-            at_end, force = imbalance(law, packed, state, trial, inertia, spring, end, start, x, before, push, period)
+            at_end = imbalance(law, packed, state, trial, inertia, spring, end, start, x, before, push, period)
             if at_end * at_high < 0.0:
                 low, at_low = high, at_high
             else:
@@ -80,7 +78,5 @@ def run_slider(contact, load, period, inertia, spring=0.0, stop_speed=math.inf):
     ``contact`` is a :class:`~microstage_ros.axis.laws.properties.contact.Contact`; its state is carried on.
     """
     columns = numpy.zeros((3, load.size))
-    done = slide(
-        contact.law.number, contact.packed, contact.state, inertia, spring, load, period, stop_speed, *columns
-    )
+    done = slide(contact.law.number, contact.packed, contact.state, inertia, spring, load, period, stop_speed, *columns)
     return columns[:, :done]
