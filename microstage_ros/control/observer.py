@@ -42,6 +42,7 @@ GAINS = (
     Gain("force_noise", "N", 1e-9, 1e6, 0.5, "noise of the force balance within one observer time"),
 )
 FORCE_TIME = 5e-3  # s, over which errors of d hang together
+ZERO_WEIGHT = 2e-3  # V^2, how much of a disagreement is put down to the zero rather than to R
 LAGS = 4  # voltage delays told apart, in periods
 PARAMETERS = record_type(GAINS, [("motion_gain", "f8", (3, 2)), ("encoder_gain", "f8", 3)])
 BLOCK_STATE = feedforward.BLOCK_STATE
@@ -170,9 +171,9 @@ def motor_speed_error(p, model, s, period, current):
         settled = (current - rest * s.current) / (1.0 - rest)
     drop = model.resistance * settled
     error = s.voltages[s.lag] - s.resistance_factor * drop - s.zero - model.volts_per_velocity * s.v
-    rate = period / p.learning_time / (drop * drop + 0.01)
+    rate = period / p.learning_time / (drop * drop + ZERO_WEIGHT)
     s.resistance_factor = min(max(s.resistance_factor + rate * error * drop, 0.5), 2.0)
-    s.zero = min(max(s.zero + rate * error * 0.01, -1.0), 1.0)
+    s.zero = min(max(s.zero + rate * error * ZERO_WEIGHT, -1.0), 1.0)
     return error / model.volts_per_velocity
 
 

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from microstage_ros.axis.effects.drive import GRAVITY
+
 SPLINE_POINTS = 6              # support points of a friction profile along the stroke
 HARMONICS = (1, 2, 3)          # of the screw turn
 
@@ -45,6 +47,7 @@ class Candidate:
     sentence: object
     shapes: tuple = ()
     grid: tuple = ()
+    stands_for: tuple = ()         # own parameters of the axis that would take its place if they were free
 
     @property
     def fitted(self):
@@ -67,6 +70,44 @@ def candidates(axis, parts):
         *_friction(contact, friction, top_speed), *_position(contact, low, high, axis), _cable(friction, low, high),
         *_drive(axis, friction), *_timing(axis.value("period")),
     ]
+    return [candidate for candidate in found if candidate.id not in axis.effects]
+
+
+def own_candidates(axis):
+    """Effects that only move a number the axis file has: mass, viscosity, level of friction, offset, gain."""
+    contact = "guideway" if axis.law("guideway") != "none" else "actuator"
+    key, gain, mass = f"contacts.{contact}", axis.value("drive.gain"), axis.value("stage.mass")
+    viscous, level = (f"{key}.viscous",), tuple(f"{key}.{leaf}" for leaf in ("coulomb", "static") if axis.has(f"{key}.{leaf}"))
+    offset, change = ("stage.offset_force",), Fitted("change", "1", 0.05, -0.9, 10.0)
+    level_N = axis.value(level[0]) if level else mass
+
+    def factor(p):
+        return {"contact": contact, "factor": float(1.0 + p[0])}
+
+    found = [
+        Candidate("payload_change", "other mass", (Fitted("mass_kg", "kg", 0.02 * mass, -0.9 * mass, 20 * mass),),
+                  lambda p: {"mass_kg": float(p[0])}, lambda p: f"The moving mass differs by {p[0]:+.3g} kg.",
+                  stands_for=("stage.mass",)),
+        Candidate("gravity_tilt", "constant force", (Fitted("force_N", "N", 0.05 * level_N),),
+                  lambda p: {"angle_rad": float(math.asin(np.clip(p[0] / mass / GRAVITY, -1, 1)))},
+                  lambda p: f"A constant force of {p[0]:.3g} N, as of a tilt of {1e3 * p[0] / mass / GRAVITY:.3g} mrad.", stands_for=offset),
+        Candidate("amplifier_offset", "constant voltage", (Fitted("offset_V", "V", 0.05 * level_N / gain),),
+                  lambda p: {"offset_V": float(p[0])}, lambda p: f"The amplifier is off zero by {1e3 * p[0]:.3g} mV.", stands_for=offset),
+        Candidate("amplifier_gain", "gain", (change,), lambda p: {"factor": float(1.0 + p[0])},
+                  lambda p: f"The drive's gain differs by {p[0]:+.1%}."),
+    ]
+    if axis.has(viscous[0]) and axis.value(viscous[0]) > 0.0:
+        found.append(Candidate("viscous_change", "viscosity", (change,), factor,
+                               lambda p: f"Viscous friction differs by {p[0]:+.0%}.", stands_for=viscous))
+    if level:
+        found += [
+            Candidate("friction_level_change", "all friction scaled", (change,), factor,
+                      lambda p: f"All friction differs by {p[0]:+.0%}.", stands_for=level),
+            Candidate("direction_asymmetry", "level of friction differs between directions",
+                      (Fitted("asymmetry", "1", 0.05, -0.9, 0.9),), lambda p: {"contact": contact, "asymmetry": float(p[0])},
+                      lambda p: f"Friction is {abs(2 * p[0]):.0%} larger in the {'positive' if p[0] > 0 else 'negative'} direction.",
+                      stands_for=offset),
+        ]
     return [candidate for candidate in found if candidate.id not in axis.effects]
 
 

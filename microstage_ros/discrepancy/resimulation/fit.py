@@ -71,6 +71,15 @@ class Model:
         """The same model without the cause of this id."""
         return replace(self, chosen=tuple(c for c in self.chosen if c.candidate.id != name))
 
+    def holding(self, keys):
+        """The same model with these of the axis's own parameters held as the file gives them."""
+        free = [(key, value) for key, value in zip(self.keys, self.own) if key not in keys]
+        return replace(self, keys=tuple(key for key, _ in free), own=tuple(value for _, value in free))
+
+    def freeing(self, keys):
+        """The same model with these of the axis's own parameters free (again)."""
+        return replace(self, keys=(*self.keys, *keys), own=(*self.own, *(self.axis.value(key) for key in keys)))
+
     @property
     def extended(self):
         """The `Axis` that simulates this model."""
@@ -80,7 +89,7 @@ class Model:
     def steps_and_bounds(self):
         """Steps of the derivatives and bounds of every free number, three arrays."""
         relative = dict(OWN)
-        scale = max(abs(v) for k, v in zip(self.keys, self.own) if k.endswith(("coulomb", "static", "mass")))
+        scale = max(self.axis.value(key) for key, _ in OWN if self.axis.has(key) and key.endswith(("coulomb", "static", "mass")))
         steps, low, high = [], [], []
         for key, value in zip(self.keys, self.own):
             steps.append(0.02 * scale if key == OFFSET else relative[key] * value)
@@ -91,45 +100,49 @@ class Model:
         return np.array(steps), np.array(low), np.array(high)
 
 
-def jacobian(loop, model, base):
-    """d(residual)/dθ by forward differences, shape (rows, parameters); ``base`` is the residual at the model."""
+def jacobian(loop, model, base, known=None):
+    """d(residual)/dθ by forward differences, shape (rows, parameters); ``base`` is the residual at the model.
+
+    ``known``: derivatives by the first parameters that may stand in for new ones, shape (rows, fewer).
+    """
     theta = model.theta
-    steps, low, high = model.steps_and_bounds()
+    steps, _, high = model.steps_and_bounds()
     columns = np.empty((len(base), len(theta)))
-    for k, step in enumerate(steps):
-        step = -step if theta[k] + step > high[k] else step
+    first = 0 if known is None else known.shape[1]
+    if first:
+        columns[:, :first] = known
+    for k in range(first, len(theta)):
+        step = 0.3 * (-steps[k] if theta[k] + steps[k] > high[k] else steps[k])
         moved = theta.copy()
-        moved[k] += 0.3 * step
-        columns[:, k] = (loop.residual(model.at(moved).extended) - base) / (0.3 * step)
+        moved[k] += step
+        columns[:, k] = (loop.residual(model.at(moved).extended) - base) / step
     return columns
 
 
-def fit(loop, model, rows, iterations=ITERATIONS):
+def fit(loop, model, rows, known=None, iterations=ITERATIONS):
     """Least squares over ``rows`` (boolean mask over all rows of the loop).
 
-    Returns (model, residual over all rows, jacobian at the last but one step).
+    ``known``: see `jacobian`; these derivatives are not renewed (a chord method). Returns the model and its
+    residual over all rows.
     """
     _, low, high = model.steps_and_bounds()
     residual = loop.residual(model.extended)
-    columns = None
     for _ in range(iterations):
-        columns = jacobian(loop, model, residual)
-        better = _step(loop, model, columns, residual, rows, low, high)
+        better = _step(loop, model, jacobian(loop, model, residual, known), residual, rows, low, high)
         if better is None:
             break
         before, (model, residual) = float(np.sum(residual[rows] ** 2)), better
         if before - float(np.sum(residual[rows] ** 2)) < ENOUGH * before:
             break
-    return model, residual, columns
+    return model, residual
 
 
 def _step(loop, model, columns, residual, rows, low, high):
-    """One Gauss-Newton step, halved until the sum of squares falls; None if it does not."""
+    """One Gauss-Newton step, shortened until the sum of squares falls; None if it does not."""
     theta, before = model.theta, float(np.sum(residual[rows] ** 2))
     move = solve(columns[rows], -residual[rows])
-    for _ in range(6):
-        trial = np.clip(theta + move, low, high)
-        moved = model.at(trial)
+    for _ in range(4):
+        moved = model.at(np.clip(theta + move, low, high))
         after = loop.residual(moved.extended)
         if float(np.sum(after[rows] ** 2)) < before:
             return moved, after

@@ -1,0 +1,56 @@
+"""Credit: a simulated axis in lockstep runs only as far as every follower allows.
+
+A follower grants "you may begin control periods up to N" as it goes along. So nobody falls behind by more
+than its window, however slow it is, and nothing is lost; and time stands still where a follower wants it to.
+"""
+
+import time
+
+from microstage_msgs.msg import Credit
+from microstage_ros.nodes.topics import CREDIT, SLOW
+
+UNLIMITED = 2**62
+
+
+class Granter:
+    """The follower's side."""
+
+    def __init__(self, node):
+        self._name = node.get_name()
+        self._publisher = node.create_publisher(Credit, CREDIT, SLOW)
+        self.until = -1
+
+    def grant(self, until):
+        """The driver may begin control periods up to ``until``; never less than before."""
+        self.until = max(until, self.until)
+        if self.until >= 0:
+            self._publisher.publish(Credit(follower=self._name, until=self.until))
+
+
+class Ledger:
+    """The driver's side: who has granted how much, and when."""
+
+    def __init__(self, expected=()):
+        self._until = {name: -1 for name in expected if name}
+        self._heard = {name: time.monotonic() for name in self._until}
+        self.limit = min(self._until.values(), default=UNLIMITED)
+
+    def add(self, credit):
+        """Enter one credit."""
+        self._until[credit.follower] = max(credit.until, self._until.get(credit.follower, -1))
+        self._heard[credit.follower] = time.monotonic()
+        self.limit = min(self._until.values())
+
+    def missing(self):
+        """Names of followers that have granted nothing so far."""
+        return [name for name, until in self._until.items() if until < 0]
+
+    def drop_silent(self, timeout):
+        """Forget those that hold the axis up and have been silent for ``timeout`` [s]; returns their names."""
+        now = time.monotonic()
+        silent = [name for name, until in self._until.items()
+                  if until == self.limit and now - self._heard[name] > timeout]
+        for name in silent:
+            del self._until[name], self._heard[name]
+        self.limit = min(self._until.values(), default=UNLIMITED)
+        return silent
