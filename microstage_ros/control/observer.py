@@ -9,8 +9,8 @@ free of the encoder's counts and of the drive train's resonance. The axis is one
 with the friction laws of the axis file run along the estimated motion, l the level of the actuator's limits
 and d what is left (a random walk). x, v and d follow a steady-state Kalman filter (`motion_gain`). The back-
 EMF matters: below the Stribeck velocity friction falls by 34 uNm per rad/s at the motor, so speed errors of a
-model driven by the current alone grow e-fold in 3 ms. Its R (`resistance_factor`) and zero o are learned
-from what encoder and back-EMF disagree on, and the delay of the voltage, in whole periods, from which past
+model driven by the current alone grow e-fold in 3 ms. Its R and zero o are learned
+(`learn_drive`) from what encoder and back-EMF disagree on, and the delay of the voltage, in whole periods, from which past
 voltage the current answers to.
 
 While blocks slip, d is an error of the level. The level follows a random walk in travel and time (the
@@ -32,17 +32,18 @@ from microstage_ros.control.gains import Gain, fill, record_type
 
 GAINS = (
     Gain("encoder_noise", "m", 1e-12, 1e-3, 1.08e-8, "standard deviation of one encoder value, rounding included"),
-    Gain("voltage_noise", "V", 1e-6, 10.0, 1.5e-3, "standard deviation of the amplifier's voltage"),
+    Gain("voltage_noise", "V", 1e-6, 10.0, 1.0e-3, "noise of the amplifier"),
     Gain("acceleration_noise", "m/s^2/rtHz", 1e-12, 1e3, 2.0e-5, "density of what moves the axis unmodelled"),
     Gain("friction_drift", "m/s^3/rtHz", 1e-12, 1e6, 3.0e-3, "density of the random walk of d"),
-    Gain("learning_time", "s", 1e-3, 1e6, 0.2, "time in which resistance and zero of the amplifier are learned"),
+    Gain("resistance_spread", "1", 0.0, 1.0, 0.1, "standard deviation of R over nominal before anything is learned"),
+    Gain("zero_spread", "V", 0.0, 10.0, 5.0e-3, "standard deviation of the amplifier's zero before that"),
+    Gain("forgetting_time", "s", 1e-2, 1e9, 100.0, "time in which R and zero may change by as much"),
     Gain("level_variability", "1", 0.0, 1.0, 0.06, "standard deviation of the friction level"),
     Gain("level_length", "m", 1e-9, 1.0, 1.0e-4, "travel over which the level varies"),
     Gain("level_time", "s", 1e-3, 1e6, 20.0, "time over which the level varies"),
     Gain("force_noise", "N", 1e-9, 1e6, 0.5, "noise of the force balance within one observer time"),
 )
 FORCE_TIME = 5e-3  # s, over which errors of d hang together
-ZERO_WEIGHT = 2e-3  # V^2, how much of a disagreement is put down to the zero rather than to R
 LAGS = 4  # voltage delays told apart, in periods
 PARAMETERS = record_type(GAINS, [("motion_gain", "f8", (3, 2)), ("encoder_gain", "f8", 3)])
 BLOCK_STATE = feedforward.BLOCK_STATE
@@ -54,8 +55,9 @@ STATE_FIELDS = [
     ("screw_velocity", "f8"),
     ("current", "f8"),  # A, of the period before
     ("acceleration", "f8"),  # m/s^2, of the period before
-    ("resistance_factor", "f8"),  # 1, learned R over nominal
-    ("zero", "f8"),  # V, learned zero of the amplifier
+    ("learned", "f8", 2),  # R over nominal [1], zero of the amplifier [V]
+    ("learned_variance", "f8", 2),
+    ("shift", "f8", (2, 3)),  # how far x, v, d are off per unit error of what is learned
     ("voltages", "f8", LAGS + 1),  # V, newest first
     ("answers", "f8", LAGS),  # correlation of current steps with voltage steps, by lag
     ("excitation", "f8"),  # V^2, mean square of voltage steps
@@ -82,8 +84,11 @@ def observer_reset(p, s):
     s.screw_velocity = 0.0
     s.current = 0.0
     s.acceleration = 0.0
-    s.resistance_factor = 1.0
-    s.zero = 0.0
+    s.learned[0] = 1.0
+    s.learned[1] = 0.0
+    s.learned_variance[0] = p.resistance_spread * p.resistance_spread
+    s.learned_variance[1] = p.zero_spread * p.zero_spread
+    s.shift[:] = 0.0
     s.excitation = 0.0
     s.lag = 0
     for j in range(LAGS):
@@ -163,18 +168,47 @@ def find_lag(s, voltage, step):
 
 
 @compiled
-def motor_speed_error(p, model, s, period, current):
-    """Innovation of the speed [m/s]: back-EMF speed minus estimate; learns resistance and zero."""
+def settled_drop(model, s, period, current):
+    """R i [V] by the nominal R, of the current at the end of the period without its last transient."""
     settled = current
     if model.settling > 0.0:
         rest = math.exp(-period / model.settling)
         settled = (current - rest * s.current) / (1.0 - rest)
-    drop = model.resistance * settled
-    error = s.voltages[s.lag] - s.resistance_factor * drop - s.zero - model.volts_per_velocity * s.v
-    rate = period / p.learning_time / (drop * drop + ZERO_WEIGHT)
-    s.resistance_factor = min(max(s.resistance_factor + rate * error * drop, 0.5), 2.0)
-    s.zero = min(max(s.zero + rate * error * ZERO_WEIGHT, -1.0), 1.0)
-    return error / model.volts_per_velocity
+    return model.resistance * settled
+
+
+@compiled
+def learn_drive(p, model, s, period, drop, position, speed):
+    """Learn R and the amplifier's zero from the innovations of position [m] and speed [m/s].
+
+    Friedland's two-stage filter: ``shift`` is how far a wrong R (or zero) has led x, v and d astray, so both
+    innovations are known multiples of that error. Takes the learned part out of x, v, d.
+    """
+    noise_x = p.encoder_noise * p.encoder_noise
+    noise_v = p.voltage_noise / model.volts_per_velocity
+    noise_v *= noise_v
+    for k in range(2):
+        shift = s.shift[k]
+        spread = p.resistance_spread if k == 0 else p.zero_spread
+        shift[0] += shift[1] * period
+        shift[1] -= shift[2] * period
+        of_position = -shift[0]
+        of_speed = (drop if k == 0 else 1.0) / model.volts_per_velocity - shift[1]
+        for j in range(3):
+            shift[j] += p.motion_gain[j, 0] * of_position + p.motion_gain[j, 1] * of_speed
+        variance = s.learned_variance[k] + spread * spread * period / p.forgetting_time
+        information = of_position * of_position / noise_x + of_speed * of_speed / noise_v
+        variance /= 1.0 + variance * information
+        s.learned_variance[k] = variance
+        change = variance * (of_position * position / noise_x + of_speed * speed / noise_v)
+        s.learned[k] += change
+        s.x -= shift[0] * change
+        s.v -= shift[1] * change
+        s.d -= shift[2] * change
+        position -= of_position * change
+        speed -= of_speed * change
+    s.learned[0] = min(max(s.learned[0], 0.3), 3.0)
+    s.learned[1] = min(max(s.learned[1], -1.0), 1.0)
 
 
 @compiled
@@ -239,11 +273,15 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     for _ in range(parts):
         predict(model, s, period / parts, force)
     s.acceleration = (s.v - before) / period
-    speed = math.nan
+    speed, drop = math.nan, 0.0
     if senses:
-        speed = motor_speed_error(p, model, s, period, current)
+        drop = settled_drop(model, s, period, current)
+        speed = (s.voltages[s.lag] - s.learned[0] * drop - s.learned[1]) / model.volts_per_velocity - s.v
         s.current = current
-    correct(p, s, encoder - s.x, speed)
+    position = encoder - s.x
+    correct(p, s, position, speed)
+    if senses:
+        learn_drive(p, model, s, period, drop, position, speed)
     learn_level(p, model, s, period)
 
 
