@@ -1,0 +1,227 @@
+"""Is this record what its header says?  Plausibility against the numbers of the axis it came from.
+
+A record can be whole and still lie: millimetres for metres, two columns in each other's place, a
+sensor that was not connected, an amplifier at its limit, a few seconds where a minute is needed.
+What cannot be true is refused (`InputError`); what may be true but weakens a result is returned as
+a warning in words.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from microstage_ros.axis.errors import InputError
+
+UNITS = {1e3: "mm", 1e6: "µm", 1e9: "nm"}
+PLAUSIBLE = {
+    "air_temperature_K": (230.0, 340.0, "kelvin (20 °C is 293.15)"),
+    "stage_temperature_K": (230.0, 400.0, "kelvin (20 °C is 293.15)"),
+    "air_pressure_Pa": (3e4, 1.2e5, "pascal (1013.25 hPa is 101325)"),
+    "air_humidity": (0.0, 1.0, "a share from 0 to 1"),
+}
+"""Column to the range that any place on earth keeps, and the words for what would be right."""
+
+OFF_GRID = 0.05
+"""Median distance from a whole count above which positions are not counts; chance gives 0.25."""
+
+MOST_MISSING = 0.5
+MOST_SATURATED = 0.5
+FEW_SATURATED = 0.02
+FEW_COUNTS = 20
+"""Travel, in counts, under which ratios of positions mean nothing."""
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """The numbers of an axis that a record must agree with; None where the axis has no such number.
+
+    Attributes
+    ----------
+    resolution_m : one count of the encoder. travel_m : length of the travel.
+    limit_V : where the amplifier clips. resistance_ohm : of the winding. period_s : control period.
+    """
+
+    resolution_m: float
+    travel_m: float
+    limit_V: float
+    resistance_ohm: float | None = None
+    period_s: float | None = None
+
+    @classmethod
+    def of_axis(cls, axis):
+        """The bounds of an `axis.axis_file.Axis`."""
+        def number(key):
+            return axis.value(key) if axis.has(key) else None
+        return cls(number("sensors.encoder.resolution"), number("travel.maximum") - number("travel.minimum"),
+                   number("drive.voltage_limit"), number("drive.resistance"), number("period"))
+
+
+def check_record(record, bounds, minimum_s=1.0):
+    """Check a record against an axis.
+
+    Parameters
+    ----------
+    record : `Record`.
+    bounds : `Bounds`, or an `Axis`.
+    minimum_s : shortest record that is of use [s].
+
+    Returns
+    -------
+    list of str : what weakens a result, one sentence each.
+
+    Raises
+    ------
+    InputError : what cannot be true, with column, value and what would be right.
+    """
+    if not isinstance(bounds, Bounds):
+        bounds = Bounds.of_axis(bounds)
+    if record.duration_s < minimum_s:
+        raise InputError(f"{record.source}: length", f"{record.duration_s:.4g} s", f"at least {minimum_s:g} s")
+    warnings = []
+    for check in (_period, _missing, _ranges, _constants, _counts, _position_units, _companions, _command, _current):
+        warnings += check(record, bounds)
+    return warnings
+
+
+def span(record, name):
+    """Largest minus smallest value of a column, 0 if it is absent or empty."""
+    return float(np.nanmax(record[name]) - np.nanmin(record[name])) if name in record else 0.0
+
+
+def _refuse(record, column, value, expected):
+    raise InputError(f"{record.source}: column {column}", value, expected)
+
+
+def _period(record, bounds):
+    """Times in another unit look like a period a thousand times too long or short."""
+    if bounds.period_s is None:
+        return []
+    ratio = record.period_s / bounds.period_s
+    if ratio > 300 or ratio < 1 / 300:
+        _refuse(record, "t_s", f"steps of {record.period_s:g}",
+                f"seconds; the axis has a control period of {bounds.period_s:g} s")
+    if abs(ratio - 1) > 0.01:
+        return [f"{record.source}: sampled every {record.period_s:g} s, the axis every {bounds.period_s:g} s"]
+    return []
+
+
+def _missing(record, bounds):
+    """Missing samples: a few are told, half a column is no column."""
+    told = []
+    for name, values in record.columns.items():
+        lost = int(np.isnan(values).sum())
+        if name in ("encoder_m", "voltage_V", "force_N") and lost > MOST_MISSING * len(values):
+            _refuse(record, name, f"{lost} of {len(values)} samples missing", "most samples present")
+        if lost and name in record:
+            told.append(f"{record.source}: {name} lacks {lost} of {len(values)} samples")
+    return told
+
+
+def _ranges(record, bounds):
+    """Temperatures, pressure and humidity that no laboratory has are in another unit."""
+    for name, (low, high, unit) in PLAUSIBLE.items():
+        if name in record:
+            smallest, largest = float(np.nanmin(record[name])), float(np.nanmax(record[name]))
+            if smallest < low or largest > high:
+                _refuse(record, name, smallest if smallest < low else largest, f"{low:g} to {high:g}: {unit}")
+    return []
+
+
+def _constants(record, bounds):
+    """A sensor that never changes while the axis moves was not connected."""
+    moved = span(record, "encoder_m") / bounds.resolution_m
+    if "encoder_m" not in record or moved == 0:
+        _refuse(record, "encoder_m", "constant", "positions that change, by a count at least")
+    command = "voltage_V" if "voltage_V" in record else "force_N"
+    if moved > 100 and span(record, command) == 0 and np.nanmax(np.abs(record[command])) == 0:
+        _refuse(record, command, "0 throughout", f"the command that moved the axis {moved:.0f} counts")
+    for name in ("interferometer_m", "motor_angle_rad"):
+        if name in record and moved > 1000 and span(record, name) == 0:
+            _refuse(record, name, "constant", f"readings that follow the encoder ({moved:.0f} counts), or no column")
+    if "current_A" in record and span(record, "current_A") == 0 and span(record, command) > 0.2 * bounds.limit_V:
+        _refuse(record, "current_A", "constant", "the motor current, or no column")
+    return []
+
+
+def _position_units(record, bounds):
+    """Positions beyond the travel are in another unit, or in another column's place."""
+    for name in ("encoder_m", "reference_m", "interferometer_m"):
+        covered = span(record, name)
+        if covered > 1.05 * bounds.travel_m:
+            unit = next((f"; divided by {factor:g} they would fit: {word} for m?" for factor, word in UNITS.items()
+                         if covered / factor <= 1.05 * bounds.travel_m), "")
+            _refuse(record, name, f"a span of {covered:.6g}", f"metres, within a travel of {bounds.travel_m:g} m{unit}")
+    return []
+
+
+def _counts(record, bounds):
+    """Encoder readings are whole counts; a thousand counts at a time are another unit."""
+    counts, off = _as_counts(record["encoder_m"], bounds.resolution_m)
+    if off < OFF_GRID:
+        step = int(np.gcd.reduce(np.unique(counts)))
+        for factor, word in UNITS.items():
+            if step and step % int(factor / 10) == 0 and step / factor <= 3:
+                _refuse(record, "encoder_m", f"steps of {step * bounds.resolution_m:g}",
+                        f"metres in steps of {bounds.resolution_m:g} m; {word} for m?")
+        if step <= 1:
+            return []
+        return [f"{record.source}: encoder_m moves {step} counts of {bounds.resolution_m:g} m at a time; is that one?"]
+    if ("reference_m" in record and len(np.unique(record["reference_m"])) > FEW_COUNTS
+            and _as_counts(record["reference_m"], bounds.resolution_m)[1] < OFF_GRID):
+        _refuse(record, "encoder_m", "no whole counts, while reference_m has them",
+                "the two columns in each other's place")
+    return [f"{record.source}: encoder_m is not in whole counts of {bounds.resolution_m:g} m"]
+
+
+def _as_counts(positions, resolution):
+    """Positions as whole counts from the first, and their median distance from whole counts."""
+    seen = positions[np.isfinite(positions)]
+    exact = (seen - seen[0]) / resolution
+    counts = np.round(exact)
+    moving = counts != 0
+    off = float(np.median(np.abs(exact - counts)[moving])) if moving.any() else 0.0
+    return counts.astype(np.int64), off
+
+
+def _companions(record, bounds):
+    """Reference and interferometer move as far as the encoder, or they are in another unit."""
+    moved = span(record, "encoder_m")
+    if moved < FEW_COUNTS * bounds.resolution_m:
+        return []
+    for name, most in (("interferometer_m", 30.0), ("reference_m", 100.0)):
+        other = span(record, name)
+        if other == 0 or name not in record:
+            continue
+        ratio = other / moved
+        if not 1 / most <= ratio <= most:
+            _refuse(record, name, f"a span of {other:.4g}", f"metres, like the span of encoder_m, {moved:.4g} m")
+    return []
+
+
+def _command(record, bounds):
+    """Commands far beyond the amplifier are in another unit; commands at its limit say little."""
+    if "voltage_V" not in record:
+        return []
+    size = np.abs(record["voltage_V"])
+    if np.nanmax(size) > 10 * bounds.limit_V:
+        _refuse(record, "voltage_V", float(np.nanmax(size)), f"volts; the amplifier clips at {bounds.limit_V:g} V")
+    share = float(np.nanmean(size >= 0.999 * bounds.limit_V))
+    if share > MOST_SATURATED:
+        _refuse(record, "voltage_V", f"{share:.0%} of the time at the limit",
+                f"a record that stays under {bounds.limit_V:g} V most of the time")
+    if share > FEW_SATURATED:
+        return [f"{record.source}: voltage_V is at the limit of {bounds.limit_V:g} V {share:.0%} of the time"]
+    return []
+
+
+def _current(record, bounds):
+    """More current than voltage and winding allow: another unit, or the columns swapped."""
+    if bounds.resistance_ohm is None or "current_A" not in record or "voltage_V" not in record:
+        return []
+    volts = float(np.sqrt(np.nanmean(record["voltage_V"] ** 2)))
+    drop = float(np.sqrt(np.nanmean(record["current_A"] ** 2))) * bounds.resistance_ohm
+    if drop > 3 * volts + 0.03 * bounds.limit_V:
+        _refuse(record, "current_A", f"rms {drop / bounds.resistance_ohm:.4g}",
+                f"amperes, about {volts / bounds.resistance_ohm:.4g} for the voltage of this record through "
+                f"{bounds.resistance_ohm:g} ohm; mA for A, or the two columns in each other's place?")
+    return []
