@@ -115,7 +115,12 @@ class Picture:
 
 @dataclasses.dataclass(frozen=True)
 class Diagnosis:
-    """The answer for one axis: see the fields' own descriptions; ``verdict`` is one of `VERDICTS`."""
+    """The answer for one axis: see the fields' own descriptions; ``verdict`` is one of `VERDICTS`.
+
+    ``identified``: numbers of the axis file that were fitted along, {dotted key: `Parameter`}.
+    ``provisional``: effects that stand in for a cause whose name is open (the first of each `Rivals`), so
+    that the extended axis predicts as well as it can; {id: {parameter: value}}.
+    """
 
     verdict: str
     causes: tuple = ()
@@ -125,6 +130,8 @@ class Diagnosis:
     pictures: tuple = ()
     notes: tuple = ()
     seed: int = 0
+    identified: dict = dataclasses.field(default_factory=dict)
+    provisional: dict = dataclasses.field(default_factory=dict)
 
     @property
     def effects(self):
