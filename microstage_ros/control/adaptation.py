@@ -11,17 +11,18 @@ e^2, 10^6 between 1 um and 1 mm.
 
 Robust law. The same three products drive the logarithms of the gains, after the cures below:
 
-* error and its slope pass a filter; a dead band of `dead_band` (the encoder's resolution) is taken off the
-  error, so that noise at rest teaches nothing;
-* e, S and tau de/dt are divided by sqrt(dead_band^2 + e^2 + S^2 + (tau de/dt)^2): the speed does not depend
-  on the size of the move;
+* error and its slope pass a filter; a dead band (the encoder's resolution) is taken off the error, so that
+  noise at rest teaches nothing;
+* e, S and tau de/dt are divided by dead_band^2 + e^2 + S^2 + (tau de/dt)^2: the speed does not depend on the
+  size of the move;
 * S forgets with 10 tau and only e S > 0 counts: an error that persists raises K_I, an overshoot does not
   make it collapse;
-* alternation is the opposite evidence: the power of the error's fast part above what encoder noise
-  explains lowers all three gains together, until it is gone;
-* the gains stay between `floor` and `ceiling` times the tuned ones: the stable set, whose margins
-  `control.margins` computes at both ends. The ratios K_D : K_P : K_I may differ by `spread` at most, since
-  K_P > J R K_I / (k_M (...)) separates stable from unstable triples, not their size alone.
+* the gains stay between `floor` and `ceiling` times the tuned ones, K_I at most `spread` times ahead of K_P
+  and K_D at most `spread` times behind it: the stable set, whose margins `control.margins` computes;
+* the set shrinks where the axis says so. A swing is a half wave of the error's fast part beyond
+  `alternation`, shorter than 10 tau; from the fifth in a row on, each lowers the ceiling of K_P by
+  `back_off`, that of K_I by twice as much (the pole of the integral moves with that of the position loop)
+  and that of K_D by `damping_share` of it. Ceilings rise again at `recovery`.
 """
 
 import math
@@ -35,13 +36,15 @@ GAINS = (
     Gain("raw_coefficient", "V/(m^3 s)", 0.0, 1e30, 1e17, "g of the raw law"),
     Gain("time_unit", "s", 1e-5, 10.0, 0.01, "tau, which gives K_P, K_I tau, K_D / tau one unit"),
     Gain("speed", "1/s", 0.0, 1e3, 20.0, "rate of the logarithm of a gain under a full-size error"),
-    Gain("back_off", "1/s", 0.0, 1e4, 100.0, "rate at which alternation lowers the gains"),
+    Gain("back_off", "1", 0.0, 10.0, 0.15, "fall of the logarithm of the ceiling with a swing"),
+    Gain("damping_share", "1", 0.0, 1.0, 0.5, "share of the back-off that K_D takes part in"),
+    Gain("recovery", "1/s", 0.0, 100.0, 0.01, "rise of the logarithm of a lowered ceiling"),
     Gain("dead_band", "m", 0.0, 1e-3, 2.5e-8, "error that teaches nothing"),
-    Gain("alternation", "m", 1e-10, 1e-3, 4.0e-8, "rms of the fast part of the error that is called alternation"),
+    Gain("alternation", "m", 1e-10, 1e-3, 4.0e-8, "smallest half wave of the error that is called a swing"),
     Gain("start", "1", 1e-4, 100.0, 1.0, "gains at reset over the tuned ones"),
     Gain("floor", "1", 1e-4, 1.0, 0.1, "lowest gains over the tuned ones"),
-    Gain("ceiling", "1", 1.0, 100.0, 1.5, "highest gains over the tuned ones"),
-    Gain("spread", "1", 1.0, 10.0, 1.5, "largest ratio between the factors of two gains"),
+    Gain("ceiling", "1", 1.0, 100.0, 1.2, "highest gains over the tuned ones"),
+    Gain("spread", "1", 1.0, 10.0, 1.5, "how far K_I may be ahead of K_P, and K_D behind"),
 )
 PARAMETERS = record_type(GAINS)
 STATE_FIELDS = [
@@ -50,8 +53,12 @@ STATE_FIELDS = [
     ("filtered", "f8"),  # m
     ("slope", "f8"),  # m, tau times the slope of the filtered error
     ("leaky", "f8"),  # m, forgetting integral of the error over tau
-    ("fast", "f8"),  # m^2, power of the fast part of the error
-    ("slow", "f8"),  # m
+    ("slow", "f8"),  # m, slow part of the error
+    ("smooth", "f8"),  # m, error without the encoder's noise
+    ("peak", "f8"),  # m, largest fast error since its sign changed; it has the sign
+    ("since", "f8"),  # s, time since its sign changed
+    ("swings", "i8"),  # in a row
+    ("ceiling", "f8"),  # logarithm of the present ceiling of K_P
     ("log_kp", "f8"),  # natural logarithms of the gains over the tuned ones
     ("log_ki", "f8"),
     ("log_kd", "f8"),
@@ -66,8 +73,12 @@ def adaptation_reset(p, s, pid_s):
     s.filtered = 0.0
     s.slope = 0.0
     s.leaky = 0.0
-    s.fast = 0.0
     s.slow = 0.0
+    s.smooth = 0.0
+    s.peak = 0.0
+    s.since = 0.0
+    s.swings = 0
+    s.ceiling = math.log(p.ceiling)
     s.log_kp = math.log(p.start)
     s.log_ki = s.log_kp
     s.log_kd = s.log_kp
@@ -104,27 +115,39 @@ def adapt_robust(p, s, error, period):
     s.log_kp += rate * s.filtered * s.filtered
     s.log_ki += rate * max(s.filtered * s.leaky, 0.0)
     s.log_kd += rate * s.filtered * s.slope
-    s.slow += period / (2.0 * p.time_unit) * (error - s.slow)
-    fast = error - s.slow
-    s.fast += period / (5.0 * p.time_unit) * (fast * fast - s.fast)
-    excess = s.fast / (p.alternation * p.alternation) - 1.0
-    if excess > 0.0:
-        fall = p.back_off * min(excess, 1.0) * period
-        s.log_kp -= fall
-        s.log_ki -= fall
-        s.log_kd -= fall
+    watch_swings(p, s, error, period)
     project(p, s)
 
 
 @compiled
+def watch_swings(p, s, error, period):
+    """Count half waves of the fast part of the error; lower the ceiling while they go on."""
+    s.smooth += min(period / (0.05 * p.time_unit), 1.0) * (error - s.smooth)
+    s.slow += min(period / (2.0 * p.time_unit), 1.0) * (error - s.slow)
+    fast = s.smooth - s.slow
+    s.since += period
+    s.ceiling = min(s.ceiling + p.recovery * period, math.log(p.ceiling))
+    if s.since > 10.0 * p.time_unit:
+        s.swings = 0
+    if fast * s.peak < 0.0:
+        s.swings = s.swings + 1 if abs(s.peak) > p.alternation else 0
+        if s.swings > 4:
+            s.ceiling = max(min(s.ceiling, s.log_kp) - p.back_off, math.log(p.floor))
+        s.peak = fast
+        s.since = 0.0
+    elif abs(fast) > abs(s.peak):
+        s.peak = fast
+
+
+@compiled
 def project(p, s):
-    """Bring the gains back into the stable set: floor, ceiling, and not too far from each other."""
+    """Bring the gains back into the stable set: floor, ceilings, and not too far from each other."""
     low = math.log(p.floor)
-    high = math.log(p.ceiling)
     wide = math.log(p.spread)
-    s.log_kp = min(max(s.log_kp, low), high)
-    s.log_ki = min(max(s.log_ki, low, s.log_kp - wide), high, s.log_kp + wide)
-    s.log_kd = min(max(s.log_kd, low, s.log_kp - wide), high, s.log_kp + wide)
+    shrunk = min(s.ceiling, 0.0)
+    s.log_kp = min(max(s.log_kp, low), s.ceiling)
+    s.log_ki = min(max(s.log_ki, 2.0 * low), s.ceiling + shrunk, s.log_kp + wide)
+    s.log_kd = min(max(s.log_kd, low, s.log_kp - wide), math.log(p.ceiling) + p.damping_share * shrunk)
 
 
 @compiled

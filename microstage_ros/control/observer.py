@@ -37,7 +37,7 @@ GAINS = (
     Gain("friction_drift", "m/s^3/rtHz", 1e-12, 1e6, 3.0e-3, "density of the random walk of d"),
     Gain("resistance_spread", "1", 0.0, 1.0, 0.1, "standard deviation of R over nominal before anything is learned"),
     Gain("zero_spread", "V", 0.0, 10.0, 5.0e-3, "standard deviation of the amplifier's zero before that"),
-    Gain("forgetting_time", "s", 1e-2, 1e9, 100.0, "time in which R and zero may change by as much"),
+    Gain("forgetting_time", "s", 1e-2, 1e9, 3000.0, "time in which R and zero may change by as much"),
     Gain("level_variability", "1", 0.0, 1.0, 0.06, "standard deviation of the friction level"),
     Gain("level_length", "m", 1e-9, 1.0, 1.0e-4, "travel over which the level varies"),
     Gain("level_time", "s", 1e-3, 1e6, 20.0, "time over which the level varies"),
