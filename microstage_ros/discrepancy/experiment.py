@@ -1,0 +1,85 @@
+"""The run that would tell rivals apart: a run file, as plain data, for the axis at hand.
+
+Each pair of rivals differs in one condition (frequency, speed, load direction, dwell, stroke …); the
+program moves that condition while the rest stays. `simulate --run` accepts the mapping as it is.
+"""
+
+import numpy as np
+
+#: Sets of effects that go by the same condition, and what the run does about it (first match counts).
+CONDITIONS = (
+    ({"actuator_lag", "transport_delay", "sampling_jitter", "drive_compliance", "backlash"}, "frequency"),
+    ({"rising_static_friction", "presliding_creep", "resistance_rise", "thermal_drift", "refractive_index"}, "dwell"),
+    ({"viscous_change", "nonlinear_viscous", "frictional_lag", "friction_level_change", "amplifier_gain", "payload_change"},
+     "speed"),
+    ({"gravity_tilt", "amplifier_offset", "direction_asymmetry", "amplifier_deadband"}, "rest"),
+    ({"position_dependent_friction", "cable_spring", "screw_pitch_error", "torque_ripple", "encoder_sde", "scale_error"},
+     "stroke"),
+)
+WHY = {
+    "frequency": "they differ in how phase and amplitude go with frequency; sines up to a tenth of the sampling rate show it",
+    "dwell": "they differ in how they grow with time at rest; dwells from 0.1 s to 100 s show it",
+    "speed": "they differ in how friction goes with speed; the same stroke at speeds over two decades shows it",
+    "rest": "they differ near standstill, where friction changes sign; slow sweeps through zero force show it",
+    "stroke": "they differ in their dependence on position and speed; the same stroke at a slow and a fast speed shows it",
+}
+
+
+def condition_of(ids):
+    """The condition that separates a set of rivals: key of `WHY`."""
+    ids = set(ids)
+    return max(CONDITIONS, key=lambda entry: len(ids & entry[0]))[1]
+
+
+def separating_run(ids, axis):
+    """Run file (a mapping) whose record would separate the rivals ``ids`` on this axis.
+
+    Amplitudes and speeds are taken from the axis: its travel, its period and its encoder.
+    """
+    low, high = axis.value("travel.minimum"), axis.value("travel.maximum")
+    stroke, period = high - low, axis.value("period")
+    middle, count = 0.5 * (low + high), max(axis.value("sensors.encoder.resolution"), 1e-9)
+    program = _PROGRAMS[condition_of(ids)](middle, stroke, period, count)
+    return {"period_s": period, "start_m": _tidy(middle), "program": program}
+
+
+def _tidy(value):
+    return float(f"{value:.4g}")
+
+
+def _frequency(middle, stroke, period, count):
+    top = 0.1 / period
+    amplitude = _tidy(min(400 * count, 1e-3 * stroke))
+    return [{"sine": {"amplitude_m": amplitude, "frequency_hz": _tidy(f), "cycles": int(max(5, round(2 * f)))}, "dwell_s": 0.3}
+            for f in np.geomspace(0.02 * top, top, 6)]
+
+
+def _dwell(middle, stroke, period, count):
+    step, program = _tidy(1e-3 * stroke), []
+    for k, pause in enumerate((0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)):
+        program.append({"move_to_m": _tidy(middle + step * (-1) ** k), "dwell_s": pause})
+    return program
+
+
+def _speed(middle, stroke, period, count):
+    reach, program = 0.2 * stroke, []
+    for speed in np.geomspace(0.002 * stroke, 0.2 * stroke, 5):
+        program += [{"scan": {"to_m": _tidy(middle + min(reach, 3 * speed)), "speed_m_s": _tidy(speed)}, "dwell_s": 0.2},
+                    {"scan": {"to_m": _tidy(middle), "speed_m_s": _tidy(speed)}, "dwell_s": 0.2}]
+    return program
+
+
+def _rest(middle, stroke, period, count):
+    return [{"sine": {"amplitude_m": _tidy(a), "frequency_hz": 0.05, "cycles": 2}, "dwell_s": 5.0}
+            for a in (20 * count, 200 * count, 2000 * count)]
+
+
+def _stroke(middle, stroke, period, count):
+    low, high, program = _tidy(middle - 0.4 * stroke), _tidy(middle + 0.4 * stroke), []
+    for speed in (0.02 * stroke, 0.2 * stroke):
+        program += [{"scan": {"to_m": high, "speed_m_s": _tidy(speed)}, "dwell_s": 0.5},
+                    {"scan": {"to_m": low, "speed_m_s": _tidy(speed)}, "dwell_s": 0.5}]
+    return program
+
+
+_PROGRAMS = {"frequency": _frequency, "dwell": _dwell, "speed": _speed, "rest": _rest, "stroke": _stroke}

@@ -1,0 +1,158 @@
+"""The diagnosis of a force-driven axis, from records to the answer."""
+
+import math
+
+import numpy as np
+
+from microstage_ros.axis.errors import InputError
+from microstage_ros.discrepancy.diagnosis import Cause, Diagnosis, Gain, OverallGain, Parameter, Rivals
+from microstage_ros.discrepancy.experiment import WHY, condition_of, separating_run
+from microstage_ros.discrepancy.resimulation import pictures
+from microstage_ros.discrepancy.resimulation.candidates import candidates, own_candidates
+from microstage_ros.discrepancy.resimulation.closed_loop import ClosedLoop, measured
+from microstage_ros.discrepancy.resimulation.fit import BLOCK_S, Model, fit, standard_errors
+from microstage_ros.discrepancy.resimulation.folds import (
+    HELD_BACK, bootstrap_interval, make_folds, mean_square, noise_floor,
+)
+from microstage_ros.discrepancy.resimulation.selection import Selector
+
+AT_THE_FLOOR = 1.25            # residual over floor up to which everything is accounted for
+OPEN = 0.1                     # share of a cause with rivals from which the whole verdict is open
+METRIC = "measured minus simulated force in closed loop, rms on time not fitted on"
+
+
+def diagnose_force_axis(axis, records, holdout=(), baseline=(), seed=0, progress=None):
+    """Find what a force-driven axis file lacks.
+
+    Parameters
+    ----------
+    axis : `Axis` with ``drive.type: force`` and the controller that was in the loop.
+    records, holdout, baseline : lists of `Record`. Without ``holdout`` the last 30 % of every record is
+        held back. ``baseline`` (the axis while the model was right) re-identifies the axis's own numbers first.
+    seed : of thresholds and intervals.
+    progress : function (text), or None.
+
+    Returns
+    -------
+    `Diagnosis`. Raises InputError for records that do not fit the axis file.
+    """
+    if not records:
+        raise InputError("records", 0, "at least one record")
+    if baseline:
+        axis = _on_baseline(axis, baseline)
+    parts = [measured(record, axis) for record in (*records, *holdout)]
+    folds = make_folds(parts, [False] * len(records) + [True] * len(holdout))
+    loop = ClosedLoop(parts)
+    selector = Selector(loop, folds, axis.value("period"), progress)
+    learnt = parts[: len(records)]
+    selection = selector.select(Model.of(axis), own_candidates(axis), candidates(axis, learnt))
+    return _answer(axis, parts, folds, loop, selection, records, holdout, seed)
+
+
+def _on_baseline(axis, baseline):
+    """The axis with its own numbers fitted to records of it while nothing was wrong."""
+    loop = ClosedLoop([measured(record, axis) for record in baseline])
+    model, _ = fit(loop, Model.of(axis), np.ones(len(loop.force), bool))
+    return model.extended
+
+
+def _answer(axis, parts, folds, loop, selection, records, holdout, seed):
+    period, last = axis.value("period"), selection.stages[-1]
+    floor = noise_floor(parts, folds.period_rows)
+    steps, before, after = _steps(selection, folds.held)
+    excess = max(before**2 - floor**2, 1e-12)
+    errors = standard_errors(last.columns[folds.learn], last.residual[folds.learn], int(BLOCK_S / period))
+    causes, rivals, provisional, open_share = [], [], {}, 0.0
+    for position, cause in enumerate(last.model.chosen):
+        found = _cause(cause, _errors_of(last.model, errors, position), steps[cause.candidate.id], excess)
+        alike = selection.rivals.get(found.id, [])
+        if alike:
+            ids = (found.id, *alike)
+            rivals.append(Rivals(ids, _why(ids, found), separating_run(ids, axis)))
+            provisional[found.id] = found.effect
+            open_share = max(open_share, found.share)
+        else:
+            causes.append(found)
+    causes.sort(key=lambda cause: -cause.share)
+    own = np.flatnonzero(folds.held)
+    coordinates = pictures.coordinates(parts, axis, own)
+    found = pictures.findings(coordinates, selection.stages[0].residual[own], last.residual[own], seed)
+    block = max(int(BLOCK_S / period), 1)
+    gain = OverallGain(METRIC, "N", _held_names(records, holdout, parts), before, after, floor,
+                       bootstrap_interval(last.residual[own], block, seed))
+    names = [cause.candidate.id for cause in last.model.chosen]
+    return Diagnosis(
+        _verdict(causes, rivals, open_share, before, after, floor, found), tuple(causes), tuple(rivals), gain, found,
+        pictures.pictures(coordinates, selection.stages[0].residual[own], last.residual[own], names, folds.period_rows),
+        _notes(selection, folds, loop, before, after, own), seed, _identified(last.model, errors), provisional,
+    )
+
+
+def _steps(selection, held):
+    """Rms on held-out time before and after every cause that stayed, and over all: ({id: (b, a)}, b, a)."""
+    steps, now = {}, math.sqrt(mean_square(selection.stages[0].residual, held))
+    before, kept = now, {cause.candidate.id for cause in selection.model.chosen}
+    for was, stage in zip(selection.stages, selection.stages[1:]):
+        added = {c.candidate.id for c in stage.model.chosen} - {c.candidate.id for c in was.model.chosen}
+        rms = math.sqrt(mean_square(stage.residual, held))
+        for name in added & kept:
+            steps[name] = (now, rms)
+        now = rms
+    return steps, before, now
+
+
+def _errors_of(model, errors, position):
+    first = len(model.keys) + sum(len(cause.values) for cause in model.chosen[:position])
+    return errors[first: first + len(model.chosen[position].values)]
+
+
+def _cause(chosen, errors, step, excess):
+    """`Cause` of one chosen candidate; ``step``: rms before and after it was added."""
+    candidate = chosen.candidate
+    parameters = {fitted.name: Parameter(float(value), float(error), fitted.unit)
+                  for fitted, value, error in zip(candidate.fitted, chosen.values, errors)}
+    z = max(abs(value) / max(error, 1e-300) for value, error in zip(chosen.values, errors[: len(candidate.sizes)]))
+    share = float(np.clip((step[0] ** 2 - step[1] ** 2) / excess, 0.0, 1.0))
+    return Cause(candidate.id, parameters, chosen.effect, float(math.erf(z / math.sqrt(2.0))), share,
+                 Gain(step[0], step[1], "N"), "force", candidate.sentence(chosen.values))
+
+
+def _why(ids, found):
+    return (f"{found.sentence[:-1]}, or what looks the same here: these records do not separate {', '.join(ids)}; "
+            + WHY[condition_of(ids)])
+
+
+def _verdict(causes, rivals, open_share, before, after, floor, found):
+    if not causes and not rivals:
+        stands_out = before > AT_THE_FLOOR * floor and any(f.significant for f in found)
+        return "unexplained" if stands_out else "agrees"
+    if rivals and (open_share >= OPEN or not causes):
+        return "undetermined"
+    return "explained" if after <= AT_THE_FLOOR * floor else "partly_explained"
+
+
+def _held_names(records, holdout, parts):
+    if holdout:
+        return tuple(str(record.source) for record in holdout)
+    return tuple(f"{record.source} (t ≥ {(1 - HELD_BACK) * len(part) * record.period_s:.4g} s, held back by the program)"
+                 for record, part in zip(records, parts))
+
+
+def _identified(model, errors):
+    unit = {key: model.axis.quantity(key).unit for key in model.keys}
+    return {key: Parameter(float(value), float(error), unit[key]) for key, value, error in zip(model.keys, model.own, errors)}
+
+
+def _notes(selection, folds, loop, before, after, held):
+    own = math.sqrt(mean_square(selection.own.residual, folds.held))
+    notes = [f"Fitting the axis file's own numbers again, without any cause, gives {own:.3g} N ({before:.3g} N as given)."]
+    if folds.period_rows:
+        notes.append("The motion repeats itself: causes were also tested on parts of the motion left out in every "
+                     "repetition, and the noise floor is what differs between repetitions.")
+    positions = [loop.position[held] - loop.simulate(model.extended)[1][held]
+                 for model in (selection.stages[0].model, selection.model)]
+    rms = [1e6 * float(np.sqrt(np.mean(p**2))) for p in positions]
+    notes.append(f"Position in closed loop: predicted to {rms[0]:.3g} µm rms with the axis file, {rms[1]:.3g} µm with the causes.")
+    if after > before:
+        notes.append("On held-out time the causes do not help: the records to learn from are not like those held out.")
+    return tuple(notes)
