@@ -39,29 +39,27 @@ def forget(work):
 
 @compiled
 def _system(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, a):
-    """Fill the augmented system matrix: stiffness and damping of both contacts, at φ and at x."""
-    ratio, gear = plant.ratio, plant.gear
+    """Fill the augmented system matrix; returns the inertia at the motor.
+
+    Stage coordinates are taken in motor radians (x/ratio), torques and forces as accelerations, so that
+    the entries are alike in size and the exponential keeps its digits.
+    """
+    ratio, gear, mass = plant.ratio, plant.gear, plant.mass
+    inertia = plant.inertia
     if plant.rigid == 1:
-        inertia = plant.inertia + plant.mass * ratio * ratio
+        inertia += mass * ratio * ratio
         a[1, 2] = -(stiff_a / gear + ratio * ratio * stiff_g) / inertia
         a[1, 1] = -(damp_a / gear + ratio * ratio * damp_g) / inertia
-        a[1, 9] = ratio / inertia
+        a[1, 9] = 1.0
     else:
-        inertia = plant.inertia
-        k = plant.stiffness * in_contact
-        d = plant.damping * in_contact
-        a[1, 2] = -(stiff_a / gear + ratio * ratio * k) / inertia
-        a[1, 1] = -(damp_a / gear + ratio * ratio * d) / inertia
-        a[1, 3] = ratio * d / inertia
-        a[1, 4] = ratio * k / inertia
-        a[3, 1] = ratio * d / plant.mass
-        a[3, 2] = ratio * k / plant.mass
-        a[3, 3] = -(d + damp_g) / plant.mass
-        a[3, 4] = -(k + stiff_g) / plant.mass
-        a[3, 9] = 1.0 / plant.mass
+        k, d = plant.stiffness * in_contact, plant.damping * in_contact
+        k_motor, d_motor = ratio * ratio * k / inertia, ratio * ratio * d / inertia
+        a[1, 1], a[1, 2], a[1, 3], a[1, 4] = -damp_a / gear / inertia - d_motor, -stiff_a / gear / inertia - k_motor, d_motor, k_motor
+        a[3, 1], a[3, 2], a[3, 3], a[3, 4] = d / mass, k / mass, -(d + damp_g) / mass, -(k + stiff_g) / mass
+        a[3, 9] = 1.0
         a[4, 3] = 1.0
     a[2, 1] = 1.0
-    a[1, 6] = 1.0 / inertia
+    a[1, 6] = 1.0
     if plant.force_drive == 1:
         a[1, 5] = ratio / inertia
     else:
@@ -72,6 +70,7 @@ def _system(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, a):
     a[6, 7] = 1.0
     a[7, 8] = 1.0
     a[9, 10] = 1.0
+    return inertia
 
 
 @compiled
@@ -107,38 +106,29 @@ def _product(a, b):
 
 
 @compiled
-def _write_level(e, half, h, rigid, ratio, out):
-    """Pick the used rows and columns of the exponentials over h and h/2 into one level's matrix."""
+def _write_level(e, half, h, plant, inertia, out):
+    """Pick the used rows and columns of the exponentials over h and h/2 into one level's matrix, in SI units."""
     source = (0, 1, 3, 5, 6, 7, 8, 9, 10)
+    ratio, rigid = plant.ratio, plant.rigid == 1
+    push = ratio / inertia if rigid else 1.0 / (plant.mass * ratio)
+    unit = (1.0, 1.0, 0.0 if rigid else 1.0 / ratio, 1.0, 1.0 / inertia, 1.0 / inertia / h, 2.0 / inertia / (h * h), push, push / h)
+    v_row, x_row = (1, 2) if rigid else (3, 4)
     for j in range(INPUTS):
-        s = source[j]
-        scale = 1.0
-        if j == T1 or j == F1:
-            scale = 1.0 / h
-        elif j == T2:
-            scale = 2.0 / (h * h)
-        out[j, O_I] = scale * e[0, s]
-        out[j, O_OMEGA] = scale * e[1, s]
-        out[j, O_THETA] = scale * e[2, s]
-        out[j, O_V] = scale * (ratio * e[1, s] if rigid == 1 else e[3, s])
-        out[j, O_X] = scale * (ratio * e[2, s] if rigid == 1 else e[4, s])
-        out[j, O_OMEGA_MID] = scale * half[1, s]
-        out[j, O_V_MID] = scale * (ratio * half[1, s] if rigid == 1 else half[3, s])
-        out[j, 7] = 0.0
-    if rigid == 1:
-        for o in range(OUTPUTS):
-            out[V, o] = 0.0
+        s, f = source[j], unit[j]
+        out[j, O_I], out[j, O_OMEGA], out[j, O_THETA] = f * e[0, s], f * e[1, s], f * e[2, s]
+        out[j, O_V], out[j, O_X] = f * ratio * e[v_row, s], f * ratio * e[x_row, s]
+        out[j, O_OMEGA_MID], out[j, O_V_MID], out[j, 7] = f * half[1, s], f * ratio * half[v_row, s], 0.0
 
 
 @compiled
 def build_mode(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, matrices):
     """All levels' matrices of one mode into ``matrices`` (LEVELS, INPUTS, OUTPUTS)."""
     a = np.zeros((_SIZE, _SIZE))
-    _system(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, a)
+    inertia = _system(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, a)
     h = plant.period / TICKS
     half = _exponential(a, 0.5 * h)
     for level in range(LEVELS - 1, -1, -1):
         e = _product(half, half)
-        _write_level(e, half, h, plant.rigid, plant.ratio, matrices[level])
+        _write_level(e, half, h, plant, inertia, matrices[level])
         half = e
         h *= 2.0

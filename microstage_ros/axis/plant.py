@@ -12,7 +12,7 @@ from microstage_ros.axis.linear_core import forget, new_work
 from microstage_ros.axis.random import seed_state
 from microstage_ros.axis.records import BLOCKS, PLANT, READINGS, STATE
 
-BRISTLE = 2.0                  # Coulomb contact: natural frequency of its bristle times the control period
+BRISTLE = 100.0                  # Coulomb contact: natural frequency of its bristle times the control period
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,115 @@
+"""The pieces of the compiled step against closed forms and scipy."""
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from microstage_ros.axis import linear_core as core
+from microstage_ros.axis.contact import limit
+from microstage_ros.axis.plant import NoiseSpec, make_plant, new_state, new_work
+from microstage_ros.axis.random import normal, seed_state, uniform
+from microstage_ros.axis.records import LEVELS
+from microstage_ros.axis.slip import relax
+
+
+def test_random_numbers_are_normal_and_uniform():
+    state = seed_state(3)
+    draws = np.array([normal(state) for _ in range(200_000)])
+    assert stats.kstest(draws, "norm").pvalue > 1e-3
+    assert stats.kurtosis(draws) == pytest.approx(0.0, abs=0.05)
+    assert np.mean(np.abs(draws) > 3.442619855899) == pytest.approx(2 * stats.norm.sf(3.442619855899), rel=0.35)
+    assert stats.kstest([uniform(state) for _ in range(50_000)], "uniform").pvalue > 1e-3
+
+
+def test_same_seed_same_numbers_other_seed_others():
+    draw = lambda seed: [normal(s) for s in [seed_state(seed)] for _ in range(5)]
+    assert draw(1) == draw(1) and draw(1) != draw(2)
+
+
+def test_stribeck_table_follows_the_curve(quiet):
+    contact = quiet()["actuator"]
+    w = np.concatenate([[0.0], np.geomspace(1e-8, 50, 4000)])
+    exact = 125.6e-6 + (219e-6 - 125.6e-6) * np.exp(-((w / 0.18) ** 0.9))
+    table = np.array([limit(contact, x) for x in w])
+    assert np.max(np.abs(table / exact - 1)) < 2e-6
+    fine = w > 1e-6
+    assert np.max(np.abs(table / exact - 1)[fine]) < 2e-8
+
+
+def test_mode_matrices_equal_scipy_expm(quiet):
+    plant = quiet()
+    work = new_work()
+    core.build_mode(plant, 0.8, 3e-6, 4e5, 20.0, 1, 3.41, work["matrix"][0])
+    lead, gear = plant["screw_ratio"], 19.0
+    a = np.zeros((5, 5))       # i ω θ v x, written from the equations of MODEL.md
+    a[0, :2] = [-3.41 / 75e-6, -6.589014636e-3 / 75e-6]
+    r, k, d = lead / gear, 1.2e7, 600.0
+    a[1] = np.array([6.59e-3, -3e-6 / gear - r * r * d, -0.8 / gear - r * r * k, r * d, r * k]) / 1e-7
+    a[2, 1] = a[4, 3] = 1.0
+    a[3] = np.array([0.0, r * d, r * k, -d - 20.0, -k - 4e5]) / 3.06
+    start = np.array([0.1, 3.0, 0.0, 1e-3, 0.0])
+    for level in (0, 3, LEVELS - 1):
+        exact = expm(a * 1e-4 / 2**level) @ start
+        m = work["matrix"][0][level]
+        ours = m[core.I] * start[0] + m[core.OMEGA] * start[1] + m[core.V] * start[3]
+        np.testing.assert_allclose(ours[:5], exact, rtol=1e-11, atol=1e-16)
+
+
+def test_polynomial_inputs_equal_an_integrated_system(quiet):
+    plant = quiet()
+    work = new_work()
+    core.build_mode(plant, 0.0, 0.0, 0.0, 20.0, 1, 3.41, work["matrix"][0])
+    h, c = 1e-4, np.array([2e-5, -5e-5, 3e-5])
+    a = np.zeros((5, 5))
+    r, k, d = plant["ratio"], 1.2e7, 600.0
+    a[0, :2] = [-3.41 / 75e-6, -6.589014636e-3 / 75e-6]
+    a[1] = np.array([6.59e-3, -r * r * d, -r * r * k, r * d, r * k]) / 1e-7
+    a[2, 1] = a[4, 3] = 1.0
+    a[3] = np.array([0.0, r * d, r * k, -d - 20.0, -k]) / 3.06
+
+    def rate(t, z):
+        s = t / h
+        dz = a @ z
+        dz[1] += (c[0] + c[1] * s + c[2] * s * s) / 1e-7
+        dz[3] += (0.3 - 0.2 * s) / 3.06
+        return dz
+
+    exact = solve_ivp(rate, (0, h), np.zeros(5), method="Radau", rtol=1e-11, atol=1e-18).y[:, -1]
+    m = work["matrix"][0][0]
+    ours = c[0] * m[core.T0] + c[1] * m[core.T1] + c[2] * m[core.T2] + 0.3 * m[core.F0] - 0.2 * m[core.F1]
+    np.testing.assert_allclose(ours[:5], exact, rtol=2e-7, atol=1e-17)
+
+
+def test_relaxation_is_exact_in_steady_sliding_and_fourth_order_otherwise():
+    s = 1.4e-4
+    mid, end, fade = relax(1.0, 2.0e-4, s, s, s, 1e-4)
+    assert end == pytest.approx(s + 0.6e-4 * np.exp(-1e-4 / s), rel=1e-9)
+    assert fade == pytest.approx(np.exp(-1e-4 / s), rel=1e-9)
+    curve = lambda t: 1.3e-4 + 0.6e-4 * np.exp(-t / 4e-4)
+
+    def error(h):
+        exact = solve_ivp(lambda t, f: 1 - f / curve(t), (0, h), [1.85e-4], rtol=1e-12, atol=1e-18, method="DOP853").y[0, -1]
+        return abs(relax(1.0, 1.85e-4, curve(0.0), curve(h / 2), curve(h), h)[1] - exact)
+
+    assert error(1e-4) < 2e-4 * 1e-4 and error(5e-5) < error(1e-4) / 12
+
+
+def test_random_friction_has_the_stated_spread_and_lengths(axis):
+    from microstage_ros.axis.variability import vary
+
+    plant = make_plant(axis, NoiseSpec(friction_relative=0.04))
+    q = []
+    for seed in range(300):
+        state = new_state(plant, seed)
+        first = float(state["actuator"]["q"])
+        state["v"] = 1e-3
+        for _ in range(1000):                 # 100 µm of travel in 0.1 s
+            vary(plant, state)
+        q.append([first, float(state["actuator"]["q"]), float(state["guideway"]["q"])])
+    q = np.array(q)
+    assert q.std(0) == pytest.approx([0.04] * 3, rel=0.15)
+    kept = np.mean(q[:, 0] * q[:, 1]) / 0.04**2      # 80 % · e^-1 + 20 % · e^-0.005
+    assert kept == pytest.approx(0.8 * np.exp(-1) + 0.2, abs=0.15)
+    assert abs(np.corrcoef(q[:, 1], q[:, 2])[0, 1]) < 0.2 and np.abs(q).max() <= 0.15

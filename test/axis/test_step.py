@@ -1,0 +1,102 @@
+"""The compiled step as a whole: against an independent integration, against conservation, for itself."""
+
+import numpy as np
+import pytest
+
+from microstage_ros.axis.open_loop import respond, respond_many
+from microstage_ros.axis.plant import NoiseSpec, make_plant, new_state
+from microstage_ros.axis.records import PLANT, STATE
+
+from .brute_force import run as brute_force
+
+TIME = np.arange(3000) * 1e-4
+SIGNALS = {
+    "step 0.5 V": 0.5 + 0 * TIME,
+    "step 3 V": 3.0 + 0 * TIME,
+    "ramp to 3 V": 10.0 * TIME,
+    "hold below breakaway": 0.05 + 0 * TIME,
+    "reversals 3 V": 3.0 * np.sign(np.sin(2 * np.pi * 7 * TIME + 1e-9)),
+    "multi-sine": 1.2 * np.sin(44 * TIME) + 0.9 * np.sin(145 * TIME + 1) + 0.6 * np.sin(446 * TIME + 2),
+    "small reversals": 0.06 * np.sin(30 * TIME) + 0.03 * np.sin(200 * TIME),
+}
+
+
+@pytest.mark.parametrize("name", SIGNALS)
+def test_open_loop_within_a_nanometre_of_the_converged_solution(quiet, name):
+    voltage = SIGNALS[name]
+    coarse, fine = (brute_force(voltage, n, 1e-4, 1) for n in (400, 800))
+    assert np.max(np.abs(coarse - fine)) < 1e-9          # the examiner itself has converged
+    assert np.max(np.abs(respond(quiet(), voltage)["x"] - fine)) < 1e-9
+
+
+def test_same_seed_same_bits_and_threads_do_not_matter(axis):
+    plant = make_plant(axis)
+    voltage = 0.3 * np.sin(40 * TIME)
+    first, again, other = (respond(plant, voltage, seed)["encoder"] for seed in (5, 5, 6))
+    assert np.array_equal(first, again) and not np.array_equal(first, other)
+    plants = np.zeros(6, PLANT)
+    ends = []
+    for threads in (1, 2):
+        states = np.zeros(6, STATE)
+        for k in range(6):
+            plants[k], states[k] = plant, new_state(plant, k)
+        respond_many(plants, voltage, states, threads)
+        ends.append(states["x"].copy())
+    assert np.array_equal(*ends) and len(set(ends[0])) == 6
+
+
+def test_steady_sliding_balances_volts_and_newtons(quiet):
+    end = {name: column[-1] for name, column in respond(quiet(), 2.0 + 0 * np.arange(8000.0)).items()}
+    w = end["omega"] / 19
+    friction = 125.6e-6 + 93.4e-6 * np.exp(-((w / 0.18) ** 0.9)) + 10.51e-6 * w
+    guide = 0.9 + 20.0 * end["v"]
+    lead = 2e-3 / (2 * np.pi) / 19
+    assert 3.41 * end["current"] + 6.589014636e-3 * end["omega"] == pytest.approx(2.0, rel=1e-6)
+    assert 6.59e-3 * end["current"] == pytest.approx(friction + lead * guide, rel=1e-6)
+    assert end["torque_friction"] == pytest.approx(friction, rel=1e-6)
+
+
+def test_free_axis_at_rest_stays_at_rest(quiet):
+    assert np.all(respond(quiet(), np.zeros(500))["x"] == 0.0)
+
+
+def test_axis_gives_back_no_more_than_it_was_given(axis, quiet):
+    """Electrical work done on the axis ≥ kinetic energy held, for a rough ride through all regimes."""
+    rng = np.random.default_rng(4)
+    voltage = np.repeat(rng.uniform(-2, 2, 100), 30)
+    r = respond(quiet(), voltage)
+    work = np.cumsum(voltage * r["current"]) * 1e-4
+    kinetic = 0.5 * 1e-7 * r["omega"] ** 2 + 0.5 * 3.06 * r["v"] ** 2
+    assert np.all(work - kinetic > -1e-6)
+
+
+def test_a_period_that_holds_many_events_is_survived(quiet):
+    rng = np.random.default_rng(1)
+    r = respond(quiet(backlash={"width_rad": 0.01}), rng.uniform(-6, 6, 3000))
+    assert all(np.all(np.isfinite(column)) for column in r.values())
+    assert np.max(np.abs(r["v"])) < 0.02
+
+
+def test_force_driven_rigid_axis_against_its_equation():
+    from microstage_ros.axis.axis_file import load_axis
+
+    from .conftest import CONFIG
+
+    axis = load_axis(CONFIG / "emps.yaml")
+    plant = make_plant(axis, NoiseSpec.none())
+    t = np.arange(1000) * 1e-3
+    x = respond(plant, 2.0 + 0 * t)["x"]
+    force, f, c, m = 2.0 * 35.150651 + 3.1648, 20.3935, 203.5034, 95.1089      # never reverses: closed form
+    exact = (force - f) / c * (t - m / c * (1 - np.exp(-c * t / m)))
+    assert np.max(np.abs(x - exact)) < 2e-6 and exact[-1] > 0.1
+
+
+def test_coulomb_contact_holds_below_its_level_and_lets_go_above():
+    from microstage_ros.axis.axis_file import load_axis
+
+    from .conftest import CONFIG
+
+    plant = make_plant(load_axis(CONFIG / "emps.yaml"), NoiseSpec.none())
+    hold = (20.3935 - 3.1648 - 0.5) / 35.150651
+    assert np.ptp(respond(plant, np.full(2000, hold))["x"][1000:]) < 1e-9
+    assert respond(plant, np.full(2000, hold + 1.0 / 35.15))["x"][-1] > 1e-3
