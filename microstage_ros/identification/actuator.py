@@ -8,10 +8,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from microstage_ros.identification.inverse_dynamics import low_pass
 from microstage_ros.identification.signals import MotorSignals, reversals, steady_windows, window_means
 from microstage_ros.identification.virgin_curve import Loading, loading_from_samples
 
 QUASI_STATIC = 0.03  # a branch is slow if its speed is below this share of the Stribeck velocity
+BRANCH_EDGE = 100.0  # low-pass of angle and torque on a slow branch [Hz]
 SLIDING_TRAVEL = 1.5  # steady points count from this many slip displacements after the start
 
 
@@ -83,14 +85,20 @@ def _branch(signals, start, stop, direction):
     """The branch after a reversal as first loading (Masing: half the displacement, half the force)."""
     before = slice(max(start - int(0.2 / signals.period), 0), start)
     torque_before = float(np.mean(signals.torque[before]))
-    # the turning point is where the angle was extreme, which the loop's lag puts after the reference's
-    near = slice(max(start - 10, 0), stop)
-    turn = int(np.argmin(direction * signals.angle[near])) + near.start
+    # the turning point is where the angle was extreme, which the loop's lag puts after the reference's;
+    # without the low-pass the extreme would be one of the noise
+    margin = int(0.2 / signals.period)
+    near = slice(max(start - margin, 0), min(stop + margin, len(signals.angle)))
+    if near.stop - near.start < 3 * margin:
+        return None
+    edge = min(BRANCH_EDGE, 0.2 / signals.period)
+    angle, torque = (low_pass(values[near], edge, signals.period) for values in (signals.angle, signals.torque))
+    stop -= near.start
+    turn = int(np.argmin(direction * angle[:stop]))
     if stop - turn < 50 or direction * torque_before >= 0.0:
         return None
-    rows = slice(turn, stop)
-    displacement = 0.5 * direction * (signals.angle[rows] - signals.angle[turn])
-    force = 0.5 * direction * (signals.torque[rows] - torque_before)
+    displacement = 0.5 * direction * (angle[turn:stop] - angle[turn])
+    force = 0.5 * direction * (torque[turn:stop] - torque_before)
     return loading_from_samples(displacement, force, 0.5 * signals.resolution)
 
 

@@ -62,7 +62,7 @@ def voltage_ramp(period, rate=0.015, top=0.15):
     return Run(controller={"type": "none"}, noise=BENCH_NOISE, program=[{"voltage": voltage}])
 
 
-def incremental_loading(period, increment=0.01, top=0.95, settle=0.3, ramp=0.1, loops=(0.3, 0.6), depth=0.15):
+def incremental_loading(period, increment=0.01, top=1.05, settle=0.15, ramp=0.05, loops=(0.3, 0.6), depth=0.15):
     """Incremental loading of the guideways with return loops (Fig. 7).
 
     Parameters
@@ -73,7 +73,7 @@ def incremental_loading(period, increment=0.01, top=0.95, settle=0.3, ramp=0.1, 
 
     Returns the `Run` of a force-driven bench with a gain of 1 N/V.
     """
-    levels = [0.0]
+    levels = [0.0, 0.0]
     pending = sorted(loops)
     while levels[-1] < top - 1e-9:
         levels.append(levels[-1] + increment)

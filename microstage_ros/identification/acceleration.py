@@ -1,0 +1,157 @@
+"""What acceleration tells: the inertia at the shaft, and the attraction parameter C of the GMS law.
+
+    k_M i = J dω/dt + M_f(φ, ω_r) + M_0
+
+J from fast sliding, where M_f is Coulomb and viscous friction and the equation is linear; C from the lag of
+the friction behind its curve, |s| / C, wherever the speed passes the curve's knee quickly. Both sides pass one
+zero-phase low-pass.
+"""
+
+import math
+
+import numpy as np
+
+from scipy.optimize import minimize_scalar
+
+from microstage_ros.axis.laws.registry import law_named, run_law
+from microstage_ros.identification.estimate import Estimate, Identification, from_interval
+from microstage_ros.identification.intervals import block_covariance, profile_interval
+from microstage_ros.identification.inverse_dynamics import low_pass
+
+NOISE_SHARE = 0.02  # inertial torque that the angle's resolution may feign, of the static torque
+SMEAR = 0.003  # of the inertia: what the low-pass carries over from the friction's step at a reversal
+LAW_EDGE = 1500.0  # low-pass of the speed that drives the friction law [Hz]: well above C / (2π |s|)
+FAST = 5.0  # fast sliding: above this many Stribeck velocities
+ATTRACTION_RANGE = (1e-3, 1e3)  # [N m/s]; outside, the lag is longer than a second or below a microsecond
+INERTIA_EXPERIMENT = "fast moves with strong acceleration would (inertial torque above the friction's)"
+ATTRACTION_EXPERIMENT = (
+    "sines or reversals that pass the Stribeck velocity within a few |s|/C would (8 to 16 Hz, 30 mrad of the output)"
+)
+
+
+def identify_inertia(signals, axis):
+    """Rotor inertia [kg m²] and the friction of fast sliding.
+
+    The stage's reflected mass is taken off with the axis file's value.
+
+    Parameters
+    ----------
+    signals : list of `MotorSignals`.
+    axis : gives gear ratio, mass and Stribeck velocity.
+
+    Returns
+    -------
+    `Identification` with ``drive.rotor_inertia``; not determined without fast sliding.
+    """
+    gear, result = axis.value("transmission.gear_ratio"), Identification()
+    fast = FAST * axis.value("contacts.actuator.stribeck_velocity")
+    parts = [_fast_rows(s, gear, fast, balance_edge(s, axis)) for s in signals]
+    w, torque = np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
+    if len(torque) < 500:
+        result.add(Estimate("drive.rotor_inertia", axis.value("drive.rotor_inertia"), "kg m^2", determined=False,
+                            remark=f"not determined by these records (no sliding above {fast:.2g} rad/s); {INERTIA_EXPERIMENT}"))
+        return result
+    scale = np.maximum(np.abs(w).max(axis=0), 1e-300)
+    values = np.linalg.lstsq(w / scale, torque, rcond=None)[0]
+    covariance = block_covariance(w / scale, torque - (w / scale) @ values, max(int(0.1 / signals[0].period), 50))
+    values, spread = values / scale, np.sqrt(np.diag(covariance)) / scale
+    spread[0] = math.hypot(spread[0], SMEAR * values[0])
+    ratio = axis.value("transmission.pitch") / (2.0 * math.pi) / gear
+    result.add(from_interval("drive.rotor_inertia", values[0] - axis.value("stage.mass") * ratio**2, spread[0], "kg m^2",
+                             method="least squares, block sandwich", experiment=INERTIA_EXPERIMENT))
+    result.remarks.append(f"Fast sliding: level {values[1] * 1e6:.4g} ± {1.96 * spread[1] * 1e6:.2g} µNm, "
+                          f"slope {values[2] * 1e6:.4g} ± {1.96 * spread[2] * 1e6:.2g} µNm s/rad, "
+                          f"constant torque {values[3] * 1e6:.3g} ± {1.96 * spread[3] * 1e6:.2g} µNm.")
+    return result
+
+
+def _fast_rows(signals, gear, fast, edge):
+    """(dω/dt, sgn, ω_r, 1) and torque of the rows that slide fast, clear of where they do not."""
+    speed = signals.smooth_speed(edge)
+    torque = low_pass(signals.torque, edge, signals.period)
+    clear = int(3.0 / (edge * signals.period))
+    slow = np.abs(speed) <= fast
+    slow[: 2 * clear] = slow[-2 * clear :] = True
+    near = np.convolve(slow, np.ones(2 * clear + 1), "same") > 0.5
+    w = np.column_stack([gear * np.gradient(speed, signals.period), np.sign(speed), speed, np.ones_like(speed)])
+    return w[~near], torque[~near]
+
+
+def law_parameters(axis, attraction=None):
+    """Parameters of the actuator's law as `axis.laws` takes them, with another C if given."""
+    keys = ("stiffness", "weight", "static", "coulomb", "stribeck_velocity", "stribeck_exponent", "attraction", "viscous")
+    values = {key: axis.value(f"contacts.actuator.{key}") for key in keys}
+    values["stiffness"], values["weight"] = tuple(values["stiffness"]), tuple(values["weight"])
+    return {**values, "attraction": attraction or values["attraction"]}
+
+
+def friction_along(signals, axis, attraction=None):
+    """Friction torque [N m] of the actuator's law along the record's motion, shape (n,)."""
+    law = law_named("generalised_maxwell_slip")
+    speed = signals.smooth_speed(min(LAW_EDGE, 0.2 / signals.period))
+    return run_law(law, law.pack(law_parameters(axis, attraction)), speed, signals.period)
+
+
+def balance_edge(signals, axis):
+    """Band of the balance [Hz]: where J d²φ/dt² of half a count grows to `NOISE_SHARE` of the static torque."""
+    allowed = NOISE_SHARE * axis.value("contacts.actuator.static")
+    unit = axis.value("drive.rotor_inertia") * axis.value("transmission.gear_ratio") * 0.5 * signals.resolution
+    edge = (allowed / (unit * (2.0 * math.pi) ** 2 * math.sqrt(2.0 * signals.period))) ** 0.4
+    return min(max(edge, 30.0), 0.1 / signals.period, 500.0)
+
+
+def identify_attraction(signals, axis):
+    """C [N m/s] by profile likelihood; a level and the inertia are fitted along with each C.
+
+    Parameters
+    ----------
+    signals : list of `MotorSignals` with accelerations.
+    axis : the axis with all other friction parameters already identified.
+
+    Returns
+    -------
+    `Identification` with ``contacts.actuator.attraction``. Where only slower friction is ruled out, the
+    estimate is not determined and its remark gives the bound.
+    """
+    key, edge, gear = "contacts.actuator.attraction", balance_edge(signals[0], axis), axis.value("transmission.gear_ratio")
+    data = []
+    for s in signals:
+        speed, torque = s.smooth_speed(edge), low_pass(s.torque, edge, s.period)
+        cut = slice(int(3.0 / (edge * s.period)), -int(3.0 / (edge * s.period)))
+        data.append((s, cut, gear * np.gradient(speed, s.period), torque))
+    step = max(int(0.5 / (edge * signals[0].period)), 1)  # one row per independent value of the band
+
+    def residuals(log_c):
+        for s, cut, acceleration, torque in data:
+            friction = low_pass(friction_along(s, axis, math.exp(log_c)), edge, s.period)
+            w = np.column_stack([friction, acceleration, np.ones_like(friction)])[cut][::step]
+            yield torque[cut][::step] - w @ np.linalg.lstsq(w, torque[cut][::step], rcond=None)[0]
+
+    def squares(log_c):
+        return sum(float(e @ e) for e in residuals(log_c))
+
+    grid = np.linspace(*np.log(ATTRACTION_RANGE), 15)
+    best = _refine(squares, grid, int(np.argmin([squares(c) for c in grid])))
+    left = list(residuals(best))
+    memory = sum(float(e[1:] @ e[:-1]) for e in left) / sum(float(e @ e) for e in left)
+    memory = min(max(memory, 0.0), 0.98)
+    rows = sum(map(len, left)) * (1.0 - memory) / (1.0 + memory)  # rows that hang together count for fewer
+    low, high = profile_interval(lambda c: rows * math.log(squares(c)), best, *np.log(ATTRACTION_RANGE), spread=0.1)
+    result = Identification()
+    if axis.value("contacts.actuator.coulomb") / math.exp(best) < signals[0].period:
+        high = math.inf  # a lag of less than a period is none that these rows can show
+    if not (np.isfinite(low) and np.isfinite(high)):
+        bound = f"above {math.exp(low):.2g}" if np.isfinite(low) else f"below {math.exp(high):.2g}" if np.isfinite(high) else "anything"
+        result.add(Estimate(key, axis.value(key), "N m/s", low=math.exp(low), high=math.exp(high), determined=False, method="profile likelihood",
+                            remark=f"not determined by these records (95 %: {bound} N m/s); {ATTRACTION_EXPERIMENT}"))
+    else:
+        spread = math.exp(best) * (high - low) / 3.92
+        result.add(from_interval(key, math.exp(best), spread, "N m/s", math.exp(low), math.exp(high), "profile likelihood", ATTRACTION_EXPERIMENT))
+    return result
+
+
+def _refine(function, grid, i):
+    """Minimum near grid point i by golden section between its neighbours."""
+    bounds = grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)]
+    found = minimize_scalar(function, bounds=bounds, method="bounded", options={"xatol": 1e-3})
+    return float(found.x)
