@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from microstage_ros.axis.errors import InputError
-from microstage_ros.control import feedforward, laws, nctf, observer
+from microstage_ros.control import design, feedforward, laws, nctf, observer
 from microstage_ros.control.gains import check_gain, fill
 from microstage_ros.control.pid import pid_change
 
@@ -43,40 +43,54 @@ def gain_list(type_name):
 def controller_parameters(type_name, axis, gains, period=None, place="controller"):
     """The parameter record (numpy structured scalar `laws.PARAMETERS`) of one controller.
 
-    ``gains`` not given come from the axis file's ``controller:`` section where it has them, else from the
-    law's defaults. Raises `InputError` with name, value and range.
+    ``gains`` not given come from the axis file's ``controller:`` section where it was tuned for this period,
+    else from the rules of `control.design`, else from the law's defaults. Raises `InputError` with name,
+    value and range.
     """
     law = laws.law(type_name, f"{place}.type")
-    known = {gain.name for gain in gain_list(type_name)}
-    for name in gains:
-        if name not in known:
-            raise InputError(f"{place}.{name}", gains[name], "one of " + ", ".join(sorted(known)))
+    _known_gains(type_name, gains, place)
+    period = float(axis.value("period") if period is None else period)
     record = np.zeros(1, laws.PARAMETERS)[0]
     record["kind"] = law.kind
-    record["period"] = axis.value("period") if period is None else period
+    record["period"] = period
     record["voltage_limit"] = axis.value("drive.voltage_limit")
-    values = {**shipped_gains(type_name, axis), **gains}
+    feedforward.fill_model(record["feedforward"], axis)
+    designed = design.designed_gains(type_name, record["feedforward"], period)
+    values = {**designed, **shipped_gains(type_name, axis, period), **gains}
     for part, entries in law.parts.items():
         fill(record[part], entries, values, place)
-    if "feedforward" in law.parts or "nctf" in law.parts:
-        feedforward.fill_model(record["feedforward"], axis)
     if "observer" in law.parts:
-        observer.design_motion(record["observer"], record["feedforward"], float(record["period"]))
+        observer.design_motion(record["observer"], record["feedforward"], period)
     if "nctf" in law.parts:
         nctf.fill_trajectory(record["nctf"], record["feedforward"])
     return record
 
 
-def shipped_gains(type_name, axis):
-    """Gains of this type in the axis file: common ones of ``controller:``, then its entry ``TYPE:``."""
+def shipped_gains(type_name, axis, period):
+    """Gains of this type in the axis file's ``controller:`` section, {} if tuned for another period.
+
+    The section is {type, tuned_period, GAIN: value ..., TYPE: {GAIN: value ...}}: gains beside ``type`` belong to
+    that type, gains under a type's name to it.
+    """
+    place = f"{axis.place}: controller"
     section = dict(axis.controller)
-    own = section.get(type_name) or {}
+    tuned = section.pop("tuned_period", axis.value("period"))
+    own_type = section.pop("type", None)
+    nested = {name: value for name, value in section.items() if isinstance(value, dict)}
+    for name in nested:
+        laws.law(name, f"{place}.{name}")
+    gains = dict(nested.get(type_name, {}))
+    if own_type == type_name:
+        gains |= {name: value for name, value in section.items() if name not in nested}
+    _known_gains(type_name, gains, place)
+    return gains if abs(period / float(tuned) - 1) < 0.01 else {}
+
+
+def _known_gains(type_name, gains, place):
     known = {gain.name for gain in gain_list(type_name)}
-    common = {name: value for name, value in section.items() if name in known and not isinstance(value, dict)}
-    for name in own:
+    for name in gains:
         if name not in known:
-            raise InputError(f"{axis.place}: controller.{type_name}.{name}", own[name], "one of " + ", ".join(sorted(known)))
-    return {**common, **own}
+            raise InputError(f"{place}.{name}", gains[name], "one of " + ", ".join(sorted(known)))
 
 
 class Controller:

@@ -19,11 +19,11 @@ from microstage_ros.axis.compiled import compiled
 from microstage_ros.control.gains import Gain, record_type
 
 GAINS = (
-    Gain("proportional", "V/m", 0.0, 1e9, 4.0e5, "proportional gain K_P"),
-    Gain("integral_time", "s", 1e-5, 1e6, 0.012, "integral time T_I; K_I = K_P T / T_I"),
-    Gain("derivative_time", "s", 0.0, 10.0, 0.005, "derivative time T_D; K_D = K_P T_D / T"),
-    Gain("filter_time", "s", 0.0, 1.0, 5.0e-4, "time constant of the filter of the derivative"),
-    Gain("derivative_on_reference", "1", 0.0, 1.0, 0.0, "share of the reference velocity in the derivative"),
+    Gain("proportional", "V/m", 0.0, 1e9, 3.6e5, "proportional gain K_P"),
+    Gain("integral_time", "s", 1e-5, 1e6, 0.0065, "integral time T_I; K_I = K_P T / T_I"),
+    Gain("derivative_time", "s", 0.0, 10.0, 0.0039, "derivative time T_D; K_D = K_P T_D / T"),
+    Gain("filter_time", "s", 0.0, 1.0, 1.64e-3, "time constant of the filter of the derivative"),
+    Gain("derivative_on_reference", "1", 0.0, 1.0, 1.0, "share of the reference velocity in the derivative"),
 )
 PARAMETERS = record_type(GAINS)
 STATE_FIELDS = [

@@ -1,0 +1,71 @@
+"""Gains by rule from the axis's own numbers: the start of every tuning, and what holds at other periods.
+
+In volts, an axis is M_v dv/dt + E v = U - friction, with M_v = R J N / (k_M r) + m R r / (k_M N) [V s^2/m] for a
+motor and m / gain for a force drive. Three bandwidths make a controller:
+
+    K_D = b M_v,   K_P = w_p K_D,   K_I = w_i K_P
+
+An encoder-only law needs a filter and has to leave the drive train's resonance alone; the observer law knows
+the motor's speed from its back-EMF and may be seven times as stiff. Longer periods lower the bandwidths.
+"""
+
+ENCODER_PERIOD = 5.0e-4  # s; up to it the encoder-only bandwidths hold
+ENCODER = {"b": 455.0, "w_p": 256.0, "w_i": 154.0, "filter_time": 1.64e-3}
+OBSERVER = {"b": 3240.0, "w_p": 300.0, "w_i": 60.0}
+
+
+def volts_per_acceleration(model):
+    """M_v [V s^2/m] of a feed-forward model record."""
+    return float(model["rotor"] + model["volts_per_force"] * model["mass"])
+
+
+def encoder_gains(model, period):
+    """PID gains of the encoder-only laws (names of `pid.GAINS`)."""
+    slower = min(1.0, ENCODER_PERIOD / period)
+    w_p, w_i = ENCODER["w_p"] * slower, ENCODER["w_i"] * slower
+    return {
+        "proportional": ENCODER["b"] * slower * volts_per_acceleration(model) * w_p,
+        "derivative_time": 1.0 / w_p,
+        "integral_time": 1.0 / w_i,
+        "filter_time": ENCODER["filter_time"] / slower,
+        "derivative_on_reference": 1.0,
+    }
+
+
+def observer_gains(model, period):
+    """PID gains of the law on the observer's motion; without a current it is no better than the encoder's."""
+    if not float(model["force_per_ampere"]) > 0.0:
+        return encoder_gains(model, period)
+    b = min(OBSERVER["b"], 0.7 / period)
+    w_p = min(OBSERVER["w_p"], b / 5.5)
+    return {
+        "proportional": b * volts_per_acceleration(model) * w_p,
+        "derivative_time": 1.0 / w_p,
+        "integral_time": 1.0 / min(OBSERVER["w_i"], w_p / 3.0),
+        "filter_time": 0.0,
+        "derivative_on_reference": 1.0,
+        "damping_share": 0.0,
+    }
+
+
+def nctf_gains(model, period):
+    """Gains of the NCTF law with the same damping as the encoder-only PID."""
+    slower = min(1.0, ENCODER_PERIOD / period)
+    damping = ENCODER["b"] * slower * volts_per_acceleration(model)
+    return {
+        "beta": 0.35 * ENCODER["b"] * slower,
+        "velocity_proportional": damping,
+        "velocity_integral": 0.25 * damping * ENCODER["b"] * slower,
+        "filter_time": ENCODER["filter_time"] / slower,
+    }
+
+
+def designed_gains(type_name, model, period):
+    """Gains by rule for a type of controller; {} for those that have no rule."""
+    if type_name == "self_tuning_observer":
+        return observer_gains(model, period)
+    if type_name == "nctf":
+        return nctf_gains(model, period)
+    if type_name in ("none", "cascade"):
+        return {}
+    return encoder_gains(model, period)
