@@ -1,28 +1,34 @@
-"""Accuracy of repeated moves to one target: bias, 4s, and how well so few moves know them.
+"""Bias and 4s of repeated moves, with the intervals that so few repeats allow.
 
-For n errors that are independent and normal, with mean e and standard deviation s (n - 1): the bias
-lies in e ± t(n-1) s/√n, four sigma in 4s √((n-1)/χ²_hi) … 4s √((n-1)/χ²_lo).  Ten moves with 4s of
-250 nm leave 172 to 456 nm.
+For n errors e_k that are independent and normal: the bias is their mean, with the t interval
+ē ± t(n-1) s/√n; 4s is four standard deviations, with the chi-square interval
+4s √((n-1)/χ²_hi) … 4s √((n-1)/χ²_lo).  Ten repeats of 250 nm leave 172 to 456 nm.
 """
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gammaincinv, stdtrit
+from scipy import stats
 
 from microstage_ros.axis.errors import InputError
 
 
-class Repeatability(NamedTuple):
-    """Of the errors of `count` moves, in their unit: mean (bias) and four sigma, each with its interval."""
+@dataclass(frozen=True)
+class Repeatability:
+    """Bias and spread of repeated moves to one target, in the unit of the errors.
+
+    Attributes
+    ----------
+    count : number of moves.
+    bias, bias_interval : mean error and its interval.
+    four_s, four_s_interval : four standard deviations and their interval.
+    """
 
     count: int
-    mean: float
-    four_sigma: float
-    low: float
-    high: float
-    mean_low: float
-    mean_high: float
+    bias: float
+    bias_interval: tuple
+    four_s: float
+    four_s_interval: tuple
 
 
 def repeatability(errors, confidence=0.95):
@@ -30,26 +36,20 @@ def repeatability(errors, confidence=0.95):
 
     Parameters
     ----------
-    errors : position reached minus target of each move [m], shape (n,).
+    errors : reached minus target, shape (n,), n >= 2.
     confidence : of both intervals.
-
-    Returns
-    -------
-    Repeatability; `low` … `high` is the interval of four sigma, `mean_low` … `mean_high` that of the
-    bias; NaN where n is below 2.
 
     Raises
     ------
-    InputError : an error that is not finite, or not a list of numbers.
+    InputError : fewer than two errors, or one that is not finite.
     """
     errors = np.asarray(errors, dtype=float)
-    if errors.ndim != 1 or not np.isfinite(errors).all():
-        raise InputError("errors of repeated moves", errors.tolist(), "a list of finite numbers")
-    n = len(errors)
-    mean = float(errors.mean()) if n else np.nan
-    if n < 2:
-        return Repeatability(n, mean, *[np.nan] * 5)
-    s, freedom, tail = float(errors.std(ddof=1)), n - 1, (1 - confidence) / 2
-    low, high = (np.sqrt(freedom / (2 * gammaincinv(freedom / 2, q))) for q in (1 - tail, tail))
-    reach = float(stdtrit(freedom, 1 - tail)) * s / np.sqrt(n)
-    return Repeatability(n, mean, 4 * s, float(4 * s * low), float(4 * s * high), mean - reach, mean + reach)
+    if errors.ndim != 1 or len(errors) < 2 or not np.isfinite(errors).all():
+        raise InputError("errors of repeated moves", errors.tolist(), "at least 2 finite numbers")
+    freedom = len(errors) - 1
+    bias, spread = float(errors.mean()), float(errors.std(ddof=1))
+    reach = float(stats.t.ppf((1 + confidence) / 2, freedom)) * spread / np.sqrt(len(errors))
+    low, high = stats.chi2.ppf([(1 + confidence) / 2, (1 - confidence) / 2], freedom)
+    scale = 4 * spread * np.sqrt(freedom)
+    return Repeatability(len(errors), bias, (bias - reach, bias + reach), 4 * spread,
+                         (float(scale / np.sqrt(low)), float(scale / np.sqrt(high))))
