@@ -355,6 +355,11 @@ class FrictionObserver:
 
     def step(self, encoder, voltage, current=math.nan):
         """Estimate after a period: ``encoder`` [m], ``current`` [A] read now, ``voltage`` [V] held until now."""
+        self.advance(encoder, voltage, current)
+        return self.estimate
+
+    def advance(self, encoder, voltage, current=math.nan):
+        """One period without looking at the estimate."""
         if math.isfinite(encoder):
             if not self.started:
                 observer_start(self.memory, float(encoder))
@@ -362,7 +367,6 @@ class FrictionObserver:
             observer_step(
                 self.parameters, self.model, self.memory, self.period, float(encoder), float(voltage), float(current)
             )
-        return self.estimate
 
     @property
     def estimate(self):
