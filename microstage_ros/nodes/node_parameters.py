@@ -1,0 +1,54 @@
+"""The parameters of every node of an axis, asked for over their services while a bag is recorded."""
+
+from pathlib import Path
+
+import rclpy.parameter
+from rclpy.parameter_client import AsyncParameterClient
+
+from microstage_ros.places import config_file
+
+
+class ParameterCollector:
+    """Asks every node once.
+
+    Attributes
+    ----------
+    found : full name of a node to its parameters, name to value.
+    """
+
+    def __init__(self, node):
+        self._node = node
+        self._asked = {}
+        self.found = {node.get_fully_qualified_name(): {name: p.value for name, p in node._parameters.items()}}
+
+    def look(self, prefix):
+        """Ask nodes below ``prefix`` that have not been asked."""
+        for name, namespace in self._node.get_node_names_and_namespaces():
+            full = f"{namespace.rstrip('/')}/{name}"
+            if full.startswith(prefix) and full not in self._asked and full not in self.found:
+                client = self._asked[full] = AsyncParameterClient(self._node, full)
+                if client.services_are_ready():
+                    client.list_parameters([], 10).add_done_callback(lambda f, full=full: self._listed(full, f))
+                else:
+                    del self._asked[full]
+
+    def _listed(self, full, future):
+        names = future.result().result.names
+        self._asked[full].get_parameters(names).add_done_callback(
+            lambda f: self.found.__setitem__(full, _values(names, f.result().values)))
+
+    def run_facts(self):
+        """Seed and axis file of the run, from the driver's parameters."""
+        for name, values in self.found.items():
+            if name.endswith("/axis_driver"):
+                path = Path(values["axis_file"] or config_file("axis.yaml"))
+                return {"seed": str(values["seed"]), "axis_file": path.read_text(encoding="utf-8")}
+        return {}
+
+
+def _values(names, values):
+    found = {}
+    for name, value in zip(names, values):
+        plain = rclpy.parameter.parameter_value_to_python(value)
+        found[name] = list(plain) if isinstance(plain, (list, tuple)) or hasattr(plain, "tolist") else plain
+    return found
