@@ -18,7 +18,10 @@ def pack_blocks(stiffness, weight):
 
     Raises InputError for unequal lengths, no block, or a value that is not finite and > 0.
     """
-    stiffness, weight = numpy.atleast_1d(stiffness).astype(float), numpy.atleast_1d(weight).astype(float)
+    try:
+        stiffness, weight = numpy.atleast_1d(stiffness).astype(float), numpy.atleast_1d(weight).astype(float)
+    except (TypeError, ValueError):
+        raise InputError("stiffness, weight", (stiffness, weight), "two lists of numbers of one length") from None
     if stiffness.ndim != 1 or stiffness.size != weight.size or stiffness.size == 0:
         raise InputError("weight", weight.tolist(), f"as many weights as stiffnesses ({stiffness.size}), at least one")
     for name, values in (("stiffness", stiffness), ("weight", weight)):

@@ -10,6 +10,7 @@ each direction of motion; the law's own parameters follow:
 
 import dataclasses
 import math
+import numbers
 
 from microstage_ros.axis.compiled import compiled
 from microstage_ros.axis.errors import InputError
@@ -47,8 +48,7 @@ class SlidingCurve:
             object.__setattr__(self, "coulomb", self.static)
         for name in ("static", "coulomb", "stribeck_velocity", "stribeck_exponent"):
             require_positive(name, getattr(self, name))
-        if not (math.isfinite(self.viscous) and self.viscous >= 0.0):
-            raise InputError("viscous", self.viscous, "a finite number >= 0")
+        require_not_negative("viscous", self.viscous)
         if self.coulomb > self.static:
             raise InputError("coulomb", self.coulomb, f"at most the static limit, {self.static!r}")
 
@@ -59,8 +59,14 @@ class SlidingCurve:
 
 def require_positive(name, value):
     """Refuse anything but a finite number above zero, naming the parameter (InputError)."""
-    if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0.0):
+    if not (isinstance(value, numbers.Real) and math.isfinite(value) and value > 0.0):
         raise InputError(name, value, "a finite number > 0")
+
+
+def require_not_negative(name, value):
+    """Refuse anything but a finite number of at least zero, naming the parameter (InputError)."""
+    if not (isinstance(value, numbers.Real) and math.isfinite(value) and value >= 0.0):
+        raise InputError(name, value, "a finite number >= 0")
 
 
 @compiled

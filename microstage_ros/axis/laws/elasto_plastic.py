@@ -23,6 +23,7 @@ from microstage_ros.axis.laws.curve import (
     OWN,
     passive_damping,
     relax,
+    require_not_negative,
     require_positive,
     sliding_limit,
 )
@@ -50,9 +51,9 @@ class Parameters:
 
     def __post_init__(self):
         require_positive("stiffness", self.stiffness)
-        if not 0.0 <= self.damping < float("inf"):
-            raise InputError("damping", self.damping, "a finite number >= 0")
-        if not 0.0 < self.breakaway_share < 1.0:
+        require_not_negative("damping", self.damping)
+        require_positive("breakaway_share", self.breakaway_share)
+        if self.breakaway_share >= 1.0:
             raise InputError("breakaway_share", self.breakaway_share, "a share of the Coulomb limit between 0 and 1")
 
     def pack(self):

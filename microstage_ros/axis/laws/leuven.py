@@ -20,7 +20,7 @@ import math
 from microstage_ros.axis.compiled import compiled
 from microstage_ros.axis.errors import InputError
 from microstage_ros.axis.laws.blocks import COUNT, STIFFNESS, blocks_energy, drag_blocks, pack_blocks
-from microstage_ros.axis.laws.curve import passive_damping, require_positive, sliding_limit
+from microstage_ros.axis.laws.curve import passive_damping, require_not_negative, require_positive, sliding_limit
 
 TITLE = "Leuven"
 SUBSTEPS = 16  # at most, in one stretch
@@ -48,8 +48,7 @@ class Parameters:
         require_positive("exponent", self.exponent)
         if self.exponent < 1.0:
             raise InputError("exponent", self.exponent, "at least 1")
-        if not 0.0 <= self.damping < float("inf"):
-            raise InputError("damping", self.damping, "a finite number >= 0")
+        require_not_negative("damping", self.damping)
 
     def pack(self):
         """Own entries of the packed law."""

@@ -13,8 +13,14 @@ Automatic Control 40 (1995).
 import dataclasses
 
 from microstage_ros.axis.compiled import compiled
-from microstage_ros.axis.errors import InputError
-from microstage_ros.axis.laws.curve import OWN, passive_damping, relax, require_positive, sliding_limit
+from microstage_ros.axis.laws.curve import (
+    OWN,
+    passive_damping,
+    relax,
+    require_not_negative,
+    require_positive,
+    sliding_limit,
+)
 
 TITLE = "LuGre"
 STIFFNESS, DAMPING = OWN, OWN + 1
@@ -35,8 +41,7 @@ class Parameters:
 
     def __post_init__(self):
         require_positive("stiffness", self.stiffness)
-        if not 0.0 <= self.damping < float("inf"):
-            raise InputError("damping", self.damping, "a finite number >= 0")
+        require_not_negative("damping", self.damping)
 
     def pack(self):
         """Own entries of the packed law."""

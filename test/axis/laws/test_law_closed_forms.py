@@ -2,7 +2,7 @@
 
 import numpy
 import pytest
-from law_contact import pack
+from law_contact import OWN, pack
 
 from microstage_ros.axis.laws.blocks import blocks_from_segment_slopes, virgin_curve
 from microstage_ros.axis.laws.curve import relax, sliding_limit
@@ -29,7 +29,9 @@ def test_steady_sliding_is_the_stribeck_curve_of_that_direction(name, speed):
     assert run_law(law, packed, settle, 1.0 / 400.0 / abs(speed) + 0.01)[-1] == pytest.approx(expected, rel=1e-6)
 
 
-@pytest.mark.parametrize(("name", "limits"), [("dahl", (0.6, 0.7)), ("maxwell_slip", (1.0, 0.9)), ("hsieh_pan", (1.0, 0.9))])
+@pytest.mark.parametrize(
+    ("name", "limits"), [("dahl", (0.6, 0.7)), ("maxwell_slip", (1.0, 0.9)), ("hsieh_pan", (1.0, 0.9))]
+)
 def test_laws_without_a_drop_slide_at_one_limit_per_direction(name, limits):
     law, packed = pack(name, viscous=0.0, viscous_negative=0.0, **({"exponent": 1.0} if name == "dahl" else {}))
     for direction, limit in zip((1.0, -1.0), limits, strict=True):
@@ -70,7 +72,7 @@ def test_dahl_exponent_has_the_closed_solution_of_its_power(exponent):
      ("generalised_maxwell_slip", 56.0)],
 )  # fmt: skip
 def test_first_loading_starts_with_the_presliding_stiffness(name, stiffness):
-    law, packed = pack(name, viscous=0.0, **({"damping": 0.0} if "damping" in pack(name)[0].keys() else {}))
+    law, packed = pack(name, viscous=0.0, **({"damping": 0.0} if "damping" in OWN[name] else {}))
     force = run_law(law, packed, numpy.full(2, 1e-3), 1e-4)
     assert force[1] / 1e-7 == pytest.approx(stiffness, rel=1e-4)
 
