@@ -1,0 +1,144 @@
+"""One diagnosis after another: on this machine's cores, or handed to a Dask cluster.
+
+A case is one axis with its records, named by files; what a worker gets and returns is small, and no
+record is held longer than its own case needs it. Cases are handed out as workers become free, so a
+thousand of them need no more memory than the few that run.
+"""
+
+import concurrent.futures
+import dataclasses
+import multiprocessing
+import pathlib
+
+from microstage_ros.axis.axis_file import load_axis
+from microstage_ros.axis.errors import InputError
+from microstage_ros.discrepancy import diagnosis
+from microstage_ros.discrepancy.answer import write_answer
+from microstage_ros.discrepancy.resimulation.diagnose import diagnose_force_axis
+from microstage_ros.records import read_record
+from microstage_ros.records.csv_file import SUFFIXES
+
+AHEAD = 2                      # cases per worker that are handed out before the first comes back
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """One axis: the files to read and the folder to write. Paths as text."""
+
+    name: str
+    axis: str
+    records: tuple
+    holdout: tuple
+    baseline: tuple
+    out: str
+    seed: int = 0
+
+
+def diagnose_files(case, progress=None):
+    """Read the files of a `Case`, diagnose, write the answer. Returns the mapping of report.json."""
+    axis = load_axis(case.axis)
+    records, holdout, baseline = ([read_record(path) for path in paths] for paths in (case.records, case.holdout, case.baseline))
+    answer = diagnose_records(axis, records, holdout, baseline, case.seed, progress)
+    sources = {"records": list(case.records), "holdout": list(case.holdout), "baseline": list(case.baseline)}
+    return write_answer(answer, axis, case.out, sources)
+
+
+def diagnose_records(axis, records, holdout, baseline, seed, progress=None):
+    """`Diagnosis` by the way that suits the drive: force balance of a motor, or closed-loop re-simulation."""
+    if axis.choices["drive.type"] == "force":
+        return diagnose_force_axis(axis, records, holdout, baseline, seed, progress)
+    return diagnosis.diagnose_case(axis, records, holdout, baseline, seed)
+
+
+def cases_of(folders, axis, out, seed):
+    """One `Case` per folder: files ``hold*`` are held out, ``base*`` are the baseline, all others teach.
+
+    A folder's own ``axis.yaml`` replaces ``axis``. Raises InputError for a folder without records.
+    """
+    cases, taken = [], {}
+    for folder in map(pathlib.Path, folders):
+        if not folder.is_dir():
+            raise InputError(folder, "not a folder", "with --each, folders with the records of one axis each")
+        files = sorted(str(path) for path in folder.iterdir() if _is_record(path))
+        holdout = tuple(f for f in files if pathlib.Path(f).name.startswith("hold"))
+        baseline = tuple(f for f in files if pathlib.Path(f).name.startswith("base"))
+        records = tuple(f for f in files if f not in holdout and f not in baseline)
+        if not records:
+            raise InputError(folder, "no records", "at least one record beside hold* and base*")
+        own = folder / "axis.yaml"
+        name = folder.name
+        taken[name] = taken.get(name, 0) + 1
+        name = name if taken[name] == 1 else f"{name}_{taken[name]}"
+        cases.append(Case(name, str(own if own.exists() else axis), records, holdout, baseline,
+                          str(pathlib.Path(out) / name), seed))
+    return cases
+
+
+def _is_record(path):
+    return path.name.endswith((*SUFFIXES, ".mcap")) or (path / "metadata.yaml").exists()
+
+
+def diagnose_many(cases, jobs=1, scheduler=None):
+    """Diagnose cases, yielding (case, report mapping or Exception) as they end.
+
+    Parameters
+    ----------
+    jobs : processes on this machine.
+    scheduler : address of a Dask scheduler (``tcp://host:port``) whose workers see the same files.
+
+    Raises
+    ------
+    InputError : the scheduler cannot be reached.
+    """
+    if scheduler:
+        yield from _on_cluster(cases, scheduler)
+    elif jobs <= 1:
+        for case in cases:
+            yield case, _attempt(case)
+    else:
+        yield from _on_cores(cases, jobs)
+
+
+def _attempt(case):
+    """The report of a case, or the error that ended it: one bad case must not end the others."""
+    try:
+        return diagnose_files(case)
+    except Exception as error:  # noqa: BLE001  handed to the caller with its case
+        return error
+
+
+def _on_cores(cases, jobs):
+    """Fresh processes (nothing of a multithreaded parent is inherited); a few cases ahead, not all."""
+    context = multiprocessing.get_context("spawn")
+    with concurrent.futures.ProcessPoolExecutor(jobs, mp_context=context) as pool:
+        yield from _as_they_end(iter(cases), lambda case: pool.submit(_attempt, case), AHEAD * jobs,
+                                lambda running: concurrent.futures.wait(
+                                    running, return_when=concurrent.futures.FIRST_COMPLETED).done)
+
+
+def _on_cluster(cases, scheduler):
+    from distributed import Client, wait
+
+    try:
+        client = Client(scheduler, timeout="10s")
+    except (OSError, ValueError) as error:
+        raise InputError("--scheduler", scheduler, f"the address of a running Dask scheduler ({error})") from None
+    with client:
+        workers = max(sum(client.ncores().values()), 1)
+        yield from _as_they_end(iter(cases), lambda case: client.submit(_attempt, case, pure=False), AHEAD * workers,
+                                lambda running: wait(list(running), return_when="FIRST_COMPLETED").done)
+
+
+def _as_they_end(cases, submit, most, wait):
+    """Keep up to ``most`` cases running; yield (case, result) of each that ends."""
+    running = {}
+    while True:
+        while len(running) < most:
+            case = next(cases, None)
+            if case is None:
+                break
+            running[submit(case)] = case
+        if not running:
+            return
+        for future in wait(running):
+            yield running.pop(future), future.result()
