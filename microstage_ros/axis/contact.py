@@ -89,15 +89,18 @@ def regroup(contact, c):
 
 @compiled
 def crosses(contact, c, travel, w):
-    """Whether after ``travel`` a sticking block has reached its limit at velocity w."""
+    """Whether after ``travel`` a sticking block has reached its limit at velocity w.
+
+    The direction is that of the travel: the velocity may have changed sign at the very end.
+    """
     if travel < c.ahead and -travel < c.behind:
         return False
-    sign = 1.0 if w > 0.0 else -1.0
+    sign = 1.0 if travel > 0.0 else -1.0
     most, stretch = -1e300, c.stretch + travel
     for j in range(BLOCKS):
         f = (c.force[j] + contact.kappa[j] * stretch) * sign
         most = max(most, f if c.stuck[j] == 1.0 else -1e300)
-    scale = c.factor * direction_factor(contact, w)
+    scale = c.factor * direction_factor(contact, sign)
     if most < scale * min(contact.coulomb, contact.static):
         return False
     return most >= scale * limit(contact, w)
@@ -127,11 +130,11 @@ def stick_all(contact, c):
 
 
 @compiled
-def release(contact, c, w):
-    """Let every sticking block that has reached its limit slip; joins the common slip force."""
+def release(contact, c, travel, w):
+    """Let every sticking block slip that the last ``travel`` brought to its limit; it joins the common slip force."""
     _flush(contact, c)
-    sign = 1.0 if w > 0.0 else -1.0
-    top = c.factor * direction_factor(contact, w) * limit(contact, w)
+    sign = 1.0 if travel > 0.0 else -1.0
+    top = c.factor * direction_factor(contact, sign) * limit(contact, w)
     changed = False
     for j in range(contact.blocks):
         if c.stuck[j] == 1.0 and c.force[j] * sign >= top:

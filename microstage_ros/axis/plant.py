@@ -10,7 +10,8 @@ from microstage_ros.axis.effects import apply_effects, check_effects
 from microstage_ros.axis.errors import InputError
 from microstage_ros.axis.linear_core import forget, new_work
 from microstage_ros.axis.random import seed_state
-from microstage_ros.axis.records import BLOCKS, PLANT, READINGS, STATE
+from microstage_ros.axis.records import PLANT, READINGS, STATE
+from microstage_ros.axis.step import lead_error
 
 BRISTLE = 100.0                  # Coulomb contact: natural frequency of its bristle times the control period
 
@@ -74,6 +75,9 @@ def new_state(plant, seed=0, position=0.0, friction="virgin"):
     history = generator.uniform(-1.0, 1.0)
     for name in ("actuator", "guideway"):
         _start_contact(plant, plant[name], state[name], generator, history if friction == "random" else 0.0)
+    if plant["leads"] or plant["lead_slope"]:
+        for _ in range(20):        # the screw angle whose nut stands at the stage
+            state["theta"] = (position - lead_error(plant, float(state["theta"] / plant["gear"]))) / plant["ratio"]
     if plant["gap"] > 0.0 and friction == "random":
         state["theta"] += generator.uniform(-0.5, 0.5) * plant["gap"] / plant["ratio"]
     state["last_encoder"] = position

@@ -36,7 +36,7 @@ CONTACT = np.dtype([
     ("saturation", f8),            # the |w| of that force ends at this speed; 0: it does not end
     ("lag", f8),                   # s follows |w| with this time constant
     ("aging_rate", f8), ("aging_time", f8), ("aging_release", f8),
-    ("creep_velocity", f8), ("creep_sharpness", f8),
+    ("creep_amplitude", f8), ("creep_time", f8), ("creep_release", f8),
     ("random", f8),                # standard deviation of q
     ("profile", f8, PROFILE + 1), ("profiled", i8),          # limits × profile(x), linear between cells
     ("profile_low", f8), ("profile_high", f8),              # its range of stage positions
@@ -100,7 +100,7 @@ CONTACT_STATE = np.dtype([
     ("factor", f8),                # limit factor of this period
     ("q_travel", f8), ("q_time", f8), ("q", f8), ("random_travel", f8), ("random_wait", f8),
     ("lagged", f8),                # |w| seen by s when it lags
-    ("dwell", f8), ("aged", f8),
+    ("dwell", f8), ("aged", f8), ("held", f8),
 ])
 
 #: State of one machine.

@@ -117,7 +117,7 @@ def _span(plant, state, work, u, start, end):
             continue
         position += size
         if done == 2:
-            _switch(plant, state)
+            _switch(plant, state, work)
             slot = _mode(plant, state, work)
             work.slot = slot
         elif level > base and (position & (2 * size - 1)) == 0:
@@ -125,17 +125,17 @@ def _span(plant, state, work, u, start, end):
 
 
 @compiled
-def _switch(plant, state):
+def _switch(plant, state, work):
     """Carry out the events that the finest chunk ended on."""
     a, g, ca, cg = plant.actuator, plant.guideway, state.actuator, state.guideway
     if ca.slip_weight > 0.0 and state.omega * ca.direction < 0.0:
         stick_all(a, ca)
     elif ca.mask != 0:
-        release(a, ca, state.omega * plant.per_gear)
+        release(a, ca, work.out[O_THETA], state.omega * plant.per_gear)
     if cg.slip_weight > 0.0 and state.v * cg.direction < 0.0:
         stick_all(g, cg)
     elif cg.mask != 0:
-        release(g, cg, state.v)
+        release(g, cg, work.out[O_X], state.v)
     if plant.gap > 0.0:
         d = plant.ratio * state.theta - state.x
         state.side = 1 if d > 0.5 * plant.gap else (-1 if d < -0.5 * plant.gap else 0)
@@ -213,7 +213,7 @@ def _steady_forces(plant, state, h):
     if plant.rigid == 0 and state.side != 0:
         d = ratio * state.theta - state.x - 0.5 * plant.gap * state.side
         if plant.leads > 0 or plant.lead_slope != 0.0:
-            d += _lead_error(plant, (state.theta + 0.5 * h * state.omega) / plant.gear)
+            d += lead_error(plant, (state.theta + 0.5 * h * state.omega) / plant.gear)
         torque -= ratio * plant.stiffness * d
         force += plant.stiffness * d
     force -= plant.cable * (state.x + 0.5 * h * state.v - plant.anchor)
@@ -224,7 +224,7 @@ def _steady_forces(plant, state, h):
 
 
 @compiled
-def _lead_error(plant, phi):
+def lead_error(plant, phi):
     """Error of the lead at screw angle φ [m]."""
     error = plant.lead_slope * plant.screw_ratio * phi
     for k in range(plant.leads):

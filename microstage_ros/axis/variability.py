@@ -35,8 +35,8 @@ def _vary_contact(plant, contact, c, state, x, moved):
     factor = contact.level * (1.0 + c.q)
     if plant.modulated == 1:
         factor *= _profile(contact, x) * (1.0 + _age(plant, contact, c, moved))
-        if contact.creep_velocity > 0.0:
-            _creep(contact, c, plant.period)
+        if contact.creep_amplitude > 0.0:
+            _creep(contact, c, plant.period, moved)
     change = factor / c.factor
     c.factor = factor
     c.slip_limit *= change
@@ -95,12 +95,11 @@ def _age(plant, contact, c, moved):
 
 
 @compiled
-def _creep(contact, c, period):
+def _creep(contact, c, period, moved):
     """Flow of the sticking blocks over one period, see `effects.friction.PreslidingCreep`."""
     regroup(contact, c)
-    top = c.factor * contact.static
+    flow = contact.creep_amplitude * period / (c.held + contact.creep_time)
+    c.held = (c.held + period) * math.exp(-moved / contact.creep_release)
     for j in range(contact.blocks):
         if c.stuck[j] == 1.0:
-            load = min(abs(c.force[j]) / top, 1.0)
-            flow = contact.kappa[j] * contact.creep_velocity * math.sinh(contact.creep_sharpness * load) * period
-            c.force[j] -= math.copysign(min(flow, 0.5 * abs(c.force[j])), c.force[j])
+            c.force[j] *= 1.0 - min(contact.kappa[j] * flow / (c.factor * contact.static), 0.5)

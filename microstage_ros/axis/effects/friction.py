@@ -107,25 +107,29 @@ class FrictionalLag(Effect):
 
 
 class PreslidingCreep(Effect):
-    """Slow motion below breakaway: a sticking block flows,
+    """Slow motion below breakaway: a sticking block flows ever more slowly the longer it is held,
 
-    dF_j/dt = k_j (w − creep_velocity · sinh(creep_sharpness · F_j / F_j,max)),
+    dF_j/dt = k_j (w − amplitude / (t + time_s) · F_j/F_j,max),
 
-    whose relaxation at constant position, and drift at constant load, go with the logarithm of time.
+    t the time since the contact moved (travel over release_m wipes it out). Under a constant load the stage
+    drifts by amplitude_m · load · ln(1 + t/time_s); at constant position the force relaxes likewise.
     """
 
     id = "presliding_creep"
     on_contact = True
     parameters = {
-        "creep_velocity": Parameter("rad/s or m/s", "flow velocity, of the contact's own coordinate", None, 0.0, 1.0),
-        "creep_sharpness": Parameter("1", "sharpness of the flow law", 12.0, 0.1, 60.0),
+        "amplitude_m": Parameter("m", "drift per e-fold of time at full load, of the stage", None, 0.0, 1e-4),
+        "time_s": Parameter("s", "time at which the logarithm begins", 0.05, 1e-4, 1e3),
+        "release_m": Parameter("m", "travel of the stage that starts the time anew", 1e-6, 1e-9, 1e-2),
     }
 
     @classmethod
     def apply(cls, plant, p):
         contact = plant[p["contact"]]
         plant["modulated"] = 1
-        contact["creep_velocity"], contact["creep_sharpness"] = p["creep_velocity"], p["creep_sharpness"]
+        lead = float(plant["screw_ratio"]) if p["contact"] == "actuator" else 1.0
+        contact["creep_amplitude"], contact["creep_time"] = p["amplitude_m"] / lead, p["time_s"]
+        contact["creep_release"] = p["release_m"]
 
 
 class ViscousChange(Effect):

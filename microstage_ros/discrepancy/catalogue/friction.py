@@ -115,14 +115,12 @@ def _lag_sizes(time):
 
 
 def _creep_sizes(beta, covariance, frame):
+    """Relaxation by ``rate`` of the force per decade: amplitude = rate / ln 10 · yield distance of the stiffest block."""
     rate, stderr = float(beta[0]), float(np.sqrt(covariance[0, 0]))
     stiff = frame.drive.actuator
-    # relaxation of F by rate·F per decade: F' = −k v_c sinh(s F/F_max) has slope F_max ln10 / s per decade
-    sharpness = float(np.clip(np.log(10.0) / max(rate, 1e-3), 2.0, 60.0))
-    slip = stiff.static * stiff.weight[0] / stiff.stiffness[0]
-    velocity = float(slip / sharpness / 0.01 * np.exp(-sharpness) * 2.0)
-    return ({"rate_per_decade": (rate, stderr, "1")},
-            {"creep_velocity": velocity, "creep_sharpness": sharpness})
+    slip = stiff.static * stiff.weight[0] / stiff.stiffness[0] * frame.drive.radius
+    amplitude = float(np.clip(rate / np.log(10.0) * slip, 0.0, 1e-4))
+    return ({"rate_per_decade": (rate, stderr, "1")}, {"amplitude_m": amplitude})
 
 
 FORMS = (
