@@ -238,7 +238,9 @@ def learn_level(p, model, s, period):
     spread = p.level_variability * p.level_variability
     travel = abs(s.v) * period / p.level_length
     s.variance = min(s.variance + 2.0 * spread * (travel + period / p.level_time), 1.0)
-    noise = p.force_noise * p.force_noise * FORCE_TIME / period
+    # while few blocks slip, d is rather an error of the place of the reversal than one of the level
+    doubt = p.force_noise / max(s.slipping, 0.1) ** 6
+    noise = doubt * doubt * FORCE_TIME / period
     gain = s.variance * s.sensitivity / (s.sensitivity * s.sensitivity * s.variance + noise)
     residual = model.moving_mass * s.d
     change = gain * residual

@@ -6,6 +6,7 @@ from microstage_ros import __version__
 from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
 from microstage_ros.control.closed_loop import TRACE, run_loop
 from microstage_ros.control.controller import make_controller
+from microstage_ros.control.lead_in import lead_in
 from microstage_ros.records import Record
 
 
@@ -21,6 +22,8 @@ def simulate(axis, run, seed=0):
     Parameters
     ----------
     axis : `Axis`. run : `control.run_file.Run`. seed : of every random number in the run.
+        A reference that begins in motion is led in from rest (see `control.lead_in`), unless the run says
+        where it starts.
 
     Returns
     -------
@@ -30,15 +33,19 @@ def simulate(axis, run, seed=0):
     axis = axis if run.period_s is None else axis.with_values({"period": run.period_s}, source="derived")
     period = axis.value("period")
     tables = run.tables(period)
-    rows = len(tables["reference"])
     plant = make_plant(axis, noise=NoiseSpec(**run.noise), effects=run.effects)
-    state = new_state(plant, seed=seed, position=tables["start"])
+    before = np.empty(0) if run.start_m is not None else lead_in(tables["reference"], axis.value("sensors.encoder.resolution"))
+    state = new_state(plant, seed=seed, position=float(before[0]) if len(before) else tables["start"])
     controller = run_controller(axis, run)
-    trace = np.empty((rows, len(TRACE)))
+    led = {name: np.concatenate([before if name == "reference" else 0.0 * before, tables[name]])
+           for name in ("reference", "open_loop", "disturbance")}
+    trace = np.empty((len(led["reference"]), len(TRACE)))
     run_loop(
         plant, state, new_work(), new_readings(), controller.parameters, controller.memory,
-        tables["reference"], tables["open_loop"], tables["disturbance"], trace,
+        led["reference"], led["open_loop"], led["disturbance"], trace,
     )
+    trace = trace[len(before):]
+    rows = len(trace)
     columns = {"t_s": np.arange(rows) * period, "reference_m": tables["reference"]}
     columns |= {name: trace[:, place].copy() for place, name in enumerate(TRACE)}
     if axis.choices["drive.type"] == "force":
