@@ -215,7 +215,7 @@ def test_resistance_rise_falls_and_recovers(quiet):
     for n in range(len(volts) - 1):
         heat[n + 1] = heat[n] + h * (20.0 * R * (1 + heat[n]) * r["current"][n] ** 2 - heat[n])
     for n in (100, 9990, 30005, 30900):
-        assert felt(n) == pytest.approx(heat[n], rel=0.03)
+        assert felt(n) == pytest.approx(heat[n], rel=0.05)
     assert felt(9990) > 0.2 and felt(30005) < 0.4 * felt(9990)
 
 
