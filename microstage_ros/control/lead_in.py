@@ -24,7 +24,7 @@ def lead_in(reference, resolution):
     speed = reference[1] - reference[0] - 0.5 * bend
     if speed * bend <= 0.0 or speed / bend > LONGEST:
         return np.empty(0)
-    back = np.arange(int(np.ceil(speed / bend)), 0, -1)
+    back = np.arange(int(np.ceil(speed / bend - 1e-6)), 0, -1)
     rows = reference[0] - back * speed + 0.5 * bend * back**2
     rest = reference[0] - 0.5 * speed**2 / bend
     return np.where(back * bend / speed > 1.0, rest, rows)
