@@ -1,0 +1,189 @@
+"""A report as one HTML file that needs nothing beside it: verdict first, figures, details below.
+
+    page = Page("Accuracy of the axis", "simulated", configuration="config/axis.yaml", seed=1)
+    page.verdict("All four targets are reached within 200 nm.", "good")
+    page.key_figures([("4s at 10 µm", "120 nm", "paper: 160 nm")])
+    page.section("Moves")
+    page.table(["target", "4s"], [["10 µm", "120 nm"]])
+    page.figure(figure, "Position against time", "Four curves that settle on their targets")
+    with page.details("How it was measured"):
+        page.text("…")
+    page.save("report.html")
+"""
+
+import base64
+import io
+import math
+from contextlib import contextmanager
+from pathlib import Path
+
+import jinja2
+from markupsafe import Markup
+
+from microstage_ros import __version__
+from microstage_ros.axis.errors import InputError
+from microstage_ros.report.template import PAGE, STYLE
+
+TONES = {"good": "✓", "caution": "!", "bad": "✗", "neutral": "i"}
+"""Tone of a verdict to its mark; tone is never told by colour alone."""
+
+LARGEST_SVG = 150_000
+"""Bytes beyond which a drawing is kept as a picture of pixels."""
+
+PICTURE_DPI = 180
+SCREEN_DPI = 96
+
+
+class Page:
+    """One report, built from top to bottom.
+
+    Parameters
+    ----------
+    title, subtitle : what the page is about; say here if the axis was simulated.
+    configuration : file or words that name the configuration.
+    seed : of everything random in it.
+    about : further lines of the footer, name to text.
+    """
+
+    def __init__(self, title, subtitle="", configuration=None, seed=None, about=None):
+        self.title, self.subtitle = title, subtitle
+        self._about = [("Version", f"microstage_ros {__version__}")]
+        self._about += [(name, str(value)) for name, value in (("Configuration", configuration), ("Seed", seed))
+                        if value is not None]
+        self._about += [(name, str(value)) for name, value in (about or {}).items()]
+        self._verdict = None
+        self._lead, self._sections = [], []
+        self._parts = self._lead
+
+    def verdict(self, sentence, tone="neutral", more=""):
+        """The answer in one sentence. tone : good, caution, bad or neutral; more : what to do next."""
+        if tone not in TONES:
+            raise InputError("verdict: tone", tone, "one of " + ", ".join(TONES))
+        self._verdict = {"sentence": sentence, "tone": tone, "mark": TONES[tone], "more": more}
+
+    def key_figures(self, figures):
+        """Figures to see at a glance: list of (name, value with unit, remark or '')."""
+        entries = [(*figure, "")[:3] for figure in figures]
+        self._parts.append({"kind": "keys", "entries": entries})
+
+    def section(self, title):
+        """Begin a section; what follows goes into it."""
+        section = {"title": title, "parts": []}
+        self._sections.append(section)
+        self._parts = section["parts"]
+
+    def heading(self, text):
+        """A heading within a section."""
+        self._parts.append({"kind": "heading", "text": text})
+
+    def text(self, text):
+        """A paragraph."""
+        self._parts.append({"kind": "text", "text": text, "note": False})
+
+    def note(self, text):
+        """A paragraph of less weight."""
+        self._parts.append({"kind": "text", "text": text, "note": True})
+
+    def code(self, text):
+        """Lines as they are: a command, a file."""
+        self._parts.append({"kind": "code", "text": text})
+
+    def list(self, entries):
+        """A list of short texts."""
+        self._parts.append({"kind": "list", "entries": list(entries)})
+
+    def table(self, header, rows, caption="", marked=()):
+        """A table.
+
+        Parameters
+        ----------
+        header : names of the columns, with units.
+        rows : rows of texts or numbers; None is shown as a dash.
+        caption : what the table shows.
+        marked : numbers of the rows to bring out.
+
+        Raises
+        ------
+        InputError : a row of another length than the header.
+        """
+        shown = [[_cell(value) for value in row] for row in rows]
+        for number, row in enumerate(shown):
+            if len(row) != len(header):
+                raise InputError(f"table {caption or header[0]}: row {number}", f"{len(row)} cells", f"{len(header)}")
+        numeric = [k > 0 and all(_is_numeric(row[k]) for row in shown) for k in range(len(header))]
+        self._parts.append({"kind": "table", "header": list(header), "rows": shown, "caption": caption,
+                            "numeric": numeric, "marked": set(marked)})
+
+    def figure(self, figure, caption="", alt=""):
+        """A matplotlib figure, drawn into the page. alt : what it shows, for those who cannot see it."""
+        source = picture(figure)
+        width = round(figure.get_size_inches()[0] * SCREEN_DPI)
+        self._parts.append({"kind": "figure", "source": source, "caption": caption, "alt": alt or caption,
+                            "width": width})
+
+    @contextmanager
+    def details(self, title):
+        """What is added inside is folded away behind `title`; on paper it is shown."""
+        outer, inner = self._parts, []
+        outer.append({"kind": "details", "title": title, "parts": inner})
+        self._parts = inner
+        try:
+            yield self
+        finally:
+            self._parts = outer
+
+    def html(self):
+        """The page as text."""
+        environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
+        environment.globals["style"] = Markup(STYLE)
+        template = environment.from_string(PAGE)
+        return template.render(title=self.title, subtitle=self.subtitle, verdict=self._verdict, lead=self._lead,
+                               sections=self._sections, about=self._about)
+
+    def save(self, path):
+        """Write the page.
+
+        Raises
+        ------
+        InputError : the place cannot be written.
+        """
+        try:
+            Path(path).parent.mkdir(parents=True, exist_ok=True)
+            Path(path).write_text(self.html(), encoding="utf-8")
+        except OSError as error:
+            raise InputError(path, error.strerror, "a place that can be written") from None
+
+
+def picture(figure):
+    """A matplotlib figure as a data address: a drawing if small, pixels if large.
+
+    The same figure always gives the same bytes.
+    """
+    drawing = _saved(figure, "svg", metadata={"Date": None, "Creator": None})
+    if len(drawing) <= LARGEST_SVG:
+        return "data:image/svg+xml;base64," + base64.b64encode(drawing).decode()
+    pixels = _saved(figure, "png", dpi=PICTURE_DPI, metadata={"Software": None})
+    return "data:image/png;base64," + base64.b64encode(pixels).decode()
+
+
+def _saved(figure, kind, **options):
+    """Bytes of a figure in a format."""
+    from matplotlib import rc_context  # half a second that pages without figures need not wait
+    out = io.BytesIO()
+    with rc_context({"svg.hashsalt": "microstage", "svg.fonttype": "path"}):
+        figure.savefig(out, format=kind, **options)
+    return out.getvalue()
+
+
+def _cell(value):
+    """A table's cell as text."""
+    if value is None:
+        return "–"
+    if isinstance(value, float):
+        return f"{value:.4g}".replace("-", "−") if math.isfinite(value) else "–"
+    return str(value)
+
+
+def _is_numeric(text):
+    """True for cells that belong to the right: numbers with or without unit, and dashes."""
+    return text == "–" or text.lstrip("−-+±<≤>≥~ ")[:1].isdigit()

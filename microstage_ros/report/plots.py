@@ -1,0 +1,132 @@
+"""Figures of the reports: one look, colours that everyone can tell apart, long signals kept honest."""
+
+import re
+
+import numpy as np
+from cycler import cycler
+from matplotlib import rcParams
+from matplotlib.figure import Figure
+
+COLOURS = {"blue": "#0072B2", "orange": "#D55E00", "green": "#009E73", "pink": "#CC79A7", "sky": "#56B4E9",
+           "yellow": "#E69F00", "black": "#1d2329", "grey": "#8a949e"}
+"""The colours of Okabe and Ito, distinguishable with any colour vision."""
+
+CYCLE = ["blue", "orange", "green", "pink", "sky", "yellow", "black"]
+LOOK = {
+    "font.size": 9, "axes.titlesize": 10, "axes.titleweight": "normal", "axes.titlelocation": "left",
+    "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": "#59636e", "axes.labelcolor": "#1d2329",
+    "xtick.color": "#59636e", "ytick.color": "#59636e", "axes.grid": True, "grid.color": "#e4e8ec",
+    "grid.linewidth": 0.7, "axes.axisbelow": True, "lines.linewidth": 1.2, "legend.frameon": False,
+    "legend.fontsize": 8.5, "savefig.facecolor": "white",
+    "axes.prop_cycle": cycler(color=[COLOURS[name] for name in CYCLE]),
+}
+FULL_WIDTH_INCH = 9.5
+POINTS = 1600
+"""Points that a line across the page can show, smallest and largest of each."""
+
+PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+TAKES_PREFIX = re.compile(r"(?!kg|1|dB)[A-Za-zΩ]+(?![\^²³\w])")
+"""Units that a prefix may stand before: not kg, not areas, not pure numbers."""
+
+
+def new_figure(rows=1, columns=1, height=2.6, width=FULL_WIDTH_INCH, **options):
+    """A figure in the look of the reports.
+
+    Parameters
+    ----------
+    rows, columns : of plots; height : of one row [inch]; options : of `Figure.subplots`.
+
+    Returns
+    -------
+    figure, axes : as from `matplotlib.figure.Figure.subplots`.
+    """
+    rcParams.update(LOOK)  # titles and legends are made later and look there too
+    figure = Figure(figsize=(width, height * rows), layout="constrained")
+    return figure, figure.subplots(rows, columns, **options)
+
+
+def decimate(x, y, points=POINTS):
+    """A long signal with few points, every peak kept: smallest and largest of each stretch.
+
+    Parameters
+    ----------
+    x, y : shape (n,); NaN in y is a gap.
+    points : stretches; at most 2 points each are left.
+
+    Returns
+    -------
+    x, y : the samples themselves, in their order; unchanged if n <= 2 points.
+    """
+    x, y = np.asarray(x), np.asarray(y, dtype=float)
+    n = len(y)
+    if n <= 2 * points:
+        return x, y
+    edges = np.linspace(0, n, points + 1).astype(int)
+    low = np.fmin.reduceat(y, edges[:-1])
+    stretch = np.repeat(np.arange(points), np.diff(edges))
+    filled_low, filled_high = np.where(np.isnan(y), np.inf, y), np.where(np.isnan(y), -np.inf, y)
+    first_low = _first_of(filled_low == np.minimum.reduceat(filled_low, edges[:-1])[stretch], edges)
+    first_high = _first_of(filled_high == np.maximum.reduceat(filled_high, edges[:-1])[stretch], edges)
+    kept = np.unique(np.concatenate([first_low, first_high, edges[:-1][np.isnan(low)]]))
+    return x[kept], y[kept]
+
+
+def _first_of(hit, edges):
+    """Index of the first hit in every stretch (every stretch has one)."""
+    places = np.flatnonzero(hit)
+    return places[np.searchsorted(places, edges[:-1])]
+
+
+def plot_signal(axes, x, y, points=POINTS, **options):
+    """`axes.plot` of a signal of any length, with every peak kept."""
+    return axes.plot(*decimate(x, y, points), **options)
+
+
+def scale_of(values, unit):
+    """A factor and a unit with prefix that make values easy to read, for an axis of a plot.
+
+    Returns
+    -------
+    factor, unit : multiply values by `factor` and label them with `unit`.
+    """
+    finite = np.abs(np.asarray(values, dtype=float))
+    finite = finite[np.isfinite(finite)]
+    exponent = _exponent(float(finite.max()) if finite.size else 0.0)
+    return 10.0**-exponent, PREFIXES[exponent] + unit
+
+
+def _exponent(size):
+    """Multiple of three for a number of this size."""
+    if size == 0.0 or not np.isfinite(size):
+        return 0
+    return int(np.clip(3 * np.floor(np.log10(size * (1 + 1e-9)) / 3), -15, 9))
+
+
+def quantity(value, unit, digits=3, stderr=None):
+    """A value with unit as people write it: `160 nm`, `17.0 ± 0.5 mrad`, a dash for no value.
+
+    Parameters
+    ----------
+    value, stderr : in `unit`, SI; digits : significant ones, where no stderr tells how many.
+    """
+    if value is None or not np.isfinite(value):
+        return "–"
+    exponent = _exponent(max(abs(value), stderr or 0.0)) if TAKES_PREFIX.match(unit) else 0
+    name = "" if unit in ("", "1") else f" {PREFIXES[exponent]}{unit}"
+    scaled = value / 10.0**exponent
+    if not stderr or not np.isfinite(stderr):
+        return _plain(scaled, digits) + name
+    spread = stderr / 10.0**exponent
+    if spread < 1e-4 or spread >= 1e6:
+        return f"{_plain(scaled, 4)} ± {_plain(spread, 2)}{name}"
+    decimals = max(0, 1 - int(np.floor(np.log10(spread) + 1e-9)))
+    return f"{scaled:.{decimals}f} ± {spread:.{decimals}f}{name}".replace("-", "−")
+
+
+def _plain(value, digits):
+    """A number with so many significant digits and no exponent where that is readable."""
+    if value == 0:
+        return "0"
+    decimals = digits - 1 - int(f"{value:.{digits - 1}e}".partition("e")[2])
+    text = f"{value:.{max(decimals, 0)}f}" if -4 < decimals < 9 else f"{value:.{digits - 1}e}"
+    return re.sub(r"e([+-])0*", r"e\1", text).replace("e+", "e").replace("-", "−")

@@ -1,0 +1,105 @@
+"""The page is whole in itself, says what it was given, and is the same for the same input."""
+
+import html
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from microstage_ros.axis.errors import InputError
+from microstage_ros.report.page import LARGEST_SVG, Page, picture
+from microstage_ros.report.plots import new_figure, plot_signal
+
+
+def small_figure():
+    figure, axes = new_figure()
+    axes.plot([0, 1, 2], [0, 1, 0], label="a & b")
+    axes.set_title("A title")
+    axes.legend()
+    return figure
+
+
+def full_page():
+    page = Page("A <title>", "simulated", configuration="config/axis.yaml", seed=3, about={"Records": "a.csv"})
+    page.verdict("It is fine & well.", "good", "Nothing to do.")
+    page.key_figures([("4s", "120 nm", "paper: 160 nm"), ("bias", "3 nm")])
+    for number in range(4):
+        page.section(f"Section {number}")
+        page.text("Words <b>.")
+        page.note("A remark.")
+    page.table(["target", "4s (nm)"], [["1 µm", 98.0], ["2 µm", None], ["3 µm", float("nan")]], "A table", marked=[1])
+    page.figure(small_figure(), "A figure", "A triangle")
+    page.heading("More")
+    page.list(["one", "two"])
+    with page.details("Folded"):
+        page.code("./microstage demo")
+        with page.details("Deeper"):
+            page.text("Deep.")
+    page.text("After the fold.")
+    return page.html()
+
+
+VOID = ("meta", "img", "br", "link", "input")
+
+
+class Checker(HTMLParser):
+    """Every tag that opens closes, in order."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.seen = [], []
+
+    def handle_starttag(self, tag, attributes):
+        self.seen.append((tag, dict(attributes)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def test_whole_well_formed_and_self_contained():
+    text = full_page()
+    checker = Checker()
+    checker.feed(text)
+    assert not checker.open
+    assert not re.search(r"(?:src|href)=\"(?!data:|#)", text)
+    assert "http" not in re.sub(r"data:[^\"]+", "", text)
+    images = [attributes for tag, attributes in checker.seen if tag == "img"]
+    assert images[0]["alt"] == "A triangle" and images[0]["src"].startswith("data:image/svg+xml;base64,")
+
+
+def test_it_says_what_it_was_given():
+    text = html.unescape(re.sub(r"<style>.*?</style>|<[^>]*>", " ", full_page(), flags=re.DOTALL))
+    for words in ("A <title>", "simulated", "It is fine & well.", "Nothing to do.", "120 nm", "paper: 160 nm", "Words <b>.",
+                  "A table", "A figure", "one", "./microstage demo", "Deep.", "config/axis.yaml", "microstage_ros 0.1.0",
+                  "a.csv"):
+        assert words in text, words
+    assert "nan" not in text
+    assert full_page().count("<li><a href") == 4
+    assert full_page().index("After the fold.") > full_page().rindex("</details>")
+
+
+def test_same_input_same_bytes():
+    assert full_page() == full_page()
+
+
+def test_large_drawings_become_pictures():
+    figure, axes = new_figure()
+    for seed in range(8):
+        plot_signal(axes, np.arange(100_000), np.random.default_rng(seed).normal(size=100_000))
+    assert picture(figure).startswith("data:image/png;base64,")
+    assert len(picture(small_figure())) < LARGEST_SVG * 4 / 3 + 100
+
+
+def test_it_is_written_and_bad_input_is_told(tmp_path):
+    page = Page("T")
+    page.save(tmp_path / "deep/report.html")
+    assert (tmp_path / "deep/report.html").read_text(encoding="utf-8").startswith("<!doctype html>")
+    with pytest.raises(InputError, match="that can be written"):
+        page.save(tmp_path / "deep")
+    with pytest.raises(InputError, match="one of good"):
+        page.verdict("?", "green")
+    with pytest.raises(InputError, match="row 1"):
+        page.table(["a", "b"], [[1, 2], [1]])
