@@ -41,6 +41,16 @@ def delayed_output(plant, state, u):
 
 
 @compiled
+def lag_output(plant, state, target, share):
+    """Mean output of a lagging amplifier over a ``share`` of the period; moves its state to the end of it."""
+    pace = share * plant.period / plant.actuator_lag
+    fade = math.exp(-pace)
+    gap = state.lagged_voltage - target
+    state.lagged_voltage = target + gap * fade
+    return target + gap * (1.0 - fade) / pace
+
+
+@compiled
 def warm_up(plant, state, work):
     """dh/dt = rise R i² − h/τ over one period; matrices of another resistance are dropped."""
     power = plant.resistance * (1.0 + state.heat) * state.current * state.current

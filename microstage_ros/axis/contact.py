@@ -166,6 +166,16 @@ def block_force(c):
 
 
 @compiled
+def slide(contact, c, w):
+    """A contact found in motion at velocity w: every block slips, at its limit."""
+    sign = 1.0 if w > 0.0 else -1.0
+    c.lagged = abs(w)
+    for j in range(contact.blocks):
+        c.force[j] = sign * c.factor * direction_factor(contact, sign) * limit(contact, w)
+    release(contact, c, sign, w)
+
+
+@compiled
 def settle_limit(contact, c, w):
     """For blocks that follow their limit at once (C infinite): put the slip force on it."""
     if c.slip_weight > 0.0 and math.isinf(contact.attraction):

@@ -74,35 +74,54 @@ def _system(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, a):
 
 
 @compiled
-def _exponential(a, h):
-    """exp(a h): scaled until the norm is below 2^-6, Taylor to order 10, squared back."""
-    norm = np.max(np.sum(np.abs(a), axis=1)) * h
+def _exponential(a, h, result, term, spare):
+    """exp(a h) into ``result``: scaled until the norm is below 2^-6, Taylor to order 10, squared back.
+
+    Plain loops: array expressions cost seconds of compiling.
+    """
+    norm = 0.0
+    for i in range(_SIZE):
+        row = 0.0
+        for j in range(_SIZE):
+            row += abs(a[i, j])
+        norm = max(norm, row * h)
     halvings = 0
     while norm > 0.015625 and halvings < 60:
         norm *= 0.5
         halvings += 1
-    step = a * (h / 2.0**halvings)
-    result = np.eye(_SIZE)
-    term = np.eye(_SIZE)
+    for i in range(_SIZE):
+        for j in range(_SIZE):
+            result[i, j] = term[i, j] = 1.0 if i == j else 0.0
     for order in range(1, 11):
-        term = _product(term, step) / order
-        result += term
+        _product(term, a, h / 2.0**halvings / order, spare)
+        for i in range(_SIZE):
+            for j in range(_SIZE):
+                term[i, j] = spare[i, j]
+                result[i, j] += spare[i, j]
     for _ in range(halvings):
-        result = _product(result, result)
-    return result
+        _square(result, spare)
 
 
 @compiled
-def _product(a, b):
-    """Plain matrix product; small matrices, no BLAS."""
-    c = np.zeros((_SIZE, _SIZE))
+def _product(a, b, scale, c):
+    """c = scale · a b; small matrices, no BLAS."""
     for i in range(_SIZE):
+        for j in range(_SIZE):
+            c[i, j] = 0.0
         for k in range(_SIZE):
-            f = a[i, k]
+            f = scale * a[i, k]
             if f != 0.0:
                 for j in range(_SIZE):
                     c[i, j] += f * b[k, j]
-    return c
+
+
+@compiled
+def _square(a, spare):
+    """a ← a a."""
+    _product(a, a, 1.0, spare)
+    for i in range(_SIZE):
+        for j in range(_SIZE):
+            a[i, j] = spare[i, j]
 
 
 @compiled
@@ -123,12 +142,15 @@ def _write_level(e, half, h, plant, inertia, out):
 @compiled
 def build_mode(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, matrices):
     """All levels' matrices of one mode into ``matrices`` (LEVELS, INPUTS, OUTPUTS)."""
-    a = np.zeros((_SIZE, _SIZE))
+    a, half, e = np.zeros((_SIZE, _SIZE)), np.zeros((_SIZE, _SIZE)), np.zeros((_SIZE, _SIZE))
+    spare = np.zeros((_SIZE, _SIZE))
     inertia = _system(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, a)
     h = plant.period / TICKS
-    half = _exponential(a, 0.5 * h)
+    _exponential(a, 0.5 * h, half, e, spare)
     for level in range(LEVELS - 1, -1, -1):
-        e = _product(half, half)
+        _product(half, half, 1.0, e)
         _write_level(e, half, h, plant, inertia, matrices[level])
-        half = e
+        for i in range(_SIZE):
+            for j in range(_SIZE):
+                half[i, j] = e[i, j]
         h *= 2.0

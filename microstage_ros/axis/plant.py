@@ -64,8 +64,11 @@ def make_plant(axis, noise=None, effects=None):
     return plant
 
 
-def new_state(plant, seed=0, position=0.0, friction="virgin"):
-    """State at rest at ``position`` (m); ``friction``: ``virgin``, or ``random`` (unknown history)."""
+def new_state(plant, seed=0, position=0.0, friction="virgin", speed=0.0):
+    """State at ``position`` (m), at rest or moving with ``speed`` (m/s, all friction sliding).
+
+    ``friction``: ``virgin``, or ``random`` (unknown history); of no account in motion.
+    """
     state = np.zeros(1, STATE)[0]
     state["x"], state["theta"] = position, position / plant["ratio"]
     state["random"] = seed_state(seed)
@@ -81,6 +84,10 @@ def new_state(plant, seed=0, position=0.0, friction="virgin"):
     if plant["gap"] > 0.0 and friction == "random":
         state["theta"] += generator.uniform(-0.5, 0.5) * plant["gap"] / plant["ratio"]
     state["last_encoder"] = position
+    if speed != 0.0:
+        state["v"], state["omega"] = speed, speed / plant["ratio"]
+        slide(plant["actuator"], state["actuator"], state["omega"] / plant["gear"])
+        slide(plant["guideway"], state["guideway"], speed)
     return state
 
 

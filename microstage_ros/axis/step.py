@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from microstage_ros.axis.amplifier import amplifier_output, delayed_output, warm_up
+from microstage_ros.axis.amplifier import amplifier_output, delayed_output, lag_output, warm_up
 from microstage_ros.axis.compiled import compiled
 from microstage_ros.axis.contact import (
     block_force, crosses, direction_factor, limit, move_stuck, release, settle_limit, stick_all,
@@ -37,41 +37,29 @@ def advance(plant, state, work, voltage):
     u = amplifier_output(plant, state, voltage)
     if plant.varies == 1:
         vary(plant, state)
+    late, split, pieces = u, 0, 1
     if plant.electrical == 1:
         warm_up(plant, state, work)
-        _advance_electrical(plant, state, work, u)
-    else:
-        state.voltage = u
-        done = 0
-        if plant.base_level == 0:
-            done = _chunk(plant, state, work, u, _slot(plant, state, work), 0)
-        if done == 0:
-            _span(plant, state, work, u, 0, TICKS)
+        late, u, split = delayed_output(plant, state, u)
+        pieces = LAG_SPANS if plant.actuator_lag > 0.0 else 2
+    start = 0
+    for k in range(pieces):
+        end = TICKS
+        if pieces == 2 and k == 0:
+            end = split
+        elif pieces > 2:
+            end = (k + 1) * TICKS // pieces
+        target = late if start < split else u
+        if plant.actuator_lag > 0.0:
+            state.voltage = lag_output(plant, state, target, (end - start) / TICKS)
+        else:
+            state.voltage = target
+        _span(plant, state, work, state.voltage, start, end)
+        start = end
     state.time += plant.period
     state.periods += 1
     state.torque_friction = block_force(state.actuator) + plant.actuator.viscous * state.omega * plant.per_gear
     state.guide_friction = block_force(state.guideway) + plant.guideway.viscous * state.v
-
-
-@compiled
-def _advance_electrical(plant, state, work, u):
-    """A period whose voltage changes inside: transport delay, lagging amplifier."""
-    late, now, split = delayed_output(plant, state, u)
-    if plant.actuator_lag == 0.0:
-        _span(plant, state, work, late, 0, split)
-        _span(plant, state, work, now, split, TICKS)
-        state.voltage = now
-        return
-    pace = plant.period / LAG_SPANS / plant.actuator_lag
-    fade = math.exp(-pace)
-    mean = (1.0 - fade) / pace
-    for k in range(LAG_SPANS):
-        start = k * TICKS // LAG_SPANS
-        target = late if start < split else now
-        gap = state.lagged_voltage - target
-        state.voltage = target + gap * mean
-        state.lagged_voltage = target + gap * fade
-        _span(plant, state, work, state.voltage, start, start + TICKS // LAG_SPANS)
 
 
 @compiled
