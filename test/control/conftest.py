@@ -1,0 +1,35 @@
+"""The shipped axis, and short runs of it."""
+
+import pathlib
+
+import pytest
+
+from microstage_ros.axis.axis_file import load_axis
+from microstage_ros.control.run_file import run_from_dict
+from microstage_ros.control.simulate import simulate
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+QUIET = dict(encoder_m=0.0, voltage_V=0.0, current_A=0.0, interferometer_m=0.0, friction_relative=0.0)
+
+
+@pytest.fixture(scope="session")
+def axis():
+    return load_axis(ROOT / "config" / "axis.yaml")
+
+
+@pytest.fixture(scope="session")
+def emps():
+    return load_axis(ROOT / "config" / "emps.yaml")
+
+
+@pytest.fixture(scope="session")
+def run(axis):
+    """run(type, program, seed=0, noise=None, effects=None, period_s=None, **gains) -> columns."""
+
+    def simulated(kind, program, seed=0, noise=None, effects=None, period_s=None, machine=None, **gains):
+        tree = {"controller": {"type": kind, **gains}, "noise": noise or {}, "effects": effects or {}, "program": program}
+        if period_s:
+            tree["period_s"] = period_s
+        return simulate(machine or axis, run_from_dict(tree), seed)
+
+    return simulated

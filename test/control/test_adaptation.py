@@ -1,0 +1,98 @@
+"""Adaptive interaction: closed forms of the raw law, bounds of the robust one."""
+
+import numpy as np
+import pytest
+
+from microstage_ros.control import adaptation
+from microstage_ros.control.controller import make_controller
+
+T = 1e-4
+
+
+def drive(controller, errors):
+    gains = []
+    for error in errors:
+        controller.step(error, 0.0)
+        state = controller.state
+        gains.append((state.proportional_gain, state.integral_gain, state.derivative_gain))
+    return np.array(gains)
+
+
+@pytest.mark.parametrize("tau", [1.0, 0.01])
+def test_raw_law_has_its_closed_forms(axis, tau):
+    coefficient, kp, ti, td = 3e16, 1e5, 0.02, 0.01
+    controller = make_controller("self_tuning", axis, raw=1.0, raw_coefficient=coefficient, time_unit=tau,
+                                 proportional=kp, integral_time=ti, derivative_time=td)
+    n = np.arange(3000)
+    errors = 1e-6 * np.sin(n / 200) * np.exp(-n / 1500) + 2e-7
+    gains = drive(controller, errors)
+    before = np.concatenate([[0.0], errors[:-1]])
+    integral = np.cumsum(0.5 * (errors + before)) * T
+    np.testing.assert_allclose(gains[:, 0], kp + coefficient * np.cumsum(0.5 * (errors**2 + before**2)) * T, rtol=1e-12)
+    np.testing.assert_allclose(gains[:, 1], kp / ti + coefficient / 2 * integral**2 / tau**2, rtol=1e-12)
+    np.testing.assert_allclose(gains[:, 2], kp * td + coefficient / 2 * errors**2 * tau**2, rtol=1e-9)
+    assert np.all(np.diff(gains[:, 0]) >= 0.0)  # left alone, K_P never falls
+
+
+def factors(controller):
+    state = controller.memory["adaptation"]
+    return np.exp([float(state[name]) for name in ("log_kp", "log_ki", "log_kd")])
+
+
+def test_noise_of_one_count_teaches_nothing(axis):
+    controller = make_controller("self_tuning", axis)
+    drive(controller, 25e-9 * np.random.default_rng(0).integers(-1, 2, 5000))
+    np.testing.assert_allclose(factors(controller), 1.0, atol=1e-12)
+
+
+def test_learning_does_not_depend_on_the_size_of_the_error(axis):
+    learned = []
+    for size in (2e-6, 2e-5):
+        controller = make_controller("self_tuning", axis, start=0.1)
+        drive(controller, np.full(100, size))
+        learned.append(factors(controller))
+    np.testing.assert_allclose(learned[0], learned[1], rtol=0.03)
+    assert learned[0][0] > 0.11
+
+
+def test_integral_gain_survives_an_overshoot(axis):
+    controller = make_controller("self_tuning", axis, start=0.3)
+    gains = drive(controller, np.concatenate([np.full(500, 1e-6), np.full(500, -5e-7), np.zeros(500)]))
+    assert np.all(np.diff(gains[:, 1]) >= -1e-9 * gains[:-1, 1])
+
+
+def test_gains_stay_in_the_stable_set_whatever_happens(axis):
+    random = np.random.default_rng(5)
+    controller = make_controller("self_tuning", axis)
+    p = controller.parameters["adaptation"]
+    for _ in range(30):
+        shape = random.choice(["noise", "wave", "step"])
+        n, size = np.arange(2000), 10.0 ** random.uniform(-9, -3)
+        errors = {"noise": size * random.normal(size=2000), "step": np.full(2000, size),
+                  "wave": size * np.sin(n * random.uniform(0.002, 0.2))}[shape]
+        drive(controller, errors)
+        kp, ki, kd = factors(controller)
+        assert p["floor"] * 0.999 <= kp <= p["ceiling"] * 1.001
+        assert p["floor"] ** 2 * 0.999 <= ki <= min(p["ceiling"], kp * p["spread"]) * 1.001
+        assert kd <= p["ceiling"] * 1.001
+
+
+def test_swings_lower_the_ceiling_and_single_errors_do_not(axis):
+    calm, swinging = make_controller("self_tuning", axis), make_controller("self_tuning", axis)
+    n = np.arange(10000)
+    drive(calm, np.where(n < 300, 1e-6, 0.0))
+    drive(swinging, 2e-7 * np.sin(2 * np.pi * 40 * n * T))
+    assert factors(calm)[0] >= 1.0 and factors(swinging)[0] < 0.5
+    assert factors(swinging)[1] <= factors(swinging)[0]
+
+
+def test_loop_that_swings_is_calmed(axis, run):
+    """Gains six times too high make the fixed PID oscillate; the self-tuning one holds a few counts."""
+    program = [{"move_to_m": 1e-5, "dwell_s": 1.5}]
+    gains = dict(proportional=2.2e6, derivative_time=0.0039, integral_time=0.0065)
+    swing = {kind: np.ptp(run(kind, program, 1, **gains)["stage_m"][-3000:]) for kind in ("pid", "self_tuning")}
+    assert swing["pid"] > 1e-6 and swing["self_tuning"] < 2e-7
+
+
+def test_registered_gains_are_those_of_the_record():
+    assert [gain.name for gain in adaptation.GAINS] == list(adaptation.PARAMETERS.names)

@@ -1,0 +1,91 @@
+"""The compiled loop, the Python face and the figures they reach."""
+
+import numpy as np
+import pytest
+
+from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
+from microstage_ros.axis.sensors import read_sensors
+from microstage_ros.axis.step import advance
+from microstage_ros.control.controller import make_controller
+from microstage_ros.control.laws import LAWS
+
+MOVE = [{"move_to_m": 1e-6, "dwell_s": 0.02}]
+
+
+@pytest.mark.parametrize("kind", sorted(LAWS))
+def test_stepping_in_python_is_the_compiled_loop(axis, run, kind):
+    columns = run(kind, MOVE, seed=3)
+    plant, readings, work = make_plant(axis, NoiseSpec()), new_readings(), new_work()
+    state, controller = new_state(plant, seed=3), make_controller(kind, axis)
+    for n in range(len(columns["t_s"])):
+        read_sensors(plant, state, readings)
+        voltage = controller.step(columns["reference_m"][n], readings["encoder"], readings["current"])
+        assert voltage == columns["voltage_V"][n] and readings["encoder"] == columns["encoder_m"][n]
+        advance(plant, state, work, voltage)
+
+
+def test_a_seed_is_a_run_to_the_last_bit(run):
+    first, again, other = (run("self_tuning_observer", MOVE, seed)["voltage_V"] for seed in (4, 4, 5))
+    np.testing.assert_array_equal(first, again)
+    assert np.any(first != other)
+
+
+def test_disturbance_is_added_after_the_controller(axis, run):
+    n = 2000
+    push = np.where(np.arange(n) > 1000, 0.05, 0.0)
+    columns = run("none", [{"move_to_m": 0.0}])
+    from microstage_ros.control.run_file import Run
+    from microstage_ros.control.simulate import simulate
+
+    silent = dict(encoder_m=0.0, voltage_V=0.0, current_A=0.0, interferometer_m=0.0, friction_relative=0.0)
+    pushed = simulate(axis, Run(controller={"type": "none"}, noise=silent, program=[{"reference": np.zeros(n), "disturbance": push}]))
+    np.testing.assert_array_equal(pushed["voltage_V"], push)
+    np.testing.assert_array_equal(pushed["disturbance_V"], push)
+    assert "disturbance_V" not in columns
+    held = simulate(axis, Run(controller={"type": "pid"}, noise=silent, program=[{"reference": np.zeros(n), "disturbance": push}]))
+    assert abs(held["voltage_V"][-1]) < 0.03  # the controller works against it; voltage_V is the sum
+
+
+@pytest.mark.parametrize("kind, sine_nm, settle_s", [
+    ("pid", 60, 0.12), ("pid_feedforward", 60, 0.12), ("self_tuning", 60, 0.12), ("self_tuning_feedforward", 60, 0.12),
+    ("nctf", 90, 0.15), ("self_tuning_observer", 25, 0.06),
+])
+def test_every_law_tracks_and_settles(run, kind, sine_nm, settle_s):
+    program = [{"move_to_m": 1e-5, "dwell_s": 0.3}, {"sine": {"amplitude_m": 1e-5, "frequency_hz": 0.1, "cycles": 1.0}}]
+    columns = run(kind, program, seed=11)
+    error = columns["stage_m"] - columns["reference_m"]
+    moved = 3200
+    outside = np.flatnonzero(np.abs(columns["stage_m"][:moved] - 1e-5) > 25e-9)
+    assert outside[-1] * 1e-4 < settle_s
+    assert np.abs(error[moved + 10000 :]).max() * 1e9 < sine_nm
+
+
+@pytest.mark.parametrize("effects, period_s", [
+    ({"friction_level_change": {"factor": 2.0}}, None),
+    ({"friction_level_change": {"factor": 0.5}}, None),
+    ({"payload_change": {"mass_kg": 6.12}}, None),
+    ({"drive_compliance": {"stiffness_factor": 0.33}}, None),
+    ({"resistance_rise": {"initial": 0.2, "rise_per_joule": 0.0, "time_s": 1e5}}, None),
+    ({"transport_delay": {"delay_s": 2e-4}}, None),
+    ({}, 1e-3),
+])
+def test_observer_law_holds_under_stress(run, effects, period_s):
+    program = [{"move_to_m": place, "dwell_s": 0.5} for place in (1e-5, 0.0, 1e-5)]
+    columns = run("self_tuning_observer", program, seed=2, effects=effects, period_s=period_s)
+    rest = round(0.1 / (columns["t_s"][1] - columns["t_s"][0]))
+    assert np.abs(columns["stage_m"][-rest:] - 1e-5).max() < 50e-9
+
+
+def test_tenth_of_the_gains_is_made_up_within_three_moves(run):
+    program = [{"move_to_m": place, "dwell_s": 0.3} for place in (1e-5, 0.0, 1e-5, 0.0)]
+    columns = run("self_tuning_observer", program, seed=2, start=0.1)
+    last = columns["stage_m"][-3279:]
+    assert np.abs(last[1200:]).max() < 25e-9
+
+
+def test_force_driven_axis_is_held_by_its_cascade(emps, run):
+    program = [{"move_to_m": 0.02, "dwell_s": 0.3}]
+    columns = run("cascade", program, machine=emps)
+    assert "force_N" in columns and "current_A" not in columns
+    # without an integral the friction leaves an error of at most (F_C + |offset|) / (gain K_pos K_vel)
+    assert abs(columns["stage_m"][-1] - 0.02) < 1.3 * (20.4 + 3.2) / (35.15 * 160.18 * 243.45)

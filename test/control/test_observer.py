@@ -1,0 +1,76 @@
+"""The friction observer against the friction that the simulator knows."""
+
+import numpy as np
+import pytest
+
+from microstage_ros.control.observer import FrictionObserver
+
+SINE = [{"sine": {"amplitude_m": 1e-5, "frequency_hz": 0.25, "cycles": 1.0}}]
+MOVES = [{"move_to_m": place, "dwell_s": 0.2} for place in (1e-6, 0.0, 1e-6)]
+PER_TORQUE = 19 / (2e-3 / 2 / np.pi)  # N at the stage per N m at the motor shaft
+
+
+def follow(axis, columns, **gains):
+    observer = FrictionObserver(axis, **gains)
+    voltage = np.concatenate([[0.0], columns["voltage_V"][:-1]])
+    return [observer.step(*row) for row in zip(columns["encoder_m"], voltage, columns["current_A"])]
+
+
+@pytest.mark.parametrize("kind", ["self_tuning", "self_tuning_observer"])
+@pytest.mark.parametrize("program", [SINE, MOVES])
+def test_total_friction_within_three_percent(axis, run, kind, program):
+    columns = run(kind, program, seed=1)
+    true = PER_TORQUE * columns["actuator_friction_Nm"] + columns["guideway_friction_N"]
+    estimates = follow(axis, columns)
+    got = np.array([e.total_force for e in estimates])
+    assert np.std(got - true) < 0.03 * np.sqrt(np.mean(true**2))
+    position = np.array([e.position for e in estimates])
+    assert np.sqrt(np.mean((position - columns["stage_m"]) ** 2)) < 5e-9
+
+
+@pytest.mark.parametrize("factor", [0.85, 1.15])
+def test_change_of_level_is_seen_within_two_seconds(axis, run, factor):
+    columns = run("self_tuning", SINE, seed=1, noise={"friction_relative": 0.0},
+                  effects={"friction_level_change": {"factor": factor}})
+    after = follow(axis, columns)[int(1.9e4)]
+    assert after.level == pytest.approx(factor, abs=0.02)
+    assert abs(after.level - factor) < 4 * after.level_stderr + 0.01
+
+
+def test_tells_the_effects_apart(axis, run):
+    columns = run("self_tuning_observer", [{"scan": {"to_m": 2e-4, "speed_m_s": 2e-4}}], seed=1)
+    estimate = follow(axis, columns)[-2000]
+    assert estimate.sliding and estimate.block_slips.all() and estimate.guideway_block_slips.all()
+    assert estimate.actuator_share == pytest.approx(1 - estimate.guideway_share)
+    assert 0.8 < estimate.actuator_share < 0.98
+    assert estimate.block_torque.sum() == pytest.approx(estimate.actuator_torque, rel=0.15)
+    assert estimate.guideway_block_force.sum() == pytest.approx(0.9, rel=0.02)
+    rest = follow(axis, run("self_tuning_observer", [{"move_to_m": 2e-8, "dwell_s": 0.05}], seed=1))[-1]
+    assert not rest.sliding
+
+
+def test_asymmetry_is_seen(axis, run):
+    scans = [{"scan": {"to_m": to, "speed_m_s": 1e-3}} for to in (1e-3, 0.0)]
+    columns = run("self_tuning_observer", scans, seed=1, noise={"friction_relative": 0.0},
+                  effects={"direction_asymmetry": {"asymmetry": 0.1}})
+    assert follow(axis, columns)[-1].asymmetry == pytest.approx(0.1, abs=0.03)
+
+
+def test_learns_resistance_and_delay(axis, run):
+    effects = {"resistance_rise": {"initial": 0.2, "rise_per_joule": 0.0, "time_s": 1e5}, "transport_delay": {"delay_s": 2e-4}}
+    columns = run("self_tuning_observer", MOVES, seed=1, effects=effects)
+    observer = FrictionObserver(axis)
+    voltage = np.concatenate([[0.0], columns["voltage_V"][:-1]])
+    for row in zip(columns["encoder_m"], voltage, columns["current_A"]):
+        observer.advance(*row)
+    assert float(observer.memory["learned"][0]) == pytest.approx(1.2, abs=0.02)
+    assert int(observer.memory["lag"]) == 2
+
+
+def test_works_without_a_current_and_with_lost_samples(axis, run):
+    columns = run("self_tuning", MOVES, seed=1)
+    columns["current_A"] = np.full_like(columns["current_A"], np.nan)
+    columns["encoder_m"] = np.where(np.arange(len(columns["t_s"])) % 100 == 7, np.nan, columns["encoder_m"])
+    estimates = follow(axis, columns)
+    position = np.array([e.position for e in estimates])
+    assert np.sqrt(np.mean((position - columns["stage_m"]) ** 2)) < 3e-8
