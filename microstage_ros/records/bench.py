@@ -1,0 +1,140 @@
+"""How fast records are read and written, each figure beside a peer on the same messages in the same run."""
+
+import tempfile
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from microstage_ros.records.bag_reader import read_bag
+from microstage_ros.records.bag_record import FRAME, own_definition
+from microstage_ros.records.bag_writer import BagWriter
+from microstage_ros.records.csv_file import read_csv, write_csv
+from microstage_ros.records.layout import layout_of_type
+from microstage_ros.records.record import Record
+
+TOPIC = "/axis/state"
+START_NS, PERIOD_NS = 1_700_000_000_000_000_000, 100_000
+REPEATS = 3
+
+
+class Figure(NamedTuple):
+    """A measured figure, and the same of a peer."""
+
+    name: str
+    value: float
+    unit: str
+    peer: str
+    peer_value: float
+
+
+def bench(messages=1_000_000, peer_messages=50_000, seed=1):
+    """All figures of this room.
+
+    Parameters
+    ----------
+    messages : for our own reading and writing.
+    peer_messages : for the `mcap` package, which is slower; its times are scaled to `messages`.
+    seed : of the simulated signals.
+
+    Returns
+    -------
+    list of `Figure`; times are the best of three.
+    """
+    rows, times = servo_messages(messages, seed)
+    with tempfile.TemporaryDirectory(prefix="microstage-bench-") as folder:
+        whole, part = Path(folder) / "whole", Path(folder) / "part"
+        return [*bench_writing(rows, times, peer_messages, whole, part),
+                *bench_reading(messages, peer_messages, whole, part), bench_csv(rows, Path(folder) / "record.csv")]
+
+
+def servo_messages(count, seed):
+    """AxisState messages of a moving, noisy axis: uint8 (count, size), and their log times [ns]."""
+    layout = layout_of_type(own_definition("AxisState"), {"header.frame_id": len(FRAME)})
+    rows = np.tile(np.frombuffer(layout.blank(header__frame_id=FRAME), np.uint8), (count, 1))
+    seen, generator = rows.reshape(-1).view(layout.dtype), np.random.default_rng(seed)
+    times = START_NS + PERIOD_NS * np.arange(count)
+    seen["header.stamp.sec"], seen["header.stamp.nanosec"] = times // 10**9, times % 10**9
+    seen["sequence"] = np.arange(count)
+    seen["position"] = np.round((1e-3 * np.sin(seen["sequence"] * 1e-4) + generator.normal(0, 8e-9, count)) / 25e-9) * 25e-9
+    seen["applied_voltage"] = 0.5 * np.cos(seen["sequence"] * 1e-4) + generator.normal(0, 1e-3, count)
+    seen["current"], seen["motor_angle"] = seen["applied_voltage"] / 3.41, np.nan
+    return rows, times
+
+
+def bench_writing(rows, times, peer_messages, whole, part):
+    """Messages per second: one by one, in blocks, and the writer of the `mcap` package."""
+    definition = own_definition("AxisState")
+    raw, stamps = [row.tobytes() for row in rows], times.tolist()
+
+    def one_by_one():
+        with BagWriter(Path(f"{whole}-single")) as bag:
+            channel = bag.add_channel(TOPIC, definition)
+            for payload, stamp in zip(raw, stamps):
+                bag.write(channel, stamp, payload)
+
+    def blocks(path, count):
+        with BagWriter(path) as bag:
+            bag.write_block(bag.add_channel(TOPIC, definition), times[:count], rows[:count])
+
+    single, block = _seconds(one_by_one), _seconds(lambda: blocks(whole, len(rows)))
+    blocks(part, peer_messages)
+    peer = peer_messages / _seconds(lambda: _write_with_mcap(raw[:peer_messages], stamps, f"{part}.mcap", definition))
+    size = next(whole.glob("*.mcap")).stat().st_size / len(rows)
+    return [Figure("writing, one by one", len(rows) / single, "messages/s", "mcap", peer),
+            Figure("writing, in blocks", len(rows) / block, "messages/s", "mcap", peer),
+            Figure("size on disk", size, "bytes/message", "payload", float(rows.shape[1]))]
+
+
+def bench_reading(messages, peer_messages, whole, part):
+    """Seconds for `messages` servo messages into arrays, against two readers that only decode them."""
+    ours = min(_seconds(lambda: read_bag(whole)) for _ in range(REPEATS))
+    name = f"reading {messages} messages"
+    scaled = messages / peer_messages * _seconds(lambda: _read_with_mcap(part))
+    return [Figure(name, ours, "s", "rosbags", _seconds(lambda: _read_with_rosbags(whole))),
+            Figure(name, ours, "s", "mcap-ros2-support", scaled)]
+
+
+def bench_csv(rows, path):
+    """Rows per second from a CSV file of five columns, against `numpy.loadtxt`."""
+    layout = layout_of_type(own_definition("AxisState"), {"header.frame_id": len(FRAME)})
+    seen = rows.reshape(-1).view(layout.dtype)[:200_000]
+    write_csv(Record(PERIOD_NS * 1e-9, {"encoder_m": seen["position"], "reference_m": seen["position"],
+                                        "voltage_V": seen["applied_voltage"], "current_A": seen["current"]}), path)
+    ours = min(_seconds(lambda: read_csv(path)) for _ in range(REPEATS))
+    peer = _seconds(lambda: np.loadtxt(path, delimiter=",", skiprows=2))
+    return Figure("reading CSV", len(seen) / ours, "rows/s", "numpy.loadtxt", len(seen) / peer)
+
+
+def _seconds(work):
+    """Wall time of a call [s]."""
+    began = time.perf_counter()
+    work()
+    return time.perf_counter() - began
+
+
+def _write_with_mcap(raw, stamps, path, definition):
+    from mcap.writer import Writer
+    writer = Writer(path)
+    writer.start("ros2", "bench")
+    channel = writer.register_channel(TOPIC, "cdr", writer.register_schema(definition.name, "ros2msg",
+                                                                         definition.text.encode()))
+    for payload, stamp in zip(raw, stamps):
+        writer.add_message(channel, stamp, payload, stamp)
+    writer.finish()
+
+
+def _read_with_rosbags(folder):
+    from rosbags.highlevel import AnyReader
+    with AnyReader([folder]) as reader:
+        for connection, _, raw in reader.messages():
+            reader.deserialize(raw, connection.msgtype)
+
+
+def _read_with_mcap(folder):
+    from mcap.reader import make_reader
+    from mcap_ros2.decoder import DecoderFactory
+    with open(next(folder.glob("*.mcap")), "rb") as stream:
+        for _ in make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+            pass
