@@ -150,6 +150,16 @@ def test_limit_factor_scales_sliding_friction_but_not_its_viscous_part(name):
     assert level[1.12] / level[1.0] == pytest.approx(1.12, rel=1e-6)
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_force_follows_a_limit_that_falls_while_sliding(name):
+    law, packed = pack(name, viscous=0.0)
+    state = law.initial_state(packed)
+    run_law(law, packed, numpy.full(500, 0.1), 1e-2, limit_factor=1.15, state=state)
+    lowered = run_law(law, packed, numpy.full(500, 0.1), 1e-2, limit_factor=0.85, state=state)[-1]
+    fresh = run_law(law, packed, numpy.full(500, 0.1), 1e-2, limit_factor=0.85)[-1]
+    assert lowered == pytest.approx(fresh, rel=1e-3)
+
+
 def test_slip_lasts_through_a_stop_and_ends_with_the_direction():
     law, packed = pack("generalised_maxwell_slip")
     state = law.initial_state(packed)
