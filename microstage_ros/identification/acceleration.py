@@ -22,6 +22,7 @@ NOISE_SHARE = 0.02  # inertial torque that the angle's resolution may feign, of 
 SMEAR = 0.003  # of the inertia: what the low-pass carries over from the friction's step at a reversal
 LAW_EDGE = 1500.0  # low-pass of the speed that drives the friction law [Hz]: well above C / (2π |s|)
 FAST = 5.0  # fast sliding: above this many Stribeck velocities
+LEAST_LAG = 0.01  # friction torque by which it must lag, of M_s, at C = 1 N m/s, for C to show at all
 ATTRACTION_RANGE = (1e-3, 1e3)  # [N m/s]; outside, the lag is longer than a second or below a microsecond
 INERTIA_EXPERIMENT = "fast moves with strong acceleration would (inertial torque above the friction's)"
 ATTRACTION_EXPERIMENT = (
@@ -56,8 +57,8 @@ def identify_inertia(signals, axis):
     covariance = block_covariance(w / scale, torque - (w / scale) @ values, max(int(0.1 / signals[0].period), 50))
     values, spread = values / scale, np.sqrt(np.diag(covariance)) / scale
     spread[0] = math.hypot(spread[0], SMEAR * values[0])
-    ratio = axis.value("transmission.pitch") / (2.0 * math.pi) / gear
-    result.add(from_interval("drive.rotor_inertia", values[0] - axis.value("stage.mass") * ratio**2, spread[0], "kg m^2",
+    reflected = total_inertia_of(axis) - axis.value("drive.rotor_inertia")
+    result.add(from_interval("drive.rotor_inertia", values[0] - reflected, spread[0], "kg m^2",
                              method="least squares, block sandwich", experiment=INERTIA_EXPERIMENT))
     result.remarks.append(f"Fast sliding: level {values[1] * 1e6:.4g} ± {1.96 * spread[1] * 1e6:.2g} µNm, "
                           f"slope {values[2] * 1e6:.4g} ± {1.96 * spread[2] * 1e6:.2g} µNm s/rad, "
@@ -92,6 +93,12 @@ def friction_along(signals, axis, attraction=None):
     return run_law(law, law.pack(law_parameters(axis, attraction)), speed, signals.period)
 
 
+def total_inertia_of(axis):
+    """Inertia at the motor shaft [kg m²]: the rotor and the reflected stage."""
+    ratio = axis.value("transmission.pitch") / (2.0 * math.pi) / axis.value("transmission.gear_ratio")
+    return axis.value("drive.rotor_inertia") + axis.value("stage.mass") * ratio**2
+
+
 def balance_edge(signals, axis):
     """Band of the balance [Hz]: where J d²φ/dt² of half a count grows to `NOISE_SHARE` of the static torque."""
     allowed = NOISE_SHARE * axis.value("contacts.actuator.static")
@@ -114,7 +121,12 @@ def identify_attraction(signals, axis):
     estimate is not determined and its remark gives the bound.
     """
     key, edge, gear = "contacts.actuator.attraction", balance_edge(signals[0], axis), axis.value("transmission.gear_ratio")
-    data = []
+    data, result = [], Identification()
+    signals = [s for s in signals if _largest_lag(s, axis, edge) > LEAST_LAG]
+    if not signals:
+        result.add(Estimate(key, axis.value(key), "N m/s", determined=False, method="profile likelihood",
+                            remark=f"not determined by these records (the speed passes the curve's knee too slowly); {ATTRACTION_EXPERIMENT}"))
+        return result
     for s in signals:
         speed, torque = s.smooth_speed(edge), low_pass(s.torque, edge, s.period)
         cut = slice(int(3.0 / (edge * s.period)), -int(3.0 / (edge * s.period)))
@@ -137,7 +149,6 @@ def identify_attraction(signals, axis):
     memory = min(max(memory, 0.0), 0.98)
     rows = sum(map(len, left)) * (1.0 - memory) / (1.0 + memory)  # rows that hang together count for fewer
     low, high = profile_interval(lambda c: rows * math.log(squares(c)), best, *np.log(ATTRACTION_RANGE), spread=0.1)
-    result = Identification()
     if axis.value("contacts.actuator.coulomb") / math.exp(best) < signals[0].period:
         high = math.inf  # a lag of less than a period is none that these rows can show
     if not (np.isfinite(low) and np.isfinite(high)):
@@ -148,6 +159,20 @@ def identify_attraction(signals, axis):
         spread = math.exp(best) * (high - low) / 3.92
         result.add(from_interval(key, math.exp(best), spread, "N m/s", math.exp(low), math.exp(high), "profile likelihood", ATTRACTION_EXPERIMENT))
     return result
+
+
+def _largest_lag(signals, axis, edge):
+    """Lag of the friction in its knee at C = 1 N m/s as a share of M_s: (M_s / C) · (M_s − M_C)/w_S · dω_r/dt / M_s.
+
+    Nothing for an angle so coarse that the speed is not known to a thirtieth of the knee.
+    """
+    knee = axis.value("contacts.actuator.stribeck_velocity")
+    drop = axis.value("contacts.actuator.static") - axis.value("contacts.actuator.coulomb")
+    if signals.resolution * 2.0 * math.pi * edge * math.sqrt(2.0 * edge * signals.period) > 0.03 * knee:
+        return 0.0
+    speed = signals.smooth_speed(edge)
+    near = np.abs(speed) < 2.0 * knee
+    return drop / knee * float(np.quantile(np.abs(np.gradient(speed, signals.period))[near], 0.95)) if near.any() else 0.0
 
 
 def _refine(function, grid, i):

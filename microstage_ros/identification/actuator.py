@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from microstage_ros.identification.acceleration import total_inertia_of
 from microstage_ros.identification.inverse_dynamics import low_pass
 from microstage_ros.identification.signals import MotorSignals, reversals, steady_windows, window_means
 from microstage_ros.identification.virgin_curve import Loading, loading_from_samples
@@ -65,7 +66,7 @@ def extract(signals: MotorSignals, axis, repeat, load=None):
         if branch is not None and branch.displacement[-1] > 0.5 * slip:
             features.loadings.append(branch)
             features.loading_repeat.append(repeat)
-    inertia = axis.value("transmission.gear_ratio") * total_inertia(axis)
+    inertia = axis.value("transmission.gear_ratio") * total_inertia_of(axis)
     for window in steady_windows(signals, least_travel=SLIDING_TRAVEL * 2.0 * slip):
         speed, torque = window_means(signals, window, inertia)
         if speed * torque > 0.0:
@@ -73,12 +74,6 @@ def extract(signals: MotorSignals, axis, repeat, load=None):
             features.friction.append(torque)
             features.repeat.append(repeat)
     return features
-
-
-def total_inertia(axis):
-    """Inertia at the motor shaft [kg m²]: rotor and the reflected stage."""
-    reflected = (axis.value("transmission.pitch") / (2.0 * np.pi) / axis.value("transmission.gear_ratio")) ** 2
-    return axis.value("drive.rotor_inertia") + axis.value("stage.mass") * reflected
 
 
 def _branch(signals, start, stop, direction):

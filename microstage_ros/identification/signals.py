@@ -12,6 +12,7 @@ import numpy as np
 from microstage_ros.axis.errors import InputError
 from microstage_ros.identification.inverse_dynamics import low_pass
 
+SLOPE_SPAN = 2e-3  # slopes of the reference are taken over this time [s]: files write it with few digits
 CURRENT_EXPERIMENT = "record the motor current: without it friction and back EMF are one"
 
 
@@ -96,21 +97,26 @@ def steady_windows(signals, shortest=0.02, settle=0.25, least_travel=0.0):
     -------
     list of `Window`.
     """
-    slope = np.diff(signals.reference) / signals.period
-    size = np.abs(slope).max(initial=0.0)
-    if size == 0.0:
+    lag = max(int(SLOPE_SPAN / signals.period), 1)
+    if len(signals.reference) < 4 * lag:
         return []
-    # references are written with finitely many digits: equal within a thousandth, or a tenth of a count per row
-    tolerance = 1e-3 * np.abs(slope) + 1e-6 * size
-    steady = (np.abs(np.diff(slope)) <= tolerance[1:]) & (np.abs(slope[1:]) > 1e-9 * size)
+    slope = (signals.reference[lag:] - signals.reference[:-lag]) / (lag * signals.period)
+    moving = np.abs(slope) > 1e-6 * np.abs(slope).max()
+    # one slope: it changes by less than a thousandth from one span to the next, and by less than 1 % in all
+    change = np.abs(slope[lag:] - slope[:-lag])
+    steady = (change <= 1e-3 * np.abs(slope[lag:])) & moving[lag:]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], steady, [False]]).astype(int)))
     windows = []
     for start, stop in edges.reshape(-1, 2):
-        speed = float(np.mean(slope[start : stop + 1]))
+        start, stop = int(start), int(stop + 2 * lag)  # rows that the spans cover
+        part = slope[start : stop - lag]
+        speed = float(np.mean(part))
+        if np.ptp(part) > 0.01 * abs(speed):
+            continue
         left_out = max(settle * (stop - start), least_travel / abs(speed) / signals.period)
         start = int(start + left_out)
-        if (stop - start) * signals.period >= shortest and abs(speed) > 0.0:
-            windows.append(Window(start, int(stop), speed))
+        if (stop - start) * signals.period >= shortest:
+            windows.append(Window(start, stop, speed))
     return windows
 
 

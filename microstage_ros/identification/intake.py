@@ -1,0 +1,79 @@
+"""Records on their way in: refused, mended where that is harmless, or let through with a warning."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from microstage_ros.axis.errors import InputError
+from microstage_ros.records.checks import check_record
+
+SHORTEST = 1.0  # seconds of record that are of any use
+LONGEST_GAP = 5  # missing samples in a row that are bridged by a straight line
+MOST_SATURATED = 0.1  # share of the record at the amplifier's limit that is bridged over with a warning
+USED = ("encoder_m", "reference_m", "voltage_V", "force_N", "current_A", "motor_angle_rad", "interferometer_m")
+
+
+def take_in(record, axis):
+    """A record fit for identification, and the warnings about it.
+
+    Refuses (InputError, naming place, value and what would be right) what `records.checks` refuses, gaps
+    longer than five samples, a record of another kind of drive than the axis file's, and a record that is at the
+    amplifier's limit for more than a tenth of its time (there the motor does not get what the column says).
+
+    Parameters
+    ----------
+    record : `Record`. axis : `Axis`.
+
+    Returns
+    -------
+    `Record` without missing samples in the columns that are used, and a list of sentences.
+    """
+    _drive(record, axis)
+    warnings = check_record(record, axis, SHORTEST)
+    _saturation(record, axis)
+    columns = dict(record.columns)
+    for name in USED:
+        if name in columns and name in record:
+            columns[name] = _bridge(record, name)
+        else:
+            columns.pop(name, None)
+    if axis.choices["drive.type"] == "voltage_motor":
+        moved = np.ptp(columns["encoder_m"]) / max(axis.value("sensors.encoder.resolution"), 1e-15)
+        if moved < 100:
+            raise InputError(f"{record.source}: column encoder_m", f"{moved:.0f} counts of motion", "at least 100 counts: a record in motion")
+    return replace(record, columns=columns), warnings
+
+
+def _drive(record, axis):
+    """The command column must be the drive's: volts for a motor, newtons or volts for a force."""
+    if axis.choices["drive.type"] == "voltage_motor":
+        for name in ("voltage_V", "current_A"):
+            if name not in record:
+                raise InputError(f"{record.source}: column {name}", "missing", f"{name}, since {axis.place} has a voltage-driven motor")
+    elif "force_N" not in record and "voltage_V" not in record:
+        raise InputError(f"{record.source}: column force_N", "missing", f"force_N or voltage_V, since {axis.place} is driven by a force")
+
+
+def _saturation(record, axis):
+    if "voltage_V" not in record:
+        return
+    limit = axis.value("drive.voltage_limit")
+    share = float(np.nanmean(np.abs(record["voltage_V"]) >= 0.999 * limit))
+    if share > MOST_SATURATED:
+        raise InputError(f"{record.source}: column voltage_V", f"{share:.0%} of the time at the limit",
+                         f"a record that stays under {limit:g} V nine tenths of the time; slower moves would")
+
+
+def _bridge(record, name):
+    """Column with short gaps bridged; InputError for a long one, with its row."""
+    values = record[name]
+    missing = ~np.isfinite(values)
+    if not missing.any():
+        return values
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(int))).reshape(-1, 2)
+    longest = edges[np.argmax(edges[:, 1] - edges[:, 0])]
+    if longest[1] - longest[0] > LONGEST_GAP:
+        raise InputError(f"{record.source}: column {name}, row {longest[0] + 1}", f"{longest[1] - longest[0]} samples missing in a row",
+                         f"gaps of {LONGEST_GAP} samples at most; cut the record there")
+    rows = np.arange(len(values))
+    return np.interp(rows, rows[~missing], values[~missing])

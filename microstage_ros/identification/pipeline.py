@@ -1,0 +1,138 @@
+"""From records of an axis to its parameters: which estimators a machine allows, and their order."""
+
+import numpy as np
+
+from microstage_ros.axis.errors import InputError
+from microstage_ros.identification.acceleration import identify_attraction, identify_inertia
+from microstage_ros.identification.actuator import Features, extract, steady_series
+from microstage_ros.identification.actuator_fit import identify_presliding, identify_sliding
+from microstage_ros.identification.estimate import Estimate, Identification, from_interval
+from microstage_ros.identification.guideway import elastic_slope, extract_loading
+from microstage_ros.identification.intervals import bootstrap
+from microstage_ros.identification.inverse_dynamics import identify_force_axis
+from microstage_ros.identification.motor import identify_motor
+from microstage_ros.identification.signals import motor_signals
+from microstage_ros.identification.stribeck import stribeck_curve
+from microstage_ros.identification.variability import identify_variability, position_locked_share
+from microstage_ros.identification.whole_axis import driven_load, identify_whole_axis
+
+MOST_SERIES = 6000  # samples of friction for the variability
+MOST_DYNAMIC = 12  # records kept whole for motor constants, inertia and C
+CELL = 1e-5  # travel of one sample of friction [m]
+
+ELSEWHERE = {
+    "drive.torque_constant": "a known torque at the shaft (a weight on a lever) would; for an ideal DC machine it equals the "
+                             "back-EMF constant",
+    "stage.mass": "weighing the moving parts would: its inertia is under 1 % of the rotor's at the motor",
+    "transmission.stiffness": "the stage against the motor's angle under known loads, or its resonance (about 300 Hz), would",
+    "transmission.damping": "the decay of the drive train's resonance would",
+}
+GUIDEWAY_ELSEWHERE = "incremental loading of the guideways alone would: their force is 7 % of the actuator's at the motor"
+
+
+def identify(records, axis, seed=0, progress=lambda text: None):
+    """Identify an axis from records.
+
+    Parameters
+    ----------
+    records : iterable of checked `Record`, read one at a time; each counts as a repeat.
+    axis : `Axis` the records come from; its values are scales and first guesses, and stand for what the
+        records do not tell.
+    seed : of the bootstrap. progress : called with a line of text after each record.
+
+    Returns
+    -------
+    `Identification`. Raises InputError for records from which this machine cannot be identified.
+    """
+    if axis.choices["drive.type"] == "force":
+        if axis.law("guideway").startswith("coulomb_viscous"):
+            return identify_force_axis(list(records), axis)
+        return identify_guideway(records, axis, seed, progress)
+    return identify_motor_axis(records, axis, seed, progress)
+
+
+def identify_guideway(records, axis, seed=0, progress=lambda text: None):
+    """Guideways from incremental loading: blocks, static limit, elastic slope, variability.
+
+    The static limit of a repeat lies between the last load held and the one that slid.
+    """
+    repeats = []
+    for record in records:
+        repeats.append(extract_loading(record, axis))
+        progress(f"{record.source}: {len(repeats[-1].loading.force)} loads, breakaway {repeats[-1].breakaway[1]:.3g} N")
+    reading = axis.choices.get("contacts.guideway.reading", "blocks")
+    result = identify_presliding([r.loading for r in repeats], list(range(len(repeats))), seed, "guideway",
+                                 ("N/m", "m", "N"), reading, "four or more repeats of incremental loading would")
+    statics = np.array([0.5 * sum(r.breakaway) for r in repeats if np.isfinite(r.breakaway[1])])
+    key = "contacts.guideway.static"
+    if len(statics) >= 4:
+        value, stderr, low, high, _ = bootstrap(lambda k: statics[k].mean(), len(statics), seed)
+        result.add(from_interval(key, value[0], stderr[0], "N", low[0], high[0], "bootstrap over repeats"))
+        spread = float(statics.std(ddof=1) / statics.mean())
+        result.add(from_interval("variability.relative", spread, spread / np.sqrt(2.0 * (len(statics) - 1)), "1",
+                                 method="scatter of breakaway between repeats", experiment="ten or more repeats would"))
+    else:
+        result.add(Estimate(key, float("nan"), "N", determined=False, remark=f"not determined by these records ({len(statics)} "
+                            "repeats reach breakaway); loading up to breakaway in four or more repeats would"))
+    slopes = [elastic_slope(loop) for r in repeats for loop in r.loops]
+    if slopes:
+        result.remarks.append(f"Return loops: elastic slope {np.mean(slopes):.4g} N/m ± {np.std(slopes):.2g} "
+                              f"({len(slopes)} loops); by the blocks it is the sum of all stiffnesses.")
+    result.add(Estimate("contacts.guideway.viscous", axis.value("contacts.guideway.viscous"), "N s/m", determined=False,
+                        remark="not determined by these records (loading is quasi-static); sliding at several speeds under a known force would"))
+    return result
+
+
+def identify_motor_axis(records, axis, seed=0, progress=lambda text: None):
+    """An axis with a voltage-driven motor, alone on its bench or with the stage."""
+    coupled = axis.law("guideway") != "none"
+    features, dynamic = Features(), []
+    for number, record in enumerate(records):
+        signals = motor_signals(record, axis)
+        load = driven_load(signals, axis) if coupled else None
+        found = extract(signals, axis, number, load)
+        series = steady_series(signals, axis, CELL, load)
+        found.series = [series] if len(series) else []
+        features.extend(found)
+        if len(dynamic) < MOST_DYNAMIC:
+            dynamic.append(signals)
+        progress(f"{record.source}: {len(found.loadings)} slow reversals, {len(found.speed)} steady runs")
+    if not dynamic:
+        raise InputError("records", 0, "at least one record")
+    result = identify_motor(dynamic, axis)
+    result.merge(identify_inertia(dynamic, axis))
+    result.merge(identify_sliding(features, seed))
+    result.merge(identify_presliding(features.loadings, features.loading_repeat, seed))
+    known = result.to_axis(axis)
+    if coupled:
+        result.merge(identify_whole_axis(dynamic, known, result))
+        known = result.to_axis(axis)
+    result.merge(identify_attraction(dynamic, known))
+    result.merge(identify_series(features.series, known))
+    for key, experiment in {**ELSEWHERE, **({"contacts.guideway": GUIDEWAY_ELSEWHERE} if coupled else {})}.items():
+        if key == "contacts.guideway" or (axis.has(key) and (coupled or not key.startswith("stage"))):
+            quantity = axis.quantity(key) if axis.has(key) else None
+            result.add(Estimate(key, quantity.value if quantity else float("nan"), quantity.unit if quantity else "",
+                                determined=False, remark=f"not determined by these records; {experiment}"))
+    return result
+
+
+def identify_series(series, axis):
+    """Variability from series of friction in steady sliding (`actuator.steady_series`), one per record."""
+    from_axis = [axis.value(f"contacts.actuator.{k}") for k in ("static", "coulomb", "stribeck_velocity", "stribeck_exponent", "viscous")]
+    for number, part in enumerate(series):
+        part[:, 2] += 1e3 * number  # records are far apart in travel
+    table = np.concatenate([np.empty((0, 6)), *series])[:MOST_SERIES]
+    sliding = [*from_axis[:4], 0.0]
+    deviation = (np.abs(table[:, 1]) - from_axis[4] * np.abs(table[:, 0])) / stribeck_curve(sliding, table[:, 0]) - 1.0
+    try:
+        result = identify_variability(deviation, table[:, 2], table[:, 3], table[:, 5] > 0)
+    except InputError as error:
+        result = Identification()
+        result.add(Estimate("variability.relative", axis.value("variability.relative"), "1", determined=False,
+                            remark=f"not determined by these records ({error.value}); slow constant-velocity runs over 2 mm and more would"))
+        return result
+    share, pairs = position_locked_share(table[:, 4], deviation, table[:, 2], 2.0 * CELL, 1e-3)
+    if pairs > 100:
+        result.remarks.append(f"Friction that comes back at the same place: {share:.0%} of the variance ({pairs} pairs of passes).")
+    return result

@@ -1,0 +1,207 @@
+"""Ordinary closed-loop records of the whole axis: the torque balance over everything that moves.
+
+    k_M i = J_t dω/dt + M_f(φ; θ) + (r/N) F_g(x) + M_0
+
+with M_f the generalised Maxwell-slip law driven by the measured motion, J_t the rotor and the reflected
+stage, F_g the guideways as the axis file has them (7 % of the whole, so their errors hardly matter, and
+nothing here can tell them). Both sides pass one zero-phase low-pass. Rows at rest are left out: there the
+friction turns on movements far below one count.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from microstage_ros.axis.laws.blocks import blocks_from_segment_slopes
+from microstage_ros.axis.laws.positions import maxwell_slip_force
+from microstage_ros.axis.laws.registry import law_named, run_law
+from microstage_ros.identification.acceleration import balance_edge, law_parameters, total_inertia_of
+from microstage_ros.identification.actuator import slip_displacement
+from microstage_ros.identification.estimate import Curve, Identification, from_interval
+from microstage_ros.identification.intervals import block_covariance, correlation
+from microstage_ros.identification.inverse_dynamics import low_pass
+from microstage_ros.identification.signals import screw_ratio
+
+PARAMETERS = ("coulomb", "drop", "stribeck_velocity", "stribeck_exponent", "viscous", "stiffness", "inertia", "offset")
+PRIOR = np.array([1.0, 1.0, 1.0, 0.15, 1.0, 1.0, 1.0, 1.0])
+"""Standard deviations of the parameters (logarithms; the offset in M_C) about the axis file: they keep finite
+what the records do not tell. The exponent is held closely: a few speeds cannot tell it from the static limit."""
+TOLD = 0.5  # a parameter is told by the records if they shrink its prior's deviation at least to this share
+SPEED_NOISE = 0.05  # of the Stribeck velocity, that the resolution may put on the speed
+LEAST_COUNTS = 4  # travel about a row, in counts over a tenth of a second, that counts as motion
+BLOCK = 1.0  # residuals hang together over about this time [s]
+EXPERIMENT = "the actuator's own experiments (slow reversals, constant speeds) would"
+
+
+def driven_load(signals, axis):
+    """Torque at the motor [N m], shape (n,), of the guideways and the constant force along the record."""
+    ratio, gear = screw_ratio(axis), axis.value("transmission.gear_ratio")
+    position = ratio * low_pass(signals.angle, min(100.0, 0.2 / signals.period), signals.period)
+    force = axis.value("contacts.guideway.viscous") * np.gradient(position, signals.period) + axis.value("stage.offset_force")
+    if axis.has("contacts.guideway.stiffness"):
+        static = axis.value("contacts.guideway.static")
+        stiffness, weight = (np.asarray(axis.value(f"contacts.guideway.{key}"), float) for key in ("stiffness", "weight"))
+        if axis.choices.get("contacts.guideway.reading") == "segment_slopes":
+            stiffness, weight = blocks_from_segment_slopes(stiffness, weight, static)
+        force = force + maxwell_slip_force(position, stiffness, weight / weight.sum() * static)
+    elif axis.has("contacts.guideway.coulomb"):
+        force = force + axis.value("contacts.guideway.coulomb") * np.sign(np.gradient(position))
+    return ratio / gear * force
+
+
+@dataclass(frozen=True)
+class Balance:
+    """One record made ready: speed [rad/s] that drives the law, motor acceleration [rad/s²] and torque [N m]
+    behind the low-pass, on a coarser period [s]; ``used`` rows count."""
+
+    period: float
+    edge: float
+    speed: np.ndarray
+    acceleration: np.ndarray
+    torque: np.ndarray
+    used: np.ndarray
+
+
+def prepare(signals, axis):
+    """`Balance` of one record."""
+    edge = balance_edge(signals, axis)
+    unit = 0.5 * signals.resolution * 2.0 * math.pi * math.sqrt(2.0 * signals.period / 3.0)
+    law_edge = (SPEED_NOISE * axis.value("contacts.actuator.stribeck_velocity") / unit) ** (2.0 / 3.0)
+    law_edge = min(max(law_edge, 2.0 * edge), 0.2 / signals.period)
+    step = max(int(0.25 / (law_edge * signals.period)), 1)
+    speed = signals.smooth_speed(law_edge)
+    torque = low_pass(signals.torque - driven_load(signals, axis), edge, signals.period)
+    acceleration = axis.value("transmission.gear_ratio") * np.gradient(signals.smooth_speed(edge), signals.period)
+    half = int(0.05 / signals.period)
+    padded = np.pad(signals.angle, half, mode="edge")
+    moving = np.abs(padded[2 * half :] - padded[: -2 * half]) > LEAST_COUNTS * signals.resolution
+    travel = np.cumsum(np.abs(speed)) * signals.period
+    moving &= travel > 4.0 * slip_displacement(axis)  # by then the unknown first state is wiped out
+    cut = int(2.0 / (edge * signals.period))
+    moving[:cut] = moving[-cut:] = False
+    return Balance(signals.period * step, edge, speed[::step], acceleration[::step], torque[::step], moving[::step])
+
+
+def _axis_numbers(vector, axis, inertia):
+    """Law parameters, inertia and offset of a parameter vector (logarithms against the axis file, offset in M_C)."""
+    base = law_parameters(axis)
+    coulomb = base["coulomb"] * math.exp(vector[0])
+    drop = max(base["static"] - base["coulomb"], 0.02 * base["coulomb"]) * math.exp(vector[1])
+    values = {
+        **base, "coulomb": coulomb, "static": coulomb + drop,
+        "stribeck_velocity": base["stribeck_velocity"] * math.exp(vector[2]),
+        "stribeck_exponent": base["stribeck_exponent"] * math.exp(vector[3]),
+        "viscous": max(base["viscous"], 1e-9) * math.exp(vector[4]),
+        "stiffness": tuple(np.asarray(base["stiffness"]) * math.exp(vector[5])),
+    }
+    return values, inertia * math.exp(vector[6]), base["coulomb"] * vector[7]
+
+
+def _residual(vector, axis, inertia, balances):
+    law = law_named("generalised_maxwell_slip")
+    values, total, offset = _axis_numbers(vector, axis, inertia)
+    packed = law.pack(values)
+    parts = []
+    for b in balances:
+        friction = low_pass(run_law(law, packed, b.speed, b.period), b.edge, b.period)
+        parts.append((b.torque - friction - total * b.acceleration - offset)[b.used])
+    return np.concatenate(parts)
+
+
+def identify_whole_axis(signals, axis, known):
+    """Friction of the actuator, inertia and constant torque from closed-loop records of the whole axis.
+
+    Parameters
+    ----------
+    signals : list of `MotorSignals`. axis : `Axis` with what is known so far. known : `Identification`;
+        what it has determined is held and not reported again.
+
+    Returns
+    -------
+    `Identification`; nothing in it where the records hold too little motion.
+    """
+    result = Identification()
+    balances = [b for b in (prepare(s, axis) for s in signals) if b.used.sum() > 200]
+    if not balances:
+        result.remarks.append(f"No motion beyond the slip displacement: the friction cannot be told; {EXPERIMENT}.")
+        return result
+    inertia = total_inertia_of(axis)
+    held = _held(known)
+    free = [i for i in range(len(PARAMETERS)) if i not in held]
+    scale = 0.06 * axis.value("contacts.actuator.coulomb")
+
+    def residual(shifted):
+        part = shifted - 1.0  # about one, so that relative steps of the derivative are sound
+        vector = np.zeros(len(PARAMETERS))
+        vector[free] = part
+        return np.concatenate([_residual(vector, axis, inertia, balances) / scale, part / PRIOR[free]])
+
+    fit = least_squares(residual, np.ones(len(free)), loss="soft_l1", diff_step=2e-3, bounds=(-1.5, 3.5), max_nfev=40)
+    rows = len(fit.fun) - len(free)
+    block = max(int(BLOCK / balances[0].period), 10)
+    jacobian = fit.jac[:rows]
+    prior = np.diag(PRIOR[free] ** -2.0)
+    weak = np.linalg.inv(jacobian.T @ jacobian + prior)
+    # the sandwich of the residuals that hang together, in place of their white-noise information
+    score = jacobian.T @ jacobian @ block_covariance(jacobian, fit.fun[:rows], block) @ jacobian.T @ jacobian
+    covariance = weak @ (score + prior) @ weak
+    vector = np.zeros(len(PARAMETERS))
+    vector[free] = fit.x - 1.0
+    _report(result, vector, free, covariance, axis, inertia, held)
+    error = _residual(vector, axis, inertia, balances)
+    torque = np.concatenate([b.torque[b.used] for b in balances])
+    speed = np.concatenate([b.speed[b.used] for b in balances])
+    pick = np.linspace(0, len(torque) - 1, min(len(torque), 4000)).astype(int)
+    result.curves.append(Curve("Torque balance of the whole axis", "speed of the output [rad/s]", "torque at the motor [N m]",
+                               speed[pick], torque[pick], speed[pick], (torque - error)[pick], residual=error[pick]))
+    result.remarks.append(f"Torque balance: residual {np.std(error) * 1e6:.3g} µNm of {np.std(torque) * 1e6:.3g} µNm rms.")
+    expected = 2.0 * max(axis.value("variability.relative"), 0.03) * float(np.median(np.abs(torque)))
+    if np.std(error) > expected:
+        result.remarks.append(f"The balance leaves more than the friction's variability explains ({expected * 1e6:.3g} µNm): "
+                              "the axis has a cause outside the nominal model, which `diagnose` can name.")
+    return result
+
+
+def _held(known):
+    """Indices of `PARAMETERS` that dedicated experiments have determined."""
+    names = {"coulomb": 0, "static": 1, "stribeck_velocity": 2, "stribeck_exponent": 3, "viscous": 4, "stiffness": 5}
+    done = {e.key for e in known.estimates.values() if e.determined}
+    held = {index for name, index in names.items() if f"contacts.actuator.{name}" in done}
+    return held | ({6} if "drive.rotor_inertia" in done else set())
+
+
+def _report(result, vector, free, covariance, axis, inertia, held):
+    """Estimates of what is free; what the prior rules is not determined."""
+    values, total, offset = _axis_numbers(vector, axis, inertia)
+    full = np.zeros((len(PARAMETERS), len(PARAMETERS)))
+    full[np.ix_(free, free)] = covariance
+    spread = np.sqrt(np.diag(full))
+    told = spread <= TOLD * PRIOR
+    # static = coulomb + drop, both free: propagate
+    slope = np.array([values["coulomb"], values["static"] - values["coulomb"]])
+    static_spread = math.sqrt(max(slope @ full[:2, :2] @ slope, 0.0))
+    reflected = inertia - axis.value("drive.rotor_inertia")
+    friction = "contacts.actuator."
+    rows = [
+        (0, friction + "coulomb", values["coulomb"], values["coulomb"] * spread[0], "N m"),
+        (1, friction + "static", values["static"], static_spread, "N m"),
+        (2, friction + "stribeck_velocity", values["stribeck_velocity"], values["stribeck_velocity"] * spread[2], "rad/s"),
+        (3, friction + "stribeck_exponent", values["stribeck_exponent"], values["stribeck_exponent"] * spread[3], "1"),
+        (4, friction + "viscous", values["viscous"], values["viscous"] * spread[4], "N m s/rad"),
+        (5, "stiffness factor of the actuator", math.exp(vector[5]), math.exp(vector[5]) * spread[5], "1"),
+        (6, "drive.rotor_inertia", total - reflected, total * spread[6], "kg m^2"),
+        (7, "constant torque", offset, axis.value("contacts.actuator.coulomb") * spread[7], "N m"),
+    ]
+    for index, key, value, stderr, unit in rows:
+        if index not in held:
+            estimate = from_interval(key, value, stderr, unit, method="torque balance, block sandwich", experiment=EXPERIMENT,
+                                     floor=values["coulomb"] if index == 7 else 0.0)
+            if not told[index]:
+                estimate = replace(estimate, determined=False, remark=f"not determined by these records (they hardly narrow it); {EXPERIMENT}")
+            result.add(estimate)
+    if abs(offset) > max(3.0 * axis.value("contacts.actuator.coulomb") * spread[7], 0.02 * values["coulomb"]):
+        result.remarks.append(f"A constant torque of {offset * 1e6:.3g} µNm: an amplifier or current zero, a tilt or a pulling cable; "
+                              "`diagnose` tells them apart.")
+    result.correlations.append((tuple(PARAMETERS[i] for i in free), correlation(covariance)))
