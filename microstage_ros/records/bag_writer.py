@@ -55,6 +55,7 @@ class BagWriter:
         self._ros_distro = ros_distro
         self._chunk = OpenChunk()
         self._closed = False
+        self._close_at_ns = 0
         _make_place(path, self.folder)
         self._sink = McapSink(self.file, open_file(self.file), compression)
         self._write_metadata()
@@ -112,8 +113,10 @@ class BagWriter:
         BagStopped : the disk is full or failed; the bag is closed and can be read.
         """
         chunk = self._chunk
+        if not chunk.records:
+            self._close_at_ns = log_time_ns + CHUNK_NS
         chunk.add(channel, log_time_ns, log_time_ns if publish_time_ns is None else publish_time_ns, sequence, payload)
-        if len(chunk.records) >= CHUNK_BYTES or log_time_ns - chunk.first_time >= CHUNK_NS:
+        if len(chunk.records) >= CHUNK_BYTES or log_time_ns >= self._close_at_ns:
             self._close_chunk()
 
     def write_block(self, channel, log_times_ns, payloads):
@@ -131,6 +134,8 @@ class BagWriter:
         payloads = np.ascontiguousarray(payloads, dtype=np.uint8)
         log_times = np.asarray(log_times_ns, dtype=np.uint64)
         record = HEAD_BYTES + payloads.shape[1]
+        if len(log_times) and not self._chunk.records:
+            self._close_at_ns = int(log_times[0]) + CHUNK_NS
         done = 0
         while done < len(payloads):
             room = max((CHUNK_BYTES - len(self._chunk)) // record, 1)

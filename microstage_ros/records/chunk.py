@@ -35,13 +35,6 @@ class OpenChunk:
     def __len__(self):
         return len(self.records)
 
-    @property
-    def first_time(self):
-        """Log time of the first message [ns]; None while there is none."""
-        if self._blocks:
-            return int(self._blocks[0][1]["log_time"][0])
-        return self._times[0] if self._times else None
-
     def add(self, channel, log_time, publish_time, sequence, payload):
         """Append one message."""
         records = self.records
