@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from microstage_ros.axis.contact import regroup, stribeck_table
+from microstage_ros.axis.contact import regroup, slide, stribeck_table
 from microstage_ros.axis.effects import apply_effects, check_effects
 from microstage_ros.axis.errors import InputError
 from microstage_ros.axis.linear_core import forget, new_work

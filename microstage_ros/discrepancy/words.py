@@ -40,6 +40,8 @@ VERDICTS = {
     "undetermined": "Something is there, but these records cannot tell what.",
     "unexplained": "The model and the records part, and no cause of the catalogue fits.",
 }
+#: Tone of a verdict on the page.
+TONES = {"agrees": "good", "explained": "good", "partly_explained": "caution", "undetermined": "caution", "unexplained": "bad"}
 
 
 def name_of(cause_id):

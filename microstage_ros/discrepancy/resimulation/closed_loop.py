@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from microstage_ros.axis.contact import direction_factor, limit, release
 from microstage_ros.axis.errors import InputError
 from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
 from microstage_ros.control.closed_loop import TRACE, run_loop
@@ -92,21 +91,6 @@ def _law_residual(axis, record, voltage, speed):
     return float(np.sqrt(np.mean((voltage - own)[START_ROWS:] ** 2)))
 
 
-def set_in_motion(plant, state, speed):
-    """Give a state at rest a speed [m/s]; friction that would hold it at rest slides already."""
-    state["v"], state["omega"] = speed, speed / plant["ratio"]
-    if speed == 0.0:
-        return
-    for name, w in (("actuator", state["omega"] / plant["gear"]), ("guideway", speed)):
-        contact, blocks = plant[name], int(plant[name]["blocks"])
-        if blocks:
-            state[name]["lagged"] = abs(w)
-            state[name]["force"][:blocks] = np.sign(w) * 10.0 * contact["level"] * max(contact["static"], contact["coulomb"])
-            release(contact, state[name], w)
-            state[name]["slip_force"] = state[name]["factor"] * direction_factor(contact, w) * limit(contact, w)
-            state[name]["force"][:blocks] = 0.0
-
-
 class ClosedLoop:
     """Re-simulates a list of `Measured` for any variant of one axis."""
 
@@ -130,8 +114,7 @@ class ClosedLoop:
         return axis.value("drive.gain") * trace[:, VOLTAGE], trace[:, ENCODER]
 
     def _run(self, plant, axis, part):
-        state = new_state(plant, position=part.position_at_start)
-        set_in_motion(plant, state, part.speed_at_start)
+        state = new_state(plant, position=part.position_at_start, speed=part.speed_at_start)
         controller = _primed(axis, part.position_at_start, part.speed_at_start)
         trace = np.empty((len(part), len(TRACE)))
         self._work = new_work()

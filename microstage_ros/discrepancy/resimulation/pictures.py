@@ -5,6 +5,7 @@ import numpy as np
 from microstage_ros.discrepancy.diagnosis import Finding, Picture
 
 BINS = 24
+CURVE_BINS = 60
 SHIFTS = 60                    # circular shifts that set a coordinate's threshold
 SHOWN = 600                    # points of a curve
 SEEN_SPEED = 0.02              # share of the top speed below which a direction is not told
@@ -46,7 +47,8 @@ def findings(coordinates, before, after, seed):
         bins = _bins(values)
         shifts = generator.integers(len(values) // 10, len(values), SHIFTS)
         threshold = max(_share(bins, np.roll(before, shift)) for shift in shifts)
-        found.append(Finding("force", name, _share(bins, before), threshold, _share(bins, after)))
+        left = _share(bins, after) * min(float(np.var(after) / np.var(before)), 1.0)
+        found.append(Finding("force", name, _share(bins, before), threshold, left))
     return tuple(sorted(found, key=lambda finding: finding.threshold / max(finding.statistic, 1e-12)))
 
 
@@ -67,7 +69,7 @@ def pictures(coordinates, before, after, causes, period_rows):
     for name, cause in (("velocity", "direction_asymmetry"), ("velocity", "nonlinear_viscous"),
                         ("position", "position_dependent_friction"), ("position", "cable_spring"),
                         ("screw turn", "torque_ripple"), ("acceleration", "actuator_lag")):
-        if cause in causes and f"force over {name}" not in [picture.title for picture in shown]:
+        if cause in causes and f"Force over {name}" not in [picture.title for picture in shown]:
             shown.append(_binned(name, coordinates[name], before, after, cause))
     if len(shown) == 1:
         shown += [_binned(name, coordinates[name], before, after, "") for name in ("velocity", "position")]
@@ -82,17 +84,17 @@ def _over_time(time, before, after, period_rows):
     def thin(values):
         return values[:rows].reshape(-1, block).mean(axis=1)
 
-    return Picture("time", "force over time", "time [s]", "measured − model [N]",
+    return Picture("time", "Force over time, measured minus simulated", "time [s]", "measured − model [N]",
                    {"axis file": (thin(time), thin(before)), "with the causes": (thin(time), thin(after))})
 
 
 def _binned(name, coordinate, before, after, cause):
+    """Mean residual in even bins of a coordinate; bins that hold next to nothing are left out."""
     values, label = coordinate
-    centres = np.unique(np.quantile(values, np.linspace(0.0, 1.0, 61)))
-    bins = np.searchsorted(centres[1:-1], values)
-    count = np.maximum(np.bincount(bins, minlength=len(centres) - 1), 1)
-    x = np.bincount(bins, values, minlength=len(centres) - 1) / count
-    curves = {}
-    for text, residual in (("axis file", before), ("with the causes", after)):
-        curves[text] = (x, np.bincount(bins, residual, minlength=len(centres) - 1) / count)
-    return Picture(name.replace(" ", "_"), f"force over {name}", label, "measured − model [N], mean", curves, cause)
+    bins = np.minimum(((values - values.min()) / max(np.ptp(values), 1e-300) * CURVE_BINS).astype(int), CURVE_BINS - 1)
+    count = np.bincount(bins, minlength=CURVE_BINS)
+    kept = count >= max(len(values) // 5000, 5)
+    x = (np.bincount(bins, values, minlength=CURVE_BINS)[kept]) / count[kept]
+    curves = {text: (x, np.bincount(bins, residual, minlength=CURVE_BINS)[kept] / count[kept])
+              for text, residual in (("axis file", before), ("with the causes", after))}
+    return Picture(name.replace(" ", "_"), f"Force over {name}", label, "measured − model [N], mean", curves, cause)
