@@ -4,6 +4,7 @@ Beside the messages the bag holds the parameters of every node, the version, the
 (`custom_data`). It grants the driver credit, so that a simulated axis never runs faster than the disk.
 """
 
+import importlib
 import json
 import sys
 import time
@@ -13,7 +14,6 @@ from pathlib import Path
 import yaml
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
-from rosidl_runtime_py.utilities import get_message
 
 from microstage_ros import __version__
 from microstage_ros.axis.errors import InputError
@@ -149,7 +149,7 @@ class BagRecorder(Node):
         fields = definition.fields
         stamped = bool(fields) and fields[0].type == "std_msgs/Header"
         sequence_at = _sequence_place(definition) if kind.split("/")[-1] in SEQUENCE_AT else None
-        self._tracks[name] = Track(self._servo.reader(get_message(kind), name, qos), channel, stamped, sequence_at)
+        self._tracks[name] = Track(self._servo.reader(_message_class(kind), name, qos), channel, stamped, sequence_at)
         self._readers = tuple(track.reader for track in self._tracks.values())
 
     def close(self):
@@ -186,6 +186,12 @@ def _sequence_place(definition):
     from microstage_ros.records.layout import layout_of_type
 
     return layout_of_type(definition, {"header.frame_id": 5}).offset("sequence")
+
+
+def _message_class(kind):
+    """The Python class of ``package/msg/Name``."""
+    package, _, name = kind.split("/")
+    return getattr(importlib.import_module(f"{package}.msg"), name)
 
 
 def _run(text):

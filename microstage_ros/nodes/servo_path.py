@@ -17,6 +17,9 @@ try:
 except ImportError:  # another rclpy
     rclpy_implementation = None
 
+RCLError = getattr(rclpy_implementation, "RCLError", RuntimeError)
+"""What rclpy raises when the process is asked to stop in the middle of a call."""
+
 PRIVATE = {
     "WaitSet": ("clear_entities", "add_subscription", "wait"),
     "Subscription": ("take_message",),

@@ -1,0 +1,165 @@
+"""Starting and stopping the processes of one axis, where no ROS launch system is: one process per node.
+
+    with CellProcesses(namespace="/axis", parameters={"axis_driver": {"seed": 1}}) as cell:
+        cell.activate(node)          # an rclpy node of the caller that nobody spins, for the driver's lifecycle
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import rclpy
+import yaml
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+
+NODES = ("str_controller", "gms_observer", "interferometer_logger", "move_server", "bag_recorder", "axis_driver")
+"""All nodes of an axis, in the order in which they are started."""
+
+STATE_READERS = {"str_controller", "gms_observer", "bag_recorder"}
+COMMAND_READERS = {"axis_driver", "bag_recorder"}
+STOP_WAIT = 20.0
+START_WAIT = 60.0
+ASK_AGAIN = 3.0
+
+
+class CellFailure(RuntimeError):
+    """A process of the cell ended, or did not do what it was asked; the text says which."""
+
+
+def started_parameters(nodes, given):
+    """Parameters for each node: what they must know of each other, then what the caller gives.
+
+    Parameters
+    ----------
+    nodes : names that are started. given : node name (or ``"*"`` for all that have it) to parameters.
+    """
+    followers = [name for name in nodes if name != "axis_driver"]
+    own = {name: {} for name in nodes}
+    if "axis_driver" in own:
+        own["axis_driver"] = {"followers": followers, "expected_subscribers": len(STATE_READERS & set(nodes))}
+    if "str_controller" in own:
+        own["str_controller"] = {"expected_subscribers": len(COMMAND_READERS & set(nodes))}
+    return {name: {**own[name], **given.get(name, {})} for name in nodes}
+
+
+class CellProcesses:
+    """The processes of one axis.
+
+    Parameters
+    ----------
+    namespace : of the axis, beginning with a slash. nodes : which to start. parameters : node name to parameters.
+    logs : folder for what the processes print, one file each; None: to this process's own output.
+    """
+
+    def __init__(self, namespace="/axis", nodes=NODES, parameters=None, logs=None):
+        self.namespace, self.nodes = namespace, nodes
+        self._parameters = started_parameters(nodes, parameters or {})
+        self._logs = None if logs is None else Path(logs)
+        self.processes = {}
+        self._folder = None
+
+    def __enter__(self):
+        self.start()
+        return self
+
+    def __exit__(self, *error):
+        self.stop()
+
+    def start(self):
+        """Start every node."""
+        self._folder = tempfile.TemporaryDirectory(prefix="microstage_")
+        if self._logs:
+            self._logs.mkdir(parents=True, exist_ok=True)
+        for name in self.nodes:
+            self._start(name)
+
+    def _start(self, name):
+        path = Path(self._folder.name) / f"{name}.yaml"
+        path.write_text(yaml.safe_dump({"/**": {"ros__parameters": self._parameters[name]}})
+                        if self._parameters[name] else "{}", encoding="utf-8")
+        command = [sys.executable, "-m", f"microstage_ros.nodes.{name}", "--ros-args", "-r", f"__ns:={self.namespace}"]
+        if self._parameters[name]:
+            command += ["--params-file", str(path)]
+        output = open(self._logs / f"{name}.log", "wb") if self._logs else None
+        self.processes[name] = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT if output else None,
+            start_new_session=True, env={**os.environ, "NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"})
+        if output:
+            output.close()
+
+    def check(self):
+        """Raise `CellFailure` if a process has ended."""
+        for name, process in self.processes.items():
+            if process.poll() is not None:
+                raise CellFailure(f"{name} ended with status {process.returncode}{self._last_words(name)}")
+
+    def _last_words(self, name):
+        if not self._logs:
+            return ""
+        lines = (self._logs / f"{name}.log").read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        return f": {lines[-1]}" if lines else ""
+
+    def activate(self, node):
+        """Configure and activate the driver, through ``node``. Raises `CellFailure`."""
+        self._transition(node, Transition.TRANSITION_CONFIGURE, State.PRIMARY_STATE_INACTIVE, "configured")
+        self._transition(node, Transition.TRANSITION_ACTIVATE, State.PRIMARY_STATE_ACTIVE, "activated")
+
+    def deactivate(self, node):
+        """Deactivate the driver: zero voltage."""
+        self._transition(node, Transition.TRANSITION_DEACTIVATE, State.PRIMARY_STATE_INACTIVE, "deactivated")
+
+    def _transition(self, node, transition, wanted, done):
+        """One lifecycle transition, asked for again if the answer was lost while processes discover each other."""
+        change = node.create_client(ChangeState, f"{self.namespace}/axis_driver/change_state")
+        look = node.create_client(GetState, f"{self.namespace}/axis_driver/get_state")
+        request = ChangeState.Request(transition=Transition(id=transition))
+        end = time.monotonic() + START_WAIT
+        try:
+            while not (change.service_is_ready() and look.service_is_ready()):
+                self._turn(node, end, "the driver does not come up")
+            asked = change.call_async(request)
+            seen, again = look.call_async(GetState.Request()), time.monotonic() + ASK_AGAIN
+            while not asked.done():
+                self._turn(node, end, f"the driver was not {done}")
+                if seen.done() and seen.result().current_state.id == wanted:
+                    return
+                if time.monotonic() > again:
+                    if seen.done():  # it answers, and has not done it
+                        asked = change.call_async(request)
+                    seen, again = look.call_async(GetState.Request()), time.monotonic() + ASK_AGAIN
+            if not asked.result().success:
+                raise CellFailure(f"the driver was not {done}{self._last_words('axis_driver')}")
+        finally:
+            node.destroy_client(change)
+            node.destroy_client(look)
+
+    def _turn(self, node, end, complaint):
+        """A moment for ``node``; raises `CellFailure` after ``end`` or if a process has ended."""
+        self.check()
+        if time.monotonic() > end:
+            raise CellFailure(f"{complaint} within {START_WAIT:.0f} s")
+        rclpy.spin_once(node, timeout_sec=0.02)
+
+    def stop(self):
+        """Ask every process to stop, the driver first and the recorder last; end those that do not."""
+        order = sorted(self.processes, key=lambda name: {"axis_driver": 0, "bag_recorder": 2}.get(name, 1))
+        for name in order:
+            self.stop_one(name)
+        if self._folder:
+            self._folder.cleanup()
+
+    def stop_one(self, name):
+        """Ask one process to stop and wait for it. Returns its exit status."""
+        process = self.processes.pop(name)
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        try:
+            return process.wait(STOP_WAIT)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            return process.wait()
