@@ -165,6 +165,36 @@ def test_hsieh_pan_agrees_with_scipy():
     assert force == pytest.approx(states[:, :3].sum(axis=1) + viscous(velocity), abs=2e-3)
 
 
+def test_leuven_with_unequal_directions_agrees_with_scipy():
+    law, packed = pack("leuven")
+
+    def rate(w, force):
+        ratio = numpy.sign(w) * force / curve(w)
+        return 1.0 - numpy.sign(ratio) * abs(ratio) ** 2.5
+
+    def rhs(w, y):
+        stretch = w * rate(w, y.sum())
+        slips = numpy.sign(stretch) * y >= WEIGHT * (1.0 if stretch >= 0.0 else 0.9)
+        return numpy.where(slips, 0.0, STIFFNESS * stretch)
+
+    time, velocity = motion(1e-3)
+    velocity, errors = 0.3 * velocity, []
+    states = integrate(rhs, numpy.zeros(3), time, lambda t: 0.3 * speed(t))
+    damping = numpy.array([min(0.3, curve(w) / abs(w)) for w in velocity])
+    force = states.sum(axis=1)
+    reference = force + damping * velocity * rate_of(rate, velocity, force) + viscous(velocity)
+    for cut in (1, 4):
+        fine = 0.3 * motion(1e-3 / cut)[1]
+        errors.append(numpy.abs(run_law(law, packed, fine, 1e-3 / cut)[::cut] - reference)[1:].max())
+    assert errors[0] < 5e-3
+    assert errors[1] < errors[0] / 4.0
+
+
+def rate_of(rate, velocity, force):
+    """``rate`` along a record."""
+    return numpy.array([rate(w, f) for w, f in zip(velocity, force, strict=True)])
+
+
 class Stack:
     """Masing hysteresis with the two rules of memory, kept as a stack of open reversals (Leuven 2000)."""
 
