@@ -107,6 +107,15 @@ def test_maxwell_slip_traces_virgin_curve_and_masing_branch(reading):
     assert maxwell_slip_force(numpy.concatenate((out, back)), stiffness, 0.9 * weight) == pytest.approx(force)
 
 
+@pytest.mark.parametrize("velocity", [0.3, -0.3])
+def test_leuven_with_a_linear_rate_is_exact_between_its_events(velocity):
+    """With n = 1 the rate equation is linear while no element slips, so one step is as good as a thousand."""
+    law, packed = pack("leuven", exponent=1.0, damping=0.0, viscous=0.0, viscous_negative=0.0)
+    for distance in (0.005, 0.02, 0.05, 0.2):
+        force = [run_law(law, packed, numpy.full(n + 1, velocity), distance / 0.3 / n)[-1] for n in (1, 1000)]
+        assert force[0] == pytest.approx(force[1], rel=1e-9)
+
+
 @pytest.mark.parametrize("steps", [1, 13])
 def test_slipping_blocks_relax_with_the_time_constant_s_over_attraction(steps):
     law, packed = pack("generalised_maxwell_slip", viscous=0.0)
