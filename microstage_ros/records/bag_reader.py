@@ -14,7 +14,7 @@ import numpy as np
 import yaml
 
 from microstage_ros.axis.errors import InputError
-from microstage_ros.records.chunk import HEAD_BYTES, HEAD_DTYPE
+from microstage_ros.records.chunk import HEAD_BYTES, HEAD_DTYPE, LENGTH_BEFORE_PAYLOAD
 from microstage_ros.records.definition import installed_definition, parse_definition, service_event_text
 from microstage_ros.records.layout import NoFixedLayout, layout_of_message, layout_of_type
 from microstage_ros.records.mcap_source import McapSource
@@ -102,11 +102,13 @@ class Bag:
     def raw_messages(self, topics=None, start=None, end=None):
         """Yields (topic, log time [ns], CDR bytes) in the order of log time, chunk by chunk."""
         for part in self._parts(self._wanted(topics), start, end):
-            raw = part.source.unpack(part.chunk).data
-            found = [(int(time), int(offset), name) for name, entries in part.entries.items()
-                     for time, offset in entries.tolist()]
-            for time, offset, name in sorted(found):
-                yield name, time, _payload(raw, offset)
+            raw = part.source.unpack(part.chunk)
+            found = []
+            for name, entries in part.entries.items():
+                ends = part.record_ends(raw, entries)
+                found += zip(entries["log_time"].tolist(), entries["offset"].tolist(), ends.tolist(), [name] * len(ends))
+            for time, begin, stop, name in sorted(found):
+                yield name, time, raw[begin + HEAD_BYTES:stop].tobytes()
 
     def _wanted(self, topics):
         """Names asked for, all if None; InputError for one that the bag lacks."""
@@ -149,7 +151,20 @@ class _Part:
         if self.entries:
             raw = self.source.unpack(self.chunk)
             for name, entries in self.entries.items():
-                gathered[name].put(self.at[name], raw, entries["offset"].astype(np.int64))
+                ends = self.record_ends(raw, entries)
+                gathered[name].put(self.at[name], raw, entries["offset"].astype(np.int64), ends)
+
+    def record_ends(self, raw, entries):
+        """Where the message records end that begin at the offsets of an index; InputError if it lies."""
+        offsets = entries["offset"]
+        place = f"{self.source.path}: chunk at byte {self.chunk.data[0]}"
+        if int(offsets.max()) + HEAD_BYTES > len(raw):
+            raise InputError(place, f"a message at byte {int(offsets.max())}", f"messages within its {len(raw)} bytes")
+        lengths = np.ndarray((len(raw) - 8,), "<u8", raw.data, offset=1, strides=(1,))[offsets.astype(np.int64)]
+        bad = (lengths < LENGTH_BEFORE_PAYLOAD) | (lengths > len(raw) - 9 - offsets)
+        if bad.any():
+            raise InputError(place, f"a message of {int(lengths[bad][0])} bytes", f"messages within its {len(raw)} bytes")
+        return (offsets + lengths + 9).astype(np.int64)
 
 
 class _Gathered:
@@ -160,21 +175,17 @@ class _Gathered:
         self.rows = None
         self.pieces = {}
 
-    def put(self, at, raw, offsets):
-        """Copy the message records that begin at `offsets` of an unpacked chunk."""
-        record = 9 + int(_u8(raw, int(offsets[0]) + 1))
+    def put(self, at, raw, offsets, ends):
+        """Copy the message records from `offsets` to `ends` of an unpacked chunk."""
+        record = int(ends[0] - offsets[0])
         if self.rows is None:
             self.rows = np.empty(self.count, f"V{record}")
-        rows = self.rows
-        if rows.itemsize == record and int(offsets.max()) + record <= len(raw):
-            every_byte = np.ndarray((len(raw) - record + 1,), rows.dtype, raw.data, strides=(1,))
-            part = rows[at:at + len(offsets)]
-            part[:] = every_byte[offsets]
-            lengths = part.view(_head_view(record))["length"]
-            if (lengths == record - 9).all():
-                return
-        view = raw.data
-        self.pieces[at] = [bytes(view[offset:offset + 9 + int(_u8(raw, offset + 1))]) for offset in offsets.tolist()]
+        if self.rows.itemsize == record and (ends - offsets == record).all():
+            every_byte = np.ndarray((len(raw) - record + 1,), self.rows.dtype, raw.data, strides=(1,))
+            self.rows[at:at + len(offsets)] = every_byte[offsets]
+        else:
+            view = raw.data
+            self.pieces[at] = [bytes(view[begin:end]) for begin, end in zip(offsets.tolist(), ends.tolist())]
 
     def messages(self):
         """All message records as bytes, in their order."""
@@ -186,23 +197,6 @@ class _Gathered:
                 found.append(self.rows[at].tobytes())
             at = len(found)
         return found
-
-
-def _head_view(record):
-    """A dtype that shows the head of message records of `record` bytes."""
-    names = HEAD_DTYPE.names
-    return np.dtype({"names": names, "formats": [HEAD_DTYPE[name] for name in names],
-                     "offsets": [HEAD_DTYPE.fields[name][1] for name in names], "itemsize": record})
-
-
-def _u8(raw, offset):
-    """Little-endian uint64 at a byte of `raw`."""
-    return int.from_bytes(raw[offset:offset + 8].tobytes(), "little")
-
-
-def _payload(raw, offset):
-    """The payload of the message record at `offset` of unpacked bytes."""
-    return bytes(raw[offset + HEAD_BYTES:offset + 9 + int.from_bytes(raw[offset + 1:offset + 9], "little")])
 
 
 def _between(index, start, end, chunk):

@@ -76,12 +76,9 @@ class Layout:
         -------
         bool array of shape (n,).
         """
-        order = 1 if self.byte_order == "<" else 0
-        good = (rows[:, 0] == 0) & (rows[:, 1] == order)
+        good = rows[:, :2].view(">u2")[:, 0] == (1 if self.byte_order == "<" else 0)
         for offset, count in self.lengths:
-            word = rows[:, offset:offset + 4]
-            expected = np.frombuffer(struct.pack(self.byte_order + "I", count), np.uint8)
-            good &= (word == expected).all(axis=1)
+            good &= rows[:, offset:offset + 4].view(self.byte_order + "u4")[:, 0] == count
         return good
 
 

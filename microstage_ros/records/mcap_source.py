@@ -72,7 +72,7 @@ class McapSource:
         try:
             if not self._read_summary():
                 self._scan()
-        except (McapError, struct.error, ValueError, IndexError, UnicodeDecodeError) as error:
+        except (McapError, struct.error, ValueError, IndexError, OverflowError) as error:
             if isinstance(error, InputError):
                 raise
             raise InputError(self.path, f"damaged ({error})", "a whole MCAP file") from None
@@ -95,7 +95,7 @@ class McapSource:
                 raw = packed
             else:
                 raise InputError(f"{self.path}: compression", chunk.compression, "zstd, lz4 or none")
-        except (zstandard.ZstdError, RuntimeError, EOFError) as error:
+        except (zstandard.ZstdError, RuntimeError, EOFError, OverflowError, MemoryError) as error:
             raise InputError(f"{self.path}: chunk at byte {chunk.data[0]}", str(error), "a whole chunk") from None
         if len(raw) != chunk.size:
             raise InputError(f"{self.path}: chunk at byte {chunk.data[0]}", f"{len(raw)} bytes", f"{chunk.size} bytes")
@@ -108,9 +108,12 @@ class McapSource:
         return {channel: self._index(place) for channel, place in chunk.indexes.items()}
 
     def _index(self, place):
+        if place + 15 > len(self._bytes):
+            raise InputError(f"{self.path}: place of a message index", place, f"within the {len(self._bytes)} bytes")
         opcode, length = RECORD_HEAD.unpack_from(self._bytes, place)
         size = struct.unpack_from("<I", self._bytes, place + 11)[0]
-        if opcode != MESSAGE_INDEX or size + 6 > length or size % INDEX_ENTRY.itemsize:
+        if opcode != MESSAGE_INDEX or size + 6 > length or size % INDEX_ENTRY.itemsize \
+                or place + 15 + size > len(self._bytes):
             raise InputError(f"{self.path}: byte {place}", f"record {opcode} of {length} bytes", "a message index")
         return np.frombuffer(self._bytes, INDEX_ENTRY, size // INDEX_ENTRY.itemsize, place + 15)
 

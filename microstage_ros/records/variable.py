@@ -3,6 +3,7 @@
 from functools import lru_cache
 
 import numpy as np
+from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.base import TypesysError
 
@@ -32,8 +33,8 @@ def decode_messages(topic, records):
         store, kind = _store_of(topic.type, topic.encoding,
                                 topic.text if topic.encoding == "ros2idl" else topic.definition().text)
         decoded = [store.deserialize_cdr(record[HEAD_BYTES:], kind) for record in records]
-    except (TypesysError, KeyError, ValueError, IndexError, AssertionError) as error:
-        raise InputError(f"topic {topic.name}", f"{type(error).__name__}: {error}",
+    except (TypesysError, SerdeError, KeyError, ValueError, IndexError, AssertionError) as error:
+        raise InputError(f"topic {topic.name}", f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}",
                          f"messages of type {topic.type} as the bag defines it") from None
     columns = {"log_time_ns": [], "publish_time_ns": []}
     for record in records:

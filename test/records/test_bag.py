@@ -4,6 +4,7 @@ import io
 import os
 import subprocess
 import sys
+from time import sleep
 
 import lz4.frame
 import numpy as np
@@ -27,7 +28,7 @@ from rosbags.rosbag2 import Reader
 
 from microstage_ros import __version__
 from microstage_ros.axis.errors import InputError
-from microstage_ros.records import bag_writer
+from microstage_ros.records import bag_writer, mcap_sink
 from microstage_ros.records.bag import Bag, BagStopped, BagWriter, Qos, read_bag, read_bags
 from microstage_ros.records.mcap_sink import COMPRESSORS
 
@@ -289,6 +290,49 @@ def test_damaged_bytes_are_told(tmp_path):
     (tmp_path / "bad.mcap").write_bytes(raw)
     with pytest.raises(InputError, match="whole chunk"):
         read_bag(tmp_path / "bad.mcap")
+
+
+def test_no_damage_ends_in_anything_but_input_error(tmp_path, monkeypatch):
+    """Bytes changed anywhere: the bag is read, or refused in one line; never another exception."""
+    monkeypatch.setattr(bag_writer, "CHUNK_BYTES", 4000)
+    write_bag(tmp_path / "whole.mcap", count=200, words=["a", "bb"] * 9)
+    whole, generator, refused = (tmp_path / "whole.mcap").read_bytes(), np.random.default_rng(12), 0
+    for _ in range(250):
+        raw = bytearray(whole)
+        for place in generator.integers(0, len(raw), size=generator.choice([1, 3, 20])):
+            raw[place] = generator.integers(0, 256)
+        (tmp_path / "bad.mcap").write_bytes(raw)
+        try:
+            bag = Bag(tmp_path / "bad.mcap")
+            bag.read()
+            list(bag.raw_messages())
+        except InputError as error:
+            refused += 1
+            assert "\n" not in str(error)
+    assert refused > 50
+
+
+class SlowDisk(FullDisk):
+    """A file that takes its time."""
+
+    def write(self, raw):
+        sleep(0.002)
+        return self.file.write(raw)
+
+
+def test_a_slow_disk_makes_the_writer_wait_and_memory_stays_bounded(tmp_path, monkeypatch):
+    monkeypatch.setattr(bag_writer, "CHUNK_BYTES", 2000)
+    monkeypatch.setattr(mcap_sink, "WAITING_CHUNKS", 4)
+    monkeypatch.setattr(bag_writer, "open_file", lambda path: SlowDisk(io.FileIO(path, "w+"), 0))
+    rows, _, times = servo_rows(2000)
+    most = 0
+    with BagWriter(tmp_path / "bag", compression="") as bag:
+        servo = bag.add_channel("/axis/servo", SERVO)
+        for start in range(0, 2000, 20):
+            bag.write_block(servo, times[start:start + 20], rows[start:start + 20])
+            most = max(most, bag.waiting_chunks)
+    assert 3 <= most <= 4
+    check_servo(read_bag(tmp_path / "bag")["/axis/servo"], 2000)
 
 
 def test_index_that_lies_is_not_believed(tmp_path):

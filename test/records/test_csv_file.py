@@ -151,3 +151,22 @@ def test_rows_and_missing_columns():
     assert "current_A" not in bare and "voltage_V" not in bare
     with pytest.raises(InputError, match="voltage_V"):
         bare["voltage_V"]
+
+
+def test_no_damage_ends_in_anything_but_input_error(tmp_path):
+    """Bytes changed anywhere: the file is read, or refused in one line; never another exception."""
+    write_record(small_record(rows=30), tmp_path / "whole.csv")
+    whole, generator, refused = (tmp_path / "whole.csv").read_bytes(), np.random.default_rng(3), 0
+    for suffix, pack in (("csv", bytes), ("csv.gz", gzip.compress), ("csv.xz", lzma.compress)):
+        packed = pack(whole)
+        for _ in range(100):
+            raw = bytearray(packed)
+            for place in generator.integers(0, len(raw), size=generator.choice([1, 2, 10])):
+                raw[place] = generator.choice([0, 10, 34, 44, 255, generator.integers(0, 256)])
+            (tmp_path / f"bad.{suffix}").write_bytes(raw)
+            try:
+                read_record(tmp_path / f"bad.{suffix}")
+            except InputError as error:
+                refused += 1
+                assert "\n" not in str(error)
+    assert refused > 150
