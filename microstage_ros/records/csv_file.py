@@ -1,21 +1,20 @@
-"""Records as CSV, plain or compressed, read at the speed of polars and refused with line and field.
+"""Records as CSV, plain or compressed, read fast and refused with line and field.
 
 A file is: lines beginning with `#` (comments, of which `# key: value` is metadata), a header with
 the names of `records.columns`, then rows of numbers over a constant period.  An empty field is a
 missing sample.
 """
 
-import io
 import json
 from pathlib import Path
 
 import numpy as np
-import polars
 
 from microstage_ros import __version__
 from microstage_ros.axis.errors import InputError
 from microstage_ros.records.columns import COMMANDS, KNOWN_COLUMNS, REQUIRED, in_file_order
 from microstage_ros.records.compression import read_bytes, write_bytes
+from microstage_ros.records.csv_text import parse_rows, rows_text
 from microstage_ros.records.record import Record, metadata_value, refuse_unknown, require_columns
 from microstage_ros.records.timebase import constant_period
 
@@ -69,13 +68,10 @@ def _pieces(record, rows_at_once=200_000):
     metadata = {"microstage_ros": __version__, **record.metadata}
     yield "".join(f"# {key}: {json.dumps(value, default=str)}\n" for key, value in metadata.items()).encode()
     names = in_file_order(record.columns)
-    for start in range(0, max(len(record), 1), rows_at_once):
-        part = {}
-        for name in names:
-            values = record.columns[name][start:start + rows_at_once]
-            rounded = np.round(values, KNOWN_COLUMNS[name].decimals) + 0.0
-            part[name] = polars.Series(rounded, nan_to_null=True)
-        yield polars.DataFrame(part).write_csv(include_header=start == 0).encode()
+    yield (",".join(names) + "\n").encode()
+    for start in range(0, len(record), rows_at_once):
+        part = slice(start, start + rows_at_once)
+        yield rows_text([np.round(record.columns[name][part], KNOWN_COLUMNS[name].decimals) + 0.0 for name in names])
 
 
 def _text_of(path):
@@ -143,12 +139,10 @@ def _numbers(path, text, names, first_row):
         body = b"\n".join(line for _, line in _lines(body) if not line.startswith(b"#"))
     if body.count(b",") != (body.count(b"\n") + 1) * (len(names) - 1):
         raise _first_bad_row(path, text, names, first_row)
-    schema = dict.fromkeys(names, polars.Float64)
     try:
-        table = polars.read_csv(io.BytesIO(body), has_header=False, schema=schema).rechunk()
-    except polars.exceptions.PolarsError:
+        columns = dict(zip(names, parse_rows(body, len(names))))
+    except ValueError:
         raise _first_bad_row(path, text, names, first_row) from None
-    columns = {name: table[name].fill_null(np.nan).to_numpy() for name in names}
     if any(np.isinf(values).any() for values in columns.values()):
         raise _first_bad_row(path, text, names, first_row)
     return columns

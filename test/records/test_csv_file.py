@@ -5,15 +5,22 @@ import lzma
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from microstage_ros.axis.errors import InputError
-from microstage_ros.records import Record, read_record, write_record
+from microstage_ros.records import Record, csv_text, read_record, write_record
 from microstage_ros.records.columns import KNOWN_COLUMNS
 
 HEADER = "t_s,encoder_m,reference_m,voltage_V\n"
 ROWS = ["0.0,0,0,0.5", "0.1,1e-6,2e-6,0.25", "0.2,2e-6,3e-6,-0.5", "0.3,3e-6,4e-6,1"]
+
+
+@pytest.fixture(params=["polars", "numpy"], autouse=True)
+def text_by(request, monkeypatch):
+    """Every test with polars and, as on a machine that lacks it, without."""
+    if request.param == "numpy":
+        monkeypatch.setattr(csv_text, "polars", None)
 
 
 def small_record(rows=50, period_s=1e-4):
@@ -59,7 +66,7 @@ def test_same_record_same_bytes(tmp_path, suffix):
     assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(values=st.lists(st.floats(-1e3, 1e3) | st.just(np.nan), min_size=2, max_size=20),
        period_s=st.sampled_from([1e-4, 1e-3, 1 / 1024, 0.5]))
 def test_any_values_and_period_survive(tmp_path_factory, values, period_s):
