@@ -1,0 +1,17 @@
+"""The command line. A command is a file here with ``main(argv) -> status`` and a line in `COMMANDS`."""
+
+COMMANDS = {
+    "demo": "the main job on the simulated axis: ROS 2 nodes, the paper's moves, a bag, a report",
+    "test": "all the tests",
+    "cell": "start the nodes of an axis and leave them running until interrupted",
+    "move": "one move through the action, with feedback",
+    "simulate": "one run of the model, no ROS",
+    "identify": "friction parameters from records, with their uncertainty",
+    "diagnose": "from records to the cause: where model and measurement part, and why",
+    "campaign": "the diagnosis examined: many axes with hidden causes, hits and false alarms",
+    "compare": "the paper's controllers side by side: tracking, accuracy, settling",
+    "laws": "what each friction law can and cannot show",
+    "replay": "play a bag back onto its topics",
+    "bench": "the project's own benchmarks",
+}
+"""Name to one line for the help."""
