@@ -6,6 +6,7 @@ decoded one by one with `rosbags`.  A time range is found in the index; chunks o
 not read.
 """
 
+from bisect import bisect_left
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -100,15 +101,16 @@ class Bag:
         return {name: _as_array(self, self.topics[name], gathered[name]) for name in wanted}
 
     def raw_messages(self, topics=None, start=None, end=None):
-        """Yields (topic, log time [ns], CDR bytes) in the order of log time, chunk by chunk."""
-        for part in self._parts(self._wanted(topics), start, end):
-            raw = part.source.unpack(part.chunk)
-            found = []
-            for name, entries in part.entries.items():
-                ends = part.record_ends(raw, entries)
-                found += zip(entries["log_time"].tolist(), entries["offset"].tolist(), ends.tolist(), [name] * len(ends))
-            for time, begin, stop, name in sorted(found):
-                yield name, time, raw[begin + HEAD_BYTES:stop].tobytes()
+        """Yields (topic, log time [ns], CDR bytes) in the order of log time; few chunks are in memory at once."""
+        parts = sorted(self._parts(self._wanted(topics), start, end), key=lambda part: part.chunk.start)
+        waiting = []
+        for number, part in enumerate(parts):
+            waiting = sorted([*waiting, *part.messages()], key=lambda message: message[:2])
+            later = parts[number + 1].chunk.start if number + 1 < len(parts) else FOREVER
+            ready = bisect_left(waiting, later, key=lambda message: message[0])
+            for time, _, name, payload in waiting[:ready]:
+                yield name, time, payload
+            del waiting[:ready]
 
     def _wanted(self, topics):
         """Names asked for, all if None; InputError for one that the bag lacks."""
@@ -153,6 +155,17 @@ class _Part:
             for name, entries in self.entries.items():
                 ends = self.record_ends(raw, entries)
                 gathered[name].put(self.at[name], raw, entries["offset"].astype(np.int64), ends)
+
+    def messages(self):
+        """The wanted messages as (log time, place in the chunk, topic, CDR bytes)."""
+        found = []
+        if self.entries:
+            raw = self.source.unpack(self.chunk)
+            for name, entries in self.entries.items():
+                begins, ends = entries["offset"].tolist(), self.record_ends(raw, entries).tolist()
+                found += [(time, begin, name, raw[begin + HEAD_BYTES:end].tobytes())
+                          for time, begin, end in zip(entries["log_time"].tolist(), begins, ends)]
+        return found
 
     def record_ends(self, raw, entries):
         """Where the message records end that begin at the offsets of an index; InputError if it lies."""

@@ -115,6 +115,20 @@ def test_raw_messages_for_replay(tmp_path):
     assert [bytes(data) for name, _, data in raw if name == "/talk"][1] == words_message("bb")
 
 
+def test_replay_is_in_order_of_time_across_chunks(tmp_path, monkeypatch):
+    """A slow topic reaches the recorder late: its messages lie in later chunks than their time says."""
+    monkeypatch.setattr(bag_writer, "CHUNK_BYTES", 1000)
+    rows, _, times = servo_rows(200)
+    with BagWriter(tmp_path / "bag") as bag:
+        servo, talk = bag.add_channel("/axis/servo", SERVO), bag.add_channel("/talk", WORDS)
+        for number in range(0, 200, 10):
+            bag.write_block(servo, times[number:number + 10], rows[number:number + 10])
+            bag.write(talk, int(times[max(number - 25, 0)]) + 1, words_message(str(number)))
+    raw = list(Bag(tmp_path / "bag").raw_messages())
+    assert len(raw) == 220
+    assert [time for _, time, _ in raw] == sorted(time for _, time, _ in raw)
+
+
 def test_sets_of_bags(tmp_path):
     for name in ("a", "b"):
         write_bag(tmp_path / name, count=10)
