@@ -6,12 +6,12 @@ motor and m / gain for a force drive. Three bandwidths make a controller:
     K_D = b M_v,   K_P = w_p K_D,   K_I = w_i K_P
 
 An encoder-only law needs a filter and has to leave the drive train's resonance alone; the observer law knows
-the motor's speed from its back-EMF and may be seven times as stiff. Longer periods lower the bandwidths.
+the motor's speed from its back-EMF and may be five times as stiff. Longer periods lower the bandwidths.
 """
 
 ENCODER_PERIOD = 5.0e-4  # s; up to it the encoder-only bandwidths hold
 ENCODER = {"b": 455.0, "w_p": 256.0, "w_i": 154.0, "filter_time": 1.64e-3}
-OBSERVER = {"b": 3240.0, "w_p": 300.0, "w_i": 60.0}
+OBSERVER = {"b": 2400.0, "w_p": 250.0, "w_i": 60.0}
 
 
 def volts_per_acceleration(model):

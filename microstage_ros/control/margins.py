@@ -1,4 +1,4 @@
-"""Stability margins of a PID tuning on the linearised axis, in pre-sliding and in sliding.
+"""Stability margins of a tuning on the linearised axis, in pre-sliding and in sliding.
 
 Linearised, every sticking block of a contact is a spring and every slipping one nothing; the sliding curve
 has the slope dM_f/dw = sigma - (F_s - F_C) (delta/V_S) (w/V_S)^(delta-1) exp(-(w/V_S)^delta), which below
@@ -14,6 +14,7 @@ from typing import NamedTuple
 import control
 import numpy as np
 
+from microstage_ros.control import laws
 from microstage_ros.control.feedforward import packed_contact
 
 #: Speeds [m/s] at which sliding is linearised: creeping (steepest fall of the Stribeck curve) and moving.
@@ -46,11 +47,11 @@ def stuck_stiffness(packed):
 
 
 def linear_axis(axis, actuator=(0.0, 0.0), guideway=(0.0, 0.0)):
-    """State-space model voltage -> position of the axis.
+    """State-space model of the axis, voltage -> (position, current).
 
     ``actuator``, ``guideway``: (stiffness, damping) of the contacts, at the screw angle (torque at the motor
     shaft) and at the stage. States: current, motor speed, motor angle, stage speed, position; a force-driven
-    axis has the last two.
+    axis has the last two, and no current.
     """
     m = axis.value("stage.mass")
     if axis.choices["drive.type"] == "force":
@@ -70,26 +71,33 @@ def linear_axis(axis, actuator=(0.0, 0.0), guideway=(0.0, 0.0)):
         [0.0, 0.0, 0.0, 1.0, 0.0],
     ])
     b = np.array([[1.0 / inductance], [0.0], [0.0], [0.0], [0.0]])
-    return control.ss(a, b, np.array([[0.0, 0.0, 0.0, 0.0, 1.0]]), 0.0)
+    return control.ss(a, b, np.array([[0.0, 0.0, 0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0, 0.0]]), 0.0)
 
 
 def regimes(axis):
-    """Linearised axes by regime: pre-sliding (all blocks stick), and sliding at `SLIDING_SPEEDS`."""
+    """Linearised axes: list of (name, plant voltage -> (position, current), (stiffness, damping) at the stage).
+
+    Pre-sliding: all blocks stick. Sliding: at each of `SLIDING_SPEEDS`.
+    """
     contacts = {name: packed_contact(axis, name) for name in ("actuator", "guideway")}
     screw = axis.value("transmission.pitch") / (2 * math.pi)
+    per_torque = axis.value("transmission.gear_ratio") / screw
 
     def contact(name, speed):
         packed = contacts[name]
         if packed is None:
             return (0.0, 0.0)
         if speed is None:
-            return (stuck_stiffness(packed), packed[4])
+            return (stuck_stiffness(packed), float(packed[4]))
         return (0.0, sliding_slope(packed, speed / (screw if name == "actuator" else 1.0)))
 
-    axes = {"pre-sliding": linear_axis(axis, contact("actuator", None), contact("guideway", None))}
-    for speed in SLIDING_SPEEDS:
-        axes[f"sliding {speed:g} m/s"] = linear_axis(axis, contact("actuator", speed), contact("guideway", speed))
-    return axes
+    found = []
+    for speed in (None, *SLIDING_SPEEDS):
+        actuator, guideway = contact("actuator", speed), contact("guideway", speed)
+        slopes = tuple(per_torque / screw * a + g for a, g in zip(actuator, guideway))
+        name = "pre-sliding" if speed is None else f"sliding, {speed * 1e6:g} um/s"
+        found.append((name, linear_axis(axis, actuator, guideway), slopes))
+    return found
 
 
 def pid_transfer(gains, period, delay=0):
@@ -104,11 +112,64 @@ def pid_transfer(gains, period, delay=0):
     return (kp + integral + derivative) * control.tf([1], [1] + [0] * delay, period)
 
 
-def loop_margins(plant, controller, period, regime=""):
-    """`Margins` of the loop ``controller`` (discrete) x ``plant`` (continuous, sampled with zero-order hold)."""
-    loop = control.ss(controller) * control.sample_system(plant, period, "zoh")
+def loop_of(plant, controller, period):
+    """Open loop (discrete state space): ``plant`` (continuous, first output the position) sampled with hold."""
+    return control.ss(controller) * control.sample_system(plant[0, 0], period, "zoh")
+
+
+def observer_loop(axis, plant, stiffness, damping, parameters):
+    """Open loop of the observer law, cut at the amplifier, in a regime of given friction slopes at the stage.
+
+    ``plant``: voltage -> (position, current); ``stiffness`` [N/m] and ``damping`` [N s/m]: what the observer's
+    friction law adds in this regime; ``parameters``: record of `controller.controller_parameters`.
+    """
+    period = float(parameters["period"])
+    step = _observer_step(parameters, stiffness, damping)
+    size = 5  # x, v, d, current of the period before, integral
+    # the law is linear here: its matrices are its answers to unit vectors of (state, position, current, voltage)
+    answers = np.array([step(unit) for unit in np.eye(size + 3)]).T
+    sampled = control.sample_system(plant, period, "zoh")
+    ap, bp, cp = sampled.A, sampled.B, sampled.C
+    a, b = answers[:size, :size], answers[:size, size:]
+    c, d = answers[size:, :size], answers[size:, size:]
+    # states: plant, law, and the law's voltage of the period before
+    n = len(ap)
+    big = np.zeros((n + size + 1, n + size + 1))
+    big[:n, :n] = ap
+    big[n : n + size, :n], big[n : n + size, n : n + size], big[n : n + size, -1:] = b[:, :2] @ cp, a, b[:, 2:]
+    row = np.hstack([d[:, :2] @ cp, c, d[:, 2:]])
+    big[-1:] = row
+    inputs = np.vstack([bp, np.zeros((size + 1, 1))])
+    return control.ss(big, inputs, -row, 0.0, period)
+
+
+def _observer_step(parameters, stiffness, damping):
+    """One linear period of observer and PID: (state, position, current, last voltage) -> (state, voltage)."""
+    o, m, period = parameters["observer"], parameters["feedforward"], float(parameters["period"])
+    pid = parameters["pid"]
+    kp, ki = float(pid["proportional"]), float(pid["proportional"] / pid["integral_time"])
+    kd, gain = float(pid["proportional"] * pid["derivative_time"]), np.array(o["motion_gain"])
+    part, rest = min(float(m["settling"]) / period, 1.0), math.exp(-period / float(m["settling"]))
+    mass, emf = float(m["moving_mass"]), float(m["volts_per_velocity"])
+
+    def step(values):
+        x, v, d, before, integral, position, current, voltage = values
+        force = float(m["force_per_ampere"]) * (current + part * (before - current))
+        v = v + period * ((force - stiffness * x - damping * v) / mass - d)
+        x = x + period * v
+        settled = (current - rest * before) / (1.0 - rest)
+        innovation = np.array([position - x, (voltage - float(m["resistance"]) * settled) / emf - v])
+        x, v, d = np.array([x, v, d]) + gain @ innovation
+        integral = integral - ki * period * x
+        return np.array([x, v, d, current, integral, -kp * x - kd * v + integral])
+
+    return step
+
+
+def loop_margins(loop, period, regime=""):
+    """`Margins` of an open loop (discrete state space)."""
     stable = bool(np.all(np.abs(control.feedback(loop, 1).poles()) < 1 - 1e-9))
-    omega = np.geomspace(0.1, math.pi / period, 20000)[:-1]
+    omega = np.geomspace(0.1, math.pi / period, 6000)[:-1]
     response = control.frequency_response(loop, omega).frdata[0, 0]
     gain, phase = np.abs(response), np.unwrap(np.angle(response))
     cross = np.flatnonzero(np.diff(np.sign(gain - 1)))
@@ -124,7 +185,35 @@ def loop_margins(plant, controller, period, regime=""):
 
 
 def pid_margins(axis, gains, delay=0):
-    """`Margins` of PID gains in every regime of an axis (list)."""
+    """`Margins` of PID gains on the encoder in every regime of an axis (list)."""
     period = axis.value("period")
     transfer = pid_transfer(gains, period, delay)
-    return [loop_margins(plant, transfer, period, name) for name, plant in regimes(axis).items()]
+    return [loop_margins(loop_of(plant, transfer, period), period, name) for name, plant, _ in regimes(axis)]
+
+
+def controller_margins(axis, parameters):
+    """`Margins` of a controller (its parameter record) in every regime; None for a law without linear form."""
+    if parameters["kind"] in (laws.NONE, laws.NCTF, laws.CASCADE):
+        return None
+    if parameters["kind"] != laws.SELF_TUNING_OBSERVER or axis.choices["drive.type"] == "force":
+        return pid_margins(axis, {name: float(parameters["pid"][name]) for name in parameters["pid"].dtype.names})
+    period = float(parameters["period"])
+    return [
+        loop_margins(observer_loop(axis, plant, *slopes, parameters), period, name)
+        for name, plant, slopes in regimes(axis)
+    ]
+
+
+def margin_rows(margins):
+    """Rows of text for a table: regime, stable, phase, gain up and down, crossover, peak sensitivity."""
+    def told(value, pattern):
+        return "any" if math.isinf(value) else format(value, pattern)
+
+    return [
+        [m.regime, "yes" if m.stable else "no", told(m.phase_deg, ".0f"), told(m.gain_db, ".1f"),
+         told(m.gain_down_db, ".1f"), f"{m.crossover_hz:.0f}", f"{m.sensitivity:.1f}"]
+        for m in margins
+    ]
+
+
+MARGIN_HEADS = ["regime", "stable", "phase (deg)", "gain up (dB)", "gain down (dB)", "crossover (Hz)", "peak sensitivity"]

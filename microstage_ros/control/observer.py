@@ -32,7 +32,7 @@ from microstage_ros.control.gains import Gain, fill, record_type
 
 GAINS = (
     Gain("encoder_noise", "m", 1e-12, 1e-3, 1.08e-8, "standard deviation of one encoder value, rounding included"),
-    Gain("voltage_noise", "V", 1e-6, 10.0, 1.0e-3, "noise of the amplifier"),
+    Gain("voltage_noise", "V", 1e-6, 10.0, 1.2e-3, "noise of the amplifier"),
     Gain("acceleration_noise", "m/s^2/rtHz", 1e-12, 1e3, 2.0e-5, "density of what moves the axis unmodelled"),
     Gain("friction_drift", "m/s^3/rtHz", 1e-12, 1e6, 3.0e-3, "density of the random walk of d"),
     Gain("resistance_spread", "1", 0.0, 1.0, 0.1, "standard deviation of R over nominal before anything is learned"),
@@ -178,7 +178,7 @@ def settled_drop(model, s, period, current):
 
 
 @compiled
-def learn_drive(p, model, s, period, drop, position, speed):
+def learn_drive(p, model, s, period, drop, position, speed, trust):
     """Learn R and the amplifier's zero from the innovations of position [m] and speed [m/s].
 
     Friedland's two-stage filter: ``shift`` is how far a wrong R (or zero) has led x, v and d astray, so both
@@ -195,7 +195,8 @@ def learn_drive(p, model, s, period, drop, position, speed):
         of_position = -shift[0]
         of_speed = (drop if k == 0 else 1.0) / model.volts_per_velocity - shift[1]
         for j in range(3):
-            shift[j] += p.motion_gain[j, 0] * of_position + p.motion_gain[j, 1] * of_speed
+            shift[j] += (trust * p.motion_gain[j, 0] + (1.0 - trust) * p.encoder_gain[j]) * of_position
+            shift[j] += trust * p.motion_gain[j, 1] * of_speed
         variance = s.learned_variance[k] + spread * spread * period / p.forgetting_time
         information = of_position * of_position / noise_x + of_speed * of_speed / noise_v
         variance /= 1.0 + variance * information
@@ -212,19 +213,25 @@ def learn_drive(p, model, s, period, drop, position, speed):
 
 
 @compiled
-def correct(p, s, position, speed):
-    """Correct x, v, d by the innovations of position [m] and speed [m/s] (NaN: there is none)."""
-    if math.isfinite(speed):
-        gain = p.motion_gain
-        s.x += gain[0, 0] * position + gain[0, 1] * speed
-        s.screw += gain[0, 0] * position + gain[0, 1] * speed
-        s.v += gain[1, 0] * position + gain[1, 1] * speed
-        s.d += gain[2, 0] * position + gain[2, 1] * speed
-    else:
-        s.x += p.encoder_gain[0] * position
-        s.screw += p.encoder_gain[0] * position
-        s.v += p.encoder_gain[1] * position
-        s.d += p.encoder_gain[2] * position
+def trust_in_speed(p, s, drop):
+    """1 if the back-EMF is as good as the amplifier's noise, towards 0 while R and zero are not known."""
+    noise = p.voltage_noise * p.voltage_noise
+    return noise / (noise + s.learned_variance[0] * drop * drop + s.learned_variance[1])
+
+
+@compiled
+def correct(p, s, position, speed, trust):
+    """Correct x, v, d by the innovations of position [m] and speed [m/s], the latter with ``trust`` 0 ... 1."""
+    for j in range(3):
+        change = (trust * p.motion_gain[j, 0] + (1.0 - trust) * p.encoder_gain[j]) * position
+        change += trust * p.motion_gain[j, 1] * speed
+        if j == 0:
+            s.x += change
+            s.screw += change
+        elif j == 1:
+            s.v += change
+        else:
+            s.d += change
     s.noise += 0.01 * (position * position - s.noise)
 
 
@@ -275,15 +282,16 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     for _ in range(parts):
         predict(model, s, period / parts, force)
     s.acceleration = (s.v - before) / period
-    speed, drop = math.nan, 0.0
+    speed, drop, trust = 0.0, 0.0, 0.0
     if senses:
         drop = settled_drop(model, s, period, current)
         speed = (s.voltages[s.lag] - s.learned[0] * drop - s.learned[1]) / model.volts_per_velocity - s.v
+        trust = trust_in_speed(p, s, drop)
         s.current = current
     position = encoder - s.x
-    correct(p, s, position, speed)
+    correct(p, s, position, speed, trust)
     if senses:
-        learn_drive(p, model, s, period, drop, position, speed)
+        learn_drive(p, model, s, period, drop, position, speed, trust)
     learn_level(p, model, s, period)
 
 
