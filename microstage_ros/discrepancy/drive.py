@@ -22,7 +22,7 @@ class Contact:
     viscous: float
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Drive:
     """Motor, transmission, stage and contacts in SI.
 

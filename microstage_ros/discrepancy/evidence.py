@@ -57,11 +57,14 @@ class Evidence:
         return float(2.0 * b @ beta - beta @ self.matrix[np.ix_(index, index)] @ beta)
 
 
-def gather(channel, forms, frame, nuisance=None, **noise):
+def gather(channel, forms, frame, systematic=None, **noise):
     """`Evidence` of one channel of one record.
 
-    ``nuisance`` (rows, m) columns are taken out of everything, per record.
+    The channel's ``nuisance()`` columns are taken out of everything. ``systematic`` {form key: spread}
+    adds, per record, an error of the model itself in the direction of that form's columns, with that
+    standard deviation of its sizes: what a healthy axis shows although the noise would not allow it.
     """
+    nuisance = channel.nuisance() if hasattr(channel, "nuisance") else None
     pieces, where, at = [channel.residual[:, None]], {}, 1
     for form in forms:
         columns = form.columns(channel, frame)
@@ -75,4 +78,18 @@ def gather(channel, forms, frame, nuisance=None, **noise):
     if count:
         q, _ = np.linalg.qr(white[:, at:])
         white = white[:, :at] - q @ (q.T @ white[:, :at])
-    return Evidence(white.T @ white, where, len(white) - count)
+    return _with_systematic(Evidence(white.T @ white, where, len(white) - count), systematic or {})
+
+
+def _with_systematic(evidence, systematic):
+    """Marginalise over amplitudes N(0, spread²) of the given forms: G − G_s (G_ss + 1/spread²)⁻¹ G_s'."""
+    keys = [key for key in systematic if key in evidence.where]
+    if not keys:
+        return evidence
+    index = evidence.indices(keys)
+    spreads = np.concatenate([np.atleast_1d(systematic[key]) for key in keys])
+    g = evidence.matrix
+    inner = np.diag(1.0 / spreads**2) + g[np.ix_(index, index)]
+    scale = np.sqrt(np.diag(inner))
+    solved = scipy.linalg.solve(inner / np.outer(scale, scale), g[index] / scale[:, None], assume_a="pos")
+    return Evidence(g - (g[index] / scale[:, None]).T @ solved, evidence.where, evidence.rows)

@@ -4,15 +4,19 @@ All arrays have shape (n,), one entry per control period, SI.
 """
 
 import dataclasses
+import functools
 
 import numpy as np
+from scipy.signal import cont2discrete, lfilter
 
 from microstage_ros.axis.errors import InputError
 from microstage_ros.discrepancy.friction_replay import replay
 from microstage_ros.discrepancy.motion import smooth_motion
 
 LEAST_ROWS = 5000
-ENCODER_NOISE = 8.0e-9  # before rounding; MODEL.md
+FUSION = 41           # periods over which the position reading corrects the motor's travel
+INERTIAL = 101        # periods beyond which the back-EMF knows the motor's angle better than current and inertia
+MOTOR_NOISE = 2.0e-9  # m, of the motor's position after that
 
 
 @dataclasses.dataclass
@@ -21,6 +25,8 @@ class Prepared:
 
     ``answered`` is the voltage that current[n] answers (row n − 1, rounded as the converter rounds);
     ``settled`` the current after the winding's time constant, ``(i[n] − a i[n−1]) / (1 − a)``;
+    ``travel`` the motor's angle in metres of stage, slow parts from its back-EMF alone; ``position`` and ``speed`` the
+    motor's, in metres of stage, from all readings together; ``load`` the torque that friction and loads took;
     ``actuator`` and ``guideway`` the nominal frictions without viscosity [N m at the motor, N], ``stuck`` the
     share of the actuator's blocks that stick;
     ``lost`` marks samples that repeat the one before or were missing.
@@ -35,14 +41,18 @@ class Prepared:
     answered: np.ndarray
     current: np.ndarray
     settled: np.ndarray
+    travel: np.ndarray
+    stage_position: np.ndarray
     position: np.ndarray
     speed: np.ndarray
+    stage_speed: np.ndarray
     load: np.ndarray
     actuator: np.ndarray
     stuck: np.ndarray
     guideway: np.ndarray
     lost: np.ndarray
     off: np.ndarray
+    has_current: bool
     air: dict
 
     @property
@@ -69,26 +79,34 @@ def prepare(record, drive):
     answered = np.concatenate([rounded[:1], rounded[:-1]])
     keep = np.exp(-period * drive.resistance / drive.inductance)
     stage = columns.get("interferometer_m", columns["encoder_m"])
-    noise = reading_noise(stage)
     if "current_A" in columns:
         current = columns["current_A"]
         settled = (current - keep * np.concatenate([current[:1], current[:-1]])) / (1.0 - keep)
+        angle = motor_travel(answered, settled, drive, period)
     else:
-        speed = np.gradient(_boxcar(stage, 61), period)
+        angle = triangle(stage, 61)
+        speed = np.gradient(angle, period)
         current = settled = (answered - drive.back_emf / drive.lever * speed) / drive.resistance
-    motion = smooth_motion(stage, settled, drive, period, noise)
+    carried = lfilter(*stage_filter(drive, period), angle - angle[0]) + angle[0]
+    position = carried + triangle(stage - carried, FUSION)
+    stage_speed = np.gradient(position, period)
+    guideway, _ = replay(drive.guideway, stage_speed, period)
+    motor = angle + triangle(stage + guideway / drive.stiffness - carried, FUSION)
+    motion = smooth_motion(motor, settled, drive, period, MOTOR_NOISE)
+    # fast motion is known better from the current and the inertia: the back-EMF's noise would ring at the resonance
+    travel = motion.position + triangle(angle - motion.position, INERTIAL)
     screw_speed = motion.speed / drive.radius
     actuator, stuck = replay(drive.actuator, screw_speed, period)
-    guideway, _ = replay(drive.guideway, motion.speed, period)
     air = {name: _filled(record[name], name)[0] for name in
            ("air_temperature_K", "air_pressure_Pa", "air_humidity", "stage_temperature_K") if name in record}
     return Prepared(
         name=record.source, period=period, time=record["t_s"] - record["t_s"][0], encoder=columns["encoder_m"],
         interferometer=columns.get("interferometer_m"), reference=columns.get("reference_m", stage),
         answered=answered, current=current, settled=settled,
-        position=motion.position, speed=motion.speed, load=motion.load,
+        travel=travel, stage_position=position, position=motion.position, speed=motion.speed, stage_speed=stage_speed, load=motion.load,
         actuator=actuator, stuck=stuck, guideway=guideway,
-        lost=lost, off=(rounded == 0.0) & (answered == 0.0), air=air,
+        lost=lost, off=(rounded == 0.0) & (answered == 0.0),
+        has_current="current_A" in columns, air=air,
     )
 
 
@@ -108,6 +126,33 @@ def _filled(values, place):
         return np.asarray(values, float), missing
     rows = np.arange(len(values))
     return np.interp(rows, rows[~missing], values[~missing]), missing
+
+
+def motor_travel(answered, settled, drive, period):
+    """Motor angle by integrating the back-EMF, in metres of stage, shape (n,).
+
+    K_E Δθ = T (u − R i_s). The settled current belongs to the speed of L/R before the reading, not of half
+    a period before it, so the sum leads by T/2 − L/R; that is taken back by interpolation.
+    """
+    travel = drive.lever * np.cumsum(period * (answered - drive.resistance * settled) / drive.back_emf)
+    lead = 0.5 - drive.inductance / drive.resistance / period
+    return travel - lead * np.diff(travel, prepend=travel[0])
+
+
+@functools.lru_cache(maxsize=256)
+def stage_filter(drive, period, stiffness=1.0, damping=1.0, mass=1.0, force=False):
+    """Discrete (b, a) from the motor's travel to the stage, H = (D s + K)/(m s² + D s + K), linear between samples.
+
+    With ``force``: from a force on the stage, G = 1/(m s² + D s + K). Factors multiply K, D and m.
+    """
+    k, d, m = drive.stiffness * stiffness, drive.damping * damping, drive.mass * mass
+    b, a, _ = cont2discrete(([1.0] if force else [d, k], [m, d, k]), period, method="foh")
+    return b.ravel(), a
+
+
+def triangle(values, width):
+    """Centred triangular running mean: two running means of odd ``width``, ends padded."""
+    return _boxcar(_boxcar(values, width), width)
 
 
 def _boxcar(values, width):

@@ -18,6 +18,11 @@ def cable_spring(channel, frame):
     return frame.drive.lever * np.stack([channel.position, np.ones(len(channel.position))], axis=1)
 
 
+def cable_windup(channel, frame):
+    """The same force on its way through the drive train: the stage hangs back by c x / K_c."""
+    return -channel.position[:, None] / frame.drive.stiffness
+
+
 def payload_change(channel, frame):
     """Guideway friction grows with the load; β = added mass over m."""
     return channel.guideway[:, None]
@@ -60,6 +65,7 @@ FORMS = (
     Form("gravity_tilt", "torque", "", gravity_tilt,
          one("angle_rad", "rad", value=lambda b: np.arcsin(np.clip(b, -1, 1)))),
     Form("cable_spring", "torque", "", cable_spring, _cable_sizes),
+    Form("cable_spring", "windup", "", cable_windup, one("stiffness_N_m", "N/m")),
     Form("payload_change", "torque", "", payload_change, _mass_sizes),
     *(Form("torque_ripple", "torque", f"{n}", torque_ripple(n), _ripple_sizes(n)) for n in RIPPLE_CYCLES),
 )

@@ -7,9 +7,9 @@ from microstage_ros.discrepancy.catalogue.form import Form, one, wave
 
 DEAD_WIDTHS = (0.5e-3, 1e-3, 2e-3, 5e-3, 10e-3, 20e-3, 40e-3, 80e-3)  # V
 HEAT_TIMES = (2.0, 6.0, 20.0, 60.0)                                    # s
-STIFFNESS_FACTORS = (0.2, 0.35, 0.5, 0.7, 0.85, 1.2, 1.6, 2.5)
-MASS_FACTORS = (0.5, 0.8, 1.2, 1.6, 2.2, 3.0)
-GAP_FORCES = (0.02, 0.1, 0.25)                                         # N: force over which a flank gives way
+STIFFNESS_FACTORS = tuple(round(1.2**n, 2) for n in (*range(-10, 0), *range(1, 6)))
+MASS_FACTORS = tuple(round(1.2**n, 2) for n in (*range(-4, 0), *range(1, 9)))
+GAPS = (5.0e-8, 1.0e-7, 2.0e-7, 4.0e-7, 8.0e-7, 1.5e-6, 3.0e-6, 6.0e-6)  # m at the stage
 SCREW_HARMONICS = (1, 2, 3)
 
 
@@ -49,11 +49,10 @@ def screw_pitch_error(harmonic):
     return columns
 
 
-def backlash(force):
-    """The stage hangs back by half the gap on the side that drives: β = r · width; flank from the force it carries."""
+def backlash(gap):
+    """The stage carried through a drive with a gap [m], minus without; β = 1 at this width."""
     def columns(channel, frame):
-        load = channel.prepared.guideway
-        return -0.5 * channel.mean(np.tanh(load / force))[:, None]
+        return channel.mean(channel.carry(gap) - channel.carry(0.0))[:, None]
     return columns
 
 
@@ -77,11 +76,6 @@ def of_voltage(channel, frame):
     u = channel.prepared.answered
     hats = np.stack([np.interp(np.abs(u), knots, row) for row in np.eye(len(knots))[1:]], axis=1)
     return channel.integral(np.concatenate([hats * np.sign(u)[:, None], hats], axis=1))
-
-
-def of_speed(channel, frame):
-    """A lateness of the readings against the voltage (generic): proportional to speed."""
-    return channel.speed[:, None]
 
 
 def _factor_sizes(name, unit, factor, scale=1.0, extra=None):
@@ -120,10 +114,17 @@ def _lead_sizes(harmonic):
     return sizes
 
 
-def _gap_sizes(beta, covariance, frame):
-    r = frame.drive.radius
-    width = float(beta[0] / r)
-    return ({"width_rad": (width, float(np.sqrt(covariance[0, 0]) / r), "rad")}, {"width_rad": max(width, 0.0)})
+def _gap_sizes(gap):
+    def sizes(beta, covariance, frame):
+        width = float(beta[0] * gap / frame.drive.radius)
+        stderr = float(np.sqrt(covariance[0, 0]) * gap / frame.drive.radius)
+        return {"width_rad": (width, stderr, "rad")}, {"width_rad": max(width, 0.0)}
+    return sizes
+
+
+def _near_one(smallest=False):
+    """β must be near 1 for the form's own size to be the right one; the smallest forms are linear down to 0."""
+    return lambda beta: (0.0 if smallest else 0.5) < beta[0] < 1.8
 
 
 FORMS = (
@@ -133,11 +134,10 @@ FORMS = (
       for h in DEAD_WIDTHS),
     *(Form("resistance_rise", "windup", f"{t:g}", resistance_rise(t), _heat_sizes(t)) for t in HEAT_TIMES),
     *(Form("screw_pitch_error", "windup", f"{n}", screw_pitch_error(n), _lead_sizes(n)) for n in SCREW_HARMONICS),
-    *(Form("backlash", "windup", f"{f:g}", backlash(f), _gap_sizes, lambda b: b[0] > 0) for f in GAP_FORCES),
+    *(Form("backlash", "windup", f"{g:g}", backlash(g), _gap_sizes(g), _near_one(g == GAPS[0])) for g in GAPS),
     *(Form("drive_compliance", "windup", f"{f:g}", drive_compliance(f), _factor_sizes("stiffness_factor", "1", f),
-           lambda b: b[0] > 0) for f in STIFFNESS_FACTORS),
-    *(Form("payload_change", "windup", f"{f:g}", payload_resonance(f), _mass_sizes(f), lambda b: b[0] > 0)
+           _near_one(0.85 < f < 1.2)) for f in STIFFNESS_FACTORS),
+    *(Form("payload_change", "windup", f"{f:g}", payload_resonance(f), _mass_sizes(f), _near_one(0.85 < f < 1.2))
       for f in MASS_FACTORS),
     Form("generic:voltage", "windup", "", of_voltage),
-    Form("generic:lateness", "windup", "", of_speed),
 )

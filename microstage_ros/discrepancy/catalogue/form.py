@@ -31,7 +31,7 @@ class Form:
     variant : tells forms of one effect in one channel apart (a fixed non-linear parameter).
     columns : ``columns(channel, frame)`` → (rows, k): the residual is ``columns @ sizes``.
     sizes : ``sizes(beta, covariance, frame)`` → (parameters {name: (value, stderr, unit)}, effect {name: value}).
-    least : sizes of |value| below which the first parameter is of no interest, in its unit.
+    accept : ``accept(beta)``: whether the fitted sizes make sense (a width is positive); None: always.
     """
 
     effect: str

@@ -4,23 +4,32 @@ import numpy as np
 
 from microstage_ros.axis.compiled import compiled
 from microstage_ros.discrepancy.catalogue.form import Form, one, splines
-from microstage_ros.discrepancy.friction_replay import lag_factor, replay
+from microstage_ros.discrepancy.friction_replay import lag_factor, replay, sliding_limit
 
 ASYMMETRY_STEP = 0.05
 LAGS = (1.0e-3, 3.0e-3, 1.0e-2, 3.0e-2)             # s
 EXPONENTS = (0.5, 1.5, 2.0, 3.0)
 PIECES = (0.25e-3, 0.5e-3, 1.0e-3)                   # m between the knots of friction along the stroke
-AGING = tuple((scale, release) for scale in (0.02, 0.2) for release in (1.5e-6, 6.0e-6, 25.0e-6))  # s, m
+AGING = tuple((scale, release) for scale in (0.03, 0.2) for release in (2.0e-6, 8.0e-6, 30.0e-6))  # s, m
 AGING_STEP = 0.05
-CREEP_SCALES = (0.01, 0.1)                           # s
-STILL = 3.0e-6                                        # m/s: slower than this is a dwell
+COARSE = 2                                           # periods per step of the replays for candidates
+CREEP_SCALES = (0.01, 0.05, 0.3)                     # s
+CREEP_RELEASE, CREEP_STEP = 1.0e-6, 1.0e-9           # m
+
+
+def _changed(channel, frame, speed=None, **how):
+    """Replayed actuator friction with a change minus without, in block means, at half the record's rate."""
+    p, drive = channel.prepared, frame.drive
+    speed = (p.speed if speed is None else speed)[::COARSE] / drive.radius
+    if "factor" in how:
+        how["factor"] = np.ascontiguousarray(how["factor"][::COARSE])
+    changed, _ = replay(drive.actuator, speed, COARSE * p.period, **how)
+    return channel.mean(changed - channel.coarse_friction(COARSE), COARSE)[:, None]
 
 
 def direction_asymmetry(channel, frame):
     """Limits × (1 + a · sgn w): the replayed friction's derivative by a."""
-    p, drive = channel.prepared, frame.drive
-    changed, _ = replay(drive.actuator, p.speed / drive.radius, p.period, asymmetry=ASYMMETRY_STEP)
-    return channel.mean((changed - p.actuator) / ASYMMETRY_STEP)[:, None]
+    return _changed(channel, frame, asymmetry=ASYMMETRY_STEP) / ASYMMETRY_STEP
 
 
 def friction_level_change(channel, frame):
@@ -67,19 +76,16 @@ def frictional_lag(time):
     """Friction whose sliding curve follows a lagged speed, minus the nominal one; β = 1 at this lag."""
     def columns(channel, frame):
         p, drive = channel.prepared, frame.drive
-        w = p.speed / drive.radius
-        changed, _ = replay(drive.actuator, w, p.period, factor=lag_factor(drive.actuator, w, p.period, time))
-        return channel.mean(changed - p.actuator)[:, None]
+        return _changed(channel, frame, factor=lag_factor(drive.actuator, p.speed / drive.radius, p.period, time))
     return columns
 
 
 def rising_static(scale, release):
     """Limits × (1 + a): a grows with log dwell while blocks stick and fades with travel; derivative by the rate."""
     def columns(channel, frame):
-        p, drive = channel.prepared, frame.drive
+        p = channel.prepared
         age = _ageing(p.stuck, np.abs(p.speed), p.period, scale, release)
-        changed, _ = replay(drive.actuator, p.speed / drive.radius, p.period, factor=1.0 + AGING_STEP * age)
-        return channel.mean((changed - p.actuator) / AGING_STEP)[:, None]
+        return _changed(channel, frame, factor=1.0 + AGING_STEP * age) / AGING_STEP
     return columns
 
 
@@ -100,27 +106,28 @@ def _ageing(stuck, speed, period, scale, release):
 
 
 def presliding_creep(scale):
-    """While held, friction relaxes by log10(1 + t/scale) of its size at the start of the dwell."""
+    """Sticking blocks flow by A/(t + scale) · F/F_max, t since the contact moved: derivative by A."""
     def columns(channel, frame):
-        smooth = np.convolve(np.pad(channel.speed, 5, mode="edge"), np.ones(11) / 11, "valid")
-        still = np.abs(smooth) < STILL
-        start = np.maximum.accumulate(np.where(~still, np.arange(len(still)), 0))
-        held = (np.arange(len(still)) - start) * (channel.time[1] - channel.time[0])
-        return (-channel.friction * np.where(still, np.log10(1.0 + held / scale), 0.0))[:, None]
+        p, drive = channel.prepared, frame.drive
+        held = _clock(np.abs(p.speed), p.period, CREEP_RELEASE)
+        flow = CREEP_STEP / (held + scale) * p.actuator / sliding_limit(drive.actuator, np.zeros(1))
+        return _changed(channel, frame, p.speed - flow * (p.stuck > 0.02)) / CREEP_STEP
     return columns
+
+
+@compiled
+def _clock(speed, period, release):
+    """Time since the contact moved [s], wiped out as exp(−travel / release)."""
+    clock = np.empty(speed.size)
+    t = 0.0
+    for i in range(speed.size):
+        t = (t + period) * np.exp(-speed[i] * period / release)
+        clock[i] = t
+    return clock
 
 
 def _lag_sizes(time):
     return one("time_s", "s", value=lambda beta: max(beta, 0.0) * time, slope=lambda beta: time)
-
-
-def _creep_sizes(beta, covariance, frame):
-    """Relaxation by ``rate`` of the force per decade: amplitude = rate / ln 10 · yield distance of the stiffest block."""
-    rate, stderr = float(beta[0]), float(np.sqrt(covariance[0, 0]))
-    stiff = frame.drive.actuator
-    slip = stiff.static * stiff.weight[0] / stiff.stiffness[0] * frame.drive.radius
-    amplitude = float(np.clip(rate / np.log(10.0) * slip, 0.0, 1e-4))
-    return ({"rate_per_decade": (rate, stderr, "1")}, {"amplitude_m": amplitude})
 
 
 FORMS = (
@@ -134,6 +141,7 @@ FORMS = (
     *(Form("frictional_lag", "torque", f"{t:g}", frictional_lag(t), _lag_sizes(t), lambda b: b[0] > 0) for t in LAGS),
     *(Form("rising_static_friction", "torque", f"{s:g},{r:g}", rising_static(s, r),
            one("rate_per_decade", "1", extra={"dwell_scale_s": s, "release_m": r}), lambda b: b[0] > 0) for s, r in AGING),
-    *(Form("presliding_creep", "torque", f"{s:g}", presliding_creep(s), _creep_sizes, lambda b: b[0] > 0)
+    *(Form("presliding_creep", "torque", f"{s:g}", presliding_creep(s),
+           one("amplitude_m", "m", extra={"time_s": s, "release_m": CREEP_RELEASE}), lambda b: b[0] > 0)
       for s in CREEP_SCALES),
 )

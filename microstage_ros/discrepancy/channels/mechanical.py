@@ -12,6 +12,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 from scipy.optimize import minimize
 
+from microstage_ros.discrepancy.friction_replay import replay
 from microstage_ros.discrepancy.whitening import whiten_states
 
 BLOCK = 20  # periods
@@ -31,10 +32,10 @@ class Mechanical:
     name, unit = "torque", "N m"
 
     def __init__(self, prepared, drive):
-        self.prepared, self.drive = prepared, drive
+        self.prepared, self.drive, self._coarse = prepared, drive, {}
         p = prepared
         screw_speed = p.speed / drive.radius
-        guideway = drive.lever * (p.guideway + drive.guideway.viscous * p.speed)
+        guideway = drive.lever * (p.guideway + drive.guideway.viscous * p.stage_speed)
         viscous = drive.actuator.viscous * screw_speed
         self.time, self.position, self.speed = self.mean(p.time), self.mean(p.position), self.mean(p.speed)
         self.friction, self.viscous, self.guideway = self.mean(p.actuator), self.mean(viscous), self.mean(guideway)
@@ -45,10 +46,18 @@ class Mechanical:
         self.travel = np.cumsum(self.step)
         self.white = self._white()
 
-    def mean(self, values):
-        """Block means of a signal of shape (n,) or (n, k)."""
-        rows = len(values) // BLOCK * BLOCK
-        return values[:rows].reshape(-1, BLOCK, *values.shape[1:]).mean(axis=1)
+    def mean(self, values, coarse=1):
+        """Block means of a signal of shape (n,) or (n, k) that has one row per ``coarse`` periods."""
+        block = BLOCK // coarse
+        rows = len(self.prepared.time) // BLOCK * block
+        return values[:rows].reshape(-1, block, *values.shape[1:]).mean(axis=1)
+
+    def coarse_friction(self, coarse):
+        """Nominal actuator friction replayed with one step per ``coarse`` periods (kept, many candidates need it)."""
+        if coarse not in self._coarse:
+            speed = self.prepared.speed[::coarse] / self.drive.radius
+            self._coarse[coarse] = replay(self.drive.actuator, speed, coarse * self.prepared.period)[0]
+        return self._coarse[coarse]
 
     def _white(self):
         """Variance of each block's white part: local scatter of block to block, and the unknown first state."""

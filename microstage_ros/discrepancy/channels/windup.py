@@ -9,12 +9,14 @@ resonance. Noise: the amplifier's noise makes θ a random walk of some 25 nm per
 """
 
 import numpy as np
-from scipy.signal import cont2discrete, lfilter
+from scipy.signal import lfilter
 
-from microstage_ros.discrepancy.preparation import reading_noise
+from microstage_ros.axis.compiled import compiled
+from microstage_ros.discrepancy.preparation import reading_noise, stage_filter
 from microstage_ros.discrepancy.whitening import whiten_walk
 
 BLOCK = 5
+SUBSTEPS = 5
 
 
 class Windup:
@@ -27,9 +29,7 @@ class Windup:
         p = prepared
         self.time, self.position, self.speed = (self.mean(v) for v in (p.time, p.position, p.speed))
         self.voltage, self.current = self.mean(p.answered), self.mean(p.settled)
-        motor = p.period * (p.answered - drive.resistance * p.settled) / drive.back_emf
-        self.angle = drive.lever * np.cumsum(motor)
-        self.force = p.guideway + drive.guideway.viscous * p.speed
+        self.force = p.guideway + drive.guideway.viscous * p.stage_speed
         self.residual = self.mean(p.stage - p.stage[0] - self.predict())
         self.walk, self.noise = self._noise()
 
@@ -40,11 +40,21 @@ class Windup:
 
     def predict(self, stiffness=1.0, damping=1.0, mass=1.0, load=1.0):
         """Stage position from the motor's [m], shape (n,), with factors on K_c, D_c, m and the guideway force."""
-        k, d, m = self.drive.stiffness * stiffness, self.drive.damping * damping, self.drive.mass * mass
-        period = self.prepared.period
-        b, a, _ = cont2discrete(([d, k], [m, d, k]), period, method="foh")
-        g, _, _ = cont2discrete(([1.0], [m, d, k]), period, method="foh")
-        return lfilter(b.ravel(), a, self.angle) - lfilter(g.ravel(), a, load * self.force)
+        factors = {"stiffness": stiffness, "damping": damping, "mass": mass}
+        b, a = stage_filter(self.drive, self.prepared.period, **factors)
+        g, _ = stage_filter(self.drive, self.prepared.period, **factors, force=True)
+        return lfilter(b, a, self.prepared.travel) - lfilter(g, a, load * self.force)
+
+    def carry(self, gap):
+        """Stage position [m] carried by the motor through a drive with a gap [m] at the stage, shape (n,).
+
+        The guideway's force is that of the measured motion plus its pre-sliding stiffness times what the
+        computed stage is off, so that a stage within the gap stays where friction holds it.
+        """
+        p, d = self.prepared, self.drive
+        measured = p.stage_position - p.stage_position[0]
+        return carry_stage(p.travel - p.travel[0], self.force, measured, gap, d.stiffness, d.damping, d.mass,
+                           float(d.guideway.stiffness.sum()), p.period)
 
     def integral(self, voltage):
         """Stage position [m] that a voltage (n,) or (n, k) at the motor's terminals would add, in block means."""
@@ -59,6 +69,30 @@ class Windup:
         walk = np.sqrt(max(spread**2 - 2 * white**2, 0.0) / lag)
         return float(np.clip(walk, nominal, 2.0 * nominal)), white
 
+    def nuisance(self):
+        """A lateness of the readings of some tenths of a period is a matter of stamps, not of the axis."""
+        return self.speed[:, None]
+
     def whiten(self, matrix):
         """Unit-variance innovations of (blocks, k), and 0."""
         return whiten_walk(matrix, self.walk, self.noise), 0.0
+
+
+@compiled
+def carry_stage(travel, force, measured, gap, stiffness, damping, mass, hold, period):
+    """m dv/dt = F_c(d) − F_g − hold (x − measured), F_c = K (d − sgn(d) gap/2) + D ḋ where |d| > gap/2, d = travel − x."""
+    x, v = measured[0], 0.0
+    out = np.empty(travel.size)
+    h = period / SUBSTEPS
+    for n in range(travel.size):
+        out[n] = x
+        last = min(n + 1, travel.size - 1)
+        rate = (travel[last] - travel[n]) / period
+        for s in range(SUBSTEPS):
+            d = travel[n] + rate * h * s - x
+            carried = 0.0
+            if abs(d) > 0.5 * gap:
+                carried = stiffness * (d - np.sign(d) * 0.5 * gap) + damping * (rate - v)
+            v += h / mass * (carried - force[n] - hold * (x - measured[n]))
+            x += h * v
+    return out

@@ -1,0 +1,205 @@
+"""Which causes: forward and backward over the catalogue, on the evidence of all channels together."""
+
+import dataclasses
+import math
+
+import numpy as np
+from scipy.stats import chi2
+
+from microstage_ros.discrepancy.catalogue import WIDER
+
+LEVEL = math.log(1e-6)       # of one candidate; some hundred compete
+HELD_SHARE = 0.25            # of the gain expected on held-out records that must arrive
+MISFIT = 0.5                 # a wider shape may explain at most this share beside the named one
+MINOR = 0.02                 # a further cause must explain this share of what its channel's others explain
+
+
+@dataclasses.dataclass(frozen=True)
+class Choice:
+    """An effect as it is used: its form in each channel."""
+
+    effect: str
+    forms: tuple
+
+    def keys(self, channel):
+        """Keys of this effect's forms in a channel."""
+        return [form.key for form in self.forms if form.channel == channel]
+
+
+@dataclasses.dataclass
+class Trial:
+    """A choice on trial: reduction of χ² when learning, number of sizes, reduction on held-out records."""
+
+    choice: Choice
+    gain: float
+    sizes: int
+    held: float = 0.0
+
+    @property
+    def log_p(self):
+        """ln of the probability of such a gain by chance."""
+        return float(chi2.logsf(max(self.gain, 0.0), self.sizes))
+
+
+class Evidences:
+    """Evidence of learning, held-out and baseline records by channel, with the scatter of each channel.
+
+    ``scatter`` {channel: factor ≥ 1}: χ² per row of healthy records, by which all χ² are divided.
+    """
+
+    def __init__(self, learn, held, base, forms, scatter):
+        self.learn, self.held, self.base, self.forms, self.scatter = learn, held, base, forms, scatter
+
+    def gain(self, choices, extra=()):
+        """Reduction of χ² on the learning records by these choices (and extra (channel, key) pairs)."""
+        return sum(self.channel_gain(channel, choices, extra) for channel in self.learn)
+
+    def channel_gain(self, channel, choices, extra=()):
+        """The same in one channel."""
+        return self.learn[channel].fit(self._keys(channel, choices, extra))[2] / self.scatter[channel]
+
+    def held_gain(self, choices, channels=None):
+        """Reduction of χ² on held-out records by the sizes learned."""
+        total = 0.0
+        for channel in channels or self.held:
+            keys = self._keys(channel, choices)
+            beta, _, _ = self.learn[channel].fit(keys)
+            total += self.held[channel].reduction(keys, beta) / self.scatter[channel]
+        return total
+
+    @staticmethod
+    def _keys(channel, choices, extra=()):
+        keys = [key for choice in choices for key in choice.keys(channel)]
+        return keys + [key for where, key in extra if where == channel and key not in keys]
+
+    def amplitude_in_base(self, choice, others):
+        """How much of the effect the baseline shows, relative to the records: (amplitude, stderr)."""
+        if not self.base:
+            return 0.0, 1e9
+        top = bottom = 0.0
+        for channel in {form.channel for form in choice.forms}:
+            keys = self._keys(channel, [*others, choice])
+            beta, _, _ = self.learn[channel].fit(keys)
+            own = choice.keys(channel)
+            part = beta[len(beta) - len(self.learn[channel].indices(own)):]
+            evidence = self.base[channel]
+            index = evidence.indices(own)
+            top += part @ evidence.matrix[index, 0] / self.scatter[channel]
+            bottom += part @ evidence.matrix[np.ix_(index, index)] @ part / self.scatter[channel]
+        return (top / bottom, 1.0 / math.sqrt(bottom)) if bottom > 0 else (0.0, 1e9)
+
+
+def best_forms(evidences, effect, choices):
+    """The effect in its best form of each channel, beside ``choices``: a `Trial`, or None if no form makes sense."""
+    used, gain, sizes = [], 0.0, 0
+    for channel in evidences.learn:
+        forms = [form for form in evidences.forms if form.effect == effect and form.channel == channel]
+        keys = Evidences._keys(channel, choices)
+        before = evidences.channel_gain(channel, choices)
+        best = None
+        for form in forms:
+            if form.key in keys:
+                continue
+            beta, _, total = evidences.learn[channel].fit([*keys, form.key])
+            own = beta[len(beta) - _width(evidences, channel, form):]
+            if form.accept and not form.accept(own):
+                continue
+            more = total / evidences.scatter[channel] - before
+            if best is None or more - 2 * len(own) > best[0] - 2 * best[1]:
+                best = (more, len(own), form)
+        if best and (best[0] > 2 * best[1] + 4 or not used):
+            gain, sizes = gain + best[0], sizes + best[1]
+            used.append(best[2])
+    if not used:
+        return None
+    trial = Trial(Choice(effect, tuple(used)), gain, sizes)
+    trial.held = evidences.held_gain([*choices, trial.choice]) - evidences.held_gain(choices)
+    return trial
+
+
+def _width(evidences, channel, form):
+    where = evidences.learn[channel].where[form.key]
+    return where.stop - where.start
+
+
+def wider_keys(evidences, effect, channel):
+    """(channel, key) of the nameless shapes that hold this effect in this channel."""
+    wanted = WIDER.get(effect, ())
+    return [(channel, form.key) for form in evidences.forms if form.effect in wanted and form.channel == channel]
+
+
+def misfit(evidences, choice, choices):
+    """Share that a wider nameless shape explains beside the named cause: 0 if the name says it all."""
+    others = [c for c in choices if c is not choice]
+    own = evidences.gain([*others, choice]) - evidences.gain(others)
+    worst = 0.0
+    for channel in {form.channel for form in choice.forms}:
+        for pair in wider_keys(evidences, choice.effect, channel):
+            more = evidences.channel_gain(channel, [*others, choice], [pair])
+            more -= evidences.channel_gain(channel, [*others, choice])
+            where = evidences.learn[channel].where[pair[1]]
+            more -= 2.0 * (where.stop - where.start)
+            worst = max(worst, more / (own + max(more, 0.0)))
+    return worst
+
+
+def acceptable(evidences, trial, choices):
+    """Whether a further cause stands: significant, there on held-out records, not in the baseline, not a splinter."""
+    if trial is None or trial.log_p > LEVEL:
+        return False
+    rows = {c: evidences.held[c].rows / max(evidences.learn[c].rows, 1) for c in evidences.held}
+    share = np.mean([rows[form.channel] for form in trial.choice.forms])
+    if trial.held < max(HELD_SHARE * share * trial.gain, 5.0):
+        return False
+    amplitude, stderr = evidences.amplitude_in_base(trial.choice, choices)
+    if amplitude > 0.5 and stderr < 0.5:
+        return False
+    return misfit(evidences, trial.choice, [*choices, trial.choice]) < MISFIT and not _splinter(evidences, trial, choices)
+
+
+def _splinter(evidences, trial, choices):
+    """Whether the gain is but the misfit of a cause already named: small beside it, or gone with a wider shape of it."""
+    for form in trial.choice.forms:
+        channel = form.channel
+        there = [c for c in choices if c.keys(channel)]
+        if not there:
+            return False
+        if trial.gain < MINOR * evidences.channel_gain(channel, choices):
+            continue
+        extra = [pair for c in there for pair in wider_keys(evidences, c.effect, channel)]
+        more = evidences.channel_gain(channel, [*choices, trial.choice], extra)
+        more -= evidences.channel_gain(channel, choices, extra)
+        if chi2.logsf(max(more, 0.0), trial.sizes) < LEVEL and more > 0.2 * trial.gain:
+            return False
+    return True
+
+
+def select(evidences, effects, most=4):
+    """Forward, then backward: the list of `Choice`, and the trials of the last round that lost."""
+    choices, lost = [], []
+    while len(choices) < most:
+        taken = {c.effect for c in choices}
+        trials = [best_forms(evidences, effect, choices) for effect in effects if effect not in taken]
+        trials = sorted((t for t in trials if t is not None), key=lambda t: t.log_p)
+        # log p underflows for large gains: then the gain itself decides
+        trials.sort(key=lambda t: -(t.gain - 2 * t.sizes) if t.gain > 500 else -min(t.gain - 2 * t.sizes, 500))
+        winner = next((t for t in trials[:6] if acceptable(evidences, t, choices)), None)
+        if winner is None:
+            break
+        choices.append(winner.choice)
+        choices = prune(evidences, choices)
+        lost = trials
+    return choices, lost
+
+
+def prune(evidences, choices):
+    """Refine every cause's form beside the others, and drop those that no longer stand."""
+    kept = list(choices)
+    for choice in list(choices):
+        others = [c for c in kept if c.effect != choice.effect]
+        again = best_forms(evidences, choice.effect, others)
+        if again is None or again.log_p > LEVEL or again.held < 0.0:
+            kept = others
+        else:
+            kept = [again.choice if c.effect == choice.effect else c for c in kept]
+    return kept

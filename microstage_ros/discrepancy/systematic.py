@@ -1,0 +1,30 @@
+"""Errors of the replayed model itself that healthy axes show, as standard deviations of a form's sizes.
+
+Measured on healthy records (three baselines of another simulator of MODEL.md, and simulated cases at
+2, 4 and 6 % random friction): the scatter of each form's fitted size beyond its standard error.
+"""
+
+SYSTEMATIC = {
+    "torque": {
+        ("rising_static_friction", "0.03,3e-05"): 0.015,
+        ("rising_static_friction", "0.2,2e-06"): 0.015,
+        ("presliding_creep", "0.05"): 0.5e-9,
+        ("frictional_lag", "0.003"): 0.04,
+        ("nonlinear_viscous", "0.5"): 4.0e-7,
+        ("direction_asymmetry", ""): 0.0015,
+        ("generic:acceleration", ""): 3.0e-5,
+        ("payload_change", ""): 0.03,
+        ("cable_spring", ""): (15.0, 1.0e-3),
+    },
+    "windup": {
+        ("resistance_rise", "2"): (3.0e-4, 3.0e-3),
+        ("amplifier_gain", ""): 2.0e-5,
+        ("backlash", "1e-07"): 0.03,
+        ("drive_compliance", "0.83"): 0.15,
+        ("drive_compliance", "1.2"): 0.15,
+        ("drive_compliance", "0.48"): 0.03,
+        ("drive_compliance", "2.49"): 0.05,
+        ("payload_change", "1.73"): 0.03,
+        ("payload_change", "0.58"): 0.05,
+    },
+}
