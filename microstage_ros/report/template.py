@@ -50,7 +50,7 @@ footer dl { display: grid; grid-template-columns: max-content 1fr; gap: .1rem 1r
   border-top: 1px solid var(--line); padding-top: .8rem; }
 footer dd { margin: 0; overflow-wrap: anywhere; }
 @media print {
-  body { font-size: 10pt; } main, footer { max-width: none; padding: 0; } nav { display: none; }
+  html { font-size: 10pt; } main, footer { max-width: none; padding: 0; } nav { display: none; }
   h2, h3 { break-after: avoid; } figure, .verdict, .keys div, tr { break-inside: avoid; }
   details { border: 0; padding: 0; } a { color: inherit; text-decoration: none; }
   .verdict { border: 1px solid var(--line); border-left: .35rem solid var(--tone); print-color-adjust: exact; }
