@@ -8,7 +8,7 @@ For n errors e_k that are independent and normal: the bias is their mean, with t
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import gammaincinv, stdtrit
 
 from microstage_ros.axis.errors import InputError
 
@@ -48,8 +48,12 @@ def repeatability(errors, confidence=0.95):
         raise InputError("errors of repeated moves", errors.tolist(), "at least 2 finite numbers")
     freedom = len(errors) - 1
     bias, spread = float(errors.mean()), float(errors.std(ddof=1))
-    reach = float(stats.t.ppf((1 + confidence) / 2, freedom)) * spread / np.sqrt(len(errors))
-    low, high = stats.chi2.ppf([(1 + confidence) / 2, (1 - confidence) / 2], freedom)
-    scale = 4 * spread * np.sqrt(freedom)
-    return Repeatability(len(errors), bias, (bias - reach, bias + reach), 4 * spread,
-                         (float(scale / np.sqrt(low)), float(scale / np.sqrt(high))))
+    tail = (1 - confidence) / 2
+    reach = float(stdtrit(freedom, 1 - tail)) * spread / np.sqrt(len(errors))
+    interval = tuple(float(4 * spread * np.sqrt(freedom / chi_square(freedom, q))) for q in (1 - tail, tail))
+    return Repeatability(len(errors), bias, (bias - reach, bias + reach), 4 * spread, interval)
+
+
+def chi_square(freedom, probability):
+    """Quantile of the chi-square distribution; `scipy.stats` has it too, and takes a second to load."""
+    return 2 * gammaincinv(freedom / 2, probability)
