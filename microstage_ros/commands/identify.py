@@ -32,6 +32,7 @@ def main(argv=None):
     parser.add_argument("--out", required=True, metavar="FILE", help="axis file to write (.yaml); the page goes beside it as .html")
     parser.add_argument("--into", metavar="FILE", help="write the results into this axis file's numbers instead of those of --axis "
                         "(bench results into the whole axis)")
+    parser.add_argument("--blocks", type=int, metavar="N", help="number of Maxwell-slip blocks, 1 to 8 (default: the data choose)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the bootstrap (default 0)")
     arguments = parser.parse_args(argv)
     out = pathlib.Path(arguments.out)
@@ -39,11 +40,13 @@ def main(argv=None):
         raise InputError("--out", arguments.out, "a file name ending in .yaml")
     if arguments.seed < 0:
         raise InputError("--seed", arguments.seed, "a whole number from 0")
+    if arguments.blocks is not None and not 1 <= arguments.blocks <= 8:
+        raise InputError("--blocks", arguments.blocks, "a whole number from 1 to 8")
     axis = load_axis(arguments.axis)
     target = load_axis(arguments.into) if arguments.into else axis
     warnings = []
     with Console(stderr=True).status("identifying …") if sys.stderr.isatty() else _Silent() as status:
-        result = identify(_taken(arguments.records, axis, warnings), axis, arguments.seed, lambda text: status.update(text))
+        result = identify(_taken(arguments.records, axis, warnings), axis, arguments.seed, status.update, arguments.blocks)
     out.parent.mkdir(parents=True, exist_ok=True)
     result.to_axis(target).save(out, provenance={
         "version": __version__, "command": "identify", "axis": arguments.axis, "records": list(arguments.records), "seed": arguments.seed})

@@ -14,7 +14,8 @@ from microstage_ros.identification.signals import MotorSignals, reversals, stead
 from microstage_ros.identification.virgin_curve import Loading, loading_from_samples
 
 QUASI_STATIC = 0.03  # a branch is slow if its speed is below this share of the Stribeck velocity
-BRANCH_EDGE = 100.0  # low-pass of angle and torque on a slow branch [Hz]
+BRANCH_EDGE = 300.0  # low-pass of angle and torque on a slow branch [Hz]
+STRAIGHT = 0.3  # share of the force up to which a branch is one straight line
 SLIDING_TRAVEL = 1.5  # steady points count from this many slip displacements after the start
 
 
@@ -78,8 +79,6 @@ def extract(signals: MotorSignals, axis, repeat, load=None):
 
 def _branch(signals, start, stop, direction):
     """The branch after a reversal as first loading (Masing: half the displacement, half the force)."""
-    before = slice(max(start - int(0.2 / signals.period), 0), start)
-    torque_before = float(np.mean(signals.torque[before]))
     # the turning point is where the angle was extreme, which the loop's lag puts after the reference's;
     # without the low-pass the extreme would be one of the noise
     margin = int(0.2 / signals.period)
@@ -90,11 +89,20 @@ def _branch(signals, start, stop, direction):
     angle, torque = (low_pass(values[near], edge, signals.period) for values in (signals.angle, signals.torque))
     stop -= near.start
     turn = int(np.argmin(direction * angle[:stop]))
-    if stop - turn < 50 or direction * torque_before >= 0.0:
+    if stop - turn < 50 or direction * torque[turn] >= 0.0:
         return None
+    # at the turn the speed is none and the friction, for a moment, the static one
     displacement = 0.5 * direction * (angle[turn:stop] - angle[turn])
-    force = 0.5 * direction * (torque[turn:stop] - torque_before)
-    return loading_from_samples(displacement, force, 0.5 * signals.resolution)
+    force = 0.5 * direction * (torque[turn:stop] - torque[turn])
+    # the low-pass rounds the corner at the turn: nothing is said of the way covered in its time, and the
+    # origin is where the straight beginning of the branch meets no force
+    speed = abs(np.polyfit(np.arange(len(displacement)) * signals.period, displacement, 1)[0])
+    clear = np.maximum.accumulate(displacement) > speed / edge
+    straight = clear & (force < STRAIGHT * force.max())
+    if straight.sum() > 10:
+        slope, intercept = np.polyfit(displacement[straight], force[straight], 1)
+        displacement = displacement + intercept / max(slope, 1e-300)
+    return loading_from_samples(displacement[clear], force[clear], 0.5 * signals.resolution)
 
 
 def steady_series(signals, axis, travel_step, load=None):

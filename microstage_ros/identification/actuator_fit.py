@@ -6,7 +6,7 @@ from microstage_ros.axis.errors import InputError
 from microstage_ros.identification.estimate import Curve, Estimate, Identification, from_interval
 from microstage_ros.identification.intervals import bootstrap, correlation
 from microstage_ros.identification.stribeck import NAMES, fit_stribeck, point_spread, stribeck_curve
-from microstage_ros.identification.virgin_curve import choose_count, common_grid, collapse, identify_blocks
+from microstage_ros.identification.virgin_curve import choose_count, collapse, common_grid, identify_blocks, mean_curve
 
 UNITS = ("N m", "N m", "rad/s", "1", "N m s/rad")
 FEWEST_REPEATS = 4  # below, scatter between repeats says nothing
@@ -102,13 +102,14 @@ def _sliding_curve(speed, friction, values, covariance):
 
 
 def identify_presliding(loadings, repeat, seed, contact="actuator", units=("N m/rad", "rad", "N m"), reading="blocks",
-                        experiment=BLOCKS_EXPERIMENT):
+                        experiment=BLOCKS_EXPERIMENT, count=None):
     """Maxwell-slip blocks of a contact from repeats of first loading.
 
     Parameters
     ----------
     loadings : list of `Loading`. repeat : the repeat each belongs to. seed : of the bootstrap.
     units : of stiffness, displacement and force. reading : ``blocks`` or ``segment_slopes``, as the axis file.
+    count : number of blocks; None lets the data choose (`choose_count`).
 
     Returns
     -------
@@ -123,7 +124,8 @@ def identify_presliding(loadings, repeat, seed, contact="actuator", units=("N m/
             result.add(Estimate(key, float("nan"), unit, determined=False,
                                 remark=f"not determined by these records ({len(labels)} repeats of first loading); {experiment}"))
         return result
-    count, errors = choose_count(loadings)
+    chosen, errors = choose_count(loadings)
+    count = count or chosen
     blocks, factors = identify_blocks(loadings, count)
     size = len(blocks.stiffness)
     members = [np.flatnonzero(np.asarray(repeat) == label) for label in labels]
@@ -142,17 +144,18 @@ def identify_presliding(loadings, repeat, seed, contact="actuator", units=("N m/
         pick = [array[part].tolist() for array in (values, stderr, low, high)]
         pick = [p[0] for p in pick] if part.stop - part.start == 1 else pick
         result.add(Estimate(key, pick[0], unit, *pick[1:], method="bootstrap over repeats"))
-    _tables(result, contact, blocks, values, low, high, errors, units, factors, reading)
-    mean = np.nanmean(collapse(loadings, factors / factors.mean(), grid), axis=0)
+    _tables(result, contact, blocks, values, low, high, errors, units, reading)
+    result.remarks.append(f"{contact}: {size} blocks ({chosen} by the data); repeats differ by {np.std(factors):.1%} (standard deviation).")
+    places, mean = mean_curve(grid, collapse(loadings, factors / factors.mean(), grid))
     curve = slice(2 * size + 1, None)
-    result.curves.append(Curve(f"First loading of the {contact}", f"displacement [{units[1]}]", f"friction [{units[2]}]", grid, mean,
-                               grid, values[curve], low[curve], high[curve], mean - values[curve]))
+    result.curves.append(Curve(f"First loading of the {contact}", f"displacement [{units[1]}]", f"friction [{units[2]}]", places, mean,
+                               grid, values[curve], low[curve], high[curve], mean - np.interp(places, grid, values[curve])))
     result.correlations.append((tuple([f"K{j + 1}" for j in range(size)] + [f"α{j + 1}" for j in range(size)]),
                                 correlation(covariance[: 2 * size, : 2 * size])))
     return result
 
 
-def _tables(result, contact, blocks, values, low, high, errors, units, factors, reading):
+def _tables(result, contact, blocks, values, low, high, errors, units, reading):
     size = len(blocks.stiffness)
     slopes, shares = blocks.segments()
     rows = [(j + 1, f"{blocks.stiffness[j]:.5g}", f"{blocks.weight[j]:.4f}", f"{blocks.slip_displacement[j]:.4g}",
@@ -163,4 +166,3 @@ def _tables(result, contact, blocks, values, low, high, errors, units, factors, 
     result.tables.append((f"Maxwell-slip blocks of the {contact}, both readings of the paper's tables", header, rows))
     result.tables.append((f"Number of blocks of the {contact}", ("blocks", f"held-out rms [{units[2]}]"),
                           [(n, f"{e:.4g}") for n, e in errors.items()]))
-    result.remarks.append(f"{contact}: {size} blocks; repeats differ by {np.std(factors):.1%} (standard deviation).")

@@ -15,21 +15,24 @@ SPEEDS = tuple(np.round(np.concatenate([np.geomspace(0.03, 1.0, 16), np.geomspac
 """Speeds of the gearhead's output [rad/s]: down to 0.03, without which M_s and ω_S cannot be told apart."""
 
 
-def slow_reversals(ratio, start=0.0, speed=2.0e-3, way=0.03):
+def slow_reversals(ratio, start=0.0, speed=3.0e-3, way=0.024, places=3, apart=3.0e-4):
     """Pre-sliding of the actuator: out, back and out again so slowly that friction is that of rest.
 
     Each reversal out of sliding gives one branch, by Masing's rule the virgin curve scaled by two, whatever
     the friction's history was. Closed loop: a voltage ramp (`voltage_ramp`) breaks away at a third of the
     way, because the falling Stribeck curve outweighs the back EMF.
 
-    ``ratio`` r [m/rad], ``speed`` [rad/s], ``way`` [rad]: more than twice the slip displacement.
+    ``ratio`` r [m/rad], ``speed`` [rad/s], ``way`` [rad]: more than twice the slip displacement. ``places``
+    a distance ``apart`` [m] are visited: further than the friction remembers.
     """
-    places = [start + way * ratio, start, start + way * ratio]
-    program = [{"scan": {"to_m": place, "speed_m_s": speed * ratio}} for place in places]
-    return Run(controller={"type": "pid"}, noise=BENCH_NOISE, program=program, start_m=start)
+    program = []
+    for place in start + np.arange(places) * apart:
+        slow = [{"scan": {"to_m": float(to), "speed_m_s": speed * ratio}} for to in (place + way * ratio, place, place + way * ratio)]
+        program += [{"move_to_m": float(place)}, *slow]
+    return Run(controller={"type": "pid"}, noise=BENCH_NOISE, program=program, start_m=start - apart)
 
 
-def constant_speeds(ratio, start=0.0, speeds=SPEEDS, duration=0.5, least_way=0.2):
+def constant_speeds(ratio, start=0.0, speeds=SPEEDS, duration=0.5, least_way=0.3):
     """Sliding friction of the actuator (Fig. 5b): each speed in both directions under PI control.
 
     ``duration`` [s] and ``least_way`` [rad]: each run lasts the one and covers the other at least.

@@ -30,7 +30,7 @@ ELSEWHERE = {
 GUIDEWAY_ELSEWHERE = "incremental loading of the guideways alone would: their force is 7 % of the actuator's at the motor"
 
 
-def identify(records, axis, seed=0, progress=lambda text: None):
+def identify(records, axis, seed=0, progress=lambda text: None, blocks=None):
     """Identify an axis from records.
 
     Parameters
@@ -39,6 +39,7 @@ def identify(records, axis, seed=0, progress=lambda text: None):
     axis : `Axis` the records come from; its values are scales and first guesses, and stand for what the
         records do not tell.
     seed : of the bootstrap. progress : called with a line of text after each record.
+    blocks : number of Maxwell-slip blocks; None lets the data choose.
 
     Returns
     -------
@@ -47,11 +48,11 @@ def identify(records, axis, seed=0, progress=lambda text: None):
     if axis.choices["drive.type"] == "force":
         if axis.law("guideway").startswith("coulomb_viscous"):
             return identify_force_axis(list(records), axis)
-        return identify_guideway(records, axis, seed, progress)
-    return identify_motor_axis(records, axis, seed, progress)
+        return identify_guideway(records, axis, seed, progress, blocks)
+    return identify_motor_axis(records, axis, seed, progress, blocks)
 
 
-def identify_guideway(records, axis, seed=0, progress=lambda text: None):
+def identify_guideway(records, axis, seed=0, progress=lambda text: None, blocks=None):
     """Guideways from incremental loading: blocks, static limit, elastic slope, variability.
 
     The static limit of a repeat lies between the last load held and the one that slid.
@@ -62,7 +63,7 @@ def identify_guideway(records, axis, seed=0, progress=lambda text: None):
         progress(f"{record.source}: {len(repeats[-1].loading.force)} loads, breakaway {repeats[-1].breakaway[1]:.3g} N")
     reading = axis.choices.get("contacts.guideway.reading", "blocks")
     result = identify_presliding([r.loading for r in repeats], list(range(len(repeats))), seed, "guideway",
-                                 ("N/m", "m", "N"), reading, "four or more repeats of incremental loading would")
+                                 ("N/m", "m", "N"), reading, "four or more repeats of incremental loading would", blocks)
     statics = np.array([0.5 * sum(r.breakaway) for r in repeats if np.isfinite(r.breakaway[1])])
     key = "contacts.guideway.static"
     if len(statics) >= 4:
@@ -83,7 +84,7 @@ def identify_guideway(records, axis, seed=0, progress=lambda text: None):
     return result
 
 
-def identify_motor_axis(records, axis, seed=0, progress=lambda text: None):
+def identify_motor_axis(records, axis, seed=0, progress=lambda text: None, blocks=None):
     """An axis with a voltage-driven motor, alone on its bench or with the stage."""
     coupled = axis.law("guideway") != "none"
     features, dynamic = Features(), []
@@ -102,7 +103,7 @@ def identify_motor_axis(records, axis, seed=0, progress=lambda text: None):
     result = identify_motor(dynamic, axis)
     result.merge(identify_inertia(dynamic, axis))
     result.merge(identify_sliding(features, seed))
-    result.merge(identify_presliding(features.loadings, features.loading_repeat, seed))
+    result.merge(identify_presliding(features.loadings, features.loading_repeat, seed, count=blocks))
     known = result.to_axis(axis)
     if coupled:
         result.merge(identify_whole_axis(dynamic, known, result))

@@ -168,54 +168,50 @@ def collapse(loadings, factors, grid):
 
 
 def choose_count(loadings, limit=MAX_BLOCKS):
-    """Number of blocks that predicts unseen repeats best, the smallest within one standard error of it.
+    """Number of blocks: the smallest whose error on unseen repeats is within one standard error of the least.
 
-    With fewer than four repeats the Bayesian information criterion of the pooled fit decides.
+    With fewer than four repeats the Bayesian information criterion of the mean curve decides.
     Returns (count, {count: held-out or in-sample rms [F]}).
     """
-    rough, _ = _rough_fit(loadings)
-    factors = register(loadings, rough)
     grid = common_grid(loadings)
+    factors = register(loadings, _rough_fit(loadings))
     curves = collapse(loadings, factors / factors.mean(), grid)
     if len(loadings) < 4:
-        return _count_by_information(grid, np.nanmean(curves, axis=0), limit)
+        return _count_by_information(*mean_curve(grid, curves), limit)
     folds = np.arange(len(curves)) % min(5, len(curves))
     errors = {}
     for count in range(1, limit + 1):
         squares = []
         for fold in np.unique(folds):
-            mean = np.nanmean(curves[folds != fold], axis=0)
-            use = np.isfinite(mean)
-            blocks, _ = fit_blocks(grid[use], mean[use], count)
+            blocks, _ = fit_blocks(*mean_curve(grid, curves[folds != fold]), count)
             squares.extend(np.nanmean((curves[folds == fold] - blocks.curve(grid)) ** 2, axis=1))
         errors[count] = np.array(squares)
     means = {count: values.mean() for count, values in errors.items()}
-    best = min(means, key=means.get)
-    chosen = next(count for count in sorted(means) if _not_worse(errors[count] - errors[best]))
+    best = errors[min(means, key=means.get)]
+    enough = best.mean() + best.std(ddof=1) / np.sqrt(len(best))
+    chosen = next(count for count in sorted(means) if means[count] <= enough)
     return chosen, {count: float(np.sqrt(value)) for count, value in means.items()}
 
 
-def _not_worse(differences):
-    return differences.mean() <= differences.std(ddof=1) / np.sqrt(len(differences)) if differences.any() else True
+def mean_curve(grid, curves):
+    """(displacement, mean force) where at least one repeat reaches."""
+    seen = np.isfinite(curves).any(axis=0)
+    return grid[seen], np.nanmean(curves[:, seen], axis=0)
 
 
 def _count_by_information(grid, mean, limit):
-    use = np.isfinite(mean)
     rms, scores = {}, {}
     for count in range(1, limit + 1):
-        _, residual = fit_blocks(grid[use], mean[use], count)
+        _, residual = fit_blocks(grid, mean, count)
         rms[count] = float(np.sqrt(np.mean(residual**2)))
-        scores[count] = use.sum() * np.log(rms[count] ** 2 + (1e-4 * mean[use].max()) ** 2) + 2 * count * np.log(use.sum())
+        scores[count] = len(grid) * np.log(rms[count] ** 2 + (1e-4 * mean.max()) ** 2) + 2 * count * np.log(len(grid))
     return min(scores, key=scores.get), rms
 
 
 def _rough_fit(loadings):
     grid = common_grid(loadings)
     statics = np.array([loading.force[-1] for loading in loadings])
-    curves = collapse(loadings, statics / statics.mean(), grid)
-    mean = np.nanmean(curves, axis=0)
-    use = np.isfinite(mean)
-    return fit_blocks(grid[use], mean[use], 6)
+    return fit_blocks(*mean_curve(grid, collapse(loadings, statics / statics.mean(), grid)), 6)[0]
 
 
 def identify_blocks(loadings, count, first=None):
@@ -237,19 +233,14 @@ def identify_blocks(loadings, count, first=None):
     """
     if not loadings or any(len(loading.displacement) < 2 * count for loading in loadings):
         raise InputError("virgin curve", f"{len(loadings)} repeats", f"repeats of at least {2 * count} points each")
-    blocks = _rough_fit(loadings)[0] if first is None else None
     grid = common_grid(loadings)
-    if blocks is None:
-        statics = np.array([loading.force[-1] for loading in loadings])
-        factors = statics / statics.mean()
-        passes = 1
+    if first is None:
+        factors, passes = register(loadings, _rough_fit(loadings)), 2
     else:
-        factors, passes = register(loadings, blocks), 2
+        factors, passes = np.array([loading.force[-1] for loading in loadings]), 1
     for _ in range(passes):
         factors = factors / factors.mean()
-        mean = np.nanmean(collapse(loadings, factors, grid), axis=0)
-        use = np.isfinite(mean)
-        blocks, _ = fit_blocks(grid[use], mean[use], count, first)
+        blocks, _ = fit_blocks(*mean_curve(grid, collapse(loadings, factors, grid)), count, first)
         first = None if len(blocks.stiffness) < count else blocks.slip_displacement
         factors = register(loadings, blocks)
     return blocks, factors
