@@ -9,6 +9,7 @@ from microstage_ros.records import Record, read_record, write_record
 from microstage_ros.records.bag import Bag, BagWriter
 from microstage_ros.records.bag_record import FRAME, own_definition
 from microstage_ros.records.columns import RECORD_COLUMNS
+from microstage_ros.records.definition import installed_definition
 from microstage_ros.records.layout import layout_of_type
 
 STATE, COMMAND = own_definition("AxisState"), own_definition("VoltageCommand")
@@ -125,3 +126,15 @@ def test_other_bags_are_refused(tmp_path):
         write_record(forces, tmp_path / "forces.mcap")
     with pytest.raises(InputError, match="rosbag2 folder"):
         write_record(forces, tmp_path / "forces.txt")
+
+
+@pytest.mark.parametrize("name", ["AxisState", "VoltageCommand", "InterferometerReading", "SimulationTruth"])
+def test_source_tree_and_installation_define_the_same_messages(name, monkeypatch):
+    """The hash computed without ROS is the one that ROS computed."""
+    try:
+        installed = installed_definition(f"microstage_msgs/msg/{name}")
+    except InputError:
+        pytest.skip("microstage_msgs is not installed here (AMENT_PREFIX_PATH)")
+    monkeypatch.delenv("AMENT_PREFIX_PATH")
+    source = own_definition(name)
+    assert (source.hash, source.types) == (installed.hash, installed.types)
