@@ -54,7 +54,7 @@ class AxisDriver(LifecycleNode):
         self.responses = ResponseTimes()
         self.sequence, self.overruns, self._time_ns = -1, 0, 0
         self._requests = queue.SimpleQueue()
-        self._due = None
+        self._due = self._told = None
         setup = Setup(self.axis, p.seed, _options(p.backend_options))
         self.hardware = make_hardware(p.backend, setup)
         if p.mode == "lockstep" and not self.hardware.simulated:
@@ -135,7 +135,6 @@ class AxisDriver(LifecycleNode):
         """The servo loop."""
         sleep_precisely()
         period = self._lockstep_period if self.parameters.mode == "lockstep" else self._paced_period
-        told = None
         while self.context.ok():
             self._serve_requests()
             if self.gate.fault != "none":
@@ -144,9 +143,7 @@ class AxisDriver(LifecycleNode):
                 period()
             else:
                 self._idle()
-            now = (self.gate.active, self.gate.fault)
-            if now != told:
-                told = now
+            if self._told != (self.gate.active, self.gate.fault):
                 self._tell()
 
     def _serve_requests(self):
@@ -160,7 +157,6 @@ class AxisDriver(LifecycleNode):
 
     def _open(self):
         self.hardware.open()
-        self._opened = True
 
     def _activate(self):
         if not self.gate.activate():
@@ -168,17 +164,20 @@ class AxisDriver(LifecycleNode):
                                     f"service {topics.RESET_FAULT} forgets it")
             return False
         self._due = None
+        self._tell()
         return True
 
     def _deactivate(self):
         self.gate.deactivate()
         self._write(0.0)
+        self._tell()
 
     def _shut(self):
         self._deactivate()
         self.hardware.close()
 
     def _tell(self):
+        self._told = (self.gate.active, self.gate.fault)
         if self.gate.fault != "none":
             self.get_logger().error(f"fault {self.gate.fault}: {self.gate.message}; the voltage is zero")
         self.topics.status(self._time_ns, self.sequence, self.gate, self.hardware.simulated)

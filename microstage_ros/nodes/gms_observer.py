@@ -28,6 +28,7 @@ class GmsObserver(Node):
         p = self.parameters = Parameters(self, "gms_observer")
         axis = load_axis(p.axis_file or config_file("axis.yaml"))
         self._observer = FrictionObserver(axis, observer_bandwidth=p.observer_bandwidth)
+        FrictionObserver(axis).advance(0.0, 0.0, 0.0)  # compiled before anybody waits for credit
         self._codec = Codec("FrictionState", p.frame_id)
         self._follower = Follower(self, AxisState, topics.STATE, p.frame_id, p.window, self._take)
         publisher = self.create_publisher(FrictionState, topics.FRICTION, topics.SERVO)

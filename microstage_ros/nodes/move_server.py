@@ -31,6 +31,7 @@ from microstage_ros.nodes.servo_path import make_servo_path, reader_qos
 
 WAIT = 0.1
 FEEDBACK = 0.1
+STATUS_WAIT = 0.5
 INTERFEROMETER_WAIT = 2.0
 RESULT = MoveTo.Result
 
@@ -164,7 +165,9 @@ class MoveServer(Node):
         return result
 
     def _check(self, request):
-        status = self._status
+        with self._changed:  # a driver that was activated a moment ago may not have told yet
+            self._changed.wait_for(lambda: self._status is not None and self._status.active, timeout=STATUS_WAIT)
+            status = self._status
         if status is None:
             raise Refused(RESULT.CODE_REFUSED, "no driver: nobody publishes driver_status")
         if not status.active:

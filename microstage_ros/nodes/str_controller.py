@@ -35,6 +35,8 @@ class StrController(Node):
         p = self.parameters = Parameters(self, "str_controller", self._parameter_changed)
         self.axis = load_axis(p.axis_file or config_file("axis.yaml"))
         self.controller = make_controller(p.controller, self.axis, **_gains(p.gains))
+        self.controller.step(0.0, 0.0, 0.0)  # compiled before anybody waits for an answer
+        self.controller.reset()
         self.player = ReferencePlayer(self.axis.value("period"), p.stop_time_s)
         self._state = Codec("AxisState", p.frame_id)
         self._command = Codec("VoltageCommand", p.frame_id)
@@ -55,8 +57,6 @@ class StrController(Node):
         """The servo loop."""
         readers = (self._reader,)
         take, wait, ok = self._reader.take, self._servo.wait, self.context.ok
-        self.controller.step(0.0, 0.0, 0.0)  # compiled before the first state comes
-        self.controller.reset()
         while ok():
             raw = take()
             if raw is None:
