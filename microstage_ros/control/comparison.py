@@ -1,0 +1,217 @@
+"""The paper's comparison of controllers (Fig. 10, Fig. 11, Table 4), on the simulated axis, over many seeds.
+
+Everything is judged by the true position, which only a simulator knows, and beside it by the interferometer
+that the paper has. A figure over seeds is the worst of them unless it says median.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+
+from microstage_ros.control.controller import controller_parameters
+from microstage_ros.control.margins import controller_margins
+from microstage_ros.control.observer_trial import observer_trial
+from microstage_ros.control.trials import sine_trial, step_trial, trial
+from microstage_ros.control.tuning import best_pid_for_sine
+from microstage_ros.metrology.repeatability import repeatability
+
+CONTROLLERS = (
+    "pid", "pid_feedforward", "self_tuning", "self_tuning_feedforward", "self_tuning_observer", "nctf",
+)
+DISTANCES = (1e-6, 1e-5, 1e-4, 1e-3)  # m, Table 4
+PAPER_4S = {1e-6: 173e-9, 1e-5: 160e-9, 1e-4: 219e-9, 1e-3: 255e-9}  # m, Table 4
+PAPER_SINE = {"pid_feedforward": 500e-9, "self_tuning": 150e-9}  # m, section 5.4
+SINES = (  # m, Hz: 1 um ... 1 mm, 0.03 ... 1 Hz, up to 2 mm/s
+    (1e-6, 0.1), (1e-6, 1.0), (1e-5, 0.03), (1e-5, 0.3), (1e-5, 1.0), (1e-4, 0.1), (1e-4, 1.0), (1e-3, 0.3),
+)
+STRESS = {
+    "nominal": {},
+    "friction x 0.5": {"effects": {"friction_level_change": {"factor": 0.5}}},
+    "friction x 2": {"effects": {"friction_level_change": {"factor": 2.0}}},
+    "payload +200 %": {"effects": {"payload_change": {"mass_kg": 6.12}}},
+    "drive stiffness x 0.33": {"effects": {"drive_compliance": {"stiffness_factor": 0.33}}},
+    "resistance +20 %": {"effects": {"resistance_rise": {"initial": 0.2, "rise_per_joule": 0.0, "time_s": 1e5}}},
+    "delay of 1 sample": {"effects": {"transport_delay": {"delay_s": 1e-4}}},
+    "delay of 2 samples": {"effects": {"transport_delay": {"delay_s": 2e-4}}},
+    "2 kHz": {"period_s": 5e-4},
+    "1 kHz": {"period_s": 1e-3},
+    "backlash 0.5 deg": {"effects": {"backlash": {"width_rad": 0.00873}}},
+}
+
+
+class Extent(NamedTuple):
+    """How much of the comparison is run."""
+
+    seeds: int = 20
+    moves: int = 10
+    searches: int = 40  # candidates of every search for the best fixed PID
+    sines: tuple = SINES
+    stress_seeds: int = 3
+
+
+QUICK = Extent(3, 5, 8, SINES[2:5], 1)
+
+
+class Bench:
+    """The axis, the threads and the progress of one comparison."""
+
+    def __init__(self, axis, extent, jobs=1, progress=None):
+        self.axis, self.extent, self.jobs = axis, extent, jobs
+        self.progress = progress or (lambda text: None)
+
+    def each(self, function, items):
+        """``function`` of every item, on ``jobs`` threads (the loops release the interpreter), in order."""
+        with ThreadPoolExecutor(self.jobs) as pool:
+            return list(pool.map(function, items))
+
+
+def compare(axis, extent=Extent(), controllers=CONTROLLERS, jobs=1, progress=None):
+    """Run the whole comparison. Returns plain data: numbers in SI, and the curves of Figs. 10 and 11."""
+    bench = Bench(axis, extent, jobs, progress)
+    result = {"controllers": list(controllers), "seeds": extent.seeds, "moves": extent.moves}
+    result["tracking"] = tracking(bench, controllers)
+    result["positioning"] = positioning(bench, controllers)
+    result["rest"] = rest(bench, controllers)
+    result["sines"] = sines(bench)
+    result["stress"] = stress(bench, controllers)
+    result["weak_start"] = weak_start(bench)
+    result["observer"] = observation(bench)
+    result["margins"] = {kind: _margins(axis, kind) for kind in controllers}
+    return result
+
+
+def tracking(bench, controllers):
+    """Fig. 10: sine of 10 um at 0.03 Hz. Per controller: worst and median peak, rms, one curve."""
+    found = {}
+    for kind in controllers:
+        bench.progress(f"sine, {kind}")
+        trials = bench.each(lambda seed: sine_trial(bench.axis, kind, {}, 1e-5, 0.03, seed), range(bench.extent.seeds))
+        peaks = np.array([t.peak for t in trials])
+        columns = trials[0].columns
+        found[kind] = {
+            "worst": float(peaks.max()), "median": float(np.median(peaks)), "rms": float(np.mean([t.rms for t in trials])),
+            "curve": {"t": columns["t_s"], "error": columns["stage_m"] - columns["reference_m"], "reference": columns["reference_m"]},
+        }
+    return found
+
+
+def positioning(bench, controllers):
+    """Table 4 and Fig. 11: repeated moves over each distance. Per controller and distance: figures and a curve."""
+    found = {}
+    for kind in controllers:
+        found[kind] = {}
+        for distance in DISTANCES:
+            bench.progress(f"moves of {distance * 1e6:g} um, {kind}")
+            trials = bench.each(
+                lambda seed: step_trial(bench.axis, kind, {}, distance, seed, bench.extent.moves), range(bench.extent.seeds)
+            )
+            found[kind][distance] = positioning_figures(trials, distance)
+    return found
+
+
+def positioning_figures(trials, distance):
+    """Figures of a list of `StepTrial`s: worst seed by 4s and bias, pooled intervals, settling, overshoot."""
+    per_seed = [repeatability(t.errors) for t in trials]
+    by_instrument = [repeatability(t.interferometer) for t in trials]
+    pooled = repeatability(np.concatenate([t.errors for t in trials]))
+    settling = np.concatenate([t.settling for t in trials])
+    columns = trials[0].columns
+    first = len(columns["t_s"]) // (2 * len(trials[0].errors))
+    return {
+        "four_s_worst": max(r.four_s for r in per_seed), "four_s_pooled": pooled.four_s, "four_s_interval": pooled.four_s_interval,
+        "bias_worst": max((r.bias for r in per_seed), key=abs), "bias_pooled": pooled.bias, "bias_interval": pooled.bias_interval,
+        "instrument_four_s_worst": max(r.four_s for r in by_instrument),
+        "settling_median": float(np.median(np.nan_to_num(settling, nan=np.inf))),
+        "settling_worst": float(np.nan_to_num(settling, nan=np.inf).max()),
+        "never_settled": int(np.isnan(settling).sum()),
+        "overshoot_worst": float(max(t.overshoot.max() for t in trials)),
+        "rest_worst": float(max(t.rest.max() for t in trials)),
+        "distance": distance,
+        "curve": {"t": columns["t_s"][:first], "stage": columns["stage_m"][:first], "reference": columns["reference_m"][:first]},
+    }
+
+
+def rest(bench, controllers):
+    """Ten seconds at rest after a move of 10 um: largest peak-to-peak of the true position [m] over seeds."""
+    program = [{"move_to_m": 1e-5, "dwell_s": 11.0}]
+
+    def held(kind, seed):
+        stage = trial(bench.axis, kind, {}, program, seed)["stage_m"]
+        return float(np.ptp(stage[len(stage) - 100_000 :]))
+
+    found = {}
+    for kind in controllers:
+        bench.progress(f"rest, {kind}")
+        found[kind] = max(bench.each(lambda seed: held(kind, seed), range(min(bench.extent.seeds, 5))))
+    return found
+
+
+def sines(bench, kinds=("pid", "self_tuning", "self_tuning_feedforward", "self_tuning_observer")):
+    """Sines of many sizes: worst peak [m] of each law, and of the best fixed PID searched for that very sine."""
+    start = {name: float(controller_parameters("pid", bench.axis, {})["pid"][name]) for name in
+             ("proportional", "integral_time", "derivative_time", "filter_time", "derivative_on_reference")}
+    fresh = range(100, 100 + max(bench.extent.stress_seeds, 2))  # other seeds than those of the search
+
+    def one(sine):
+        gains, _ = best_pid_for_sine(bench.axis, start, *sine, seeds=(0, 1), evaluations=bench.extent.searches)
+        worst = {kind: max(sine_trial(bench.axis, kind, {}, *sine, seed).peak for seed in fresh) for kind in kinds}
+        worst["best_pid"] = max(sine_trial(bench.axis, "pid", gains, *sine, seed).peak for seed in fresh)
+        return {"amplitude": sine[0], "frequency": sine[1], "gains": gains, "peak": worst}
+
+    bench.progress("best fixed PID for every sine")
+    return bench.each(one, bench.extent.sines)
+
+
+def stress(bench, controllers):
+    """Every controller under every condition: worst sine peak (10 um, 0.1 Hz) and 10 um moves, from the fourth on."""
+
+    def one(job):
+        kind, name = job
+        conditions, seeds = STRESS[name], range(bench.extent.stress_seeds)
+        peak = max(sine_trial(bench.axis, kind, {}, 1e-5, 0.1, seed, **conditions).peak for seed in seeds)
+        trials = [step_trial(bench.axis, kind, {}, 1e-5, seed, 8, **conditions) for seed in seeds]
+        learned = [t._replace(errors=t.errors[3:], interferometer=t.interferometer[3:], settling=t.settling[3:]) for t in trials]
+        figures = positioning_figures(learned, 1e-5)
+        return {"peak": peak, **{key: figures[key] for key in ("four_s_worst", "bias_worst", "settling_median", "rest_worst")}}
+
+    bench.progress("stress set")
+    jobs = [(kind, name) for kind in controllers for name in STRESS]
+    found = {name: {} for name in STRESS}
+    for (kind, name), figures in zip(jobs, bench.each(one, jobs)):
+        found[name][kind] = figures
+    return found
+
+
+def weak_start(bench, kinds=("self_tuning", "self_tuning_feedforward", "self_tuning_observer")):
+    """From a tenth of the gains: error of moves 1 ... 5 of 10 um against the shipped fixed PID.
+
+    Figure of a move: rms of the true position's error from the move's start to 0.3 s after, median over seeds.
+    """
+    def rms_by_move(kind, gains):
+        def one(seed):
+            columns = step_trial(bench.axis, kind, gains, 1e-5, seed, 5).columns
+            error = (columns["stage_m"] - columns["reference_m"]).reshape(10, -1)[::2]
+            return np.sqrt(np.mean(error**2, axis=1))
+
+        return np.median(bench.each(one, range(min(bench.extent.seeds, 10))), axis=0).tolist()
+
+    bench.progress("tenth of the gains")
+    found = {kind: rms_by_move(kind, {"start": 0.1}) for kind in kinds}
+    found["pid"] = rms_by_move("pid", {})
+    return found
+
+
+def observation(bench):
+    """Errors of the friction observer (see `observer_trial`): worst over seeds, per motion."""
+    bench.progress("observer")
+    found = {}
+    for motion in ("sine 10 um", "sine 1 mm", "moves 1 um", "moves 10 um", "moves 1 mm"):
+        trials = bench.each(lambda seed: observer_trial(bench.axis, motion, seed), range(min(bench.extent.seeds, 5)))
+        found[motion] = {key: max(t[key] for t in trials) for key in trials[0]}
+    return found
+
+
+def _margins(axis, kind):
+    margins = controller_margins(axis, controller_parameters(kind, axis, {}))
+    return None if margins is None else [m._asdict() for m in margins]

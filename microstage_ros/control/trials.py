@@ -1,0 +1,68 @@
+"""Trials: the two experiments of the paper's sections 5.4 and 6, simulated, and what is read off them."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from microstage_ros.control.run_file import Run
+from microstage_ros.control.simulate import simulate
+
+COUNT = 25e-9  # m, one count: what settled means
+
+
+class SineTrial(NamedTuple):
+    """Tracking of a sine, without its first quarter of a cycle."""
+
+    peak: float  # m, largest |true position - reference|
+    rms: float  # m
+    columns: dict
+
+
+class StepTrial(NamedTuple):
+    """Repeated moves over one distance and back; one figure per forward move.
+
+    True position, interferometer and encoder are read at the end of the dwell, the latter two as the mean
+    of 100 readings, as an instrument would.
+    """
+
+    errors: np.ndarray  # m, true position - target
+    interferometer: np.ndarray  # m
+    settling: np.ndarray  # s, from the start of the move until within one count for good; NaN: never
+    overshoot: np.ndarray  # m, beyond the target
+    rest: np.ndarray  # m, peak to peak of the true position over the last 100 ms
+    columns: dict
+
+
+def trial(axis, kind, gains, program, seed, **conditions):
+    """Columns of a run; ``conditions``: noise, effects, period_s of a `Run`."""
+    return simulate(axis, Run(controller={"type": kind, **gains}, program=program, **conditions), seed)
+
+
+def sine_trial(axis, kind, gains, amplitude, frequency, seed, cycles=1.25, **conditions):
+    """`SineTrial` of a sine of ``amplitude`` [m] at ``frequency`` [Hz]."""
+    program = [{"sine": {"amplitude_m": amplitude, "frequency_hz": frequency, "cycles": cycles}}]
+    columns = trial(axis, kind, gains, program, seed, **conditions)
+    error = (columns["stage_m"] - columns["reference_m"])[int(0.25 / cycles * len(columns["t_s"])) :]
+    return SineTrial(float(np.abs(error).max()), float(np.sqrt(np.mean(error**2))), columns)
+
+
+def step_trial(axis, kind, gains, distance, seed, moves=10, dwell=0.4, **conditions):
+    """`StepTrial` of ``moves`` moves from 0 to ``distance`` [m], each after a return to 0."""
+    program = [{"move_to_m": place, "dwell_s": dwell} for _ in range(moves) for place in (distance, 0.0)]
+    columns = trial(axis, kind, gains, program, seed, **conditions)
+    rows = len(columns["t_s"]) // (2 * moves)
+    period = columns["t_s"][1]
+    parts = [slice(2 * k * rows, (2 * k + 1) * rows) for k in range(moves)]
+    last = min(round(0.1 / period), rows)
+    figures = [_figures(columns, part, distance, period, last) for part in parts]
+    return StepTrial(*(np.array(figure) for figure in zip(*figures)), columns)
+
+
+def _figures(columns, part, distance, period, last):
+    stage = columns["stage_m"][part] - distance
+    outside = np.flatnonzero(np.abs(stage) > COUNT)
+    settled = (outside[-1] + 1) * period if len(outside) else 0.0
+    if len(outside) and outside[-1] == len(stage) - 1:
+        settled = np.nan
+    interferometer = columns["interferometer_m"][part][-100:].mean() - distance
+    return stage[-1], interferometer, settled, max(stage.max(), 0.0), np.ptp(stage[-last:])
