@@ -211,7 +211,7 @@ def _check_range(place, value, spec):
 def _check_lists(axis):
     for contact in schema.ANGULAR:
         key = f"contacts.{contact}"
-        if f"{key}.stiffness" not in axis.quantities:
+        if f"{key}.weight" not in axis.quantities:
             continue
         k, alpha = axis.value(f"{key}.stiffness"), axis.value(f"{key}.weight")
         if len(k) != len(alpha) or not 1 <= len(k) <= 8:

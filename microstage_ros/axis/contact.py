@@ -14,6 +14,7 @@ import math
 import numpy as np
 
 from microstage_ros.axis.compiled import compiled
+from microstage_ros.axis.laws.registry import advance_law
 from microstage_ros.axis.records import BLOCKS, CELLS, OCTAVES
 
 LOWEST_OCTAVE = -18
@@ -161,8 +162,8 @@ def _join(contact, c, j, sign, top):
 
 @compiled
 def block_force(c):
-    """Σ F_j of all blocks, with sign."""
-    return c.stuck_weight_force + c.direction * c.slip_weight * c.slip_force
+    """Σ F_j of all blocks, with sign, or the force of the contact's other law; without the viscous part."""
+    return c.stuck_weight_force + c.direction * c.slip_weight * c.slip_force + c.law_force
 
 
 @compiled
@@ -180,3 +181,10 @@ def settle_limit(contact, c, w):
     """For blocks that follow their limit at once (C infinite): put the slip force on it."""
     if c.slip_weight > 0.0 and math.isinf(contact.attraction):
         c.slip_force = c.factor * direction_factor(contact, w) * limit(contact, w)
+
+
+@compiled
+def follow_law(contact, c, w0, w1, h):
+    """Carry a contact with another law of the library over a chunk, velocity linear from w0 to w1."""
+    c.law_before = c.law_force
+    c.law_force = advance_law(contact.law - 1, contact.law_parameters, c.law_state, w0, w1, h, c.factor)

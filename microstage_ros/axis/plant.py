@@ -8,11 +8,14 @@ import numpy as np
 from microstage_ros.axis.contact import regroup, slide, stribeck_table
 from microstage_ros.axis.effects import apply_effects, check_effects
 from microstage_ros.axis.errors import InputError
+from microstage_ros.axis.laws.registry import law_named
 from microstage_ros.axis.linear_core import forget, new_work
 from microstage_ros.axis.random import seed_state
 from microstage_ros.axis.records import PLANT, READINGS, STATE
 from microstage_ros.axis.step import lead_error
 
+LAW_LEVEL = 4                  # chunks of T/16 for laws that are not made of blocks
+OTHER_LAWS = ("dahl", "lugre", "elasto_plastic", "leuven", "hsieh_pan")
 BRISTLE = 100.0                  # Coulomb contact: natural frequency of its bristle times the control period
 
 
@@ -53,6 +56,8 @@ def make_plant(axis, noise=None, effects=None):
     plant["mass"], plant["push"] = axis.value("stage.mass"), -axis.value("stage.offset_force")
     for name, inertia in (("actuator", _screw_inertia(plant)), ("guideway", _moving_mass(plant))):
         _fill_contact(plant[name], axis, name, inertia, float(plant["period"]))
+        if plant[name]["law"]:
+            plant["base_level"] = LAW_LEVEL
     _fill_noise(plant, axis, noise)
     plant["air_compensated"], plant["air_swing_time"], plant["drift_time"] = 1, 1.0, 1.0
     plant["rise_time"], plant["stage_temperature_time"] = 1.0, 1.0
@@ -147,6 +152,9 @@ def _fill_contact(contact, axis, name, inertia, period):
     if law == "none":
         return
     contact["viscous"] = axis.value(f"{key}.viscous")
+    if law in OTHER_LAWS:
+        _fill_law(contact, axis, key, law_named(law))
+        return
     if law.startswith("coulomb_viscous"):
         top = max(axis.value(f"{key}.coulomb"), 1e-12)
         frequency = BRISTLE / period
@@ -165,6 +173,14 @@ def _fill_contact(contact, axis, name, inertia, period):
         contact["stribeck"] = stribeck_table(float(contact["exponent"]))
     if axis.has(f"{key}.attraction"):
         contact["attraction"] = axis.value(f"{key}.attraction")
+
+
+def _fill_law(contact, axis, key, law):
+    """A law of the library that is not made of blocks; its viscous part goes to the linear core."""
+    values = {name: axis.value(f"{key}.{name}") for name in law.keys() if axis.has(f"{key}.{name}")}
+    packed = law.pack({**values, "viscous": 0.0})
+    contact["law"], contact["law_parameters"][: len(packed)] = law.number + 1, packed
+    contact["static"] = contact["coulomb"] = values["static"]
 
 
 def blocks_of(axis, name):
@@ -187,7 +203,7 @@ def blocks_of(axis, name):
 def _fill_noise(plant, axis, noise):
     relative = axis.value("variability.relative") if noise.friction_relative is None else noise.friction_relative
     for name in ("actuator", "guideway"):
-        plant[name]["random"] = relative if plant[name]["blocks"] else 0.0
+        plant[name]["random"] = relative if plant[name]["blocks"] or plant[name]["law"] else 0.0
     for field in ("length", "time"):
         plant[f"random_{field}"] = axis.value("variability.travel_length" if field == "length" else "variability.time_length")
     plant["random_share"], plant["random_clip"] = axis.value("variability.travel_share"), axis.value("variability.clip")

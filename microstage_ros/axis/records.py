@@ -11,6 +11,7 @@ OCTAVES = 30      # Stribeck table: octaves of |w/V|, from 2^-18 on
 CELLS = 16        # and cells per octave
 RIPPLES = 6       # most periodic terms of one kind
 LINES = 6         # most vibration lines
+LAW = 40          # most entries of a packed law of the library, and of its state
 DELAY = 64        # most whole periods of delay
 
 LEVELS = 11       # chunks of a period: level 0 is the whole period, level 10 is T/1024
@@ -22,6 +23,7 @@ f8, i8, u8 = np.float64, np.int64, np.uint64
 #: One friction contact. Forces are normalised: f_j = F_j / α_j, so every block slips at f = s(w).
 CONTACT = np.dtype([
     ("blocks", i8),                # number of blocks, 0: no block friction
+    ("law", i8), ("law_parameters", f8, LAW),  # another law of the library: its number + 1, packed; 0: none
     ("kappa", f8, BLOCKS),         # k_j / α_j, normalised stiffness per unit of contact coordinate
     ("weight", f8, BLOCKS),        # α_j
     ("static", f8), ("coulomb", f8), ("velocity", f8), ("per_velocity", f8), ("exponent", f8),
@@ -94,6 +96,7 @@ CONTACT_STATE = np.dtype([
     ("slip_offset", f8),           # decay of the offsets since they were set
     ("direction", f8),             # sign of the slip
     ("slip_limit", f8),            # λ s(w) at the end of the last chunk in slip
+    ("law_state", f8, LAW), ("law_force", f8), ("law_before", f8), # of another law: state, force now and a chunk ago
     ("mask", i8),                  # bit j: block j sticks
     ("stretch", f8),               # travel not yet added to the sticking blocks' forces
     ("ahead", f8), ("behind", f8), # travel that certainly brings no sticking block to its limit

@@ -104,10 +104,22 @@ CONTACT_LAWS = {
         **_BLOCKS, **_STRIBECK, "attraction": _positive("N m/s", "attraction parameter C"), **_VISCOUS,
     },
 }
+_SLOPE = {"stiffness": _positive("N m/rad", "stiffness at zero force")}
+_DAMPING = {"damping": _not_negative("N m s/rad", "micro-damping σ₁ of the bristles", default=0.0)}
+_CURVE = {**_STRIBECK, **_VISCOUS}
+CONTACT_LAWS.update({
+    "dahl": {**_SLOPE, "exponent": _positive("1", "shape of the approach to the limit", default=1.0),
+             "static": _STRIBECK["static"], **_VISCOUS},
+    "lugre": {**_SLOPE, **_DAMPING, **_CURVE},
+    "elasto_plastic": {**_SLOPE, **_DAMPING, **_CURVE,
+                       "breakaway_share": Spec("1", 0.0, 1.0, "elastic share of the Coulomb limit", default=0.7)},
+    "leuven": {**_BLOCKS, **_DAMPING, **_CURVE, "exponent": Spec("1", 1.0, 50.0, "lateness of the transition", default=6.0)},
+    "hsieh_pan": {**_BLOCKS, "static": _STRIBECK["static"], **_VISCOUS, "creep_velocity": _positive("rad/s", "flow velocity of the plastic module"),
+                  "sharpness": _positive("1", "sharpness of the flow"), "hardening": _not_negative("N m/rad", "hardening")},
+})
 ANGULAR = {"actuator": True, "guideway": False}
 _LINEAR_UNITS = {
     "N m": "N", "N m/rad": "N/m", "N m/s": "N/s", "N m s/rad": "N s/m", "rad/s": "m/s", "1": "1",
-    "N m s^2/rad^2": "N s^2/m^2", "rad": "m",
 }
 CHOICES = {
     "drive.type": DRIVES,
@@ -136,16 +148,11 @@ def leaf_specs(choices, place):
         specs.update({f"{room}.{name}": spec for name, spec in table[chosen].items()})
     for contact, angular in ANGULAR.items():
         law = choices.get(f"contacts.{contact}.law", "none")
-        laws = contact_laws()
-        if law not in laws:
-            raise InputError(f"{place}: contacts.{contact}.law", law, "one of " + ", ".join(laws))
-        for name, spec in laws[law].items():
+        if law not in CONTACT_LAWS:
+            raise InputError(f"{place}: contacts.{contact}.law", law, "one of " + ", ".join(CONTACT_LAWS))
+        for name, spec in CONTACT_LAWS[law].items():
             if not angular:
                 spec = Spec(linear_unit(spec.unit), spec.minimum, spec.maximum, spec.meaning, spec.default, spec.is_list)
             specs[f"contacts.{contact}.{name}"] = spec
     return specs
 
-
-def contact_laws():
-    """Friction laws that a contact may have: {law: {parameter: Spec in the units of a rotation}}."""
-    return CONTACT_LAWS

@@ -13,7 +13,7 @@ import numpy as np
 from microstage_ros.axis.amplifier import amplifier_output, delayed_output, lag_output, warm_up
 from microstage_ros.axis.compiled import compiled
 from microstage_ros.axis.contact import (
-    block_force, crosses, direction_factor, limit, move_stuck, release, settle_limit, stick_all,
+    block_force, crosses, direction_factor, follow_law, limit, move_stuck, release, settle_limit, stick_all,
 )
 from microstage_ros.axis.linear_core import (
     F0, F1, I, O_I, O_OMEGA, O_OMEGA_MID, O_THETA, O_V, O_X, OMEGA, T0, T1, T2, TICKS, V, build_mode,
@@ -161,8 +161,11 @@ def _chunk(plant, state, work, u, slot, level):
             f0 = s0
         grow = change_steady(a.attraction, f0, s0, h)
     t0, t1 = torque + pull * f0, pull * grow
+    if a.law > 0:          # the other laws are integrated by extrapolation over short chunks (Adams–Bashforth)
+        t0 -= ca.law_force
+        t1 -= ca.law_force - ca.law_before
     glide = -cg.direction * cg.slip_weight * cg.slip_force
-    push = force + glide
+    push = force + glide - cg.law_force
     p, q = np.uint64(slot), np.uint64(level)
     o0 = _row(m, p, q, 0, state.current, omega0, v0, u, t0, t1, push)
     o1 = _row(m, p, q, 1, state.current, omega0, v0, u, t0, t1, push)
@@ -183,6 +186,9 @@ def _chunk(plant, state, work, u, slot, level):
         rise = -cg.direction * cg.slip_weight * (_slip_level(g, cg, out[O_V]) - cg.slip_force)
         for o in range(OUTPUTS):
             out[o] += m[slot, level, F1, o] * rise
+    if g.law > 0:
+        for o in range(OUTPUTS):
+            out[o] -= m[p, q, F1, o] * (cg.law_force - cg.law_before)
     event = _event(plant, state, out)
     if event and level < LEVELS - 1:
         return 0
@@ -265,6 +271,10 @@ def _event(plant, state, out):
 def _accept(plant, state, out, f1, s1, fade, slipping, h):
     """Take the tried chunk: new state, stretched blocks, relaxed slip force."""
     a, g, ca, cg = plant.actuator, plant.guideway, state.actuator, state.guideway
+    if a.law > 0:
+        follow_law(a, ca, state.omega * plant.per_gear, out[O_OMEGA] * plant.per_gear, h)
+    if g.law > 0:
+        follow_law(g, cg, state.v, out[O_V], h)
     state.current, state.omega, state.v = out[O_I], out[O_OMEGA], out[O_V]
     state.theta += out[O_THETA]
     state.x += out[O_X]

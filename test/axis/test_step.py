@@ -100,3 +100,42 @@ def test_coulomb_contact_holds_below_its_level_and_lets_go_above():
     hold = (20.3935 - 3.1648 - 0.5) / 35.150651
     assert np.ptp(respond(plant, np.full(2000, hold))["x"][1000:]) < 1e-9
     assert respond(plant, np.full(2000, hold + 1.0 / 35.15))["x"][-1] > 1e-3
+
+
+LAWS = {
+    "dahl": {"stiffness": (1.2, "N m/rad")},
+    "lugre": {"stiffness": (1.2, "N m/rad"), "damping": (1e-5, "N m s/rad")},
+    "elasto_plastic": {"stiffness": (1.2, "N m/rad"), "damping": (1e-5, "N m s/rad")},
+    "leuven": {"stiffness": ([1.0, 0.2], "N m/rad"), "weight": ([0.6, 0.4], "1")},
+    "hsieh_pan": {"stiffness": ([1.0, 0.2], "N m/rad"), "weight": ([0.6, 0.4], "1"), "creep_velocity": (1e-8, "rad/s"),
+                  "sharpness": (8.0, "1"), "hardening": (0.2, "N m/rad")},
+}
+
+
+NO_DROP = ("dahl", "hsieh_pan")
+
+
+def with_law(axis, law):
+    """The paper's axis with another law at the actuator."""
+    from microstage_ros.axis.axis_file import axis_from_dict
+
+    tree = axis.as_dict()
+    curve = {k: v for k, v in tree["contacts"]["actuator"].items()
+             if k in ("static", "viscous") or (law not in NO_DROP and k in ("coulomb", "stribeck_velocity", "stribeck_exponent"))}
+    own = {k: {"value": v, "unit": unit, "source": "estimate"} for k, (v, unit) in LAWS[law].items()}
+    tree["contacts"]["actuator"] = {"law": law, **curve, **own}
+    return axis_from_dict(tree)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_any_law_of_the_library_may_be_a_contact(axis, law):
+    """Holds below its limit, slides at the friction its steady curve says, the same at half the chunk."""
+    plant = make_plant(with_law(axis, law), NoiseSpec.none())
+    r = respond(plant, np.concatenate([np.full(1000, 0.05), np.full(5000, 2.0)]))
+    assert np.ptp(r["x"][700:1000]) < 3e-9
+    w = r["omega"][-1] / 19
+    top = 219e-6 if law in NO_DROP else 125.6e-6 + 93.4e-6 * np.exp(-((w / 0.18) ** 0.9))
+    assert r["torque_friction"][-1] == pytest.approx(top + 10.51e-6 * w, rel=2e-3)
+    plant["base_level"] = 6
+    finer = respond(plant, np.concatenate([np.full(1000, 0.05), np.full(5000, 2.0)]))
+    assert np.max(np.abs(finer["x"] - r["x"])) < 3e-8
