@@ -25,7 +25,10 @@ OFF_GRID = 0.05
 """Median distance from a whole count above which positions are not counts; chance gives 0.25."""
 
 MOST_MISSING = 0.5
-MOST_SATURATED = 0.5
+MOST_SATURATED = 0.9
+"""An axis in a limit cycle drives its amplifier from one limit to the other, and is worth looking at."""
+
+MOST_CLIPPED = 0.5
 FEW_SATURATED = 0.02
 FEW_COUNTS = 20
 """Travel, in counts, under which ratios of positions mean nothing."""
@@ -78,7 +81,8 @@ def check_record(record, bounds, minimum_s=1.0):
     if record.duration_s < minimum_s:
         raise InputError(f"{record.source}: length", f"{record.duration_s:.4g} s", f"at least {minimum_s:g} s")
     warnings = []
-    for check in (_period, _missing, _ranges, _constants, _counts, _position_units, _companions, _command, _current):
+    for check in (_period, _missing, _ranges, _constants, _counts, _position_units, _companions, _command, _current,
+                  _clipped):
         warnings += check(record, bounds)
     return warnings
 
@@ -225,3 +229,33 @@ def _current(record, bounds):
                 f"amperes, about {volts / bounds.resistance_ohm:.4g} for the voltage of this record through "
                 f"{bounds.resistance_ohm:g} ohm; mA for A, or the two columns in each other's place?")
     return []
+
+
+def _clipped(record, bounds):
+    """A sensor that stands at its largest or smallest value while what drives it goes on is at its end."""
+    command = "voltage_V" if "voltage_V" in record else "force_N"
+    pairs = [("current_A", command, 0.1 * span(record, command)), ("interferometer_m", "encoder_m", 200 * bounds.resolution_m),
+             ("encoder_m", "reference_m", 200 * bounds.resolution_m)]
+    told = []
+    for name, driver, least in pairs:
+        if name not in record or driver not in record or span(record, name) == 0:
+            continue
+        for extreme in (np.nanmin(record[name]), np.nanmax(record[name])):
+            share, moved = _standing(record, name, driver, extreme)
+            if share <= FEW_SATURATED or moved <= max(least, 0.1 * span(record, driver)):
+                continue
+            if share > MOST_CLIPPED and name != "encoder_m":
+                _refuse(record, name, f"{extreme:.6g} for {share:.0%} of the time",
+                        f"readings that follow {driver}; the sensor is at the end of its range")
+            told.append(f"{record.source}: {name} stands at {extreme:.6g} for {share:.0%} of the time, while {driver} "
+                        f"covers {moved:.3g}")
+    return told
+
+
+def _standing(record, name, driver, extreme):
+    """Share of the rows in which a sensor stands at a value, and what its driver covers in them."""
+    standing = np.flatnonzero(record[name] == extreme)
+    before = record[driver][np.maximum(standing - (1 if name == "current_A" else 0), 0)]
+    if len(standing) == 0 or np.isnan(before).all():
+        return 0.0, 0.0
+    return len(standing) / len(record), float(np.nanpercentile(before, 95) - np.nanpercentile(before, 5))

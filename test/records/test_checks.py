@@ -98,9 +98,20 @@ def test_celsius_short_and_millisecond_records_are_refused():
 def test_saturation_is_told_or_refused():
     columns = honest()
     little, much = np.clip(columns["voltage_V"] * 9, -6, 6), np.sign(columns["voltage_V"]) * 6
+    del columns["current_A"]
     assert "at the limit" in check({**columns, "voltage_V": little})[0]
     with pytest.raises(InputError, match="at the limit"):
         check({**columns, "voltage_V": much})
+
+
+@pytest.mark.parametrize("name, reach", [("current_A", 0.1), ("interferometer_m", 4e-4), ("encoder_m", 4e-4)])
+def test_a_sensor_at_the_end_of_its_range_is_told_or_refused(name, reach):
+    columns = honest()
+    told = check({**columns, name: np.clip(columns[name], -reach, reach)})
+    assert len(told) == 2 and all(f"{name} stands at" in words for words in told)
+    if name != "encoder_m":
+        with pytest.raises(InputError, match="end of its range"):
+            check({**columns, name: np.minimum(columns[name], -reach / 10)})
 
 
 def test_weak_points_are_told():
