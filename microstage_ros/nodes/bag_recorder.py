@@ -147,7 +147,7 @@ class BagRecorder(Node):
             return
         channel = self._bag.add_channel(name, definition, (offered,))
         fields = definition.fields
-        stamped = bool(fields) and fields[0].type == "std_msgs/Header"
+        stamped = name.startswith(self._prefix) and bool(fields) and fields[0].type == "std_msgs/Header"
         sequence_at = _sequence_place(definition) if kind.split("/")[-1] in SEQUENCE_AT else None
         self._tracks[name] = Track(self._servo.reader(_message_class(kind), name, qos), channel, stamped, sequence_at)
         self._readers = tuple(track.reader for track in self._tracks.values())

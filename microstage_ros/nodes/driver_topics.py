@@ -104,6 +104,4 @@ class DriverTopics:
         times = {"response_median_s": median, "response_p99_s": p99, "response_maximum_s": responses.maximum}
         status.values = [KeyValue(key=k, value=str(v)) for k, v in counters.items()] + [
             KeyValue(key=k, value=f"{v:.3g}") for k, v in times.items() if not math.isnan(v)]
-        array = DiagnosticArray(status=[status])
-        array.header.stamp = self._node.get_clock().now().to_msg()
-        self._diagnostics.publish(array)
+        self._diagnostics.publish(stamp(DiagnosticArray(status=[status]), time_ns, self._frame))
