@@ -1,6 +1,7 @@
 """Benchmarks of the compiled step, each beside peers that solve the same equations in the same run."""
 
 import os
+import resource
 import subprocess
 import sys
 import tempfile
@@ -8,7 +9,7 @@ import time
 
 import numpy as np
 
-from microstage_ros.axis.linear_core import forget
+from microstage_ros.axis import config_path
 from microstage_ros.axis.open_loop import COLUMNS, respond, respond_many, run_open_loop
 from microstage_ros.axis.peers import Equations, solve_with_runge_kutta, solve_with_scipy
 from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
@@ -20,6 +21,16 @@ RIDES = {
     "sliding": lambda t: 1.0 + 0.3 * np.sin(30 * t),
     "reversals through breakaway": lambda t: np.sin(30 * t),
 }
+
+
+def bench(axis, long=False):
+    """All rows {name, value, unit, note?}, as a generator; ``long`` steps 10^9 periods for the memory."""
+    yield from step_rows(axis)
+    yield noisy_row(axis)
+    yield ensemble_row(axis)
+    yield from peer_rows(axis)
+    yield memory_row(axis, 1_000_000_000 if long else 2_000_000)
+    yield from start_rows()
 
 
 def best_of(action, repeats=5):
@@ -102,14 +113,11 @@ def peer_rows(axis, periods=60):
     return rows
 
 
-def memory_row(axis, periods=20_000_000):
-    """Growth of the process's resident memory over many steps."""
-    import resource
-
+def memory_row(axis, periods=2_000_000):
+    """Growth of the process's resident memory over many steps, after the first have run."""
     plant = make_plant(axis)
     work, readings, nothing = new_work(), new_readings(), np.empty((0, len(COLUMNS)))
     state, voltage = new_state(plant), RIDES["sliding"](np.arange(100_000) * plant["period"])
-    forget(work)
     run_open_loop(plant, state, work, readings, voltage, nothing)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     for _ in range(periods // len(voltage)):
@@ -127,8 +135,6 @@ def start_rows():
         "from microstage_ros.axis.plant import make_plant\n"
         "respond(make_plant(load_axis(sys.argv[1])), [0.1] * 10); print(time.perf_counter() - t)"
     )
-    from microstage_ros.axis import config_path
-
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for name in ("first call, compiling", "first call, cached"):
