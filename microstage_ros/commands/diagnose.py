@@ -32,9 +32,9 @@ def main(argv=None):
     console = Console(stderr=True)
     if sys.stderr.isatty():
         with console.status("diagnosing …") as status:
-            report = diagnose_files(case, lambda text: status.update(f"diagnosing … {text}"))
+            report = diagnose_files(case, lambda text: status.update(f"diagnosing … {text}"), arguments.jobs)
     else:
-        report = diagnose_files(case)
+        report = diagnose_files(case, jobs=arguments.jobs)
     tell(report, arguments.out)
     return 0
 

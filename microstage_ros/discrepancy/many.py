@@ -34,19 +34,22 @@ class Case:
     seed: int = 0
 
 
-def diagnose_files(case, progress=None):
-    """Read the files of a `Case`, diagnose, write the answer. Returns the mapping of report.json."""
+def diagnose_files(case, progress=None, jobs=1):
+    """Read the files of a `Case`, diagnose, write the answer. Returns the mapping of report.json.
+
+    ``jobs``: threads inside this one case, where the way of diagnosing has use for them.
+    """
     axis = load_axis(case.axis)
     records, holdout, baseline = ([read_record(path) for path in paths] for paths in (case.records, case.holdout, case.baseline))
-    answer = diagnose_records(axis, records, holdout, baseline, case.seed, progress)
+    answer = diagnose_records(axis, records, holdout, baseline, case.seed, progress, jobs)
     sources = {"records": list(case.records), "holdout": list(case.holdout), "baseline": list(case.baseline)}
     return write_answer(answer, axis, case.out, sources)
 
 
-def diagnose_records(axis, records, holdout, baseline, seed, progress=None):
+def diagnose_records(axis, records, holdout, baseline, seed, progress=None, jobs=1):
     """`Diagnosis` by the way that suits the drive: force balance of a motor, or closed-loop re-simulation."""
     if axis.choices["drive.type"] == "force":
-        return diagnose_force_axis(axis, records, holdout, baseline, seed, progress)
+        return diagnose_force_axis(axis, records, holdout, baseline, seed, progress, jobs)
     return diagnosis.diagnose_case(axis, records, holdout, baseline, seed)
 
 

@@ -47,7 +47,8 @@ class Candidate:
     sentence: object
     shapes: tuple = ()
     grid: tuple = ()
-    stands_for: tuple = ()         # own parameters of the axis that would take its place if they were free
+    stands_for: tuple = ()         # own parameters of the axis that would take its place if they were free,
+    of: float = 1.0                # and the size of what it changes
 
     @property
     def fitted(self):
@@ -87,12 +88,14 @@ def own_candidates(axis):
     found = [
         Candidate("payload_change", "other mass", (Fitted("mass_kg", "kg", 0.02 * mass, -0.9 * mass, 20 * mass),),
                   lambda p: {"mass_kg": float(p[0])}, lambda p: f"The moving mass differs by {p[0]:+.3g} kg.",
-                  stands_for=("stage.mass",)),
+                  stands_for=("stage.mass",), of=mass),
         Candidate("gravity_tilt", "constant force", (Fitted("force_N", "N", 0.05 * level_N),),
                   lambda p: {"angle_rad": float(math.asin(np.clip(p[0] / mass / GRAVITY, -1, 1)))},
-                  lambda p: f"A constant force of {p[0]:.3g} N, as of a tilt of {1e3 * p[0] / mass / GRAVITY:.3g} mrad.", stands_for=offset),
+                  lambda p: f"A constant force of {p[0]:.3g} N, as of a tilt of {1e3 * p[0] / mass / GRAVITY:.3g} mrad.",
+                  stands_for=offset, of=level_N),
         Candidate("amplifier_offset", "constant voltage", (Fitted("offset_V", "V", 0.05 * level_N / gain),),
-                  lambda p: {"offset_V": float(p[0])}, lambda p: f"The amplifier is off zero by {1e3 * p[0]:.3g} mV.", stands_for=offset),
+                  lambda p: {"offset_V": float(p[0])}, lambda p: f"The amplifier is off zero by {1e3 * p[0]:.3g} mV.",
+                  stands_for=offset, of=level_N / gain),
         Candidate("amplifier_gain", "gain", (change,), lambda p: {"factor": float(1.0 + p[0])},
                   lambda p: f"The drive's gain differs by {p[0]:+.1%}."),
     ]

@@ -6,6 +6,7 @@ The model starts where the record starts, at its position and speed, with a cont
 the motion before the first row (the record may begin on the way). No noise is simulated.
 """
 
+import concurrent.futures
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,32 +93,32 @@ def _law_residual(axis, record, voltage, speed):
 
 
 class ClosedLoop:
-    """Re-simulates a list of `Measured` for any variant of one axis."""
+    """Re-simulates a list of `Measured` for any variant of one axis, with ``jobs`` threads (the loop is compiled)."""
 
-    def __init__(self, parts):
+    def __init__(self, parts, jobs=1):
         self.parts = parts
+        self._pool = concurrent.futures.ThreadPoolExecutor(jobs) if jobs > 1 else None
         self.force = np.concatenate([part.force for part in parts])
         self.position = np.concatenate([part.position for part in parts])
-        self._work, self._readings = new_work(), new_readings()
-        self.runs = 0
 
     def residual(self, axis):
         """Measured minus simulated force [N], all records one after the other, shape (rows,)."""
         return self.force - self.simulate(axis)[0]
 
+    def residuals(self, axes):
+        """`residual` of each of several axes, a list in their order."""
+        return list(self._pool.map(self.residual, axes)) if self._pool else [self.residual(axis) for axis in axes]
+
     def simulate(self, axis):
         """Force [N] and position [m] of the model, each of shape (rows,)."""
         plant = make_plant(axis.with_values({"sensors.encoder.resolution": 0.0}), noise=NoiseSpec.none())
-        traces = [self._run(plant, axis, part) for part in self.parts]
-        self.runs += len(traces)
-        trace = np.concatenate(traces)
+        trace = np.concatenate([self._run(plant, axis, part) for part in self.parts])
         return axis.value("drive.gain") * trace[:, VOLTAGE], trace[:, ENCODER]
 
     def _run(self, plant, axis, part):
         state = new_state(plant, position=part.position_at_start, speed=part.speed_at_start)
         controller = _primed(axis, part.position_at_start, part.speed_at_start)
         trace = np.empty((len(part), len(TRACE)))
-        self._work = new_work()
-        run_loop(plant, state, self._work, self._readings, controller.parameters, controller.memory, part.reference,
+        run_loop(plant, state, new_work(), new_readings(), controller.parameters, controller.memory, part.reference,
                  np.zeros(len(part)), part.disturbance, trace)
         return trace

@@ -14,14 +14,13 @@ from microstage_ros.discrepancy.resimulation.fit import BLOCK_S, Model, fit, sta
 from microstage_ros.discrepancy.resimulation.folds import (
     HELD_BACK, bootstrap_interval, make_folds, mean_square, noise_floor,
 )
-from microstage_ros.discrepancy.resimulation.selection import Selector
+from microstage_ros.discrepancy.resimulation.selection import AT_THE_FLOOR, Selector
 
-AT_THE_FLOOR = 1.25            # residual over floor up to which everything is accounted for
 OPEN = 0.1                     # share of a cause with rivals from which the whole verdict is open
 METRIC = "measured minus simulated force in closed loop, rms on time not fitted on"
 
 
-def diagnose_force_axis(axis, records, holdout=(), baseline=(), seed=0, progress=None):
+def diagnose_force_axis(axis, records, holdout=(), baseline=(), seed=0, progress=None, jobs=1):
     """Find what a force-driven axis file lacks.
 
     Parameters
@@ -30,7 +29,7 @@ def diagnose_force_axis(axis, records, holdout=(), baseline=(), seed=0, progress
     records, holdout, baseline : lists of `Record`. Without ``holdout`` the last 30 % of every record is
         held back. ``baseline`` (the axis while the model was right) re-identifies the axis's own numbers first.
     seed : of thresholds and intervals.
-    progress : function (text), or None.
+    progress : function (text), or None. jobs : threads that re-simulate.
 
     Returns
     -------
@@ -38,33 +37,35 @@ def diagnose_force_axis(axis, records, holdout=(), baseline=(), seed=0, progress
     """
     if not records:
         raise InputError("records", 0, "at least one record")
+    healthy = 0.0
     if baseline:
-        axis = _on_baseline(axis, baseline)
+        axis, healthy = _on_baseline(axis, baseline)
     parts = [measured(record, axis) for record in (*records, *holdout)]
     folds = make_folds(parts, [False] * len(records) + [True] * len(holdout))
-    loop = ClosedLoop(parts)
-    selector = Selector(loop, folds, axis.value("period"), progress)
+    loop = ClosedLoop(parts, jobs)
+    floor = max(noise_floor(parts, folds.period_rows), healthy)
+    selector = Selector(loop, folds, axis.value("period"), floor, progress)
     learnt = parts[: len(records)]
     selection = selector.select(Model.of(axis), own_candidates(axis), candidates(axis, learnt))
-    return _answer(axis, parts, folds, loop, selection, records, holdout, seed)
+    return _answer(axis, parts, folds, loop, selection, floor, records, holdout, seed)
 
 
 def _on_baseline(axis, baseline):
-    """The axis with its own numbers fitted to records of it while nothing was wrong."""
+    """The axis with its own numbers fitted to records of it while nothing was wrong, and what is left there [N]."""
     loop = ClosedLoop([measured(record, axis) for record in baseline])
-    model, _ = fit(loop, Model.of(axis), np.ones(len(loop.force), bool))
-    return model.extended
+    model, residual = fit(loop, Model.of(axis), np.ones(len(loop.force), bool))
+    return model.extended, float(np.sqrt(np.mean(residual**2)))
 
 
-def _answer(axis, parts, folds, loop, selection, records, holdout, seed):
-    period, last = axis.value("period"), selection.stages[-1]
-    floor = noise_floor(parts, folds.period_rows)
-    steps, before, after = _steps(selection, folds.held)
-    excess = max(before**2 - floor**2, 1e-12)
+def _answer(axis, parts, folds, loop, selection, floor, records, holdout, seed):
+    period, last = axis.value("period"), selection.final
+    before, after = (math.sqrt(mean_square(stage.residual, folds.held)) for stage in (selection.given, last))
+    shares, alone = _shares(selection, folds.held, floor)
     errors = standard_errors(last.columns[folds.learn], last.residual[folds.learn], int(BLOCK_S / period))
     causes, rivals, provisional, open_share = [], [], {}, 0.0
     for position, cause in enumerate(last.model.chosen):
-        found = _cause(cause, _errors_of(last.model, errors, position), steps[cause.candidate.id], excess)
+        found = _cause(cause, _errors_of(last.model, errors, position), shares[cause.candidate.id],
+                       Gain(alone[cause.candidate.id], after, "N"))
         alike = selection.rivals.get(found.id, [])
         if alike:
             ids = (found.id, *alike)
@@ -76,29 +77,30 @@ def _answer(axis, parts, folds, loop, selection, records, holdout, seed):
     causes.sort(key=lambda cause: -cause.share)
     own = np.flatnonzero(folds.held)
     coordinates = pictures.coordinates(parts, axis, own)
-    found = pictures.findings(coordinates, selection.stages[0].residual[own], last.residual[own], seed)
+    found = pictures.findings(coordinates, selection.given.residual[own], last.residual[own], seed)
     block = max(int(BLOCK_S / period), 1)
     gain = OverallGain(METRIC, "N", _held_names(records, holdout, parts), before, after, floor,
                        bootstrap_interval(last.residual[own], block, seed))
     names = [cause.candidate.id for cause in last.model.chosen]
     return Diagnosis(
         _verdict(causes, rivals, open_share, before, after, floor, found), tuple(causes), tuple(rivals), gain, found,
-        pictures.pictures(coordinates, selection.stages[0].residual[own], last.residual[own], names, folds.period_rows),
+        pictures.pictures(coordinates, selection.given.residual[own], last.residual[own], names, folds.period_rows),
         _notes(selection, folds, loop, before, after, own), seed, _identified(last.model, errors), provisional,
     )
 
 
-def _steps(selection, held):
-    """Rms on held-out time before and after every cause that stayed, and over all: ({id: (b, a)}, b, a)."""
-    steps, now = {}, math.sqrt(mean_square(selection.stages[0].residual, held))
-    before, kept = now, {cause.candidate.id for cause in selection.model.chosen}
-    for was, stage in zip(selection.stages, selection.stages[1:]):
-        added = {c.candidate.id for c in stage.model.chosen} - {c.candidate.id for c in was.model.chosen}
-        rms = math.sqrt(mean_square(stage.residual, held))
-        for name in added & kept:
-            steps[name] = (now, rms)
-        now = rms
-    return steps, before, now
+def _shares(selection, held, floor):
+    """({id: share}, {id: rms without it}) on held-out time.
+
+    The fall of the mean square from the axis as given to all causes, over what stood out of the noise, is
+    dealt out in proportion to what each cause alone saves when all the others are there.
+    """
+    final, given = mean_square(selection.final.residual, held), mean_square(selection.given.residual, held)
+    without = {name: mean_square(stage.residual, held) for name, stage in selection.without.items()}
+    saved = {name: max(value - final, 0.0) for name, value in without.items()}
+    removed = min(max(given - final, 0.0) / max(given - floor**2, 1e-300), 1.0)
+    total = max(sum(saved.values()), 1e-300)
+    return {name: removed * s / total for name, s in saved.items()}, {name: math.sqrt(v) for name, v in without.items()}
 
 
 def _errors_of(model, errors, position):
@@ -106,15 +108,14 @@ def _errors_of(model, errors, position):
     return errors[first: first + len(model.chosen[position].values)]
 
 
-def _cause(chosen, errors, step, excess):
-    """`Cause` of one chosen candidate; ``step``: rms before and after it was added."""
+def _cause(chosen, errors, share, gain):
+    """`Cause` of one chosen candidate."""
     candidate = chosen.candidate
     parameters = {fitted.name: Parameter(float(value), float(error), fitted.unit)
                   for fitted, value, error in zip(candidate.fitted, chosen.values, errors)}
     z = max(abs(value) / max(error, 1e-300) for value, error in zip(chosen.values, errors[: len(candidate.sizes)]))
-    share = float(np.clip((step[0] ** 2 - step[1] ** 2) / excess, 0.0, 1.0))
-    return Cause(candidate.id, parameters, chosen.effect, float(math.erf(z / math.sqrt(2.0))), share,
-                 Gain(step[0], step[1], "N"), "force", candidate.sentence(chosen.values))
+    return Cause(candidate.id, parameters, chosen.effect, float(math.erf(z / math.sqrt(2.0))), share, gain, "force",
+                 candidate.sentence(chosen.values))
 
 
 def _why(ids, found):
@@ -150,7 +151,7 @@ def _notes(selection, folds, loop, before, after, held):
         notes.append("The motion repeats itself: causes were also tested on parts of the motion left out in every "
                      "repetition, and the noise floor is what differs between repetitions.")
     positions = [loop.position[held] - loop.simulate(model.extended)[1][held]
-                 for model in (selection.stages[0].model, selection.model)]
+                 for model in (selection.given.model, selection.final.model)]
     rms = [1e6 * float(np.sqrt(np.mean(p**2))) for p in positions]
     notes.append(f"Position in closed loop: predicted to {rms[0]:.3g} µm rms with the axis file, {rms[1]:.3g} µm with the causes.")
     if after > before:

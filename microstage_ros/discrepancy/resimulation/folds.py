@@ -76,7 +76,7 @@ def make_folds(parts, held):
     time = [learn & (bounds == k) for k in range(PARTS)]
     motion = []
     if period and np.isfinite(phase[learn]).all():
-        motion = [learn & ((phase * PARTS).astype(int) == k) for k in range(PARTS)]
+        motion = [learn & (np.floor(phase * PARTS) == k) for k in range(PARTS)]
     return Folds(learn, ~learn, time, motion, period)
 
 

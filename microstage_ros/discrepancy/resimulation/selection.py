@@ -3,7 +3,8 @@
 A candidate is first screened with derivatives at the present model (a few re-simulations), the best ones
 are fitted. A candidate is kept if the mean square of the force falls on time left out and on parts of the
 motion left out (see `folds`) by more than a smallest gain, and if its size is far outside its own
-uncertainty. In the end every cause must still pay when it alone is taken out and all else is fitted again.
+uncertainty. In the end every cause must still pay when it alone is taken out and all else is fitted again;
+that difference is also what the cause is credited with.
 
 The axis's own numbers (mass, friction, offset) come first, with a larger smallest gain: they are named as a
 change only if that alone explains much; else they are fitted along with the causes, as re-identification.
@@ -17,11 +18,14 @@ from microstage_ros.discrepancy.resimulation.fit import BLOCK_S, fit, jacobian, 
 from microstage_ros.discrepancy.resimulation.folds import left_out_residual, mean_square
 
 SMALLEST_GAIN = 0.02           # of the mean square that is there: causes below it are not worth a name
-OWN_GAIN = 0.10                # the same for the axis's own numbers: a file's numbers may be a little off
+SMALLEST_SHARE = 0.01          # of what stood out of the noise when the selection began: the same, seen from there
+OWN_GAIN = 0.10                # smallest gain of a change of the axis's own numbers,
+OWN_CHANGE = 0.05              # and smallest change: a file's numbers may be a little off
 LARGEST_COUNT = 8              # causes
 CERTAIN = 4.0                  # size over standard error; with about 15 candidates a healthy axis passes in < 0.1 %
 LOOK_ALIKE = 0.15              # rivals differ in gain by less than this share of it
 REPLACED = 0.3                 # and gain less than this share of it on top of the chosen one
+AT_THE_FLOOR = 1.25            # residual over noise up to which there is nothing to explain
 REFITTED = 3                   # candidates fitted at every step
 
 
@@ -45,26 +49,24 @@ class Stage:
 class Selection:
     """What `Selector.select` found.
 
-    ``stages``: the axis as given, then with every cause added, then re-identified and checked (the last is
-    the answer). ``rivals``: {id: [ids that the records cannot tell from it]}. ``own``: what fitting the
-    axis's own numbers alone gives, a `Stage`.
+    ``given``, ``own``, ``final``: `Stage` of the axis as given, with its own numbers fitted, with all causes.
+    ``without``: {id: `Stage` without this cause, all else fitted again}. ``rivals``: {id: [ids that the records
+    cannot tell from it]}.
     """
 
-    stages: tuple
-    rivals: dict
+    given: Stage
     own: Stage
-
-    @property
-    def model(self):
-        """The model with all causes that stayed."""
-        return self.stages[-1].model
+    final: Stage
+    without: dict
+    rivals: dict
 
 
 class Selector:
     """Forward and backward selection over one closed loop."""
 
-    def __init__(self, loop, folds, period, progress=None):
-        self.loop, self.folds, self.progress = loop, folds, progress or (lambda text: None)
+    def __init__(self, loop, folds, period, floor, progress=None):
+        self.loop, self.folds, self.floor, self.progress = loop, folds, floor, progress or (lambda text: None)
+        self.excess = 0.0      # mean square above the noise where a forward selection begins
         self.block = max(int(BLOCK_S / period), 1)
 
     def stage(self, model, residual, known=None):
@@ -84,34 +86,37 @@ class Selector:
     def select(self, model, own_pool, pool):
         """Run the selection; ``model`` has all own parameters free; returns `Selection`."""
         keys = model.keys
-        given = model.holding(keys)
-        stages, rivals = [self.stage(given, self.loop.residual(given.extended))], {}
-        self.forward(stages, rivals, own_pool, OWN_GAIN)
-        named = {key for cause in stages[-1].model.chosen for key in cause.candidate.stands_for}
-        own = self.refit(given.freeing(keys))
-        if stages[-1].model.chosen and own.time < (1 - OWN_GAIN) * stages[-1].time or not stages[-1].model.chosen:
-            stages.append(self.refit(stages[-1].model.freeing([key for key in keys if key not in named])))
-        self.forward(stages, rivals, pool, SMALLEST_GAIN)
-        stages.append(self.refit(stages[-1].model))
-        stages.append(self.check_backward(stages[-1]))
-        return Selection(tuple(stages), rivals, own)
+        nominal = model.holding(keys)
+        given = self.stage(nominal, self.loop.residual(nominal.extended))
+        self.excess = max(given.time - self.floor**2, 0.0)
+        own = self.refit(model)
+        if given.time <= (AT_THE_FLOOR * self.floor) ** 2:
+            return Selection(given, own, given, {}, {})
+        rivals = {}
+        last = self.forward(given, rivals, own_pool, OWN_GAIN)
+        named = {key for cause in last.model.chosen for key in cause.candidate.stands_for}
+        last = self.refit(last.model.freeing([key for key in keys if key not in named]))
+        self.excess = max(last.time - self.floor**2, 0.0)
+        last = self.refit(self.forward(last, rivals, pool, SMALLEST_GAIN).model)
+        last, without = self.check_backward(last)
+        return Selection(given, own, last, without, rivals)
 
     def refit(self, model):
         """Fit everything anew."""
         return self.stage(*fit(self.loop, model, self.folds.learn))
 
-    def forward(self, stages, rivals, pool, smallest):
-        """Add causes from the pool as long as they pay; appends to ``stages``, fills ``rivals``."""
-        while len(stages[-1].model.chosen) < LARGEST_COUNT:
-            now = stages[-1]
+    def forward(self, now, rivals, pool, smallest):
+        """Add causes from the pool as long as they pay; fills ``rivals``, returns the last `Stage`."""
+        while len(now.model.chosen) < LARGEST_COUNT:
             trials = self.trials(now, pool)
             paying = [trial for trial in trials if self.pays(trial, now, smallest)]
             if not paying:
-                return
+                break
             best = paying[0]
             rivals[best.last.candidate.id] = self.look_alikes(best, trials, now)
-            stages.append(self.stage(best.model, best.residual))
+            now = self.stage(best.model, best.residual)
             self.progress(f"{best.last.candidate.id}: {np.sqrt(best.time):.3g} N on time left out")
+        return now
 
     def trials(self, now, pool):
         """Stages with one candidate more, the best screened ones fitted; best first by time left out."""
@@ -135,18 +140,20 @@ class Selector:
 
     def size_columns(self, now, candidate, shape):
         """Derivatives of the residual by the candidate's sizes about zero, shape (rows, sizes)."""
-        columns = np.empty((len(now.residual), len(candidate.sizes)))
-        for k, fitted in enumerate(candidate.sizes):
-            sizes = np.zeros(len(candidate.sizes))
-            sizes[k] = fitted.step
-            moved = now.model.with_cause(candidate, (*sizes, *shape)).extended
-            columns[:, k] = (self.loop.residual(moved) - now.residual) / fitted.step
-        return columns
+        steps = np.array([fitted.step for fitted in candidate.sizes])
+        moved = [now.model.with_cause(candidate, (*sizes, *shape)).extended for sizes in np.diag(steps)]
+        return (np.column_stack(self.loop.residuals(moved)) - now.residual[:, None]) / steps
 
     def pays(self, trial, now, smallest):
         """Whether the trial gains enough on both kinds of left-out parts, with certainty."""
-        return (trial.time < (1 - smallest) * now.time and trial.motion < (1 - smallest) * now.motion
-                and self.certainty(trial) > CERTAIN)
+        own = trial.last.candidate.stands_for and abs(trial.last.relative) < OWN_CHANGE
+        return not own and self.certainty(trial) > CERTAIN and self.gains(trial, now, smallest)
+
+    def gains(self, better, worse, smallest):
+        """Whether the mean square falls enough from one stage to the other, on time and on motion left out."""
+        enough = SMALLEST_SHARE * self.excess
+        return (worse.time - better.time > max(smallest * worse.time, enough)
+                and worse.motion - better.motion > smallest * worse.motion)
 
     def certainty(self, trial):
         """Largest size of the last cause over its standard error."""
@@ -170,10 +177,27 @@ class Selector:
         return found
 
     def check_backward(self, last):
-        """Take out each cause in turn and fit the rest again; drop those without which nothing is lost."""
-        for cause in last.model.chosen[:-1]:
-            smallest = OWN_GAIN if cause.candidate.stands_for else SMALLEST_GAIN
-            less = self.refit(last.model.without(cause.candidate.id))
-            if last.time > (1 - smallest) * less.time or last.motion > (1 - smallest) * less.motion:
-                last = self.refit(less.model.freeing(cause.candidate.stands_for)) if cause.candidate.stands_for else less
-        return last
+        """Take out each cause in turn and fit the rest again; drop those without which nothing is lost.
+
+        Returns the last `Stage` and {id: `Stage` without it} of the causes that stay.
+        """
+        without = {}
+        for cause in last.model.chosen:
+            name = cause.candidate.id
+            less = self.without(last, name)
+            if self.gains(last, less, OWN_GAIN if cause.candidate.stands_for else SMALLEST_GAIN):
+                without[name] = less
+            else:
+                self.progress(f"{name}: not needed")
+                return self.check_backward(self.refit(less.model.freeing(cause.candidate.stands_for)))
+        return last, without
+
+    def without(self, last, name):
+        """`Stage` of the last model without one cause, the rest fitted again with the derivatives at hand."""
+        keep, at = np.ones(last.columns.shape[1], bool), len(last.model.keys)
+        for cause in last.model.chosen:
+            if cause.candidate.id == name:
+                keep[at: at + len(cause.values)] = False
+            at += len(cause.values)
+        columns = last.columns[:, keep]
+        return self.stage(*fit(self.loop, last.model.without(name), self.folds.learn, columns), columns)
