@@ -4,6 +4,9 @@ from dataclasses import dataclass
 
 import yaml
 
+CUSTOM_DATA = "microstage"
+"""Name of the metadata record that holds the custom data from the start, for a bag that crashes."""
+
 FOREVER = {"sec": 9223372036, "nsec": 854775807}
 """An infinite duration, as rosbag2 writes it."""
 
@@ -48,8 +51,8 @@ class TopicInfo:
     qos: tuple
 
 
-def metadata_text(file_name, topics, counts, start_ns, end_ns, custom_data, ros_distro):
-    """Text of `metadata.yaml`.
+def metadata_of(file_name, topics, counts, start_ns, end_ns, custom_data, ros_distro):
+    """What `metadata.yaml` says, below its one key.
 
     Parameters
     ----------
@@ -63,7 +66,7 @@ def metadata_text(file_name, topics, counts, start_ns, end_ns, custom_data, ros_
     duration = 0 if start_ns is None else end_ns - start_ns
     span = {"starting_time": {"nanoseconds_since_epoch": start}, "duration": {"nanoseconds": duration},
             "message_count": messages}
-    information = {
+    return {
         "version": 9, "storage_identifier": "mcap",
         "duration": span["duration"], "starting_time": span["starting_time"], "message_count": messages,
         "topics_with_message_count": [
@@ -78,4 +81,13 @@ def metadata_text(file_name, topics, counts, start_ns, end_ns, custom_data, ros_
         "custom_data": dict(custom_data) or None,
         "ros_distro": ros_distro,
     }
-    return yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False, width=1 << 20)
+
+
+def folder_text(information):
+    """Text of `metadata.yaml`."""
+    return as_text({"rosbag2_bagfile_information": information})
+
+
+def as_text(information):
+    """Metadata as YAML; this alone, without the key above it, is what a bag's own `rosbag2` record holds."""
+    return yaml.safe_dump(information, sort_keys=False, width=1 << 20)

@@ -15,6 +15,7 @@ import numpy as np
 import yaml
 
 from microstage_ros.axis.errors import InputError
+from microstage_ros.records.bag_metadata import CUSTOM_DATA
 from microstage_ros.records.chunk import HEAD_BYTES, HEAD_DTYPE, LENGTH_BEFORE_PAYLOAD
 from microstage_ros.records.definition import installed_definition, parse_definition, service_event_text
 from microstage_ros.records.layout import NoFixedLayout, layout_of_message, layout_of_type
@@ -67,7 +68,7 @@ class Bag:
         self.cut_off = any(source.cut_off for source in self.sources)
         self.topics = {}
         for source in self.sources:
-            self.custom_data = {**source.metadata.get("microstage", {}), **self.custom_data}
+            self.custom_data = {**source.metadata.get(CUSTOM_DATA, {}), **_custom_data(source), **self.custom_data}
             for channel in source.channels.values():
                 schema = source.schemas.get(channel.schema_id)
                 kind, text, encoding = (schema.name, schema.data.decode("utf-8", "replace"), schema.encoding) \
@@ -260,6 +261,15 @@ def _with_times(layout):
         "offsets": [HEAD_DTYPE.fields["log_time"][1], HEAD_DTYPE.fields["publish_time"][1],
                     *(HEAD_BYTES + offset for _, offset in fields.values())],
         "itemsize": HEAD_BYTES + layout.size})
+
+
+def _custom_data(source):
+    """Custom data as the file's own copy of the folder's metadata holds it; empty if it has none."""
+    try:
+        about = yaml.safe_load(source.metadata["rosbag2"]["serialized_metadata"])
+        return dict(about["custom_data"])
+    except (KeyError, TypeError, ValueError, yaml.YAMLError):
+        return {}
 
 
 def _files_of(path):

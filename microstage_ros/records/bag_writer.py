@@ -12,7 +12,7 @@ from mcap.records import Channel, Schema
 
 from microstage_ros import __version__
 from microstage_ros.axis.errors import InputError
-from microstage_ros.records.bag_metadata import Qos, TopicInfo, metadata_text, qos_text
+from microstage_ros.records.bag_metadata import CUSTOM_DATA, Qos, TopicInfo, as_text, folder_text, metadata_of, qos_text
 from microstage_ros.records.chunk import HEAD_BYTES, OpenChunk
 from microstage_ros.records.mcap_sink import BagStopped, McapSink, open_file
 
@@ -25,9 +25,6 @@ CHUNK_NS = 1_000_000_000
 
 DEFAULT_QOS = (Qos(),)
 
-CUSTOM_DATA = "microstage"
-"""Name of the metadata record that holds the custom data from the start, for a bag that crashes."""
-
 
 class BagWriter:
     """Writes one bag.
@@ -36,7 +33,8 @@ class BagWriter:
     ----------
     path : a folder to make, or a file ending in `.mcap` for the file alone.
     custom_data : name to text that goes into the bag beside the messages: parameters, version,
-        seed, axis file.  `microstage_ros` (the version) is added.
+        seed, axis file.  `microstage_ros` (the version) is added; the attribute of this name takes
+        more until the bag is closed.
     compression : `zstd` (level 1, 23 bytes for a servo message of 98), `lz4` (33 bytes, half the
         effort) or an empty string.
     ros_distro : goes into the folder's metadata.
@@ -161,8 +159,8 @@ class BagWriter:
             return
         self._closed = True
         try:
-            self._close_chunk()
-            self._sink.add_metadata("rosbag2", {"serialized_metadata": self._metadata()})
+            self.flush()  # the metadata counts what is written
+            self._sink.add_metadata("rosbag2", {"serialized_metadata": as_text(self._metadata())})
         except BagStopped:
             pass  # told below, after the metadata of what was kept is written
         try:
@@ -177,15 +175,15 @@ class BagWriter:
 
     def _metadata(self):
         sink = self._sink
-        return metadata_text(self.file.name, self.topics, sink.counts, sink.start_time, sink.end_time,
-                             _texts(self.custom_data), self._ros_distro)
+        return metadata_of(self.file.name, self.topics, sink.counts, sink.start_time, sink.end_time,
+                           _texts(self.custom_data), self._ros_distro)
 
     def _write_metadata(self):
         """The folder's metadata; at the start too, so that a bag that crashes has one."""
         if self.folder is None:
             return
         try:
-            (self.folder / "metadata.yaml").write_text(self._metadata(), encoding="utf-8")
+            (self.folder / "metadata.yaml").write_text(folder_text(self._metadata()), encoding="utf-8")
         except OSError as error:
             if not self._closed:
                 raise InputError(self.folder, error.strerror, "a place that can be written") from None

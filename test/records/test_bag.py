@@ -129,6 +129,14 @@ def test_replay_is_in_order_of_time_across_chunks(tmp_path, monkeypatch):
     assert [time for _, time, _ in raw] == sorted(time for _, time, _ in raw)
 
 
+@pytest.mark.parametrize("place", ["bag", "bag.mcap"])
+def test_custom_data_may_come_late(tmp_path, place):
+    with BagWriter(tmp_path / place, {"seed": 1}) as bag:
+        bag.custom_data["parameters /axis/driver"] = "mode: paced\n"
+    assert Bag(tmp_path / place).custom_data["parameters /axis/driver"] == "mode: paced\n"
+    assert Bag(tmp_path / place).custom_data["seed"] == "1"
+
+
 def test_sets_of_bags(tmp_path):
     for name in ("a", "b"):
         write_bag(tmp_path / name, count=10)
@@ -162,7 +170,8 @@ def test_mcap_and_its_ros2_support_open_ours(tmp_path):
         assert summary.statistics.channel_message_counts == {1: 200, 2: 3}
         assert {schema.encoding for schema in summary.schemas.values()} == {"ros2msg"}
         described = {record.name: record.metadata for record in reader.iter_metadata()}
-        assert "rosbag2_bagfile_information" in described["rosbag2"]["serialized_metadata"]
+        own = yaml.safe_load(described["rosbag2"]["serialized_metadata"])
+        assert own["message_count"] == summary.statistics.message_count and own["storage_identifier"] == "mcap"
         assert len(list(reader.iter_messages(["/axis/servo"]))) == 200
     with open(file, "rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
