@@ -126,6 +126,7 @@ def stick_all(contact, c):
             c.stuck[j] = 1.0
     c.slip_weight = 0.0
     c.slip_force = 0.0
+    c.slip_slope = 0.0
     c.slip_offset = 1.0
     regroup(contact, c)
 

@@ -95,6 +95,7 @@ CONTACT_STATE = np.dtype([
     ("slip_force", f8),            # their common normalised force, sign removed
     ("slip_offset", f8),           # decay of the offsets since they were set
     ("direction", f8),             # sign of the slip
+    ("slip_slope", f8),            # df/dt over the last chunk in slip, to start the next from
     ("slip_limit", f8),            # λ s(w) at the end of the last chunk in slip
     ("law_state", f8, LAW), ("law_force", f8), ("law_before", f8), # of another law: state, force now and a chunk ago
     ("mask", i8),                  # bit j: block j sticks

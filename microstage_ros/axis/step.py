@@ -19,7 +19,7 @@ from microstage_ros.axis.linear_core import (
     F0, F1, I, O_I, O_OMEGA, O_OMEGA_MID, O_THETA, O_V, O_X, OMEGA, T0, T1, T2, TICKS, V, build_mode,
 )
 from microstage_ros.axis.records import LEVELS, OUTPUTS, SLOTS
-from microstage_ros.axis.slip import change_steady, decay, relax
+from microstage_ros.axis.slip import decay, relax
 from microstage_ros.axis.variability import vary
 
 BEND = 2e-3                    # largest second difference of s(w) over a chunk, of the static limit
@@ -159,7 +159,7 @@ def _chunk(plant, state, work, u, slot, level):
         s0 = ca.slip_limit if a.lag == 0.0 else _slip_level(a, ca, omega0 * per_gear)
         if math.isinf(a.attraction):
             f0 = s0
-        grow = change_steady(a.attraction, f0, s0, h)
+        grow = ca.slip_slope * h
     t0, t1 = torque + pull * f0, pull * grow
     if a.law > 0:          # the other laws are integrated by extrapolation over short chunks (Adams–Bashforth)
         t0 -= ca.law_force
@@ -192,7 +192,7 @@ def _chunk(plant, state, work, u, slot, level):
     event = _event(plant, state, out)
     if event and level < LEVELS - 1:
         return 0
-    _accept(plant, state, out, f1, s1, fade, slipping, h)
+    _accept(plant, state, out, f0, f1, s1, fade, slipping, h)
     return 2 if event else 1
 
 
@@ -268,7 +268,7 @@ def _event(plant, state, out):
 
 
 @compiled
-def _accept(plant, state, out, f1, s1, fade, slipping, h):
+def _accept(plant, state, out, f0, f1, s1, fade, slipping, h):
     """Take the tried chunk: new state, stretched blocks, relaxed slip force."""
     a, g, ca, cg = plant.actuator, plant.guideway, state.actuator, state.guideway
     if a.law > 0:
@@ -285,6 +285,7 @@ def _accept(plant, state, out, f1, s1, fade, slipping, h):
     if slipping:
         ca.slip_force = f1
         ca.slip_limit = s1
+        ca.slip_slope = (f1 - f0) / h
         ca.slip_offset *= fade
     if a.lag > 0.0:
         ca.lagged += (abs(state.omega) * plant.per_gear - ca.lagged) * (1.0 - decay(h / a.lag))
