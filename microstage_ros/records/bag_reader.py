@@ -26,6 +26,9 @@ THREADS = 2
 """Chunks unpacked at the same time."""
 
 FOREVER = 2**63 - 1
+LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+"""The safe loader in C where PyYAML has it: axis files and parameters make metadata long."""
+
 
 
 @dataclass
@@ -266,7 +269,7 @@ def _with_times(layout):
 def _custom_data(source):
     """Custom data as the file's own copy of the folder's metadata holds it; empty if it has none."""
     try:
-        about = yaml.safe_load(source.metadata["rosbag2"]["serialized_metadata"])
+        about = yaml.load(source.metadata["rosbag2"]["serialized_metadata"], LOADER)
         return dict(about["custom_data"])
     except (KeyError, TypeError, ValueError, yaml.YAMLError):
         return {}
@@ -285,7 +288,7 @@ def _files_of(path):
             raise InputError(path, "a folder without metadata.yaml and .mcap files", "a rosbag2 folder")
         return files, {}
     try:
-        about = yaml.safe_load(described.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
+        about = yaml.load(described.read_text(encoding="utf-8"), LOADER)["rosbag2_bagfile_information"]
         names, kind = about["relative_file_paths"], about["storage_identifier"]
     except (yaml.YAMLError, KeyError, TypeError, UnicodeDecodeError) as error:
         raise InputError(described, f"{type(error).__name__}: {str(error).splitlines()[0]}",
