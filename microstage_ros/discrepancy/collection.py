@@ -2,62 +2,70 @@
 
 import numpy as np
 
-from microstage_ros.discrepancy.catalogue import FORMS, forms_of
+from microstage_ros.discrepancy.catalogue import FORMS
 from microstage_ros.discrepancy.catalogue.form import Frame
 from microstage_ros.discrepancy.channels.command import Command
 from microstage_ros.discrepancy.channels.mechanical import DEFAULT_SPREADS, Mechanical, fit_spreads
 from microstage_ros.discrepancy.channels.position import Position
 from microstage_ros.discrepancy.channels.windup import Windup
 from microstage_ros.discrepancy.evidence import gather
-from microstage_ros.discrepancy.preparation import prepare
 from microstage_ros.discrepancy.selection import Evidences
 from microstage_ros.discrepancy.systematic import SYSTEMATIC
 
-
-def prepare_all(groups, drive):
-    """Prepared records of each group: ``groups`` is a mapping name → list of `Record`."""
-    return {name: [prepare(record, drive) for record in records] for name, records in groups.items()}
+GROUPS = ("learn", "held", "base")
 
 
-def channels_of(prepared, drive):
-    """The channels that a prepared record can fill, by name."""
+class Collection:
+    """Channels of all records in the groups ``learn``, ``held`` and ``base``, and what is common to them.
+
+    ``channels`` {group: [{name: channel}]}; ``spreads`` of the random friction (from the baseline).
+    """
+
+    def __init__(self, prepared, drive, fast_only=False):
+        every = [p for group in GROUPS for p in prepared[group]]
+        self.frame = Frame(drive, min(p.position.min() for p in every), max(p.position.max() for p in every),
+                           max(p.time[-1] for p in every))
+        self.prepared = prepared
+        self.channels = {group: [_channels(p, drive, fast_only) for p in prepared[group]] for group in GROUPS}
+        self.spreads = DEFAULT_SPREADS
+        healthy = [c["torque"] for c in self.channels["base"] if "torque" in c]
+        if healthy:
+            self.spreads = fit_spreads(healthy)
+        self.names = set.intersection(*({*c} for group in ("learn", "held") for c in self.channels[group]))
+
+    def gather(self, channel, forms, group):
+        """`Evidence` of one channel for some forms, summed over the records of a group; None if there are none."""
+        noise = {"spreads": self.spreads} if channel == "torque" else {}
+        total = None
+        for record in self.channels[group]:
+            if channel in record:
+                evidence = gather(record[channel], forms, self.frame, SYSTEMATIC.get(channel), **noise)
+                total = evidence if total is None else total + evidence
+        return total
+
+    def evidences(self, forms=FORMS):
+        """`Evidences` over all channels that learning and held-out records share."""
+        sums = {group: {} for group in GROUPS}
+        for name in sorted(self.names):
+            for group in GROUPS:
+                evidence = self.gather(name, [form for form in forms if form.channel == name], group)
+                if evidence is not None:
+                    sums[group][name] = evidence
+        scatter = {name: _scatter(sums["base"].get(name)) for name in self.names}
+        kept = [form for form in forms if form.channel in self.names]
+        return Evidences(sums["learn"], sums["held"], sums["base"], kept, scatter, self.frame)
+
+
+def _channels(prepared, drive, fast_only):
+    """The channels that a prepared record can fill, by name; the command channel alone if ``fast_only``."""
+    if fast_only:
+        return {"command": Command(prepared, drive)} if prepared.has_current else {}
     kinds = [Mechanical]
     if prepared.has_current:
-        kinds += [Command, Windup]
+        kinds.append(Windup)
     if prepared.interferometer is not None:
         kinds.append(Position)
     return {kind.name: kind(prepared, drive) for kind in kinds}
-
-
-def frame_of(groups, drive):
-    """`Frame` that spans all prepared records."""
-    every = [p for group in groups.values() for p in group]
-    return Frame(drive, min(p.position.min() for p in every), max(p.position.max() for p in every),
-                 max(p.time[-1] for p in every))
-
-
-def collect(groups, drive):
-    """`Evidences` from prepared groups ``learn``, ``held``, ``base``; with the channels of each record.
-
-    Returns (evidences, channels {group: [{name: channel}]}, frame).
-    """
-    frame = frame_of(groups, drive)
-    channels = {name: [channels_of(p, drive) for p in group] for name, group in groups.items()}
-    healthy = [c["torque"] for c in channels["base"]]
-    spreads = fit_spreads(healthy) if healthy else DEFAULT_SPREADS
-    sums = {}
-    for name, group in channels.items():
-        sums[name] = {}
-        for one in group:
-            for key, channel in one.items():
-                noise = {"spreads": spreads} if key == "torque" else {}
-                evidence = gather(channel, forms_of(key), frame, SYSTEMATIC.get(key), **noise)
-                sums[name][key] = sums[name][key] + evidence if key in sums[name] else evidence
-    common = set(sums["learn"]) & set(sums["held"])
-    scatter = {key: _scatter(sums["base"].get(key)) for key in common}
-    evidences = Evidences(*({k: v for k, v in sums[name].items() if k in common} for name in ("learn", "held", "base")),
-                          [form for form in FORMS if form.channel in common], scatter)
-    return evidences, channels, frame
 
 
 def _scatter(evidence):

@@ -15,7 +15,7 @@ from microstage_ros.discrepancy.motion import smooth_motion
 
 LEAST_ROWS = 5000
 FUSION = 41           # periods over which the position reading corrects the motor's travel
-INERTIAL = 101        # periods beyond which the back-EMF knows the motor's angle better than current and inertia
+TRAVEL_NOISE = 2.0e-8 # m: the back-EMF's travel is trusted below some 200 Hz, current and inertia above
 MOTOR_NOISE = 2.0e-9  # m, of the motor's position after that
 
 
@@ -25,7 +25,8 @@ class Prepared:
 
     ``answered`` is the voltage that current[n] answers (row n − 1, rounded as the converter rounds);
     ``settled`` the current after the winding's time constant, ``(i[n] − a i[n−1]) / (1 − a)``;
-    ``travel`` the motor's angle in metres of stage, slow parts from its back-EMF alone; ``position`` and ``speed`` the
+    ``travel`` the motor's angle in metres of stage, from back-EMF, current and inertia, without any position
+    reading; ``angle`` the same from the back-EMF alone; ``position`` and ``speed`` the
     motor's, in metres of stage, from all readings together; ``load`` the torque that friction and loads took;
     ``actuator`` and ``guideway`` the nominal frictions without viscosity [N m at the motor, N], ``stuck`` the
     share of the actuator's blocks that stick;
@@ -42,6 +43,7 @@ class Prepared:
     current: np.ndarray
     settled: np.ndarray
     travel: np.ndarray
+    angle: np.ndarray
     stage_position: np.ndarray
     position: np.ndarray
     speed: np.ndarray
@@ -61,8 +63,11 @@ class Prepared:
         return self.encoder if self.interferometer is None else self.interferometer
 
 
-def prepare(record, drive):
-    """`Prepared` from a `Record`.  Raises InputError for a record that is too short or lacks what is needed."""
+def prepare(record, drive, amplifier=None):
+    """`Prepared` from a `Record`.
+
+    ``amplifier(command, period)`` (n,) → (n,): what an amplifier that delays or lags makes of the command.
+    Raises InputError for a record that is too short or lacks what is needed."""
     n = len(record)
     if n < LEAST_ROWS:
         raise InputError(record.source, n, f"at least {LEAST_ROWS} rows")
@@ -77,6 +82,9 @@ def prepare(record, drive):
     rounded = np.round(columns["voltage_V"] / drive.converter_step) * drive.converter_step
     rounded = np.clip(rounded, -drive.voltage_limit, drive.voltage_limit)
     answered = np.concatenate([rounded[:1], rounded[:-1]])
+    off = (rounded == 0.0) & (answered == 0.0)
+    if amplifier is not None:
+        answered = amplifier(answered, period)
     keep = np.exp(-period * drive.resistance / drive.inductance)
     stage = columns.get("interferometer_m", columns["encoder_m"])
     if "current_A" in columns:
@@ -93,8 +101,8 @@ def prepare(record, drive):
     guideway, _ = replay(drive.guideway, stage_speed, period)
     motor = angle + triangle(stage + guideway / drive.stiffness - carried, FUSION)
     motion = smooth_motion(motor, settled, drive, period, MOTOR_NOISE)
-    # fast motion is known better from the current and the inertia: the back-EMF's noise would ring at the resonance
-    travel = motion.position + triangle(angle - motion.position, INERTIAL)
+    # fast motion is known better from current and inertia: the back-EMF's noise would ring at the resonance
+    travel = smooth_motion(angle, settled, drive, period, TRAVEL_NOISE).position
     screw_speed = motion.speed / drive.radius
     actuator, stuck = replay(drive.actuator, screw_speed, period)
     air = {name: _filled(record[name], name)[0] for name in
@@ -103,9 +111,9 @@ def prepare(record, drive):
         name=record.source, period=period, time=record["t_s"] - record["t_s"][0], encoder=columns["encoder_m"],
         interferometer=columns.get("interferometer_m"), reference=columns.get("reference_m", stage),
         answered=answered, current=current, settled=settled,
-        travel=travel, stage_position=position, position=motion.position, speed=motion.speed, stage_speed=stage_speed, load=motion.load,
+        travel=travel, angle=angle, stage_position=position, position=motion.position, speed=motion.speed, stage_speed=stage_speed, load=motion.load,
         actuator=actuator, stuck=stuck, guideway=guideway,
-        lost=lost, off=(rounded == 0.0) & (answered == 0.0),
+        lost=lost, off=off,
         has_current="current_A" in columns, air=air,
     )
 

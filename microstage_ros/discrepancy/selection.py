@@ -47,8 +47,9 @@ class Evidences:
     ``scatter`` {channel: factor ≥ 1}: χ² per row of healthy records, by which all χ² are divided.
     """
 
-    def __init__(self, learn, held, base, forms, scatter):
-        self.learn, self.held, self.base, self.forms, self.scatter = learn, held, base, forms, scatter
+    def __init__(self, learn, held, base, forms, scatter, frame):
+        self.learn, self.held, self.base, self.forms = learn, held, base, forms
+        self.scatter, self.frame = scatter, frame
 
     def gain(self, choices, extra=()):
         """Reduction of χ² on the learning records by these choices (and extra (channel, key) pairs)."""
@@ -151,10 +152,35 @@ def acceptable(evidences, trial, choices):
     share = np.mean([rows[form.channel] for form in trial.choice.forms])
     if trial.held < max(HELD_SHARE * share * trial.gain, 5.0):
         return False
+    if not _masses_agree(evidences, trial.choice, choices):
+        return False
     amplitude, stderr = evidences.amplitude_in_base(trial.choice, choices)
     if amplitude > 0.5 and stderr < 0.5:
         return False
     return misfit(evidences, trial.choice, [*choices, trial.choice]) < MISFIT and not _splinter(evidences, trial, choices)
+
+
+def _masses_agree(evidences, choice, choices):
+    """A payload shows in friction and in resonance with the same mass, or it is none."""
+    if choice.effect != "payload_change":
+        return True
+    masses = []
+    for form in choice.forms:
+        value, stderr, _ = sizes_of(evidences, choice, choices, form)[0]["mass_kg"]
+        masses.append((value, stderr))
+    if len(masses) < 2:
+        return choice.forms[0].channel == "torque"
+    (a, sa), (b, sb) = masses
+    return abs(a - b) < 4.0 * math.hypot(sa, sb) + 0.3 * max(abs(a), abs(b))
+
+
+def sizes_of(evidences, choice, others, form):
+    """(parameters, effect) of one form fitted beside the other choices on the learning records."""
+    evidence = evidences.learn[form.channel]
+    keys = Evidences._keys(form.channel, [c for c in others if c.effect != choice.effect])
+    beta, covariance, _ = evidence.fit([*keys, form.key])
+    n = _width(evidences, form.channel, form)
+    return form.sizes(beta[-n:], covariance[-n:, -n:] * evidences.scatter[form.channel], evidences.frame)
 
 
 def _splinter(evidences, trial, choices):

@@ -24,6 +24,7 @@ SYSTEMATIC = {
         ("drive_compliance", "1.2"): 0.15,
         ("drive_compliance", "0.48"): 0.03,
         ("drive_compliance", "2.49"): 0.05,
+        ("payload_change", "1.2"): 0.1,
         ("payload_change", "1.73"): 0.03,
         ("payload_change", "0.58"): 0.05,
     },

@@ -42,7 +42,23 @@ def _right(smallest):
     return lambda beta: (0.0 if smallest else 0.4) < beta[0] < 2.0
 
 
-FORMS = (
-    *(Form("transport_delay", "command", f"{d:g}", transport_delay(d), accept=_right(d == DELAYS[0])) for d in DELAYS),
-    *(Form("actuator_lag", "command", f"{t:g}", actuator_lag(t), accept=_right(t == LAGS[0])) for t in LAGS),
-)
+def _time_sizes(name, time):
+    def sizes(beta, covariance, frame):
+        value, stderr = float(beta[0] * time), float(abs(time) * np.sqrt(covariance[0, 0]))
+        return {name: (value, stderr, "s")}, {name: max(value, 0.0)}
+    return sizes
+
+
+def delay_form(periods, period=1e-4, anyway=False):
+    """The form of one delay."""
+    return Form("transport_delay", "command", f"{periods:g}", transport_delay(periods),
+                _time_sizes("delay_s", periods * period), None if anyway else _right(periods == DELAYS[0]))
+
+
+def lag_form(time, anyway=False):
+    """The form of one time constant."""
+    return Form("actuator_lag", "command", f"{time:g}", actuator_lag(time), _time_sizes("time_s", time),
+                None if anyway else _right(time == LAGS[0]))
+
+
+FORMS = (*map(delay_form, DELAYS), *map(lag_form, LAGS))

@@ -1,0 +1,88 @@
+"""Delay and lag of the amplifier: found first, from the fast part alone, and then taken into the input of all else."""
+
+import dataclasses
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from microstage_ros.discrepancy.catalogue.command import FORMS, delayed, delay_form, lag_form, lagged
+from microstage_ros.discrepancy.collection import Collection
+
+LEAST_GAIN = 60.0
+LEAST_TIME = 4.0e-6      # s: a few hundredths of a period are a matter of stamps
+CLEAR = 0.03             # relative difference of χ² by which delay and lag must differ
+
+
+@dataclasses.dataclass(frozen=True)
+class Slowness:
+    """What was found: ``effect`` with its time [s], χ² reductions, and whether the other one fits as well."""
+
+    effect: str
+    time: float
+    stderr: float
+    gain: float
+    held: float
+    held_before: float
+    held_rows: int
+    rival: bool
+    noise: float
+
+    def apply(self, command, period):
+        """The command as the slow amplifier passes it on."""
+        if self.effect == "transport_delay":
+            return delayed(command, self.time / period)
+        return lagged(command, self.time, period)
+
+
+def find_slowness(prepared, drive):
+    """`Slowness` of the amplifier, or None."""
+    fast = Collection(prepared, drive, fast_only=True)
+    if "command" not in fast.names:
+        return None
+    learn = fast.gather("command", FORMS, "learn")
+    trials = []
+    for form in FORMS:
+        beta, _, gain = learn.fit([form.key])
+        if form.accept(beta):
+            trials.append((gain, form, float(beta[0])))
+    best = {effect: max((t for t in trials if t[1].effect == effect), key=lambda t: t[0], default=None)
+            for effect in ("transport_delay", "actuator_lag")}
+    period = prepared["learn"][0].period
+    refined = [_refine(fast, trial, period) for trial in best.values() if trial and trial[0] > LEAST_GAIN]
+    refined = sorted((r for r in refined if r is not None), key=lambda r: -r[0])
+    if not refined or refined[0][2] < LEAST_TIME:
+        return None
+    gain, effect, time, stderr = refined[0]
+    form = _form(effect, time, period)
+    held = fast.gather("command", [form], "held")
+    held_gain = held.reduction([form.key], np.ones(1))
+    base = fast.gather("command", [form], "base")
+    if gain < LEAST_GAIN or held_gain < 0.2 * gain / max(len(prepared["learn"]), 1):
+        return None
+    if base is not None and base.reduction([form.key], np.ones(1)) > 0.3 * base.matrix[1, 1]:
+        return None
+    rival = len(refined) > 1 and refined[1][0] > gain - max(20.0, CLEAR * gain)
+    noise = float(np.mean([c["command"].noise for c in fast.channels["held"]]))
+    return Slowness(effect, time, stderr, gain, held_gain, held.energy(), held.rows, rival, noise)
+
+
+def _form(effect, time, period):
+    return delay_form(time / period, period, anyway=True) if effect == "transport_delay" else lag_form(time, anyway=True)
+
+
+def _refine(fast, trial, period):
+    """(gain, effect, time, stderr) at the time where β = 1 explains most."""
+    _, form, beta = trial
+    start = float(form.variant) * (period if form.effect == "transport_delay" else 1.0)
+
+    def loss(time):
+        one = _form(form.effect, float(time), period)
+        return -fast.gather("command", [one], "learn").reduction([one.key], np.ones(1))
+
+    low, high = (0.01 * start, 1.3 * start) if beta < 0.4 else (0.6 * start, 1.7 * start)
+    found = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": 2e-3 * start, "maxiter": 14})
+    time = float(found.x)
+    step = 0.02 * time
+    bend = (loss(time - step) + loss(time + step) - 2.0 * found.fun) / step**2
+    stderr = float(np.sqrt(2.0 / bend)) if bend > 0 else step
+    return -float(found.fun), form.effect, time, max(stderr, 1.0e-7)

@@ -1,0 +1,199 @@
+"""One axis, from its records to a `Diagnosis`.
+
+Order: records are prepared; the amplifier's slowness is found from the fast part alone and taken into
+the input; the channels' evidence is gathered; causes are selected forward and backward and their
+non-linear sizes refined; lines and late readings, which are matters of spectrum and scatter, are looked
+for apart; everything is judged on held-out records.
+"""
+
+import numpy as np
+
+from microstage_ros.axis.errors import InputError
+from microstage_ros.discrepancy import judge
+from microstage_ros.discrepancy.amplifier import find_slowness
+from microstage_ros.discrepancy.catalogue import FORMS
+from microstage_ros.discrepancy.collection import Collection
+from microstage_ros.discrepancy.diagnosis import Cause, Diagnosis, Gain, Parameter
+from microstage_ros.discrepancy.drive import drive_of
+from microstage_ros.discrepancy.lines import find_lines
+from microstage_ros.discrepancy.pictures import pictures_of
+from microstage_ros.discrepancy.preparation import prepare
+from microstage_ros.discrepancy.refinement import refine
+from microstage_ros.discrepancy.selection import select, sizes_of
+from microstage_ros.discrepancy.systematic import SYSTEMATIC
+from microstage_ros.discrepancy.timing import readings_late
+
+EFFECTS = tuple(sorted({form.effect for form in FORMS if form.named and form.channel != "command"}))
+GENERIC = tuple(form for form in FORMS if not form.named)
+
+
+def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
+    """Find what makes these records differ from the axis's model.
+
+    Parameters
+    ----------
+    axis : `Axis` of a voltage-driven screw, the model as it was right for the baseline.
+    records : list of `Record` to learn from.
+    holdout : records to judge on; without any, the last record is held back, or the last third of the only one.
+    baseline : records of the healthy axis, for the thresholds; may be empty.
+    seed : written into the result; nothing here is drawn at random.
+
+    Raises InputError for records that cannot be used.
+    """
+    drive = drive_of(axis)
+    records, holdout, notes = _hold_back(list(records), list(holdout))
+    groups = {"learn": records, "held": holdout, "base": list(baseline)}
+    if not baseline:
+        notes.append("No baseline was given: thresholds come from the model's own figures.")
+    prepared = {name: [prepare(record, drive) for record in group] for name, group in groups.items()}
+    slow = find_slowness(prepared, drive)
+    if slow is not None:
+        for name in ("learn", "held"):
+            prepared[name] = [prepare(record, drive, slow.apply) for record in groups[name]]
+    collection = Collection(prepared, drive)
+    evidences = collection.evidences([form for form in FORMS if form.channel != "command"])
+    choices, _ = select(evidences, EFFECTS)
+    rivals = {c.effect: judge.rivals_of(evidences, c, choices, EFFECTS) for c in choices}
+    final, choices = _final(collection, refine(collection, choices))
+    return _answer(collection, final, choices, rivals, slow, holdout, notes, seed)
+
+
+def _final(collection, choices):
+    """Evidence of the chosen, refined forms, the nameless shapes and the model's own errors only; and what still stands."""
+    own = [form for choice in choices for form in choice.forms]
+    keys = {(channel, key) for channel, table in SYSTEMATIC.items() for key in table}
+    more = [form for form in FORMS if (form.channel, form.key) in keys and form.key not in {f.key for f in own}]
+    final = collection.evidences([*own, *more, *GENERIC])
+    kept = [c for c in choices if judge.best_or_same(final, c, [o for o in choices if o is not c]).held > 0.0]
+    return final, kept
+
+
+def _answer(collection, evidences, choices, rivals, slow, holdout, notes, seed):
+    book = judge.ledger_of(evidences, choices, GENERIC)
+    found = judge.findings_of(evidences, choices, GENERIC)
+    units = _units(collection)
+    causes, unsure = [], []
+    for choice in choices:
+        others = rivals.get(choice.effect, [])
+        if others:
+            unsure.append(judge.rivals_entry([choice.effect, *others]))
+        else:
+            causes.append(_cause(evidences, choice, choices, units))
+    causes += _special_causes(collection, slow, book, unsure)
+    causes = _with_shares(causes, book)
+    left = judge.leftovers(found)
+    verdict = judge.verdict_of(causes, unsure, left, book, False)
+    return Diagnosis(
+        verdict=verdict, causes=tuple(causes), rivals=tuple(unsure),
+        gain=judge.overall_gain(book, [record.source for record in holdout]),
+        findings=tuple(sorted((f for f, _ in found), key=lambda f: -f.statistic / f.threshold)),
+        pictures=tuple(pictures_of(collection, evidences, choices, left)), notes=tuple(notes), seed=seed,
+    )
+
+
+def _cause(evidences, choice, choices, units):
+    """`Cause` of a selected effect; its share is filled in at the end."""
+    parameters, effect = {}, {}
+    for form in choice.forms:
+        fitted, entry = sizes_of(evidences, choice, choices, form)
+        for name, (value, stderr, unit) in fitted.items():
+            known = parameters.get(name)
+            if known is None or stderr < known.stderr:
+                parameters[name] = Parameter(value, stderr, unit)
+                effect |= {name: entry[name]} if name in entry else entry
+        effect = {**entry, **effect}
+    trial = judge.best_or_same(evidences, choice, [c for c in choices if c is not choice])
+    channel, gain = judge.cause_gain(evidences, choice, choices, units)
+    return Cause(choice.effect, parameters, effect, judge.probability_of(trial), 0.0, gain, channel)
+
+
+def _special_causes(collection, slow, book, unsure):
+    """Causes found outside the regression; their χ² is added to the book."""
+    causes = []
+    if slow is not None:
+        book.before += slow.held
+        book.parts[slow.effect] = slow.held
+        name = "delay_s" if slow.effect == "transport_delay" else "time_s"
+        if slow.rival:
+            unsure.append(judge.rivals_entry(["transport_delay", "actuator_lag"]))
+        else:
+            rms = [slow.noise * np.sqrt(v / slow.held_rows) for v in (slow.held_before, slow.held_before - slow.held)]
+            causes.append(Cause(slow.effect, {name: Parameter(slow.time, slow.stderr, "s")}, {name: slow.time}, 0.999, 0.0,
+                                Gain(float(rms[0]), float(rms[1]), "V"), "command"))
+    if "windup" in collection.names:
+        lines = find_lines(*([c["windup"] for c in collection.channels[g] if "windup" in c] for g in ("learn", "held", "base")))
+        if lines:
+            held = sum(line.held for line in lines)
+            book.before += held
+            book.parts["floor_vibration"] = held
+            causes.append(_vibration(lines))
+    late = readings_late(*(collection.prepared[g] for g in ("learn", "held", "base")))
+    if late is not None:
+        causes.append(_late(late, book))
+    return causes
+
+
+def _vibration(lines):
+    parameters = {}
+    for n, line in enumerate(lines, 1):
+        parameters[f"frequency_{n}_hz"] = Parameter(line.frequency, 0.02, "Hz")
+        parameters[f"amplitude_{n}_m"] = Parameter(line.amplitude, line.stderr, "m")
+    effect = {"frequencies_hz": [line.frequency for line in lines], "amplitudes_m": [line.amplitude for line in lines],
+              "phases_rad": [line.phase for line in lines]}
+    before = float(np.sqrt(sum(line.amplitude**2 for line in lines) / 2.0))
+    left = float(np.sqrt(sum(line.stderr**2 for line in lines)))
+    return Cause("floor_vibration", parameters, effect, 0.999, 0.0, Gain(before, left, "m"), "position")
+
+
+def _late(late, book):
+    """The cause ``sampling_jitter`` from scatter and repeated samples."""
+    taught, again = late
+    book.before += again.gain
+    book.parts["sampling_jitter"] = book.parts.get("sampling_jitter", 0.0) + again.gain
+    jitter, stderr = taught.jitter, taught.stderr / max(2.0 * taught.jitter, 1e-9)
+    parameters = {"jitter_s": Parameter(jitter, float(stderr), "s"),
+                  "lost_fraction": Parameter(taught.lost, float(np.sqrt(max(taught.lost, 1e-9) / 5.0e5)), "1")}
+    speed = 1.0e-3
+    return Cause("sampling_jitter", parameters, {"jitter_s": jitter, "lost_fraction": min(taught.lost, 0.5)}, 0.999, 0.0,
+                 Gain(float(np.sqrt(again.floor + (jitter * speed) ** 2)), float(np.sqrt(again.floor)), "m"), "position")
+
+
+def _with_shares(causes, book):
+    """Causes of one id merged, with their share of what stood out, the largest first."""
+    merged = {}
+    for cause in causes:
+        if cause.id in merged:
+            first = merged[cause.id]
+            cause = Cause(cause.id, {**first.parameters, **cause.parameters}, {**first.effect, **cause.effect},
+                          max(first.probability, cause.probability), 0.0, first.gain, first.channel)
+        merged[cause.id] = cause
+    total = max(book.excess, sum(book.parts.values()))
+    shared = [Cause(c.id, c.parameters, c.effect, c.probability, float(min(book.parts.get(c.id, 0.0) / total, 1.0)),
+                    c.gain, c.channel, c.sentence) for c in merged.values()]
+    return sorted(shared, key=lambda c: -c.share)
+
+
+def _units(collection):
+    """Factor from a standardised residual to the channel's unit, and that unit; torque is told as voltage."""
+    units = {}
+    for name in collection.names:
+        channels = [c[name] for c in collection.channels["held"]]
+        if name == "torque":
+            drive = channels[0].drive
+            size = np.mean([np.sqrt(np.median(c.white)) for c in channels])
+            units[name] = (float(size * drive.resistance / drive.torque_constant), "V")
+        else:
+            units[name] = (float(np.mean([c.scatter if name == "position" else c.noise for c in channels])), "m")
+    return units
+
+
+def _hold_back(records, holdout):
+    """Records to learn from and to judge on, and notes about what was held back."""
+    if not records:
+        raise InputError("records", "none", "at least one record to learn from")
+    if holdout:
+        return records, holdout, []
+    if len(records) > 1:
+        return records[:-1], records[-1:], [f"Held back for judging: {records[-1].source}."]
+    only, cut = records[0], int(len(records[0]) * 0.65)
+    return [only.rows(0, cut)], [only.rows(cut, len(only))], [f"Held back for judging: the last third of {only.source}."]

@@ -1,0 +1,168 @@
+"""Verdict, causes, shares and gain from what was selected, judged on held-out records."""
+
+import dataclasses
+import math
+
+import numpy as np
+from scipy.stats import chi2
+
+from microstage_ros.discrepancy.catalogue import CONTAINS
+from microstage_ros.discrepancy.diagnosis import Finding, Gain, OverallGain, Rivals
+from microstage_ros.discrepancy.experiments import experiment_for
+from microstage_ros.discrepancy.selection import LEVEL, Evidences, acceptable, best_forms
+
+RIVAL_MARGIN = 12.0     # χ² by which a cause must beat every other name
+RIVAL_SHARE = 0.02      # and share of its own gain
+LEFT_SHARE = 0.08       # of what stood out, above which something is left
+COORDINATES = {
+    "position": "position", "time": "time", "friction in time": "time", "velocity": "velocity", "speed": "velocity",
+    "acceleration": "acceleration", "voltage": "voltage", "direction": "direction",
+}
+#: Shapes that healthy axes show a little of, by factors on the threshold.
+LOOSE = {"generic:acceleration": 30.0, "generic:velocity": 3.0, "generic:friction in time": 3.0, "generic:time": 3.0}
+
+
+@dataclasses.dataclass
+class Ledger:
+    """χ² of the held-out records: before, after the causes, at the floor, rows; and each cause's own part."""
+
+    before: float = 0.0
+    after: float = 0.0
+    floor: float = 0.0
+    rows: int = 0
+    parts: dict = dataclasses.field(default_factory=dict)
+
+    @property
+    def excess(self):
+        """What stood out of the noise."""
+        return max(self.before - self.floor, 1e-9)
+
+
+def ledger_of(evidences, choices, generic):
+    """`Ledger` over the evidences' channels."""
+    book = Ledger()
+    for channel, held in evidences.held.items():
+        scale = evidences.scatter[channel]
+        keys = Evidences._keys(channel, choices)
+        beta, _, _ = evidences.learn[channel].fit(keys)
+        after = (held.energy() - held.reduction(keys, beta)) / scale
+        every = keys + [form.key for form in generic if form.channel == channel]
+        count = len(held.indices(every))
+        floor = (held.energy() - max(held.fit(every)[2] - count, 0.0)) / scale
+        book.before += held.energy() / scale
+        book.after += after
+        book.floor += min(floor, after)
+        book.rows += held.rows
+    for choice in choices:
+        others = [c for c in choices if c is not choice]
+        book.parts[choice.effect] = max(evidences.held_gain(choices) - evidences.held_gain(others), 0.0)
+    return book
+
+
+def rivals_of(evidences, choice, choices, effects):
+    """Other names that explain as much as this one: list of effect ids."""
+    others = [c for c in choices if c.effect != choice.effect]
+    own = best_or_same(evidences, choice, others)
+    found = []
+    for effect in effects:
+        if effect in {c.effect for c in choices} or effect in CONTAINS.get(choice.effect, ()):
+            continue
+        trial = best_forms(evidences, effect, others)
+        if trial is None or not acceptable(evidences, trial, others):
+            continue
+        lead = own.gain + own.held - 2 * own.sizes - (trial.gain + trial.held - 2 * trial.sizes)
+        if lead < max(RIVAL_MARGIN, RIVAL_SHARE * own.gain):
+            found.append(effect)
+    return found
+
+
+def best_or_same(evidences, choice, others):
+    """Gain of a choice as it stands beside the others."""
+    from microstage_ros.discrepancy.selection import Trial
+
+    gain = evidences.gain([*others, choice]) - evidences.gain(others)
+    held = evidences.held_gain([*others, choice]) - evidences.held_gain(others)
+    sizes = sum(len(evidences.learn[f.channel].indices([f.key])) for f in choice.forms)
+    return Trial(choice, gain, sizes, held)
+
+
+def findings_of(evidences, choices, generic):
+    """How strongly each channel's residual depends on each coordinate, before and after the causes."""
+    found = []
+    for form in generic:
+        learn = evidences.learn[form.channel]
+        count = len(learn.indices([form.key]))
+        before = evidences.channel_gain(form.channel, [], [(form.channel, form.key)])
+        after = evidences.channel_gain(form.channel, choices, [(form.channel, form.key)])
+        after -= evidences.channel_gain(form.channel, choices)
+        threshold = chi2.isf(1e-6, count) * LOOSE.get(form.effect, 1.5)
+        base = evidences.base.get(form.channel)
+        if base is not None:
+            usual = base.fit([form.key])[2] / evidences.scatter[form.channel]
+            threshold = max(threshold, 3.0 * usual * learn.rows / base.rows)
+        held = _held_part(evidences, form, choices)
+        found.append((Finding(form.channel, COORDINATES[form.effect.split(":")[1]], before / count, threshold / count,
+                              after / count), held))
+    return found
+
+
+def _held_part(evidences, form, choices):
+    """Reduction of held-out χ² by a nameless shape beside the causes."""
+    keys = Evidences._keys(form.channel, choices)
+    learn, held = evidences.learn[form.channel], evidences.held[form.channel]
+    with_shape = held.reduction([*keys, form.key], learn.fit([*keys, form.key])[0])
+    return (with_shape - held.reduction(keys, learn.fit(keys)[0])) / evidences.scatter[form.channel]
+
+
+def leftovers(found):
+    """Findings that stand after the causes were taken out, and on the held-out records too."""
+    return [finding for finding, held in found if finding.left > finding.threshold and held > 25.0]
+
+
+def verdict_of(causes, rivals, left, book, stands_out):
+    """One of `diagnosis.VERDICTS`.
+
+    ``left``: significant dependences that no cause explains; ``stands_out``: whether anything did before.
+    """
+    if rivals:
+        return "undetermined"
+    if not causes:
+        return "unexplained" if left or stands_out else "agrees"
+    remaining = (book.after - book.floor) / book.excess
+    if left and remaining > LEFT_SHARE:
+        return "partly_explained"
+    return "explained" if remaining < 0.3 else "partly_explained"
+
+
+def overall_gain(book, names):
+    """`OverallGain` as root mean square of the standardised residual, with the interval of after."""
+    rows = max(book.rows, 1)
+    before, after, floor = (math.sqrt(max(v, 0.0) / rows) for v in (book.before, book.after, book.floor))
+    half = 1.96 / math.sqrt(2.0 * rows) * after
+    return OverallGain("rms of the residual over its noise, all channels", "1", tuple(names), before, after, floor,
+                       (after - half, after + half))
+
+
+def rivals_entry(ids):
+    """`Rivals` with the run file that separates them."""
+    names = " and ".join(ids)
+    why = f"{names} leave the same trace in these records: neither fits the held-out record better than the other."
+    return Rivals(tuple(ids), why, experiment_for(ids))
+
+
+def probability_of(trial):
+    """Probability that a cause is real, from its significance over some hundred candidates (at most 0.999)."""
+    return float(np.clip(1.0 - math.exp(min(trial.log_p - LEVEL, 0.0)) * 0.1, 0.5, 0.999))
+
+
+def cause_gain(evidences, choice, choices, units):
+    """`Gain` of one cause in the channel where it shows most: rms before and after, in the channel's unit."""
+    others = [c for c in choices if c is not choice]
+    best = max({f.channel for f in choice.forms},
+               key=lambda ch: evidences.held_gain(choices, [ch]) - evidences.held_gain(others, [ch]))
+    held, (factor, unit) = evidences.held[best], units[best]
+    energy = held.energy() / evidences.scatter[best]
+    before = energy - evidences.held_gain(others, [best])
+    after = energy - evidences.held_gain(choices, [best])
+    rms = lambda value: factor * math.sqrt(max(value, 0.0) / max(held.rows, 1))
+    return best, Gain(rms(before), rms(after), unit)

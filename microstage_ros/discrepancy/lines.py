@@ -1,0 +1,116 @@
+"""Narrow lines in position while the stage rests: floor vibration.
+
+The residual is stage against motor (the wind-up channel), which is white once whitened, so that its
+periodogram over the resting parts has the same exponential distribution at every frequency; a line
+must stand in all learning records together, again in the held-out ones, and not in the baseline.
+"""
+
+import dataclasses
+
+import numpy as np
+
+REST_SPEED = 2.0e-5        # m/s
+LOWEST, HIGHEST = 4.0, 900.0   # Hz
+LEAST_POWER = 32.0         # of summed periodograms in units of their mean; e^-32 times 10⁵ frequencies
+LEAST_AMPLITUDE = 3.0e-10  # m
+MOST = 6
+
+
+@dataclasses.dataclass(frozen=True)
+class Line:
+    """Frequency [Hz], amplitude [m] with standard error, phase [rad] in the first learning record, and the χ² it holds."""
+
+    frequency: float
+    amplitude: float
+    stderr: float
+    phase: float
+    learned: float
+    held: float
+
+
+class Spectrum:
+    """Whitened resting residual of one record and its periodogram."""
+
+    def __init__(self, windup):
+        p = windup.prepared
+        white = windup.whiten(windup.mean(p.stage - p.angle)[:, None])[0][:, 0]
+        self.time = windup.time
+        self.step = windup.time[1] - windup.time[0]
+        slow = np.convolve(np.abs(windup.speed), np.ones(101) / 101, "same") < REST_SPEED
+        steady = np.convolve(np.abs(np.gradient(windup.speed, self.step)), np.ones(101) / 101, "same") < 0.05
+        self.mask = slow & steady
+        self.mask[:400] = False
+        self.values = np.where(self.mask, np.clip(white, -6.0, 6.0), 0.0)
+        self.count = max(int(self.mask.sum()), 1)
+        scale = np.sqrt(np.mean(self.values[self.mask] ** 2)) if self.mask.any() else 1.0
+        self.values = self.values / max(scale, 1e-12)
+        self.windup, self.scale = windup, scale
+
+    def gain(self, frequency):
+        """What one metre of a line becomes in the whitened values, complex."""
+        ratio = (self.windup.walk / self.windup.noise) ** 2
+        p = 0.5 * (ratio + np.sqrt(ratio**2 + 4.0 * ratio))
+        z = np.exp(-2j * np.pi * frequency * self.step)
+        return (1.0 - z) / (1.0 - z / (1.0 + p)) / (self.windup.noise * np.sqrt(1.0 + p)) / self.scale
+
+    def power(self, length):
+        """Periodogram in units of its mean, and its frequencies, on a grid common to all records."""
+        return np.abs(np.fft.rfft(self.values, length)) ** 2 / self.count, np.fft.rfftfreq(length, self.step)
+
+    def fit(self, frequency):
+        """Complex amplitude of a line and the χ² that it takes out."""
+        wave = np.exp(2j * np.pi * frequency * self.time) * self.mask
+        z = 2.0 * np.vdot(wave, self.values) / self.count
+        return z, np.abs(z) ** 2 * self.count / 2.0
+
+    def remove(self, frequency):
+        """Take a line out of the values."""
+        z, _ = self.fit(frequency)
+        self.values = self.values - np.where(self.mask, (z * np.exp(2j * np.pi * frequency * self.time)).real, 0.0)
+
+
+def find_lines(learn, held, base):
+    """Lines in the wind-up channels of these records: list of `Line`, the strongest first."""
+    learn, held, base = ([Spectrum(w) for w in group] for group in (learn, held, base))
+    if not learn or min(s.count for s in learn) < 500:
+        return []
+    length = 2 ** int(np.ceil(np.log2(2 * max(len(s.values) for s in [*learn, *held, *base]))))
+    found = []
+    for _ in range(MOST):
+        total = sum(s.power(length)[0] for s in learn)
+        frequency = learn[0].power(length)[1]
+        total[(frequency < LOWEST) | (frequency > HIGHEST)] = 0.0
+        at = int(np.argmax(total))
+        near = total[max(at - 400, 0): at + 400]
+        if total[at] < LEAST_POWER * max(np.median(near) / (1.68 if len(learn) > 1 else 0.69), 1.0):
+            break
+        line = _judge(float(_peak(frequency, total, at)), learn, held, base)
+        for spectrum in (*learn, *held, *base):
+            spectrum.remove(float(frequency[at]) if line is None else line.frequency)
+        if line is not None:
+            found.append(line)
+    return found
+
+
+def _peak(frequency, power, at):
+    """Frequency of a peak by a parabola through three points."""
+    a, b, c = power[at - 1], power[at], power[at + 1]
+    return frequency[at] + 0.5 * (a - c) / (a - 2.0 * b + c) * (frequency[1] - frequency[0])
+
+
+def _judge(frequency, learn, held, base):
+    """A `Line` if held-out records have it too and the baseline has not."""
+    fits = [s.fit(frequency) for s in learn]
+    sizes = [abs(z / s.gain(frequency)) for (z, _), s in zip(fits, learn)]
+    errors = [np.sqrt(2.0 / s.count) / abs(s.gain(frequency)) for s in learn]
+    size = float(np.mean(sizes))
+    stderr = float(np.hypot(np.mean(errors) / np.sqrt(len(learn)), np.std(sizes) / np.sqrt(len(learn))))
+    if stderr > 0.2 * size or size < LEAST_AMPLITUDE:
+        return None
+    if held and sum(s.fit(frequency)[1] for s in held) < 20.0 * len(held):
+        return None
+    if base and np.mean([abs(s.fit(frequency)[0] / s.gain(frequency)) for s in base]) > 0.5 * size:
+        return None
+    phase = float(np.angle(fits[0][0] / learn[0].gain(frequency)) + np.pi / 2.0)
+    return Line(frequency, size, stderr, phase, float(sum(f[1] for f in fits)),
+                float(sum(s.fit(frequency)[1] for s in held)))

@@ -1,0 +1,79 @@
+"""Scatter of the encoder that grows with speed, and samples that stand twice: readings at the wrong time.
+
+In blocks of some milliseconds: variance of (encoder − smoothed stage), by its third differences, = a + τ² v². The random lateness
+τ is the jitter; a sample that was lost repeats the reading before it.
+"""
+
+import dataclasses
+
+import numpy as np
+
+BLOCK = 20
+FREEDOM = 0.33 * BLOCK   # of a block's mean square of third differences, which are correlated
+MOST_SPEED = 3.0e-3      # m/s: faster, smooth errors no longer drop out
+LEAST_SPEED = 8.0e-5     # m/s: slower, the encoder's rounding is not averaged out
+LEAST_LOST = 5.0e-4      # share of repeated samples
+
+
+@dataclasses.dataclass(frozen=True)
+class Timing:
+    """Jitter variance τ² [s²] with standard error, share of lost samples, and χ² that the jitter explains."""
+
+    variance: float
+    stderr: float
+    lost: float
+    gain: float
+    floor: float
+
+    @property
+    def jitter(self):
+        """τ [s]."""
+        return float(np.sqrt(max(self.variance, 0.0)))
+
+    @property
+    def significance(self):
+        """Standard errors that the variance lies above zero."""
+        return self.variance / self.stderr
+
+
+def timing_of(prepared):
+    """`Timing` of some prepared records together."""
+    spreads, speeds = [], []
+    repeated = samples = 0
+    for p in prepared:
+        error = p.encoder - p.stage_position
+        # third differences: what is smooth from sample to sample (sub-divisional error) drops out
+        rough = np.diff(error, 3) / np.sqrt(20.0)
+        rows = len(rough) // BLOCK * BLOCK
+        speed = np.abs(p.speed[:rows].reshape(-1, BLOCK))
+        steady = np.ptp(speed, axis=1) < 0.1 * speed.mean(axis=1) + 2.0e-5
+        good = steady & (speed.mean(axis=1) > LEAST_SPEED) & (speed.mean(axis=1) < MOST_SPEED)
+        spreads.append((rough[:rows].reshape(-1, BLOCK) ** 2).mean(axis=1)[good])
+        speeds.append(speed.mean(axis=1)[good])
+        same = (np.diff(p.encoder) == 0.0) & (np.diff(p.current) == 0.0) & (p.current[1:] != 0.0)
+        repeated, samples = repeated + int(same.sum()) + int(p.lost.sum()), samples + len(same)
+    lost = repeated / max(samples, 1)
+    spread, square = np.concatenate(spreads), np.concatenate(speeds) ** 2
+    if len(spread) < 100:
+        return Timing(0.0, 1.0, lost, 0.0, 0.0)
+    weight = np.full(len(spread), 1.0 / np.median(spread) ** 2)
+    for _ in range(3):
+        design = np.stack([np.ones(len(square)), square], axis=1)
+        inner = np.linalg.inv(design.T @ (design * weight[:, None]))
+        a, b = inner @ (design.T @ (spread * weight))
+        weight = 1.0 / np.maximum(a + max(b, 0.0) * square, 0.2 * a) ** 2
+    stderr = float(np.sqrt(inner[1, 1] * 2.0 / FREEDOM))
+    explained = float(max(b, 0.0) * (square.sum()) / a * FREEDOM)
+    return Timing(float(b), stderr, lost, explained, float(a))
+
+
+def readings_late(learn, held, base):
+    """(Timing of the learning records, of the held-out ones) if jitter or lost samples stand out, else None."""
+    taught, again = timing_of(learn), timing_of(held)
+    healthy = timing_of(base) if base else None
+    usual = max(healthy.variance, 0.0) if healthy else 0.0
+    usual_lost = healthy.lost if healthy else 0.0
+    scattered = (taught.significance > 6.0 and again.significance > 2.0 and taught.variance > 4.0 * usual
+                 and taught.jitter > 5.0e-7)
+    lost = taught.lost > LEAST_LOST + 3.0 * usual_lost and again.lost > 0.3 * taught.lost
+    return (taught, again) if scattered or lost else None
