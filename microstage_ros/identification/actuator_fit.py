@@ -12,6 +12,7 @@ UNITS = ("N m", "N m", "rad/s", "1", "N m s/rad")
 FEWEST_REPEATS = 4  # below, scatter between repeats says nothing
 FEWEST_SPEEDS = 8  # different by a fifth; five parameters and some to judge them by
 RESAMPLES = 200
+GRID_ERROR = 1e-3  # share of a value that the common grid of the repeats may put off
 SLIDING_EXPERIMENT = "constant speeds of the output from 0.03 to 16 rad/s in both directions, in eight or more repeats, would"
 BLOCKS_EXPERIMENT = "slow reversals (2 mrad/s of the output, 30 mrad each way) at four or more places would"
 PARTS = {
@@ -23,21 +24,37 @@ PARTS = {
 }
 
 
-def condense(speed, friction, spread):
-    """One point per speed (1 %): mean speed, mean friction, its standard deviation; speeds > 0."""
-    label = np.round(np.log(speed) / 0.01).astype(int)
-    _, member, count = np.unique(label, return_inverse=True, return_counts=True)
-    return (np.bincount(member, speed) / count, np.bincount(member, friction) / count,
-            np.sqrt(np.bincount(member, spread**2)) / count)
+def by_unit(speed, friction, spread, unit):
+    """Mean friction of each unit (repeat) at each speed (1 %); speeds > 0.
+
+    Returns
+    -------
+    speeds, shape (s,); friction, shape (units, s), NaN where a unit has none; standard deviation of the mean over
+    all units, shape (s,), from their scatter where three or more have the speed.
+    """
+    _, column = np.unique(np.round(np.log(speed) / 0.01).astype(int), return_inverse=True)
+    _, row = np.unique(unit, return_inverse=True)
+    shape = row.max() + 1, column.max() + 1
+    cell = row * shape[1] + column
+    count = np.bincount(cell, minlength=shape[0] * shape[1]).reshape(shape)
+    with np.errstate(invalid="ignore"):
+        means = np.bincount(cell, friction, shape[0] * shape[1]).reshape(shape) / count
+    here = (count > 0).sum(axis=0)
+    per_speed = np.bincount(column)
+    deviation = np.sqrt(np.bincount(column, spread**2)) / per_speed
+    for j in np.flatnonzero(here >= 3):
+        deviation[j] = np.nanstd(means[:, j], ddof=1) / np.sqrt(here[j])
+    typical = np.median(deviation[here >= 3]) if (here >= 3).any() else 0.0
+    return np.bincount(column, speed) / per_speed, means, np.maximum(deviation, 0.3 * typical)
 
 
-def identify_sliding(features, seed, contact="actuator"):
+def identify_sliding(features, seed, contact="actuator", resamples=RESAMPLES):
     """Stribeck curve by direction and pooled (the nominal one of the axis file).
 
     Parameters
     ----------
     features : `actuator.Features` with steady points.
-    seed : of the bootstrap.
+    seed, resamples : of the bootstrap.
 
     Returns
     -------
@@ -59,7 +76,7 @@ def identify_sliding(features, seed, contact="actuator"):
     rows = []
     for name, mask in (("both", np.ones(len(speed), bool)), ("ω > 0", speed > 0), ("ω < 0", speed < 0)):
         try:
-            fit = _bootstrap_curve(np.abs(speed[mask]), np.abs(friction[mask]), spread[mask], unit[mask], seed)
+            fit = _bootstrap_curve(np.abs(speed[mask]), np.abs(friction[mask]), spread[mask], unit[mask], seed, resamples)
         except InputError:
             continue
         pooled = pooled or fit
@@ -77,16 +94,16 @@ def identify_sliding(features, seed, contact="actuator"):
     return result
 
 
-def _bootstrap_curve(speed, friction, spread, unit, seed):
-    labels = np.unique(unit)
-    members = [np.flatnonzero(unit == label) for label in labels]
-    first = fit_stribeck(*condense(speed, friction, spread))[0]
+def _bootstrap_curve(speed, friction, spread, unit, seed, resamples):
+    speeds, means, deviation = by_unit(speed, friction, spread, unit)
 
-    def estimator(chosen):
-        rows = np.concatenate([members[k] for k in chosen])
-        return fit_stribeck(*condense(speed[rows], friction[rows], spread[rows]), first=first)[0]
+    def estimator(chosen, first=None):
+        part = means[chosen]
+        seen = np.isfinite(part).any(axis=0)
+        return fit_stribeck(speeds[seen], np.nanmean(part[:, seen], axis=0), deviation[seen], first=first)[0]
 
-    return bootstrap(estimator, len(labels), seed, RESAMPLES)
+    first = estimator(np.arange(len(means)))
+    return bootstrap(lambda chosen: estimator(chosen, first), len(means), seed, resamples)
 
 
 def _sliding_curve(speed, friction, values, covariance):
@@ -102,12 +119,12 @@ def _sliding_curve(speed, friction, values, covariance):
 
 
 def identify_presliding(loadings, repeat, seed, contact="actuator", units=("N m/rad", "rad", "N m"), reading="blocks",
-                        experiment=BLOCKS_EXPERIMENT, count=None):
+                        experiment=BLOCKS_EXPERIMENT, count=None, resamples=RESAMPLES // 2):
     """Maxwell-slip blocks of a contact from repeats of first loading.
 
     Parameters
     ----------
-    loadings : list of `Loading`. repeat : the repeat each belongs to. seed : of the bootstrap.
+    loadings : list of `Loading`. repeat : the repeat each belongs to. seed, resamples : of the bootstrap.
     units : of stiffness, displacement and force. reading : ``blocks`` or ``segment_slopes``, as the axis file.
     count : number of blocks; None lets the data choose (`choose_count`).
 
@@ -124,8 +141,8 @@ def identify_presliding(loadings, repeat, seed, contact="actuator", units=("N m/
             result.add(Estimate(key, float("nan"), unit, determined=False,
                                 remark=f"not determined by these records ({len(labels)} repeats of first loading); {experiment}"))
         return result
-    chosen, errors = choose_count(loadings)
-    count = count or chosen
+    chosen, errors = choose_count(loadings) if count is None else (count, {})
+    count = chosen
     blocks, factors = identify_blocks(loadings, count)
     size = len(blocks.stiffness)
     members = [np.flatnonzero(np.asarray(repeat) == label) for label in labels]
@@ -133,19 +150,22 @@ def identify_presliding(loadings, repeat, seed, contact="actuator", units=("N m/
 
     def estimator(chosen):
         rows = np.concatenate([members[k] for k in chosen])
-        found, _ = identify_blocks([loadings[r] for r in rows], size, blocks.slip_displacement)
+        found, _ = identify_blocks([loadings[r] for r in rows], size, blocks, factors[rows] / factors.mean())
         if len(found.stiffness) != size:
             found = blocks
         return np.concatenate([*found.reading(reading), [found.static], found.curve(grid)])
 
-    values, stderr, low, high, covariance = bootstrap(estimator, len(labels), seed, RESAMPLES // 2)
+    values, stderr, low, high, covariance = bootstrap(estimator, len(labels), seed, resamples)
+    stderr, widen = np.hypot(stderr, GRID_ERROR * values), GRID_ERROR * np.abs(values)
+    low, high = low - 1.96 * widen, high + 1.96 * widen
     parts = (slice(0, size), slice(size, 2 * size), slice(2 * size, 2 * size + 1))
     for key, part, unit in zip(keys, parts, (units[0], "1", units[2])):
         pick = [array[part].tolist() for array in (values, stderr, low, high)]
         pick = [p[0] for p in pick] if part.stop - part.start == 1 else pick
         result.add(Estimate(key, pick[0], unit, *pick[1:], method="bootstrap over repeats"))
     _tables(result, contact, blocks, values, low, high, errors, units, reading)
-    result.remarks.append(f"{contact}: {size} blocks ({chosen} by the data); repeats differ by {np.std(factors):.1%} (standard deviation).")
+    how = "chosen by the data" if errors else "as asked"
+    result.remarks.append(f"{contact}: {size} blocks ({how}); repeats differ by {np.std(factors):.1%} (standard deviation).")
     places, mean = mean_curve(grid, collapse(loadings, factors / factors.mean(), grid))
     curve = slice(2 * size + 1, None)
     result.curves.append(Curve(f"First loading of the {contact}", f"displacement [{units[1]}]", f"friction [{units[2]}]", places, mean,
@@ -164,5 +184,6 @@ def _tables(result, contact, blocks, values, low, high, errors, units, reading):
     header = ("block", f"k [{units[0]}]", "α", f"slips at [{units[1]}]", f"segment slope K [{units[0]}]", "segment share",
               f"95 % of {'k' if reading == 'blocks' else 'K'}", "95 % of the weight")
     result.tables.append((f"Maxwell-slip blocks of the {contact}, both readings of the paper's tables", header, rows))
-    result.tables.append((f"Number of blocks of the {contact}", ("blocks", f"held-out rms [{units[2]}]"),
-                          [(n, f"{e:.4g}") for n, e in errors.items()]))
+    if errors:
+        result.tables.append((f"Number of blocks of the {contact}", ("blocks", f"held-out rms [{units[2]}]"),
+                              [(n, f"{e:.4g}") for n, e in errors.items()]))

@@ -214,14 +214,15 @@ def _rough_fit(loadings):
     return fit_blocks(*mean_curve(grid, collapse(loadings, statics / statics.mean(), grid)), 6)[0]
 
 
-def identify_blocks(loadings, count, first=None):
+def identify_blocks(loadings, count, blocks=None, factors=None):
     """Blocks of the mean of registered repeats.
 
     Parameters
     ----------
     loadings : list of `Loading`.
     count : number of blocks.
-    first : break points [q] to start from.
+    blocks, factors : of an earlier call on the same repeats, for resamples: its break points are the start and
+        its factors the registration.
 
     Returns
     -------
@@ -234,13 +235,13 @@ def identify_blocks(loadings, count, first=None):
     if not loadings or any(len(loading.displacement) < 2 * count for loading in loadings):
         raise InputError("virgin curve", f"{len(loadings)} repeats", f"repeats of at least {2 * count} points each")
     grid = common_grid(loadings)
-    if first is None:
-        factors, passes = register(loadings, _rough_fit(loadings)), 2
-    else:
-        factors, passes = np.array([loading.force[-1] for loading in loadings]), 1
-    for _ in range(passes):
-        factors = factors / factors.mean()
-        blocks, _ = fit_blocks(*mean_curve(grid, collapse(loadings, factors, grid)), count, first)
-        first = None if len(blocks.stiffness) < count else blocks.slip_displacement
+    if blocks is not None:
+        # factors are levels relative to the earlier mean curve: the resample's own mean is what varies
+        level = factors.mean()
+        found, _ = fit_blocks(*mean_curve(grid, collapse(loadings, factors, grid)), count, blocks.slip_displacement)
+        return Blocks(found.stiffness, found.weight, found.static * level), factors
+    factors = register(loadings, _rough_fit(loadings))
+    for _ in range(2):
+        blocks, _ = fit_blocks(*mean_curve(grid, collapse(loadings, factors / factors.mean(), grid)), count)
         factors = register(loadings, blocks)
     return blocks, factors
