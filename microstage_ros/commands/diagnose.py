@@ -11,6 +11,7 @@ from rich.progress import Progress
 from microstage_ros.axis.errors import InputError
 from microstage_ros.discrepancy.many import Case, cases_of, diagnose_files, diagnose_many
 from microstage_ros.discrepancy.page import headline
+from microstage_ros.report.plots import quantity
 
 DESCRIPTION = """\
 Compares measured records with the model of an axis file, names the physical cause of what differs, and writes
@@ -93,7 +94,8 @@ def tell(report, folder):
         print(f"  open: {' or '.join(rivals['ids'])}; {rivals['experiment']} would tell")
     gain = report["gain"]
     if gain:
-        print(f"  {gain['metric']}: {gain['before']:.3g} {gain['unit']} before, {gain['after']:.3g} after "
-              f"(95 %: {gain['ci95'][0]:.3g} … {gain['ci95'][1]:.3g}), noise {gain['floor']:.3g}")
+        before, after, floor, low, high = (quantity(v, gain["unit"]) for v in (
+            gain["before"], gain["after"], gain["floor"], *gain["ci95"]))
+        print(f"  {gain['metric']}: {before} before, {after} after (95 %: {low} … {high}), noise {floor}")
         print(f"  held out: {', '.join(gain['records'])}")
     print(f"  {pathlib.Path(folder) / 'report.html'}")

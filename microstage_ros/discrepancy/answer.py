@@ -11,6 +11,7 @@ from microstage_ros.axis.errors import InputError
 from microstage_ros.discrepancy.experiment import separating_run
 from microstage_ros.discrepancy.extended import write_extended
 from microstage_ros.discrepancy.page import write_page
+from microstage_ros.discrepancy.words import sentence_of
 
 FORMAT = 1
 
@@ -66,7 +67,7 @@ def _cause(cause):
         "share": _plain(cause.share),
         "gain": {"before": _plain(cause.gain.before), "after": _plain(cause.gain.after), "unit": cause.gain.unit},
         "channel": cause.channel,
-        "sentence": cause.sentence,
+        "sentence": cause.sentence or sentence_of(cause.id, cause.parameters),
     }
 
 

@@ -8,6 +8,7 @@ thousand of them need no more memory than the few that run.
 import concurrent.futures
 import dataclasses
 import multiprocessing
+import os
 import pathlib
 
 from microstage_ros.axis.axis_file import load_axis
@@ -99,7 +100,7 @@ def diagnose_many(cases, jobs=1, scheduler=None):
         for case in cases:
             yield case, _attempt(case)
     else:
-        yield from _on_cores(cases, jobs)
+        yield from on_cores(cases, _attempt, jobs)
 
 
 def _attempt(case):
@@ -110,11 +111,17 @@ def _attempt(case):
         return error
 
 
-def _on_cores(cases, jobs):
-    """Fresh processes (nothing of a multithreaded parent is inherited); a few cases ahead, not all."""
+def on_cores(cases, work, jobs):
+    """Yield (case, work(case)) as they end, from fresh processes; a few cases ahead, not all.
+
+    Nothing of a multithreaded parent is inherited; each process computes with one thread, unless the
+    environment says otherwise.
+    """
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
     context = multiprocessing.get_context("spawn")
     with concurrent.futures.ProcessPoolExecutor(jobs, mp_context=context) as pool:
-        yield from _as_they_end(iter(cases), lambda case: pool.submit(_attempt, case), AHEAD * jobs,
+        yield from _as_they_end(iter(cases), lambda case: pool.submit(work, case), AHEAD * jobs,
                                 lambda running: concurrent.futures.wait(
                                     running, return_when=concurrent.futures.FIRST_COMPLETED).done)
 

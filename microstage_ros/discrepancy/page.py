@@ -59,7 +59,7 @@ def _more(report):
 
 def _key_figures(gain):
     unit = gain["unit"]
-    low, high = (quantity(v, unit) if v is not None else "–" for v in gain["ci95"])
+    low, high = (quantity(v, unit) for v in gain["ci95"])
     return [("Residual before", quantity(gain["before"], unit), "axis file as given, held-out records"),
             ("Residual after", quantity(gain["after"], unit), f"with the causes; 95 %: {low} … {high}"),
             ("Noise", quantity(gain["floor"], unit), "no model can go below")]

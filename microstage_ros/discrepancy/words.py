@@ -1,5 +1,10 @@
 """The catalogue in a technician's words: what an effect is called, and what one does about it."""
 
+from microstage_ros.report.plots import quantity
+
+MOST = 3                       # sizes told in a sentence
+SUFFIXES = ("_rad", "_m", "_s", "_kg", "_N_m", "_Nm", "_V", "_hz", "_N", "_K", "_Pa", "_m_s")
+
 #: id: (name, what to do next)
 WORDS = {
     "direction_asymmetry": ("Friction differs between directions",
@@ -52,3 +57,19 @@ def name_of(cause_id):
 def advice_for(cause_id):
     """What to do next about an effect."""
     return WORDS.get(cause_id, ("", ""))[1]
+
+
+def sentence_of(cause_id, parameters):
+    """Name and sizes in one sentence; ``parameters``: {name: `diagnosis.Parameter`}."""
+    told = [f"{_plain(name)} {quantity(number.value, number.unit, stderr=number.stderr)}"
+            for name, number in list(parameters.items())[:MOST]]
+    more = f" and {len(parameters) - MOST} more sizes" if len(parameters) > MOST else ""
+    return f"{name_of(cause_id)}: {', '.join(told)}{more}." if told else f"{name_of(cause_id)}."
+
+
+def _plain(name):
+    """A parameter's name without its unit: ``width_rad`` as ``width``."""
+    for suffix in sorted(SUFFIXES, key=len, reverse=True):
+        if name.endswith(suffix) and len(name) > len(suffix):
+            return name[: -len(suffix)].replace("_", " ")
+    return name.replace("_", " ")

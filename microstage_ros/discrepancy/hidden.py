@@ -1,0 +1,113 @@
+"""What a campaign hides in an axis: every effect of the catalogue, drawn with its own seed, and things outside it.
+
+Sizes are those that a person would call clearly visible on the paper's axis; ``strength`` scales them.
+Where an effect is a function (of position, of time), a random smooth function is drawn and not the one
+that the analysis fits.
+"""
+
+import numpy as np
+
+from microstage_ros.discrepancy.cases import Hidden
+
+
+def _either_sign(generator, low, high):
+    return float(generator.uniform(low, high) * generator.choice([-1.0, 1.0]))
+
+
+def _smooth_profile(generator, relative):
+    """Friction factors over ±6 mm: a smooth random function of the given standard deviation."""
+    x = np.linspace(-6e-3, 6e-3, 41)
+    wave = sum(generator.normal() * np.sin(2 * np.pi * x / length + generator.uniform(0, 2 * np.pi))
+               for length in generator.uniform(0.8e-3, 6e-3, 6))
+    wave *= relative / wave.std()
+    return {"positions_m": x.tolist(), "factors": np.clip(1.0 + wave, 0.3, 2.0).tolist()}
+
+
+#: id: function (generator, strength) → the effect's section.
+DRAWS = {
+    "direction_asymmetry": lambda g, s: {"asymmetry": _either_sign(g, 0.1 * s, 0.25 * s)},
+    "position_dependent_friction": lambda g, s: _smooth_profile(g, g.uniform(0.08, 0.2) * s),
+    "rising_static_friction": lambda g, s: {"rate_per_decade": g.uniform(0.1, 0.3) * s},
+    "frictional_lag": lambda g, s: {"time_s": g.uniform(0.01, 0.05) * s},
+    "presliding_creep": lambda g, s: {"amplitude_m": g.uniform(2e-8, 1e-7) * s, "time_s": g.uniform(0.02, 0.1)},
+    "viscous_change": lambda g, s: {"factor": 1.0 + g.uniform(0.4, 2.0) * s},
+    "nonlinear_viscous": lambda g, s: {"coefficient": g.uniform(1.5e-5, 4e-5) * s, "exponent": g.uniform(1.7, 2.3)},
+    "friction_level_change": lambda g, s: {"factor": 1.0 + _either_sign(g, 0.12 * s, 0.3 * s)},
+    "backlash": lambda g, s: {"width_rad": g.uniform(0.006, 0.03) * s},
+    "drive_compliance": lambda g, s: {"stiffness_factor": 1.0 / (1.0 + g.uniform(4.0, 30.0) * s)},
+    "screw_pitch_error": lambda g, s: {"amplitude_m": g.uniform(1e-6, 4e-6) * s, "phase_rad": g.uniform(0, 6.28)},
+    "torque_ripple": lambda g, s: {"amplitude_Nm": g.uniform(8e-6, 3e-5) * s, "phase_rad": g.uniform(0, 6.28)},
+    "payload_change": lambda g, s: {"mass_kg": g.uniform(2.0, 6.0) * s},
+    "gravity_tilt": lambda g, s: {"angle_rad": _either_sign(g, 0.03 * s, 0.12 * s)},
+    "cable_spring": lambda g, s: {"stiffness_N_m": g.uniform(250.0, 1500.0) * s, "anchor_m": _either_sign(g, 0, 2e-3)},
+    "amplifier_offset": lambda g, s: {"offset_V": _either_sign(g, 0.015 * s, 0.05 * s)},
+    "amplifier_deadband": lambda g, s: {"half_width_V": g.uniform(0.01, 0.05) * s},
+    "amplifier_gain": lambda g, s: {"factor": 1.0 + _either_sign(g, 0.05 * s, 0.15 * s)},
+    "resistance_rise": lambda g, s: {"rise_per_joule": g.uniform(0.05, 0.2) * s, "time_s": g.uniform(5.0, 30.0)},
+    "transport_delay": lambda g, s: {"delay_s": g.uniform(1.5e-4, 5e-4) * s},
+    "actuator_lag": lambda g, s: {"time_s": g.uniform(1.5e-4, 6e-4) * s},
+    "sampling_jitter": lambda g, s: {"late_s": g.uniform(2e-4, 6e-4) * s, "lost_fraction": g.uniform(0.0, 0.02)},
+    "encoder_sde": lambda g, s: {"amplitude1_m": g.uniform(1e-8, 5e-8) * s, "phase1_rad": g.uniform(0, 6.28),
+                                 "amplitude2_m": g.uniform(0, 1e-8) * s},
+    "scale_error": lambda g, s: {"relative": _either_sign(g, 5e-5 * s, 3e-4 * s)},
+    "thermal_drift": lambda g, s: {"amplitude_m": _either_sign(g, 1e-7 * s, 6e-7 * s), "time_s": g.uniform(3.0, 15.0)},
+    "refractive_index": lambda g, s: {"path_m": g.uniform(0.2, 0.6), "temperature_swing_K": g.uniform(0.5, 2.0) * s,
+                                      "pressure_swing_Pa": g.uniform(50.0, 300.0) * s},
+    "floor_vibration": lambda g, s: {"frequencies_hz": [g.uniform(15, 90)], "amplitudes_m": [g.uniform(4e-8, 2e-7) * s]},
+}
+
+
+def one(name, generator, strength=1.0):
+    """`Hidden` with one effect of the catalogue."""
+    return Hidden(name, (name,), {name: DRAWS[name](generator, strength)})
+
+
+def two(names, generator, strength=1.0):
+    """`Hidden` with two effects at once."""
+    return Hidden("+".join(names), tuple(names), {name: DRAWS[name](generator, strength) for name in names})
+
+
+def outside(kind, generator, strength=1.0):
+    """`Hidden` with something that the catalogue does not hold."""
+    return OUTSIDE[kind](generator, strength)
+
+
+def _friction_bursts(generator, strength):
+    """Friction that jumps up for some tenths of a second now and then (dirt)."""
+    times = np.sort(generator.uniform(0.0, 30.0, 25))
+    height = generator.uniform(0.3, 0.6) * strength
+    state = {"level": None}
+
+    def change(plant, _, time):
+        if state["level"] is None:
+            state["level"] = float(plant["actuator"]["level"])
+        burst = bool(np.any((time >= times) & (time < times + 0.25)))
+        plant["actuator"]["level"] = state["level"] * (1.0 + height * burst)
+
+    return Hidden("friction bursts", change=change, outside=True)
+
+
+def _swinging_force(generator, strength):
+    """A force on the stage that swings in time (a hose, an air flow)."""
+    size, frequency = generator.uniform(0.5, 1.5) * strength, generator.uniform(0.6, 1.7)
+
+    def change(plant, _, time):
+        plant["offset_force"] = size * np.sin(2 * np.pi * frequency * time)
+
+    return Hidden("swinging force", change=change, outside=True)
+
+
+def _supply_sag(generator, strength):
+    """An amplifier whose gain breathes with a slow supply."""
+    size, frequency = generator.uniform(0.08, 0.2) * strength, generator.uniform(0.2, 0.6)
+    state = {"gain": None}
+
+    def change(plant, _, time):
+        if state["gain"] is None:
+            state["gain"] = float(plant["gain"])
+        plant["gain"] = state["gain"] * (1.0 + size * np.sin(2 * np.pi * frequency * time))
+
+    return Hidden("supply that breathes", change=change, outside=True)
+
+
+OUTSIDE = {"friction bursts": _friction_bursts, "swinging force": _swinging_force, "supply that breathes": _supply_sag}
