@@ -15,6 +15,7 @@ from microstage_ros.identification.virgin_curve import Loading, loading_from_sam
 
 QUASI_STATIC = 0.03  # a branch is slow if its speed is below this share of the Stribeck velocity
 BRANCH_EDGE = 300.0  # low-pass of angle and torque on a slow branch [Hz]
+JUMP = 2.0  # rows faster than this many times the branch's speed are left out
 STRAIGHT = 0.3  # share of the force up to which a branch is one straight line
 SLIDING_TRAVEL = 1.5  # steady points count from this many slip displacements after the start
 
@@ -94,15 +95,16 @@ def _branch(signals, start, stop, direction):
     # at the turn the speed is none and the friction, for a moment, the static one
     displacement = 0.5 * direction * (angle[turn:stop] - angle[turn])
     force = 0.5 * direction * (torque[turn:stop] - torque[turn])
-    # the low-pass rounds the corner at the turn: nothing is said of the way covered in its time, and the
-    # origin is where the straight beginning of the branch meets no force
+    # the low-pass rounds the peak of the force at the turn: nothing is said of the way covered in its time, and
+    # force is counted from where the straight beginning of the branch meets no displacement
     speed = abs(np.polyfit(np.arange(len(displacement)) * signals.period, displacement, 1)[0])
     clear = np.maximum.accumulate(displacement) > speed / edge
     straight = clear & (force < STRAIGHT * force.max())
     if straight.sum() > 10:
-        slope, intercept = np.polyfit(displacement[straight], force[straight], 1)
-        displacement = displacement + intercept / max(slope, 1e-300)
-    return loading_from_samples(displacement[clear], force[clear], 0.5 * signals.resolution)
+        force = force - np.polyfit(displacement[straight], force[straight], 1)[1]
+    # where a block lets go the motor jumps ahead, and friction falls with its speed: such rows are not of rest
+    slow = np.gradient(displacement, signals.period) < JUMP * speed
+    return loading_from_samples(displacement[clear & slow], force[clear & slow], 0.5 * signals.resolution)
 
 
 def steady_series(signals, axis, travel_step, load=None):
