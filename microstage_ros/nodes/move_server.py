@@ -220,17 +220,16 @@ class MoveServer(Node):
             if move.done:
                 return
             if cancelled():
-                self._stop(feedback)
-                raise Refused(RESULT.CODE_CANCELLED, "cancelled; the axis was stopped and holds its position")
+                raise Refused(RESULT.CODE_CANCELLED, f"cancelled {self._stop(feedback)}")
             if self._newest_goal != mine:
-                self._stop(feedback)
-                raise Refused(RESULT.CODE_SUPERSEDED, "a newer goal came; the axis was stopped first")
+                raise Refused(RESULT.CODE_SUPERSEDED, f"a newer goal came {self._stop(feedback)}")
             if time.monotonic() - told > FEEDBACK:
                 told = time.monotonic()
                 feedback(position, move.target - position, move.phase(sequence))
 
     def _stop(self, feedback):
-        """Ramp the reference to rest and wait until it is there."""
+        """Ramp the reference to rest and wait until it is there. Returns when that was, in words."""
+        asked = self._latest[0]
         answer = self._ask(FollowReference.Request())
         with self._changed:
             if self._move is not None:
@@ -239,6 +238,8 @@ class MoveServer(Node):
                                    timeout=self.parameters.driver_timeout_s)
             position = self._latest[1]
         feedback(position, answer.rest_position - position, MoveTo.Feedback.PHASE_STOPPING)
+        return (f"in period {asked}; the reference rests at {answer.rest_position:.9f} m "
+                f"from period {answer.rest_sequence} on")
 
     def _ask(self, request):
         """Call the controller. Raises `Refused` if it does not answer."""

@@ -1,0 +1,70 @@
+"""The reference is settled by period numbers alone."""
+
+import numpy as np
+import pytest
+
+from microstage_ros.axis.errors import InputError
+from microstage_ros.control.reference_player import HOLDING, MOVING, STOPPING, ReferencePlayer
+
+
+@pytest.fixture
+def player():
+    made = ReferencePlayer(1e-4, 0.008)
+    made.at(0, 1e-6)
+    return made
+
+
+def test_holds_where_it_began(player):
+    assert player.at(1, 5e-6) == (1e-6, HOLDING)
+
+
+def test_follows_from_the_stated_period(player):
+    ramp = 1e-6 + np.linspace(0.0, 1e-6, 11)
+    assert player.follow(5, ramp) == (5, 15, pytest.approx(2e-6))
+    played = [player.at(n, 0.0) for n in range(1, 20)]
+    assert [p[0] for p in played] == [1e-6] * 4 + list(ramp) + [ramp[-1]] * 4
+    assert [p[1] for p in played][4:14] == [MOVING] * 10 and played[-1][1] == HOLDING
+
+
+@pytest.mark.parametrize("start, positions, words", [
+    (5, [2e-6], "first position"), (5, [1e-6, np.nan], "position 1"), (5, [np.inf], "position 0")])
+def test_refuses_steps_and_nonsense(player, start, positions, words):
+    with pytest.raises(InputError, match=words):
+        player.follow(start, positions)
+
+
+def test_refuses_the_past_and_a_motion_under_way(player):
+    player.at(50, 0.0)
+    with pytest.raises(InputError, match="after 50"):
+        player.follow(50, [1e-6])
+    player.follow(60, 1e-6 + np.linspace(0, 1e-3, 1000))
+    player.at(100, 0.0)
+    with pytest.raises(InputError, match="motion under way"):
+        player.follow(200, [1e-6])
+
+
+def test_stop_is_smooth_within_its_time(player):
+    """Velocity falls from v to 0 in 8 ms without a jump; distance v t / 2."""
+    speed = 1e-6  # m per period
+    player.follow(1, 1e-6 + speed * np.arange(1001))
+    for n in range(1, 501):
+        player.at(n, 0.0)
+    start, rest, place = player.stop()
+    assert (start, rest) == (501, 581)
+    track = np.array([player.at(n, 0.0)[0] for n in range(501, 601)])
+    steps = np.diff(track)
+    assert player.at(550, 0.0)[1] == STOPPING and track[80] == place and (steps[80:] == 0).all()
+    assert (np.diff(steps[:80]) <= 1e-20).all() and steps[0] == pytest.approx(speed, rel=0.01)
+    assert place - track[0] == pytest.approx(speed * 80 / 2, rel=0.02)
+
+
+def test_stop_at_rest_stays(player):
+    player.at(1, 0.0)
+    assert player.stop() == (2, 2, 1e-6)
+
+
+def test_nothing_before_the_first_state():
+    player = ReferencePlayer(1e-4, 0.008)
+    for call in (lambda: player.follow(0, [0.0]), player.stop):
+        with pytest.raises(InputError, match="no state so far"):
+            call()

@@ -1,0 +1,66 @@
+"""The protocol of hardware, on the simulated axis, and the registry."""
+
+import numpy as np
+import pytest
+
+from microstage_ros.axis.axis_file import load_axis
+from microstage_ros.axis.errors import InputError
+from microstage_ros.hardware import BACKENDS, make_hardware
+from microstage_ros.hardware.protocol import HardwareError, Setup
+from microstage_ros.places import config_file
+
+AXIS = load_axis(config_file("axis.yaml"))
+QUIET = {"noise": {"encoder_m": 0.0, "voltage_V": 0.0, "current_A": 0.0, "interferometer_m": 0.0,
+                   "friction_relative": 0.0}}
+
+
+def run(voltages, seed=1, **options):
+    """Encoder and current at the start of every period."""
+    axis = make_hardware("simulated", Setup(AXIS, seed, options))
+    axis.open()
+    readings = []
+    for voltage in voltages:
+        readings.append(axis.read())
+        axis.write(voltage)
+    axis.close()
+    return np.array(readings), axis
+
+
+def test_row_convention():
+    """Row n: sensors at the start of period n, then the voltage held during it."""
+    readings, axis = run([1.0, 1.0, 1.0], **QUIET)
+    assert readings[0, 0] == 0.0 and readings[0, 1] == 0.0  # the first reading moves nothing
+    assert readings[1, 1] > 0.1  # the current answers the voltage of the row before
+    assert axis.truth.stage_position >= 0.0
+
+
+def test_same_seed_same_bits():
+    voltages = 0.4 * np.sin(np.arange(500) * 0.02)
+    first, second, other = run(voltages, 5)[0], run(voltages, 5)[0], run(voltages, 6)[0]
+    assert first.tobytes() == second.tobytes() and first.tobytes() != other.tobytes()
+
+
+def test_start_position_and_bad_option():
+    assert run([0.0], position=1e-3, **QUIET)[0][0, 0] == pytest.approx(1e-3, abs=2.5e-8)
+    with pytest.raises(InputError, match="colour.*position, noise, friction"):
+        make_hardware("simulated", Setup(AXIS, 1, {"colour": "red"}))
+
+
+def test_registry():
+    with pytest.raises(InputError, match="expected one of simulated, daq"):
+        make_hardware("abacus", Setup(AXIS))
+    assert list(BACKENDS) == ["simulated", "daq"]
+
+
+def test_daq_card_says_what_is_missing():
+    with pytest.raises(InputError, match="output.*Dev1/ao0"):
+        make_hardware("daq", Setup(AXIS))
+    card = make_hardware("daq", Setup(AXIS, options={"output": "Dev1/ao0", "counter": "Dev1/ctr0"}))
+    try:
+        import nidaqmx  # noqa: F401
+    except ImportError:
+        with pytest.raises(HardwareError, match="nidaqmx"):
+            card.open()
+    with pytest.raises(HardwareError, match="not open"):
+        card.read()
+    card.close()

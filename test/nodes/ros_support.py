@@ -1,0 +1,84 @@
+"""What the ROS tests share: a domain of their own, waiting, asking."""
+
+import fcntl
+import os
+import tempfile
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+HIGHEST_DOMAIN = 100
+
+
+@contextmanager
+def own_domain():
+    """A domain id that no other test has, in the environment for this process and its children."""
+    folder = Path(tempfile.gettempdir()) / "microstage_test_domains"
+    folder.mkdir(exist_ok=True)
+    start = os.getpid() % HIGHEST_DOMAIN
+    for offset in range(HIGHEST_DOMAIN):
+        number = 1 + (start + offset) % HIGHEST_DOMAIN
+        lock = open(folder / str(number), "w", encoding="ascii")
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            lock.close()
+            continue
+        before = os.environ.get("ROS_DOMAIN_ID")
+        os.environ["ROS_DOMAIN_ID"] = str(number)
+        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        try:
+            yield number
+        finally:
+            if before is None:
+                del os.environ["ROS_DOMAIN_ID"]
+            else:
+                os.environ["ROS_DOMAIN_ID"] = before
+            lock.close()
+        return
+    pytest.fail("no free ROS domain")
+
+
+@contextmanager
+def ros_node(name="tester", namespace="/axis"):
+    """An rclpy node in a domain of its own."""
+    import rclpy
+
+    with own_domain():
+        rclpy.init()
+        try:
+            yield rclpy.create_node(name, namespace=namespace)
+        finally:
+            rclpy.try_shutdown()
+
+
+def spin_until(node, condition, seconds=60.0):
+    """Serve ``node`` until ``condition()``; fails after ``seconds``."""
+    import rclpy
+
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, f"not within {seconds} s"
+        rclpy.spin_once(node, timeout_sec=0.05)
+
+
+def ask(node, kind, name, request, seconds=60.0):
+    """Call a service; asked again where the answer was lost while processes discover each other."""
+    client = node.create_client(kind, name)
+    try:
+        spin_until(node, client.service_is_ready, seconds)
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            future = client.call_async(request)
+            again = time.monotonic() + 4.0
+            while not future.done() and time.monotonic() < again:
+                import rclpy
+
+                rclpy.spin_once(node, timeout_sec=0.05)
+            if future.done():
+                return future.result()
+        pytest.fail(f"{name} does not answer")
+    finally:
+        node.destroy_client(client)

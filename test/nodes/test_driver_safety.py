@@ -1,0 +1,124 @@
+"""The driver alone, as a process: every bad command ends in zero voltage and a named, latched fault."""
+
+import math
+import time
+
+import pytest
+from lifecycle_msgs.srv import ChangeState, GetState
+from ros_support import ask, spin_until
+from std_srvs.srv import Trigger
+
+from microstage_msgs.msg import AxisState, VoltageCommand
+from microstage_ros.nodes.cell_processes import CellFailure, CellProcesses
+
+FAULTS = {getattr(AxisState, name): name for name in (
+    "FAULT_NONE", "FAULT_COMMAND_TIMEOUT", "FAULT_COMMAND_NOT_FINITE", "FAULT_COMMAND_INACTIVE",
+    "FAULT_COMMAND_SEQUENCE", "FAULT_HARDWARE", "FAULT_TRAVEL")}
+
+
+class Commander:
+    """Stands in for a controller."""
+
+    def __init__(self, node):
+        self.node, self.states = node, []
+        self.publisher = node.create_publisher(VoltageCommand, "/axis/command", 100)
+        node.create_subscription(AxisState, "/axis/state", self._answer, 1000)
+        self.voltage = None
+
+    def _answer(self, state):
+        self.states.append(state)
+        if self.voltage is not None and not state.fault:
+            self.send(state.sequence, self.voltage)
+
+    def send(self, sequence, voltage):
+        self.publisher.publish(VoltageCommand(sequence=sequence, voltage=voltage, sender=VoltageCommand.SENDER_MANUAL))
+
+    def wait_for_fault(self, name):
+        spin_until(self.node, lambda: self.states and FAULTS[self.states[-1].fault] == name)
+        faulted = len(self.states)
+        spin_until(self.node, lambda: len(self.states) > faulted + 3)  # it goes on measuring
+        assert all(s.applied_voltage == 0.0 and s.status & AxisState.STATUS_FAULT for s in self.states[faulted:])
+
+
+def driver(tmp_path, **parameters):
+    """The driver alone."""
+    return CellProcesses("/axis", ("axis_driver",), {"axis_driver": {
+        "expected_subscribers": 1, "followers": [""], **parameters}}, logs=tmp_path)
+
+
+def reset(node):
+    answer = ask(node, Trigger, "/axis/reset_fault", Trigger.Request())
+    assert answer.success
+    return answer.message
+
+
+def test_bad_commands(node, tmp_path):
+    """One process, one fault after the other."""
+    with driver(tmp_path, resend_s=0.2, command_timeout_lockstep_s=2.0) as cell:
+        commander = Commander(node)
+        spin_until(node, lambda: commander.publisher.get_subscription_count() == 1)
+        ask(node, GetState, "/axis/axis_driver/get_state", GetState.Request())
+
+        commander.send(5, 1.0)  # nobody asked for it
+        commander.wait_for_fault("FAULT_COMMAND_INACTIVE")
+        with pytest.raises(CellFailure, match="command_inactive"):
+            cell.activate(node)
+        assert reset(node) == "was: command_inactive"
+
+        for bad, fault in ((math.nan, "FAULT_COMMAND_NOT_FINITE"), (math.inf, "FAULT_COMMAND_NOT_FINITE")):
+            commander.voltage = 0.5
+            _activate(node, cell)
+            count = len(commander.states)
+            spin_until(node, lambda: len(commander.states) > count + 20)
+            assert commander.states[-1].applied_voltage == 0.5 and commander.states[-1].position > 0.0
+            commander.voltage = bad
+            commander.wait_for_fault(fault)
+            commander.voltage = None
+            cell.deactivate(node)
+            assert reset(node) == "was: command_not_finite"
+
+        commander.voltage = 100.0  # beyond the limit: clipped, told, no fault
+        _activate(node, cell)
+        spin_until(node, lambda: commander.states[-1].applied_voltage == 6.0)
+        assert commander.states[-1].status & AxisState.STATUS_SATURATED and not commander.states[-1].fault
+
+        commander.voltage = None  # commands stop
+        commander.wait_for_fault("FAULT_COMMAND_TIMEOUT")
+        reset(node)
+        commander.send(commander.states[-1].sequence + 1000, 0.0)
+        commander.wait_for_fault("FAULT_COMMAND_SEQUENCE")
+        answer = ask(node, Trigger, "/axis/reset_fault", Trigger.Request())
+        assert answer.message == "was: command_sequence"
+
+
+def _activate(node, cell):
+    from lifecycle_msgs.msg import State, Transition
+
+    state = ask(node, GetState, "/axis/axis_driver/get_state", GetState.Request()).current_state.id
+    if state == State.PRIMARY_STATE_UNCONFIGURED:
+        cell.activate(node)
+    elif state == State.PRIMARY_STATE_INACTIVE:
+        answer = ask(node, ChangeState, "/axis/axis_driver/change_state",
+                     ChangeState.Request(transition=Transition(id=Transition.TRANSITION_ACTIVATE)))
+        assert answer.success
+
+
+def test_paced_driver_stops_when_commands_stop(node, tmp_path):
+    with driver(tmp_path, mode="paced", command_timeout_periods=20000) as cell:
+        commander = Commander(node)
+        commander.voltage = 0.3
+        cell.activate(node)
+        spin_until(node, lambda: any(s.applied_voltage == 0.3 for s in commander.states))
+        commander.voltage = None
+        commander.wait_for_fault("FAULT_COMMAND_TIMEOUT")
+        late = [s for s in commander.states if s.status & AxisState.STATUS_COMMAND_LATE]
+        assert late and not any(s.status & AxisState.STATUS_LOCKSTEP for s in commander.states)
+
+
+def test_a_driver_that_nobody_reads_is_not_activated(node, tmp_path):
+    with driver(tmp_path, followers=["bag_recorder"]) as cell:
+        Commander(node)
+        began = time.monotonic()
+        with pytest.raises(CellFailure, match="no credit from.*bag_recorder"):
+            cell.activate(node)
+        assert time.monotonic() > began
