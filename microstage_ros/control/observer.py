@@ -34,16 +34,17 @@ GAINS = (
     Gain("encoder_noise", "m", 1e-12, 1e-3, 1.08e-8, "standard deviation of one encoder value, rounding included"),
     Gain("voltage_noise", "V", 1e-6, 10.0, 1.2e-3, "noise of the amplifier"),
     Gain("acceleration_noise", "m/s^2/rtHz", 1e-12, 1e3, 2.0e-5, "density of what moves the axis unmodelled"),
-    Gain("friction_drift", "m/s^3/rtHz", 1e-12, 1e6, 3.0e-3, "density of the random walk of d"),
+    Gain("friction_drift", "m/s^3/rtHz", 1e-12, 1e6, 2.0e-3, "density of the random walk of d"),
     Gain("resistance_spread", "1", 0.0, 1.0, 0.1, "standard deviation of R over nominal before anything is learned"),
     Gain("zero_spread", "V", 0.0, 10.0, 5.0e-3, "standard deviation of the amplifier's zero before that"),
     Gain("forgetting_time", "s", 1e-2, 1e9, 3000.0, "time in which R and zero may change by as much"),
     Gain("level_variability", "1", 0.0, 1.0, 0.06, "standard deviation of the friction level"),
     Gain("level_length", "m", 1e-9, 1.0, 1.0e-4, "travel over which the level varies"),
     Gain("level_time", "s", 1e-3, 1e6, 20.0, "time over which the level varies"),
-    Gain("force_noise", "N", 1e-9, 1e6, 0.5, "noise of the force balance within one observer time"),
+    Gain("force_noise", "N", 1e-9, 1e6, 0.25, "noise of the force balance within one observer time"),
 )
 FORCE_TIME = 5e-3  # s, over which errors of d hang together
+ABSORB_TIME = 5e-3  # s, in which sticking blocks take over what is unexplained
 LAGS = 4  # voltage delays told apart, in periods
 PARAMETERS = record_type(GAINS, [("motion_gain", "f8", (3, 2)), ("encoder_gain", "f8", 3)])
 BLOCK_STATE = feedforward.BLOCK_STATE
@@ -236,6 +237,32 @@ def correct(p, s, position, speed, trust):
 
 
 @compiled
+def absorb(model, s, period):
+    """While hardly a block slips, d is an error of the stuck blocks' forces: move it over to them.
+
+    Each sticking block takes its share of the stiffness, within its limit; what is left stays in d.
+    """
+    law, blocks = model.actuator, s.actuator
+    count = int(law[10])
+    stiffness = 0.0
+    for j in range(count):
+        if blocks[count + j] == 0.0:
+            stiffness += law[11 + j]
+    if stiffness == 0.0 or s.slipping > 0.5:
+        return
+    torque = model.moving_mass * s.d / model.force_per_torque * min(period / ABSORB_TIME, 1.0)
+    taken = 0.0
+    for j in range(count):
+        if blocks[count + j] == 0.0:
+            limit = law[11 + count + j] * law[0] * s.level
+            before = blocks[j]
+            blocks[j] = min(max(before + torque * law[11 + j] / stiffness, -limit), limit)
+            taken += blocks[j] - before
+    s.actuator_friction += taken
+    s.d -= taken * model.force_per_torque / model.moving_mass
+
+
+@compiled
 def learn_level(p, model, s, period):
     """One period of the scalar Kalman filter of the level."""
     s.sensitivity, s.slipping = 0.0, 0.0
@@ -271,7 +298,8 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         find_lag(s, voltage, current - s.current)
         # within the period the current falls as the back-EMF rises: the mean is above the newest value
         slack = 0.5 * model.volts_per_velocity * s.acceleration * period / model.resistance
-        part = min(model.settling / period, 1.0)
+        rest = math.exp(-period / model.settling)
+        part = model.settling / period - rest / (1.0 - rest)
         force = model.force_per_ampere * (current + slack + part * (s.current - current))
     elif model.force_per_ampere > 0.0:
         force = model.force_per_ampere * (voltage - model.volts_per_velocity * s.v) / model.resistance
@@ -293,6 +321,8 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     if senses:
         learn_drive(p, model, s, period, drop, position, speed, trust)
     learn_level(p, model, s, period)
+    if model.has_actuator != 0:
+        absorb(model, s, period)
 
 
 def design_motion(record, model, period):

@@ -21,8 +21,7 @@ class SineTrial(NamedTuple):
 class StepTrial(NamedTuple):
     """Repeated moves over one distance and back; one figure per forward move.
 
-    True position, interferometer and encoder are read at the end of the dwell, the latter two as the mean
-    of 100 readings, as an instrument would.
+    True position and interferometer are read once, at the end of the dwell.
     """
 
     errors: np.ndarray  # m, true position - target
@@ -64,5 +63,5 @@ def _figures(columns, part, distance, period, last):
     settled = (outside[-1] + 1) * period if len(outside) else 0.0
     if len(outside) and outside[-1] == len(stage) - 1:
         settled = np.nan
-    interferometer = columns["interferometer_m"][part][-100:].mean() - distance
+    interferometer = columns["interferometer_m"][part][-1] - distance
     return stage[-1], interferometer, settled, max(stage.max(), 0.0), np.ptp(stage[-last:])
