@@ -8,6 +8,7 @@ import yaml
 
 from microstage_ros import __version__
 from microstage_ros.axis.errors import InputError
+from microstage_ros.discrepancy.consequences import consequences
 from microstage_ros.discrepancy.experiment import separating_run
 from microstage_ros.discrepancy.extended import write_extended
 from microstage_ros.discrepancy.page import write_page
@@ -27,7 +28,10 @@ def write_answer(diagnosis, axis, folder, sources):
         folder.mkdir(parents=True, exist_ok=True)
         experiments = _write_experiments(diagnosis, axis, folder)
         report = report_fields(diagnosis, experiments, axis, sources)
-        write_extended(axis, diagnosis, folder / "extended.yaml", sources)
+        extended = write_extended(axis, diagnosis, folder / "extended.yaml", sources)
+        if extended.effects != axis.effects or diagnosis.identified:
+            report["consequences"] = [{"name": c.name, "before": _plain(c.before), "after": _plain(c.after), "unit": "m"}
+                                      for c in consequences(axis, extended)]
         (folder / "report.json").write_text(json.dumps(report, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
         write_page(report, diagnosis, axis, folder / "report.html")
     except OSError as error:
@@ -54,6 +58,7 @@ def report_fields(diagnosis, experiments, axis, sources):
             {"channel": f.channel, "coordinate": f.coordinate, "statistic": _plain(f.statistic), "threshold": _plain(f.threshold),
              "left": _plain(f.left), "significant": bool(f.significant)} for f in diagnosis.findings],
         "identified": {key: _parameter(number) for key, number in diagnosis.identified.items()},
+        "consequences": [],
         "notes": list(diagnosis.notes),
         "axis": axis.place, "sources": sources, "seed": diagnosis.seed, "version": __version__,
     }

@@ -54,8 +54,10 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
     evidences = collection.evidences([form for form in FORMS if form.channel != "command"])
     choices, _ = select(evidences, EFFECTS)
     rivals = {c.effect: judge.rivals_of(evidences, c, choices, EFFECTS) for c in choices}
-    final, choices = _final(collection, refine(collection, choices))
-    return _answer(collection, final, choices, rivals, slow, holdout, notes, seed)
+    refined = refine(collection, choices)
+    if refined != choices:
+        evidences, choices = _final(collection, refined)
+    return _answer(collection, evidences, choices, rivals, slow, holdout, notes, seed)
 
 
 def _final(collection, choices):

@@ -1,8 +1,12 @@
 """Figures of a diagnosis: curves of a residual, and how strongly it goes with each coordinate."""
 
+import re
+
 import numpy as np
 
-from microstage_ros.report.plots import COLOURS, new_figure, plot_signal
+from microstage_ros.report.plots import COLOURS, new_figure, plot_signal, scale_of
+
+PREFIXED = ("m", "s", "V", "A", "N", "N m", "m/s", "rad", "rad/s", "Hz")
 
 BEFORE, AFTER = COLOURS["orange"], COLOURS["blue"]
 MORE = (BEFORE, AFTER, COLOURS["green"], COLOURS["pink"], COLOURS["black"])
@@ -13,18 +17,30 @@ LINEAR = 20.0                  # strength up to which the scale is linear
 def curves(picture):
     """matplotlib figure of a `Picture`."""
     figure, axes = new_figure(height=3.0)
+    every = list(picture.curves.values())
+    across, x_label = _readable(picture.x_label, [curve[0] for curve in every])
+    up, y_label = _readable(picture.y_label, [curve[1] for curve in every])
     for colour, (label, curve) in zip(MORE, picture.curves.items()):
-        x, y = np.asarray(curve[0], float), np.asarray(curve[1], float)
+        x, y = across * np.asarray(curve[0], float), up * np.asarray(curve[1], float)
         marker = {"marker": "o", "ms": 3} if len(x) <= FEW else {}
         plot_signal(axes, x, y, color=colour, label=label, **marker)
         if len(curve) > 2:
-            spread = np.asarray(curve[2], float)
+            spread = up * np.asarray(curve[2], float)
             axes.fill_between(x, y - 2 * spread, y + 2 * spread, color=colour, alpha=0.15, lw=0)
     axes.axhline(0.0, color=COLOURS["grey"], lw=0.7, zorder=0)
-    axes.set_xlabel(picture.x_label)
-    axes.set_ylabel(picture.y_label)
+    axes.set_xlabel(x_label)
+    axes.set_ylabel(y_label)
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4)
     return figure
+
+
+def _readable(label, values):
+    """Factor and label with a prefix before the unit in brackets: ``position [m]`` as 1e6, ``position [µm]``."""
+    found = re.search(r"\[([^\]]+)\]", label)
+    if not found or found[1] not in PREFIXED:
+        return 1.0, label
+    factor, unit = scale_of(np.concatenate([np.ravel(v) for v in values]), found[1])
+    return factor, label.replace(found[0], f"[{unit}]")
 
 
 def strengths(findings):

@@ -46,9 +46,7 @@ def ledger_of(evidences, choices, generic):
         keys = Evidences._keys(channel, choices)
         beta, _, _ = evidences.learn[channel].fit(keys)
         after = (held.energy() - held.reduction(keys, beta)) / scale
-        every = keys + [form.key for form in generic if form.channel == channel]
-        count = len(held.indices(every))
-        floor = (held.energy() - max(held.fit(every)[2] - count, 0.0)) / scale
+        floor = (held.energy() - _own_reach(held, keys, [f for f in generic if f.channel == channel])) / scale
         book.before += held.energy() / scale
         book.after += after
         book.floor += min(floor, after)
@@ -57,6 +55,18 @@ def ledger_of(evidences, choices, generic):
         others = [c for c in choices if c is not choice]
         book.parts[choice.effect] = max(evidences.held_gain(choices) - evidences.held_gain(others), 0.0)
     return book
+
+
+def _own_reach(held, keys, generic):
+    """What the causes, fitted to the held-out records themselves, and significant nameless shapes would reach."""
+    taken, reach = list(keys), held.fit(keys)[2] - len(held.indices(keys)) if keys else 0.0
+    for form in generic:
+        count = len(held.indices([form.key]))
+        more = held.fit([*taken, form.key])[2] - held.fit(taken)[2]
+        if more > chi2.isf(1e-6, count) * LOOSE.get(form.effect, 1.5):
+            taken.append(form.key)
+            reach += more - count
+    return max(reach, 0.0)
 
 
 def rivals_of(evidences, choice, choices, effects):

@@ -41,6 +41,11 @@ def write_page(report, diagnosis, axis, path):
         _causes(page, report["causes"])
     page.section("What to do next")
     page.list(_next(report))
+    if report["consequences"]:
+        page.section("What it means for the work")
+        page.table(("error of the stage", "as the axis file predicts", "with the causes"),
+                   [(c["name"], quantity(c["before"], c["unit"]), quantity(c["after"], c["unit"])) for c in report["consequences"]],
+                   "The same moves under the shipped controller, simulated with the axis file and with extended.yaml.")
     _where(page, diagnosis)
     _details(page, report, axis)
     page.save(path)

@@ -7,9 +7,9 @@ from microstage_ros.discrepancy.catalogue.form import Form, one, wave
 
 DEAD_WIDTHS = (0.5e-3, 1e-3, 2e-3, 5e-3, 10e-3, 20e-3, 40e-3, 80e-3)  # V
 HEAT_TIMES = (2.0, 6.0, 20.0, 60.0)                                    # s
-STIFFNESS_FACTORS = tuple(round(1.2**n, 2) for n in (*range(-10, 0), *range(1, 6)))
-MASS_FACTORS = tuple(round(1.2**n, 2) for n in (*range(-4, 0), *range(1, 9)))
-GAPS = (5.0e-8, 1.0e-7, 2.0e-7, 4.0e-7, 8.0e-7, 1.5e-6, 3.0e-6, 6.0e-6)  # m at the stage
+STIFFNESS_FACTORS = tuple(round(1.25**n, 2) for n in (*range(-8, 0), *range(1, 5)))
+MASS_FACTORS = tuple(round(1.25**n, 2) for n in (*range(-3, 0), *range(1, 7)))
+GAPS = (1.0e-7, 2.5e-7, 6.0e-7, 1.2e-6, 2.5e-6, 5.0e-6)  # m at the stage
 SCREW_HARMONICS = (1, 2, 3)
 
 

@@ -12,13 +12,14 @@ EXPONENTS = (0.5, 1.5, 2.0, 3.0)
 PIECES = (0.25e-3, 0.5e-3, 1.0e-3)                   # m between the knots of friction along the stroke
 AGING = tuple((scale, release) for scale in (0.03, 0.2) for release in (2.0e-6, 8.0e-6, 30.0e-6))  # s, m
 AGING_STEP = 0.05
-COARSE = 2                                           # periods per step of the replays for candidates
+PROFILE_STDERR = 0.08                                # friction along the stroke is told only where it is known this well
+COARSE = 4                                           # periods per step of the replays for candidates
 CREEP_SCALES = (0.01, 0.05, 0.3)                     # s
 CREEP_RELEASE, CREEP_STEP = 1.0e-6, 1.0e-9           # m
 
 
 def _changed(channel, frame, speed=None, **how):
-    """Replayed actuator friction with a change minus without, in block means, at half the record's rate."""
+    """Replayed actuator friction with a change minus without, in block means, at a quarter of the record's rate."""
     p, drive = channel.prepared, frame.drive
     speed = (p.speed if speed is None else speed)[::COARSE] / drive.radius
     if "factor" in how:
@@ -63,12 +64,14 @@ def _profile_sizes(spacing):
         pieces = max(int(round((frame.high - frame.low) / spacing)), 2)
         x = np.linspace(frame.low, frame.high, 2 * pieces + 1)
         basis = splines(x, frame.low, frame.high, pieces)
-        factors = 1.0 + basis @ beta
-        spread = float(np.std(basis @ beta))
-        direction = (basis @ beta - np.mean(basis @ beta)) @ basis / (len(x) * max(spread, 1e-12))
+        known = np.sqrt(np.einsum("ij,jk,ik->i", basis, covariance, basis)) < PROFILE_STDERR
+        known = known if known.any() else np.ones(len(x), bool)
+        profile = np.interp(x, x[known], (basis @ beta)[known])  # constant beyond what the records visited
+        spread = float(np.std(profile[known]))
+        direction = (profile[known] - profile[known].mean()) @ basis[known] / (known.sum() * max(spread, 1e-12))
         stderr = float(np.sqrt(max(direction @ covariance @ direction, 0.0)))
         return ({"rms": (spread, stderr, "1")},
-                {"positions_m": [float(v) for v in x], "factors": [float(v) for v in np.clip(factors, 0.05, 20.0)]})
+                {"positions_m": [float(v) for v in x], "factors": [float(v) for v in np.clip(1.0 + profile, 0.05, 20.0)]})
     return sizes
 
 

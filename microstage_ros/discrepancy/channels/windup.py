@@ -16,7 +16,7 @@ from microstage_ros.discrepancy.preparation import reading_noise, stage_filter
 from microstage_ros.discrepancy.whitening import whiten_walk
 
 BLOCK = 5
-SUBSTEPS = 5
+SUBSTEPS = 3
 
 
 class Windup:
@@ -58,7 +58,9 @@ class Windup:
 
     def integral(self, voltage):
         """Stage position [m] that a voltage (n,) or (n, k) at the motor's terminals would add, in block means."""
-        return self.mean(np.cumsum(voltage, axis=0) * self.prepared.period * self.drive.lever / self.drive.back_emf)
+        steps = self.mean(voltage)
+        middle = np.cumsum(steps, axis=0) - 0.5 * steps
+        return middle * (BLOCK * self.prepared.period * self.drive.lever / self.drive.back_emf)
 
     def _noise(self):
         """Walk per block and white noise of a block mean, from robust spreads of differences over two lags."""
