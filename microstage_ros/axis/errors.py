@@ -16,3 +16,7 @@ class InputError(ValueError):
         self.place = str(place)
         self.value = value
         self.expected = str(expected)
+
+    def __reduce__(self):
+        """Pickled as it was made, so that it comes back whole from another process."""
+        return InputError, (self.place, self.value, self.expected)

@@ -19,6 +19,7 @@ from microstage_ros.discrepancy.resimulation.diagnose import diagnose_force_axis
 from microstage_ros.records import read_record
 from microstage_ros.records.csv_file import SUFFIXES
 
+PATIENCE = "10s"               # for a scheduler to answer
 AHEAD = 2                      # cases per worker that are handed out before the first comes back
 
 
@@ -130,7 +131,7 @@ def _on_cluster(cases, scheduler):
     from distributed import Client, wait
 
     try:
-        client = Client(scheduler, timeout="10s")
+        client = Client(scheduler, timeout=PATIENCE)
     except (OSError, ValueError) as error:
         raise InputError("--scheduler", scheduler, f"the address of a running Dask scheduler ({error})") from None
     with client:
