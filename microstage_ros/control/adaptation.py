@@ -37,7 +37,7 @@ GAINS = (
     Gain("time_unit", "s", 1e-5, 10.0, 0.01, "tau, which gives K_P, K_I tau, K_D / tau one unit"),
     Gain("speed", "1/s", 0.0, 1e3, 60.0, "rate of the logarithm of a gain under a full-size error"),
     Gain("back_off", "1", 0.0, 10.0, 0.15, "fall of the logarithm of the ceiling with a swing"),
-    Gain("damping_share", "1", 0.0, 1.0, 0.5, "share of the back-off that K_D takes part in"),
+    Gain("damping_share", "1", 0.0, 1.0, 0.8, "share of the back-off that K_D takes part in"),
     Gain("recovery", "1/s", 0.0, 100.0, 0.01, "rise of the logarithm of a lowered ceiling"),
     Gain("dead_band", "m", 0.0, 1e-3, 2.5e-8, "error that teaches nothing"),
     Gain("alternation", "m", 1e-10, 1e-3, 4.0e-8, "smallest half wave of the error that is called a swing"),

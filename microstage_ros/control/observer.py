@@ -9,8 +9,8 @@ free of the encoder's counts and of the drive train's resonance. The axis is one
 with the friction laws of the axis file run along the estimated motion, l the level of the actuator's limits
 and d what is left (a random walk). x, v and d follow a steady-state Kalman filter (`motion_gain`). The back-
 EMF matters: below the Stribeck velocity friction falls by 34 uNm per rad/s at the motor, so speed errors of a
-model driven by the current alone grow e-fold in 3 ms. Its R and zero o are learned
-(`learn_drive`) from what encoder and back-EMF disagree on, and the delay of the voltage, in whole periods, from which past
+model driven by the current alone grow e-fold in 3 ms. Its R, zero o
+and constant are learned (`learn_drive`) from what encoder and back-EMF disagree on, and the delay of the voltage, in whole periods, from which past
 voltage the current answers to.
 
 While blocks slip, d is an error of the level. The level follows a random walk in travel and time (the
@@ -37,6 +37,7 @@ GAINS = (
     Gain("friction_drift", "m/s^3/rtHz", 1e-12, 1e6, 2.0e-3, "density of the random walk of d"),
     Gain("resistance_spread", "1", 0.0, 1.0, 0.1, "standard deviation of R over nominal before anything is learned"),
     Gain("zero_spread", "V", 0.0, 10.0, 5.0e-3, "standard deviation of the amplifier's zero before that"),
+    Gain("emf_spread", "1", 0.0, 1.0, 0.02, "standard deviation of the back-EMF over nominal before that"),
     Gain("forgetting_time", "s", 1e-2, 1e9, 3000.0, "time in which R and zero may change by as much"),
     Gain("level_variability", "1", 0.0, 1.0, 0.06, "standard deviation of the friction level"),
     Gain("level_length", "m", 1e-9, 1.0, 1.0e-4, "travel over which the level varies"),
@@ -56,9 +57,9 @@ STATE_FIELDS = [
     ("screw_velocity", "f8"),
     ("current", "f8"),  # A, of the period before
     ("acceleration", "f8"),  # m/s^2, of the period before
-    ("learned", "f8", 2),  # R over nominal [1], zero of the amplifier [V]
-    ("learned_variance", "f8", 2),
-    ("shift", "f8", (2, 3)),  # how far x, v, d are off per unit error of what is learned
+    ("learned", "f8", 3),  # R over nominal [1], zero of the amplifier [V], back-EMF over nominal [1]
+    ("learned_variance", "f8", 3),
+    ("shift", "f8", (3, 3)),  # how far x, v, d are off per unit error of what is learned
     ("voltages", "f8", LAGS + 1),  # V, newest first
     ("answers", "f8", LAGS),  # correlation of current steps with voltage steps, by lag
     ("excitation", "f8"),  # V^2, mean square of voltage steps
@@ -87,8 +88,10 @@ def observer_reset(p, s):
     s.acceleration = 0.0
     s.learned[0] = 1.0
     s.learned[1] = 0.0
+    s.learned[2] = 1.0
     s.learned_variance[0] = p.resistance_spread * p.resistance_spread
     s.learned_variance[1] = p.zero_spread * p.zero_spread
+    s.learned_variance[2] = p.emf_spread * p.emf_spread
     s.shift[:] = 0.0
     s.excitation = 0.0
     s.lag = 0
@@ -188,13 +191,17 @@ def learn_drive(p, model, s, period, drop, position, speed, trust):
     noise_x = p.encoder_noise * p.encoder_noise
     noise_v = p.voltage_noise / model.volts_per_velocity
     noise_v *= noise_v
-    for k in range(2):
+    for k in range(3):
         shift = s.shift[k]
-        spread = p.resistance_spread if k == 0 else p.zero_spread
+        spread, direct = p.resistance_spread, drop / model.volts_per_velocity
+        if k == 1:
+            spread, direct = p.zero_spread, 1.0 / model.volts_per_velocity
+        elif k == 2:
+            spread, direct = p.emf_spread, s.v
         shift[0] += shift[1] * period
         shift[1] -= shift[2] * period
         of_position = -shift[0]
-        of_speed = (drop if k == 0 else 1.0) / model.volts_per_velocity - shift[1]
+        of_speed = direct - shift[1]
         for j in range(3):
             shift[j] += (trust * p.motion_gain[j, 0] + (1.0 - trust) * p.encoder_gain[j]) * of_position
             shift[j] += trust * p.motion_gain[j, 1] * of_speed
@@ -211,13 +218,16 @@ def learn_drive(p, model, s, period, drop, position, speed, trust):
         speed -= of_speed * change
     s.learned[0] = min(max(s.learned[0], 0.3), 3.0)
     s.learned[1] = min(max(s.learned[1], -1.0), 1.0)
+    s.learned[2] = min(max(s.learned[2], 0.3), 3.0)
 
 
 @compiled
-def trust_in_speed(p, s, drop):
+def trust_in_speed(p, model, s, drop):
     """1 if the back-EMF is as good as the amplifier's noise, towards 0 while R and zero are not known."""
     noise = p.voltage_noise * p.voltage_noise
-    return noise / (noise + s.learned_variance[0] * drop * drop + s.learned_variance[1])
+    emf = model.volts_per_velocity * s.v
+    doubt = s.learned_variance[0] * drop * drop + s.learned_variance[1] + s.learned_variance[2] * emf * emf
+    return noise / (noise + doubt)
 
 
 @compiled
@@ -313,8 +323,8 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     speed, drop, trust = 0.0, 0.0, 0.0
     if senses:
         drop = settled_drop(model, s, period, current)
-        speed = (s.voltages[s.lag] - s.learned[0] * drop - s.learned[1]) / model.volts_per_velocity - s.v
-        trust = trust_in_speed(p, s, drop)
+        speed = (s.voltages[s.lag] - s.learned[0] * drop - s.learned[1]) / model.volts_per_velocity - s.learned[2] * s.v
+        trust = trust_in_speed(p, model, s, drop)
         s.current = current
     position = encoder - s.x
     correct(p, s, position, speed, trust)
