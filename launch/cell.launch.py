@@ -27,14 +27,16 @@ def nodes(context):
     names = ["str_controller", "gms_observer", "interferometer_logger", "move_server"]
     names += ["bag_recorder"] if value["record"] else []
     axis = {"axis_file": value["axis_file"]}
-    readers = 2 + bool(value["record"])
+    recorded = int(bool(value["record"]))
     parameters = {
-        "str_controller": {**axis, "controller": value["controller"], "expected_subscribers": 1 + bool(value["record"])},
-        "gms_observer": axis, "interferometer_logger": {}, "move_server": {},
+        "str_controller": {**axis, "controller": value["controller"], "expected_subscribers": 1 + recorded,
+                           "expected_state_subscribers": 1 + recorded},
+        "gms_observer": {**axis, "expected_subscribers": recorded},
+        "interferometer_logger": {"expected_subscribers": 1 + recorded}, "move_server": {},
         "bag_recorder": {"directory": value["record"],
                          "log_time": "stamp" if value["mode"] == "lockstep" else "arrival"},
         "axis_driver": {**axis, "mode": value["mode"], "seed": int(value["seed"]), "followers": names,
-                        "expected_subscribers": readers, "activate": True,
+                        "expected_subscribers": 2 + recorded, "activate": True,
                         "rate_limit": 1.0 if value["mode"] == "lockstep" else 0.0},
     }
     return [Node(package="microstage_ros", executable=name, name=name, namespace=value["namespace"],

@@ -117,6 +117,7 @@ def _make_moves(arguments, axis, out, moves):
             if measured:
                 results.append(move_facts(target, result))
             progress.advance(task)
+        axis_client.wait_until_still()  # so that every run of one seed ends in the same control period
         cell.deactivate(node)
     return results
 

@@ -8,19 +8,19 @@ import time
 from microstage_ros.axis.errors import InputError
 from microstage_ros.records.bag import Bag
 
-DISCOVERY = 0.5
-"""Time [s] for readers to be found before the first message."""
-
-
 def main(argv=None):
     """Run the command. Returns 0; raises InputError for bad input."""
     parser = argparse.ArgumentParser(prog="microstage replay", description="Play a bag back onto its topics.")
     parser.add_argument("bag", metavar="BAG", help="an MCAP file or a rosbag2 folder")
     parser.add_argument("--rate", type=float, default=1.0, metavar="R", help="times as fast as recorded (default 1)")
+    parser.add_argument("--delay", type=float, default=1.0, metavar="SECONDS",
+                        help="before the first message, for readers to be found (default 1)")
     parser.add_argument("--topics", nargs="+", metavar="TOPIC", help="only these")
     arguments = parser.parse_args(argv)
     if not 0.0 < arguments.rate < float("inf"):
         raise InputError("--rate", arguments.rate, "a number above 0")
+    if not 0.0 <= arguments.delay < 3600.0:
+        raise InputError("--delay", arguments.delay, "a time in s from 0 to 3600")
     return _replay(Bag(arguments.bag), arguments)
 
 
@@ -34,7 +34,7 @@ def _replay(bag, arguments):
         senders = _senders(node, bag, arguments.topics or list(bag.topics))
         if not senders:
             raise InputError(str(arguments.bag), ", ".join(bag.topics) or "no topics", "a topic whose type is installed")
-        time.sleep(DISCOVERY)
+        time.sleep(arguments.delay)
         count = _play(bag, senders, arguments.rate)
         print(f"{count} messages on {len(senders)} topics")
         for publisher in senders.values():

@@ -26,7 +26,7 @@ from microstage_ros.nodes.codec import Codec
 from microstage_ros.nodes.credit import Ledger
 from microstage_ros.nodes.driver_topics import DriverTopics
 from microstage_ros.nodes.parameters import Parameters
-from microstage_ros.nodes.process import run_node
+from microstage_ros.nodes.process import run_node, running
 from microstage_ros.nodes.response_times import ResponseTimes
 from microstage_ros.nodes.scheduling import SPIN, ask_for_priority, sleep_precisely, sleep_until
 from microstage_ros.nodes.servo_path import make_servo_path, reader_qos
@@ -111,7 +111,7 @@ class AxisDriver(LifecycleNode):
         while True:
             readers = self.topics.state_publisher.get_subscription_count()
             absent = self.ledger.missing() if p.mode == "lockstep" else []
-            if readers >= p.expected_subscribers and not absent:
+            if readers >= p.expected_subscribers and not absent and self.topics.truth_has_readers(p.followers):
                 return ""
             if time.monotonic() > until:
                 return f"{readers} of {p.expected_subscribers} readers of the state; no credit from {absent}"
@@ -135,7 +135,7 @@ class AxisDriver(LifecycleNode):
         """The servo loop."""
         sleep_precisely()
         period = self._lockstep_period if self.parameters.mode == "lockstep" else self._paced_period
-        while self.context.ok():
+        while running():
             self._serve_requests()
             if self.gate.fault != "none":
                 self._faulted_period()
@@ -231,7 +231,7 @@ class AxisDriver(LifecycleNode):
                 break
             self._serve_requests()
             waited = time.perf_counter()
-            if not gate.active or not self.context.ok():
+            if not gate.active or not running():
                 return
             if waited - begun > self.parameters.command_timeout_lockstep_s:
                 gate.trip("command_timeout", f"no command for period {n} within {waited - begun:.1f} s")

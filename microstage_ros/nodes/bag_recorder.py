@@ -22,7 +22,7 @@ from microstage_ros.nodes.codec import stamp_ns
 from microstage_ros.nodes.credit import Granter
 from microstage_ros.nodes.node_parameters import ParameterCollector
 from microstage_ros.nodes.parameters import Parameters
-from microstage_ros.nodes.process import run_node
+from microstage_ros.nodes.process import run_node, running
 from microstage_ros.nodes.servo_path import make_servo_path, reader_qos
 from microstage_ros.records.bag import BagStopped, BagWriter, Qos, installed_definition
 
@@ -60,13 +60,19 @@ class BagRecorder(Node):
         self._prefix = self.get_namespace().rstrip("/") + "/"
         for name, kind in _SERVO_TYPES.items():
             if name in p.servo_topics:
-                self._add(self._prefix + name, f"microstage_msgs/msg/{kind}", Qos(depth=topics.DEPTH),
+                self._add(self._prefix + name, _OURS + kind, Qos(depth=topics.DEPTH),
                           reader_qos(topics.DEPTH, reliable=True))
+        self._add(self._prefix + topics.DRIVER_STATUS, _OURS + "DriverStatus",
+                  Qos(depth=1, durability="transient_local"), reader_qos(100, reliable=True, latched=True))
+        for name, kind in _SLOW_TYPES.items():
+            full = name if name.startswith("/") else self._prefix + name
+            if name not in p.exclude:
+                self._add(full, kind, Qos(depth=100), reader_qos(1000, reliable=True))
 
     def loop(self):
         """Take and write until the process is asked to stop."""
         self.get_logger().info(f"recording to {self._bag.file}")
-        while self.context.ok():
+        while running():
             try:
                 if not self._drain():
                     self._servo.wait(self._readers, QUIET)
@@ -174,10 +180,17 @@ class BagRecorder(Node):
               + (f", missing: {missing}" if missing else ", none missing"), flush=True)
 
 
+_OURS = "microstage_msgs/msg/"
 _SERVO_TYPES = {
     topics.STATE: "AxisState", topics.COMMAND: "VoltageCommand", topics.CONTROLLER_STATE: "ControllerState",
     topics.FRICTION: "FrictionState", topics.INTERFEROMETER: "InterferometerReading",
     topics.SIMULATION: "SimulationTruth",
+}
+_SLOW_TYPES = {
+    topics.TIMING: _OURS + "ServoTiming", topics.JOINT_STATES: "sensor_msgs/msg/JointState",
+    topics.AIR_TEMPERATURE: "sensor_msgs/msg/Temperature", topics.AIR_PRESSURE: "sensor_msgs/msg/FluidPressure",
+    topics.AIR_HUMIDITY: "sensor_msgs/msg/RelativeHumidity", "/clock": "rosgraph_msgs/msg/Clock",
+    topics.DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
 }
 
 

@@ -20,8 +20,15 @@ from lifecycle_msgs.srv import ChangeState, GetState
 NODES = ("str_controller", "gms_observer", "interferometer_logger", "move_server", "bag_recorder", "axis_driver")
 """All nodes of an axis, in the order in which they are started."""
 
-STATE_READERS = {"str_controller", "gms_observer", "bag_recorder"}
-COMMAND_READERS = {"axis_driver", "bag_recorder"}
+READERS = {
+    ("axis_driver", "expected_subscribers"): {"str_controller", "gms_observer", "bag_recorder"},
+    ("str_controller", "expected_subscribers"): {"axis_driver", "bag_recorder"},
+    ("str_controller", "expected_state_subscribers"): {"move_server", "bag_recorder"},
+    ("gms_observer", "expected_subscribers"): {"bag_recorder"},
+    ("interferometer_logger", "expected_subscribers"): {"move_server", "bag_recorder"},
+}
+"""Node and parameter to the nodes that read what it publishes: they must be there before the first period."""
+
 STOP_WAIT = 20.0
 START_WAIT = 60.0
 ASK_AGAIN = 3.0
@@ -41,9 +48,10 @@ def started_parameters(nodes, given):
     followers = [name for name in nodes if name != "axis_driver"]
     own = {name: {} for name in nodes}
     if "axis_driver" in own:
-        own["axis_driver"] = {"followers": followers, "expected_subscribers": len(STATE_READERS & set(nodes))}
-    if "str_controller" in own:
-        own["str_controller"] = {"expected_subscribers": len(COMMAND_READERS & set(nodes))}
+        own["axis_driver"]["followers"] = followers or [""]
+    for (name, parameter), readers in READERS.items():
+        if name in own:
+            own[name][parameter] = len(readers & set(nodes))
     return {name: {**own[name], **given.get(name, {})} for name in nodes}
 
 

@@ -11,6 +11,7 @@ import rclpy
 from rclpy.action import ActionClient
 
 from microstage_msgs.action import MoveTo
+from microstage_msgs.msg import ControllerState
 from microstage_msgs.srv import Statistics
 from microstage_ros.nodes import topics
 
@@ -93,6 +94,16 @@ class AxisClient:
         def ask():
             return self._statistics.call_async(Statistics.Request(reset=reset))
         return self._result(ask(), 20.0, ask).rows
+
+    def wait_until_still(self, quiet=0.5, wait=30.0):
+        """Until simulated time stands still (`pause_s` of the move server): no state for ``quiet`` [s]."""
+        heard = [time.monotonic()]
+        watch = self.node.create_subscription(ControllerState, self._prefix + topics.CONTROLLER_STATE,
+                                              lambda _: heard.append(time.monotonic()), 10)
+        end = time.monotonic() + wait
+        while time.monotonic() - heard[-1] < quiet and time.monotonic() < end:
+            rclpy.spin_once(self.node, timeout_sec=0.05)
+        self.node.destroy_subscription(watch)
 
     def close(self):
         """Let go of the server."""

@@ -46,12 +46,18 @@ class DriverTopics:
             self._clock = servo.writer(node.create_publisher(Clock, "/clock", topics.SLOW))
         if simulated:
             self._truth_codec = Codec("SimulationTruth", p.frame_id)
-            self._truth = servo.writer(node.create_publisher(SimulationTruth, topics.SIMULATION, topics.SERVO))
+            self._truth_publisher = node.create_publisher(SimulationTruth, topics.SIMULATION, topics.SERVO)
+            self._truth = servo.writer(self._truth_publisher)
             self._air = [node.create_publisher(kind, topic, topics.SLOW) for kind, topic in (
                 (Temperature, topics.AIR_TEMPERATURE), (FluidPressure, topics.AIR_PRESSURE),
                 (RelativeHumidity, topics.AIR_HUMIDITY))]
         self._limits = {"period": axis.value("period"), "minimum": axis.value("travel.minimum"),
                         "maximum": axis.value("travel.maximum"), "voltage_limit": axis.value("drive.voltage_limit")}
+
+    def truth_has_readers(self, followers):
+        """True if those of the followers that read the simulated instruments are there."""
+        wanted = len({"interferometer_logger", "bag_recorder"} & set(followers))
+        return self._truth is None or self._truth_publisher.get_subscription_count() >= wanted
 
     def state(self, time_ns, sequence, reading, applied, status, fault):
         """Send the state of one period; returns the bytes."""

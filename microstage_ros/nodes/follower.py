@@ -4,6 +4,7 @@ import time
 
 from microstage_ros.nodes.codec import Codec
 from microstage_ros.nodes.credit import Granter
+from microstage_ros.nodes.process import running
 from microstage_ros.nodes.servo_path import make_servo_path, reader_qos
 from microstage_ros.nodes.topics import DEPTH
 
@@ -20,6 +21,10 @@ class Follower:
     ----------
     node : its node. kind, topic : message class and name. frame : of the messages. window : control periods
         that the driver may run ahead. take : called with (raw bytes, values after the header).
+
+    Attributes
+    ----------
+    publisher : what the node makes of the stream; readers : matched ones it must have before the first credit.
     """
 
     def __init__(self, node, kind, topic, frame, window, take):
@@ -29,12 +34,12 @@ class Follower:
         self._reader = self.servo.reader(kind, topic, reader_qos(DEPTH, reliable=True))
         self._granter = Granter(node)
         self._granted = 0.0
-        self.last, self.gaps = -1, 0
+        self.last = -1
+        self.publisher, self.readers = None, 0
 
     def loop(self):
         """Until the process is asked to stop."""
-        ok = self._node.context.ok
-        while ok():
+        while running():
             if not self.drain():
                 self.servo.wait((self._reader,), QUIET)
             self._grant()
@@ -53,7 +58,8 @@ class Follower:
 
     def _grant(self):
         """Credit as far as the window goes; repeated while it is quiet."""
-        if not self._reader.publishers:
+        if self._granter.until < 0 and not (
+                self._reader.publishers and self.publisher.get_subscription_count() >= self.readers):
             return
         until, now = self.last + self._window, time.monotonic()
         if until > self._granter.until + self._window // 4 or now - self._granted > 0.5:

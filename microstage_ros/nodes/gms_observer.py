@@ -33,6 +33,7 @@ class GmsObserver(Node):
         self._follower = Follower(self, AxisState, topics.STATE, p.frame_id, p.window, self._take)
         publisher = self.create_publisher(FrictionState, topics.FRICTION, topics.SERVO)
         self._send = self._follower.servo.writer(publisher)
+        self._follower.publisher, self._follower.readers = publisher, p.expected_subscribers
         self.loop = self._follower.loop
 
     def _take(self, raw, values):

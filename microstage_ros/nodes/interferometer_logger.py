@@ -34,6 +34,7 @@ class InterferometerLogger(Node):
         self._follower = Follower(self, SimulationTruth, topics.SIMULATION, p.frame_id, p.window, self._take)
         publisher = self.create_publisher(InterferometerReading, topics.INTERFEROMETER, topics.SERVO)
         self._send = self._follower.servo.writer(publisher)
+        self._follower.publisher, self._follower.readers = publisher, p.expected_subscribers
         if p.air == "topics":
             for kind, topic, field in ((Temperature, topics.AIR_TEMPERATURE, "temperature"),
                                        (FluidPressure, topics.AIR_PRESSURE, "fluid_pressure"),

@@ -26,7 +26,7 @@ from microstage_ros.nodes import topics
 from microstage_ros.nodes.codec import Codec
 from microstage_ros.nodes.credit import Granter
 from microstage_ros.nodes.parameters import Parameters
-from microstage_ros.nodes.process import run_node
+from microstage_ros.nodes.process import run_node, running
 from microstage_ros.nodes.servo_path import make_servo_path, reader_qos
 
 WAIT = 0.1
@@ -79,7 +79,7 @@ class MoveServer(Node):
     def loop(self):
         """Follow the controller's states and the interferometer."""
         readers = (self._inside, self._interferometer)
-        while self.context.ok():
+        while running():
             self._servo.wait(readers, WAIT)
             while (raw := self._interferometer.take()) is not None:
                 sequence, position, *_ = self._reading_codec.unpack(raw)

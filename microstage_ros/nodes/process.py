@@ -3,9 +3,12 @@
 import signal
 import sys
 import threading
+import time
 
 import rclpy
+from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
 
 from microstage_ros.axis.errors import InputError
 from microstage_ros.nodes.servo_path import RCLError
@@ -13,23 +16,37 @@ from microstage_ros.nodes.servo_path import RCLError
 SWITCH_INTERVAL = 1e-4
 """How long the other thread may keep the interpreter [s]; Python's own 5 ms would be fifty control periods."""
 
+ACKNOWLEDGED = 5.0
+"""Longest wait [s] at the end until every reader has what was sent to it."""
+
+_stop = threading.Event()
+
+
+def running():
+    """False once the process is asked to stop (SIGINT, SIGTERM)."""
+    return not _stop.is_set() and rclpy.ok()
+
 
 def run_node(make, arguments=None, threads=1):
     """Make a node, serve it, run its `loop` until the process is asked to stop. Returns the exit status.
 
+    ROS goes on working while the node closes, so that nothing that was sent is lost.
+
     Parameters
     ----------
-    make : called without arguments; returns the node, which has `loop()` and `close()`.
+    make : called without arguments; returns the node, which has `loop()` (it ends when `running` says so) and
+        `close()`.
     arguments : command line; default that of the process.
     threads : of the executor; more than one where callbacks wait for each other.
     """
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # background processes begin with it ignored
-    rclpy.init(args=arguments)
+    for number in (signal.SIGINT, signal.SIGTERM):  # background processes begin with SIGINT ignored
+        signal.signal(number, lambda *_: _stop.set())
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     sys.setswitchinterval(SWITCH_INTERVAL)
     try:
         node = make()
     except InputError as error:
-        print(error, file=sys.stderr)
+        print(" ".join(str(error).split()), file=sys.stderr)
         rclpy.try_shutdown()
         return 2
     executor = MultiThreadedExecutor(threads) if threads > 1 else SingleThreadedExecutor()
@@ -38,25 +55,33 @@ def run_node(make, arguments=None, threads=1):
     thread.start()
     try:
         node.loop()
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    except RCLError:
-        if node.context.ok():  # otherwise: asked to stop in the middle of a call
-            raise
     finally:
+        _stop.set()
         node.close()
-        rclpy.try_shutdown()
+        _wait_for_readers(node)
         thread.join(timeout=2.0)
+        rclpy.try_shutdown()
     return 0
+
+
+def _wait_for_readers(node):
+    """Until reliable readers have acknowledged all that was sent, within `ACKNOWLEDGED`."""
+    end = time.monotonic() + ACKNOWLEDGED
+    for publisher in node.publishers:
+        rest = max(end - time.monotonic(), 0.01)
+        try:
+            publisher.wait_for_all_acked(Duration(nanoseconds=int(rest * 1e9)))
+        except RCLError:  # nothing to wait for
+            continue
 
 
 def _serve(executor, logger):
     """Serve until the process is asked to stop; a callback that fails is told, and the others go on."""
-    while rclpy.ok():
+    while running():
         try:
-            executor.spin_once(timeout_sec=0.5)
+            executor.spin_once(timeout_sec=0.2)
         except (KeyboardInterrupt, ExternalShutdownException):
             return
         except Exception as error:  # noqa: BLE001 - such as a lifecycle transition that does not exist
-            if rclpy.ok():
+            if running():
                 logger.error(f"a request failed: {type(error).__name__}: {error}")

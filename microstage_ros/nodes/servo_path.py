@@ -133,7 +133,7 @@ class PlainServoPath:
 
     def __init__(self, node):
         # a node of its own, so that the executor of parameters and services does not take the messages
-        self._node = node.context and _companion(node)
+        self._node = _companion(node)
         self._group = MutuallyExclusiveCallbackGroup()
         self._executor = SingleThreadedExecutor(context=node.context)
         self._executor.add_node(self._node)
@@ -142,7 +142,7 @@ class PlainServoPath:
         """A `QueueReader`."""
         reader = QueueReader()
         reader.subscription = self._node.create_subscription(
-            message_type, topic, reader.queue.append, qos, callback_group=self._group, raw=True)
+            message_type, topic, lambda raw: reader.queue.append(raw), qos, callback_group=self._group, raw=True)
         return reader
 
     def writer(self, publisher):

@@ -19,7 +19,7 @@ from microstage_ros.nodes import topics
 from microstage_ros.nodes.codec import STAMP, STAMP_AT, Codec
 from microstage_ros.nodes.credit import UNLIMITED, Granter
 from microstage_ros.nodes.parameters import Parameters
-from microstage_ros.nodes.process import run_node
+from microstage_ros.nodes.process import run_node, running
 from microstage_ros.nodes.scheduling import ask_for_priority
 from microstage_ros.nodes.servo_path import make_servo_path, reader_qos
 from microstage_ros.places import config_file
@@ -44,7 +44,7 @@ class StrController(Node):
         self._servo = make_servo_path(self)
         self._reader = self._servo.reader(AxisState, topics.STATE, reader_qos(topics.DEPTH, reliable=False))
         self._command_publisher = self.create_publisher(VoltageCommand, topics.COMMAND, topics.SERVO)
-        inside = self.create_publisher(ControllerState, topics.CONTROLLER_STATE, topics.SERVO)
+        inside = self._inside_publisher = self.create_publisher(ControllerState, topics.CONTROLLER_STATE, topics.SERVO)
         self._send_command = self._servo.writer(self._command_publisher)
         self._send_inside = self._servo.writer(inside)
         self.create_service(FollowReference, topics.FOLLOW_REFERENCE, self._follow_reference)
@@ -56,8 +56,8 @@ class StrController(Node):
     def loop(self):
         """The servo loop."""
         readers = (self._reader,)
-        take, wait, ok = self._reader.take, self._servo.wait, self.context.ok
-        while ok():
+        take, wait = self._reader.take, self._servo.wait
+        while running():
             raw = take()
             if raw is None:
                 wait(readers, WAIT)
@@ -88,6 +88,7 @@ class StrController(Node):
     def _grant_when_ready(self):
         """Credit without limit once all readers of the command are there."""
         if self._command_publisher.get_subscription_count() >= self.parameters.expected_subscribers \
+                and self._inside_publisher.get_subscription_count() >= self.parameters.expected_state_subscribers \
                 and self._reader.publishers:
             self._granter.grant(UNLIMITED)
             self._ready.cancel()
@@ -119,7 +120,15 @@ def _gains(text):
         raise InputError("str_controller: gains", text, f"YAML such as {{proportional: 4.0e5}} ({error})") from None
     if not isinstance(gains, dict):
         raise InputError("str_controller: gains", text, "YAML such as {proportional: 4.0e5}")
-    return gains
+    return {name: _number(value) for name, value in gains.items()}
+
+
+def _number(value):
+    """YAML takes 4.0e5, which has no sign in its exponent, for a text."""
+    try:
+        return float(value) if isinstance(value, str) else value
+    except ValueError:
+        return value
 
 
 def main(arguments=None):

@@ -1,0 +1,84 @@
+"""The private calls, the fall-back without them, and the fixed-layout messages."""
+
+import numpy as np
+import pytest
+from rclpy.serialization import deserialize_message, serialize_message
+from ros_support import spin_until
+
+from microstage_msgs import msg
+from microstage_ros.nodes.codec import Codec, stamp_ns
+from microstage_ros.nodes.driver_topics import stamp
+from microstage_ros.nodes.servo_path import (
+    FastServoPath, PlainServoPath, make_servo_path, missing_private_calls, reader_qos,
+)
+
+KINDS = ("AxisState", "VoltageCommand", "ControllerState", "FrictionState", "InterferometerReading", "SimulationTruth")
+
+
+def test_this_rclpy_has_the_private_calls():
+    """Fails when rclpy changes them: then `servo_path.PRIVATE` and `FastServoPath` have to follow."""
+    assert missing_private_calls() == []
+
+
+def test_missing_calls_are_named():
+    class Changed:
+        WaitSet = type("WaitSet", (), {"wait": None, "clear_entities": None})
+        Publisher = type("Publisher", (), {"publish_raw": None})
+
+    assert missing_private_calls(Changed) == ["WaitSet.add_subscription", "Subscription.take_message"]
+    assert missing_private_calls(None) == ["rclpy.impl.implementation_singleton"]
+
+
+@pytest.mark.parametrize("plain", [False, True])
+def test_both_ways_carry_the_same_bytes(node, plain):
+    path = make_servo_path(node, plain=plain)
+    assert isinstance(path, PlainServoPath if plain else FastServoPath)
+    reader = path.reader(msg.VoltageCommand, "command", reader_qos(100, reliable=True))
+    publisher = node.create_publisher(msg.VoltageCommand, "command", 100)
+    send, codec = path.writer(publisher), Codec("VoltageCommand")
+    spin_until(node, lambda: publisher.get_subscription_count() == 1 and reader.publishers == 1)
+    sent = [codec.pack(10**9 * k + 7, k, 0.1 * k, 1e-6 * k, 0.0, 1) for k in range(20)]
+    for raw in sent:
+        send(raw)
+    heard = []
+    for _ in range(1000):
+        path.wait((reader,), 0.1)
+        while (raw := reader.take()) is not None:
+            heard.append(bytes(raw))
+        if len(heard) == len(sent):
+            break
+    assert [raw[:len(sent[0])] for raw in heard] == sent
+    path.wait((reader,), 0.01)
+    assert reader.take() is None
+
+
+def filled(kind):
+    """A message with a different value in every field."""
+    message = stamp(getattr(msg, kind)(), 3_000_000_004, "stage")
+    values = iter(range(1, 100))
+    for name, written in message.get_fields_and_field_types().items():
+        if name == "header":
+            continue
+        if "[" in written:
+            kind_, count = written.rstrip("]").split("[")
+            setattr(message, name, [bool(next(values) % 2) if kind_ == "boolean" else float(next(values))
+                                    for _ in range(int(count))])
+        else:
+            value = next(values)
+            setattr(message, name, bool(value % 2) if written == "boolean" else
+                    float(value) + 0.5 if written == "double" else value)
+    return message
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("frame", ["stage", "another_frame"])
+def test_codec_is_the_serialisation_of_ros(kind, frame):
+    message = filled(kind)
+    message.header.frame_id = frame
+    raw, codec = serialize_message(message), Codec(kind, "stage")
+    values = codec.unpack(raw)
+    flat = [value for name in codec.names for value in np.atleast_1d(getattr(message, name)).tolist()]
+    assert list(values) == flat and stamp_ns(raw) == 3_000_000_004
+    packed = Codec(kind, frame).pack(3_000_000_004, *values)
+    assert deserialize_message(packed, getattr(msg, kind)) == message
+    assert len(packed) <= len(raw) < len(packed) + 8  # bytes between fields may differ: ROS leaves them unset
