@@ -12,7 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from microstage_ros.axis.compiled import compiled
 from microstage_ros.axis.errors import InputError
+from microstage_ros.axis.period import as_array
 from microstage_ros.control import design, feedforward, laws, nctf, observer
 from microstage_ros.control.gains import check_gain, fill
 from microstage_ros.control.pid import pid_change
@@ -93,6 +95,12 @@ def _known_gains(type_name, gains, place):
             raise InputError(f"{place}.{name}", gains[name], "one of " + ", ".join(sorted(known)))
 
 
+@compiled
+def _step(parameters, memories, reference, encoder, current):
+    """`controller_step` of the only record of each array (see `axis.period`)."""
+    return laws.controller_step(parameters[0], memories[0], reference, encoder, current)
+
+
 class Controller:
     """One control law with its memory.
 
@@ -108,6 +116,7 @@ class Controller:
         self.type = type_name
         self.parameters = parameters
         self.memory = np.zeros(1, laws.STATE)[0]
+        self._parameters, self._memory = as_array(parameters), as_array(self.memory)
         self.reset()
 
     def reset(self, voltage=0.0):
@@ -116,7 +125,7 @@ class Controller:
 
     def step(self, reference, encoder, current=0.0):
         """Voltage [V] for this period from reference and encoder [m] and current [A] at its start."""
-        return laws.controller_step(self.parameters, self.memory, float(reference), float(encoder), float(current))
+        return _step(self._parameters, self._memory, float(reference), float(encoder), float(current))
 
     def change(self, **gains):
         """Change gains while it runs, without a jump of the output; `InputError` for a bad one."""

@@ -26,6 +26,7 @@ import numpy as np
 from scipy.linalg import solve_discrete_are
 
 from microstage_ros.axis.compiled import compiled
+from microstage_ros.axis.period import as_array
 from microstage_ros.control import feedforward
 from microstage_ros.control.feedforward import friction_along
 from microstage_ros.control.gains import Gain, fill, record_type
@@ -383,6 +384,12 @@ class FrictionEstimate(NamedTuple):
     guideway_block_slips: np.ndarray  # bool
 
 
+@compiled
+def _step(parameters, models, memories, period, encoder, voltage, current):
+    """`observer_step` of the only record of each array (see `axis.period`)."""
+    observer_step(parameters[0], models[0], memories[0], period, encoder, voltage, current)
+
+
 class FrictionObserver:
     """Python face of the observer; ``step`` once per control period.
 
@@ -400,6 +407,7 @@ class FrictionObserver:
         feedforward.fill_model(self.model, axis)
         design_motion(self.parameters, self.model, self.period)
         self.memory = np.zeros(1, np.dtype(STATE_FIELDS))[0]
+        self._arrays = [as_array(record) for record in (self.parameters, self.model, self.memory)]
         self.started = False
         observer_reset(self.parameters, self.memory)
 
@@ -414,9 +422,7 @@ class FrictionObserver:
             if not self.started:
                 observer_start(self.memory, float(encoder))
                 self.started = True
-            observer_step(
-                self.parameters, self.model, self.memory, self.period, float(encoder), float(voltage), float(current)
-            )
+            _step(*self._arrays, self.period, float(encoder), float(voltage), float(current))
 
     @property
     def estimate(self):

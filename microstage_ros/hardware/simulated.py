@@ -1,9 +1,8 @@
 """The simulated axis: the compiled step of `axis.step` behind the calls of a real one."""
 
 from microstage_ros.axis.errors import InputError
+from microstage_ros.axis.period import advance_and_read, as_array, read
 from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
-from microstage_ros.axis.sensors import read_sensors
-from microstage_ros.axis.step import advance
 from microstage_ros.hardware.protocol import Reading, Truth
 
 OPTIONS = ("position", "noise", "friction")
@@ -33,16 +32,16 @@ class SimulatedAxis:
         self._plant = make_plant(setup.axis, noise=NoiseSpec(**options.get("noise", {})))
         self._state = new_state(self._plant, seed=setup.seed, position=options.get("position", 0.0),
                                 friction=options.get("friction", "virgin"))
-        self._work = new_work()
         self._readings = new_readings()
+        self._arrays = [as_array(record) for record in (self._plant, self._state, new_work(), self._readings)]
         self._voltage = None
         self._compile()
 
     def _compile(self):
         """Load or make the compiled step now, on a copy, and not in the first control period."""
-        state = self._state.copy()
-        read_sensors(self._plant, state, self._readings)
-        advance(self._plant, state, self._work, 0.0)
+        plant, state, work, readings = self._arrays
+        read(plant, state.copy(), readings)
+        advance_and_read(plant, state.copy(), work.copy(), readings, 0.0)
 
     def open(self):
         """At rest with no voltage; the first `read` does not move it."""
@@ -50,12 +49,13 @@ class SimulatedAxis:
 
     def read(self):
         """Move by one control period under the voltage written, then read the sensors."""
-        if self._voltage is not None:
-            advance(self._plant, self._state, self._work, self._voltage)
-        read_sensors(self._plant, self._state, self._readings)
-        self._voltage = 0.0 if self._voltage is None else self._voltage
-        r = self._readings
-        return Reading(float(r["encoder"]), float(r["current"]), float(r["motor_angle"]))
+        if self._voltage is None:
+            plant, state, _, readings = self._arrays
+            read(plant, state, readings)
+            self._voltage = 0.0
+        else:
+            advance_and_read(*self._arrays, self._voltage)
+        return Reading(*self._readings.item()[:3])  # the first three fields of `records.READINGS`
 
     def write(self, voltage):
         """Hold ``voltage`` [V] during the period that the last `read` began."""
