@@ -22,6 +22,7 @@ CONTROLLERS = (
 DISTANCES = (1e-6, 1e-5, 1e-4, 1e-3)  # m, Table 4
 PAPER_4S = {1e-6: 173e-9, 1e-5: 160e-9, 1e-4: 219e-9, 1e-3: 255e-9}  # m, Table 4
 PAPER_SINE = {"pid_feedforward": 500e-9, "self_tuning": 150e-9}  # m, section 5.4
+TRACKING_SINE = (1e-5, 0.03)  # m, Hz: Fig. 10
 SINES = (  # m, Hz: 1 um ... 1 mm, 0.03 ... 1 Hz, up to 2 mm/s
     (1e-6, 0.1), (1e-6, 1.0), (1e-5, 0.03), (1e-5, 0.3), (1e-5, 1.0), (1e-4, 0.1), (1e-4, 1.0), (1e-3, 0.3),
 )
@@ -86,7 +87,7 @@ def tracking(bench, controllers):
     found = {}
     for kind in controllers:
         bench.progress(f"sine, {kind}")
-        trials = bench.each(lambda seed: sine_trial(bench.axis, kind, {}, 1e-5, 0.03, seed), range(bench.extent.seeds))
+        trials = bench.each(lambda seed: sine_trial(bench.axis, kind, {}, *TRACKING_SINE, seed), range(bench.extent.seeds))
         peaks = np.array([t.peak for t in trials])
         columns = trials[0].columns
         found[kind] = {

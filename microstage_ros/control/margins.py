@@ -14,7 +14,7 @@ from typing import NamedTuple
 import control
 import numpy as np
 
-from microstage_ros.control import laws
+from microstage_ros.control import laws, observer
 from microstage_ros.control.feedforward import packed_contact
 
 #: Speeds [m/s] at which sliding is linearised: creeping (steepest fall of the Stribeck curve) and moving.
@@ -125,7 +125,7 @@ def observer_loop(axis, plant, stiffness, damping, parameters):
     """
     period = float(parameters["period"])
     step = _observer_step(parameters, stiffness, damping)
-    size = 5  # x, v, d, current of the period before, integral
+    size = 6  # x, v, d, current of the period before, integral, force of the stuck blocks
     # the law is linear here: its matrices are its answers to unit vectors of (state, position, current, voltage)
     answers = np.array([step(unit) for unit in np.eye(size + 3)]).T
     sampled = control.sample_system(plant, period, "zoh")
@@ -149,19 +149,23 @@ def _observer_step(parameters, stiffness, damping):
     pid = parameters["pid"]
     kp, ki = float(pid["proportional"]), float(pid["proportional"] / pid["integral_time"])
     kd, gain = float(pid["proportional"] * pid["derivative_time"]), np.array(o["motion_gain"])
-    part, rest = min(float(m["settling"]) / period, 1.0), math.exp(-period / float(m["settling"]))
+    rest = math.exp(-period / float(m["settling"]))
+    part = float(m["settling"]) / period - rest / (1.0 - rest)
     mass, emf = float(m["moving_mass"]), float(m["volts_per_velocity"])
+    absorbed = min(period / observer.ABSORB_TIME, 1.0) if stiffness > 0.0 else 0.0
 
     def step(values):
-        x, v, d, before, integral, position, current, voltage = values
+        x, v, d, before, integral, spring, position, current, voltage = values
         force = float(m["force_per_ampere"]) * (current + part * (before - current))
-        v = v + period * ((force - stiffness * x - damping * v) / mass - d)
+        v = v + period * ((force - spring - damping * v) / mass - d)
         x = x + period * v
+        spring = (spring if stiffness > 0.0 else 0.0) + stiffness * period * v  # blocks follow the predicted motion, not its corrections
         settled = (current - rest * before) / (1.0 - rest)
         innovation = np.array([position - x, (voltage - float(m["resistance"]) * settled) / emf - v])
         x, v, d = np.array([x, v, d]) + gain @ innovation
+        spring, d = spring + absorbed * mass * d, (1.0 - absorbed) * d
         integral = integral - ki * period * x
-        return np.array([x, v, d, current, integral, -kp * x - kd * v + integral])
+        return np.array([x, v, d, current, integral, spring, -kp * x - kd * v + integral])
 
     return step
 

@@ -1,0 +1,84 @@
+"""Margins: the linearised axis and loops against closed forms and against the compiled loop."""
+
+import math
+
+import control
+import numpy as np
+import pytest
+
+from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
+from microstage_ros.control.closed_loop import TRACE, run_loop
+from microstage_ros.control.controller import make_controller
+from microstage_ros.control.margins import controller_margins, loop_margins, observer_loop, pid_margins, pid_transfer, regimes
+
+T = 1e-4
+
+
+def test_axis_without_friction_has_its_closed_forms(axis):
+    plant = dict((name, plant) for name, plant, _ in regimes(axis))["pre-sliding"][0, 0]
+    # held by all blocks, a volt moves the stage by (k_M/R) / (k_a r / N^2 ...): statics of springs in series and parallel
+    r, gear = 2e-3 / 2 / math.pi, 19
+    torque = 6.59e-3 / 3.41
+    actuator = 1.247514 / 19  # sum k / N per motor radian
+    guide, drive = 454610.0, 1.2e7
+    series = guide * drive / (guide + drive) * (r / gear) ** 2
+    expected = torque / (actuator + series) * (r / gear) * drive / (guide + drive)
+    assert float(np.real(plant(0))) == pytest.approx(expected, rel=1e-3)
+
+
+def test_resonance_is_where_it_belongs(axis):
+    plant = regimes(axis)[2][1]
+    poles = plant.poles()
+    resonance = poles[np.argmin(np.abs(np.abs(poles) - 1980.0))]
+    assert abs(resonance) == pytest.approx(math.sqrt(1.2e7 / 3.06 + 1.2e7 / 356), rel=0.01)
+
+
+def test_margins_agree_with_python_control_on_a_plain_loop():
+    plant = control.tf([1.0], [1.0, 3.0, 3.0, 1.0]) * 4.0
+    loop = control.sample_system(control.ss(plant), 1e-3, "zoh")
+    ours = loop_margins(loop, 1e-3)
+    gain, phase, _, crossover = control.margin(loop)
+    assert ours.stable
+    assert ours.gain_db == pytest.approx(20 * math.log10(gain), abs=0.05)
+    assert ours.phase_deg == pytest.approx(phase, abs=0.2)
+    assert ours.crossover_hz == pytest.approx(crossover / 2 / math.pi, rel=0.01)
+    assert not loop_margins(loop * gain * 1.05, 1e-3).stable
+
+
+def test_transfer_function_is_that_of_the_law(axis):
+    gains = dict(proportional=2e5, integral_time=0.02, derivative_time=0.006, filter_time=8e-4)
+    controller = make_controller("pid", axis, **gains)
+    controller.step(0.0, 0.0)
+    got = [controller.step(0.0, -1e-9 if n == 0 else 0.0) for n in range(200)]
+    _, wanted = control.impulse_response(pid_transfer(gains, T), np.arange(200) * T)
+    np.testing.assert_allclose(got, np.squeeze(wanted) * T * 1e-9, rtol=1e-6, atol=1e-15)
+
+
+def test_observer_loop_is_the_compiled_one(axis):
+    """A small push in pre-sliding: the law's answer is that of the linear loop from which the margins come."""
+    plant = make_plant(axis, NoiseSpec.none())
+    plant["quantum"] = plant["encoder_count"] = 0.0
+    frozen = dict(resistance_spread=0.0, zero_spread=0.0, emf_spread=0.0, level_variability=0.0, speed=0.0, friction_share=0.0)
+    controller = make_controller("self_tuning_observer", axis, **frozen)
+    n = 300
+    push, trace = np.full(n, 1e-3), np.empty((n, len(TRACE)))
+    run_loop(plant, new_state(plant, seed=0), new_work(), new_readings(), controller.parameters, controller.memory,
+             np.zeros(n), np.zeros(n), push, trace)
+    answer = trace[:, TRACE.index("voltage_V")] - push
+    name, linear, slopes = regimes(axis)[0]
+    loop = observer_loop(axis, linear, *slopes, controller.parameters)
+    _, wanted = control.forced_response(control.feedback(-loop, 1, sign=1), np.arange(n) * T, push)
+    assert np.sqrt(np.mean((answer - wanted) ** 2)) < 0.03 * np.sqrt(np.mean(wanted**2))
+
+
+def test_shipped_gains_keep_the_papers_phase_margin(axis):
+    for margins in controller_margins(axis, make_controller("pid", axis).parameters):
+        if margins.regime != "sliding, 1 um/s":
+            assert margins.stable and margins.phase_deg >= 30.0
+    assert all(m.stable for m in controller_margins(axis, make_controller("self_tuning_observer", axis).parameters))
+
+
+def test_too_much_gain_is_told(axis):
+    gains = {name: float(make_controller("pid", axis).parameters["pid"][name]) for name in
+             ("proportional", "integral_time", "derivative_time", "filter_time")}
+    assert not all(m.stable for m in pid_margins(axis, {**gains, "proportional": 10 * gains["proportional"]}))
