@@ -92,7 +92,7 @@ def _swinging_force(generator, strength):
     size, frequency = generator.uniform(0.5, 1.5) * strength, generator.uniform(0.6, 1.7)
 
     def change(plant, _, time):
-        plant["offset_force"] = size * np.sin(2 * np.pi * frequency * time)
+        plant["push"] = size * np.sin(2 * np.pi * frequency * time)
 
     return Hidden("swinging force", change=change, outside=True)
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from microstage_ros.axis.axis_file import load_axis
+from microstage_ros.axis.plant import make_plant
 from microstage_ros.axis.errors import InputError
 from microstage_ros.commands import campaign as campaign_command
 from microstage_ros.commands.__main__ import main
@@ -93,6 +94,16 @@ def test_a_campaign_goes_through_the_catalogue_and_every_draw_is_an_effect():
     again = campaign.draw(examined[3])[0]
     assert again.effects == drawn[3].effects
     assert campaign.draw(campaign.examinations(4, 6, "", "single")[3])[0].effects != drawn[3].effects
+
+
+@pytest.mark.parametrize("kind", sorted(hidden.OUTSIDE))
+def test_what_is_outside_the_catalogue_moves_the_plant(kind):
+    what, plant = hidden.outside(kind, np.random.default_rng(3)), make_plant(load_axis(ROOT / "config/axis.yaml"))
+    before, seen = plant.copy(), set()
+    for time in np.arange(0.0, 3.0, 0.05):
+        what.change(plant, None, time)
+        seen |= {name for name in plant.dtype.names if not np.array_equal(plant[name], before[name])}
+    assert what.outside and not what.ids and len(seen) == 1
 
 
 def _outcome(kind, ids, named, verdict="explained", rivals=(), covers=(), after=0.1):
