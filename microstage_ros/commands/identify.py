@@ -33,6 +33,7 @@ def main(argv=None):
     parser.add_argument("--into", metavar="FILE", help="write the results into this axis file's numbers instead of those of --axis "
                         "(bench results into the whole axis)")
     parser.add_argument("--blocks", type=int, metavar="N", help="number of Maxwell-slip blocks, 1 to 8 (default: the data choose)")
+    parser.add_argument("--refine", action="store_true", help="force-driven axes: values of least closed-loop error in place of the inverse model's")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the bootstrap (default 0)")
     arguments = parser.parse_args(argv)
     out = pathlib.Path(arguments.out)
@@ -46,7 +47,8 @@ def main(argv=None):
     target = load_axis(arguments.into) if arguments.into else axis
     warnings = []
     with Console(stderr=True).status("identifying …") if sys.stderr.isatty() else _Silent() as status:
-        result = identify(_taken(arguments.records, axis, warnings), axis, arguments.seed, status.update, arguments.blocks)
+        result = identify(_taken(arguments.records, axis, warnings), axis, arguments.seed, status.update, arguments.blocks,
+                          arguments.refine)
     out.parent.mkdir(parents=True, exist_ok=True)
     result.to_axis(target).save(out, provenance={
         "version": __version__, "command": "identify", "axis": arguments.axis, "records": list(arguments.records), "seed": arguments.seed})

@@ -19,7 +19,8 @@ from microstage_ros.identification.stribeck import NAMES, stribeck_curve
 from microstage_ros.identification.variability import identify_variability
 from microstage_ros.identification.virgin_curve import Blocks, loading_from_samples
 
-WAY = 0.3  # travel of a steady run [rad]
+WAY = 0.5  # travel of a steady run [rad]
+PLACES = 5  # of slow reversals in one repeat
 RESAMPLES = 80
 
 
@@ -61,7 +62,7 @@ def synthetic_features(axis, repeats, generator, ratio=2e-3 / (2.0 * np.pi)):
                 features.friction.append(sign * friction)
                 features.repeat.append(repeat)
         process = FrictionProcess(axis, generator)
-        for _ in range(3):
+        for _ in range(PLACES):
             process.advance(3e-4, 1.0)
             for sign in (1.0, -1.0):
                 level = process.advance(8e-6, 8.0)

@@ -15,7 +15,7 @@ SPEEDS = tuple(np.round(np.concatenate([np.geomspace(0.03, 1.0, 24), np.geomspac
 """Speeds of the gearhead's output [rad/s]: down to 0.03, without which M_s and ω_S cannot be told apart."""
 
 
-def slow_reversals(ratio, start=0.0, speed=3.0e-3, way=0.024, places=3, apart=3.0e-4):
+def slow_reversals(ratio, start=0.0, speed=3.0e-3, way=0.024, places=5, apart=3.0e-4):
     """Pre-sliding of the actuator: out, back and out again so slowly that friction is that of rest.
 
     Each reversal out of sliding gives one branch, by Masing's rule the virgin curve scaled by two, whatever
@@ -32,7 +32,7 @@ def slow_reversals(ratio, start=0.0, speed=3.0e-3, way=0.024, places=3, apart=3.
     return Run(controller={"type": "pid"}, noise=BENCH_NOISE, program=program, start_m=start - apart)
 
 
-def constant_speeds(ratio, start=0.0, speeds=SPEEDS, duration=0.5, least_way=0.3):
+def constant_speeds(ratio, start=0.0, speeds=SPEEDS, duration=0.5, least_way=0.5):
     """Sliding friction of the actuator (Fig. 5b): each speed in both directions under PI control.
 
     ``duration`` [s] and ``least_way`` [rad]: each run lasts the one and covers the other at least.

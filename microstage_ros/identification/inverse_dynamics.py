@@ -20,6 +20,7 @@ from microstage_ros.identification.intervals import block_covariance, correlatio
 
 KEYS = ("stage.mass", "contacts.guideway.viscous", "contacts.guideway.coulomb", "stage.offset_force")
 UNITS = ("kg", "N s/m", "N", "N")
+LEAST_ROWS = 50  # in motion, in each direction
 POWER_SHARE = 0.999  # the band that carries this share of the force's power is fitted
 EXPERIMENTS = (
     "a run with strong acceleration and deceleration would: its inertial force must exceed the friction",
@@ -40,8 +41,10 @@ class Bands:
 def choose_bands(force, period):
     """The fitted band holds 99.9 % of the force's power; the position's edge lies an octave above.
 
-    ``force`` [N], shape (n,); ``period`` [s]. Returns `Bands`, both below 0.4 of the sampling rate.
+    ``force`` [N], shape (n,); ``period`` [s]. Returns `Bands`, both below 0.4 of the sampling rate; InputError for a constant force.
     """
+    if np.ptp(force) == 0.0:
+        raise InputError("force", f"constant {float(force[0])!r} N", "a force that changes")
     frequency, power = signal.welch(force - force.mean(), 1.0 / period, nperseg=min(len(force), 8192))
     edge = frequency[np.searchsorted(np.cumsum(power) / power.sum(), POWER_SHARE)]
     edge = float(np.clip(edge, 10.0 * frequency[1], 0.2 / period))
@@ -118,8 +121,10 @@ def identify_force_axis(records, axis, bands=None):
         chosen = bands or choose_bands(force, record.period_s)
         parts.append(balance(record["encoder_m"], force, record["reference_m"], record.period_s, chosen, resolution))
     w, z, f = (np.concatenate(column) for column in zip(*parts))
-    if len(f) < 100 or np.linalg.matrix_rank(w[:, 1:3], tol=1e-9 * max(np.abs(w[:, 1:3]).max(), 1e-300)) < 2:
-        raise InputError(f"{records[0].source}: encoder_m", f"{len(f)} rows in motion", "moves in both directions")
+    for direction in (-1.0, 1.0):
+        if np.sum(w[:, 2] * direction > 0.5) < LEAST_ROWS:
+            raise InputError(f"{records[0].source}: encoder_m", f"no motion with velocity {'<' if direction < 0 else '>'} 0",
+                             "moves in both directions")
     # condition: columns in comparable size before solving
     scale = np.linalg.norm(w, axis=0)
     values = np.linalg.lstsq(w / scale, f, rcond=None)[0] / scale

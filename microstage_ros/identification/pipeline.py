@@ -6,10 +6,11 @@ from microstage_ros.axis.errors import InputError
 from microstage_ros.identification.acceleration import identify_attraction, identify_inertia
 from microstage_ros.identification.actuator import Features, extract, steady_series
 from microstage_ros.identification.actuator_fit import identify_presliding, identify_sliding
+from microstage_ros.identification.closed_loop import refine_closed_loop
 from microstage_ros.identification.estimate import Estimate, Identification, from_interval
 from microstage_ros.identification.guideway import elastic_slope, extract_loading
 from microstage_ros.identification.intervals import bootstrap
-from microstage_ros.identification.inverse_dynamics import identify_force_axis
+from microstage_ros.identification.inverse_dynamics import KEYS, identify_force_axis
 from microstage_ros.identification.motor import identify_motor
 from microstage_ros.identification.signals import motor_signals
 from microstage_ros.identification.stribeck import stribeck_curve
@@ -30,7 +31,7 @@ ELSEWHERE = {
 GUIDEWAY_ELSEWHERE = "incremental loading of the guideways alone would: their force is 7 % of the actuator's at the motor"
 
 
-def identify(records, axis, seed=0, progress=lambda text: None, blocks=None):
+def identify(records, axis, seed=0, progress=lambda text: None, blocks=None, refine=False):
     """Identify an axis from records.
 
     Parameters
@@ -40,6 +41,7 @@ def identify(records, axis, seed=0, progress=lambda text: None, blocks=None):
         records do not tell.
     seed : of the bootstrap. progress : called with a line of text after each record.
     blocks : number of Maxwell-slip blocks; None lets the data choose.
+    refine : for a force-driven axis, take the values of least closed-loop error, not the inverse model's.
 
     Returns
     -------
@@ -47,9 +49,23 @@ def identify(records, axis, seed=0, progress=lambda text: None, blocks=None):
     """
     if axis.choices["drive.type"] == "force":
         if axis.law("guideway").startswith("coulomb_viscous"):
-            return identify_force_axis(list(records), axis)
+            return _force_axis(list(records), axis, refine)
         return identify_guideway(records, axis, seed, progress, blocks)
     return identify_motor_axis(records, axis, seed, progress, blocks)
+
+
+def _force_axis(records, axis, refine):
+    """Inverse model, and beside it the closed-loop output error where the axis file has a controller."""
+    result = identify_force_axis(records, axis)
+    if axis.controller.get("type", "none") == "none":
+        return result
+    closed = refine_closed_loop(records, axis, {key: result.estimates[key].value for key in KEYS})
+    result.tables.append(("By least closed-loop error of the force", ("parameter", "unit", "value", "stderr"),
+                          [(e.key, e.unit, f"{e.value:.6g}", f"{e.stderr:.2g}") for e in closed.estimates.values()]))
+    result.remarks += closed.remarks
+    if refine:
+        result.add(*closed.estimates.values())
+    return result
 
 
 def identify_guideway(records, axis, seed=0, progress=lambda text: None, blocks=None):

@@ -105,7 +105,7 @@ def fit_stribeck(speed, friction, spread, breakaway=None, first=None, fixed=None
 
     starts = [np.asarray(first) / scale] if first is not None else _starts(scale, speed)
     fits = [least_squares(residual, np.clip(start[free], low[free] + 1e-9, high[free] - 1e-9), loss="soft_l1",
-                          bounds=(low[free], high[free]), f_scale=ROBUST_SCALE, max_nfev=200) for start in starts]
+                          bounds=(low[free], high[free]), f_scale=ROBUST_SCALE, max_nfev=60) for start in starts]
     fit = min(fits, key=lambda candidate: candidate.cost)
     fit.scale, fit.free = scale[free], free
     return full(fit.x), fit

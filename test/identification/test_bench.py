@@ -1,0 +1,71 @@
+"""The benches from end to end, few repeats: features, identification, axis file."""
+
+import numpy as np
+import pytest
+
+from microstage_ros.axis.errors import InputError
+from microstage_ros.axis.plant import blocks_of
+from microstage_ros.control.run_file import Run
+from microstage_ros.identification import experiments
+from microstage_ros.identification.actuator import extract
+from microstage_ros.identification.guideway import elastic_slope, extract_loading
+from microstage_ros.identification.pipeline import identify
+from microstage_ros.identification.signals import motor_signals, screw_ratio
+from microstage_ros.identification.virgin_curve import Blocks, identify_blocks
+
+
+def test_slow_reversals_give_the_virgin_curve(actuator_bench):
+    """Without random friction the branches are the virgin curve within 1.5 %, the fall of s(w) with speed included."""
+    run = experiments.slow_reversals(screw_ratio(actuator_bench), places=1)
+    run.noise = {**experiments.BENCH_NOISE, "friction_relative": 0.0}
+    record, = experiments.repeats(actuator_bench, [run], 1)
+    loadings = extract(motor_signals(record, actuator_bench), actuator_bench, 0).loadings
+    assert len(loadings) == 2
+    truth = Blocks(*blocks_of(actuator_bench, "actuator"), actuator_bench.value("contacts.actuator.static"))
+    found, _ = identify_blocks(loadings, 6)
+    x = np.geomspace(2e-5, 7e-3, 100)
+    assert found.curve(x) == pytest.approx(truth.curve(x), rel=0.015)
+
+
+def test_a_voltage_ramp_breaks_away_before_the_last_blocks_slip(actuator_bench):
+    """Documented finding: the falling Stribeck curve outweighs the back EMF, so Fig. 5a needs closed loop beyond 3 mrad."""
+    run = experiments.voltage_ramp(1e-4)
+    run.noise = {**experiments.BENCH_NOISE, "friction_relative": 0.0}
+    record, = experiments.repeats(actuator_bench, [run], 1)
+    angle = record["encoder_m"] / screw_ratio(actuator_bench)
+    torque = np.convolve(record["current_A"], np.ones(200) / 200, "same") * 6.59e-3
+    breakaway = int(np.argmax(np.abs(angle) > 9e-3))
+    assert torque[:breakaway].max() < 0.985 * 219e-6
+
+
+def test_incremental_loading(guideway_bench):
+    run = experiments.incremental_loading(1e-4, increment=0.02, settle=0.1)
+    run.noise = {**experiments.GUIDEWAY_NOISE, "friction_relative": 0.0}
+    record, = experiments.repeats(guideway_bench, [run], 1)
+    repeat = extract_loading(record, guideway_bench)
+    assert repeat.breakaway == pytest.approx((0.89, 0.91), abs=0.0101)
+    stiffness, weight = blocks_of(guideway_bench, "guideway")
+    truth = Blocks(stiffness, weight, 0.9)
+    assert truth.curve(repeat.loading.displacement) == pytest.approx(repeat.loading.force, rel=0.03, abs=0.002)
+    # Masing: a return loop is as stiff as the beginning, the sum of all blocks
+    assert [elastic_slope(loop) for loop in repeat.loops] == pytest.approx([stiffness.sum()] * 2, rel=0.01)
+
+
+def test_guideway_identification(guideway_bench):
+    runs = [experiments.incremental_loading(1e-4, increment=0.03, settle=0.06, loops=())] * 5
+    result = identify(experiments.repeats(guideway_bench, runs, 10), guideway_bench, 1, blocks=4)
+    static = result.estimates["contacts.guideway.static"]
+    assert static.determined and static.value == pytest.approx(0.9, rel=0.12)
+    saved = result.to_axis(guideway_bench)
+    assert saved.quantity("contacts.guideway.stiffness").source == "identified"
+    assert len(saved.value("contacts.guideway.stiffness")) == 4
+    slopes = saved.value("contacts.guideway.stiffness")  # the file's reading is segment slopes: they fall
+    assert all(a > b for a, b in zip(slopes, slopes[1:]))
+    assert not result.estimates["contacts.guideway.viscous"].determined
+
+
+def test_a_load_that_never_holds_is_refused(guideway_bench):
+    run = Run(controller={"type": "none"}, noise=experiments.GUIDEWAY_NOISE, program=[{"voltage": np.linspace(0.0, 0.5, 20000)}])
+    record, = experiments.repeats(guideway_bench, [run], 1)
+    with pytest.raises(InputError, match="load that goes up in steps"):
+        extract_loading(record, guideway_bench)

@@ -1,0 +1,103 @@
+"""The command: records in, axis file and page out; bad input refused in one line that says what is wrong."""
+
+import numpy as np
+import pytest
+
+from microstage_ros.axis.axis_file import load_axis
+from microstage_ros.axis.errors import InputError
+from microstage_ros.commands.identify import main
+from microstage_ros.control.run_file import run_from_dict
+from microstage_ros.control.simulate import simulated_record
+from microstage_ros.records import Record, write_record
+from test.identification.conftest import ROOT
+
+PROGRAM = [{"move_to_m": 1e-3, "dwell_s": 0.2}, {"move_to_m": 0.0, "dwell_s": 0.2}, {"scan": {"to_m": 5e-4, "speed_m_s": 5e-4}},
+           {"scan": {"to_m": 0.0, "speed_m_s": 5e-4}}, {"scan": {"to_m": 2e-3, "speed_m_s": 2e-3}}, {"scan": {"to_m": 0.0, "speed_m_s": 2e-3}},
+           {"sine": {"amplitude_m": 1e-4, "frequency_hz": 1.0, "cycles": 2}}]
+
+
+@pytest.fixture(scope="module")
+def closed_loop_record():
+    axis = load_axis(ROOT / "config" / "axis.yaml").with_values({"drive.resistance": 3.7, "contacts.actuator.viscous": 13e-6}, source="estimate")
+    noise = {"encoder_m": 8e-9, "voltage_V": 1e-3, "current_A": 0.0, "friction_relative": 0.03}
+    record = simulated_record(axis, run_from_dict({"controller": {"type": "pid"}, "noise": noise, "program": PROGRAM}), 3)
+    keep = ("t_s", "encoder_m", "reference_m", "voltage_V", "current_A")
+    return Record(record.period_s, {name: record.columns[name] for name in keep}, "record")
+
+
+def run(tmp_path, record, axis="axis.yaml", **changed):
+    columns = {**record.columns, **{name: values for name, values in changed.items() if values is not None}}
+    columns = {name: values for name, values in columns.items() if changed.get(name, 0) is not None}
+    path = tmp_path / "record.csv"
+    write_record(Record(record.period_s, columns, "record"), path)
+    return main(["--axis", str(ROOT / "config" / axis), str(path), "--out", str(tmp_path / "found.yaml")])
+
+
+def test_ordinary_closed_loop_record(tmp_path, closed_loop_record, capsys):
+    """No motor angle: resistance, back EMF, level, viscosity and inertia are found; the rest is named."""
+    assert run(tmp_path, closed_loop_record) == 0
+    found = load_axis(tmp_path / "found.yaml")
+    for key, value, tolerance in (("drive.resistance", 3.7, 0.005), ("drive.back_emf", 6.589e-3, 0.002), ("drive.rotor_inertia", 1e-7, 0.03),
+                                  ("contacts.actuator.coulomb", 125.6e-6, 0.05), ("contacts.actuator.viscous", 13e-6, 0.05)):
+        assert found.value(key) == pytest.approx(value, rel=tolerance), key
+        assert found.quantity(key).source == "identified" and found.quantity(key).stderr > 0
+    assert found.quantity("stage.mass").source == "paper"
+    assert found.provenance["records"] and "version" in found.provenance
+    page = (tmp_path / "found.html").read_text()
+    assert "Not determined" in page and "Torque balance" in page and "Correlation" in page
+    printed = capsys.readouterr().out
+    assert "stage.mass: not determined by these records; weighing" in printed
+
+
+def gap(values, rows):
+    holed = values.copy()
+    holed[1000 : 1000 + rows] = np.nan
+    return holed
+
+
+@pytest.mark.parametrize("change, message", [
+    (lambda c: {"encoder_m": gap(c["encoder_m"], 200)}, "samples missing in a row"),
+    (lambda c: {"encoder_m": c["reference_m"], "reference_m": c["encoder_m"]}, "each other's place"),
+    (lambda c: {"encoder_m": 1e3 * c["encoder_m"]}, "encoder_m"),
+    (lambda c: {"current_A": 1e3 * c["current_A"]}, "current_A"),
+    (lambda c: {"current_A": c["voltage_V"], "voltage_V": c["current_A"]}, "current_A"),
+    (lambda c: {"voltage_V": np.where(np.arange(len(c["t_s"])) % 4 == 0, 6.0, c["voltage_V"])}, "at the limit"),
+    (lambda c: {"encoder_m": 0 * c["encoder_m"] + 1e-3}, "constant"),
+    (lambda c: {"current_A": None}, "column current_A"),
+], ids=["gap", "swapped positions", "mm for m", "mA for A", "swapped electrics", "saturated", "constant", "no current"])
+def test_bad_records_are_refused(tmp_path, closed_loop_record, change, message):
+    with pytest.raises(InputError, match=message) as refused:
+        run(tmp_path, closed_loop_record, **change(closed_loop_record.columns))
+    assert "\n" not in str(refused.value) and not (tmp_path / "found.yaml").exists()
+
+
+def test_short_record_is_refused(tmp_path, closed_loop_record):
+    with pytest.raises(InputError, match="length"):
+        run(tmp_path, closed_loop_record.rows(0, 3000))
+
+
+def test_short_gaps_are_bridged_with_a_warning(tmp_path, closed_loop_record, capsys):
+    assert run(tmp_path, closed_loop_record, encoder_m=gap(closed_loop_record["encoder_m"], 3)) == 0
+    assert "warning" in capsys.readouterr().out
+
+
+def test_record_of_another_kind_of_drive_is_refused(tmp_path, closed_loop_record):
+    force = {"voltage_V": None, "current_A": None, "force_N": 1.0 + 0 * closed_loop_record["t_s"]}
+    with pytest.raises(InputError, match="voltage-driven motor"):
+        run(tmp_path, closed_loop_record, **force)
+
+
+@pytest.mark.parametrize("arguments, message", [
+    (["--out", "found.txt"], "--out"), (["--out", "f.yaml", "--seed", "-1"], "--seed"), (["--out", "f.yaml", "--blocks", "9"], "--blocks"),
+])
+def test_bad_options_are_refused(arguments, message):
+    with pytest.raises(InputError, match=message):
+        main(["--axis", str(ROOT / "config" / "axis.yaml"), "r.csv", *arguments])
+
+
+def test_emps_as_csv(tmp_path, emps_record):
+    """The lines that turn the benchmark's file into a record, then the command."""
+    assert run(tmp_path, emps_record, axis="emps.yaml") == 0
+    found = load_axis(tmp_path / "found.yaml")
+    assert found.value("stage.mass") == pytest.approx(95.1089, rel=0.01)
+    assert found.quantity("stage.mass").source == "identified"

@@ -1,0 +1,83 @@
+"""Motor constants, inertia and attraction from simulated bench runs with noise."""
+
+import numpy as np
+import pytest
+
+from microstage_ros.control.run_file import Run
+from microstage_ros.identification import experiments
+from microstage_ros.identification.acceleration import identify_attraction, identify_inertia
+from microstage_ros.identification.motor import identify_motor
+from microstage_ros.identification.signals import centred_current, motor_signals, screw_ratio, steady_windows, window_means
+
+
+@pytest.fixture(scope="module")
+def speed_signals(actuator_bench):
+    run = experiments.constant_speeds(screw_ratio(actuator_bench), speeds=(0.3, 1.0, 4.0, 16.0), duration=0.25, least_way=0.05)
+    return [motor_signals(r, actuator_bench) for r in experiments.repeats(actuator_bench, [run], 3)]
+
+
+@pytest.fixture(scope="module")
+def acceleration_signals(actuator_bench):
+    run = experiments.accelerations(screw_ratio(actuator_bench), cycles=16)
+    return [motor_signals(r, actuator_bench) for r in experiments.repeats(actuator_bench, [run], 5)]
+
+
+def test_resistance_back_emf_and_inductance(speed_signals, actuator_bench):
+    found = identify_motor(speed_signals, actuator_bench).estimates
+    assert found["drive.resistance"].value == pytest.approx(3.41, rel=2e-3)
+    assert found["drive.back_emf"].value == pytest.approx(6.589014636e-3, rel=1e-3)
+    assert found["drive.inductance"].value == pytest.approx(75e-6, rel=0.15)
+    assert found["amplifier offset"].determined and abs(found["amplifier offset"].value) < 1e-4
+
+
+def test_an_amplifier_offset_is_found(actuator_bench):
+    run = experiments.constant_speeds(screw_ratio(actuator_bench), speeds=(0.3, 4.0), duration=0.25, least_way=0.05)
+    run.effects = {"amplifier_offset": {"offset_V": 5e-3}}
+    signals = [motor_signals(r, actuator_bench) for r in experiments.repeats(actuator_bench, [run], 3)]
+    assert identify_motor(signals, actuator_bench).estimates["amplifier offset"].value == pytest.approx(5e-3, rel=0.1)
+
+
+def test_speed_by_eq_9_agrees_with_the_encoder(speed_signals, actuator_bench):
+    """Paper Eq. 9, ω_r = (U − R I) / (i K_E), as cross-check of the steady speeds."""
+    signals = speed_signals[0]
+    resistance, back_emf = actuator_bench.value("drive.resistance"), actuator_bench.value("drive.back_emf")
+    for window in steady_windows(signals, least_travel=0.02):
+        rows = slice(window.start, window.stop)
+        by_voltage = np.mean(signals.voltage[window.start - 1 : window.stop - 1] - resistance * signals.current[rows]) / 19.0 / back_emf
+        assert by_voltage == pytest.approx(window_means(signals, window)[0], rel=0.02, abs=0.005)
+
+
+def test_inertia(acceleration_signals, actuator_bench):
+    found = identify_inertia(acceleration_signals, actuator_bench).estimates["drive.rotor_inertia"]
+    assert found.determined
+    assert found.value == pytest.approx(1e-7, rel=0.01)
+
+
+def test_inertia_without_fast_motion_is_not_determined(actuator_bench):
+    run = Run(controller={"type": "pid"}, noise=experiments.BENCH_NOISE, program=[{"scan": {"to_m": 2e-5, "speed_m_s": 1e-5}}])
+    signals = [motor_signals(r, actuator_bench) for r in experiments.repeats(actuator_bench, [run], 1)]
+    assert not identify_inertia(signals, actuator_bench).estimates["drive.rotor_inertia"].determined
+
+
+@pytest.mark.parametrize("attraction", [0.3, 1.0])
+def test_attraction_from_accelerations(actuator_bench, attraction):
+    axis = actuator_bench.with_values({"contacts.actuator.attraction": attraction})
+    run = experiments.accelerations(screw_ratio(axis), cycles=10)
+    signals = [motor_signals(r, axis) for r in experiments.repeats(axis, [run], 7)]
+    found = identify_attraction(signals, actuator_bench).estimates["contacts.actuator.attraction"]
+    assert found.determined and found.method == "profile likelihood"
+    assert found.value == pytest.approx(attraction, rel=0.3)
+    assert found.low < attraction < found.high
+
+
+def test_slow_motion_does_not_tell_the_attraction(actuator_bench):
+    run = Run(controller={"type": "pid"}, noise=experiments.BENCH_NOISE, program=[{"scan": {"to_m": 2e-5, "speed_m_s": 1e-5}}])
+    signals = [motor_signals(r, actuator_bench) for r in experiments.repeats(actuator_bench, [run], 1)]
+    found = identify_attraction(signals, actuator_bench).estimates["contacts.actuator.attraction"]
+    assert not found.determined and "would" in found.remark
+
+
+def test_centred_current_of_a_ramp_is_shifted_by_the_settling():
+    """Mean of the periods before and after: ½ (1 − 2 ε) rows later than the reading."""
+    ramp = np.arange(10.0)
+    assert centred_current(ramp, 0.2)[1:-1] == pytest.approx(ramp[1:-1] + 0.3)
