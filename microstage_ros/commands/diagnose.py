@@ -8,8 +8,9 @@ import sys
 from rich.console import Console
 from rich.progress import Progress
 
+from microstage_ros.axis.axis_file import load_axis
 from microstage_ros.axis.errors import InputError
-from microstage_ros.discrepancy.many import Case, cases_of, diagnose_files, diagnose_many
+from microstage_ros.discrepancy.many import Case, cases_of, diagnose_files, diagnose_many, diagnose_series
 from microstage_ros.discrepancy.page import headline
 from microstage_ros.report.plots import quantity
 
@@ -20,6 +21,7 @@ and a run file for every question that the records leave open.
 
 Gain is measured on the records given with --holdout. Without it the program holds back some of the records
 itself (or the end of a single one) and says which. --baseline gives records of the axis while the model was right.
+A long series (more than 16 records) is diagnosed in groups of 8, one group in memory per process, and pooled.
 """
 
 
@@ -30,14 +32,29 @@ def main(argv=None):
         return _each(arguments)
     case = Case("", arguments.axis, tuple(arguments.records), tuple(arguments.holdout), tuple(arguments.baseline),
                 arguments.out, arguments.seed)
-    console = Console(stderr=True)
-    if sys.stderr.isatty():
-        with console.status("diagnosing …") as status:
-            report = diagnose_files(case, lambda text: status.update(f"diagnosing … {text}"), arguments.jobs)
-    else:
-        report = diagnose_files(case, jobs=arguments.jobs)
+    load_axis(case.axis)      # a bad axis file is told before long work begins, and so is a missing record
+    for path in (*case.records, *case.holdout, *case.baseline):
+        if not pathlib.Path(path).exists():
+            raise InputError(path, "no such file", "a record: .mcap, bag folder, .csv[.gz|.xz]")
+    report = _series(case, arguments) if case.is_series or arguments.scheduler else _alone(case, arguments.jobs)
     tell(report, arguments.out)
     return 0
+
+
+def _alone(case, jobs):
+    """One case in this process, with a line of progress on a terminal."""
+    if not sys.stderr.isatty():
+        return diagnose_files(case, jobs=jobs)
+    with Console(stderr=True).status("diagnosing …") as status:
+        return diagnose_files(case, lambda text: status.update(f"diagnosing … {text}"), jobs)
+
+
+def _series(case, arguments):
+    """A long series, or work for a cluster: in groups."""
+    with Progress(console=Console(stderr=True), disable=not sys.stderr.isatty()) as progress:
+        task = progress.add_task("diagnosing groups of records", total=None)
+        return diagnose_series(case, arguments.jobs, arguments.scheduler,
+                               lambda done, total: progress.update(task, completed=done, total=total))
 
 
 def _parse(argv):

@@ -13,13 +13,14 @@ import pathlib
 
 from microstage_ros.axis.axis_file import load_axis
 from microstage_ros.axis.errors import InputError
-from microstage_ros.discrepancy import diagnosis
+from microstage_ros.discrepancy import diagnosis, pooling
 from microstage_ros.discrepancy.answer import write_answer
 from microstage_ros.discrepancy.resimulation.diagnose import diagnose_force_axis
 from microstage_ros.records import read_record
 from microstage_ros.records.csv_file import SUFFIXES
 
 PATIENCE = "10s"               # for a scheduler to answer
+LARGEST = 2 * pooling.GROUP    # records of one case that are held at once
 AHEAD = 2                      # cases per worker that are handed out before the first comes back
 
 
@@ -35,6 +36,16 @@ class Case:
     out: str
     seed: int = 0
 
+    @property
+    def sources(self):
+        """What is read, for the answer's files."""
+        return {"records": list(self.records), "holdout": list(self.holdout), "baseline": list(self.baseline)}
+
+    @property
+    def is_series(self):
+        """Whether there are too many records to hold at once."""
+        return len(self.records) > LARGEST
+
 
 def diagnose_files(case, progress=None, jobs=1):
     """Read the files of a `Case`, diagnose, write the answer. Returns the mapping of report.json.
@@ -44,8 +55,7 @@ def diagnose_files(case, progress=None, jobs=1):
     axis = load_axis(case.axis)
     records, holdout, baseline = ([read_record(path) for path in paths] for paths in (case.records, case.holdout, case.baseline))
     answer = diagnose_records(axis, records, holdout, baseline, case.seed, progress, jobs)
-    sources = {"records": list(case.records), "holdout": list(case.holdout), "baseline": list(case.baseline)}
-    return write_answer(answer, axis, case.out, sources)
+    return write_answer(answer, axis, case.out, case.sources)
 
 
 def diagnose_records(axis, records, holdout, baseline, seed, progress=None, jobs=1):
@@ -81,6 +91,22 @@ def cases_of(folders, axis, out, seed):
 
 def _is_record(path):
     return path.name.endswith((*SUFFIXES, ".mcap")) or (path / "metadata.yaml").exists()
+
+
+def diagnose_series(case, jobs=1, scheduler=None, progress=None):
+    """Diagnose a long series of records of one axis in groups and pool them; writes and returns the answer.
+
+    ``progress``: function (groups done, groups in all), or None. Raises the first group's error, if one fails.
+    """
+    groups, reports = pooling.groups_of(case), {}
+    for group, report in diagnose_many(groups, jobs, scheduler):
+        if isinstance(report, Exception):
+            raise report
+        reports[group.name] = report
+        if progress:
+            progress(len(reports), len(groups))
+    answer = pooling.pool(groups, [reports[group.name] for group in groups], case.seed)
+    return write_answer(answer, load_axis(case.axis), case.out, case.sources)
 
 
 def diagnose_many(cases, jobs=1, scheduler=None):

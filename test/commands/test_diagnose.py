@@ -144,3 +144,14 @@ def test_the_campaign_command_refuses_what_is_not_right(capsys):
         with pytest.raises(InputError):
             campaign_command.main(arguments)
     assert np.isnan(_outcome("healthy", [], [], after=0.1).removed) is np.False_
+
+
+def test_a_long_series_is_diagnosed_in_groups(healthy, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("microstage_ros.discrepancy.many.LARGEST", 1)
+    monkeypatch.setattr("microstage_ros.discrepancy.pooling.GROUP", 1)
+    monkeypatch.setattr("microstage_ros.discrepancy.pooling.groups_of.__defaults__", (1,))
+    records = [str(healthy / name / "rec.csv") for name in ("one", "two")]
+    assert main(["diagnose", "--axis", str(AXIS), *records, "--out", str(tmp_path)]) == 0
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["verdict"] == "agrees" and "2 groups" in report["notes"][0]
+    assert (tmp_path / "groups/0002/report.html").exists() and len(report["gain"]["records"]) == 2
