@@ -17,12 +17,13 @@ Robust law. The same three products drive the logarithms of the gains, after the
   size of the move;
 * S forgets with 10 tau and only e S > 0 counts: an error that persists raises K_I, an overshoot does not
   make it collapse;
-* the gains stay between `floor` and `ceiling` times the tuned ones, K_I at most `spread` times ahead of K_P
-  and K_D at most `spread` times behind it: the stable set, whose margins `control.margins` computes;
+* the gains stay between `floor` and `ceiling` times the tuned ones, K_I at most `spread` times ahead of K_P,
+  and K_D not behind it: the stable set, whose margins `control.margins` computes;
 * the set shrinks where the axis says so. A swing is a half wave of the error's fast part beyond
   `alternation`, shorter than 10 tau; from the fifth in a row on, each lowers the ceiling of K_P by
-  `back_off`, that of K_I by twice as much (the pole of the integral moves with that of the position loop)
-  and that of K_D by `damping_share` of it. Ceilings rise again at `recovery`.
+  `back_off` and that of K_I by twice as much (the pole of the integral moves with that of the position
+  loop). K_D goes with K_P, by `damping_share`, where swings are faster than tau / 2, as those of a resonance
+  are; slow ones, of stick-slip or backlash, need the damping. Ceilings rise again at `recovery`.
 """
 
 import math
@@ -44,7 +45,7 @@ GAINS = (
     Gain("start", "1", 1e-4, 100.0, 1.0, "gains at reset over the tuned ones"),
     Gain("floor", "1", 1e-4, 1.0, 0.1, "lowest gains over the tuned ones"),
     Gain("ceiling", "1", 1.0, 100.0, 1.2, "highest gains over the tuned ones"),
-    Gain("spread", "1", 1.0, 10.0, 1.5, "how far K_I may be ahead of K_P, and K_D behind"),
+    Gain("spread", "1", 1.0, 10.0, 1.5, "how far K_I may be ahead of K_P"),
 )
 PARAMETERS = record_type(GAINS)
 STATE_FIELDS = [
@@ -59,6 +60,7 @@ STATE_FIELDS = [
     ("since", "f8"),  # s, time since its sign changed
     ("swings", "i8"),  # in a row
     ("ceiling", "f8"),  # logarithm of the present ceiling of K_P
+    ("damping_ceiling", "f8"),  # logarithm of the present ceiling of K_D
     ("log_kp", "f8"),  # natural logarithms of the gains over the tuned ones
     ("log_ki", "f8"),
     ("log_kd", "f8"),
@@ -79,6 +81,7 @@ def adaptation_reset(p, s, pid_s):
     s.since = 0.0
     s.swings = 0
     s.ceiling = math.log(p.ceiling)
+    s.damping_ceiling = s.ceiling
     s.log_kp = math.log(p.start)
     s.log_ki = s.log_kp
     s.log_kd = s.log_kp
@@ -127,12 +130,16 @@ def watch_swings(p, s, error, period):
     fast = s.smooth - s.slow
     s.since += period
     s.ceiling = min(s.ceiling + p.recovery * period, math.log(p.ceiling))
+    s.damping_ceiling = min(s.damping_ceiling + p.recovery * period, math.log(p.ceiling))
     if s.since > 10.0 * p.time_unit:
         s.swings = 0
     if fast * s.peak < 0.0:
         s.swings = s.swings + 1 if abs(s.peak) > p.alternation else 0
         if s.swings > 4:
             s.ceiling = max(min(s.ceiling, s.log_kp) - p.back_off, math.log(p.floor))
+            if s.since < 0.5 * p.time_unit:
+                lowered = min(s.damping_ceiling, s.log_kd) - p.damping_share * p.back_off
+                s.damping_ceiling = max(lowered, math.log(p.floor))
         s.peak = fast
         s.since = 0.0
     elif abs(fast) > abs(s.peak):
@@ -147,7 +154,7 @@ def project(p, s):
     shrunk = min(s.ceiling, 0.0)
     s.log_kp = min(max(s.log_kp, low), s.ceiling)
     s.log_ki = min(max(s.log_ki, 2.0 * low), s.ceiling + shrunk, s.log_kp + wide)
-    s.log_kd = min(max(s.log_kd, low, s.log_kp - wide), math.log(p.ceiling) + p.damping_share * shrunk)
+    s.log_kd = min(max(s.log_kd, low, min(s.log_kp, 0.0)), s.damping_ceiling)
 
 
 @compiled
