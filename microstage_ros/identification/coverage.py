@@ -1,6 +1,6 @@
 """Do the 95 % intervals hold the truth? Trials on synthetic experiments, fast enough for a hundred of them.
 
-    python -m microstage_ros.identification.coverage [--trials 100] [--repeats 50] [--seed 1]
+    python -m microstage_ros.identification.coverage [--trials 100] [--repeats 50] [--seed 1] [--part actuator]
 
 Each trial makes the repeats that the benches would give (first loadings, steady points, breakaways) from the
 axis file's laws with the random friction of its process and the noise of the sensors, runs the estimators with
@@ -138,9 +138,11 @@ def main(argv=None):
     parser.add_argument("--trials", type=int, default=100, metavar="N")
     parser.add_argument("--repeats", type=int, default=50, metavar="N")
     parser.add_argument("--seed", type=int, default=1, metavar="N")
+    parser.add_argument("--part", choices=("actuator", "variability"), help="only this part")
     arguments = parser.parse_args(argv)
     axis = load_axis(CONFIG / "experiments" / "actuator_bench.yaml")
-    for make in (lambda s: trial(axis, arguments.repeats, s), lambda s: variability_trial(axis, s)):
+    parts = {"actuator": lambda s: trial(axis, arguments.repeats, s), "variability": lambda s: variability_trial(axis, s)}
+    for make in [parts[arguments.part]] if arguments.part else parts.values():
         rows = table([make(arguments.seed + k) for k in range(arguments.trials)])
         for key, (held, bias, spread) in rows.items():
             print(f"{key:28s} covers {held:6.1%}   mean deviation {bias:+7.2%}   standard deviation {spread:6.2%}", flush=True)
