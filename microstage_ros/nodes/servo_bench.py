@@ -1,0 +1,172 @@
+"""How fast the loop over topics is: the cell itself, process by process, and peers on the same machine.
+
+`rows()` returns a list of dicts: ``name``, ``value``, ``unit``, ``peer`` (True: somebody else's way), ``note``.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import rclpy
+import yaml
+
+from microstage_msgs.msg import AxisState, ServoTiming, VoltageCommand
+from microstage_ros.axis.axis_file import load_axis
+from microstage_ros.nodes import topics
+from microstage_ros.nodes.cell_processes import NODES, CellProcesses
+from microstage_ros.nodes.codec import Codec
+from microstage_ros.nodes.servo_path import make_servo_path, reader_qos
+from microstage_ros.places import config_file
+
+PAIR = ("str_controller", "axis_driver")
+TICKS = os.sysconf("SC_CLK_TCK")
+ROUND_TRIPS = 5000
+
+
+def rows(seconds=8.0):
+    """All measurements; about six times ``seconds`` of wall clock."""
+    found = []
+    rclpy.init()
+    try:
+        node = rclpy.create_node("servo_bench", namespace="/bench")
+        for way in ("waitset", "executor"):
+            found += round_trips(node, way)
+        found += lockstep(node, PAIR, seconds)
+        found += lockstep(node, NODES, seconds)
+        found += paced(node, NODES, seconds, 1e-4)
+        found += paced(node, NODES, seconds, 1e-3)
+    finally:
+        rclpy.try_shutdown()
+    return found
+
+
+def row(name, value, unit, peer=False, note=""):
+    """One measurement."""
+    return {"name": name, "value": float(value), "unit": unit, "peer": peer, "note": note}
+
+
+def lockstep(node, nodes, seconds):
+    """Simulated time per wall clock of the running cell."""
+    name = f"lockstep, {'driver and controller' if nodes == PAIR else f'all {len(nodes)} nodes, everything recorded'}"
+    with tempfile.TemporaryDirectory() as folder:
+        parameters = {"bag_recorder": {"directory": f"{folder}/bag"}}
+        first, last, wall, shares = _observed(node, nodes, parameters, seconds, Path(folder))
+    rate = (last.periods - first.periods) / wall
+    return [row(f"{name}: times real time", rate * 1e-4, "1"), row(f"{name}: periods", rate, "1/s"),
+            *_responses(name, last), *_shares(name, shares)]
+
+
+def paced(node, nodes, seconds, period):
+    """Keeping time at the wall clock."""
+    name = f"paced at {1e-3 / period:g} kHz, all {len(nodes)} nodes"
+    with tempfile.TemporaryDirectory() as folder:
+        axis = load_axis(config_file("axis.yaml")).with_values({"period": period}, source="estimate")
+        axis.save(f"{folder}/axis.yaml")
+        file = {"axis_file": f"{folder}/axis.yaml"}
+        parameters = {"axis_driver": {"mode": "paced", "command_timeout_periods": 100000, **file},
+                      "str_controller": file, "gms_observer": file,
+                      "bag_recorder": {"directory": f"{folder}/bag", "log_time": "arrival"}}
+        first, last, wall, shares = _observed(node, nodes, parameters, seconds, Path(folder))
+        recorded = yaml.safe_load((Path(folder) / "bag" / "metadata.yaml").read_text(encoding="utf-8"))
+    periods = last.periods - first.periods
+    missing = recorded["rosbag2_bagfile_information"]["custom_data"]["missing_messages"]
+    return [row(f"{name}: periods", periods / wall, "1/s"),
+            row(f"{name}: answered within the period", (last.answered - first.answered) / periods, "1"),
+            row(f"{name}: overruns", last.overruns - first.overruns, "1", note=f"of {periods} periods"),
+            row(f"{name}: messages missing in the bag", sum(yaml.safe_load(missing).values()), "1"),
+            *_responses(name, last), *_shares(name, shares)]
+
+
+def _responses(name, timing):
+    return [row(f"{name}: response, {words}", value, "s") for words, value in (
+        ("median", timing.response_median), ("99 %", timing.response_p99), ("99.99 %", timing.response_p9999))]
+
+
+def _shares(name, shares):
+    return [row(f"{name}: {process}", share, "cores") for process, share in shares.items()]
+
+
+def _observed(node, nodes, parameters, seconds, folder):
+    """First and last timing message over ``seconds``, the wall clock between, and the cores each process took."""
+    heard = []
+    watch = node.create_subscription(ServoTiming, f"/bench/{topics.TIMING}",
+                                     lambda m: heard.append((time.monotonic(), m)), 10)
+    with CellProcesses("/bench", nodes, parameters, folder / "logs") as cell:
+        cell.activate(node)
+        _spin(node, lambda: len(heard) > 1 and heard[-1][1].periods > 1)
+        begin, before = len(heard) - 1, _cpu(cell)
+        end = time.monotonic() + seconds
+        _spin(node, lambda: time.monotonic() > end)
+        after = _cpu(cell)
+        (t0, first), (t1, last) = heard[begin], heard[-1]
+        cell.deactivate(node)
+    node.destroy_subscription(watch)
+    return first, last, t1 - t0, {name: (after[name] - before[name]) / seconds for name in nodes}
+
+
+def _cpu(cell):
+    """Processor time of every process so far [s]."""
+    times = {}
+    for name, process in cell.processes.items():
+        fields = Path(f"/proc/{process.pid}/stat").read_text(encoding="ascii").rsplit(")", 1)[1].split()
+        times[name] = (int(fields[11]) + int(fields[12])) / TICKS
+    return times
+
+
+def _spin(node, condition, seconds=60.0):
+    end = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end:
+        rclpy.spin_once(node, timeout_sec=0.1)
+
+
+def round_trips(node, way):
+    """State there, command back, between two processes and nothing else."""
+    path = make_servo_path(node, plain=way == "executor")
+    reader = path.reader(VoltageCommand, "/bench/echo/command", reader_qos(100, reliable=False))
+    publisher = node.create_publisher(AxisState, "/bench/echo/state", topics.SERVO)
+    send, raw = path.writer(publisher), Codec("AxisState").pack(0, 0, 0.0, 0.0, 0.0, 0.0, 0, 0)
+    with subprocess.Popen([sys.executable, "-m", "microstage_ros.nodes.servo_bench", way]) as child:
+        _spin(node, lambda: publisher.get_subscription_count() > 0 and reader.publishers > 0)
+        times = []
+        for k in range(ROUND_TRIPS):
+            began = time.perf_counter()
+            send(raw)
+            path.wait((reader,), 0.5)
+            if reader.take() is not None:
+                times.append(time.perf_counter() - began)
+        child.terminate()
+    times = np.array(times[100:])
+    name = {"waitset": "round trip, this servo path", "executor": "round trip, rclpy's SingleThreadedExecutor"}[way]
+    peer = way == "executor"
+    return [row(f"{name}: rate", 1.0 / times.mean(), "1/s", peer, f"{ROUND_TRIPS - 100 - len(times)} lost"),
+            row(f"{name}: median", np.median(times), "s", peer), row(f"{name}: 99 %", np.quantile(times, 0.99), "s", peer)]
+
+
+def _echo(way):
+    """The other process of `round_trips`."""
+    rclpy.init()
+    node = rclpy.create_node("echo", namespace="/bench")
+    path = make_servo_path(node, plain=way == "executor")
+    reader = path.reader(AxisState, "/bench/echo/state", reader_qos(100, reliable=False))
+    send = path.writer(node.create_publisher(VoltageCommand, "/bench/echo/command", topics.SERVO))
+    raw = Codec("VoltageCommand").pack(0, 0, 0.0, 0.0, 0.0, 1)
+    try:
+        while rclpy.ok():
+            path.wait((reader,), 0.1)
+            while reader.take() is not None:
+                send(raw)
+    except Exception:  # noqa: BLE001 - asked to stop in the middle of a call
+        if rclpy.ok():
+            raise
+
+
+if __name__ == "__main__":
+    if len(sys.argv) > 1:
+        _echo(sys.argv[1])
+    else:
+        for found in rows():
+            print(f"{found['value']:12.6g} {found['unit']:6} {found['name']} {found['note']}")
