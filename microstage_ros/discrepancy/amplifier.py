@@ -8,6 +8,7 @@ from scipy.optimize import minimize_scalar
 from microstage_ros.discrepancy.catalogue.command import FORMS, delayed, delay_form, lag_form, lagged
 from microstage_ros.discrepancy.collection import Collection
 
+GAIN = next(form for form in FORMS if not form.named)
 LEAST_GAIN = 60.0
 LEAST_TIME = 4.0e-6      # s: a few hundredths of a period are a matter of stamps
 CLEAR = 0.03             # relative difference of χ² by which delay and lag must differ
@@ -26,12 +27,13 @@ class Slowness:
     held_rows: int
     rival: bool
     noise: float
+    winding: float
 
     def apply(self, command, period):
         """The command as the slow amplifier passes it on."""
         if self.effect == "transport_delay":
-            return delayed(command, self.time / period)
-        return lagged(command, self.time, period)
+            return delayed(command, self.time / period, period / self.winding)
+        return lagged(command, self.time, period, period / self.winding)
 
 
 def find_slowness(prepared, drive):
@@ -41,7 +43,7 @@ def find_slowness(prepared, drive):
         return None
     learn = fast.gather("command", FORMS, "learn")
     trials = []
-    for form in FORMS:
+    for form in (form for form in FORMS if form.named):
         beta, _, gain = learn.fit([form.key])
         if form.accept(beta):
             trials.append((gain, form, float(beta[0])))
@@ -54,16 +56,17 @@ def find_slowness(prepared, drive):
         return None
     gain, effect, time, stderr = refined[0]
     form = _form(effect, time, period)
-    held = fast.gather("command", [form], "held")
+    held = fast.gather("command", [form, GAIN], "held")
     held_gain = held.reduction([form.key], np.ones(1))
-    base = fast.gather("command", [form], "base")
+    base = fast.gather("command", [form, GAIN], "base")
     if gain < LEAST_GAIN or held_gain < 0.2 * gain / max(len(prepared["learn"]), 1):
         return None
     if base is not None and base.reduction([form.key], np.ones(1)) > 0.3 * base.matrix[1, 1]:
         return None
     rival = len(refined) > 1 and refined[1][0] > gain - max(20.0, CLEAR * gain)
     noise = float(np.mean([c["command"].noise for c in fast.channels["held"]]))
-    return Slowness(effect, time, stderr, gain, held_gain, held.energy(), held.rows, rival, noise)
+    return Slowness(effect, time, stderr, gain, held_gain, held.energy(), held.rows, rival, noise,
+                    drive.inductance / drive.resistance)
 
 
 def _form(effect, time, period):
@@ -77,7 +80,7 @@ def _refine(fast, trial, period):
 
     def loss(time):
         one = _form(form.effect, float(time), period)
-        return -fast.gather("command", [one], "learn").reduction([one.key], np.ones(1))
+        return -fast.gather("command", [one, GAIN], "learn").reduction([one.key], np.ones(1))
 
     low, high = (0.01 * start, 1.3 * start) if beta < 0.4 else (0.6 * start, 1.7 * start)
     found = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": 2e-3 * start, "maxiter": 14})

@@ -12,6 +12,7 @@ from microstage_ros.axis.errors import InputError
 from microstage_ros.discrepancy import judge
 from microstage_ros.discrepancy.amplifier import find_slowness
 from microstage_ros.discrepancy.catalogue import FORMS
+from microstage_ros.discrepancy.channels.resonance import Resonance
 from microstage_ros.discrepancy.collection import Collection
 from microstage_ros.discrepancy.diagnosis import Cause, Diagnosis, Gain, Parameter
 from microstage_ros.discrepancy.drive import drive_of
@@ -24,6 +25,7 @@ from microstage_ros.discrepancy.systematic import SYSTEMATIC
 from microstage_ros.discrepancy.timing import readings_late
 
 EFFECTS = tuple(sorted({form.effect for form in FORMS if form.named and form.channel != "command"}))
+SLOW_SHARE = 0.01       # of the χ² of a slow amplifier that a further electrical cause must hold
 GENERIC = tuple(form for form in FORMS if not form.named)
 
 
@@ -47,17 +49,43 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
         notes.append("No baseline was given: thresholds come from the model's own figures.")
     prepared = {name: [prepare(record, drive) for record in group] for name, group in groups.items()}
     slow = find_slowness(prepared, drive)
+    amplifier = None if slow is None else slow.apply
     if slow is not None:
-        for name in ("learn", "held"):
-            prepared[name] = [prepare(record, drive, slow.apply) for record in groups[name]]
+        prepared |= _again(groups, drive, amplifier, ())
+    lines = _lines(prepared, drive)
+    if lines:
+        prepared |= _again(groups, drive, amplifier, lines)
     collection = Collection(prepared, drive)
     evidences = collection.evidences([form for form in FORMS if form.channel != "command"])
     choices, _ = select(evidences, EFFECTS)
+    if slow is not None:  # a slow amplifier is never modelled to the last nanometre
+        choices = [c for c in choices if not {f.channel for f in c.forms} <= {"windup", "resonance"}
+                   or evidences.held_gain(choices) - evidences.held_gain([o for o in choices if o is not c])
+                   > SLOW_SHARE * slow.held]
     rivals = {c.effect: judge.rivals_of(evidences, c, choices, EFFECTS) for c in choices}
     refined = refine(collection, choices)
     if refined != choices:
         evidences, choices = _final(collection, refined)
-    return _answer(collection, evidences, choices, rivals, slow, holdout, notes, seed)
+    return _answer(collection, evidences, choices, rivals, (slow, lines), holdout, notes, seed)
+
+
+def _again(groups, drive, amplifier, lines):
+    """Learning and held-out records prepared anew, with the amplifier's slowness and without the lines."""
+    prepared, number = {}, 0
+    for name in ("learn", "held"):
+        prepared[name] = []
+        for record in groups[name]:
+            traces = [(line.frequency, line.traces[number]) for line in lines]
+            prepared[name].append(prepare(record, drive, amplifier, traces))
+            number += 1
+    return prepared
+
+
+def _lines(prepared, drive):
+    """Lines in the resting parts of the records that have a current."""
+    if not all(p.has_current for p in (*prepared["learn"], *prepared["held"])):
+        return []
+    return find_lines(*([Resonance(p, drive) for p in prepared[name]] for name in ("learn", "held", "base")))
 
 
 def _final(collection, choices):
@@ -70,7 +98,7 @@ def _final(collection, choices):
     return final, kept
 
 
-def _answer(collection, evidences, choices, rivals, slow, holdout, notes, seed):
+def _answer(collection, evidences, choices, rivals, apart, holdout, notes, seed):
     book = judge.ledger_of(evidences, choices, GENERIC)
     found = judge.findings_of(evidences, choices, GENERIC)
     units = _units(collection)
@@ -81,7 +109,7 @@ def _answer(collection, evidences, choices, rivals, slow, holdout, notes, seed):
             unsure.append(judge.rivals_entry([choice.effect, *others]))
         else:
             causes.append(_cause(evidences, choice, choices, units))
-    causes += _special_causes(collection, slow, book, unsure)
+    causes += _special_causes(collection, *apart, book, unsure)
     causes = _with_shares(causes, book)
     left = judge.leftovers(found)
     verdict = judge.verdict_of(causes, unsure, left, book, False)
@@ -109,7 +137,7 @@ def _cause(evidences, choice, choices, units):
     return Cause(choice.effect, parameters, effect, judge.probability_of(trial), 0.0, gain, channel)
 
 
-def _special_causes(collection, slow, book, unsure):
+def _special_causes(collection, slow, lines, book, unsure):
     """Causes found outside the regression; their χ² is added to the book."""
     causes = []
     if slow is not None:
@@ -122,13 +150,11 @@ def _special_causes(collection, slow, book, unsure):
             rms = [slow.noise * np.sqrt(v / slow.held_rows) for v in (slow.held_before, slow.held_before - slow.held)]
             causes.append(Cause(slow.effect, {name: Parameter(slow.time, slow.stderr, "s")}, {name: slow.time}, 0.999, 0.0,
                                 Gain(float(rms[0]), float(rms[1]), "V"), "command"))
-    if "windup" in collection.names:
-        lines = find_lines(*([c["windup"] for c in collection.channels[g] if "windup" in c] for g in ("learn", "held", "base")))
-        if lines:
-            held = sum(line.held for line in lines)
-            book.before += held
-            book.parts["floor_vibration"] = held
-            causes.append(_vibration(lines))
+    if lines:
+        held = sum(line.held for line in lines)
+        book.before += held
+        book.parts["floor_vibration"] = held
+        causes.append(_vibration(lines))
     late = readings_late(*(collection.prepared[g] for g in ("learn", "held", "base")))
     if late is not None:
         causes.append(_late(late, book))

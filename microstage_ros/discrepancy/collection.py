@@ -7,6 +7,7 @@ from microstage_ros.discrepancy.catalogue.form import Frame
 from microstage_ros.discrepancy.channels.command import Command
 from microstage_ros.discrepancy.channels.mechanical import DEFAULT_SPREADS, Mechanical, fit_spreads
 from microstage_ros.discrepancy.channels.position import Position
+from microstage_ros.discrepancy.channels.resonance import Resonance
 from microstage_ros.discrepancy.channels.windup import Windup
 from microstage_ros.discrepancy.evidence import gather
 from microstage_ros.discrepancy.selection import Evidences
@@ -62,7 +63,7 @@ def _channels(prepared, drive, fast_only):
         return {"command": Command(prepared, drive)} if prepared.has_current else {}
     kinds = [Mechanical]
     if prepared.has_current:
-        kinds.append(Windup)
+        kinds += [Windup, Resonance]
     if prepared.interferometer is not None:
         kinds.append(Position)
     return {kind.name: kind(prepared, drive) for kind in kinds}

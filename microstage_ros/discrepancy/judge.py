@@ -99,7 +99,7 @@ def best_or_same(evidences, choice, others):
 def findings_of(evidences, choices, generic):
     """How strongly each channel's residual depends on each coordinate, before and after the causes."""
     found = []
-    for form in generic:
+    for form in (form for form in generic if form.channel in evidences.learn):
         learn = evidences.learn[form.channel]
         count = len(learn.indices([form.key]))
         before = evidences.channel_gain(form.channel, [], [(form.channel, form.key)])

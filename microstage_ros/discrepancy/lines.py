@@ -1,6 +1,6 @@
 """Narrow lines in position while the stage rests: floor vibration.
 
-The residual is stage against motor (the wind-up channel), which is white once whitened, so that its
+The residual is stage against motor, which is white once whitened, so that its
 periodogram over the resting parts has the same exponential distribution at every frequency; a line
 must stand in all learning records together, again in the held-out ones, and not in the baseline.
 """
@@ -9,16 +9,21 @@ import dataclasses
 
 import numpy as np
 
+from microstage_ros.discrepancy.whitening import whiten_walk
+
 REST_SPEED = 2.0e-5        # m/s
-LOWEST, HIGHEST = 4.0, 900.0   # Hz
+LOWEST, HIGHEST = 8.0, 900.0   # Hz
 LEAST_POWER = 32.0         # of summed periodograms in units of their mean; e^-32 times 10⁵ frequencies
 LEAST_AMPLITUDE = 3.0e-10  # m
+NARROW = 0.04              # power half a hertz or so beside a line, relative to it
 MOST = 6
 
 
 @dataclasses.dataclass(frozen=True)
 class Line:
-    """Frequency [Hz], amplitude [m] with standard error, phase [rad] in the first learning record, and the χ² it holds."""
+    """Frequency [Hz], amplitude [m] with standard error, phase [rad] in the first learning record, and the χ² it holds.
+
+    ``traces``: x(t) = Re(trace · exp(2πi f t)) in each learning, then each held-out record."""
 
     frequency: float
     amplitude: float
@@ -26,32 +31,40 @@ class Line:
     phase: float
     learned: float
     held: float
+    traces: tuple
 
 
 class Spectrum:
     """Whitened resting residual of one record and its periodogram."""
 
-    def __init__(self, windup):
-        p = windup.prepared
-        white = windup.whiten(windup.mean(p.stage - p.angle)[:, None])[0][:, 0]
-        self.time = windup.time
-        self.step = windup.time[1] - windup.time[0]
-        slow = np.convolve(np.abs(windup.speed), np.ones(101) / 101, "same") < REST_SPEED
-        steady = np.convolve(np.abs(np.gradient(windup.speed, self.step)), np.ones(101) / 101, "same") < 0.05
+    def __init__(self, channel):
+        p = channel.prepared
+        self.noise = channel.noise
+        self.walk = 1.0e-3 * self._period(channel) * channel.drive.lever / channel.drive.back_emf
+        white = whiten_walk(channel.mean(p.stage - p.angle)[:, None], self.walk, self.noise)[:, 0]
+        self.time = channel.time
+        self.step = channel.time[1] - channel.time[0]
+        slow = np.convolve(np.abs(channel.speed), np.ones(101) / 101, "same") < REST_SPEED
+        steady = np.convolve(np.abs(np.gradient(channel.speed, self.step)), np.ones(101) / 101, "same") < 0.05
         self.mask = slow & steady
         self.mask[:400] = False
         self.values = np.where(self.mask, np.clip(white, -6.0, 6.0), 0.0)
         self.count = max(int(self.mask.sum()), 1)
         scale = np.sqrt(np.mean(self.values[self.mask] ** 2)) if self.mask.any() else 1.0
         self.values = self.values / max(scale, 1e-12)
-        self.windup, self.scale = windup, scale
+        self.scale = scale
+
+    @staticmethod
+    def _period(channel):
+        """Root of (block time × period): turns 1 mV of amplifier noise into volt seconds per block."""
+        return np.sqrt((channel.time[1] - channel.time[0]) * channel.prepared.period)
 
     def gain(self, frequency):
         """What one metre of a line becomes in the whitened values, complex."""
-        ratio = (self.windup.walk / self.windup.noise) ** 2
+        ratio = (self.walk / self.noise) ** 2
         p = 0.5 * (ratio + np.sqrt(ratio**2 + 4.0 * ratio))
         z = np.exp(-2j * np.pi * frequency * self.step)
-        return (1.0 - z) / (1.0 - z / (1.0 + p)) / (self.windup.noise * np.sqrt(1.0 + p)) / self.scale
+        return (1.0 - z) / (1.0 - z / (1.0 + p)) / (self.noise * np.sqrt(1.0 + p)) / self.scale
 
     def power(self, length):
         """Periodogram in units of its mean, and its frequencies, on a grid common to all records."""
@@ -70,7 +83,7 @@ class Spectrum:
 
 
 def find_lines(learn, held, base):
-    """Lines in the wind-up channels of these records: list of `Line`, the strongest first."""
+    """Lines in the resonance channels of these records: list of `Line`, the strongest first."""
     learn, held, base = ([Spectrum(w) for w in group] for group in (learn, held, base))
     if not learn or min(s.count for s in learn) < 500:
         return []
@@ -82,6 +95,10 @@ def find_lines(learn, held, base):
         total[(frequency < LOWEST) | (frequency > HIGHEST)] = 0.0
         at = int(np.argmax(total))
         near = total[max(at - 400, 0): at + 400]
+        apart = np.abs(frequency - frequency[at])
+        skirt = np.median(total[(apart > 0.3) & (apart < 1.5)])
+        if skirt > NARROW * total[at]:
+            break
         if total[at] < LEAST_POWER * max(np.median(near) / (1.68 if len(learn) > 1 else 0.69), 1.0):
             break
         line = _judge(float(_peak(frequency, total, at)), learn, held, base)
@@ -113,4 +130,5 @@ def _judge(frequency, learn, held, base):
         return None
     phase = float(np.angle(fits[0][0] / learn[0].gain(frequency)) + np.pi / 2.0)
     return Line(frequency, size, stderr, phase, float(sum(f[1] for f in fits)),
-                float(sum(s.fit(frequency)[1] for s in held)))
+                float(sum(s.fit(frequency)[1] for s in held)),
+                tuple(s.fit(frequency)[0] / s.gain(frequency) for s in (*learn, *held)))

@@ -15,6 +15,7 @@ COORDINATE = {
 }
 LABELS = {"position": "position [m]", "velocity": "velocity [m/s]", "time": "time [s]"}
 Y_LABELS = {"torque": "torque needed beyond the model [N m]", "windup": "stage against motor [m]",
+            "resonance": "stage against motor, fast part [m]",
             "position": "interferometer − encoder [m]"}
 
 

@@ -63,10 +63,11 @@ class Prepared:
         return self.encoder if self.interferometer is None else self.interferometer
 
 
-def prepare(record, drive, amplifier=None):
+def prepare(record, drive, amplifier=None, lines=()):
     """`Prepared` from a `Record`.
 
-    ``amplifier(command, period)`` (n,) → (n,): what an amplifier that delays or lags makes of the command.
+    ``amplifier(command, period)`` (n,) → (n,): what an amplifier that delays or lags makes of the command;
+    ``lines``: (frequency [Hz], complex amplitude [m]) of vibrations to take out of the position readings.
     Raises InputError for a record that is too short or lacks what is needed."""
     n = len(record)
     if n < LEAST_ROWS:
@@ -79,6 +80,10 @@ def prepare(record, drive, amplifier=None):
             lost |= gaps
     if "voltage_V" not in columns:
         raise InputError(f"{record.source}: voltage_V", "missing", "the commanded voltage")
+    for frequency, size in lines:
+        shake = (size * np.exp(2j * np.pi * frequency * (record["t_s"] - record["t_s"][0]))).real
+        for name in {"encoder_m", "interferometer_m"} & set(columns):
+            columns[name] = columns[name] - shake
     rounded = np.round(columns["voltage_V"] / drive.converter_step) * drive.converter_step
     rounded = np.clip(rounded, -drive.voltage_limit, drive.voltage_limit)
     answered = np.concatenate([rounded[:1], rounded[:-1]])

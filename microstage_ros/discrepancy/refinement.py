@@ -1,4 +1,4 @@
-"""Sizes that enter non-linearly (a gap, a stiffness, a time constant), refined beyond the catalogue's grid."""
+"""Sizes that enter non-linearly (a stiffness, a mass, a time constant), refined beyond the catalogue's grid."""
 
 import dataclasses
 
@@ -22,9 +22,8 @@ class Family:
 
 
 FAMILIES = {
-    ("drive_compliance", "windup"): Family(electrical.drive_compliance, "stiffness_factor", "1", lambda s, f: s),
-    ("payload_change", "windup"): Family(electrical.payload_resonance, "mass_kg", "kg", lambda s, f: (s - 1) * f.drive.mass),
-    ("backlash", "windup"): Family(electrical.backlash, "width_rad", "rad", lambda s, f: s / f.drive.radius),
+    ("drive_compliance", "resonance"): Family(electrical.drive_compliance, "stiffness_factor", "1", lambda s, f: s),
+    ("payload_change", "resonance"): Family(electrical.payload_resonance, "mass_kg", "kg", lambda s, f: (s - 1) * f.drive.mass),
     ("frictional_lag", "torque"): Family(friction.frictional_lag, "time_s", "s", lambda s, f: s),
 }
 

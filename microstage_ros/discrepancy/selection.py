@@ -6,12 +6,12 @@ import math
 import numpy as np
 from scipy.stats import chi2
 
-from microstage_ros.discrepancy.catalogue import WIDER
+from microstage_ros.discrepancy.catalogue import CONTAINS, WIDER
 
 LEVEL = math.log(1e-6)       # of one candidate; some hundred compete
 HELD_SHARE = 0.25            # of the gain expected on held-out records that must arrive
 MISFIT = 0.5                 # a wider shape may explain at most this share beside the named one
-MINOR = 0.02                 # a further cause must explain this share of what its channel's others explain
+MINOR = 0.03                 # a further cause must explain this share of what its channel's others explain
 
 
 @dataclasses.dataclass(frozen=True)
@@ -212,10 +212,33 @@ def select(evidences, effects, most=4):
         winner = next((t for t in trials[:6] if acceptable(evidences, t, choices)), None)
         if winner is None:
             break
-        choices.append(winner.choice)
+        choices.append(_simpler(evidences, winner, trials, choices).choice)
         choices = prune(evidences, choices)
         lost = trials
-    return choices, lost
+    return without_splinters(evidences, choices), lost
+
+
+def _simpler(evidences, winner, trials, choices):
+    """The simpler effect that the winner contains, if it explains as much."""
+    for trial in trials:
+        wider = winner.choice.effect in CONTAINS.get(trial.choice.effect, ())
+        if wider and trial.gain > winner.gain - max(15.0, 0.02 * winner.gain) and acceptable(evidences, trial, choices):
+            return trial
+    return winner
+
+
+def without_splinters(evidences, choices):
+    """Drop causes whose part on held-out records is small beside another one's in the same channel, worst first."""
+    kept = list(choices)
+    while len(kept) > 1:
+        parts = {c.effect: evidences.held_gain(kept) - evidences.held_gain([o for o in kept if o is not c]) for c in kept}
+        small = [c for c in kept if any(
+            parts[c.effect] < MINOR * parts[o.effect] and {f.channel for f in c.forms} & {f.channel for f in o.forms}
+            for o in kept)]
+        if not small:
+            break
+        kept.remove(min(small, key=lambda c: parts[c.effect]))
+    return kept
 
 
 def prune(evidences, choices):

@@ -5,6 +5,7 @@ Measured on healthy records (three baselines of another simulator of MODEL.md, a
 """
 
 SYSTEMATIC = {
+    "command": {("generic:gain", ""): 0.15},
     "torque": {
         ("rising_static_friction", "0.03,3e-05"): 0.015,
         ("rising_static_friction", "0.2,2e-06"): 0.015,
@@ -18,10 +19,16 @@ SYSTEMATIC = {
     },
     "windup": {
         ("resistance_rise", "2"): (3.0e-4, 3.0e-3),
-        ("amplifier_gain", ""): 2.0e-5,
-        ("backlash", "1e-07"): 0.03,
-        ("drive_compliance", "0.8"): 0.15,
-        ("drive_compliance", "1.25"): 0.15,
+        ("amplifier_gain", ""): 5.0e-5,
+        ("amplifier_offset", ""): 1.0e-5,
+        ("screw_pitch_error", "1"): (2.0e-9, 2.0e-9, 6.0e-5),
+        ("amplifier_deadband", "0.01"): 5.0e-6,
+        ("backlash", "0.1"): 1.0e-9,
+        ("drive_compliance", ""): 0.03,
+    },
+    "resonance": {
+        ("drive_compliance", "0.8"): 0.1,
+        ("drive_compliance", "1.25"): 0.1,
         ("drive_compliance", "0.51"): 0.03,
         ("drive_compliance", "2.44"): 0.05,
         ("payload_change", "1.25"): 0.1,

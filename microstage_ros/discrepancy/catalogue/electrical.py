@@ -9,7 +9,7 @@ DEAD_WIDTHS = (0.5e-3, 1e-3, 2e-3, 5e-3, 10e-3, 20e-3, 40e-3, 80e-3)  # V
 HEAT_TIMES = (2.0, 6.0, 20.0, 60.0)                                    # s
 STIFFNESS_FACTORS = tuple(round(1.25**n, 2) for n in (*range(-8, 0), *range(1, 5)))
 MASS_FACTORS = tuple(round(1.25**n, 2) for n in (*range(-3, 0), *range(1, 7)))
-GAPS = (1.0e-7, 2.5e-7, 6.0e-7, 1.2e-6, 2.5e-6, 5.0e-6)  # m at the stage
+FLANK_FORCES = (0.02, 0.1, 0.25)                                       # N: over which a flank gives way
 SCREW_HARMONICS = (1, 2, 3)
 
 
@@ -49,11 +49,16 @@ def screw_pitch_error(harmonic):
     return columns
 
 
-def backlash(gap):
-    """The stage carried through a drive with a gap [m], minus without; β = 1 at this width."""
+def backlash(force):
+    """The stage hangs back by half the gap on the flank that drives; β = the gap [m]."""
     def columns(channel, frame):
-        return channel.mean(channel.carry(gap) - channel.carry(0.0))[:, None]
+        return -0.5 * channel.mean(np.tanh(channel.prepared.guideway / force))[:, None]
     return columns
+
+
+def windup_compliance(channel, frame):
+    """Wind-up in proportion to the load; β = 1/factor − 1."""
+    return -channel.force[:, None] / frame.drive.stiffness
 
 
 def drive_compliance(factor):
@@ -114,12 +119,16 @@ def _lead_sizes(harmonic):
     return sizes
 
 
-def _gap_sizes(gap):
-    def sizes(beta, covariance, frame):
-        width = float(beta[0] * gap / frame.drive.radius)
-        stderr = float(np.sqrt(covariance[0, 0]) * gap / frame.drive.radius)
-        return {"width_rad": (width, stderr, "rad")}, {"width_rad": max(width, 0.0)}
-    return sizes
+def _gap_sizes(beta, covariance, frame):
+    r = frame.drive.radius
+    width = float(beta[0] / r)
+    return {"width_rad": (width, float(np.sqrt(covariance[0, 0]) / r), "rad")}, {"width_rad": max(width, 0.0)}
+
+
+def _compliance_sizes(beta, covariance, frame):
+    factor = 1.0 / max(1.0 + float(beta[0]), 1e-3)
+    return ({"stiffness_factor": (factor, float(factor**2 * np.sqrt(covariance[0, 0])), "1")},
+            {"stiffness_factor": factor})
 
 
 def _near_one(smallest=False):
@@ -134,10 +143,11 @@ FORMS = (
       for h in DEAD_WIDTHS),
     *(Form("resistance_rise", "windup", f"{t:g}", resistance_rise(t), _heat_sizes(t)) for t in HEAT_TIMES),
     *(Form("screw_pitch_error", "windup", f"{n}", screw_pitch_error(n), _lead_sizes(n)) for n in SCREW_HARMONICS),
-    *(Form("backlash", "windup", f"{g:g}", backlash(g), _gap_sizes(g), _near_one(g == GAPS[0])) for g in GAPS),
-    *(Form("drive_compliance", "windup", f"{f:g}", drive_compliance(f), _factor_sizes("stiffness_factor", "1", f),
-           _near_one(0.85 < f < 1.2)) for f in STIFFNESS_FACTORS),
-    *(Form("payload_change", "windup", f"{f:g}", payload_resonance(f), _mass_sizes(f), _near_one(0.85 < f < 1.2))
+    *(Form("backlash", "windup", f"{f:g}", backlash(f), _gap_sizes, lambda b: b[0] > 0) for f in FLANK_FORCES),
+    Form("drive_compliance", "windup", "", windup_compliance, _compliance_sizes),
+    *(Form("drive_compliance", "resonance", f"{f:g}", drive_compliance(f), _factor_sizes("stiffness_factor", "1", f),
+           _near_one(0.75 < f < 1.3)) for f in STIFFNESS_FACTORS),
+    *(Form("payload_change", "resonance", f"{f:g}", payload_resonance(f), _mass_sizes(f), _near_one(0.75 < f < 1.3))
       for f in MASS_FACTORS),
     Form("generic:voltage", "windup", "", of_voltage),
 )

@@ -114,7 +114,7 @@ def presliding_creep(scale):
         p, drive = channel.prepared, frame.drive
         held = _clock(np.abs(p.speed), p.period, CREEP_RELEASE)
         flow = CREEP_STEP / (held + scale) * p.actuator / sliding_limit(drive.actuator, np.zeros(1))
-        return _changed(channel, frame, p.speed - flow * (p.stuck > 0.02)) / CREEP_STEP
+        return _changed(channel, frame, p.speed - flow) / CREEP_STEP
     return columns
 
 

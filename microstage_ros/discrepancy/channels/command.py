@@ -12,7 +12,8 @@ WINDOW = 9  # periods: below about 1 kHz the motor itself moves, and the wind-up
 
 
 class Command:
-    """Residual of one record; ``command`` is the rounded voltage that each current answers, slow parts kept."""
+    """Residual of one record; ``command`` is the rounded voltage that each current answers, slow parts kept;
+    ``winding`` is T R/L."""
 
     name, unit = "command", "V"
 
@@ -20,6 +21,7 @@ class Command:
         self.prepared, self.drive = prepared, drive
         p = prepared
         self.command = p.answered
+        self.winding = p.period * drive.resistance / drive.inductance
         voltage = drive.resistance * p.settled + drive.back_emf / drive.lever * p.speed
         self.residual = voltage - p.answered
         spread = np.subtract(*np.percentile(self.fast(self.residual[:, None])[:, 0], [75.0, 25.0])) / 1.349
