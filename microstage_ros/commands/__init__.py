@@ -9,6 +9,7 @@ COMMANDS = {
     "identify": "friction parameters from records, with their uncertainty",
     "diagnose": "from records to the cause: where model and measurement part, and why",
     "campaign": "the diagnosis examined: many axes with hidden causes, hits and false alarms",
+    "tune": "gains by a limit cycle, Ziegler-Nichols and simulation, with margins",
     "compare": "the paper's controllers side by side: tracking, accuracy, settling",
     "laws": "what each friction law can and cannot show",
     "replay": "play a bag back onto its topics",

@@ -1,6 +1,6 @@
 """How fast the loop over topics is: the cell itself, process by process, and peers on the same machine.
 
-`rows()` returns a list of dicts: ``name``, ``value``, ``unit``, ``peer`` (True: somebody else's way), ``note``.
+`bench()` yields dicts: ``name``, ``value``, ``unit``, ``note``, and where there is one ``peer`` and ``peer_value``.
 """
 
 import os
@@ -24,29 +24,28 @@ from microstage_ros.places import config_file
 
 PAIR = ("str_controller", "axis_driver")
 TICKS = os.sysconf("SC_CLK_TCK")
-ROUND_TRIPS = 5000
+ROUND_TRIPS, WARM_UP = 5000, 100
+SHORT, LONG = 8.0, 600.0
+"""Seconds of wall clock for one measurement of a running cell."""
 
 
-def rows(seconds=8.0):
-    """All measurements; about six times ``seconds`` of wall clock."""
-    found = []
+def bench(long=False):
+    """Yield all measurements, about a minute; ``long``: ten minutes at 10 kHz in place of seconds."""
     rclpy.init()
     try:
         node = rclpy.create_node("servo_bench", namespace="/bench")
-        for way in ("waitset", "executor"):
-            found += round_trips(node, way)
-        found += lockstep(node, PAIR, seconds)
-        found += lockstep(node, NODES, seconds)
-        found += paced(node, NODES, seconds, 1e-4)
-        found += paced(node, NODES, seconds, 1e-3)
+        yield from round_trips(node)
+        yield from lockstep(node, PAIR, SHORT)
+        yield from lockstep(node, NODES, SHORT)
+        yield from paced(node, NODES, SHORT, 1e-3)
+        yield from paced(node, NODES, LONG if long else SHORT, 1e-4)
     finally:
         rclpy.try_shutdown()
-    return found
 
 
-def row(name, value, unit, peer=False, note=""):
+def row(name, value, unit, note="", **peer):
     """One measurement."""
-    return {"name": name, "value": float(value), "unit": unit, "peer": peer, "note": note}
+    return {"name": name, "value": float(value), "unit": unit, "note": note, **peer}
 
 
 def lockstep(node, nodes, seconds):
@@ -123,8 +122,17 @@ def _spin(node, condition, seconds=60.0):
         rclpy.spin_once(node, timeout_sec=0.1)
 
 
-def round_trips(node, way):
-    """State there, command back, between two processes and nothing else."""
+def round_trips(node):
+    """State there, command back, between two processes and nothing else; the peer is rclpy's own executor."""
+    ours, theirs = _round_trip_times(node, "waitset"), _round_trip_times(node, "executor")
+    peer = "SingleThreadedExecutor"
+    return [row(f"round trip of a state and its command: {words}", of(ours), unit, peer=peer, peer_value=of(theirs))
+            for words, of, unit in (("rate", lambda t: 1.0 / t.mean(), "1/s"), ("median", np.median, "s"),
+                                    ("99 %", lambda t: np.quantile(t, 0.99), "s"))]
+
+
+def _round_trip_times(node, way):
+    """Times [s] of the round trips that came back."""
     path = make_servo_path(node, plain=way == "executor")
     reader = path.reader(VoltageCommand, "/bench/echo/command", reader_qos(100, reliable=False))
     publisher = node.create_publisher(AxisState, "/bench/echo/state", topics.SERVO)
@@ -132,18 +140,15 @@ def round_trips(node, way):
     with subprocess.Popen([sys.executable, "-m", "microstage_ros.nodes.servo_bench", way]) as child:
         _spin(node, lambda: publisher.get_subscription_count() > 0 and reader.publishers > 0)
         times = []
-        for k in range(ROUND_TRIPS):
+        for _ in range(ROUND_TRIPS):
             began = time.perf_counter()
             send(raw)
             path.wait((reader,), 0.5)
             if reader.take() is not None:
                 times.append(time.perf_counter() - began)
         child.terminate()
-    times = np.array(times[100:])
-    name = {"waitset": "round trip, this servo path", "executor": "round trip, rclpy's SingleThreadedExecutor"}[way]
-    peer = way == "executor"
-    return [row(f"{name}: rate", 1.0 / times.mean(), "1/s", peer, f"{ROUND_TRIPS - 100 - len(times)} lost"),
-            row(f"{name}: median", np.median(times), "s", peer), row(f"{name}: 99 %", np.quantile(times, 0.99), "s", peer)]
+    node.destroy_publisher(publisher)
+    return np.array(times[WARM_UP:])
 
 
 def _echo(way):
@@ -165,8 +170,4 @@ def _echo(way):
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 1:
-        _echo(sys.argv[1])
-    else:
-        for found in rows():
-            print(f"{found['value']:12.6g} {found['unit']:6} {found['name']} {found['note']}")
+    _echo(sys.argv[1])
