@@ -46,8 +46,8 @@ def pool(groups, reports, seed):
     sure = [name for name in named if _is_sure(where[name], len(reports))]
     causes = [_pooled(named[name], groups, reports) for name in sure]
     causes.sort(key=lambda cause: -cause.share)
-    notes = [f"{len(reports)} groups of up to {GROUP} records were diagnosed one by one; what more than half of them name, "
-             "or all from some group on, is a cause."]
+    notes = [(f"{len(reports)} groups of up to {GROUP} records were diagnosed one by one; what more than half of them name, "
+              "or all from some group on, is a cause.")]
     notes += [f"{name} was named in {len(where[name])} of {len(reports)} groups (first in group {where[name][0] + 1})"
               + ("." if name in sure else " and not named as a cause.") for name in sorted(named)]
     rivals = _rivals(reports, AGREED * len(reports))

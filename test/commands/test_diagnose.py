@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from microstage_ros.axis.axis_file import load_axis
-from microstage_ros.axis.plant import make_plant
+from microstage_ros.axis.effects import REGISTRY, check_effects
 from microstage_ros.axis.errors import InputError
+from microstage_ros.axis.plant import make_plant
 from microstage_ros.commands import campaign as campaign_command
 from microstage_ros.commands.__main__ import main
 from microstage_ros.control.run_file import Run
 from microstage_ros.control.simulate import simulate
 from microstage_ros.discrepancy import campaign, hidden
 from microstage_ros.discrepancy.campaign import Outcome
-from microstage_ros.axis.effects import REGISTRY, check_effects
 from microstage_ros.records import Record, write_record
 from test.discrepancy.emps import ROOT, there_and_back
 

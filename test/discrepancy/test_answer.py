@@ -7,17 +7,25 @@ import pytest
 import yaml
 
 from microstage_ros.axis.axis_file import load_axis
+from microstage_ros.axis.effects import REGISTRY
 from microstage_ros.axis.errors import InputError
 from microstage_ros.control.run_file import Run, load_run
 from microstage_ros.control.simulate import simulate
 from microstage_ros.discrepancy.answer import write_answer
 from microstage_ros.discrepancy.diagnosis import (
-    VERDICTS, Cause, Diagnosis, Finding, Gain, OverallGain, Parameter, Picture, Rivals,
+    VERDICTS,
+    Cause,
+    Diagnosis,
+    Finding,
+    Gain,
+    OverallGain,
+    Parameter,
+    Picture,
+    Rivals,
 )
 from microstage_ros.discrepancy.experiment import CONDITIONS, separating_run
 from microstage_ros.discrepancy.words import TONES, WORDS
 from microstage_ros.discrepancy.words import VERDICTS as SENTENCES
-from microstage_ros.axis.effects import REGISTRY
 from test.discrepancy.emps import ROOT
 
 SOURCES = {"records": ["a<b>.csv"], "holdout": [], "baseline": []}

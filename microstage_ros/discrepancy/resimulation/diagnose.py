@@ -12,7 +12,11 @@ from microstage_ros.discrepancy.resimulation.candidates import candidates, own_c
 from microstage_ros.discrepancy.resimulation.closed_loop import ClosedLoop, measured
 from microstage_ros.discrepancy.resimulation.fit import BLOCK_S, Model, fit, standard_errors
 from microstage_ros.discrepancy.resimulation.folds import (
-    HELD_BACK, bootstrap_interval, make_folds, mean_square, noise_floor,
+    HELD_BACK,
+    bootstrap_interval,
+    make_folds,
+    mean_square,
+    noise_floor,
 )
 from microstage_ros.discrepancy.resimulation.selection import AT_THE_FLOOR, Selector
 
