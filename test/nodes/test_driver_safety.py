@@ -5,6 +5,8 @@ import time
 
 import pytest
 from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 from ros_support import ask, spin_until
 from std_srvs.srv import Trigger
 
@@ -54,7 +56,7 @@ def reset(node):
 
 def test_bad_commands(node, tmp_path):
     """One process, one fault after the other."""
-    with driver(tmp_path, resend_s=0.2, command_timeout_lockstep_s=2.0) as cell:
+    with driver(tmp_path, resend_s=0.2, command_timeout_lockstep_s=60.0) as cell:
         commander = Commander(node)
         spin_until(node, lambda: commander.publisher.get_subscription_count() == 1)
         ask(node, GetState, "/axis/axis_driver/get_state", GetState.Request())
@@ -82,6 +84,9 @@ def test_bad_commands(node, tmp_path):
         spin_until(node, lambda: commander.states[-1].applied_voltage == 6.0)
         assert commander.states[-1].status & AxisState.STATUS_SATURATED and not commander.states[-1].fault
 
+        shorter = Parameter("command_timeout_lockstep_s", value=1.0).to_parameter_msg()
+        assert ask(node, SetParameters, "/axis/axis_driver/set_parameters",
+                   SetParameters.Request(parameters=[shorter])).results[0].successful
         commander.voltage = None  # commands stop
         commander.wait_for_fault("FAULT_COMMAND_TIMEOUT")
         reset(node)
