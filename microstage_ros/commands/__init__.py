@@ -6,6 +6,7 @@ COMMANDS = {
     "cell": "start the nodes of an axis and leave them running until interrupted",
     "move": "one move through the action, with feedback",
     "simulate": "one run of the model, no ROS",
+    "experiment": "a run file's program on the live cell, recorded for identify",
     "identify": "friction parameters from records, with their uncertainty",
     "diagnose": "from records to the cause: where model and measurement part, and why",
     "campaign": "the diagnosis examined: many axes with hidden causes, hits and false alarms",

@@ -10,7 +10,8 @@ from microstage_ros.records.checks import check_record
 SHORTEST = 1.0  # seconds of record that are of any use
 LONGEST_GAP = 5  # missing samples in a row that are bridged by a straight line
 MOST_SATURATED = 0.1  # share of the record at the amplifier's limit that is bridged over with a warning
-USED = ("encoder_m", "reference_m", "voltage_V", "force_N", "current_A", "motor_angle_rad", "interferometer_m")
+USED = ("encoder_m", "reference_m", "voltage_V", "force_N", "current_A")
+OPTIONAL = ("motor_angle_rad", "interferometer_m")  # better than the encoder where they are whole; else left out
 
 
 def take_in(record, axis):
@@ -29,14 +30,11 @@ def take_in(record, axis):
     `Record` without missing samples in the columns that are used, and a list of sentences.
     """
     _drive(record, axis)
+    names = [n for n in record.columns if n == "t_s" or n in USED or (n in OPTIONAL and longest_gap(record[n])[1] <= LONGEST_GAP)]
+    record = replace(record, columns={name: record.columns[name] for name in names})
     warnings = check_record(record, axis, SHORTEST)
     _saturation(record, axis)
-    columns = dict(record.columns)
-    for name in USED:
-        if name in columns and name in record:
-            columns[name] = _bridge(record, name)
-        else:
-            columns.pop(name, None)
+    columns = {name: _bridge(record, name) for name in names if name in record}
     if axis.choices["drive.type"] == "voltage_motor":
         moved = np.ptp(columns["encoder_m"]) / max(axis.value("sensors.encoder.resolution"), 1e-15)
         if moved < 100:
@@ -64,16 +62,21 @@ def _saturation(record, axis):
                          f"a record that stays under {limit:g} V nine tenths of the time; slower moves would")
 
 
+def longest_gap(values):
+    """(first row, length) of the longest run of missing samples; (0, 0) where none is missing."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], ~np.isfinite(values), [False]]).astype(int))).reshape(-1, 2)
+    if not len(edges):
+        return 0, 0
+    start, stop = edges[np.argmax(edges[:, 1] - edges[:, 0])]
+    return int(start), int(stop - start)
+
+
 def _bridge(record, name):
     """Column with short gaps bridged; InputError for a long one, with its row."""
     values = record[name]
-    missing = ~np.isfinite(values)
-    if not missing.any():
-        return values
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(int))).reshape(-1, 2)
-    longest = edges[np.argmax(edges[:, 1] - edges[:, 0])]
-    if longest[1] - longest[0] > LONGEST_GAP:
-        raise InputError(f"{record.source}: column {name}, row {longest[0] + 1}", f"{longest[1] - longest[0]} samples missing in a row",
+    start, length = longest_gap(values)
+    if length > LONGEST_GAP:
+        raise InputError(f"{record.source}: column {name}, row {start + 1}", f"{length} samples missing in a row",
                          f"gaps of {LONGEST_GAP} samples at most; cut the record there")
-    rows = np.arange(len(values))
-    return np.interp(rows, rows[~missing], values[~missing])
+    rows, seen = np.arange(len(values)), np.isfinite(values)
+    return values if seen.all() else np.interp(rows, rows[seen], values[seen])
