@@ -151,6 +151,8 @@ def predict(model, s, period, force):
             model.actuator, s.actuator, s.screw_velocity / model.screw_ratio, velocity / model.screw_ratio,
             period, s.level,
         )
+    after = model.force_per_torque * s.actuator_friction + s.guideway_friction + model.offset_force
+    s.v -= 0.5 * (after - friction) / model.moving_mass * period  # friction of mid-period, to second order
     s.screw = screw
     s.screw_velocity = velocity
 
@@ -192,6 +194,10 @@ def learn_drive(p, model, s, period, drop, position, speed, trust):
     noise_x = p.encoder_noise * p.encoder_noise
     noise_v = p.voltage_noise / model.volts_per_velocity
     noise_v *= noise_v
+    # while the encoder is far beyond its noise, something else is going on (backlash, a jolt): learn less
+    doubt = max(1.0, abs(position) / (5.0 * p.encoder_noise))
+    noise_x *= doubt * doubt
+    noise_v *= doubt * doubt
     for k in range(3):
         shift = s.shift[k]
         spread, direct = p.resistance_spread, drop / model.volts_per_velocity

@@ -33,6 +33,11 @@ class ReferencePlayer:
         self._stopping = False
         self._last = -1
 
+    def forget(self):
+        """Drop the plan; the next call of `at` holds where the encoder is then."""
+        with self._lock:
+            self._positions, self._stopping, self._last = None, False, -1
+
     def at(self, sequence, encoder):
         """(reference [m], mode) of control period ``sequence``; the first call ever holds ``encoder`` [m]."""
         with self._lock:

@@ -63,6 +63,14 @@ def test_stop_at_rest_stays(player):
     assert player.stop() == (2, 2, 1e-6)
 
 
+def test_forgotten_plan_does_not_come_back(player):
+    """After an interruption the reference is where the axis is, also if period numbers begin anew."""
+    player.follow(1, 1e-6 + np.linspace(0.0, 1e-3, 1000))
+    player.at(500, 0.0)
+    player.forget()
+    assert player.at(3, 7e-6) == (7e-6, HOLDING) and player.at(600, 9e-6) == (7e-6, HOLDING)
+
+
 def test_nothing_before_the_first_state():
     player = ReferencePlayer(1e-4, 0.008)
     for call in (lambda: player.follow(0, [0.0]), player.stop):
