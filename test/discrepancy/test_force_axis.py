@@ -41,6 +41,14 @@ def test_asymmetry_is_named_sized_and_pays_on_held_out_records(axis):
     assert answer.causes[0].share > 0.8
 
 
+def test_a_motion_without_repetition_is_held_back_in_stretches(axis):
+    hidden = axis.with_effects({"direction_asymmetry": {"contact": "guideway", "asymmetry": 0.0, "viscous_asymmetry": -0.25}})
+    answer = diagnose_force_axis(axis, [record_of(hidden, 12, 1)])
+    assert "direction_asymmetry" in [cause.id for cause in answer.causes]
+    assert "every third" in answer.gain.records[0]
+    assert 0.0 < answer.gain.floor < answer.gain.after < 0.5 * answer.gain.before
+
+
 def test_a_film_of_another_form_is_named_nonlinear(axis):
     film = {"contact": "guideway", "coefficient": 60.0, "exponent": 0.5}
     answer = diagnose_force_axis(axis, [record_of(axis.with_effects({"nonlinear_viscous": film}), 9)])

@@ -30,8 +30,8 @@ def diagnose_force_axis(axis, records, holdout=(), baseline=(), seed=0, progress
     Parameters
     ----------
     axis : `Axis` with ``drive.type: force`` and the controller that was in the loop.
-    records, holdout, baseline : lists of `Record`. Without ``holdout`` the last 30 % of every record is
-        held back. ``baseline`` (the axis while the model was right) re-identifies the axis's own numbers first.
+    records, holdout, baseline : lists of `Record`. Without ``holdout`` some of every record's time is
+        held back (see `folds`). ``baseline`` (the axis while the model was right) re-identifies the axis's own numbers first.
     seed : of thresholds and intervals.
     progress : function (text), or None. jobs : threads that re-simulate.
 
@@ -47,7 +47,7 @@ def diagnose_force_axis(axis, records, holdout=(), baseline=(), seed=0, progress
     parts = [measured(record, axis) for record in (*records, *holdout)]
     folds = make_folds(parts, [False] * len(records) + [True] * len(holdout))
     loop = ClosedLoop(parts, jobs)
-    floor = max(noise_floor(parts, folds.period_rows), healthy)
+    floor = max(noise_floor(parts, folds.period_rows, loop.residual(axis)), healthy)
     selector = Selector(loop, folds, axis.value("period"), floor, progress)
     learnt = parts[: len(records)]
     selection = selector.select(Model.of(axis), own_candidates(axis), candidates(axis, learnt))
@@ -83,7 +83,7 @@ def _answer(axis, parts, folds, loop, selection, floor, records, holdout, seed):
     coordinates = pictures.coordinates(parts, axis, own)
     found = pictures.findings(coordinates, selection.given.residual[own], last.residual[own], seed)
     block = max(int(BLOCK_S / period), 1)
-    gain = OverallGain(METRIC, "N", _held_names(records, holdout, parts), before, after, floor,
+    gain = OverallGain(METRIC, "N", _held_names(records, holdout, parts, folds.period_rows), before, after, floor,
                        bootstrap_interval(last.residual[own], block, seed))
     names = [cause.candidate.id for cause in last.model.chosen]
     return Diagnosis(
@@ -136,9 +136,11 @@ def _verdict(causes, rivals, open_share, before, after, floor, found):
     return "explained" if after <= AT_THE_FLOOR * floor else "partly_explained"
 
 
-def _held_names(records, holdout, parts):
+def _held_names(records, holdout, parts, period_rows):
     if holdout:
         return tuple(str(record.source) for record in holdout)
+    if not period_rows:
+        return tuple(f"{record.source} (every third tenth of its time, held back by the program)" for record in records)
     return tuple(f"{record.source} (t ≥ {(1 - HELD_BACK) * len(part) * record.period_s:.4g} s, held back by the program)"
                  for record, part in zip(records, parts))
 

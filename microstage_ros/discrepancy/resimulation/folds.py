@@ -8,12 +8,15 @@ this motion by heart cannot pass.
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import signal
 
 from microstage_ros.discrepancy.resimulation.fit import solve
 
 PARTS = 6                      # parts left out in turn
-HELD_BACK = 0.3                # share of the time held back at the end where no record is given for it
+HELD_BACK = 0.3                # share of the time held back where no record is given for it
+STRETCHES = 10                 # pieces of a motion without repetition, of which every third is held back
 REPEAT = 1e-3                  # a motion repeats itself if it differs by less than this share of its stroke
+FAST = 0.1                     # of the sampling rate: motion and loop are slower
 BOOTSTRAP = 500
 
 
@@ -56,15 +59,16 @@ def repetition(reference):
 def make_folds(parts, held):
     """`Folds` for measured parts (list of `Measured`); ``held``: list of bool, a record is held out.
 
-    Where no record is held out, the last `HELD_BACK` of every record is.
+    Where no record is held out, the last `HELD_BACK` of every record is; of a motion without repetition every
+    third of `STRETCHES`, since its end is like nothing before it.
     """
     learn, phase, clock, period, at = [], [], [], 0, 0
     for part, out in zip(parts, held):
         rows = len(part)
         mask = np.zeros(rows, bool) if out else np.ones(rows, bool)
-        if not any(held):
-            mask[int((1.0 - HELD_BACK) * rows):] = False
         own = repetition(part.reference)
+        if not any(held):
+            mask &= ~held_back(rows, own)
         period = max(period, own)
         learn.append(mask)
         phase.append(np.arange(rows) % own / own if own else np.full(rows, np.nan))
@@ -78,6 +82,13 @@ def make_folds(parts, held):
     if period and np.isfinite(phase[learn]).all():
         motion = [learn & (np.floor(phase * PARTS) == k) for k in range(PARTS)]
     return Folds(learn, ~learn, time, motion, period)
+
+
+def held_back(rows, period_rows):
+    """Rows that the program holds back of a record itself, shape (rows,)."""
+    if period_rows:
+        return np.arange(rows) >= int((1.0 - HELD_BACK) * rows)
+    return np.arange(rows) * STRETCHES // rows % 3 == 2
 
 
 def left_out_residual(columns, residual, learn, parts):
@@ -108,16 +119,16 @@ def bootstrap_interval(residual, block, seed):
     return tuple(float(v) for v in np.quantile(rms, [0.025, 0.975]))
 
 
-def noise_floor(parts, period_rows):
-    """Rms of the force that no model of the motion can explain [N]: what differs between repetitions.
+def noise_floor(parts, period_rows, residual):
+    """Rms of the force that no model of the motion can explain [N].
 
-    Where the motion does not repeat itself: what the controller's law leaves of the command.
+    What differs between repetitions of the motion; without repetition what lies above `FAST` of the sampling
+    rate in the ``residual`` (measured minus simulated, the records one after the other), where neither the loop
+    nor the motion reaches: the encoder's noise through the controller.
     """
-    if not period_rows:
-        return float(np.sqrt(np.mean([part.law**2 for part in parts])))
-    differences = []
-    for part in parts:
-        if len(part) > period_rows:
-            difference = part.force[period_rows:] - part.force[:-period_rows]
-            differences.append(difference[len(difference) // 50:])
-    return float(np.sqrt(np.mean(np.concatenate(differences) ** 2) / 2.0))
+    if period_rows:
+        pieces = [part.force[period_rows:] - part.force[:-period_rows] for part in parts if len(part) > period_rows]
+        return float(np.sqrt(np.mean(np.concatenate([piece[len(piece) // 50:] for piece in pieces]) ** 2) / 2.0))
+    sections = signal.butter(4, 2.0 * FAST, "highpass", output="sos")
+    fast = signal.sosfiltfilt(sections, residual) / np.sqrt(1.0 - 2.0 * FAST)
+    return float(np.sqrt(max(np.mean([part.law**2 for part in parts]), np.mean(fast**2))))

@@ -119,24 +119,37 @@ class Selector:
         return now
 
     def trials(self, now, pool):
-        """Stages with one candidate more, the best screened ones fitted; best first by time left out."""
-        taken = {cause.candidate.id for cause in now.model.chosen}
-        held = {key for cause in now.model.chosen for key in cause.candidate.stands_for}
-        screened = []
+        """Stages with one candidate more, the best screened ones fitted; best first by time left out.
+
+        A candidate of another form than the cause of the same name takes its place.
+        """
+        bases, screened = {None: now}, []
         for candidate in pool:
-            if candidate.id not in taken and not held & set(candidate.stands_for):
+            taken = next((c for c in now.model.chosen if c.candidate.id == candidate.id), None)
+            if taken is not None and (taken.candidate.form == candidate.form or candidate.stands_for):
+                continue
+            name = None if taken is None else candidate.id
+            if name not in bases:
+                bases[name] = self.refit(now.model.without(name).freeing(taken.candidate.stands_for))
+            base = bases[name]
+            if not self.holds(base, candidate):
                 for shape in candidate.starts():
-                    more = self.size_columns(now, candidate, shape)
-                    screened.append((self.left_out(np.hstack([now.columns, more]), now.residual)[0], candidate, shape))
+                    columns = np.hstack([base.columns, self.size_columns(base, candidate, shape)])
+                    screened.append((self.left_out(columns, base.residual)[0], candidate, shape, base))
         screened.sort(key=lambda entry: entry[0])
         trials, seen = [], set()
-        for _, candidate, shape in screened:
+        for _, candidate, shape, base in screened:
             if candidate.form not in seen and len(seen) < REFITTED:
                 seen.add(candidate.form)
                 sizes = [0.2 * fitted.step for fitted in candidate.sizes]
-                model = now.model.with_cause(candidate, (*sizes, *shape))
-                trials.append(self.stage(*fit(self.loop, model, self.folds.learn, now.columns), now.columns))
+                model = base.model.with_cause(candidate, (*sizes, *shape))
+                trials.append(self.stage(*fit(self.loop, model, self.folds.learn, base.columns), base.columns))
         return sorted(trials, key=lambda trial: trial.time)
+
+    @staticmethod
+    def holds(stage, candidate):
+        """Whether a cause already stands for the own parameter that the candidate would change."""
+        return any(set(cause.candidate.stands_for) & set(candidate.stands_for) for cause in stage.model.chosen)
 
     def size_columns(self, now, candidate, shape):
         """Derivatives of the residual by the candidate's sizes about zero, shape (rows, sizes)."""
@@ -177,7 +190,8 @@ class Selector:
         return found
 
     def check_backward(self, last):
-        """Take out each cause in turn and fit the rest again; drop those without which nothing is lost.
+        """Take out each cause in turn and fit the rest again; drop those without which nothing is lost, neither
+        on what was left out nor on what was held back.
 
         Returns the last `Stage` and {id: `Stage` without it} of the causes that stay.
         """
@@ -185,7 +199,8 @@ class Selector:
         for cause in last.model.chosen:
             name = cause.candidate.id
             less = self.without(last, name)
-            if self.gains(last, less, OWN_GAIN if cause.candidate.stands_for else SMALLEST_GAIN):
+            pays = self.gains(last, less, OWN_GAIN if cause.candidate.stands_for else SMALLEST_GAIN)
+            if pays and mean_square(less.residual, self.folds.held) > mean_square(last.residual, self.folds.held):
                 without[name] = less
             else:
                 self.progress(f"{name}: not needed")
