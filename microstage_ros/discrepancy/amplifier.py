@@ -11,6 +11,7 @@ from microstage_ros.discrepancy.collection import Collection
 GAIN = next(form for form in FORMS if not form.named)
 LEAST_GAIN = 60.0
 LEAST_TIME = 4.0e-6      # s: a few hundredths of a period are a matter of stamps
+LAG_ERROR = 0.05         # share of a lag that gain and lag cannot tell apart above 1 kHz
 CLEAR = 0.03             # relative difference of χ² by which delay and lag must differ
 
 
@@ -88,4 +89,5 @@ def _refine(fast, trial, period):
     step = 0.02 * time
     bend = (loss(time - step) + loss(time + step) - 2.0 * found.fun) / step**2
     stderr = float(np.sqrt(2.0 / bend)) if bend > 0 else step
-    return -float(found.fun), form.effect, time, max(stderr, 1.0e-7)
+    share = LAG_ERROR if form.effect == "actuator_lag" else 0.005
+    return -float(found.fun), form.effect, time, float(np.hypot(max(stderr, 1.0e-7), share * time))

@@ -100,6 +100,12 @@ def _mass_sizes(factor):
     return sizes
 
 
+def _load_sizes(beta, covariance, frame):
+    m = frame.drive.mass
+    return ({"mass_kg": (float(m * beta[0]), float(m * np.sqrt(covariance[0, 0])), "kg")},
+            {"mass_kg": float(m * beta[0])})
+
+
 def _heat_sizes(time):
     def sizes(beta, covariance, frame):
         sigma = np.sqrt(np.diag(covariance))
@@ -147,6 +153,7 @@ FORMS = (
     Form("drive_compliance", "windup", "", windup_compliance, _compliance_sizes),
     *(Form("drive_compliance", "resonance", f"{f:g}", drive_compliance(f), _factor_sizes("stiffness_factor", "1", f),
            _near_one(0.75 < f < 1.3)) for f in STIFFNESS_FACTORS),
+    Form("payload_change", "windup", "", windup_compliance, _load_sizes),
     *(Form("payload_change", "resonance", f"{f:g}", payload_resonance(f), _mass_sizes(f), _near_one(0.75 < f < 1.3))
       for f in MASS_FACTORS),
     Form("generic:voltage", "windup", "", of_voltage),

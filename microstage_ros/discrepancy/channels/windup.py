@@ -1,10 +1,10 @@
 """Stage against motor, slow part: the motor's angle by integrating its back-EMF, the stage by its reading.
 
-    K_E Δθ = T (u − R i_s);   residual = x − (r/N) θ + F_g / K_c        [m], means over 20 ms
+    K_E Δθ = T (u − R i_s);   residual = x − (r/N) θ + (F_g + m a) / K_c        [m], means over 20 ms
 
 so it holds the amplifier and the winding (integrated), lost motion, wind-up and lead errors. Noise: the
 amplifier's noise makes θ a random walk of some 25 nm per √s; the reading is nearly exact in the mean,
-except where the stage rattles.
+except where the stage rattles; the guideway's random friction winds the drive up by some nanometres.
 """
 
 import numpy as np
@@ -14,6 +14,7 @@ from microstage_ros.discrepancy.whitening import whiten_states
 BLOCK = 200
 SPREAD = 1.0e-2      # m: the walk as a first-order process so wide that it forgets nothing
 READING = 1.0e-9     # m: mean of a block that does not move
+FRICTION = 0.06      # relative standard deviation of the guideway's friction, over 100 µm of travel
 
 
 class Windup:
@@ -28,7 +29,7 @@ class Windup:
         self.voltage, self.current = self.mean(p.answered), self.mean(p.settled)
         force = p.guideway + drive.guideway.viscous * p.stage_speed
         self.force = self.mean(force)
-        residual = p.stage - p.angle + force / drive.stiffness
+        residual = p.stage - p.angle + (force + drive.mass * np.gradient(p.stage_speed, p.period)) / drive.stiffness
         self.residual = self.mean(residual - residual[0])
         self.walk, self.white = self._noise(residual)
         self.noise = float(np.sqrt(np.median(self.white)))
@@ -63,6 +64,8 @@ class Windup:
 
     def whiten(self, matrix):
         """Unit-variance innovations of (blocks, k), and Σ ln S."""
-        keep = np.sqrt(1.0 - (self.walk / SPREAD) ** 2)
-        ones = np.ones((len(self.residual), 1))
-        return whiten_states(matrix, ones, keep * ones, (SPREAD,), self.white)
+        rows = len(self.residual)
+        ahead = np.append(np.abs(np.diff(self.position)), 0.0)
+        keeps = np.stack([np.full(rows, np.sqrt(1.0 - (self.walk / SPREAD) ** 2)), np.exp(-ahead / 1.0e-4)], axis=1)
+        gains = np.stack([np.ones(rows), self.force / self.drive.stiffness], axis=1)
+        return whiten_states(matrix, gains, keeps, (SPREAD, FRICTION), self.white)
