@@ -20,6 +20,10 @@ class Granter:
         self._publisher = node.create_publisher(Credit, CREDIT, SLOW)
         self.until = -1
 
+    def forget(self):
+        """The driver began anew: what was granted before counts no more."""
+        self.until = -1
+
     def grant(self, until):
         """The driver may begin control periods up to ``until``; never less than before."""
         self.until = max(until, self.until)

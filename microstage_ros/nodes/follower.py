@@ -50,9 +50,11 @@ class Follower:
         take, unpack, handle, count = self._reader.take, self._codec.unpack, self._handle, 0
         while (raw := take()) is not None:
             values = unpack(raw)
-            if values[0] > self.last:  # a state sent once more is taken once
-                handle(raw, values)
+            if values[0] != self.last:  # a state sent once more is taken once
+                if values[0] < self.last:  # the driver began anew
+                    self._granter.forget()
                 self.last = values[0]
+                handle(raw, values)
             count += 1
         return count
 

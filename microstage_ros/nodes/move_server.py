@@ -53,7 +53,7 @@ class MoveServer(Node):
         self._changed = threading.Condition()
         self._turn = threading.Lock()
         self._status = None
-        self._latest = None
+        self._latest, self._stale = None, -1
         self._move = None
         self._newest_goal = 0
         self._held_since = None
@@ -91,6 +91,8 @@ class MoveServer(Node):
     def _on_inside(self, sequence, position, reference):
         with self._changed:
             before = self._latest[0] if self._latest else -1
+            if sequence < before:  # the driver began anew
+                self._granter.forget()
             self._latest = (sequence, position, reference)
             if self._move is not None and not self._move.done:
                 self._move.update(sequence, position)
@@ -121,6 +123,11 @@ class MoveServer(Node):
 
     def _on_status(self, status):
         with self._changed:
+            if status.active and not (self._status and self._status.active):
+                # where the reference stands now is known from the first period after this
+                self._stale = status.sequence if status.sequence > 0 else -1
+                if self._granter.until >= 0:
+                    self._granter.grant(self._granter.until + self.parameters.window)
             self._status = status
             self._changed.notify_all()
 
@@ -186,7 +193,8 @@ class MoveServer(Node):
         limits = MotionLimits(request.max_velocity or p.max_velocity, request.max_acceleration or p.max_acceleration,
                               request.max_jerk or p.max_jerk)
         with self._changed:
-            if not self._changed.wait_for(lambda: self._latest is not None, timeout=p.driver_timeout_s):
+            if not self._changed.wait_for(lambda: self._latest is not None and self._latest[0] > self._stale,
+                                          timeout=p.driver_timeout_s):
                 raise Refused(RESULT.CODE_REFUSED, "no controller: nobody publishes controller_state")
             lockstep = self._status.lockstep
             self._held_since = time.monotonic() if lockstep else None  # time stands still while we talk

@@ -9,7 +9,7 @@ import sys
 import yaml
 from rclpy.node import Node
 
-from microstage_msgs.msg import AxisState, ControllerState, VoltageCommand
+from microstage_msgs.msg import AxisState, ControllerState, DriverStatus, VoltageCommand
 from microstage_msgs.srv import FollowReference
 from microstage_ros.axis.axis_file import load_axis
 from microstage_ros.axis.errors import InputError
@@ -50,7 +50,8 @@ class StrController(Node):
         self.create_service(FollowReference, topics.FOLLOW_REFERENCE, self._follow_reference)
         self._granter = Granter(self)
         self._ready = self.create_timer(0.05, self._grant_when_ready)
-        self._last, self._answer = -1, None
+        self._last, self._answer, self._left_at = -1, None, -1
+        self.create_subscription(DriverStatus, topics.DRIVER_STATUS, self._on_status, topics.LATCHED)
         ask_for_priority(self.get_logger(), p.real_time_priority)
 
     def loop(self):
@@ -65,12 +66,14 @@ class StrController(Node):
                 self._answer_state(raw)
 
     def _answer_state(self, raw):
-        sequence, position, _, current, _, _, _ = self._state.unpack(raw)
+        sequence, position, _, current, _, _, fault = self._state.unpack(raw)
         if sequence == self._last:  # sent once more: the answer was lost
             self._send_command(self._answer)
             return
-        if sequence != self._last + 1 and self._last >= 0 and sequence < self._last:
-            self.get_logger().warning(f"state {sequence} after {self._last}: the driver began anew")
+        if fault or sequence < self._last or self._last <= self._left_at < sequence:
+            self._begin_anew()
+        if fault:
+            return
         reference, mode = self.player.at(sequence, position)
         voltage = self.controller.step(reference, position, current)
         seconds, nanoseconds = STAMP.unpack_from(raw, STAMP_AT)
@@ -84,6 +87,16 @@ class StrController(Node):
                 time_ns, sequence, position, reference, s.error, s.proportional_gain, s.integral_gain,
                 s.derivative_gain, s.proportional_term, s.integral_term, s.derivative_term, s.feed_forward_term,
                 s.voltage, mode, s.saturated))
+
+    def _begin_anew(self):
+        """The axis was not in our hands: hold where it is found, without a jump of the voltage."""
+        self._left_at = -1
+        self.player.forget()
+        self.controller.reset()
+
+    def _on_status(self, status):
+        if not status.active and status.sequence > 0:
+            self._left_at = status.sequence
 
     def _grant_when_ready(self):
         """Credit without limit once all readers of the command are there."""

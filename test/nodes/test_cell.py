@@ -7,6 +7,8 @@ import re
 
 import numpy as np
 import pytest
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from ros_support import ask, ros_node, spin_until
 
 from microstage_msgs.action import MoveTo
@@ -124,12 +126,17 @@ def test_inactive_driver_is_a_refusal_and_the_bag_is_whole(running):
     running.cell.deactivate(running.node)
     result = running.client.move(1e-6, **SETTLE)
     assert result.code == RESULT.CODE_REFUSED and "not active" in result.message
+    assert ask(running.node, ChangeState, "/axis/axis_driver/change_state", ChangeState.Request(
+        transition=Transition(id=Transition.TRANSITION_ACTIVATE))).success
+    assert running.client.move(2e-6, **SETTLE).reached  # it goes on from where it is
+    running.client.wait_until_still()
     running.cell.stop()
     streams = read_bag(running.bag)
     state, command = streams["/axis/state"], streams["/axis/command"]
     assert np.array_equal(state["sequence"], np.arange(len(state))) and len(state) > 3000
     assert np.array_equal(command["sequence"], state["sequence"])
-    assert np.array_equal(state["applied_voltage"][1:], np.clip(command["voltage"][:-1], -6.0, 6.0))
+    held = state["applied_voltage"][1:] == np.clip(command["voltage"][:-1], -6.0, 6.0)
+    assert (~held).sum() <= 1 and (state["applied_voltage"][1:][~held] == 0.0).all()  # where it was deactivated
     for name in ("controller_state", "friction", "interferometer", "simulation"):
         assert np.array_equal(np.diff(streams[f"/axis/{name}"]["sequence"]), np.full(len(streams[f"/axis/{name}"]) - 1, 10))
     facts = Bag(running.bag).custom_data
