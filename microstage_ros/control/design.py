@@ -36,8 +36,8 @@ def observer_gains(model, period):
     """PID gains of the law on the observer's motion; without a current it is no better than the encoder's."""
     if not float(model["force_per_ampere"]) > 0.0:
         return encoder_gains(model, period)
-    b = min(OBSERVER["b"], 0.7 / period)
-    w_p = min(OBSERVER["w_p"], b / 5.5)
+    b = min(OBSERVER["b"], 0.8 / period)
+    w_p = min(OBSERVER["w_p"], b / 4.5)
     return {
         "proportional": b * volts_per_acceleration(model) * w_p,
         "derivative_time": 1.0 / w_p,
