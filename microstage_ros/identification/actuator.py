@@ -11,7 +11,7 @@ import numpy as np
 from microstage_ros.identification.acceleration import total_inertia_of
 from microstage_ros.identification.inverse_dynamics import low_pass
 from microstage_ros.identification.signals import MotorSignals, reversals, steady_windows, window_means
-from microstage_ros.identification.virgin_curve import Loading, loading_from_samples
+from microstage_ros.identification.virgin_curve import loading_from_samples
 
 QUASI_STATIC = 0.03  # a branch is slow if its speed is below this share of the Stribeck velocity
 BRANCH_EDGE = 300.0  # low-pass of angle and torque on a slow branch [Hz]

@@ -11,6 +11,7 @@ import argparse
 
 import numpy as np
 
+from microstage_ros.axis.axis_file import load_axis
 from microstage_ros.axis.plant import blocks_of
 from microstage_ros.identification.actuator import Features
 from microstage_ros.identification.actuator_fit import identify_presliding, identify_sliding
@@ -18,6 +19,7 @@ from microstage_ros.identification.experiments import SPEEDS
 from microstage_ros.identification.stribeck import NAMES, stribeck_curve
 from microstage_ros.identification.variability import identify_variability
 from microstage_ros.identification.virgin_curve import Blocks, loading_from_samples
+from microstage_ros.places import share
 
 WAY = 0.5  # travel of a steady run [rad]
 PLACES = 5  # of slow reversals in one repeat
@@ -120,32 +122,30 @@ def variability_trial(axis, seed, runs=3, cells=1200, step=1e-5, speeds=(5e-5, 5
 
 
 def table(trials):
-    """{parameter: (coverage, mean deviation, standard deviation of the deviation)} of a list of trials."""
+    """{parameter: (coverage, median deviation, robust standard deviation of the deviation)} of a list of trials."""
     rows = {}
     for key in trials[0]:
         seen = [t[key] for t in trials if key in t]
         ratio = np.array([value for value, _ in seen])
-        rows[key] = (float(np.mean([held for _, held in seen])), float(ratio.mean() - 1.0), float(ratio.std()))
+        rows[key] = (float(np.mean([held for _, held in seen])), float(np.median(ratio) - 1.0),
+                     float(0.7413 * np.subtract(*np.quantile(ratio, [0.75, 0.25]))))
     return rows
 
 
 def main(argv=None):
     """Run the trials and print coverage and errors."""
-    from microstage_ros.axis.axis_file import load_axis
-    from microstage_ros.identification.reproduction import CONFIG
-
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--trials", type=int, default=100, metavar="N")
     parser.add_argument("--repeats", type=int, default=50, metavar="N")
     parser.add_argument("--seed", type=int, default=1, metavar="N")
     parser.add_argument("--part", choices=("actuator", "variability"), help="only this part")
     arguments = parser.parse_args(argv)
-    axis = load_axis(CONFIG / "experiments" / "actuator_bench.yaml")
+    axis = load_axis(share() / "config" / "experiments" / "actuator_bench.yaml")
     parts = {"actuator": lambda s: trial(axis, arguments.repeats, s), "variability": lambda s: variability_trial(axis, s)}
     for make in [parts[arguments.part]] if arguments.part else parts.values():
         rows = table([make(arguments.seed + k) for k in range(arguments.trials)])
         for key, (held, bias, spread) in rows.items():
-            print(f"{key:28s} covers {held:6.1%}   mean deviation {bias:+7.2%}   standard deviation {spread:6.2%}", flush=True)
+            print(f"{key:28s} covers {held:6.1%}   median deviation {bias:+7.2%}   standard deviation {spread:6.2%}", flush=True)
 
 
 if __name__ == "__main__":

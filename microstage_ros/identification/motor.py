@@ -15,6 +15,7 @@ import numpy as np
 from microstage_ros.identification.estimate import Identification, from_interval
 from microstage_ros.identification.intervals import block_covariance, correlation
 from microstage_ros.identification.inverse_dynamics import low_pass
+from microstage_ros.identification.signals import steady_windows, window_means
 
 NAMES = ("drive.resistance", "drive.back_emf", "drive.inductance", "amplifier offset")
 UNITS = ("ohm", "V s/rad", "H", "V")
@@ -75,3 +76,26 @@ def _low_band(signals, gear):
     w = np.column_stack([columns[:, 0], -speed[1:], np.ones(len(columns)), np.gradient(speed, signals.period)[1:]])
     cut = int(2.0 / (edge * signals.period)) + 1
     return w[cut:-cut], columns[cut:-cut, 1]
+
+
+def speed_by_voltage(signals, window, resistance, back_emf, gear):
+    """Speed of the output [rad/s] of a steady window from voltage and current alone (paper Eq. 9).
+
+    ω_r = (U − R I) / (i K_E), with the voltage of the row before, which the current answers.
+    """
+    voltage = np.mean(signals.voltage[window.start - 1 : window.stop - 1])
+    current = np.mean(signals.current[window.start : window.stop])
+    return float((voltage - resistance * current) / (gear * back_emf))
+
+
+def cross_check(signals, estimates, axis):
+    """Sentence on how far Eq. 9 and the encoder agree over all steady windows; '' where there are none."""
+    if not (estimates["drive.resistance"].determined and estimates["drive.back_emf"].determined):
+        return ""
+    constants = estimates["drive.resistance"].value, estimates["drive.back_emf"].value, axis.value("transmission.gear_ratio")
+    pairs = np.array([(window_means(s, w)[0], speed_by_voltage(s, w, *constants)) for s in signals for w in steady_windows(s)])
+    if not len(pairs):
+        return ""
+    worst = np.abs(pairs[:, 1] - pairs[:, 0]).max()
+    return (f"Speed by voltage and current (Eq. 9) against the encoder: {worst:.2g} rad/s apart at most, over {len(pairs)} steady runs "
+            f"up to {np.abs(pairs[:, 0]).max():.3g} rad/s.")

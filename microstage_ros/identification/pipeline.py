@@ -11,7 +11,7 @@ from microstage_ros.identification.estimate import Estimate, Identification, fro
 from microstage_ros.identification.guideway import elastic_slope, extract_loading
 from microstage_ros.identification.intervals import bootstrap
 from microstage_ros.identification.inverse_dynamics import KEYS, identify_force_axis
-from microstage_ros.identification.motor import identify_motor
+from microstage_ros.identification.motor import cross_check, identify_motor
 from microstage_ros.identification.signals import motor_signals
 from microstage_ros.identification.stribeck import stribeck_curve
 from microstage_ros.identification.variability import identify_variability, position_locked_share
@@ -117,6 +117,7 @@ def identify_motor_axis(records, axis, seed=0, progress=lambda text: None, block
     if not dynamic:
         raise InputError("records", 0, "at least one record")
     result = identify_motor(dynamic, axis)
+    result.remarks += filter(None, [cross_check(dynamic, result.estimates, axis)])
     result.merge(identify_inertia(dynamic, axis))
     result.merge(identify_sliding(features, seed))
     result.merge(identify_presliding(features.loadings, features.loading_repeat, seed, count=blocks))

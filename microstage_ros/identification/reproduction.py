@@ -20,9 +20,9 @@ from microstage_ros.identification.pipeline import identify
 from microstage_ros.identification.signals import motor_signals, screw_ratio
 from microstage_ros.identification.stribeck import NAMES, stribeck_curve
 from microstage_ros.identification.virgin_curve import Blocks
+from microstage_ros.places import config_file, share
 from microstage_ros.report.plots import COLOURS, new_figure
 
-CONFIG = pathlib.Path(__file__).resolve().parents[2] / "config"
 PLACES = 2.0e-3  # repeats begin so far apart along the stroke [m]
 
 
@@ -104,18 +104,18 @@ def main(argv=None):
     arguments = parser.parse_args(argv)
     out = pathlib.Path(arguments.out)
     out.mkdir(parents=True, exist_ok=True)
-    bench, guideway = (load_axis(CONFIG / "experiments" / f"{name}_bench.yaml") for name in ("actuator", "guideway"))
+    bench, guideway = (load_axis(share() / "config" / "experiments" / f"{name}_bench.yaml") for name in ("actuator", "guideway"))
     result = identify(actuator_repeats(bench, arguments.repeats, arguments.seed), bench, arguments.seed, blocks=6)
     loading = identify(guideway_repeats(guideway, arguments.repeats, arguments.seed), guideway, arguments.seed, blocks=6)
     loading.estimates.pop("variability.relative", None)  # the actuator's series tells more
     result.merge(loading)
     rows, figures = comparison(result, bench, guideway)
-    page = identification_page(result, load_axis(CONFIG / "axis.yaml"), [f"{arguments.repeats} simulated repeats of each experiment"], arguments.seed)
+    page = identification_page(result, load_axis(config_file("axis.yaml")), [f"{arguments.repeats} simulated repeats of each experiment"], arguments.seed)
     page.section("Tables 1 to 3 beside the paper")
     page.table(["parameter", "unit", "paper (and the simulator)", "identified", "95 %", "deviation"], rows)
     page.figure(ramp_figure(bench, arguments.seed), "Simulated voltage ramps: they break away before the last blocks slip", "Fig. 5a")
     page.save(out / "report.html")
-    result.to_axis(load_axis(CONFIG / "axis.yaml")).save(out / "axis.yaml")
+    result.to_axis(load_axis(config_file("axis.yaml"))).save(out / "axis.yaml")
     (out / "figures.json").write_text(json.dumps({"repeats": arguments.repeats, "seed": arguments.seed, **figures}, indent=1) + "\n")
     for row in rows:
         print(*(f"{v:.5g}" if isinstance(v, float) else v for v in row), sep="  ")

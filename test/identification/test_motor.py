@@ -6,7 +6,7 @@ import pytest
 from microstage_ros.control.run_file import Run
 from microstage_ros.identification import experiments
 from microstage_ros.identification.acceleration import identify_attraction, identify_inertia
-from microstage_ros.identification.motor import identify_motor
+from microstage_ros.identification.motor import cross_check, identify_motor, speed_by_voltage
 from microstage_ros.identification.signals import centred_current, motor_signals, screw_ratio, steady_windows, window_means
 
 
@@ -30,6 +30,10 @@ def test_resistance_back_emf_and_inductance(speed_signals, actuator_bench):
     assert found["amplifier offset"].determined and abs(found["amplifier offset"].value) < 1e-4
 
 
+def test_cross_check_is_told(speed_signals, actuator_bench):
+    assert "Eq. 9" in cross_check(speed_signals, identify_motor(speed_signals, actuator_bench).estimates, actuator_bench)
+
+
 def test_an_amplifier_offset_is_found(actuator_bench):
     run = experiments.constant_speeds(screw_ratio(actuator_bench), speeds=(0.3, 4.0), duration=0.25, least_way=0.05)
     run.effects = {"amplifier_offset": {"offset_V": 5e-3}}
@@ -42,8 +46,7 @@ def test_speed_by_eq_9_agrees_with_the_encoder(speed_signals, actuator_bench):
     signals = speed_signals[0]
     resistance, back_emf = actuator_bench.value("drive.resistance"), actuator_bench.value("drive.back_emf")
     for window in steady_windows(signals, least_travel=0.02):
-        rows = slice(window.start, window.stop)
-        by_voltage = np.mean(signals.voltage[window.start - 1 : window.stop - 1] - resistance * signals.current[rows]) / 19.0 / back_emf
+        by_voltage = speed_by_voltage(signals, window, resistance, back_emf, 19.0)
         assert by_voltage == pytest.approx(window_means(signals, window)[0], rel=0.02, abs=0.005)
 
 
