@@ -130,16 +130,14 @@ def fill_model(record, axis):
 
 
 @compiled
-def friction_along(law, blocks, before, after, period, factor):
-    """Friction after a period at velocities ``before`` -> ``after``; moves the block states.
+def friction_along(law, blocks, velocity, period, factor):
+    """Friction after a period at the mean ``velocity``; moves the block states by exactly velocity x period.
 
-    Units of the law; ``factor`` scales its limits. A reversal begins the period at rest.
+    Units of the law; ``factor`` scales its limits.
     """
-    if before * after < 0.0:
-        before = 0.0
-    middle = before + after
-    direction = 1.0 if middle > 0.0 else (-1.0 if middle < 0.0 else 0.0)
-    return stretch(law, blocks, direction, abs(before), abs(after), period, factor) + viscous_force(law, after)
+    direction = 1.0 if velocity > 0.0 else (-1.0 if velocity < 0.0 else 0.0)
+    speed = abs(velocity)
+    return stretch(law, blocks, direction, speed, speed, period, factor) + viscous_force(law, velocity)
 
 
 @compiled
@@ -163,9 +161,7 @@ def feedforward_step(p, s, period, reference, actuator_level, guideway_level):
     velocity = min(max((reference - s.reference) / period, -p.top_speed), p.top_speed)
     acceleration = (velocity - s.velocity) / period
     if p.has_guideway != 0:
-        s.guideway_friction = friction_along(
-            p.guideway, s.guideway, s.velocity, velocity, period, guideway_level
-        )
+        s.guideway_friction = friction_along(p.guideway, s.guideway, velocity, period, guideway_level)
     force = s.guideway_friction + p.mass * acceleration + p.offset_force
     screw = reference + force * p.compliance
     screw_velocity = (screw - s.screw) / period
@@ -173,8 +169,7 @@ def feedforward_step(p, s, period, reference, actuator_level, guideway_level):
     s.screw_acceleration = (screw_velocity - s.screw_velocity) / period
     if p.has_actuator != 0:
         s.actuator_friction = friction_along(
-            p.actuator, s.actuator, s.screw_velocity / p.screw_ratio, screw_velocity / p.screw_ratio,
-            period, actuator_level,
+            p.actuator, s.actuator, screw_velocity / p.screw_ratio, period, actuator_level
         )
     s.reference = reference
     s.velocity = velocity

@@ -157,12 +157,12 @@ def _observer_step(parameters, stiffness, damping):
     def step(values):
         x, v, d, before, integral, spring, position, current, voltage = values
         force = float(m["force_per_ampere"]) * (current + part * (before - current))
-        before = v
-        v = v + period * ((force - spring - damping * v) / mass - d)
-        x = x + period * v
+        pull = period * ((force - spring - damping * v) / mass - d)
+        mean, v = v + 0.5 * pull, v + pull
+        x = x + period * mean
         # blocks follow the predicted motion, not its corrections
-        spring = (spring if stiffness > 0.0 else 0.0) + stiffness * period * v
-        v = v - 0.5 * period * (stiffness * period * v + damping * (v - before)) / mass
+        spring = (spring if stiffness > 0.0 else 0.0) + stiffness * period * mean
+        v = v - 0.5 * period * (stiffness * period * mean + damping * 0.5 * pull) / mass
         settled = (current - rest * before) / (1.0 - rest)
         innovation = np.array([position - x, (voltage - float(m["resistance"]) * settled) / emf - v])
         x, v, d = np.array([x, v, d]) + gain @ innovation

@@ -55,7 +55,6 @@ STATE_FIELDS = [
     ("v", "f8"),  # m/s
     ("d", "f8"),  # m/s^2, unexplained deceleration
     ("screw", "f8"),  # m, stage position plus wind-up
-    ("screw_velocity", "f8"),
     ("current", "f8"),  # A, of the period before
     ("acceleration", "f8"),  # m/s^2, of the period before
     ("learned", "f8", 3),  # R over nominal [1], zero of the amplifier [V], back-EMF over nominal [1]
@@ -84,7 +83,6 @@ def observer_reset(p, s):
     """Forget everything but the nominal level."""
     s.v = 0.0
     s.d = 0.0
-    s.screw_velocity = 0.0
     s.current = 0.0
     s.acceleration = 0.0
     s.learned[0] = 1.0
@@ -136,25 +134,23 @@ def slipping_force(law, blocks, level):
 
 @compiled
 def predict(model, s, period, force):
-    """Move the model by ``period`` [s] under the driving ``force`` [N] at the stage."""
+    """Move the model by ``period`` [s] under the driving ``force`` [N] at the stage (velocity Verlet)."""
     friction = model.force_per_torque * s.actuator_friction + s.guideway_friction + model.offset_force
-    before = s.v
-    # semi-implicit: friction of the place reached keeps the stuck spring stable at this step
-    s.v += ((force - friction) / model.moving_mass - s.d) * period
-    s.x += s.v * period
+    pull = ((force - friction) / model.moving_mass - s.d) * period
+    mean = s.v + 0.5 * pull
+    s.v += pull
+    s.x += mean * period
     if model.has_guideway != 0:
-        s.guideway_friction = friction_along(model.guideway, s.guideway, before, s.v, period, 1.0)
+        s.guideway_friction = friction_along(model.guideway, s.guideway, mean, period, 1.0)
     screw = s.x + s.guideway_friction * model.compliance
     velocity = (screw - s.screw) / period
     if model.has_actuator != 0:
         s.actuator_friction = friction_along(
-            model.actuator, s.actuator, s.screw_velocity / model.screw_ratio, velocity / model.screw_ratio,
-            period, s.level,
+            model.actuator, s.actuator, velocity / model.screw_ratio, period, s.level
         )
     after = model.force_per_torque * s.actuator_friction + s.guideway_friction + model.offset_force
-    s.v -= 0.5 * (after - friction) / model.moving_mass * period  # friction of mid-period, to second order
+    s.v -= 0.5 * (after - friction) / model.moving_mass * period
     s.screw = screw
-    s.screw_velocity = velocity
 
 
 @compiled
