@@ -15,7 +15,7 @@ import numpy as np
 from microstage_ros.axis.compiled import compiled
 from microstage_ros.axis.errors import InputError
 from microstage_ros.axis.period import as_array
-from microstage_ros.control import design, feedforward, laws, nctf, observer
+from microstage_ros.control import design, feedforward, laws, nctf, observer_law
 from microstage_ros.control.gains import check_gain, fill
 from microstage_ros.control.pid import pid_change
 
@@ -62,7 +62,7 @@ def controller_parameters(type_name, axis, gains, period=None, place="controller
     for part, entries in law.parts.items():
         fill(record[part], entries, values, place)
     if "observer" in law.parts:
-        observer.design_motion(record["observer"], record["feedforward"], period)
+        observer_law.design_motion(record["observer"], record["feedforward"], period)
     if "nctf" in law.parts:
         nctf.fill_trajectory(record["nctf"], record["feedforward"])
     return record

@@ -11,7 +11,7 @@ import numpy as np
 
 from microstage_ros.axis.compiled import compiled
 from microstage_ros.axis.errors import InputError
-from microstage_ros.control import adaptation, cascade, feedforward, nctf, observer, pid
+from microstage_ros.control import adaptation, cascade, feedforward, nctf, observer_law, pid
 
 NONE, PID, SELF_TUNING, CASCADE, PID_FEEDFORWARD, SELF_TUNING_FEEDFORWARD, NCTF, SELF_TUNING_OBSERVER = range(8)
 
@@ -36,7 +36,7 @@ LAWS = {
         SELF_TUNING_OBSERVER,
         {
             "pid": pid.GAINS, "adaptation": adaptation.GAINS, "feedforward": feedforward.GAINS,
-            "observer": observer.GAINS,
+            "observer": observer_law.GAINS,
         },
     ),
     "nctf": Law(NCTF, {"nctf": nctf.GAINS}),
@@ -51,7 +51,7 @@ PARAMETERS = np.dtype([
     ("pid", pid.PARAMETERS),
     ("adaptation", adaptation.PARAMETERS),
     ("feedforward", feedforward.PARAMETERS),
-    ("observer", observer.PARAMETERS),
+    ("observer", observer_law.PARAMETERS),
     ("nctf", nctf.PARAMETERS),
     ("cascade", cascade.PARAMETERS),
 ])
@@ -65,7 +65,7 @@ STATE = np.dtype([
     ("pid", pid.STATE_FIELDS),
     ("adaptation", adaptation.STATE_FIELDS),
     ("feedforward", feedforward.STATE_FIELDS),
-    ("observer", observer.STATE_FIELDS),
+    ("observer", observer_law.STATE_FIELDS),
     ("cascade", cascade.STATE_FIELDS),
 ])
 
@@ -86,7 +86,7 @@ def controller_reset(parameters, state, voltage):
     pid.pid_reset(parameters.pid, state.pid, voltage)
     if parameters.kind in (SELF_TUNING, SELF_TUNING_FEEDFORWARD, SELF_TUNING_OBSERVER):
         adaptation.adaptation_reset(parameters.adaptation, state.adaptation, state.pid)
-    observer.observer_reset(parameters.observer, state.observer)
+    observer_law.observer_reset(parameters.observer, state.observer)
 
 
 @compiled
@@ -97,7 +97,7 @@ def controller_start(state, reference, encoder):
     state.pid.previous_reference = reference
     cascade.cascade_reset(state.cascade, encoder)
     feedforward.feedforward_reset(state.feedforward, reference)
-    observer.observer_start(state.observer, encoder)
+    observer_law.observer_start(state.observer, encoder)
 
 
 @compiled
@@ -133,7 +133,7 @@ def dispatch(parameters, state, reference, encoder, current):
     level = 1.0
     observed = kind == SELF_TUNING_OBSERVER
     if observed:
-        observer.observer_step(
+        observer_law.observer_step(
             parameters.observer, parameters.feedforward, state.observer, period, encoder, state.voltage, current
         )
         level = state.observer.level

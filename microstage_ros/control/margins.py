@@ -14,7 +14,7 @@ from typing import NamedTuple
 import control
 import numpy as np
 
-from microstage_ros.control import laws, observer
+from microstage_ros.control import laws, observer_law
 from microstage_ros.control.feedforward import packed_contact
 
 #: Speeds [m/s] at which sliding is linearised: creeping (steepest fall of the Stribeck curve) and moving.
@@ -152,7 +152,7 @@ def _observer_step(parameters, stiffness, damping):
     rest = math.exp(-period / float(m["settling"]))
     part = float(m["settling"]) / period - rest / (1.0 - rest)
     mass, emf = float(m["moving_mass"]), float(m["volts_per_velocity"])
-    absorbed = min(period / observer.ABSORB_TIME, 1.0) if stiffness > 0.0 else 0.0
+    absorbed = min(period / observer_law.ABSORB_TIME, 1.0) if stiffness > 0.0 else 0.0
 
     def step(values):
         x, v, d, before, integral, spring, position, current, voltage = values

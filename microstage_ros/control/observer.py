@@ -1,366 +1,18 @@
-"""Friction observer: motion and friction of both contacts from encoder, current and voltage.
+"""Python face of the friction observer: friction of both contacts, live, and what tells the effects apart.
 
-The measured current i gives the driving force F = (k_M N/r) i, and with the voltage the speed of the motor,
-free of the encoder's counts and of the drive train's resonance. The axis is one mass M = m + J (N/r)^2:
-
-    M dv/dt = F - (N/r) M_f(z; l) - F_g(x) - M d,      dx/dt = v,      z = x + F_g / K_c
-    encoder = x + n_x,      (u - R i_end - o) / (K_E N/r) = v + n_v
-
-with the friction laws of the axis file run along the estimated motion, l the level of the actuator's limits
-and d what is left (a random walk). x, v and d follow a steady-state Kalman filter (`motion_gain`). The back-
-EMF matters: below the Stribeck velocity friction falls by 34 uNm per rad/s at the motor, so speed errors of a
-model driven by the current alone grow e-fold in 3 ms. Its R, zero o
-and constant are learned (`learn_drive`) from what encoder and back-EMF disagree on, and the delay of the voltage, in whole periods, from which past
-voltage the current answers to.
-
-While blocks slip, d is an error of the level. The level follows a random walk in travel and time (the
-Ornstein-Uhlenbeck variability of the model, without its pull to 1, so that wear is seen too), estimated by
-a scalar Kalman filter with the sensitivity S = dF/dl of the slipping blocks; the same filter gives the
-standard deviation. What the filter adds to the level it takes off d.
+The law is in `observer_law`; this file turns its record into figures with units, for node and scripts.
 """
 
 import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
 
 from microstage_ros.axis.compiled import compiled
 from microstage_ros.axis.period import as_array
 from microstage_ros.control import feedforward
-from microstage_ros.control.feedforward import friction_along
-from microstage_ros.control.gains import Gain, fill, record_type
-
-GAINS = (
-    Gain("encoder_noise", "m", 1e-12, 1e-3, 1.08e-8, "standard deviation of one encoder value, rounding included"),
-    Gain("voltage_noise", "V", 1e-6, 10.0, 1.2e-3, "noise of the amplifier"),
-    Gain("acceleration_noise", "m/s^2/rtHz", 1e-12, 1e3, 2.0e-5, "density of what moves the axis unmodelled"),
-    Gain("friction_drift", "m/s^3/rtHz", 1e-12, 1e6, 2.0e-3, "density of the random walk of d"),
-    Gain("resistance_spread", "1", 0.0, 1.0, 0.1, "standard deviation of R over nominal before anything is learned"),
-    Gain("zero_spread", "V", 0.0, 10.0, 5.0e-3, "standard deviation of the amplifier's zero before that"),
-    Gain("emf_spread", "1", 0.0, 1.0, 0.02, "standard deviation of the back-EMF over nominal before that"),
-    Gain("forgetting_time", "s", 1e-2, 1e9, 3000.0, "time in which R and zero may change by as much"),
-    Gain("level_variability", "1", 0.0, 1.0, 0.06, "standard deviation of the friction level"),
-    Gain("level_length", "m", 1e-9, 1.0, 1.0e-4, "travel over which the level varies"),
-    Gain("level_time", "s", 1e-3, 1e6, 20.0, "time over which the level varies"),
-    Gain("force_noise", "N", 1e-9, 1e6, 0.25, "noise of the force balance within one observer time"),
-)
-FORCE_TIME = 5e-3  # s, over which errors of d hang together
-ABSORB_TIME = 5e-3  # s, in which sticking blocks take over what is unexplained
-LAGS = 4  # voltage delays told apart, in periods
-PARAMETERS = record_type(GAINS, [("motion_gain", "f8", (3, 2)), ("encoder_gain", "f8", 3)])
-BLOCK_STATE = feedforward.BLOCK_STATE
-STATE_FIELDS = [
-    ("x", "f8"),  # m, stage position
-    ("v", "f8"),  # m/s
-    ("d", "f8"),  # m/s^2, unexplained deceleration
-    ("screw", "f8"),  # m, stage position plus wind-up
-    ("current", "f8"),  # A, of the period before
-    ("acceleration", "f8"),  # m/s^2, of the period before
-    ("learned", "f8", 3),  # R over nominal [1], zero of the amplifier [V], back-EMF over nominal [1]
-    ("learned_variance", "f8", 3),
-    ("shift", "f8", (3, 3)),  # how far x, v, d are off per unit error of what is learned
-    ("voltages", "f8", LAGS + 1),  # V, newest first
-    ("answers", "f8", LAGS),  # correlation of current steps with voltage steps, by lag
-    ("excitation", "f8"),  # V^2, mean square of voltage steps
-    ("lag", "i8"),  # periods between a voltage and its current, beyond the hold
-    ("actuator", "f8", BLOCK_STATE),
-    ("guideway", "f8", BLOCK_STATE),
-    ("actuator_friction", "f8"),  # N m at the motor shaft, by the law
-    ("guideway_friction", "f8"),  # N
-    ("level", "f8"),  # 1, limits of the actuator over nominal
-    ("variance", "f8"),  # of the level
-    ("sensitivity", "f8"),  # N, dF/dl of the slipping blocks
-    ("level_forward", "f8"),  # 1, slow mean of the level while moving forward
-    ("level_backward", "f8"),
-    ("slipping", "f8"),  # share of the actuator's limit that slips
-    ("noise", "f8"),  # m^2, running variance of the innovation
-]
-
-
-@compiled
-def observer_reset(p, s):
-    """Forget everything but the nominal level."""
-    s.v = 0.0
-    s.d = 0.0
-    s.current = 0.0
-    s.acceleration = 0.0
-    s.learned[0] = 1.0
-    s.learned[1] = 0.0
-    s.learned[2] = 1.0
-    s.learned_variance[0] = p.resistance_spread * p.resistance_spread
-    s.learned_variance[1] = p.zero_spread * p.zero_spread
-    s.learned_variance[2] = p.emf_spread * p.emf_spread
-    s.shift[:] = 0.0
-    s.excitation = 0.0
-    s.lag = 0
-    for j in range(LAGS):
-        s.voltages[j] = 0.0
-        s.answers[j] = 0.0
-    s.voltages[LAGS] = 0.0
-    s.actuator_friction = 0.0
-    s.guideway_friction = 0.0
-    s.level = 1.0
-    s.variance = p.level_variability * p.level_variability
-    s.sensitivity = 0.0
-    s.level_forward = 1.0
-    s.level_backward = 1.0
-    s.slipping = 0.0
-    s.noise = 0.0
-    for j in range(BLOCK_STATE):
-        s.actuator[j] = 0.0
-        s.guideway[j] = 0.0
-
-
-@compiled
-def observer_start(s, encoder):
-    """The axis rests where the encoder [m] says."""
-    s.x = encoder
-    s.screw = encoder
-
-
-@compiled
-def slipping_force(law, blocks, level):
-    """(dF/dl, slipping share): force of the slipping blocks over the level, and the sum of their weights."""
-    count = int(law[10])
-    force = 0.0
-    share = 0.0
-    for j in range(count):
-        if blocks[count + j] != 0.0:
-            force += blocks[j]
-            share += law[11 + count + j]
-    return force / level, share
-
-
-@compiled
-def predict(model, s, period, force):
-    """Move the model by ``period`` [s] under the driving ``force`` [N] at the stage (velocity Verlet)."""
-    friction = model.force_per_torque * s.actuator_friction + s.guideway_friction + model.offset_force
-    pull = ((force - friction) / model.moving_mass - s.d) * period
-    mean = s.v + 0.5 * pull
-    s.v += pull
-    s.x += mean * period
-    if model.has_guideway != 0:
-        s.guideway_friction = friction_along(model.guideway, s.guideway, mean, period, 1.0)
-    screw = s.x + s.guideway_friction * model.compliance
-    velocity = (screw - s.screw) / period
-    if model.has_actuator != 0:
-        s.actuator_friction = friction_along(
-            model.actuator, s.actuator, velocity / model.screw_ratio, period, s.level
-        )
-    after = model.force_per_torque * s.actuator_friction + s.guideway_friction + model.offset_force
-    s.v -= 0.5 * (after - friction) / model.moving_mass * period
-    s.screw = screw
-
-
-@compiled
-def find_lag(s, voltage, step):
-    """Which past voltage the current follows, from its newest ``step`` [A]; keeps the voltages [V]."""
-    for j in range(LAGS, 0, -1):
-        s.voltages[j] = s.voltages[j - 1]
-    s.voltages[0] = voltage
-    best = s.lag
-    for j in range(LAGS):
-        s.answers[j] += 0.01 * (step * (s.voltages[j] - s.voltages[j + 1]) - s.answers[j])
-        if s.answers[j] > 1.5 * s.answers[best]:
-            best = j
-    change = s.voltages[0] - s.voltages[1]
-    s.excitation += 0.01 * (change * change - s.excitation)
-    if s.excitation > 1e-6:  # 1 mV rms of steps: enough to tell
-        s.lag = best
-
-
-@compiled
-def settled_drop(model, s, period, current):
-    """R i [V] by the nominal R, of the current at the end of the period without its last transient."""
-    settled = current
-    if model.settling > 0.0:
-        rest = math.exp(-period / model.settling)
-        settled = (current - rest * s.current) / (1.0 - rest)
-    return model.resistance * settled
-
-
-@compiled
-def learn_drive(p, model, s, period, drop, position, speed, trust):
-    """Learn R and the amplifier's zero from the innovations of position [m] and speed [m/s].
-
-    Friedland's two-stage filter: ``shift`` is how far a wrong R (or zero) has led x, v and d astray, so both
-    innovations are known multiples of that error. Takes the learned part out of x, v, d.
-    """
-    noise_x = p.encoder_noise * p.encoder_noise
-    noise_v = p.voltage_noise / model.volts_per_velocity
-    noise_v *= noise_v
-    # while the encoder is far beyond its noise, something else is going on (backlash, a jolt): learn less
-    doubt = max(1.0, abs(position) / (5.0 * p.encoder_noise))
-    noise_x *= doubt * doubt
-    noise_v *= doubt * doubt
-    for k in range(3):
-        shift = s.shift[k]
-        spread, direct = p.resistance_spread, drop / model.volts_per_velocity
-        if k == 1:
-            spread, direct = p.zero_spread, 1.0 / model.volts_per_velocity
-        elif k == 2:
-            spread, direct = p.emf_spread, s.v
-        shift[0] += shift[1] * period
-        shift[1] -= shift[2] * period
-        of_position = -shift[0]
-        of_speed = direct - shift[1]
-        for j in range(3):
-            shift[j] += (trust * p.motion_gain[j, 0] + (1.0 - trust) * p.encoder_gain[j]) * of_position
-            shift[j] += trust * p.motion_gain[j, 1] * of_speed
-        variance = s.learned_variance[k] + spread * spread * period / p.forgetting_time
-        information = of_position * of_position / noise_x + of_speed * of_speed / noise_v
-        variance /= 1.0 + variance * information
-        s.learned_variance[k] = variance
-        change = variance * (of_position * position / noise_x + of_speed * speed / noise_v)
-        s.learned[k] += change
-        s.x -= shift[0] * change
-        s.v -= shift[1] * change
-        s.d -= shift[2] * change
-        position -= of_position * change
-        speed -= of_speed * change
-    s.learned[0] = min(max(s.learned[0], 0.3), 3.0)
-    s.learned[1] = min(max(s.learned[1], -1.0), 1.0)
-    s.learned[2] = min(max(s.learned[2], 0.3), 3.0)
-
-
-@compiled
-def trust_in_speed(p, model, s, drop):
-    """1 if the back-EMF is as good as the amplifier's noise, towards 0 while R and zero are not known."""
-    noise = p.voltage_noise * p.voltage_noise
-    emf = model.volts_per_velocity * s.v
-    doubt = s.learned_variance[0] * drop * drop + s.learned_variance[1] + s.learned_variance[2] * emf * emf
-    return noise / (noise + doubt)
-
-
-@compiled
-def correct(p, s, position, speed, trust):
-    """Correct x, v, d by the innovations of position [m] and speed [m/s], the latter with ``trust`` 0 ... 1."""
-    for j in range(3):
-        change = (trust * p.motion_gain[j, 0] + (1.0 - trust) * p.encoder_gain[j]) * position
-        change += trust * p.motion_gain[j, 1] * speed
-        if j == 0:
-            s.x += change
-            s.screw += change
-        elif j == 1:
-            s.v += change
-        else:
-            s.d += change
-    s.noise += 0.01 * (position * position - s.noise)
-
-
-@compiled
-def absorb(model, s, period):
-    """While hardly a block slips, d is an error of the stuck blocks' forces: move it over to them.
-
-    Each sticking block takes its share of the stiffness, within its limit; what is left stays in d.
-    """
-    law, blocks = model.actuator, s.actuator
-    count = int(law[10])
-    stiffness = 0.0
-    for j in range(count):
-        if blocks[count + j] == 0.0:
-            stiffness += law[11 + j]
-    if stiffness == 0.0 or s.slipping > 0.5:
-        return
-    torque = model.moving_mass * s.d / model.force_per_torque * min(period / ABSORB_TIME, 1.0)
-    taken = 0.0
-    for j in range(count):
-        if blocks[count + j] == 0.0:
-            limit = law[11 + count + j] * law[0] * s.level
-            before = blocks[j]
-            blocks[j] = min(max(before + torque * law[11 + j] / stiffness, -limit), limit)
-            taken += blocks[j] - before
-    s.actuator_friction += taken
-    s.d -= taken * model.force_per_torque / model.moving_mass
-
-
-@compiled
-def learn_level(p, model, s, period):
-    """One period of the scalar Kalman filter of the level."""
-    s.sensitivity, s.slipping = 0.0, 0.0
-    if model.has_actuator != 0:
-        force, s.slipping = slipping_force(model.actuator, s.actuator, s.level)
-        s.sensitivity = model.force_per_torque * force
-    spread = p.level_variability * p.level_variability
-    travel = abs(s.v) * period / p.level_length
-    s.variance = min(s.variance + 2.0 * spread * (travel + period / p.level_time), 1.0)
-    # while few blocks slip, d is rather an error of the place of the reversal than one of the level
-    doubt = p.force_noise / max(s.slipping, 0.1) ** 6
-    noise = doubt * doubt * FORCE_TIME / period
-    gain = s.variance * s.sensitivity / (s.sensitivity * s.sensitivity * s.variance + noise)
-    residual = model.moving_mass * s.d
-    change = gain * residual
-    level = min(max(s.level + change, 0.1), 10.0)
-    s.d -= (level - s.level) * s.sensitivity / model.moving_mass
-    s.level = level
-    s.variance *= 1.0 - gain * s.sensitivity
-    if s.slipping > 0.9:
-        share = min(2.0 * travel, 1.0)
-        if s.v > 0.0:
-            s.level_forward += share * (s.level - s.level_forward)
-        else:
-            s.level_backward += share * (s.level - s.level_backward)
-
-
-@compiled
-def observer_step(p, model, s, period, encoder, voltage, current):
-    """One control period: ``encoder`` [m] and ``current`` [A] of now, ``voltage`` [V] held until now."""
-    senses = model.force_per_ampere > 0.0 and math.isfinite(current)
-    if senses:
-        find_lag(s, voltage, current - s.current)
-        # within the period the current falls as the back-EMF rises: the mean is above the newest value
-        slack = 0.5 * model.volts_per_velocity * s.acceleration * period / model.resistance
-        rest = math.exp(-period / model.settling)
-        part = model.settling / period - rest / (1.0 - rest)
-        force = model.force_per_ampere * (current + slack + part * (s.current - current))
-    elif model.force_per_ampere > 0.0:
-        force = model.force_per_ampere * (voltage - model.volts_per_velocity * s.v) / model.resistance
-    else:
-        force = voltage / model.volts_per_force
-    before = s.v
-    parts = int(math.ceil(period / 2.0e-4 - 1e-9))
-    for _ in range(parts):
-        predict(model, s, period / parts, force)
-    s.acceleration = (s.v - before) / period
-    speed, drop, trust = 0.0, 0.0, 0.0
-    if senses:
-        drop = settled_drop(model, s, period, current)
-        speed = (s.voltages[s.lag] - s.learned[0] * drop - s.learned[1]) / model.volts_per_velocity - s.learned[2] * s.v
-        trust = trust_in_speed(p, model, s, drop)
-        s.current = current
-    position = encoder - s.x
-    correct(p, s, position, speed, trust)
-    if senses:
-        learn_drive(p, model, s, period, drop, position, speed, trust)
-    learn_level(p, model, s, period)
-    if model.has_actuator != 0:
-        absorb(model, s, period)
-
-
-def design_motion(record, model, period):
-    """Steady-state Kalman gains of (x, v, d) for encoder and back-EMF, and for the encoder alone.
-
-    The process is dx = v, dv = -d + white acceleration, dd = white; measurements once per period.
-    """
-    a = np.array([[1.0, period, 0.0], [0.0, 1.0, -period], [0.0, 0.0, 1.0]])
-    drift, push = float(record["friction_drift"]) ** 2, float(record["acceleration_noise"]) ** 2
-    q = np.diag([push * period**3 / 3, push * period, drift * period]) + 1e-40 * np.eye(3)
-    speed = float(record["voltage_noise"]) / max(float(model["volts_per_velocity"]), 1e-9)
-    noise = np.array([float(record["encoder_noise"]), speed])
-    record["motion_gain"] = _steady_gain(a, q, noise, np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))
-    record["encoder_gain"] = _steady_gain(a, q, noise[:1], np.array([[1.0, 0.0, 0.0]]))[:, 0]
-
-
-def _steady_gain(a, q, noise, c):
-    """Gain P C' (C P C' + R)^-1 of the filtered estimate, by the discrete Riccati equation in scaled units."""
-    scale = np.array([noise[0], noise[0] * 1e2, noise[0] * 1e4])
-    s, inverse = np.diag(scale), np.diag(1 / scale)
-    n = np.diag(1 / noise)
-    p = solve_discrete_are((inverse @ a @ s).T, (n @ c @ s).T, inverse @ q @ inverse, np.eye(len(noise)))
-    cs = n @ c @ s
-    gain = p @ cs.T @ np.linalg.inv(cs @ p @ cs.T + np.eye(len(noise)))
-    return s @ gain @ n
+from microstage_ros.control import observer_law as law
+from microstage_ros.control.gains import fill
 
 
 class FrictionEstimate(NamedTuple):
@@ -389,7 +41,7 @@ class FrictionEstimate(NamedTuple):
 @compiled
 def _step(parameters, models, memories, period, encoder, voltage, current):
     """`observer_step` of the only record of each array (see `axis.period`)."""
-    observer_step(parameters[0], models[0], memories[0], period, encoder, voltage, current)
+    law.observer_step(parameters[0], models[0], memories[0], period, encoder, voltage, current)
 
 
 class FrictionObserver:
@@ -403,15 +55,15 @@ class FrictionObserver:
 
     def __init__(self, axis, period=None, **gains):
         self.period = float(axis.value("period") if period is None else period)
-        self.parameters = np.zeros(1, PARAMETERS)[0]
-        fill(self.parameters, GAINS, gains, "observer")
+        self.parameters = np.zeros(1, law.PARAMETERS)[0]
+        fill(self.parameters, law.GAINS, gains, "observer")
         self.model = np.zeros(1, feedforward.PARAMETERS)[0]
         feedforward.fill_model(self.model, axis)
-        design_motion(self.parameters, self.model, self.period)
-        self.memory = np.zeros(1, np.dtype(STATE_FIELDS))[0]
+        law.design_motion(self.parameters, self.model, self.period)
+        self.memory = np.zeros(1, np.dtype(law.STATE_FIELDS))[0]
         self._arrays = [as_array(record) for record in (self.parameters, self.model, self.memory)]
         self.started = False
-        observer_reset(self.parameters, self.memory)
+        law.observer_reset(self.parameters, self.memory)
 
     def step(self, encoder, voltage, current=math.nan):
         """Estimate after a period: ``encoder`` [m], ``current`` [A] read now, ``voltage`` [V] held until now."""
@@ -422,7 +74,7 @@ class FrictionObserver:
         """One period without looking at the estimate."""
         if math.isfinite(encoder):
             if not self.started:
-                observer_start(self.memory, float(encoder))
+                law.observer_start(self.memory, float(encoder))
                 self.started = True
             _step(*self._arrays, self.period, float(encoder), float(voltage), float(current))
 
@@ -450,7 +102,7 @@ class FrictionObserver:
         )
 
 
-def _blocks(law, state):
+def _blocks(packed, state):
     """Forces and slip flags of a packed contact's blocks."""
-    count = int(law[10])
+    count = int(packed[10])
     return state[:count].copy(), state[count : 2 * count] != 0.0

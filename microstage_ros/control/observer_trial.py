@@ -3,7 +3,7 @@
 import numpy as np
 
 from microstage_ros.axis.compiled import compiled
-from microstage_ros.control import observer
+from microstage_ros.control import observer, observer_law
 from microstage_ros.control.trials import trial
 
 MOTIONS = {
@@ -18,10 +18,10 @@ MOTIONS = {
 @compiled
 def replay(parameters, model, memory, period, encoder, voltage, current, trace):
     """Run the observer over a record; fills ``trace`` (rows, 4): force by the laws, unexplained force, level, x."""
-    observer.observer_start(memory, encoder[0])
+    observer_law.observer_start(memory, encoder[0])
     before = 0.0
     for n in range(encoder.size):
-        observer.observer_step(parameters, model, memory, period, encoder[n], before, current[n])
+        observer_law.observer_step(parameters, model, memory, period, encoder[n], before, current[n])
         before = voltage[n]
         trace[n, 0] = model.force_per_torque * memory.actuator_friction + memory.guideway_friction
         trace[n, 1] = model.moving_mass * memory.d
