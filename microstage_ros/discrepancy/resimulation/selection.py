@@ -130,7 +130,8 @@ class Selector:
                 continue
             name = None if taken is None else candidate.id
             if name not in bases:
-                bases[name] = self.refit(now.model.without(name).freeing(taken.candidate.stands_for))
+                freed = taken.candidate.stands_for
+                bases[name] = self.refit(now.model.without(name).freeing(freed)) if freed else self.without(now, name)
             base = bases[name]
             if not self.holds(base, candidate):
                 for shape in candidate.starts():
