@@ -20,6 +20,7 @@ from microstage_ros.identification.signals import steady_windows, window_means
 NAMES = ("drive.resistance", "drive.back_emf", "drive.inductance", "amplifier offset")
 UNITS = ("ohm", "V s/rad", "H", "V")
 SPEED_EDGE = 150.0  # low-pass of the speed [Hz]
+FILTERED = 2e-5  # of R and K_E: what the low-pass puts off, where hours of records would claim less
 TIMING = 0.01  # how well the instants of the readings are known [periods]: counts for the inductance alone
 EXPERIMENTS = (
     "a record with voltages in both directions, larger than the noise, would",
@@ -59,6 +60,8 @@ def identify_motor(signals, axis):
     ])
     spread = jacobian @ covariance @ jacobian.T
     spread[2, 2] += (TIMING * resistance * period) ** 2
+    spread[0, 0] += (FILTERED * resistance) ** 2
+    spread[1, 1] += (FILTERED * back_emf) ** 2
     result = Identification()
     floors = (0.0, 0.0, 0.0, 0.02)
     for k, key in enumerate(NAMES):

@@ -7,7 +7,7 @@ from microstage_ros.identification.acceleration import identify_attraction, iden
 from microstage_ros.identification.actuator import Features, extract, steady_series
 from microstage_ros.identification.actuator_fit import identify_presliding, identify_sliding
 from microstage_ros.identification.closed_loop import refine_closed_loop
-from microstage_ros.identification.estimate import Estimate, Identification, from_interval
+from microstage_ros.identification.estimate import Curve, Estimate, Identification, from_interval
 from microstage_ros.identification.guideway import elastic_slope, extract_loading
 from microstage_ros.identification.intervals import bootstrap
 from microstage_ros.identification.inverse_dynamics import KEYS, identify_force_axis
@@ -93,8 +93,12 @@ def identify_guideway(records, axis, seed=0, progress=lambda text: None, blocks=
                             "repeats reach breakaway); loading up to breakaway in four or more repeats would"))
     slopes = [elastic_slope(loop) for r in repeats for loop in r.loops]
     if slopes:
-        result.remarks.append(f"Return loops: elastic slope {np.mean(slopes):.4g} N/m ± {np.std(slopes):.2g} "
-                              f"({len(slopes)} loops); by the blocks it is the sum of all stiffnesses.")
+        low, middle, high = np.quantile(slopes, [0.05, 0.5, 0.95])
+        result.remarks.append(f"Return loops: elastic slope {middle:.4g} N/m (nine tenths within {low:.4g} … {high:.4g}, {len(slopes)} loops); "
+                              "by the blocks it is the sum of all stiffnesses.")
+    shown = repeats[0]
+    way, load = (np.concatenate(parts) for parts in zip((shown.loading.displacement, shown.loading.force), *shown.loops))
+    result.curves.append(Curve("One repeat with its return loops (Fig. 7a)", "displacement [m]", "force [N]", way, load))
     result.add(Estimate("contacts.guideway.viscous", axis.value("contacts.guideway.viscous"), "N s/m", determined=False,
                         remark="not determined by these records (loading is quasi-static); sliding at several speeds under a known force would"))
     return result
