@@ -68,16 +68,16 @@ def test_a_constant_force_stays_open_between_those_who_make_one(axis):
 
 
 def test_emps_lacks_what_pays_on_time_it_was_not_fitted_on(axis):
-    """First half of the record: two of the four repetitions, the last third of it held back."""
-    record = emps_record().rows(0, 12480)
+    """One of the four repetitions is given, every third tenth of it held back; the other three judge."""
+    record = emps_record().rows(0, 6240)
     answer = diagnose_force_axis(axis, [record])
     named = {cause.id for cause in answer.causes}
     assert {"direction_asymmetry", "nonlinear_viscous", "torque_ripple"} <= named
     assert any("actuator_lag" in rivals.ids for rivals in answer.rivals)
-    assert answer.gain.before > 2.3 and answer.gain.after < 1.5
+    assert answer.gain.before > 2.3 and answer.gain.after < 1.6
     unseen = emps_record()
     extended = extended_axis(axis, answer)
     force = simulate(extended, Run(program=[{"reference": unseen["reference_m"]}]), seed=1)["force_N"]
     error = axis.value("drive.gain") * unseen["voltage_V"] - force
-    assert np.sqrt(np.mean(error[12480:] ** 2)) < 1.5      # the half that was not given
+    assert np.sqrt(np.mean(error[6240:] ** 2)) < 1.6      # what was not given
     assert np.sqrt(np.mean(error**2)) < 1.9
