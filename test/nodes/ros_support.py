@@ -48,9 +48,11 @@ def ros_node(name="tester", namespace="/axis"):
 
     with own_domain():
         rclpy.init()
+        made = rclpy.create_node(name, namespace=namespace)
         try:
-            yield rclpy.create_node(name, namespace=namespace)
+            yield made
         finally:
+            made.destroy_node()  # else its readers and writers go on to be there in this process
             rclpy.try_shutdown()
 
 

@@ -33,8 +33,8 @@ def test_missing_calls_are_named():
 def test_both_ways_carry_the_same_bytes(node, plain):
     path = make_servo_path(node, plain=plain)
     assert isinstance(path, PlainServoPath if plain else FastServoPath)
-    reader = path.reader(msg.VoltageCommand, "command", reader_qos(100, reliable=True))
-    publisher = node.create_publisher(msg.VoltageCommand, "command", 100)
+    reader = path.reader(msg.VoltageCommand, f"command_{plain}", reader_qos(100, reliable=True))
+    publisher = node.create_publisher(msg.VoltageCommand, f"command_{plain}", 100)
     send, codec = path.writer(publisher), Codec("VoltageCommand")
     spin_until(node, lambda: publisher.get_subscription_count() == 1 and reader.publishers == 1)
     sent = [codec.pack(10**9 * k + 7, k, 0.1 * k, 1e-6 * k, 0.0, 1) for k in range(20)]
