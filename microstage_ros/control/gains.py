@@ -38,13 +38,16 @@ def record_type(gains, more=()):
 
 
 def check_gain(place, gain, value):
-    """The value as a float; `InputError` (place, value, range with unit) if it is no number in range."""
+    """The value as a float; `InputError` (place, value, range with unit) if it is no number in range.
+
+    Words that are numbers count: YAML 1.1 reads 4e5, without a point, as a word.
+    """
     expected = f"a number from {gain.minimum:g} to {gain.maximum:g} {gain.unit} ({gain.meaning})"
     try:
         number = float(value)
     except (TypeError, ValueError):
         raise InputError(f"{place}.{gain.name}", value, expected) from None
-    if isinstance(value, (bool, str)) or not math.isfinite(number):
+    if isinstance(value, bool) or not math.isfinite(number):
         raise InputError(f"{place}.{gain.name}", value, expected)
     if not gain.minimum <= number <= gain.maximum:
         raise InputError(f"{place}.{gain.name}", value, expected)

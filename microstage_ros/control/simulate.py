@@ -5,7 +5,7 @@ import numpy as np
 from microstage_ros import __version__
 from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
 from microstage_ros.control.closed_loop import TRACE, run_loop
-from microstage_ros.control.controller import make_controller
+from microstage_ros.control.controller import Controller, controller_parameters
 from microstage_ros.control.lead_in import lead_in
 from microstage_ros.records import Record
 
@@ -13,7 +13,8 @@ from microstage_ros.records import Record
 def run_controller(axis, run):
     """The controller that a run asks for: its own section, or the axis's shipped one."""
     section = dict(run.controller) or {"type": axis.controller.get("type", "none")}
-    return make_controller(section.pop("type"), axis, **section)
+    kind = section.pop("type")
+    return Controller(kind, controller_parameters(kind, axis, section, place=f"{run.place}: controller"))
 
 
 def simulate(axis, run, seed=0):

@@ -33,6 +33,7 @@ def test_resonance_is_where_it_belongs(axis):
     assert abs(resonance) == pytest.approx(math.sqrt(1.2e7 / 3.06 + 1.2e7 / 356), rel=0.01)
 
 
+@pytest.mark.filterwarnings("ignore:stability_margins")
 def test_margins_agree_with_python_control_on_a_plain_loop():
     plant = control.tf([1.0], [1.0, 3.0, 3.0, 1.0]) * 4.0
     loop = control.sample_system(control.ss(plant), 1e-3, "zoh")

@@ -74,6 +74,9 @@ def test_simulate_command_writes_what_read_record_reads(tmp_path):
         assert simulate_command.main(["--axis", AXIS, "--run", str(tmp_path / "run.yaml"), "--out", str(out), "--seed", "3"]) == 0
         record = read_record(out)
         assert record["reference_m"][-1] == pytest.approx(1e-6) and "voltage_V" in record
+    (tmp_path / "bad.yaml").write_text("controller: {type: pid, proportional: -4}\nprogram:\n  - {move_to_m: 1.0e-6}\n")
+    with pytest.raises(InputError, match="bad.yaml: controller.proportional"):
+        simulate_command.main(["--axis", AXIS, "--run", str(tmp_path / "bad.yaml"), "--out", str(tmp_path / "b.csv")])
     with pytest.raises(InputError, match="csv"):
         simulate_command.main(["--axis", AXIS, "--run", str(tmp_path / "run.yaml"), "--out", str(tmp_path / "a.txt")])
 
