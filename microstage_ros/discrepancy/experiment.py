@@ -48,10 +48,11 @@ def _tidy(value):
 
 
 def _frequency(middle, stroke, period, count):
-    top = 0.1 / period
-    amplitude = _tidy(min(400 * count, 1e-3 * stroke))
-    return [{"sine": {"amplitude_m": amplitude, "frequency_hz": _tidy(f), "cycles": int(max(5, round(2 * f)))}, "dwell_s": 0.3}
-            for f in np.geomspace(0.02 * top, top, 6)]
+    """Six sines; the amplitude falls with f^1.5, between even speed and even acceleration, so that the drive follows."""
+    frequencies = np.geomspace(0.002, 0.1, 6) / period
+    largest = min(400 * count, 1e-3 * stroke)
+    return [{"sine": {"amplitude_m": _tidy(largest * (frequencies[0] / f) ** 1.5), "frequency_hz": _tidy(f),
+                      "cycles": int(max(5, round(2 * f)))}, "dwell_s": 0.3} for f in frequencies]
 
 
 def _dwell(middle, stroke, period, count):
