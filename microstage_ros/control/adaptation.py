@@ -20,10 +20,11 @@ Robust law. The same three products drive the logarithms of the gains, after the
 * the gains stay between `floor` and `ceiling` times the tuned ones, K_I at most `spread` times ahead of K_P,
   and K_D not behind it: the stable set, whose margins `control.margins` computes;
 * the set shrinks where the axis says so. A swing is a half wave of the error's fast part beyond
-  `alternation`, shorter than 10 tau; from the fifth in a row on, each lowers the ceiling of K_P by
-  `back_off` and that of K_I by twice as much (the pole of the integral moves with that of the position
-  loop). K_D goes with K_P, by `damping_share`, where swings are faster than tau / 2, as those of a resonance
-  are; slow ones, of stick-slip or backlash, need the damping. Ceilings rise again at `recovery`.
+  `alternation`, shorter than 10 tau; the fifth in a row and every later one is answered. Swings faster than
+  tau / 2 are those of a resonance: a longer filter of the derivative first, up to `filter_ceiling`, then less
+  K_D (by `damping_share`). Every other answer lowers the ceiling of K_P by `back_off` and that of K_I by
+  twice as much (the pole of the integral moves with that of the position loop); slow swings, of stick-slip
+  or backlash, keep their damping. Ceilings rise again at `recovery`.
 """
 
 import math
@@ -39,6 +40,7 @@ GAINS = (
     Gain("speed", "1/s", 0.0, 1e3, 60.0, "rate of the logarithm of a gain under a full-size error"),
     Gain("back_off", "1", 0.0, 10.0, 0.15, "fall of the logarithm of the ceiling with a swing"),
     Gain("damping_share", "1", 0.0, 1.0, 0.8, "share of the back-off that K_D takes part in"),
+    Gain("filter_ceiling", "1", 1.0, 100.0, 2.5, "longest filter time over the tuned one"),
     Gain("recovery", "1/s", 0.0, 100.0, 0.01, "rise of the logarithm of a lowered ceiling"),
     Gain("dead_band", "m", 0.0, 1e-3, 2.5e-8, "error that teaches nothing"),
     Gain("alternation", "m", 1e-10, 1e-3, 4.0e-8, "smallest half wave of the error that is called a swing"),
@@ -61,6 +63,7 @@ STATE_FIELDS = [
     ("swings", "i8"),  # in a row
     ("ceiling", "f8"),  # logarithm of the present ceiling of K_P
     ("damping_ceiling", "f8"),  # logarithm of the present ceiling of K_D
+    ("log_filter", "f8"),  # logarithm of the filter time over the tuned one
     ("log_kp", "f8"),  # natural logarithms of the gains over the tuned ones
     ("log_ki", "f8"),
     ("log_kd", "f8"),
@@ -82,6 +85,7 @@ def adaptation_reset(p, s, pid_s):
     s.swings = 0
     s.ceiling = math.log(p.ceiling)
     s.damping_ceiling = s.ceiling
+    s.log_filter = 0.0
     s.log_kp = math.log(p.start)
     s.log_ki = s.log_kp
     s.log_kd = s.log_kp
@@ -136,14 +140,24 @@ def watch_swings(p, s, error, period):
     if fast * s.peak < 0.0:
         s.swings = s.swings + 1 if abs(s.peak) > p.alternation else 0
         if s.swings > 4:
-            s.ceiling = max(min(s.ceiling, s.log_kp) - p.back_off, math.log(p.floor))
-            if s.since < 0.5 * p.time_unit:
-                lowered = min(s.damping_ceiling, s.log_kd) - p.damping_share * p.back_off
-                s.damping_ceiling = max(lowered, math.log(p.floor))
+            lower_ceilings(p, s)
         s.peak = fast
         s.since = 0.0
     elif abs(fast) > abs(s.peak):
         s.peak = fast
+
+
+@compiled
+def lower_ceilings(p, s):
+    """Answer one swing: a longer filter against a fast one while there is room, else lower gains."""
+    fast = s.since < 0.5 * p.time_unit
+    if fast and s.log_filter < math.log(p.filter_ceiling):
+        s.log_filter += p.back_off
+        return
+    low = math.log(p.floor)
+    s.ceiling = max(min(s.ceiling, s.log_kp) - p.back_off, low)
+    if fast:
+        s.damping_ceiling = max(min(s.damping_ceiling, s.log_kd) - p.damping_share * p.back_off, low)
 
 
 @compiled
@@ -166,6 +180,8 @@ def adaptation_step(p, s, pid_p, pid_s, period):
         return
     if pid_s.saturated == 0:
         adapt_robust(p, s, pid_s.error, period)
+    if s.log_filter > 0.0:
+        pid_s.filter_time = pid_p.filter_time * math.exp(s.log_filter)
     kp = pid_p.proportional * math.exp(s.log_kp)
     ki = pid_p.proportional / pid_p.integral_time * math.exp(s.log_ki)
     kd = pid_p.proportional * pid_p.derivative_time * math.exp(s.log_kd)

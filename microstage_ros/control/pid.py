@@ -30,6 +30,7 @@ STATE_FIELDS = [
     ("kp", "f8"),  # V/m, the gain in use: parameters at reset, then the adaptation's
     ("ki", "f8"),  # V/(m s)
     ("kd", "f8"),  # V s/m
+    ("filter_time", "f8"),  # s
     ("integral", "f8"),  # V
     ("velocity", "f8"),  # m/s, filtered
     ("reference_velocity", "f8"),  # m/s
@@ -48,6 +49,7 @@ def pid_reset(p, s, voltage):
     s.kp = p.proportional
     s.ki = p.proportional / p.integral_time if p.integral_time > 0.0 else 0.0
     s.kd = p.proportional * p.derivative_time
+    s.filter_time = p.filter_time
     s.integral = voltage
     s.velocity = 0.0
     s.reference_velocity = 0.0
@@ -72,7 +74,7 @@ def pid_motion(p, s, period, reference, encoder):
     """Error and filtered velocities of this period, from the new reference and encoder value [m]."""
     s.error = reference - encoder
     s.reference_velocity = (reference - s.previous_reference) / period
-    share = period / (period + p.filter_time)  # backward Euler: a filter time of 0 is the raw difference
+    share = period / (period + s.filter_time)  # backward Euler: a filter time of 0 is the raw difference
     s.velocity += share * ((encoder - s.previous_encoder) / period - s.velocity)
     s.previous_reference = reference
     s.previous_encoder = encoder
