@@ -26,6 +26,6 @@ def main(argv=None):
     print(which_ros(), file=sys.stderr, flush=True)
     options = arguments
     if importlib.util.find_spec("xdist") and not any(option.startswith("-n") for option in arguments):
-        options = ["-n", "2", "--dist", "worksteal", *arguments]
+        options = ["-n", "2", "--dist", "loadfile", *arguments]
     environment = {**os.environ, "NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     return subprocess.call([sys.executable, "-m", "pytest", *options], cwd=SOURCE, env=environment)
