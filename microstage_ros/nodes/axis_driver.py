@@ -35,7 +35,6 @@ from microstage_ros.places import config_file
 SLICE = 0.05
 """Longest wait [s] before the loop looks for requests of the other thread."""
 
-READY_WAIT = 20.0
 TRAVEL_MARGIN = 1e-4
 
 
@@ -107,7 +106,7 @@ class AxisDriver(LifecycleNode):
 
     def _missing_readers(self):
         """What is missing for the first period, in words; waits a while for it."""
-        p, until = self.parameters, time.monotonic() + READY_WAIT
+        p, until = self.parameters, time.monotonic() + self.parameters.ready_timeout_s
         while True:
             readers = self.topics.state_publisher.get_subscription_count()
             absent = self.ledger.missing() if p.mode == "lockstep" else []

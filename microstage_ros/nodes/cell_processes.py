@@ -30,7 +30,7 @@ READERS = {
 """Node and parameter to the nodes that read what it publishes: they must be there before the first period."""
 
 STOP_WAIT = 20.0
-START_WAIT = 60.0
+START_WAIT = 240.0
 ASK_AGAIN = 3.0
 
 

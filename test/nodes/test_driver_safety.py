@@ -132,7 +132,7 @@ def test_paced_driver_stops_when_commands_stop(node, tmp_path):
 
 
 def test_a_driver_that_nobody_reads_is_not_activated(node, tmp_path):
-    with driver(tmp_path, followers=["bag_recorder"]) as cell:
+    with driver(tmp_path, followers=["bag_recorder"], ready_timeout_s=2.0) as cell:
         Commander(node)
         began = time.monotonic()
         with pytest.raises(CellFailure, match="no credit from.*bag_recorder"):
