@@ -20,6 +20,7 @@ from microstage_ros.identification.inverse_dynamics import low_pass
 
 NOISE_SHARE = 0.02  # inertial torque that the angle's resolution may feign, of the static torque
 SMEAR = 0.003  # of the inertia: what the low-pass carries over from the friction's step at a reversal
+SMEAR_DRIVEN = 0.01  # the same where a stage hangs on the shaft by a spring
 LAW_EDGE = 1500.0  # low-pass of the speed that drives the friction law [Hz]: well above C / (2π |s|)
 FAST = 5.0  # fast sliding: above this many Stribeck velocities
 LEAST_LAG = 0.01  # friction torque by which it must lag, of M_s, at C = 1 N m/s, for C to show at all
@@ -56,7 +57,7 @@ def identify_inertia(signals, axis):
     values = np.linalg.lstsq(w / scale, torque, rcond=None)[0]
     covariance = block_covariance(w / scale, torque - (w / scale) @ values, max(int(0.1 / signals[0].period), 50))
     values, spread = values / scale, np.sqrt(np.diag(covariance)) / scale
-    spread[0] = math.hypot(spread[0], SMEAR * values[0])
+    spread[0] = math.hypot(spread[0], (SMEAR if axis.law("guideway") == "none" else SMEAR_DRIVEN) * values[0])
     reflected = total_inertia_of(axis) - axis.value("drive.rotor_inertia")
     result.add(from_interval("drive.rotor_inertia", values[0] - reflected, spread[0], "kg m^2",
                              method="least squares, block sandwich", experiment=INERTIA_EXPERIMENT))

@@ -99,16 +99,21 @@ class Identification:
         return axis.with_values(values, source="identified", stderr=spread)
 
 
+SIGNED = ("offset", "constant torque")  # what may be below zero; all else is a size
+
+
 def from_interval(key, value, stderr, unit, low=None, high=None, method="", experiment="", floor=0.0):
     """An `Estimate` that is determined if its interval is narrow against its value.
 
     `low`, `high` default to value ± 1.96 stderr. `floor` is the size below which a value does not
     matter (an offset of nothing is still a result): the half width is held against max(|value|, floor).
     `experiment` completes the sentence "not determined by these records; ...".
+    A size below zero is never determined.
     """
     low = value - 1.96 * stderr if low is None else low
     high = value + 1.96 * stderr if high is None else high
     half_width = 0.5 * (high - low)
     determined = bool(np.isfinite(half_width) and half_width <= DETERMINED_HALF_WIDTH * max(abs(value), floor))
+    determined &= value > 0.0 or any(word in key for word in SIGNED)
     remark = "" if determined else f"not determined by these records (95 %: {low:.3g} … {high:.3g} {unit}); {experiment}"
     return Estimate(key, float(value), unit, float(stderr), float(low), float(high), determined, method, remark)

@@ -20,6 +20,7 @@ from microstage_ros.identification.intervals import block_covariance, correlatio
 
 KEYS = ("stage.mass", "contacts.guideway.viscous", "contacts.guideway.coulomb", "stage.offset_force")
 UNITS = ("kg", "N s/m", "N", "N")
+MOST_LEFT = 0.5  # of the force: beyond it the record is not of such an axis
 LEAST_ROWS = 50  # in motion, in each direction
 POWER_SHARE = 0.999  # the band that carries this share of the force's power is fitted
 EXPERIMENTS = (
@@ -132,7 +133,20 @@ def identify_force_axis(records, axis, bands=None):
     residual = f - w @ values
     period = records[0].period_s
     covariance = block_covariance(w, residual, block=max(int(0.5 / period), 20))
+    _refuse_nonsense(records, values, covariance, residual, f)
     return _result(values, instrumental, covariance, residual, w, f)
+
+
+def _refuse_nonsense(records, values, covariance, residual, force):
+    """Force and motion that do not belong together: a size that is surely negative, a force left unexplained."""
+    for key, unit, value, variance in zip(KEYS[:3], UNITS, values, np.diag(covariance)):
+        if value + 3.0 * np.sqrt(variance) < 0.0:
+            raise InputError(f"{records[0].source}: force against encoder_m", f"a {key} of {value:.4g} {unit}",
+                             "a force that accelerates its stage and overcomes its friction; wrong sign, unit or column?")
+    left = float(np.linalg.norm(residual) / np.linalg.norm(force))
+    if left > MOST_LEFT:
+        raise InputError(f"{records[0].source}: force against encoder_m", f"{left:.0%} of the force left unexplained",
+                         f"at most {MOST_LEFT:.0%} by mass and friction; do the columns belong to one motion?")
 
 
 def applied_force(record, axis):

@@ -12,6 +12,7 @@ enters after u was recorded and is the equation's own error, so the current is t
 
 import numpy as np
 
+from microstage_ros.axis.errors import InputError
 from microstage_ros.identification.estimate import Identification, from_interval
 from microstage_ros.identification.intervals import block_covariance, correlation
 from microstage_ros.identification.inverse_dynamics import low_pass
@@ -20,6 +21,7 @@ from microstage_ros.identification.signals import steady_windows, window_means
 NAMES = ("drive.resistance", "drive.back_emf", "drive.inductance", "amplifier offset")
 UNITS = ("ohm", "V s/rad", "H", "V")
 SPEED_EDGE = 150.0  # low-pass of the speed [Hz]
+MOST_LEFT = 0.5  # of the current's variance: beyond it voltage and current are not of one motor
 FILTERED = 2e-5  # of R and K_E: what the low-pass puts off, where hours of records would claim less
 TIMING = 0.01  # how well the instants of the readings are known [periods]: counts for the inductance alone
 EXPERIMENTS = (
@@ -41,13 +43,21 @@ def identify_motor(signals, axis):
     Returns
     -------
     `Identification` with the keys of `NAMES`; the offset in volts at the amplifier's output.
+
+    Raises
+    ------
+    InputError : voltage and speed do not explain the current.
     """
     gear, period = axis.value("transmission.gear_ratio"), signals[0].period
     parts = [_low_band(s, gear) for s in signals]
     w, i = np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
     scale = np.maximum(np.abs(w).max(axis=0), 1e-300)
     values = np.linalg.lstsq(w / scale, i, rcond=None)[0]
-    covariance = block_covariance(w / scale, i - (w / scale) @ values, max(int(0.2 / period), 50))
+    covariance = block_covariance(w / scale, i - (w / scale) @ values, max(int(0.05 / period), 50))
+    left = np.var(i - (w / scale) @ values) / max(np.var(i), 1e-300)
+    if left > MOST_LEFT:
+        raise InputError(f"{signals[0].source}: voltage_V against current_A", f"{left:.0%} of the current left unexplained",
+                         f"at most {MOST_LEFT:.0%} by voltage and speed; do the columns belong to one motor?")
     (g, h, o, lag), covariance = values / scale, covariance / np.outer(scale, scale)
     resistance, back_emf = 1.0 / g, h / g
     constants = np.array([resistance, back_emf, resistance * lag / h, o / g])

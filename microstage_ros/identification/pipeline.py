@@ -15,7 +15,7 @@ from microstage_ros.identification.motor import cross_check, identify_motor
 from microstage_ros.identification.signals import motor_signals
 from microstage_ros.identification.stribeck import stribeck_curve
 from microstage_ros.identification.variability import identify_variability, position_locked_share
-from microstage_ros.identification.whole_axis import driven_load, identify_whole_axis
+from microstage_ros.identification.whole_axis import driven_load, identify_whole_axis, with_windup
 
 MOST_SERIES = 6000  # samples of friction for the variability
 MOST_DYNAMIC = 12  # records kept whole for motor constants, inertia and C
@@ -111,6 +111,7 @@ def identify_motor_axis(records, axis, seed=0, progress=lambda text: None, block
     for number, record in enumerate(records):
         signals = motor_signals(record, axis)
         load = driven_load(signals, axis) if coupled else None
+        signals = with_windup(signals, axis) if coupled else signals
         found = extract(signals, axis, number, load)
         series = steady_series(signals, axis, CELL, load)
         found.series = [series] if len(series) else []

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
+from microstage_ros.axis.errors import InputError
 from microstage_ros.axis.laws.blocks import blocks_from_segment_slopes
 from microstage_ros.axis.laws.positions import maxwell_slip_force
 from microstage_ros.axis.laws.registry import law_named, run_law
@@ -33,8 +34,10 @@ METHOD = np.array([0.002, 0.1, 0.08, 0.06, 0.002, 0.05, 0.007, 0.0])
 noise; added to the standard deviations of the logarithms."""
 TOLD = 0.5  # a parameter is told by the records if they shrink its prior's deviation at least to this share
 SPEED_NOISE = 0.05  # of the Stribeck velocity, that the resolution may put on the speed
+WINDUP_EDGE = 50.0  # band of the acceleration that winds the drive train up [Hz]
 LEAST_COUNTS = 4  # travel about a row, in counts over a tenth of a second, that counts as motion
 BLOCK = 1.0  # residuals hang together over about this time [s]
+MOST_LEFT = 0.5  # of the torque: beyond it the record is not of such an axis
 EXPERIMENT = "the actuator's own experiments (slow reversals, constant speeds) would"
 
 
@@ -52,6 +55,21 @@ def driven_load(signals, axis):
     elif axis.has("contacts.guideway.coulomb"):
         force = force + axis.value("contacts.guideway.coulomb") * np.sign(np.gradient(position))
     return ratio / gear * force
+
+
+def with_windup(signals, axis):
+    """The record's signals with the angle of the screw in place of that of the stage.
+
+    Between them lies the drive train's wind-up (m a + F_g) / K_c, 40 to 80 nm: little for the friction, but its
+    change at a reversal or a start feigns a speed that would shift R by up to a hundredth.
+    """
+    if not axis.has("transmission.stiffness"):
+        return signals
+    ratio, edge = screw_ratio(axis), min(WINDUP_EDGE, 0.2 / signals.period)
+    load = driven_load(signals, axis) * axis.value("transmission.gear_ratio") / ratio
+    acceleration = ratio * np.gradient(signals.smooth_speed(edge), signals.period)
+    windup = (axis.value("stage.mass") * acceleration + load) / axis.value("transmission.stiffness")
+    return replace(signals, angle=signals.angle + windup / ratio)
 
 
 @dataclass(frozen=True)
@@ -124,6 +142,10 @@ def identify_whole_axis(signals, axis, known):
     Returns
     -------
     `Identification`; nothing in it where the records hold too little motion.
+
+    Raises
+    ------
+    InputError : more than half of the torque is left over.
     """
     result = Identification()
     balances = [b for b in (prepare(s, axis) for s in signals) if b.used.sum() > 200]
@@ -155,6 +177,9 @@ def identify_whole_axis(signals, axis, known):
     _report(result, vector, free, covariance, axis, inertia, held)
     error = _residual(vector, axis, inertia, balances)
     torque = np.concatenate([b.torque[b.used] for b in balances])
+    if np.std(error) > MOST_LEFT * np.std(torque):
+        raise InputError(f"{signals[0].source}: current_A against encoder_m", f"{np.std(error) / np.std(torque):.0%} of the torque left unexplained",
+                         f"at most {MOST_LEFT:.0%} by inertia and friction; do the columns belong to one motion, and the axis file to them?")
     speed = np.concatenate([b.speed[b.used] for b in balances])
     pick = np.linspace(0, len(torque) - 1, min(len(torque), 4000)).astype(int)
     result.curves.append(Curve("Torque balance of the whole axis", "speed of the output [rad/s]", "torque at the motor [N m]",

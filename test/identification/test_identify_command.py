@@ -37,7 +37,7 @@ def test_ordinary_closed_loop_record(tmp_path, closed_loop_record, capsys):
     """No motor angle: resistance, back EMF, level, viscosity and inertia are found; the rest is named."""
     assert run(tmp_path, closed_loop_record) == 0
     found = load_axis(tmp_path / "found.yaml")
-    for key, value, tolerance in (("drive.resistance", 3.7, 0.005), ("drive.back_emf", 6.589e-3, 0.002), ("drive.rotor_inertia", 1e-7, 0.03),
+    for key, value, tolerance in (("drive.resistance", 3.7, 0.002), ("drive.back_emf", 6.589e-3, 0.001), ("drive.rotor_inertia", 1e-7, 0.03),
                                   ("contacts.actuator.coulomb", 125.6e-6, 0.05), ("contacts.actuator.viscous", 13e-6, 0.05)):
         assert found.value(key) == pytest.approx(value, rel=tolerance), key
         assert found.quantity(key).source == "identified" and found.quantity(key).stderr > 0
@@ -64,7 +64,9 @@ def gap(values, rows):
     (lambda c: {"voltage_V": np.where(np.arange(len(c["t_s"])) % 4 == 0, 6.0, c["voltage_V"])}, "at the limit"),
     (lambda c: {"encoder_m": 0 * c["encoder_m"] + 1e-3}, "constant"),
     (lambda c: {"current_A": None}, "column current_A"),
-], ids=["gap", "swapped positions", "mm for m", "mA for A", "swapped electrics", "saturated", "constant", "no current"])
+    (lambda c: {"current_A": -c["current_A"]}, "current_A against encoder_m"),
+    (lambda c: {"current_A": c["current_A"][::-1]}, "voltage_V against current_A"),
+], ids=["gap", "swapped positions", "mm for m", "mA for A", "swapped electrics", "saturated", "constant", "no current", "sign of the current", "current of another time"])
 def test_bad_records_are_refused(tmp_path, closed_loop_record, change, message):
     with pytest.raises(InputError, match=message) as refused:
         run(tmp_path, closed_loop_record, **change(closed_loop_record.columns))

@@ -68,6 +68,14 @@ def test_motion_in_one_direction_only_is_refused(emps_axis):
         identify_force_axis([record], emps_axis)
 
 
+def test_force_of_the_wrong_sign_or_another_motion_is_refused(emps_axis):
+    for change, message in ((lambda f: -f, "stage.mass of -95"), (lambda f: np.random.default_rng(0).permutation(f), "left unexplained|of -")):
+        record = synthetic()
+        record.columns["force_N"] = change(record.columns["force_N"])
+        with pytest.raises(InputError, match=message):
+            identify_force_axis([record], emps_axis)
+
+
 def test_a_constant_force_is_refused(emps_axis):
     record = synthetic()
     record.columns["force_N"][:] = 5.0
