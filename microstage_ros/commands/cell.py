@@ -11,6 +11,11 @@ from microstage_ros.axis.errors import InputError
 from microstage_ros.commands.__main__ import which_ros
 
 
+PATIENCE = 2000
+"""Control periods without a command after which a simulated axis at the wall clock gives up; hardware should not wait
+so long (parameter command_timeout_periods), but here a busy desktop harms nothing."""
+
+
 def main(argv=None):
     """Run the command. Returns 0 when interrupted, 1 if a process ended by itself."""
     parser = argparse.ArgumentParser(prog="microstage cell", description="Start the nodes of an axis; Ctrl-C stops them.")
@@ -46,6 +51,8 @@ def _run(arguments):
     driver = {"mode": arguments.mode, "seed": arguments.seed, **axis}
     if arguments.mode == "lockstep":
         driver["rate_limit"] = 1.0
+    else:
+        driver["command_timeout_periods"] = PATIENCE
     law = {"controller": arguments.controller} if arguments.controller else {}
     parameters = {"axis_driver": driver, "str_controller": {**axis, **law}, "gms_observer": axis,
                   "bag_recorder": {"directory": str(arguments.record),

@@ -3,11 +3,9 @@
 import argparse
 import sys
 
-from microstage_ros.axis.errors import InputError
-
 
 def main(argv=None):
-    """Run the command. Returns 0 if the target was reached, 1 if not; raises InputError for a refused move."""
+    """Run the command. Returns 0 if the target was reached, 2 if the move was refused, 1 otherwise."""
     parser = argparse.ArgumentParser(prog="microstage move", description="One move of a running axis (microstage cell).")
     parser.add_argument("--to", required=True, type=float, metavar="METRES", help="target along the axis from its home")
     parser.add_argument("--namespace", default="/axis", metavar="NS", help="of the axis (default /axis)")
@@ -42,7 +40,8 @@ def _move(arguments):
     if sys.stderr.isatty():
         print(file=sys.stderr)
     if result.code == MoveTo.Result.CODE_REFUSED:
-        raise InputError("move", arguments.to, result.message)
+        print(result.message, file=sys.stderr)
+        return 2
     print(f"{result.message}: error {result.final_error * 1e9:+.1f} nm by the encoder, "
           f"{result.interferometer_error * 1e9:+.1f} nm by the interferometer, settled after "
           f"{result.settling_time * 1e3:.0f} ms")
