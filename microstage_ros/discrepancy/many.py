@@ -10,6 +10,7 @@ import dataclasses
 import multiprocessing
 import os
 import pathlib
+import sys
 
 from microstage_ros.axis.axis_file import load_axis
 from microstage_ros.axis.errors import InputError
@@ -17,6 +18,7 @@ from microstage_ros.discrepancy import diagnosis, pooling
 from microstage_ros.discrepancy.answer import write_answer
 from microstage_ros.discrepancy.resimulation.diagnose import diagnose_force_axis
 from microstage_ros.records import read_record
+from microstage_ros.records.checks import check_record
 from microstage_ros.records.csv_file import SUFFIXES
 
 PATIENCE = "10s"               # for a scheduler to answer
@@ -53,9 +55,17 @@ def diagnose_files(case, progress=None, jobs=1):
     ``jobs``: threads inside this one case, where the way of diagnosing has use for them.
     """
     axis = load_axis(case.axis)
-    records, holdout, baseline = ([read_record(path) for path in paths] for paths in (case.records, case.holdout, case.baseline))
+    records, holdout, baseline = ([_checked(path, axis) for path in paths] for paths in (case.records, case.holdout, case.baseline))
     answer = diagnose_records(axis, records, holdout, baseline, case.seed, progress, jobs)
     return write_answer(answer, axis, case.out, case.sources)
+
+
+def _checked(path, axis):
+    """The record, if it can be what its header says; what weakens the result is said on standard error."""
+    record = read_record(path)
+    for sentence in check_record(record, axis):
+        print(f"warning: {sentence}", file=sys.stderr)
+    return record
 
 
 def diagnose_records(axis, records, holdout, baseline, seed, progress=None, jobs=1):
