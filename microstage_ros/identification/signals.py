@@ -21,7 +21,8 @@ class MotorSignals:
     """One record at the motor; arrays of shape (n,).
 
     `angle` φ [rad], `voltage` [V] and `current` [A] as recorded (the current answers the voltage of the row
-    before), `torque` k_M i about the instant of each reading [N m], `reference` φ asked for [rad]; `resolution` of φ [rad]; `period` [s].
+    before), `torque` k_M i about the instant of each reading [N m], `reference` φ asked for [rad]; `resolution` of φ [rad]; `period` [s];
+    `at_motor`: φ was measured at the motor, not at the stage.
     """
 
     source: str
@@ -32,6 +33,7 @@ class MotorSignals:
     current: np.ndarray
     torque: np.ndarray
     resolution: float
+    at_motor: bool = False
 
     @property
     def time(self):
@@ -61,7 +63,7 @@ def motor_signals(record, axis):
     lag = min(axis.value("drive.inductance") / axis.value("drive.resistance") / record.period_s, 1.0)
     torque = axis.value("drive.torque_constant") * centred_current(current, lag)
     return MotorSignals(record.source, record.period_s, angle, record["reference_m"] / ratio, record["voltage_V"],
-                        current, torque, resolution)
+                        current, torque, resolution, "motor_angle_rad" in record)
 
 
 def centred_current(current, lag):

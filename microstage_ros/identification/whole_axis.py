@@ -63,7 +63,7 @@ def with_windup(signals, axis):
     Between them lies the drive train's wind-up (m a + F_g) / K_c, 40 to 80 nm: little for the friction, but its
     change at a reversal or a start feigns a speed that would shift R by up to a hundredth.
     """
-    if not axis.has("transmission.stiffness"):
+    if signals.at_motor or not axis.has("transmission.stiffness"):
         return signals
     ratio, edge = screw_ratio(axis), min(WINDUP_EDGE, 0.2 / signals.period)
     load = driven_load(signals, axis) * axis.value("transmission.gear_ratio") / ratio

@@ -8,6 +8,8 @@ from microstage_ros.axis.errors import InputError
 from microstage_ros.commands.identify import main
 from microstage_ros.control.run_file import run_from_dict
 from microstage_ros.control.simulate import simulated_record
+from microstage_ros.identification.signals import motor_signals
+from microstage_ros.identification.whole_axis import with_windup
 from microstage_ros.records import Record, write_record
 from test.identification.conftest import ROOT
 
@@ -47,6 +49,25 @@ def test_ordinary_closed_loop_record(tmp_path, closed_loop_record, capsys):
     assert "Not determined" in page and "Torque balance" in page and "Correlation" in page
     printed = capsys.readouterr().out
     assert "stage.mass: not determined by these records; weighing" in printed
+
+
+def test_an_angle_measured_at_the_motor_needs_no_wind_up(closed_loop_record):
+    axis = load_axis(ROOT / "config" / "axis.yaml")
+    at_stage = motor_signals(closed_loop_record, axis)
+    assert np.abs(with_windup(at_stage, axis).angle - at_stage.angle).max() > 1e-4
+    columns = {**closed_loop_record.columns, "motor_angle_rad": 19.0 * at_stage.angle}
+    at_motor = motor_signals(Record(closed_loop_record.period_s, columns, "record"), axis)
+    assert with_windup(at_motor, axis) is at_motor
+
+
+def test_results_go_into_another_axis_file(tmp_path, emps_record, emps_axis):
+    """--into: the numbers of one machine's bench in the file of the whole."""
+    target, path = tmp_path / "whole.yaml", tmp_path / "record.csv"
+    emps_axis.with_values({"drive.gain": 10.0}, source="estimate").save(target)
+    write_record(emps_record, path)
+    main(["--axis", str(ROOT / "config" / "emps.yaml"), str(path), "--out", str(tmp_path / "found.yaml"), "--into", str(target)])
+    found = load_axis(tmp_path / "found.yaml")
+    assert found.value("drive.gain") == 10.0 and found.quantity("stage.mass").source == "identified"
 
 
 def gap(values, rows):
