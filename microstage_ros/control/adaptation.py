@@ -24,7 +24,7 @@ Robust law. The same three products drive the logarithms of the gains, after the
   tau / 2 are those of a resonance: a longer filter of the derivative first, up to `filter_ceiling`, then less
   K_D (by `damping_share`). Every other answer lowers the ceiling of K_P by `back_off` and that of K_I by
   twice as much (the pole of the integral moves with that of the position loop); slow swings, of stick-slip
-  or backlash, keep their damping. Ceilings rise again at `recovery`.
+  or backlash, keep their damping. No ceiling falls below `least_ceiling`, and all rise again at `recovery`.
 """
 
 import math
@@ -46,6 +46,7 @@ GAINS = (
     Gain("alternation", "m", 1e-10, 1e-3, 4.0e-8, "smallest half wave of the error that is called a swing"),
     Gain("start", "1", 1e-4, 100.0, 1.0, "gains at reset over the tuned ones"),
     Gain("floor", "1", 1e-4, 1.0, 0.1, "lowest gains over the tuned ones"),
+    Gain("least_ceiling", "1", 1e-4, 1.0, 0.25, "lowest that swings may bring a ceiling"),
     Gain("ceiling", "1", 1.0, 100.0, 1.2, "highest gains over the tuned ones"),
     Gain("spread", "1", 1.0, 10.0, 1.5, "how far K_I may be ahead of K_P"),
 )
@@ -154,7 +155,7 @@ def lower_ceilings(p, s):
     if fast and s.log_filter < math.log(p.filter_ceiling):
         s.log_filter += p.back_off
         return
-    low = math.log(p.floor)
+    low = math.log(p.least_ceiling)
     s.ceiling = max(min(s.ceiling, s.log_kp) - p.back_off, low)
     if fast:
         s.damping_ceiling = max(min(s.damping_ceiling, s.log_kd) - p.damping_share * p.back_off, low)
