@@ -84,13 +84,6 @@ class Identification:
         for name in ("correlations", "curves", "remarks", "tables"):
             getattr(self, name).extend(getattr(other, name))
 
-    def value(self, key):
-        """Value of a determined estimate; KeyError if there is none."""
-        estimate = self.estimates[key]
-        if not estimate.determined:
-            raise KeyError(f"{key}: {estimate.remark}")
-        return estimate.value
-
     def to_axis(self, axis):
         """The axis with every determined estimate it has a key for (source `identified`, stderr)."""
         found = {e.key: e for e in self.estimates.values() if e.determined and axis.has(e.key)}

@@ -38,11 +38,6 @@ class HystereticLaw:
         """Friction force [N] along a prescribed motion: positions [m] and velocities [m/s], shape (n,)."""
         return _columns(self.name, self.widths, position, velocity) @ self.levels
 
-    @property
-    def parameters(self):
-        """Number of levels and widths in use."""
-        return int(np.count_nonzero(self.levels)) + len(self.widths[: 1 if self.name == "lost_motion" else None])
-
 
 def _columns(name, widths, position, velocity):
     if name == "coulomb_viscous":

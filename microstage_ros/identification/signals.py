@@ -35,11 +35,6 @@ class MotorSignals:
     resolution: float
     at_motor: bool = False
 
-    @property
-    def time(self):
-        """Time from the start of the record [s]."""
-        return np.arange(len(self.angle)) * self.period
-
     def smooth_speed(self, edge):
         """ω_r [rad/s] behind a zero-phase low-pass of ``edge`` Hz."""
         return np.gradient(low_pass(self.angle, edge, self.period), self.period)

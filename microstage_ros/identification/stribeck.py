@@ -2,12 +2,10 @@
 
     |M|(w) = M_C + (M_s − M_C) exp(−|w / w_S|^δ) + σ |w|
 
-fitted to the mean friction of steady runs, and to breakaway as the value at w → 0 where there is one.
+fitted to the mean friction of steady runs.
 The exponent δ and w_S together shape one knee; without speeds well below w_S neither they nor M_s can be
 told, and the fit says so.
 """
-
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -17,23 +15,6 @@ from microstage_ros.axis.errors import InputError
 NAMES = ("static", "coulomb", "stribeck_velocity", "stribeck_exponent", "viscous")
 ROBUST_SCALE = 3.0  # residuals beyond three deviations count linearly
 EXPONENT_BOUNDS = (0.3, 2.5)
-
-
-@dataclass(frozen=True)
-class Sliding:
-    """Steady points of one contact: speed [q/s] with its sign, friction [F] with its sign, weight.
-
-    ``spread`` is the standard deviation of a point [F]; ``repeat`` numbers the experiment it came from.
-    """
-
-    speed: np.ndarray
-    friction: np.ndarray
-    spread: np.ndarray
-    repeat: np.ndarray
-
-    def where(self, mask):
-        """The points of a mask."""
-        return Sliding(self.speed[mask], self.friction[mask], self.spread[mask], self.repeat[mask])
 
 
 def stribeck_curve(parameters, speed):
@@ -62,21 +43,18 @@ def point_spread(speed, friction):
     return np.clip(relative, 0.3 * typical, None)[member] * np.abs(friction)
 
 
-def fit_stribeck(speed, friction, spread, breakaway=None, first=None, fixed=None):
+def fit_stribeck(speed, friction, spread, first=None):
     """Parameters of one direction (or of both pooled, by their magnitudes).
 
     Parameters
     ----------
-    speed, friction, spread : magnitudes, shape (n,): [q/s], [F], [F].
-    breakaway : (static limit [F], its standard deviation [F]) from pre-sliding, or None.
+    speed, friction, spread : magnitudes, shape (n,): [q/s], [F], standard deviation of a point [F].
     first : start values, shape (5,).
-    fixed : {index: value} of parameters held (for profiles).
 
     Returns
     -------
     values : (M_s, M_C, w_S, δ, σ).
-    fit : scipy's result; ``fit.fun`` are the weighted residuals, ``fit.jac`` their Jacobian in scaled
-        parameters, ``fit.scale`` the scale of each free parameter, ``fit.free`` their indices.
+    fit : scipy's result; ``fit.fun`` are the weighted residuals.
 
     Raises
     ------
@@ -86,29 +64,17 @@ def fit_stribeck(speed, friction, spread, breakaway=None, first=None, fixed=None
     if len(np.unique(np.round(np.log(np.maximum(speed, 1e-12)), 2))) < 5:
         raise InputError("Stribeck curve", f"{len(np.unique(speed))} speeds", "steady runs at five or more speeds")
     scale = _scale(speed, friction)
-    fixed = fixed or {}
-    free = [i for i in range(5) if i not in fixed]
     low = np.array([0.2, 0.05, 0.2 * speed.min() / scale[2], EXPONENT_BOUNDS[0], 0.0])
     high = np.array([5.0, 3.0, 3.0 * speed.max() / scale[2], EXPONENT_BOUNDS[1], 50.0])
 
-    def full(parameters):
-        values = np.empty(5)
-        values[free] = parameters * scale[free]
-        for index, value in fixed.items():
-            values[index] = value
-        return values
-
     def residual(parameters):
-        values = full(parameters)
-        misfit = (friction - stribeck_curve(values, speed)) / spread
-        return misfit if breakaway is None else np.append(misfit, (breakaway[0] - values[0]) / breakaway[1])
+        return (friction - stribeck_curve(parameters * scale, speed)) / spread
 
     starts = [np.asarray(first) / scale] if first is not None else _starts(scale, speed)
-    fits = [least_squares(residual, np.clip(start[free], low[free] + 1e-9, high[free] - 1e-9), loss="soft_l1",
-                          bounds=(low[free], high[free]), f_scale=ROBUST_SCALE, max_nfev=60) for start in starts]
+    fits = [least_squares(residual, np.clip(start, low + 1e-9, high - 1e-9), loss="soft_l1", bounds=(low, high),
+                          f_scale=ROBUST_SCALE, max_nfev=60) for start in starts]
     fit = min(fits, key=lambda candidate: candidate.cost)
-    fit.scale, fit.free = scale[free], free
-    return full(fit.x), fit
+    return fit.x * scale, fit
 
 
 def _scale(speed, friction):
@@ -121,10 +87,3 @@ def _scale(speed, friction):
 
 def _starts(scale, speed):
     return [np.array([1.05, 0.95, knee / scale[2], 1.0, 1.0]) for knee in np.geomspace(2.0 * speed.min(), 0.2 * speed.max(), 4)]
-
-
-def covariance(fit):
-    """Covariance of the free parameters [their units], from the Jacobian; shape (free, free)."""
-    inverse = np.linalg.pinv(fit.jac.T @ fit.jac)
-    degrees = max(len(fit.fun) - len(fit.scale), 1)
-    return inverse * (2.0 * fit.cost / degrees) * np.outer(fit.scale, fit.scale)
