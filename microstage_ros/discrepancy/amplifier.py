@@ -12,6 +12,7 @@ GAIN = next(form for form in FORMS if not form.named)
 LEAST_GAIN = 60.0
 LEAST_TIME = 4.0e-6      # s: a few hundredths of a period are a matter of stamps
 LAG_ERROR = 0.05         # share of a lag that gain and lag cannot tell apart above 1 kHz
+LATE = 2.0e-5            # s
 CLEAR = 0.03             # relative difference of χ² by which delay and lag must differ
 
 
@@ -39,6 +40,8 @@ class Slowness:
 
 def find_slowness(prepared, drive):
     """`Slowness` of the amplifier, or None."""
+    if lateness(prepared["learn"]) > LATE:
+        return None  # current and encoder were read late: the amplifier cannot be judged against them
     fast = Collection(prepared, drive, fast_only=True)
     if "command" not in fast.names:
         return None
@@ -68,6 +71,17 @@ def find_slowness(prepared, drive):
     noise = float(np.mean([c["command"].noise for c in fast.channels["held"]]))
     return Slowness(effect, time, stderr, gain, held_gain, held.energy(), held.rows, rival, noise,
                     drive.inductance / drive.resistance)
+
+
+def lateness(prepared):
+    """By how much the encoder is read later than the interferometer [s]; 0 without an interferometer."""
+    top = bottom = 0.0
+    for p in prepared:
+        if p.interferometer is not None:
+            error = p.encoder - p.interferometer
+            top += float(np.dot(p.stage_speed, error - error.mean()))
+            bottom += float(np.dot(p.stage_speed, p.stage_speed))
+    return top / bottom if bottom > 0.0 else 0.0
 
 
 def _form(effect, time, period):

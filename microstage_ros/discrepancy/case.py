@@ -66,6 +66,7 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
     refined = refine(collection, choices)
     if refined != choices:
         evidences, choices = _final(collection, refined)
+    choices = judge.without_strangers(evidences, choices)
     return _answer(collection, evidences, choices, rivals, (slow, lines), holdout, notes, seed)
 
 
@@ -112,7 +113,10 @@ def _answer(collection, evidences, choices, rivals, apart, holdout, notes, seed)
     causes += _special_causes(collection, *apart, book, unsure)
     causes = _with_shares(causes, book)
     left = judge.leftovers(found)
-    verdict = judge.verdict_of(causes, unsure, left, book, False)
+    scattered = judge.stands_out(evidences, choices)
+    if scattered and not causes:
+        notes.append("The residual scatters more than the baseline's in: " + ", ".join(scattered) + ".")
+    verdict = judge.verdict_of(causes, unsure, left, book, scattered)
     return Diagnosis(
         verdict=verdict, causes=tuple(causes), rivals=tuple(unsure),
         gain=judge.overall_gain(book, [record.source for record in holdout]),

@@ -19,7 +19,7 @@ from microstage_ros.control.controller import make_controller
 from microstage_ros.records import Record
 
 OFF_TIME = 1.3          # s with the motor off
-CHUNK = 50              # periods between two calls of ``change``
+CHUNK = 10              # periods between two calls of ``change``
 SCAN_SPEEDS = (1.0e-4, 4.0e-4, 8.0e-4, 2.1e-3)
 SEEN = ("encoder_m", "voltage_V", "current_A", "interferometer_m")
 

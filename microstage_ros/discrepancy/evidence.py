@@ -14,20 +14,28 @@ import scipy.linalg
 class Evidence:
     """Inner products of whitened residual (index 0) and candidate columns.
 
-    ``matrix`` has shape (1 + k, 1 + k); ``where`` maps a form's key to its slice; ``rows`` counts samples.
+    ``matrix`` has shape (1 + k, 1 + k); ``where`` maps a form's key to its slice; ``rows`` counts samples;
+    ``priors`` {key: standard deviation} keeps sizes small that the records hardly touch (splines beyond
+    what was visited).
     """
 
     matrix: np.ndarray
     where: dict
     rows: int
+    priors: dict = dataclasses.field(default_factory=dict)
 
     def __add__(self, other):
-        return Evidence(self.matrix + other.matrix, self.where, self.rows + other.rows)
+        return Evidence(self.matrix + other.matrix, self.where, self.rows + other.rows, self.priors)
 
     def indices(self, keys):
         """Rows of the matrix that belong to these forms."""
         parts = [np.arange(self.where[key].start, self.where[key].stop) for key in keys]
         return np.concatenate(parts) if parts else np.zeros(0, int)
+
+    def _precision(self, keys):
+        """1/prior² of every size of these forms, 0 where there is no prior."""
+        sizes = [np.full(self.where[k].stop - self.where[k].start, self.priors.get(k, np.inf)) for k in keys]
+        return 1.0 / np.concatenate(sizes) ** 2
 
     def energy(self):
         """χ² of the residual without any candidate."""
@@ -40,9 +48,10 @@ class Evidence:
             return np.zeros(0), np.zeros((0, 0)), 0.0
         a = self.matrix[np.ix_(index, index)]
         b = self.matrix[index, 0]
-        scale = np.sqrt(np.maximum(np.diag(a), 1e-300))
-        scaled = a / np.outer(scale, scale)
-        scaled[np.diag_indices_from(scaled)] += ridge + (np.diag(a) < 1e-200)
+        known = a + np.diag(self._precision(keys))
+        scale = np.sqrt(np.maximum(np.diag(known), 1e-300))
+        scaled = known / np.outer(scale, scale)
+        scaled[np.diag_indices_from(scaled)] += ridge + (np.diag(known) < 1e-200)
         factor = scipy.linalg.cho_factor(scaled + 1e-9 * np.eye(len(index)))
         beta = scipy.linalg.cho_solve(factor, b / scale) / scale
         covariance = scipy.linalg.cho_solve(factor, np.eye(len(index))) / np.outer(scale, scale)
@@ -78,7 +87,8 @@ def gather(channel, forms, frame, systematic=None, **noise):
     if count:
         q, _ = np.linalg.qr(white[:, at:])
         white = white[:, :at] - q @ (q.T @ white[:, :at])
-    return _with_systematic(Evidence(white.T @ white, where, len(white) - count), systematic or {})
+    priors = {form.key: form.prior for form in forms if form.prior}
+    return _with_systematic(Evidence(white.T @ white, where, len(white) - count, priors), systematic or {})
 
 
 def _with_systematic(evidence, systematic):
@@ -92,4 +102,4 @@ def _with_systematic(evidence, systematic):
     inner = np.diag(1.0 / spreads**2) + g[np.ix_(index, index)]
     scale = np.sqrt(np.diag(inner))
     solved = scipy.linalg.solve(inner / np.outer(scale, scale), g[index] / scale[:, None], assume_a="pos")
-    return Evidence(g - (g[index] / scale[:, None]).T @ solved, evidence.where, evidence.rows)
+    return Evidence(g - (g[index] / scale[:, None]).T @ solved, evidence.where, evidence.rows, evidence.priors)

@@ -13,6 +13,8 @@ from microstage_ros.discrepancy.selection import LEVEL, Evidences, acceptable, b
 
 RIVAL_MARGIN = 12.0     # χ² by which a cause must beat every other name
 RIVAL_SHARE = 0.02      # and share of its own gain
+SCATTER = 1.35          # χ² per row over the baseline's that no healthy record reaches
+STRANGER = 6.0          # times its own part that may be left in the channel of a named cause
 LEFT_SHARE = 0.08       # of what stood out, above which something is left
 COORDINATES = {
     "position": "position", "time": "time", "friction in time": "time", "velocity": "velocity", "speed": "velocity",
@@ -142,6 +144,37 @@ def verdict_of(causes, rivals, left, book, stands_out):
     if left and remaining > LEFT_SHARE:
         return "partly_explained"
     return "explained" if remaining < 0.3 else "partly_explained"
+
+
+def stands_out(evidences, choices):
+    """Channels whose residual, after the causes, scatters more on every record group than the baseline does."""
+    found = []
+    for channel, base in evidences.base.items():
+        usual = base.energy() / base.rows
+        keys = Evidences._keys(channel, choices)
+        beta = evidences.learn[channel].fit(keys)[0]
+        ratios = [(group.energy() - group.reduction(keys, beta)) / group.rows / usual
+                  for group in (evidences.learn[channel], evidences.held[channel])]
+        if min(ratios) > SCATTER:
+            found.append(channel)
+    return found
+
+
+def without_strangers(evidences, choices):
+    """Drop causes that explain next to nothing of a channel in which much more stands out: the nearest name is no answer."""
+    kept = list(choices)
+    for choice in choices:
+        others = [c for c in kept if c is not choice]
+        for channel in {form.channel for form in choice.forms} & set(stands_out(evidences, kept)):
+            held, base = evidences.held[channel], evidences.base[channel]
+            keys = Evidences._keys(channel, kept)
+            beta = evidences.learn[channel].fit(keys)[0]
+            left = held.energy() - held.reduction(keys, beta) - held.rows * base.energy() / base.rows
+            own = (evidences.held_gain(kept, [channel]) - evidences.held_gain(others, [channel])) * evidences.scatter[channel]
+            if left > STRANGER * max(own, 0.0):
+                kept = others
+                break
+    return kept
 
 
 def overall_gain(book, names):

@@ -9,7 +9,8 @@ from scipy.stats import chi2
 from microstage_ros.discrepancy.catalogue import CONTAINS, WIDER
 
 LEVEL = math.log(1e-6)       # of one candidate; some hundred compete
-HELD_SHARE = 0.25            # of the gain expected on held-out records that must arrive
+HELD_SHARE = 0.1            # of the gain expected on held-out records that must arrive
+DOMINANCE = 0.5              # of the gain of a stronger name that does not stand, below which a weaker one is not taken
 MISFIT = 0.5                 # a wider shape may explain at most this share beside the named one
 FAINT = 1.0e-3               # share of all gain on held-out records below which a further cause is not told
 MINOR = 0.03                 # a further cause must explain this share of what its channel's others explain
@@ -19,7 +20,7 @@ MINOR = 0.03                 # a further cause must explain this share of what i
 #: exact sum of two processes, and is clipped).
 CAUTION = {"torque": 2.0}
 #: Share of a size that is not known because the form itself is not (a grid of shapes, a soft flank).
-FORM_ERROR = {"backlash": 0.08, "resistance_rise": 0.08, "thermal_drift": 0.05, "nonlinear_viscous": 0.04,
+FORM_ERROR = {"backlash": 0.08, "resistance_rise": 0.08, "thermal_drift": 0.05, "nonlinear_viscous": 0.2,
               "rising_static_friction": 0.25, "presliding_creep": 0.4, "frictional_lag": 0.05,
               "drive_compliance": 0.02, "payload_change": 0.03}
 
@@ -123,6 +124,13 @@ def best_forms(evidences, effect, choices):
             used.append(best[2])
     if not used:
         return None
+    if len(used) > 1:  # a form that makes held-out records worse in its channel is not this effect's trace there
+        good = [f for f in used if evidences.held_gain([*choices, Choice(effect, (f,))], [f.channel])
+                > evidences.held_gain(choices, [f.channel])]
+        if 0 < len(good) < len(used):
+            used = good
+            gain = evidences.gain([*choices, Choice(effect, tuple(used))]) - evidences.gain(choices)
+            sizes = sum(_width(evidences, f.channel, f) for f in used)
     trial = Trial(Choice(effect, tuple(used)), gain, sizes)
     trial.held = evidences.held_gain([*choices, trial.choice]) - evidences.held_gain(choices)
     return trial
@@ -174,14 +182,11 @@ def _masses_agree(evidences, choice, choices):
     """A payload shows in friction and in resonance with the same mass, or it is none."""
     if choice.effect != "payload_change":
         return True
-    masses = []
-    for form in choice.forms:
-        value, stderr, _ = sizes_of(evidences, choice, choices, form)[0]["mass_kg"]
-        masses.append((value, stderr))
-    if len(masses) < 2:
-        return choice.forms[0].channel == "torque"
-    (a, sa), (b, sb) = masses
-    return abs(a - b) < 4.0 * math.hypot(sa, sb) + 0.3 * max(abs(a), abs(b))
+    masses = {form.channel: sizes_of(evidences, choice, choices, form)[0]["mass_kg"][:2] for form in choice.forms}
+    if not {"torque", "resonance"} <= set(masses):
+        return "torque" in masses
+    (friction, stderr), (resonance, _) = masses["torque"], masses["resonance"]
+    return abs(friction) > 3.0 * stderr and 0.4 < resonance / friction < 2.5
 
 
 def sizes_of(evidences, choice, others, form):
@@ -224,13 +229,28 @@ def select(evidences, effects, most=4):
         trials = sorted((t for t in trials if t is not None), key=lambda t: t.log_p)
         # log p underflows for large gains: then the gain itself decides
         trials.sort(key=lambda t: -(t.gain - 2 * t.sizes) if t.gain > 500 else -min(t.gain - 2 * t.sizes, 500))
-        winner = next((t for t in trials[:6] if acceptable(evidences, t, choices)), None)
+        winner = _first_acceptable(evidences, trials, choices)
         if winner is None:
             break
         choices.append(_simpler(evidences, winner, trials, choices).choice)
         choices = prune(evidences, choices)
         lost = trials
     return without_splinters(evidences, choices), lost
+
+
+def _first_acceptable(evidences, trials, choices):
+    """The strongest trial that stands, unless a much stronger one of the same channel does not: then nothing fits there."""
+    blocked = {}
+    for trial in trials[:8]:
+        channels = {form.channel for form in trial.choice.forms}
+        if any(trial.gain < DOMINANCE * blocked.get(channel, 0.0) for channel in channels):
+            continue
+        if acceptable(evidences, trial, choices):
+            return trial
+        if trial.log_p < LEVEL and evidences.amplitude_in_base(trial.choice, choices)[0] < 0.5:
+            for channel in channels:
+                blocked[channel] = max(blocked.get(channel, 0.0), trial.gain)
+    return None
 
 
 def _simpler(evidences, winner, trials, choices):

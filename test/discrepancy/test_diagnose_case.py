@@ -30,9 +30,9 @@ def test_healthy_axis_agrees(axis):
 
 
 def exponential_cable(plant, state, time):
-    """Two springs that stiffen towards the ends: no straight line, as a candidate of the analysis is."""
+    """A spring that stiffens along the stroke: no straight line, as the candidate of the analysis is."""
     x = float(state["x"])
-    plant["push"] = -0.5 * (np.exp((x - 1.0e-3) / 2.5e-3) - 1.0)
+    plant["push"] = -1.8 * (np.exp((x - 1.0e-3) / 6.0e-3) - 1.0)
 
 
 def test_two_causes_of_other_shape_than_the_candidates(axis):

@@ -21,6 +21,7 @@ WIDER = {
     "payload_change": ("generic:velocity",),
     "amplifier_offset": ("generic:voltage",), "amplifier_gain": ("generic:voltage",),
     "amplifier_deadband": ("generic:voltage",), "resistance_rise": ("generic:voltage",),
+    "screw_pitch_error": ("generic:voltage",), "backlash": ("generic:voltage",),
     "scale_error": ("generic:position",), "thermal_drift": ("generic:time",), "refractive_index": ("generic:time",),
     "encoder_sde": ("generic:position",), "sampling_jitter": ("generic:direction",),
 }

@@ -32,6 +32,7 @@ class Form:
     columns : ``columns(channel, frame)`` → (rows, k): the residual is ``columns @ sizes``.
     sizes : ``sizes(beta, covariance, frame)`` → (parameters {name: (value, stderr, unit)}, effect {name: value}).
     accept : ``accept(beta)``: whether the fitted sizes make sense (a width is positive); None: always.
+    prior : standard deviation that sizes are expected to have, or None.
     """
 
     effect: str
@@ -40,6 +41,7 @@ class Form:
     columns: Callable
     sizes: Callable = None
     accept: Callable = None
+    prior: float = None
 
     @property
     def key(self):

@@ -5,13 +5,17 @@ import numpy as np
 from microstage_ros.axis.compiled import compiled
 from microstage_ros.discrepancy.catalogue.form import Form, one, splines
 from microstage_ros.discrepancy.friction_replay import lag_factor, replay, sliding_limit
+from microstage_ros.discrepancy.preparation import triangle
 
 ASYMMETRY_STEP = 0.05
+EXPONENT_STDERR = 0.13                               # the grid's step, halved
 LAGS = (1.0e-3, 3.0e-3, 1.0e-2, 3.0e-2)             # s
-EXPONENTS = (0.5, 1.5, 2.0, 3.0)
+EXPONENTS = (0.5, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0)
 PIECES = (0.25e-3, 0.5e-3, 1.0e-3)                   # m between the knots of friction along the stroke
 AGING = tuple((scale, release) for scale in (0.03, 0.2) for release in (2.0e-6, 8.0e-6, 30.0e-6))  # s, m
 AGING_STEP = 0.05
+CALM = 201                                           # periods
+PROFILE_PRIOR = 0.2                                  # relative; what was not visited stays at the nominal friction
 PROFILE_STDERR = 0.08                                # friction along the stroke is told only where it is known this well
 COARSE = 4                                           # periods per step of the replays for candidates
 CREEP_SCALES = (0.01, 0.05, 0.3)                     # s
@@ -51,6 +55,14 @@ def nonlinear_viscous(exponent):
     return columns
 
 
+def _power_sizes(exponent):
+    def sizes(beta, covariance, frame):
+        value, stderr = float(beta[0]), float(np.sqrt(covariance[0, 0]))
+        return ({"coefficient": (value, stderr, "N m/(rad/s)^n"), "exponent": (exponent, EXPONENT_STDERR, "1")},
+                {"coefficient": value, "exponent": exponent})
+    return sizes
+
+
 def position_dependent(spacing):
     """Friction × splines of x."""
     def columns(channel, frame):
@@ -87,32 +99,36 @@ def rising_static(scale, release):
     """Limits × (1 + a): a grows with log dwell while blocks stick and fades with travel; derivative by the rate."""
     def columns(channel, frame):
         p = channel.prepared
-        age = _ageing(p.stuck, np.abs(p.speed), p.period, scale, release)
+        age = _ageing(p.stuck, _calm_speed(p), p.period, scale, release)
         return _changed(channel, frame, factor=1.0 + AGING_STEP * age) / AGING_STEP
     return columns
 
 
 @compiled
 def _ageing(stuck, speed, period, scale, release):
-    """log10(1 + dwell/scale) while any block sticks, fading as exp(−travel/release) while all slip."""
+    """log10(1 + dwell/scale), the dwell counting while any block sticks; travel wipes out both, exp(−travel/release)."""
     age = np.empty(stuck.size)
     dwell, level = 0.0, 0.0
     for i in range(stuck.size):
         if stuck[i] > 0.02:
             dwell += period
-            level = np.log10(1.0 + dwell / scale)
-        else:
-            level *= np.exp(-speed[i] * period / release)
-            dwell = scale * (10.0**level - 1.0)
+        fade = np.exp(-speed[i] * period / release)
+        dwell *= fade
+        level = max(level * fade, np.log10(1.0 + dwell / scale))
         age[i] = level
     return age
+
+
+def _calm_speed(prepared):
+    """|speed| without the readings' noise, which over a dwell would add up to travel."""
+    return np.abs(triangle(prepared.speed, CALM))
 
 
 def presliding_creep(scale):
     """Sticking blocks flow by A/(t + scale) · F/F_max, t since the contact moved: derivative by A."""
     def columns(channel, frame):
         p, drive = channel.prepared, frame.drive
-        held = _clock(np.abs(p.speed), p.period, CREEP_RELEASE)
+        held = _clock(_calm_speed(p), p.period, CREEP_RELEASE)
         flow = CREEP_STEP / (held + scale) * p.actuator / sliding_limit(drive.actuator, np.zeros(1))
         return _changed(channel, frame, p.speed - flow) / CREEP_STEP
     return columns
@@ -139,8 +155,9 @@ FORMS = (
          one("factor", "1", value=lambda beta: 1.0 + beta)),
     Form("viscous_change", "torque", "", viscous_change, one("factor", "1", value=lambda beta: 1.0 + beta)),
     *(Form("nonlinear_viscous", "torque", f"{n:g}", nonlinear_viscous(n),
-           one("coefficient", "N m/(rad/s)^n", extra={"exponent": n})) for n in EXPONENTS),
-    *(Form("position_dependent_friction", "torque", f"{s:g}", position_dependent(s), _profile_sizes(s)) for s in PIECES),
+           _power_sizes(n)) for n in EXPONENTS),
+    *(Form("position_dependent_friction", "torque", f"{s:g}", position_dependent(s), _profile_sizes(s),
+           prior=PROFILE_PRIOR) for s in PIECES),
     *(Form("frictional_lag", "torque", f"{t:g}", frictional_lag(t), _lag_sizes(t), lambda b: b[0] > 0) for t in LAGS),
     *(Form("rising_static_friction", "torque", f"{s:g},{r:g}", rising_static(s, r),
            one("rate_per_decade", "1", extra={"dwell_scale_s": s, "release_m": r}), lambda b: b[0] > 0) for s, r in AGING),

@@ -50,9 +50,9 @@ def of_acceleration(channel, frame):
 
 
 FORMS = (
-    Form("generic:position", "torque", "", of_position),
-    Form("generic:time", "torque", "", of_time),
-    Form("generic:friction in time", "torque", "", friction_in_time),
+    Form("generic:position", "torque", "", of_position, prior=1.0e-4),
+    Form("generic:time", "torque", "", of_time, prior=1.0e-4),
+    Form("generic:friction in time", "torque", "", friction_in_time, prior=0.3),
     Form("generic:velocity", "torque", "", odd_in_speed),
     Form("generic:speed", "torque", "", even_in_speed),
     Form("generic:acceleration", "torque", "", of_acceleration),

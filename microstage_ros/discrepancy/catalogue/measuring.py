@@ -99,7 +99,7 @@ FORMS = (
     Form("thermal_drift", "position", "temperature", drift_expansion, one("expansion_m_K", "m/K")),
     Form("refractive_index", "position", "", refractive_index, one("path_m", "m")),
     Form("sampling_jitter", "position", "", lateness, one("late_s", "s"), lambda b: b[0] > 0),
-    Form("generic:position", "position", "", of_position),
-    Form("generic:time", "position", "", of_time),
+    Form("generic:position", "position", "", of_position, prior=1.0e-6),
+    Form("generic:time", "position", "", of_time, prior=1.0e-6),
     Form("generic:direction", "position", "", of_direction),
 )
