@@ -26,7 +26,7 @@ from microstage_ros.nodes.process import run_node, running
 from microstage_ros.nodes.servo_path import make_servo_path, reader_qos
 from microstage_ros.records.bag import BagStopped, BagWriter, Qos, installed_definition
 
-BATCH = 0.002
+BATCH = 0.005
 QUIET = 0.05
 LOOK = 0.5
 DRAIN = 0.3

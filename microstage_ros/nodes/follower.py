@@ -8,7 +8,7 @@ from microstage_ros.nodes.process import running
 from microstage_ros.nodes.servo_path import make_servo_path, reader_qos
 from microstage_ros.nodes.topics import DEPTH
 
-BATCH = 0.002
+BATCH = 0.005
 """The loop sleeps this long [s] and then takes all that came: a tenth of the effort of waking for each."""
 
 QUIET = 0.05
