@@ -1,6 +1,5 @@
 """``bench``: the project's own benchmarks, each beside a peer measured in the same run."""
 
-import argparse
 import importlib
 import importlib.metadata
 import json
@@ -13,6 +12,7 @@ from microstage_ros import __version__
 from microstage_ros.axis import config_path
 from microstage_ros.axis.axis_file import load_axis
 from microstage_ros.axis.errors import InputError
+from microstage_ros.commands.parser import Parser
 
 PARTS = {
     "step": "the compiled step of the axis, beside scipy, numpy and plain Python",
@@ -25,7 +25,7 @@ LIBRARIES = ("numpy", "numba", "scipy", "mcap", "rosbags", "mcap-ros2-support")
 
 def main(argv=None):
     """Run the chosen parts, print a line per figure, write JSON if asked. Returns 0."""
-    parser = argparse.ArgumentParser(prog="microstage bench", description="Benchmarks of this machine. Parts: " + "; ".join(
+    parser = Parser(prog="microstage bench", description="Benchmarks of this machine. Parts: " + "; ".join(
         f"{name}: {text}" for name, text in PARTS.items()) + ".")
     parser.add_argument("--json", metavar="FILE", help="write the figures, the machine and the versions here")
     parser.add_argument("--part", action="append", choices=PARTS, help="only this part (may be given again)")

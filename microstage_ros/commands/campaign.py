@@ -14,6 +14,7 @@ from rich.table import Table
 from microstage_ros import __version__
 from microstage_ros.axis.axis_file import load_axis
 from microstage_ros.axis.errors import InputError
+from microstage_ros.commands.parser import Parser
 from microstage_ros.discrepancy import campaign
 from microstage_ros.discrepancy.hidden import DRAWS
 
@@ -46,7 +47,7 @@ def main(argv=None):
 
 
 def _parse(argv):
-    parser = argparse.ArgumentParser(prog="microstage campaign", description=DESCRIPTION,
+    parser = Parser(prog="microstage campaign", description=DESCRIPTION,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cases", type=int, default=27, metavar="N", help="number of cases (default 27)")
     parser.add_argument("--seed", type=int, default=1, metavar="S", help="of everything drawn (default 1)")

@@ -1,6 +1,5 @@
 """``cell``: the nodes of an axis, left running until interrupted."""
 
-import argparse
 import signal
 import sys
 import time
@@ -9,7 +8,7 @@ from pathlib import Path
 from microstage_ros.axis.axis_file import load_axis
 from microstage_ros.axis.errors import InputError
 from microstage_ros.commands.__main__ import which_ros
-
+from microstage_ros.commands.parser import Parser
 
 PATIENCE = 2000
 """Control periods without a command after which a simulated axis at the wall clock gives up; hardware should not wait
@@ -18,7 +17,7 @@ so long (parameter command_timeout_periods), but here a busy desktop harms nothi
 
 def main(argv=None):
     """Run the command. Returns 0 when interrupted, 1 if a process ended by itself."""
-    parser = argparse.ArgumentParser(prog="microstage cell", description="Start the nodes of an axis; Ctrl-C stops them.")
+    parser = Parser(prog="microstage cell", description="Start the nodes of an axis; Ctrl-C stops them.")
     parser.add_argument("--axis", metavar="FILE", help="axis file (default: the shipped config/axis.yaml)")
     parser.add_argument("--namespace", default="/axis", metavar="NS", help="of the nodes (default /axis)")
     parser.add_argument("--mode", choices=("lockstep", "paced"), default="lockstep",

@@ -1,6 +1,5 @@
 """``compare``: the paper's Fig. 10, Fig. 11 and Table 4, for every controller."""
 
-import argparse
 import json
 import os
 import pathlib
@@ -13,6 +12,7 @@ from rich.table import Table
 from microstage_ros import __version__
 from microstage_ros.axis.axis_file import load_axis
 from microstage_ros.axis.errors import InputError
+from microstage_ros.commands.parser import Parser
 from microstage_ros.control import comparison
 from microstage_ros.report.comparison import comparison_page, comparison_tables
 
@@ -46,7 +46,7 @@ def main(argv=None):
 
 
 def _parse(argv):
-    parser = argparse.ArgumentParser(prog="microstage compare", description="Compare all controllers on the simulated axis.")
+    parser = Parser(prog="microstage compare", description="Compare all controllers on the simulated axis.")
     parser.add_argument("--axis", default=str(ROOT / "config" / "axis.yaml"), metavar="FILE", help="axis file (default the paper's axis)")
     parser.add_argument("--out", required=True, metavar="DIR", help="folder for report.html, comparison.json, tables.md")
     parser.add_argument("--controllers", nargs="+", default=list(comparison.CONTROLLERS), choices=comparison.CONTROLLERS, metavar="TYPE",

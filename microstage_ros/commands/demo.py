@@ -1,6 +1,5 @@
 """``demo``: the paper's point-to-point moves by separate ROS 2 processes on the simulated axis."""
 
-import argparse
 import json
 import sys
 from pathlib import Path
@@ -11,6 +10,7 @@ from microstage_ros import __version__
 from microstage_ros.axis.axis_file import load_axis
 from microstage_ros.axis.errors import InputError
 from microstage_ros.commands.__main__ import which_ros
+from microstage_ros.commands.parser import Parser
 from microstage_ros.places import config_file
 
 TARGETS = (1e-6, 1e-5, 1e-4, 1e-3)
@@ -26,7 +26,7 @@ PAUSE = 30.0
 
 def main(argv=None):
     """Run the command. Returns 0; 1 if a process failed or a target was not reached."""
-    parser = argparse.ArgumentParser(prog="microstage demo", description=(
+    parser = Parser(prog="microstage demo", description=(
         "The main job on the simulated axis: separate ROS 2 processes make the paper's point-to-point moves; the run is "
         "recorded to MCAP and told in DIR/report.html."))
     parser.add_argument("--out", metavar="DIR", help="folder for bag and report (default demo, demo-2, ...)")
@@ -65,7 +65,11 @@ def program(repeats):
 def _run(arguments, axis, out):
     import rclpy
 
-    from microstage_ros.commands.demo_report import accuracy_rows, print_table, write_report
+    from microstage_ros.commands.demo_report import (
+        accuracy_rows,
+        print_table,
+        write_report,
+    )
     from microstage_ros.nodes.cell_processes import CellFailure
     from microstage_ros.nodes.client import NoAnswer
 

@@ -10,7 +10,14 @@ from rich.progress import Progress
 
 from microstage_ros.axis.axis_file import load_axis
 from microstage_ros.axis.errors import InputError
-from microstage_ros.discrepancy.many import Case, cases_of, diagnose_files, diagnose_many, diagnose_series
+from microstage_ros.commands.parser import Parser
+from microstage_ros.discrepancy.many import (
+    Case,
+    cases_of,
+    diagnose_files,
+    diagnose_many,
+    diagnose_series,
+)
 from microstage_ros.discrepancy.page import headline
 from microstage_ros.report.plots import quantity
 
@@ -58,7 +65,7 @@ def _series(case, arguments):
 
 
 def _parse(argv):
-    parser = argparse.ArgumentParser(prog="microstage diagnose", description=DESCRIPTION,
+    parser = Parser(prog="microstage diagnose", description=DESCRIPTION,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--axis", required=True, metavar="FILE", help="axis file of the model")
     parser.add_argument("records", nargs="+", metavar="RECORD", help="records to learn from: .mcap, bag folder, .csv[.gz|.xz]")

@@ -1,6 +1,5 @@
 """``experiment``: a run file's closed-loop program on the live cell, recorded to a bag that `identify` reads."""
 
-import argparse
 import sys
 import time
 from pathlib import Path
@@ -10,6 +9,7 @@ import numpy as np
 from microstage_ros.axis.axis_file import load_axis
 from microstage_ros.axis.errors import InputError
 from microstage_ros.commands.__main__ import which_ros
+from microstage_ros.commands.parser import Parser
 from microstage_ros.control.run_file import load_run
 from microstage_ros.places import config_file
 
@@ -21,7 +21,7 @@ LONGEST = 120.0  # seconds of program: one request carries all its positions
 
 def main(argv=None):
     """Run the command. Returns 0, 1 if a process failed; raises InputError for bad input."""
-    parser = argparse.ArgumentParser(prog="microstage experiment", description=(
+    parser = Parser(prog="microstage experiment", description=(
         "Starts the nodes of an axis, plays the reference of a run file (moves, scans, sines) through the controller's "
         "service follow_reference, and records everything; the bag is a record for identify and diagnose."))
     parser.add_argument("--run", required=True, metavar="FILE", help="run file with a closed-loop program, up to two minutes")
@@ -87,6 +87,7 @@ class _Player:
     def __init__(self, node, cell, period):
         from microstage_msgs.msg import ControllerState
         from microstage_msgs.srv import FollowReference
+
         from microstage_ros.nodes import topics
 
         self._node, self._cell, self._period, self._request = node, cell, period, FollowReference.Request

@@ -9,6 +9,7 @@ from rich.console import Console
 from microstage_ros import __version__
 from microstage_ros.axis.axis_file import load_axis
 from microstage_ros.axis.errors import InputError
+from microstage_ros.commands.parser import Parser
 from microstage_ros.identification.intake import take_in
 from microstage_ros.identification.page import identification_page, shown
 from microstage_ros.identification.pipeline import identify
@@ -25,7 +26,7 @@ curves, bands and residuals. What the records do not determine keeps the value o
 
 def main(argv=None):
     """Run the command. Returns 0; raises InputError for bad input."""
-    parser = argparse.ArgumentParser(prog="microstage identify", description=DESCRIPTION,
+    parser = Parser(prog="microstage identify", description=DESCRIPTION,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--axis", required=True, metavar="FILE", help="axis file of the machine the records come from")
     parser.add_argument("records", nargs="+", metavar="RECORD", help="records: .mcap, bag folder, .csv[.gz|.xz]")

@@ -1,6 +1,5 @@
 """``laws``: what each friction law can and cannot show, measured, beside what the paper says of it."""
 
-import argparse
 import inspect
 import re
 import sys
@@ -11,13 +10,14 @@ from rich.table import Table
 
 from microstage_ros.axis.laws.properties.table import EXPERIMENTS, compare, measure
 from microstage_ros.axis.laws.registry import LAWS, law_named
+from microstage_ros.commands.parser import Parser
 
 HEADLINE = "What each friction law can and cannot show, measured"
 
 
 def main(argv=None):
     """Measure all laws and print the table. Returns 0."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="microstage laws",
         description="Runs every friction law of the library through the same experiments and prints what it shows, "
         "with the number that decides, and where the paper (section 3.3) says otherwise.",

@@ -1,12 +1,13 @@
 """``move``: one move through the action, with feedback."""
 
-import argparse
 import sys
+
+from microstage_ros.commands.parser import Parser
 
 
 def main(argv=None):
     """Run the command. Returns 0 if the target was reached, 2 if the move was refused, 1 otherwise."""
-    parser = argparse.ArgumentParser(prog="microstage move", description="One move of a running axis (microstage cell).")
+    parser = Parser(prog="microstage move", description="One move of a running axis (microstage cell).")
     parser.add_argument("--to", required=True, type=float, metavar="METRES", help="target along the axis from its home")
     parser.add_argument("--namespace", default="/axis", metavar="NS", help="of the axis (default /axis)")
     parser.add_argument("--tolerance", type=float, default=5e-8, metavar="METRES", help="half width that counts as reached")
@@ -17,8 +18,8 @@ def main(argv=None):
 
 def _move(arguments):
     import rclpy
-
     from microstage_msgs.action import MoveTo
+
     from microstage_ros.nodes.client import AxisClient, NoAnswer
 
     words = {1: "moving", 2: "settling", 3: "stopping"}

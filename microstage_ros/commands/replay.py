@@ -1,16 +1,17 @@
 """``replay``: a bag back onto its topics, with its timing."""
 
-import argparse
 import importlib
 import sys
 import time
 
 from microstage_ros.axis.errors import InputError
+from microstage_ros.commands.parser import Parser
 from microstage_ros.records.bag import Bag
+
 
 def main(argv=None):
     """Run the command. Returns 0; raises InputError for bad input."""
-    parser = argparse.ArgumentParser(prog="microstage replay", description="Play a bag back onto its topics.")
+    parser = Parser(prog="microstage replay", description="Play a bag back onto its topics.")
     parser.add_argument("bag", metavar="BAG", help="an MCAP file or a rosbag2 folder")
     parser.add_argument("--rate", type=float, default=1.0, metavar="R", help="times as fast as recorded (default 1)")
     parser.add_argument("--delay", type=float, default=1.0, metavar="SECONDS",

@@ -1,9 +1,9 @@
 """``simulate``: one run of the model, without ROS."""
 
-import argparse
 
 from microstage_ros.axis.axis_file import load_axis
 from microstage_ros.axis.errors import InputError
+from microstage_ros.commands.parser import Parser
 from microstage_ros.control.run_file import load_run
 from microstage_ros.control.simulate import simulated_record
 from microstage_ros.records import write_record
@@ -13,7 +13,7 @@ ENDINGS = (".mcap", ".csv", ".csv.gz", ".csv.xz")
 
 def main(argv=None):
     """Run the command. Returns 0; raises InputError for bad input."""
-    parser = argparse.ArgumentParser(prog="microstage simulate", description="Simulate one run of an axis.")
+    parser = Parser(prog="microstage simulate", description="Simulate one run of an axis.")
     parser.add_argument("--axis", required=True, metavar="FILE", help="axis file")
     parser.add_argument("--run", required=True, metavar="FILE", help="run file: controller, noise, effects, program")
     parser.add_argument("--out", required=True, metavar="FILE", help="record to write: " + ", ".join(ENDINGS))

@@ -1,6 +1,5 @@
 """``tune``: limit-cycle experiment, Ziegler-Nichols, fine tuning by simulation, margins."""
 
-import argparse
 import sys
 
 from rich.console import Console
@@ -10,6 +9,7 @@ from rich.table import Table
 from microstage_ros import __version__
 from microstage_ros.axis.axis_file import load_axis
 from microstage_ros.axis.errors import InputError
+from microstage_ros.commands.parser import Parser
 from microstage_ros.control import tuning
 from microstage_ros.control.margins import MARGIN_HEADS, margin_rows
 
@@ -18,7 +18,7 @@ TYPES = ("pid", "pid_feedforward", "self_tuning", "self_tuning_feedforward")
 
 def main(argv=None):
     """Run the command. Returns 0; raises InputError for bad input."""
-    parser = argparse.ArgumentParser(prog="microstage tune", description="Tune a PID law for an axis by simulation.")
+    parser = Parser(prog="microstage tune", description="Tune a PID law for an axis by simulation.")
     parser.add_argument("--axis", required=True, metavar="FILE", help="axis file")
     parser.add_argument("--type", default="pid", choices=TYPES, help="controller (default pid)")
     parser.add_argument("--out", metavar="FILE", help="axis file to write, with the tuned gains in its controller section")
