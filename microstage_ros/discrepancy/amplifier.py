@@ -5,7 +5,13 @@ import dataclasses
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from microstage_ros.discrepancy.catalogue.command import FORMS, delayed, delay_form, lag_form, lagged
+from microstage_ros.discrepancy.catalogue.command import (
+    FORMS,
+    delay_form,
+    delayed,
+    lag_form,
+    lagged,
+)
 from microstage_ros.discrepancy.collection import Collection
 
 GAIN = next(form for form in FORMS if not form.named)

@@ -8,11 +8,17 @@ differ from those that the analysis knows.
 """
 
 import dataclasses
-from typing import Callable
+from collections.abc import Callable
 
 import numpy as np
 
-from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
+from microstage_ros.axis.plant import (
+    NoiseSpec,
+    make_plant,
+    new_readings,
+    new_state,
+    new_work,
+)
 from microstage_ros.control import profiles
 from microstage_ros.control.closed_loop import TRACE, run_loop
 from microstage_ros.control.controller import make_controller

@@ -1,11 +1,14 @@
 """From records to evidence: every record prepared, every channel filled, all candidates' columns gathered."""
 
-import numpy as np
 
 from microstage_ros.discrepancy.catalogue import FORMS
 from microstage_ros.discrepancy.catalogue.form import Frame
 from microstage_ros.discrepancy.channels.command import Command
-from microstage_ros.discrepancy.channels.mechanical import DEFAULT_SPREADS, Mechanical, fit_spreads
+from microstage_ros.discrepancy.channels.mechanical import (
+    DEFAULT_SPREADS,
+    Mechanical,
+    fit_spreads,
+)
 from microstage_ros.discrepancy.channels.position import Position
 from microstage_ros.discrepancy.channels.resonance import Resonance
 from microstage_ros.discrepancy.channels.windup import Windup

@@ -9,7 +9,12 @@ from scipy.stats import chi2
 from microstage_ros.discrepancy.catalogue import CONTAINS
 from microstage_ros.discrepancy.diagnosis import Finding, Gain, OverallGain, Rivals
 from microstage_ros.discrepancy.experiments import experiment_for
-from microstage_ros.discrepancy.selection import LEVEL, Evidences, acceptable, best_forms
+from microstage_ros.discrepancy.selection import (
+    LEVEL,
+    Evidences,
+    acceptable,
+    best_forms,
+)
 
 RIVAL_MARGIN = 12.0     # χ² by which a cause must beat every other name
 RIVAL_SHARE = 0.02      # and share of its own gain

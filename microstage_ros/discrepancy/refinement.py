@@ -36,7 +36,7 @@ def refine(collection, choices):
             family = FAMILIES.get((choice.effect, form.channel))
             if family is not None:
                 new = _refined(collection, family, form, result, choice)
-                forms = tuple(new if f is form else f for f in result[place].forms)
+                forms = tuple(new if f is form else f for f in result[place].forms)  # noqa: PLR1736  changed in this loop
                 result[place] = Choice(choice.effect, forms)
     return result
 

@@ -11,8 +11,10 @@ from microstage_ros.discrepancy.catalogue import CONTAINS, WIDER
 LEVEL = math.log(1e-6)       # of one candidate; some hundred compete
 HELD_SHARE = 0.1            # of the gain expected on held-out records that must arrive
 DOMINANCE = 0.5              # of the gain of a stronger name that does not stand, below which a weaker one is not taken
+ONE_RESONANCE = 0.35          # share of the gain of payload and soft drive that the payload alone must reach on the coarse grid
 MISFIT = 0.5                 # a wider shape may explain at most this share beside the named one
 FAINT = 1.0e-3               # share of all gain on held-out records below which a further cause is not told
+FAINT_GAIN = 60.0            # and χ² above which it is told all the same
 MINOR = 0.03                 # a further cause must explain this share of what its channel's others explain
 
 
@@ -235,7 +237,17 @@ def select(evidences, effects, most=4):
         choices.append(_simpler(evidences, winner, trials, choices).choice)
         choices = prune(evidences, choices)
         lost = trials
-    return without_splinters(evidences, choices), lost
+    return without_splinters(evidences, _one_resonance(evidences, choices)), lost
+
+
+def _one_resonance(evidences, choices):
+    """Beside a payload that its friction proves, the resonance is the payload's too, unless it says much less than a drive."""
+    if not {"payload_change", "drive_compliance"} <= {c.effect for c in choices}:
+        return choices
+    others = [c for c in choices if c.effect not in ("payload_change", "drive_compliance")]
+    alone = best_forms(evidences, "payload_change", others)
+    both = evidences.gain(choices) - evidences.gain(others)
+    return [*others, alone.choice] if alone and alone.gain > ONE_RESONANCE * both else choices
 
 
 def _first_acceptable(evidences, trials, choices):
@@ -267,7 +279,7 @@ def without_splinters(evidences, choices):
     kept = list(choices)
     while len(kept) > 1:
         parts = {c.effect: evidences.held_gain(kept) - evidences.held_gain([o for o in kept if o is not c]) for c in kept}
-        weak = min(parts.values()) < FAINT * sum(parts.values())
+        weak = min(parts.values()) < min(FAINT * sum(parts.values()), FAINT_GAIN)
         small = [c for c in kept if weak and parts[c.effect] == min(parts.values())] or [c for c in kept if any(
             parts[c.effect] < MINOR * parts[o.effect] and {f.channel for f in c.forms} & {f.channel for f in o.forms}
             for o in kept)]

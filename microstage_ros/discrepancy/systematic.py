@@ -32,7 +32,7 @@ SYSTEMATIC = {
         ("drive_compliance", "0.51"): 0.03,
         ("drive_compliance", "2.44"): 0.05,
         ("payload_change", "1.25"): 0.1,
-        ("payload_change", "1.95"): 0.03,
+        ("payload_change", "1.97"): 0.03,
         ("payload_change", "0.64"): 0.05,
     },
 }

@@ -1,6 +1,13 @@
 """The candidates: one file per family, one line per form."""
 
-from microstage_ros.discrepancy.catalogue import command, drive, electrical, friction, generic, measuring
+from microstage_ros.discrepancy.catalogue import (
+    command,
+    drive,
+    electrical,
+    friction,
+    generic,
+    measuring,
+)
 
 FORMS = tuple(form for family in (command, friction, drive, electrical, measuring, generic) for form in family.FORMS)
 

@@ -8,7 +8,7 @@ from microstage_ros.discrepancy.catalogue.form import Form, one, wave
 DEAD_WIDTHS = (0.5e-3, 1e-3, 2e-3, 5e-3, 10e-3, 20e-3, 40e-3, 80e-3)  # V
 HEAT_TIMES = (2.0, 6.0, 20.0, 60.0)                                    # s
 STIFFNESS_FACTORS = tuple(round(1.25**n, 3 if n < -8 else 2) for n in (*range(-14, 0), *range(1, 5)))
-MASS_FACTORS = tuple(round(1.25**n, 2) for n in (*range(-3, 0), *range(1, 7)))
+MASS_FACTORS = tuple(round(1.12**n, 2) for n in (*range(-5, 0), *range(1, 14)))
 FLANK_FORCES = (0.02, 0.1, 0.25)                                       # N: over which a flank gives way
 SCREW_HARMONICS = (1, 2, 3)
 

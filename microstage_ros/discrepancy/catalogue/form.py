@@ -1,7 +1,7 @@
 """What a candidate is: one way (form) in which an effect would show in one residual channel."""
 
 import dataclasses
-from typing import Callable
+from collections.abc import Callable
 
 import numpy as np
 from scipy.interpolate import BSpline

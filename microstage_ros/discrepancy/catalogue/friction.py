@@ -66,14 +66,14 @@ def _power_sizes(exponent):
 def position_dependent(spacing):
     """Friction × splines of x."""
     def columns(channel, frame):
-        pieces = max(int(round((frame.high - frame.low) / spacing)), 2)
+        pieces = max(round((frame.high - frame.low) / spacing), 2)
         return channel.friction[:, None] * splines(channel.position, frame.low, frame.high, pieces)
     return columns
 
 
 def _profile_sizes(spacing):
     def sizes(beta, covariance, frame):
-        pieces = max(int(round((frame.high - frame.low) / spacing)), 2)
+        pieces = max(round((frame.high - frame.low) / spacing), 2)
         x = np.linspace(frame.low, frame.high, 2 * pieces + 1)
         basis = splines(x, frame.low, frame.high, pieces)
         known = np.sqrt(np.einsum("ij,jk,ik->i", basis, covariance, basis)) < PROFILE_STDERR
@@ -128,7 +128,7 @@ def presliding_creep(scale):
     """Sticking blocks flow by A/(t + scale) · F/F_max, t since the contact moved: derivative by A."""
     def columns(channel, frame):
         p, drive = channel.prepared, frame.drive
-        held = _clock(_calm_speed(p), p.period, CREEP_RELEASE)
+        held = _clock(np.abs(p.speed), p.period, CREEP_RELEASE)
         flow = CREEP_STEP / (held + scale) * p.actuator / sliding_limit(drive.actuator, np.zeros(1))
         return _changed(channel, frame, p.speed - flow) / CREEP_STEP
     return columns
