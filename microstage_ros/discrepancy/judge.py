@@ -19,7 +19,8 @@ from microstage_ros.discrepancy.selection import (
 RIVAL_MARGIN = 12.0     # χ² by which a cause must beat every other name
 RIVAL_SHARE = 0.02      # and share of its own gain
 SCATTER = 1.35          # χ² per row over the baseline's that no healthy record reaches
-STRANGER = 6.0          # times its own part that may be left in the channel of a named cause
+STRANGER = {"torque": 40.0}  # times its own part that may be left in the channel of a named cause; friction is random
+STRANGER_ELSE = 6.0
 LEFT_SHARE = 0.08       # of what stood out, above which something is left
 COORDINATES = {
     "position": "position", "time": "time", "friction in time": "time", "velocity": "velocity", "speed": "velocity",
@@ -84,6 +85,8 @@ def rivals_of(evidences, choice, choices, effects):
     for effect in effects:
         if effect in {c.effect for c in choices} or effect in CONTAINS.get(choice.effect, ()):
             continue
+        if effect == "drive_compliance" and choice.effect == "payload_change":
+            continue  # the guideway's friction has proved the payload (`selection`)
         trial = best_forms(evidences, effect, others)
         if trial is None or not acceptable(evidences, trial, others):
             continue
@@ -176,7 +179,7 @@ def without_strangers(evidences, choices):
             beta = evidences.learn[channel].fit(keys)[0]
             left = held.energy() - held.reduction(keys, beta) - held.rows * base.energy() / base.rows
             own = (evidences.held_gain(kept, [channel]) - evidences.held_gain(others, [channel])) * evidences.scatter[channel]
-            if left > STRANGER * max(own, 0.0):
+            if left > STRANGER.get(channel, STRANGER_ELSE) * max(own, 0.0):
                 kept = others
                 break
     return kept

@@ -182,6 +182,8 @@ def acceptable(evidences, trial, choices):
 
 def _masses_agree(evidences, choice, choices):
     """A payload shows in friction and in resonance with the same mass, or it is none."""
+    if choice.effect == "cable_spring":  # a force without friction's balance knowing of it is none
+        return any(form.channel == "torque" for form in choice.forms)
     if choice.effect != "payload_change":
         return True
     masses = {form.channel: sizes_of(evidences, choice, choices, form)[0]["mass_kg"][:2] for form in choice.forms}
