@@ -1,6 +1,6 @@
 """The nodes of one axis, for `ros2 launch microstage_ros cell.launch.py`, where the ROS launch system is installed.
 
-    ros2 launch microstage_ros cell.launch.py namespace:=/left seed:=2 mode:=paced record:=/tmp/bag
+    ros2 launch microstage_ros cell.launch.py namespace:=/left seed:=2 mode:=paced record:=runs/today
 """
 
 from pathlib import Path

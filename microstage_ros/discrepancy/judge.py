@@ -8,7 +8,6 @@ from scipy.stats import chi2
 
 from microstage_ros.discrepancy.catalogue import CONTAINS
 from microstage_ros.discrepancy.diagnosis import Finding, Gain, OverallGain, Rivals
-from microstage_ros.discrepancy.experiments import experiment_for
 from microstage_ros.discrepancy.selection import (
     LEVEL,
     Evidences,
@@ -195,10 +194,10 @@ def overall_gain(book, names):
 
 
 def rivals_entry(ids):
-    """`Rivals` with the run file that separates them."""
+    """`Rivals` of one trace; the run file that separates them is made where the answer is written."""
     names = " and ".join(ids)
     why = f"{names} leave the same trace in these records: neither fits the held-out record better than the other."
-    return Rivals(tuple(ids), why, experiment_for(ids))
+    return Rivals(tuple(ids), why, {})
 
 
 def probability_of(trial):
