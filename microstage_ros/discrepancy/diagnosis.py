@@ -55,7 +55,7 @@ class Cause:
 
 @dataclasses.dataclass(frozen=True)
 class Rivals:
-    """Causes that these records cannot tell apart, why, and the run file (a mapping) that would."""
+    """Causes that these records cannot tell apart, why, and the run file (a mapping; empty: a standard one) that would."""
 
     ids: tuple
     why: str
