@@ -5,6 +5,8 @@ Row n of the trace is the state at the start of period n and the voltage held du
     read_sensors -> controller(reference[n], readings) -> + open_loop[n] + disturbance[n] -> record -> advance
 """
 
+import numpy as np
+
 from microstage_ros.axis.compiled import compiled
 from microstage_ros.axis.linear_core import forget
 from microstage_ros.axis.sensors import read_sensors
@@ -15,7 +17,10 @@ from microstage_ros.control import laws
 TRACE = (
     "encoder_m", "current_A", "motor_angle_rad", "interferometer_m", "voltage_V", "stage_m", "stage_velocity_m_s",
     "motor_speed_rad_s", "actuator_friction_Nm", "guideway_friction_N", "actuator_level", "guideway_level",
+    "air_temperature_K", "air_pressure_Pa", "air_humidity", "stage_temperature_K",
 )
+#: Those of the surroundings, told only where they vary.
+SURROUNDINGS = TRACE[-4:]
 
 
 @compiled
@@ -37,6 +42,10 @@ def run_loop(plant, state, work, readings, parameters, memory, reference, open_l
         trace[n, 9] = state.guide_friction
         trace[n, 10] = state.actuator.factor
         trace[n, 11] = state.guideway.factor
+        trace[n, 12] = readings.air_temperature
+        trace[n, 13] = readings.air_pressure
+        trace[n, 14] = readings.air_humidity
+        trace[n, 15] = readings.stage_temperature
         advance(plant, state, work, voltage)
 
 
@@ -58,3 +67,14 @@ def run_ensemble(plants, states, work, readings, parameters, memories, reference
             encoders[k, n] = readings[k].encoder
             voltages[k, n] = voltage
             advance(plants[k], states[k], work, voltage)
+
+
+def surroundings(trace):
+    """Columns of air and stage {name: (rows,)}: all of the air's if one varies, the stage's if it does; else none."""
+    air, stage = SURROUNDINGS[:3], SURROUNDINGS[3:]
+    found = {}
+    for group in (air, stage):
+        columns = {name: trace[:, TRACE.index(name)].copy() for name in group}
+        if any(np.ptp(column) > 0.0 for column in columns.values()):
+            found |= columns
+    return found

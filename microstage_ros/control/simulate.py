@@ -4,7 +4,7 @@ import numpy as np
 
 from microstage_ros import __version__
 from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
-from microstage_ros.control.closed_loop import TRACE, run_loop
+from microstage_ros.control.closed_loop import SURROUNDINGS, TRACE, run_loop, surroundings
 from microstage_ros.control.controller import Controller, controller_parameters
 from microstage_ros.control.lead_in import lead_in
 from microstage_ros.records import Record
@@ -48,7 +48,8 @@ def simulate(axis, run, seed=0):
     trace = trace[len(before):]
     rows = len(trace)
     columns = {"t_s": np.arange(rows) * period, "reference_m": tables["reference"]}
-    columns |= {name: trace[:, place].copy() for place, name in enumerate(TRACE)}
+    columns |= {name: trace[:, place].copy() for place, name in enumerate(TRACE) if name not in SURROUNDINGS}
+    columns |= surroundings(trace)
     if axis.choices["drive.type"] == "force":
         columns["force_N"] = axis.value("drive.gain") * columns["voltage_V"]
         del columns["current_A"]

@@ -20,7 +20,7 @@ from microstage_ros.axis.plant import (
     new_work,
 )
 from microstage_ros.control import profiles
-from microstage_ros.control.closed_loop import TRACE, run_loop
+from microstage_ros.control.closed_loop import TRACE, run_loop, surroundings
 from microstage_ros.control.controller import make_controller
 from microstage_ros.records import Record
 
@@ -84,6 +84,7 @@ def _record(axis, hidden, friction, seed, name):
                  trace[part])
     columns = {"t_s": np.arange(len(reference)) * period, "reference_m": reference}
     columns |= {key: trace[:, TRACE.index(key)].copy() for key in SEEN}
+    columns |= surroundings(trace)
     if hidden.after:
         hidden.after(columns, generator)
     return Record(period, columns, f"{hidden.name}/{name}", {"seed": seed})
