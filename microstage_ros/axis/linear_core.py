@@ -14,7 +14,7 @@ first occurs and kept in the work arrays.
 import numpy as np
 
 from microstage_ros.axis.compiled import compiled
-from microstage_ros.axis.records import INPUTS, LEVELS, OUTPUTS, WORK
+from microstage_ros.axis.records import INPUTS, LEVELS, WORK
 
 TICKS = 1 << (LEVELS - 1)
 I, OMEGA, V, U, T0, T1, T2, F0, F1 = range(INPUTS)

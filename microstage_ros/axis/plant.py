@@ -9,14 +9,14 @@ from microstage_ros.axis.contact import regroup, slide, stribeck_table
 from microstage_ros.axis.effects import apply_effects, check_effects
 from microstage_ros.axis.errors import InputError
 from microstage_ros.axis.laws.registry import law_named
-from microstage_ros.axis.linear_core import forget, new_work
+from microstage_ros.axis.linear_core import forget, new_work  # noqa: F401  (callers make all records here)
 from microstage_ros.axis.random import seed_state
 from microstage_ros.axis.records import PLANT, READINGS, STATE
 from microstage_ros.axis.step import lead_error
 
 LAW_LEVEL = 4                  # chunks of T/16 for laws that are not made of blocks
 OTHER_LAWS = ("dahl", "lugre", "elasto_plastic", "leuven", "hsieh_pan")
-BRISTLE = 100.0                  # Coulomb contact: natural frequency of its bristle times the control period
+BRISTLE = 100.0                # Coulomb contact: natural frequency of its bristle times the control period
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class NoiseSpec:
 def make_plant(axis, noise=None, effects=None):
     """The machine as one record (`records.PLANT`): parameters, noise and effects (axis file's and the run's).
 
-    ``noise``: `NoiseSpec`, default all noise as in MODEL.md. ``effects``: {id: parameters}; an id given in both
+    ``noise``: `NoiseSpec`, default as its own fields. ``effects``: {id: parameters}; an id given in both
     places is taken from ``effects``. Raises InputError.
     """
     noise = noise or NoiseSpec()
@@ -187,7 +187,7 @@ def blocks_of(axis, name):
     """Maxwell-slip blocks (k_j, α_j) of a contact, Σα = 1, whatever the file's reading.
 
     ``segment_slopes``: slopes K_i over segments that carry α_i of the limit; k_i = K_i − K_{i+1}, break points
-    x_i = Σ_{j≤i} α_j F_s / K_j, α'_i = k_i x_i / F_s (NOTES.md, "Virgin curve to blocks", inconsistency 2).
+    x_i = Σ_{j≤i} α_j F_s / K_j, α'_i = k_i x_i / F_s (read as blocks, Table 3 would slip at 15 µm and not at the 40 µm of Fig. 7).
     """
     key = f"contacts.{name}"
     k, alpha = (np.array(axis.value(f"{key}.{leaf}"), float) for leaf in ("stiffness", "weight"))

@@ -1,4 +1,4 @@
-"""What the sensors say at the start of a period (MODEL.md, "Sensors", and the effects of sensing)."""
+"""What the sensors say at the start of a period (docs/model.md, and `axis.effects.sensing`)."""
 
 import math
 

@@ -1,7 +1,7 @@
 """What scales the friction limits from period to period: chance, position, dwell; and creep.
 
 Random friction: q = q_travel + q_time, two Ornstein–Uhlenbeck processes, one over the travel of the
-stage and one over time, clipped (MODEL.md, "Random friction"). They are advanced exactly, whenever the
+stage and one over time, clipped. They are advanced exactly, whenever the
 stage has moved by a small part of the length or a small part of the time has passed.
 """
 

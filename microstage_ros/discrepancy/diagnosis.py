@@ -33,7 +33,7 @@ class Cause:
 
     Attributes
     ----------
-    id : the effect's word in MODEL.md's catalogue, for instance ``"backlash"``.
+    id : the effect's id in `axis.effects`, for instance ``"backlash"``.
     parameters : fitted sizes by parameter name.
     effect : the entry of an axis file's ``effects`` section that makes the model show this cause.
     probability : that the cause is real and rightly named, 0 … 1.

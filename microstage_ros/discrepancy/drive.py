@@ -10,7 +10,7 @@ from microstage_ros.axis.errors import InputError
 
 @dataclasses.dataclass(frozen=True)
 class Contact:
-    """Friction of one contact: block arrays of shape (blocks,), see MODEL.md; limits in N m or N."""
+    """Friction of one contact: block arrays of shape (blocks,), see `axis.contact`; limits in N m or N."""
 
     stiffness: np.ndarray
     weight: np.ndarray

@@ -40,7 +40,7 @@ def replay(contact, speed, period, asymmetry=0.0, factor=None):
 
 
 def sliding_limit(contact, speed):
-    """|s(w)| of MODEL.md [N m or N], same shape as ``speed``."""
+    """|s(w)| of `axis.contact` [N m or N], same shape as ``speed``."""
     drop = np.exp(-np.abs(speed / contact.stribeck_velocity) ** contact.stribeck_exponent)
     return contact.coulomb + (contact.static - contact.coulomb) * drop
 

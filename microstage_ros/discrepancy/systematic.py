@@ -1,6 +1,6 @@
 """Errors of the replayed model itself that healthy axes show, as standard deviations of a form's sizes.
 
-Measured on healthy records (three baselines of another simulator of MODEL.md, and simulated cases at
+Measured on healthy records (three baselines of another simulator of the same axis, and simulated cases at
 2, 4 and 6 % random friction): the scatter of each form's fitted size beyond its standard error.
 """
 

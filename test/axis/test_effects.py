@@ -1,13 +1,12 @@
-"""Every effect of the catalogue does what MODEL.md's "where it shows" column says."""
+"""Every effect of the catalogue shows where its catalogue entry says it does."""
 
 import numpy as np
 import pytest
 
 from microstage_ros.axis.effects import REGISTRY
 from microstage_ros.axis.open_loop import respond
-from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
+from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state
 from microstage_ros.axis.sensors import read_sensors
-from microstage_ros.axis.step import advance
 
 PERIOD = 1e-4
 KM, R, KE, LEAD = 6.59e-3, 3.41, 6.589014636e-3, 2e-3 / (2 * np.pi) / 19

@@ -43,7 +43,7 @@ def test_mode_matrices_equal_scipy_expm(quiet):
     work = new_work()
     core.build_mode(plant, 0.8, 3e-6, 4e5, 20.0, 1, 3.41, work["matrix"][0])
     lead, gear = plant["screw_ratio"], 19.0
-    a = np.zeros((5, 5))       # i ω θ v x, written from the equations of MODEL.md
+    a = np.zeros((5, 5))       # i ω θ v x, written from the equations of motion
     a[0, :2] = [-3.41 / 75e-6, -6.589014636e-3 / 75e-6]
     r, k, d = lead / gear, 1.2e7, 600.0
     a[1] = np.array([6.59e-3, -3e-6 / gear - r * r * d, -0.8 / gear - r * r * k, r * d, r * k]) / 1e-7

@@ -26,7 +26,7 @@ class Form:
 
     Attributes
     ----------
-    effect : id of MODEL.md, or ``"generic:…"`` for a shape without a name, which only competes.
+    effect : id of `axis.effects`, or ``"generic:…"`` for a shape without a name, which only competes.
     channel : name of the residual channel.
     variant : tells forms of one effect in one channel apart (a fixed non-linear parameter).
     columns : ``columns(channel, frame)`` → (rows, k): the residual is ``columns @ sizes``.

@@ -84,7 +84,7 @@ class Mechanical:
 def fit_spreads(channels, columns=None):
     """Spreads of the random friction and of the stuck state that healthy channels show, by maximum likelihood.
 
-    The share of time and travel stays as MODEL.md has it (20 and 80 % of the variance). Returns the
+    The share of time and travel stays as the shipped axis has it (20 and 80 % of the variance). Returns the
     three spreads and the factor on the white standard deviation.
     """
     def cost(log):
