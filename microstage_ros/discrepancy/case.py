@@ -1,7 +1,7 @@
 """One axis, from its records to a `Diagnosis`.
 
 Order: records are prepared; the amplifier's slowness is found from the fast part alone and taken into
-the input; the channels' evidence is gathered; causes are selected forward and backward and their
+the input, and so is lost motion that is wide enough to be seen as such; the channels' evidence is gathered; causes are selected forward and backward and their
 non-linear sizes refined; lines and late readings, which are matters of spectrum and scatter, are looked
 for apart; everything is judged on held-out records.
 """
@@ -13,10 +13,11 @@ from microstage_ros.discrepancy import judge
 from microstage_ros.discrepancy.amplifier import find_slowness
 from microstage_ros.discrepancy.catalogue import FORMS
 from microstage_ros.discrepancy.channels.resonance import Resonance
-from microstage_ros.discrepancy.collection import Collection
+from microstage_ros.discrepancy.collection import Collection, frame_of
 from microstage_ros.discrepancy.diagnosis import Cause, Diagnosis, Gain, Parameter
 from microstage_ros.discrepancy.drive import drive_of
 from microstage_ros.discrepancy.lines import find_lines
+from microstage_ros.discrepancy.lost_motion import find_gap
 from microstage_ros.discrepancy.pictures import pictures_of
 from microstage_ros.discrepancy.preparation import prepare
 from microstage_ros.discrepancy.refinement import refine
@@ -26,6 +27,8 @@ from microstage_ros.discrepancy.timing import readings_late
 
 EFFECTS = tuple(sorted({form.effect for form in FORMS if form.named and form.channel != "command"}))
 SLOW_SHARE = 0.01       # of the χ² of a slow amplifier that a further electrical cause must hold
+RATTLED = 0.05          # share of the command's χ² that a slow amplifier must hold beside a gap
+RATTLE_SHARE = 0.01     # of the χ² of a gap that any further cause must hold: rattle is not followed to the last nanometre
 GENERIC = tuple(form for form in FORMS if not form.named)
 
 
@@ -48,36 +51,57 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
     if not baseline:
         notes.append("No baseline was given: thresholds come from the model's own figures.")
     prepared = {name: [prepare(record, drive) for record in group] for name, group in groups.items()}
-    slow = find_slowness(prepared, drive)
-    amplifier = None if slow is None else slow.apply
-    if slow is not None:
-        prepared |= _again(groups, drive, amplifier, ())
+    prepared, slow, amplifier, gap = _unfollowed(groups, prepared, drive)
+    width = 0.0 if gap is None else gap.width
     lines = _lines(prepared, drive)
     if lines:
-        prepared |= _again(groups, drive, amplifier, lines)
+        prepared |= _again(groups, drive, amplifier, lines, width)
     collection = Collection(prepared, drive)
+    effects = [effect for effect in EFFECTS if gap is None or effect != "backlash"]
     evidences = collection.evidences([form for form in FORMS if form.channel != "command"])
-    choices, _ = select(evidences, EFFECTS)
+    choices, _ = select(evidences, effects)
     if slow is not None:  # a slow amplifier is never modelled to the last nanometre
         choices = [c for c in choices if not {f.channel for f in c.forms} <= {"windup", "resonance"}
                    or evidences.held_gain(choices) - evidences.held_gain([o for o in choices if o is not c])
                    > SLOW_SHARE * slow.held]
-    rivals = {c.effect: judge.rivals_of(evidences, c, choices, EFFECTS) for c in choices}
+    if gap is not None:
+        choices = [c for c in choices if evidences.held_gain(choices) - evidences.held_gain([o for o in choices if o is not c])
+                   > RATTLE_SHARE * (gap.held_before - gap.held_after)]
+    rivals = {c.effect: judge.rivals_of(evidences, c, choices, effects) for c in choices}
     refined = refine(collection, choices)
     if refined != choices:
         evidences, choices = _final(collection, refined)
     choices = judge.without_strangers(evidences, choices)
-    return _answer(collection, evidences, choices, rivals, (slow, lines), holdout, notes, seed)
+    return _answer(collection, evidences, choices, rivals, (slow, gap, lines), holdout, notes, seed)
 
 
-def _again(groups, drive, amplifier, lines):
-    """Learning and held-out records prepared anew, with the amplifier's slowness and without the lines."""
+def _unfollowed(groups, prepared, drive):
+    """What must be known before any residual means something: (prepared, slowness or None, amplifier, gap or None).
+
+    The gap first, as in its rattle the amplifier cannot be judged; and again with a slow amplifier, whose
+    lateness moves the motor's travel.
+    """
+    gap = find_gap(prepared, frame_of(prepared, drive))
+    if gap is not None:
+        prepared = prepared | _again(groups, drive, None, (), gap.width)
+    slow = find_slowness(prepared, drive)
+    if slow is None or (gap is not None and slow.held < RATTLED * slow.held_before):
+        return prepared, None, None, gap
+    prepared = prepared | _again(groups, drive, slow.apply, ())
+    gap = find_gap(prepared, frame_of(prepared, drive))
+    if gap is not None:
+        prepared = prepared | _again(groups, drive, slow.apply, (), gap.width)
+    return prepared, slow, slow.apply, gap
+
+
+def _again(groups, drive, amplifier, lines, gap=0.0):
+    """Learning and held-out records prepared anew, with the amplifier's slowness and the gap, and without the lines."""
     prepared, number = {}, 0
     for name in ("learn", "held"):
         prepared[name] = []
         for record in groups[name]:
             traces = [(line.frequency, line.traces[number]) for line in lines]
-            prepared[name].append(prepare(record, drive, amplifier, traces))
+            prepared[name].append(prepare(record, drive, amplifier, traces, gap))
             number += 1
     return prepared
 
@@ -141,7 +165,7 @@ def _cause(evidences, choice, choices, units):
     return Cause(choice.effect, parameters, effect, judge.probability_of(trial), 0.0, gain, channel)
 
 
-def _special_causes(collection, slow, lines, book, unsure):
+def _special_causes(collection, slow, gap, lines, book, unsure):
     """Causes found outside the regression; their χ² is added to the book."""
     causes = []
     if slow is not None:
@@ -154,6 +178,8 @@ def _special_causes(collection, slow, lines, book, unsure):
             rms = [slow.noise * np.sqrt(v / slow.held_rows) for v in (slow.held_before, slow.held_before - slow.held)]
             causes.append(Cause(slow.effect, {name: Parameter(slow.time, slow.stderr, "s")}, {name: slow.time}, 0.999, 0.0,
                                 Gain(float(rms[0]), float(rms[1]), "V"), "command"))
+    if gap is not None:
+        causes.append(_lost_motion(gap, collection.frame.drive.radius, book))
     if lines:
         held = sum(line.held for line in lines)
         book.before += held
@@ -163,6 +189,17 @@ def _special_causes(collection, slow, lines, book, unsure):
     if late is not None:
         causes.append(_late(late, book))
     return causes
+
+
+def _lost_motion(gap, radius, book):
+    """The cause ``backlash`` from the replayed gap."""
+    part = gap.held_before - gap.held_after
+    book.before += part
+    book.parts["backlash"] = part
+    rms = [gap.noise * np.sqrt(v / gap.held_rows) for v in (gap.held_before, gap.held_after)]
+    width = gap.width / radius
+    return Cause("backlash", {"width_rad": Parameter(width, gap.stderr / radius, "rad")}, {"width_rad": width}, 0.999, 0.0,
+                 Gain(float(rms[0]), float(rms[1]), "m"), "windup")
 
 
 def _vibration(lines):

@@ -26,9 +26,7 @@ class Collection:
     """
 
     def __init__(self, prepared, drive, fast_only=False):
-        every = [p for group in GROUPS for p in prepared[group]]
-        self.frame = Frame(drive, min(p.position.min() for p in every), max(p.position.max() for p in every),
-                           max(p.time[-1] for p in every))
+        self.frame = frame_of(prepared, drive)
         self.prepared = prepared
         self.channels = {group: [_channels(p, drive, fast_only) for p in prepared[group]] for group in GROUPS}
         self.spreads = DEFAULT_SPREADS
@@ -60,13 +58,20 @@ class Collection:
         return Evidences(sums["learn"], sums["held"], sums["base"], kept, scatter, self.frame)
 
 
+def frame_of(prepared, drive):
+    """`Frame` of prepared records {group: [`Prepared`]}."""
+    every = [p for group in GROUPS for p in prepared[group]]
+    return Frame(drive, min(p.position.min() for p in every), max(p.position.max() for p in every),
+                 max(p.time[-1] for p in every))
+
+
 def _channels(prepared, drive, fast_only):
     """The channels that a prepared record can fill, by name; the command channel alone if ``fast_only``."""
     if fast_only:
         return {"command": Command(prepared, drive)} if prepared.has_current else {}
     kinds = [Mechanical]
     if prepared.has_current:
-        kinds += [Windup, Resonance]
+        kinds += [Windup] if prepared.behind is not None else [Windup, Resonance]
     if prepared.interferometer is not None:
         kinds.append(Position)
     return {kind.name: kind(prepared, drive) for kind in kinds}

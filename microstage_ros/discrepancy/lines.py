@@ -8,10 +8,13 @@ must stand in all learning records together, again in the held-out ones, and not
 import dataclasses
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from microstage_ros.discrepancy.whitening import whiten_walk
 
 REST_SPEED = 2.0e-5        # m/s
+WINDOW = 201               # blocks of half a millisecond: a tenth of a second
+CLIPPED = 6.0              # usual sizes of a whitened residual
 LOWEST, HIGHEST = 8.0, 900.0   # Hz
 LEAST_POWER = 32.0         # of summed periodograms in units of their mean; e^-32 times 10⁵ frequencies
 LEAST_AMPLITUDE = 3.0e-10  # m
@@ -44,11 +47,13 @@ class Spectrum:
         white = whiten_walk(channel.mean(p.stage - p.angle)[:, None], self.walk, self.noise)[:, 0]
         self.time = channel.time
         self.step = channel.time[1] - channel.time[0]
-        slow = np.convolve(np.abs(channel.speed), np.ones(101) / 101, "same") < REST_SPEED
-        steady = np.convolve(np.abs(np.gradient(channel.speed, self.step)), np.ones(101) / 101, "same") < 0.05
-        self.mask = slow & steady
+        # the line itself may move faster than the stage: rest is where the mean speed is small
+        mean = uniform_filter1d(channel.speed, WINDOW, mode="nearest")
+        self.mask = uniform_filter1d(np.abs(mean), WINDOW, mode="nearest") < REST_SPEED
         self.mask[:400] = False
-        self.values = np.where(self.mask, np.clip(white, -6.0, 6.0), 0.0)
+        usual = np.median(np.abs(white[self.mask])) / 0.6745 if self.mask.any() else 1.0
+        bound = CLIPPED * max(usual, 1.0)  # a strong line must not be clipped: it would grow harmonics
+        self.values = np.where(self.mask, np.clip(white, -bound, bound), 0.0)
         self.count = max(int(self.mask.sum()), 1)
         scale = np.sqrt(np.mean(self.values[self.mask] ** 2)) if self.mask.any() else 1.0
         self.values = self.values / max(scale, 1e-12)

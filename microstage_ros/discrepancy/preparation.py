@@ -11,10 +11,12 @@ from scipy.signal import cont2discrete, lfilter
 
 from microstage_ros.axis.errors import InputError
 from microstage_ros.discrepancy.friction_replay import replay
+from microstage_ros.discrepancy.gap_replay import stage_behind_gap
 from microstage_ros.discrepancy.motion import smooth_motion
 
 LEAST_ROWS = 5000
 FUSION = 41           # periods over which the position reading corrects the motor's travel
+GAP_FUSION = 1001     # the same where the stage may rattle in a gap
 TRAVEL_NOISE = 2.0e-8 # m: the back-EMF's travel is trusted below some 200 Hz, current and inertia above
 MOTOR_NOISE = 2.0e-9  # m, of the motor's position after that
 
@@ -30,7 +32,8 @@ class Prepared:
     motor's, in metres of stage, from all readings together; ``load`` the torque that friction and loads took;
     ``actuator`` and ``guideway`` the nominal frictions without viscosity [N m at the motor, N], ``stuck`` the
     share of the actuator's blocks that stick;
-    ``lost`` marks samples that repeat the one before or were missing.
+    ``lost`` marks samples that repeat the one before or were missing;
+    ``behind``: how far the stage is ahead of the motor by the replay through a gap, or None without a gap.
     """
 
     name: str
@@ -56,6 +59,7 @@ class Prepared:
     off: np.ndarray
     has_current: bool
     air: dict
+    behind: np.ndarray = None
 
     @property
     def stage(self):
@@ -63,11 +67,12 @@ class Prepared:
         return self.encoder if self.interferometer is None else self.interferometer
 
 
-def prepare(record, drive, amplifier=None, lines=()):
+def prepare(record, drive, amplifier=None, lines=(), gap=0.0):
     """`Prepared` from a `Record`.
 
     ``amplifier(command, period)`` (n,) → (n,): what an amplifier that delays or lags makes of the command;
-    ``lines``: (frequency [Hz], complex amplitude [m]) of vibrations to take out of the position readings.
+    ``lines``: (frequency [Hz], complex amplitude [m]) of vibrations to take out of the position readings;
+    ``gap``: lost motion of the drive train, as travel of the stage [m].
     Raises InputError for a record that is too short or lacks what is needed."""
     n = len(record)
     if n < LEAST_ROWS:
@@ -100,14 +105,20 @@ def prepare(record, drive, amplifier=None, lines=()):
         angle = triangle(stage, 61)
         speed = np.gradient(angle, period)
         current = settled = (answered - drive.back_emf / drive.lever * speed) / drive.resistance
-    carried = lfilter(*stage_filter(drive, period), angle - angle[0]) + angle[0]
+    # fast motion is known better from current and inertia: the back-EMF's noise would ring at the resonance
+    travel = smooth_motion(angle, settled, drive, period, TRAVEL_NOISE).position
+    if gap > 0.0:
+        carried = stage_behind_gap(travel, gap, drive, period)
+    else:
+        carried = lfilter(*stage_filter(drive, period), angle - angle[0]) + angle[0]
     position = carried + triangle(stage - carried, FUSION)
     stage_speed = np.gradient(position, period)
     guideway, _ = replay(drive.guideway, stage_speed, period)
-    motor = angle + triangle(stage + guideway / drive.stiffness - carried, FUSION)
+    if gap > 0.0:  # the replay has wound the drive train up already
+        motor = angle + triangle(stage - carried, GAP_FUSION)
+    else:
+        motor = angle + triangle(stage + guideway / drive.stiffness - carried, FUSION)
     motion = smooth_motion(motor, settled, drive, period, MOTOR_NOISE)
-    # fast motion is known better from current and inertia: the back-EMF's noise would ring at the resonance
-    travel = smooth_motion(angle, settled, drive, period, TRAVEL_NOISE).position
     screw_speed = motion.speed / drive.radius
     actuator, stuck = replay(drive.actuator, screw_speed, period)
     air = {name: _filled(record[name], name)[0] for name in
@@ -119,7 +130,7 @@ def prepare(record, drive, amplifier=None, lines=()):
         travel=travel, angle=angle, stage_position=position, position=motion.position, speed=motion.speed, stage_speed=stage_speed, load=motion.load,
         actuator=actuator, stuck=stuck, guideway=guideway,
         lost=lost, off=off,
-        has_current="current_A" in columns, air=air,
+        has_current="current_A" in columns, air=air, behind=carried - travel if gap > 0.0 else None,
     )
 
 

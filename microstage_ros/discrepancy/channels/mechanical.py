@@ -41,6 +41,8 @@ class Mechanical:
         self.friction, self.viscous, self.guideway = self.mean(p.actuator), self.mean(viscous), self.mean(guideway)
         self.stuck, self.torque = self.mean(p.stuck), self.mean(p.load)
         self.residual = self.torque - self.friction - self.viscous - self.guideway
+        if p.behind is not None:  # behind a gap the stage moves on its own, and pushes back when it is caught
+            self.residual -= drive.lever * drive.mass * self.mean(np.gradient(p.stage_speed, p.period))
         step = np.abs(np.diff(self.position, prepend=self.position[0]))
         self.step = np.where(step > 5.0e-9, step, 0.0)
         self.travel = np.cumsum(self.step)

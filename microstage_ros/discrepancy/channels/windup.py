@@ -29,7 +29,11 @@ class Windup:
         self.voltage, self.current = self.mean(p.answered), self.mean(p.settled)
         force = p.guideway + drive.guideway.viscous * p.stage_speed
         self.force = self.mean(force)
-        residual = p.stage - p.angle + (force + drive.mass * np.gradient(p.stage_speed, p.period)) / drive.stiffness
+        if p.behind is None:
+            behind = -(force + drive.mass * np.gradient(p.stage_speed, p.period)) / drive.stiffness
+        else:
+            behind = p.behind
+        residual = p.stage - p.angle - behind
         self.residual = self.mean(residual - residual[0])
         self.walk, self.white = self._noise(residual)
         self.noise = float(np.sqrt(np.median(self.white)))
