@@ -19,6 +19,8 @@ LEAST_GAIN = 60.0
 LEAST_TIME = 4.0e-6      # s: a few hundredths of a period are a matter of stamps
 LAG_ERROR = 0.05         # share of a lag that gain and lag cannot tell apart above 1 kHz
 LATE = 2.0e-5            # s
+DOMINANCE = 0.5          # of the gain of the strongest form, accepted or not, that the answer must reach
+LONGEST = 64             # periods
 CLEAR = 0.03             # relative difference of χ² by which delay and lag must differ
 
 
@@ -51,10 +53,12 @@ def find_slowness(prepared, drive):
     fast = Collection(prepared, drive, fast_only=True)
     if "command" not in fast.names:
         return None
-    learn = fast.gather("command", FORMS, "learn")
-    trials = []
-    for form in (form for form in FORMS if form.named):
+    forms = _candidates(fast)
+    learn = fast.gather("command", [*forms, GAIN], "learn")
+    trials, strongest = [], 0.0
+    for form in forms:
         beta, _, gain = learn.fit([form.key])
+        strongest = max(strongest, gain)
         if form.accept(beta):
             trials.append((gain, form, float(beta[0])))
     best = {effect: max((t for t in trials if t[1].effect == effect), key=lambda t: t[0], default=None)
@@ -65,6 +69,8 @@ def find_slowness(prepared, drive):
     if not refined or refined[0][2] < LEAST_TIME:
         return None
     gain, effect, time, stderr = refined[0]
+    if gain < DOMINANCE * strongest:  # a time that makes no sense explains more: neither is true
+        return None
     form = _form(effect, time, period)
     held = fast.gather("command", [form, GAIN], "held")
     held_gain = held.reduction([form.key], np.ones(1))
@@ -77,6 +83,20 @@ def find_slowness(prepared, drive):
     noise = float(np.mean([c["command"].noise for c in fast.channels["held"]]))
     return Slowness(effect, time, stderr, gain, held_gain, held.energy(), held.rows, rival, noise,
                     drive.inductance / drive.resistance)
+
+
+def _candidates(fast):
+    """Forms to try: the catalogue's, and delays around the one at which the residual repeats the command."""
+    length, total = 2 * LONGEST, 0.0
+    for channel in (c["command"] for c in fast.channels["learn"]):
+        residual, command = (channel.fast(v[:, None])[:, 0] / channel.noise for v in (channel.residual, channel.command))
+        size = 2 ** int(np.ceil(np.log2(len(residual) + length)))
+        spectrum = np.fft.rfft(np.clip(residual, -30.0, 30.0), size) * np.conj(np.fft.rfft(command, size))
+        total = total + np.fft.irfft(spectrum, size)[1:LONGEST]
+    at = 1 + int(np.argmax(total))
+    known = {form.variant for form in FORMS}
+    near = [delay_form(at + part) for part in (-0.5, 0.0, 0.5)]
+    return [*(form for form in FORMS if form.named), *(form for form in near if form.variant not in known)]
 
 
 def lateness(prepared):
@@ -103,7 +123,10 @@ def _refine(fast, trial, period):
         one = _form(form.effect, float(time), period)
         return -fast.gather("command", [one, GAIN], "learn").reduction([one.key], np.ones(1))
 
-    low, high = (0.01 * start, 1.3 * start) if beta < 0.4 else (0.6 * start, 1.7 * start)
+    if form.effect == "transport_delay" and start >= period:   # the next delay but one repeats the command as well
+        low, high = start - 0.75 * period, start + 0.75 * period
+    else:
+        low, high = (0.01 * start, 1.3 * start) if beta < 0.4 else (0.6 * start, 1.7 * start)
     found = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": 2e-3 * start, "maxiter": 14})
     time = float(found.x)
     step = 0.02 * time

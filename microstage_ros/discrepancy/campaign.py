@@ -107,12 +107,17 @@ def examine(examination):
 
 
 def covered(causes, truth):
-    """(id.parameter, truth within 1.96 standard errors) for every scalar that was hidden and fitted by the same name."""
+    """(id.parameter, truth within 1.96 standard errors) for every scalar that was hidden and fitted by the same name.
+
+    Phases are compared around the circle."""
     for cause in causes:
         for name, number in cause.parameters.items():
             value = truth.get(cause.id, {}).get(name)
             if isinstance(value, (int, float)) and np.isfinite(number.stderr):
-                yield f"{cause.id}.{name}", bool(abs(number.value - value) <= 1.96 * number.stderr)
+                error = number.value - value
+                if number.unit == "rad" and name.startswith("phase"):
+                    error = (error + np.pi) % (2.0 * np.pi) - np.pi
+                yield f"{cause.id}.{name}", bool(abs(error) <= 1.96 * number.stderr)
 
 
 def run(examined, jobs):

@@ -13,7 +13,7 @@ from microstage_ros.discrepancy import judge
 from microstage_ros.discrepancy.amplifier import find_slowness
 from microstage_ros.discrepancy.catalogue import FORMS
 from microstage_ros.discrepancy.channels.resonance import Resonance
-from microstage_ros.discrepancy.collection import Collection, frame_of
+from microstage_ros.discrepancy.collection import Collection
 from microstage_ros.discrepancy.diagnosis import Cause, Diagnosis, Gain, Parameter
 from microstage_ros.discrepancy.drive import drive_of
 from microstage_ros.discrepancy.lines import find_lines
@@ -27,7 +27,7 @@ from microstage_ros.discrepancy.timing import readings_late
 
 EFFECTS = tuple(sorted({form.effect for form in FORMS if form.named and form.channel != "command"}))
 SLOW_SHARE = 0.01       # of the χ² of a slow amplifier that a further electrical cause must hold
-RATTLED = 0.05          # share of the command's χ² that a slow amplifier must hold beside a gap
+RATTLED = 0.4           # share of the command's χ² that a slow amplifier must hold beside a gap
 RATTLE_SHARE = 0.01     # of the χ² of a gap that any further cause must hold: rattle is not followed to the last nanometre
 GENERIC = tuple(form for form in FORMS if not form.named)
 
@@ -65,7 +65,8 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
                    or evidences.held_gain(choices) - evidences.held_gain([o for o in choices if o is not c])
                    > SLOW_SHARE * slow.held]
     if gap is not None:
-        choices = [c for c in choices if evidences.held_gain(choices) - evidences.held_gain([o for o in choices if o is not c])
+        choices = [c for c in choices if {f.channel for f in c.forms} == {"position"}
+                   or evidences.held_gain(choices) - evidences.held_gain([o for o in choices if o is not c])
                    > RATTLE_SHARE * (gap.held_before - gap.held_after)]
     rivals = {c.effect: judge.rivals_of(evidences, c, choices, effects) for c in choices}
     refined = refine(collection, choices)
@@ -81,14 +82,16 @@ def _unfollowed(groups, prepared, drive):
     The gap first, as in its rattle the amplifier cannot be judged; and again with a slow amplifier, whose
     lateness moves the motor's travel.
     """
-    gap = find_gap(prepared, frame_of(prepared, drive))
+    gap = find_gap(prepared, drive)
     if gap is not None:
         prepared = prepared | _again(groups, drive, None, (), gap.width)
     slow = find_slowness(prepared, drive)
     if slow is None or (gap is not None and slow.held < RATTLED * slow.held_before):
         return prepared, None, None, gap
     prepared = prepared | _again(groups, drive, slow.apply, ())
-    gap = find_gap(prepared, frame_of(prepared, drive))
+    slow = find_slowness(prepared, drive) or slow   # the motor's speed was told with a prompt amplifier
+    prepared = prepared | _again(groups, drive, slow.apply, ())
+    gap = find_gap(prepared, drive)
     if gap is not None:
         prepared = prepared | _again(groups, drive, slow.apply, (), gap.width)
     return prepared, slow, slow.apply, gap

@@ -24,7 +24,7 @@ def pack(contact, asymmetry=0.0):
     return np.array(head + own)
 
 
-def replay(contact, speed, period, asymmetry=0.0, factor=None):
+def replay(contact, speed, period, asymmetry=0.0, factor=None, flow=None):
     """Friction without its viscous part, and the weight of its sticking blocks; both (n,), start of each period.
 
     Parameters
@@ -34,9 +34,11 @@ def replay(contact, speed, period, asymmetry=0.0, factor=None):
     period : [s].
     asymmetry : limits × (1 + asymmetry · sgn w).
     factor : shape (n,), further factor on the limits in each period, or None.
+    flow : shape (n,), what a sticking block at its limit flows in each period [rad or m], or None.
     """
     factor = np.ones(1) if factor is None else factor
-    return _replay(pack(contact, asymmetry), len(contact.weight), speed, factor, period)
+    flow = np.zeros(1) if flow is None else flow
+    return _replay(pack(contact, asymmetry), len(contact.weight), speed, factor, flow, contact.static, period)
 
 
 def sliding_limit(contact, speed):
@@ -53,11 +55,11 @@ def lag_factor(contact, speed, period, time):
 
 
 @compiled
-def _replay(parameters, blocks, speed, factor, period):
+def _replay(parameters, blocks, speed, factor, flow, limit, period):
     state = np.zeros(2 * blocks)
     force = np.zeros(speed.size)
     stuck = np.ones(speed.size)
-    last = factor.size - 1
+    last, creeps = factor.size - 1, flow.size > 1
     for i in range(speed.size - 1):
         a, b, scale = speed[i], speed[i + 1], factor[min(i, last)]
         if a * b >= 0.0:
@@ -67,6 +69,12 @@ def _replay(parameters, blocks, speed, factor, period):
             turn = period * a / (a - b)
             stretch(parameters, state, 1.0 if a > 0.0 else -1.0, abs(a), 0.0, turn, scale)
             force[i + 1] = stretch(parameters, state, 1.0 if b > 0.0 else -1.0, 0.0, abs(b), period - turn, scale)
+        if creeps:
+            for j in range(blocks):
+                if state[blocks + j] == 0.0:
+                    share = parameters[STIFFNESS + j] * flow[i] / (parameters[STIFFNESS + blocks + j] * limit)
+                    force[i + 1] -= min(share, 0.5) * state[j]
+                    state[j] *= 1.0 - min(share, 0.5)
         for j in range(blocks):
             if state[blocks + j] != 0.0:
                 stuck[i + 1] -= parameters[STIFFNESS + blocks + j]

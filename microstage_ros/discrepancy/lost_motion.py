@@ -9,20 +9,21 @@ import dataclasses
 
 import numpy as np
 
-from microstage_ros.discrepancy.catalogue import forms_of
 from microstage_ros.discrepancy.channels.windup import Windup
-from microstage_ros.discrepancy.evidence import gather
 from microstage_ros.discrepancy.gap_replay import stage_behind_gap
 
-STANDS_OUT = 3.0         # χ² per row over the baseline's from which the search is worth its time
-EXPLAINS = 0.5           # share of what stands out that the gap must take away,
-BETTER = 0.7             # and of the χ² that the best other name leaves
+STANDS_OUT = 1.4         # times the baseline's loss from which the search is worth its time
+EXPLAINS = 0.4           # share of what stands out that the gap must take away (other causes: a tenth at most),
+EXPLAINS_HELD = 0.1      # and of the held-out records, where another cause may stand out more
+USUAL = 0.7              # mean size of a whitened residual that is noise
 WIDTHS = (0.35, 0.6, 0.85, 1.1)   # of the spread of stage against motor, tried first
 SLOW = 5000              # periods over which the spread is taken
 LEAST = 1.0e-7           # m: smaller gaps are a matter of regression
 STEPS = tuple(0.05 * n for n in range(-7, 8))   # of the width's logarithm around the best of these
-FORM_ERROR = 0.03        # share of the width: flanks are not as hard as modelled, and rattle is not followed hit by hit
-BOUND = 10.0             # medians above which a misfit counts as a rare stretch that the replay lost
+FORM_ERROR = 0.015       # share of the width: flanks are not as hard as modelled,
+RATTLE_ERROR = 0.02      # and for every usual loss that rattle, not followed hit by hit, adds to it
+MOST_ERROR = 0.08
+BOUND = 20.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,32 +38,25 @@ class Gap:
     noise: float
 
 
-def find_gap(prepared, frame):
-    """`Gap` of the drive train, or None.
-
-    ``prepared`` {"learn" | "held" | "base": [`Prepared`]}; ``frame`` of the catalogue.
-    """
+def find_gap(prepared, drive):
+    """`Gap` of the drive train, or None.  ``prepared`` {"learn" | "held" | "base": [`Prepared`]}."""
     if not all(p.has_current for p in (*prepared["learn"], *prepared["held"])):
         return None
-    channels = {name: [Windup(p, frame.drive) for p in prepared[name]] for name in ("learn", "held", "base")}
-    usual = max(_mean(_energy(c, c.residual) for c in channels["base"]), 1.0) if channels["base"] else 1.0
-    without = _total(channels["learn"], 0.0)
-    rows = sum(len(c.residual) for c in channels["learn"])
-    if without < STANDS_OUT * usual * rows:
+    channels = {name: [Windup(p, drive) for p in prepared[name]] for name in ("learn", "held", "base")}
+    usual = max(_mean(_loss(c, c.residual) for c in channels["base"]), USUAL) if channels["base"] else USUAL
+    without = _losses(channels["learn"], 0.0)
+    if without < STANDS_OUT * usual:
         return None
-    spread = _spread(channels["learn"])
-    start = min(WIDTHS, key=lambda share: _total(channels["learn"], share * spread)) * spread
-    width, error = _refined(channels["learn"], start)
-    left = _total(channels["learn"], width)
-    if width < LEAST or without - left < EXPLAINS * (without - usual * rows):
+    width = _refined(channels["learn"], _spread(channels["learn"]))
+    for name, share in (("learn", EXPLAINS), ("held", EXPLAINS_HELD)):
+        before, after = (_losses(channels[name], gap) for gap in (0.0, width))
+        if before - after < share * (before - usual):
+            return None
+    if width < LEAST or (channels["base"] and _losses(channels["base"], width) < _losses(channels["base"], 0.0)):
         return None
-    if left > BETTER * _best_other(channels["learn"], frame, without):
-        return None
-    held = _total(channels["held"], 0.0), _total(channels["held"], width)
-    if held[0] - held[1] < 0.5 * EXPLAINS * (without - left) / without * held[0]:
-        return None
-    if channels["base"] and _total(channels["base"], width) < _total(channels["base"], 0.0):
-        return None
+    held = [sum(len(c.residual) * _energy(c, gap) for c in channels["held"]) for gap in (0.0, width)]
+    rattle = max(_losses(channels["learn"], width) / usual - 1.0, 0.0)
+    error = min(FORM_ERROR + RATTLE_ERROR * rattle, MOST_ERROR) * width + 3.0e-9
     return Gap(width, error, *held, sum(len(c.residual) for c in channels["held"]),
                _mean(c.noise for c in channels["held"]))
 
@@ -78,49 +72,41 @@ def _spread(channels):
     return float(np.mean(ranges))
 
 
-def _refined(channels, start):
-    """Width [m] of the least bounded misfit near ``start``, by a parabola through its logarithm, and its standard error."""
+def _refined(channels, spread):
+    """Width [m] of the least loss, by a parabola through the width's logarithm."""
+    start = min(WIDTHS, key=lambda share: _losses(channels, share * spread)) * spread
     logs = np.log(start) + np.array(STEPS)
-    losses = np.array([sum(_bounded(c, _behind(c, float(np.exp(log)))) for c in channels) for log in logs])
+    losses = np.array([_losses(channels, float(np.exp(log))) for log in logs])
     best = int(np.clip(np.argmin(losses), 2, len(logs) - 3))
     near = slice(best - 2, best + 3)
     bend, slope, _ = np.polyfit(logs[near] - logs[best], losses[near], 2)
     shift = float(np.clip(-0.5 * slope / bend, -0.1, 0.1)) if bend > 0 else 0.0
-    width = float(np.exp(logs[best] + shift))
-    return width, FORM_ERROR * width + 3.0e-9
-
-
-def _bounded(channel, residual):
-    white = np.abs(channel.whiten(residual[:, None])[0][:, 0])
-    return float(np.minimum(white, BOUND * np.median(white)).sum())
+    return float(np.exp(logs[best] + shift))
 
 
 def _behind(channel, gap):
-    """Wind-up residual with the stage replayed behind a gap [m]."""
+    """Wind-up residual as it is, or with the stage replayed behind a gap [m]."""
+    if gap == 0.0:
+        return channel.residual
     p = channel.prepared
     residual = channel.mean(p.stage - p.angle - (stage_behind_gap(p.travel, gap, channel.drive, p.period) - p.travel))
     return residual - residual[0]
 
 
-def _total(channels, gap):
-    """χ² of the wind-up residual, as it is or with the stage replayed behind a gap [m]."""
-    return sum(len(c.residual) * _energy(c, _behind(c, gap) if gap > 0.0 else c.residual) for c in channels)
+def _losses(channels, gap):
+    return _mean(_loss(c, _behind(c, gap)) for c in channels)
 
 
-def _energy(channel, residual):
+def _loss(channel, residual):
+    """Mean size of the whitened residual; rare stretches that a replay lost count no more than `BOUND` usual ones."""
+    own = np.median(np.abs(channel.whiten(channel.residual[:, None])[0]))
+    white = np.abs(channel.whiten(residual[:, None])[0][:, 0])
+    return float(np.minimum(white, BOUND * max(own, USUAL)).mean())
+
+
+def _energy(channel, gap):
     """χ² per row."""
-    white, _ = channel.whiten(residual[:, None])
-    return float(np.mean(white**2))
-
-
-def _best_other(channels, frame, without):
-    """χ² that the best other named form of the channel leaves."""
-    forms = [form for form in forms_of(Windup.name) if form.named and form.effect != "backlash"]
-    total = None
-    for channel in channels:
-        evidence = gather(channel, forms, frame)
-        total = evidence if total is None else total + evidence
-    return without - max(total.fit([form.key])[2] for form in forms)
+    return float(np.mean(channel.whiten(_behind(channel, gap)[:, None])[0] ** 2))
 
 
 def _mean(values):

@@ -25,7 +25,8 @@ MOTOR_NOISE = 2.0e-9  # m, of the motor's position after that
 class Prepared:
     """One record and what the nominal model says about its motion.
 
-    ``answered`` is the voltage that current[n] answers (row n − 1, rounded as the converter rounds);
+    ``answered`` is the voltage that current[n] answers (row n − 1, rounded as the converter rounds, through the
+    amplifier if one was given); ``commanded`` the same without that amplifier;
     ``settled`` the current after the winding's time constant, ``(i[n] − a i[n−1]) / (1 − a)``;
     ``travel`` the motor's angle in metres of stage, from back-EMF, current and inertia, without any position
     reading; ``angle`` the same from the back-EMF alone; ``position`` and ``speed`` the
@@ -42,6 +43,7 @@ class Prepared:
     encoder: np.ndarray
     interferometer: np.ndarray
     reference: np.ndarray
+    commanded: np.ndarray
     answered: np.ndarray
     current: np.ndarray
     settled: np.ndarray
@@ -91,7 +93,7 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0):
             columns[name] = columns[name] - shake
     rounded = np.round(columns["voltage_V"] / drive.converter_step) * drive.converter_step
     rounded = np.clip(rounded, -drive.voltage_limit, drive.voltage_limit)
-    answered = np.concatenate([rounded[:1], rounded[:-1]])
+    answered = commanded = np.concatenate([rounded[:1], rounded[:-1]])
     off = (rounded == 0.0) & (answered == 0.0)
     if amplifier is not None:
         answered = amplifier(answered, period)
@@ -126,7 +128,7 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0):
     return Prepared(
         name=record.source, period=period, time=record["t_s"] - record["t_s"][0], encoder=columns["encoder_m"],
         interferometer=columns.get("interferometer_m"), reference=columns.get("reference_m", stage),
-        answered=answered, current=current, settled=settled,
+        commanded=commanded, answered=answered, current=current, settled=settled,
         travel=travel, angle=angle, stage_position=position, position=motion.position, speed=motion.speed, stage_speed=stage_speed, load=motion.load,
         actuator=actuator, stuck=stuck, guideway=guideway,
         lost=lost, off=off,

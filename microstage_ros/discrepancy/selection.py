@@ -15,16 +15,27 @@ ONE_RESONANCE = 0.35          # share of the gain of payload and soft drive that
 MISFIT = 0.5                 # a wider shape may explain at most this share beside the named one
 FAINT = 1.0e-3               # share of all gain on held-out records below which a further cause is not told
 FAINT_GAIN = 60.0            # and χ² above which it is told all the same
-MINOR = 0.03                 # a further cause must explain this share of what its channel's others explain
+MINOR = 0.03                 # a further cause must explain this share of what its channel's others explain,
+#: and more where their forms are a coarse grid that leaves that much
+MINOR_BESIDE = {"rising_static_friction": 0.25, "presliding_creep": 0.25, "nonlinear_viscous": 0.08, "backlash": 0.08}
 
 
 #: Standard errors of a channel, by what simulated cases show beyond the noise model (random friction is no
 #: exact sum of two processes, and is clipped).
 CAUTION = {"torque": 2.0}
-#: Share of a size that is not known because the form itself is not (a grid of shapes, a soft flank).
-FORM_ERROR = {"backlash": 0.08, "resistance_rise": 0.08, "thermal_drift": 0.05, "nonlinear_viscous": 0.2,
-              "rising_static_friction": 0.25, "presliding_creep": 0.4, "frictional_lag": 0.05,
-              "drive_compliance": 0.02, "payload_change": 0.03}
+#: Share of a size that is not known because the form itself is not (a grid of shapes, a soft flank, a noisy input);
+#: where an effect shows in several channels, the share differs by channel.
+FORM_ERROR = {
+    "backlash": 0.08, "resistance_rise": 0.08, "thermal_drift": 0.05, "nonlinear_viscous": 0.2,
+    "rising_static_friction": 0.25, "presliding_creep": 0.3, "frictional_lag": 0.05, "friction_level_change": 0.1,
+    ("drive_compliance", "resonance"): 0.08, ("drive_compliance", "windup"): 0.03,
+    ("payload_change", "resonance"): 0.1, ("payload_change", "windup"): 0.1, ("payload_change", "torque"): 0.05,
+}
+
+
+def form_error(effect, channel=None):
+    """`FORM_ERROR` of an effect, in a channel."""
+    return FORM_ERROR.get((effect, channel), FORM_ERROR.get(effect, 0.005))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -201,9 +212,9 @@ def sizes_of(evidences, choice, others, form):
     n = _width(evidences, form.channel, form)
     scale = evidences.scatter[form.channel] * CAUTION.get(form.channel, 1.0) ** 2
     parameters, effect = form.sizes(beta[-n:], covariance[-n:, -n:] * scale, evidences.frame)
-    form_error = FORM_ERROR.get(form.effect, 0.005)
+    share = form_error(form.effect, form.channel)
     # a factor is one plus its size: the error of the form is a share of what was added
-    return {name: (value, math.hypot(stderr, form_error * abs(value - (name == "factor"))), unit)
+    return {name: (value, math.hypot(stderr, share * abs(value - (name == "factor"))), unit)
             for name, (value, stderr, unit) in parameters.items()}, effect
 
 
@@ -214,7 +225,8 @@ def _splinter(evidences, trial, choices):
         there = [c for c in choices if c.keys(channel)]
         if not there:
             return False
-        if trial.gain < MINOR * evidences.channel_gain(channel, choices):
+        minor = max(MINOR_BESIDE.get(c.effect, MINOR) for c in there)
+        if trial.gain < minor * evidences.channel_gain(channel, choices):
             continue
         extra = [pair for c in there for pair in wider_keys(evidences, c.effect, channel)]
         more = evidences.channel_gain(channel, [*choices, trial.choice], extra)

@@ -24,7 +24,7 @@ WIDER = {
     "viscous_change": ("generic:velocity",), "nonlinear_viscous": ("generic:velocity",),
     "friction_level_change": ("generic:velocity", "generic:friction in time"),
     "frictional_lag": ("generic:velocity",), "rising_static_friction": ("generic:velocity",),
-    "presliding_creep": ("generic:time",), "torque_ripple": ("generic:position",),
+    "presliding_creep": (), "torque_ripple": (),
     "payload_change": ("generic:velocity",),
     "amplifier_offset": ("generic:voltage",), "amplifier_gain": ("generic:voltage",),
     "amplifier_deadband": ("generic:voltage",), "resistance_rise": ("generic:voltage",),

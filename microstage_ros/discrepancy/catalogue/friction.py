@@ -18,8 +18,8 @@ CALM = 201                                           # periods
 PROFILE_PRIOR = 0.2                                  # relative; what was not visited stays at the nominal friction
 PROFILE_STDERR = 0.08                                # friction along the stroke is told only where it is known this well
 COARSE = 4                                           # periods per step of the replays for candidates
-CREEP_SCALES = (0.01, 0.05, 0.3)                     # s
-CREEP_RELEASE, CREEP_STEP = 1.0e-6, 1.0e-9           # m
+CREEPS = ((0.015, 2.0e-8), (0.06, 2.0e-8), (0.06, 8.0e-8), (0.3, 2.0e-8), (0.3, 8.0e-8))   # s, m
+CREEP_RELEASE = 1.0e-6                               # m
 
 
 def _changed(channel, frame, speed=None, **how):
@@ -124,13 +124,13 @@ def _calm_speed(prepared):
     return np.abs(triangle(prepared.speed, CALM))
 
 
-def presliding_creep(scale):
-    """Sticking blocks flow by A/(t + scale) · F/F_max, t since the contact moved: derivative by A."""
+def presliding_creep(scale, amplitude):
+    """Sticking blocks flow by A/(t + scale) · F_j/F_j,max, t since the contact moved; per metre of A around ``amplitude``."""
     def columns(channel, frame):
-        p, drive = channel.prepared, frame.drive
-        held = _clock(np.abs(p.speed), p.period, CREEP_RELEASE)
-        flow = CREEP_STEP / (held + scale) * p.actuator / sliding_limit(drive.actuator, np.zeros(1))
-        return _changed(channel, frame, p.speed - flow) / CREEP_STEP
+        p = channel.prepared
+        held = _clock(_calm_speed(p), p.period, CREEP_RELEASE)[::COARSE]
+        flow = amplitude / frame.drive.radius * COARSE * p.period / (held + scale)
+        return _changed(channel, frame, flow=flow) / amplitude
     return columns
 
 
@@ -161,7 +161,6 @@ FORMS = (
     *(Form("frictional_lag", "torque", f"{t:g}", frictional_lag(t), _lag_sizes(t), lambda b: b[0] > 0) for t in LAGS),
     *(Form("rising_static_friction", "torque", f"{s:g},{r:g}", rising_static(s, r),
            one("rate_per_decade", "1", extra={"dwell_scale_s": s, "release_m": r}), lambda b: b[0] > 0) for s, r in AGING),
-    *(Form("presliding_creep", "torque", f"{s:g}", presliding_creep(s),
-           one("amplitude_m", "m", extra={"time_s": s, "release_m": CREEP_RELEASE}), lambda b: b[0] > 0)
-      for s in CREEP_SCALES),
+    *(Form("presliding_creep", "torque", f"{s:g},{a:g}", presliding_creep(s, a),
+           one("amplitude_m", "m", extra={"time_s": s, "release_m": CREEP_RELEASE}), lambda b: b[0] > 0) for s, a in CREEPS),
 )

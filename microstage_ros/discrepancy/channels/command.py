@@ -20,10 +20,10 @@ class Command:
     def __init__(self, prepared, drive):
         self.prepared, self.drive = prepared, drive
         p = prepared
-        self.command = p.answered
+        self.command = p.commanded
         self.winding = p.period * drive.resistance / drive.inductance
         voltage = drive.resistance * p.settled + drive.back_emf / drive.lever * p.speed
-        self.residual = voltage - p.answered
+        self.residual = voltage - p.commanded
         spread = np.subtract(*np.percentile(self.fast(self.residual[:, None])[:, 0], [75.0, 25.0])) / 1.349
         self.noise = max(spread, 0.5e-3)
 

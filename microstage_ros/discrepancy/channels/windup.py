@@ -14,6 +14,7 @@ from microstage_ros.discrepancy.whitening import whiten_states
 BLOCK = 200
 SPREAD = 1.0e-2      # m: the walk as a first-order process so wide that it forgets nothing
 READING = 1.0e-9     # m: mean of a block that does not move
+EDGE = 0.5           # share of a sudden change that a block's mean may miss
 FRICTION = 0.06      # relative standard deviation of the guideway's friction, over 100 µm of travel
 
 
@@ -60,7 +61,10 @@ class Windup:
         spread = np.subtract(*np.percentile(change, [75, 25])) / 1.349
         nominal = 1.0e-3 * self.prepared.period * np.sqrt(BLOCK) * self.drive.lever / self.drive.back_emf
         walk = float(np.clip(spread, nominal, 1.7 * nominal))
-        return walk, READING**2 + np.maximum(rattle**2 - 4.0 * usual**2, 0.0)
+        # where the load turns round within a block, its mean depends on the very moment
+        edge = EDGE * np.maximum(np.abs(change) - 4.0 * walk, 0.0)
+        edge = np.maximum(np.append(edge, 0.0), np.insert(edge, 0, 0.0))
+        return walk, READING**2 + np.maximum(rattle**2 - 4.0 * usual**2, 0.0) + edge**2
 
     def nuisance(self):
         """Readings late by some tenths of a period are a matter of stamps, not of the axis; and the start is free."""
