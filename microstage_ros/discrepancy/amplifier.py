@@ -18,9 +18,11 @@ GAIN = next(form for form in FORMS if not form.named)
 LEAST_GAIN = 60.0
 LEAST_TIME = 4.0e-6      # s: a few hundredths of a period are a matter of stamps
 LAG_ERROR = 0.05         # share of a lag that gain and lag cannot tell apart above 1 kHz
+DELAY_ERROR = 0.02       # of a period: next to a whole one, what is left of it hardly shows
 LATE = 2.0e-5            # s
 DOMINANCE = 0.5          # of the gain of the strongest form, accepted or not, that the answer must reach
 LONGEST = 64             # periods
+DELAY_STEPS = np.arange(-0.75, 0.76, 0.05)   # periods
 CLEAR = 0.03             # relative difference of χ² by which delay and lag must differ
 
 
@@ -123,8 +125,10 @@ def _refine(fast, trial, period):
         one = _form(form.effect, float(time), period)
         return -fast.gather("command", [one, GAIN], "learn").reduction([one.key], np.ones(1))
 
-    if form.effect == "transport_delay" and start >= period:   # the next delay but one repeats the command as well
-        low, high = start - 0.75 * period, start + 0.75 * period
+    if form.effect == "transport_delay" and start >= period:
+        # within a period the winding makes much of a little: a narrow optimum beside a broad one
+        start = min(start + DELAY_STEPS * period, key=loss)
+        low, high = start - 0.05 * period, start + 0.05 * period
     else:
         low, high = (0.01 * start, 1.3 * start) if beta < 0.4 else (0.6 * start, 1.7 * start)
     found = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": 2e-3 * start, "maxiter": 14})
@@ -132,5 +136,5 @@ def _refine(fast, trial, period):
     step = 0.02 * time
     bend = (loss(time - step) + loss(time + step) - 2.0 * found.fun) / step**2
     stderr = float(np.sqrt(2.0 / bend)) if bend > 0 else step
-    share = LAG_ERROR if form.effect == "actuator_lag" else 0.005
-    return -float(found.fun), form.effect, time, float(np.hypot(max(stderr, 1.0e-7), share * time))
+    form_error = LAG_ERROR * time if form.effect == "actuator_lag" else DELAY_ERROR * period
+    return -float(found.fun), form.effect, time, float(np.hypot(stderr, form_error))

@@ -26,9 +26,11 @@ from microstage_ros.discrepancy.systematic import SYSTEMATIC
 from microstage_ros.discrepancy.timing import readings_late
 
 EFFECTS = tuple(sorted({form.effect for form in FORMS if form.named and form.channel != "command"}))
-SLOW_SHARE = 0.01       # of the χ² of a slow amplifier that a further electrical cause must hold
 RATTLED = 0.4           # share of the command's χ² that a slow amplifier must hold beside a gap
-RATTLE_SHARE = 0.01     # of the χ² of a gap that any further cause must hold: rattle is not followed to the last nanometre
+#: Shares of the χ² of a slow amplifier, or of a gap, that a further cause must hold in these channels: neither is
+#: modelled to the last nanometre.
+SLOW_SHARE = {"windup": 0.01, "resonance": 0.01, "torque": 0.002}
+RATTLE_SHARE = {"windup": 0.01, "resonance": 0.01, "torque": 0.05}
 GENERIC = tuple(form for form in FORMS if not form.named)
 
 
@@ -61,19 +63,23 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
     evidences = collection.evidences([form for form in FORMS if form.channel != "command"])
     choices, _ = select(evidences, effects)
     if slow is not None:  # a slow amplifier is never modelled to the last nanometre
-        choices = [c for c in choices if not {f.channel for f in c.forms} <= {"windup", "resonance"}
-                   or evidences.held_gain(choices) - evidences.held_gain([o for o in choices if o is not c])
-                   > SLOW_SHARE * slow.held]
+        choices = _clear_of(evidences, choices, slow.held, SLOW_SHARE)
     if gap is not None:
-        choices = [c for c in choices if {f.channel for f in c.forms} == {"position"}
-                   or evidences.held_gain(choices) - evidences.held_gain([o for o in choices if o is not c])
-                   > RATTLE_SHARE * (gap.held_before - gap.held_after)]
+        choices = _clear_of(evidences, choices, gap.held_before - gap.held_after, RATTLE_SHARE)
     rivals = {c.effect: judge.rivals_of(evidences, c, choices, effects) for c in choices}
     refined = refine(collection, choices)
     if refined != choices:
         evidences, choices = _final(collection, refined)
     choices = judge.without_strangers(evidences, choices)
     return _answer(collection, evidences, choices, rivals, (slow, gap, lines), holdout, notes, seed)
+
+
+def _clear_of(evidences, choices, held, shares):
+    """Choices that hold more, on held-out records, than what a cause of χ² ``held`` may leave in their channels."""
+    def part(choice):
+        return evidences.held_gain(choices) - evidences.held_gain([o for o in choices if o is not choice])
+
+    return [c for c in choices if part(c) > held * min(shares.get(form.channel, 0.0) for form in c.forms)]
 
 
 def _unfollowed(groups, prepared, drive):

@@ -14,7 +14,7 @@ SMOOTHING = 1.0                                     # s, of the air and temperat
 def encoder_sde(period):
     """Two harmonics of the signal period; β = −(s₁, c₁, s₂, c₂) of the encoder's error."""
     def columns(channel, frame):
-        angle = 2.0 * np.pi * channel.prepared.position / period
+        angle = 2.0 * np.pi * channel.prepared.stage_position / period
         return -channel.mean(np.stack([np.sin(angle), np.cos(angle), np.sin(2 * angle), np.cos(2 * angle)], axis=1))
     return columns
 

@@ -21,7 +21,8 @@ class Position:
 
     def __init__(self, prepared, drive):
         self.prepared, self.drive = prepared, drive
-        self.time, self.position, self.speed = (self.mean(v) for v in (prepared.time, prepared.position, prepared.speed))
+        self.time, self.position, self.speed = (self.mean(v) for v in (
+            prepared.time, prepared.stage_position, prepared.stage_speed))
         difference = prepared.interferometer - prepared.encoder
         self.residual = self.mean(difference)
         self.residual -= np.median(self.residual)
