@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from microstage_ros.axis.compiled import compiled
+from microstage_ros.axis.compiled import inlined, internal
 from microstage_ros.axis.linear_core import TICKS
 from microstage_ros.axis.random import normal
 from microstage_ros.axis.records import DELAY
@@ -12,12 +12,12 @@ from microstage_ros.axis.records import DELAY
 REBUILD = 2e-4                 # relative change of the resistance that remakes the matrices
 
 
-@compiled
+@inlined
 def amplifier_output(plant, state, voltage):
     """u_a = clip(gain · dead(DAC(u) + offset) + noise): V at the motor, or N on a force-driven stage."""
     u = min(max(voltage, -plant.dac_range), plant.dac_range)
     if plant.quantum > 0.0:
-        u = plant.quantum * np.rint(u / plant.quantum)
+        u = plant.quantum * np.rint(u * plant.per_quantum)
     u += plant.amplifier_offset
     if plant.dead_half > 0.0:
         u = math.copysign(max(abs(u) - plant.dead_half, 0.0), u)
@@ -27,7 +27,7 @@ def amplifier_output(plant, state, voltage):
     return min(max(u, -plant.limit), plant.limit)
 
 
-@compiled
+@internal
 def delayed_output(plant, state, u):
     """(output until the split, output after it, split in ticks) of a delay by whole and broken periods."""
     state.pending[state.pending_at] = u
@@ -40,7 +40,7 @@ def delayed_output(plant, state, u):
     return before, now, split
 
 
-@compiled
+@internal
 def lag_output(plant, state, target, share):
     """Mean output of a lagging amplifier over a ``share`` of the period; moves its state to the end of it."""
     pace = share * plant.period / plant.actuator_lag
@@ -50,7 +50,7 @@ def lag_output(plant, state, target, share):
     return target + gap * (1.0 - fade) / pace
 
 
-@compiled
+@internal
 def warm_up(plant, state, work):
     """dh/dt = rise R i² − h/τ over one period; matrices of another resistance are dropped."""
     power = plant.resistance * (1.0 + state.heat) * state.current * state.current

@@ -46,7 +46,7 @@ def best_of(action, repeats=5):
 def step_rows(axis, periods=100_000):
     """Time per control period of one axis without noise, one core, by kind of ride; memory growth over many steps."""
     plant = make_plant(axis, NoiseSpec.none())
-    work, readings, nothing = new_work(), new_readings(), np.empty((0, len(COLUMNS)))
+    work, readings, nothing = new_work(plant), new_readings(), np.empty((0, len(COLUMNS)))
     t = np.arange(periods) * plant["period"]
     rows = []
     for name, ride in RIDES.items():
@@ -63,7 +63,7 @@ def step_rows(axis, periods=100_000):
 def noisy_row(axis, periods=100_000):
     """Time per period with all noise, random friction and sensors read."""
     plant = make_plant(axis)
-    work, readings, trace = new_work(), new_readings(), np.empty((periods, len(COLUMNS)))
+    work, readings, trace = new_work(plant), new_readings(), np.empty((periods, len(COLUMNS)))
     voltage = RIDES["sliding"](np.arange(periods) * plant["period"])
     run = lambda: run_open_loop(plant, new_state(plant), work, readings, voltage, trace)
     run()
@@ -116,7 +116,7 @@ def peer_rows(axis, periods=20):
 def memory_row(axis, periods=2_000_000):
     """Growth of the process's resident memory over many steps, after the first have run."""
     plant = make_plant(axis)
-    work, readings, nothing = new_work(), new_readings(), np.empty((0, len(COLUMNS)))
+    work, readings, nothing = new_work(plant), new_readings(), np.empty((0, len(COLUMNS)))
     state, voltage = new_state(plant), RIDES["sliding"](np.arange(100_000) * plant["period"])
     run_open_loop(plant, state, work, readings, voltage, nothing)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -13,6 +13,7 @@ import pathlib
 import sys
 
 import numba
+from numba.extending import intrinsic, overload  # noqa: F401  (the rest of the package has them from here)
 
 PACKAGE = pathlib.Path(__file__).resolve().parent.parent
 ROOMS_BELOW = {"axis": ("axis",), "control": ("axis", "control")}  # any other room: all
@@ -49,3 +50,13 @@ def compiled(function=None, **options):
     room = (function.__module__.split(".") + ["", ""])[1]
     numba.config.CACHE_DIR = cache_folder(room)  # numba reads it when the decorator runs
     return numba.njit(**{"cache": True, "nogil": True, "error_model": "numpy", **options})(function)
+
+
+def internal(function=None, **options):
+    """`compiled` for a function that only compiled code calls: without its door for Python, half the compiling."""
+    return compiled(function, no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)
+
+
+def inlined(function):
+    """`internal`, put into its caller by the compiler: for what every period runs through, called from few places."""
+    return internal(function, forceinline=True)

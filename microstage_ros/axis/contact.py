@@ -13,30 +13,31 @@ import math
 
 import numpy as np
 
-from microstage_ros.axis.compiled import compiled
-from microstage_ros.axis.laws.registry import advance_law
+from microstage_ros.axis.compiled import compiled, inlined, internal
 from microstage_ros.axis.records import BLOCKS, CELLS, OCTAVES
+from microstage_ros.axis.vectors import fused
 
 LOWEST_OCTAVE = -18
 _BASE = (1023 + LOWEST_OCTAVE) * CELLS
 _LOW = 2.0**LOWEST_OCTAVE
 _FRACTION_BITS = 48                       # mantissa bits below the cell's four
 _FRACTION_MASK = (1 << _FRACTION_BITS) - 1
-_FRACTION_UNIT = 1.0 / (1 << _FRACTION_BITS)
+_ONE = 1023 << 52                         # the bits of 1.0
+_POWER_MASK = 0x7FF << 52
 
 
 def stribeck_table(exponent):
     """Cubic pieces of exp(−y^δ) on CELLS cells per octave of y = |w/V| from 2^-18 (Chebyshev nodes).
 
-    Shape (OCTAVES·CELLS, 4): coefficients of 1, t, t², t³, t in [0, 1) across the cell. The cell and t
-    are read off the bits of y, so a look-up costs no logarithm. Relative error below 2e-8
+    Shape (OCTAVES·CELLS, 4): coefficients of 1, z, z², z³; z the mantissa of y beyond the cell's lower edge.
+    Cell and z are read off the bits of y, so a look-up costs no logarithm. Relative error below 2e-8
     (2e-6 below 2^-18, where it is a straight line).
     """
     start = 2.0 ** (LOWEST_OCTAVE + np.repeat(np.arange(OCTAVES), CELLS))
     cell = np.tile(np.arange(CELLS), OCTAVES)
     nodes = 0.5 - 0.5 * np.cos(np.pi * (np.arange(4) + 0.5) / 4)
     y = start[:, None] * (1.0 + (cell[:, None] + nodes[None, :]) / CELLS)
-    return np.exp(-(y**exponent)) @ np.linalg.inv(np.vander(nodes, 4, increasing=True)).T
+    return np.exp(-(y**exponent)) @ np.linalg.inv(np.vander(nodes, 4, increasing=True)).T * float(CELLS) ** np.arange(4)
 
 
 @compiled
@@ -52,19 +53,40 @@ def limit(contact, w):
         cell = (bits >> _FRACTION_BITS) - _BASE
         if cell >= OCTAVES * CELLS:
             return contact.coulomb
-        t = (bits & _FRACTION_MASK) * _FRACTION_UNIT
-        c = contact.stribeck[cell]
-        fade = c[0] + t * (c[1] + t * (c[2] + t * c[3]))
+        z = np.int64((bits & _FRACTION_MASK) | _ONE).view(np.float64) - 1.0
+        c = contact.stribeck[np.uint64(cell)]
+        fade = c[0] + z * (c[1] + z * (c[2] + z * c[3]))
     return contact.coulomb + (contact.static - contact.coulomb) * fade
 
 
-@compiled
+@inlined
+def limit_and_slopes(contact, w):
+    """s(w) as `limit`, ds/dw and (d²s/dw²)/2 of the cubic piece that w lies on; without factors, for w > 0."""
+    y = w * contact.per_velocity
+    if contact.drops == 0 or y < _LOW:
+        return limit(contact, w), 0.0, 0.0
+    bits = np.float64(y).view(np.int64)
+    cell = (bits >> _FRACTION_BITS) - _BASE
+    if cell >= OCTAVES * CELLS:
+        return contact.coulomb, 0.0, 0.0
+    z = np.int64((bits & _FRACTION_MASK) | _ONE).view(np.float64) - 1.0
+    scale = np.int64(2 * _ONE - (bits & _POWER_MASK)).view(np.float64) * contact.per_velocity      # dz/dw
+    c = contact.stribeck[np.uint64(cell)]
+    drop = contact.static - contact.coulomb
+    low, high, square = fused(z, c[1], c[0]), fused(z, c[3], c[2]), z * z
+    bend = fused(2.0 * z, c[3], high)
+    slope = fused(z, bend + high, c[1])
+    scale_drop = scale * drop
+    return fused(drop, fused(square, high, low), contact.coulomb), scale_drop * slope, (scale_drop * scale) * bend
+
+
+@inlined
 def direction_factor(contact, w):
     """1 ± asymmetry, by the direction of motion."""
     return 1.0 + contact.asymmetry if w > 0.0 else 1.0 - contact.asymmetry
 
 
-@compiled
+@internal
 def _flush(contact, c):
     """Add the travel since the last flush to the sticking blocks' forces."""
     for j in range(BLOCKS):
@@ -74,41 +96,48 @@ def _flush(contact, c):
 
 @compiled
 def regroup(contact, c):
-    """Recompute from the blocks: their sums, the mode's mask, and the travel free of events."""
+    """Recompute from the blocks: their sums and the mode's mask; nothing is known to be free of events."""
     _flush(contact, c)
     force, stiffness, mask = 0.0, 0.0, 0
-    safe = c.factor * (1.0 - abs(contact.asymmetry)) * min(contact.coulomb, contact.static)
-    c.ahead, c.behind = np.inf, np.inf
     for j in range(contact.blocks):
         if c.stuck[j] == 1.0:
             force += contact.weight[j] * c.force[j]
             stiffness += contact.weight[j] * contact.kappa[j]
             mask |= 1 << j
-            c.ahead = min(c.ahead, (safe - c.force[j]) / contact.kappa[j])
-            c.behind = min(c.behind, (safe + c.force[j]) / contact.kappa[j])
-    c.stuck_weight_force, c.stuck_stiffness, c.mask = force, stiffness, mask
+    c.stuck_weight_force, c.stuck_stiffness, c.mask, c.guard = force, stiffness, mask, -1.0
 
 
-@compiled
+@inlined
 def crosses(contact, c, travel, w):
-    """Whether after ``travel`` a sticking block has reached its limit at velocity w.
+    """Whether after ``travel`` a sticking block has reached its limit at velocity w."""
+    if travel < c.ahead and -travel < c.behind and abs(w) < c.guard:
+        return False
+    return _reaches(contact, c, travel, w)
+
+
+@internal
+def _reaches(contact, c, travel, w):
+    """`crosses` in full; if not, finds the travel that is free of events up to twice this speed.
 
     The direction is that of the travel: the velocity may have changed sign at the very end.
     """
-    if travel < c.ahead and -travel < c.behind:
-        return False
+    _flush(contact, c)
     sign = 1.0 if travel > 0.0 else -1.0
-    most, stretch = -1e300, c.stretch + travel
-    for j in range(BLOCKS):
-        f = (c.force[j] + contact.kappa[j] * stretch) * sign
-        most = max(most, f if c.stuck[j] == 1.0 else -1e300)
-    scale = c.factor * direction_factor(contact, sign)
-    if most < scale * min(contact.coulomb, contact.static):
-        return False
-    return most >= scale * limit(contact, w)
+    top = c.factor * direction_factor(contact, sign) * limit(contact, w)
+    for j in range(contact.blocks):
+        if c.stuck[j] == 1.0 and (c.force[j] + contact.kappa[j] * travel) * sign >= top:
+            return True
+    c.guard = 2.0 * abs(w) + 1e-3 * contact.velocity
+    safe = c.factor * (1.0 - abs(contact.asymmetry)) * min(limit(contact, c.guard), contact.static)
+    c.ahead, c.behind = np.inf, np.inf
+    for j in range(contact.blocks):
+        if c.stuck[j] == 1.0:
+            c.ahead = min(c.ahead, (safe - c.force[j]) / contact.kappa[j])
+            c.behind = min(c.behind, (safe + c.force[j]) / contact.kappa[j])
+    return False
 
 
-@compiled
+@inlined
 def move_stuck(c, travel):
     """Stretch the sticking blocks by ``travel``; their own forces are brought up to date when needed."""
     c.stretch += travel
@@ -117,7 +146,7 @@ def move_stuck(c, travel):
     c.stuck_weight_force += c.stuck_stiffness * travel
 
 
-@compiled
+@internal
 def stick_all(contact, c):
     """The velocity changed sign: every block sticks with the force it has."""
     _flush(contact, c)
@@ -144,11 +173,10 @@ def release(contact, c, travel, w):
             _join(contact, c, j, sign, top)
             changed = True
     if changed:
-        c.slip_limit = top
         regroup(contact, c)
 
 
-@compiled
+@internal
 def _join(contact, c, j, sign, top):
     """Block j begins to slip: the common force is the weighted mean, the differences are kept."""
     own = top if math.isinf(contact.attraction) else c.force[j] * sign
@@ -162,7 +190,7 @@ def _join(contact, c, j, sign, top):
     c.slip_force, c.slip_weight, c.slip_offset, c.direction = mean, before + weight, 1.0, sign
 
 
-@compiled
+@inlined
 def block_force(c):
     """Σ F_j of all blocks, with sign, or the force of the contact's other law; without the viscous part."""
     return c.stuck_weight_force + c.direction * c.slip_weight * c.slip_force + c.law_force
@@ -178,15 +206,8 @@ def slide(contact, c, w):
     release(contact, c, sign, w)
 
 
-@compiled
+@internal
 def settle_limit(contact, c, w):
     """For blocks that follow their limit at once (C infinite): put the slip force on it."""
     if c.slip_weight > 0.0 and math.isinf(contact.attraction):
         c.slip_force = c.factor * direction_factor(contact, w) * limit(contact, w)
-
-
-@compiled
-def follow_law(contact, c, w0, w1, h):
-    """Carry a contact with another law of the library over a chunk, velocity linear from w0 to w1."""
-    c.law_before = c.law_force
-    c.law_force = advance_law(contact.law - 1, contact.law_parameters, c.law_state, w0, w1, h, c.factor)

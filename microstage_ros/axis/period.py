@@ -8,7 +8,7 @@ import numpy as np
 
 from microstage_ros.axis.compiled import compiled
 from microstage_ros.axis.sensors import read_sensors
-from microstage_ros.axis.step import advance
+from microstage_ros.axis.step import advance, note_friction
 
 
 def as_array(record):
@@ -18,8 +18,9 @@ def as_array(record):
 
 @compiled
 def read(plants, states, readings):
-    """`read_sensors` of the only record of each array."""
+    """`read_sensors` and `note_friction` of the only record of each array."""
     read_sensors(plants[0], states[0], readings[0])
+    note_friction(plants[0], states[0])
 
 
 @compiled
@@ -27,3 +28,4 @@ def advance_and_read(plants, states, works, readings, voltage):
     """`advance` by one period with ``voltage`` [V], then `read_sensors`, of the only record of each array."""
     advance(plants[0], states[0], works[0], voltage)
     read_sensors(plants[0], states[0], readings[0])
+    note_friction(plants[0], states[0])

@@ -16,6 +16,9 @@ from microstage_ros.axis.step import lead_error
 
 LAW_LEVEL = 4                  # chunks of T/16 for laws that are not made of blocks
 OTHER_LAWS = ("dahl", "lugre", "elasto_plastic", "leuven", "hsieh_pan")
+#: Fields of a plant by which an effect acts on the readings.
+SENSING = ("late", "jitter", "lost", "sde_amplitude", "scale", "drift_amplitude", "drift_rate", "drift_expansion", "air_temperature_rate",
+           "air_pressure_rate", "air_temperature_swing", "air_pressure_swing", "lines", "stage_temperature_rise")
 BRISTLE = 100.0                # Coulomb contact: natural frequency of its bristle times the control period
 
 
@@ -106,9 +109,19 @@ def _set_flags(plant):
     plant["varies"] = int(plant["modulated"] or plant["actuator"]["random"] > 0.0 or plant["guideway"]["random"] > 0.0)
     extra = plant["smooth"] or plant["leads"] or plant["lead_slope"] or plant["cable"] or plant["gap"] or plant["rigid"]
     plant["plain"] = int(not extra)
+    plant["random_share_root"], plant["random_rest_root"] = math.sqrt(plant["random_share"]), math.sqrt(1.0 - plant["random_share"])
+    plant["rate"] = 1.0 / plant["period"]
+    plant["simple"] = int(not plant["electrical"] and plant["base_level"] == 0)
+    plant["sensing"] = int(any(np.any(plant[name]) for name in SENSING))
     plant["per_gear"] = 1.0 / plant["gear"]
+    for name in ("quantum", "count"):
+        size = plant["quantum" if name == "quantum" else "encoder_count"]
+        plant[f"per_{name}"] = 1.0 / size if size else 0.0
     for name in ("actuator", "guideway"):
-        plant[name]["per_velocity"] = 1.0 / plant[name]["velocity"]
+        contact = plant[name]
+        contact["per_velocity"] = 1.0 / contact["velocity"]
+        contact["follows"] = int(contact["lag"] > 0.0 or (name == "guideway" and contact["drops"]))
+        contact["smooth_slip"] = int(math.isfinite(contact["attraction"]) and contact["lag"] == 0.0)
 
 
 def _fill_transmission(plant, axis):

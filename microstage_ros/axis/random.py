@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from microstage_ros.axis.compiled import compiled
+from microstage_ros.axis.compiled import compiled, internal
 
 LAYERS = 128
 TAIL = 3.442619855899          # right end of the base layer
@@ -28,6 +28,7 @@ def _layers():
 
 EDGE, SAFE = _layers()
 UNIT = 1.0 / (1 << 53)
+SIGNED_UNIT = 1.0 / (1 << 52)  # of 53 bits with sign
 _7, _11, _17, _19, _23, _41, _45 = (np.uint64(n) for n in (127, 11, 17, 19, 23, 41, 45))
 
 
@@ -36,7 +37,7 @@ def seed_state(seed):
     return np.random.SeedSequence(seed).generate_state(4, np.uint64)
 
 
-@compiled(inline="never")
+@compiled(forceinline=True)
 def next_bits(s):
     """Next 64 random bits; advances the state ``s`` (uint64[4])."""
     total = s[0] + s[3]
@@ -57,15 +58,21 @@ def uniform(s):
     return (next_bits(s) >> _11) * UNIT
 
 
-@compiled
+@compiled(forceinline=True)
 def normal(s):
     """Standard normal deviate."""
+    bits = next_bits(s)
+    i = bits & _7
+    u = (np.int64(bits) >> 11) * SIGNED_UNIT
+    if abs(u) < SAFE[i]:
+        return u * EDGE[i]
+    return _rare_normal(s, np.int64(i), u)
+
+
+@internal
+def _rare_normal(s, i, u):
+    """`normal` outside the inner rectangle of layer i (one draw in eighty)."""
     while True:
-        bits = next_bits(s)
-        i = np.int64(bits & _7)
-        u = 2.0 * ((bits >> _11) * UNIT) - 1.0
-        if abs(u) < SAFE[i]:
-            return u * EDGE[i]
         if i == 0:
             x = -math.log(1.0 - uniform(s)) / TAIL
             y = -math.log(1.0 - uniform(s))
@@ -78,3 +85,8 @@ def normal(s):
         f1 = math.exp(-0.5 * (EDGE[i + 1] ** 2 - x * x))
         if f1 + uniform(s) * (f0 - f1) < 1.0:
             return x
+        bits = next_bits(s)
+        i = np.int64(bits & _7)
+        u = (np.int64(bits) >> 11) * SIGNED_UNIT
+        if abs(u) < SAFE[i]:
+            return u * EDGE[i]

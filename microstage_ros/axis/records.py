@@ -29,6 +29,7 @@ CONTACT = np.dtype([
     ("static", f8), ("coulomb", f8), ("velocity", f8), ("per_velocity", f8), ("exponent", f8),
     ("drops", i8),                 # 1: the limit falls with velocity (Stribeck)
     ("attraction", f8),            # C; inf: a slipping block is at its limit at once
+    ("smooth_slip", i8),           # 1: C is finite and s does not lag, see `slip.near`
     ("viscous", f8),
     ("stick_damping", f8),         # damping of the bristle while all blocks stick (regularised Coulomb)
     ("level", f8),                 # factor on the limits
@@ -36,6 +37,7 @@ CONTACT = np.dtype([
     ("viscous_asymmetry", f8),     # viscous × (1 + viscous_asymmetry sgn w)
     ("quadratic", f8), ("power", f8),          # extra force quadratic · |w|^power · sgn w
     ("saturation", f8),            # the |w| of that force ends at this speed; 0: it does not end
+    ("follows", i8),               # 1: something of it follows the velocity after each chunk, see `step._follow`
     ("lag", f8),                   # s follows |w| with this time constant
     ("aging_rate", f8), ("aging_time", f8), ("aging_release", f8),
     ("creep_amplitude", f8), ("creep_time", f8), ("creep_release", f8),
@@ -49,11 +51,11 @@ CONTACT = np.dtype([
 
 #: One machine.
 PLANT = np.dtype([
-    ("period", f8), ("ratio", f8),             # ratio r/N: metres per motor radian
+    ("period", f8), ("rate", f8), ("ratio", f8),             # ratio r/N: metres per motor radian
     ("screw_ratio", f8), ("gear", f8), ("per_gear", f8),        # r, N, 1/N
     ("rigid", i8), ("force_drive", i8),
     ("gain", f8),                              # volts to volts, or volts to newtons
-    ("limit", f8), ("quantum", f8), ("dac_range", f8),
+    ("limit", f8), ("quantum", f8), ("per_quantum", f8), ("dac_range", f8),
     ("resistance", f8), ("inductance", f8), ("back_emf", f8), ("torque_constant", f8), ("inertia", f8),
     ("stiffness", f8), ("damping", f8), ("mass", f8),
     ("actuator", CONTACT), ("guideway", CONTACT),
@@ -68,14 +70,16 @@ PLANT = np.dtype([
     ("cog_amplitude", f8, RIPPLES), ("cog_number", f8, RIPPLES), ("cog_phase", f8, RIPPLES), ("cogs", i8),
     ("push", f8), ("cable", f8), ("anchor", f8),
     ("smooth", i8),                            # 1: a smooth extra force acts on the stage or the motor
+    ("simple", i8),                            # 1: a period may be one chunk under one voltage
     ("plain", i8),                             # 1: no extra force and no backlash
     ("modulated", i8),                         # 1: a limit factor depends on position or dwell, or blocks creep
     ("varies", i8),                            # 1: modulated, or the friction is random
     ("electrical", i8),                        # 1: dead zone, delay, lag, warming or amplifier noise
     # random friction
     ("random_length", f8), ("random_time", f8), ("random_share", f8), ("random_clip", f8),
+    ("random_share_root", f8), ("random_rest_root", f8),        # √share of the travel's part, √(1 − share) of the time's
     # sensors
-    ("encoder_count", f8), ("encoder_noise", f8), ("current_noise", f8), ("interferometer_noise", f8),
+    ("encoder_count", f8), ("per_count", f8), ("encoder_noise", f8), ("current_noise", f8), ("interferometer_noise", f8),
     ("late", f8), ("jitter", f8), ("lost", f8),
     ("sde_number", f8), ("sde_amplitude", f8, 3), ("sde_phase", f8, 3), ("scale", f8),
     ("drift_amplitude", f8), ("drift_time", f8), ("drift_rate", f8), ("drift_expansion", f8),
@@ -83,6 +87,7 @@ PLANT = np.dtype([
     ("air_temperature_swing", f8), ("air_pressure_swing", f8), ("air_swing_time", f8), ("air_compensated", i8),
     ("line_frequency", f8, LINES), ("line_amplitude", f8, LINES), ("line_phase", f8, LINES), ("lines", i8),
     ("stage_temperature_rise", f8), ("stage_temperature_time", f8),
+    ("sensing", i8),                           # 1: an effect acts on what the sensors say
 ])
 
 #: State of one contact.
@@ -96,11 +101,10 @@ CONTACT_STATE = np.dtype([
     ("slip_offset", f8),           # decay of the offsets since they were set
     ("direction", f8),             # sign of the slip
     ("slip_slope", f8),            # df/dt over the last chunk in slip, to start the next from
-    ("slip_limit", f8),            # λ s(w) at the end of the last chunk in slip
     ("law_state", f8, LAW), ("law_force", f8), ("law_before", f8), # of another law: state, force now and a chunk ago
     ("mask", i8),                  # bit j: block j sticks
     ("stretch", f8),               # travel not yet added to the sticking blocks' forces
-    ("ahead", f8), ("behind", f8), # travel that certainly brings no sticking block to its limit
+    ("ahead", f8), ("behind", f8), ("guard", f8),      # travel that brings no sticking block to its limit below this speed
     ("factor", f8),                # limit factor of this period
     ("q_travel", f8), ("q_time", f8), ("q", f8), ("random_travel", f8), ("random_wait", f8),
     ("lagged", f8),                # |w| seen by s when it lags
@@ -127,8 +131,10 @@ READINGS = np.dtype([
     ("stage_temperature", f8), ("air_temperature", f8), ("air_pressure", f8), ("air_humidity", f8),
 ])
 
-#: Work space of one thread: the mode matrices of one plant and one chunk's result.
-WORK = np.dtype([
-    ("key", i8, SLOTS), ("slot", i8), ("resistance", f8), ("out", f8, OUTPUTS),
-    ("matrix", f8, (SLOTS, LEVELS, INPUTS, OUTPUTS)),
-])
+#: Work space of one thread: the mode matrices of one plant, and how far the last event's chunk went.
+_MATRICES = [("matrix", f8, (SLOTS, LEVELS, INPUTS, OUTPUTS))]
+_MODES = [("key", i8, SLOTS), ("slot", i8), ("resistance", f8), ("turned", f8), ("moved", f8)]
+WORK = np.dtype(_MATRICES + _MODES)
+#: The same for plants with a contact law that is not made of blocks: its type says that such laws are compiled in.
+#: (Not at the end: numba takes a longer record for its beginning.)
+LAW_WORK = np.dtype([*_MATRICES, ("any_law", i8), *_MODES])

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from microstage_ros.axis.compiled import compiled
+from microstage_ros.axis.compiled import compiled, inlined, internal
 from microstage_ros.axis.random import normal, uniform
 
 AIR_TEMPERATURE, AIR_PRESSURE, AIR_HUMIDITY, STAGE_TEMPERATURE = 293.15, 101325.0, 0.5, 293.15
@@ -14,17 +14,44 @@ PER_KELVIN, PER_PASCAL = -0.93e-6, 2.7e-9      # first-order terms of the index 
 @compiled
 def read_sensors(plant, state, readings):
     """Fill ``readings`` (record `READINGS`): positions in m, current in A, angle in rad, K, Pa, 0…1."""
+    readings.motor_angle = state.theta
+    if plant.sensing == 1:
+        _disturbed_sensors(plant, state, readings)
+        return
+    state.last_encoder = readings.encoder = _counted(plant, state, state.x)
+    state.last_current = readings.current = state.current
+    if plant.current_noise > 0.0:
+        state.last_current = readings.current = state.current + plant.current_noise * normal(state.random)
+    readings.interferometer = state.x
+    if plant.interferometer_noise > 0.0:
+        readings.interferometer += plant.interferometer_noise * normal(state.random)
+    readings.air_temperature, readings.air_pressure, readings.air_humidity = AIR_TEMPERATURE, AIR_PRESSURE, AIR_HUMIDITY
+    readings.stage_temperature = STAGE_TEMPERATURE
+
+
+@inlined
+def _counted(plant, state, y):
+    """Position y [m] with the encoder's noise, in whole counts."""
+    if plant.encoder_noise > 0.0:
+        y += plant.encoder_noise * normal(state.random)
+    if plant.encoder_count > 0.0:
+        y = plant.encoder_count * np.rint(y * plant.per_count)
+    return y
+
+
+@internal
+def _disturbed_sensors(plant, state, readings):
+    """`read_sensors` with all that effects do to it."""
     t = state.time
     shake = _vibration(plant, t)
     readings.encoder, readings.current = _encoder_and_current(plant, state, shake)
-    readings.motor_angle = state.theta
     _surroundings(plant, t, readings)
     readings.interferometer = (
         state.x + shake + _drift(plant, t, readings) + plant.interferometer_noise * normal(state.random)
     )
 
 
-@compiled
+@internal
 def _encoder_and_current(plant, state, shake):
     late, lost = plant.late, False
     if plant.jitter > 0.0:
@@ -37,18 +64,14 @@ def _encoder_and_current(plant, state, shake):
         for n in range(3):
             if plant.sde_amplitude[n] != 0.0:
                 y += plant.sde_amplitude[n] * math.sin((n + 1) * plant.sde_number * x + plant.sde_phase[n])
-        if plant.encoder_noise > 0.0:
-            y += plant.encoder_noise * normal(state.random)
-        if plant.encoder_count > 0.0:
-            y = plant.encoder_count * np.rint(y / plant.encoder_count)
-        state.last_encoder = y
+        state.last_encoder = _counted(plant, state, y)
         state.last_current = state.current
         if plant.current_noise > 0.0:
             state.last_current += plant.current_noise * normal(state.random)
     return state.last_encoder, state.last_current
 
 
-@compiled
+@internal
 def _vibration(plant, t):
     shake = 0.0
     for k in range(plant.lines):
@@ -56,7 +79,7 @@ def _vibration(plant, t):
     return shake
 
 
-@compiled
+@internal
 def _surroundings(plant, t, readings):
     swing = math.sin(2.0 * math.pi * t / plant.air_swing_time)
     readings.air_temperature = AIR_TEMPERATURE + plant.air_temperature_rate * t + plant.air_temperature_swing * swing
@@ -68,7 +91,7 @@ def _surroundings(plant, t, readings):
         readings.stage_temperature += rise * (1.0 - math.exp(-t / plant.stage_temperature_time))
 
 
-@compiled
+@internal
 def _drift(plant, t, readings):
     """Interferometer − x: expansion of parts and, if the air is not compensated, its index [m]."""
     drift = plant.drift_rate * t + plant.drift_expansion * (readings.stage_temperature - STAGE_TEMPERATURE)

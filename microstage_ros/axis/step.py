@@ -11,21 +11,22 @@ import math
 import numpy as np
 
 from microstage_ros.axis.amplifier import amplifier_output, delayed_output, lag_output, warm_up
-from microstage_ros.axis.compiled import compiled
+from microstage_ros.axis.compiled import compiled, inlined, internal
 from microstage_ros.axis.contact import (
-    block_force, crosses, direction_factor, follow_law, limit, move_stuck, release, settle_limit, stick_all,
+    block_force, crosses, direction_factor, limit, limit_and_slopes, move_stuck, release, settle_limit, stick_all,
 )
-from microstage_ros.axis.linear_core import (
-    F0, F1, I, O_I, O_OMEGA, O_OMEGA_MID, O_THETA, O_V, O_X, OMEGA, T0, T1, T2, TICKS, V, build_mode,
-)
-from microstage_ros.axis.records import LEVELS, OUTPUTS, SLOTS
-from microstage_ros.axis.slip import decay, relax
+from microstage_ros.axis.linear_core import F1, O_I, O_OMEGA, O_OMEGA_MID, O_THETA, O_V, O_X, T1, T2, TICKS, build_mode
+from microstage_ros.axis.other_laws import any_law, follow_law
+from microstage_ros.axis.records import LEVELS, SLOTS
+from microstage_ros.axis.slip import NEAR, decay, near, relax
 from microstage_ros.axis.variability import vary
+from microstage_ros.axis.vectors import add_columns, fused, mode_rows
 
 BEND = 2e-3                    # largest second difference of s(w) over a chunk, of the static limit
 FINEST_BEND = 7                # level below which a bend is no longer refined
 LAG_SPANS = 16                 # pieces of a period in which a lagging amplifier's output is constant
-U = 3                          # input column of the voltage
+COUNT = 2.0 ** np.arange(LEVELS)          # chunks of a level in a period
+SHARE = 0.5 ** np.arange(LEVELS)          # length of a level's chunk, of the period
 
 
 @compiled
@@ -37,6 +38,19 @@ def advance(plant, state, work, voltage):
     u = amplifier_output(plant, state, voltage)
     if plant.varies == 1:
         vary(plant, state)
+    if plant.simple == 1:
+        state.voltage = u
+        if _chunk(plant, state, work, u, _slot(plant, state, work), 0) != 1:
+            _walk(plant, state, work, u, 0, TICKS)
+    else:
+        _advance_pieces(plant, state, work, u)
+    state.time += plant.period
+    state.periods += 1
+
+
+@internal
+def _advance_pieces(plant, state, work, u):
+    """A period whose voltage changes inside it (delay, lag), or that is always walked in parts."""
     late, split, pieces = u, 0, 1
     if plant.electrical == 1:
         warm_up(plant, state, work)
@@ -54,15 +68,18 @@ def advance(plant, state, work, voltage):
             state.voltage = lag_output(plant, state, target, (end - start) / TICKS)
         else:
             state.voltage = target
-        _span(plant, state, work, state.voltage, start, end)
+        _walk(plant, state, work, state.voltage, start, end)
         start = end
-    state.time += plant.period
-    state.periods += 1
+
+
+@compiled
+def note_friction(plant, state):
+    """Write the friction of both contacts at this moment into the state [N m at the motor, N]."""
     state.torque_friction = block_force(state.actuator) + plant.actuator.viscous * state.omega * plant.per_gear
     state.guide_friction = block_force(state.guideway) + plant.guideway.viscous * state.v
 
 
-@compiled
+@inlined
 def _slot(plant, state, work):
     """Slot of the present mode, as it was left; looked up only if the matrices were dropped."""
     if work.slot < 0:
@@ -70,7 +87,7 @@ def _slot(plant, state, work):
     return work.slot
 
 
-@compiled
+@internal
 def _mode(plant, state, work):
     """Slot of the matrices of the present mode, made if it is new."""
     ca, cg = state.actuator, state.guideway
@@ -79,6 +96,8 @@ def _mode(plant, state, work):
     slot = (key ^ (key >> 6) ^ (key >> 11)) & (SLOTS - 1)
     if work.key[slot] != key:
         a, g = plant.actuator, plant.guideway
+        if a.law + g.law > 0 and not any_law(work):
+            raise ValueError("the work record was made for a plant with block friction: new_work(plant)")
         damp_a = a.viscous + (a.stick_damping if ca.slip_weight == 0.0 else 0.0)
         damp_g = g.viscous + (g.stick_damping if cg.slip_weight == 0.0 else 0.0)
         if math.isnan(work.resistance):
@@ -88,8 +107,8 @@ def _mode(plant, state, work):
     return slot
 
 
-@compiled
-def _span(plant, state, work, u, start, end):
+@internal
+def _walk(plant, state, work, u, start, end):
     """Walk from tick ``start`` to tick ``end`` of the period with the amplifier at ``u``."""
     slot = _slot(plant, state, work)
     base = plant.base_level
@@ -112,104 +131,105 @@ def _span(plant, state, work, u, start, end):
             level -= 1
 
 
-@compiled
+@internal
 def _switch(plant, state, work):
     """Carry out the events that the finest chunk ended on."""
     a, g, ca, cg = plant.actuator, plant.guideway, state.actuator, state.guideway
     if ca.slip_weight > 0.0 and state.omega * ca.direction < 0.0:
         stick_all(a, ca)
     elif ca.mask != 0:
-        release(a, ca, work.out[O_THETA], state.omega * plant.per_gear)
+        release(a, ca, work.turned, state.omega * plant.per_gear)
     if cg.slip_weight > 0.0 and state.v * cg.direction < 0.0:
         stick_all(g, cg)
     elif cg.mask != 0:
-        release(g, cg, work.out[O_X], state.v)
+        release(g, cg, work.moved, state.v)
     if plant.gap > 0.0:
         d = plant.ratio * state.theta - state.x
         state.side = 1 if d > 0.5 * plant.gap else (-1 if d < -0.5 * plant.gap else 0)
 
 
-@compiled
+@internal
 def _slip_level(contact, c, w):
     """λ s(w) of a contact at velocity w, with its direction and, if it has one, its lag."""
     return c.factor * direction_factor(contact, w) * limit(contact, c.lagged if contact.lag > 0.0 else w)
 
 
-@compiled
-def _row(m, p, q, o, i, omega, v, u, t0, t1, f0):
-    """One output of the mode's matrix times its inputs."""
-    start = (m[p, q, I, o] * i + m[p, q, OMEGA, o] * omega) + (m[p, q, V, o] * v + m[p, q, U, o] * u)
-    driven = (m[p, q, T0, o] * t0 + m[p, q, F0, o] * f0) + m[p, q, T1, o] * t1
-    return start + driven
-
-
-@compiled
+@inlined
 def _chunk(plant, state, work, u, slot, level):
     """Try one chunk. 0: must be halved; 1: done; 2: done, and an event waits at its end."""
     a, g, ca, cg = plant.actuator, plant.guideway, state.actuator, state.guideway
-    m, out = work.matrix, work.out
-    h = plant.period / (1 << level)
-    per_gear, omega0, v0 = plant.per_gear, state.omega, state.v
-    slipping = ca.slip_weight > 0.0
-    pull = -ca.direction * ca.slip_weight
+    m = work.matrix
+    h = plant.period * SHARE[level]
+    omega0 = state.omega
     torque, force = _steady_forces(plant, state, h)
-    f0 = ca.slip_force
-    f_mid, f1, s0, s_mid, s1, fade, grow = f0, f0, 0.0, 0.0, 0.0, 1.0, 0.0
+    slipping, smooth = ca.slip_weight > 0.0, False
+    pull, f0, fade = -ca.direction * ca.slip_weight, ca.slip_force, 1.0
+    grow = ca.slip_slope * h
+    mid = mid_m = mid_1 = end = end_m = end_1 = k1 = k2 = 0.0
     if slipping:
-        s0 = ca.slip_limit if a.lag == 0.0 else _slip_level(a, ca, omega0 * per_gear)
-        if math.isinf(a.attraction):
-            f0 = s0
-        grow = ca.slip_slope * h
+        smooth = a.smooth_slip == 1
+        if smooth:      # all that does not wait for the voltage comes before it
+            s, slope, bend = limit_and_slopes(a, abs(omega0) * plant.per_gear)
+            level_factor, per_s, turn = ca.factor * direction_factor(a, ca.direction), 1.0 / s, ca.direction * plant.per_gear
+            k1 = slope * per_s * turn
+            k1, k2 = -k1, fused(k1, k1, -bend * per_s * (turn * turn))        # ε = k1 Δω + k2 Δω²
+            mid, mid_m, mid_1, end, end_m, end_1, fade = near((a.attraction * h / level_factor) * per_s, f0, s * level_factor)
+        elif math.isinf(a.attraction):
+            f0 = _slip_level(a, ca, omega0 * plant.per_gear)
+    f1 = f0
     t0, t1 = torque + pull * f0, pull * grow
-    if a.law > 0:          # the other laws are integrated by extrapolation over short chunks (Adams–Bashforth)
+    push = force - cg.direction * cg.slip_weight * cg.slip_force
+    if any_law(work):   # integrated by extrapolation over short chunks (Adams–Bashforth)
         t0 -= ca.law_force
         t1 -= ca.law_force - ca.law_before
-    glide = -cg.direction * cg.slip_weight * cg.slip_force
-    push = force + glide - cg.law_force
-    p, q = np.uint64(slot), np.uint64(level)
-    o0 = _row(m, p, q, 0, state.current, omega0, v0, u, t0, t1, push)
-    o1 = _row(m, p, q, 1, state.current, omega0, v0, u, t0, t1, push)
-    o2 = _row(m, p, q, 2, state.current, omega0, v0, u, t0, t1, push)
-    o3 = _row(m, p, q, 3, state.current, omega0, v0, u, t0, t1, push)
-    o4 = _row(m, p, q, 4, state.current, omega0, v0, u, t0, t1, push)
-    o5 = _row(m, p, q, 5, state.current, omega0, v0, u, t0, t1, push)
-    out[0], out[1], out[2], out[3], out[4], out[5] = o0, o1, o2, o3, o4, o5
+        push -= cg.law_force
+    rows = mode_rows(m, slot, level, state.current, omega0, state.v, u, t0, t1, push)
     if slipping:
-        s_mid, s1 = _slip_level(a, ca, out[O_OMEGA_MID] * per_gear), _slip_level(a, ca, out[O_OMEGA] * per_gear)
-        if a.drops == 1 and level < FINEST_BEND and abs(s0 - 2.0 * s_mid + s1) > BEND * a.static:
+        to_mid, to_end, reach = rows[O_OMEGA_MID] - omega0, rows[O_OMEGA] - omega0, NEAR * abs(omega0)
+        if smooth and abs(to_mid) <= reach and abs(to_end) <= reach:
+            to_mid, to_end = to_mid * fused(k2, to_mid, k1), to_end * fused(k2, to_end, k1)
+            f_mid = fused(mid_m, to_mid, fused(mid_1, to_end, mid))
+            f1 = fused(end_m, to_mid, fused(end_1, to_end, end))
+        else:
+            f_mid, f1, fade, bent = _far(plant, ca, omega0, rows[O_OMEGA_MID], rows[O_OMEGA], f0, h)
+            if bent and level < FINEST_BEND:
+                return 0
+        d1, d2 = pull * (fused(4.0, f_mid, -f1) - fused(3.0, f0, grow)), pull * (fused(-4.0, f_mid, 2.0 * f0) + 2.0 * f1)
+        rows = add_columns(rows, m, slot, level, T1, d1, T2, d2)
+    if g.drops == 1 and cg.slip_weight > 0.0:
+        rise = -cg.direction * cg.slip_weight * (_slip_level(g, cg, rows[O_V]) - cg.slip_force)
+        rows = add_columns(rows, m, slot, level, F1, rise, F1, 0.0)
+    if any_law(work):
+        rows = add_columns(rows, m, slot, level, F1, cg.law_before - cg.law_force, F1, 0.0)
+    event = _event(plant, state, rows)
+    if event:
+        if level < LEVELS - 1:
             return 0
-        f_mid, f1, fade = relax(a.attraction, f0, s0, s_mid, s1, h)
-        d1, d2 = pull * (4.0 * f_mid - 3.0 * f0 - f1 - grow), pull * (2.0 * f0 - 4.0 * f_mid + 2.0 * f1)
-        for o in range(OUTPUTS):
-            out[o] += m[p, q, T1, o] * d1 + m[p, q, T2, o] * d2
-    if cg.slip_weight > 0.0 and g.drops == 1:
-        rise = -cg.direction * cg.slip_weight * (_slip_level(g, cg, out[O_V]) - cg.slip_force)
-        for o in range(OUTPUTS):
-            out[o] += m[slot, level, F1, o] * rise
-    if g.law > 0:
-        for o in range(OUTPUTS):
-            out[o] -= m[p, q, F1, o] * (cg.law_force - cg.law_before)
-    event = _event(plant, state, out)
-    if event and level < LEVELS - 1:
-        return 0
-    _accept(plant, state, out, f0, f1, s1, fade, slipping, h)
+        work.turned, work.moved = rows[O_THETA], rows[O_X]
+    _accept(plant, state, work, rows, f1, f1 - f0, fade, h, level)
     return 2 if event else 1
 
 
-@compiled
+@inlined
 def _steady_forces(plant, state, h):
     """(torque at the motor, force at the stage) that do not depend on the slip, about the chunk's middle."""
-    ratio = plant.ratio
     torque, force = -state.actuator.stuck_weight_force, plant.push - state.guideway.stuck_weight_force
     if plant.plain == 1:
-        spring = plant.stiffness * (ratio * state.theta - state.x)
-        return torque - ratio * spring, force + spring
+        spring = plant.stiffness * (plant.ratio * state.theta - state.x)
+        return torque - plant.ratio * spring, force + spring
+    more_torque, more_force = _other_forces(plant, state, h)
+    return torque + more_torque, force + more_force
+
+
+@internal
+def _other_forces(plant, state, h):
+    """Torque and force of the drive train with backlash or errors of the lead, of cables, and of what is smooth."""
+    torque, force = 0.0, 0.0
     if plant.rigid == 0 and state.side != 0:
-        d = ratio * state.theta - state.x - 0.5 * plant.gap * state.side
+        d = plant.ratio * state.theta - state.x - 0.5 * plant.gap * state.side
         if plant.leads > 0 or plant.lead_slope != 0.0:
             d += lead_error(plant, (state.theta + 0.5 * h * state.omega) / plant.gear)
-        torque -= ratio * plant.stiffness * d
-        force += plant.stiffness * d
+        torque, force = -plant.ratio * plant.stiffness * d, plant.stiffness * d
     force -= plant.cable * (state.x + 0.5 * h * state.v - plant.anchor)
     if plant.smooth == 1:
         torque += _smooth_torque(plant, state.theta + 0.5 * h * state.omega, state.omega)
@@ -226,7 +246,7 @@ def lead_error(plant, phi):
     return error
 
 
-@compiled
+@internal
 def _smooth_torque(plant, theta, omega):
     """Cogging and nonlinear viscous torque at the motor [N m]."""
     torque = -_beyond_viscous(plant.actuator, omega / plant.gear)
@@ -235,7 +255,7 @@ def _smooth_torque(plant, theta, omega):
     return torque
 
 
-@compiled
+@internal
 def _beyond_viscous(contact, w):
     """What σ w leaves out: σ · viscous_asymmetry · |w| + c g(|w|)^n sgn w, g = |w| or V (1 − exp(−|w|/V))."""
     speed = abs(w)
@@ -248,45 +268,62 @@ def _beyond_viscous(contact, w):
     return force + (size if w > 0.0 else -size)
 
 
-@compiled
-def _event(plant, state, out):
+@internal
+def _far(plant, c, omega0, omega_mid, omega1, f0, h):
+    """`relax` at the actuator, and whether the limit bends too much over the chunk for it."""
+    a = plant.actuator
+    s0, s_mid = _slip_level(a, c, omega0 * plant.per_gear), _slip_level(a, c, omega_mid * plant.per_gear)
+    s1 = _slip_level(a, c, omega1 * plant.per_gear)
+    f_mid, f1, fade = relax(a.attraction, f0, s0, s_mid, s1, h)
+    return f_mid, f1, fade, a.drops == 1 and abs(s0 - 2.0 * s_mid + s1) > BEND * a.static
+
+
+@inlined
+def _event(plant, state, rows):
     """Whether the tried chunk holds an event: a reversal in slip, a block at its limit, the gap's edge."""
     ca, cg = state.actuator, state.guideway
-    if ca.slip_weight > 0.0 and out[O_OMEGA] * ca.direction < 0.0:
+    if ca.slip_weight > 0.0 and rows[O_OMEGA] * ca.direction < 0.0:
         return True
-    if cg.slip_weight > 0.0 and out[O_V] * cg.direction < 0.0:
+    if cg.slip_weight > 0.0 and rows[O_V] * cg.direction < 0.0:
         return True
-    if ca.mask != 0 and crosses(plant.actuator, ca, out[O_THETA] * plant.per_gear, out[O_OMEGA] * plant.per_gear):
+    if ca.mask != 0 and crosses(plant.actuator, ca, rows[O_THETA] * plant.per_gear, rows[O_OMEGA] * plant.per_gear):
         return True
-    if cg.mask != 0 and crosses(plant.guideway, cg, out[O_X], out[O_V]):
+    if cg.mask != 0 and crosses(plant.guideway, cg, rows[O_X], rows[O_V]):
         return True
-    if plant.gap > 0.0:
-        d = plant.ratio * (state.theta + out[O_THETA]) - (state.x + out[O_X])
+    if plant.plain == 0 and plant.gap > 0.0:
+        d = plant.ratio * (state.theta + rows[O_THETA]) - (state.x + rows[O_X])
         side = 1 if d > 0.5 * plant.gap else (-1 if d < -0.5 * plant.gap else 0)
         return side != state.side
     return False
 
 
-@compiled
-def _accept(plant, state, out, f0, f1, s1, fade, slipping, h):
+@inlined
+def _accept(plant, state, work, rows, f1, change, fade, h, level):
     """Take the tried chunk: new state, stretched blocks, relaxed slip force."""
     a, g, ca, cg = plant.actuator, plant.guideway, state.actuator, state.guideway
-    if a.law > 0:
-        follow_law(a, ca, state.omega * plant.per_gear, out[O_OMEGA] * plant.per_gear, h)
-    if g.law > 0:
-        follow_law(g, cg, state.v, out[O_V], h)
-    state.current, state.omega, state.v = out[O_I], out[O_OMEGA], out[O_V]
-    state.theta += out[O_THETA]
-    state.x += out[O_X]
+    if any_law(work):
+        if a.law > 0:
+            follow_law(work, a, ca, state.omega * plant.per_gear, rows[O_OMEGA] * plant.per_gear, h)
+        if g.law > 0:
+            follow_law(work, g, cg, state.v, rows[O_V], h)
+    state.current, state.omega, state.v = rows[O_I], rows[O_OMEGA], rows[O_V]
+    state.theta += rows[O_THETA]
+    state.x += rows[O_X]
     if ca.mask != 0:
-        move_stuck(ca, out[O_THETA] * plant.per_gear)
+        move_stuck(ca, rows[O_THETA] * plant.per_gear)
     if cg.mask != 0:
-        move_stuck(cg, out[O_X])
-    if slipping:
-        ca.slip_force = f1
-        ca.slip_limit = s1
-        ca.slip_slope = (f1 - f0) / h
+        move_stuck(cg, rows[O_X])
+    if ca.slip_weight > 0.0:
+        ca.slip_force, ca.slip_slope = f1, change * (plant.rate * COUNT[level])
         ca.slip_offset *= fade
+    if a.follows == 1 or g.follows == 1:
+        _follow(plant, state, h)
+
+
+@internal
+def _follow(plant, state, h):
+    """Let lagging limits follow the velocities, and a guideway's slip force its limit."""
+    a, g, ca, cg = plant.actuator, plant.guideway, state.actuator, state.guideway
     if a.lag > 0.0:
         ca.lagged += (abs(state.omega) * plant.per_gear - ca.lagged) * (1.0 - decay(h / a.lag))
     if g.drops == 1 or g.lag > 0.0:

@@ -7,10 +7,11 @@ stage has moved by a small part of the length or a small part of the time has pa
 
 import math
 
-from microstage_ros.axis.compiled import compiled
+from microstage_ros.axis.compiled import compiled, inlined, internal
 from microstage_ros.axis.contact import regroup
 from microstage_ros.axis.random import normal
 from microstage_ros.axis.records import PROFILE
+from microstage_ros.axis.slip import decay
 
 TRAVEL_STEP = 1 / 2000         # of the correlation length
 TIME_STEP = 1 / 10000          # of the correlation time
@@ -25,7 +26,7 @@ def vary(plant, state):
     _vary_contact(plant, plant.guideway, state.guideway, state, middle, moved)
 
 
-@compiled
+@inlined
 def _vary_contact(plant, contact, c, state, x, moved):
     changed = plant.modulated == 1
     if contact.random > 0.0:
@@ -39,35 +40,37 @@ def _vary_contact(plant, contact, c, state, x, moved):
             _creep(contact, c, plant.period, moved)
     change = factor / c.factor
     c.factor = factor
-    c.slip_limit *= change
     if math.isinf(contact.attraction):
         c.slip_force *= change
     if c.mask != 0:
         regroup(contact, c)
 
 
-@compiled
+@inlined
 def _random_walk(plant, contact, c, state, moved):
-    """Advance q if it is due; whether it was."""
+    """Advance q if it is due; whether it was. Each of its parts in its own steps."""
     c.random_travel += moved
     c.random_wait += plant.period
     travel_due = c.random_travel > TRAVEL_STEP * plant.random_length
-    if not (travel_due or c.random_wait > TIME_STEP * plant.random_time):
-        return False
+    time_due = c.random_wait > TIME_STEP * plant.random_time
     if travel_due:
-        keep = math.exp(-c.random_travel / plant.random_length)
-        spread = contact.random * math.sqrt(plant.random_share * (1.0 - keep * keep))
-        c.q_travel = keep * c.q_travel + spread * normal(state.random)
+        c.q_travel = _wander(c.q_travel, c.random_travel / plant.random_length, contact.random * plant.random_share_root, state)
         c.random_travel = 0.0
-    keep = math.exp(-c.random_wait / plant.random_time)
-    spread = contact.random * math.sqrt((1.0 - plant.random_share) * (1.0 - keep * keep))
-    c.q_time = keep * c.q_time + spread * normal(state.random)
-    c.random_wait = 0.0
+    if time_due:
+        c.q_time = _wander(c.q_time, c.random_wait / plant.random_time, contact.random * plant.random_rest_root, state)
+        c.random_wait = 0.0
     c.q = min(max(c.q_travel + c.q_time, -plant.random_clip), plant.random_clip)
-    return True
+    return travel_due or time_due
 
 
-@compiled
+@inlined
+def _wander(q, step, deviation, state):
+    """An Ornstein–Uhlenbeck process of that standard deviation a ``step`` (in its own length) later, exact in law."""
+    keep = decay(step)
+    return keep * q + deviation * math.sqrt(1.0 - keep * keep) * normal(state.random)
+
+
+@internal
 def _profile(contact, x):
     """Factor of the limits at stage position x."""
     factor = 1.0
@@ -81,7 +84,7 @@ def _profile(contact, x):
     return factor
 
 
-@compiled
+@internal
 def _age(plant, contact, c, moved):
     """Relative growth of the limits by dwell; travel wipes it out."""
     if contact.aging_rate == 0.0:
@@ -94,7 +97,7 @@ def _age(plant, contact, c, moved):
     return c.aged
 
 
-@compiled
+@internal
 def _creep(contact, c, period, moved):
     """Flow of the sticking blocks over one period, see `effects.friction.PreslidingCreep`."""
     regroup(contact, c)

@@ -25,7 +25,7 @@ def bench(axis, periods=100_000):
 
 def _once(axis, plant, kind, reference, nothing):
     controller = make_controller(kind, axis)
-    state, work, readings, trace = new_state(plant, 1), new_work(), new_readings(), np.empty((len(reference), len(TRACE)))
+    state, work, readings, trace = new_state(plant, 1), new_work(plant), new_readings(), np.empty((len(reference), len(TRACE)))
     start = time.perf_counter()
     run_loop(plant, state, work, readings, controller.parameters, controller.memory, reference, nothing, nothing, trace)
     return time.perf_counter() - start

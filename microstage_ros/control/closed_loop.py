@@ -10,7 +10,7 @@ import numpy as np
 from microstage_ros.axis.compiled import compiled
 from microstage_ros.axis.linear_core import forget
 from microstage_ros.axis.sensors import read_sensors
-from microstage_ros.axis.step import advance
+from microstage_ros.axis.step import advance, note_friction
 from microstage_ros.control import laws
 
 #: Columns of a trace, in order.
@@ -30,6 +30,7 @@ def run_loop(plant, state, work, readings, parameters, memory, reference, open_l
         read_sensors(plant, state, readings)
         voltage = laws.controller_step(parameters, memory, reference[n], readings.encoder, readings.current)
         voltage += open_loop[n] + disturbance[n]
+        note_friction(plant, state)
         trace[n, 0] = readings.encoder
         trace[n, 1] = readings.current
         trace[n, 2] = readings.motor_angle

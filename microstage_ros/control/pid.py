@@ -73,9 +73,10 @@ def pid_change(p, s, kp, ki, kd):
 def pid_motion(p, s, period, reference, encoder):
     """Error and filtered velocities of this period, from the new reference and encoder value [m]."""
     s.error = reference - encoder
-    s.reference_velocity = (reference - s.previous_reference) / period
+    rate = 1.0 / period
+    s.reference_velocity = (reference - s.previous_reference) * rate
     share = period / (period + s.filter_time)  # backward Euler: a filter time of 0 is the raw difference
-    s.velocity += share * ((encoder - s.previous_encoder) / period - s.velocity)
+    s.velocity += share * ((encoder - s.previous_encoder) * rate - s.velocity)
     s.previous_reference = reference
     s.previous_encoder = encoder
 

@@ -42,7 +42,7 @@ def simulate(axis, run, seed=0):
            for name in ("reference", "open_loop", "disturbance")}
     trace = np.empty((len(led["reference"]), len(TRACE)))
     run_loop(
-        plant, state, new_work(), new_readings(), controller.parameters, controller.memory,
+        plant, state, new_work(plant), new_readings(), controller.parameters, controller.memory,
         led["reference"], led["open_loop"], led["disturbance"], trace,
     )
     trace = trace[len(before):]

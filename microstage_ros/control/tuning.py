@@ -71,7 +71,7 @@ def limit_cycle(axis, relay=None, hysteresis=None, duration=2.0, seed=0):
     rows = round(duration / axis.value("period"))
     encoder, voltage = np.empty(rows), np.empty(rows)
     state = new_state(plant, seed)
-    run_relay(plant, state, new_work(), new_readings(), 0.0, float(relay), float(hysteresis), encoder, voltage)
+    run_relay(plant, state, new_work(plant), new_readings(), 0.0, float(relay), float(hysteresis), encoder, voltage)
     encoder, voltage = encoder[rows // 2 :], voltage[rows // 2 :]
     turns = np.flatnonzero((voltage[:-1] < 0) & (voltage[1:] > 0))
     if len(turns) < 4:

@@ -72,7 +72,7 @@ def _record(axis, hidden, friction, seed, name):
     plant = make_plant(axis, noise=NoiseSpec(friction_relative=friction), effects=hidden.effects)
     state = new_state(plant, seed=int(generator.integers(2**31)), position=float(reference[0]), friction="random")
     controller, idle = _pid(axis, generator), make_controller("none", axis)
-    work, readings = new_work(), new_readings()
+    work, readings = new_work(plant), new_readings()
     trace = np.empty((len(reference), len(TRACE)))
     zero = np.zeros(len(reference))
     for start, stop, still in _pieces(off, len(reference), CHUNK if hidden.change else len(reference)):

@@ -33,7 +33,7 @@ class SimulatedAxis:
         self._state = new_state(self._plant, seed=setup.seed, position=options.get("position", 0.0),
                                 friction=options.get("friction", "virgin"))
         self._readings = new_readings()
-        self._arrays = [as_array(record) for record in (self._plant, self._state, new_work(), self._readings)]
+        self._arrays = [as_array(record) for record in (self._plant, self._state, new_work(self._plant), self._readings)]
         self._voltage = None
         self._compile()
 

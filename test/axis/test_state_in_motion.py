@@ -13,7 +13,7 @@ def test_a_stage_in_motion_feels_friction_and_no_more():
     axis = load_axis(ROOT / "config/emps.yaml")
     plant = make_plant(axis, noise=NoiseSpec.none())
     for speed in (0.1, -0.1):
-        state, work = new_state(plant, speed=speed), new_work()
+        state, work = new_state(plant, speed=speed), new_work(plant)
         force = axis.value("contacts.guideway.coulomb") * (1 if speed > 0 else -1)
         force += axis.value("contacts.guideway.viscous") * speed + axis.value("stage.offset_force")
         for _ in range(100):

@@ -63,7 +63,7 @@ def test_observer_loop_is_the_compiled_one(axis):
     controller = make_controller("self_tuning_observer", axis, **frozen)
     n = 300
     push, trace = np.full(n, 1e-3), np.empty((n, len(TRACE)))
-    run_loop(plant, new_state(plant, seed=0), new_work(), new_readings(), controller.parameters, controller.memory,
+    run_loop(plant, new_state(plant, seed=0), new_work(plant), new_readings(), controller.parameters, controller.memory,
              np.zeros(n), np.zeros(n), push, trace)
     answer = trace[:, TRACE.index("voltage_V")] - push
     name, linear, slopes = regimes(axis)[0]

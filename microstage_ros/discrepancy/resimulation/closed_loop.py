@@ -119,6 +119,6 @@ class ClosedLoop:
         state = new_state(plant, position=part.position_at_start, speed=part.speed_at_start)
         controller = _primed(axis, part.position_at_start, part.speed_at_start)
         trace = np.empty((len(part), len(TRACE)))
-        run_loop(plant, state, new_work(), new_readings(), controller.parameters, controller.memory, part.reference,
+        run_loop(plant, state, new_work(plant), new_readings(), controller.parameters, controller.memory, part.reference,
                  np.zeros(len(part)), part.disturbance, trace)
         return trace

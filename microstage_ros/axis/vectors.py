@@ -1,0 +1,105 @@
+"""Fused multiply-adds, and the product of a mode's matrix with its inputs made of them, eight rows at a time.
+
+Numba's own loops leave these short sums scalar, so they are put together here from vectors of four numbers. A fused multiply-add rounds once on every machine (one without it computes the same bits,
+slowly), so a seed gives the same run everywhere.
+"""
+
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.np.arrayobj import make_array
+
+from microstage_ros.axis.compiled import intrinsic
+from microstage_ros.axis.records import INPUTS, LEVELS, OUTPUTS
+
+LANES = 4
+_VECTOR = ir.VectorType(ir.DoubleType(), LANES)
+_PARTS = OUTPUTS // LANES
+_ROWS = 6                      # rows handed on: i ω θ v x and ω at the middle
+
+
+@intrinsic
+def fused(typingctx, a, b, c):
+    """a b + c, rounded once."""
+    def build(context, builder, signature, arguments):
+        return builder.fma(*arguments)
+
+    return types.float64(types.float64, types.float64, types.float64), build
+
+
+@intrinsic
+def mode_rows(typingctx, matrices, slot, level, i, omega, v, u, t0, t1, f0):
+    """Rows (i, ω, θ, v, x, ω at the middle) of a mode's matrix times its inputs.
+
+    ``matrices``: work.matrix (SLOTS, LEVELS, INPUTS, OUTPUTS). The voltage is added last: a controller's
+    comes late, and everything else is done by then.
+    """
+    def build(context, builder, signature, arguments):
+        i, omega, v, u, t0, t1, f0 = arguments[3:]
+        nothing = [ir.Constant(_VECTOR, [0.0] * LANES)] * _PARTS
+        start = _start(context, builder, signature, arguments)
+        state = _add(builder, start, nothing, [(i, 0), (omega, 1), (v, 2)])
+        driven = _add(builder, start, nothing, [(t1, 5), (f0, 7), (t0, 4)])
+        sums = [builder.fadd(*pair) for pair in zip(state, driven)]
+        return _rows_out(context, builder, signature, _add(builder, start, sums, [(u, 3)]))
+
+    return types.UniTuple(types.float64, _ROWS)(matrices, slot, level, *[types.float64] * 7), build
+
+
+@intrinsic
+def add_columns(typingctx, rows, matrices, slot, level, first, a, second, b):
+    """``rows`` + column ``first`` · a + column ``second`` · b of the mode's matrix."""
+    def build(context, builder, signature, arguments):
+        _, _, _, _, first, a, second, b = arguments
+        values = cgutils.unpack_tuple(builder, arguments[0])
+        values += [ir.Constant(ir.DoubleType(), 0.0)] * (OUTPUTS - _ROWS)
+        sums = []
+        for part in range(_PARTS):
+            vector = ir.Constant(_VECTOR, ir.Undefined)
+            for lane in range(LANES):
+                vector = builder.insert_element(vector, values[part * LANES + lane], ir.Constant(ir.IntType(32), lane))
+            sums.append(vector)
+        inner = signature.args[1:]
+        start = _start(context, builder, types.void(*inner), arguments[1:])
+        return _rows_out(context, builder, signature, _add(builder, start, sums, [(a, first), (b, second)]))
+
+    words = (types.int64, types.float64, types.int64, types.float64)
+    return types.UniTuple(types.float64, _ROWS)(rows, matrices, slot, level, *words), build
+
+
+def _start(context, builder, signature, arguments):
+    """Pointer to the first number of the matrix of a slot and level."""
+    matrices = make_array(signature.args[0])(context, builder, arguments[0])
+    size = ir.Constant(ir.IntType(64), INPUTS * OUTPUTS)
+    place = builder.add(builder.mul(arguments[1], ir.Constant(ir.IntType(64), LEVELS)), arguments[2])
+    return builder.gep(matrices.data, [builder.mul(place, size)])
+
+
+def _add(builder, start, sums, columns):
+    """The vectors ``sums`` + Σ value · column, fused, in the order given."""
+    kind = ir.FunctionType(_VECTOR, [_VECTOR] * 3)
+    fused = cgutils.get_or_insert_function(builder.module, kind, f"llvm.fma.v{LANES}f64")
+    for value, column in columns:
+        if isinstance(column, int):
+            column = ir.Constant(ir.IntType(64), column)
+        spread = _spread(builder, value)
+        first = builder.mul(column, ir.Constant(ir.IntType(64), OUTPUTS))
+        added = []
+        for part, total in enumerate(sums):
+            at = builder.gep(start, [builder.add(first, ir.Constant(ir.IntType(64), part * LANES))])
+            entries = builder.load(builder.bitcast(at, _VECTOR.as_pointer()), align=8)
+            added.append(builder.call(fused, [entries, spread, total]))
+        sums = added
+    return sums
+
+
+def _spread(builder, value):
+    """A vector with ``value`` in every lane."""
+    vector = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
+    zeros = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+    return builder.shuffle_vector(vector, ir.Constant(_VECTOR, ir.Undefined), zeros)
+
+
+def _rows_out(context, builder, signature, sums):
+    """The first rows as a tuple."""
+    lanes = [builder.extract_element(sums[k // LANES], ir.Constant(ir.IntType(32), k % LANES)) for k in range(_ROWS)]
+    return context.make_tuple(builder, signature.return_type, lanes)
