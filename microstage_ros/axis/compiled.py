@@ -58,5 +58,5 @@ def internal(function=None, **options):
 
 
 def inlined(function):
-    """`internal`, put into its caller by the compiler: for what every period runs through, called from few places."""
-    return internal(function, forceinline=True)
+    """`internal`, written into its caller before types are found: what every period runs through, called from few places."""
+    return internal(function, inline="always")

@@ -75,7 +75,7 @@ def make_plant(axis, noise=None, effects=None):
 def new_state(plant, seed=0, position=0.0, friction="virgin", speed=0.0):
     """State at ``position`` (m), at rest or moving with ``speed`` (m/s, all friction sliding).
 
-    ``friction``: ``virgin``, or ``random`` (unknown history); of no account in motion.
+    ``friction``: ``relaxed`` (or ``virgin``, the same), or ``random`` (unknown history); of no account in motion.
     """
     state = np.zeros(1, STATE)[0]
     state["x"], state["theta"] = position, position / plant["ratio"]
@@ -99,6 +99,11 @@ def new_state(plant, seed=0, position=0.0, friction="virgin", speed=0.0):
     return state
 
 
+def has_random_friction(plant):
+    """Whether the limits of one of the contacts vary at random."""
+    return bool(plant["actuator"]["random"] > 0.0 or plant["guideway"]["random"] > 0.0)
+
+
 def new_readings():
     """An empty record of readings."""
     return np.zeros(1, READINGS)[0]
@@ -106,7 +111,7 @@ def new_readings():
 
 def _set_flags(plant):
     """What the compiled step may leave out."""
-    plant["varies"] = int(plant["modulated"] or plant["actuator"]["random"] > 0.0 or plant["guideway"]["random"] > 0.0)
+    plant["varies"] = int(plant["modulated"] or has_random_friction(plant))
     extra = plant["smooth"] or plant["leads"] or plant["lead_slope"] or plant["cable"] or plant["gap"] or plant["rigid"]
     plant["plain"] = int(not extra)
     plant["random_share_root"], plant["random_rest_root"] = math.sqrt(plant["random_share"]), math.sqrt(1.0 - plant["random_share"])

@@ -37,7 +37,7 @@ def seed_state(seed):
     return np.random.SeedSequence(seed).generate_state(4, np.uint64)
 
 
-@compiled(forceinline=True)
+@compiled
 def next_bits(s):
     """Next 64 random bits; advances the state ``s`` (uint64[4])."""
     total = s[0] + s[3]
@@ -58,7 +58,7 @@ def uniform(s):
     return (next_bits(s) >> _11) * UNIT
 
 
-@compiled(forceinline=True)
+@compiled
 def normal(s):
     """Standard normal deviate."""
     bits = next_bits(s)

@@ -21,7 +21,7 @@ from microstage_ros.axis.vectors import fused
 NEAR = 1 / 32                  # largest change of the velocity over a chunk, relative, for `near`
 
 
-@compiled(forceinline=True)
+@compiled
 def decay(g):
     """exp(−g) for g ≥ 0: a series (to 1e-7, in Estrin's order, which a processor overlaps) where g is small."""
     if g < 0.5:
@@ -47,7 +47,7 @@ def relax(attraction, f0, s0, s_mid, s1, h):
     return s1 + e_mid, s1 + e1, first * second
 
 
-@compiled(forceinline=True)
+@compiled(inline="always")
 def near(g, f0, s0):
     """(f(h/2), f(h)) at ε = 0, their derivatives by ε_m and ε_1, and exp(−G): (mid, mid_m, mid_1, end, end_m, end_1, fade)."""
     g_half = 0.5 * g

@@ -40,8 +40,9 @@ def advance(plant, state, work, voltage):
         vary(plant, state)
     if plant.simple == 1:
         state.voltage = u
-        if _chunk(plant, state, work, u, _slot(plant, state, work), 0) != 1:
-            _walk(plant, state, work, u, 0, TICKS)
+        whole = np.int64(0)      # not a literal: numba would compile once more for it
+        if _chunk(plant, state, work, u, _slot(plant, state, work), whole) != 1:
+            _walk(plant, state, work, u, whole, np.int64(TICKS))
     else:
         _advance_pieces(plant, state, work, u)
     state.time += plant.period
@@ -56,9 +57,9 @@ def _advance_pieces(plant, state, work, u):
         warm_up(plant, state, work)
         late, u, split = delayed_output(plant, state, u)
         pieces = LAG_SPANS if plant.actuator_lag > 0.0 else 2
-    start = 0
+    start = np.int64(0)
     for k in range(pieces):
-        end = TICKS
+        end = np.int64(TICKS)
         if pieces == 2 and k == 0:
             end = split
         elif pieces > 2:
@@ -154,7 +155,7 @@ def _slip_level(contact, c, w):
     return c.factor * direction_factor(contact, w) * limit(contact, c.lagged if contact.lag > 0.0 else w)
 
 
-@inlined
+@internal
 def _chunk(plant, state, work, u, slot, level):
     """Try one chunk. 0: must be halved; 1: done; 2: done, and an event waits at its end."""
     a, g, ca, cg = plant.actuator, plant.guideway, state.actuator, state.guideway

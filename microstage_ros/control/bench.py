@@ -15,17 +15,17 @@ KINDS = ("pid", "self_tuning", "self_tuning_feedforward", "self_tuning_observer"
 def bench(axis, periods=100_000):
     """Rows {name, value, unit}: a 10 µm sine of 1 Hz under each controller, with and without noise."""
     t = np.arange(periods) * axis.value("period")
-    reference, nothing = 1e-5 * np.sin(2 * np.pi * t), np.zeros(periods)
+    reference, nothing, trace = 1e-5 * np.sin(2 * np.pi * t), np.zeros(periods), np.zeros((periods, len(TRACE)))
     for noise, words in ((NoiseSpec.none(), "no noise"), (NoiseSpec(), "all noise")):
         plant = make_plant(axis, noise)
         for kind in KINDS:
-            best = min(_once(axis, plant, kind, reference, nothing) for _ in range(4))
+            best = min(_once(axis, plant, kind, reference, nothing, trace) for _ in range(4))
             yield {"name": f"loop, {kind}, {words}", "value": best / periods * NANOSECONDS, "unit": "ns/period"}
 
 
-def _once(axis, plant, kind, reference, nothing):
+def _once(axis, plant, kind, reference, nothing, trace):
     controller = make_controller(kind, axis)
-    state, work, readings, trace = new_state(plant, 1), new_work(plant), new_readings(), np.empty((len(reference), len(TRACE)))
+    state, work, readings = new_state(plant, 1), new_work(plant), new_readings()
     start = time.perf_counter()
     run_loop(plant, state, work, readings, controller.parameters, controller.memory, reference, nothing, nothing, trace)
     return time.perf_counter() - start

@@ -4,12 +4,16 @@
     controller: {type: self_tuning, ...}
     noise: {encoder_m: 8.0e-9, voltage_V: 1.0e-3, current_A: 0.0, interferometer_m: 1.0e-8, friction_relative: 0.06}
     effects: {backlash: {width_rad: 0.017}}
+    start: {friction: random}
     program:
       - {voltage_file: u.csv}
       - {reference_file: r.csv}
       - {move_to_m: 1.0e-5, dwell_s: 0.5}
       - {sine: {amplitude_m: 1.0e-5, frequency_hz: 0.03, cycles: 2}}
       - {scan: {to_m: 4.0e-3, speed_m_s: 5.0e-4}}
+
+``start.friction``: ``random``, contacts loaded by a history that the seed draws, or ``relaxed``, contacts without
+load. Not given: random where the friction is random, relaxed in a run without random friction.
 
 A noise that is not named keeps the axis's own figure; 0 turns it off. Moves, scans and sines begin where the
 segment before ended. A key that is not known, and a value out of range, are refused with file and key.
@@ -28,7 +32,8 @@ from microstage_ros.control import laws, profiles
 from microstage_ros.records.csv_file import read_csv
 
 NOISES = ("encoder_m", "voltage_V", "current_A", "interferometer_m", "friction_relative")
-SECTIONS = ("period_s", "controller", "noise", "effects", "program", "limits", "start_m")
+SECTIONS = ("period_s", "controller", "noise", "effects", "program", "limits", "start", "start_m")
+STARTS = ("random", "relaxed")
 LIMIT_KEYS = {"velocity_m_s": "velocity", "acceleration_m_s2": "acceleration", "jerk_m_s3": "jerk"}
 #: Segment of the program: its own key, the keys beside it, and those that may be left out.
 SEGMENTS = {
@@ -53,6 +58,7 @@ class Run:
     program : list of segments as in the file; tables may be given as arrays in place of file names
         ({"voltage": u} or {"reference": r, "disturbance": d}).
     limits : `profiles.MotionLimits` of moves, scans and the ends of sines.
+    friction : state of the contacts at the beginning, of `STARTS`; None: random if the plant's friction is.
     start_m : where the axis stands at the beginning [m]; None: at the first reference, else at 0.
     """
 
@@ -63,6 +69,7 @@ class Run:
     program: list = field(default_factory=list)
     limits: profiles.MotionLimits = profiles.DEFAULT_LIMITS
     start_m: float | None = None
+    friction: str | None = "relaxed"
     place: str = "run"
     folder: pathlib.Path = pathlib.Path(".")
 
@@ -118,7 +125,7 @@ def run_from_dict(tree, place="run", folder="."):
     program = _program(tree.get("program"), f"{place}: program", pathlib.Path(folder))
     if any("voltage_file" in segment for segment in program) and controller.get("type") != "none":
         raise InputError(f"{place}: controller.type", controller.get("type"), "none, because the program has a voltage_file")
-    return Run(period, dict(controller), noise, effects, program, limits, start, place, pathlib.Path(folder))
+    return Run(period, dict(controller), noise, effects, program, limits, start, _friction(tree.get("start"), f"{place}: start"), place, pathlib.Path(folder))
 
 
 def _mapping(node, place, known):
@@ -139,6 +146,17 @@ def _number(value, place, low, high, unit):
     if not (math.isfinite(value) and low <= value <= high):
         raise InputError(place, value, f"a number from {low:g} to {high:g} {unit}")
     return float(value)
+
+
+def _friction(start, place):
+    """State of the contacts at the beginning, None if it is not said."""
+    if start is None:
+        return None
+    _mapping(start, place, ("friction",))
+    friction = start.get("friction")
+    if friction not in STARTS:
+        raise InputError(f"{place}.friction", friction, "one of " + ", ".join(STARTS))
+    return friction
 
 
 def _limits(given, limits, place):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from microstage_ros import __version__
-from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
+from microstage_ros.axis.plant import NoiseSpec, has_random_friction, make_plant, new_readings, new_state, new_work
 from microstage_ros.control.closed_loop import SURROUNDINGS, TRACE, run_loop, surroundings
 from microstage_ros.control.controller import Controller, controller_parameters
 from microstage_ros.control.lead_in import lead_in
@@ -36,7 +36,8 @@ def simulate(axis, run, seed=0):
     tables = run.tables(period)
     plant = make_plant(axis, noise=NoiseSpec(**run.noise), effects=run.effects)
     before = np.empty(0) if run.start_m is not None else lead_in(tables["reference"], axis.value("sensors.encoder.resolution"))
-    state = new_state(plant, seed=seed, position=float(before[0]) if len(before) else tables["start"])
+    friction = run.friction or ("random" if has_random_friction(plant) else "relaxed")
+    state = new_state(plant, seed=seed, position=float(before[0]) if len(before) else tables["start"], friction=friction)
     controller = run_controller(axis, run)
     led = {name: np.concatenate([before if name == "reference" else 0.0 * before, tables[name]])
            for name in ("reference", "open_loop", "disturbance")}

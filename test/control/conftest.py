@@ -27,7 +27,8 @@ def run(axis):
     """run(type, program, seed=0, noise=None, effects=None, period_s=None, **gains) -> columns."""
 
     def simulated(kind, program, seed=0, noise=None, effects=None, period_s=None, machine=None, **gains):
-        tree = {"controller": {"type": kind, **gains}, "noise": noise or {}, "effects": effects or {}, "program": program}
+        tree = {"controller": {"type": kind, **gains}, "noise": noise or {}, "effects": effects or {}, "program": program,
+                "start": {"friction": "relaxed"}}
         if period_s:
             tree["period_s"] = period_s
         return simulate(machine or axis, run_from_dict(tree), seed)

@@ -73,3 +73,34 @@ def test_unreadable_files_are_told_in_one_line(tmp_path):
         with pytest.raises(InputError) as caught:
             load_run(tmp_path / name)
         assert name in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_contacts_begin_loaded_where_friction_is_random_and_relaxed_where_it_is_not(axis):
+    """The friction felt in the first row: drawn by the seed, or none."""
+    from microstage_ros.control.simulate import simulate
+
+    still = {"encoder_m": 0.0, "voltage_V": 0.0, "interferometer_m": 0.0}
+    tree = {"controller": {"type": "none"}, "noise": still, "program": [{"move_to_m": 0.0, "dwell_s": 0.001}]}
+
+    def first(seed=1, **more):
+        columns = simulate(axis, run_from_dict({**tree, **more}), seed)
+        return columns["actuator_friction_Nm"][0], columns["guideway_friction_N"][0]
+
+    loaded = np.array([first(seed) for seed in range(8)])
+    assert len(np.unique(loaded[:, 0])) == 8 and np.any(loaded > 0) and np.any(loaded < 0)
+    assert np.all(np.abs(loaded[:, 0]) < 219e-6 * 1.15) and np.all(np.abs(loaded[:, 1]) < 0.9 * 1.15)
+    assert first(3) == first(3)
+    assert first(noise={**still, "friction_relative": 0.0}) == (0.0, 0.0)
+    assert first(start={"friction": "relaxed"}) == (0.0, 0.0)
+    assert first(noise={**still, "friction_relative": 0.0}, start={"friction": "random"}) != (0.0, 0.0)
+
+
+@pytest.mark.parametrize("start, words", [
+    ({"friction": "loaded"}, ("start.friction", "loaded", "random, relaxed")),
+    ({"position": 1.0}, ("start", "position", "friction")),
+    ("random", ("start", "random", "friction")),
+])
+def test_a_bad_start_is_refused_in_one_line(start, words):
+    with pytest.raises(InputError) as refused:
+        run_from_dict({"program": [{"move_to_m": 0.0}], "start": start})
+    assert all(word in str(refused.value) for word in words) and "\n" not in str(refused.value)

@@ -24,7 +24,7 @@ FOLDER = ROOT / "config" / "experiments"
 def test_run_file_is_the_program(actuator_bench, name, make):
     run, made = load_run(FOLDER / f"{name}.yaml"), make(screw_ratio(actuator_bench))
     tables, expected = run.tables(1e-4), made.tables(1e-4)
-    assert run.noise == made.noise and run.controller == made.controller and run.limits == made.limits
+    assert run.friction == made.friction and run.noise == made.noise and run.controller == made.controller and run.limits == made.limits
     for column in ("reference", "open_loop"):
         assert abs(len(tables[column]) - len(expected[column])) <= 20  # numbers in the file have nine digits
         size = min(len(tables[column]), len(expected[column]))
