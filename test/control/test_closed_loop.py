@@ -15,8 +15,8 @@ MOVE = [{"move_to_m": 1e-6, "dwell_s": 0.02}]
 @pytest.mark.parametrize("kind", sorted(LAWS))
 def test_stepping_in_python_is_the_compiled_loop(axis, run, kind):
     columns = run(kind, MOVE, seed=3)
-    plant, readings, work = make_plant(axis, NoiseSpec()), new_readings(), new_work(plant)
-    state, controller = new_state(plant, seed=3), make_controller(kind, axis)
+    plant, readings = make_plant(axis, NoiseSpec()), new_readings()
+    state, work, controller = new_state(plant, seed=3), new_work(plant), make_controller(kind, axis)
     for n in range(len(columns["t_s"])):
         read_sensors(plant, state, readings)
         voltage = controller.step(columns["reference_m"][n], readings["encoder"], readings["current"])
