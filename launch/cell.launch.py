@@ -11,6 +11,8 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction, SetEnvironment
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from microstage_ros.nodes.cell_processes import NODES, started_parameters
+
 ARGUMENTS = {
     "namespace": ("/axis", "namespace of the nodes"),
     "mode": ("lockstep", "lockstep or paced"),
@@ -24,23 +26,15 @@ ARGUMENTS = {
 def nodes(context):
     """The nodes, with what they must know of each other."""
     value = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
-    names = ["str_controller", "gms_observer", "interferometer_logger", "move_server"]
-    names += ["bag_recorder"] if value["record"] else []
-    axis = {"axis_file": value["axis_file"]}
-    recorded = int(bool(value["record"]))
-    parameters = {
-        "str_controller": {**axis, "controller": value["controller"], "expected_subscribers": 1 + recorded,
-                           "expected_state_subscribers": 1 + recorded},
-        "gms_observer": {**axis, "expected_subscribers": recorded},
-        "interferometer_logger": {"expected_subscribers": 1 + recorded}, "move_server": {},
-        "bag_recorder": {"directory": value["record"],
-                         "log_time": "stamp" if value["mode"] == "lockstep" else "arrival"},
-        "axis_driver": {**axis, "mode": value["mode"], "seed": int(value["seed"]), "followers": names,
-                        "expected_subscribers": 2 + recorded, "activate": True,
-                        "rate_limit": 1.0 if value["mode"] == "lockstep" else 0.0},
-    }
+    lockstep, axis = value["mode"] == "lockstep", {"axis_file": value["axis_file"]}
+    names = [name for name in NODES if value["record"] or name != "bag_recorder"]
+    parameters = started_parameters(names, {
+        "str_controller": {**axis, "controller": value["controller"]}, "gms_observer": axis,
+        "bag_recorder": {"directory": value["record"], "log_time": "stamp" if lockstep else "arrival"},
+        "axis_driver": {**axis, "mode": value["mode"], "seed": int(value["seed"]), "activate": True,
+                        "rate_limit": 1.0 if lockstep else 0.0}})
     return [Node(package="microstage_ros", executable=name, name=name, namespace=value["namespace"],
-                 parameters=[parameters[name]], output="screen") for name in [*names, "axis_driver"]]
+                 parameters=[parameters[name]], output="screen") for name in names]
 
 
 def generate_launch_description():

@@ -40,6 +40,18 @@ def cache_folder(room):
     return os.path.join(base, f"{room}-{_sources_digest(room)}")
 
 
+def external(name, result, *arguments):
+    """The function ``name`` of a C library that the process has loaded, callable from compiled code.
+
+    Parameters
+    ----------
+    name : as the linker knows it; ``result``, ``arguments`` : names of numba's types, such as ``int32``, ``uintp``
+        (pointers are ``uintp``).
+    """
+    types = [getattr(numba.types, kind) for kind in (result, *arguments)]
+    return numba.types.ExternalFunction(name, numba.core.typing.signature(*types))
+
+
 def compiled(function=None, **options):
     """Compile ``function`` with numba: nopython, cached, without reordering of float arithmetic.
 

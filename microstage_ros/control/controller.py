@@ -119,6 +119,11 @@ class Controller:
         self._parameters, self._memory = as_array(parameters), as_array(self.memory)
         self.reset()
 
+    @property
+    def arrays(self):
+        """Parameters and memory as arrays of one, for a loop in compiled code (`laws.controller_step`)."""
+        return self._parameters, self._memory
+
     def reset(self, voltage=0.0):
         """Forget everything; the first output continues from ``voltage`` [V] (a bumpless start)."""
         laws.controller_reset(self.parameters, self.memory, float(voltage))

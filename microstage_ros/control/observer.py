@@ -44,6 +44,14 @@ def _step(parameters, models, memories, period, encoder, voltage, current):
     law.observer_step(parameters[0], models[0], memories[0], period, encoder, voltage, current)
 
 
+@compiled
+def _steps(parameters, models, memories, period, encoders, voltages, currents):
+    """`_step` for every period of three columns; one without an encoder value is passed over."""
+    for k in range(encoders.size):
+        if math.isfinite(encoders[k]):
+            law.observer_step(parameters[0], models[0], memories[0], period, encoders[k], voltages[k], currents[k])
+
+
 class FrictionObserver:
     """Python face of the observer; ``step`` once per control period.
 
@@ -77,6 +85,14 @@ class FrictionObserver:
                 law.observer_start(self.memory, float(encoder))
                 self.started = True
             _step(*self._arrays, self.period, float(encoder), float(voltage), float(current))
+
+    def advance_all(self, encoders, voltages, currents):
+        """`advance` for every period of three columns of shape (n,)."""
+        first = 0
+        while first < len(encoders) and not self.started:
+            self.advance(encoders[first], voltages[first], currents[first])
+            first += 1
+        _steps(*self._arrays, self.period, encoders[first:], voltages[first:], currents[first:])
 
     @property
     def estimate(self):

@@ -47,6 +47,17 @@ class ReferencePlayer:
             self._last = sequence
             return self._value(sequence), self._mode(sequence)
 
+    @property
+    def plan(self):
+        """Positions [m], the control period of the first, and whether they are a stop; (None, ...) before the first `at`."""
+        with self._lock:
+            return self._positions, self._start, self._stopping
+
+    def passed(self, sequence):
+        """Control periods up to this one have been played by somebody who has the `plan`."""
+        with self._lock:
+            self._last = sequence
+
     def _value(self, sequence):
         index = sequence - self._start
         size = len(self._positions)

@@ -87,12 +87,15 @@ class CommandGate:
         self.saturated = self.voltage != voltage
         return True
 
-    def close_period(self, tolerated):
-        """The present period ends; trips if its command is missing and more than ``tolerated`` are in a row."""
+    def close_period(self, tolerated, missing=0):
+        """The present period ends; trips if its command is missing and more than ``tolerated`` are in a row.
+
+        ``missing``: periods without a command, where they are more than were numbered.
+        """
         if not self.active or self.fault != "none" or self.last == self.period:
             return
         self.lost += 1
-        missing = self.period - self.last
+        missing = max(missing, self.period - self.last)
         if missing > tolerated:
             self.trip("command_timeout", f"no command for {missing} control periods")
 

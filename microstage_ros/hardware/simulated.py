@@ -34,6 +34,7 @@ class SimulatedAxis:
                                 friction=options.get("friction", "virgin"))
         self._readings = new_readings()
         self._arrays = [as_array(record) for record in (self._plant, self._state, new_work(self._plant), self._readings)]
+        self.own_arrays = self._arrays
         self._voltage = None
         self._compile()
 
@@ -55,7 +56,18 @@ class SimulatedAxis:
             self._voltage = 0.0
         else:
             advance_and_read(*self._arrays, self._voltage)
+        return self.last_reading
+
+    @property
+    def last_reading(self):
+        """`Reading` of the present period."""
         return Reading(*self._readings.item()[:3])  # the first three fields of `records.READINGS`
+
+    @property
+    def arrays(self):
+        """Plant, state, work space and readings for a loop in compiled code that takes over from `read` and hands
+        back with `write`; None before the first reading."""
+        return None if self._voltage is None else self.own_arrays
 
     def write(self, voltage):
         """Hold ``voltage`` [V] during the period that the last `read` began."""

@@ -6,12 +6,10 @@ paced      wall clock: period n begins at its time whatever happens; the newest 
            (`hardware.command_gate` says what happens to late, lost, repeated and bad ones).
 """
 
-import queue
 import sys
 import threading
 import time
 
-import yaml
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from std_srvs.srv import Trigger
 
@@ -22,20 +20,25 @@ from microstage_ros.hardware import make_hardware
 from microstage_ros.hardware.command_gate import FAULTS, CommandGate
 from microstage_ros.hardware.protocol import HardwareError, Reading, Setup
 from microstage_ros.nodes import topics
+from microstage_ros.nodes.blocks import Sender
 from microstage_ros.nodes.codec import Codec
-from microstage_ros.nodes.credit import Ledger
+from microstage_ros.nodes.credit import UNLIMITED, CreditReader, Ledger
+from microstage_ros.nodes.driver_loop import CROWDED, MISSED, NO_CREDIT, STRANGE, TRAVEL, WAITED, QuickPeriods, timing
 from microstage_ros.nodes.driver_topics import DriverTopics
-from microstage_ros.nodes.parameters import Parameters
+from microstage_ros.nodes.parameters import Parameters, yaml_mapping
 from microstage_ros.nodes.process import run_node, running
 from microstage_ros.nodes.response_times import ResponseTimes
-from microstage_ros.nodes.scheduling import SPIN, ask_for_priority, sleep_precisely, sleep_until
-from microstage_ros.nodes.servo_path import make_servo_path, reader_qos
+from microstage_ros.nodes.scheduling import SPIN, sleep_precisely, sleep_until
+from microstage_ros.nodes.requests import Requests
+from microstage_ros.nodes.servo_path import FastServoPath, make_servo_path, reader_qos
 from microstage_ros.places import config_file
 
 SLICE = 0.05
 """Longest wait [s] before the loop looks for requests of the other thread."""
 
 TRAVEL_MARGIN = 1e-4
+_ACTIVE, _SATURATED, _LATE, _FAULT = (
+    AxisState.STATUS_ACTIVE, AxisState.STATUS_SATURATED, AxisState.STATUS_COMMAND_LATE, AxisState.STATUS_FAULT)
 
 
 class AxisDriver(LifecycleNode):
@@ -48,27 +51,45 @@ class AxisDriver(LifecycleNode):
         self.period = self.axis.value("period")
         self._travel = (self.axis.value("travel.minimum") - TRAVEL_MARGIN,
                         self.axis.value("travel.maximum") + TRAVEL_MARGIN)
+        self._lockstep = p.mode == "lockstep"
         self.gate = CommandGate(self.axis.value("drive.voltage_limit"))
         self.ledger = Ledger(p.followers)
         self.responses = ResponseTimes()
-        self.sequence, self.overruns, self._time_ns = -1, 0, 0
-        self._requests = queue.SimpleQueue()
-        self._due = self._told = None
-        setup = Setup(self.axis, p.seed, _options(p.backend_options))
+        self.sequence, self.overruns, self._time_ns, self._due, self._told = -1, 0, 0, None, None
+        setup = Setup(self.axis, p.seed, yaml_mapping("axis_driver: backend_options", p.backend_options, "{position: 0.0}"))
         self.hardware = make_hardware(p.backend, setup)
         if p.mode == "lockstep" and not self.hardware.simulated:
             raise InputError("axis_driver: parameter mode", p.mode, f"paced: backend {p.backend} has its own time")
         servo = self._servo = make_servo_path(self)
+        quick = p.compiled_loop and isinstance(servo, FastServoPath) and hasattr(self.hardware, "arrays")
+        side = make_servo_path(self) if quick else servo
+        self._requests, self._quick = Requests(servo.semaphore.post_now if quick else lambda: None), None
+        self._credits = CreditReader(side.reader(Credit, topics.CREDIT, reader_qos(1000, reliable=True)), self.ledger,
+                                     self._on_credit)
         self._commands = servo.reader(VoltageCommand, topics.COMMAND, reader_qos(100, reliable=False))
-        self._credits = servo.reader(Credit, topics.CREDIT, reader_qos(1000, reliable=True))
-        self._command = Codec("VoltageCommand", p.frame_id)
+        self._command_readers = (self._commands,)
+        self._idle_readers = (self._commands,) if quick else (self._credits.reader, self._commands)
+        self._unpack_command = Codec("VoltageCommand").unpack
+        self._constant_status = (AxisState.STATUS_SIMULATED if self.hardware.simulated else 0) | (
+            AxisState.STATUS_LOCKSTEP if p.mode == "lockstep" else 0)
         self.topics = DriverTopics(self, servo, self.axis, self.hardware.simulated)
+        if quick:
+            self._quick = QuickPeriods(servo, self._commands, side.semaphore, self.topics, self.gate, self._requests.asked,
+                                       self.responses, self._settings())
+            self._quick.compile(self.hardware.own_arrays)
+            self._sender = Sender(self.topics.outlets, side.semaphore, self._credits.take)
         self.create_service(Trigger, topics.RESET_FAULT, self._reset_fault)
         self.create_timer(1.0, self._once_per_second)
-        ask_for_priority(self.get_logger(), p.real_time_priority)
         if p.activate:
             self._starter = threading.Thread(target=self._start_alone, daemon=True)
             self._starter.start()
+
+    def _settings(self):
+        """What stays as it is in the compiled loop."""
+        p, (low, high) = self.parameters, self._travel
+        return {"paced": not self._lockstep, "block": self.topics.block, "every": p.simulation_decimation,
+                "status": self._constant_status | _ACTIVE, "limit": self.gate.limit, "low": low, "high": high,
+                "period": self.period, **timing(self.period, p.rate_limit, SLICE, not self._lockstep)}
 
     # --- requests from the other thread -------------------------------------------------------------------
 
@@ -98,22 +119,20 @@ class AxisDriver(LifecycleNode):
 
     def _in_loop(self, action):
         """Have the servo loop do it between two periods. Returns the transition's result."""
-        done, result = threading.Event(), []
-        self._requests.put((action, done, result))
-        if not done.wait(5.0) or not result:
-            return TransitionCallbackReturn.FAILURE
-        return TransitionCallbackReturn.SUCCESS if result[0] is not False else TransitionCallbackReturn.FAILURE
+        try:
+            done = self._requests.ask(action) is not False
+        except (HardwareError, InputError, TimeoutError) as error:
+            self.get_logger().error(str(error))
+            done = False
+        return TransitionCallbackReturn.SUCCESS if done else TransitionCallbackReturn.FAILURE
 
     def _missing_readers(self):
         """What is missing for the first period, in words; waits a while for it."""
-        p, until = self.parameters, time.monotonic() + self.parameters.ready_timeout_s
+        until = time.monotonic() + self.parameters.ready_timeout_s
         while True:
-            readers = self.topics.state_publisher.get_subscription_count()
-            absent = self.ledger.missing() if p.mode == "lockstep" else []
-            if readers >= p.expected_subscribers and not absent and self.topics.truth_has_readers(p.followers):
-                return ""
-            if time.monotonic() > until:
-                return f"{readers} of {p.expected_subscribers} readers of the state; no credit from {absent}"
+            missing = self.topics.missing_readers(self.ledger.missing() if self._lockstep else [])
+            if not missing or time.monotonic() > until:
+                return missing
             time.sleep(0.005)
 
     def _reset_fault(self, request, response):
@@ -133,26 +152,19 @@ class AxisDriver(LifecycleNode):
     def loop(self):
         """The servo loop."""
         sleep_precisely()
-        period = self._lockstep_period if self.parameters.mode == "lockstep" else self._paced_period
+        period = self._lockstep_period if self._lockstep else self._paced_period
         while running():
-            self._serve_requests()
+            self._requests.serve()
             if self.gate.fault != "none":
                 self._faulted_period()
+            elif self.gate.active and self._quick is not None and self.hardware.arrays is not None:
+                self._quick_periods()
             elif self.gate.active:
                 period()
             else:
                 self._idle()
             if self._told != (self.gate.active, self.gate.fault):
                 self._tell()
-
-    def _serve_requests(self):
-        while not self._requests.empty():
-            action, done, result = self._requests.get()
-            try:
-                result.append(action())
-            except (HardwareError, InputError) as error:
-                self.get_logger().error(str(error))
-            done.set()
 
     def _open(self):
         self.hardware.open()
@@ -182,9 +194,10 @@ class AxisDriver(LifecycleNode):
         self.topics.status(self._time_ns, self.sequence, self.gate, self.hardware.simulated)
 
     def _idle(self):
-        self._servo.wait((self._commands, self._credits), SLICE)
+        self.topics.flush()
+        self._servo.wait(self._idle_readers, SLICE)
         self._take_commands()
-        self._take_credits()
+        self._credits.take()
 
     def _begin(self, time_ns):
         """Read, publish: the control period begins."""
@@ -195,18 +208,20 @@ class AxisDriver(LifecycleNode):
             reading = Reading(float("nan"))
         gate = self.gate
         late = gate.active and gate.last != gate.period
+        self._announce(time_ns, reading, late)
+
+    def _announce(self, time_ns, reading, late):
+        """The state of the next period, as it was read."""
+        gate = self.gate
         self.sequence = n = self.sequence + 1
         self._time_ns = time_ns
         if not self._travel[0] <= reading.encoder <= self._travel[1] and gate.fault == "none":
             gate.trip("travel", f"the encoder reads {reading.encoder!r} m, the travel is {self._travel} m")
-        status = (gate.active and AxisState.STATUS_ACTIVE) | (self.hardware.simulated and AxisState.STATUS_SIMULATED) \
-            | (self.parameters.mode == "lockstep" and AxisState.STATUS_LOCKSTEP) \
-            | (gate.saturated and AxisState.STATUS_SATURATED) | (late and AxisState.STATUS_COMMAND_LATE) \
-            | (gate.fault != "none" and AxisState.STATUS_FAULT)
+        status = self._constant_status | (gate.active and _ACTIVE) | (gate.saturated and _SATURATED) | (late and _LATE) \
+            | (gate.fault != "none" and _FAULT)
         gate.begin(n)
-        raw = self.topics.state(time_ns, n, reading, gate.voltage, int(status), FAULTS.index(gate.fault))
-        self.topics.decimated(time_ns, n, reading, self.hardware)
-        return raw
+        raw = self.topics.state(time_ns, n, reading, gate.voltage, status, FAULTS.index(gate.fault))
+        self._begun = (time_ns, n, raw, self.hardware)
 
     def _write(self, voltage):
         try:
@@ -221,31 +236,45 @@ class AxisDriver(LifecycleNode):
         if self.parameters.rate_limit > 0.0:
             self._hold_back(self.period / self.parameters.rate_limit)
         begun = time.perf_counter()
-        raw = self._begin(round(n * self.period * 1e9))
-        gate, readers, resent = self.gate, (self._commands,), begun
-        while gate.fault == "none" and gate.last != n:
-            self._servo.wait(readers, SLICE)
-            self._take_commands()
-            if gate.last == n:
-                break
-            self._serve_requests()
+        self._begin(round(n * self.period * 1e9))
+        self._end_lockstep_period(n, begun, self._begun[2])
+        self.topics.rest(*self._begun)
+
+    def _end_lockstep_period(self, n, begun, raw):
+        if self._await_command(n, begun, raw):
+            self.responses.add(time.perf_counter() - begun)
+            self._write(self.gate.voltage)
+
+    def _await_command(self, n, begun, raw):
+        """Until period ``n`` has its command or a fault; False if the driver was deactivated meanwhile."""
+        gate, wait, readers, resent = self.gate, self._servo.wait, self._command_readers, begun
+        self._take_commands()
+        while True:
+            if gate.last != n:
+                wait(readers, SLICE)
+                self._take_commands()
+            if gate.last == n or gate.fault != "none":
+                return True
+            self._requests.serve()
             waited = time.perf_counter()
             if not gate.active or not running():
-                return
+                return False
             if waited - begun > self.parameters.command_timeout_lockstep_s:
                 gate.trip("command_timeout", f"no command for period {n} within {waited - begun:.1f} s")
             elif waited - resent > self.parameters.resend_s:
                 resent = waited
-                self.topics.send_state(raw)
-        self.responses.add(time.perf_counter() - begun)
-        self._write(gate.voltage)
+                self.topics.states.send_single(raw)
 
     def _paced_period(self):
         self._hold_back(self.period)
         begun = time.perf_counter()
         self._begin(time.time_ns())
-        gate, n, readers = self.gate, self.sequence, (self._commands,)
-        self._write(gate.voltage)
+        self._write(self.gate.voltage)
+        self._end_paced_period(self.sequence, begun)
+        self.topics.rest(*self._begun)
+
+    def _end_paced_period(self, n, begun):
+        gate, readers = self.gate, self._command_readers
         end = self._due + self.period - SPIN
         while gate.fault == "none" and gate.last != n:
             rest = end - time.perf_counter()
@@ -257,8 +286,42 @@ class AxisDriver(LifecycleNode):
         if gate.last == n:
             self.responses.add(time.perf_counter() - begun)
         gate.close_period(self.parameters.command_timeout_periods)
-        if self._requests.empty() and n % 100 == 0:
-            self._take_credits()
+        if n % 100 == 0:
+            self._credits.take()
+
+    def _quick_periods(self):
+        """Periods in compiled code until something needs a closer look, and the closer look."""
+        quick, gate = self._quick, self.gate
+        credit = self.ledger.limit if self._lockstep else UNLIMITED
+        why = quick.run(self.hardware.arrays, self.sequence, credit, self._due, self.parameters.command_timeout_periods)
+        self.sequence, self._time_ns, self.overruns = quick.sequence, quick.time_ns, self.overruns + quick.overruns
+        self._due = quick.due_ns * 1e-9 or None
+        self._write(gate.voltage)
+        n, begun = self.sequence, quick.begun_ns * 1e-9
+        if why == NO_CREDIT:
+            self._await_credit(n + 1)
+        elif why == CROWDED:
+            self.topics.send_closed()
+        elif why == TRAVEL:
+            self.sequence -= 1
+            self._announce(self._time_ns, self.hardware.last_reading, gate.last != gate.period)
+            self.topics.rest(*self._begun)
+        elif why in (WAITED, STRANGE, MISSED):
+            if why == STRANGE:
+                self._offer(quick.command)
+            if self._lockstep:
+                self._end_lockstep_period(n, begun, quick.state)
+            elif why == MISSED:
+                self._miss(begun)
+            else:
+                self._end_paced_period(n, begun)
+            self.topics.instruments(self._time_ns, n, self.hardware)
+            self.topics.end_of_block(self._time_ns, n)
+
+    def _miss(self, begun):
+        """No command came for more periods than tolerated; they may have been one long one."""
+        missing = self.gate.period - self.gate.last + int((time.perf_counter() - begun) / self.period)
+        self.gate.close_period(self.parameters.command_timeout_periods, missing)
 
     def _faulted_period(self):
         """Go on measuring in real time with zero voltage, whatever commands say."""
@@ -266,8 +329,9 @@ class AxisDriver(LifecycleNode):
         self._write(0.0)
         self._begin(round((self.sequence + 1) * self.period * 1e9) if self.parameters.mode == "lockstep"
                     else time.time_ns())
+        self.topics.rest(*self._begun)
         self._take_commands()
-        self._take_credits()
+        self._credits.take()
 
     def _hold_back(self, period):
         """Sleep until the next period is due; a period that begins more than half of one late is an overrun."""
@@ -283,50 +347,48 @@ class AxisDriver(LifecycleNode):
 
     def _await_credit(self, n):
         """Wait for credit for period ``n``, one slice long."""
-        self._take_credits()
+        self._credits.take()
         if n <= self.ledger.limit:
             return True
-        self._servo.wait((self._credits, self._commands), SLICE)
+        self.topics.flush()  # who holds us up may be waiting for it
+        self._servo.wait(self._idle_readers, SLICE)
         self._take_commands()
-        self._take_credits()
-        for name in self.ledger.drop_silent(self.parameters.follower_timeout_s):
+        self._credits.take()
+        for name in self._credits.drop_silent(self.parameters.follower_timeout_s):
             self.get_logger().warning(f"{name} has been silent for {self.parameters.follower_timeout_s} s "
                                       "and is no longer waited for: it will miss messages")
         return n <= self.ledger.limit
 
     def _take_commands(self):
         """Offer all waiting commands to the gate; True if one is in force."""
-        obeyed = False
-        while (raw := self._commands.take()) is not None:
-            sequence, voltage, _, _, _ = self._command.unpack(raw)
-            obeyed = self.gate.offer(sequence, voltage) or obeyed
+        obeyed, take = False, self._commands.take
+        while (raw := take()) is not None:
+            obeyed = self._offer(raw) or obeyed
         return obeyed
 
-    def _take_credits(self):
-        from rclpy.serialization import deserialize_message
+    def _offer(self, raw):
+        """Offer one command to the gate; True if it is in force."""
+        sequence, voltage, _, _, _ = self._unpack_command(raw)
+        return self.gate.offer(sequence, voltage)
 
-        while (raw := self._credits.take()) is not None:
-            self.ledger.add(deserialize_message(raw, Credit))
+    def _on_credit(self, limit):
+        if self._quick is not None and self._lockstep:
+            self._quick.grant(limit)
+            self._servo.semaphore.post_now()
 
     def _once_per_second(self):
+        if self._quick is not None:
+            self._in_loop(lambda: None)  # the counters come back from compiled code
         self.topics.timing(self._time_ns, self.sequence, self.gate, self.overruns, self.responses)
 
     def close(self):
-        """Zero voltage, let go of the hardware."""
+        """Zero voltage, let go of the hardware, send what is left."""
         self.gate.deactivate()
         self._write(0.0)
         self.hardware.close()
-
-
-def _options(text):
-    """The mapping in parameter ``backend_options``."""
-    try:
-        options = yaml.safe_load(text) or {}
-    except yaml.YAMLError as error:
-        raise InputError("axis_driver: backend_options", text, f"YAML such as {{position: 0.0}} ({error})") from None
-    if not isinstance(options, dict):
-        raise InputError("axis_driver: backend_options", text, "YAML such as {position: 0.0}")
-    return options
+        if self._quick is not None:
+            self._sender.stop()
+        self.topics.flush()
 
 
 def main(arguments=None):

@@ -11,35 +11,86 @@ import time
 from datetime import datetime
 from pathlib import Path
 
-import yaml
+import numpy as np
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 from microstage_ros import __version__
 from microstage_ros.axis.errors import InputError
 from microstage_ros.nodes import topics
-from microstage_ros.nodes.codec import stamp_ns
+from microstage_ros.nodes.blocks import Stream
+from microstage_ros.nodes.codec import Codec, stamps_ns
 from microstage_ros.nodes.credit import Granter
 from microstage_ros.nodes.node_parameters import ParameterCollector
-from microstage_ros.nodes.parameters import Parameters
+from microstage_ros.nodes.parameters import Parameters, yaml_mapping
 from microstage_ros.nodes.process import run_node, running
 from microstage_ros.nodes.servo_path import make_servo_path, reader_qos
 from microstage_ros.records.bag import BagStopped, BagWriter, Qos, installed_definition
 
-BATCH = 0.005
+BATCH = 0.01
 QUIET = 0.05
 LOOK = 0.5
 DRAIN = 0.3
-SEQUENCE_AT = {"AxisState", "VoltageCommand"}
 GLOBAL_TOPICS = ("/clock", "/diagnostics", "/parameter_events")
 
 
 class Track:
-    """One recorded topic: its reader, its channel in the bag, and what has come."""
+    """One recorded topic of no fixed layout: its reader, its channel in the bag, and what has come."""
 
-    def __init__(self, reader, channel, stamped, sequence_at):
-        self.reader, self.channel, self.stamped, self.sequence_at = reader, channel, stamped, sequence_at
-        self.count, self.last, self.missing, self.repeated = 0, -1, 0, 0
+    missing = 0
+
+    def __init__(self, reader, channel):
+        self.reader, self.channel = reader, channel
+        self.readers = (reader,)
+        self.count = 0
+
+    def drain(self, bag, time_ns):
+        """Write all that waits, filed under ``time_ns()``."""
+        take, before = self.reader.take, self.count
+        while (raw := take()) is not None:
+            bag.write(self.channel, time_ns(), raw)
+            self.count += 1
+        return self.count - before
+
+
+class ServoTrack:
+    """One recorded topic of the servo path: block by block, and every gap in its numbers counted."""
+
+    def __init__(self, stream, channel, kind, by_stamp):
+        self.stream, self.channel, self._by_stamp = stream, channel, by_stamp
+        self._codec = Codec(kind)
+        self.count = self.missing = self._step = 0
+        self.last, self.time_ns = -1, 0
+
+    @property
+    def readers(self):
+        """What to wait for."""
+        return self.stream.readers
+
+    def drain(self, bag, time_ns):
+        """Write all that waits, filed under their stamps, since what comes in a block comes late."""
+        before = self.count
+        while (rows := self.stream.take()) is not None:
+            messages = self._codec.array(rows)
+            if int(messages["sequence"][0]) == self.last:  # a state that was sent once more is taken once
+                rows, messages = rows[1:], messages[1:]
+            if not len(rows):
+                continue
+            alone = len(rows) == 1 and not self._by_stamp
+            times = np.array([time_ns()]) if alone else stamps_ns(messages)
+            self._look_for_gaps(messages["sequence"].astype(np.int64))
+            bag.write_block(self.channel, times, rows)
+            self.count += len(rows)
+            self.time_ns = int(times[-1])
+        return self.count - before
+
+    def _look_for_gaps(self, sequence):
+        steps = np.diff(sequence, prepend=self.last) if self.last >= 0 else np.diff(sequence)
+        self.last = int(sequence[-1])
+        if len(steps):
+            self._step = self._step or int(steps[0])
+            gaps = steps[steps > self._step]
+            self.missing += int((gaps // self._step - 1).sum())
 
 
 class BagRecorder(Node):
@@ -54,14 +105,13 @@ class BagRecorder(Node):
         self._servo = make_servo_path(self)
         self._granter = Granter(self)
         self._collector = ParameterCollector(self)
-        self._tracks, self._readers = {}, ()
-        self._time_ns = 0
+        self._tracks, self._readers = {}, None
+        self._file_under = self._latest_stamp if p.log_time == "stamp" else time.time_ns
         self._looked = self._granted = 0.0
         self._prefix = self.get_namespace().rstrip("/") + "/"
         for name, kind in _SERVO_TYPES.items():
             if name in p.servo_topics:
-                self._add(self._prefix + name, _OURS + kind, Qos(depth=topics.DEPTH),
-                          reader_qos(topics.DEPTH, reliable=True))
+                self._add_servo_topic(name, kind, p.log_time == "stamp")
         self._add(self._prefix + topics.DRIVER_STATUS, _OURS + "DriverStatus",
                   Qos(depth=1, durability="transient_local"), reader_qos(100, reliable=True, latched=True))
         for name, kind in _SLOW_TYPES.items():
@@ -75,7 +125,7 @@ class BagRecorder(Node):
         while running():
             try:
                 if not self._drain():
-                    self._servo.wait(self._readers, QUIET)
+                    self._wait()
             except BagStopped as error:
                 self.get_logger().fatal(f"recording stopped: {error}")
                 return
@@ -86,35 +136,19 @@ class BagRecorder(Node):
             self._grant(now)
             time.sleep(BATCH)
 
+    def _wait(self):
+        """Sleep until something comes."""
+        if self._readers is None:
+            self._readers = tuple(reader for track in self._tracks.values() for reader in track.readers)
+        self._servo.wait(self._readers, QUIET)
+
     def _drain(self):
         """Write all that waits; the number of messages."""
-        total = 0
-        for track in self._tracks.values():
-            take, write, channel = track.reader.take, self._bag.write, track.channel
-            by_stamp = self.parameters.log_time == "stamp"
-            while (raw := take()) is not None:
-                total += 1
-                if track.sequence_at and self._seen(track, raw):
-                    continue
-                if not by_stamp:
-                    self._time_ns = time.time_ns()
-                elif track.stamped:
-                    self._time_ns = stamp_ns(raw)
-                track.count += 1
-                write(channel, self._time_ns, raw)
-        return total
+        return sum(track.drain(self._bag, self._file_under) for track in self._tracks.values())
 
-    def _seen(self, track, raw):
-        """Count gaps in the numbers of a servo topic; True for a message that has come before."""
-        at = track.sequence_at
-        sequence = int.from_bytes(raw[at:at + 8], "little")
-        if sequence == track.last:
-            track.repeated += 1
-            return True
-        if sequence > track.last + 1 and track.last >= 0:
-            track.missing += sequence - track.last - 1
-        track.last = sequence
-        return False
+    def _latest_stamp(self):
+        """The latest stamp [ns] on the servo path."""
+        return max((track.time_ns for track in self._tracks.values() if isinstance(track, ServoTrack)), default=0)
 
     def _grant(self, now):
         """Credit as far as the window goes, once all servo topics have their publisher."""
@@ -122,13 +156,15 @@ class BagRecorder(Node):
         until = (state.last if state else -1) + self.parameters.window
         if until <= self._granter.until + self.parameters.window // 4 and now - self._granted < 0.5:
             return
-        if all(track.reader.publishers for name, track in self._tracks.items()
-               if name.removeprefix(self._prefix) in self.parameters.servo_topics):
+        if all(track.stream.publishers for track in self._tracks.values() if isinstance(track, ServoTrack)):
             self._granted = now
             self._granter.grant(until)
 
     def _look_for_topics(self):
-        """Subscribe to topics of the axis that have appeared."""
+        """Subscribe to topics of the axis that have appeared, and singly to those whose sender makes no blocks."""
+        for track in self._tracks.values():
+            if isinstance(track, ServoTrack) and track.stream.look():
+                self._readers = None
         excluded = {self._prefix + name for name in self.parameters.exclude if name}
         for name, kinds in self.get_topic_names_and_types():
             ours = name.startswith(self._prefix) or name in GLOBAL_TOPICS
@@ -147,16 +183,18 @@ class BagRecorder(Node):
     def _add(self, name, kind, offered, qos):
         """Begin to record one topic."""
         try:
-            definition = installed_definition(kind)
+            channel = self._bag.add_channel(name, installed_definition(kind), (offered,))
         except InputError as error:
             self.get_logger().warning(f"{name} is not recorded: {error}")
             return
-        channel = self._bag.add_channel(name, definition, (offered,))
-        fields = definition.fields
-        stamped = name.startswith(self._prefix) and bool(fields) and fields[0].type == "std_msgs/Header"
-        sequence_at = _sequence_place(definition) if kind.split("/")[-1] in SEQUENCE_AT else None
-        self._tracks[name] = Track(self._servo.reader(_message_class(kind), name, qos), channel, stamped, sequence_at)
-        self._readers = tuple(track.reader for track in self._tracks.values())
+        self._tracks[name] = Track(self._servo.reader(_message_class(kind), name, qos), channel)
+        self._readers = None
+
+    def _add_servo_topic(self, name, kind, by_stamp):
+        """Begin to record one topic of the servo path."""
+        channel = self._bag.add_channel(self._prefix + name, installed_definition(_OURS + kind), (Qos(depth=topics.DEPTH),))
+        stream = Stream(self, self._servo, _message_class(_OURS + kind), name)
+        self._tracks[self._prefix + name] = ServoTrack(stream, channel, kind, by_stamp)
 
     def close(self):
         """Take what is still coming, put the parameters into the bag, close it."""
@@ -194,13 +232,6 @@ _SLOW_TYPES = {
 }
 
 
-def _sequence_place(definition):
-    """Byte at which the sequence number begins, for the axis's frame."""
-    from microstage_ros.records.layout import layout_of_type
-
-    return layout_of_type(definition, {"header.frame_id": 5}).offset("sequence")
-
-
 def _message_class(kind):
     """The Python class of ``package/msg/Name``."""
     package, _, name = kind.split("/")
@@ -209,9 +240,7 @@ def _message_class(kind):
 
 def _run(text):
     """The mapping in parameter ``run``."""
-    facts = yaml.safe_load(text) or {}
-    if not isinstance(facts, dict):
-        raise InputError("bag_recorder: run", text, "YAML such as {purpose: demo}")
+    facts = yaml_mapping("bag_recorder: run", text, "{purpose: demo}")
     return {str(name): str(value) for name, value in facts.items()}
 
 

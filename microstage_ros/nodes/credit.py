@@ -4,7 +4,10 @@ A follower grants "you may begin control periods up to N" as it goes along. So n
 than its window, however slow it is, and nothing is lost; and time stands still where a follower wants it to.
 """
 
+import threading
 import time
+
+from rclpy.serialization import deserialize_message
 
 from microstage_msgs.msg import Credit
 from microstage_ros.nodes.topics import CREDIT, SLOW
@@ -18,17 +21,49 @@ class Granter:
     def __init__(self, node):
         self._name = node.get_name()
         self._publisher = node.create_publisher(Credit, CREDIT, SLOW)
-        self.until = -1
+        self.until = self.told = -1
 
     def forget(self):
         """The driver began anew: what was granted before counts no more."""
-        self.until = -1
+        self.until = self.told = -1
 
     def grant(self, until):
         """The driver may begin control periods up to ``until``; never less than before."""
         self.until = max(until, self.until)
-        if self.until >= 0:
+        self.told = -1
+        self.tell()
+
+    def tell(self):
+        """Send what has been granted, if it was not sent before."""
+        if self.until >= 0 and self.until != self.told:
+            self.told = self.until
             self._publisher.publish(Credit(follower=self._name, until=self.until))
+
+
+class CreditReader:
+    """Takes credits into a ledger; for two threads.
+
+    Parameters
+    ----------
+    reader : of the topic. ledger : `Ledger`. raised : called with the limit when it has changed.
+    """
+
+    def __init__(self, reader, ledger, raised=lambda limit: None):
+        self.reader, self._ledger, self._raised, self._lock = reader, ledger, raised, threading.Lock()
+
+    def take(self):
+        """Enter all credits that wait."""
+        with self._lock:
+            before = self._ledger.limit
+            while (raw := self.reader.take()) is not None:
+                self._ledger.add(deserialize_message(raw, Credit))
+            if self._ledger.limit != before:
+                self._raised(self._ledger.limit)
+
+    def drop_silent(self, timeout):
+        """`Ledger.drop_silent`."""
+        with self._lock:
+            return self._ledger.drop_silent(timeout)
 
 
 class Ledger:

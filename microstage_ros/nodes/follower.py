@@ -1,17 +1,15 @@
-"""Following a stream of the servo path without waking for every message."""
+"""Following a stream of the servo path block by block, and granting the driver credit for it."""
 
 import time
 
+from microstage_ros.nodes.blocks import Stream
 from microstage_ros.nodes.codec import Codec
 from microstage_ros.nodes.credit import Granter
 from microstage_ros.nodes.process import running
-from microstage_ros.nodes.servo_path import make_servo_path, reader_qos
-from microstage_ros.nodes.topics import DEPTH
+from microstage_ros.nodes.servo_path import make_servo_path
 
-BATCH = 0.005
-"""The loop sleeps this long [s] and then takes all that came: a tenth of the effort of waking for each."""
-
-QUIET = 0.05
+QUIET = 0.1
+LOOK = 0.5
 
 
 class Follower:
@@ -19,51 +17,50 @@ class Follower:
 
     Parameters
     ----------
-    node : its node. kind, topic : message class and name. frame : of the messages. window : control periods
-        that the driver may run ahead. take : called with (raw bytes, values after the header).
-
-    Attributes
-    ----------
-    publisher : what the node makes of the stream; readers : matched ones it must have before the first credit.
+    node : its node. kind, topic : message class and name. window : control periods that the driver may run
+        ahead. take : called with the messages of one block as a structured array (`Codec.array`).
+    outlet : what the node makes of the stream; its messages go out block by block too.
+    expected : followers that it must have before the first credit.
     """
 
-    def __init__(self, node, kind, topic, frame, window, take):
-        self._node, self._window, self._handle = node, window, take
-        self._codec = Codec(kind.__name__, frame)
-        self.servo = make_servo_path(node)
-        self._reader = self.servo.reader(kind, topic, reader_qos(DEPTH, reliable=True))
+    def __init__(self, node, servo, kind, topic, window, take, outlet, expected):
+        self._window, self._handle, self._outlet, self._expected = window, take, outlet, expected
+        self._codec = Codec(kind.__name__)
+        self._servo = servo
+        self._stream = Stream(node, servo, kind, topic)
         self._granter = Granter(node)
-        self._granted = 0.0
+        self._granted = self._looked = 0.0
         self.last = -1
-        self.publisher, self.readers = None, 0
 
     def loop(self):
         """Until the process is asked to stop."""
         while running():
-            if not self.drain():
-                self.servo.wait((self._reader,), QUIET)
-            self._grant()
-            time.sleep(BATCH)
+            self._servo.wait(self._stream.readers, QUIET)
+            self.drain()
+            now = time.monotonic()
+            self._grant(now)
+            if now - self._looked > LOOK:
+                self._looked = now
+                self._stream.look()
 
     def drain(self):
-        """Take all that waits; the number of messages."""
-        take, unpack, handle, count = self._reader.take, self._codec.unpack, self._handle, 0
-        while (raw := take()) is not None:
-            values = unpack(raw)
-            if values[0] != self.last:  # a state sent once more is taken once
-                if values[0] < self.last:  # the driver began anew
-                    self._granter.forget()
-                self.last = values[0]
-                handle(raw, values)
-            count += 1
-        return count
+        """Take all that waits."""
+        while (rows := self._stream.take()) is not None:
+            messages = self._codec.array(rows)
+            sequence = messages["sequence"]
+            if sequence[0] < self.last:  # the driver began anew
+                self._granter.forget()
+            elif sequence[0] == self.last:  # a state that was sent once more is taken once
+                messages = messages[1:]
+            self.last = int(sequence[-1])
+            self._handle(messages)
+            self._outlet.flush()
 
-    def _grant(self):
+    def _grant(self, now):
         """Credit as far as the window goes; repeated while it is quiet."""
-        if self._granter.until < 0 and not (
-                self._reader.publishers and self.publisher.get_subscription_count() >= self.readers):
+        if self._granter.until < 0 and not (self._stream.publishers and self._outlet.followers >= self._expected):
             return
-        until, now = self.last + self._window, time.monotonic()
+        until = self.last + self._window
         if until > self._granter.until + self._window // 4 or now - self._granted > 0.5:
             self._granted = now
             self._granter.grant(until)

@@ -5,16 +5,19 @@ Follows `state`, publishes `friction`, decimated.
 
 import sys
 
+import numpy as np
 from rclpy.node import Node
 
 from microstage_msgs.msg import AxisState, FrictionState
 from microstage_ros.axis.axis_file import load_axis
 from microstage_ros.control.observer import FrictionObserver
 from microstage_ros.nodes import topics
-from microstage_ros.nodes.codec import Codec, stamp_ns
+from microstage_ros.nodes.blocks import Outlet
+from microstage_ros.nodes.codec import Codec, stamps_ns
 from microstage_ros.nodes.follower import Follower
 from microstage_ros.nodes.parameters import Parameters
 from microstage_ros.nodes.process import run_node
+from microstage_ros.nodes.servo_path import make_servo_path
 from microstage_ros.places import config_file
 
 BLOCKS = 10
@@ -28,20 +31,21 @@ class GmsObserver(Node):
         p = self.parameters = Parameters(self, "gms_observer")
         axis = load_axis(p.axis_file or config_file("axis.yaml"))
         self._observer = FrictionObserver(axis, observer_bandwidth=p.observer_bandwidth)
-        FrictionObserver(axis).advance(0.0, 0.0, 0.0)  # compiled before anybody waits for credit
-        self._codec = Codec("FrictionState", p.frame_id)
-        self._follower = Follower(self, AxisState, topics.STATE, p.frame_id, p.window, self._take)
-        publisher = self.create_publisher(FrictionState, topics.FRICTION, topics.SERVO)
-        self._send = self._follower.servo.writer(publisher)
-        self._follower.publisher, self._follower.readers = publisher, p.expected_subscribers
-        self.loop = self._follower.loop
+        FrictionObserver(axis).advance_all(*np.zeros((3, 2)))  # compiled before anybody waits for credit
+        self._pack, self._every = Codec("FrictionState").pack, p.decimation
+        servo = make_servo_path(self)
+        self._outlet = Outlet(self, servo, FrictionState, topics.FRICTION)
+        self.loop = Follower(self, servo, AxisState, topics.STATE, p.window, self._take, self._outlet,
+                             p.expected_followers).loop
 
-    def _take(self, raw, values):
-        sequence, position, applied, current, *_ = values
-        observer = self._observer
-        observer.advance(position, applied, current)
-        if sequence % self.parameters.decimation == 0:
-            self._send(self._codec.pack(stamp_ns(raw), sequence, *_fields(observer.estimate)))
+    def _take(self, states):
+        columns = [np.ascontiguousarray(states[name]) for name in ("position", "applied_voltage", "current")]
+        times, numbers, done = stamps_ns(states), states["sequence"], 0
+        for told in np.flatnonzero(numbers % self._every == 0).tolist():
+            self._observer.advance_all(*(column[done:told + 1] for column in columns))
+            done, sequence = told + 1, int(numbers[told])
+            self._outlet.send(sequence, self._pack(int(times[told]), sequence, *_fields(self._observer.estimate)))
+        self._observer.advance_all(*(column[done:] for column in columns))
 
     def close(self):
         """Nothing to hold on to."""

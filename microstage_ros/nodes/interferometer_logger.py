@@ -14,10 +14,14 @@ from microstage_ros.axis.errors import InputError
 from microstage_ros.metrology.interferometer import Interferometer, budget, correct
 from microstage_ros.metrology.refractive_index import Air, refractive_index
 from microstage_ros.nodes import topics
-from microstage_ros.nodes.codec import Codec, stamp_ns
+from microstage_ros.nodes.blocks import Outlet
+from microstage_ros.nodes.codec import Codec, stamps_ns
 from microstage_ros.nodes.follower import Follower
 from microstage_ros.nodes.parameters import Parameters
 from microstage_ros.nodes.process import run_node
+from microstage_ros.nodes.servo_path import make_servo_path
+
+_SEEN = ["sequence", "interferometer_position", "air_temperature", "air_pressure", "air_humidity", "stage_temperature"]
 
 
 class InterferometerLogger(Node):
@@ -30,21 +34,24 @@ class InterferometerLogger(Node):
         self._zeroed = self._setup = None
         self._uncertainty = p.expanded_uncertainty
         self._count = 0
-        self._codec = Codec("InterferometerReading", p.frame_id)
-        self._follower = Follower(self, SimulationTruth, topics.SIMULATION, p.frame_id, p.window, self._take)
-        publisher = self.create_publisher(InterferometerReading, topics.INTERFEROMETER, topics.SERVO)
-        self._send = self._follower.servo.writer(publisher)
-        self._follower.publisher, self._follower.readers = publisher, p.expected_subscribers
+        self._pack = Codec("InterferometerReading").pack
+        servo = make_servo_path(self)
+        self._outlet = Outlet(self, servo, InterferometerReading, topics.INTERFEROMETER)
+        self.loop = Follower(self, servo, SimulationTruth, topics.SIMULATION, p.window, self._take, self._outlet,
+                             p.expected_followers).loop
         if p.air == "topics":
             for kind, topic, field in ((Temperature, topics.AIR_TEMPERATURE, "temperature"),
                                        (FluidPressure, topics.AIR_PRESSURE, "fluid_pressure"),
                                        (RelativeHumidity, topics.AIR_HUMIDITY, "relative_humidity")):
                 self.create_subscription(kind, topic, lambda message, field=field: self._measured.__setitem__(
                     field, getattr(message, field)), topics.SLOW)
-        self.loop = self._follower.loop
 
-    def _take(self, raw, values):
-        sequence, _, _, _, _, counted, temperature, pressure, humidity, stage = values
+    def _take(self, messages):
+        for time_ns, values in zip(stamps_ns(messages).tolist(), messages[_SEEN].tolist()):
+            self._reading(time_ns, *values)
+
+    def _reading(self, time_ns, sequence, counted, temperature, pressure, humidity, stage):
+        """One reading of the instrument."""
         if self.parameters.air == "topics":
             if len(self._measured) < 3:
                 return  # no position without the air it was measured in
@@ -56,8 +63,8 @@ class InterferometerLogger(Node):
         except InputError as error:
             self.get_logger().error(str(error), throttle_duration_sec=1.0)
             return
-        self._send(self._codec.pack(stamp_ns(raw), sequence, position, self._uncertainty, temperature, pressure,
-                                    humidity, stage, position - counted))
+        self._outlet.send(sequence, self._pack(time_ns, sequence, position, self._uncertainty, temperature, pressure,
+                                               humidity, stage, position - counted))
 
     def _corrected(self, counted, air):
         """Position [m] from what the instrument counts; the budget now and then."""

@@ -23,13 +23,15 @@ from microstage_ros.axis.errors import InputError
 from microstage_ros.control.move import Move, check_move
 from microstage_ros.control.profiles import MotionLimits, jerk_limited_move
 from microstage_ros.nodes import topics
+from microstage_ros.nodes.blocks import Stream
 from microstage_ros.nodes.codec import Codec
 from microstage_ros.nodes.credit import Granter
 from microstage_ros.nodes.parameters import Parameters
 from microstage_ros.nodes.process import run_node, running
-from microstage_ros.nodes.servo_path import make_servo_path, reader_qos
+from microstage_ros.nodes.servo_path import make_servo_path
 
 WAIT = 0.1
+LOOK = 0.5
 FEEDBACK = 0.1
 STATUS_WAIT = 0.5
 INTERFEROMETER_WAIT = 2.0
@@ -56,16 +58,14 @@ class MoveServer(Node):
         self._latest, self._stale = None, -1
         self._move = None
         self._newest_goal = 0
-        self._held_since = None
+        self._held_since, self._talking = None, False
         self._readings = deque(maxlen=100_000)
         self._errors = {}
         self._granter = Granter(self)
         servo = self._servo = make_servo_path(self)
-        qos = reader_qos(topics.DEPTH, reliable=True)
-        self._inside = servo.reader(ControllerState, topics.CONTROLLER_STATE, qos)
-        self._interferometer = servo.reader(InterferometerReading, topics.INTERFEROMETER, qos)
-        self._inside_codec = Codec("ControllerState", p.frame_id)
-        self._reading_codec = Codec("InterferometerReading", p.frame_id)
+        self._inside = Stream(self, servo, ControllerState, topics.CONTROLLER_STATE)
+        self._interferometer = Stream(self, servo, InterferometerReading, topics.INTERFEROMETER)
+        self._inside_codec, self._reading_codec = Codec("ControllerState"), Codec("InterferometerReading")
         group = ReentrantCallbackGroup()
         self.create_subscription(DriverStatus, topics.DRIVER_STATUS, self._on_status, topics.LATCHED)
         self._follow = self.create_client(FollowReference, topics.FOLLOW_REFERENCE, callback_group=group)
@@ -78,30 +78,35 @@ class MoveServer(Node):
 
     def loop(self):
         """Follow the controller's states and the interferometer."""
-        readers = (self._inside, self._interferometer)
+        looked = 0.0
         while running():
-            self._servo.wait(readers, WAIT)
-            while (raw := self._interferometer.take()) is not None:
-                sequence, position, *_ = self._reading_codec.unpack(raw)
-                self._readings.append((sequence, position))
-            while (raw := self._inside.take()) is not None:
-                self._on_inside(*self._inside_codec.unpack(raw)[:3])
+            self._servo.wait(self._inside.readers + self._interferometer.readers, WAIT)
+            while (rows := self._interferometer.take()) is not None:
+                self._readings.extend(self._reading_codec.array(rows)[["sequence", "position"]].tolist())
+            while (rows := self._inside.take()) is not None:
+                with self._changed:
+                    for state in self._inside_codec.array(rows)[["sequence", "position", "reference"]].tolist():
+                        self._on_inside(*state)
+                    self._granter.tell()
+                    self._changed.notify_all()
             self._keep_credit_alive()
+            if time.monotonic() - looked > LOOK:
+                looked = time.monotonic()
+                self._inside.look()
+                self._interferometer.look()
 
     def _on_inside(self, sequence, position, reference):
-        with self._changed:
-            before = self._latest[0] if self._latest else -1
-            if sequence < before:  # the driver began anew
-                self._granter.forget()
-            self._latest = (sequence, position, reference)
-            if self._move is not None and not self._move.done:
-                self._move.update(sequence, position)
-                if self._move.done and self.parameters.pause_s > 0.0:
-                    self._held_since = time.monotonic()
-            stride = self.parameters.window // 4
-            if self._held_since is None and sequence // stride != before // stride:
-                self._granter.grant(sequence + self.parameters.window)
-            self._changed.notify_all()
+        before = self._latest[0] if self._latest else -1
+        if sequence < before:  # the driver began anew
+            self._granter.forget()
+        self._latest = (sequence, position, reference)
+        if self._move is not None and not self._move.done:
+            self._move.update(sequence, position)
+            if self._move.done and self.parameters.pause_s > 0.0:
+                self._held_since = time.monotonic()
+        stride = self.parameters.window // 4
+        if self._held_since is None and sequence // stride != before // stride:
+            self._granter.until = max(self._granter.until, sequence + self.parameters.window)
 
     def _keep_credit_alive(self):
         """Repeat the last credit now and then; end a pause that has lasted too long."""
@@ -110,7 +115,7 @@ class MoveServer(Node):
                 if self._inside.publishers and self._follow.service_is_ready():
                     self._held_since = time.monotonic() if self.parameters.pause_s > 0.0 else None
                     self._granter.grant(self.parameters.window)
-            elif self._held_since is not None and time.monotonic() - self._held_since > self.parameters.pause_s:
+            elif self._held_since is not None and not self._talking and time.monotonic() - self._held_since > self.parameters.pause_s:
                 self._let_go()
             elif time.monotonic() - getattr(self, "_repeated", 0.0) > 0.5:
                 self._repeated = time.monotonic()
@@ -197,7 +202,7 @@ class MoveServer(Node):
                                           timeout=p.driver_timeout_s):
                 raise Refused(RESULT.CODE_REFUSED, "no controller: nobody publishes controller_state")
             lockstep = self._status.lockstep
-            self._held_since = time.monotonic() if lockstep else None  # time stands still while we talk
+            self._hold(lockstep)
             here = self._latest[2]
         try:
             positions = jerk_limited_move(here, request.target, self._status.period, limits)
@@ -211,9 +216,18 @@ class MoveServer(Node):
                 self._move = move
             return move
         finally:
-            with self._changed:
-                if self._held_since is not None:
-                    self._let_go()
+            self._go_on()
+
+    def _hold(self, lockstep):
+        """In lockstep time stands still while we talk with the controller, within the window."""
+        self._talking, self._held_since = lockstep, time.monotonic() if lockstep else None
+
+    def _go_on(self):
+        """The talk is over."""
+        with self._changed:
+            if self._talking:
+                self._talking = False
+                self._let_go()
 
     def _watch(self, move, mine, cancelled, feedback):
         """Wait for the end of the move, with feedback; stop it for a cancel, a newer goal or a fault."""
@@ -237,8 +251,13 @@ class MoveServer(Node):
 
     def _stop(self, feedback):
         """Ramp the reference to rest and wait until it is there. Returns when that was, in words."""
-        asked = self._latest[0]
-        answer = self._ask(FollowReference.Request())
+        with self._changed:
+            asked = self._latest[0]
+            self._hold(self._status.lockstep)
+        try:
+            answer = self._ask(FollowReference.Request())
+        finally:
+            self._go_on()
         with self._changed:
             if self._move is not None:
                 self._move.done = True

@@ -117,5 +117,16 @@ class Parameters:
         return SetParametersResult(successful=True)
 
 
+def yaml_mapping(place, text, example):
+    """The mapping that a text parameter holds as YAML. Raises `InputError`, which shows ``example``."""
+    try:
+        found = yaml.safe_load(text) or {}
+    except yaml.YAMLError as error:
+        raise InputError(place, text, f"YAML such as {example} ({error})") from None
+    if not isinstance(found, dict):
+        raise InputError(place, text, f"YAML such as {example}")
+    return found
+
+
 def _first_line(error):
     return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__

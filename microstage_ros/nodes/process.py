@@ -1,5 +1,7 @@
 """One node in one process: services and parameters in a thread, the servo loop in the main thread."""
 
+import gc
+import os
 import signal
 import sys
 import threading
@@ -11,6 +13,7 @@ from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, Si
 from rclpy.signals import SignalHandlerOptions
 
 from microstage_ros.axis.errors import InputError
+from microstage_ros.nodes.scheduling import processors, take_place
 from microstage_ros.nodes.servo_path import RCLError
 
 SWITCH_INTERVAL = 1e-4
@@ -34,8 +37,8 @@ def run_node(make, arguments=None, threads=1):
 
     Parameters
     ----------
-    make : called without arguments; returns the node, which has `loop()` (it ends when `running` says so) and
-        `close()`.
+    make : called without arguments; returns the node, which has `parameters`, `loop()` (it ends when `running`
+        says so) and `close()`.
     arguments : command line; default that of the process.
     threads : of the executor; more than one where callbacks wait for each other.
     """
@@ -45,14 +48,19 @@ def run_node(make, arguments=None, threads=1):
     sys.setswitchinterval(SWITCH_INTERVAL)
     try:
         node = make()
+        cpus = processors(node.parameters.cpus)
     except InputError as error:
         print(" ".join(str(error).split()), file=sys.stderr)
         rclpy.try_shutdown()
         return 2
+    _leave_garbage_alone()
     executor = MultiThreadedExecutor(threads) if threads > 1 else SingleThreadedExecutor()
     executor.add_node(node)
     thread = threading.Thread(target=_serve, args=(executor, node.get_logger()), daemon=True)
     thread.start()
+    p = node.parameters
+    os.nice(getattr(p, "nice", 0))
+    take_place(node.get_logger(), cpus, getattr(p, "scheduling", "normal"), getattr(p, "real_time_priority", 0))
     try:
         node.loop()
     finally:
@@ -62,6 +70,13 @@ def run_node(make, arguments=None, threads=1):
         thread.join(timeout=2.0)
         rclpy.try_shutdown()
     return 0
+
+
+def _leave_garbage_alone():
+    """What is there now stays: collections, each a millisecond's stop of the loop, look at new objects only, and rarely."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(50_000, 20, 100)
 
 
 def _wait_for_readers(node):

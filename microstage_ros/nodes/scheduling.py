@@ -3,11 +3,15 @@
 import ctypes
 import os
 import time
+from pathlib import Path
 
-SPIN = 30e-6
-"""Last stretch before a deadline that is spent spinning [s]; a sleep with no timer slack is later by less."""
+from microstage_ros.axis.errors import InputError
+
+SPIN = 40e-6
+"""Last stretch before a deadline that is spent spinning [s]: to sleep and be woken takes about as long."""
 
 PR_SET_TIMERSLACK = 29
+_ALLOWED = os.sched_getaffinity(0)
 
 
 def sleep_precisely():
@@ -27,11 +31,57 @@ def sleep_until(deadline):
         pass
 
 
-def ask_for_priority(logger, priority):
-    """SCHED_FIFO at ``priority`` for this process if above 0; says so where it is not permitted."""
-    if priority <= 0:
-        return
+def processors(text):
+    """Numbers of processors from text such as ``1`` or ``0,2-3``; empty: None, all of them.
+
+    Raises
+    ------
+    InputError : not such a text, or a processor that this process may not use.
+    """
+    if not text.strip():
+        return None
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-    except PermissionError:
-        logger.warning(f"real-time priority {priority} is not permitted here (ulimit -r): normal scheduling")
+        ranges = [[int(end) for end in part.split("-")] for part in text.split(",")]
+        found = {number for ends in ranges for number in range(ends[0], ends[-1] + 1)}
+    except ValueError:
+        found = set()
+    allowed = os.sched_getaffinity(0)
+    if not found or not found <= allowed:
+        raise InputError("parameter cpus", text, f"some of {sorted(allowed)}, such as 1 or 0,2-3; empty for all")
+    return found
+
+
+POLICIES = {"normal": os.SCHED_OTHER, "batch": os.SCHED_BATCH, "real_time": os.SCHED_FIFO}
+
+
+def take_place(logger, cpus, scheduling="normal", priority=0):
+    """Put the servo loop on ``cpus`` (None: anywhere), under a scheduling of `POLICIES`.
+
+    That is the main thread and those of the middleware that bring it messages; all other threads of the process
+    (services, discovery, who sends blocks) go to the other processors, if there are any. Under `batch` and `real_time` a thread that is woken does not
+    take the processor from the one that woke it in the middle of its work.
+    """
+    rest = set() if cpus is None else _ALLOWED - cpus
+    rank = os.sched_param(priority if scheduling == "real_time" else 0)
+    for thread in map(int, os.listdir("/proc/self/task")):
+        try:
+            hot = thread == os.getpid() or _carries_messages(thread)
+            if cpus is not None and (hot or rest):
+                os.sched_setaffinity(thread, cpus if hot else rest)
+            if not hot:
+                continue
+            if scheduling != "normal":
+                os.sched_setscheduler(thread, POLICIES[scheduling], rank)
+        except PermissionError:
+            logger.warning(f"real-time priority {priority} is not permitted here (ulimit -r): normal scheduling")
+            return
+        except ProcessLookupError:  # a thread that ended meanwhile
+            continue
+
+
+def _carries_messages(thread):
+    """True for a thread of Fast DDS that waits for messages in shared memory."""
+    try:
+        return Path(f"/proc/self/task/{thread}/comm").read_text(encoding="utf-8").startswith("dds.dsha")
+    except OSError:
+        return False

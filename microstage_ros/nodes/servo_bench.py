@@ -35,6 +35,8 @@ def bench(long=False):
     try:
         node = rclpy.create_node("servo_bench", namespace="/bench")
         yield from round_trips(node)
+        yield start(node, PAIR)
+        yield start(node, NODES)
         yield from lockstep(node, PAIR, SHORT)
         yield from lockstep(node, NODES, SHORT)
         yield from paced(node, NODES, SHORT, 1e-3)
@@ -48,9 +50,27 @@ def row(name, value, unit, note="", **peer):
     return {"name": name, "value": float(value), "unit": unit, "note": note, **peer}
 
 
+def start(node, nodes):
+    """Wall clock from starting the processes to the first command."""
+    heard = []
+    watch = node.create_subscription(VoltageCommand, f"/bench/{topics.COMMAND}", lambda _: heard.append(time.monotonic()), 10)
+    with tempfile.TemporaryDirectory() as folder:
+        began = time.monotonic()
+        with CellProcesses("/bench", nodes, {"bag_recorder": {"directory": f"{folder}/bag"}}, Path(folder) / "logs") as cell:
+            cell.activate(node)
+            _spin(node, lambda: heard)
+            cell.deactivate(node)
+    node.destroy_subscription(watch)
+    return row(f"start to the first controlled sample, {_which(nodes)}", heard[0] - began, "s")
+
+
+def _which(nodes):
+    return "driver and controller" if nodes == PAIR else f"all {len(nodes)} nodes, everything recorded"
+
+
 def lockstep(node, nodes, seconds):
     """Simulated time per wall clock of the running cell."""
-    name = f"lockstep, {'driver and controller' if nodes == PAIR else f'all {len(nodes)} nodes, everything recorded'}"
+    name = f"lockstep, {_which(nodes)}"
     with tempfile.TemporaryDirectory() as folder:
         parameters = {"bag_recorder": {"directory": f"{folder}/bag"}}
         first, last, wall, shares = _observed(node, nodes, parameters, seconds, Path(folder))
@@ -75,6 +95,7 @@ def paced(node, nodes, seconds, period):
     missing = recorded["rosbag2_bagfile_information"]["custom_data"]["missing_messages"]
     return [row(f"{name}: periods", periods / wall, "1/s"),
             row(f"{name}: answered within the period", (last.answered - first.answered) / periods, "1"),
+            row(f"{name}: answered within two periods", _within(first, last, 2 * period), "1", note="by the histogram's bins"),
             row(f"{name}: overruns", last.overruns - first.overruns, "1", note=f"of {periods} periods"),
             row(f"{name}: messages missing in the bag", sum(yaml.safe_load(missing).values()), "1"),
             *_responses(name, last), *_shares(name, shares)]
@@ -85,8 +106,17 @@ def _responses(name, timing):
         ("median", timing.response_median), ("99 %", timing.response_p99), ("99.99 %", timing.response_p9999))]
 
 
+def _within(first, last, longest):
+    """Share of the periods whose command came within ``longest`` [s], by the whole bins of the histogram below it."""
+    counts = np.array(last.response_histogram) - np.array(first.response_histogram)
+    edges = 10.0 ** (-5.0 + np.arange(1, len(counts) + 1) / 16)
+    return float(counts[edges <= longest * 1.0001].sum()) / (last.periods - first.periods)
+
+
 def _shares(name, shares):
-    return [row(f"{name}: {process}", share, "cores") for process, share in shares.items()]
+    """One row for each process: cores, and of them the loop, the threads that bring it messages, all others."""
+    return [row(f"{name}: {process}", sum(parts), "cores", note="loop {:.2f}, messages {:.2f}, other threads {:.2f}".format(*parts))
+            for process, parts in shares.items()]
 
 
 def _observed(node, nodes, parameters, seconds, folder):
@@ -108,11 +138,15 @@ def _observed(node, nodes, parameters, seconds, folder):
 
 
 def _cpu(cell):
-    """Processor time of every process so far [s]."""
+    """Processor time of every process so far [s]: its main thread, those that bring messages, all others."""
     times = {}
     for name, process in cell.processes.items():
-        fields = Path(f"/proc/{process.pid}/stat").read_text(encoding="ascii").rsplit(")", 1)[1].split()
-        times[name] = (int(fields[11]) + int(fields[12])) / TICKS
+        times[name] = np.zeros(3)
+        for thread in Path(f"/proc/{process.pid}/task").iterdir():
+            head, tail = (thread / "stat").read_text(encoding="utf-8", errors="replace").rsplit(")", 1)
+            fields = tail.split()
+            kind = 0 if thread.name == str(process.pid) else 1 if "(dds.dsha" in head else 2
+            times[name][kind] += (int(fields[11]) + int(fields[12])) / TICKS
     return times
 
 

@@ -18,7 +18,7 @@ import microstage_ros
 from microstage_ros.axis.errors import InputError
 from microstage_ros.records.bag_reader import Bag
 from microstage_ros.records.bag_writer import BagWriter
-from microstage_ros.records.definition import HEADER, SEPARATOR, TIME, installed_definition, parse_definition
+from microstage_ros.records.definition import SEPARATOR, TIME, installed_definition, parse_definition
 from microstage_ros.records.layout import layout_of_type
 from microstage_ros.records.record import Record, metadata_value
 from microstage_ros.records.timebase import short_period
@@ -37,7 +37,6 @@ FIELDS = {
 """Topic to message type and column to field."""
 
 NAMESPACE = "/axis"
-FRAME = b"axis"
 STATUS_ACTIVE, STATUS_SIMULATED, SENDER_CONTROLLER = 1, 32, 1
 ROWS_AT_ONCE = 5000
 PERIOD_TOLERANCE = 2e-3
@@ -60,7 +59,8 @@ def own_definition(name):
     except InputError:
         if not source.exists():
             raise
-    text = f"{SEPARATOR}\n".join([source.read_text(encoding="utf-8"), HEADER, TIME])
+    header = f"MSG: {PACKAGE}/ServoHeader\n" + source.with_name("ServoHeader.msg").read_text(encoding="utf-8")
+    text = f"{SEPARATOR}\n".join([source.read_text(encoding="utf-8"), header, TIME])
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(text, full))
     return parse_definition(full, text, store.hash_rihs01(full))
@@ -128,8 +128,7 @@ def record_to_bag(record, path, namespace=NAMESPACE):
     with BagWriter(path, custom_data) as bag:
         channels = {topic: bag.add_channel(f"{namespace.rstrip('/')}/{topic}", own_definition(FIELDS[topic][0]))
                     for topic in topics}
-        layouts = {topic: layout_of_type(own_definition(FIELDS[topic][0]), {"header.frame_id": len(FRAME)})
-                   for topic in topics}
+        layouts = {topic: layout_of_type(own_definition(FIELDS[topic][0])) for topic in topics}
         for start in range(0, len(record), ROWS_AT_ONCE):
             rows = np.arange(start, min(start + ROWS_AT_ONCE, len(record)))
             times = np.round(record["t_s"][rows] * 1e9).astype(np.int64)
@@ -144,7 +143,7 @@ def _any(record, topic):
 
 def _messages(record, topic, layout, rows, times):
     """Messages of one topic for some rows of a record, uint8 of shape (n, size)."""
-    raw = np.tile(np.frombuffer(layout.blank(header__frame_id=FRAME), np.uint8), (len(rows), 1))
+    raw = np.tile(np.frombuffer(layout.blank(), np.uint8), (len(rows), 1))
     seen = raw.reshape(-1).view(layout.dtype)
     seen["header.stamp.sec"], seen["header.stamp.nanosec"] = times // 10**9, times % 10**9
     seen["sequence"] = rows

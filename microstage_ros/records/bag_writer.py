@@ -134,6 +134,9 @@ class BagWriter:
         record = HEAD_BYTES + payloads.shape[1]
         if len(log_times) and not self._chunk.records:
             self._close_at_ns = int(log_times[0]) + CHUNK_NS
+        if len(log_times) and log_times[-1] >= self._close_at_ns:
+            self._close_chunk()
+            self._close_at_ns = int(log_times[-1]) + CHUNK_NS
         done = 0
         while done < len(payloads):
             room = max((CHUNK_BYTES - len(self._chunk)) // record, 1)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from microstage_ros.records.bag_reader import read_bag
-from microstage_ros.records.bag_record import FRAME, own_definition
+from microstage_ros.records.bag_record import own_definition
 from microstage_ros.records.bag_writer import BagWriter
 from microstage_ros.records.csv_file import read_csv, write_csv
 from microstage_ros.records.layout import layout_of_type
@@ -51,8 +51,8 @@ def bench(messages=1_000_000, peer_messages=50_000, seed=1):
 
 def servo_messages(count, seed):
     """AxisState messages of a moving, noisy axis: uint8 (count, size), and their log times [ns]."""
-    layout = layout_of_type(own_definition("AxisState"), {"header.frame_id": len(FRAME)})
-    rows = np.tile(np.frombuffer(layout.blank(header__frame_id=FRAME), np.uint8), (count, 1))
+    layout = layout_of_type(own_definition("AxisState"))
+    rows = np.tile(np.frombuffer(layout.blank(), np.uint8), (count, 1))
     seen, generator = rows.reshape(-1).view(layout.dtype), np.random.default_rng(seed)
     times = START_NS + PERIOD_NS * np.arange(count)
     seen["header.stamp.sec"], seen["header.stamp.nanosec"] = times // 10**9, times % 10**9
@@ -98,7 +98,7 @@ def bench_reading(messages, peer_messages, whole, part):
 
 def bench_csv(rows, path):
     """Rows per second from a CSV file of five columns, against `numpy.loadtxt`."""
-    layout = layout_of_type(own_definition("AxisState"), {"header.frame_id": len(FRAME)})
+    layout = layout_of_type(own_definition("AxisState"))
     seen = rows.reshape(-1).view(layout.dtype)[:200_000]
     write_csv(Record(PERIOD_NS * 1e-9, {"encoder_m": seen["position"], "reference_m": seen["position"],
                                         "voltage_V": seen["applied_voltage"], "current_A": seen["current"]}), path)

@@ -10,8 +10,10 @@ from rclpy.parameter import Parameter
 from ros_support import ask, spin_until
 from std_srvs.srv import Trigger
 
-from microstage_msgs.msg import AxisState, VoltageCommand
+from microstage_msgs.msg import AxisState, ServoTiming, VoltageCommand
+from microstage_ros.axis.axis_file import load_axis
 from microstage_ros.nodes.cell_processes import CellFailure, CellProcesses
+from microstage_ros.places import config_file
 
 FAULTS = {getattr(AxisState, name): name for name in (
     "FAULT_NONE", "FAULT_COMMAND_TIMEOUT", "FAULT_COMMAND_NOT_FINITE", "FAULT_COMMAND_INACTIVE",
@@ -129,6 +131,40 @@ def test_paced_driver_stops_when_commands_stop(node, tmp_path):
         commander.wait_for_fault("FAULT_COMMAND_TIMEOUT")
         late = [s for s in commander.states if s.status & AxisState.STATUS_COMMAND_LATE]
         assert late and not any(s.status & AxisState.STATUS_LOCKSTEP for s in commander.states)
+
+
+class Careless(Commander):
+    """Leaves out the answers to some periods, gives others late, twice, or in the wrong order."""
+
+    def _answer(self, state):
+        self.states.append(state)
+        n, kind = state.sequence, state.sequence % 5
+        if kind == 2:
+            self.send(n - 1, 0.1)  # late: the period before had no answer, nor has this one
+        elif kind in (0, 3, 4):
+            self.send(n, 0.001 * kind)
+            if kind == 3:
+                self.send(n, 0.5)  # again
+            elif kind == 4:
+                self.send(n - 1, 0.6)  # older than one that was obeyed
+
+
+@pytest.mark.parametrize("compiled_loop", [True, False])
+def test_late_lost_repeated_and_old_commands_when_paced(node, tmp_path, compiled_loop):
+    """Each is counted, none is a fault; late ones are obeyed, repeated and old ones never."""
+    load_axis(config_file("axis.yaml")).with_values({"period": 0.02}, source="estimate").save(tmp_path / "axis.yaml")
+    told = []
+    node.create_subscription(ServoTiming, "/axis/timing", told.append, 10)
+    with driver(tmp_path, mode="paced", command_timeout_periods=5000, axis_file=str(tmp_path / "axis.yaml"),
+                compiled_loop=compiled_loop) as cell:
+        commander = Careless(node)
+        cell.activate(node)
+        spin_until(node, lambda: told and min(
+            told[-1].answered, told[-1].late, told[-1].lost, told[-1].duplicated, told[-1].reordered) > 0)
+        spin_until(node, lambda: any(s.applied_voltage == 0.1 for s in commander.states))
+        assert not any(s.fault for s in commander.states)
+        assert {round(s.applied_voltage, 4) for s in commander.states} <= {0.0, 0.003, 0.004, 0.1}
+        assert any(s.status & AxisState.STATUS_COMMAND_LATE for s in commander.states)
 
 
 def test_a_driver_that_nobody_reads_is_not_activated(node, tmp_path):

@@ -14,10 +14,11 @@ from microstage_ros.records.bag_reader import Bag
 TOPICS = ("state", "command", "controller_state", "friction", "interferometer", "simulation")
 
 
-def make_bag(folder, seed):
+def make_bag(folder, seed, compiled_loop=True):
     """A bag of two short moves."""
-    parameters = {"bag_recorder": {"directory": str(folder / "bag")},
-                  "move_server": {"pause_s": 600.0}, "axis_driver": {"seed": seed, "command_timeout_lockstep_s": 60.0}}
+    parameters = {"bag_recorder": {"directory": str(folder / "bag")}, "move_server": {"pause_s": 600.0},
+                  "str_controller": {"compiled_loop": compiled_loop},
+                  "axis_driver": {"seed": seed, "command_timeout_lockstep_s": 60.0, "compiled_loop": compiled_loop}}
     with ros_node() as node, CellProcesses("/axis", parameters=parameters, logs=folder / "logs") as cell:
         cell.activate(node)
         client = AxisClient("/axis", node, wait=60.0)
@@ -46,6 +47,12 @@ def test_same_seed_same_bytes(first, tmp_path):
     assert set(ours) == set(theirs) == {f"/axis/{name}" for name in TOPICS}
     for topic in ours:
         assert len(ours[topic]) == len(theirs[topic]) > 50, topic
+        assert ours[topic] == theirs[topic], topic
+
+
+def test_periods_in_python_are_the_same_to_the_last_bit(first, tmp_path):
+    ours, theirs = messages(first), messages(make_bag(tmp_path, 3, compiled_loop=False))
+    for topic in ours:
         assert ours[topic] == theirs[topic], topic
 
 

@@ -7,7 +7,7 @@ from bag_help import WORDS
 from microstage_ros.axis.errors import InputError
 from microstage_ros.records import Record, read_record, write_record
 from microstage_ros.records.bag import Bag, BagWriter
-from microstage_ros.records.bag_record import FRAME, own_definition
+from microstage_ros.records.bag_record import own_definition
 from microstage_ros.records.columns import RECORD_COLUMNS
 from microstage_ros.records.definition import installed_definition
 from microstage_ros.records.layout import layout_of_type
@@ -53,9 +53,9 @@ def write_cell(path, states, commands, namespace="/axis"):
 def add_axis(bag, states, commands, namespace):
     for topic, definition, entries, field in (("state", STATE, states, "position"), ("command", COMMAND, commands, "voltage")):
         channel = bag.add_channel(f"{namespace}/{topic}", definition)
-        layout = layout_of_type(definition, {"header.frame_id": len(FRAME)})
+        layout = layout_of_type(definition)
         for number, (sequence, value) in enumerate(entries):
-            raw = layout.blank(header__frame_id=FRAME, sequence=sequence, header__stamp__nanosec=sequence * 100_000)
+            raw = layout.blank(sequence=sequence, header__stamp__nanosec=sequence * 100_000)
             seen = np.frombuffer(raw, layout.dtype, 1)
             seen[field] = value
             if topic == "state":
@@ -74,12 +74,12 @@ def test_lost_and_reordered_messages_go_to_their_rows(tmp_path):
 
 def test_readings_without_a_number_go_by_their_stamp(tmp_path):
     reading = own_definition("InterferometerReading")
-    layout = layout_of_type(reading, {"header.frame_id": len(FRAME)})
+    layout = layout_of_type(reading)
     with BagWriter(tmp_path / "bag") as bag:
         add_axis(bag, [(n, float(n)) for n in range(40, 60)], [], "/axis")
         channel = bag.add_channel("/axis/interferometer", reading)
         for sequence in (42, 50):
-            bag.write(channel, 5, bytes(layout.blank(header__frame_id=FRAME, position=sequence,
+            bag.write(channel, 5, bytes(layout.blank(position=sequence,
                                                      header__stamp__nanosec=sequence * 100_000 + 30_000)))
     read = read_record(tmp_path / "bag")["interferometer_m"]
     assert np.flatnonzero(~np.isnan(read)).tolist() == [2, 10] and read[10] == 50
