@@ -12,8 +12,8 @@ import numpy as np
 from microstage_ros.control.controller import controller_parameters
 from microstage_ros.control.margins import controller_margins
 from microstage_ros.control.observer_trial import observer_trial
-from microstage_ros.control.trials import sine_trial, step_trial, trial
-from microstage_ros.control.tuning import best_pid_for_sine
+from microstage_ros.control.trials import gain_jump_trial, sine_trial, step_trial, trial
+from microstage_ros.control.tuning import best_pid_for_sine, search
 from microstage_ros.metrology.repeatability import repeatability
 
 CONTROLLERS = (
@@ -23,9 +23,10 @@ DISTANCES = (1e-6, 1e-5, 1e-4, 1e-3)  # m, Table 4
 PAPER_4S = {1e-6: 173e-9, 1e-5: 160e-9, 1e-4: 219e-9, 1e-3: 255e-9}  # m, Table 4
 PAPER_SINE = {"pid_feedforward": 500e-9, "self_tuning": 150e-9}  # m, section 5.4
 TRACKING_SINE = (1e-5, 0.03)  # m, Hz: Fig. 10
-SINES = (  # m, Hz: 1 um ... 1 mm, 0.03 ... 1 Hz, up to 2 mm/s
-    (1e-6, 0.1), (1e-6, 1.0), (1e-5, 0.03), (1e-5, 0.3), (1e-5, 1.0), (1e-4, 0.1), (1e-4, 1.0), (1e-3, 0.3),
+SINES = tuple(  # m, Hz: 1 um ... 1 mm, 0.03 ... 1 Hz, up to 2 mm/s
+    (a, f) for a in (1e-6, 1e-5, 1e-4, 1e-3) for f in (0.03, 0.1, 0.3, 1.0) if a * f < 5e-4
 )
+GAIN_JUMPS = (0.4, 0.5, 0.7, 1.4, 2.0, 2.5)  # of the amplifier
 STRESS = {
     "nominal": {},
     "friction x 0.5": {"effects": {"friction_level_change": {"factor": 0.5}}},
@@ -51,7 +52,7 @@ class Extent(NamedTuple):
     stress_seeds: int = 3
 
 
-QUICK = Extent(3, 5, 8, SINES[2:5], 1)
+QUICK = Extent(3, 5, 8, ((1e-6, 1.0), (1e-5, 0.3), (1e-4, 1.0)), 1)
 
 
 class Bench:
@@ -76,6 +77,7 @@ def compare(axis, extent=Extent(), controllers=CONTROLLERS, jobs=1, progress=Non
     result["rest"] = rest(bench, controllers)
     result["sines"] = sines(bench)
     result["stress"] = stress(bench, controllers)
+    result["gain_jumps"] = gain_jumps(bench, controllers)
     result["weak_start"] = weak_start(bench)
     result["observer"] = observation(bench)
     result["margins"] = {kind: _margins(axis, kind) for kind in controllers}
@@ -150,8 +152,7 @@ def rest(bench, controllers):
 
 def sines(bench, kinds=("pid", "self_tuning", "self_tuning_feedforward", "self_tuning_observer")):
     """Sines of many sizes: worst peak [m] of each law, and of the best fixed PID searched for that very sine."""
-    start = {name: float(controller_parameters("pid", bench.axis, {})["pid"][name]) for name in
-             ("proportional", "integral_time", "derivative_time", "filter_time", "derivative_on_reference")}
+    start = _shipped_pid(bench.axis)
     fresh = range(100, 100 + max(bench.extent.stress_seeds, 2))  # other seeds than those of the search
 
     def one(sine):
@@ -164,8 +165,17 @@ def sines(bench, kinds=("pid", "self_tuning", "self_tuning_feedforward", "self_t
     return bench.each(one, bench.extent.sines)
 
 
+def _shipped_pid(axis):
+    """Gains of the shipped fixed PID."""
+    names = ("proportional", "integral_time", "derivative_time", "filter_time", "derivative_on_reference")
+    return {name: float(controller_parameters("pid", axis, {})["pid"][name]) for name in names}
+
+
 def stress(bench, controllers):
-    """Every controller under every condition: worst sine peak (10 um, 0.1 Hz) and 10 um moves, from the fourth on."""
+    """Every controller under every condition: worst sine peak (10 um, 0.1 Hz) and 10 um moves, from the fourth on.
+
+    Beside them the peak of the fixed PID searched for that sine under that very condition.
+    """
 
     def one(job):
         kind, name = job
@@ -181,26 +191,65 @@ def stress(bench, controllers):
     found = {name: {} for name in STRESS}
     for (kind, name), figures in zip(jobs, bench.each(one, jobs)):
         found[name][kind] = figures
+    start = _shipped_pid(bench.axis)
+
+    def searched(name):
+        gains, _ = best_pid_for_sine(bench.axis, start, 1e-5, 0.1, (0, 1), bench.extent.searches, **STRESS[name])
+        return max(sine_trial(bench.axis, "pid", gains, 1e-5, 0.1, seed, **STRESS[name]).peak for seed in (100, 101))
+
+    for name, peak in zip(STRESS, bench.each(searched, STRESS)):
+        found[name]["best_pid"] = {"peak": peak}
+    return found
+
+
+def gain_jumps(bench, controllers):
+    """The amplifier's gain jumps during a sine (10 um, 0.1 Hz): {controller: [{factor, start, after, end}]}, m.
+
+    ``start``: peak if the gain is wrong from the start; ``after``, ``end``: peak after a jump, and once it is over.
+    """
+    def one(job):
+        kind, factor = job
+        seeds = range(bench.extent.stress_seeds)
+        wrong = {"effects": {"amplifier_gain": {"factor": factor}}}
+        start = max(sine_trial(bench.axis, kind, {}, 1e-5, 0.1, seed, **wrong).peak for seed in seeds)
+        jumps = [gain_jump_trial(bench.axis, kind, factor, seed) for seed in seeds]
+        return {"factor": factor, "start": start, "after": max(j[0] for j in jumps), "end": max(j[1] for j in jumps)}
+
+    bench.progress("gain of the amplifier")
+    jobs = [(kind, factor) for kind in controllers for factor in GAIN_JUMPS]
+    found = {kind: [] for kind in controllers}
+    for (kind, _), figures in zip(jobs, bench.each(one, jobs)):
+        found[kind].append(figures)
     return found
 
 
 def weak_start(bench, kinds=("self_tuning", "self_tuning_feedforward", "self_tuning_observer")):
-    """From a tenth of the gains: error of moves 1 ... 5 of 10 um against the shipped fixed PID.
+    """From a tenth of the gains: error of moves 1 ... 5 of 10 um against fixed PIDs: the shipped, the searched.
 
-    Figure of a move: rms of the true position's error from the move's start to 0.3 s after, median over seeds.
+    Figure of a move: rms of the true position's error from the move's start to its end, median over seeds.
     """
     def rms_by_move(kind, gains):
         def one(seed):
-            columns = step_trial(bench.axis, kind, gains, 1e-5, seed, 5).columns
-            error = (columns["stage_m"] - columns["reference_m"]).reshape(10, -1)[::2]
-            return np.sqrt(np.mean(error**2, axis=1))
+            return _move_errors(bench.axis, kind, gains, seed, 5)
 
         return np.median(bench.each(one, range(min(bench.extent.seeds, 10))), axis=0).tolist()
 
     bench.progress("tenth of the gains")
     found = {kind: rms_by_move(kind, {"start": 0.1}) for kind in kinds}
     found["pid"] = rms_by_move("pid", {})
+    gains, _ = search(
+        lambda gains: max(_move_errors(bench.axis, "pid", gains, seed, 2)[-1] for seed in (0, 1)),
+        _shipped_pid(bench.axis), bench.extent.searches,
+    )
+    found["best_pid"] = rms_by_move("pid", gains)
     return found
+
+
+def _move_errors(axis, kind, gains, seed, moves):
+    """Rms error [m] of the true position in each forward move of 10 um, dwell included, shape (moves,)."""
+    columns = step_trial(axis, kind, gains, 1e-5, seed, moves).columns
+    error = (columns["stage_m"] - columns["reference_m"]).reshape(2 * moves, -1)[::2]
+    return np.sqrt(np.mean(error**2, axis=1))
 
 
 def observation(bench):

@@ -9,9 +9,13 @@ An encoder-only law needs a filter and has to leave the drive train's resonance 
 the motor's speed from its back-EMF and may be five times as stiff. Longer periods lower the bandwidths.
 """
 
+import math
+
 ENCODER_PERIOD = 5.0e-4  # s; up to it the encoder-only bandwidths hold
-ENCODER = {"b": 455.0, "w_p": 256.0, "w_i": 154.0, "filter_time": 1.64e-3}
-OBSERVER = {"b": 2400.0, "w_p": 250.0, "w_i": 60.0}
+ENCODER = {"b": 381.0, "w_p": 345.0, "w_i": 106.0, "filter_time": 1.47e-3}
+FRICTION_SHARE = 0.7  # fed forward where nothing tells the level: all of it pushes short moves beyond their target
+NCTF = {"b": 455.0, "filter_time": 1.64e-3}
+OBSERVER = {"b": 2200.0, "w_p": 270.0, "w_i": 80.0}
 
 
 def volts_per_acceleration(model):
@@ -21,7 +25,7 @@ def volts_per_acceleration(model):
 
 def encoder_gains(model, period):
     """PID gains of the encoder-only laws (names of `pid.GAINS`)."""
-    slower = min(1.0, ENCODER_PERIOD / period)
+    slower = min(1.0, math.sqrt(ENCODER_PERIOD / period))
     w_p, w_i = ENCODER["w_p"] * slower, ENCODER["w_i"] * slower
     return {
         "proportional": ENCODER["b"] * slower * volts_per_acceleration(model) * w_p,
@@ -36,12 +40,12 @@ def observer_gains(model, period):
     """PID gains of the law on the observer's motion; without a current it is no better than the encoder's."""
     if not float(model["force_per_ampere"]) > 0.0:
         return encoder_gains(model, period)
-    b = min(OBSERVER["b"], 0.8 / period)
-    w_p = min(OBSERVER["w_p"], b / 4.5)
+    b = min(OBSERVER["b"], 1.3 / period)
+    w_p = min(OBSERVER["w_p"], b / 4.4)
     return {
         "proportional": b * volts_per_acceleration(model) * w_p,
         "derivative_time": 1.0 / w_p,
-        "integral_time": 1.0 / min(OBSERVER["w_i"], w_p / 3.0),
+        "integral_time": 1.0 / min(OBSERVER["w_i"], w_p / 3.4),
         "filter_time": 0.0,
         "derivative_on_reference": 1.0,
         "damping_share": 0.0,
@@ -50,14 +54,15 @@ def observer_gains(model, period):
 
 
 def nctf_gains(model, period):
-    """Gains of the NCTF law with the same damping as the encoder-only PID."""
+    """Gains of the NCTF law with about the damping of the encoder-only PID."""
     slower = min(1.0, ENCODER_PERIOD / period)
-    damping = ENCODER["b"] * slower * volts_per_acceleration(model)
+    b = NCTF["b"] * slower
+    damping = b * volts_per_acceleration(model)
     return {
-        "beta": 0.35 * ENCODER["b"] * slower,
+        "beta": 0.35 * b,
         "velocity_proportional": damping,
-        "velocity_integral": 0.25 * damping * ENCODER["b"] * slower,
-        "filter_time": ENCODER["filter_time"] / slower,
+        "velocity_integral": 0.25 * damping * b,
+        "filter_time": NCTF["filter_time"] / slower,
     }
 
 
@@ -69,4 +74,7 @@ def designed_gains(type_name, model, period):
         return nctf_gains(model, period)
     if type_name in ("none", "cascade"):
         return {}
-    return encoder_gains(model, period)
+    gains = encoder_gains(model, period)
+    if type_name in ("pid_feedforward", "self_tuning_feedforward"):
+        gains["friction_share"] = FRICTION_SHARE
+    return gains

@@ -31,10 +31,10 @@ from microstage_ros.control.feedforward import friction_along
 from microstage_ros.control.gains import Gain, record_type
 
 GAINS = (
-    Gain("encoder_noise", "m", 1e-12, 1e-3, 1.08e-8, "standard deviation of one encoder value, rounding included"),
-    Gain("voltage_noise", "V", 1e-6, 10.0, 1.2e-3, "noise of the amplifier"),
-    Gain("acceleration_noise", "m/s^2/rtHz", 1e-12, 1e3, 2.0e-5, "density of what moves the axis unmodelled"),
-    Gain("friction_drift", "m/s^3/rtHz", 1e-12, 1e6, 2.0e-3, "density of the random walk of d"),
+    Gain("encoder_noise", "m", 1e-12, 1e-3, 1.5e-8, "doubt in one encoder value: noise, rounding and more"),
+    Gain("voltage_noise", "V", 1e-6, 10.0, 2.3e-3, "doubt in the voltage behind the back-EMF: noise of the amplifier and more"),
+    Gain("acceleration_noise", "m/s^2/rtHz", 1e-12, 1e3, 5.0e-5, "density of what moves the axis unmodelled"),
+    Gain("friction_drift", "m/s^3/rtHz", 1e-12, 1e6, 4.0e-3, "density of the random walk of d"),
     Gain("resistance_spread", "1", 0.0, 1.0, 0.1, "standard deviation of R over nominal before anything is learned"),
     Gain("zero_spread", "V", 0.0, 10.0, 5.0e-3, "standard deviation of the amplifier's zero before that"),
     Gain("emf_spread", "1", 0.0, 1.0, 0.02, "standard deviation of the back-EMF over nominal before that"),

@@ -4,6 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
+from microstage_ros.control.closed_loop import TRACE, run_loop
+from microstage_ros.control.controller import make_controller
+from microstage_ros.control.profiles import sine
 from microstage_ros.control.run_file import Run
 from microstage_ros.control.simulate import simulate
 
@@ -65,3 +69,21 @@ def _figures(columns, part, distance, period, last):
         settled = np.nan
     interferometer = columns["interferometer_m"][part][-1] - distance
     return stage[-1], interferometer, settled, max(stage.max(), 0.0), np.ptp(stage[-last:])
+
+
+def gain_jump_trial(axis, kind, factor, seed, amplitude=1e-5, frequency=0.1, at=4.0):
+    """The amplifier's gain becomes ``factor`` times what it was, ``at`` [s] into 1.25 cycles of a sine.
+
+    Returns (largest |true position - reference| after the jump, the same over the last fifth) [m].
+    """
+    period = axis.value("period")
+    reference = sine(0.0, amplitude, frequency, 1.25, period)
+    plant, work, readings = make_plant(axis, NoiseSpec()), new_work(), new_readings()
+    state, controller = new_state(plant, seed=seed), make_controller(kind, axis)
+    trace, jump = np.empty((len(reference), len(TRACE))), round(at / period)
+    for part in (slice(0, jump), slice(jump, None)):
+        none = np.zeros_like(reference[part])
+        run_loop(plant, state, work, readings, controller.parameters, controller.memory, reference[part], none, none, trace[part])
+        plant["gain"] *= factor
+    error = np.abs(trace[:, TRACE.index("stage_m")] - reference)
+    return float(error[jump:].max()), float(error[-len(error) // 5 :].max())

@@ -23,6 +23,7 @@ from microstage_ros.control.trials import sine_trial, step_trial
 
 SEARCHED = ("proportional", "integral_time", "derivative_time", "filter_time")
 LEAST_PHASE = 30.0  # degrees, in pre-sliding and at full speed (paper, section 5.1)
+LEAST_GAIN = 6.0  # dB, there
 GUARDED = ("pre-sliding", "sliding, 1000 um/s")
 
 
@@ -103,12 +104,22 @@ def ziegler_nichols(cycle, filter_share=0.3):
 
 
 def cost_of(axis, kind, gains, seeds):
-    """Cost [nm] of gains: peak error of slow sines, twice the scatter and 0.2 per ms of settling of moves."""
+    """Cost [nm] of gains: peak error of slow sines, twice the scatter and 0.2 per ms of settling of moves.
+
+    What a move overshoots beyond `allowed_overshoot` counts in full.
+    """
     sine = max(sine_trial(axis, kind, gains, 1e-5, 0.1, seed, cycles=1.0).peak for seed in seeds)
-    moves = [step_trial(axis, kind, gains, distance, seeds[0], moves=2, dwell=0.25) for distance in (1e-6, 1e-5, 1e-3)]
+    distances = (1e-6, 1e-5, 1e-3)
+    moves = [step_trial(axis, kind, gains, distance, seeds[0], moves=2, dwell=0.25) for distance in distances]
     worst = max(np.abs(trial.errors).max() for trial in moves)
     settling = sum(float(np.median(np.nan_to_num(trial.settling, nan=0.4))) for trial in moves)
-    return 1e9 * (sine + 2.0 * worst) + 200.0 * settling
+    beyond = sum(max(t.overshoot.max() - allowed_overshoot(d), 0.0) for t, d in zip(moves, distances))
+    return 1e9 * (sine + 2.0 * worst + beyond) + 200.0 * settling
+
+
+def allowed_overshoot(distance):
+    """Overshoot [m] that a move over ``distance`` [m] may have: 5 %, or 50 nm, whichever is larger."""
+    return max(0.05 * distance, 50e-9)
 
 
 def search(cost, start, evaluations, seed=0, accept=None, progress=None):
@@ -136,7 +147,7 @@ def search(cost, start, evaluations, seed=0, accept=None, progress=None):
 def fine_tune(axis, kind, start, seeds=(0, 1), evaluations=40, seed=0, progress=None):
     """Fine tuning by simulation over friction seeds, from the gains ``start``.
 
-    Candidates with less than `LEAST_PHASE` in the `GUARDED` regimes are not simulated. Returns `Tuning`.
+    Candidates with less than `LEAST_PHASE` or `LEAST_GAIN` in the `GUARDED` regimes are not simulated. Returns `Tuning`.
     """
     best, cost = search(
         lambda gains: cost_of(axis, kind, gains, seeds), start, evaluations, seed,
@@ -145,14 +156,18 @@ def fine_tune(axis, kind, start, seeds=(0, 1), evaluations=40, seed=0, progress=
     return Tuning(best, cost, controller_margins(axis, controller_parameters(kind, axis, best)))
 
 
-def best_pid_for_sine(axis, start, amplitude, frequency, seeds, evaluations, seed=0):
-    """The fixed PID that tracks one sine best (smallest worst peak over ``seeds``): (gains, peak [m])."""
+def best_pid_for_sine(axis, start, amplitude, frequency, seeds, evaluations, seed=0, **conditions):
+    """The fixed PID that tracks one sine best (smallest worst peak over ``seeds``): (gains, peak [m]).
+
+    ``conditions``: of `trials.trial`, for an axis under stress.
+    """
     return search(
-        lambda gains: max(sine_trial(axis, "pid", gains, amplitude, frequency, k).peak for k in seeds),
+        lambda gains: max(sine_trial(axis, "pid", gains, amplitude, frequency, k, **conditions).peak for k in seeds),
         start, evaluations, seed,
     )
 
 
 def _guarded(margins):
-    """Whether the guarded regimes keep the least phase margin."""
-    return all(m.stable and m.phase_deg >= LEAST_PHASE for m in margins if m.regime in GUARDED)
+    """Whether the guarded regimes keep the least margins."""
+    guarded = [m for m in margins if m.regime in GUARDED]
+    return all(m.stable and m.phase_deg >= LEAST_PHASE and m.gain_db >= LEAST_GAIN for m in guarded)
