@@ -13,7 +13,7 @@ from microstage_ros.control.controller import controller_parameters
 from microstage_ros.control.margins import controller_margins
 from microstage_ros.control.observer_trial import observer_trial
 from microstage_ros.control.trials import gain_jump_trial, sine_trial, step_trial, trial
-from microstage_ros.control.tuning import best_pid_for_sine, search
+from microstage_ros.control.tuning import GUARDED, best_pid_for_sine, search
 from microstage_ros.metrology.repeatability import repeatability
 
 CONTROLLERS = (
@@ -26,6 +26,7 @@ TRACKING_SINE = (1e-5, 0.03)  # m, Hz: Fig. 10
 SINES = tuple(  # m, Hz: 1 um ... 1 mm, 0.03 ... 1 Hz, up to 2 mm/s
     (a, f) for a in (1e-6, 1e-5, 1e-4, 1e-3) for f in (0.03, 0.1, 0.3, 1.0) if a * f < 5e-4
 )
+DOUBTS = (1.2e-3, 2.3e-3, 4.6e-3, 9.2e-3, 1.84e-2)  # V, in the voltage behind the observer law's back-EMF
 GAIN_JUMPS = (0.4, 0.5, 0.7, 1.4, 2.0, 2.5)  # of the amplifier
 STRESS = {
     "nominal": {},
@@ -78,6 +79,7 @@ def compare(axis, extent=Extent(), controllers=CONTROLLERS, jobs=1, progress=Non
     result["sines"] = sines(bench)
     result["stress"] = stress(bench, controllers)
     result["gain_jumps"] = gain_jumps(bench, controllers)
+    result["trade_off"] = trade_off(bench)
     result["weak_start"] = weak_start(bench)
     result["observer"] = observation(bench)
     result["margins"] = {kind: _margins(axis, kind) for kind in controllers}
@@ -220,6 +222,31 @@ def gain_jumps(bench, controllers):
     found = {kind: [] for kind in controllers}
     for (kind, _), figures in zip(jobs, bench.each(one, jobs)):
         found[kind].append(figures)
+    return found
+
+
+def trade_off(bench):
+    """What margin at the amplifier costs the observer law: the less it trusts the back-EMF, the larger the margin.
+
+    Per doubt in the voltage: smallest gain margin [dB] and phase margin [deg] in pre-sliding and at full speed, and
+    the worst peak [m] of a sine of 10 um at 0.1 Hz under each condition.
+    """
+    names = [name for name in ("nominal", "friction x 0.5", "friction x 2", "payload +200 %", "drive stiffness x 0.33") if name in STRESS]
+
+    def one(job):
+        gains, name = {"voltage_noise": job[0]}, job[1]
+        seeds = range(bench.extent.stress_seeds)
+        return max(sine_trial(bench.axis, "self_tuning_observer", gains, 1e-5, 0.1, k, **STRESS[name]).peak for k in seeds)
+
+    bench.progress("margin against robustness")
+    jobs = [(doubt, name) for doubt in DOUBTS for name in names]
+    peaks = dict(zip(jobs, bench.each(one, jobs)))
+    found = []
+    for doubt in DOUBTS:
+        parameters = controller_parameters("self_tuning_observer", bench.axis, {"voltage_noise": doubt})
+        guarded = [m for m in controller_margins(bench.axis, parameters) if m.regime in GUARDED]
+        found.append({"doubt": doubt, "gain_db": min(m.gain_db for m in guarded), "phase_deg": min(m.phase_deg for m in guarded),
+                      "peak": {name: peaks[doubt, name] for name in names}})
     return found
 
 

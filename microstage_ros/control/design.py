@@ -49,7 +49,7 @@ def observer_gains(model, period):
         "filter_time": 0.0,
         "derivative_on_reference": 1.0,
         "damping_share": 0.0,
-        "least_ceiling": 0.3,
+        "least_ceiling": 0.12,
     }
 
 

@@ -25,7 +25,7 @@ def comparison_tables(result, paper_four_s, paper_sine):
     """All tables of a comparison: list of (title, header, rows, remark)."""
     return [
         _tracking(result, paper_sine), *_positioning(result, paper_four_s), _sines(result), *_stress(result),
-        _gain_jumps(result), _weak_start(result), _observer(result), _margins(result),
+        _gain_jumps(result), _weak_start(result), _observer(result), _margins(result), _trade_off(result),
     ]
 
 
@@ -148,6 +148,19 @@ def _weak_start(result):
 def _observer(result):
     rows = [[motion, f"{100 * f['total']:.1f}", f"{100 * f['level']:.1f}", nm(f["position"])] for motion, f in result["observer"].items()]
     return "Friction observer, worst of the seeds", ["motion", "total friction, rms (%)", "level, rms (%)", "position, rms (nm)"], rows, ""
+
+
+def _trade_off(result):
+    names = list(result["trade_off"][0]["peak"])
+    rows = [
+        [f"{1e3 * row['doubt']:g}", f"{row['gain_db']:.1f}", "any" if math.isinf(row["phase_deg"]) else f"{row['phase_deg']:.0f}",
+         *(nm(row["peak"][name]) for name in names)]
+        for row in result["trade_off"]
+    ]
+    header = ["doubt in the voltage (mV)", "gain margin (dB)", "phase (deg)", *names]
+    return "Observer law, margin against robustness: sine of 10 µm at 0.1 Hz, worst peak (nm)", header, rows, (
+        "Margins at the amplifier, in pre-sliding and at full speed, with the learned drive frozen."
+    )
 
 
 def _margins(result):

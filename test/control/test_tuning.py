@@ -12,6 +12,8 @@ from microstage_ros.commands import compare as compare_command
 from microstage_ros.commands import simulate as simulate_command
 from microstage_ros.commands import tune as tune_command
 from microstage_ros.control import comparison, tuning
+from microstage_ros.control.controller import make_controller
+from microstage_ros.control.margins import Margins
 from microstage_ros.control.trials import sine_trial
 from microstage_ros.records import read_record
 
@@ -51,6 +53,22 @@ def test_search_finds_the_least_of_a_bowl():
     assert again == best
     forbidden, _ = tuning.search(bowl, start, 20, accept=lambda gains: False)
     assert forbidden == start
+
+
+def test_overshoot_costs(axis, monkeypatch):
+    gains = {name: float(make_controller("pid", axis).parameters["pid"][name]) for name in
+             ("proportional", "integral_time", "derivative_time", "filter_time", "derivative_on_reference")}
+    assert tuning.allowed_overshoot(1e-6) == 50e-9 and tuning.allowed_overshoot(1e-5) == pytest.approx(5e-7)
+    on_position = {**gains, "derivative_on_reference": 0.0}  # kicks the motor at the start of a move
+    before = tuning.cost_of(axis, "pid", on_position, (0,))
+    monkeypatch.setattr(tuning, "allowed_overshoot", lambda distance: 1.0)
+    assert before > tuning.cost_of(axis, "pid", on_position, (0,)) + 100.0
+
+
+def test_candidates_without_margin_are_not_simulated():
+    good = Margins("pre-sliding", True, 40.0, 7.0, 1e9, 100.0, 2.0)
+    assert tuning._guarded([good])
+    assert not tuning._guarded([good._replace(gain_db=5.0)]) and not tuning._guarded([good._replace(phase_deg=25.0)])
 
 
 def test_fine_tuning_improves_and_keeps_the_margins(axis):
