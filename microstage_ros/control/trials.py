@@ -78,8 +78,8 @@ def gain_jump_trial(axis, kind, factor, seed, amplitude=1e-5, frequency=0.1, at=
     """
     period = axis.value("period")
     reference = sine(0.0, amplitude, frequency, 1.25, period)
-    plant, work, readings = make_plant(axis, NoiseSpec()), new_work(), new_readings()
-    state, controller = new_state(plant, seed=seed), make_controller(kind, axis)
+    plant, readings = make_plant(axis, NoiseSpec()), new_readings()
+    state, work, controller = new_state(plant, seed=seed), new_work(plant), make_controller(kind, axis)
     trace, jump = np.empty((len(reference), len(TRACE))), round(at / period)
     for part in (slice(0, jump), slice(jump, None)):
         none = np.zeros_like(reference[part])

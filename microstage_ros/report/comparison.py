@@ -46,7 +46,7 @@ def comparison_page(result, paper_four_s, paper_sine, configuration, seed):
     page.figure(tracking_figure(result), "Tracking error of the true position, one seed", "One curve of error against time per controller")
     page.table(*tables[0][1:3])
     page.section("Moves (Fig. 11)")
-    page.figure(moves_figure(result), "First forward move, approach to the target", "Position against time for four distances")
+    page.figure(moves_figure(result), "First forward move, approach to the target", "Distance from the target against time for four distances")
     for title, header, rows, remark in tables[1:]:
         page.section(title)
         page.table(header, rows)
@@ -56,9 +56,9 @@ def comparison_page(result, paper_four_s, paper_sine, configuration, seed):
 
 
 def tracking_figure(result):
-    """Fig. 10: tracking error against time, one panel per controller, in one scale each."""
+    """Fig. 10: tracking error against time, one panel per controller, all in one scale."""
     kinds = result["controllers"]
-    figure, axes = new_figure(rows=len(kinds), columns=1, height=1.1, sharex=True)
+    figure, axes = new_figure(rows=len(kinds), columns=1, height=1.1, sharex=True, sharey=True)
     for ax, kind in zip(np.atleast_1d(axes), kinds):
         curve = result["tracking"][kind]["curve"]
         plot_signal(ax, curve["t"], 1e9 * curve["error"], linewidth=0.6)
@@ -69,17 +69,20 @@ def tracking_figure(result):
 
 
 def moves_figure(result):
-    """Fig. 11: approach to the target for every distance and controller."""
+    """Fig. 11: approach to the target for every distance and controller, to a quarter of the way or 1 um from it."""
     distances = list(next(iter(result["positioning"].values())))
     figure, axes = new_figure(rows=2, columns=2)
     for ax, distance in zip(np.ravel(axes), distances):
         for kind in result["controllers"]:
             curve = result["positioning"][kind][distance]["curve"]
             shown = slice(0, min(len(curve["t"]), int(np.searchsorted(curve["t"], 0.35))))
-            plot_signal(ax, 1e3 * curve["t"][shown], 1e6 * curve["stage"][shown], label=kind, linewidth=0.8)
-        plot_signal(ax, 1e3 * curve["t"][shown], 1e6 * curve["reference"][shown], color="black", linestyle=":", linewidth=0.8)
+            plot_signal(ax, 1e3 * curve["t"][shown], 1e9 * (curve["stage"][shown] - distance), label=kind, linewidth=0.8)
+        plot_signal(ax, 1e3 * curve["t"][shown], 1e9 * (curve["reference"][shown] - distance), color="black", linestyle=":", linewidth=0.8)
+        band = 1e9 * min(0.25 * distance, 1e-6)
+        ax.set_ylim(-band, band)
+        ax.set_title(f"{distance * 1e6:g} µm", fontsize="small", loc="left")
         ax.set_xlabel("time (ms)")
-        ax.set_ylabel("position (µm)")
+        ax.set_ylabel("from the target (nm)")
     np.ravel(axes)[0].legend(fontsize="x-small")
     return figure
 
