@@ -13,14 +13,16 @@ KINDS = ("pid", "self_tuning", "self_tuning_feedforward", "self_tuning_observer"
 
 
 def bench(axis, periods=100_000):
-    """Rows {name, value, unit}: a 10 µm sine of 1 Hz under each controller, with and without noise."""
+    """Rows {name, value, unit}: a 10 µm sine of 1 Hz under each controller, with and without noise; the PID also with its trace kept."""
     t = np.arange(periods) * axis.value("period")
-    reference, nothing, trace = 1e-5 * np.sin(2 * np.pi * t), np.zeros(periods), np.zeros((periods, len(TRACE)))
+    reference, nothing = 1e-5 * np.sin(2 * np.pi * t), np.zeros(periods)
+    recorded, unrecorded = np.zeros((periods, len(TRACE))), np.zeros((0, len(TRACE)))
     for noise, words in ((NoiseSpec.none(), "no noise"), (NoiseSpec(), "all noise")):
         plant = make_plant(axis, noise)
         for kind in KINDS:
-            best = min(_once(axis, plant, kind, reference, nothing, trace) for _ in range(4))
-            yield {"name": f"loop, {kind}, {words}", "value": best / periods * NANOSECONDS, "unit": "ns/period"}
+            for trace, what in ((unrecorded, ""), (recorded, ", recorded"))[: 2 if kind == "pid" else 1]:
+                best = min(_once(axis, plant, kind, reference, nothing, trace) for _ in range(4))
+                yield {"name": f"loop, {kind}, {words}{what}", "value": best / periods * NANOSECONDS, "unit": "ns/period"}
 
 
 def _once(axis, plant, kind, reference, nothing, trace):

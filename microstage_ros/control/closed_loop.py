@@ -7,7 +7,7 @@ Row n of the trace is the state at the start of period n and the voltage held du
 
 import numpy as np
 
-from microstage_ros.axis.compiled import compiled
+from microstage_ros.axis.compiled import compiled, internal
 from microstage_ros.axis.linear_core import forget
 from microstage_ros.axis.sensors import read_sensors
 from microstage_ros.axis.step import advance, note_friction
@@ -23,30 +23,37 @@ TRACE = (
 SURROUNDINGS = TRACE[-4:]
 
 
+@internal
+def _record(plant, state, readings, voltage, row):
+    """Fill one row of the trace."""
+    note_friction(plant, state)
+    row[0] = readings.encoder
+    row[1] = readings.current
+    row[2] = readings.motor_angle
+    row[3] = readings.interferometer
+    row[4] = voltage
+    row[5] = state.x
+    row[6] = state.v
+    row[7] = state.omega
+    row[8] = state.torque_friction
+    row[9] = state.guide_friction
+    row[10] = state.actuator.factor
+    row[11] = state.guideway.factor
+    row[12] = readings.air_temperature
+    row[13] = readings.air_pressure
+    row[14] = readings.air_humidity
+    row[15] = readings.stage_temperature
+
+
 @compiled
 def run_loop(plant, state, work, readings, parameters, memory, reference, open_loop, disturbance, trace):
-    """Run one axis over all rows of ``reference`` [m]; fills ``trace`` (rows, len(TRACE))."""
+    """Run one axis over all rows of ``reference`` [m]; fills ``trace`` (rows, len(TRACE)), or no rows if it has none."""
     for n in range(len(reference)):
         read_sensors(plant, state, readings)
         voltage = laws.controller_step(parameters, memory, reference[n], readings.encoder, readings.current)
         voltage += open_loop[n] + disturbance[n]
-        note_friction(plant, state)
-        trace[n, 0] = readings.encoder
-        trace[n, 1] = readings.current
-        trace[n, 2] = readings.motor_angle
-        trace[n, 3] = readings.interferometer
-        trace[n, 4] = voltage
-        trace[n, 5] = state.x
-        trace[n, 6] = state.v
-        trace[n, 7] = state.omega
-        trace[n, 8] = state.torque_friction
-        trace[n, 9] = state.guide_friction
-        trace[n, 10] = state.actuator.factor
-        trace[n, 11] = state.guideway.factor
-        trace[n, 12] = readings.air_temperature
-        trace[n, 13] = readings.air_pressure
-        trace[n, 14] = readings.air_humidity
-        trace[n, 15] = readings.stage_temperature
+        if len(trace) > 0:
+            _record(plant, state, readings, voltage, trace[n])
         advance(plant, state, work, voltage)
 
 

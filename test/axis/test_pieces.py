@@ -7,11 +7,14 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from microstage_ros.axis import linear_core as core
-from microstage_ros.axis.contact import limit
+from microstage_ros.axis.contact import limit, limit_and_slopes
+from microstage_ros.axis.compiled import compiled
+from microstage_ros.axis.step import advance
+from microstage_ros.axis.vectors import add_columns, fused, mode_rows
 from microstage_ros.axis.plant import NoiseSpec, make_plant, new_state, new_work
 from microstage_ros.axis.random import normal, seed_state, uniform
 from microstage_ros.axis.records import LEVELS
-from microstage_ros.axis.slip import relax
+from microstage_ros.axis.slip import near, relax
 
 
 def test_random_numbers_are_normal_and_uniform():
@@ -114,3 +117,60 @@ def test_random_friction_has_the_stated_spread_and_lengths(axis):
     kept = np.mean(q[:, 0] * q[:, 1]) / 0.04**2      # 80 % · e^-1 + 20 % · e^-0.005
     assert kept == pytest.approx(0.8 * np.exp(-1) + 0.2, abs=0.15)
     assert abs(np.corrcoef(q[:, 1], q[:, 2])[0, 1]) < 0.2 and np.abs(q).max() <= 0.15
+
+
+@compiled
+def near_in_python(g, f0, s0):
+    return near(g, f0, s0)
+
+
+def test_slip_to_first_order_is_the_full_one_where_the_limit_hardly_changes():
+    """ε_m, ε_1 of a few per mille: what is left out is of second order, and nothing at all in steady sliding."""
+    h, s0, f0 = 1e-4, 1.4e-4, 1.5e-4
+    for size in (1e-2, 1e-3):
+        e_mid, e_end = 0.4 * size, size
+        mid, mid_m, mid_1, end, end_m, end_1, fade = near_in_python(h / s0, f0, s0)
+        full = relax(1.0, f0, s0, s0 / (1 + e_mid), s0 / (1 + e_end), h)
+        ours = mid + mid_m * e_mid + mid_1 * e_end, end + end_m * e_mid + end_1 * e_end
+        assert np.max(np.abs(np.array(ours) - full[:2])) < 0.2 * size**2 * s0 and fade == pytest.approx(full[2], rel=1e-2)
+    assert near_in_python(h / s0, s0, s0)[0::3][:2] == (s0, s0)
+
+
+@compiled
+def slopes_in_python(contact, w):
+    return limit_and_slopes(contact, w)
+
+
+def test_slopes_of_the_limit_are_those_of_the_curve(quiet):
+    contact = quiet()["actuator"]
+    fade = lambda w: (w / 0.18) ** 0.9
+    for w in np.geomspace(1e-3, 3.0, 40):
+        s, slope, bend = slopes_in_python(contact, w)
+        drop, power = 93.4e-6 * np.exp(-fade(w)), 0.9 * fade(w) / w
+        assert s == pytest.approx(limit(contact, w), rel=1e-14) and slope == pytest.approx(-drop * power, rel=1e-4)
+        assert bend == pytest.approx(0.5 * drop * (power**2 + 0.1 * power / w), rel=0.02)
+
+
+@compiled
+def rows_in_python(work, slot, level, x):
+    rows = mode_rows(work.matrix, slot, level, x[0], x[1], x[2], x[3], x[4], x[5], x[6])
+    return rows, add_columns(rows, work.matrix, slot, level, core.T1, 0.5, core.T2, -2.0), fused(x[0], x[1], x[2])
+
+
+def test_rows_of_a_mode_are_its_matrix_times_its_inputs(quiet):
+    generator, work = np.random.default_rng(0), new_work(quiet())
+    work["matrix"][5, 3] = m = generator.standard_normal((core.F1 + 1, 8))
+    i, omega, v, u, t0, t1, f0 = x = generator.standard_normal(7)
+    rows, more, product = rows_in_python(work, 5, 3, x)
+    expected = (m[core.I] * i + m[core.OMEGA] * omega + m[core.V] * v + m[core.U] * u + m[core.T0] * t0 + m[core.T1] * t1 + m[core.F0] * f0)[:6]
+    np.testing.assert_allclose(rows, expected, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(more, expected + 0.5 * m[core.T1, :6] - 2.0 * m[core.T2, :6], rtol=0, atol=1e-14)
+    assert product == pytest.approx(i * omega + v, abs=1e-15)
+
+
+def test_a_law_of_the_library_is_refused_where_it_was_not_compiled_in(quiet):
+    plant, work = quiet(), new_work(quiet())
+    plant["actuator"]["law"] = 2
+    with pytest.raises(ValueError, match="new_work"):
+        advance(plant, new_state(plant), work, 0.0)
+    assert "any_law" in new_work(plant).dtype.names and "any_law" in new_work().dtype.names
