@@ -3,8 +3,9 @@
 ρ = C/s and the source are taken as parabolas through the chunk's start, middle and end, so constant s gives
 the exact exponential and no error remains in steady sliding, however long it lasts.
 
-`relax` takes any s. `near` does the same to first order in the relative change ε of ρ since the start, which
-leaves nothing but a few products to be done once the velocities are known: with G = ρ(0) h, E = e^(−G/2),
+`relax` takes any s. `near` does the same (but for the quadratures' own error) to first order in the relative
+change ε of ρ since the start, which leaves nothing but a few products to be done once the velocities are known:
+with G = ρ(0) h, E = e^(−G/2),
 e = f(0) − s(0) and de/dt = −ρ (1 + ε) e − ρ ε s(0),
 
     f(h/2) = s + e E  − G/24 [8 (s + e E) ε_m − (s/E + e E) ε_1]

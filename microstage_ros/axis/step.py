@@ -155,7 +155,7 @@ def _slip_level(contact, c, w):
     return c.factor * direction_factor(contact, w) * limit(contact, c.lagged if contact.lag > 0.0 else w)
 
 
-@internal
+@internal(forceinline=True)
 def _chunk(plant, state, work, u, slot, level):
     """Try one chunk. 0: must be halved; 1: done; 2: done, and an event waits at its end."""
     a, g, ca, cg = plant.actuator, plant.guideway, state.actuator, state.guideway

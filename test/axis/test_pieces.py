@@ -14,7 +14,7 @@ from microstage_ros.axis.vectors import add_columns, fused, mode_rows
 from microstage_ros.axis.plant import NoiseSpec, make_plant, new_state, new_work
 from microstage_ros.axis.random import normal, seed_state, uniform
 from microstage_ros.axis.records import LEVELS
-from microstage_ros.axis.slip import near, relax
+from microstage_ros.axis.slip import NEAR, near, relax
 
 
 def test_random_numbers_are_normal_and_uniform():
@@ -125,14 +125,14 @@ def near_in_python(g, f0, s0):
 
 
 def test_slip_to_first_order_is_the_full_one_where_the_limit_hardly_changes():
-    """ε_m, ε_1 of a few per mille: what is left out is of second order, and nothing at all in steady sliding."""
+    """Apart by what is of second order in ε and by a thousandth of ε, the two quadratures' own error; exact in steady sliding."""
     h, s0, f0 = 1e-4, 1.4e-4, 1.5e-4
     for size in (1e-2, 1e-3):
         e_mid, e_end = 0.4 * size, size
         mid, mid_m, mid_1, end, end_m, end_1, fade = near_in_python(h / s0, f0, s0)
         full = relax(1.0, f0, s0, s0 / (1 + e_mid), s0 / (1 + e_end), h)
         ours = mid + mid_m * e_mid + mid_1 * e_end, end + end_m * e_mid + end_1 * e_end
-        assert np.max(np.abs(np.array(ours) - full[:2])) < 0.2 * size**2 * s0 and fade == pytest.approx(full[2], rel=1e-2)
+        assert np.max(np.abs(np.array(ours) - full[:2])) < (0.2 * size**2 + 1e-3 * size) * s0 and fade == pytest.approx(full[2], rel=1e-2)
     assert near_in_python(h / s0, s0, s0)[0::3][:2] == (s0, s0)
 
 
@@ -147,8 +147,9 @@ def test_slopes_of_the_limit_are_those_of_the_curve(quiet):
     for w in np.geomspace(1e-3, 3.0, 40):
         s, slope, bend = slopes_in_python(contact, w)
         drop, power = 93.4e-6 * np.exp(-fade(w)), 0.9 * fade(w) / w
-        assert s == pytest.approx(limit(contact, w), rel=1e-14) and slope == pytest.approx(-drop * power, rel=1e-4)
-        assert bend == pytest.approx(0.5 * drop * (power**2 + 0.1 * power / w), rel=0.02)
+        assert s == pytest.approx(limit(contact, w), rel=1e-14)
+        off = abs(slope + drop * power), abs(bend - 0.5 * drop * (power**2 + 0.1 * power / w))
+        assert off[0] * w * NEAR + off[1] * (w * NEAR) ** 2 < 1e-5 * s      # half of what `near` leaves out anyway
 
 
 @compiled
