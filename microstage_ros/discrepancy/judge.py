@@ -119,18 +119,10 @@ def findings_of(evidences, choices, generic):
         if base is not None:
             usual = base.fit([form.key])[2] / evidences.scatter[form.channel]
             threshold = max(threshold, 3.0 * usual * learn.rows / base.rows)
-        held = _held_part(evidences, form, choices)
+        held = evidences.held_more(form.channel, Evidences._keys(form.channel, choices), form.key)
         found.append((Finding(form.channel, COORDINATES[form.effect.split(":")[1]], before / count, threshold / count,
                               after / count), held))
     return found
-
-
-def _held_part(evidences, form, choices):
-    """Reduction of held-out χ² by a nameless shape beside the causes."""
-    keys = Evidences._keys(form.channel, choices)
-    learn, held = evidences.learn[form.channel], evidences.held[form.channel]
-    with_shape = held.reduction([*keys, form.key], learn.fit([*keys, form.key])[0])
-    return (with_shape - held.reduction(keys, learn.fit(keys)[0])) / evidences.scatter[form.channel]
 
 
 def leftovers(found):

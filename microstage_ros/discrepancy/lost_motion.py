@@ -48,11 +48,12 @@ def find_gap(prepared, drive):
     if without < STANDS_OUT * usual:
         return None
     width = _refined(channels["learn"], _spread(channels["learn"]))
-    for name, share in (("learn", EXPLAINS), ("held", EXPLAINS_HELD)):
-        before, after = (_losses(channels[name], gap) for gap in (0.0, width))
-        if before - after < share * (before - usual):
-            return None
-    if width < LEAST or (channels["base"] and _losses(channels["base"], width) < _losses(channels["base"], 0.0)):
+    if width < LEAST or _explained(channels["learn"], width, _losses, usual) < EXPLAINS:
+        return None
+    # a held-out record without rattle shows the gap at a few reversals only, which the bounded loss does not count
+    if max(_explained(channels["held"], width, *how) for how in ((_losses, usual), (_squares, 1.0))) < EXPLAINS_HELD:
+        return None
+    if channels["base"] and _losses(channels["base"], width) < _losses(channels["base"], 0.0):
         return None
     held = [sum(len(c.residual) * _energy(c, gap) for c in channels["held"]) for gap in (0.0, width)]
     rattle = max(_losses(channels["learn"], width) / usual - 1.0, 0.0)
@@ -91,6 +92,16 @@ def _behind(channel, gap):
     p = channel.prepared
     residual = channel.mean(p.stage - p.angle - (stage_behind_gap(p.travel, gap, channel.drive, p.period) - p.travel))
     return residual - residual[0]
+
+
+def _explained(channels, gap, loss, usual):
+    """Share of what a loss has above its usual size that the gap takes away."""
+    before, after = (loss(channels, width) for width in (0.0, gap))
+    return (before - after) / max(before - usual, 1e-9)
+
+
+def _squares(channels, gap):
+    return _mean(_energy(c, gap) for c in channels)
 
 
 def _losses(channels, gap):

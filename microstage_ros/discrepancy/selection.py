@@ -28,6 +28,7 @@ CAUTION = {"torque": 2.0}
 FORM_ERROR = {
     "backlash": 0.08, "resistance_rise": 0.08, "thermal_drift": 0.05, "nonlinear_viscous": 0.2,
     "rising_static_friction": 0.25, "presliding_creep": 0.3, "frictional_lag": 0.05, "friction_level_change": 0.1,
+    "cable_spring": 0.08, "position_dependent_friction": 0.12, "direction_asymmetry": 0.05, "viscous_change": 0.05,
     ("drive_compliance", "resonance"): 0.08, ("drive_compliance", "windup"): 0.03,
     ("payload_change", "resonance"): 0.1, ("payload_change", "windup"): 0.1, ("payload_change", "torque"): 0.05,
 }
@@ -91,6 +92,17 @@ class Evidences:
             beta, _, _ = self.learn[channel].fit(keys)
             total += self.held[channel].reduction(keys, beta) / self.scatter[channel]
         return total
+
+    def more(self, channel, keys, key):
+        """Further reduction of χ² on the learning records of one channel by one more form."""
+        learn = self.learn[channel]
+        return (learn.fit([*keys, key])[2] - learn.fit(keys)[2]) / self.scatter[channel]
+
+    def held_more(self, channel, keys, key):
+        """The same on held-out records, by the sizes learned."""
+        learn, held = self.learn[channel], self.held[channel]
+        after = held.reduction([*keys, key], learn.fit([*keys, key])[0])
+        return (after - held.reduction(keys, learn.fit(keys)[0])) / self.scatter[channel]
 
     @staticmethod
     def _keys(channel, choices, extra=()):
@@ -161,17 +173,24 @@ def wider_keys(evidences, effect, channel):
 
 
 def misfit(evidences, choice, choices):
-    """Share that a wider nameless shape explains beside the named cause: 0 if the name says it all."""
+    """Share that a wider nameless shape explains beside the named cause: 0 if the name says it all.
+
+    Beside another cause, whose own misfit a wide shape finds worth fitting, it is the share on held-out records.
+    """
     others = [c for c in choices if c is not choice]
     own = evidences.gain([*others, choice]) - evidences.gain(others)
+    own_held = evidences.held_gain([*others, choice]) - evidences.held_gain(others)
     worst = 0.0
     for channel in {form.channel for form in choice.forms}:
+        keys = Evidences._keys(channel, [*others, choice])
         for pair in wider_keys(evidences, choice.effect, channel):
-            more = evidences.channel_gain(channel, [*others, choice], [pair])
-            more -= evidences.channel_gain(channel, [*others, choice])
             where = evidences.learn[channel].where[pair[1]]
-            more -= 2.0 * (where.stop - where.start)
-            worst = max(worst, more / (own + max(more, 0.0)))
+            more = evidences.more(channel, keys, pair[1]) - 2.0 * (where.stop - where.start)
+            share = more / (own + max(more, 0.0))
+            if others:
+                held = evidences.held_more(channel, keys, pair[1])
+                share = min(share, held / (max(own_held, 1e-9) + max(held, 0.0)))
+            worst = max(worst, share)
     return worst
 
 
