@@ -65,7 +65,7 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
     if slow is not None:  # a slow amplifier is never modelled to the last nanometre
         choices = _clear_of(evidences, choices, slow.held, SLOW_SHARE)
     if gap is not None:
-        choices = _clear_of(evidences, choices, gap.held_before - gap.held_after, RATTLE_SHARE)
+        choices = _clear_of(evidences, choices, max(gap.held_before - gap.held_after, gap.taken), RATTLE_SHARE)
     rivals = {c.effect: judge.rivals_of(evidences, c, choices, effects) for c in choices}
     refined = refine(collection, choices)
     if refined != choices:

@@ -14,7 +14,8 @@ from microstage_ros.discrepancy.gap_replay import stage_behind_gap
 
 STANDS_OUT = 1.4         # times the baseline's loss from which the search is worth its time
 EXPLAINS = 0.4           # share of what stands out that the gap must take away (other causes: a tenth at most),
-EXPLAINS_HELD = 0.1      # and of the held-out records, where another cause may stand out more
+EXPLAINS_HELD = 0.1      # and of the held-out records, where another cause may stand out more,
+EXPLAINS_ALONE = 0.5     # or of every learning record alone
 USUAL = 0.7              # mean size of a whitened residual that is noise
 WIDTHS = (0.35, 0.6, 0.85, 1.1)   # of the spread of stage against motor, tried first
 SLOW = 5000              # periods over which the spread is taken
@@ -28,7 +29,9 @@ BOUND = 20.0
 
 @dataclasses.dataclass(frozen=True)
 class Gap:
-    """Lost motion at the stage [m] with its standard error, and χ² of the held-out records without and with it."""
+    """Lost motion at the stage [m] with its standard error, and χ² of the held-out records without and with it.
+
+    ``taken``: χ² that it takes from a learning record, on average."""
 
     width: float
     stderr: float
@@ -36,6 +39,7 @@ class Gap:
     held_after: float
     held_rows: int
     noise: float
+    taken: float
 
 
 def find_gap(prepared, drive):
@@ -50,16 +54,20 @@ def find_gap(prepared, drive):
     width = _refined(channels["learn"], _spread(channels["learn"]))
     if width < LEAST or _explained(channels["learn"], width, _losses, usual) < EXPLAINS:
         return None
-    # a held-out record without rattle shows the gap at a few reversals only, which the bounded loss does not count
-    if max(_explained(channels["held"], width, *how) for how in ((_losses, usual), (_squares, 1.0))) < EXPLAINS_HELD:
+    # a record that crosses the gap a few times only may lose its place in it: then the others must agree one by one
+    alone = min(_explained([c], width, _losses, usual) for c in channels["learn"]) if len(channels["learn"]) > 1 else 0.0
+    again = max(_explained(channels["held"], width, *how) for how in ((_losses, usual), (_squares, 1.0)))
+    if again < EXPLAINS_HELD and alone < EXPLAINS_ALONE:
         return None
     if channels["base"] and _losses(channels["base"], width) < _losses(channels["base"], 0.0):
         return None
     held = [sum(len(c.residual) * _energy(c, gap) for c in channels["held"]) for gap in (0.0, width)]
+    taken = _mean(len(c.residual) * (_energy(c, 0.0) - _energy(c, width)) for c in channels["learn"])
+    held[1] = min(held)   # a lost place in the gap is no argument against it
     rattle = max(_losses(channels["learn"], width) / usual - 1.0, 0.0)
     error = min(FORM_ERROR + RATTLE_ERROR * rattle, MOST_ERROR) * width + 3.0e-9
     return Gap(width, error, *held, sum(len(c.residual) for c in channels["held"]),
-               _mean(c.noise for c in channels["held"]))
+               _mean(c.noise for c in channels["held"]), taken)
 
 
 def _spread(channels):
