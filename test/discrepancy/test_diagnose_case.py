@@ -67,3 +67,15 @@ def test_records_that_cannot_be_used(axis):
         diagnose_case(axis, [record, record])
     with pytest.raises(InputError, match="records"):
         diagnose_case(axis, [])
+
+
+def test_creep_beside_a_vibration_of_the_floor(axis):
+    """A line that moves faster than rest does not hide what the blocks do while they are held."""
+    effects = {"presliding_creep": {"amplitude_m": 6.0e-8, "time_s": 0.06},
+               "floor_vibration": {"frequencies_hz": [37.0], "amplitudes_m": [1.2e-7]}}
+    answer = diagnosed(axis, Hidden("creep and floor", tuple(effects), effects), 44)
+    named = {cause.id: cause for cause in answer.causes}
+    assert set(named) == set(effects)
+    creep = named["presliding_creep"].parameters["amplitude_m"]
+    assert abs(creep.value - 6.0e-8) < 2.5 * creep.stderr
+    assert named["floor_vibration"].parameters["amplitude_1_m"].value == pytest.approx(1.2e-7, rel=0.03)
