@@ -18,7 +18,7 @@ from microstage_ros.discrepancy.diagnosis import Cause, Diagnosis, Gain, Paramet
 from microstage_ros.discrepancy.drive import drive_of
 from microstage_ros.discrepancy.lines import find_lines
 from microstage_ros.discrepancy.lost_motion import find_gap
-from microstage_ros.discrepancy.pictures import pictures_of
+from microstage_ros.discrepancy.pictures import gap_picture, pictures_of
 from microstage_ros.discrepancy.preparation import prepare
 from microstage_ros.discrepancy.refinement import refine
 from microstage_ros.discrepancy.selection import select, sizes_of
@@ -150,11 +150,14 @@ def _answer(collection, evidences, choices, rivals, apart, holdout, notes, seed)
     if scattered and not causes:
         notes.append("The residual scatters more than the baseline's in: " + ", ".join(scattered) + ".")
     verdict = judge.verdict_of(causes, unsure, left, book, scattered)
+    pictures = pictures_of(collection, evidences, choices, left)
+    if collection.prepared["held"][0].behind is not None:
+        pictures.insert(0, gap_picture(collection.prepared["held"][0]))
     return Diagnosis(
         verdict=verdict, causes=tuple(causes), rivals=tuple(unsure),
         gain=judge.overall_gain(book, [record.source for record in holdout]),
         findings=tuple(sorted((f for f, _ in found), key=lambda f: -f.statistic / f.threshold)),
-        pictures=tuple(pictures_of(collection, evidences, choices, left)), notes=tuple(notes), seed=seed,
+        pictures=tuple(pictures), notes=tuple(notes), seed=seed,
     )
 
 

@@ -6,6 +6,7 @@ from microstage_ros.discrepancy.diagnosis import Picture
 from microstage_ros.discrepancy.selection import Evidences
 
 BINS = 60
+STRETCH = 0.15   # s
 COORDINATE = {
     "direction_asymmetry": "velocity", "viscous_change": "velocity", "nonlinear_viscous": "velocity",
     "friction_level_change": "velocity", "frictional_lag": "velocity", "rising_static_friction": "time",
@@ -30,6 +31,18 @@ def pictures_of(collection, evidences, choices, left):
         coordinate = finding.coordinate if finding.coordinate in LABELS else "time"
         pictures.append(_picture(collection, evidences, choices, None, finding.channel, coordinate))
     return pictures
+
+
+def gap_picture(prepared):
+    """`Picture` of stage against motor over the stretch of one record in which it moves most, measured and replayed."""
+    rows = int(STRETCH / prepared.period)
+    ahead = prepared.stage - prepared.angle
+    ranges = [np.ptp(prepared.behind[at: at + rows]) for at in range(0, len(ahead) - rows, rows)]
+    part = slice(rows * int(np.argmax(ranges)), rows * (int(np.argmax(ranges)) + 1))
+    time = prepared.time[part][::5]
+    curves = {"measured": (time, (ahead - np.median(ahead[part]))[part][::5]),
+              "stage replayed behind the gap": (time, (prepared.behind - np.median(prepared.behind[part]))[part][::5])}
+    return Picture("backlash-windup-time", "backlash: stage against motor", LABELS["time"], Y_LABELS["windup"], curves, "backlash")
 
 
 def _picture(collection, evidences, choices, choice, channel, coordinate):
