@@ -149,6 +149,8 @@ def _answer(collection, evidences, choices, rivals, apart, holdout, notes, seed)
     scattered = judge.stands_out(evidences, choices)
     if scattered and not causes:
         notes.append("The residual scatters more than the baseline's in: " + ", ".join(scattered) + ".")
+    if apart[1] is not None and apart[1].held_after >= apart[1].held_before:
+        notes.append("The replay behind the gap makes the held-out record no better; the gap rests on the learning records.")
     verdict = judge.verdict_of(causes, unsure, left, book, scattered)
     pictures = pictures_of(collection, evidences, choices, left)
     if collection.prepared["held"][0].behind is not None:
@@ -207,7 +209,7 @@ def _lost_motion(gap, radius, book):
     """The cause ``backlash`` from the replayed gap."""
     part = gap.held_before - gap.held_after
     book.before += part
-    book.parts["backlash"] = part
+    book.parts["backlash"] = max(part, 0.0)   # a replay that lost its place in the gap makes the held-out record worse
     rms = [gap.noise * np.sqrt(v / gap.held_rows) for v in (gap.held_before, gap.held_after)]
     width = gap.width / radius
     return Cause("backlash", {"width_rad": Parameter(width, gap.stderr / radius, "rad")}, {"width_rad": width}, 0.999, 0.0,

@@ -24,7 +24,7 @@ STEPS = tuple(0.05 * n for n in range(-7, 8))   # of the width's logarithm aroun
 FORM_ERROR = 0.015       # share of the width: flanks are not as hard as modelled,
 RATTLE_ERROR = 0.02      # and for every usual loss that rattle, not followed hit by hit, adds to it
 MOST_ERROR = 0.08
-BOUND = 20.0
+BOUND = 20.0             # usual sizes above which a misfit counts no more
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,7 +63,6 @@ def find_gap(prepared, drive):
         return None
     held = [sum(len(c.residual) * _energy(c, gap) for c in channels["held"]) for gap in (0.0, width)]
     taken = _mean(len(c.residual) * (_energy(c, 0.0) - _energy(c, width)) for c in channels["learn"])
-    held[1] = min(held)   # a lost place in the gap is no argument against it
     rattle = max(_losses(channels["learn"], width) / usual - 1.0, 0.0)
     error = min(FORM_ERROR + RATTLE_ERROR * rattle, MOST_ERROR) * width + 3.0e-9
     return Gap(width, error, *held, sum(len(c.residual) for c in channels["held"]),
