@@ -207,9 +207,10 @@ def _special_causes(collection, slow, gap, lines, book, unsure):
 
 def _lost_motion(gap, radius, book):
     """The cause ``backlash`` from the replayed gap."""
-    part = gap.held_before - gap.held_after
+    # a replay that lost its place in the gap makes the held-out record worse: no part of the whole; its own gain tells it
+    part = max(gap.held_before - gap.held_after, 0.0)
     book.before += part
-    book.parts["backlash"] = max(part, 0.0)   # a replay that lost its place in the gap makes the held-out record worse
+    book.parts["backlash"] = part
     rms = [gap.noise * np.sqrt(v / gap.held_rows) for v in (gap.held_before, gap.held_after)]
     width = gap.width / radius
     return Cause("backlash", {"width_rad": Parameter(width, gap.stderr / radius, "rad")}, {"width_rad": width}, 0.999, 0.0,
