@@ -19,6 +19,7 @@ PARTS = {
     "loop": "the step with a controller",
     "records": "bags and CSV, beside rosbags, mcap-ros2-support",
     "servo": "the loop over ROS topics between processes, beside rclpy's executors",
+    "paced": "all nodes at 10 kHz and the wall clock, everything recorded, beside what the machine alone keeps",
 }
 LIBRARIES = ("numpy", "numba", "scipy", "mcap", "rosbags", "mcap-ros2-support")
 
@@ -29,14 +30,17 @@ def main(argv=None):
         f"{name}: {text}" for name, text in PARTS.items()) + ".")
     parser.add_argument("--json", metavar="FILE", help="write the figures, the machine and the versions here")
     parser.add_argument("--part", action="append", choices=PARTS, help="only this part (may be given again)")
-    parser.add_argument("--long", action="store_true", help="the long forms: 10^9 steps, ten minutes of servo loop")
+    parser.add_argument("--long", action="store_true", help="the long form of part step: 10^9 steps")
+    parser.add_argument("--seconds", type=float, default=8.0, metavar="S", help="length of part paced (default 8)")
     arguments = parser.parse_args(argv)
+    if not 1.0 <= arguments.seconds <= 86400.0:
+        raise InputError("--seconds", arguments.seconds, "seconds from 1 to 86400")
     if arguments.json and not pathlib.Path(arguments.json).resolve().parent.is_dir():
         raise InputError("--json", arguments.json, "a file in an existing folder")
     found = {"format": 1, "version": __version__, "machine": machine(), "rows": []}
     print(f"{found['machine']['processor']}, {found['machine']['cores']} cores, Python {found['machine']['python']}")
-    for part in arguments.part or PARTS:
-        for row in rows_of(part, arguments.long):
+    for part in arguments.part or [name for name in PARTS if name != "paced"]:
+        for row in rows_of(part, arguments.long, arguments.seconds):
             found["rows"].append({"part": part, **row})
             print(line(part, row), flush=True)
     if arguments.json:
@@ -44,7 +48,7 @@ def main(argv=None):
     return 0
 
 
-def rows_of(part, long):
+def rows_of(part, long, seconds):
     """Rows of one part; each part is loaded only when it is asked for."""
     axis = load_axis(config_path("axis.yaml"))
     if part == "step":
@@ -53,7 +57,8 @@ def rows_of(part, long):
         return importlib.import_module("microstage_ros.control.bench").bench(axis)
     if part == "records":
         return (figure._asdict() for figure in importlib.import_module("microstage_ros.records.bench").bench())
-    return importlib.import_module("microstage_ros.nodes.servo_bench").bench(long)
+    servo = importlib.import_module("microstage_ros.nodes.servo_bench")
+    return servo.bench_paced(seconds) if part == "paced" else servo.bench()
 
 
 def line(part, row):

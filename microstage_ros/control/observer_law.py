@@ -22,7 +22,6 @@ standard deviation. What the filter adds to the level it takes off d.
 import math
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
 
 from microstage_ros.axis.compiled import compiled
 from microstage_ros.control import feedforward
@@ -275,6 +274,8 @@ def _steady_gain(a, q, noise, c):
     scale = np.array([noise[0], noise[0] * 1e2, noise[0] * 1e4])
     s, inverse = np.diag(scale), np.diag(1 / scale)
     n = np.diag(1 / noise)
+    from scipy.linalg import solve_discrete_are  # half a second that other laws need not wait
+
     p = solve_discrete_are((inverse @ a @ s).T, (n @ c @ s).T, inverse @ q @ inverse, np.eye(len(noise)))
     cs = n @ c @ s
     gain = p @ cs.T @ np.linalg.inv(cs @ p @ cs.T + np.eye(len(noise)))

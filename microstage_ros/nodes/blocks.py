@@ -113,7 +113,7 @@ class Sender:
 
     Parameters
     ----------
-    outlets : `Outlet`. semaphore : posted when a block is closed. also : called at every waking.
+    outlets : `Outlet`. semaphore : posted when a block has to go at once. also : called at every waking.
     """
 
     def __init__(self, outlets, semaphore, also=lambda: None):
@@ -126,7 +126,7 @@ class Sender:
 
     def _run(self):
         while self._going:
-            self._semaphore.wait(0.1)
+            self._semaphore.wait(LONGEST)
             self._also()
             for outlet in self._outlets:
                 outlet.send_closed()

@@ -25,6 +25,7 @@ _publish = external("rcl_publish_serialized_message", "int32", POINTER, POINTER,
 _clockwait = external("sem_clockwait", "int32", POINTER, "int32", POINTER)
 _post = external("sem_post", "int32", POINTER)
 _gettime = external("clock_gettime", "int32", "int32", POINTER)
+_setscheduler = external("sched_setscheduler", "int32", "int32", "int32", POINTER)
 _nanosleep = external("clock_nanosleep", "int32", "int32", "int32", POINTER, POINTER)
 
 
@@ -94,6 +95,13 @@ def wait(semaphore, until, times):
 def post(semaphore):
     """Wake who waits for the semaphore at this address."""
     _post(semaphore)
+
+
+@compiled
+def set_policy(policy, priority, words):
+    """Scheduling of the calling thread; ``words``: int64 array to work in. Where it is not permitted nothing changes."""
+    words[0] = priority
+    _setscheduler(0, policy, words.ctypes.data)
 
 
 @compiled

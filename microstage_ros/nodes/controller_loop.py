@@ -22,6 +22,7 @@ LINKS = np.dtype([(name, "u8") for name in (
 """Addresses: of the subscription and its frame, of publishers and their frames, of the semaphore, the sender's."""
 
 SENDER = 1
+LOCKSTEP = 2  # AxisState.STATUS_LOCKSTEP
 
 
 @compiled
@@ -84,7 +85,8 @@ def answer(stop, links, c, parameters, memories, positions, frames, raws, rings,
             close(rings[1])
             if (n + 1) % c.block == 0:
                 close(rings[0])
-            post(links.sender)
+            if state["status"] & LOCKSTEP:  # else who sends looks by itself, see `driver_loop.run_periods`
+                post(links.sender)
             if crowded(rings[0]) or crowded(rings[1]):
                 return CROWDED
     return ASKED

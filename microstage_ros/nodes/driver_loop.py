@@ -6,13 +6,14 @@ in one place (`hardware.command_gate`), and none of it costs time in good period
 """
 
 import math
+import os
 
 import numpy as np
 
 from microstage_ros.axis.compiled import compiled
 from microstage_ros.axis.period import advance_and_read
 from microstage_ros.nodes.c_calls import (
-    MONOTONIC, REALTIME, Frame, load_libraries, now, post, publish, sleep_until, take, wait,
+    MONOTONIC, REALTIME, Frame, load_libraries, now, post, publish, set_policy, sleep_until, take, wait,
 )
 from microstage_ros.nodes.kept_rows import close, crowded, keep
 from microstage_ros.nodes.scheduling import SPIN
@@ -23,8 +24,8 @@ TRAVEL: read, nothing sent. WAITED: no command within a slice (lockstep). STRANG
 this period, nor, paced, to one just before. MISSED: more periods without a command than tolerated (paced)."""
 
 COUNTS = np.dtype([(name, "i8") for name in (
-    "sequence", "credit", "paced", "pace_ns", "due_ns", "slice_ns", "spin_ns", "grace_ns", "block", "every", "status",
-    "held", "silent", "truth_listened", "tolerated", "last", "answered", "late", "lost", "overruns", "begun_ns", "time_ns", "longest_ns")])
+    "sequence", "credit", "paced", "pace_ns", "due_ns", "slice_ns", "spin_ns", "grace_ns", "priority", "block", "every", "status",
+    "held", "silent", "truth_listened", "tolerated", "last", "answered", "late", "lost", "overruns", "begun_ns", "time_ns")])
 VALUES = np.dtype([(name, "f8") for name in ("voltage", "limit", "low", "high", "period", "command")])
 LINKS = np.dtype([(name, "u8") for name in (
     "states", "state", "truths", "truth", "clocks", "clock", "commands", "command", "semaphore", "sender")])
@@ -38,6 +39,12 @@ a period at 10 kHz. So with periods shorter than the first figure [s] the loop s
 so much longer [s] for a command that is late: the next period begins late. After a period without any command periods
 begin in time again. The time without a command after which the driver trips stays the same."""
 
+RELAXED = 3
+"""One in so many periods the loop spins as a normal thread: Linux takes the processor from real-time threads for 50 ms
+if they keep it for more than 95 % of a second (`sched_rt_runtime_us`), the time spent spinning included."""
+
+REAL_TIME, NORMAL = os.SCHED_FIFO, os.SCHED_BATCH
+
 
 @compiled
 def hold_back(c, times):
@@ -50,7 +57,12 @@ def hold_back(c, times):
         c.overruns += 1
         if present > c.due_ns + c.pace_ns:
             c.due_ns = present
+    relaxed = c.priority > 0 and c.sequence % RELAXED == 0
+    if relaxed:
+        set_policy(NORMAL, 0, times)
     sleep_until(c.due_ns, c.spin_ns, times)
+    if relaxed:
+        set_policy(REAL_TIME, c.priority, times)
 
 
 @compiled
@@ -128,9 +140,10 @@ def count_answer(c, responses, times):
         c.late += 1
     else:
         c.answered += 1
+    counts, longest = responses
     taken = present - c.begun_ns
-    responses[min(taken // 1000, len(responses) - 1)] += 1
-    c.longest_ns = max(c.longest_ns, taken)
+    counts[min(taken // 1000, len(counts) - 1)] += 1
+    longest[0] = max(longest[0], taken)
 
 
 @compiled
@@ -143,7 +156,7 @@ def run_periods(stop, links, c, v, plants, states, works, readings, frames, raws
     links, c, v : records `LINKS`, `COUNTS`, `VALUES`.
     plants, states, works, readings : arrays of one, as in `axis.period`.
     frames : messages of state, truth, command, clock (`c_calls.Frame.message`). raws : bytes of the first two.
-    rings : blocks of state and truth (`kept_rows`). responses : counts by microsecond.
+    rings : blocks of state and truth (`kept_rows`). responses : arrays of `ResponseTimes`.
     times : int64 of shape (2,), to work in.
     """
     links, c, v = links[0], c[0], v[0]
@@ -179,23 +192,24 @@ def run_periods(stop, links, c, v, plants, states, works, readings, frames, raws
                 publish(links.clocks, links.clock)
             close(rings[0])
             close(rings[1])
-            post(links.sender)
+            if not c.paced:  # else who sends looks by itself: to wake another processor can take as long as a period
+                post(links.sender)
     return ASKED
 
 
-def timing(period, rate, slice_s, paced):
+def timing(period, rate, slice_s, paced, priority):
     """Entries of `COUNTS` that tell how to keep time.
 
     Parameters
     ----------
     period : control period [s]. rate : times real time, 0 for as fast as it goes. slice_s : longest wait [s].
-    paced : wall clock.
+    paced : wall clock. priority : real-time priority of the thread, 0 if it has none.
     """
     short = paced and period < SHORT_TIMER
     rate = 1.0 if paced else rate
     seconds = {"pace_ns": period / rate if rate else 0.0, "slice_ns": slice_s, "spin_ns": period if short else SPIN,
                "grace_ns": GRACE if short else 0.0}
-    return {name: round(value * 1e9) for name, value in seconds.items()}
+    return {name: round(value * 1e9) for name, value in seconds.items()} | {"priority": priority if short else 0}
 
 
 class QuickPeriods:
@@ -206,6 +220,11 @@ class QuickPeriods:
     servo, reader : `FastServoPath` and its reader of commands. sender : semaphore of who sends the blocks. topics : `DriverTopics`. gate : `CommandGate`.
     stop : int64 (1,), 1 while another thread asks for something. responses : `ResponseTimes`.
     settings : field of `COUNTS` or `VALUES` to its constant value.
+
+    Attributes
+    ----------
+    answered, late, lost, overruns : counters of all periods in compiled code, beside those of the gate; they may be read
+        by any thread while the loop goes on, as may `sequence` and `time_ns`.
     """
 
     def __init__(self, servo, reader, sender, topics, gate, stop, responses, settings):
@@ -245,24 +264,20 @@ class QuickPeriods:
         c["sequence"], c["credit"], c["due_ns"] = sequence, credit, 0 if due is None else round(due * 1e9)
         c["held"] = c["silent"] = gate.last != gate.period
         c["last"] = gate.last
-        for name in ("answered", "late", "lost", "overruns", "longest_ns"):
-            c[name] = 0
         c["truth_listened"] = self._topics.truths.listeners
         v["voltage"], v["command"] = gate.voltage, gate.command
         why = self._call(arrays)
         gate.voltage, gate.command = float(v["voltage"]), float(v["command"])
         gate.saturated = gate.voltage != gate.command
-        gate.last, gate.answered = int(c["last"]), gate.answered + int(c["answered"])
-        gate.late, gate.lost = gate.late + int(c["late"]), gate.lost + int(c["lost"])
+        gate.last = int(c["last"])
         gate.begin(self.sequence - (why == TRAVEL))
-        self._responses.maximum = max(self._responses.maximum, c["longest_ns"] * 1e-9)
         return why
 
     def _call(self, arrays):
         return run_periods(
             self._stop, self._links, self._counts, self._values, *arrays,
             tuple(frame.message for frame in self._frames), (self._frames[0].raw, self._frames[1].raw), self._rings,
-            self._responses.counts, self._times)
+            (self._responses.counts, self._responses.longest), self._times)
 
     def __getattr__(self, name):
         if name in COUNTS.names:

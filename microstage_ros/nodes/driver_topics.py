@@ -137,11 +137,9 @@ class DriverTopics:
             fault=FAULTS.index(gate.fault), message=gate.message, backend=p.backend, sequence=max(sequence, 0),
             **self._limits), time_ns, self._frame))
 
-    def timing(self, time_ns, sequence, gate, overruns, responses):
-        """Timing and diagnostics, once per second."""
+    def timing(self, time_ns, sequence, gate, counters, responses):
+        """Timing and diagnostics, once per second; ``counters``: fields of `ServoTiming`."""
         median, p99, p9999 = responses.percentiles(0.5, 0.99, 0.9999)
-        counters = {"answered": gate.answered, "late": gate.late, "lost": gate.lost, "duplicated": gate.duplicated,
-                    "reordered": gate.reordered, "overruns": overruns}
         self._timing.publish(stamp(ServoTiming(
             periods=sequence + 1, **counters, response_median=median, response_p99=p99, response_p9999=p9999,
             response_maximum=responses.maximum, response_histogram=responses.histogram()), time_ns, self._frame))

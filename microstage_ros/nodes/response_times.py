@@ -16,12 +16,16 @@ class ResponseTimes:
 
     Attributes
     ----------
-    counts : int64 of shape (FINE,), by microsecond. maximum : longest of all [s].
+    counts : int64 of shape (FINE,), by microsecond. longest : int64 of shape (1,), the longest of all [ns].
     """
 
     def __init__(self):
-        self.counts = np.zeros(FINE, np.int64)
-        self.maximum = 0.0
+        self.counts, self.longest = np.zeros(FINE, np.int64), np.zeros(1, np.int64)
+
+    @property
+    def maximum(self):
+        """Longest of all [s]."""
+        return float(self.longest[0]) * 1e-9
 
     @property
     def total(self):
@@ -31,7 +35,7 @@ class ResponseTimes:
     def add(self, seconds):
         """Count one response."""
         self.counts[min(int(seconds * 1e6), FINE - 1)] += 1
-        self.maximum = max(self.maximum, seconds)
+        self.longest[0] = max(self.longest[0], round(seconds * 1e9))
 
     def percentiles(self, *shares):
         """Times [s] that the given shares (0..1) of the responses do not exceed; NaN without responses."""

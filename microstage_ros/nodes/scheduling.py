@@ -52,16 +52,19 @@ def processors(text):
 
 
 POLICIES = {"normal": os.SCHED_OTHER, "batch": os.SCHED_BATCH, "real_time": os.SCHED_FIFO}
+HIGHEST = -20
+"""Rank among normal threads."""
 
 
 def take_place(logger, cpus, scheduling="normal", priority=0):
     """Put the servo loop on ``cpus`` (None: anywhere), under a scheduling of `POLICIES`.
 
-    That is the main thread and those of the middleware that bring it messages; all other threads of the process
-    (services, discovery, who sends blocks) go to the other processors, if there are any. Under `batch` and `real_time` a thread that is woken does not
-    take the processor from the one that woke it in the middle of its work.
+    That is the main thread and those of the middleware that bring it messages. Under `batch` and `real_time` they have
+    ``cpus`` to themselves: all other threads of the process (services, discovery, who sends blocks) go to the other
+    processors, if there are any; and a thread that is woken does not take the processor from the one that woke it in
+    the middle of its work. Under `normal` the whole process keeps to ``cpus``.
     """
-    rest = set() if cpus is None else _ALLOWED - cpus
+    rest = set() if cpus is None else cpus if scheduling == "normal" else _ALLOWED - cpus
     rank = os.sched_param(priority if scheduling == "real_time" else 0)
     for thread in map(int, os.listdir("/proc/self/task")):
         try:
@@ -72,6 +75,8 @@ def take_place(logger, cpus, scheduling="normal", priority=0):
                 continue
             if scheduling != "normal":
                 os.sched_setscheduler(thread, POLICIES[scheduling], rank)
+            if scheduling == "real_time":  # for the moments when it is a normal thread
+                os.setpriority(os.PRIO_PROCESS, thread, HIGHEST)
         except PermissionError:
             logger.warning(f"real-time priority {priority} is not permitted here (ulimit -r): normal scheduling")
             return

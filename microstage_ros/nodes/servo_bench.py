@@ -3,6 +3,7 @@
 `bench()` yields dicts: ``name``, ``value``, ``unit``, ``note``, and where there is one ``peer`` and ``peer_value``.
 """
 
+import json
 import os
 import subprocess
 import sys
@@ -25,12 +26,12 @@ from microstage_ros.places import config_file
 PAIR = ("str_controller", "axis_driver")
 TICKS = os.sysconf("SC_CLK_TCK")
 ROUND_TRIPS, WARM_UP = 5000, 100
-SHORT, LONG = 8.0, 600.0
+SHORT = 8.0
 """Seconds of wall clock for one measurement of a running cell."""
 
 
-def bench(long=False):
-    """Yield all measurements, about a minute; ``long``: ten minutes at 10 kHz in place of seconds."""
+def bench():
+    """Yield all measurements, about a minute."""
     rclpy.init()
     try:
         node = rclpy.create_node("servo_bench", namespace="/bench")
@@ -40,9 +41,29 @@ def bench(long=False):
         yield from lockstep(node, PAIR, SHORT)
         yield from lockstep(node, NODES, SHORT)
         yield from paced(node, NODES, SHORT, 1e-3)
-        yield from paced(node, NODES, LONG if long else SHORT, 1e-4)
+        yield from paced(node, NODES, SHORT, 1e-4)
     finally:
         rclpy.try_shutdown()
+
+
+def bench_paced(seconds):
+    """Yield the figures of ``seconds`` at 10 kHz, and before and after it what the machine keeps without ROS."""
+    rclpy.init()
+    try:
+        yield from bare_machine("before")
+        yield from paced(rclpy.create_node("servo_bench", namespace="/bench"), NODES, seconds, 1e-4)
+        yield from bare_machine("after")
+    finally:
+        rclpy.try_shutdown()
+
+
+def bare_machine(when):
+    """The bounds of `nodes.bare_machine`."""
+    done = subprocess.run([sys.executable, "-m", "microstage_ros.nodes.bare_machine", str(SHORT)], check=True,
+                          stdout=subprocess.PIPE)
+    found = json.loads(done.stdout)
+    return [row(f"no ROS, 50 µs of work, {when}: {words}", found[key], unit) for key, words, unit in (
+        ("rate", "periods", "1/s"), ("in_time", "done within the period", "1"), ("within_two", "done within two", "1"))]
 
 
 def row(name, value, unit, note="", **peer):

@@ -4,17 +4,23 @@ polars is not among the packages that a ROS 2 distribution brings, so nothing ma
 speed (two to three times that of `numpy.loadtxt`).
 """
 
+import functools
 import io
 import re
 
 import numpy as np
 
-try:
-    import polars
-except ImportError:
-    polars = None
-
 EMPTY_FIELD = re.compile(rb"(?:(?<=,)|(?<=\n)|\A)(?=,|\n|\Z)")
+
+
+@functools.cache
+def polars_or_none():
+    """The library, loaded when it is first needed: nodes read no CSV and start without it."""
+    try:
+        import polars
+    except ImportError:
+        return None
+    return polars
 
 
 def parse_rows(body, columns):
@@ -33,6 +39,7 @@ def parse_rows(body, columns):
     ------
     ValueError : a field that is no number.
     """
+    polars = polars_or_none()
     if polars is None:
         table = np.loadtxt(io.StringIO(EMPTY_FIELD.sub(b"nan", body).decode()), delimiter=",", ndmin=2, comments=None)
         return [np.ascontiguousarray(column) for column in table.T]
@@ -55,6 +62,7 @@ def rows_text(columns):
     -------
     bytes, every row ending in a line feed.
     """
+    polars = polars_or_none()
     if polars is None:
         texts = [["" if value != value else repr(value) for value in column.tolist()]  # noqa: PLR0124 NaN alone differs
                  for column in columns]

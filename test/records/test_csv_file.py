@@ -20,7 +20,7 @@ ROWS = ["0.0,0,0,0.5", "0.1,1e-6,2e-6,0.25", "0.2,2e-6,3e-6,-0.5", "0.3,3e-6,4e-
 def text_by(request, monkeypatch):
     """Every test with polars and, as on a machine that lacks it, without."""
     if request.param == "numpy":
-        monkeypatch.setattr(csv_text, "polars", None)
+        monkeypatch.setattr(csv_text, "polars_or_none", lambda: None)
 
 
 def small_record(rows=50, period_s=1e-4):

@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from microstage_ros.axis.effects.effect import Effect, Parameter, as_list, same_length, write_terms
 from microstage_ros.axis.errors import InputError
@@ -67,6 +66,8 @@ class PositionDependentFriction(Effect):
         x, factor = np.array(as_list(p["positions_m"])), np.array(as_list(p["factors"]))
         if len(x) > 1:
             grid = np.linspace(x[0], x[-1], PROFILE + 1)
+            from scipy.interpolate import CubicSpline  # most of a second that a node without profile need not wait
+
             contact["profile"] = np.maximum(CubicSpline(x, factor)(grid), 0.02) if len(x) > 2 else np.interp(grid, x, factor)
             contact["profile_low"], contact["profile_high"], contact["profiled"] = x[0], x[-1], 1
 
