@@ -61,12 +61,29 @@ def compiled(function=None, **options):
         return functools.partial(compiled, **options)
     room = (function.__module__.split(".") + ["", ""])[1]
     numba.config.CACHE_DIR = cache_folder(room)  # numba reads it when the decorator runs
-    return numba.njit(**{"cache": True, "nogil": True, "error_model": "numpy", **options})(function)
+    usual = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True,
+             "forceinline": False}         # said, or numba passes a caller's on to all that it calls
+    return numba.njit(**{**usual, **options})(function)
 
 
 def internal(function=None, **options):
     """`compiled` for a function that only compiled code calls: without its door for Python, half the compiling."""
-    return compiled(function, no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)
+    return compiled(function, no_cpython_wrapper=True, **options)
+
+
+def woven(function):
+    """`internal`, written into its caller after types are found: a loop's every period, without the price of a call."""
+    return internal(function, forceinline=True)
+
+
+@intrinsic
+def seldom(typingctx):
+    """Written first in a function that runs seldom: it stays a call, and its text is not copied into every caller."""
+    def build(context, builder, signature, arguments):
+        builder.function.attributes.add("noinline")
+        return context.get_dummy_value()
+
+    return numba.types.void(), build
 
 
 def inlined(function):

@@ -13,71 +13,71 @@ import math
 
 import numpy as np
 
-from microstage_ros.axis.compiled import compiled, inlined, internal
+from microstage_ros.axis.compiled import compiled, inlined, internal, seldom
 from microstage_ros.axis.records import BLOCKS, CELLS, OCTAVES
 from microstage_ros.axis.vectors import fused
 
 LOWEST_OCTAVE = -18
-_BASE = (1023 + LOWEST_OCTAVE) * CELLS
-_LOW = 2.0**LOWEST_OCTAVE
 _FRACTION_BITS = 48                       # mantissa bits below the cell's four
-_FRACTION_MASK = (1 << _FRACTION_BITS) - 1
-_ONE = 1023 << 52                         # the bits of 1.0
-_POWER_MASK = 0x7FF << 52
+_START_MASK = -1 << _FRACTION_BITS
+_ENTRIES = np.uint64(OCTAVES * CELLS)
+NO_TABLE = 1 << 40                        # a first cell that no speed reaches
 
 
-def stribeck_table(exponent):
-    """Cubic pieces of exp(−y^δ) on CELLS cells per octave of y = |w/V| from 2^-18 (Chebyshev nodes).
+def sliding_table(static, coulomb, velocity, exponent):
+    """(first cell, cubic pieces) of s(w) = F_C + (F_s − F_C) exp(−(w/V)^δ) and of 1/s(w), on CELLS cells per octave.
 
-    Shape (OCTAVES·CELLS, 4): coefficients of 1, z, z², z³; z the mantissa of y beyond the cell's lower edge.
-    Cell and z are read off the bits of y, so a look-up costs no logarithm. Relative error below 2e-8
-    (2e-6 below 2^-18, where it is a straight line).
+    The pieces, shape (OCTAVES·CELLS, 8), are the coefficients of 1, d, d², d³ of s, then those of 1/s; d is the speed beyond
+    the cell's lower edge (through Chebyshev nodes). Cell and d are read off the bits of w, so a look-up costs no logarithm.
+    The cells begin about V·2^-18; below, s is a straight line. Relative error below 2e-8 (2e-6 on that line).
     """
-    start = 2.0 ** (LOWEST_OCTAVE + np.repeat(np.arange(OCTAVES), CELLS))
-    cell = np.tile(np.arange(CELLS), OCTAVES)
+    lowest = math.floor(math.log2(velocity)) + LOWEST_OCTAVE
+    octave = 2.0 ** (lowest + np.repeat(np.arange(OCTAVES), CELLS))
+    start, width = octave * (1.0 + np.tile(np.arange(CELLS), OCTAVES) / CELLS), octave / CELLS
     nodes = 0.5 - 0.5 * np.cos(np.pi * (np.arange(4) + 0.5) / 4)
-    y = start[:, None] * (1.0 + (cell[:, None] + nodes[None, :]) / CELLS)
-    return np.exp(-(y**exponent)) @ np.linalg.inv(np.vander(nodes, 4, increasing=True)).T * float(CELLS) ** np.arange(4)
+    s = coulomb + (static - coulomb) * np.exp(-(((start[:, None] + nodes * width[:, None]) / velocity) ** exponent))
+    to_powers = np.linalg.inv(np.vander(nodes, 4, increasing=True)).T
+    scale = width[:, None] ** np.arange(4)
+    return (1023 + lowest) * CELLS, np.hstack([s @ to_powers / scale, (1.0 / s) @ to_powers / scale])
 
 
 @compiled
 def limit(contact, w):
     """s(w) = F_C + (F_s − F_C) exp(−|w/V_S|^δ), without factors (paper Eq. 2); w the speed."""
-    if contact.drops == 0:
+    bits = np.float64(abs(w)).view(np.int64)
+    cell = np.uint64((bits >> _FRACTION_BITS) - contact.first_cell)
+    if cell >= _ENTRIES:
+        return _limit_beyond_table(contact, abs(w))
+    d = abs(w) - np.int64(bits & _START_MASK).view(np.float64)
+    c = contact.sliding[cell]
+    return c[0] + d * (c[1] + d * (c[2] + d * c[3]))
+
+
+@internal
+def _limit_beyond_table(contact, w):
+    """`limit` where there is no drop, or a speed so low that the curve is a line, or so high that it has ended."""
+    seldom()
+    low = contact.velocity * 2.0**LOWEST_OCTAVE
+    if contact.drops == 0 or w > low:
         return contact.coulomb
-    y = abs(w) * contact.per_velocity
-    if y < _LOW:
-        fade = 1.0 + (contact.stribeck[0, 0] - 1.0) * (y / _LOW)
-    else:
-        bits = np.float64(y).view(np.int64)
-        cell = (bits >> _FRACTION_BITS) - _BASE
-        if cell >= OCTAVES * CELLS:
-            return contact.coulomb
-        z = np.int64((bits & _FRACTION_MASK) | _ONE).view(np.float64) - 1.0
-        c = contact.stribeck[np.uint64(cell)]
-        fade = c[0] + z * (c[1] + z * (c[2] + z * c[3]))
-    return contact.coulomb + (contact.static - contact.coulomb) * fade
+    return contact.static + (contact.sliding[0, 0] - contact.static) * (w / low)
 
 
 @inlined
 def limit_and_slopes(contact, w):
-    """s(w) as `limit`, ds/dw and (d²s/dw²)/2 of the cubic piece that w lies on; without factors, for w > 0."""
-    y = w * contact.per_velocity
-    if contact.drops == 0 or y < _LOW:
-        return limit(contact, w), 0.0, 0.0
-    bits = np.float64(y).view(np.int64)
-    cell = (bits >> _FRACTION_BITS) - _BASE
-    if cell >= OCTAVES * CELLS:
-        return contact.coulomb, 0.0, 0.0
-    z = np.int64((bits & _FRACTION_MASK) | _ONE).view(np.float64) - 1.0
-    scale = np.int64(2 * _ONE - (bits & _POWER_MASK)).view(np.float64) * contact.per_velocity      # dz/dw
-    c = contact.stribeck[np.uint64(cell)]
-    drop = contact.static - contact.coulomb
-    low, high, square = fused(z, c[1], c[0]), fused(z, c[3], c[2]), z * z
-    bend = fused(2.0 * z, c[3], high)
-    slope = fused(z, bend + high, c[1])
-    scale_drop = scale * drop
-    return fused(drop, fused(square, high, low), contact.coulomb), scale_drop * slope, (scale_drop * scale) * bend
+    """s(w) as `limit`, 1/s, d(1/s)/dw and (d²(1/s)/dw²)/2 of the cubic pieces that w lies on; without factors, for w > 0."""
+    bits = np.float64(w).view(np.int64)
+    cell = np.uint64((bits >> _FRACTION_BITS) - contact.first_cell)
+    if cell >= _ENTRIES:
+        s = _limit_beyond_table(contact, w)
+        return s, 1.0 / s, 0.0, 0.0
+    d = w - np.int64(bits & _START_MASK).view(np.float64)
+    c = contact.sliding[cell]
+    square = d * d
+    high = fused(d, c[7], c[6])
+    bend = fused(2.0 * d, c[7], high)
+    s = fused(square, fused(d, c[3], c[2]), fused(d, c[1], c[0]))
+    return s, fused(square, high, fused(d, c[5], c[4])), fused(d, bend + high, c[5]), bend
 
 
 @inlined
@@ -97,6 +97,7 @@ def _flush(contact, c):
 @compiled
 def regroup(contact, c):
     """Recompute from the blocks: their sums and the mode's mask; nothing is known to be free of events."""
+    seldom()
     _flush(contact, c)
     force, stiffness, mask = 0.0, 0.0, 0
     for j in range(contact.blocks):
@@ -121,6 +122,7 @@ def _reaches(contact, c, travel, w):
 
     The direction is that of the travel: the velocity may have changed sign at the very end.
     """
+    seldom()
     _flush(contact, c)
     sign = 1.0 if travel > 0.0 else -1.0
     top = c.factor * direction_factor(contact, sign) * limit(contact, w)
@@ -149,6 +151,7 @@ def move_stuck(c, travel):
 @internal
 def stick_all(contact, c):
     """The velocity changed sign: every block sticks with the force it has."""
+    seldom()
     _flush(contact, c)
     for j in range(contact.blocks):
         if c.stuck[j] == 0.0:
@@ -164,6 +167,7 @@ def stick_all(contact, c):
 @compiled
 def release(contact, c, travel, w):
     """Let every sticking block slip that the last ``travel`` brought to its limit; it joins the common slip force."""
+    seldom()
     _flush(contact, c)
     sign = 1.0 if travel > 0.0 else -1.0
     top = c.factor * direction_factor(contact, sign) * limit(contact, w)

@@ -13,12 +13,14 @@ first occurs and kept in the work arrays.
 
 import numpy as np
 
-from microstage_ros.axis.compiled import compiled, internal
+from microstage_ros.axis.compiled import compiled, internal, seldom
 from microstage_ros.axis.records import INPUTS, LAW_WORK, LEVELS, WORK
+from microstage_ros.axis.vectors import mix_rows
 
 TICKS = 1 << (LEVELS - 1)
 I, OMEGA, V, U, T0, T1, T2, F0, F1 = range(INPUTS)
 O_I, O_OMEGA, O_THETA, O_V, O_X, O_OMEGA_MID = range(6)
+PACE = 1e4                     # 1/s, about the pace of the axis
 _STATES, _SIZE = 5, 12         # i ω θ v x | u | torque chain of 3 | force chain of 2 | unused
 
 
@@ -80,57 +82,53 @@ def _system(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, a):
 
 @internal
 def _times(x, y, scale, out):
-    """out = scale · x y, of the states' columns of x; plain loops, array expressions cost seconds of compiling."""
+    """out = scale · x y, of the states' columns of x."""
+    seldom()
     for i in range(_STATES):
-        for j in range(_SIZE):
-            total = x[i, 0] * y[0, j]
-            for k in range(1, _STATES):
-                total += x[i, k] * y[k, j]
-            out[i, j] = scale * total
+        mix_rows(out, i, scale * x[i, 0], scale * x[i, 1], scale * x[i, 2], scale * x[i, 3], scale * x[i, 4], y)
 
 
 @internal
-def _exponential(a, h, result, term, spare):
-    """The states' rows of exp(a h) into ``result``: scaled until the norm is below 1/4, Taylor to order 12, squared back.
+def _horner(x, a, scale, out):
+    """out = 1 + scale · x a, the states' rows; a's rows of the inputs (u constant, torque a chain of three, force of two) are known."""
+    seldom()
+    _times(x, a, scale, out)
+    for i in range(_STATES):
+        out[i, 7] += scale * x[i, 6]
+        out[i, 8] += scale * x[i, 7]
+        out[i, 10] += scale * x[i, 9]
+        out[i, i] += 1.0
 
-    The rows of the inputs (u constant, torque a chain of three, force of two) are known and not stored.
-    """
+
+@internal
+def _exponential(a, h, result, spare):
+    """The states' rows of exp(a h) into ``result``: scaled until the norm is below 1/16, Taylor to order 8, squared back."""
+    seldom()
     norm = 0.0
-    for i in range(_STATES):
-        row = 0.0
-        for j in range(_SIZE):
-            row += abs(a[i, j])
-        norm = max(norm, row)
+    for i in range(_STATES):       # in units of time of 1/PACE, so that speeds and positions weigh alike
+        row = abs(a[i, 0]) + abs(a[i, 1]) + abs(a[i, 3]) + (abs(a[i, 2]) + abs(a[i, 4])) / PACE
+        norm = max(norm, row * (PACE if i == 2 or i == 4 else 1.0))
     pieces = 1.0
-    while norm * h > 0.25 * pieces and pieces < 1e18:
-        pieces *= 2.0
+    while norm * h > pieces / 16.0 and pieces < 1e18:
+        pieces *= 4.0              # two squarings
     h /= pieces
+    result[:, :] = 0.0
     for i in range(_STATES):
-        for j in range(_SIZE):
-            result[i, j] = term[i, j] = 1.0 if i == j else 0.0
-    for order in range(1, 13):
-        scale = h / order
-        _times(term, a, scale, spare)
-        for i in range(_STATES):
-            spare[i, 7] += scale * term[i, 6]
-            spare[i, 8] += scale * term[i, 7]
-            spare[i, 10] += scale * term[i, 9]
-        for i in range(_STATES):
-            for j in range(_SIZE):
-                term[i, j] = spare[i, j]
-                result[i, j] += spare[i, j]
+        result[i, i] = 1.0
+    for order in range(8, 0, -2):
+        _horner(result, a, h / order, spare)
+        _horner(spare, a, h / (order - 1), result)
     while pieces > 1.0:
         _square(result, h, spare)
-        for i in range(_STATES):
-            for j in range(_SIZE):
-                result[i, j] = spare[i, j]
-        h *= 2.0
-        pieces *= 0.5
+        _square(spare, 2.0 * h, result)
+        h *= 4.0
+        pieces *= 0.25
 
 
 @internal
 def _square(e, h, out):
     """out = exp(2 a h) of e = exp(a h)."""
+    seldom()
     _times(e, e, 1.0, out)
     for i in range(_STATES):
         out[i, 5] += e[i, 5]
@@ -144,26 +142,36 @@ def _square(e, h, out):
 @internal
 def _write_level(e, half, h, plant, inertia, out):
     """Pick the used rows and columns of the exponentials over h and h/2 into one level's matrix, in SI units."""
-    source = (0, 1, 3, 5, 6, 7, 8, 9, 10)
-    ratio, rigid = plant.ratio, plant.rigid == 1
-    push = ratio / inertia if rigid else 1.0 / (plant.mass * ratio)
-    unit = (1.0, 1.0, 0.0 if rigid else 1.0 / ratio, 1.0, 1.0 / inertia, 1.0 / inertia / h, 2.0 / inertia / (h * h), push, push / h)
-    v_row, x_row = (1, 2) if rigid else (3, 4)
-    for j in range(INPUTS):
-        s, f = source[j], unit[j]
-        out[j, O_I], out[j, O_OMEGA], out[j, O_THETA] = f * e[0, s], f * e[1, s], f * e[2, s]
-        out[j, O_V], out[j, O_X] = f * ratio * e[v_row, s], f * ratio * e[x_row, s]
-        out[j, O_OMEGA_MID], out[j, 6], out[j, 7] = f * half[1, s], 0.0, 0.0
+    rigid, ratio = plant.rigid == 1, plant.ratio
+    per_inertia = 1.0 / inertia
+    push = ratio * per_inertia if rigid else 1.0 / (plant.mass * ratio)
+    v, x = (1, 2) if rigid else (3, 4)
+    _write_column(e, half, 0, v, x, 1.0, ratio, out[I])
+    _write_column(e, half, 1, v, x, 1.0, ratio, out[OMEGA])
+    _write_column(e, half, 3, v, x, 0.0 if rigid else 1.0 / ratio, ratio, out[V])
+    _write_column(e, half, 5, v, x, 1.0, ratio, out[U])
+    _write_column(e, half, 6, v, x, per_inertia, ratio, out[T0])
+    _write_column(e, half, 7, v, x, per_inertia / h, ratio, out[T1])
+    _write_column(e, half, 8, v, x, 2.0 * per_inertia / (h * h), ratio, out[T2])
+    _write_column(e, half, 9, v, x, push, ratio, out[F0])
+    _write_column(e, half, 10, v, x, push / h, ratio, out[F1])
+
+
+@internal
+def _write_column(e, half, source, v, x, unit, ratio, out):
+    seldom()
+    metres = unit * ratio
+    out[O_I], out[O_OMEGA], out[O_THETA] = unit * e[0, source], unit * e[1, source], unit * e[2, source]
+    out[O_V], out[O_X], out[O_OMEGA_MID] = metres * e[v, source], metres * e[x, source], unit * half[1, source]
 
 
 @compiled
 def build_mode(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, matrices):
     """All levels' matrices of one mode into ``matrices`` (LEVELS, INPUTS, OUTPUTS)."""
-    a, half = np.zeros((_STATES, _SIZE)), np.zeros((_STATES, _SIZE))
-    e, spare = np.zeros((_STATES, _SIZE)), np.zeros((_STATES, _SIZE))
+    a, half, e = np.zeros((_STATES, _SIZE)), np.empty((_STATES, _SIZE)), np.empty((_STATES, _SIZE))
     inertia = _system(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, a)
     h = plant.period / TICKS
-    _exponential(a, 0.5 * h, half, e, spare)
+    _exponential(a, 0.5 * h, half, e)
     for level in range(LEVELS - 1, -1, -1):
         _square(half, 0.5 * h, e)
         _write_level(e, half, h, plant, inertia, matrices[level])

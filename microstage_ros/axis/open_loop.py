@@ -8,8 +8,8 @@ from microstage_ros.axis.compiled import compiled
 from microstage_ros.axis.linear_core import forget
 from microstage_ros.axis.period import as_array
 from microstage_ros.axis.plant import new_readings, new_state, new_work
-from microstage_ros.axis.sensors import read_sensors
-from microstage_ros.axis.step import advance, note_friction
+from microstage_ros.axis.sensors import sense
+from microstage_ros.axis.step import hold, note_friction
 
 #: Columns of a trace, each as at the start of its period.
 COLUMNS = ("x", "v", "theta", "omega", "current", "torque_friction", "guide_friction", "encoder", "read_current", "interferometer")
@@ -19,13 +19,13 @@ COLUMNS = ("x", "v", "theta", "omega", "current", "torque_friction", "guide_fric
 def run_open_loop(plant, state, work, readings, voltage, trace):
     """Hold ``voltage[n]`` (V) over period n; fills ``trace`` (periods, len(COLUMNS)), or no rows if it has none."""
     for n in range(voltage.size):
-        if len(trace) > 0:
-            read_sensors(plant, state, readings)
+        if n < len(trace):
+            sense(plant, state, readings)
             note_friction(plant, state)
             trace[n, 0], trace[n, 1], trace[n, 2], trace[n, 3] = state.x, state.v, state.theta, state.omega
             trace[n, 4], trace[n, 5], trace[n, 6] = state.current, state.torque_friction, state.guide_friction
             trace[n, 7], trace[n, 8], trace[n, 9] = readings.encoder, readings.current, readings.interferometer
-        advance(plant, state, work, voltage[n])
+        hold(plant, state, work, voltage[n])
 
 
 def respond(plant, voltage, seed=0, position=0.0, friction="virgin"):
@@ -43,7 +43,7 @@ def _run_share(plants, states, works, voltage):
     for k in range(len(plants)):
         forget(works[0])
         for n in range(voltage.size):
-            advance(plants[k], states[k], works[0], voltage[n])
+            hold(plants[k], states[k], works[0], voltage[n])
 
 
 def respond_many(plants, voltage, states, threads=2):

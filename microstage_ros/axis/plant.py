@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from microstage_ros.axis.contact import regroup, slide, stribeck_table
+from microstage_ros.axis.contact import NO_TABLE, regroup, slide, sliding_table
 from microstage_ros.axis.effects import apply_effects, check_effects
 from microstage_ros.axis.errors import InputError
 from microstage_ros.axis.laws.registry import law_named
@@ -124,9 +124,11 @@ def _set_flags(plant):
         plant[f"per_{name}"] = 1.0 / size if size else 0.0
     for name in ("actuator", "guideway"):
         contact = plant[name]
-        contact["per_velocity"] = 1.0 / contact["velocity"]
         contact["follows"] = int(contact["lag"] > 0.0 or (name == "guideway" and contact["drops"]))
         contact["smooth_slip"] = int(math.isfinite(contact["attraction"]) and contact["lag"] == 0.0)
+    a, g = plant["actuator"], plant["guideway"]
+    special = a["law"] or g["law"] or a["follows"] or g["follows"] or g["drops"] or not a["smooth_slip"]
+    plant["quick"] = int(plant["simple"] and plant["plain"] and not special)
 
 
 def _fill_transmission(plant, axis):
@@ -167,6 +169,7 @@ def _screw_inertia(plant):
 def _fill_contact(contact, axis, name, inertia, period):
     law, key = axis.law(name), f"contacts.{name}"
     contact["level"], contact["attraction"], contact["velocity"], contact["exponent"] = 1.0, math.inf, 1.0, 1.0
+    contact["first_cell"] = NO_TABLE
     if law == "none":
         return
     contact["viscous"] = axis.value(f"{key}.viscous")
@@ -188,7 +191,7 @@ def _fill_contact(contact, axis, name, inertia, period):
         contact["drops"], contact["static"] = 1, axis.value(f"{key}.static")
         for field, leaf in (("coulomb", "coulomb"), ("velocity", "stribeck_velocity"), ("exponent", "stribeck_exponent")):
             contact[field] = axis.value(f"{key}.{leaf}")
-        contact["stribeck"] = stribeck_table(float(contact["exponent"]))
+        contact["first_cell"], contact["sliding"] = sliding_table(*(float(contact[k]) for k in ("static", "coulomb", "velocity", "exponent")))
     if axis.has(f"{key}.attraction"):
         contact["attraction"] = axis.value(f"{key}.attraction")
 

@@ -26,7 +26,7 @@ CONTACT = np.dtype([
     ("law", i8), ("law_parameters", f8, LAW),  # another law of the library: its number + 1, packed; 0: none
     ("kappa", f8, BLOCKS),         # k_j / α_j, normalised stiffness per unit of contact coordinate
     ("weight", f8, BLOCKS),        # α_j
-    ("static", f8), ("coulomb", f8), ("velocity", f8), ("per_velocity", f8), ("exponent", f8),
+    ("static", f8), ("coulomb", f8), ("velocity", f8), ("exponent", f8),
     ("drops", i8),                 # 1: the limit falls with velocity (Stribeck)
     ("attraction", f8),            # C; inf: a slipping block is at its limit at once
     ("smooth_slip", i8),           # 1: C is finite and s does not lag, see `slip.near`
@@ -46,7 +46,7 @@ CONTACT = np.dtype([
     ("profile_low", f8), ("profile_high", f8),              # its range of stage positions
     ("ripple_amplitude", f8, RIPPLES), ("ripple_number", f8, RIPPLES), ("ripple_phase", f8, RIPPLES),
     ("ripples", i8),               # limits × (1 + Σ A sin(number x + phase))
-    ("stribeck", f8, (OCTAVES * CELLS, 4)),    # cubic pieces of exp(−|w/V|^δ) over |w/V|
+    ("first_cell", i8), ("sliding", f8, (OCTAVES * CELLS, 8)),     # cubic pieces of s(w) and 1/s(w), see `contact.sliding_table`
 ])
 
 #: One machine.
@@ -72,6 +72,7 @@ PLANT = np.dtype([
     ("smooth", i8),                            # 1: a smooth extra force acts on the stage or the motor
     ("simple", i8),                            # 1: a period may be one chunk under one voltage
     ("plain", i8),                             # 1: no extra force and no backlash
+    ("quick", i8),                             # 1: simple and plain, and the contacts need nothing beyond `slip.near`
     ("modulated", i8),                         # 1: a limit factor depends on position or dwell, or blocks creep
     ("varies", i8),                            # 1: modulated, or the friction is random
     ("electrical", i8),                        # 1: dead zone, delay, lag, warming or amplifier noise

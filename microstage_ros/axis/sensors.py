@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from microstage_ros.axis.compiled import compiled, inlined, internal
+from microstage_ros.axis.compiled import compiled, inlined, internal, seldom, woven
 from microstage_ros.axis.random import normal, uniform
 
 AIR_TEMPERATURE, AIR_PRESSURE, AIR_HUMIDITY, STAGE_TEMPERATURE = 293.15, 101325.0, 0.5, 293.15
@@ -14,6 +14,12 @@ PER_KELVIN, PER_PASCAL = -0.93e-6, 2.7e-9      # first-order terms of the index 
 @compiled
 def read_sensors(plant, state, readings):
     """Fill ``readings`` (record `READINGS`): positions in m, current in A, angle in rad, K, Pa, 0…1."""
+    sense(plant, state, readings)
+
+
+@woven
+def sense(plant, state, readings):
+    """`read_sensors`, for the few loops that run many periods."""
     readings.motor_angle = state.theta
     if plant.sensing == 1:
         _disturbed_sensors(plant, state, readings)
@@ -42,6 +48,7 @@ def _counted(plant, state, y):
 @internal
 def _disturbed_sensors(plant, state, readings):
     """`read_sensors` with all that effects do to it."""
+    seldom()
     t = state.time
     shake = _vibration(plant, t)
     readings.encoder, readings.current = _encoder_and_current(plant, state, shake)
@@ -81,6 +88,7 @@ def _vibration(plant, t):
 
 @internal
 def _surroundings(plant, t, readings):
+    seldom()
     swing = math.sin(2.0 * math.pi * t / plant.air_swing_time)
     readings.air_temperature = AIR_TEMPERATURE + plant.air_temperature_rate * t + plant.air_temperature_swing * swing
     readings.air_pressure = AIR_PRESSURE + plant.air_pressure_rate * t + plant.air_pressure_swing * swing
@@ -94,6 +102,7 @@ def _surroundings(plant, t, readings):
 @internal
 def _drift(plant, t, readings):
     """Interferometer − x: expansion of parts and, if the air is not compensated, its index [m]."""
+    seldom()
     drift = plant.drift_rate * t + plant.drift_expansion * (readings.stage_temperature - STAGE_TEMPERATURE)
     if plant.drift_amplitude != 0.0:
         drift += plant.drift_amplitude * (1.0 - math.exp(-t / plant.drift_time))

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from microstage_ros.axis.amplifier import amplifier_output, delayed_output, lag_output, warm_up
-from microstage_ros.axis.compiled import compiled, inlined, internal
+from microstage_ros.axis.compiled import compiled, inlined, internal, seldom, woven
 from microstage_ros.axis.contact import (
     block_force, crosses, direction_factor, limit, limit_and_slopes, move_stuck, release, settle_limit, stick_all,
 )
@@ -25,6 +25,8 @@ from microstage_ros.axis.vectors import add_columns, fused, mode_rows
 BEND = 2e-3                    # largest second difference of s(w) over a chunk, of the static limit
 FINEST_BEND = 7                # level below which a bend is no longer refined
 LAG_SPANS = 16                 # pieces of a period in which a lagging amplifier's output is constant
+EVENT, DONE, EVENT_AT_END, COARSE = (np.int64(k) for k in range(4))       # what came of a chunk
+QUICK, WHOLE = np.bool_(True), np.bool_(False)      # not literals, as above
 COUNT = 2.0 ** np.arange(LEVELS)          # chunks of a level in a period
 SHARE = 0.5 ** np.arange(LEVELS)          # length of a level's chunk, of the period
 
@@ -35,14 +37,21 @@ def advance(plant, state, work, voltage):
 
     ``plant``: record `PLANT`; ``state``: record `STATE`, changed in place; ``work``: see `linear_core.new_work`.
     """
+    hold(plant, state, work, voltage)
+
+
+@woven
+def hold(plant, state, work, voltage):
+    """`advance`, for the few loops that run many periods."""
     u = amplifier_output(plant, state, voltage)
     if plant.varies == 1:
         vary(plant, state)
-    if plant.simple == 1:
+    if plant.quick == 1:
         state.voltage = u
         whole = np.int64(0)      # not a literal: numba would compile once more for it
-        if _chunk(plant, state, work, u, _slot(plant, state, work), whole) != 1:
-            _walk(plant, state, work, u, whole, np.int64(TICKS))
+        done = _chunk(plant, state, work, u, _slot(plant, state, work), whole, QUICK)
+        if done != DONE:
+            _walk(plant, state, work, u, whole, np.int64(TICKS), whole + (done == EVENT))
     else:
         _advance_pieces(plant, state, work, u)
     state.time += plant.period
@@ -52,6 +61,7 @@ def advance(plant, state, work, voltage):
 @internal
 def _advance_pieces(plant, state, work, u):
     """A period whose voltage changes inside it (delay, lag), or that is always walked in parts."""
+    seldom()
     late, split, pieces = u, 0, 1
     if plant.electrical == 1:
         warm_up(plant, state, work)
@@ -69,7 +79,7 @@ def _advance_pieces(plant, state, work, u):
             state.voltage = lag_output(plant, state, target, (end - start) / TICKS)
         else:
             state.voltage = target
-        _walk(plant, state, work, state.voltage, start, end)
+        _walk(plant, state, work, state.voltage, start, end, plant.base_level)
         start = end
 
 
@@ -91,6 +101,7 @@ def _slot(plant, state, work):
 @internal
 def _mode(plant, state, work):
     """Slot of the matrices of the present mode, made if it is new."""
+    seldom()
     ca, cg = state.actuator, state.guideway
     side = 1 if state.side != 0 else 0
     key = ca.mask | (cg.mask << 8) | (side << 16)
@@ -109,22 +120,29 @@ def _mode(plant, state, work):
 
 
 @internal
-def _walk(plant, state, work, u, start, end):
-    """Walk from tick ``start`` to tick ``end`` of the period with the amplifier at ``u``."""
+def _walk(plant, state, work, u, start, end, level):
+    """Walk from tick ``start`` to tick ``end`` of the period with the amplifier at ``u``, beginning at ``level``."""
+    seldom()
     slot = _slot(plant, state, work)
     base = plant.base_level
-    position, level = start, base
+    position = start
+    event_before = end if level > base else np.int64(-1)       # a chunk that ends here is known to hold an event
     while position < end:
         size = TICKS >> level
         while size > end - position or (position & (size - 1)) != 0:
             level += 1
             size >>= 1
-        done = _chunk(plant, state, work, u, slot, level)
-        if done == 0:
+        if position + size == event_before and level < LEVELS - 1:
+            level += 1
+            continue
+        done = _chunk(plant, state, work, u, slot, level, WHOLE)
+        if done == EVENT or done == COARSE:
+            if done == EVENT:
+                event_before = position + size
             level += 1
             continue
         position += size
-        if done == 2:
+        if done == EVENT_AT_END:
             _switch(plant, state, work)
             slot = _mode(plant, state, work)
             work.slot = slot
@@ -135,6 +153,7 @@ def _walk(plant, state, work, u, start, end):
 @internal
 def _switch(plant, state, work):
     """Carry out the events that the finest chunk ended on."""
+    seldom()
     a, g, ca, cg = plant.actuator, plant.guideway, state.actuator, state.guideway
     if ca.slip_weight > 0.0 and state.omega * ca.direction < 0.0:
         stick_all(a, ca)
@@ -155,32 +174,34 @@ def _slip_level(contact, c, w):
     return c.factor * direction_factor(contact, w) * limit(contact, c.lagged if contact.lag > 0.0 else w)
 
 
-@internal(forceinline=True)
-def _chunk(plant, state, work, u, slot, level):
-    """Try one chunk. 0: must be halved; 1: done; 2: done, and an event waits at its end."""
+@woven
+def _chunk(plant, state, work, u, slot, level, quick):
+    """Try one chunk: DONE, or EVENT_AT_END of the finest; else nothing has changed: EVENT inside, or too COARSE.
+
+    ``quick``, for a plant that is: what it never needs is left out, and a speed that changes much is called COARSE.
+    """
     a, g, ca, cg = plant.actuator, plant.guideway, state.actuator, state.guideway
     m = work.matrix
     h = plant.period * SHARE[level]
     omega0 = state.omega
-    torque, force = _steady_forces(plant, state, h)
+    torque, force = _steady_forces(plant, state, h, quick)
     slipping, smooth = ca.slip_weight > 0.0, False
     pull, f0, fade = -ca.direction * ca.slip_weight, ca.slip_force, 1.0
     grow = ca.slip_slope * h
     mid = mid_m = mid_1 = end = end_m = end_1 = k1 = k2 = 0.0
     if slipping:
-        smooth = a.smooth_slip == 1
+        smooth = quick or a.smooth_slip == 1
         if smooth:      # all that does not wait for the voltage comes before it
-            s, slope, bend = limit_and_slopes(a, abs(omega0) * plant.per_gear)
-            level_factor, per_s, turn = ca.factor * direction_factor(a, ca.direction), 1.0 / s, ca.direction * plant.per_gear
-            k1 = slope * per_s * turn
-            k1, k2 = -k1, fused(k1, k1, -bend * per_s * (turn * turn))        # ε = k1 Δω + k2 Δω²
+            s, per_s, slope, bend = limit_and_slopes(a, abs(omega0) * plant.per_gear)
+            level_factor, turn = ca.factor * direction_factor(a, ca.direction), ca.direction * plant.per_gear
+            k1, k2 = s * slope * turn, s * bend * (turn * turn)        # ε = k1 Δω + k2 Δω²
             mid, mid_m, mid_1, end, end_m, end_1, fade = near((a.attraction * h / level_factor) * per_s, f0, s * level_factor)
         elif math.isinf(a.attraction):
             f0 = _slip_level(a, ca, omega0 * plant.per_gear)
     f1 = f0
     t0, t1 = torque + pull * f0, pull * grow
     push = force - cg.direction * cg.slip_weight * cg.slip_force
-    if any_law(work):   # integrated by extrapolation over short chunks (Adams–Bashforth)
+    if not quick and any_law(work):   # integrated by extrapolation over short chunks (Adams–Bashforth)
         t0 -= ca.law_force
         t1 -= ca.law_force - ca.law_before
         push -= cg.law_force
@@ -191,31 +212,33 @@ def _chunk(plant, state, work, u, slot, level):
             to_mid, to_end = to_mid * fused(k2, to_mid, k1), to_end * fused(k2, to_end, k1)
             f_mid = fused(mid_m, to_mid, fused(mid_1, to_end, mid))
             f1 = fused(end_m, to_mid, fused(end_1, to_end, end))
+        elif quick:
+            return COARSE
         else:
             f_mid, f1, fade, bent = _far(plant, ca, omega0, rows[O_OMEGA_MID], rows[O_OMEGA], f0, h)
             if bent and level < FINEST_BEND:
-                return 0
+                return COARSE
         d1, d2 = pull * (fused(4.0, f_mid, -f1) - fused(3.0, f0, grow)), pull * (fused(-4.0, f_mid, 2.0 * f0) + 2.0 * f1)
         rows = add_columns(rows, m, slot, level, T1, d1, T2, d2)
-    if g.drops == 1 and cg.slip_weight > 0.0:
+    if not quick and g.drops == 1 and cg.slip_weight > 0.0:
         rise = -cg.direction * cg.slip_weight * (_slip_level(g, cg, rows[O_V]) - cg.slip_force)
         rows = add_columns(rows, m, slot, level, F1, rise, F1, 0.0)
-    if any_law(work):
+    if not quick and any_law(work):
         rows = add_columns(rows, m, slot, level, F1, cg.law_before - cg.law_force, F1, 0.0)
-    event = _event(plant, state, rows)
+    event = _event(plant, state, rows, quick)
     if event:
         if level < LEVELS - 1:
-            return 0
+            return EVENT
         work.turned, work.moved = rows[O_THETA], rows[O_X]
-    _accept(plant, state, work, rows, f1, f1 - f0, fade, h, level)
-    return 2 if event else 1
+    _accept(plant, state, work, rows, f1, f1 - f0, fade, h, level, quick)
+    return EVENT_AT_END if event else DONE
 
 
 @inlined
-def _steady_forces(plant, state, h):
+def _steady_forces(plant, state, h, quick):
     """(torque at the motor, force at the stage) that do not depend on the slip, about the chunk's middle."""
     torque, force = -state.actuator.stuck_weight_force, plant.push - state.guideway.stuck_weight_force
-    if plant.plain == 1:
+    if quick or plant.plain == 1:
         spring = plant.stiffness * (plant.ratio * state.theta - state.x)
         return torque - plant.ratio * spring, force + spring
     more_torque, more_force = _other_forces(plant, state, h)
@@ -225,6 +248,7 @@ def _steady_forces(plant, state, h):
 @internal
 def _other_forces(plant, state, h):
     """Torque and force of the drive train with backlash or errors of the lead, of cables, and of what is smooth."""
+    seldom()
     torque, force = 0.0, 0.0
     if plant.rigid == 0 and state.side != 0:
         d = plant.ratio * state.theta - state.x - 0.5 * plant.gap * state.side
@@ -272,6 +296,7 @@ def _beyond_viscous(contact, w):
 @internal
 def _far(plant, c, omega0, omega_mid, omega1, f0, h):
     """`relax` at the actuator, and whether the limit bends too much over the chunk for it."""
+    seldom()
     a = plant.actuator
     s0, s_mid = _slip_level(a, c, omega0 * plant.per_gear), _slip_level(a, c, omega_mid * plant.per_gear)
     s1 = _slip_level(a, c, omega1 * plant.per_gear)
@@ -280,7 +305,7 @@ def _far(plant, c, omega0, omega_mid, omega1, f0, h):
 
 
 @inlined
-def _event(plant, state, rows):
+def _event(plant, state, rows, quick):
     """Whether the tried chunk holds an event: a reversal in slip, a block at its limit, the gap's edge."""
     ca, cg = state.actuator, state.guideway
     if ca.slip_weight > 0.0 and rows[O_OMEGA] * ca.direction < 0.0:
@@ -291,7 +316,7 @@ def _event(plant, state, rows):
         return True
     if cg.mask != 0 and crosses(plant.guideway, cg, rows[O_X], rows[O_V]):
         return True
-    if plant.plain == 0 and plant.gap > 0.0:
+    if not quick and plant.plain == 0 and plant.gap > 0.0:
         d = plant.ratio * (state.theta + rows[O_THETA]) - (state.x + rows[O_X])
         side = 1 if d > 0.5 * plant.gap else (-1 if d < -0.5 * plant.gap else 0)
         return side != state.side
@@ -299,10 +324,10 @@ def _event(plant, state, rows):
 
 
 @inlined
-def _accept(plant, state, work, rows, f1, change, fade, h, level):
+def _accept(plant, state, work, rows, f1, change, fade, h, level, quick):
     """Take the tried chunk: new state, stretched blocks, relaxed slip force."""
     a, g, ca, cg = plant.actuator, plant.guideway, state.actuator, state.guideway
-    if any_law(work):
+    if not quick and any_law(work):
         if a.law > 0:
             follow_law(work, a, ca, state.omega * plant.per_gear, rows[O_OMEGA] * plant.per_gear, h)
         if g.law > 0:
@@ -317,13 +342,14 @@ def _accept(plant, state, work, rows, f1, change, fade, h, level):
     if ca.slip_weight > 0.0:
         ca.slip_force, ca.slip_slope = f1, change * (plant.rate * COUNT[level])
         ca.slip_offset *= fade
-    if a.follows == 1 or g.follows == 1:
+    if not quick and (a.follows == 1 or g.follows == 1):
         _follow(plant, state, h)
 
 
 @internal
 def _follow(plant, state, h):
     """Let lagging limits follow the velocities, and a guideway's slip force its limit."""
+    seldom()
     a, g, ca, cg = plant.actuator, plant.guideway, state.actuator, state.guideway
     if a.lag > 0.0:
         ca.lagged += (abs(state.omega) * plant.per_gear - ca.lagged) * (1.0 - decay(h / a.lag))

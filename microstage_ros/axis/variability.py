@@ -7,7 +7,7 @@ stage has moved by a small part of the length or a small part of the time has pa
 
 import math
 
-from microstage_ros.axis.compiled import compiled, inlined, internal
+from microstage_ros.axis.compiled import compiled, inlined, internal, seldom
 from microstage_ros.axis.contact import regroup
 from microstage_ros.axis.random import normal
 from microstage_ros.axis.records import PROFILE
@@ -73,6 +73,7 @@ def _wander(q, step, deviation, state):
 @internal
 def _profile(contact, x):
     """Factor of the limits at stage position x."""
+    seldom()
     factor = 1.0
     for k in range(contact.ripples):
         factor += contact.ripple_amplitude[k] * math.sin(contact.ripple_number[k] * x + contact.ripple_phase[k])
@@ -87,6 +88,7 @@ def _profile(contact, x):
 @internal
 def _age(plant, contact, c, moved):
     """Relative growth of the limits by dwell; travel wipes it out."""
+    seldom()
     if contact.aging_rate == 0.0:
         return 0.0
     if c.mask != 0:
@@ -100,6 +102,7 @@ def _age(plant, contact, c, moved):
 @internal
 def _creep(contact, c, period, moved):
     """Flow of the sticking blocks over one period, see `effects.friction.PreslidingCreep`."""
+    seldom()
     regroup(contact, c)
     flow = contact.creep_amplitude * period / (c.held + contact.creep_time)
     c.held = (c.held + period) * math.exp(-moved / contact.creep_release)

@@ -66,6 +66,22 @@ def add_columns(typingctx, rows, matrices, slot, level, first, a, second, b):
     return types.UniTuple(types.float64, _ROWS)(rows, matrices, slot, level, *words), build
 
 
+@intrinsic
+def mix_rows(typingctx, out, row, a, b, c, d, e, source):
+    """out[row] = a source[0] + b source[1] + … + e source[4], of arrays (5, 3 · LANES)."""
+    def build(context, builder, signature, arguments):
+        target, start = (make_array(signature.args[k])(context, builder, arguments[k]).data for k in (0, 7))
+        sums = [ir.Constant(_VECTOR, [0.0] * LANES)] * 3
+        sums = _add(builder, start, sums, list(zip(arguments[2:7], range(5))), 3 * LANES)
+        first = builder.mul(arguments[1], ir.Constant(ir.IntType(64), 3 * LANES))
+        for part, total in enumerate(sums):
+            at = builder.gep(target, [builder.add(first, ir.Constant(ir.IntType(64), part * LANES))])
+            builder.store(total, builder.bitcast(at, _VECTOR.as_pointer()), align=8)
+        return context.get_dummy_value()
+
+    return types.void(out, types.int64, *[types.float64] * 5, source), build
+
+
 def _start(context, builder, signature, arguments):
     """Pointer to the first number of the matrix of a slot and level."""
     matrices = make_array(signature.args[0])(context, builder, arguments[0])
@@ -74,15 +90,15 @@ def _start(context, builder, signature, arguments):
     return builder.gep(matrices.data, [builder.mul(place, size)])
 
 
-def _add(builder, start, sums, columns):
-    """The vectors ``sums`` + Σ value · column, fused, in the order given."""
+def _add(builder, start, sums, columns, length=OUTPUTS):
+    """The vectors ``sums`` + Σ value · column, fused, in the order given; columns of that ``length`` follow each other."""
     kind = ir.FunctionType(_VECTOR, [_VECTOR] * 3)
     fused = cgutils.get_or_insert_function(builder.module, kind, f"llvm.fma.v{LANES}f64")
     for value, column in columns:
         if isinstance(column, int):
             column = ir.Constant(ir.IntType(64), column)
         spread = _spread(builder, value)
-        first = builder.mul(column, ir.Constant(ir.IntType(64), OUTPUTS))
+        first = builder.mul(column, ir.Constant(ir.IntType(64), length))
         added = []
         for part, total in enumerate(sums):
             at = builder.gep(start, [builder.add(first, ir.Constant(ir.IntType(64), part * LANES))])

@@ -1,4 +1,4 @@
-"""The compiled loop of one run, and of many axes at once.
+"""The compiled loop of one run.
 
 Row n of the trace is the state at the start of period n and the voltage held during it:
 
@@ -8,9 +8,8 @@ Row n of the trace is the state at the start of period n and the voltage held du
 import numpy as np
 
 from microstage_ros.axis.compiled import compiled, internal
-from microstage_ros.axis.linear_core import forget
-from microstage_ros.axis.sensors import read_sensors
-from microstage_ros.axis.step import advance, note_friction
+from microstage_ros.axis.sensors import sense
+from microstage_ros.axis.step import hold, note_friction
 from microstage_ros.control import laws
 
 #: Columns of a trace, in order.
@@ -49,32 +48,12 @@ def _record(plant, state, readings, voltage, row):
 def run_loop(plant, state, work, readings, parameters, memory, reference, open_loop, disturbance, trace):
     """Run one axis over all rows of ``reference`` [m]; fills ``trace`` (rows, len(TRACE)), or no rows if it has none."""
     for n in range(len(reference)):
-        read_sensors(plant, state, readings)
+        sense(plant, state, readings)
         voltage = laws.controller_step(parameters, memory, reference[n], readings.encoder, readings.current)
         voltage += open_loop[n] + disturbance[n]
-        if len(trace) > 0:
+        if n < len(trace):
             _record(plant, state, readings, voltage, trace[n])
-        advance(plant, state, work, voltage)
-
-
-@compiled
-def run_ensemble(plants, states, work, readings, parameters, memories, reference, positions, encoders, voltages):
-    """Run many axes over the same ``reference``, one after the other.
-
-    ``plants``, ``states``, ``readings``, ``parameters``, ``memories``: arrays of records, one per axis.
-    ``positions``, ``encoders`` [m], ``voltages`` [V]: (axes, rows), true position, encoder, command.
-    """
-    for k in range(len(plants)):
-        forget(work)
-        for n in range(len(reference)):
-            read_sensors(plants[k], states[k], readings[k])
-            voltage = laws.controller_step(
-                parameters[k], memories[k], reference[n], readings[k].encoder, readings[k].current
-            )
-            positions[k, n] = states[k].x
-            encoders[k, n] = readings[k].encoder
-            voltages[k, n] = voltage
-            advance(plants[k], states[k], work, voltage)
+        hold(plant, state, work, voltage)
 
 
 def surroundings(trace):

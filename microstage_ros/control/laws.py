@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from microstage_ros.axis.compiled import compiled
+from microstage_ros.axis.compiled import compiled, seldom, woven
 from microstage_ros.axis.errors import InputError
 from microstage_ros.control import adaptation, cascade, feedforward, nctf, observer_law, pid
 
@@ -92,6 +92,7 @@ def controller_reset(parameters, state, voltage):
 @compiled
 def controller_start(state, reference, encoder):
     """First period after a reset: the axis is taken to rest where the encoder [m] says."""
+    seldom()
     state.started = 1
     state.pid.previous_encoder = encoder
     state.pid.previous_reference = reference
@@ -100,7 +101,7 @@ def controller_start(state, reference, encoder):
     observer_law.observer_start(state.observer, encoder)
 
 
-@compiled
+@woven
 def controller_step(parameters, state, reference, encoder, current):
     """One control period of the law ``parameters.kind``.
 
@@ -113,13 +114,18 @@ def controller_step(parameters, state, reference, encoder, current):
     if state.started == 0:
         controller_start(state, reference, encoder)
     state.reference = reference
-    state.voltage = dispatch(parameters, state, reference, encoder, current)
+    if parameters.kind == PID:         # beside the others, so that it is written into a loop that calls it
+        pid.pid_motion(parameters.pid, state.pid, parameters.period, reference, encoder)
+        state.voltage = pid.pid_output(parameters.pid, state.pid, parameters.period, parameters.voltage_limit, 0.0)
+    else:
+        state.voltage = dispatch(parameters, state, reference, encoder, current)
     return state.voltage
 
 
 @compiled
 def dispatch(parameters, state, reference, encoder, current):
     """The branch of `controller_step` for each kind of law."""
+    seldom()
     kind = parameters.kind
     period = parameters.period
     limit = parameters.voltage_limit
@@ -145,6 +151,6 @@ def dispatch(parameters, state, reference, encoder, current):
     if observed:  # the observer's position and velocity in place of the encoder's
         state.pid.error = reference - state.observer.x
         state.pid.velocity = state.observer.v
-    if kind != PID and kind != PID_FEEDFORWARD:
+    if kind != PID_FEEDFORWARD:
         adaptation.adaptation_step(parameters.adaptation, state.adaptation, parameters.pid, state.pid, period)
     return pid.pid_output(parameters.pid, state.pid, period, limit, state.feed_forward)

@@ -145,11 +145,12 @@ def test_slopes_of_the_limit_are_those_of_the_curve(quiet):
     contact = quiet()["actuator"]
     fade = lambda w: (w / 0.18) ** 0.9
     for w in np.geomspace(1e-3, 3.0, 40):
-        s, slope, bend = slopes_in_python(contact, w)
+        s, per_s, slope, bend = slopes_in_python(contact, w)
         drop, power = 93.4e-6 * np.exp(-fade(w)), 0.9 * fade(w) / w
-        assert s == pytest.approx(limit(contact, w), rel=1e-14)
-        off = abs(slope + drop * power), abs(bend - 0.5 * drop * (power**2 + 0.1 * power / w))
-        assert off[0] * w * NEAR + off[1] * (w * NEAR) ** 2 < 1e-5 * s      # half of what `near` leaves out anyway
+        fall, rise = -drop * power, 0.5 * drop * (power**2 + 0.1 * power / w)          # ds/dw, (d²s/dw²)/2
+        assert s == pytest.approx(limit(contact, w), rel=1e-14) and s * per_s == pytest.approx(1.0, abs=4e-8)
+        off = abs(slope + fall / s**2), abs(bend - (fall**2 / s - rise) / s**2)
+        assert off[0] * w * NEAR + off[1] * (w * NEAR) ** 2 < 1e-5 / s      # half of what `near` leaves out anyway
 
 
 @compiled
