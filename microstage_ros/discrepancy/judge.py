@@ -20,6 +20,7 @@ RIVAL_SHARE = 0.02      # and share of its own gain
 SCATTER = 1.35          # χ² per row over the baseline's that no healthy record reaches
 STRANGER = {"torque": 40.0}  # times its own part that may be left in the channel of a named cause; friction is random
 STRANGER_ELSE = 6.0
+READING_SHARE = 0.1     # of what is left between the two readings that a cause must hold if only one of them tells of it
 LEFT_SHARE = 0.08       # of what stood out, above which something is left
 COORDINATES = {
     "position": "position", "time": "time", "friction in time": "time", "velocity": "velocity", "speed": "velocity",
@@ -173,6 +174,22 @@ def without_strangers(evidences, choices):
             if left > STRANGER.get(channel, STRANGER_ELSE) * max(own, 0.0):
                 kept = others
                 break
+    return _told_by_a_reading(evidences, kept)
+
+
+def _told_by_a_reading(evidences, choices):
+    """Without causes that only the stage's reading tells of, where the two readings differ by more than these explain."""
+    if "position" not in stands_out(evidences, choices):
+        return choices
+    held, base = evidences.held["position"], evidences.base["position"]
+    keys = Evidences._keys("position", choices)
+    left = held.energy() - held.reduction(keys, evidences.learn["position"].fit(keys)[0]) - held.rows * base.energy() / base.rows
+    kept = []
+    for choice in choices:
+        own = evidences.held_gain(choices) - evidences.held_gain([c for c in choices if c is not choice])
+        by_reading = {form.channel for form in choice.forms} <= {"windup", "resonance"}
+        if not by_reading or own > READING_SHARE * left / evidences.scatter["position"]:
+            kept.append(choice)
     return kept
 
 

@@ -34,6 +34,8 @@ class Prepared:
     ``actuator`` and ``guideway`` the nominal frictions without viscosity [N m at the motor, N], ``stuck`` the
     share of the actuator's blocks that stick;
     ``lost`` marks samples that repeat the one before or were missing;
+    ``stage``: the position reading nearest to the truth, the interferometer (less a slow course of its own) if there is one,
+    else the encoder;
     ``behind``: how far the stage is ahead of the motor by the replay through a gap, or None without a gap.
     """
 
@@ -61,20 +63,17 @@ class Prepared:
     off: np.ndarray
     has_current: bool
     air: dict
+    stage: np.ndarray
     behind: np.ndarray = None
 
-    @property
-    def stage(self):
-        """The position reading nearest to the truth: interferometer if there is one, else encoder."""
-        return self.encoder if self.interferometer is None else self.interferometer
 
-
-def prepare(record, drive, amplifier=None, lines=(), gap=0.0):
+def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None):
     """`Prepared` from a `Record`.
 
     ``amplifier(command, period)`` (n,) → (n,): what an amplifier that delays or lags makes of the command;
     ``lines``: (frequency [Hz], complex amplitude [m]) of vibrations to take out of the position readings;
-    ``gap``: lost motion of the drive train, as travel of the stage [m].
+    ``gap``: lost motion of the drive train, as travel of the stage [m];
+    ``course`` (n,): slow drift of the interferometer [m], which is not the stage's.
     Raises InputError for a record that is too short or lacks what is needed."""
     n = len(record)
     if n < LEAST_ROWS:
@@ -99,6 +98,8 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0):
         answered = amplifier(answered, period)
     keep = np.exp(-period * drive.resistance / drive.inductance)
     stage = columns.get("interferometer_m", columns["encoder_m"])
+    if course is not None and "interferometer_m" in columns:
+        stage = stage - course
     if "current_A" in columns:
         current = columns["current_A"]
         settled = (current - keep * np.concatenate([current[:1], current[:-1]])) / (1.0 - keep)
@@ -132,7 +133,7 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0):
         travel=travel, angle=angle, stage_position=position, position=motion.position, speed=motion.speed, stage_speed=stage_speed, load=motion.load,
         actuator=actuator, stuck=stuck, guideway=guideway,
         lost=lost, off=off,
-        has_current="current_A" in columns, air=air, behind=carried - travel if gap > 0.0 else None,
+        has_current="current_A" in columns, air=air, stage=stage, behind=carried - travel if gap > 0.0 else None,
     )
 
 

@@ -36,13 +36,13 @@ class Timing:
         return self.variance / self.stderr
 
 
-def timing_of(prepared):
-    """`Timing` of some prepared records together."""
+def timing_of(prepared, sde=None):
+    """`Timing` of some prepared records together, the encoder's sub-divisional error ``sde`` (effect entry) taken out."""
     spreads, speeds = [], []
     repeated = samples = 0
     for p in prepared:
-        error = p.encoder - p.stage_position
-        # third differences: what is smooth from sample to sample (sub-divisional error) drops out
+        error = p.encoder - p.stage_position - _subdivisional(p.stage_position, sde or {})
+        # third differences: what is smooth from sample to sample drops out
         rough = np.diff(error, 3) / np.sqrt(20.0)
         rows = len(rough) // BLOCK * BLOCK
         speed = np.abs(p.speed[:rows].reshape(-1, BLOCK))
@@ -67,9 +67,18 @@ def timing_of(prepared):
     return Timing(float(b), stderr, lost, explained, float(a))
 
 
-def readings_late(learn, held, base):
+def _subdivisional(position, sde):
+    """Error of an encoder, as `axis.effects` has it: Σ amplitude_n sin(2π n x / period + phase_n), same shape as position."""
+    error = np.zeros(len(position))
+    for n in (1, 2, 3):
+        if sde.get(f"amplitude{n}_m"):
+            error += sde[f"amplitude{n}_m"] * np.sin(2.0 * np.pi * n * position / sde["period_m"] + sde[f"phase{n}_rad"])
+    return error
+
+
+def readings_late(learn, held, base, sde=None):
     """(Timing of the learning records, of the held-out ones) if jitter or lost samples stand out, else None."""
-    taught, again = timing_of(learn), timing_of(held)
+    taught, again = timing_of(learn, sde), timing_of(held, sde)
     healthy = timing_of(base) if base else None
     usual = max(healthy.variance, 0.0) if healthy else 0.0
     usual_lost = healthy.lost if healthy else 0.0

@@ -28,12 +28,11 @@ def payload_change(channel, frame):
     return channel.guideway[:, None]
 
 
-def torque_ripple(cycles):
-    """Motor torque −(s sin + c cos)(cycles · θ), θ = x N / r."""
+def torque_ripple(numbers):
+    """Motor torque −Σ (s sin + c cos)(n · θ) over the cycles n per turn, θ = x N / r."""
     def columns(channel, frame):
-        p = channel.prepared
-        angle = cycles * (p.position / frame.drive.lever)
-        return -np.stack([channel.mean(np.sin(angle)), channel.mean(np.cos(angle))], axis=1)
+        angle = channel.prepared.position / frame.drive.lever
+        return -channel.mean(np.stack([f(n * angle) for n in numbers for f in (np.sin, np.cos)], axis=1))
     return columns
 
 
@@ -47,12 +46,21 @@ def _cable_sizes(beta, covariance, frame):
             {"stiffness_N_m": stiffness, "anchor_m": float(np.clip(anchor, -10.0, 10.0))})
 
 
-def _ripple_sizes(cycles):
+def _ripple_sizes(numbers):
     def sizes(beta, covariance, frame):
-        amplitude, sigma, phase, sigma_phase = wave(beta, covariance)
-        return ({"amplitude_Nm": (amplitude, sigma, "N m"), "cycles_per_turn": (float(cycles), 0.0, "1"),
-                 "phase_rad": (phase, sigma_phase, "rad")},
-                {"amplitude_Nm": amplitude, "cycles_per_turn": float(cycles), "phase_rad": phase})
+        terms = []
+        for place, n in enumerate(numbers):
+            part = slice(2 * place, 2 * place + 2)
+            terms.append((float(n), *wave(beta[part], covariance[part, part])))
+        terms.sort(key=lambda term: -term[1])
+        parameters = {}
+        for place, (n, amplitude, sigma, phase, sigma_phase) in enumerate(terms, 1):
+            end = f"_{place}" if place > 1 else ""
+            parameters |= {f"amplitude{end}_Nm": (amplitude, sigma, "N m"), f"cycles_per_turn{end}": (n, 0.0, "1"),
+                           f"phase{end}_rad": (phase, sigma_phase, "rad")}
+        effect = {name: [term[column] for term in terms] if len(terms) > 1 else terms[0][column]
+                  for name, column in (("amplitude_Nm", 1), ("cycles_per_turn", 0), ("phase_rad", 3))}
+        return parameters, effect
     return sizes
 
 
@@ -61,11 +69,16 @@ def _mass_sizes(beta, covariance, frame):
     return ({"mass_kg": (mass, float(np.sqrt(covariance[0, 0]) * frame.drive.mass), "kg")}, {"mass_kg": mass})
 
 
+def ripple_form(numbers):
+    """Form of a ripple with these cycles per turn of the motor together."""
+    return Form("torque_ripple", "torque", ",".join(f"{n:g}" for n in numbers), torque_ripple(numbers), _ripple_sizes(numbers))
+
+
 FORMS = (
     Form("gravity_tilt", "torque", "", gravity_tilt,
          one("angle_rad", "rad", value=lambda b: np.arcsin(np.clip(b, -1, 1)))),
     Form("cable_spring", "torque", "", cable_spring, _cable_sizes),
     Form("cable_spring", "windup", "", cable_windup, one("stiffness_N_m", "N/m")),
     Form("payload_change", "torque", "", payload_change, _mass_sizes),
-    *(Form("torque_ripple", "torque", f"{n}", torque_ripple(n), _ripple_sizes(n)) for n in RIPPLE_CYCLES),
+    *(ripple_form((n,)) for n in RIPPLE_CYCLES),
 )

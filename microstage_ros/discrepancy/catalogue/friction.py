@@ -3,7 +3,7 @@
 import numpy as np
 
 from microstage_ros.axis.compiled import compiled
-from microstage_ros.discrepancy.catalogue.form import Form, one, splines
+from microstage_ros.discrepancy.catalogue.form import Form, one, splines, wave
 from microstage_ros.discrepancy.friction_replay import lag_factor, replay, sliding_limit
 from microstage_ros.discrepancy.preparation import triangle
 
@@ -11,6 +11,7 @@ ASYMMETRY_STEP = 0.05
 EXPONENT_STDERR = 0.13                               # the grid's step, halved
 LAGS = (1.0e-3, 3.0e-3, 1.0e-2, 3.0e-2)             # s
 EXPONENTS = (0.5, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0)
+ENDS = (0.6, 1.5, 4.0)                               # rad/s
 PIECES = (0.25e-3, 0.5e-3, 1.0e-3)                   # m between the knots of friction along the stroke
 AGING = tuple((scale, release) for scale in (0.03, 0.2) for release in (2.0e-6, 8.0e-6, 30.0e-6))  # s, m
 AGING_STEP = 0.05
@@ -37,6 +38,30 @@ def direction_asymmetry(channel, frame):
     return _changed(channel, frame, asymmetry=ASYMMETRY_STEP) / ASYMMETRY_STEP
 
 
+def all_asymmetry(channel, frame):
+    """Limits and viscous friction each differ between the directions: two sizes."""
+    return np.concatenate([direction_asymmetry(channel, frame), np.abs(channel.viscous)[:, None]], axis=1)
+
+
+def guideway_asymmetry(channel, frame):
+    """The same of the guideways' limits alone: a constant force but for their long pre-sliding."""
+    p, drive = channel.prepared, frame.drive
+    speed = p.stage_speed[::COARSE]
+    plain, changed = (replay(drive.guideway, speed, COARSE * p.period, asymmetry=a)[0] for a in (0.0, ASYMMETRY_STEP))
+    return drive.lever * channel.mean(changed - plain, COARSE)[:, None] / ASYMMETRY_STEP
+
+
+def _guideway_sizes(beta, covariance, frame):
+    value = float(beta[0])
+    return {"asymmetry": (value, float(np.sqrt(covariance[0, 0])), "1")}, {"asymmetry": float(np.clip(value, -0.9, 0.9)), "contact": "guideway"}
+
+
+def _asymmetry_sizes(beta, covariance, frame):
+    values, sigma = [float(b) for b in beta], np.sqrt(np.diag(covariance))
+    names = ("asymmetry", "viscous_asymmetry")
+    return ({name: (value, float(s), "1") for name, value, s in zip(names, values, sigma)}, dict(zip(names, np.clip(values, -0.9, 0.9).tolist())))
+
+
 def friction_level_change(channel, frame):
     """F → factor · F: nominal friction with its viscous part."""
     return (channel.friction + channel.viscous)[:, None]
@@ -47,11 +72,12 @@ def viscous_change(channel, frame):
     return channel.viscous[:, None]
 
 
-def nonlinear_viscous(exponent):
-    """Extra c |ω_r|^n sgn ω_r."""
+def nonlinear_viscous(exponent, ends=0.0):
+    """Extra c g^n sgn ω_r; g = |ω_r|, or V (1 − exp(−|ω_r|/V)) where the growth ends at a speed V."""
     def columns(channel, frame):
         w = channel.prepared.speed / frame.drive.radius
-        return channel.mean(np.sign(w) * np.abs(w) ** exponent)[:, None]
+        size = -ends * np.expm1(-np.abs(w) / ends) if ends else np.abs(w)
+        return channel.mean(np.sign(w) * size ** exponent)[:, None]
     return columns
 
 
@@ -61,6 +87,12 @@ def _power_sizes(exponent):
         return ({"coefficient": (value, stderr, "N m/(rad/s)^n"), "exponent": (exponent, EXPONENT_STDERR, "1")},
                 {"coefficient": value, "exponent": exponent})
     return sizes
+
+
+def _ending(speed):
+    """Form of a friction that stops growing at a speed of the screw [rad/s]."""
+    return Form("nonlinear_viscous", "torque", f"1,{speed:g}", nonlinear_viscous(1.0, speed),
+                one("coefficient", "N m/(rad/s)", extra={"exponent": 1.0, "saturation_speed": speed}))
 
 
 def position_dependent(spacing):
@@ -85,6 +117,27 @@ def _profile_sizes(spacing):
         return ({"rms": (spread, stderr, "1")},
                 {"positions_m": [float(v) for v in x], "factors": [float(v) for v in np.clip(1.0 + profile, 0.05, 20.0)]})
     return sizes
+
+
+def _periodic(period):
+    def columns(channel, frame):
+        angle = 2.0 * np.pi * channel.position / period
+        return channel.friction[:, None] * np.stack([np.sin(angle), np.cos(angle)], axis=1)
+    return columns
+
+
+def _periodic_sizes(period):
+    def sizes(beta, covariance, frame):
+        amplitude, sigma, phase, sigma_phase = wave(beta, covariance)
+        return ({"amplitude": (amplitude, sigma, "1"), "period_m": (period, 1e-3 * period, "m"),
+                 "phase_rad": (phase, sigma_phase, "rad")},
+                {"amplitude": amplitude, "period_m": period, "phase_rad": phase})
+    return sizes
+
+
+def periodic_form(period):
+    """Form of friction × (1 + a sin(2π x / period + phase)) at a period that the records showed [m]."""
+    return Form("position_dependent_friction", "torque", f"wave {period:.6g}", _periodic(period), _periodic_sizes(period))
 
 
 def frictional_lag(time):
@@ -151,11 +204,14 @@ def _lag_sizes(time):
 
 FORMS = (
     Form("direction_asymmetry", "torque", "", direction_asymmetry, one("asymmetry", "1")),
+    Form("direction_asymmetry", "torque", "viscous", all_asymmetry, _asymmetry_sizes),
+    Form("direction_asymmetry", "torque", "guideway", guideway_asymmetry, _guideway_sizes, lambda b: abs(b[0]) < 0.9),
     Form("friction_level_change", "torque", "", friction_level_change,
          one("factor", "1", value=lambda beta: 1.0 + beta)),
     Form("viscous_change", "torque", "", viscous_change, one("factor", "1", value=lambda beta: 1.0 + beta)),
     *(Form("nonlinear_viscous", "torque", f"{n:g}", nonlinear_viscous(n),
            _power_sizes(n)) for n in EXPONENTS),
+    *map(_ending, ENDS),
     *(Form("position_dependent_friction", "torque", f"{s:g}", position_dependent(s), _profile_sizes(s),
            prior=PROFILE_PRIOR) for s in PIECES),
     *(Form("frictional_lag", "torque", f"{t:g}", frictional_lag(t), _lag_sizes(t), lambda b: b[0] > 0) for t in LAGS),

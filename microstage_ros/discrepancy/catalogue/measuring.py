@@ -11,11 +11,11 @@ PER_KELVIN, PER_PASCAL, PER_HUMIDITY = -0.93e-6, 2.7e-9, -0.85e-8  # relative ai
 SMOOTHING = 1.0                                     # s, of the air and temperature columns
 
 
-def encoder_sde(period):
-    """Two harmonics of the signal period; β = −(s₁, c₁, s₂, c₂) of the encoder's error."""
+def encoder_sde(period, harmonics=2):
+    """Harmonics of the signal period; β = −(s₁, c₁, s₂, c₂ …) of the encoder's error."""
     def columns(channel, frame):
         angle = 2.0 * np.pi * channel.prepared.stage_position / period
-        return -channel.mean(np.stack([np.sin(angle), np.cos(angle), np.sin(2 * angle), np.cos(2 * angle)], axis=1))
+        return -channel.mean(np.stack([f(n * angle) for n in range(1, harmonics + 1) for f in (np.sin, np.cos)], axis=1))
     return columns
 
 
@@ -78,16 +78,21 @@ def _column(channel, name):
     return uniform_filter1d(blocks, width, mode="nearest") - blocks.mean()
 
 
-def _sde_sizes(period):
+def _sde_sizes(period, harmonics=2, stderr=0.0):
     def sizes(beta, covariance, frame):
-        parameters, effect = {"period_m": (period, 0.0, "m")}, {"period_m": period}
-        for n in (1, 2):
+        parameters, effect = {"period_m": (period, stderr, "m")}, {"period_m": period}
+        for n in range(1, harmonics + 1):
             part = slice(2 * n - 2, 2 * n)
             amplitude, sigma, phase, sigma_phase = wave(beta[part], covariance[part, part])
             parameters |= {f"amplitude{n}_m": (amplitude, sigma, "m"), f"phase{n}_rad": (phase, sigma_phase, "rad")}
             effect |= {f"amplitude{n}_m": amplitude, f"phase{n}_rad": phase}
         return parameters, effect
     return sizes
+
+
+def sde_form(period):
+    """Form of a signal period that the records showed [m]."""
+    return Form("encoder_sde", "position", f"{period:.7g}", encoder_sde(period, 3), _sde_sizes(period, 3, 1e-4 * period))
 
 
 FORMS = (

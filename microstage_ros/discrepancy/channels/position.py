@@ -7,6 +7,7 @@ while the stage rests (a slow process that some tens of nanometres of travel ren
 import numpy as np
 
 from microstage_ros.discrepancy.preparation import reading_noise
+from microstage_ros.discrepancy.slow_drift import course_columns
 from microstage_ros.discrepancy.whitening import whiten_states
 
 BLOCK = 5
@@ -21,6 +22,7 @@ class Position:
 
     def __init__(self, prepared, drive):
         self.prepared, self.drive = prepared, drive
+        self.drifts = False     # set where the record takes a course of its own, see `slow_drift`
         self.time, self.position, self.speed = (self.mean(v) for v in (
             prepared.time, prepared.stage_position, prepared.stage_speed))
         difference = prepared.interferometer - prepared.encoder
@@ -34,8 +36,8 @@ class Position:
         return values[:rows].reshape(-1, BLOCK, *values.shape[1:]).mean(axis=1)
 
     def nuisance(self):
-        """Homing offset: one constant per record."""
-        return np.ones((len(self.residual), 1))
+        """Homing offset, one constant per record, or the record's own course, which holds it."""
+        return course_columns(self.time) if self.drifts else np.ones((len(self.residual), 1))
 
     def whiten(self, matrix):
         """Unit-variance innovations of (blocks, k), and Σ ln S."""

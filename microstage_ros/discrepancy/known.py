@@ -1,0 +1,83 @@
+"""What must be known before any residual means something, found from the records and taken into the model.
+
+A slow drift of the interferometer, wide lost motion, a slow amplifier and lines of the floor each spoil every
+balance; so they are looked for one after the other, the records being prepared anew with what is known by then.
+"""
+
+import dataclasses
+
+from microstage_ros.discrepancy.amplifier import find_slowness
+from microstage_ros.discrepancy.channels.resonance import Resonance
+from microstage_ros.discrepancy.lines import find_lines
+from microstage_ros.discrepancy.lost_motion import find_gap
+from microstage_ros.discrepancy.preparation import prepare
+from microstage_ros.discrepancy.slow_drift import courses
+
+RATTLED = 0.4           # share of the command's χ² that a slow amplifier must hold beside a gap
+CHANGED = ("learn", "held")    # groups of records in which something may be wrong
+
+
+@dataclasses.dataclass(frozen=True)
+class Known:
+    """What was found so far: `amplifier.Slowness`, `lost_motion.Gap`, [`lines.Line`] and each record's course of the interferometer."""
+
+    slow: object = None
+    gap: object = None
+    lines: tuple = ()
+    courses: tuple = ()
+
+    def prepare(self, groups, drive, prepared):
+        """``prepared`` with the learning and held-out records prepared anew."""
+        anew, number = dict(prepared), 0
+        for name in CHANGED:
+            anew[name] = []
+            for record in groups[name]:
+                traces = [(line.frequency, line.traces[number]) for line in self.lines]
+                anew[name].append(prepare(record, drive, self.slow.apply if self.slow else None, traces,
+                                          self.gap.width if self.gap else 0.0, self.courses[number] if self.courses else None))
+                number += 1
+        return anew
+
+
+def find_known(groups, drive):
+    """({group: [`Prepared`]}, `Known`) of records {group: [`Record`]} in the groups learn, held and base."""
+    prepared = {name: [prepare(record, drive) for record in group] for name, group in groups.items()}
+    known = Known(courses=courses(prepared))
+    if known.courses:
+        prepared = known.prepare(groups, drive, prepared)
+    prepared, known = _slow_or_loose(groups, prepared, drive, known)
+    lines = _lines(prepared, drive)
+    if lines:
+        known = dataclasses.replace(known, lines=tuple(lines))
+        prepared = known.prepare(groups, drive, prepared)
+    return prepared, known
+
+
+def _slow_or_loose(groups, prepared, drive, known):
+    """Slowness and gap: the gap first, as in its rattle the amplifier cannot be judged; and again with a slow
+    amplifier, whose lateness moves the motor's travel."""
+    def with_gap():
+        gap = find_gap(prepared, drive)
+        return (gap, dataclasses.replace(known, gap=gap)) if gap is not None else (None, known)
+
+    before = known
+    gap, known = with_gap()
+    if gap is not None:
+        prepared = known.prepare(groups, drive, prepared)
+    slow = find_slowness(prepared, drive)
+    if slow is None or (gap is not None and slow.held < RATTLED * slow.held_before):
+        return prepared, known
+    known = dataclasses.replace(before, slow=slow)
+    prepared = known.prepare(groups, drive, prepared)
+    slow = find_slowness(prepared, drive) or slow   # the motor's speed was told with a prompt amplifier
+    known = dataclasses.replace(before, slow=slow)
+    prepared = known.prepare(groups, drive, prepared)
+    gap, known = with_gap()
+    return (known.prepare(groups, drive, prepared) if gap is not None else prepared), known
+
+
+def _lines(prepared, drive):
+    """Lines in the resting parts of the records, if all have a current."""
+    if not all(p.has_current for name in CHANGED for p in prepared[name]):
+        return []
+    return find_lines(*([Resonance(p, drive) for p in prepared[name]] for name in ("learn", "held", "base")))

@@ -1,0 +1,75 @@
+"""A drive train whose damping changed with its stiffness, or alone: found by fitting both to the fast part of stage against motor.
+
+The catalogue's grid of stiffnesses keeps the damping; where that leaves much of the resonance, one more form is made for
+the pair that fits.
+"""
+
+import numpy as np
+from scipy.optimize import minimize
+
+from microstage_ros.discrepancy.catalogue.electrical import STIFFNESS_FACTORS
+from microstage_ros.discrepancy.catalogue.form import Form
+
+DAMPINGS = (0.25, 1.0, 4.0)
+STANDS_OUT = 1.15     # χ² per row over the baseline's from which the search is worth its time
+BETTER = 0.08         # share of the resonance's χ² that the damping must take beside the stiffness,
+LEAST = 150.0         # and at least this much
+STEP = 0.05           # of the logarithms, for the bend at the best pair
+
+
+def damped_forms(collection):
+    """One `Form` of ``drive_compliance`` with its own damping, or none."""
+    if "resonance" not in collection.names:
+        return []
+    learn = [c["resonance"] for c in collection.channels["learn"]]
+    base = [c["resonance"] for c in collection.channels["base"] if "resonance" in c]
+    usual = np.mean([_left(c, 1.0, 1.0) / len(c.residual) for c in base]) if base else 1.0
+    if _energy(learn, 1.0, 1.0) < STANDS_OUT * usual * sum(len(c.residual) for c in learn):
+        return []
+    table = {(k, d): _energy(learn, k, d) for k in (1.0, *STIFFNESS_FACTORS) for d in DAMPINGS}
+    start = min(table, key=table.get)
+    fit = minimize(lambda at: _energy(learn, *np.exp(at)), np.log(start), method="Nelder-Mead",
+                   options={"xatol": 2e-3, "fatol": 1.0, "maxiter": 50,
+                            "initial_simplex": np.log(start) + np.array([[0.0, 0.0], [0.12, 0.0], [0.0, 0.5]])})
+    plain = min(value for (_, d), value in table.items() if d == 1.0)
+    if plain - fit.fun < max(BETTER * (table[1.0, 1.0] - fit.fun), LEAST):
+        return []
+    return [_form(fit.x, _errors(learn, fit.x, fit.fun))]
+
+
+def compliance_and_damping(stiffness, damping):
+    """Wind-up and resonance with K_c and D_c times these factors, minus nominal; β = 1 at these."""
+    def columns(channel, frame):
+        return channel.mean(channel.predict(stiffness, damping) - channel.predict())[:, None]
+    return columns
+
+
+def _left(channel, stiffness, damping):
+    """χ² of one record with these factors."""
+    left = channel.residual - channel.mean(channel.predict(stiffness, damping) - channel.predict())
+    return float((channel.whiten(left[:, None])[0] ** 2).sum())
+
+
+def _energy(channels, stiffness, damping):
+    return sum(_left(c, stiffness, damping) for c in channels)
+
+
+def _errors(channels, at, least):
+    """Standard errors of the two logarithms from the bend of χ² along each."""
+    found = []
+    for axis in np.eye(2) * STEP:
+        bend = sum(_energy(channels, *np.exp(at + sign * axis)) for sign in (1.0, -1.0)) - 2.0 * least
+        found.append(STEP * np.sqrt(2.0 / max(bend, 2.0)))
+    return found
+
+
+def _form(at, errors):
+    stiffness, damping = (float(v) for v in np.exp(at))
+
+    def sizes(beta, covariance, frame):
+        return ({"stiffness_factor": (stiffness, stiffness * float(np.hypot(errors[0], 5e-3)), "1"),
+                 "damping_factor": (damping, damping * float(np.hypot(errors[1], 5e-2)), "1")},
+                {"stiffness_factor": stiffness, "damping_factor": damping})
+
+    return Form("drive_compliance", "resonance", f"{stiffness:.4g},{damping:.4g}", compliance_and_damping(stiffness, damping),
+                sizes, lambda beta: 0.5 < beta[0] < 1.8)
