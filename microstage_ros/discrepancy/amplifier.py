@@ -23,6 +23,7 @@ LATE = 2.0e-5            # s
 DOMINANCE = 0.5          # of the gain of the strongest form, accepted or not, that the answer must reach
 LONGEST = 64             # periods
 DELAY_STEPS = np.arange(-0.75, 0.76, 0.05)   # periods
+SHORT_OF_WHOLE = (0.04, 0.03, 0.02, 0.01)    # periods: so little of one is left that the winding just begins to answer
 CLEAR = 0.03             # relative difference of χ² by which delay and lag must differ
 
 
@@ -127,11 +128,13 @@ def _refine(fast, trial, period):
 
     if form.effect == "transport_delay" and start >= period:
         # within a period the winding makes much of a little: a narrow optimum beside a broad one
-        start = min(start + DELAY_STEPS * period, key=loss)
-        low, high = start - 0.05 * period, start + 0.05 * period
+        wholes = np.arange(np.ceil(start / period - 0.75), start / period + 0.76)
+        tried = np.sort(np.concatenate([start / period + DELAY_STEPS, *(wholes - part for part in SHORT_OF_WHOLE)])) * period
+        at = min(range(1, len(tried) - 1), key=lambda n: loss(tried[n]))
+        low, start, high = tried[at - 1: at + 2]
     else:
         low, high = (0.01 * start, 1.3 * start) if beta < 0.4 else (0.6 * start, 1.7 * start)
-    found = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": 2e-3 * start, "maxiter": 14})
+    found = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": min(2e-3 * start, 2e-3 * period), "maxiter": 14})
     time = float(found.x)
     step = 0.02 * time
     bend = (loss(time - step) + loss(time + step) - 2.0 * found.fun) / step**2

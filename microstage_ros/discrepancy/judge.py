@@ -9,10 +9,12 @@ from scipy.stats import chi2
 from microstage_ros.discrepancy.catalogue import CONTAINS
 from microstage_ros.discrepancy.diagnosis import Finding, Gain, OverallGain, Rivals
 from microstage_ros.discrepancy.selection import (
+    FRICTIONS,
     LEVEL,
     Evidences,
     acceptable,
     best_forms,
+    level_or_viscous,
 )
 
 RIVAL_MARGIN = 12.0     # χ² by which a cause must beat every other name
@@ -23,11 +25,11 @@ STRANGER_ELSE = 6.0
 READING_SHARE = 0.1     # of what is left between the two readings that a cause must hold if only one of them tells of it
 LEFT_SHARE = 0.08       # of what stood out, above which something is left
 COORDINATES = {
-    "position": "position", "time": "time", "friction in time": "time", "velocity": "velocity", "speed": "velocity",
+    "position": "position", "time": "time", "friction in time": "time", "viscous in time": "time", "velocity": "velocity", "speed": "velocity",
     "acceleration": "acceleration", "voltage": "voltage", "direction": "direction",
 }
 #: Shapes that healthy axes show a little of, by factors on the threshold.
-LOOSE = {"generic:acceleration": 30.0, "generic:velocity": 3.0, "generic:friction in time": 3.0, "generic:time": 3.0}
+LOOSE = {"generic:acceleration": 30.0, "generic:velocity": 3.0, "generic:friction in time": 3.0, "generic:viscous in time": 3.0, "generic:time": 3.0}
 
 
 @dataclasses.dataclass
@@ -82,6 +84,8 @@ def rivals_of(evidences, choice, choices, effects):
     others = [c for c in choices if c.effect != choice.effect]
     own = best_or_same(evidences, choice, others)
     found = []
+    if level_or_viscous(evidences, choices) == choice:
+        effects = [effect for effect in effects if effect not in FRICTIONS]
     for effect in effects:
         if effect in {c.effect for c in choices} or effect in CONTAINS.get(choice.effect, ()):
             continue

@@ -1,7 +1,7 @@
 """What must be known before any residual means something, found from the records and taken into the model.
 
-A slow drift of the interferometer, wide lost motion, a slow amplifier and lines of the floor each spoil every
-balance; so they are looked for one after the other, the records being prepared anew with what is known by then.
+A slow drift of the interferometer, wide lost motion, a slow amplifier, a drive train far from the model's and lines of
+the floor each spoil every balance; so they are looked for one after the other, the records being prepared anew with what is known by then.
 """
 
 import dataclasses
@@ -11,24 +11,29 @@ from microstage_ros.discrepancy.channels.resonance import Resonance
 from microstage_ros.discrepancy.lines import find_lines
 from microstage_ros.discrepancy.lost_motion import find_gap
 from microstage_ros.discrepancy.preparation import prepare
+from microstage_ros.discrepancy.resonant import fit_train
 from microstage_ros.discrepancy.slow_drift import courses
 
 RATTLED = 0.4           # share of the command's χ² that a slow amplifier must hold beside a gap
+FAR = 1.5               # factor on the stiffness beyond which the motion is told with it
 CHANGED = ("learn", "held")    # groups of records in which something may be wrong
 
 
 @dataclasses.dataclass(frozen=True)
 class Known:
-    """What was found so far: `amplifier.Slowness`, `lost_motion.Gap`, [`lines.Line`] and each record's course of the interferometer."""
+    """What was found so far: `amplifier.Slowness`, `lost_motion.Gap`, `resonant.Train`, [`lines.Line`], and each record's
+    course of the interferometer."""
 
     slow: object = None
     gap: object = None
+    train: object = None
     lines: tuple = ()
     courses: tuple = ()
 
     def prepare(self, groups, drive, prepared):
         """``prepared`` with the learning and held-out records prepared anew."""
         anew, number = dict(prepared), 0
+        drive = self.train.drive(drive) if self.train else drive
         for name in CHANGED:
             anew[name] = []
             for record in groups[name]:
@@ -46,6 +51,11 @@ def find_known(groups, drive):
     if known.courses:
         prepared = known.prepare(groups, drive, prepared)
     prepared, known = _slow_or_loose(groups, prepared, drive, known)
+    if known.gap is None and _all_currents(prepared):
+        train = fit_train(*([Resonance(p, drive) for p in prepared[name]] for name in ("learn", "base")))
+        if train is not None and not 1.0 / FAR < train.stiffness < FAR:
+            known = dataclasses.replace(known, train=train)
+            prepared = known.prepare(groups, drive, prepared)
     lines = _lines(prepared, drive)
     if lines:
         known = dataclasses.replace(known, lines=tuple(lines))
@@ -76,8 +86,12 @@ def _slow_or_loose(groups, prepared, drive, known):
     return (known.prepare(groups, drive, prepared) if gap is not None else prepared), known
 
 
+def _all_currents(prepared):
+    return all(p.has_current for name in CHANGED for p in prepared[name])
+
+
 def _lines(prepared, drive):
     """Lines in the resting parts of the records, if all have a current."""
-    if not all(p.has_current for name in CHANGED for p in prepared[name]):
+    if not _all_currents(prepared):
         return []
     return find_lines(*([Resonance(p, drive) for p in prepared[name]] for name in ("learn", "held", "base")))

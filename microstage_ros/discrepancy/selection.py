@@ -15,10 +15,14 @@ ONE_RESONANCE = 0.35          # share of the gain of payload and soft drive that
 MISFIT = 0.5                 # a wider shape may explain at most this share beside the named one
 FAINT = 1.0e-3               # share of all gain on held-out records below which a further cause is not told
 FAINT_GAIN = 60.0            # and χ² above which it is told all the same
+BASE_SHARE = 0.25            # of a cause's size that the baseline may show, if that stands 2.5 standard errors out there
+MAJOR = 0.15                 # share of what its channel's others explain above which a cause is no misfit of them
 MINOR = 0.03                 # a further cause must explain this share of what its channel's others explain,
 #: and more where their forms are a coarse grid that leaves that much
-MINOR_BESIDE = {"rising_static_friction": 0.25, "presliding_creep": 0.25, "nonlinear_viscous": 0.08, "backlash": 0.08}
-
+MINOR_BESIDE = {"rising_static_friction": 0.25, "presliding_creep": 0.25, "nonlinear_viscous": 0.08, "backlash": 0.08,
+                "position_dependent_friction": 0.08}
+FRICTIONS = ("friction_level_change", "viscous_change")
+CLEARLY_LESS = 0.5           # of the other's mean
 
 #: Standard errors of a channel, by what simulated cases show beyond the noise model (random friction is no
 #: exact sum of two processes, and is clipped).
@@ -205,7 +209,7 @@ def acceptable(evidences, trial, choices):
     if not _masses_agree(evidences, trial.choice, choices):
         return False
     amplitude, stderr = evidences.amplitude_in_base(trial.choice, choices)
-    if amplitude > 0.5 and stderr < 0.5:
+    if (amplitude > 0.5 and stderr < 0.5) or amplitude > max(BASE_SHARE, 2.5 * stderr):
         return False
     return misfit(evidences, trial.choice, [*choices, trial.choice]) < MISFIT and not _splinter(evidences, trial, choices)
 
@@ -244,9 +248,11 @@ def _splinter(evidences, trial, choices):
         there = [c for c in choices if c.keys(channel)]
         if not there:
             return False
-        minor = max(MINOR_BESIDE.get(c.effect, MINOR) for c in there)
-        if trial.gain < minor * evidences.channel_gain(channel, choices):
+        minor, explained = max(MINOR_BESIDE.get(c.effect, MINOR) for c in there), evidences.channel_gain(channel, choices)
+        if trial.gain < minor * explained:
             continue
+        if trial.gain > max(minor, MAJOR) * explained:
+            return False
         extra = [pair for c in there for pair in wider_keys(evidences, c.effect, channel)]
         more = evidences.channel_gain(channel, [*choices, trial.choice], extra)
         more -= evidences.channel_gain(channel, choices, extra)
@@ -270,7 +276,35 @@ def select(evidences, effects, most=4):
         choices.append(_simpler(evidences, winner, trials, choices).choice)
         choices = prune(evidences, choices)
         lost = trials
-    return without_splinters(evidences, _one_resonance(evidences, choices)), lost
+    choices = _one_resonance(evidences, choices)
+    best = level_or_viscous(evidences, choices)
+    if best is not None:
+        choices = [best if c.effect in FRICTIONS else c for c in choices]
+    return without_splinters(evidences, choices), lost
+
+
+def level_or_viscous(evidences, choices):
+    """Beside friction along the stroke, which may hold a level of its own: the `Choice` of the two that leaves the
+    profile the smaller mean, or None if there is no such question, or no answer."""
+    profile = next((c for c in choices if c.effect == "position_dependent_friction"), None)
+    if profile is None or sum(c.effect in FRICTIONS for c in choices) != 1:
+        return None
+    others = [c for c in choices if c.effect not in FRICTIONS]
+    trials = {effect: best_forms(evidences, effect, others) for effect in FRICTIONS}
+    if None in trials.values():
+        return None
+    means = sorted((abs(_mean_of_profile(evidences, profile, [*others, t.choice])), e) for e, t in trials.items())
+    return trials[means[0][1]].choice if means[0][0] < CLEARLY_LESS * means[1][0] else None
+
+
+def _mean_of_profile(evidences, profile, choices):
+    """Mean of the friction's factors along the stroke, less one, weighted by how well the records tell them."""
+    evidence, keys = evidences.learn["torque"], Evidences._keys("torque", choices)
+    beta, _, _ = evidence.fit(keys)
+    own = evidence.indices(profile.keys("torque"))
+    at = [list(evidence.indices(keys)).index(i) for i in own]
+    weight = np.diag(evidence.matrix)[own]
+    return float(beta[at] @ weight / weight.sum())
 
 
 def _one_resonance(evidences, choices):

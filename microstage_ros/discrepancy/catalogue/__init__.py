@@ -21,7 +21,8 @@ def forms_of(channel):
 WIDER = {
     "cable_spring": ("generic:position",), "gravity_tilt": ("generic:position",),
     "direction_asymmetry": ("generic:speed",), "position_dependent_friction": (),
-    "viscous_change": ("generic:velocity",), "nonlinear_viscous": ("generic:velocity",),
+    "viscous_change": ("generic:velocity", "generic:viscous in time"),
+    "nonlinear_viscous": ("generic:velocity", "generic:viscous in time"),
     "friction_level_change": ("generic:velocity", "generic:friction in time"),
     "frictional_lag": ("generic:velocity",), "rising_static_friction": ("generic:velocity",),
     "presliding_creep": (), "torque_ripple": (),

@@ -23,6 +23,11 @@ def friction_in_time(channel, frame):
     return channel.friction[:, None] * splines(channel.time, 0.0, frame.duration, 8)
 
 
+def viscous_in_time(channel, frame):
+    """Any course of the viscosity in time."""
+    return channel.viscous[:, None] * splines(channel.time, 0.0, frame.duration, 5)
+
+
 SPEEDS = np.array([0.0, 5e-6, 2e-5, 1e-4, 3e-4, 1e-3, 2e-3, 4e-3])  # m/s
 
 
@@ -53,6 +58,7 @@ FORMS = (
     Form("generic:position", "torque", "", of_position, prior=1.0e-4),
     Form("generic:time", "torque", "", of_time, prior=1.0e-4),
     Form("generic:friction in time", "torque", "", friction_in_time, prior=0.3),
+    Form("generic:viscous in time", "torque", "", viscous_in_time, prior=2.0),
     Form("generic:velocity", "torque", "", odd_in_speed),
     Form("generic:speed", "torque", "", even_in_speed),
     Form("generic:acceleration", "torque", "", of_acceleration),
