@@ -15,10 +15,12 @@ from microstage_ros.discrepancy.selection import (
     acceptable,
     best_forms,
     level_or_viscous,
+    profile_of,
 )
 
 RIVAL_MARGIN = 12.0     # χ² by which a cause must beat every other name
 RIVAL_SHARE = 0.02      # and share of its own gain
+FLAT = 0.5              # spread of a profile over its mean, below which it is a level
 SCATTER = 1.35          # χ² per row over the baseline's that no healthy record reaches
 STRANGER = {"torque": 40.0}  # times its own part that may be left in the channel of a named cause; friction is random
 STRANGER_ELSE = 6.0
@@ -92,12 +94,20 @@ def rivals_of(evidences, choice, choices, effects):
         if effect == "drive_compliance" and choice.effect == "payload_change":
             continue  # the guideway's friction has proved the payload (`selection`)
         trial = best_forms(evidences, effect, others)
-        if trial is None or not acceptable(evidences, trial, others):
+        if trial is None or not acceptable(evidences, trial, others) or _level(evidences, trial.choice, others):
             continue
         lead = own.gain + own.held - 2 * own.sizes - (trial.gain + trial.held - 2 * trial.sizes)
         if lead < max(RIVAL_MARGIN, RIVAL_SHARE * own.gain):
             found.append(effect)
     return found
+
+
+def _level(evidences, choice, others):
+    """Whether friction along the stroke is but another level of it: then the name says nothing of a place."""
+    if choice.effect != "position_dependent_friction":
+        return False
+    mean, spread = profile_of(evidences, choice, [*others, choice])
+    return spread < FLAT * abs(mean)
 
 
 def best_or_same(evidences, choice, others):

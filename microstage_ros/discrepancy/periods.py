@@ -13,6 +13,8 @@ from scipy.stats import gamma
 
 from microstage_ros.discrepancy.catalogue import drive as ripples
 from microstage_ros.discrepancy.catalogue import friction, measuring
+from microstage_ros.discrepancy.catalogue.form import Form
+from microstage_ros.discrepancy.evidence import gather
 from microstage_ros.discrepancy.preparation import triangle
 
 CHANCE = 1.0e-6      # that the strongest of all lines is none
@@ -21,6 +23,7 @@ LEAST_SPEED = 2.0e-5 # m/s: at rest nothing is told about a period
 MOST = 8             # lines looked for
 TERMS = 6            # most of one ripple
 REAL = 40.0          # χ² that a ripple must hold on its own
+ONE_PHASE = 0.7      # rad: the phase of one direction of one record from the mean of all
 SDE_RANGE = (4.0e-7, 6.0e-5)       # m, of the encoder's signal periods
 RIPPLE_RANGE = (4.0e-6, 2.5e-4)    # m
 SLOW = 2001          # periods: courses in time slower than this are no matter of the encoder's periods
@@ -113,14 +116,37 @@ def _ripples(collection):
         bound = 5.0 * max(np.median(np.abs(white)), 1.0)
         ways += both_ways(channel.position, np.clip(white, -bound, bound), channel.speed)
     found = [_snapped(turn / p) for p in periods(ways, *RIPPLE_RANGE)]
-    single = [ripples.ripple_form((n,)) for n in found]
-    evidence = collection.gather("torque", single, "learn") if single else None
     # a tone of the dither at a steady speed is a line along the stroke, too, but no torque that depends on the place
-    real = [n for n, form in zip(found, single) if evidence.fit([form.key])[2] > REAL]
+    real = _bound_to_the_place(collection, found)
     forms = [ripples.ripple_form((n,)) for n in real if _new(n, ripples.RIPPLE_CYCLES)]
     if len(real) > 1:
         forms.append(ripples.ripple_form(tuple(real[:TERMS])))
     return [*forms, *(friction.periodic_form(turn / n) for n in found if n not in real)]
+
+
+def _bound_to_the_place(collection, found):
+    """Those cycles per turn whose ripple has one phase in both directions of every learning record, and holds enough."""
+    kept = []
+    for n in found:
+        form = _both_directions(n)
+        fits = [gather(channels["torque"], [form], collection.frame, spreads=collection.spreads).fit([form.key])
+                for channels in collection.channels["learn"]]
+        phases = np.concatenate([np.exp(1j * np.arctan2(beta[1::2], beta[::2])) for beta, _, _ in fits])
+        apart = np.abs(np.angle(phases / phases.mean()))
+        if sum(gain for *_, gain in fits) > REAL and apart.max() < ONE_PHASE and _new(n, kept):
+            kept.append(n)
+    return kept
+
+
+def _both_directions(cycles):
+    """A ripple with sizes of its own in each direction: (sin, cos) going out, (sin, cos) coming back."""
+    one = ripples.torque_ripple((cycles,))
+
+    def columns(channel, frame):
+        wave, out = one(channel, frame), channel.speed[:, None] > 0.0
+        return np.concatenate([wave * out, wave * ~out], axis=1)
+
+    return Form("torque_ripple", "torque", "out and back", columns)
 
 
 def _new(value, known):

@@ -293,18 +293,19 @@ def level_or_viscous(evidences, choices):
     trials = {effect: best_forms(evidences, effect, others) for effect in FRICTIONS}
     if None in trials.values():
         return None
-    means = sorted((abs(_mean_of_profile(evidences, profile, [*others, t.choice])), e) for e, t in trials.items())
+    means = sorted((abs(profile_of(evidences, profile, [*others, t.choice])[0]), e) for e, t in trials.items())
     return trials[means[0][1]].choice if means[0][0] < CLEARLY_LESS * means[1][0] else None
 
 
-def _mean_of_profile(evidences, profile, choices):
-    """Mean of the friction's factors along the stroke, less one, weighted by how well the records tell them."""
+def profile_of(evidences, profile, choices):
+    """Mean and standard deviation of the friction's factors along the stroke, less one, weighted by how well the
+    records tell them; ``profile`` is one of the choices."""
     evidence, keys = evidences.learn["torque"], Evidences._keys("torque", choices)
     beta, _, _ = evidence.fit(keys)
-    own = evidence.indices(profile.keys("torque"))
-    at = [list(evidence.indices(keys)).index(i) for i in own]
-    weight = np.diag(evidence.matrix)[own]
-    return float(beta[at] @ weight / weight.sum())
+    own, every = evidence.indices(profile.keys("torque")), list(evidence.indices(keys))
+    values, weight = beta[[every.index(i) for i in own]], np.diag(evidence.matrix)[own]
+    mean = float(values @ weight / weight.sum())
+    return mean, float(np.sqrt((values - mean) ** 2 @ weight / weight.sum()))
 
 
 def _one_resonance(evidences, choices):
@@ -347,13 +348,24 @@ def without_splinters(evidences, choices):
     while len(kept) > 1:
         parts = {c.effect: evidences.held_gain(kept) - evidences.held_gain([o for o in kept if o is not c]) for c in kept}
         weak = min(parts.values()) < min(FAINT * sum(parts.values()), FAINT_GAIN)
-        small = [c for c in kept if weak and parts[c.effect] == min(parts.values())] or [c for c in kept if any(
-            parts[c.effect] < MINOR * parts[o.effect] and {f.channel for f in c.forms} & {f.channel for f in o.forms}
-            for o in kept)]
+        small = [c for c in kept if weak and parts[c.effect] == min(parts.values())] or [
+            c for c in kept if any(_small_beside(evidences, c, o, kept) for o in kept if o is not c)]
         if not small:
             break
         kept.remove(min(small, key=lambda c: parts[c.effect]))
     return kept
+
+
+def _small_beside(evidences, choice, other, kept):
+    """Whether a cause holds little of what another one does where both show, and next to nothing elsewhere."""
+    def part(one, channels):
+        return evidences.held_gain(kept, channels) - evidences.held_gain([o for o in kept if o is not one], channels)
+
+    own = {form.channel for form in choice.forms}
+    shared = sorted(own & {form.channel for form in other.forms})
+    if not shared or part(choice, shared) >= MINOR * part(other, shared):
+        return False
+    return part(choice, sorted(own - set(shared))) < FAINT_GAIN if own - set(shared) else True
 
 
 def prune(evidences, choices):
