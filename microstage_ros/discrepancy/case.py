@@ -113,6 +113,8 @@ def _answer(collection, evidences, choices, rivals, apart, holdout, notes, seed)
         notes.append("The residual scatters more than the baseline's in: " + ", ".join(scattered) + ".")
     if known.gap is not None and known.gap.held_after >= known.gap.held_before:
         notes.append("The replay behind the gap makes the held-out record no better; the gap rests on the learning records.")
+    if course is not None:
+        notes.append("Every record drifts on a course of its own; the extended axis holds the mean rate only.")
     verdict = judge.verdict_of(causes, unsure, left, book, scattered)
     pictures = pictures_of(collection, evidences, choices, left)
     if collection.prepared["held"][0].behind is not None:

@@ -13,7 +13,7 @@ from microstage_ros.discrepancy.channels.position import Position
 from microstage_ros.discrepancy.channels.resonance import Resonance
 from microstage_ros.discrepancy.channels.windup import Windup
 from microstage_ros.discrepancy.evidence import gather
-from microstage_ros.discrepancy.selection import Evidences
+from microstage_ros.discrepancy.evidences import Evidences
 from microstage_ros.discrepancy.systematic import SYSTEMATIC
 
 GROUPS = ("learn", "held", "base")

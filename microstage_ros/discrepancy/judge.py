@@ -8,10 +8,10 @@ from scipy.stats import chi2
 
 from microstage_ros.discrepancy.catalogue import CONTAINS
 from microstage_ros.discrepancy.diagnosis import Finding, Gain, OverallGain, Rivals
+from microstage_ros.discrepancy.evidences import Evidences, Trial
 from microstage_ros.discrepancy.selection import (
     FRICTIONS,
     LEVEL,
-    Evidences,
     acceptable,
     best_forms,
     level_or_viscous,
@@ -112,8 +112,6 @@ def _level(evidences, choice, others):
 
 def best_or_same(evidences, choice, others):
     """Gain of a choice as it stands beside the others."""
-    from microstage_ros.discrepancy.selection import Trial
-
     gain = evidences.gain([*others, choice]) - evidences.gain(others)
     held = evidences.held_gain([*others, choice]) - evidences.held_gain(others)
     sizes = sum(len(evidences.learn[f.channel].indices([f.key])) for f in choice.forms)

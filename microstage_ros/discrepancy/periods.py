@@ -103,7 +103,7 @@ def _signal_periods(collection):
         p = channels["position"].prepared
         difference = p.interferometer - p.encoder
         ways += both_ways(p.stage_position, difference - triangle(difference, SLOW), p.stage_speed)
-    found = [p for p in periods(ways, *SDE_RANGE) if _new(p, [q / n for q in measuring.SIGNAL_PERIODS for n in (1, 2)])]
+    found = [p for p in periods(ways, *SDE_RANGE) if _new(p, measuring.SIGNAL_PERIODS)]
     return [measuring.sde_form(period) for period in found]
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from microstage_ros.discrepancy.diagnosis import Picture
-from microstage_ros.discrepancy.selection import Evidences
+from microstage_ros.discrepancy.evidences import Evidences
 
 BINS = 60
 STRETCH = 0.15   # s

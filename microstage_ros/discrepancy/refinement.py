@@ -6,7 +6,7 @@ import numpy as np
 
 from microstage_ros.discrepancy.catalogue import electrical, friction
 from microstage_ros.discrepancy.catalogue.form import Form
-from microstage_ros.discrepancy.selection import Choice
+from microstage_ros.discrepancy.evidences import Choice
 
 STEPS = (0.08, 0.03, 0.015)
 

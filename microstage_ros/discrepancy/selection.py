@@ -1,12 +1,12 @@
 """Which causes: forward and backward over the catalogue, on the evidence of all channels together."""
 
-import dataclasses
 import math
 
 import numpy as np
 from scipy.stats import chi2
 
 from microstage_ros.discrepancy.catalogue import CONTAINS, WIDER
+from microstage_ros.discrepancy.evidences import Choice, Evidences, Trial
 
 LEVEL = math.log(1e-6)       # of one candidate; some hundred compete
 HELD_SHARE = 0.1            # of the gain expected on held-out records that must arrive
@@ -15,7 +15,7 @@ ONE_RESONANCE = 0.35          # share of the gain of payload and soft drive that
 MISFIT = 0.5                 # a wider shape may explain at most this share beside the named one
 FAINT = 1.0e-3               # share of all gain on held-out records below which a further cause is not told
 FAINT_GAIN = 60.0            # and χ² above which it is told all the same
-BASE_SHARE = 0.25            # of a cause's size that the baseline may show, if that stands 2.5 standard errors out there
+BASE_SHARE = 0.2             # of a cause's size that the baseline may show, if that stands two standard errors out there
 MAJOR = 0.15                 # share of what its channel's others explain above which a cause is no misfit of them
 MINOR = 0.03                 # a further cause must explain this share of what its channel's others explain,
 #: and more where their forms are a coarse grid that leaves that much
@@ -41,93 +41,6 @@ FORM_ERROR = {
 def form_error(effect, channel=None):
     """`FORM_ERROR` of an effect, in a channel."""
     return FORM_ERROR.get((effect, channel), FORM_ERROR.get(effect, 0.005))
-
-
-@dataclasses.dataclass(frozen=True)
-class Choice:
-    """An effect as it is used: its form in each channel."""
-
-    effect: str
-    forms: tuple
-
-    def keys(self, channel):
-        """Keys of this effect's forms in a channel."""
-        return [form.key for form in self.forms if form.channel == channel]
-
-
-@dataclasses.dataclass
-class Trial:
-    """A choice on trial: reduction of χ² when learning, number of sizes, reduction on held-out records."""
-
-    choice: Choice
-    gain: float
-    sizes: int
-    held: float = 0.0
-
-    @property
-    def log_p(self):
-        """ln of the probability of such a gain by chance."""
-        return float(chi2.logsf(max(self.gain, 0.0), self.sizes))
-
-
-class Evidences:
-    """Evidence of learning, held-out and baseline records by channel, with the scatter of each channel.
-
-    ``scatter`` {channel: factor ≥ 1}: χ² per row of healthy records, by which all χ² are divided.
-    """
-
-    def __init__(self, learn, held, base, forms, scatter, frame):
-        self.learn, self.held, self.base, self.forms = learn, held, base, forms
-        self.scatter, self.frame = scatter, frame
-
-    def gain(self, choices, extra=()):
-        """Reduction of χ² on the learning records by these choices (and extra (channel, key) pairs)."""
-        return sum(self.channel_gain(channel, choices, extra) for channel in self.learn)
-
-    def channel_gain(self, channel, choices, extra=()):
-        """The same in one channel."""
-        return self.learn[channel].fit(self._keys(channel, choices, extra))[2] / self.scatter[channel]
-
-    def held_gain(self, choices, channels=None):
-        """Reduction of χ² on held-out records by the sizes learned."""
-        total = 0.0
-        for channel in channels or self.held:
-            keys = self._keys(channel, choices)
-            beta, _, _ = self.learn[channel].fit(keys)
-            total += self.held[channel].reduction(keys, beta) / self.scatter[channel]
-        return total
-
-    def more(self, channel, keys, key):
-        """Further reduction of χ² on the learning records of one channel by one more form."""
-        learn = self.learn[channel]
-        return (learn.fit([*keys, key])[2] - learn.fit(keys)[2]) / self.scatter[channel]
-
-    def held_more(self, channel, keys, key):
-        """The same on held-out records, by the sizes learned."""
-        learn, held = self.learn[channel], self.held[channel]
-        after = held.reduction([*keys, key], learn.fit([*keys, key])[0])
-        return (after - held.reduction(keys, learn.fit(keys)[0])) / self.scatter[channel]
-
-    @staticmethod
-    def _keys(channel, choices, extra=()):
-        keys = [key for choice in choices for key in choice.keys(channel)]
-        return keys + [key for where, key in extra if where == channel and key not in keys]
-
-    def amplitude_in_base(self, choice, others):
-        """How much of the effect the baseline shows, relative to the records: (amplitude, stderr)."""
-        if not self.base:
-            return 0.0, 1e9
-        top = bottom = 0.0
-        for channel in {form.channel for form in choice.forms}:
-            keys = self._keys(channel, [*others, choice])
-            beta, _, _ = self.learn[channel].fit(keys)
-            own = choice.keys(channel)
-            part = beta[len(beta) - len(self.learn[channel].indices(own)):]
-            evidence = self.base[channel]
-            index = evidence.indices(own)
-            top += part @ evidence.matrix[index, 0] / self.scatter[channel]
-            bottom += part @ evidence.matrix[np.ix_(index, index)] @ part / self.scatter[channel]
-        return (top / bottom, 1.0 / math.sqrt(bottom)) if bottom > 0 else (0.0, 1e9)
 
 
 def best_forms(evidences, effect, choices):
@@ -206,10 +119,10 @@ def acceptable(evidences, trial, choices):
     share = np.mean([rows[form.channel] for form in trial.choice.forms])
     if trial.held < max(HELD_SHARE * share * trial.gain, 5.0):
         return False
-    if not _masses_agree(evidences, trial.choice, choices):
+    if not _masses_agree(evidences, trial.choice, choices) or _level_of_a_profile(evidences, trial.choice, choices):
         return False
     amplitude, stderr = evidences.amplitude_in_base(trial.choice, choices)
-    if (amplitude > 0.5 and stderr < 0.5) or amplitude > max(BASE_SHARE, 2.5 * stderr):
+    if (amplitude > 0.5 and stderr < 0.5) or amplitude > max(BASE_SHARE, 2.0 * stderr):
         return False
     return misfit(evidences, trial.choice, [*choices, trial.choice]) < MISFIT and not _splinter(evidences, trial, choices)
 
@@ -294,7 +207,18 @@ def level_or_viscous(evidences, choices):
     if None in trials.values():
         return None
     means = sorted((abs(profile_of(evidences, profile, [*others, t.choice])[0]), e) for e, t in trials.items())
-    return trials[means[0][1]].choice if means[0][0] < CLEARLY_LESS * means[1][0] else None
+    best = trials[means[0][1]]
+    clear = means[0][0] < CLEARLY_LESS * means[1][0] and acceptable(evidences, best, others)
+    return best.choice if clear else None
+
+
+def _level_of_a_profile(evidences, choice, choices):
+    """Whether a change of level is but the other side of friction along the stroke, whose mean grows by it."""
+    profile = next((c for c in choices if c.effect == "position_dependent_friction"), None)
+    if choice.effect != "friction_level_change" or profile is None:
+        return False
+    alone, beside = (abs(profile_of(evidences, profile, chosen)[0]) for chosen in (choices, [*choices, choice]))
+    return beside > CLEARLY_LESS * alone
 
 
 def profile_of(evidences, profile, choices):

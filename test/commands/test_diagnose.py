@@ -97,13 +97,34 @@ def test_a_campaign_goes_through_the_catalogue_and_every_draw_is_an_effect():
 
 
 @pytest.mark.parametrize("kind", sorted(hidden.OUTSIDE))
-def test_what_is_outside_the_catalogue_moves_the_plant(kind):
+def test_what_is_outside_the_catalogue_moves_the_plant_or_a_reading(kind):
     what, plant = hidden.outside(kind, np.random.default_rng(3)), make_plant(load_axis(ROOT / "config/axis.yaml"))
+    assert what.outside and not what.ids and (what.change is None) != (what.after is None)
+    t = np.arange(0.0, 3.0, 1e-3)
+    path = 1e-3 * np.sin(2.0 * t)
+    if what.after:
+        columns = {"t_s": t, "encoder_m": path, "interferometer_m": path.copy()}
+        what.after(columns, np.random.default_rng(4))
+        assert 2e-8 < np.std(columns["interferometer_m"] - path) < 1e-6
+        return
     before, seen = plant.copy(), set()
-    for time in np.arange(0.0, 3.0, 0.05):
-        what.change(plant, None, time)
+    for time, x in zip(t, path):
+        what.change(plant, {"x": x}, time)
         seen |= {name for name in plant.dtype.names if not np.array_equal(plant[name], before[name])}
-    assert what.outside and not what.ids and len(seen) == 1
+    assert len(seen - {"smooth"}) == 1
+
+
+def test_a_drift_of_its_own_differs_from_record_to_record():
+    draws = [hidden.one("thermal_drift", np.random.default_rng(seed)) for seed in range(12)]
+    own = next(what for what in draws if what.after)
+    assert own.ids == ("thermal_drift",) and not own.effects and any(what.effects for what in draws)
+    t = np.arange(0.0, 20.0, 0.01)
+    first, second = ({"t_s": t, "interferometer_m": np.zeros(len(t))} for _ in range(2))
+    generator = np.random.default_rng(5)
+    own.after(first, generator)
+    own.after(second, generator)
+    courses = np.corrcoef(first["interferometer_m"], second["interferometer_m"])[0, 1]
+    assert np.std(first["interferometer_m"]) > 3e-8 and abs(courses) < 0.99
 
 
 def _outcome(kind, ids, named, verdict="explained", rivals=(), covers=(), after=0.1):

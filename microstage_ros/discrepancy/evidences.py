@@ -1,0 +1,94 @@
+"""What is fitted and what it is fitted to: an effect as used, an effect on trial, the evidence of all channels together."""
+
+import dataclasses
+import math
+
+import numpy as np
+from scipy.stats import chi2
+
+
+@dataclasses.dataclass(frozen=True)
+class Choice:
+    """An effect as it is used: its form in each channel."""
+
+    effect: str
+    forms: tuple
+
+    def keys(self, channel):
+        """Keys of this effect's forms in a channel."""
+        return [form.key for form in self.forms if form.channel == channel]
+
+
+@dataclasses.dataclass
+class Trial:
+    """A choice on trial: reduction of χ² when learning, number of sizes, reduction on held-out records."""
+
+    choice: Choice
+    gain: float
+    sizes: int
+    held: float = 0.0
+
+    @property
+    def log_p(self):
+        """ln of the probability of such a gain by chance."""
+        return float(chi2.logsf(max(self.gain, 0.0), self.sizes))
+
+
+class Evidences:
+    """Evidence of learning, held-out and baseline records by channel, with the scatter of each channel.
+
+    ``scatter`` {channel: factor ≥ 1}: χ² per row of healthy records, by which all χ² are divided.
+    """
+
+    def __init__(self, learn, held, base, forms, scatter, frame):
+        self.learn, self.held, self.base, self.forms = learn, held, base, forms
+        self.scatter, self.frame = scatter, frame
+
+    def gain(self, choices, extra=()):
+        """Reduction of χ² on the learning records by these choices (and extra (channel, key) pairs)."""
+        return sum(self.channel_gain(channel, choices, extra) for channel in self.learn)
+
+    def channel_gain(self, channel, choices, extra=()):
+        """The same in one channel."""
+        return self.learn[channel].fit(self._keys(channel, choices, extra))[2] / self.scatter[channel]
+
+    def held_gain(self, choices, channels=None):
+        """Reduction of χ² on held-out records by the sizes learned."""
+        total = 0.0
+        for channel in channels or self.held:
+            keys = self._keys(channel, choices)
+            beta, _, _ = self.learn[channel].fit(keys)
+            total += self.held[channel].reduction(keys, beta) / self.scatter[channel]
+        return total
+
+    def more(self, channel, keys, key):
+        """Further reduction of χ² on the learning records of one channel by one more form."""
+        learn = self.learn[channel]
+        return (learn.fit([*keys, key])[2] - learn.fit(keys)[2]) / self.scatter[channel]
+
+    def held_more(self, channel, keys, key):
+        """The same on held-out records, by the sizes learned."""
+        learn, held = self.learn[channel], self.held[channel]
+        after = held.reduction([*keys, key], learn.fit([*keys, key])[0])
+        return (after - held.reduction(keys, learn.fit(keys)[0])) / self.scatter[channel]
+
+    @staticmethod
+    def _keys(channel, choices, extra=()):
+        keys = [key for choice in choices for key in choice.keys(channel)]
+        return keys + [key for where, key in extra if where == channel and key not in keys]
+
+    def amplitude_in_base(self, choice, others):
+        """How much of the effect the baseline shows, relative to the records: (amplitude, stderr)."""
+        if not self.base:
+            return 0.0, 1e9
+        top = bottom = 0.0
+        for channel in {form.channel for form in choice.forms}:
+            keys = self._keys(channel, [*others, choice])
+            beta, _, _ = self.learn[channel].fit(keys)
+            own = choice.keys(channel)
+            part = beta[len(beta) - len(self.learn[channel].indices(own)):]
+            evidence = self.base[channel]
+            index = evidence.indices(own)
+            top += part @ evidence.matrix[index, 0] / self.scatter[channel]
+            bottom += part @ evidence.matrix[np.ix_(index, index)] @ part / self.scatter[channel]
+        return (top / bottom, 1.0 / math.sqrt(bottom)) if bottom > 0 else (0.0, 1e9)
