@@ -24,7 +24,8 @@ Robust law. The same three products drive the logarithms of the gains, after the
   tau / 2 are those of a resonance: a longer filter of the derivative first, up to `filter_ceiling`, then less
   K_D (by `damping_share`). Every other answer lowers the ceiling of K_P by `back_off` and that of K_I by
   twice as much (the pole of the integral moves with that of the position loop); slow swings, of stick-slip
-  or backlash, keep their damping. No ceiling falls below `least_ceiling`, and all rise again at `recovery`.
+  or backlash, keep their damping. No ceiling falls below `least_ceiling` (that of K_I: `least_integral`), and all
+  rise again at `recovery`.
 """
 
 import math
@@ -46,7 +47,8 @@ GAINS = (
     Gain("alternation", "m", 1e-10, 1e-3, 4.0e-8, "smallest half wave of the error that is called a swing"),
     Gain("start", "1", 1e-4, 100.0, 1.0, "gains at reset over the tuned ones"),
     Gain("floor", "1", 1e-4, 1.0, 0.1, "lowest gains over the tuned ones"),
-    Gain("least_ceiling", "1", 1e-4, 1.0, 0.25, "lowest that swings may bring a ceiling"),
+    Gain("least_ceiling", "1", 1e-4, 1.0, 0.25, "lowest that swings may bring the ceiling of K_P or K_D"),
+    Gain("least_integral", "1", 1e-4, 1.0, 0.06, "lowest that swings may bring the ceiling of K_I"),
     Gain("ceiling", "1", 1.0, 100.0, 1.2, "highest gains over the tuned ones"),
     Gain("spread", "1", 1.0, 10.0, 1.5, "how far K_I may be ahead of K_P"),
 )
@@ -168,7 +170,7 @@ def project(p, s):
     wide = math.log(p.spread)
     shrunk = min(s.ceiling, 0.0)
     s.log_kp = min(max(s.log_kp, low), s.ceiling)
-    s.log_ki = min(max(s.log_ki, 2.0 * low), s.ceiling + shrunk, s.log_kp + wide)
+    s.log_ki = min(max(s.log_ki, 2.0 * low), max(s.ceiling + shrunk, math.log(p.least_integral)), s.log_kp + wide)
     s.log_kd = min(max(s.log_kd, low, min(s.log_kp, 0.0)), s.damping_ceiling)
 
 

@@ -13,7 +13,7 @@ import math
 
 ENCODER_PERIOD = 5.0e-4  # s; up to it the encoder-only bandwidths hold
 ENCODER = {"b": 381.0, "w_p": 345.0, "w_i": 106.0, "filter_time": 1.47e-3}
-FRICTION_SHARE = 0.7  # fed forward where nothing tells the level: all of it pushes short moves beyond their target
+FRICTION_SHARE = 0.6  # fed forward where nothing tells the level: more of it builds up an overshoot from short move to short move
 NCTF = {"b": 455.0, "filter_time": 1.64e-3}
 OBSERVER = {"b": 2200.0, "w_p": 270.0, "w_i": 80.0}
 
@@ -50,6 +50,7 @@ def observer_gains(model, period):
         "derivative_on_reference": 1.0,
         "damping_share": 0.0,
         "least_ceiling": 0.12,
+        "least_integral": 0.12,
     }
 
 

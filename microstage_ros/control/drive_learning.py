@@ -13,6 +13,18 @@ LAGS = 4  # voltage delays told apart, in periods
 
 
 @compiled
+def forget_drive(p, s):
+    """Nominal R, zero and back-EMF, with all their doubt."""
+    s.learned[0] = 1.0
+    s.learned[1] = 0.0
+    s.learned[2] = 1.0
+    s.learned_variance[0] = p.resistance_spread * p.resistance_spread
+    s.learned_variance[1] = p.zero_spread * p.zero_spread
+    s.learned_variance[2] = p.emf_spread * p.emf_spread
+    s.shift[:] = 0.0
+
+
+@compiled
 def find_lag(s, voltage, step):
     """Which past voltage the current follows, from its newest ``step`` [A]; keeps the voltages [V]."""
     for j in range(LAGS, 0, -1):
@@ -80,7 +92,9 @@ def learn_drive(p, model, s, period, drop, position, speed, trust):
         speed -= of_speed * change
     s.learned[0] = min(max(s.learned[0], 0.3), 3.0)
     s.learned[1] = min(max(s.learned[1], -1.0), 1.0)
-    s.learned[2] = min(max(s.learned[2], 0.3), 3.0)
+    # a gain of the amplifier looks like both R and back-EMF, a warm winding like R alone; the motor itself hardly changes
+    low, high = min(s.learned[0], 1.0), max(s.learned[0], 1.0)
+    s.learned[2] = min(max(s.learned[2], low * (1.0 - p.emf_spread)), high * (1.0 + p.emf_spread))
 
 
 @compiled
@@ -90,3 +104,11 @@ def trust_in_speed(p, model, s, drop):
     emf = model.volts_per_velocity * s.v
     doubt = s.learned_variance[0] * drop * drop + s.learned_variance[1] + s.learned_variance[2] * emf * emf
     return noise / (noise + doubt)
+
+
+@compiled
+def doubt_in_speed(p, model, s, drop):
+    """Standard deviation [m/s] that R, zero and back-EMF leave in the speed."""
+    emf = model.volts_per_velocity * s.v
+    doubt = s.learned_variance[0] * drop * drop + s.learned_variance[1] + s.learned_variance[2] * emf * emf
+    return math.sqrt(doubt) / model.volts_per_velocity

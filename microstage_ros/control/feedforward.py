@@ -57,6 +57,7 @@ STATE_FIELDS = [
     ("actuator_friction", "f8"),  # N m at the motor shaft
     ("guideway_friction", "f8"),  # N
     ("screw_acceleration", "f8"),
+    ("offset_speed", "f8"),
 ]
 
 RIGID_BLOCK = 1e3  # stiffness of the single block that stands for Coulomb friction, in limits per 1 um
@@ -148,6 +149,7 @@ def feedforward_reset(s, reference):
     s.screw = reference
     s.screw_velocity = 0.0
     s.screw_acceleration = 0.0
+    s.offset_speed = 0.0
     s.actuator_friction = 0.0
     s.guideway_friction = 0.0
     for j in range(BLOCK_STATE):
@@ -156,15 +158,18 @@ def feedforward_reset(s, reference):
 
 
 @compiled
-def feedforward_step(p, s, period, reference, actuator_level, guideway_level):
-    """Feed-forward voltage [V] for the new reference sample [m]; levels scale the friction limits [1]."""
+def feedforward_step(p, s, period, reference, actuator_level, guideway_level, offset_speed):
+    """Feed-forward voltage [V] for the new reference sample [m]; levels scale the friction limits [1].
+
+    ``offset_speed`` [m/s]: what the motor is to go faster than the stage.
+    """
     velocity = min(max((reference - s.reference) / period, -p.top_speed), p.top_speed)
     acceleration = (velocity - s.velocity) / period
     if p.has_guideway != 0:
         s.guideway_friction = friction_along(p.guideway, s.guideway, velocity, period, guideway_level)
     force = s.guideway_friction + p.mass * acceleration + p.offset_force
     screw = reference + force * p.compliance
-    screw_velocity = (screw - s.screw) / period
+    screw_velocity = (screw - s.screw) / period + offset_speed
     screw_velocity = min(max(screw_velocity, -p.top_speed), p.top_speed)
     s.screw_acceleration = (screw_velocity - s.screw_velocity) / period
     if p.has_actuator != 0:
@@ -177,4 +182,6 @@ def feedforward_step(p, s, period, reference, actuator_level, guideway_level):
     s.screw_velocity = screw_velocity
     friction = p.volts_per_torque * s.actuator_friction + p.volts_per_force * (s.guideway_friction + p.offset_force)
     motion = (p.volts_per_force * p.mass + p.rotor) * acceleration + p.volts_per_velocity * velocity
+    motion += p.rotor * (offset_speed - s.offset_speed) / period + p.volts_per_velocity * offset_speed
+    s.offset_speed = offset_speed
     return p.friction_share * friction + p.motion_share * motion

@@ -11,7 +11,8 @@ import numpy as np
 
 from microstage_ros.axis.compiled import compiled, seldom, woven
 from microstage_ros.axis.errors import InputError
-from microstage_ros.control import adaptation, cascade, feedforward, nctf, observer_law, pid
+from microstage_ros.control import adaptation, cascade, feedforward, gap_crossing, nctf, observer_law, pid
+from microstage_ros.control.lost_motion import TOUCHING
 
 NONE, PID, SELF_TUNING, CASCADE, PID_FEEDFORWARD, SELF_TUNING_FEEDFORWARD, NCTF, SELF_TUNING_OBSERVER = range(8)
 
@@ -67,6 +68,7 @@ STATE = np.dtype([
     ("feedforward", feedforward.STATE_FIELDS),
     ("observer", observer_law.STATE_FIELDS),
     ("cascade", cascade.STATE_FIELDS),
+    ("crossing", gap_crossing.FIELDS),
 ])
 
 
@@ -87,6 +89,7 @@ def controller_reset(parameters, state, voltage):
     if parameters.kind in (SELF_TUNING, SELF_TUNING_FEEDFORWARD, SELF_TUNING_OBSERVER):
         adaptation.adaptation_reset(parameters.adaptation, state.adaptation, state.pid)
     observer_law.observer_reset(parameters.observer, state.observer)
+    gap_crossing.crossing_reset(state.crossing)
 
 
 @compiled
@@ -136,21 +139,38 @@ def dispatch(parameters, state, reference, encoder, current):
         return cascade.cascade_step(parameters.cascade, state.cascade, state.pid, period, limit, reference, encoder)
     if kind == NCTF:
         return nctf.nctf_step(parameters.nctf, state.pid, period, limit, reference, encoder)
-    level = 1.0
-    observed = kind == SELF_TUNING_OBSERVER
-    if observed:
-        observer_law.observer_step(
-            parameters.observer, parameters.feedforward, state.observer, period, encoder, state.voltage, current
-        )
-        level = state.observer.level
-    if observed or kind == PID_FEEDFORWARD or kind == SELF_TUNING_FEEDFORWARD:
+    if kind == SELF_TUNING_OBSERVER:
+        return observed_step(parameters, state, reference, encoder, current)
+    if kind == PID_FEEDFORWARD or kind == SELF_TUNING_FEEDFORWARD:
         state.feed_forward = feedforward.feedforward_step(
-            parameters.feedforward, state.feedforward, period, reference, level, 1.0
+            parameters.feedforward, state.feedforward, period, reference, 1.0, 1.0, 0.0
         )
     pid.pid_motion(parameters.pid, state.pid, period, reference, encoder)
-    if observed:  # the observer's position and velocity in place of the encoder's
-        state.pid.error = reference - state.observer.x
-        state.pid.velocity = state.observer.v
     if kind != PID_FEEDFORWARD:
         adaptation.adaptation_step(parameters.adaptation, state.adaptation, parameters.pid, state.pid, period)
     return pid.pid_output(parameters.pid, state.pid, period, limit, state.feed_forward)
+
+
+@compiled
+def observed_step(parameters, state, reference, encoder, current):
+    """Self-tuning PID on the observer's motion, fed forward at its level, through lost motion where there is any."""
+    period, model, observer, crossing = parameters.period, parameters.feedforward, state.observer, state.crossing
+    observer_law.observer_step(parameters.observer, model, observer, period, encoder, state.voltage, current)
+    pid.pid_motion(parameters.pid, state.pid, period, reference, encoder)
+    speed = state.pid.reference_velocity
+    state.pid.velocity = observer.v
+    state.pid.error = gap_crossing.cross_step(
+        crossing, parameters.observer, observer, period, reference - observer.x, speed
+    )
+    state.pid.reference_velocity = speed + crossing.offset_speed
+    state.feed_forward = feedforward.feedforward_step(
+        model, state.feedforward, period, reference, observer.level, 1.0, crossing.offset_speed
+    )
+    integral = state.pid.integral
+    apart = observer.contact != TOUCHING
+    if not apart:
+        adaptation.adaptation_step(parameters.adaptation, state.adaptation, parameters.pid, state.pid, period)
+    voltage = pid.pid_output(parameters.pid, state.pid, period, parameters.voltage_limit, state.feed_forward)
+    if apart:
+        state.pid.integral = integral
+    return voltage

@@ -24,10 +24,19 @@ import math
 import numpy as np
 
 from microstage_ros.axis.compiled import compiled
-from microstage_ros.control import feedforward
-from microstage_ros.control.drive_learning import LAGS, find_lag, learn_drive, settled_drop, trust_in_speed
+from microstage_ros.control import feedforward, lost_motion
+from microstage_ros.control.drive_learning import (
+    LAGS,
+    doubt_in_speed,
+    find_lag,
+    forget_drive,
+    learn_drive,
+    settled_drop,
+    trust_in_speed,
+)
 from microstage_ros.control.feedforward import friction_along
 from microstage_ros.control.gains import Gain, record_type
+from microstage_ros.control.lost_motion import TOUCHING
 
 GAINS = (
     Gain("encoder_noise", "m", 1e-12, 1e-3, 1.5e-8, "doubt in one encoder value: noise, rounding and more"),
@@ -42,6 +51,11 @@ GAINS = (
     Gain("level_length", "m", 1e-9, 1.0, 1.0e-4, "travel over which the level varies"),
     Gain("level_time", "s", 1e-3, 1e6, 20.0, "time over which the level varies"),
     Gain("force_noise", "N", 1e-9, 1e6, 0.25, "noise of the force balance within one observer time"),
+    Gain("known_gap", "m", 0.0, 1e-3, 0.0, "lost motion of the drive, if known"),
+    Gain("widest_gap", "m", 0.0, 1e-3, 6.0e-6, "widest lost motion that is looked for; 0: none"),
+    Gain("least_lead", "m", 1e-10, 1e-3, 1.2e-8, "lead of the motor that opens a contact"),
+    Gain("crossing_acceleration", "m/s^2", 1e-3, 1e6, 0.9, "highest acceleration through a gap"),
+    Gain("search_speed", "m/s", 1e-9, 1.0, 3.5e-5, "speed through a gap of unknown width"),
 )
 FORCE_TIME = 5e-3  # s, over which errors of d hang together
 ABSORB_TIME = 5e-3  # s, in which sticking blocks take over what is unexplained
@@ -72,6 +86,7 @@ STATE_FIELDS = [
     ("level_backward", "f8"),
     ("slipping", "f8"),  # share of the actuator's limit that slips
     ("noise", "f8"),  # m^2, running variance of the innovation
+    *lost_motion.FIELDS,
 ]
 
 
@@ -82,13 +97,7 @@ def observer_reset(p, s):
     s.d = 0.0
     s.current = 0.0
     s.acceleration = 0.0
-    s.learned[0] = 1.0
-    s.learned[1] = 0.0
-    s.learned[2] = 1.0
-    s.learned_variance[0] = p.resistance_spread * p.resistance_spread
-    s.learned_variance[1] = p.zero_spread * p.zero_spread
-    s.learned_variance[2] = p.emf_spread * p.emf_spread
-    s.shift[:] = 0.0
+    forget_drive(p, s)
     s.excitation = 0.0
     s.lag = 0
     for j in range(LAGS):
@@ -104,6 +113,7 @@ def observer_reset(p, s):
     s.level_backward = 1.0
     s.slipping = 0.0
     s.noise = 0.0
+    lost_motion.lost_motion_reset(p, s)
     for j in range(BLOCK_STATE):
         s.actuator[j] = 0.0
         s.guideway[j] = 0.0
@@ -114,6 +124,8 @@ def observer_start(s, encoder):
     """The axis rests where the encoder [m] says."""
     s.x = encoder
     s.screw = encoder
+    s.stage = encoder
+    s.before = encoder
 
 
 @compiled
@@ -132,22 +144,29 @@ def slipping_force(law, blocks, level):
 @compiled
 def predict(model, s, period, force):
     """Move the model by ``period`` [s] under the driving ``force`` [N] at the stage (velocity Verlet)."""
-    friction = model.force_per_torque * s.actuator_friction + s.guideway_friction + model.offset_force
+    touching = s.contact == TOUCHING
+    load = s.guideway_friction + model.offset_force if touching else 0.0
+    friction = model.force_per_torque * s.actuator_friction + load
     pull = ((force - friction) / model.moving_mass - s.d) * period
     mean = s.v + 0.5 * pull
     s.v += pull
-    s.x += mean * period
-    if model.has_guideway != 0:
-        s.guideway_friction = friction_along(model.guideway, s.guideway, mean, period, 1.0)
-    screw = s.x + s.guideway_friction * model.compliance
-    velocity = (screw - s.screw) / period
+    velocity = mean
+    if touching:
+        s.x += mean * period
+        if model.has_guideway != 0:
+            s.guideway_friction = friction_along(model.guideway, s.guideway, mean, period, 1.0)
+        screw = s.x + s.guideway_friction * model.compliance
+        velocity = (screw - s.screw) / period
+        s.screw = screw
+        load = s.guideway_friction + model.offset_force
+    else:
+        s.travel += s.toward * mean * period
     if model.has_actuator != 0:
         s.actuator_friction = friction_along(
             model.actuator, s.actuator, velocity / model.screw_ratio, period, s.level
         )
-    after = model.force_per_torque * s.actuator_friction + s.guideway_friction + model.offset_force
+    after = model.force_per_torque * s.actuator_friction + load
     s.v -= 0.5 * (after - friction) / model.moving_mass * period
-    s.screw = screw
 
 
 @compiled
@@ -164,6 +183,18 @@ def correct(p, s, position, speed, trust):
         else:
             s.d += change
     s.noise += 0.01 * (position * position - s.noise)
+
+
+@compiled
+def correct_apart(p, model, s, period, position, speed, trust):
+    """`correct` while drive and stage are apart: the speed tells of the motor, the position of the stage."""
+    s.v += trust * p.motion_gain[1, 1] * speed
+    s.d += trust * p.motion_gain[2, 1] * speed
+    step = 0.05 * position
+    s.x += step
+    if model.has_guideway != 0:
+        s.guideway_friction = friction_along(model.guideway, s.guideway, step / period, period, 1.0)
+    s.screw = s.x + s.guideway_friction * model.compliance
 
 
 @compiled
@@ -247,6 +278,20 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         trust = trust_in_speed(p, model, s, drop)
         s.current = current
     position = encoder - s.x
+    if senses:
+        motor_speed = s.v + speed / s.learned[2]
+        lost_motion.watch_lead(s, period, encoder, motor_speed, speed)
+        if s.contact == TOUCHING:
+            force = s.guideway_friction + model.offset_force + model.mass * s.acceleration
+            doubt = doubt_in_speed(p, model, s, drop)
+            if lost_motion.watch_contact(p, s, force, model.guideway[0], doubt):
+                forget_drive(p, s)
+        elif lost_motion.cross(p, s, period, position):
+            forget_drive(p, s)
+        position = encoder - s.x
+    if s.contact != TOUCHING:
+        correct_apart(p, model, s, period, position, speed, trust)
+        return
     correct(p, s, position, speed, trust)
     if senses:
         learn_drive(p, model, s, period, drop, position, speed, trust)

@@ -6,9 +6,11 @@ import pytest
 from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
 from microstage_ros.axis.sensors import read_sensors
 from microstage_ros.axis.step import advance
+from microstage_ros.control.closed_loop import run_loop
 from microstage_ros.control.controller import make_controller
 from microstage_ros.control.laws import LAWS
-from microstage_ros.control.trials import gain_jump_trial, step_trial
+from microstage_ros.control.profiles import sine
+from microstage_ros.control.trials import gain_jump_trial, sine_trial, step_trial
 from microstage_ros.control.tuning import allowed_overshoot
 
 MOVE = [{"move_to_m": 1e-6, "dwell_s": 0.02}]
@@ -62,12 +64,11 @@ def test_every_law_tracks_and_settles(run, kind, sine_nm, settle_s):
     assert np.abs(error[moved + 10000 :]).max() * 1e9 < sine_nm
 
 
-@pytest.mark.parametrize("kind, distance", [
-    *((kind, distance) for kind in ("pid", "self_tuning", "nctf", "self_tuning_observer") for distance in (1e-6, 1e-5)),
-    ("pid_feedforward", 1e-5), ("self_tuning_feedforward", 1e-5),  # at 1 um these two reach 190 nm (docs/control.md)
-])
+@pytest.mark.parametrize("distance", [1e-6, 1e-5])
+@pytest.mark.parametrize("kind", ["pid", "pid_feedforward", "self_tuning", "self_tuning_feedforward", "nctf", "self_tuning_observer"])
 def test_overshoot_is_within_five_percent_or_two_counts(axis, kind, distance):
-    trial = step_trial(axis, kind, {}, distance, seed=7, moves=2)
+    # seed 0 is one whose overshoot grew from move to move with more of the friction fed forward
+    trial = step_trial(axis, kind, {}, distance, seed=0, moves=5)
     assert trial.overshoot.max() < allowed_overshoot(distance)
     assert trial.rest.max() < 50e-9 and np.all(trial.settling < 0.15)
 
@@ -94,6 +95,28 @@ def test_observer_law_holds_under_stress(run, effects, period_s):
     columns = run("self_tuning_observer", program, seed=2, effects=effects, period_s=period_s)
     rest = round(0.1 / (columns["t_s"][1] - columns["t_s"][0]))
     assert np.abs(columns["stage_m"][-rest:] - 1e-5).max() < 50e-9
+
+
+BACKLASH = {"backlash": {"width_rad": 0.00873}}  # 0.5 degrees, 2.8 um at the stage
+
+
+def test_observer_law_learns_lost_motion_and_crosses_it_softly(axis):
+    """Peaks of the second and the third cycle, of which each has two crossings (a law that knows no gap: a micrometre)."""
+    trial = sine_trial(axis, "self_tuning_observer", {}, 1e-5, 0.1, seed=0, cycles=3.25, effects=BACKLASH)
+    error = np.abs(trial.columns["stage_m"] - trial.columns["reference_m"])
+    assert error[125000:225000].max() < 250e-9 and error[225000:].max() < 150e-9
+    reference = sine(0.0, 1e-5, 0.1, 2.25, 1e-4)
+    none = np.zeros_like(reference)
+    for gap, least, most in ((BACKLASH, 2.3e-6, 3.0e-6), ({}, 0.0, 0.0)):
+        controller, plant = make_controller("self_tuning_observer", axis), make_plant(axis, NoiseSpec(), effects=gap)
+        run_loop(plant, new_state(plant, seed=1), new_work(plant), new_readings(), controller.parameters, controller.memory,
+                 reference, none, none, np.empty((0, 0)))
+        assert least <= controller.memory["observer"]["gap"] <= most
+
+
+def test_moves_through_lost_motion_end_at_their_target(axis):
+    trial = step_trial(axis, "self_tuning_observer", {}, 1e-5, seed=0, moves=6, effects=BACKLASH)
+    assert np.abs(trial.errors[3:]).max() < 25e-9 and trial.settling[3:].max() < 0.3
 
 
 def test_tenth_of_the_gains_is_made_up_within_three_moves(run):
