@@ -77,7 +77,7 @@ def limit_and_slopes(contact, w):
     high = fused(d, c[7], c[6])
     bend = fused(2.0 * d, c[7], high)
     s = fused(square, fused(d, c[3], c[2]), fused(d, c[1], c[0]))
-    return s, fused(square, high, fused(d, c[5], c[4])), fused(d, bend + high, c[5]), bend
+    return s, fused(square, high, fused(d, c[5], c[4])), fused(d, c[6] + bend, c[5]), bend
 
 
 @inlined

@@ -21,7 +21,7 @@ def bench(axis, periods=100_000):
         plant = make_plant(axis, noise)
         for kind in KINDS:
             for trace, what in ((unrecorded, ""), (recorded, ", recorded"))[: 2 if kind == "pid" else 1]:
-                best = min(_once(axis, plant, kind, reference, nothing, trace) for _ in range(4))
+                best = min(_once(axis, plant, kind, reference, nothing, trace) for _ in range(15))
                 yield {"name": f"loop, {kind}, {words}{what}", "value": best / periods * NANOSECONDS, "unit": "ns/period"}
 
 

@@ -1,5 +1,7 @@
 """The pieces of the compiled step against closed forms and scipy."""
 
+import math
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -14,7 +16,7 @@ from microstage_ros.axis.vectors import add_columns, fused, mode_rows
 from microstage_ros.axis.plant import NoiseSpec, make_plant, new_state, new_work
 from microstage_ros.axis.random import normal, seed_state, uniform
 from microstage_ros.axis.records import LEVELS
-from microstage_ros.axis.slip import NEAR, near, relax
+from microstage_ros.axis.slip import near, relax
 
 
 def test_random_numbers_are_normal_and_uniform():
@@ -124,16 +126,29 @@ def near_in_python(g, f0, s0):
     return near(g, f0, s0)
 
 
-def test_slip_to_first_order_is_the_full_one_where_the_limit_hardly_changes():
-    """Apart by what is of second order in ε and by a thousandth of ε, the two quadratures' own error; exact in steady sliding."""
+def test_slip_to_first_order_against_the_integrated_equation():
+    """f' = C − ρ (1 + ε) f with ε = a x + b x² over the chunk (x = t/h), and G = ρ h.
+
+    `near` leaves out the second order in ε, at most (G ∫|ε|)²/2 of the largest force, and the errors of its two quadratures of
+    q = e^(G x) ε: Simpson's over the chunk, max|d⁴q/dx⁴|/2880, and to its middle max|d³q/dx³|/384 (Adams–Moulton of third order).
+    """
     h, s0, f0 = 1e-4, 1.4e-4, 1.5e-4
+    g, x = h / s0, np.linspace(0.0, 1.0, 101)
     for size in (1e-2, 1e-3):
-        e_mid, e_end = 0.4 * size, size
-        mid, mid_m, mid_1, end, end_m, end_1, fade = near_in_python(h / s0, f0, s0)
-        full = relax(1.0, f0, s0, s0 / (1 + e_mid), s0 / (1 + e_end), h)
-        ours = mid + mid_m * e_mid + mid_1 * e_end, end + end_m * e_mid + end_1 * e_end
-        assert np.max(np.abs(np.array(ours) - full[:2])) < (0.2 * size**2 + 1e-3 * size) * s0 and fade == pytest.approx(full[2], rel=1e-2)
-    assert near_in_python(h / s0, s0, s0)[0::3][:2] == (s0, s0)
+        a, b = 0.6 * size, 0.4 * size
+        e, e1, e2 = a * x + b * x**2, a + 2 * b * x, 2 * b
+        third = np.max(np.exp(g * (x - 0.5)) * (g**3 * e + 3 * g**2 * e1 + 3 * g * e2))
+        fourth = np.max(np.exp(g * (x - 1.0)) * (g**4 * e + 4 * g**3 * e1 + 6 * g**2 * e2))
+        mean = a / 2 + b / 3
+        second = (g * mean) ** 2 / 2 * (1 + g * size)
+        exact = solve_ivp(lambda t, f: 1 - (1 + a * t / h + b * (t / h) ** 2) * f / s0, (0, h), [f0], t_eval=[h / 2, h],
+                          rtol=1e-12, atol=1e-20, method="DOP853").y[0]
+        mid, mid_m, mid_1, end, end_m, end_1, fade = near_in_python(g, f0, s0)
+        e_mid, e_end = a / 2 + b / 4, a + b
+        assert abs(mid + mid_m * e_mid + mid_1 * e_end - exact[0]) < (second + g * third / 384) * f0
+        assert abs(end + end_m * e_mid + end_1 * e_end - exact[1]) < (second + g * fourth / 2880) * f0
+        assert fade == pytest.approx(np.exp(-g), rel=2e-7)         # the series of `decay`
+    assert near_in_python(g, s0, s0)[0::3][:2] == (s0, s0)              # exact in steady sliding
 
 
 @compiled
@@ -142,15 +157,29 @@ def slopes_in_python(contact, w):
 
 
 def test_slopes_of_the_limit_are_those_of_the_curve(quiet):
+    """Off by no more than a cubic through four Chebyshev nodes of a cell of width d: M d³/96 and M d² 10/96, M = |d⁴f/dw⁴|.
+
+    (T_4 scaled to the cell has slopes up to 16 and second derivatives up to 80 at its ends.) d is at most w/16; M is taken
+    from Cauchy's integral about w, its largest value on the cells that may hold w; a tenth for the next order.
+    """
     contact = quiet()["actuator"]
-    fade = lambda w: (w / 0.18) ** 0.9
+    turn = np.exp(2j * np.pi * np.arange(64) / 64)
+
+    def derivatives(f, w):
+        values = f(w * (1.0 + 0.25 * turn))
+        return [math.factorial(n) * np.mean(values * turn**-n).real / (0.25 * w) ** n for n in range(5)]
+
+    per_limit = lambda w: 1.0 / (125.6e-6 + 93.4e-6 * np.exp(-((w / 0.18) ** 0.9)))
     for w in np.geomspace(1e-3, 3.0, 40):
         s, per_s, slope, bend = slopes_in_python(contact, w)
-        drop, power = 93.4e-6 * np.exp(-fade(w)), 0.9 * fade(w) / w
-        fall, rise = -drop * power, 0.5 * drop * (power**2 + 0.1 * power / w)          # ds/dw, (d²s/dw²)/2
-        assert s == pytest.approx(limit(contact, w), rel=1e-14) and s * per_s == pytest.approx(1.0, abs=4e-8)
-        off = abs(slope + fall / s**2), abs(bend - (fall**2 / s - rise) / s**2)
-        assert off[0] * w * NEAR + off[1] * (w * NEAR) ** 2 < 1e-5 / s      # half of what `near` leaves out anyway
+        exact = derivatives(per_limit, w)
+        fourth = 1.1 * max(abs(derivatives(per_limit, at)[4]) for at in np.linspace(w * (1 - 1 / 16), w * (1 + 1 / 16), 9))
+        d = w / 16
+        rounding = 1e-15 * exact[0] * np.array([1.0, 1e3 / w, 1e6 / w**2])          # of the coefficients' differences
+        assert s == pytest.approx(limit(contact, w), rel=1e-14)
+        assert abs(per_s - exact[0]) < fourth * d**4 / 3072 + rounding[0] and s * per_s == pytest.approx(1.0, abs=4e-8)
+        assert abs(slope - exact[1]) < fourth * d**3 / 96 + rounding[1]
+        assert abs(bend - exact[2] / 2) < fourth * d**2 * 5 / 96 + rounding[2]
 
 
 @compiled
