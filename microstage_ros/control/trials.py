@@ -49,6 +49,14 @@ def sine_trial(axis, kind, gains, amplitude, frequency, seed, cycles=1.25, **con
     return SineTrial(float(np.abs(error).max()), float(np.sqrt(np.mean(error**2))), columns)
 
 
+def cycle_peaks(trial, frequency):
+    """Largest |true position - reference| [m] in each full cycle of a `SineTrial` after its first quarter, shape (n,)."""
+    columns = trial.columns
+    rows = round(1.0 / frequency / columns["t_s"][1])
+    error = np.abs(columns["stage_m"] - columns["reference_m"])[rows // 4 :]
+    return error[: len(error) // rows * rows].reshape(-1, rows).max(axis=1)
+
+
 def step_trial(axis, kind, gains, distance, seed, moves=10, dwell=0.4, **conditions):
     """`StepTrial` of ``moves`` moves from 0 to ``distance`` [m], each after a return to 0."""
     program = [{"move_to_m": place, "dwell_s": dwell} for _ in range(moves) for place in (distance, 0.0)]

@@ -123,7 +123,8 @@ def _sines(result):
 
 
 def _stress(result):
-    for figure, title in (("peak", "sine of 10 µm at 0.1 Hz, worst peak (nm)"), ("four_s_worst", "moves of 10 µm, 4s from the fourth move on (nm)")):
+    for figure, title in (("peak", "sine of 10 µm at 0.1 Hz, worst peak (nm)"), ("learned_peak", "the same sine in its third cycle (nm)"),
+                          ("four_s_worst", "moves of 10 µm, 4s from the fourth move on (nm)")):
         kinds = list(next(iter(result["stress"].values())))
         kinds = [kind for kind in kinds if figure in result["stress"]["nominal"][kind]]
         rows = [[name, *(nm(by_kind[kind][figure]) for kind in kinds)] for name, by_kind in result["stress"].items()]
