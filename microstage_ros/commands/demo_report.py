@@ -5,7 +5,7 @@ import numpy as np
 from microstage_ros.metrology.repeatability import repeatability
 from microstage_ros.records.bag import read_bag
 from microstage_ros.report.page import Page
-from microstage_ros.report.plots import COLOURS, new_figure, plot_signal
+from microstage_ros.report.plots import COLOURS, new_figure, plot_signal, quantity
 
 PAPER_4S = {1e-6: 173e-9, 1e-5: 160e-9, 1e-4: 219e-9, 1e-3: 255e-9}
 """Accuracy and precision 4s of the paper's Table 4 [m]."""
@@ -198,13 +198,20 @@ def _friction_words(streams):
 
 
 def _timing_figure(streams):
-    figure, axes = new_figure(height=2.0)
+    figure, axes = new_figure(height=2.2)
     timing = streams.get("timing")
     if timing is not None and len(timing):
-        counts = timing["response_histogram"][-1]
+        last = timing[-1]
+        counts = last["response_histogram"]
         edges = 10.0 ** (-5 + np.arange(len(counts)) / 16) * 1e6
-        axes.bar(edges, counts, width=edges * (10 ** (1 / 16) - 1), align="edge")
+        taken = counts > 0
+        axes.bar(edges[taken], counts[taken], width=edges[taken] * (10 ** (1 / 16) - 1), align="edge")
+        for field, words, colour in (("response_median", "median", "orange"), ("response_p99", "99 %", "pink"),
+                                     ("response_p9999", "99.99 %", "green")):
+            axes.axvline(last[field] * 1e6, color=COLOURS[colour], label=f"{words}: {quantity(float(last[field]), 's')}")
+        axes.legend(loc="upper right")
     axes.set_xscale("log")
+    axes.set_yscale("symlog", linthresh=1.0)  # the few late ones are what matters
     axes.set_xlabel("response time [µs]")
     axes.set_ylabel("control periods")
     return figure

@@ -49,6 +49,11 @@ class Frame:
         _allocator_into(self._wrapped[3:])
         self.address = int(self._wrapped.ctypes.data)
 
+    @property
+    def bytes(self):
+        """The message as it is now."""
+        return self.raw.tobytes()
+
 
 def _allocator_into(words):
     """The default allocator of ROS, five pointers."""

@@ -107,7 +107,7 @@ class QuickAnswers:
         self._insides, self._player, self._stop = insides, player, requests.asked
         self._records = controller.arrays
         self._frames = [Frame(name) for name in ("AxisState", "VoltageCommand", "ControllerState")]
-        state, command, inside = self._frames
+        self.state, self.command, _ = state, command, inside = self._frames
         self._links, self._counts = np.zeros(1, LINKS), np.zeros(1, COUNTS)
         self._links[0] = (reader.address, state.address, commands.address, command.address, insides.address,
                           inside.address, servo.semaphore.address.value, sender.address.value)
@@ -134,13 +134,3 @@ class QuickAnswers:
         why = answer(self._stop, self._links, self._counts, *self._records, positions, *self._views)
         self._player.passed(int(c["last"]))
         return why, int(c["last"])
-
-    @property
-    def state(self):
-        """Bytes of the state that came last."""
-        return self._frames[0].raw.tobytes()
-
-    @property
-    def command(self):
-        """Bytes of the last command."""
-        return self._frames[1].raw.tobytes()

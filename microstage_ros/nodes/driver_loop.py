@@ -223,6 +223,7 @@ class QuickPeriods:
 
     Attributes
     ----------
+    state, command : frames of what was sent and came last.
     answered, late, lost, overruns : counters of all periods in compiled code, beside those of the gate; they may be read
         by any thread while the loop goes on, as may `sequence` and `time_ns`.
     """
@@ -232,6 +233,7 @@ class QuickPeriods:
         self._topics, self._gate, self._stop, self._responses = topics, gate, stop, responses
         self._frames = [Frame("AxisState"), Frame("SimulationTruth"), Frame("VoltageCommand"),
                         Frame("Clock", "rosgraph_msgs")]
+        self.state, _, self.command, _ = self._frames
         self._links, self._counts, self._values = np.zeros(1, LINKS), np.zeros(1, COUNTS), np.zeros(1, VALUES)
         state, truth, command, clock = (frame.address for frame in self._frames)
         self._links[0] = (topics.states.address, state, topics.truths.address, truth, topics.clock_address, clock,
@@ -283,13 +285,3 @@ class QuickPeriods:
         if name in COUNTS.names:
             return int(self._counts[name][0])
         raise AttributeError(name)
-
-    @property
-    def state(self):
-        """Bytes of the last state."""
-        return self._frames[0].raw.tobytes()
-
-    @property
-    def command(self):
-        """Bytes of the last command."""
-        return self._frames[2].raw.tobytes()

@@ -183,9 +183,9 @@ class DriverPeriods:
             self.topics.rest(*self._begun)
         elif why in (WAITED, STRANGE, MISSED):
             if why == STRANGE:
-                self._offer(quick.command)
+                self._offer(quick.command.bytes)
             if self._lockstep:
-                self._end_lockstep_period(n, begun, quick.state)
+                self._end_lockstep_period(n, begun, quick.state.bytes)
             elif why == MISSED:
                 self._miss(begun)
             else:

@@ -150,7 +150,7 @@ def _observed(node, nodes, parameters, seconds, folder):
         _spin(node, lambda: len(heard) > 1 and heard[-1][1].periods > 1)
         begin, before = len(heard) - 1, _cpu(cell)
         end = time.monotonic() + seconds
-        _spin(node, lambda: time.monotonic() > end)
+        _spin(node, lambda: time.monotonic() > end, seconds + 1.0)
         after = _cpu(cell)
         (t0, first), (t1, last) = heard[begin], heard[-1]
         cell.deactivate(node)

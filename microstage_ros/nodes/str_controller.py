@@ -90,14 +90,14 @@ class StrController(Node):
         before = self._last
         why, self._last = self._quick.run(before, self._patience)
         if self._last != before:
-            self._answer = self._quick.command
+            self._answer = self._quick.command.bytes
         if why == QUIET:
             self._flush()
         elif why == CROWDED:
             self._commands.send_closed()
             self._insides.send_closed()
         self._patience = WAIT if why == QUIET else MOMENT
-        return self._quick.state if why == STRANGE else None
+        return self._quick.state.bytes if why == STRANGE else None
 
     def _flush(self):
         """Send what waits for its block to be full."""
