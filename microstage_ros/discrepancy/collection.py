@@ -1,5 +1,7 @@
 """From records to evidence: every record prepared, every channel filled, all candidates' columns gathered."""
 
+import functools
+import operator
 
 from microstage_ros.discrepancy.catalogue import FORMS
 from microstage_ros.discrepancy.catalogue.form import Frame
@@ -14,6 +16,7 @@ from microstage_ros.discrepancy.channels.resonance import Resonance
 from microstage_ros.discrepancy.channels.windup import Windup
 from microstage_ros.discrepancy.evidence import gather
 from microstage_ros.discrepancy.evidences import Evidences
+from microstage_ros.discrepancy.side_by_side import side_by_side
 from microstage_ros.discrepancy.systematic import SYSTEMATIC
 
 GROUPS = ("learn", "held", "base")
@@ -38,12 +41,9 @@ class Collection:
     def gather(self, channel, forms, group):
         """`Evidence` of one channel for some forms, summed over the records of a group; None if there are none."""
         noise = {"spreads": self.spreads} if channel == "torque" else {}
-        total = None
-        for record in self.channels[group]:
-            if channel in record:
-                evidence = gather(record[channel], forms, self.frame, SYSTEMATIC.get(channel), **noise)
-                total = evidence if total is None else total + evidence
-        return total
+        records = [record[channel] for record in self.channels[group] if channel in record]
+        parts = side_by_side(lambda one: gather(one, forms, self.frame, SYSTEMATIC.get(channel), **noise), records)
+        return functools.reduce(operator.add, parts) if parts else None
 
     def evidences(self, forms=FORMS):
         """`Evidences` over all channels that learning and held-out records share."""

@@ -12,6 +12,7 @@ from microstage_ros.discrepancy.lines import find_lines
 from microstage_ros.discrepancy.lost_motion import find_gap
 from microstage_ros.discrepancy.preparation import prepare
 from microstage_ros.discrepancy.resonant import fit_train
+from microstage_ros.discrepancy.side_by_side import side_by_side
 from microstage_ros.discrepancy.slow_drift import courses
 
 RATTLED = 0.4           # share of the command's χ² that a slow amplifier must hold beside a gap
@@ -46,7 +47,7 @@ class Known:
 
 def find_known(groups, drive):
     """({group: [`Prepared`]}, `Known`) of records {group: [`Record`]} in the groups learn, held and base."""
-    prepared = {name: [prepare(record, drive) for record in group] for name, group in groups.items()}
+    prepared = {name: side_by_side(lambda record: prepare(record, drive), group) for name, group in groups.items()}
     known = Known(courses=courses(prepared))
     if known.courses:
         prepared = known.prepare(groups, drive, prepared)

@@ -11,9 +11,11 @@ import numpy as np
 
 from microstage_ros.discrepancy.channels.windup import Windup
 from microstage_ros.discrepancy.gap_replay import stage_behind_gap
+from microstage_ros.discrepancy.side_by_side import side_by_side
 
 STANDS_OUT = 1.4         # times the baseline's loss from which the search is worth its time
 EXPLAINS = 0.4           # share of what stands out that the gap must take away (other causes: a tenth at most),
+EXPLAINS_FIRST = 0.25    # already at the best of the first widths (found gaps: 0.5 and more; other causes: 0.15 at most),
 EXPLAINS_HELD = 0.1      # and of the held-out records, where another cause may stand out more,
 EXPLAINS_ALONE = 0.5     # or of every learning record alone
 USUAL = 0.7              # mean size of a whitened residual that is noise
@@ -51,7 +53,11 @@ def find_gap(prepared, drive):
     without = _losses(channels["learn"], 0.0)
     if without < STANDS_OUT * usual:
         return None
-    width = _refined(channels["learn"], _spread(channels["learn"]))
+    spread = _spread(channels["learn"])
+    first = min((share * spread for share in WIDTHS), key=lambda width: _losses(channels["learn"], width))
+    if _explained(channels["learn"], first, _losses, usual) < EXPLAINS_FIRST:
+        return None
+    width = _refined(channels["learn"], first)
     if width < LEAST or _explained(channels["learn"], width, _losses, usual) < EXPLAINS:
         return None
     # a record that crosses the gap a few times only may lose its place in it: then the others must agree one by one
@@ -80,9 +86,8 @@ def _spread(channels):
     return float(np.mean(ranges))
 
 
-def _refined(channels, spread):
-    """Width [m] of the least loss, by a parabola through the width's logarithm."""
-    start = min(WIDTHS, key=lambda share: _losses(channels, share * spread)) * spread
+def _refined(channels, start):
+    """Width [m] of the least loss near ``start``, by a parabola through the width's logarithm."""
     logs = np.log(start) + np.array(STEPS)
     losses = np.array([_losses(channels, float(np.exp(log))) for log in logs])
     best = int(np.clip(np.argmin(losses), 2, len(logs) - 3))
@@ -112,7 +117,7 @@ def _squares(channels, gap):
 
 
 def _losses(channels, gap):
-    return _mean(_loss(c, _behind(c, gap)) for c in channels)
+    return _mean(side_by_side(lambda c: _loss(c, _behind(c, gap)), channels))
 
 
 def _loss(channel, residual):

@@ -11,6 +11,7 @@ from scipy.optimize import minimize
 
 from microstage_ros.discrepancy.catalogue.electrical import STIFFNESS_FACTORS
 from microstage_ros.discrepancy.catalogue.form import Form
+from microstage_ros.discrepancy.side_by_side import side_by_side
 
 DAMPINGS = (0.25, 1.0, 4.0)
 STANDS_OUT = 1.15     # χ² per row over the baseline's from which the search is worth its time
@@ -81,7 +82,7 @@ def _left(channel, stiffness, damping):
 
 
 def _energy(channels, stiffness, damping):
-    return sum(_left(c, stiffness, damping) for c in channels)
+    return sum(side_by_side(lambda c: _left(c, stiffness, damping), channels))
 
 
 def _errors(channels, at, least):
