@@ -1,7 +1,7 @@
 """What must be known before any residual means something, found from the records and taken into the model.
 
-A slow drift of the interferometer, wide lost motion, a slow amplifier, a drive train far from the model's and lines of
-the floor each spoil every balance; so they are looked for one after the other, the records being prepared anew with what is known by then.
+A slow drift of the interferometer, wide lost motion, a slow amplifier, lines of the floor and a drive train far from the
+model's each spoil every balance; so they are looked for one after the other, the records being prepared anew with what is known by then.
 """
 
 import dataclasses
@@ -52,15 +52,15 @@ def find_known(groups, drive):
     if known.courses:
         prepared = known.prepare(groups, drive, prepared)
     prepared, known = _slow_or_loose(groups, prepared, drive, known)
+    lines = _lines(prepared, drive)
+    if lines:
+        known = dataclasses.replace(known, lines=tuple(lines))
+        prepared = known.prepare(groups, drive, prepared)
     if known.gap is None and _all_currents(prepared):
         train = fit_train(*([Resonance(p, drive) for p in prepared[name]] for name in ("learn", "base")))
         if train is not None and not 1.0 / FAR < train.stiffness < FAR:
             known = dataclasses.replace(known, train=train)
             prepared = known.prepare(groups, drive, prepared)
-    lines = _lines(prepared, drive)
-    if lines:
-        known = dataclasses.replace(known, lines=tuple(lines))
-        prepared = known.prepare(groups, drive, prepared)
     return prepared, known
 
 
