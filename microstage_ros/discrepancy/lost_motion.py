@@ -54,7 +54,7 @@ def find_gap(prepared, drive):
     if without < STANDS_OUT * usual:
         return None
     spread = _spread(channels["learn"])
-    first = min((share * spread for share in WIDTHS), key=lambda width: _losses(channels["learn"], width))
+    first = min((share * spread for share in WIDTHS), key=lambda width: _followed(channels["learn"], width))
     if _explained(channels["learn"], first, _losses, usual) < EXPLAINS_FIRST:
         return None
     width = _refined(channels["learn"], first)
@@ -89,12 +89,12 @@ def _spread(channels):
 def _refined(channels, start):
     """Width [m] of the least loss near ``start``, by a parabola through the width's logarithm."""
     logs = np.log(start) + np.array(STEPS)
-    losses = np.array([_losses(channels, float(np.exp(log))) for log in logs])
-    best = int(np.clip(np.argmin(losses), 2, len(logs) - 3))
-    near = slice(best - 2, best + 3)
-    bend, slope, _ = np.polyfit(logs[near] - logs[best], losses[near], 2)
-    shift = float(np.clip(-0.5 * slope / bend, -0.1, 0.1)) if bend > 0 else 0.0
-    return float(np.exp(logs[best] + shift))
+    losses = np.array([_followed(channels, float(np.exp(log))) for log in logs])
+    best = int(np.clip(np.argmin(losses), 1, len(logs) - 2))
+    before, least, after = losses[best - 1: best + 2]      # three points: in a rattle the loss is no parabola further out
+    bend = before - 2.0 * least + after
+    shift = float(np.clip(0.5 * (before - after) / bend, -0.5, 0.5)) if bend > 0 else 0.0
+    return float(np.exp(logs[best] + shift * (logs[1] - logs[0])))
 
 
 def _behind(channel, gap):
@@ -118,6 +118,11 @@ def _squares(channels, gap):
 
 def _losses(channels, gap):
     return _mean(side_by_side(lambda c: _loss(c, _behind(c, gap)), channels))
+
+
+def _followed(channels, gap):
+    """Loss over the loss without a gap of the record that is followed best: where a replay loses its place says nothing of the gap."""
+    return min(side_by_side(lambda c: _loss(c, _behind(c, gap)) / _loss(c, c.residual), channels))
 
 
 def _loss(channel, residual):
