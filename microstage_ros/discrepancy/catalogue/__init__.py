@@ -20,7 +20,7 @@ def forms_of(channel):
 #: Shapes without a name that hold a named one: what they explain beyond it is not that cause.
 WIDER = {
     "cable_spring": ("generic:position",), "gravity_tilt": ("generic:position",),
-    "direction_asymmetry": ("generic:speed",), "position_dependent_friction": (),
+    "direction_asymmetry": ("generic:speed",), "position_dependent_friction": ("generic:friction in time",),
     "viscous_change": ("generic:velocity", "generic:viscous in time"),
     "nonlinear_viscous": ("generic:velocity", "generic:viscous in time"),
     "friction_level_change": ("generic:velocity", "generic:friction in time"),
