@@ -27,11 +27,13 @@ STRANGER_ELSE = 6.0
 READING_SHARE = 0.1     # of what is left between the two readings that a cause must hold if only one of them tells of it
 LEFT_SHARE = 0.08       # of what stood out, above which something is left
 COORDINATES = {
-    "position": "position", "time": "time", "friction in time": "time", "viscous in time": "time", "velocity": "velocity", "speed": "velocity",
+    "position": "position", "time": "time", "friction in time": "time", "viscous in time": "time",
+    "velocity": "velocity", "speed": "velocity",
     "acceleration": "acceleration", "voltage": "voltage", "direction": "direction",
 }
 #: Shapes that healthy axes show a little of, by factors on the threshold.
-LOOSE = {"generic:acceleration": 30.0, "generic:velocity": 3.0, "generic:friction in time": 3.0, "generic:viscous in time": 3.0, "generic:time": 3.0}
+LOOSE = {"generic:acceleration": 30.0, "generic:velocity": 3.0, "generic:friction in time": 3.0,
+         "generic:viscous in time": 3.0, "generic:time": 3.0}
 
 
 @dataclasses.dataclass

@@ -18,7 +18,7 @@ from microstage_ros.discrepancy.evidence import gather
 from microstage_ros.discrepancy.preparation import triangle
 
 CHANCE = 1.0e-6      # that the strongest of all lines is none
-BESIDE = 3001         # frequencies from whose median a line must stand out; short scans make lines wide
+BESIDE = 3001        # frequencies from whose median a line must stand out; short scans make lines wide
 LEAST_SPEED = 2.0e-5 # m/s: at rest nothing is told about a period
 MOST = 8             # lines looked for
 TERMS = 6            # most of one ripple
@@ -32,7 +32,7 @@ SNAP = 4.0e-3        # relative distance from a whole or half number of cycles p
 
 @dataclasses.dataclass(frozen=True)
 class Way:
-    """One direction of one record: positions [m] and the whitened residual there."""
+    """One direction of one record: positions [m] and the residual there, white or nearly so (in any unit)."""
 
     position: np.ndarray
     values: np.ndarray

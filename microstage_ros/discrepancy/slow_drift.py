@@ -14,10 +14,10 @@ from microstage_ros.discrepancy.catalogue.form import splines
 PIECE = 2.5        # s between the knots of the course
 LEFT_OUT = 0.5     # s, predicted from what is on both sides
 FOLDS = 3
-MEANS = 40         # blocks of the position channel in one mean: 20 ms
+MEANS = 40         # blocks of the position channel in a mean of 20 ms,
+SAMPLES = 200      # and samples in one
 TOLD = 0.7         # share of what moves that the course must tell
 ABOVE_BASE = 3.0   # times the baseline's course
-SAMPLES = 200      # and samples in one
 LEAST = 2.0e-9     # m rms
 MATTERS = 2.0e-8   # m rms: above it, other residuals must be told of it
 OF_ALL = 0.1       # share of the whole residual's variance
@@ -74,7 +74,8 @@ def courses(prepared):
 
 @dataclasses.dataclass(frozen=True)
 class _Told:
-    """What a smooth course predicts: share of what moves, its rms [m] and mean rate [m/s], and itself over time."""
+    """What a smooth course predicts: share of what moves, its rms [m] and mean rate [m/s], and itself over time;
+    ``whole`` is the variance of the residual it was taken from [m²]."""
 
     share: float
     size: float
