@@ -10,10 +10,11 @@ import time
 import numpy as np
 
 from microstage_ros.axis import config_path
-from microstage_ros.axis.open_loop import COLUMNS, respond, respond_many, run_open_loop
+from microstage_ros.axis.open_loop import COLUMNS, respond, run_open_loop
 from microstage_ros.axis.peers import Equations, solve_with_runge_kutta, solve_with_scipy
 from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
 from microstage_ros.axis.records import PLANT, STATE
+from microstage_ros.axis.side_by_side import respond_many
 
 NANOSECONDS = 1e9
 RIDES = {

@@ -18,9 +18,9 @@ from microstage_ros.axis.records import BLOCKS, CELLS, OCTAVES
 from microstage_ros.axis.vectors import fused
 
 LOWEST_OCTAVE = -18
-_FRACTION_BITS = 48                       # mantissa bits below the cell's four
-_START_MASK = -1 << _FRACTION_BITS
-_ENTRIES = np.uint64(OCTAVES * CELLS)
+FRACTION_BITS = 48                       # mantissa bits below the cell's four
+START_MASK = -1 << FRACTION_BITS
+ENTRIES = np.uint64(OCTAVES * CELLS)
 NO_TABLE = 1 << 40                        # a first cell that no speed reaches
 
 
@@ -45,10 +45,10 @@ def sliding_table(static, coulomb, velocity, exponent):
 def limit(contact, w):
     """s(w) = F_C + (F_s − F_C) exp(−|w/V_S|^δ), without factors (paper Eq. 2); w the speed."""
     bits = np.float64(abs(w)).view(np.int64)
-    cell = np.uint64((bits >> _FRACTION_BITS) - contact.first_cell)
-    if cell >= _ENTRIES:
+    cell = np.uint64((bits >> FRACTION_BITS) - contact.first_cell)
+    if cell >= ENTRIES:
         return _limit_beyond_table(contact, abs(w))
-    d = abs(w) - np.int64(bits & _START_MASK).view(np.float64)
+    d = abs(w) - np.int64(bits & START_MASK).view(np.float64)
     c = contact.sliding[cell]
     return c[0] + d * (c[1] + d * (c[2] + d * c[3]))
 
@@ -67,12 +67,17 @@ def _limit_beyond_table(contact, w):
 def limit_and_slopes(contact, w):
     """s(w) as `limit`, 1/s, d(1/s)/dw and (d²(1/s)/dw²)/2 of the cubic pieces that w lies on; without factors, for w > 0."""
     bits = np.float64(w).view(np.int64)
-    cell = np.uint64((bits >> _FRACTION_BITS) - contact.first_cell)
-    if cell >= _ENTRIES:
+    cell = np.uint64((bits >> FRACTION_BITS) - contact.first_cell)
+    if cell >= ENTRIES:
         s = _limit_beyond_table(contact, w)
         return s, 1.0 / s, 0.0, 0.0
-    d = w - np.int64(bits & _START_MASK).view(np.float64)
-    c = contact.sliding[cell]
+    d = w - np.int64(bits & START_MASK).view(np.float64)
+    return cubics(d, contact.sliding[cell])
+
+
+@inlined
+def cubics(d, c):
+    """What `limit_and_slopes` returns, of the cubic pieces ``c`` (s, then 1/s) at d."""
     square = d * d
     high = fused(d, c[7], c[6])
     bend = fused(2.0 * d, c[7], high)

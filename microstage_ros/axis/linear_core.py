@@ -11,6 +11,8 @@ A *mode* is one combination of sticking blocks and backlash side; its matrices a
 first occurs and kept in the work arrays.
 """
 
+import math
+
 import numpy as np
 
 from microstage_ros.axis.compiled import compiled, internal, seldom
@@ -28,15 +30,26 @@ def new_work(*plants):
     """An empty work record for one thread that will step these plants (see `forget` between two of them).
 
     Without plants, or with one whose contact has a law that is not made of blocks, it serves any plant; the
-    step for blocks alone compiles in half the time. Its memory begins at a cache line.
+    step for blocks alone compiles in half the time.
     """
-    blocks = plants and not any(int(plant[contact]["law"]) for plant in plants for contact in ("actuator", "guideway"))
-    kind = WORK if blocks else LAW_WORK
-    space = np.zeros(kind.itemsize + 64, np.uint8)
-    skip = -space.ctypes.data % 64
-    work = space[skip : skip + kind.itemsize].view(kind)[0]
+    blocks = plants and not any(plant[contact]["law"] for plant in plants for contact in ("actuator", "guideway"))
+    work = aligned(WORK if blocks else LAW_WORK, 1)[0]
     forget(work)
     return work
+
+
+def new_works(count, plants):
+    """An array of ``count`` work records for an array of plants, each to be made ready by `forget`."""
+    blocks = not any(np.any(plants[contact]["law"]) for contact in ("actuator", "guideway"))
+    return aligned(WORK if blocks else LAW_WORK, count)
+
+
+def aligned(kind, *shape):
+    """Zeros that begin at a cache line."""
+    size = np.dtype(kind).itemsize * math.prod(shape)
+    space = np.zeros(size + 64, np.uint8)
+    skip = -space.ctypes.data % 64
+    return space[skip : skip + size].view(kind).reshape(shape)
 
 
 @compiled

@@ -1,12 +1,8 @@
-"""The axis answering a given voltage: the compiled loop without a controller, for one axis or many."""
-
-from concurrent.futures import ThreadPoolExecutor
+"""The axis answering a given voltage: the compiled loop without a controller (many axes at once: `side_by_side`)."""
 
 import numpy as np
 
 from microstage_ros.axis.compiled import compiled
-from microstage_ros.axis.linear_core import forget
-from microstage_ros.axis.period import as_array
 from microstage_ros.axis.plant import new_readings, new_state, new_work
 from microstage_ros.axis.sensors import sense
 from microstage_ros.axis.step import hold, note_friction
@@ -35,24 +31,3 @@ def respond(plant, voltage, seed=0, position=0.0, friction="virgin"):
     state = new_state(plant, seed, position, friction)
     run_open_loop(plant, state, new_work(plant), new_readings(), voltage, trace)
     return {name: trace[:, k] for k, name in enumerate(COLUMNS)}
-
-
-@compiled
-def _run_share(plants, states, works, voltage):
-    """The axes of one thread, one after the other."""
-    for k in range(len(plants)):
-        forget(works[0])
-        for n in range(voltage.size):
-            hold(plants[k], states[k], works[0], voltage[n])
-
-
-def respond_many(plants, voltage, states, threads=2):
-    """Advance many axes (arrays of `PLANT` and `STATE` records, states changed in place) by the same voltage.
-
-    ``threads``: the axes are shared out over this many threads; the result does not depend on it.
-    """
-    voltage = np.ascontiguousarray(voltage, float)
-    works = [as_array(new_work(*plants)) for _ in range(threads)]
-    shares = zip(np.array_split(plants, threads), np.array_split(states, threads), works)
-    with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(lambda share: _run_share(*share, voltage), shares))

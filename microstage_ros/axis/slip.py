@@ -16,20 +16,27 @@ What it leaves out is of the order of (G ε)²; up to `NEAR` it shows nowhere in
 
 import math
 
-from microstage_ros.axis.compiled import compiled
+from microstage_ros.axis.compiled import compiled, inlined
 from microstage_ros.axis.vectors import fused
 
+SERIES_END = 0.5
 NEAR = 1 / 8                   # largest change of the velocity over a chunk, relative, for `near`
 
 
 @compiled
 def decay(g):
     """exp(−g) for g ≥ 0: a series (to 1e-7, in Estrin's order, which a processor overlaps) where g is small."""
-    if g < 0.5:
-        square = g * g
-        high = fused(square, fused(g, -1 / 5040, 1 / 720), fused(g, -1 / 120, 1 / 24))
-        return fused(square, fused(square, high, fused(g, -1 / 6, 0.5)), 1.0 - g)
+    if g < SERIES_END:
+        return decay_series(g)
     return math.exp(-g)
+
+
+@inlined
+def decay_series(g):
+    """`decay` below `SERIES_END`."""
+    square = g * g
+    high = fused(square, fused(g, -1 / 5040, 1 / 720), fused(g, -1 / 120, 1 / 24))
+    return fused(square, fused(square, high, fused(g, -1 / 6, 0.5)), 1.0 - g)
 
 
 @compiled
@@ -51,8 +58,13 @@ def relax(attraction, f0, s0, s_mid, s1, h):
 @compiled(inline="always")
 def near(g, f0, s0):
     """(f(h/2), f(h)) at ε = 0, their derivatives by ε_m and ε_1, and exp(−G): (mid, mid_m, mid_1, end, end_m, end_1, fade)."""
+    return near_with(g, decay(0.5 * g), f0, s0)
+
+
+@inlined
+def near_with(g, half, f0, s0):
+    """`near`, E = exp(−G/2) given."""
     g_half = 0.5 * g
-    half = decay(g_half)
     rise = fused(g_half, fused(g_half, fused(g_half, 1 / 6, 0.5), 1.0), 1.0)     # 1/E, in a small term
     fade = half * half
     e = f0 - s0
@@ -60,3 +72,23 @@ def near(g, f0, s0):
     part = g * (1 / 24)
     eight = -8.0 * part * mid
     return mid, eight, part * fused(s0, rise, e * half), end, 2.0 * half * eight, -4.0 * part * end, fade
+
+
+@inlined
+def change_of_rate(s, slope, bend, turn):
+    """(k1, k2) of ε = k1 Δω + k2 Δω², from s, d(1/s)/dw, (d²(1/s)/dw²)/2 and dw/dω."""
+    return s * slope * turn, s * bend * (turn * turn)
+
+
+@inlined
+def slip_forces(course, k1, k2, to_mid, to_end):
+    """(f(h/2), f(h)) after the changes ``to_mid``, ``to_end`` of ω; ``course``: the first six of `near`."""
+    mid, mid_m, mid_1, end, end_m, end_1 = course
+    to_mid, to_end = to_mid * fused(k2, to_mid, k1), to_end * fused(k2, to_end, k1)
+    return fused(mid_m, to_mid, fused(mid_1, to_end, mid)), fused(end_m, to_mid, fused(end_1, to_end, end))
+
+
+@inlined
+def corrections(pull, f0, f_mid, f1, grow):
+    """What the parabola of the slip's torque pull·f through f0, f_mid, f1 adds to pull·(f0 + grow t/h): of t/h, of (t/h)²."""
+    return pull * (fused(4.0, f_mid, -f1) - fused(3.0, f0, grow)), pull * (fused(-4.0, f_mid, 2.0 * f0) + 2.0 * f1)

@@ -18,9 +18,9 @@ from microstage_ros.axis.contact import (
 from microstage_ros.axis.linear_core import F1, O_I, O_OMEGA, O_OMEGA_MID, O_THETA, O_V, O_X, T1, T2, TICKS, build_mode
 from microstage_ros.axis.other_laws import any_law, follow_law
 from microstage_ros.axis.records import LEVELS, SLOTS
-from microstage_ros.axis.slip import NEAR, decay, near, relax
+from microstage_ros.axis.slip import NEAR, change_of_rate, corrections, decay, near, relax, slip_forces
 from microstage_ros.axis.variability import vary
-from microstage_ros.axis.vectors import add_columns, fused, mode_rows
+from microstage_ros.axis.vectors import add_columns, mode_rows
 
 BEND = 2e-3                    # largest second difference of s(w) over a chunk, of the static limit
 FINEST_BEND = 7                # level below which a bend is no longer refined
@@ -47,15 +47,21 @@ def hold(plant, state, work, voltage):
     if plant.varies == 1:
         vary(plant, state)
     if plant.quick == 1:
-        state.voltage = u
-        whole = np.int64(0)      # not a literal: numba would compile once more for it
-        done = _chunk(plant, state, work, u, _slot(plant, state, work), whole, QUICK)
-        if done != DONE:
-            _walk(plant, state, work, u, whole, np.int64(TICKS), whole + (done == EVENT))
+        quick_period(plant, state, work, u)
     else:
         _advance_pieces(plant, state, work, u)
     state.time += plant.period
     state.periods += 1
+
+
+@woven
+def quick_period(plant, state, work, u):
+    """A period of a plant that is ``quick``, the amplifier at ``u``: in one chunk if it can be."""
+    state.voltage = u
+    whole = np.int64(0)      # not a literal: numba would compile once more for it
+    done = _chunk(plant, state, work, u, slot_of(plant, state, work), whole, QUICK)
+    if done != DONE:
+        _walk(plant, state, work, u, whole, np.int64(TICKS), whole + (done == EVENT))
 
 
 @internal
@@ -91,7 +97,7 @@ def note_friction(plant, state):
 
 
 @inlined
-def _slot(plant, state, work):
+def slot_of(plant, state, work):
     """Slot of the present mode, as it was left; looked up only if the matrices were dropped."""
     if work.slot < 0:
         work.slot = _mode(plant, state, work)
@@ -123,7 +129,7 @@ def _mode(plant, state, work):
 def _walk(plant, state, work, u, start, end, level):
     """Walk from tick ``start`` to tick ``end`` of the period with the amplifier at ``u``, beginning at ``level``."""
     seldom()
-    slot = _slot(plant, state, work)
+    slot = slot_of(plant, state, work)
     base = plant.base_level
     position = start
     event_before = end if level > base else np.int64(-1)       # a chunk that ends here is known to hold an event
@@ -194,7 +200,7 @@ def _chunk(plant, state, work, u, slot, level, quick):
         if smooth:      # all that does not wait for the voltage comes before it
             s, per_s, slope, bend = limit_and_slopes(a, abs(omega0) * plant.per_gear)
             level_factor, turn = ca.factor * direction_factor(a, ca.direction), ca.direction * plant.per_gear
-            k1, k2 = s * slope * turn, s * bend * (turn * turn)        # ε = k1 Δω + k2 Δω²
+            k1, k2 = change_of_rate(s, slope, bend, turn)
             mid, mid_m, mid_1, end, end_m, end_1, fade = near((a.attraction * h / level_factor) * per_s, f0, s * level_factor)
         elif math.isinf(a.attraction):
             f0 = _slip_level(a, ca, omega0 * plant.per_gear)
@@ -209,16 +215,14 @@ def _chunk(plant, state, work, u, slot, level, quick):
     if slipping:
         to_mid, to_end, reach = rows[O_OMEGA_MID] - omega0, rows[O_OMEGA] - omega0, NEAR * abs(omega0)
         if smooth and abs(to_mid) <= reach and abs(to_end) <= reach:
-            to_mid, to_end = to_mid * fused(k2, to_mid, k1), to_end * fused(k2, to_end, k1)
-            f_mid = fused(mid_m, to_mid, fused(mid_1, to_end, mid))
-            f1 = fused(end_m, to_mid, fused(end_1, to_end, end))
+            f_mid, f1 = slip_forces((mid, mid_m, mid_1, end, end_m, end_1), k1, k2, to_mid, to_end)
         elif quick:
             return COARSE
         else:
             f_mid, f1, fade, bent = _far(plant, ca, omega0, rows[O_OMEGA_MID], rows[O_OMEGA], f0, h)
             if bent and level < FINEST_BEND:
                 return COARSE
-        d1, d2 = pull * (fused(4.0, f_mid, -f1) - fused(3.0, f0, grow)), pull * (fused(-4.0, f_mid, 2.0 * f0) + 2.0 * f1)
+        d1, d2 = corrections(pull, f0, f_mid, f1, grow)
         rows = add_columns(rows, m, slot, level, T1, d1, T2, d2)
     if not quick and g.drops == 1 and cg.slip_weight > 0.0:
         rise = -cg.direction * cg.slip_weight * (_slip_level(g, cg, rows[O_V]) - cg.slip_force)

@@ -6,6 +6,7 @@ slowly), so a seed gives the same run everywhere.
 
 from llvmlite import ir
 from numba.core import cgutils, types
+from numba.core.datamodel import PrimitiveModel, register_default
 from numba.np.arrayobj import make_array
 
 from microstage_ros.axis.compiled import intrinsic
@@ -15,11 +16,44 @@ LANES = 4
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
 _PARTS = OUTPUTS // LANES
 _ROWS = 6                      # rows handed on: i ω θ v x and ω at the middle
+AXES = 8                   # axes that are stepped side by side, see `lanes`
+
+
+class Lanes(types.Type):
+    """A vector of float64, or of truth values, one per axis stepped side by side (`lanes`)."""
+
+    def __init__(self, element):
+        self.element = element
+        super().__init__(f"Lanes({element})")
+
+
+@register_default(Lanes)
+class _LanesModel(PrimitiveModel):
+    def __init__(self, dmm, fe_type):
+        element = ir.DoubleType() if fe_type.element == types.float64 else ir.IntType(1)
+        super().__init__(dmm, fe_type, ir.VectorType(element, AXES))
+
+
+LANES_TYPE, MASK_TYPE = Lanes(types.float64), Lanes(types.boolean)
+
+
+def lanes_of(builder, value):
+    """A vector with ``value`` in the lane of every axis."""
+    kind = ir.VectorType(ir.DoubleType(), AXES)
+    vector = builder.insert_element(ir.Constant(kind, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
+    return builder.shuffle_vector(vector, ir.Constant(kind, ir.Undefined), ir.Constant(ir.VectorType(ir.IntType(32), AXES), [0] * AXES))
 
 
 @intrinsic
 def fused(typingctx, a, b, c):
-    """a b + c, rounded once."""
+    """a b + c, rounded once; of numbers, or of lanes and numbers."""
+    if LANES_TYPE in (a, b, c):
+        def build_lanes(context, builder, signature, arguments):
+            kind = ir.FunctionType(arguments[0].type, [arguments[0].type] * 3)
+            return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.fma.v{AXES}f64"), arguments)
+
+        return LANES_TYPE(LANES_TYPE, LANES_TYPE, LANES_TYPE), build_lanes
+
     def build(context, builder, signature, arguments):
         return builder.fma(*arguments)
 

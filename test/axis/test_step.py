@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from microstage_ros.axis.open_loop import respond, respond_many
-from microstage_ros.axis.plant import NoiseSpec, make_plant, new_state
+from microstage_ros.axis.open_loop import COLUMNS, respond, run_open_loop
+from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
 from microstage_ros.axis.records import PLANT, STATE
+from microstage_ros.axis.side_by_side import respond_many
 
 from .brute_force import run as brute_force
 
@@ -43,6 +44,31 @@ def test_same_seed_same_bits_and_threads_do_not_matter(axis):
         respond_many(plants, voltage, states, threads)
         ends.append(states["x"].copy())
     assert np.array_equal(*ends) and len(set(ends[0])) == 6
+
+
+def test_axes_side_by_side_are_to_the_bit_what_each_is_alone(axis):
+    """Different axes and voltages through rest, breakaway and sliding; some with noise, one with an effect, and a group not full."""
+    noises = [NoiseSpec.none(), NoiseSpec(friction_relative=0.0), NoiseSpec.none()]
+    plants = np.zeros(21, PLANT)
+    for k in range(21):
+        values = {"drive.resistance": 3.41 * (1.0 + 0.01 * k), "contacts.actuator.static": 219e-6 * (1.0 + 0.02 * k)}
+        effects = {"direction_asymmetry": {"asymmetry": 0.1}} if k % 4 == 1 else {"cable_spring": {"stiffness_N_m": 50.0}} if k == 18 else {}
+        plants[k] = make_plant(axis.with_values(values), noises[k % 3], effects)
+    for name, voltage in SIGNALS.items():
+        states, alone = np.zeros(21, STATE), np.zeros(21, STATE)
+        for k in range(21):
+            states[k] = alone[k] = new_state(plants[k], k)
+        respond_many(plants, voltage, states, 1)
+        for k in range(21):
+            run_open_loop(plants[k], alone[k], new_work(plants[k]), new_readings(), voltage, np.empty((0, len(COLUMNS))))
+        assert _differences(states, alone) == [], name
+
+
+def _differences(a, b, name=""):
+    """Names of the fields in which two arrays of records differ."""
+    if a.dtype.names:
+        return [found for field in a.dtype.names for found in _differences(a[field], b[field], f"{name}.{field}")]
+    return [] if np.array_equal(a, b, equal_nan=True) else [name]
 
 
 def test_steady_sliding_balances_volts_and_newtons(quiet):

@@ -1,0 +1,314 @@
+"""Axes stepped side by side, one per lane of a processor's vector: the quiet periods of an ensemble.
+
+The chain from speed to slip force to speed leaves a processor waiting most of a period; in lanes the axes share the wait.
+A period that is quiet, one chunk without an event, is done for all lanes at once by the formulas of `step`. An axis with an event in it
+does that period alone (`step.quick_period`). Either way its result is, to the bit, what it would be by itself.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from microstage_ros.axis.compiled import compiled, inlined, internal, seldom, woven
+from microstage_ros.axis.contact import ENTRIES, FRACTION_BITS, START_MASK, cubics, direction_factor
+from microstage_ros.axis.lanes import LANES, choose, lanes_set, load, nearest, store, table_pieces
+from microstage_ros.axis.linear_core import F0, I, O_I, O_OMEGA, O_OMEGA_MID, O_THETA, O_V, O_X, OMEGA, T0, T1, T2, U, V, aligned, forget, new_works
+from microstage_ros.axis.random import normal
+from microstage_ros.axis.records import INPUTS
+from microstage_ros.axis.slip import NEAR, SERIES_END, change_of_rate, corrections, decay_series, near_with, slip_forces
+from microstage_ros.axis.step import hold, quick_period, slot_of
+from microstage_ros.axis.vectors import fused
+
+ROWS = 6
+ALL = (1 << LANES) - 1
+#: Rows of ``numbers`` (len(NUMBERS), LANES): the state, what a mode keeps, and the plants' own.
+NUMBERS = (
+    "current", "omega", "v", "theta", "x", "time", "voltage",
+    "a_force", "a_stiffness", "a_stretch", "a_ahead", "a_behind", "a_guard",
+    "g_force", "g_stiffness", "g_stretch", "g_ahead", "g_behind", "g_guard",
+    "slip_force", "slip_slope", "slip_offset", "slip_weight", "direction", "slip_level", "guide_slip", "guide_direction",
+    "period", "rate", "ratio", "per_gear", "spring", "push", "attraction",
+    "dac_range", "quantum", "per_quantum", "amplifier_offset", "gain", "limit", "noise",
+)
+(CURRENT, SPEED, STAGE_SPEED, THETA, X, TIME, VOLTAGE,
+ A_FORCE, A_STIFFNESS, A_STRETCH, A_AHEAD, A_BEHIND, A_GUARD, G_FORCE, G_STIFFNESS, G_STRETCH, G_AHEAD, G_BEHIND, G_GUARD,
+ SLIP_FORCE, SLIP_SLOPE, SLIP_OFFSET, SLIP_WEIGHT, DIRECTION, SLIP_LEVEL, GUIDE_SLIP, GUIDE_DIRECTION,
+ PERIOD, RATE, RATIO, PER_GEAR, SPRING, PUSH, ATTRACTION,
+ DAC_RANGE, QUANTUM, PER_QUANTUM, OFFSET, GAIN, LIMIT, NOISE) = range(len(NUMBERS))
+
+
+def respond_many(plants, voltage, states, threads=2):
+    """Advance many axes (arrays of `PLANT` and `STATE` records, states changed in place) by the same voltage.
+
+    ``threads``: the axes are shared out over this many threads; the result depends neither on it nor on the other axes.
+    """
+    voltage = np.ascontiguousarray(voltage, float)
+    works = [new_works(LANES, plants) for _ in range(threads)]
+    shares = zip(np.array_split(plants, threads), np.array_split(states, threads), works)
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(lambda share: run_share(*share, new_space(), voltage), shares))
+
+
+def new_space():
+    """(numbers, matrix, addresses and first cells of the tables) of one group of `LANES` axes."""
+    return aligned(float, len(NUMBERS), LANES), aligned(float, INPUTS * ROWS, LANES), aligned(np.int64, 2, LANES)
+
+
+@compiled
+def run_share(plants, states, works, space, voltage):
+    """Hold ``voltage`` [V] (one per period) on all axes, ``works``: `LANES` records, ``space``: `new_space`."""
+    first = 0
+    while first < len(plants):
+        count = min(LANES, len(plants) - first)
+        if count > 1 and _may_share(plants[first : first + count]):
+            _run_group(plants[first : first + count], states[first : first + count], works, space, voltage)
+        else:
+            count = 1
+            _run_alone(plants[first], states[first], works[0], voltage)
+        first += count
+
+
+@internal
+def _run_alone(plant, state, work, voltage):
+    seldom()
+    forget(work)
+    for n in range(voltage.size):
+        hold(plant, state, work, voltage[n])
+
+
+@internal
+def _may_share(plants):
+    """Whether these plants have nothing but what the lanes know."""
+    for plant in plants:
+        if plant.quick == 0 or plant.varies == 1 or plant.dead_half > 0.0:
+            return False
+    return True
+
+
+@internal
+def _run_group(plants, states, works, space, voltage):
+    seldom()
+    numbers, matrix, tables = space
+    rows, columns, places = numbers.ctypes.data, matrix.ctypes.data, tables.ctypes.data
+    numbers[:] = 0.0
+    matrix[:] = 0.0
+    for row in (A_AHEAD, A_BEHIND, A_GUARD, G_AHEAD, G_BEHIND, G_GUARD):       # a lane without an axis has no events
+        numbers[row] = np.inf
+    noisy = False
+    for k in range(len(plants)):
+        plant = plants[k]
+        forget(works[k])
+        tables[0, k], tables[1, k] = plant.actuator.sliding.ctypes.data, plant.actuator.first_cell
+        _take_plant(plant, numbers, k)
+        numbers[TIME, k] = states[k].time
+        _take(plant, states[k], works[k], numbers, matrix, k)
+        noisy |= plant.amplifier_noise > 0.0
+    for k in range(len(plants), LANES):
+        tables[:, k] = tables[:, 0]
+    for n in range(voltage.size):
+        if noisy:
+            for k in range(len(plants)):
+                if plants[k].amplifier_noise > 0.0:
+                    numbers[NOISE, k] = plants[k].amplifier_noise * normal(states[k].random)
+        ahead, f1, fade, rough = _period(rows, columns, places, voltage[n])
+        if rough:
+            _give(states, numbers, rough)
+        _keep(rows, ahead, f1, fade)
+        if rough:
+            _periods_alone(plants, states, works, numbers, matrix, rough)
+    _give(states, numbers, ALL)
+    for k in range(len(plants)):
+        states[k].time = numbers[TIME, k]
+        states[k].periods += voltage.size
+
+
+@internal
+def _periods_alone(plants, states, works, numbers, matrix, which):
+    """The period of the lanes ``which`` (bit k: lane k), whose states are as at its start."""
+    seldom()
+    for k in range(len(plants)):
+        if (which >> k) & 1:
+            quick_period(plants[k], states[k], works[k], numbers[VOLTAGE, k])
+            _take(plants[k], states[k], works[k], numbers, matrix, k)
+
+
+@internal
+def _take_plant(plant, numbers, k):
+    """The plant's numbers into lane k."""
+    numbers[PERIOD, k], numbers[RATE, k], numbers[RATIO, k], numbers[PER_GEAR, k] = plant.period, plant.rate, plant.ratio, plant.per_gear
+    numbers[SPRING, k], numbers[PUSH, k], numbers[ATTRACTION, k] = plant.stiffness, plant.push, plant.actuator.attraction
+    numbers[DAC_RANGE, k], numbers[QUANTUM, k], numbers[PER_QUANTUM, k] = plant.dac_range, plant.quantum, plant.per_quantum
+    numbers[OFFSET, k], numbers[GAIN, k], numbers[LIMIT, k] = plant.amplifier_offset, plant.gain, plant.limit
+
+
+@internal
+def _take(plant, state, work, numbers, matrix, k):
+    """The state and its mode's matrix of a whole period into lane k."""
+    seldom()
+    ca, cg = state.actuator, state.guideway
+    numbers[CURRENT, k], numbers[SPEED, k], numbers[STAGE_SPEED, k] = state.current, state.omega, state.v
+    numbers[THETA, k], numbers[X, k] = state.theta, state.x
+    _take_contact(ca, numbers, A_FORCE, k)
+    _take_contact(cg, numbers, G_FORCE, k)
+    numbers[SLIP_FORCE, k], numbers[SLIP_SLOPE, k], numbers[SLIP_OFFSET, k] = ca.slip_force, ca.slip_slope, ca.slip_offset
+    numbers[SLIP_WEIGHT, k], numbers[DIRECTION, k] = ca.slip_weight, ca.direction if ca.slip_weight > 0.0 else 0.0
+    numbers[SLIP_LEVEL, k] = ca.factor * direction_factor(plant.actuator, ca.direction)
+    numbers[GUIDE_SLIP, k] = cg.direction * cg.slip_weight * cg.slip_force
+    numbers[GUIDE_DIRECTION, k] = cg.direction if cg.slip_weight > 0.0 else 0.0
+    slot = slot_of(plant, state, work)
+    for j in range(INPUTS):
+        for row in range(ROWS):
+            matrix[j * ROWS + row, k] = work.matrix[slot, 0, j, row]
+
+
+@internal
+def _take_contact(c, numbers, first, k):
+    sticks = c.mask != 0
+    numbers[first, k], numbers[first + 1, k], numbers[first + 2, k] = c.stuck_weight_force, c.stuck_stiffness, c.stretch
+    numbers[first + 3, k] = c.ahead if sticks else np.inf
+    numbers[first + 4, k] = c.behind if sticks else np.inf
+    numbers[first + 5, k] = c.guard if sticks else np.inf
+
+
+@internal
+def _give(states, numbers, which):
+    """The lanes ``which`` (bit k: lane k) back into their states."""
+    seldom()
+    for k in range(len(states)):
+        if (which >> k) & 1 == 0:
+            continue
+        state = states[k]
+        state.current, state.omega, state.v = numbers[CURRENT, k], numbers[SPEED, k], numbers[STAGE_SPEED, k]
+        state.theta, state.x, state.voltage = numbers[THETA, k], numbers[X, k], numbers[VOLTAGE, k]
+        _give_contact(state.actuator, numbers, A_FORCE, k)
+        _give_contact(state.guideway, numbers, G_FORCE, k)
+        state.actuator.slip_force, state.actuator.slip_slope = numbers[SLIP_FORCE, k], numbers[SLIP_SLOPE, k]
+        state.actuator.slip_offset = numbers[SLIP_OFFSET, k]
+
+
+@internal
+def _give_contact(c, numbers, first, k):
+    if c.mask != 0:
+        c.stuck_weight_force, c.stretch = numbers[first, k], numbers[first + 2, k]
+        c.ahead, c.behind = numbers[first + 3, k], numbers[first + 4, k]
+
+
+@woven
+def _period(numbers, matrix, tables, voltage):
+    """One period of all lanes: (rows, slip force, decay of its offsets, lanes that are not quiet: bit k, lane k)."""
+    u = _amplified(numbers, voltage)
+    omega0, v0, direction, h = load(numbers, SPEED), load(numbers, STAGE_SPEED), load(numbers, DIRECTION), load(numbers, PERIOD)
+    spring = load(numbers, SPRING) * (load(numbers, RATIO) * load(numbers, THETA) - load(numbers, X))
+    pull, f0 = -direction * load(numbers, SLIP_WEIGHT), load(numbers, SLIP_FORCE)
+    grow = load(numbers, SLIP_SLOPE) * h
+    t0 = (-load(numbers, A_FORCE) - load(numbers, RATIO) * spring) + pull * f0
+    push = (load(numbers, PUSH) - load(numbers, G_FORCE) + spring) - load(numbers, GUIDE_SLIP)
+    rows = _rows(matrix, load(numbers, CURRENT), omega0, v0, u, t0, pull * grow, push)
+    quiet, f1, fade = direction == direction, f0, load(numbers, SLIP_OFFSET)
+    if lanes_set(direction == 0.0) != ALL:
+        rows, quiet, f1, fade = _slip(numbers, matrix, tables, rows, omega0, direction, pull, f0, grow, h)
+    rough = ALL - lanes_set(quiet & _no_event(numbers, rows))
+    return rows, f1, fade, rough
+
+
+@inlined
+def _amplified(numbers, voltage):
+    """`amplifier.amplifier_output`."""
+    span, quantum, limit = load(numbers, DAC_RANGE), load(numbers, QUANTUM), load(numbers, LIMIT)
+    u = _clipped(voltage, span)
+    u = choose(quantum > 0.0, quantum * nearest(u * load(numbers, PER_QUANTUM)), u)
+    u = _clipped((u + load(numbers, OFFSET)) * load(numbers, GAIN) + load(numbers, NOISE), limit)
+    store(numbers, VOLTAGE, u)
+    return u
+
+
+@inlined
+def _clipped(u, limit):
+    low = choose(limit > u, u, limit)
+    return choose(-limit < low, low, -limit)
+
+
+@inlined
+def _rows(matrix, i, omega, v, u, t0, t1, f0):
+    """`vectors.mode_rows`."""
+    return (
+        _row(matrix, O_I, i, omega, v, u, t0, t1, f0), _row(matrix, O_OMEGA, i, omega, v, u, t0, t1, f0),
+        _row(matrix, O_THETA, i, omega, v, u, t0, t1, f0), _row(matrix, O_V, i, omega, v, u, t0, t1, f0),
+        _row(matrix, O_X, i, omega, v, u, t0, t1, f0), _row(matrix, O_OMEGA_MID, i, omega, v, u, t0, t1, f0),
+    )
+
+
+@inlined
+def _row(matrix, row, i, omega, v, u, t0, t1, f0):
+    state = fused(_at(matrix, V, row), v, fused(_at(matrix, OMEGA, row), omega, _at(matrix, I, row) * i))
+    driven = fused(_at(matrix, T0, row), t0, fused(_at(matrix, F0, row), f0, _at(matrix, T1, row) * t1))
+    return fused(_at(matrix, U, row), u, state + driven)
+
+
+@inlined
+def _at(matrix, column, row):
+    return load(matrix, column * ROWS + row)
+
+
+@inlined
+def _slip(numbers, matrix, tables, rows, omega0, direction, pull, f0, grow, h):
+    """(rows, lanes that `slip.near` holds for, slip force at the end, decay of the offsets), as in `step._chunk`."""
+    pieces = table_pieces(tables, abs(omega0) * load(numbers, PER_GEAR), FRACTION_BITS, START_MASK, ENTRIES)
+    s, per_s, slope, bend = cubics(pieces[1], pieces[2:])
+    level = load(numbers, SLIP_LEVEL)
+    k1, k2 = change_of_rate(s, slope, bend, direction * load(numbers, PER_GEAR))
+    g = (load(numbers, ATTRACTION) * h / level) * per_s
+    course = near_with(g, decay_series(0.5 * g), f0, s * level)
+    to_mid, to_end, reach = rows[O_OMEGA_MID] - omega0, rows[O_OMEGA] - omega0, NEAR * abs(omega0)
+    f_mid, f1 = slip_forces(course[:6], k1, k2, to_mid, to_end)
+    d1, d2 = corrections(pull, f0, f_mid, f1, grow)
+    slips = ~(direction == 0.0)
+    near = pieces[0] & (0.5 * g < SERIES_END) & (abs(to_mid) <= reach) & (abs(to_end) <= reach)
+    d1, d2 = choose(slips, d1, 0.0), choose(slips, d2, 0.0)
+    offset = load(numbers, SLIP_OFFSET)
+    return (
+        (_corrected(matrix, O_I, rows, d1, d2), _corrected(matrix, O_OMEGA, rows, d1, d2), _corrected(matrix, O_THETA, rows, d1, d2),
+         _corrected(matrix, O_V, rows, d1, d2), _corrected(matrix, O_X, rows, d1, d2), rows[O_OMEGA_MID]),
+        near | ~slips, choose(slips, f1, f0), choose(slips, offset * course[6], offset),
+    )
+
+
+@inlined
+def _corrected(matrix, row, rows, d1, d2):
+    return fused(_at(matrix, T2, row), d2, fused(_at(matrix, T1, row), d1, rows[row]))
+
+
+@inlined
+def _no_event(numbers, rows):
+    """Lanes without a reversal in slip and, for certain, without a block at its limit; see `step._event`."""
+    on = rows[O_OMEGA] * load(numbers, DIRECTION) >= 0.0
+    on = on & (rows[O_V] * load(numbers, GUIDE_DIRECTION) >= 0.0)
+    turned, per_gear = rows[O_THETA] * load(numbers, PER_GEAR), load(numbers, PER_GEAR)
+    on = on & (turned < load(numbers, A_AHEAD)) & (-turned < load(numbers, A_BEHIND)) & (abs(rows[O_OMEGA] * per_gear) < load(numbers, A_GUARD))
+    return on & (rows[O_X] < load(numbers, G_AHEAD)) & (-rows[O_X] < load(numbers, G_BEHIND)) & (abs(rows[O_V]) < load(numbers, G_GUARD))
+
+
+@inlined
+def _keep(numbers, rows, f1, fade):
+    """`step._accept`."""
+    f0 = load(numbers, SLIP_FORCE)
+    store(numbers, CURRENT, rows[O_I])
+    store(numbers, SPEED, rows[O_OMEGA])
+    store(numbers, STAGE_SPEED, rows[O_V])
+    store(numbers, THETA, load(numbers, THETA) + rows[O_THETA])
+    store(numbers, X, load(numbers, X) + rows[O_X])
+    _move_stuck(numbers, A_FORCE, rows[O_THETA] * load(numbers, PER_GEAR))
+    _move_stuck(numbers, G_FORCE, rows[O_X])
+    store(numbers, SLIP_FORCE, f1)
+    store(numbers, SLIP_SLOPE, (f1 - f0) * load(numbers, RATE))
+    store(numbers, SLIP_OFFSET, fade)
+    store(numbers, TIME, load(numbers, TIME) + load(numbers, PERIOD))
+
+
+@inlined
+def _move_stuck(numbers, first, travel):
+    """`contact.move_stuck`."""
+    store(numbers, first, load(numbers, first) + load(numbers, first + 1) * travel)
+    store(numbers, first + 2, load(numbers, first + 2) + travel)
+    store(numbers, first + 3, load(numbers, first + 3) - travel)
+    store(numbers, first + 4, load(numbers, first + 4) + travel)
