@@ -9,6 +9,7 @@ import math
 
 from microstage_ros.axis.compiled import compiled
 
+JOLT_TIME = 1e-2  # s, for which a jolt is remembered
 LAGS = 4  # voltage delays told apart, in periods
 
 
@@ -18,15 +19,20 @@ def forget_drive(p, s):
     s.learned[0] = 1.0
     s.learned[1] = 0.0
     s.learned[2] = 1.0
-    s.learned_variance[0] = p.resistance_spread * p.resistance_spread
-    s.learned_variance[1] = p.zero_spread * p.zero_spread
-    s.learned_variance[2] = p.emf_spread * p.emf_spread
+    s.learned_covariance[:] = 0.0
+    s.learned_covariance[0, 0] = p.resistance_spread * p.resistance_spread
+    s.learned_covariance[1, 1] = p.zero_spread * p.zero_spread
+    s.learned_covariance[2, 2] = p.emf_spread * p.emf_spread
     s.shift[:] = 0.0
+    s.jolt = 0.0
 
 
 @compiled
 def find_lag(s, voltage, step):
-    """Which past voltage the current follows, from its newest ``step`` [A]; keeps the voltages [V]."""
+    """Which past voltage the current follows, from its newest ``step`` [A]; keeps the voltages [V].
+
+    True if it is another one than before.
+    """
     for j in range(LAGS, 0, -1):
         s.voltages[j] = s.voltages[j - 1]
     s.voltages[0] = voltage
@@ -37,8 +43,10 @@ def find_lag(s, voltage, step):
             best = j
     change = s.voltages[0] - s.voltages[1]
     s.excitation += 0.01 * (change * change - s.excitation)
-    if s.excitation > 1e-6:  # 1 mV rms of steps: enough to tell
-        s.lag = best
+    if s.excitation < 1e-6 or best == s.lag:  # 1 mV rms of steps: enough to tell
+        return False
+    s.lag = best
+    return True
 
 
 @compiled
@@ -53,7 +61,7 @@ def settled_drop(model, s, period, current):
 
 @compiled
 def learn_drive(p, model, s, period, drop, position, speed, trust):
-    """Learn R and the amplifier's zero from the innovations of position [m] and speed [m/s].
+    """Learn R, the amplifier's zero and the back-EMF from the innovations of position [m] and speed [m/s].
 
     Friedland's two-stage filter: ``shift`` is how far a wrong R (or zero) has led x, v and d astray, so both
     innovations are known multiples of that error. Takes the learned part out of x, v, d.
@@ -62,34 +70,16 @@ def learn_drive(p, model, s, period, drop, position, speed, trust):
     noise_v = p.voltage_noise / model.volts_per_velocity
     noise_v *= noise_v
     # while the encoder is far beyond its noise, something else is going on (backlash, a jolt): learn less
-    doubt = max(1.0, abs(position) / (5.0 * p.encoder_noise))
+    s.jolt = max(abs(position), s.jolt * (1.0 - min(period / JOLT_TIME, 1.0)))
+    doubt = max(1.0, s.jolt / (5.0 * p.encoder_noise))
     noise_x *= doubt * doubt
     noise_v *= doubt * doubt
+    follow_shift(p, model, s, period, drop, trust)
     for k in range(3):
-        shift = s.shift[k]
-        spread, direct = p.resistance_spread, drop / model.volts_per_velocity
-        if k == 1:
-            spread, direct = p.zero_spread, 1.0 / model.volts_per_velocity
-        elif k == 2:
-            spread, direct = p.emf_spread, s.v
-        shift[0] += shift[1] * period
-        shift[1] -= shift[2] * period
-        of_position = -shift[0]
-        of_speed = direct - shift[1]
-        for j in range(3):
-            shift[j] += (trust * p.motion_gain[j, 0] + (1.0 - trust) * p.encoder_gain[j]) * of_position
-            shift[j] += trust * p.motion_gain[j, 1] * of_speed
-        variance = s.learned_variance[k] + spread * spread * period / p.forgetting_time
-        information = of_position * of_position / noise_x + of_speed * of_speed / noise_v
-        variance /= 1.0 + variance * information
-        s.learned_variance[k] = variance
-        change = variance * (of_position * position / noise_x + of_speed * speed / noise_v)
-        s.learned[k] += change
-        s.x -= shift[0] * change
-        s.v -= shift[1] * change
-        s.d -= shift[2] * change
-        position -= of_position * change
-        speed -= of_speed * change
+        spread = p.resistance_spread if k == 0 else (p.zero_spread if k == 1 else p.emf_spread)
+        s.learned_covariance[k, k] += spread * spread * period / p.forgetting_time
+    speed -= take_in(s, s.of_position, s.of_speed, position, noise_x)
+    take_in(s, s.of_speed, s.of_position, speed, noise_v)
     s.learned[0] = min(max(s.learned[0], 0.3), 3.0)
     s.learned[1] = min(max(s.learned[1], -1.0), 1.0)
     # a gain of the amplifier looks like both R and back-EMF, a warm winding like R alone; the motor itself hardly changes
@@ -98,17 +88,64 @@ def learn_drive(p, model, s, period, drop, position, speed, trust):
 
 
 @compiled
-def trust_in_speed(p, model, s, drop):
-    """1 if the back-EMF is as good as the amplifier's noise, towards 0 while R and zero are not known."""
-    noise = p.voltage_noise * p.voltage_noise
-    emf = model.volts_per_velocity * s.v
-    doubt = s.learned_variance[0] * drop * drop + s.learned_variance[1] + s.learned_variance[2] * emf * emf
-    return noise / (noise + doubt)
+def follow_shift(p, model, s, period, drop, trust):
+    """One period of ``shift``, and by how much each innovation changes per unit error of what is learned."""
+    emf = model.volts_per_velocity
+    for k in range(3):
+        shift = s.shift[k]
+        direct = drop / emf if k == 0 else (1.0 / emf if k == 1 else s.v)
+        shift[0] += shift[1] * period
+        shift[1] -= shift[2] * period
+        s.of_position[k] = -shift[0]
+        s.of_speed[k] = direct - shift[1]
+        for j in range(3):
+            shift[j] += (trust * p.motion_gain[j, 0] + (1.0 - trust) * p.encoder_gain[j]) * s.of_position[k]
+            shift[j] += trust * p.motion_gain[j, 1] * s.of_speed[k]
 
 
 @compiled
-def doubt_in_speed(p, model, s, drop):
+def take_in(s, along, other, innovation, noise):
+    """Scalar Kalman step of what is learned: ``innovation`` = along . error + noise of that variance.
+
+    Returns by how much the innovation that goes with ``other`` becomes smaller.
+    """
+    c = s.learned_covariance
+    g0 = c[0, 0] * along[0] + c[0, 1] * along[1] + c[0, 2] * along[2]
+    g1 = c[0, 1] * along[0] + c[1, 1] * along[1] + c[1, 2] * along[2]
+    g2 = c[0, 2] * along[0] + c[1, 2] * along[1] + c[2, 2] * along[2]
+    part = 1.0 / (along[0] * g0 + along[1] * g1 + along[2] * g2 + noise)
+    c[0, 0] -= part * g0 * g0
+    c[0, 1] -= part * g0 * g1
+    c[0, 2] -= part * g0 * g2
+    c[1, 1] -= part * g1 * g1
+    c[1, 2] -= part * g1 * g2
+    c[2, 2] -= part * g2 * g2
+    part *= innovation
+    s.learned[0] += part * g0
+    s.learned[1] += part * g1
+    s.learned[2] += part * g2
+    s.x -= part * (g0 * s.shift[0, 0] + g1 * s.shift[1, 0] + g2 * s.shift[2, 0])
+    s.v -= part * (g0 * s.shift[0, 1] + g1 * s.shift[1, 1] + g2 * s.shift[2, 1])
+    s.d -= part * (g0 * s.shift[0, 2] + g1 * s.shift[1, 2] + g2 * s.shift[2, 2])
+    return part * (g0 * other[0] + g1 * other[1] + g2 * other[2])
+
+
+@compiled
+def trust_in_speed(p, model, s, drop):
+    """1 if the back-EMF is as good as the amplifier's noise, towards 0 while R and zero are not known."""
+    noise = p.voltage_noise * p.voltage_noise
+    return noise / (noise + voltage_variance(model, s, drop))
+
+
+@compiled
+def doubt_in_speed(model, s, drop):
     """Standard deviation [m/s] that R, zero and back-EMF leave in the speed."""
-    emf = model.volts_per_velocity * s.v
-    doubt = s.learned_variance[0] * drop * drop + s.learned_variance[1] + s.learned_variance[2] * emf * emf
-    return math.sqrt(doubt) / model.volts_per_velocity
+    return math.sqrt(voltage_variance(model, s, drop)) / model.volts_per_velocity
+
+
+@compiled
+def voltage_variance(model, s, drop):
+    """Variance [V^2] that R, zero and back-EMF leave in the voltage behind the back-EMF."""
+    c, emf = s.learned_covariance, model.volts_per_velocity * s.v
+    found = c[0, 0] * drop * drop + c[1, 1] + c[2, 2] * emf * emf
+    return max(found + 2.0 * (c[0, 1] * drop + c[0, 2] * drop * emf + c[1, 2] * emf), 0.0)

@@ -69,7 +69,10 @@ STATE_FIELDS = [
     ("current", "f8"),  # A, of the period before
     ("acceleration", "f8"),  # m/s^2, of the period before
     ("learned", "f8", 3),  # R over nominal [1], zero of the amplifier [V], back-EMF over nominal [1]
-    ("learned_variance", "f8", 3),
+    ("learned_covariance", "f8", (3, 3)),  # of their errors; the upper triangle is kept
+    ("jolt", "f8"),  # m, largest innovation of the position of late
+    ("of_position", "f8", 3),  # change of the position's innovation per unit error of what is learned
+    ("of_speed", "f8", 3),
     ("shift", "f8", (3, 3)),  # how far x, v, d are off per unit error of what is learned
     ("voltages", "f8", LAGS + 1),  # V, newest first
     ("answers", "f8", LAGS),  # correlation of current steps with voltage steps, by lag
@@ -256,7 +259,8 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     """One control period: ``encoder`` [m] and ``current`` [A] of now, ``voltage`` [V] held until now."""
     senses = model.force_per_ampere > 0.0 and math.isfinite(current)
     if senses:
-        find_lag(s, voltage, current - s.current)
+        if find_lag(s, voltage, current - s.current):
+            forget_drive(p, s)  # learned from voltages of another period
         # within the period the current falls as the back-EMF rises: the mean is above the newest value
         slack = 0.5 * model.volts_per_velocity * s.acceleration * period / model.resistance
         rest = math.exp(-period / model.settling)
@@ -283,7 +287,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         lost_motion.watch_lead(s, period, encoder, motor_speed, speed)
         if s.contact == TOUCHING:
             force = s.guideway_friction + model.offset_force + model.mass * s.acceleration
-            doubt = doubt_in_speed(p, model, s, drop)
+            doubt = doubt_in_speed(model, s, drop)
             if lost_motion.watch_contact(p, s, force, model.guideway[0], doubt):
                 forget_drive(p, s)
         elif lost_motion.cross(p, s, period, position):
