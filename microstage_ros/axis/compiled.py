@@ -12,11 +12,17 @@ import os
 import pathlib
 import sys
 
-import numba
-from numba.extending import intrinsic, overload  # noqa: F401  (the rest of the package has them from here)
+_hidden = sys.modules.setdefault("coverage", None) is None  # numba loads it where it is installed, 0.1 s, for nothing here
+import numba  # noqa: E402
+from numba.core.runtime import rtsys  # noqa: E402
+from numba.extending import intrinsic, overload  # noqa: E402, F401  (the rest of the package has them from here)
+
+if _hidden:
+    del sys.modules["coverage"]
 
 PACKAGE = pathlib.Path(__file__).resolve().parent.parent
-ROOMS_BELOW = {"axis": ("axis",), "control": ("axis", "control")}  # any other room: all
+ROOMS_BELOW = {"axis": ("axis",), "control": ("axis", "control"), "nodes": ("axis", "control", "nodes")}
+"""Rooms whose compiled code a room's own may call; of any other room: all."""
 
 
 @functools.lru_cache
@@ -63,7 +69,21 @@ def compiled(function=None, **options):
     numba.config.CACHE_DIR = cache_folder(room)  # numba reads it when the decorator runs
     usual = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True,
              "forceinline": False}         # said, or numba passes a caller's on to all that it calls
-    return numba.njit(**{**usual, **options})(function)
+    dispatcher = numba.njit(**{**usual, **options})(function)
+    cache = getattr(dispatcher, "_cache", None)
+    if hasattr(cache, "_load_overload"):  # numba as we know it
+        cache.load_overload = functools.partial(_load, cache)
+    return dispatcher
+
+
+def _load(cache, signature, context):
+    """What numba's cache does when asked for compiled code, less the 0.4 s of loading all that a compiler needs.
+
+    Where the cache has nothing, the compiler loads it.
+    """
+    rtsys.initialize(context)
+    with cache._guard_against_spurious_io_errors():
+        return cache._load_overload(signature, context)
 
 
 def internal(function=None, **options):

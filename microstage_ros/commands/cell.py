@@ -38,9 +38,6 @@ def main(argv=None):
 
 
 def _run(arguments):
-    import rclpy
-    from rclpy.signals import SignalHandlerOptions
-
     from microstage_ros.nodes.cell_processes import NODES, CellFailure, CellProcesses
 
     print(which_ros(), file=sys.stderr)
@@ -57,11 +54,13 @@ def _run(arguments):
                   "bag_recorder": {"directory": str(arguments.record),
                                    "log_time": "stamp" if arguments.mode == "lockstep" else "arrival"}}
     nodes = NODES if arguments.record else tuple(name for name in NODES if name != "bag_recorder")
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    node = rclpy.create_node("cell", namespace=arguments.namespace)
     try:
         with CellProcesses(arguments.namespace, nodes, parameters) as cell:
-            cell.activate(node)
+            import rclpy  # while the nodes start
+            from rclpy.signals import SignalHandlerOptions
+
+            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+            cell.activate(rclpy.create_node("cell", namespace=arguments.namespace))
             print(f"{arguments.namespace} is active ({len(nodes)} nodes, {arguments.mode}, simulated). "
                   f"In another terminal: ./microstage move --to 1e-5. Ctrl-C stops it.", flush=True)
             while True:
@@ -72,5 +71,3 @@ def _run(arguments):
     except CellFailure as failure:
         print(failure, file=sys.stderr)
         return 1
-    finally:
-        rclpy.try_shutdown()

@@ -23,7 +23,7 @@ from microstage_ros.nodes import topics
 from microstage_ros.nodes.blocks import Sender
 from microstage_ros.nodes.codec import Codec
 from microstage_ros.nodes.credit import CreditReader, Ledger
-from microstage_ros.nodes.driver_loop import QuickPeriods, timing
+from microstage_ros.nodes.driver_loop import QuickPeriods, load, timing
 from microstage_ros.nodes.driver_periods import SLICE, DriverPeriods
 from microstage_ros.nodes.driver_topics import DriverTopics
 from microstage_ros.nodes.parameters import Parameters, yaml_mapping
@@ -73,7 +73,7 @@ class AxisDriver(DriverPeriods, LifecycleNode):
         if quick:
             self._quick = QuickPeriods(servo, self._commands, side.semaphore, self.topics, self.gate, self._requests.asked,
                                        self.responses, self._settings())
-            self._quick.compile(self.hardware.own_arrays)
+            load(self.hardware.own_arrays)
             self._sender = Sender(self.topics.outlets, side.semaphore, self._credits.take)
         self.create_service(Trigger, topics.RESET_FAULT, self._reset_fault)
         self.create_timer(1.0, self._once_per_second)
@@ -169,6 +169,11 @@ class AxisDriver(DriverPeriods, LifecycleNode):
         if self._quick is not None:
             self._sender.stop()
         self.topics.flush()
+
+
+def warm_up():
+    """Load compiled code for who forks this node."""
+    load(make_hardware("simulated", Setup(load_axis(config_file("axis.yaml")), 1, {})).own_arrays)
 
 
 def main(arguments=None):

@@ -20,7 +20,7 @@ from microstage_ros.axis.errors import InputError
 from microstage_ros.nodes import topics
 from microstage_ros.nodes.blocks import Stream
 from microstage_ros.nodes.codec import Codec, stamps_ns
-from microstage_ros.nodes.credit import Granter
+from microstage_ros.nodes.credit import Granter, repeat_after
 from microstage_ros.nodes.node_parameters import ParameterCollector
 from microstage_ros.nodes.parameters import Parameters, yaml_mapping
 from microstage_ros.nodes.process import run_node, running
@@ -154,7 +154,7 @@ class BagRecorder(Node):
         """Credit as far as the window goes, once all servo topics have their publisher."""
         state = self._tracks.get(self._prefix + topics.STATE)
         until = (state.last if state else -1) + self.parameters.window
-        if until <= self._granter.until + self.parameters.window // 4 and now - self._granted < 0.5:
+        if until <= self._granter.until + self.parameters.window // 4 and now - self._granted < repeat_after(state.last if state else -1):
             return
         if all(track.stream.publishers for track in self._tracks.values() if isinstance(track, ServoTrack)):
             self._granted = now

@@ -7,17 +7,15 @@
 import os
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
 
-import rclpy
 import yaml
-from lifecycle_msgs.msg import State, Transition
-from lifecycle_msgs.srv import ChangeState, GetState
 
-NODES = ("str_controller", "gms_observer", "interferometer_logger", "move_server", "bag_recorder", "axis_driver")
+from microstage_ros.nodes.forked import ForkedNodes
+
+NODES = ("axis_driver", "str_controller", "gms_observer", "interferometer_logger", "move_server", "bag_recorder")
 """All nodes of an axis, in the order in which they are started."""
 
 READERS = {
@@ -33,7 +31,8 @@ READERS = {
 
 STOP_WAIT = 20.0
 START_WAIT = 240.0
-ASK_AGAIN = 3.0
+ASK_AGAIN, LONGEST_PATIENCE = 0.2, 3.0
+"""A request that is not answered is made again after so long [s], then after twice as long, up to the second."""
 
 
 class CellFailure(RuntimeError):
@@ -91,7 +90,7 @@ class CellProcesses:
         self._parameters = started_parameters(nodes, parameters or {})
         self._logs = None if logs is None else Path(logs)
         self.processes = {}
-        self._folder = None
+        self._folder = self._forked = None
 
     def __enter__(self):
         self.start()
@@ -105,22 +104,20 @@ class CellProcesses:
         self._folder = tempfile.TemporaryDirectory(prefix="microstage_")
         if self._logs:
             self._logs.mkdir(parents=True, exist_ok=True)
-        for name in self.nodes:
-            self._start(name)
+        self._forked = ForkedNodes([self._node(name) for name in self.nodes], self._log("fork_server"))
+        self.processes = dict(self._forked.processes)
 
-    def _start(self, name):
-        path = Path(self._folder.name) / f"{name}.yaml"
-        path.write_text(yaml.safe_dump({"/**": {"ros__parameters": self._parameters[name]}})
-                        if self._parameters[name] else "{}", encoding="utf-8")
-        command = [sys.executable, "-m", f"microstage_ros.nodes.{name}", "--ros-args", "-r", f"__ns:={self.namespace}"]
+    def _log(self, name):
+        return str(self._logs.resolve() / f"{name}.log") if self._logs else None
+
+    def _node(self, name):
+        """What the fork server must know of a node."""
+        arguments = ["--ros-args", "-r", f"__ns:={self.namespace}"]
         if self._parameters[name]:
-            command += ["--params-file", str(path)]
-        output = open(self._logs / f"{name}.log", "wb") if self._logs else None
-        self.processes[name] = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT if output else None,
-            start_new_session=True, env={**os.environ, "NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"})
-        if output:
-            output.close()
+            path = Path(self._folder.name) / f"{name}.yaml"
+            path.write_text(yaml.safe_dump({"/**": {"ros__parameters": self._parameters[name]}}), encoding="utf-8")
+            arguments += ["--params-file", str(path)]
+        return {"name": name, "arguments": arguments, "log": self._log(name)}
 
     def check(self):
         """Raise `CellFailure` if a process has ended."""
@@ -129,41 +126,54 @@ class CellProcesses:
                 raise CellFailure(f"{name} ended with status {process.returncode}{self._last_words(name)}")
 
     def _last_words(self, name):
-        if not self._logs:
+        log = self._log(name)
+        if log is None:
             return ""
-        lines = (self._logs / f"{name}.log").read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        if not Path(log).exists():  # the server failed before it began any node
+            log = self._log("fork_server")
+        lines = Path(log).read_text(encoding="utf-8", errors="replace").strip().splitlines()
         return f": {lines[-1]}" if lines else ""
 
     def activate(self, node):
         """Configure and activate the driver, through ``node``. Raises `CellFailure`."""
+        from lifecycle_msgs.msg import State, Transition
+
         self._transition(node, Transition.TRANSITION_CONFIGURE, State.PRIMARY_STATE_INACTIVE, "configured")
         self._transition(node, Transition.TRANSITION_ACTIVATE, State.PRIMARY_STATE_ACTIVE, "activated")
 
     def deactivate(self, node):
         """Deactivate the driver: zero voltage."""
+        from lifecycle_msgs.msg import State, Transition
+
         self._transition(node, Transition.TRANSITION_DEACTIVATE, State.PRIMARY_STATE_INACTIVE, "deactivated")
 
     def _transition(self, node, transition, wanted, done):
         """One lifecycle transition, asked for again if the answer was lost while processes discover each other."""
+        from lifecycle_msgs.msg import Transition
+        from lifecycle_msgs.srv import ChangeState, GetState
+
         change = node.create_client(ChangeState, f"{self.namespace}/axis_driver/change_state")
         look = node.create_client(GetState, f"{self.namespace}/axis_driver/get_state")
         request = ChangeState.Request(transition=Transition(id=transition))
-        end = time.monotonic() + START_WAIT
+        end, patience = time.monotonic() + START_WAIT, ASK_AGAIN
         try:
             while not (change.service_is_ready() and look.service_is_ready()):
                 self._turn(node, end, "the driver does not come up")
-            asked = change.call_async(request)
-            seen, again = look.call_async(GetState.Request()), time.monotonic() + ASK_AGAIN
-            while not asked.done():
+            looked_after = False  # that all were refused
+            asked = [change.call_async(request)]
+            seen, again = look.call_async(GetState.Request()), time.monotonic() + patience
+            while not any(answer.done() and answer.result().success for answer in asked):
                 self._turn(node, end, f"the driver was not {done}")
+                refused = all(answer.done() for answer in asked)
                 if seen.done() and seen.result().current_state.id == wanted:
                     return
-                if time.monotonic() > again:
-                    if seen.done():  # it answers, and has not done it
-                        asked = change.call_async(request)
-                    seen, again = look.call_async(GetState.Request()), time.monotonic() + ASK_AGAIN
-            if not asked.result().success:
-                raise CellFailure(f"the driver was not {done}{self._last_words('axis_driver')}")
+                if refused and seen.done() and looked_after:
+                    raise CellFailure(f"the driver was not {done}{self._last_words('axis_driver')}")
+                if time.monotonic() > again or refused and seen.done():
+                    if seen.done() and not refused:  # it answers, and has not done it
+                        asked.append(change.call_async(request))
+                    patience = min(2.0 * patience, LONGEST_PATIENCE)
+                    seen, again, looked_after = look.call_async(GetState.Request()), time.monotonic() + patience, refused
         finally:
             node.destroy_client(change)
             node.destroy_client(look)
@@ -173,6 +183,8 @@ class CellProcesses:
         self.check()
         if time.monotonic() > end:
             raise CellFailure(f"{complaint} within {START_WAIT:.0f} s")
+        import rclpy
+
         rclpy.spin_once(node, timeout_sec=0.02)
 
     def stop(self):
@@ -180,6 +192,8 @@ class CellProcesses:
         order = sorted(self.processes, key=lambda name: {"axis_driver": 0, "bag_recorder": 2}.get(name, 1))
         for name in order:
             self.stop_one(name)
+        if self._forked:
+            self._forked.close()
         if self._folder:
             self._folder.cleanup()
 

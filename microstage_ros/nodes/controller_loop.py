@@ -10,7 +10,7 @@ from microstage_ros.axis.compiled import compiled
 from microstage_ros.control.laws import controller_step
 from microstage_ros.control.reference_player import HOLDING, MOVING, STOPPING
 from microstage_ros.nodes.c_calls import MONOTONIC, Frame, load_libraries, now, post, publish, take, wait
-from microstage_ros.nodes.kept_rows import close, crowded, keep
+from microstage_ros.nodes.kept_rows import close, crowded, keep, new_ring
 
 CROWDED, ASKED, QUIET, STRANGE = range(4)
 """Why `answer` returned. STRANGE: the state in its frame has to be answered by the caller."""
@@ -21,6 +21,7 @@ LINKS = np.dtype([(name, "u8") for name in (
     "states", "state", "commands", "command", "insides", "inside", "semaphore", "sender")])
 """Addresses: of the subscription and its frame, of publishers and their frames, of the semaphore, the sender's."""
 
+FRAMES = ("AxisState", "VoltageCommand", "ControllerState")
 SENDER = 1
 LOCKSTEP = 2  # AxisState.STATUS_LOCKSTEP
 
@@ -92,6 +93,15 @@ def answer(stop, links, c, parameters, memories, positions, frames, raws, rings,
     return ASKED
 
 
+def load(records):
+    """Load or make the compiled code before anybody waits for an answer; ``records``: `Controller.arrays`."""
+    load_libraries()
+    frames = [Frame(name) for name in FRAMES]
+    rings = tuple(new_ring(1, len(frame.raw)) for frame in frames[1:])
+    answer(np.ones(1, np.int64), np.zeros(1, LINKS), np.zeros(1, COUNTS), *records, np.zeros(1),
+           tuple(frame.message for frame in frames), tuple(frame.raw for frame in frames[1:]), rings, np.zeros(2, np.int64))
+
+
 class QuickAnswers:
     """`answer` with everything that it works on.
 
@@ -106,7 +116,7 @@ class QuickAnswers:
         load_libraries()
         self._insides, self._player, self._stop = insides, player, requests.asked
         self._records = controller.arrays
-        self._frames = [Frame(name) for name in ("AxisState", "VoltageCommand", "ControllerState")]
+        self._frames = [Frame(name) for name in FRAMES]
         self.state, self.command, _ = state, command, inside = self._frames
         self._links, self._counts = np.zeros(1, LINKS), np.zeros(1, COUNTS)
         self._links[0] = (reader.address, state.address, commands.address, command.address, insides.address,
@@ -116,9 +126,7 @@ class QuickAnswers:
             self._counts[name] = value
         self._views = (tuple(frame.message for frame in self._frames), (command.raw, inside.raw),
                        (commands.ring, insides.ring), np.zeros(2, np.int64))
-        self._stop[0] = 1
-        answer(self._stop, self._links, self._counts, *self._records, np.zeros(1), *self._views)  # compiled now
-        self._stop[0] = 0
+        load(self._records)
 
     @property
     def ready(self):

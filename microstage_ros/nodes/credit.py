@@ -15,6 +15,14 @@ from microstage_ros.nodes.topics import CREDIT, SLOW
 UNLIMITED = 2**62
 
 
+def repeat_after(last):
+    """How long [s] to wait before a credit is sent once more; ``last``: period heard of last, -1 for none.
+
+    The first may have been sent before the driver was there to hear it.
+    """
+    return 0.5 if last >= 0 else 0.1
+
+
 class Granter:
     """The follower's side."""
 

@@ -15,7 +15,8 @@ from microstage_ros.axis.period import advance_and_read
 from microstage_ros.nodes.c_calls import (
     MONOTONIC, REALTIME, Frame, load_libraries, now, post, publish, set_policy, sleep_until, take, wait,
 )
-from microstage_ros.nodes.kept_rows import close, crowded, keep
+from microstage_ros.nodes.kept_rows import close, crowded, keep, new_ring
+from microstage_ros.nodes.response_times import ResponseTimes
 from microstage_ros.nodes.scheduling import SPIN
 
 GOOD, ASKED, CROWDED, NO_CREDIT, TRAVEL, WAITED, STRANGE, MISSED = range(8)
@@ -30,6 +31,8 @@ VALUES = np.dtype([(name, "f8") for name in ("voltage", "limit", "low", "high", 
 LINKS = np.dtype([(name, "u8") for name in (
     "states", "state", "truths", "truth", "clocks", "clock", "commands", "command", "semaphore", "sender")])
 """Addresses: of publishers and the frames they send, of the subscription, its frame, its semaphore, the sender's."""
+
+FRAMES = (("AxisState",), ("SimulationTruth",), ("VoltageCommand",), ("Clock", "rosgraph_msgs"))
 
 SATURATED, LATE = 4, 8
 
@@ -212,6 +215,16 @@ def timing(period, rate, slice_s, paced, priority):
     return {name: round(value * 1e9) for name, value in seconds.items()} | {"priority": priority if short else 0}
 
 
+def load(arrays):
+    """Load or make the compiled code now and not in the first control period; ``arrays``: `SimulatedAxis.arrays`."""
+    load_libraries()
+    frames, responses = [Frame(*name) for name in FRAMES], ResponseTimes()
+    rings = tuple(new_ring(1, len(frame.raw)) for frame in frames[:2])
+    run_periods(np.ones(1, np.int64), np.zeros(1, LINKS), np.zeros(1, COUNTS), np.zeros(1, VALUES), *arrays,
+                tuple(frame.message for frame in frames), tuple(frame.raw for frame in frames[:2]), rings,
+                (responses.counts, responses.longest), np.zeros(2, np.int64))
+
+
 class QuickPeriods:
     """`run_periods` with everything that it works on.
 
@@ -231,8 +244,7 @@ class QuickPeriods:
     def __init__(self, servo, reader, sender, topics, gate, stop, responses, settings):
         load_libraries()
         self._topics, self._gate, self._stop, self._responses = topics, gate, stop, responses
-        self._frames = [Frame("AxisState"), Frame("SimulationTruth"), Frame("VoltageCommand"),
-                        Frame("Clock", "rosgraph_msgs")]
+        self._frames = [Frame(*name) for name in FRAMES]
         self.state, _, self.command, _ = self._frames
         self._links, self._counts, self._values = np.zeros(1, LINKS), np.zeros(1, COUNTS), np.zeros(1, VALUES)
         state, truth, command, clock = (frame.address for frame in self._frames)
@@ -246,12 +258,6 @@ class QuickPeriods:
     def grant(self, credit):
         """Periods up to this one may begin; heard by the running loop."""
         self._counts["credit"] = credit
-
-    def compile(self, arrays):
-        """Load or make the compiled code now and not in the first control period."""
-        self._stop[0] = 1
-        self._call(arrays)
-        self._stop[0] = 0
 
     def run(self, arrays, sequence, credit, due, tolerated):
         """Control periods after number ``sequence``. Returns why it ended; the gate is as after these periods.

@@ -4,11 +4,11 @@ import time
 
 from microstage_ros.nodes.blocks import Stream
 from microstage_ros.nodes.codec import Codec
-from microstage_ros.nodes.credit import Granter
+from microstage_ros.nodes.credit import Granter, repeat_after
 from microstage_ros.nodes.process import running
 from microstage_ros.nodes.servo_path import make_servo_path
 
-QUIET = 0.1
+QUIET = 0.05
 LOOK = 0.5
 
 
@@ -61,6 +61,6 @@ class Follower:
         if self._granter.until < 0 and not (self._stream.publishers and self._outlet.followers >= self._expected):
             return
         until = self.last + self._window
-        if until > self._granter.until + self._window // 4 or now - self._granted > 0.5:
+        if until > self._granter.until + self._window // 4 or now - self._granted > repeat_after(self.last):
             self._granted = now
             self._granter.grant(until)

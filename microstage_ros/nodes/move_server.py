@@ -25,12 +25,12 @@ from microstage_ros.control.profiles import MotionLimits, jerk_limited_move
 from microstage_ros.nodes import topics
 from microstage_ros.nodes.blocks import Stream
 from microstage_ros.nodes.codec import Codec
-from microstage_ros.nodes.credit import Granter
+from microstage_ros.nodes.credit import Granter, repeat_after
 from microstage_ros.nodes.parameters import Parameters
 from microstage_ros.nodes.process import run_node, running
 from microstage_ros.nodes.servo_path import make_servo_path
 
-WAIT = 0.1
+WAIT = 0.05
 LOOK = 0.5
 FEEDBACK = 0.1
 STATUS_WAIT = 0.5
@@ -56,7 +56,7 @@ class MoveServer(Node):
         self._turn = threading.Lock()
         self._status = None
         self._latest, self._stale = None, -1
-        self._move = None
+        self._move, self._repeated = None, 0.0
         self._newest_goal = 0
         self._held_since, self._talking = None, False
         self._readings = deque(maxlen=100_000)
@@ -117,7 +117,7 @@ class MoveServer(Node):
                     self._granter.grant(self.parameters.window)
             elif self._held_since is not None and not self._talking and time.monotonic() - self._held_since > self.parameters.pause_s:
                 self._let_go()
-            elif time.monotonic() - getattr(self, "_repeated", 0.0) > 0.5:
+            elif time.monotonic() - self._repeated > repeat_after(self._latest[0] if self._latest else -1):
                 self._repeated = time.monotonic()
                 self._granter.grant(self._granter.until)
 

@@ -15,6 +15,7 @@ from rclpy.parameter import Parameter
 from microstage_ros.axis.errors import InputError
 from microstage_ros.places import config_file
 
+LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast where PyYAML was built with it
 TYPES = {"string": str, "integer": int, "double": float, "bool": bool, "string_array": list}
 KINDS = {"string": Parameter.Type.STRING, "integer": Parameter.Type.INTEGER, "double": Parameter.Type.DOUBLE,
          "bool": Parameter.Type.BOOL, "string_array": Parameter.Type.STRING_ARRAY}
@@ -22,7 +23,7 @@ KINDS = {"string": Parameter.Type.STRING, "integer": Parameter.Type.INTEGER, "do
 
 def definitions(node_name):
     """The parameters of a node: name to entry of ``config/<node_name>.yaml``."""
-    return yaml.safe_load(config_file(f"{node_name}.yaml").read_text(encoding="utf-8"))
+    return yaml.load(config_file(f"{node_name}.yaml").read_text(encoding="utf-8"), LOADER)
 
 
 def why_refused(name, entry, value):

@@ -23,7 +23,7 @@ from microstage_ros.nodes.codec import Codec
 from microstage_ros.nodes.servo_path import make_servo_path, reader_qos
 from microstage_ros.places import config_file
 
-PAIR = ("str_controller", "axis_driver")
+PAIR = ("axis_driver", "str_controller")
 TICKS = os.sysconf("SC_CLK_TCK")
 ROUND_TRIPS, WARM_UP = 5000, 100
 SHORT = 8.0

@@ -17,7 +17,7 @@ from microstage_ros.control.reference_player import ReferencePlayer
 from microstage_ros.nodes import topics
 from microstage_ros.nodes.blocks import Outlet, Sender, periods_per_block
 from microstage_ros.nodes.codec import Codec
-from microstage_ros.nodes.controller_loop import CROWDED, QUIET, STRANGE, QuickAnswers
+from microstage_ros.nodes.controller_loop import CROWDED, QUIET, STRANGE, QuickAnswers, load
 from microstage_ros.nodes.credit import UNLIMITED, Granter
 from microstage_ros.nodes.parameters import Parameters, yaml_mapping
 from microstage_ros.nodes.process import run_node, running
@@ -41,8 +41,7 @@ class StrController(Node):
         p = self.parameters = Parameters(self, "str_controller", self._parameter_changed)
         self.axis = load_axis(p.axis_file or config_file("axis.yaml"))
         self.controller = make_controller(p.controller, self.axis, **_gains(p.gains))
-        self.controller.step(0.0, 0.0, 0.0)  # compiled before anybody waits for an answer
-        self.controller.reset()
+        _load(self.controller)
         self.player = ReferencePlayer(self.axis.value("period"), p.stop_time_s)
         self._unpack_state = Codec("AxisState").unpack
         self._pack_command, self._pack_inside = Codec("VoltageCommand").pack_as, Codec("ControllerState").pack_as
@@ -54,7 +53,7 @@ class StrController(Node):
         self.create_service(FollowReference, topics.FOLLOW_REFERENCE, self._follow_reference)
         self._granter = Granter(self)
         self._ready = self.create_timer(0.05, self._grant_when_ready)
-        self._again = self.create_timer(1.0, lambda: self._granter.grant(UNLIMITED))
+        self._again = self.create_timer(0.2, lambda: self._granter.grant(UNLIMITED))
         self._again.cancel()
         self._last, self._answer, self._left_at, self._patience = -1, None, -1, WAIT
         self._requests, self._quick = Requests(), None
@@ -189,6 +188,19 @@ def _number(value):
         return float(value) if isinstance(value, str) else value
     except ValueError:
         return value
+
+
+def _load(controller):
+    """Compiled before anybody waits for an answer."""
+    controller.step(0.0, 0.0, 0.0)
+    controller.reset()
+
+
+def warm_up():
+    """Load compiled code for who forks this node."""
+    controller = make_controller("self_tuning", load_axis(config_file("axis.yaml")))
+    _load(controller)
+    load(controller.arrays)
 
 
 def main(arguments=None):

@@ -3,8 +3,7 @@
 from pathlib import Path
 
 from microstage_ros.axis.errors import InputError
-from microstage_ros.records.bag_record import bag_to_record, record_to_bag
-from microstage_ros.records.csv_file import SUFFIXES, read_csv, write_csv
+from microstage_ros.records.columns import SUFFIXES
 from microstage_ros.records.record import Record
 
 __all__ = ["Record", "read_record", "write_record"]
@@ -28,8 +27,12 @@ def read_record(path, namespace=None):
     if not path.exists():
         raise InputError(path, "no such file", EXPECTED)
     if path.is_dir() or path.suffix in (".mcap", ".db3"):
+        from microstage_ros.records.bag_record import bag_to_record  # a node needs none of these, and starts the sooner
+
         return bag_to_record(path, namespace)
     if str(path).endswith(SUFFIXES):
+        from microstage_ros.records.csv_file import read_csv
+
         return read_csv(path)
     raise InputError(path, path.suffix or path.name, EXPECTED)
 
@@ -43,8 +46,12 @@ def write_record(record, path):
     """
     path = Path(path)
     if str(path).endswith(SUFFIXES):
+        from microstage_ros.records.csv_file import write_csv
+
         write_csv(record, path)
     elif path.suffix in (".mcap", ""):
+        from microstage_ros.records.bag_record import record_to_bag
+
         record_to_bag(record, path)
     else:
         raise InputError(path, path.suffix, EXPECTED)

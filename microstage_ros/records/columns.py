@@ -54,6 +54,9 @@ SIMULATED_COLUMNS = {
 
 KNOWN_COLUMNS = {**RECORD_COLUMNS, **SIMULATED_COLUMNS}
 
+SUFFIXES = (".csv", ".csv.gz", ".csv.xz")
+"""Of files of text."""
+
 REQUIRED = ("t_s", "encoder_m", "reference_m")
 COMMANDS = ("voltage_V", "force_N")
 """One of these must be in every record."""

@@ -12,13 +12,12 @@ import numpy as np
 
 from microstage_ros import __version__
 from microstage_ros.axis.errors import InputError
-from microstage_ros.records.columns import COMMANDS, KNOWN_COLUMNS, REQUIRED, in_file_order
+from microstage_ros.records.columns import COMMANDS, KNOWN_COLUMNS, REQUIRED, SUFFIXES, in_file_order
 from microstage_ros.records.compression import read_bytes, write_bytes
 from microstage_ros.records.csv_text import parse_rows, rows_text
 from microstage_ros.records.record import Record, metadata_value, refuse_unknown, require_columns
 from microstage_ros.records.timebase import constant_period
 
-SUFFIXES = (".csv", ".csv.gz", ".csv.xz")
 SHOWN = 40
 """Longest piece of a bad file that a message quotes."""
 
