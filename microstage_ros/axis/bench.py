@@ -74,18 +74,17 @@ def noisy_row(axis, periods=100_000):
 def ensemble_row(axis, axes=1000, periods=2000, threads=None):
     """Time per axis and period of many axes of different parameters on all cores."""
     threads = threads or os.cpu_count()
-    plants, states = np.zeros(axes, PLANT), np.zeros(axes, STATE)
+    plants, states, rested = np.zeros(axes, PLANT), np.zeros(axes, STATE), np.zeros(axes, STATE)
     for k in range(axes):
         factor = 1.0 + 0.2 * k / axes
         plants[k] = make_plant(axis.with_values({"drive.resistance": 3.41 * factor, "contacts.actuator.static": 219e-6 * factor}), NoiseSpec.none())
     voltage = RIDES["sliding"](np.arange(periods) * plants[0]["period"])
 
     def run():
-        for k in range(axes):
-            states[k] = fresh
+        states[:] = rested
         respond_many(plants, voltage, states, threads)
 
-    fresh = new_state(plants[0])
+    rested[:] = new_state(plants[0])
     run()
     return {"name": f"ensemble of {axes} different axes, {threads} threads", "value": best_of(run, 8) / periods / axes * NANOSECONDS,
             "unit": "ns/(axis period)"}

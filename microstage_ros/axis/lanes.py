@@ -75,7 +75,7 @@ for _function, _build in ((operator.add, ir.IRBuilder.fadd), (operator.sub, ir.I
                           (operator.truediv, ir.IRBuilder.fdiv)):
     _binary(_function, LANES_TYPE, _build)
 for _function, _sign in ((operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">="), (operator.eq, "==")):
-    _binary(_function, MASK_TYPE, lambda builder, a, b, sign=_sign: builder.fcmp_ordered(sign, a, b))
+    _binary(_function, MASK_TYPE, lambda builder, a, b, sign=_sign: builder.sext(builder.fcmp_ordered(sign, a, b), _WORDS))
 _of_masks(operator.and_, ir.IRBuilder.and_)
 _of_masks(operator.or_, ir.IRBuilder.or_)
 _of_masks(operator.invert, ir.IRBuilder.not_)
@@ -89,6 +89,10 @@ def _from_number(context, builder, source, target, value):
     return lanes_of(builder, context.cast(builder, value, source, types.float64))
 
 
+def _truth(builder, mask):
+    return builder.icmp_signed("<", mask, ir.Constant(_WORDS, [0] * LANES))
+
+
 @intrinsic
 def nearest(typingctx, a):
     """The nearest whole number, as ``numpy.rint``."""
@@ -98,14 +102,14 @@ def nearest(typingctx, a):
 @intrinsic
 def choose(typingctx, mask, a, b):
     """a where the mask is set, b elsewhere."""
-    return LANES_TYPE(MASK_TYPE, LANES_TYPE, LANES_TYPE), lambda context, builder, sig, args: builder.select(*args)
+    return LANES_TYPE(MASK_TYPE, LANES_TYPE, LANES_TYPE), lambda context, builder, sig, args: builder.select(_truth(builder, args[0]), *args[1:])
 
 
 @intrinsic
 def lanes_set(typingctx, mask):
     """The mask as an integer: bit k is lane k."""
     def build(context, builder, sig, args):
-        return builder.zext(builder.bitcast(args[0], ir.IntType(LANES)), _WORD)
+        return builder.zext(builder.bitcast(_truth(builder, args[0]), ir.IntType(LANES)), _WORD)
 
     return types.int64(MASK_TYPE), build
 
@@ -156,7 +160,7 @@ def table_pieces(typingctx, tables, w, shift, mask, entries):
         for half in range(2):
             quads = [builder.load(builder.gep(row, [ir.Constant(_WORD, half)]), align=8) for row in rows]
             columns += _turned(builder, quads)
-        return context.make_tuple(builder, sig.return_type, [inside, d, *columns])
+        return context.make_tuple(builder, sig.return_type, [builder.sext(inside, _WORDS), d, *columns])
 
     return types.Tuple([MASK_TYPE] + [LANES_TYPE] * 9)(types.intp, LANES_TYPE, types.int64, types.int64, types.int64), build
 

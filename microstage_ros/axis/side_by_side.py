@@ -15,7 +15,7 @@ from microstage_ros.axis.lanes import LANES, choose, lanes_set, load, nearest, s
 from microstage_ros.axis.linear_core import F0, I, O_I, O_OMEGA, O_OMEGA_MID, O_THETA, O_V, O_X, OMEGA, T0, T1, T2, U, V, aligned, forget, new_works
 from microstage_ros.axis.random import normal
 from microstage_ros.axis.records import INPUTS
-from microstage_ros.axis.slip import NEAR, SERIES_END, change_of_rate, corrections, decay_series, near_with, slip_forces
+from microstage_ros.axis.slip import LEAST_OFFSET, NEAR, SERIES_END, change_of_rate, corrections, decay_series, near_with, slip_forces
 from microstage_ros.axis.step import hold, quick_period, slot_of
 from microstage_ros.axis.vectors import fused
 
@@ -26,14 +26,14 @@ NUMBERS = (
     "current", "omega", "v", "theta", "x", "time", "voltage",
     "a_force", "a_stiffness", "a_stretch", "a_ahead", "a_behind", "a_guard",
     "g_force", "g_stiffness", "g_stretch", "g_ahead", "g_behind", "g_guard",
-    "slip_force", "slip_slope", "slip_offset", "slip_weight", "direction", "slip_level", "guide_slip", "guide_direction",
-    "period", "rate", "ratio", "per_gear", "spring", "push", "attraction",
+    "slip_force", "slip_slope", "slip_offset", "pull", "direction", "turn", "slip_level", "pace", "guide_slip", "guide_direction",
+    "period", "rate", "ratio", "per_gear", "spring", "push",
     "dac_range", "quantum", "per_quantum", "amplifier_offset", "gain", "limit", "noise",
 )
 (CURRENT, SPEED, STAGE_SPEED, THETA, X, TIME, VOLTAGE,
  A_FORCE, A_STIFFNESS, A_STRETCH, A_AHEAD, A_BEHIND, A_GUARD, G_FORCE, G_STIFFNESS, G_STRETCH, G_AHEAD, G_BEHIND, G_GUARD,
- SLIP_FORCE, SLIP_SLOPE, SLIP_OFFSET, SLIP_WEIGHT, DIRECTION, SLIP_LEVEL, GUIDE_SLIP, GUIDE_DIRECTION,
- PERIOD, RATE, RATIO, PER_GEAR, SPRING, PUSH, ATTRACTION,
+ SLIP_FORCE, SLIP_SLOPE, SLIP_OFFSET, PULL, DIRECTION, TURN, SLIP_LEVEL, PACE, GUIDE_SLIP, GUIDE_DIRECTION,
+ PERIOD, RATE, RATIO, PER_GEAR, SPRING, PUSH,
  DAC_RANGE, QUANTUM, PER_QUANTUM, OFFSET, GAIN, LIMIT, NOISE) = range(len(NUMBERS))
 
 
@@ -136,7 +136,7 @@ def _periods_alone(plants, states, works, numbers, matrix, which):
 def _take_plant(plant, numbers, k):
     """The plant's numbers into lane k."""
     numbers[PERIOD, k], numbers[RATE, k], numbers[RATIO, k], numbers[PER_GEAR, k] = plant.period, plant.rate, plant.ratio, plant.per_gear
-    numbers[SPRING, k], numbers[PUSH, k], numbers[ATTRACTION, k] = plant.stiffness, plant.push, plant.actuator.attraction
+    numbers[SPRING, k], numbers[PUSH, k] = plant.stiffness, plant.push
     numbers[DAC_RANGE, k], numbers[QUANTUM, k], numbers[PER_QUANTUM, k] = plant.dac_range, plant.quantum, plant.per_quantum
     numbers[OFFSET, k], numbers[GAIN, k], numbers[LIMIT, k] = plant.amplifier_offset, plant.gain, plant.limit
 
@@ -151,8 +151,9 @@ def _take(plant, state, work, numbers, matrix, k):
     _take_contact(ca, numbers, A_FORCE, k)
     _take_contact(cg, numbers, G_FORCE, k)
     numbers[SLIP_FORCE, k], numbers[SLIP_SLOPE, k], numbers[SLIP_OFFSET, k] = ca.slip_force, ca.slip_slope, ca.slip_offset
-    numbers[SLIP_WEIGHT, k], numbers[DIRECTION, k] = ca.slip_weight, ca.direction if ca.slip_weight > 0.0 else 0.0
-    numbers[SLIP_LEVEL, k] = ca.factor * direction_factor(plant.actuator, ca.direction)
+    level, direction = ca.factor * direction_factor(plant.actuator, ca.direction), ca.direction if ca.slip_weight > 0.0 else 0.0
+    numbers[PULL, k], numbers[DIRECTION, k], numbers[TURN, k] = -direction * ca.slip_weight, direction, direction * plant.per_gear
+    numbers[SLIP_LEVEL, k], numbers[PACE, k] = level, plant.actuator.attraction * plant.period / level
     numbers[GUIDE_SLIP, k] = cg.direction * cg.slip_weight * cg.slip_force
     numbers[GUIDE_DIRECTION, k] = cg.direction if cg.slip_weight > 0.0 else 0.0
     slot = slot_of(plant, state, work)
@@ -197,16 +198,16 @@ def _give_contact(c, numbers, first, k):
 def _period(numbers, matrix, tables, voltage):
     """One period of all lanes: (rows, slip force, decay of its offsets, lanes that are not quiet: bit k, lane k)."""
     u = _amplified(numbers, voltage)
-    omega0, v0, direction, h = load(numbers, SPEED), load(numbers, STAGE_SPEED), load(numbers, DIRECTION), load(numbers, PERIOD)
+    omega0, v0, direction = load(numbers, SPEED), load(numbers, STAGE_SPEED), load(numbers, DIRECTION)
     spring = load(numbers, SPRING) * (load(numbers, RATIO) * load(numbers, THETA) - load(numbers, X))
-    pull, f0 = -direction * load(numbers, SLIP_WEIGHT), load(numbers, SLIP_FORCE)
-    grow = load(numbers, SLIP_SLOPE) * h
+    pull, f0 = load(numbers, PULL), load(numbers, SLIP_FORCE)
+    grow = load(numbers, SLIP_SLOPE) * load(numbers, PERIOD)
     t0 = (-load(numbers, A_FORCE) - load(numbers, RATIO) * spring) + pull * f0
     push = (load(numbers, PUSH) - load(numbers, G_FORCE) + spring) - load(numbers, GUIDE_SLIP)
     rows = _rows(matrix, load(numbers, CURRENT), omega0, v0, u, t0, pull * grow, push)
     quiet, f1, fade = direction == direction, f0, load(numbers, SLIP_OFFSET)
     if lanes_set(direction == 0.0) != ALL:
-        rows, quiet, f1, fade = _slip(numbers, matrix, tables, rows, omega0, direction, pull, f0, grow, h)
+        rows, quiet, f1, fade = _slip(numbers, matrix, tables, rows, omega0, direction, pull, f0, grow)
     rough = ALL - lanes_set(quiet & _no_event(numbers, rows))
     return rows, f1, fade, rough
 
@@ -251,13 +252,13 @@ def _at(matrix, column, row):
 
 
 @inlined
-def _slip(numbers, matrix, tables, rows, omega0, direction, pull, f0, grow, h):
+def _slip(numbers, matrix, tables, rows, omega0, direction, pull, f0, grow):
     """(rows, lanes that `slip.near` holds for, slip force at the end, decay of the offsets), as in `step._chunk`."""
     pieces = table_pieces(tables, abs(omega0) * load(numbers, PER_GEAR), FRACTION_BITS, START_MASK, ENTRIES)
     s, per_s, slope, bend = cubics(pieces[1], pieces[2:])
     level = load(numbers, SLIP_LEVEL)
-    k1, k2 = change_of_rate(s, slope, bend, direction * load(numbers, PER_GEAR))
-    g = (load(numbers, ATTRACTION) * h / level) * per_s
+    k1, k2 = change_of_rate(s, slope, bend, load(numbers, TURN))
+    g = load(numbers, PACE) * per_s
     course = near_with(g, decay_series(0.5 * g), f0, s * level)
     to_mid, to_end, reach = rows[O_OMEGA_MID] - omega0, rows[O_OMEGA] - omega0, NEAR * abs(omega0)
     f_mid, f1 = slip_forces(course[:6], k1, k2, to_mid, to_end)
@@ -266,10 +267,12 @@ def _slip(numbers, matrix, tables, rows, omega0, direction, pull, f0, grow, h):
     near = pieces[0] & (0.5 * g < SERIES_END) & (abs(to_mid) <= reach) & (abs(to_end) <= reach)
     d1, d2 = choose(slips, d1, 0.0), choose(slips, d2, 0.0)
     offset = load(numbers, SLIP_OFFSET)
+    less = offset * course[6]
+    less = choose(less > LEAST_OFFSET, less, 0.0)      # `slip.forgotten`
     return (
         (_corrected(matrix, O_I, rows, d1, d2), _corrected(matrix, O_OMEGA, rows, d1, d2), _corrected(matrix, O_THETA, rows, d1, d2),
          _corrected(matrix, O_V, rows, d1, d2), _corrected(matrix, O_X, rows, d1, d2), rows[O_OMEGA_MID]),
-        near | ~slips, choose(slips, f1, f0), choose(slips, offset * course[6], offset),
+        near | ~slips, choose(slips, f1, f0), choose(slips, less, offset),
     )
 
 

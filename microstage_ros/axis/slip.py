@@ -20,6 +20,7 @@ from microstage_ros.axis.compiled import compiled, inlined
 from microstage_ros.axis.vectors import fused
 
 SERIES_END = 0.5
+LEAST_OFFSET = 1e-30
 NEAR = 1 / 8                   # largest change of the velocity over a chunk, relative, for `near`
 
 
@@ -37,6 +38,12 @@ def decay_series(g):
     square = g * g
     high = fused(square, fused(g, -1 / 5040, 1 / 720), fused(g, -1 / 120, 1 / 24))
     return fused(square, fused(square, high, fused(g, -1 / 6, 0.5)), 1.0 - g)
+
+
+@inlined
+def forgotten(offset):
+    """``offset``, or 0 when nothing is left of it: it would end as the smallest of all numbers, with which processors are slow."""
+    return offset if offset > LEAST_OFFSET else 0.0
 
 
 @compiled

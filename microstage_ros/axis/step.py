@@ -18,7 +18,7 @@ from microstage_ros.axis.contact import (
 from microstage_ros.axis.linear_core import F1, O_I, O_OMEGA, O_OMEGA_MID, O_THETA, O_V, O_X, T1, T2, TICKS, build_mode
 from microstage_ros.axis.other_laws import any_law, follow_law
 from microstage_ros.axis.records import LEVELS, SLOTS
-from microstage_ros.axis.slip import NEAR, change_of_rate, corrections, decay, near, relax, slip_forces
+from microstage_ros.axis.slip import NEAR, change_of_rate, corrections, decay, forgotten, near, relax, slip_forces
 from microstage_ros.axis.variability import vary
 from microstage_ros.axis.vectors import add_columns, mode_rows
 
@@ -345,7 +345,7 @@ def _accept(plant, state, work, rows, f1, change, fade, h, level, quick):
         move_stuck(cg, rows[O_X])
     if ca.slip_weight > 0.0:
         ca.slip_force, ca.slip_slope = f1, change * (plant.rate * COUNT[level])
-        ca.slip_offset *= fade
+        ca.slip_offset = forgotten(ca.slip_offset * fade)
     if not quick and (a.follows == 1 or g.follows == 1):
         _follow(plant, state, h)
 

@@ -30,7 +30,7 @@ class Lanes(types.Type):
 @register_default(Lanes)
 class _LanesModel(PrimitiveModel):
     def __init__(self, dmm, fe_type):
-        element = ir.DoubleType() if fe_type.element == types.float64 else ir.IntType(1)
+        element = ir.DoubleType() if fe_type.element == types.float64 else ir.IntType(64)      # a mask: all ones or all zeros
         super().__init__(dmm, fe_type, ir.VectorType(element, AXES))
 
 
@@ -102,18 +102,38 @@ def add_columns(typingctx, rows, matrices, slot, level, first, a, second, b):
 
 @intrinsic
 def mix_rows(typingctx, out, row, a, b, c, d, e, source):
-    """out[row] = a source[0] + b source[1] + … + e source[4], of arrays (5, 3 · LANES)."""
+    """out[row] = a source[0] + b source[1] + … + e source[4], of arrays (…, OUTPUTS)."""
     def build(context, builder, signature, arguments):
         target, start = (make_array(signature.args[k])(context, builder, arguments[k]).data for k in (0, 7))
-        sums = [ir.Constant(_VECTOR, [0.0] * LANES)] * 3
-        sums = _add(builder, start, sums, list(zip(arguments[2:7], range(5))), 3 * LANES)
-        first = builder.mul(arguments[1], ir.Constant(ir.IntType(64), 3 * LANES))
-        for part, total in enumerate(sums):
-            at = builder.gep(target, [builder.add(first, ir.Constant(ir.IntType(64), part * LANES))])
-            builder.store(total, builder.bitcast(at, _VECTOR.as_pointer()), align=8)
+        sums = [ir.Constant(_VECTOR, [0.0] * LANES)] * _PARTS
+        _write_row(builder, target, arguments[1], _add(builder, start, sums, list(zip(arguments[2:7], range(5)))))
         return context.get_dummy_value()
 
     return types.void(out, types.int64, *[types.float64] * 5, source), build
+
+
+@intrinsic
+def add_row(typingctx, out, row, factor, source, other):
+    """out[row] += factor · source[other], of arrays (…, OUTPUTS)."""
+    def build(context, builder, signature, arguments):
+        target, start = (make_array(signature.args[k])(context, builder, arguments[k]).data for k in (0, 3))
+        before = [builder.load(at, align=8) for at in _parts(builder, target, arguments[1])]
+        _write_row(builder, target, arguments[1], _add(builder, start, before, [(arguments[2], arguments[4])]))
+        return context.get_dummy_value()
+
+    return types.void(out, types.int64, types.float64, source, types.int64), build
+
+
+def _write_row(builder, target, row, sums):
+    for at, total in zip(_parts(builder, target, row), sums):
+        builder.store(total, at, align=8)
+
+
+def _parts(builder, start, row):
+    """Pointers to the vectors of a row."""
+    first = builder.mul(row, ir.Constant(ir.IntType(64), OUTPUTS))
+    places = [builder.gep(start, [builder.add(first, ir.Constant(ir.IntType(64), part * LANES))]) for part in range(_PARTS)]
+    return [builder.bitcast(at, _VECTOR.as_pointer()) for at in places]
 
 
 def _start(context, builder, signature, arguments):
@@ -124,21 +144,15 @@ def _start(context, builder, signature, arguments):
     return builder.gep(matrices.data, [builder.mul(place, size)])
 
 
-def _add(builder, start, sums, columns, length=OUTPUTS):
-    """The vectors ``sums`` + Σ value · column, fused, in the order given; columns of that ``length`` follow each other."""
+def _add(builder, start, sums, columns):
+    """The vectors ``sums`` + Σ value · column, fused, in the order given."""
     kind = ir.FunctionType(_VECTOR, [_VECTOR] * 3)
     fused = cgutils.get_or_insert_function(builder.module, kind, f"llvm.fma.v{LANES}f64")
     for value, column in columns:
         if isinstance(column, int):
             column = ir.Constant(ir.IntType(64), column)
         spread = _spread(builder, value)
-        first = builder.mul(column, ir.Constant(ir.IntType(64), length))
-        added = []
-        for part, total in enumerate(sums):
-            at = builder.gep(start, [builder.add(first, ir.Constant(ir.IntType(64), part * LANES))])
-            entries = builder.load(builder.bitcast(at, _VECTOR.as_pointer()), align=8)
-            added.append(builder.call(fused, [entries, spread, total]))
-        sums = added
+        sums = [builder.call(fused, [builder.load(at, align=8), spread, total]) for at, total in zip(_parts(builder, start, column), sums)]
     return sums
 
 
