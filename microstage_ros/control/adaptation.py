@@ -22,10 +22,10 @@ Robust law. The same three products drive the logarithms of the gains, after the
 * the set shrinks where the axis says so. A swing is a half wave of the error's fast part beyond
   `alternation`, shorter than 10 tau; the fifth in a row and every later one is answered. Swings faster than
   tau / 2 are those of a resonance: a longer filter of the derivative first, up to `filter_ceiling`, then less
-  K_D (by `damping_share`). Every other answer lowers the ceiling of K_P by `back_off` and that of K_I by
-  twice as much (the pole of the integral moves with that of the position loop); slow swings, of stick-slip
-  or backlash, keep their damping. No ceiling falls below `least_ceiling` (that of K_I: `least_integral`), and all
-  rise again at `recovery`.
+  K_D (by `damping_share`). Every other answer lowers the ceilings of K_P and K_I by `back_off`; slow swings, of
+  stick-slip or backlash, keep their damping. Below `prompt` it takes many more swings, so that one
+  jolt of a lightly damped axis, which rings down by itself, does not cost more gain than it has to; below
+  `joint` the ceiling of K_I falls twice as far. None falls below `least_ceiling` (`least_integral`), and all rise at `recovery`.
 """
 
 import math
@@ -41,7 +41,9 @@ GAINS = (
     Gain("speed", "1/s", 0.0, 1e3, 60.0, "rate of the logarithm of a gain under a full-size error"),
     Gain("back_off", "1", 0.0, 10.0, 0.15, "fall of the logarithm of the ceiling with a swing"),
     Gain("damping_share", "1", 0.0, 1.0, 0.8, "share of the back-off that K_D takes part in"),
-    Gain("filter_ceiling", "1", 1.0, 100.0, 2.5, "longest filter time over the tuned one"),
+    Gain("prompt", "1", 1e-4, 1.0, 0.45, "ceiling over the tuned gains below which swings lower it slowly"),
+    Gain("joint", "1", 1e-4, 1.0, 0.45, "ceiling of K_P below which that of K_I falls twice as far"),
+    Gain("filter_ceiling", "1", 1.0, 100.0, 2.0, "longest filter time over the tuned one"),
     Gain("recovery", "1/s", 0.0, 100.0, 0.01, "rise of the logarithm of a lowered ceiling"),
     Gain("dead_band", "m", 0.0, 1e-3, 2.5e-8, "error that teaches nothing"),
     Gain("alternation", "m", 1e-10, 1e-3, 4.0e-8, "smallest half wave of the error that is called a swing"),
@@ -52,6 +54,7 @@ GAINS = (
     Gain("ceiling", "1", 1.0, 100.0, 1.2, "highest gains over the tuned ones"),
     Gain("spread", "1", 1.0, 10.0, 1.5, "how far K_I may be ahead of K_P"),
 )
+SLOWLY = 0.04  # of `back_off`, below `prompt`
 PARAMETERS = record_type(GAINS)
 STATE_FIELDS = [
     ("error", "f8"),  # m, of the previous period
@@ -158,9 +161,11 @@ def lower_ceilings(p, s):
         s.log_filter += p.back_off
         return
     low = math.log(p.least_ceiling)
-    s.ceiling = max(min(s.ceiling, s.log_kp) - p.back_off, low)
+    present = min(s.ceiling, s.log_kp)
+    step = p.back_off if present > math.log(p.prompt) else SLOWLY * p.back_off
+    s.ceiling = max(present - step, low)
     if fast:
-        s.damping_ceiling = max(min(s.damping_ceiling, s.log_kd) - p.damping_share * p.back_off, low)
+        s.damping_ceiling = max(min(s.damping_ceiling, s.log_kd) - p.damping_share * step, low)
 
 
 @compiled
@@ -168,7 +173,7 @@ def project(p, s):
     """Bring the gains back into the stable set: floor, ceilings, and not too far from each other."""
     low = math.log(p.floor)
     wide = math.log(p.spread)
-    shrunk = min(s.ceiling, 0.0)
+    shrunk = min(s.ceiling - math.log(p.joint), 0.0)
     s.log_kp = min(max(s.log_kp, low), s.ceiling)
     s.log_ki = min(max(s.log_ki, 2.0 * low), max(s.ceiling + shrunk, math.log(p.least_integral)), s.log_kp + wide)
     s.log_kd = min(max(s.log_kd, low, min(s.log_kp, 0.0)), s.damping_ceiling)

@@ -49,6 +49,9 @@ def observer_gains(model, period):
         "filter_time": 0.0,
         "derivative_on_reference": 1.0,
         "damping_share": 0.0,
+        "prompt": 0.12,
+        "joint": 1.0,
+        "filter_ceiling": 2.5,
         "least_ceiling": 0.12,
         "least_integral": 0.12,
     }
