@@ -169,7 +169,7 @@ def stick_all(contact, c):
     regroup(contact, c)
 
 
-@compiled
+@internal
 def release(contact, c, travel, w):
     """Let every sticking block slip that the last ``travel`` brought to its limit; it joins the common slip force."""
     seldom()

@@ -37,7 +37,7 @@ def seed_state(seed):
     return np.random.SeedSequence(seed).generate_state(4, np.uint64)
 
 
-@compiled
+@internal
 def next_bits(s):
     """Next 64 random bits; advances the state ``s`` (uint64[4])."""
     total = s[0] + s[3]

@@ -16,7 +16,7 @@ What it leaves out is of the order of (G ε)²; up to `NEAR` it shows nowhere in
 
 import math
 
-from microstage_ros.axis.compiled import compiled, inlined
+from microstage_ros.axis.compiled import compiled, inlined, internal
 from microstage_ros.axis.vectors import fused
 
 SERIES_END = 0.5
@@ -24,7 +24,7 @@ LEAST_OFFSET = 1e-30
 NEAR = 1 / 8                   # largest change of the velocity over a chunk, relative, for `near`
 
 
-@compiled
+@internal
 def decay(g):
     """exp(−g) for g ≥ 0: a series (to 1e-7, in Estrin's order, which a processor overlaps) where g is small."""
     if g < SERIES_END:

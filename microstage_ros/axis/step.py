@@ -54,7 +54,7 @@ def hold(plant, state, work, voltage):
     state.periods += 1
 
 
-@woven
+@inlined
 def quick_period(plant, state, work, u):
     """A period of a plant that is ``quick``, the amplifier at ``u``: in one chunk if it can be."""
     state.voltage = u
@@ -89,7 +89,7 @@ def _advance_pieces(plant, state, work, u):
         start = end
 
 
-@compiled
+@internal
 def note_friction(plant, state):
     """Write the friction of both contacts at this moment into the state [N m at the motor, N]."""
     state.torque_friction = block_force(state.actuator) + plant.actuator.viscous * state.omega * plant.per_gear
