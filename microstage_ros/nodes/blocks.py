@@ -47,7 +47,7 @@ class Outlet:
     ----------
     ring : what waits for its block to be full, as `kept_rows.keep` takes it.
     closed : called when `flush` has closed a block; sends it, unless a `Sender` is to do so.
-    sent : called with the messages of every block that was sent, as a structured array.
+    sent : called with the messages of every block that was sent, as a structured array; None: nobody asks.
     """
 
     def __init__(self, node, servo, kind, topic, always=False):
@@ -57,7 +57,7 @@ class Outlet:
         self._always = self._listened = always
         self._codec = Codec(kind.__name__)
         self.ring = new_ring(BLOCK_BYTES // self._codec.size, self._codec.size)
-        self.closed, self.sent = self.send_closed, lambda messages: None
+        self.closed, self.sent = self.send_closed, None
         self._sending = threading.Lock()
 
     @property
@@ -99,7 +99,8 @@ class Outlet:
                 count, first = fill[slot].tolist()
                 messages = rows[slot, :count].tobytes()
                 self._send_block(HEAD.pack(ENCAPSULATION, first, rows.shape[2], len(messages)) + messages)
-                self.sent(self._codec.array(rows[slot, :count]))
+                if self.sent is not None:
+                    self.sent(self._codec.array(rows[slot, :count]))
                 ends[1] += 1
 
     @property

@@ -111,10 +111,17 @@ def set_policy(policy, priority, words):
 
 @compiled
 def sleep_until(deadline, spin, times):
-    """Sleep until ``spin`` [ns] before the monotonic clock says ``deadline`` [ns], then look at the clock until it does."""
-    early = deadline - spin
-    if now(MONOTONIC, times) < early:
+    """Sleep until ``spin`` [ns] before the monotonic clock says ``deadline`` [ns], then look at the clock until it does.
+
+    Returns how late the sleep ended [ns]; -1 where there was no time for one.
+    """
+    early, late = deadline - spin, -1
+    present = now(MONOTONIC, times)
+    if present < early:
         times[0], times[1] = early // 1_000_000_000, early % 1_000_000_000
         _nanosleep(MONOTONIC, ABSOLUTE, times.ctypes.data, 0)
-    while now(MONOTONIC, times) < deadline:
-        pass
+        present = now(MONOTONIC, times)
+        late = present - early
+    while present < deadline:
+        present = now(MONOTONIC, times)
+    return late

@@ -25,7 +25,7 @@ TRAVEL: read, nothing sent. WAITED: no command within a slice (lockstep). STRANG
 this period, nor, paced, to one just before. MISSED: more periods without a command than tolerated (paced)."""
 
 COUNTS = np.dtype([(name, "i8") for name in (
-    "sequence", "credit", "paced", "pace_ns", "due_ns", "slice_ns", "spin_ns", "grace_ns", "priority", "block", "every", "status",
+    "sequence", "credit", "paced", "pace_ns", "due_ns", "slice_ns", "spin_ns", "waking_ns", "grace_ns", "priority", "block", "every", "status",
     "held", "silent", "truth_listened", "tolerated", "last", "answered", "late", "lost", "overruns", "begun_ns", "time_ns")])
 VALUES = np.dtype([(name, "f8") for name in ("voltage", "limit", "low", "high", "period", "command")])
 LINKS = np.dtype([(name, "u8") for name in (
@@ -46,6 +46,10 @@ RELAXED = 3
 """One in so many periods the loop spins as a normal thread: Linux takes the processor from real-time threads for 50 ms
 if they keep it for more than 95 % of a second (`sched_rt_runtime_us`), the time spent spinning included."""
 
+SPARE_NS, FORGET = 5_000, 64
+"""With longer periods the loop sleeps, and wakes this much sooner [ns] than its sleeps are late: at once as late as the
+latest, and forgetting it over so many periods. `spin_ns` is the most."""
+
 REAL_TIME, NORMAL = os.SCHED_FIFO, os.SCHED_BATCH
 
 
@@ -63,7 +67,11 @@ def hold_back(c, times):
     relaxed = c.priority > 0 and c.sequence % RELAXED == 0
     if relaxed:
         set_policy(NORMAL, 0, times)
-    sleep_until(c.due_ns, c.spin_ns, times)
+    late = sleep_until(c.due_ns, min(c.spin_ns, c.waking_ns + SPARE_NS), times)
+    if late > c.waking_ns:
+        c.waking_ns = late
+    elif late >= 0:
+        c.waking_ns -= (c.waking_ns - late) // FORGET
     if relaxed:
         set_policy(REAL_TIME, c.priority, times)
 
@@ -210,7 +218,8 @@ def timing(period, rate, slice_s, paced, priority):
     """
     short = paced and period < SHORT_TIMER
     rate = 1.0 if paced else rate
-    seconds = {"pace_ns": period / rate if rate else 0.0, "slice_ns": slice_s, "spin_ns": period if short else SPIN,
+    spin = period if short else SPIN
+    seconds = {"pace_ns": period / rate if rate else 0.0, "slice_ns": slice_s, "spin_ns": spin, "waking_ns": spin,
                "grace_ns": GRACE if short else 0.0}
     return {name: round(value * 1e9) for name, value in seconds.items()} | {"priority": priority if short else 0}
 

@@ -23,6 +23,13 @@ def stamp(message, time_ns, frame):
     return message
 
 
+def _multiples(sequence, every):
+    """Places of the multiples of ``every`` among rising numbers; most blocks hold none, and are not searched."""
+    if int(sequence[-1]) // every == (int(sequence[0]) - 1) // every:
+        return []
+    return np.flatnonzero(sequence % every == 0).tolist()
+
+
 class DriverTopics:
     """The publishers of one driver.
 
@@ -109,13 +116,13 @@ class DriverTopics:
 
     def _states_sent(self, states):
         """A joint state every so many periods, from a block of states."""
-        for k in np.flatnonzero(states["sequence"] % self._joint_every == 0).tolist():
+        for k in _multiples(states["sequence"], self._joint_every):
             self._joint.publish(stamp(JointState(name=[self._frame], position=[float(states["position"][k])]),
                                       int(stamps_ns(states[k:k + 1])[0]), self._frame))
 
     def _truths_sent(self, truths):
         """The air every so many periods, from a block of what the simulated instruments see."""
-        for k in np.flatnonzero(truths["sequence"] % AIR_PERIODS == 0).tolist():
+        for k in _multiples(truths["sequence"], AIR_PERIODS):
             self._publish_air(int(stamps_ns(truths[k:k + 1])[0]), truths[k])
 
     def flush(self):
