@@ -18,7 +18,7 @@ ARGUMENTS = {
     "mode": ("lockstep", "lockstep or paced"),
     "seed": ("1", "of the simulated axis"),
     "axis_file": ("", "axis file; empty: the shipped one"),
-    "controller": ("self_tuning", "control law"),
+    "controller": ("", "control law; empty: that of the axis file"),
     "record": ("", "folder of the bag; empty: do not record"),
 }
 

@@ -22,7 +22,7 @@ def main(argv=None):
     parser.add_argument("--namespace", default="/axis", metavar="NS", help="of the nodes (default /axis)")
     parser.add_argument("--mode", choices=("lockstep", "paced"), default="lockstep",
                         help="simulated time no faster than real time (default), or wall clock as hardware would")
-    parser.add_argument("--controller", metavar="NAME", help="control law (default: self_tuning)")
+    parser.add_argument("--controller", metavar="NAME", help="control law (default: that of the axis file)")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the simulated axis (default 1)")
     parser.add_argument("--record", metavar="DIR", help="record everything into this bag folder")
     arguments = parser.parse_args(argv)

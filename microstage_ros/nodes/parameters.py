@@ -45,7 +45,7 @@ def why_refused(name, entry, value):
 def _expected(entry):
     unit = f" {entry['unit']}" if entry.get("unit", "1") != "1" else ""
     if "one_of" in entry:
-        return "one of " + ", ".join(map(str, entry["one_of"]))
+        return "one of " + ", ".join(str(choice) or '""' for choice in entry["one_of"])
     if "minimum" in entry:
         return f"{entry['type']} from {entry['minimum']} to {entry['maximum']}{unit}"
     return entry["type"] + unit
@@ -55,7 +55,7 @@ def _descriptor(name, entry):
     unit = f" [{entry['unit']}]" if "unit" in entry else ""
     descriptor = ParameterDescriptor(
         name=name, description=entry["description"] + unit, read_only=False,
-        additional_constraints="one of " + ", ".join(map(str, entry["one_of"])) if "one_of" in entry else "")
+        additional_constraints="one of " + ", ".join(str(choice) or '""' for choice in entry["one_of"]) if "one_of" in entry else "")
     if "minimum" in entry and entry["type"] == "double":
         descriptor.floating_point_range = [FloatingPointRange(from_value=float(entry["minimum"]),
                                                               to_value=float(entry["maximum"]))]

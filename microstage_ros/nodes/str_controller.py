@@ -40,7 +40,8 @@ class StrController(Node):
         super().__init__("str_controller")
         p = self.parameters = Parameters(self, "str_controller", self._parameter_changed)
         self.axis = load_axis(p.axis_file or config_file("axis.yaml"))
-        self.controller = make_controller(p.controller, self.axis, **_gains(p.gains))
+        law = p.controller or self.axis.controller.get("type", "none")
+        self.controller = make_controller(law, self.axis, **_gains(p.gains))
         _load(self.controller)
         self.player = ReferencePlayer(self.axis.value("period"), p.stop_time_s)
         self._unpack_state = Codec("AxisState").unpack
