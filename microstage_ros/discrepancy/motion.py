@@ -13,6 +13,7 @@ Source: Rauch, Tung, Striebel, AIAA Journal 3 (1965) 1445.
 """
 
 import dataclasses
+import functools
 
 import numpy as np
 import scipy.linalg
@@ -61,6 +62,23 @@ def smooth_motion(reading, current, drive, period, noise):
     origin = reading[0]
     z = _smooth((reading - origin) / scale, current, f, b, k, back)
     return Motion(z[:, 0] * scale + origin, z[:, 1] * scale, z[:, 2] * scale * drive.inertia / lever)
+
+
+@functools.lru_cache(maxsize=64)
+def load_kernel(drive, period, noise, reach=60):
+    """What `smooth_motion` makes of a load that stands for one period: shape (2 ``reach`` + 1,), sum 1.
+
+    Entry ``reach`` + k is the share that it gives to the reading k periods later.
+    """
+    rows = 8 * reach
+    load = np.zeros(rows)
+    load[rows // 2] = drive.inertia / drive.lever
+    steps = -load * drive.lever / drive.inertia * period
+    speed = np.concatenate([[0.0], np.cumsum(steps)[:-1]])
+    position = np.concatenate([[0.0], np.cumsum(period * (speed + 0.5 * steps))[:-1]])
+    seen = smooth_motion(position, np.zeros(rows), drive, period, noise).load / load[rows // 2]
+    kernel = seen[rows // 2 - reach: rows // 2 + reach + 1]
+    return kernel / kernel.sum()
 
 
 @compiled

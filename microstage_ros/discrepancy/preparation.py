@@ -122,6 +122,8 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None):
     else:
         motor = angle + triangle(stage + guideway / drive.stiffness - carried, FUSION)
     motion = smooth_motion(motor, settled, drive, period, MOTOR_NOISE)
+    load = motion.load + np.roll(between_readings(settled, current, motion.speed, drive, period), -1)
+    load = 0.5 * (load + np.concatenate([load[:1], load[:-1]]))  # of the periods on both sides of a reading
     screw_speed = motion.speed / drive.radius
     actuator, stuck = replay(drive.actuator, screw_speed, period)
     air = {name: _filled(record[name], name)[0] for name in
@@ -130,7 +132,7 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None):
         name=record.source, period=period, time=record["t_s"] - record["t_s"][0], encoder=columns["encoder_m"],
         interferometer=columns.get("interferometer_m"), reference=columns.get("reference_m", stage),
         commanded=commanded, answered=answered, current=current, settled=settled,
-        travel=travel, angle=angle, stage_position=position, position=motion.position, speed=motion.speed, stage_speed=stage_speed, load=motion.load,
+        travel=travel, angle=angle, stage_position=position, position=motion.position, speed=motion.speed, stage_speed=stage_speed, load=load,
         actuator=actuator, stuck=stuck, guideway=guideway,
         lost=lost, off=off,
         has_current="current_A" in columns, air=air, stage=stage, behind=carried - travel if gap > 0.0 else None,
@@ -164,6 +166,24 @@ def motor_travel(answered, settled, drive, period):
     travel = drive.lever * np.cumsum(period * (answered - drive.resistance * settled) / drive.back_emf)
     lead = 0.5 - drive.inductance / drive.resistance / period
     return travel - lead * np.diff(travel, prepend=travel[0])
+
+
+def between_readings(settled, current, speed, drive, period):
+    """Torque of the motor in the mean over each period beyond k_M i_s, shape (n,) [N m].
+
+    A controller's voltage stands still for a period T while the motor's speed does not, so the current is a saw-tooth
+    and is read at its tips. With τ = L/R, a = exp(−T/τ), angular acceleration ω', and the voltage held::
+
+        mean i − i_s = (i_0 − i_s) (1 − a) τ/T + (K_E/R) T ω' (1/(1 − a) − 1/2 − τ/T)
+
+    (R i + L di/dt = u − K_E ω solved over one period; i_0 is the reading before). It is a half per cent of the
+    torque that turns the rotor, and as much as the stage's own inertia takes.
+    """
+    share = drive.inductance / drive.resistance / period
+    keep = np.exp(-1.0 / share)
+    turning = np.gradient(speed, period) / drive.lever
+    ramp = drive.back_emf / drive.resistance * period * (1.0 / (1.0 - keep) - 0.5 - share) * turning
+    return drive.torque_constant * ((np.concatenate([current[:1], current[:-1]]) - settled) * (1.0 - keep) * share + ramp)
 
 
 @functools.lru_cache(maxsize=256)

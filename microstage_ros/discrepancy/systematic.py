@@ -11,9 +11,9 @@ SYSTEMATIC = {
         ("rising_static_friction", "0.2,2e-06"): 0.015,
         ("presliding_creep", "0.06,2e-08"): 1.5e-9,     # three times what was measured, by judgement
         ("frictional_lag", "0.003"): 0.04,
-        ("nonlinear_viscous", "0.5"): 4.0e-7,
-        ("direction_asymmetry", ""): 0.0015,
-        ("generic:acceleration", ""): 3.0e-5,
+        ("nonlinear_viscous", "0.5"): 2.5e-7,
+        ("direction_asymmetry", ""): 0.002,
+        ("generic:acceleration", ""): 6.0e-6,
         ("payload_change", ""): 0.03,
         ("cable_spring", ""): (15.0, 1.0e-3),
     },

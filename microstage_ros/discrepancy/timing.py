@@ -13,17 +13,21 @@ FREEDOM = 0.33 * BLOCK   # of a block's mean square of third differences, which 
 MOST_SPEED = 3.0e-3      # m/s: faster, smooth errors no longer drop out
 LEAST_SPEED = 8.0e-5     # m/s: slower, the encoder's rounding is not averaged out
 LEAST_LOST = 5.0e-4      # share of repeated samples
+REPEAT_SPEED = 2.5e-4    # m/s: slower, a reading may stand still because the stage does
+LEAST_SCATTER = 1.0      # of the floor, at the fastest: an encoder without noise rounds differently at every speed
 
 
 @dataclasses.dataclass(frozen=True)
 class Timing:
-    """Jitter variance τ² [s²] with standard error, share of lost samples, and χ² that the jitter explains."""
+    """Jitter variance τ² [s²] with standard error, share of lost samples, and χ² that the jitter explains;
+    ``floor`` variance at rest [m²], ``fastest`` speed that was looked at [m/s]."""
 
     variance: float
     stderr: float
     lost: float
     gain: float
     floor: float
+    fastest: float
 
     @property
     def jitter(self):
@@ -39,23 +43,25 @@ class Timing:
 def timing_of(prepared, sde=None):
     """`Timing` of some prepared records together, the encoder's sub-divisional error ``sde`` (effect entry) taken out."""
     spreads, speeds = [], []
-    repeated = samples = 0
+    repeated = samples = missing = rows = 0
     for p in prepared:
         error = p.encoder - p.stage_position - _subdivisional(p.stage_position, sde or {})
         # third differences: what is smooth from sample to sample drops out
         rough = np.diff(error, 3) / np.sqrt(20.0)
-        rows = len(rough) // BLOCK * BLOCK
-        speed = np.abs(p.speed[:rows].reshape(-1, BLOCK))
+        used = len(rough) // BLOCK * BLOCK
+        speed = np.abs(p.speed[:used].reshape(-1, BLOCK))
         steady = np.ptp(speed, axis=1) < 0.1 * speed.mean(axis=1) + 2.0e-5
         good = steady & (speed.mean(axis=1) > LEAST_SPEED) & (speed.mean(axis=1) < MOST_SPEED)
-        spreads.append((rough[:rows].reshape(-1, BLOCK) ** 2).mean(axis=1)[good])
+        spreads.append((rough[:used].reshape(-1, BLOCK) ** 2).mean(axis=1)[good])
         speeds.append(speed.mean(axis=1)[good])
         same = (np.diff(p.encoder) == 0.0) & (np.diff(p.current) == 0.0) & (p.current[1:] != 0.0)
-        repeated, samples = repeated + int(same.sum()) + int(p.lost.sum()), samples + len(same)
-    lost = repeated / max(samples, 1)
+        moving = np.abs(p.speed[1:]) > REPEAT_SPEED
+        repeated, samples = repeated + int((same & moving).sum()), samples + int(moving.sum())
+        missing, rows = missing + int(p.lost.sum()), rows + len(p.lost)
+    lost = repeated / max(samples, 1) + missing / max(rows, 1)
     spread, square = np.concatenate(spreads), np.concatenate(speeds) ** 2
     if len(spread) < 100:
-        return Timing(0.0, 1.0, lost, 0.0, 0.0)
+        return Timing(0.0, 1.0, lost, 0.0, 0.0, 0.0)
     weight = np.full(len(spread), 1.0 / np.median(spread) ** 2)
     for _ in range(3):
         design = np.stack([np.ones(len(square)), square], axis=1)
@@ -64,7 +70,7 @@ def timing_of(prepared, sde=None):
         weight = 1.0 / np.maximum(a + max(b, 0.0) * square, 0.2 * a) ** 2
     stderr = float(np.sqrt(inner[1, 1] * 2.0 / FREEDOM))
     explained = float(max(b, 0.0) * (square.sum()) / a * FREEDOM)
-    return Timing(float(b), stderr, lost, explained, float(a))
+    return Timing(float(b), stderr, lost, explained, float(a), float(np.sqrt(square.max())))
 
 
 def _subdivisional(position, sde):
@@ -83,6 +89,6 @@ def readings_late(learn, held, base, sde=None):
     usual = max(healthy.variance, 0.0) if healthy else 0.0
     usual_lost = healthy.lost if healthy else 0.0
     scattered = (taught.significance > 6.0 and again.significance > 2.0 and taught.variance > 4.0 * usual
-                 and taught.jitter > 5.0e-7)
+                 and taught.jitter * taught.fastest > np.sqrt(LEAST_SCATTER * taught.floor))
     lost = taught.lost > LEAST_LOST + 3.0 * usual_lost and again.lost > 0.3 * taught.lost
     return (taught, again) if scattered or lost else None

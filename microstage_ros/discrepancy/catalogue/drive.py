@@ -24,8 +24,8 @@ def cable_windup(channel, frame):
 
 
 def payload_change(channel, frame):
-    """Guideway friction grows with the load; β = added mass over m."""
-    return channel.guideway[:, None]
+    """Guideway friction and inertia grow with the load; β = added mass over m."""
+    return (channel.guideway + channel.inertial)[:, None]
 
 
 def torque_ripple(numbers):

@@ -1,6 +1,6 @@
 """Torque balance at the motor shaft, in means over blocks of some milliseconds.
 
-    residual = k_M i − J dω/dt − M_f − (r/N) (F_g + c_g v)          [N m]
+    residual = k_M i − J dω/dt − M_f − (r/N) (F_g + c_g v + m dv/dt)          [N m]
 
 with the frictions of the nominal model replayed on the measured motion. What the amplifier and the
 winding do cannot enter: the current was measured. Noise: random friction (its two processes, scaled
@@ -8,11 +8,16 @@ by the nominal friction), what is not known of the state while blocks stick, and
 follows the local scatter.
 """
 
+import functools
+
 import numpy as np
 from scipy.ndimage import median_filter
 from scipy.optimize import minimize
+from scipy.signal import upfirdn
 
 from microstage_ros.discrepancy.friction_replay import replay
+from microstage_ros.discrepancy.motion import load_kernel
+from microstage_ros.discrepancy.preparation import MOTOR_NOISE
 from microstage_ros.discrepancy.whitening import whiten_states
 
 BLOCK = 20  # periods
@@ -25,7 +30,8 @@ class Mechanical:
     """Residual of one record in blocks, with the signals that candidates build their columns from.
 
     Attributes (all shape (blocks,)): ``residual`` [N m], ``time``, ``position``, ``speed`` (stage, SI),
-    ``friction`` (nominal actuator friction without viscosity), ``guideway`` [N m at the shaft],
+    ``friction`` (nominal actuator friction without viscosity), ``guideway`` and ``inertial`` (force of the
+    stage's mass) [N m at the shaft],
     ``stuck``, ``travel`` (path length so far), ``torque`` (k_M i − J dω/dt).
     """
 
@@ -34,25 +40,35 @@ class Mechanical:
     def __init__(self, prepared, drive):
         self.prepared, self.drive, self._coarse = prepared, drive, {}
         p = prepared
-        screw_speed = p.speed / drive.radius
+        self.time, self.position, self.speed, self.torque = (_means(v, BLOCK) for v in (p.time, p.position, p.speed, p.load))
         guideway = drive.lever * (p.guideway + drive.guideway.viscous * p.stage_speed)
-        viscous = drive.actuator.viscous * screw_speed
-        self.time, self.position, self.speed = self.mean(p.time), self.mean(p.position), self.mean(p.speed)
-        self.friction, self.viscous, self.guideway = self.mean(p.actuator), self.mean(viscous), self.mean(guideway)
-        self.stuck, self.torque = self.mean(p.stuck), self.mean(p.load)
-        self.residual = self.torque - self.friction - self.viscous - self.guideway
-        if p.behind is not None:  # behind a gap the stage moves on its own, and pushes back when it is caught
-            self.residual -= drive.lever * drive.mass * self.mean(np.gradient(p.stage_speed, p.period))
+        viscous = drive.actuator.viscous * p.speed / drive.radius
+        # behind a gap the stage moves on its own, and pushes back when it is caught
+        stage_speed = p.speed if p.behind is None else p.stage_speed
+        inertial = drive.lever * drive.mass * np.gradient(stage_speed, p.period)
+        forces = self.mean(np.stack([p.actuator, viscous, guideway, inertial], axis=1))
+        self.friction, self.viscous, self.guideway, self.inertial = forces.T
+        self.stuck = self.mean(p.stuck)
+        self.residual = self.torque - forces.sum(axis=1)
         step = np.abs(np.diff(self.position, prepend=self.position[0]))
         self.step = np.where(step > 5.0e-9, step, 0.0)
         self.travel = np.cumsum(self.step)
         self.white = self._white()
 
     def mean(self, values, coarse=1):
-        """Block means of a signal of shape (n,) or (n, k) that has one row per ``coarse`` periods."""
+        """Block means of a torque (n,) or (n, k) with one row per ``coarse`` periods, as `Prepared.load` would show it.
+
+        The load is smoothed over some milliseconds (`motion.load_kernel`); so is what it is compared with.
+        """
         block = BLOCK // coarse
         rows = len(self.prepared.time) // BLOCK * block
-        return values[:rows].reshape(-1, block, *values.shape[1:]).mean(axis=1)
+        weights = _weights(self.drive, self.prepared.period, coarse)
+        reach = (len(weights) - block) // 2
+        lead = -(len(weights) - 1) % block  # so that the filter's outputs fall on the blocks
+        edges = ((reach + lead, reach), *((0, 0),) * (values.ndim - 1))
+        out = upfirdn(weights, np.pad(values[:rows], edges, mode="edge"), down=block, axis=0)
+        first = (lead + len(weights) - 1) // block
+        return out[first:first + rows // block]
 
     def coarse_friction(self, coarse):
         """Nominal actuator friction replayed with one step per ``coarse`` periods (kept, many candidates need it)."""
@@ -81,6 +97,22 @@ class Mechanical:
         ], axis=1)
         gains = np.stack([self.friction, self.friction, self.stuck], axis=1)
         return whiten_states(matrix, gains, keeps, spreads, self.white)
+
+
+def _means(values, block):
+    """Means over blocks of so many periods of a signal (n,)."""
+    rows = len(values) // block * block
+    return values[:rows].reshape(-1, block).mean(axis=1)
+
+
+@functools.lru_cache(maxsize=64)
+def _weights(drive, period, coarse):
+    """Symmetric weights of the rows around a block in its mean as the smoothed load shows it; sum 1."""
+    kernel = load_kernel(drive, period, MOTOR_NOISE)
+    reach = len(kernel) // 2 // coarse
+    bins = np.round(np.arange(-(len(kernel) // 2), len(kernel) // 2 + 1) / coarse).astype(int)
+    rows = np.bincount(np.clip(bins, -reach, reach) + reach, weights=kernel)
+    return np.convolve(rows, np.ones(BLOCK // coarse) * coarse / BLOCK)
 
 
 def fit_spreads(channels, columns=None):
