@@ -113,6 +113,9 @@ def _answer(collection, evidences, choices, rivals, apart, holdout, notes, seed)
     causes += causes_apart(collection, known, course, causes, book, unsure)
     causes = _with_shares(causes, book)
     left = judge.leftovers(found)
+    if not (left or causes or unsure):
+        left = judge.of_learning_records(found)
+        notes += ["What stands out does so in the learning records only; the held-out ones may not go there."] if left else []
     scattered = judge.stands_out(evidences, choices)
     if scattered and not causes:
         notes.append("The residual scatters more than the baseline's in: " + ", ".join(scattered) + ".")

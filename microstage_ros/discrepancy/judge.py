@@ -25,6 +25,7 @@ SCATTER = 1.35          # χ² per row over the baseline's that no healthy recor
 STRANGER = {"torque": 40.0}  # times its own part that may be left in the channel of a named cause; friction is random
 STRANGER_ELSE = 6.0
 READING_SHARE = 0.1     # of what is left between the two readings that a cause must hold if only one of them tells of it
+ALONE = 2.0             # times its threshold that a dependence must reach if only the learning records show it
 LEFT_SHARE = 0.08       # of what stood out, above which something is left
 COORDINATES = {
     "position": "position", "time": "time", "friction in time": "time", "viscous in time": "time",
@@ -143,6 +144,11 @@ def findings_of(evidences, choices, generic):
 def leftovers(found):
     """Findings that stand after the causes were taken out, and on the held-out records too."""
     return [finding for finding, held in found if finding.left > finding.threshold and held > 25.0]
+
+
+def of_learning_records(found):
+    """Findings so strong in the learning records that they stand although the held-out ones do not show them."""
+    return [finding for finding, _ in found if finding.left > ALONE * finding.threshold]
 
 
 def verdict_of(causes, rivals, left, book, stands_out):

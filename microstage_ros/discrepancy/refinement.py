@@ -8,7 +8,8 @@ from microstage_ros.discrepancy.catalogue import electrical, friction
 from microstage_ros.discrepancy.catalogue.form import Form
 from microstage_ros.discrepancy.evidences import Choice
 
-STEPS = (0.08, 0.03, 0.015)
+STEPS = (0.08, 0.03, 0.015)   # of the size's logarithm
+MOST_MOVES = 5                # with one step, while the best size lies at the end of those tried
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,9 +67,14 @@ def _refined(collection, family, form, choices, choice):
     log = np.log(size) if size > 0 else 0.0
     stderr = 0.05
     for step in STEPS:
-        at = log + step * np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
-        gains = trial(np.exp(at))
-        best = int(np.clip(np.argmax(gains), 1, 3))
+        for _ in range(MOST_MOVES):
+            at = log + step * np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
+            gains = trial(np.exp(at))
+            best = int(np.argmax(gains))
+            if 0 < best < 4:
+                break
+            log = at[best]
+        best = int(np.clip(best, 1, 3))
         a, b, c = gains[best - 1: best + 2]
         bend = 2 * b - a - c
         log = at[best] + (0.5 * step * (c - a) / bend if bend > 0 else 0.0)

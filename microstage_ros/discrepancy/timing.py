@@ -20,7 +20,7 @@ LEAST_SCATTER = 1.0      # of the floor, at the fastest: an encoder without nois
 @dataclasses.dataclass(frozen=True)
 class Timing:
     """Jitter variance τ² [s²] with standard error, share of lost samples, and χ² that the jitter explains;
-    ``floor`` variance at rest [m²], ``fastest`` speed that was looked at [m/s]."""
+    ``floor`` variance at rest, at least that of the encoder's rounding [m²], ``fastest`` speed that was looked at [m/s]."""
 
     variance: float
     stderr: float
@@ -42,7 +42,7 @@ class Timing:
 
 def timing_of(prepared, sde=None):
     """`Timing` of some prepared records together, the encoder's sub-divisional error ``sde`` (effect entry) taken out."""
-    spreads, speeds = [], []
+    spreads, speeds, rounding = [], [], 0.0
     repeated = samples = missing = rows = 0
     for p in prepared:
         error = p.encoder - p.stage_position - _subdivisional(p.stage_position, sde or {})
@@ -54,6 +54,8 @@ def timing_of(prepared, sde=None):
         good = steady & (speed.mean(axis=1) > LEAST_SPEED) & (speed.mean(axis=1) < MOST_SPEED)
         spreads.append((rough[:used].reshape(-1, BLOCK) ** 2).mean(axis=1)[good])
         speeds.append(speed.mean(axis=1)[good])
+        steps = np.abs(np.diff(p.encoder))
+        rounding = max(rounding, float(np.min(steps[steps > 1.0e-12], initial=1.0e-3)) ** 2 / 12.0)
         same = (np.diff(p.encoder) == 0.0) & (np.diff(p.current) == 0.0) & (p.current[1:] != 0.0)
         moving = np.abs(p.speed[1:]) > REPEAT_SPEED
         repeated, samples = repeated + int((same & moving).sum()), samples + int(moving.sum())
@@ -70,7 +72,7 @@ def timing_of(prepared, sde=None):
         weight = 1.0 / np.maximum(a + max(b, 0.0) * square, 0.2 * a) ** 2
     stderr = float(np.sqrt(inner[1, 1] * 2.0 / FREEDOM))
     explained = float(max(b, 0.0) * (square.sum()) / a * FREEDOM)
-    return Timing(float(b), stderr, lost, explained, float(a), float(np.sqrt(square.max())))
+    return Timing(float(b), stderr, lost, explained, max(float(a), rounding), float(np.sqrt(square.max())))
 
 
 def _subdivisional(position, sde):

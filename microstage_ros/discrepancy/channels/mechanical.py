@@ -43,9 +43,7 @@ class Mechanical:
         self.time, self.position, self.speed, self.torque = (_means(v, BLOCK) for v in (p.time, p.position, p.speed, p.load))
         guideway = drive.lever * (p.guideway + drive.guideway.viscous * p.stage_speed)
         viscous = drive.actuator.viscous * p.speed / drive.radius
-        # behind a gap the stage moves on its own, and pushes back when it is caught
-        stage_speed = p.speed if p.behind is None else p.stage_speed
-        inertial = drive.lever * drive.mass * np.gradient(stage_speed, p.period)
+        inertial = drive.lever * drive.mass * np.gradient(p.stage_speed, p.period)
         forces = self.mean(np.stack([p.actuator, viscous, guideway, inertial], axis=1))
         self.friction, self.viscous, self.guideway, self.inertial = forces.T
         self.stuck = self.mean(p.stuck)
