@@ -16,6 +16,7 @@ from microstage_ros.discrepancy.side_by_side import side_by_side
 from microstage_ros.discrepancy.slow_drift import courses
 
 RATTLED = 0.4           # share of the command's χ² that a slow amplifier must hold beside a gap
+SWING = 0.5             # of a slow amplifier's χ² that must be left of it once the drive train is told
 FAR = 1.5               # factor on the stiffness beyond which the motion is told with it
 CHANGED = ("learn", "held")    # groups of records in which something may be wrong
 
@@ -47,21 +48,47 @@ class Known:
 
 def find_known(groups, drive):
     """({group: [`Prepared`]}, `Known`) of records {group: [`Record`]} in the groups learn, held and base."""
-    prepared = {name: side_by_side(lambda record: prepare(record, drive), group) for name, group in groups.items()}
-    known = Known(courses=courses(prepared))
+    prompt = {name: side_by_side(lambda record: prepare(record, drive), group) for name, group in groups.items()}
+    known = Known(courses=courses(prompt))
     if known.courses:
-        prepared = known.prepare(groups, drive, prepared)
-    prepared, known = _slow_or_loose(groups, prepared, drive, known)
+        prompt = known.prepare(groups, drive, prompt)
+    prepared, known = _slow_or_loose(groups, prompt, drive, known)
+    if known.slow is not None and known.gap is None:
+        prepared, known = _train_instead(groups, prompt, drive, prepared, known)
     lines = _lines(prepared, drive)
     if lines:
         known = dataclasses.replace(known, lines=tuple(lines))
         prepared = known.prepare(groups, drive, prepared)
-    if known.gap is None and _all_currents(prepared):
-        train = fit_train(*([Resonance(p, drive) for p in prepared[name]] for name in ("learn", "base")))
-        if train is not None and not 1.0 / FAR < train.stiffness < FAR:
+    if known.train is None and known.gap is None:
+        train = _far_train(prepared, drive)
+        if train is not None:
             known = dataclasses.replace(known, train=train)
             prepared = known.prepare(groups, drive, prepared)
     return prepared, known
+
+
+def _far_train(prepared, drive):
+    """`resonant.Train` of the records if it is far from the model's, else None."""
+    if not _all_currents(prepared):
+        return None
+    train = fit_train(*([Resonance(p, drive) for p in prepared[name]] for name in ("learn", "base")))
+    return train if train is not None and not 1.0 / FAR < train.stiffness < FAR else None
+
+
+def _train_instead(groups, prompt, drive, prepared, known):
+    """What is known if a drive train that swings, of which the command's channel knows nothing, looked like a slow amplifier."""
+    train = _far_train(prompt, drive)
+    if train is None:
+        return prepared, known
+    other = dataclasses.replace(known, slow=None, train=train)
+    told = other.prepare(groups, drive, prompt)
+    slow = find_slowness(told, drive)
+    if slow is not None and slow.gain > SWING * known.slow.gain:
+        return prepared, known
+    if slow is not None:
+        other = dataclasses.replace(other, slow=slow)
+        told = other.prepare(groups, drive, prompt)
+    return told, other
 
 
 def _slow_or_loose(groups, prepared, drive, known):

@@ -76,8 +76,8 @@ def test_overshoot_is_within_five_percent_or_two_counts(axis, kind, distance):
 def test_observer_law_learns_an_amplifier_whose_gain_jumps(axis):
     """Cut at the amplifier with nothing learned the loop has a margin of about 1 dB; learning holds it at 6 dB either way."""
     for factor in (0.5, 2.0):
-        peak, afterwards = gain_jump_trial(axis, "self_tuning_observer", factor, seed=0)
-        assert 1e-7 < peak < 2e-5 and afterwards < 40e-9
+        peaks, afterwards = zip(*(gain_jump_trial(axis, "self_tuning_observer", factor, seed=seed) for seed in (0, 1, 2)))
+        assert 1e-7 < max(peaks) < 2e-5 and max(afterwards) < 40e-9   # of some seeds the jump is hardly felt
     assert gain_jump_trial(axis, "self_tuning_observer", 1.0, seed=0)[0] < 40e-9
 
 
