@@ -17,7 +17,7 @@ from microstage_ros.discrepancy.diagnosis import Cause, Diagnosis, Gain, Paramet
 from microstage_ros.discrepancy.drive import drive_of
 from microstage_ros.discrepancy.known import find_known
 from microstage_ros.discrepancy.periods import periodic_forms
-from microstage_ros.discrepancy.pictures import gap_picture, pictures_of
+from microstage_ros.discrepancy.pictures import drift_picture, gap_picture, pictures_of
 from microstage_ros.discrepancy.refinement import refine
 from microstage_ros.discrepancy.resonant import damped_forms
 from microstage_ros.discrepancy.selection import select, sizes_of
@@ -127,6 +127,8 @@ def _answer(collection, evidences, choices, rivals, apart, holdout, notes, seed)
     pictures = pictures_of(collection, evidences, choices, left)
     if collection.prepared["held"][0].behind is not None:
         pictures.insert(0, gap_picture(collection.prepared["held"][0]))
+    if course is not None:
+        pictures.insert(0, drift_picture(collection.prepared["held"][0]))
     return Diagnosis(
         verdict=verdict, causes=tuple(causes), rivals=tuple(unsure),
         gain=judge.overall_gain(book, [record.source for record in holdout]),

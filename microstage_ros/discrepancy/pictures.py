@@ -4,9 +4,11 @@ import numpy as np
 
 from microstage_ros.discrepancy.diagnosis import Picture
 from microstage_ros.discrepancy.evidences import Evidences
+from microstage_ros.discrepancy.slow_drift import course_of
 
 BINS = 60
 STRETCH = 0.15   # s
+MOVES = 2.0e-5   # m/s
 COORDINATE = {
     "direction_asymmetry": "velocity", "viscous_change": "velocity", "nonlinear_viscous": "velocity",
     "friction_level_change": "velocity", "frictional_lag": "velocity", "rising_static_friction": "time",
@@ -14,7 +16,9 @@ COORDINATE = {
     "amplifier_offset": "time", "backlash": "time", "drive_compliance": "time", "payload_change": "velocity",
     "amplifier_gain": "time", "amplifier_deadband": "time", "sampling_jitter": "velocity",
 }
-LABELS = {"position": "position [m]", "velocity": "velocity [m/s]", "time": "time [s]"}
+LABELS = {"position": "position [m]", "velocity": "velocity [m/s]", "time": "time [s]",
+          "signal period": "position within a signal period [m]", "motor turn": "travel within a turn of the motor [m]"}
+FOLDED = {"encoder_sde": "signal period", "torque_ripple": "motor turn"}   # what repeats too often to be seen along the stroke
 Y_LABELS = {"torque": "torque needed beyond the model [N m]", "windup": "stage against motor [m]",
             "resonance": "stage against motor, fast part [m]",
             "position": "interferometer − encoder [m]"}
@@ -25,7 +29,7 @@ def pictures_of(collection, evidences, choices, left):
     pictures = []
     for choice in choices:
         for channel in sorted({form.channel for form in choice.forms}):
-            coordinate = COORDINATE.get(choice.effect, "position")
+            coordinate = FOLDED.get(choice.effect) or COORDINATE.get(choice.effect, "position")
             pictures.append(_picture(collection, evidences, choices, choice, channel, coordinate))
     for finding in left:
         coordinate = finding.coordinate if finding.coordinate in LABELS else "time"
@@ -45,6 +49,15 @@ def gap_picture(prepared):
     return Picture("backlash-windup-time", "backlash: stage against motor", LABELS["time"], Y_LABELS["windup"], curves, "backlash")
 
 
+def drift_picture(prepared):
+    """`Picture` of one record's interferometer less encoder over time, in means of 20 ms, and the smooth course through it."""
+    values, time, course = course_of(prepared)
+    level = course.mean()
+    curves = {"measured": (time, values - level), "smooth course": (time, course - level)}
+    return Picture("thermal_drift-position-time", "thermal_drift: interferometer less encoder", LABELS["time"],
+                   Y_LABELS["position"], curves, "thermal_drift")
+
+
 def _picture(collection, evidences, choices, choice, channel, coordinate):
     one = collection.channels["held"][0][channel]
     residual, model = np.array(one.residual), np.zeros(len(one.residual))
@@ -60,13 +73,25 @@ def _picture(collection, evidences, choices, choice, channel, coordinate):
                 model += part
             else:
                 residual -= part
-    x = {"position": one.position, "velocity": one.speed, "time": one.time}[coordinate]
+    x = _across(one, choice, channel, coordinate, collection.frame.drive)
+    if coordinate == "motor turn":  # at rest the friction's unknown state stands at one place
+        moving = np.abs(one.speed) > MOVES
+        x, residual, model = x[moving], residual[moving], model[moving]
     curves = {"measured": _binned(x, residual - residual.mean())}
     name = choice.effect if choice else ""
     if choice:
         curves["model with the cause"] = _binned(x, model - model.mean())[:2]
     title = f"{name or 'what is left'}: residual against {coordinate}"
     return Picture(f"{name or 'left'}-{channel}-{coordinate}", title, LABELS[coordinate], Y_LABELS[channel], curves, name)
+
+
+def _across(one, choice, channel, coordinate, drive):
+    """The coordinate of a picture for every row of a channel; what repeats is folded on its period."""
+    if coordinate == "motor turn":
+        return one.position % (2.0 * np.pi * drive.lever)
+    if coordinate == "signal period":
+        return one.position % float(next(form for form in choice.forms if form.channel == channel).variant)
+    return {"position": one.position, "velocity": one.speed, "time": one.time}[coordinate]
 
 
 def _binned(x, y):

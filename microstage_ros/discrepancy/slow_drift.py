@@ -72,6 +72,12 @@ def courses(prepared):
     return tuple(np.interp(p.time, t.time, t.course) - t.course[0] for p, t in zip(records, ours))
 
 
+def course_of(prepared):
+    """(interferometer less encoder, time, smooth course) of one record in means of 20 ms, each shape (k,) [m, s, m]."""
+    told = _told(*_means(prepared.interferometer - prepared.encoder, prepared.time, SAMPLES))
+    return _means(prepared.interferometer - prepared.encoder, prepared.time, SAMPLES)[0], told.time, told.course
+
+
 @dataclasses.dataclass(frozen=True)
 class _Told:
     """What a smooth course predicts: share of what moves, its rms [m] and mean rate [m/s], and itself over time;
