@@ -16,7 +16,7 @@ from microstage_ros.discrepancy.channels.resonance import Resonance
 from microstage_ros.discrepancy.channels.windup import Windup
 from microstage_ros.discrepancy.evidence import gather
 from microstage_ros.discrepancy.evidences import Evidences
-from microstage_ros.discrepancy.side_by_side import side_by_side
+from microstage_ros.discrepancy.threads import side_by_side
 from microstage_ros.discrepancy.systematic import SYSTEMATIC
 
 GROUPS = ("learn", "held", "base")

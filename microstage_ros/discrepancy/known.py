@@ -12,7 +12,7 @@ from microstage_ros.discrepancy.lines import find_lines
 from microstage_ros.discrepancy.lost_motion import find_gap
 from microstage_ros.discrepancy.preparation import prepare
 from microstage_ros.discrepancy.resonant import fit_train
-from microstage_ros.discrepancy.side_by_side import side_by_side
+from microstage_ros.discrepancy.threads import side_by_side
 from microstage_ros.discrepancy.slow_drift import courses
 
 RATTLED = 0.4           # share of the command's χ² that a slow amplifier must hold beside a gap

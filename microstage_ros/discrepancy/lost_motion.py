@@ -11,7 +11,7 @@ import numpy as np
 
 from microstage_ros.discrepancy.channels.windup import Windup
 from microstage_ros.discrepancy.gap_replay import stage_behind_gap
-from microstage_ros.discrepancy.side_by_side import side_by_side
+from microstage_ros.discrepancy.threads import side_by_side
 
 STANDS_OUT = 1.4         # times the baseline's loss from which the search is worth its time
 EXPLAINS = 0.4           # share of what stands out that the gap must take away (other causes: a tenth at most),

@@ -7,8 +7,9 @@ from microstage_ros.discrepancy.evidences import Evidences
 from microstage_ros.discrepancy.slow_drift import course_of
 
 BINS = 60
+FOLDED_BINS = 180   # a ripple has up to some twenty cycles per turn
 STRETCH = 0.15   # s
-MOVES = 2.0e-5   # m/s
+MOVES = 2.0e-5   # m/s: slower is rest
 COORDINATE = {
     "direction_asymmetry": "velocity", "viscous_change": "velocity", "nonlinear_viscous": "velocity",
     "friction_level_change": "velocity", "frictional_lag": "velocity", "rising_static_friction": "time",
@@ -17,8 +18,8 @@ COORDINATE = {
     "amplifier_gain": "time", "amplifier_deadband": "time", "sampling_jitter": "velocity",
 }
 LABELS = {"position": "position [m]", "velocity": "velocity [m/s]", "time": "time [s]",
-          "signal period": "position within a signal period [m]", "motor turn": "travel within a turn of the motor [m]"}
-FOLDED = {"encoder_sde": "signal period", "torque_ripple": "motor turn"}   # what repeats too often to be seen along the stroke
+          "signal period": "position within a signal period [m]", "motor turns": "travel within two turns of the motor [m]"}
+FOLDED = {"encoder_sde": "signal period", "torque_ripple": "motor turns"}   # what repeats too often to be seen along the stroke
 Y_LABELS = {"torque": "torque needed beyond the model [N m]", "windup": "stage against motor [m]",
             "resonance": "stage against motor, fast part [m]",
             "position": "interferometer − encoder [m]"}
@@ -74,30 +75,31 @@ def _picture(collection, evidences, choices, choice, channel, coordinate):
             else:
                 residual -= part
     x = _across(one, choice, channel, coordinate, collection.frame.drive)
-    if coordinate == "motor turn":  # at rest the friction's unknown state stands at one place
+    if coordinate == "motor turns":  # at rest the friction's unknown state stands at one place
         moving = np.abs(one.speed) > MOVES
         x, residual, model = x[moving], residual[moving], model[moving]
-    curves = {"measured": _binned(x, residual - residual.mean())}
+    bins = FOLDED_BINS if coordinate in FOLDED.values() else BINS
+    curves = {"measured": _binned(x, residual - residual.mean(), bins)}
     name = choice.effect if choice else ""
     if choice:
-        curves["model with the cause"] = _binned(x, model - model.mean())[:2]
+        curves["model with the cause"] = _binned(x, model - model.mean(), bins)[:2]
     title = f"{name or 'what is left'}: residual against {coordinate}"
     return Picture(f"{name or 'left'}-{channel}-{coordinate}", title, LABELS[coordinate], Y_LABELS[channel], curves, name)
 
 
 def _across(one, choice, channel, coordinate, drive):
     """The coordinate of a picture for every row of a channel; what repeats is folded on its period."""
-    if coordinate == "motor turn":
-        return one.position % (2.0 * np.pi * drive.lever)
+    if coordinate == "motor turns":
+        return one.position % (4.0 * np.pi * drive.lever)  # two: half cycles per turn are found too
     if coordinate == "signal period":
         return one.position % float(next(form for form in choice.forms if form.channel == channel).variant)
     return {"position": one.position, "velocity": one.speed, "time": one.time}[coordinate]
 
 
-def _binned(x, y):
-    """Means of y in bins of x with as many samples each: (x, y, standard error)."""
+def _binned(x, y, bins):
+    """Means of y in ``bins`` bins of x with as many samples each: (x, y, standard error)."""
     order = np.argsort(x, kind="stable")
-    parts = np.array_split(order, min(BINS, max(len(x) // 20, 2)))
+    parts = np.array_split(order, min(bins, max(len(x) // 20, 2)))
     mean = lambda values: np.array([values[part].mean() for part in parts])
     spread = np.array([y[part].std() / np.sqrt(len(part)) for part in parts])
     return mean(x), mean(y), spread

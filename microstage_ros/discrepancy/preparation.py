@@ -176,8 +176,8 @@ def between_readings(settled, current, speed, drive, period):
 
         mean i − i_s = (i_0 − i_s) (1 − a) τ/T + (K_E/R) T ω' (1/(1 − a) − 1/2 − τ/T)
 
-    (R i + L di/dt = u − K_E ω solved over one period; i_0 is the reading before). It is a half per cent of the
-    torque that turns the rotor, and as much as the stage's own inertia takes.
+    (R i + L di/dt = u − K_E ω solved over one period; i_0 is the reading before). It is 0.4 % of the
+    torque that turns the shipped axis's rotor, nearly half of what the stage's inertia takes.
     """
     share = drive.inductance / drive.resistance / period
     keep = np.exp(-1.0 / share)

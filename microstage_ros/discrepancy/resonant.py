@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 
 from microstage_ros.discrepancy.catalogue.electrical import STIFFNESS_FACTORS
 from microstage_ros.discrepancy.catalogue.form import Form
-from microstage_ros.discrepancy.side_by_side import side_by_side
+from microstage_ros.discrepancy.threads import side_by_side
 
 DAMPINGS = (0.25, 1.0, 4.0)
 STANDS_OUT = 1.15     # χ² per row over the baseline's from which the search is worth its time

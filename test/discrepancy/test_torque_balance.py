@@ -1,7 +1,5 @@
 """The torque balance closes: what the motor gives is what rotor, stage and frictions take, also while they accelerate."""
 
-import pathlib
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -13,14 +11,14 @@ from microstage_ros.discrepancy.channels.mechanical import Mechanical
 from microstage_ros.discrepancy.drive import drive_of
 from microstage_ros.discrepancy.motion import load_kernel
 from microstage_ros.discrepancy.preparation import between_readings, prepare
+from microstage_ros.places import config_file
 
-AXIS = pathlib.Path(__file__).resolve().parents[2] / "config/axis.yaml"
 PERIOD = 1.0e-4
 
 
 @pytest.fixture(scope="module")
 def axis():
-    return load_axis(AXIS)
+    return load_axis(config_file("axis.yaml"))
 
 
 @pytest.fixture(scope="module")
