@@ -14,6 +14,7 @@ import sys
 
 _hidden = sys.modules.setdefault("coverage", None) is None  # numba loads it where it is installed, 0.1 s, for nothing here
 import numba  # noqa: E402
+from numba.core.ccallback import CFunc  # noqa: E402
 from numba.core.runtime import rtsys  # noqa: E402
 from numba.extending import intrinsic, overload  # noqa: E402, F401  (the rest of the package has them from here)
 
@@ -65,15 +66,22 @@ def compiled(function=None, **options):
     """
     if function is None:
         return functools.partial(compiled, **options)
-    room = (function.__module__.split(".") + ["", ""])[1]
-    numba.config.CACHE_DIR = cache_folder(room)  # numba reads it when the decorator runs
+    numba.config.CACHE_DIR = _cache_folder_of(function)  # numba reads it when the decorator runs
     usual = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True,
              "forceinline": False}         # said, or numba passes a caller's on to all that it calls
     dispatcher = numba.njit(**{**usual, **options})(function)
-    cache = getattr(dispatcher, "_cache", None)
+    _load_without_compiler(getattr(dispatcher, "_cache", None))
+    return dispatcher
+
+
+def _cache_folder_of(function):
+    return cache_folder((function.__module__.split(".") + ["", ""])[1])
+
+
+def _load_without_compiler(cache):
+    """Have a cache of numba's use `_load`."""
     if hasattr(cache, "_load_overload"):  # numba as we know it
         cache.load_overload = functools.partial(_load, cache)
-    return dispatcher
 
 
 def _load(cache, signature, context):
@@ -94,6 +102,57 @@ def internal(function=None, **options):
 def woven(function):
     """`internal`, written into its caller after types are found: a loop's every period, without the price of a call."""
     return internal(function, forceinline=True)
+
+
+@intrinsic
+def _pointer(typingctx, address, like):
+    """The address of something of the type of ``like``, as a pointer."""
+    def build(context, builder, signature, arguments):
+        return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
+
+    return numba.types.CPointer(like)(numba.types.uintp, like), build
+
+
+@intrinsic
+def address_of(typingctx, pointer):
+    """The address that a pointer stands for, uintp."""
+    def build(context, builder, signature, arguments):
+        return builder.ptrtoint(arguments[0], context.get_value_type(numba.types.uintp))
+
+    return numba.types.uintp(pointer), build
+
+
+@internal
+def put_at(address, value):
+    """Leave a number, an array or a tuple of such at an address, for who is given a pointer to it (`called_from_c`)."""
+    _pointer(address, value)[0] = value
+
+
+@internal
+def words_at(address, count):
+    """The int64 array that begins at an address; nobody owns it."""
+    return numba.carray(_pointer(address, 0), count)
+
+
+@functools.lru_cache
+def called_from_c(function, kind):
+    """Compile ``function(pointer, count)`` so that C can call it; ``pointer[0]`` is of a type given by `kind_of`.
+
+    Returns
+    -------
+    object with the attribute ``address``; it has to live as long as anybody may call.
+    """
+    numba.config.CACHE_DIR = _cache_folder_of(function)
+    arguments = numba.types.CPointer(kind), numba.types.uint64
+    made = CFunc(function, (arguments, numba.types.void), locals={}, options={"nopython": True, "error_model": "numpy"})
+    made.enable_caching()
+    _load_without_compiler(made._cache)
+    made.compile()
+    return made
+
+
+kind_of = numba.typeof
+"""The type of a value, as compiled code knows it."""
 
 
 @intrinsic

@@ -23,11 +23,11 @@ from microstage_ros.nodes import topics
 from microstage_ros.nodes.blocks import Sender
 from microstage_ros.nodes.codec import Codec
 from microstage_ros.nodes.credit import CreditReader, Ledger
-from microstage_ros.nodes.driver_loop import QuickPeriods, load, timing
 from microstage_ros.nodes.driver_periods import SLICE, DriverPeriods
 from microstage_ros.nodes.driver_topics import DriverTopics
 from microstage_ros.nodes.parameters import Parameters, yaml_mapping
 from microstage_ros.nodes.process import run_node
+from microstage_ros.nodes.quick_periods import QuickPeriods, load, timing
 from microstage_ros.nodes.response_times import ResponseTimes
 from microstage_ros.nodes.requests import Requests
 from microstage_ros.nodes.servo_path import FastServoPath, make_servo_path, reader_qos
@@ -72,8 +72,7 @@ class AxisDriver(DriverPeriods, LifecycleNode):
         self.topics = DriverTopics(self, servo, self.axis, self.hardware.simulated)
         if quick:
             self._quick = QuickPeriods(servo, self._commands, side.semaphore, self.topics, self.gate, self._requests.asked,
-                                       self.responses, self._settings())
-            load(self.hardware.own_arrays)
+                                       self.responses, self.hardware.own_arrays, self._settings())
             self._sender = Sender(self.topics.outlets, side.semaphore, self._credits.take)
         self.create_service(Trigger, topics.RESET_FAULT, self._reset_fault)
         self.create_timer(1.0, self._once_per_second)

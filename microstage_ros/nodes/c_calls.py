@@ -26,6 +26,9 @@ _clockwait = external("sem_clockwait", "int32", POINTER, "int32", POINTER)
 _post = external("sem_post", "int32", POINTER)
 _gettime = external("clock_gettime", "int32", "int32", POINTER)
 _setscheduler = external("sched_setscheduler", "int32", "int32", "int32", POINTER)
+_lock = external("pthread_mutex_lock", "int32", POINTER)
+_trylock = external("pthread_mutex_trylock", "int32", POINTER)
+_unlock = external("pthread_mutex_unlock", "int32", POINTER)
 _nanosleep = external("clock_nanosleep", "int32", "int32", "int32", POINTER, POINTER)
 
 
@@ -100,6 +103,24 @@ def wait(semaphore, until, times):
 def post(semaphore):
     """Wake who waits for the semaphore at this address."""
     _post(semaphore)
+
+
+@compiled
+def lock(mutex):
+    """Have the mutex at this address, waiting for it."""
+    _lock(mutex)
+
+
+@compiled
+def try_lock(mutex):
+    """True if the mutex at this address was free; it is ours now."""
+    return _trylock(mutex) == 0
+
+
+@compiled
+def unlock(mutex):
+    """Let go of it."""
+    _unlock(mutex)
 
 
 @compiled

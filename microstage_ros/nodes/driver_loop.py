@@ -12,12 +12,9 @@ import numpy as np
 
 from microstage_ros.axis.compiled import compiled
 from microstage_ros.axis.period import advance_and_read
-from microstage_ros.nodes.c_calls import (
-    MONOTONIC, REALTIME, Frame, load_libraries, now, post, publish, set_policy, sleep_until, take, wait,
-)
-from microstage_ros.nodes.kept_rows import close, crowded, keep, new_ring
-from microstage_ros.nodes.response_times import ResponseTimes
-from microstage_ros.nodes.scheduling import SPIN
+from microstage_ros.nodes.c_calls import MONOTONIC, REALTIME, now, post, publish, set_policy, sleep_until, take, wait
+from microstage_ros.nodes.desk import WAITING, desk_of, get_up, go_home, leave, may_sit, sit_down
+from microstage_ros.nodes.kept_rows import close, crowded, keep
 
 GOOD, ASKED, CROWDED, NO_CREDIT, TRAVEL, WAITED, STRANGE, MISSED = range(8)
 """Why `run_periods` returned. From `TRAVEL` on, the period that is under way has to be ended by the caller:
@@ -31,8 +28,6 @@ VALUES = np.dtype([(name, "f8") for name in ("voltage", "limit", "low", "high", 
 LINKS = np.dtype([(name, "u8") for name in (
     "states", "state", "truths", "truth", "clocks", "clock", "commands", "command", "semaphore", "sender")])
 """Addresses: of publishers and the frames they send, of the subscription, its frame, its semaphore, the sender's."""
-
-FRAMES = (("AxisState",), ("SimulationTruth",), ("VoltageCommand",), ("Clock", "rosgraph_msgs"))
 
 SATURATED, LATE = 4, 8
 
@@ -118,17 +113,25 @@ def send_truth(links, c, plant_state, reading, message, raw, ring):
 
 
 @compiled
+def in_force(c, v, command):
+    """Obey the command in its frame; False if it is strange."""
+    n = np.int64(command["sequence"])
+    if n > c.sequence or n <= c.last or not math.isfinite(command["voltage"]) or (n < c.sequence and not c.paced):
+        return False
+    c.last = n
+    v.command = command["voltage"]
+    v.voltage = min(max(v.command, -v.limit), v.limit)
+    return True
+
+
+@compiled
 def await_command(links, c, v, command, times):
     """GOOD when the answer to the period is in force, else why not."""
     while True:
         if take(links.commands, links.command):
-            n = np.int64(command["sequence"])
-            if n > c.sequence or n <= c.last or not math.isfinite(command["voltage"]) or (n < c.sequence and not c.paced):
+            if not in_force(c, v, command):
                 return STRANGE
-            c.last = n
-            v.command = command["voltage"]
-            v.voltage = min(max(v.command, -v.limit), v.limit)
-            if n == c.sequence:
+            if c.last == c.sequence:
                 return GOOD
             c.late += 1
             continue
@@ -158,145 +161,108 @@ def count_answer(c, responses, times):
 
 
 @compiled
-def run_periods(stop, links, c, v, plants, states, works, readings, frames, raws, rings, responses, times):
+def begin_period(stop, links, c, v, plants, states, works, readings, frames, raws, rings, responses, times):
+    """Read and send the state of the next period. WAITING for its command, or why the loop ends."""
+    links, c, v, reading = links[0], c[0], v[0], readings[0]
+    if stop[0]:
+        return ASKED
+    n = c.sequence + 1
+    if n > c.credit:
+        return NO_CREDIT
+    if crowded(rings[0]):
+        return CROWDED
+    if c.pace_ns > 0:
+        hold_back(c, times)
+    c.begun_ns = now(MONOTONIC, times)
+    advance_and_read(plants, states, works, readings, v.voltage)
+    c.sequence = n
+    c.time_ns = now(REALTIME, times) if c.paced else int(np.rint(n * v.period * 1e9))
+    if not v.low <= reading.encoder <= v.high:
+        return TRAVEL
+    send_state(links, c, v, reading, frames[0][0], raws[0], rings[0])
+    return WAITING
+
+
+@compiled
+def end_period(stop, links, c, v, plants, states, works, readings, frames, raws, rings, responses, times):
+    """What else is to be sent of a period whose command is in force, or that has to do without."""
+    links, c, clock = links[0], c[0], frames[3][0]
+    n = c.sequence
+    if n % c.every == 0:
+        send_truth(links, c, states[0], readings[0], frames[1][0], raws[1], rings[1])
+    if (n + 1) % c.block == 0:
+        if links.clocks:
+            clock["clock.sec"], clock["clock.nanosec"] = c.time_ns // 1_000_000_000, c.time_ns % 1_000_000_000
+            publish(links.clocks, links.clock)
+        close(rings[0])
+        close(rings[1])
+        if not c.paced:  # else who sends looks by itself: to wake another processor can take as long as a period
+            post(links.sender)
+
+
+@compiled
+def timed_periods(work):
+    """Control periods that begin when they are due. Why they ended."""
+    links, c, v, frames, responses, times = work[1][0], work[2][0], work[3][0], work[8], work[11], work[12]
+    while True:
+        why = begin_period(*work)
+        if why != WAITING:
+            return why
+        why = await_command(links, c, v, frames[2][0], times)
+        if why == GOOD:
+            count_answer(c, responses, times)
+        elif why == MISSED and c.sequence - c.last + c.grace_ns // c.pace_ns <= c.tolerated:
+            c.lost += 1
+            c.held = c.silent = 1
+        else:
+            return why
+        end_period(*work)
+
+
+@compiled
+def go_on(work):
+    """Take the command that waits, if it does, and begin the next period. WAITING, or why the loop ends."""
+    links, c, v, command, responses, times = work[1][0], work[2][0], work[3][0], work[8][2][0], work[11], work[12]
+    if not take(links.commands, links.command):
+        return WAITING
+    if not in_force(c, v, command):
+        return STRANGE
+    count_answer(c, responses, times)
+    end_period(*work)
+    return begin_period(*work)
+
+
+@compiled
+def run_periods(desk, work, times):
     """Control periods until one of the reasons at the top.
 
     Parameters
     ----------
-    stop : int64 of shape (1,), made 1 by another thread that asks for something.
-    links, c, v : records `LINKS`, `COUNTS`, `VALUES`.
-    plants, states, works, readings : arrays of one, as in `axis.period`.
-    frames : messages of state, truth, command, clock (`c_calls.Frame.message`). raws : bytes of the first two.
-    rings : blocks of state and truth (`kept_rows`). responses : arrays of `ResponseTimes`.
-    times : int64 of shape (2,), to work in.
+    desk : `desk.Desk.words`.
+    work : stop, int64 of shape (1,), made 1 by another thread that asks for something; records `LINKS`, `COUNTS`, `VALUES`;
+        plants, states, works, readings, arrays of one as in `axis.period`; messages of state, truth, command, clock
+        (`c_calls.Frame.message`); bytes of the first two; blocks of state and truth (`kept_rows`); arrays of
+        `ResponseTimes`; int64 (2,), to work in.
+    times : another int64 (2,), for the loop's thread while others work.
     """
-    links, c, v = links[0], c[0], v[0]
-    while stop[0] == 0:
-        n = c.sequence + 1
-        if n > c.credit:
-            return NO_CREDIT
-        if crowded(rings[0]):
-            return CROWDED
-        if c.pace_ns > 0:
-            hold_back(c, times)
-        c.begun_ns = now(MONOTONIC, times)
-        advance_and_read(plants, states, works, readings, v.voltage)
-        c.sequence = n
-        c.time_ns = now(REALTIME, times) if c.paced else int(np.rint(n * v.period * 1e9))
-        if not v.low <= readings[0].encoder <= v.high:
-            return TRAVEL
-        send_state(links, c, v, readings[0], frames[0][0], raws[0], rings[0])
-        outcome = await_command(links, c, v, frames[2][0], times)
-        if outcome == GOOD:
-            count_answer(c, responses, times)
-        elif outcome == MISSED and n - c.last + c.grace_ns // c.pace_ns <= c.tolerated:
-            c.lost += 1
-            c.held = c.silent = 1
-        else:
-            return outcome
-        if n % c.every == 0:
-            send_truth(links, c, states[0], readings[0], frames[1][0], raws[1], rings[1])
-        if (n + 1) % c.block == 0:
-            if links.clocks:
-                frames[3][0]["clock.sec"] = c.time_ns // 1_000_000_000
-                frames[3][0]["clock.nanosec"] = c.time_ns % 1_000_000_000
-                publish(links.clocks, links.clock)
-            close(rings[0])
-            close(rings[1])
-            if not c.paced:  # else who sends looks by itself: to wake another processor can take as long as a period
-                post(links.sender)
-    return ASKED
+    c = work[2][0]
+    if c.pace_ns > 0:
+        return timed_periods(work)
+    sit_down(desk)
+    why = begin_period(*work)
+    while why == WAITING:
+        before = c.sequence
+        woken, why = leave(desk, work, now(MONOTONIC, times) + c.slice_ns, times)
+        if why == WAITING:
+            why = go_on(work)
+            if why == WAITING and not woken and c.sequence == before:
+                why = WAITED
+    go_home(desk)
+    return why
 
 
-def timing(period, rate, slice_s, paced, priority):
-    """Entries of `COUNTS` that tell how to keep time.
-
-    Parameters
-    ----------
-    period : control period [s]. rate : times real time, 0 for as fast as it goes. slice_s : longest wait [s].
-    paced : wall clock. priority : real-time priority of the thread, 0 if it has none.
-    """
-    short = paced and period < SHORT_TIMER
-    rate = 1.0 if paced else rate
-    spin = period if short else SPIN
-    seconds = {"pace_ns": period / rate if rate else 0.0, "slice_ns": slice_s, "spin_ns": spin, "waking_ns": spin,
-               "grace_ns": GRACE if short else 0.0}
-    return {name: round(value * 1e9) for name, value in seconds.items()} | {"priority": priority if short else 0}
-
-
-def load(arrays):
-    """Load or make the compiled code now and not in the first control period; ``arrays``: `SimulatedAxis.arrays`."""
-    load_libraries()
-    frames, responses = [Frame(*name) for name in FRAMES], ResponseTimes()
-    rings = tuple(new_ring(1, len(frame.raw)) for frame in frames[:2])
-    run_periods(np.ones(1, np.int64), np.zeros(1, LINKS), np.zeros(1, COUNTS), np.zeros(1, VALUES), *arrays,
-                tuple(frame.message for frame in frames), tuple(frame.raw for frame in frames[:2]), rings,
-                (responses.counts, responses.longest), np.zeros(2, np.int64))
-
-
-class QuickPeriods:
-    """`run_periods` with everything that it works on.
-
-    Parameters
-    ----------
-    servo, reader : `FastServoPath` and its reader of commands. sender : semaphore of who sends the blocks. topics : `DriverTopics`. gate : `CommandGate`.
-    stop : int64 (1,), 1 while another thread asks for something. responses : `ResponseTimes`.
-    settings : field of `COUNTS` or `VALUES` to its constant value.
-
-    Attributes
-    ----------
-    state, command : frames of what was sent and came last.
-    answered, late, lost, overruns : counters of all periods in compiled code, beside those of the gate; they may be read
-        by any thread while the loop goes on, as may `sequence` and `time_ns`.
-    """
-
-    def __init__(self, servo, reader, sender, topics, gate, stop, responses, settings):
-        load_libraries()
-        self._topics, self._gate, self._stop, self._responses = topics, gate, stop, responses
-        self._frames = [Frame(*name) for name in FRAMES]
-        self.state, _, self.command, _ = self._frames
-        self._links, self._counts, self._values = np.zeros(1, LINKS), np.zeros(1, COUNTS), np.zeros(1, VALUES)
-        state, truth, command, clock = (frame.address for frame in self._frames)
-        self._links[0] = (topics.states.address, state, topics.truths.address, truth, topics.clock_address, clock,
-                          reader.address, command, servo.semaphore.address.value, sender.address.value)
-        for name, value in settings.items():
-            (self._counts if name in COUNTS.names else self._values)[name] = value
-        self._rings = (topics.states.ring, topics.truths.ring)
-        self._times = np.zeros(2, np.int64)
-
-    def grant(self, credit):
-        """Periods up to this one may begin; heard by the running loop."""
-        self._counts["credit"] = credit
-
-    def run(self, arrays, sequence, credit, due, tolerated):
-        """Control periods after number ``sequence``. Returns why it ended; the gate is as after these periods.
-
-        Parameters
-        ----------
-        arrays : `SimulatedAxis.arrays`. credit : last period that may begin. due : when the next one is due [s of
-            time.perf_counter], None for now. tolerated : most periods in a row without a command, paced.
-        """
-        c, v, gate = self._counts[0], self._values[0], self._gate
-        c["tolerated"] = tolerated
-        c["sequence"], c["credit"], c["due_ns"] = sequence, credit, 0 if due is None else round(due * 1e9)
-        c["held"] = c["silent"] = gate.last != gate.period
-        c["last"] = gate.last
-        c["truth_listened"] = self._topics.truths.listeners
-        v["voltage"], v["command"] = gate.voltage, gate.command
-        why = self._call(arrays)
-        gate.voltage, gate.command = float(v["voltage"]), float(v["command"])
-        gate.saturated = gate.voltage != gate.command
-        gate.last = int(c["last"])
-        gate.begin(self.sequence - (why == TRAVEL))
-        return why
-
-    def _call(self, arrays):
-        return run_periods(
-            self._stop, self._links, self._counts, self._values, *arrays,
-            tuple(frame.message for frame in self._frames), (self._frames[0].raw, self._frames[1].raw), self._rings,
-            (self._responses.counts, self._responses.longest), self._times)
-
-    def __getattr__(self, name):
-        if name in COUNTS.names:
-            return int(self._counts[name][0])
-        raise AttributeError(name)
+def on_message(work, count):
+    """A command has come: the next period begins where it came, unless the loop's thread is needed."""
+    desk = desk_of(work)
+    if may_sit(desk):
+        get_up(desk, go_on(work[0]))

@@ -168,7 +168,7 @@ class DriverPeriods:
         """Periods in compiled code until something needs a closer look, and the closer look."""
         quick, gate = self._quick, self.gate
         credit = self.ledger.limit if self._lockstep else UNLIMITED
-        why = quick.run(self.hardware.arrays, self.sequence, credit, self._due, self.parameters.command_timeout_periods)
+        why = quick.run(self.sequence, credit, self._due, self.parameters.command_timeout_periods)
         self.sequence, self._time_ns = quick.sequence, quick.time_ns
         self._due = quick.due_ns * 1e-9 or None
         self._write(gate.voltage)

@@ -30,7 +30,8 @@ PRIVATE = {"Subscription": ("take_message", "pointer"), "Publisher": ("publish_r
 C_CALLS = {"librcl.so": ("rcl_subscription_set_on_new_message_callback", "rcl_take_serialized_message",
                          "rcl_publish_serialized_message"),
            "librcutils.so": ("rcutils_get_default_allocator",),
-           None: ("sem_init", "sem_post", "sem_clockwait", "clock_gettime", "clock_nanosleep")}
+           None: ("sem_init", "sem_post", "sem_clockwait", "clock_gettime", "clock_nanosleep", "pthread_mutex_lock",
+                  "pthread_mutex_trylock", "pthread_mutex_unlock")}
 """Calls of C libraries that it uses; None: the C library itself."""
 
 CLOCK_MONOTONIC = 1
@@ -158,6 +159,16 @@ class FastServoPath:
         """Have the semaphore posted for every message; False where the middleware cannot."""
         return self._notify(subscription.handle.pointer, self.semaphore.post, self.semaphore.address) == 0
 
+    def call(self, reader, function, argument, owner):
+        """Have ``function`` called in the middleware's thread for every message of ``reader``, in place of the semaphore.
+
+        Parameters
+        ----------
+        function : of `axis.compiled.called_from_c`. argument : address that it gets. owner : of what is there.
+        """
+        _KEPT.append((function, owner))
+        self._notify(reader.address, function.address, argument)
+
     def told_of_messages(self):
         """True if the middleware tells of new messages; tried with a subscription that is taken back."""
         from microstage_msgs.msg import Credit
@@ -178,7 +189,8 @@ class FastServoPath:
 
 
 _KEPT = []
-"""Semaphores live as long as the process: a thread of the middleware may still post one while a node is destroyed."""
+"""Semaphores and what is called for a message live as long as the process: a thread of the middleware may still use them
+while a node is destroyed."""
 
 
 class QueueReader:
