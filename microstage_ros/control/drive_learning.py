@@ -5,8 +5,6 @@ warms up, the amplifier has a gain and a zero, the motor constant spreads. Encod
 motion, so what they disagree on tells (compiled parts of `observer_law`).
 """
 
-import math
-
 from microstage_ros.axis.compiled import compiled
 
 JOLT_TIME = 1e-2  # s, for which a jolt is remembered
@@ -50,13 +48,9 @@ def find_lag(s, voltage, step):
 
 
 @compiled
-def settled_drop(model, s, period, current):
+def settled_drop(p, model, s, current):
     """R i [V] by the nominal R, of the current at the end of the period without its last transient."""
-    settled = current
-    if model.settling > 0.0:
-        rest = math.exp(-period / model.settling)
-        settled = (current - rest * s.current) / (1.0 - rest)
-    return model.resistance * settled
+    return model.resistance * ((current - p.transient * s.current) / (1.0 - p.transient))
 
 
 @compiled
@@ -131,16 +125,10 @@ def take_in(s, along, other, innovation, noise):
 
 
 @compiled
-def trust_in_speed(p, model, s, drop):
-    """1 if the back-EMF is as good as the amplifier's noise, towards 0 while R and zero are not known."""
+def trust_in_speed(p, variance):
+    """1 if the back-EMF is as good as the amplifier's noise, towards 0 while R and zero are not known: `voltage_variance`."""
     noise = p.voltage_noise * p.voltage_noise
-    return noise / (noise + voltage_variance(model, s, drop))
-
-
-@compiled
-def doubt_in_speed(model, s, drop):
-    """Standard deviation [m/s] that R, zero and back-EMF leave in the speed."""
-    return math.sqrt(voltage_variance(model, s, drop)) / model.volts_per_velocity
+    return noise / (noise + variance)
 
 
 @compiled

@@ -15,9 +15,9 @@ import math
 import numpy as np
 
 from microstage_ros.axis.compiled import compiled
-from microstage_ros.axis.laws.blocks import blocks_from_segment_slopes
-from microstage_ros.axis.laws.curve import SlidingCurve, viscous_force
-from microstage_ros.axis.laws.generalised_maxwell_slip import Parameters, stretch
+from microstage_ros.axis.laws.blocks import COUNT, STIFFNESS, blocks_from_segment_slopes
+from microstage_ros.axis.laws.curve import SlidingCurve, sliding_limit, viscous_force
+from microstage_ros.axis.laws.generalised_maxwell_slip import Parameters
 from microstage_ros.control.gains import Gain, record_type
 
 GAINS = (
@@ -132,13 +132,37 @@ def fill_model(record, axis):
 
 @compiled
 def friction_along(law, blocks, velocity, period, factor):
-    """Friction after a period at the mean ``velocity``; moves the block states by exactly velocity x period.
+    """Friction after a period at the constant ``velocity``; moves the block states by exactly velocity x period.
 
-    Units of the law; ``factor`` scales its limits.
+    Units of the law; ``factor`` scales its limits. This is the law's `stretch`, to the bit, at one speed: limit and
+    fading are then the same for every block that slips, and a block that begins to slip goes on at its limit.
     """
-    direction = 1.0 if velocity > 0.0 else (-1.0 if velocity < 0.0 else 0.0)
-    speed = abs(velocity)
-    return stretch(law, blocks, direction, speed, speed, period, factor) + viscous_force(law, velocity)
+    n = int(law[COUNT])
+    total = 0.0
+    if velocity == 0.0:
+        for i in range(n):
+            total += blocks[i]
+        return total
+    direction, speed = (1.0 if velocity > 0.0 else -1.0), abs(velocity)
+    limit = sliding_limit(law, direction, speed, factor)
+    exponent = law[STIFFNESS + 2 * n] * period * (1.0 / limit)
+    fading = -math.expm1(-exponent) if exponent >= 1e-9 else exponent
+    for i in range(n):
+        own = law[STIFFNESS + n + i] * limit
+        force = direction * blocks[i]  # along the motion
+        loaded = force + law[STIFFNESS + i] * speed * period
+        if blocks[n + i] == direction or force >= own:
+            force = own + (force - own) * (1.0 - fading)
+            blocks[n + i] = direction
+        elif loaded > own:
+            force = own
+            blocks[n + i] = direction
+        else:
+            force = loaded
+            blocks[n + i] = 0.0
+        blocks[i] = direction * force
+        total += blocks[i]
+    return total + viscous_force(law, velocity)
 
 
 @compiled

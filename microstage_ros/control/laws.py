@@ -154,9 +154,17 @@ def dispatch(parameters, state, reference, encoder, current):
 @compiled
 def observed_step(parameters, state, reference, encoder, current):
     """Self-tuning PID on the observer's motion, fed forward at its level, through lost motion where there is any."""
+    pid.pid_motion(parameters.pid, state.pid, parameters.period, reference, encoder)
+    observer_law.observer_step(
+        parameters.observer, parameters.feedforward, state.observer, parameters.period, encoder, state.voltage, current
+    )
+    return regulate(parameters, state, reference)
+
+
+@compiled
+def regulate(parameters, state, reference):
+    """What `observed_step` does with the motion, level and contact that stand in ``state.observer``."""
     period, model, observer, crossing = parameters.period, parameters.feedforward, state.observer, state.crossing
-    observer_law.observer_step(parameters.observer, model, observer, period, encoder, state.voltage, current)
-    pid.pid_motion(parameters.pid, state.pid, period, reference, encoder)
     speed = state.pid.reference_velocity
     state.pid.velocity = observer.v
     state.pid.error = gap_crossing.cross_step(

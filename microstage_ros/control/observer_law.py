@@ -27,12 +27,12 @@ from microstage_ros.axis.compiled import compiled
 from microstage_ros.control import feedforward, lost_motion
 from microstage_ros.control.drive_learning import (
     LAGS,
-    doubt_in_speed,
     find_lag,
     forget_drive,
     learn_drive,
     settled_drop,
     trust_in_speed,
+    voltage_variance,
 )
 from microstage_ros.control.feedforward import friction_along
 from microstage_ros.control.gains import Gain, record_type
@@ -59,7 +59,7 @@ GAINS = (
 )
 FORCE_TIME = 5e-3  # s, over which errors of d hang together
 ABSORB_TIME = 5e-3  # s, in which sticking blocks take over what is unexplained
-PARAMETERS = record_type(GAINS, [("motion_gain", "f8", (3, 2)), ("encoder_gain", "f8", 3)])
+PARAMETERS = record_type(GAINS, [("motion_gain", "f8", (3, 2)), ("encoder_gain", "f8", 3), ("transient", "f8")])
 BLOCK_STATE = feedforward.BLOCK_STATE
 STATE_FIELDS = [
     ("x", "f8"),  # m, stage position
@@ -207,12 +207,14 @@ def absorb(model, s, period):
     Each sticking block takes its share of the stiffness, within its limit; what is left stays in d.
     """
     law, blocks = model.actuator, s.actuator
+    if s.slipping > 0.5:
+        return
     count = int(law[10])
     stiffness = 0.0
     for j in range(count):
         if blocks[count + j] == 0.0:
             stiffness += law[11 + j]
-    if stiffness == 0.0 or s.slipping > 0.5:
+    if stiffness == 0.0:
         return
     torque = model.moving_mass * s.d / model.force_per_torque * min(period / ABSORB_TIME, 1.0)
     taken = 0.0
@@ -263,7 +265,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
             forget_drive(p, s)  # learned from voltages of another period
         # within the period the current falls as the back-EMF rises: the mean is above the newest value
         slack = 0.5 * model.volts_per_velocity * s.acceleration * period / model.resistance
-        rest = math.exp(-period / model.settling)
+        rest = p.transient
         part = model.settling / period - rest / (1.0 - rest)
         force = model.force_per_ampere * (current + slack + part * (s.current - current))
     elif model.force_per_ampere > 0.0:
@@ -275,11 +277,12 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     for _ in range(parts):
         predict(model, s, period / parts, force)
     s.acceleration = (s.v - before) / period
-    speed, drop, trust = 0.0, 0.0, 0.0
+    speed, drop, trust, doubt = 0.0, 0.0, 0.0, 0.0
     if senses:
-        drop = settled_drop(model, s, period, current)
+        drop = settled_drop(p, model, s, current)
         speed = (s.voltages[s.lag] - s.learned[0] * drop - s.learned[1]) / model.volts_per_velocity - s.learned[2] * s.v
-        trust = trust_in_speed(p, model, s, drop)
+        doubt = voltage_variance(model, s, drop)
+        trust = trust_in_speed(p, doubt)
         s.current = current
     position = encoder - s.x
     if senses:
@@ -287,8 +290,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         lost_motion.watch_lead(s, period, encoder, motor_speed, speed)
         if s.contact == TOUCHING:
             force = s.guideway_friction + model.offset_force + model.mass * s.acceleration
-            doubt = doubt_in_speed(model, s, drop)
-            if lost_motion.watch_contact(p, s, force, model.guideway[0], doubt):
+            if lost_motion.watch_contact(p, s, force, model.guideway[0], math.sqrt(doubt) / model.volts_per_velocity):
                 forget_drive(p, s)
         elif lost_motion.cross(p, s, period, position):
             forget_drive(p, s)
@@ -307,8 +309,11 @@ def observer_step(p, model, s, period, encoder, voltage, current):
 def design_motion(record, model, period):
     """Steady-state Kalman gains of (x, v, d) for encoder and back-EMF, and for the encoder alone.
 
-    The process is dx = v, dv = -d + white acceleration, dd = white; measurements once per period.
+    The process is dx = v, dv = -d + white acceleration, dd = white; measurements once per period. Beside them
+    ``transient``, what is left after a period of a transient of the current.
     """
+    settling = float(model["settling"])
+    record["transient"] = math.exp(-period / settling) if settling > 0.0 else 0.0
     a = np.array([[1.0, period, 0.0], [0.0, 1.0, -period], [0.0, 0.0, 1.0]])
     drift, push = float(record["friction_drift"]) ** 2, float(record["acceleration_noise"]) ** 2
     q = np.diag([push * period**3 / 3, push * period, drift * period]) + 1e-40 * np.eye(3)

@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 
+from microstage_ros.axis.laws.curve import viscous_force
+from microstage_ros.axis.laws.generalised_maxwell_slip import stretch
+from microstage_ros.control import feedforward
 from microstage_ros.control.observer import FrictionObserver
 
 SINE = [{"sine": {"amplitude_m": 1e-5, "frequency_hz": 0.25, "cycles": 1.0}}]
@@ -76,3 +79,20 @@ def test_works_without_a_current_and_with_lost_samples(axis, run):
     estimates = follow(axis, columns)
     position = np.array([e.position for e in estimates])
     assert np.sqrt(np.mean((position - columns["stage_m"]) ** 2)) < 3e-8
+
+
+@pytest.mark.parametrize("contact", ["actuator", "guideway"])
+def test_friction_at_a_constant_speed_is_the_law_to_the_bit(axis, contact):
+    model = np.zeros(1, feedforward.PARAMETERS)[0]
+    feedforward.fill_model(model, axis)
+    packed, random = model[contact].copy(), np.random.default_rng(4)
+    ours, laws = np.zeros(feedforward.BLOCK_STATE), np.zeros(feedforward.BLOCK_STATE)
+    base = 0.0
+    for k in range(5000):
+        if k % 50 == 0:
+            base = random.choice([-1.0, 0.0, 1.0]) * 10.0 ** random.uniform(-7, 1 if contact == "actuator" else -3)
+        velocity, factor = base * (1.0 + 0.3 * random.normal()), 1.0 + 0.1 * random.normal()
+        found = feedforward.friction_along(packed, ours, velocity, 1e-4, factor)
+        speed = abs(velocity)
+        expected = stretch(packed, laws, np.sign(velocity), speed, speed, 1e-4, factor) + viscous_force(packed, velocity)
+        assert found == expected and (ours == laws).all()
