@@ -23,6 +23,8 @@ SMEAR = 0.003  # of the inertia: what the low-pass carries over from the frictio
 SMEAR_DRIVEN = 0.01  # the same where a stage hangs on the shaft by a spring
 LAW_EDGE = 1500.0  # low-pass of the speed that drives the friction law [Hz]: well above C / (2π |s|)
 FAST = 5.0  # fast sliding: above this many Stribeck velocities
+REVERSAL_BLOCK = 0.02  # [s] rows that hang together: more than the band's memory, less than a half wave
+LEVEL_PLACES, LEVEL_TIME = 8, 0.5  # places along the stroke, and [s], between which the friction's level runs straight
 LEAST_LAG = 0.01  # friction torque by which it must lag, of M_s, at C = 1 N m/s, for C to show at all
 ATTRACTION_RANGE = (1e-3, 1e3)  # [N m/s]; outside, the lag is longer than a second or below a microsecond
 INERTIA_EXPERIMENT = "fast moves with strong acceleration would (inertial torque above the friction's)"
@@ -79,19 +81,20 @@ def _fast_rows(signals, gear, fast, edge):
     return w[~near], torque[~near]
 
 
-def law_parameters(axis, attraction=None):
-    """Parameters of the actuator's law as `axis.laws` takes them, with another C if given."""
+def law_parameters(axis, attraction=None, level=1.0):
+    """Parameters of the actuator's law as `axis.laws` takes them, with another C if given, its limits times ``level``."""
     keys = ("stiffness", "weight", "static", "coulomb", "stribeck_velocity", "stribeck_exponent", "attraction", "viscous")
     values = {key: axis.value(f"contacts.actuator.{key}") for key in keys}
     values["stiffness"], values["weight"] = tuple(values["stiffness"]), tuple(values["weight"])
+    values["static"], values["coulomb"] = values["static"] * level, values["coulomb"] * level
     return {**values, "attraction": attraction or values["attraction"]}
 
 
-def friction_along(signals, axis, attraction=None):
-    """Friction torque [N m] of the actuator's law along the record's motion, shape (n,)."""
+def friction_along(signals, axis, attraction=None, level=1.0):
+    """Friction torque [N m] of the actuator's law, its limits times ``level``, along the record's motion, shape (n,)."""
     law = law_named("generalised_maxwell_slip")
     speed = signals.smooth_speed(min(LAW_EDGE, 0.2 / signals.period))
-    return run_law(law, law.pack(law_parameters(axis, attraction)), speed, signals.period)
+    return run_law(law, law.pack(law_parameters(axis, attraction, level)), speed, signals.period)
 
 
 def total_inertia_of(axis):
@@ -109,7 +112,7 @@ def balance_edge(signals, axis):
 
 
 def identify_attraction(signals, axis):
-    """C [N m/s] by profile likelihood; a level and the inertia are fitted along with each C.
+    """C [N m/s] by profile likelihood; levels along stroke and time and the inertia are fitted along with each C.
 
     Parameters
     ----------
@@ -121,34 +124,20 @@ def identify_attraction(signals, axis):
     `Identification` with ``contacts.actuator.attraction``. Where only slower friction is ruled out, the
     estimate is not determined and its remark gives the bound.
     """
-    key, edge, gear = "contacts.actuator.attraction", balance_edge(signals[0], axis), axis.value("transmission.gear_ratio")
-    data, result = [], Identification()
+    key, edge, result = "contacts.actuator.attraction", balance_edge(signals[0], axis), Identification()
     signals = [s for s in signals if _largest_lag(s, axis, edge) > LEAST_LAG]
     if not signals:
         result.add(Estimate(key, axis.value(key), "N m/s", determined=False, method="profile likelihood",
                             remark=f"not determined by these records (the speed passes the curve's knee too slowly); {ATTRACTION_EXPERIMENT}"))
         return result
-    for s in signals:
-        speed, torque = s.smooth_speed(edge), low_pass(s.torque, edge, s.period)
-        cut = slice(int(3.0 / (edge * s.period)), -int(3.0 / (edge * s.period)))
-        data.append((s, cut, gear * np.gradient(speed, s.period), torque))
-    step = max(int(0.5 / (edge * signals[0].period)), 1)  # one row per independent value of the band
-
-    def residuals(log_c):
-        for s, cut, acceleration, torque in data:
-            friction = low_pass(friction_along(s, axis, math.exp(log_c)), edge, s.period)
-            w = np.column_stack([friction, acceleration, np.ones_like(friction)])[cut][::step]
-            yield torque[cut][::step] - w @ np.linalg.lstsq(w, torque[cut][::step], rcond=None)[0]
+    balances = [_Balance(s, axis, edge) for s in signals]
 
     def squares(log_c):
-        return sum(float(e @ e) for e in residuals(log_c))
+        return sum(float(e @ e) for e in (b.left(log_c) for b in balances))
 
     grid = np.linspace(*np.log(ATTRACTION_RANGE), 15)
     best = _refine(squares, grid, int(np.argmin([squares(c) for c in grid])))
-    left = list(residuals(best))
-    memory = sum(float(e[1:] @ e[:-1]) for e in left) / sum(float(e @ e) for e in left)
-    memory = min(max(memory, 0.0), 0.98)
-    rows = sum(map(len, left)) * (1.0 - memory) / (1.0 + memory)  # rows that hang together count for fewer
+    rows = _rows_that_count(balances, best, [[_Balance(s, other, edge) for s in signals] for other in _other_curves(axis)])
     low, high = profile_interval(lambda c: rows * math.log(squares(c)), best, *np.log(ATTRACTION_RANGE), spread=0.1)
     if axis.value("contacts.actuator.coulomb") / math.exp(best) < signals[0].period:
         high = math.inf  # a lag of less than a period is none that these rows can show
@@ -160,6 +149,78 @@ def identify_attraction(signals, axis):
         spread = math.exp(best) * (high - low) / 3.92
         result.add(from_interval(key, math.exp(best), spread, "N m/s", math.exp(low), math.exp(high), "profile likelihood", ATTRACTION_EXPERIMENT))
     return result
+
+
+class _Balance:
+    """Torque of one record against friction, inertia and a constant, for any C.
+
+    The record's friction level goes into the law's limits: 6 % more of it is reached that much later after each
+    reversal, by the same stiffness, and would look like a lag, 15 % of C at the paper's values.
+    """
+
+    def __init__(self, signals, axis, edge):
+        self.signals, self.axis, self.edge = signals, axis, edge
+        settled = int(3.0 / (edge * signals.period))
+        step = max(int(0.5 / (edge * signals.period)), 1)  # one row per independent value of the band
+        self.rows = slice(settled, -settled, step)
+        self.torque = low_pass(signals.torque, edge, signals.period)[self.rows]
+        speed = signals.smooth_speed(edge)
+        acceleration = axis.value("transmission.gear_ratio") * np.gradient(speed, signals.period)
+        self.others = np.column_stack([acceleration, np.ones_like(speed)])[self.rows]
+        self.levels, self.level = _levels(signals)[self.rows], 1.0
+        for _ in range(2):
+            w = np.column_stack([self._friction(None), self.others])
+            self.level *= float(np.linalg.lstsq(w, self.torque, rcond=None)[0][0])
+
+    def _friction(self, attraction):
+        s = self.signals
+        return low_pass(friction_along(s, self.axis, attraction, self.level), self.edge, s.period)[self.rows]
+
+    def left(self, log_c):
+        """What friction of C = e^log_c, its levels, inertia and a constant leave of the torque, shape (n,)."""
+        w = np.column_stack([self._friction(math.exp(log_c))[:, None] * self.levels, self.others])
+        return self.torque - w @ np.linalg.lstsq(w, self.torque, rcond=None)[0]
+
+
+def _levels(signals):
+    """Columns by which the friction's level may differ along the stroke and with time, shape (n, p)."""
+    time = np.arange(len(signals.angle)) * signals.period
+    places = np.linspace(signals.angle.min(), signals.angle.max(), LEVEL_PLACES)
+    times = np.linspace(0.0, time[-1], min(max(int(time[-1] / LEVEL_TIME), 1), 20) + 1)
+    return np.column_stack([_hats(signals.angle, places), _hats(time, times)[:, 1:]])
+
+
+def _hats(x, knots):
+    """Piecewise linear functions, each 1 at its knot and 0 at the others, shape (n, knots)."""
+    return np.column_stack([np.interp(x, knots, unit) for unit in np.eye(len(knots))])
+
+
+def _other_curves(axis):
+    """Axes whose Stribeck curve is off by one standard uncertainty, one for each parameter whose uncertainty is known."""
+    keys = [f"contacts.actuator.{name}" for name in ("static", "coulomb", "stribeck_velocity", "stribeck_exponent")]
+    return [axis.with_values({key: axis.value(key) + axis.quantity(key).stderr}) for key in keys if axis.quantity(key).stderr]
+
+
+def _rows_that_count(balances, best, others):
+    """Independent rows n that make n log Σe² as curved at ``best`` as var(ln C) says.
+
+    Only the few rows near a reversal tell of C, and what is left there is neither white nor of the size it has
+    elsewhere, so the variance is a block sandwich; to it comes what C moves by with each of ``others``, balances by
+    Stribeck curves that are a standard uncertainty off.
+
+        n = Σe² / (var(ln C) Σd²),    d = ∂e/∂ln C
+
+    Source: the vertical scaling of a profile likelihood whose information identity does not hold, R. Chandler,
+    S. Bate, "Inference for clustered data using the independence loglikelihood", Biometrika 94 (2007).
+    """
+    step, period = 0.02, balances[0].rows.step * balances[0].signals.period
+    e = np.concatenate([b.left(best) for b in balances])
+    d = np.concatenate([(b.left(best + step) - b.left(best - step)) / (2.0 * step) for b in balances])
+    variance = block_covariance(d[:, None], e, max(int(REVERSAL_BLOCK / period), 2))[0, 0]
+    for other in others:
+        moved = np.concatenate([b.left(best) for b in other]) - e
+        variance += (float(d @ moved) / float(d @ d)) ** 2
+    return float(e @ e) / (variance * float(d @ d))
 
 
 def _largest_lag(signals, axis, edge):
