@@ -45,11 +45,16 @@ def _step(parameters, models, memories, period, encoder, voltage, current):
 
 
 @compiled
-def _steps(parameters, models, memories, period, encoders, voltages, currents):
-    """`_step` for every period of three columns; one without an encoder value is passed over."""
+def _steps(parameters, models, memories, period, encoders, voltages, currents, seen, found):
+    """`_step` for every period of three columns; one without an encoder value is passed over. ``found`` gets the memory
+    after each period at the places ``seen``, rising."""
+    told = 0
     for k in range(encoders.size):
         if math.isfinite(encoders[k]):
             law.observer_step(parameters[0], models[0], memories[0], period, encoders[k], voltages[k], currents[k])
+        if told < seen.size and seen[told] == k:
+            found[told] = memories[0]
+            told += 1
 
 
 class FrictionObserver:
@@ -86,39 +91,53 @@ class FrictionObserver:
                 self.started = True
             _step(*self._arrays, self.period, float(encoder), float(voltage), float(current))
 
-    def advance_all(self, encoders, voltages, currents):
-        """`advance` for every period of three columns of shape (n,)."""
-        first = 0
-        while first < len(encoders) and not self.started:
-            self.advance(encoders[first], voltages[first], currents[first])
-            first += 1
-        _steps(*self._arrays, self.period, encoders[first:], voltages[first:], currents[first:])
+    def advance_all(self, encoders, voltages, currents, seen=()):
+        """`advance` for every period of three columns of shape (n,).
+
+        Returns
+        -------
+        the observer's memory after each period at the places ``seen``, rising: for `estimates`.
+        """
+        finite = encoders[np.isfinite(encoders)]
+        if not self.started and len(finite):
+            law.observer_start(self.memory, float(finite[0]))
+            self.started = True
+        seen = np.asarray(seen, np.int64)
+        found = np.zeros(len(seen), self.memory.dtype)
+        _steps(*self._arrays, self.period, encoders, voltages, currents, seen, found)
+        return found
 
     @property
     def estimate(self):
         """`FrictionEstimate` of the last period."""
-        s, model = self.memory, self.model
+        return FrictionEstimate(*(values[0].item() if values.ndim == 1 else values[0]
+                                  for values in self.estimates(as_array(self.memory))))
+
+    def estimates(self, s):
+        """`FrictionEstimate` of arrays, one entry for each memory in ``s`` (`advance_all`)."""
+        model = self.model
         to_force = float(model["force_per_torque"])
-        unexplained = float(model["moving_mass"]) * float(s["d"])
+        unexplained = float(model["moving_mass"]) * s["d"]
         # all but the guideways' share of what is unexplained is put down to the actuator
-        torque = float(s["actuator_friction"]) + (unexplained / to_force if model["has_actuator"] else 0.0)
-        guide = float(s["guideway_friction"]) + (0.0 if model["has_actuator"] else unexplained)
-        size = abs(to_force * torque) + abs(guide) or 1.0
-        stderr = math.sqrt(float(s["variance"]))
-        forward, backward = float(s["level_forward"]), float(s["level_backward"])
+        torque = s["actuator_friction"] + (unexplained / to_force if model["has_actuator"] else 0.0)
+        guide = s["guideway_friction"] + (0.0 if model["has_actuator"] else unexplained)
+        size = abs(to_force * torque) + abs(guide)
+        size = np.where(size == 0.0, 1.0, size)
+        stderr = np.sqrt(s["variance"])
+        forward, backward = s["level_forward"], s["level_backward"]
         forces, slips = _blocks(model["actuator"], s["actuator"])
         guide_forces, guide_slips = _blocks(model["guideway"], s["guideway"])
         total = to_force * torque * bool(model["has_actuator"]) + guide
         return FrictionEstimate(
-            float(s["x"]), float(s["v"]), torque, abs(float(s["actuator_friction"])) * stderr, guide,
+            s["x"], s["v"], torque, abs(s["actuator_friction"]) * stderr, guide,
             abs(guide) * float(self.parameters["level_variability"]), total, total * float(model["volts_per_force"]),
-            float(s["level"]), stderr, (forward - backward) / (forward + backward),
-            abs(to_force * torque) / size, abs(guide) / size, bool(s["slipping"] > 0.9),
+            s["level"], stderr, (forward - backward) / (forward + backward),
+            abs(to_force * torque) / size, abs(guide) / size, s["slipping"] > 0.9,
             forces, slips, guide_forces, guide_slips,
         )
 
 
 def _blocks(packed, state):
-    """Forces and slip flags of a packed contact's blocks."""
+    """Forces and slip flags of a packed contact's blocks, (n, blocks)."""
     count = int(packed[10])
-    return state[:count].copy(), state[count : 2 * count] != 0.0
+    return state[:, :count].copy(), state[:, count : 2 * count] != 0.0

@@ -27,7 +27,8 @@ from microstage_ros.nodes.process import run_node, running
 from microstage_ros.nodes.servo_path import make_servo_path, reader_qos
 from microstage_ros.records.bag import BagStopped, BagWriter, Qos, installed_definition
 
-BATCH = 0.01
+BATCH = 0.05
+"""Time [s] between two looks at all topics: fewer looks, each for more; half a second's worth could wait."""
 QUIET = 0.05
 LOOK = 0.5
 DRAIN = 0.3
@@ -70,27 +71,37 @@ class ServoTrack:
     def drain(self, bag, time_ns):
         """Write all that waits, filed under their stamps, since what comes in a block comes late."""
         before = self.count
-        while (rows := self.stream.take()) is not None:
+        while (rows := self.stream.take_all()) is not None:
             messages = self._codec.array(rows)
-            if int(messages["sequence"][0]) == self.last:  # a state that was sent once more is taken once
-                rows, messages = rows[1:], messages[1:]
+            sequence = messages["sequence"].astype(np.int64)
+            again = sequence == np.concatenate(([self.last], sequence[:-1]))
+            if again.any():  # a state that was sent once more is taken once
+                rows, messages, sequence = rows[~again], messages[~again], sequence[~again]
             if not len(rows):
                 continue
-            alone = len(rows) == 1 and not self._by_stamp
-            times = np.array([time_ns()]) if alone else stamps_ns(messages)
-            self._look_for_gaps(messages["sequence"].astype(np.int64))
+            by_stamp = self._by_stamp or not self.stream.singly
+            times = stamps_ns(messages) if by_stamp else np.full(len(rows), time_ns())
+            self._look_for_gaps(sequence)
             bag.write_block(self.channel, times, rows)
             self.count += len(rows)
             self.time_ns = int(times[-1])
         return self.count - before
 
     def _look_for_gaps(self, sequence):
-        steps = np.diff(sequence, prepend=self.last) if self.last >= 0 else np.diff(sequence)
+        first, steps = int(sequence[0]), sequence[1:] - sequence[:-1]
+        if self.last >= 0:
+            self._count_gap(first - self.last)
         self.last = int(sequence[-1])
         if len(steps):
             self._step = self._step or int(steps[0])
-            gaps = steps[steps > self._step]
-            self.missing += int((gaps // self._step - 1).sum())
+            for step in steps[steps > self._step].tolist():
+                self._count_gap(step)
+
+    def _count_gap(self, step):
+        """From one number to the next."""
+        self._step = self._step or step
+        if step > self._step > 0:
+            self.missing += step // self._step - 1
 
 
 class BagRecorder(Node):

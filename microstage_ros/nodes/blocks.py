@@ -24,7 +24,7 @@ BLOCK_BYTES = 8192
 BLOCK_DEPTH = 500
 """Blocks kept for a slow follower: more than it lets the axis run ahead, 4 MB of shared memory."""
 
-MOST_PERIODS, LONGEST = 100, 0.01
+MOST_PERIODS, LONGEST = 100, 0.02
 """A block holds this many control periods, or this much time [s] where that is less."""
 
 BLOCK_QOS = QoSProfile(depth=BLOCK_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
@@ -76,6 +76,22 @@ class Outlet:
             self.send_single(raw)
         self.keep(sequence, raw)
 
+    def send_all(self, messages):
+        """Send messages that belong together (`Codec.array`) at once; what waits for its block goes first."""
+        self.flush()
+        rows = messages.view(np.uint8).reshape(len(messages), -1)
+        if self._listened:
+            for row in rows:
+                self.send_single(row.tobytes())
+        most = BLOCK_BYTES // self._codec.size
+        for first in range(0, len(rows), most):
+            self._send_rows(int(messages["sequence"][first]), rows[first:first + most])
+
+    def _send_rows(self, first, rows):
+        """Send one block, uint8 of shape (n, size)."""
+        raw = rows.tobytes()
+        self._send_block(HEAD.pack(ENCAPSULATION, first, rows.shape[1], len(raw)) + raw)
+
     def keep(self, sequence, raw):
         """Into the block alone."""
         row = np.frombuffer(raw, np.uint8)
@@ -97,8 +113,7 @@ class Outlet:
             while ends[1] < ends[0]:
                 slot = ends[1] % SLOTS
                 count, first = fill[slot].tolist()
-                messages = rows[slot, :count].tobytes()
-                self._send_block(HEAD.pack(ENCAPSULATION, first, rows.shape[2], len(messages)) + messages)
+                self._send_rows(first, rows[slot, :count])
                 if self.sent is not None:
                     self.sent(self._codec.array(rows[slot, :count]))
                 ends[1] += 1
@@ -157,13 +172,18 @@ class Stream:
     def __init__(self, node, servo, kind, topic):
         self._node, self._servo, self._kind, self._topic = node, servo, kind, topic
         self._blocks = servo.reader(MessageBlock, BLOCKS + topic, reader_qos(BLOCK_DEPTH, reliable=True))
-        self._single, self._suspects = None, set()
+        self._single, self._suspects, self._left = None, set(), None
         self.readers = (self._blocks,)
 
     @property
     def publishers(self):
         """Matched senders."""
         return self._blocks.publishers + (self._single.publishers if self._single else 0)
+
+    @property
+    def singly(self):
+        """True if there is a sender that makes no blocks."""
+        return self._single is not None
 
     def take(self):
         """The oldest messages that wait, uint8 of shape (n, size); None if none do."""
@@ -173,6 +193,16 @@ class Stream:
             return np.frombuffer(raw, np.uint8, length, HEAD.size).reshape(-1, size)
         raw = self._single.take() if self._single else None
         return None if raw is None else np.frombuffer(raw, np.uint8).reshape(1, -1)
+
+    def take_all(self):
+        """All messages that wait, uint8 of shape (n, size); None if none do. Those of another size are left for the next call."""
+        found, self._left = [] if self._left is None else [self._left], None
+        while (rows := self.take()) is not None:
+            if found and rows.shape[1] != found[0].shape[1]:
+                self._left = rows
+                break
+            found.append(rows)
+        return None if not found else found[0] if len(found) == 1 else np.concatenate(found)
 
     def look(self):
         """Read singly too if there is a sender that makes no blocks; to be called now and then. True if new."""

@@ -68,6 +68,15 @@ class Codec:
         return np.ascontiguousarray(rows[:, :self.size]).view(self.dtype)[:, 0]
 
 
+    def blank(self, times_ns):
+        """Messages with these stamps [ns], all else 0, as `array` gives them."""
+        rows = np.zeros((len(times_ns), self.size), np.uint8)
+        rows[:, :STAMP_AT] = np.frombuffer(ENCAPSULATION, np.uint8)
+        messages = rows.view(self.dtype)[:, 0]
+        messages["header.stamp.sec"], messages["header.stamp.nanosec"] = np.divmod(times_ns, 1_000_000_000)
+        return messages
+
+
 def stamp_ns(raw):
     """Stamp of a message that begins with a header [ns]."""
     sec, nanosec = STAMP.unpack_from(raw, STAMP_AT)

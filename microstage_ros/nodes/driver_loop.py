@@ -41,6 +41,10 @@ RELAXED = 3
 """One in so many periods the loop spins as a normal thread: Linux takes the processor from real-time threads for 50 ms
 if they keep it for more than 95 % of a second (`sched_rt_runtime_us`), the time spent spinning included."""
 
+MOMENT_NS = 5_000_000
+"""Who is asked for credit has every block that is full, and answers soon; only after this wait [ns] are those sent that are
+not: small blocks are many blocks."""
+
 SPARE_NS, FORGET = 5_000, 64
 """With longer periods the loop sleeps, and wakes this much sooner [ns] than its sleeps are late: at once as late as the
 latest, and forgetting it over so many periods. `spin_ns` is the most."""
@@ -201,6 +205,16 @@ def end_period(stop, links, c, v, plants, states, works, readings, frames, raws,
 
 
 @compiled
+def begin_with_credit(work, times):
+    """As `begin_period`, after a moment's wait for credit if there is none."""
+    links, until = work[1][0], now(MONOTONIC, times) + MOMENT_NS
+    why = begin_period(*work)
+    while why == NO_CREDIT and wait(links.semaphore, until, times):
+        why = begin_period(*work)
+    return why
+
+
+@compiled
 def timed_periods(work):
     """Control periods that begin when they are due. Why they ended."""
     links, c, v, frames, responses, times = work[1][0], work[2][0], work[3][0], work[8], work[11], work[12]
@@ -249,7 +263,7 @@ def run_periods(desk, work, times):
     if c.pace_ns > 0:
         return timed_periods(work)
     sit_down(desk)
-    why = begin_period(*work)
+    why = begin_with_credit(work, times)
     while why == WAITING:
         before = c.sequence
         woken, why = leave(desk, work, now(MONOTONIC, times) + c.slice_ns, times)
@@ -257,6 +271,8 @@ def run_periods(desk, work, times):
             why = go_on(work)
             if why == WAITING and not woken and c.sequence == before:
                 why = WAITED
+        if why == NO_CREDIT:
+            why = begin_with_credit(work, times)
     go_home(desk)
     return why
 

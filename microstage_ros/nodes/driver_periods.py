@@ -10,7 +10,7 @@ from microstage_ros.hardware.command_gate import FAULTS
 from microstage_ros.hardware.protocol import HardwareError, Reading
 from microstage_ros.nodes import topics
 from microstage_ros.nodes.credit import UNLIMITED
-from microstage_ros.nodes.driver_loop import CROWDED, MISSED, NO_CREDIT, STRANGE, TRAVEL, WAITED
+from microstage_ros.nodes.driver_loop import CROWDED, MISSED, MOMENT_NS, NO_CREDIT, STRANGE, TRAVEL, WAITED
 from microstage_ros.nodes.process import running
 from microstage_ros.nodes.scheduling import SPIN, sleep_precisely, sleep_until
 
@@ -223,12 +223,14 @@ class DriverPeriods:
     def _await_credit(self, n):
         """Wait for credit for period ``n``, one slice long."""
         self._credits.take()
-        if n <= self.ledger.limit:
-            return True
-        self.topics.flush()  # who holds us up may be waiting for it
-        self._servo.wait(self._idle_readers, SLICE)
-        self._take_commands()
-        self._credits.take()
+        for wait in (MOMENT_NS * 1e-9, SLICE):
+            if n <= self.ledger.limit:
+                return True
+            if wait == SLICE:
+                self.topics.flush()  # who holds us up may be waiting for it
+            self._servo.wait(self._idle_readers, wait)
+            self._take_commands()
+            self._credits.take()
         for name in self._credits.drop_silent(self.parameters.follower_timeout_s):
             self.get_logger().warning(f"{name} has been silent for {self.parameters.follower_timeout_s} s "
                                       "and is no longer waited for: it will miss messages")

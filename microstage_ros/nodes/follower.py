@@ -2,6 +2,8 @@
 
 import time
 
+import numpy as np
+
 from microstage_ros.nodes.blocks import Stream
 from microstage_ros.nodes.codec import Codec
 from microstage_ros.nodes.credit import Granter, repeat_after
@@ -10,6 +12,8 @@ from microstage_ros.nodes.servo_path import make_servo_path
 
 QUIET = 0.05
 LOOK = 0.5
+BATCH = 0.02
+"""Time [s] between two looks: fewer wakings, each for more."""
 
 
 class Follower:
@@ -42,17 +46,21 @@ class Follower:
             if now - self._looked > LOOK:
                 self._looked = now
                 self._stream.look()
+            time.sleep(BATCH)
 
     def drain(self):
         """Take all that waits."""
-        while (rows := self._stream.take()) is not None:
+        while (rows := self._stream.take_all()) is not None:
             messages = self._codec.array(rows)
-            sequence = messages["sequence"]
-            if sequence[0] < self.last:  # the driver began anew
+            sequence = messages["sequence"].astype(np.int64)
+            before = np.concatenate(([self.last], sequence[:-1]))
+            if (sequence < before).any():  # the driver began anew
                 self._granter.forget()
-            elif sequence[0] == self.last:  # a state that was sent once more is taken once
-                messages = messages[1:]
+            if (sequence == before).any():  # a state that was sent once more is taken once
+                messages = messages[sequence != before]
             self.last = int(sequence[-1])
+            if not len(messages):
+                continue
             self._handle(messages)
             self._outlet.flush()
 

@@ -20,8 +20,6 @@ from microstage_ros.nodes.process import run_node
 from microstage_ros.nodes.servo_path import make_servo_path
 from microstage_ros.places import config_file
 
-BLOCKS = 10
-
 
 class GmsObserver(Node):
     """The observer's process."""
@@ -32,7 +30,7 @@ class GmsObserver(Node):
         axis = load_axis(p.axis_file or config_file("axis.yaml"))
         self._observer = FrictionObserver(axis, observer_bandwidth=p.observer_bandwidth)
         FrictionObserver(axis).advance_all(*np.zeros((3, 2)))  # compiled before anybody waits for credit
-        self._pack, self._every = Codec("FrictionState").pack, p.decimation
+        self._codec, self._every = Codec("FrictionState"), p.decimation
         servo = make_servo_path(self)
         self._outlet = Outlet(self, servo, FrictionState, topics.FRICTION)
         self.loop = Follower(self, servo, AxisState, topics.STATE, p.window, self._take, self._outlet,
@@ -40,30 +38,34 @@ class GmsObserver(Node):
 
     def _take(self, states):
         columns = [np.ascontiguousarray(states[name]) for name in ("position", "applied_voltage", "current")]
-        times, numbers, done = stamps_ns(states), states["sequence"], 0
-        for told in np.flatnonzero(numbers % self._every == 0).tolist():
-            self._observer.advance_all(*(column[done:told + 1] for column in columns))
-            done, sequence = told + 1, int(numbers[told])
-            self._outlet.send(sequence, self._pack(int(times[told]), sequence, *_fields(self._observer.estimate)))
-        self._observer.advance_all(*(column[done:] for column in columns))
+        told = np.flatnonzero(states["sequence"] % self._every == 0)
+        found = self._observer.advance_all(*columns, told)
+        if len(told):
+            messages = self._codec.blank(stamps_ns(states[told]))
+            messages["sequence"] = states["sequence"][told]
+            _fill(messages, self._observer.estimates(found))
+            self._outlet.send_all(messages)
 
     def close(self):
         """Nothing to hold on to."""
 
 
-def _fields(e):
-    """The fields of FrictionState from a `FrictionEstimate`."""
-    blocks, guide = e.block_torque, e.guideway_block_force
-    total = len(e.block_slips) + len(e.guideway_block_slips)
-    sliding = (int(e.block_slips.sum()) + int(e.guideway_block_slips.sum())) / total if total else 0.0
-    return (e.actuator_torque, e.actuator_torque_stderr, e.guideway_force, e.guideway_force_stderr,
-            *_padded(blocks), *_padded(guide), *_padded(e.block_slips), *_padded(e.guideway_block_slips),
-            len(blocks), len(guide), e.level, e.level_stderr, e.asymmetry, e.actuator_share, sliding,
-            e.equivalent_voltage)
-
-
-def _padded(values):
-    return list(values[:BLOCKS]) + [0] * (BLOCKS - len(values))
+def _fill(messages, e):
+    """The fields of FrictionState from a `FrictionEstimate` of arrays."""
+    for contact, forces, slips in (("actuator_block", e.block_torque, e.block_slips),
+                                   ("guideway_block", e.guideway_block_force, e.guideway_block_slips)):
+        count = forces.shape[1]
+        messages[f"{contact}_torque" if contact == "actuator_block" else f"{contact}_force"][:, :count] = forces
+        messages[f"{contact}_slipping"][:, :count] = slips
+        messages[f"{contact}_count"] = count
+    slipping = np.hstack([e.block_slips, e.guideway_block_slips])
+    messages["sliding_share"] = slipping.mean(axis=1) if slipping.shape[1] else 0.0
+    for name, values in (
+            ("actuator_torque", e.actuator_torque), ("actuator_torque_stddev", e.actuator_torque_stderr),
+            ("guideway_force", e.guideway_force), ("guideway_force_stddev", e.guideway_force_stderr), ("level", e.level),
+            ("level_stddev", e.level_stderr), ("asymmetry", e.asymmetry), ("actuator_share", e.actuator_share),
+            ("equivalent_voltage", e.equivalent_voltage)):
+        messages[name] = values
 
 
 def main(arguments=None):

@@ -6,6 +6,7 @@ the instrument's weather station or from `air_temperature`, `air_pressure`, `air
 
 import sys
 
+import numpy as np
 from rclpy.node import Node
 from sensor_msgs.msg import FluidPressure, RelativeHumidity, Temperature
 
@@ -21,8 +22,6 @@ from microstage_ros.nodes.parameters import Parameters
 from microstage_ros.nodes.process import run_node
 from microstage_ros.nodes.servo_path import make_servo_path
 
-_SEEN = ["sequence", "interferometer_position", "air_temperature", "air_pressure", "air_humidity", "stage_temperature"]
-
 
 class InterferometerLogger(Node):
     """The logger's process."""
@@ -34,7 +33,7 @@ class InterferometerLogger(Node):
         self._zeroed = self._setup = None
         self._uncertainty = p.expanded_uncertainty
         self._count = 0
-        self._pack = Codec("InterferometerReading").pack
+        self._codec = Codec("InterferometerReading")
         servo = make_servo_path(self)
         self._outlet = Outlet(self, servo, InterferometerReading, topics.INTERFEROMETER)
         self.loop = Follower(self, servo, SimulationTruth, topics.SIMULATION, p.window, self._take, self._outlet,
@@ -46,42 +45,49 @@ class InterferometerLogger(Node):
                 self.create_subscription(kind, topic, lambda message, field=field: self._measured.__setitem__(
                     field, getattr(message, field)), topics.SLOW)
 
-    def _take(self, messages):
-        for time_ns, values in zip(stamps_ns(messages).tolist(), messages[_SEEN].tolist()):
-            self._reading(time_ns, *values)
-
-    def _reading(self, time_ns, sequence, counted, temperature, pressure, humidity, stage):
-        """One reading of the instrument."""
+    def _take(self, seen):
+        air = Air(*(seen[name] for name in ("air_temperature", "air_pressure", "air_humidity")))
         if self.parameters.air == "topics":
             if len(self._measured) < 3:
                 return  # no position without the air it was measured in
-            temperature, pressure, humidity = (self._measured[name] for name in (
-                "temperature", "fluid_pressure", "relative_humidity"))
-        air = Air(temperature, pressure, humidity)
+            air = Air(*(np.full(len(seen), self._measured[name]) for name in ("temperature", "fluid_pressure",
+                                                                              "relative_humidity")))
+        counted = seen["interferometer_position"]
         try:
-            position = self._corrected(counted, air)
+            position, uncertainty = self._corrected(counted, air)
         except InputError as error:
             self.get_logger().error(str(error), throttle_duration_sec=1.0)
             return
-        self._outlet.send(sequence, self._pack(time_ns, sequence, position, self._uncertainty, temperature, pressure,
-                                               humidity, stage, position - counted))
+        messages = self._codec.blank(stamps_ns(seen))
+        for name, values in (
+                ("sequence", seen["sequence"]), ("position", position), ("expanded_uncertainty", uncertainty),
+                ("air_temperature", air.temperature_K), ("air_pressure", air.pressure_Pa), ("air_humidity", air.humidity),
+                ("stage_temperature", seen["stage_temperature"]), ("correction", position - counted)):
+            messages[name] = values
+        self._outlet.send_all(messages)
 
     def _corrected(self, counted, air):
-        """Position [m] from what the instrument counts; the budget now and then."""
+        """Positions [m] from what the instrument counts, and their uncertainty [m]: the budget now and then."""
         p = self.parameters
         if self._zeroed is None:
-            self._zeroed = air
-            self._setup = Interferometer(assumed_index=float(refractive_index(air)), dead_path_m=p.dead_path,
+            self._zeroed = _first(air)
+            self._setup = Interferometer(assumed_index=float(refractive_index(self._zeroed)), dead_path_m=p.dead_path,
                                          noise_m=p.noise)
-        position = counted if p.air_compensated else float(correct(counted, air, self._zeroed, self._setup))
-        if self._count % p.budget_every == 0:
-            own = budget(position, air, self._zeroed, self._setup).expanded_m
-            self._uncertainty = max(p.expanded_uncertainty, own)
-        self._count += 1
-        return position
+        position = counted if p.air_compensated else correct(counted, air, self._zeroed, self._setup)
+        uncertainty = np.full(len(counted), self._uncertainty)
+        for k in range(-self._count % p.budget_every, len(counted), p.budget_every):
+            own = budget(float(position[k]), _first(air, k), self._zeroed, self._setup).expanded_m
+            uncertainty[k:] = self._uncertainty = max(p.expanded_uncertainty, own)
+        self._count += len(counted)
+        return position, uncertainty
 
     def close(self):
         """Nothing to hold on to."""
+
+
+def _first(air, k=0):
+    """Entry ``k`` of an `Air` of arrays."""
+    return Air(*(float(values[k]) for values in (air.temperature_K, air.pressure_Pa, air.humidity)))
 
 
 def main(arguments=None):

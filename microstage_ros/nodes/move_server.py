@@ -104,9 +104,16 @@ class MoveServer(Node):
             self._move.update(sequence, position)
             if self._move.done and self.parameters.pause_s > 0.0:
                 self._held_since = time.monotonic()
-        stride = self.parameters.window // 4
-        if self._held_since is None and sequence // stride != before // stride:
-            self._granter.until = max(self._granter.until, sequence + self.parameters.window)
+        window = self._window
+        if self._held_since is None and sequence // (window // 2) != before // (window // 2):
+            self._granter.until = max(self._granter.until, sequence + window)
+
+    @property
+    def _window(self):
+        """How far the axis may run ahead now."""
+        p = self.parameters
+        idle = p.pause_s == 0.0 and not self._talking and (self._move is None or self._move.done)
+        return p.idle_window if idle else p.window
 
     def _keep_credit_alive(self):
         """Repeat the last credit now and then; end a pause that has lasted too long."""
