@@ -12,7 +12,7 @@ import time
 from collections import deque
 
 import numpy as np
-from rclpy.action import ActionServer, CancelResponse
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 
@@ -57,7 +57,8 @@ class MoveServer(Node):
         self._status = None
         self._latest, self._stale = None, -1
         self._move, self._repeated = None, 0.0
-        self._newest_goal = 0
+        self._numbered = self._newest_goal = 0
+        self._numbers = {}
         self._held_since, self._talking = None, False
         self._readings = deque(maxlen=100_000)
         self._errors = {}
@@ -70,7 +71,7 @@ class MoveServer(Node):
         self.create_subscription(DriverStatus, topics.DRIVER_STATUS, self._on_status, topics.LATCHED)
         self._follow = self.create_client(FollowReference, topics.FOLLOW_REFERENCE, callback_group=group)
         self._action = ActionServer(self, MoveTo, topics.MOVE_TO, self._execute, callback_group=group,
-                                    cancel_callback=lambda goal: CancelResponse.ACCEPT)
+                                    goal_callback=self._number_goal, cancel_callback=lambda goal: CancelResponse.ACCEPT)
         self.create_service(MoveService, topics.MOVE, self._serve_move, callback_group=group)
         self.create_service(Statistics, topics.STATISTICS, self._serve_statistics, callback_group=group)
 
@@ -145,11 +146,23 @@ class MoveServer(Node):
 
     # --- one move -------------------------------------------------------------------------------------------
 
+    def _number(self):
+        """The number of a request: the later one counts, whichever of them a thread comes to first."""
+        with self._changed:
+            self._numbered += 1
+            return self._numbered
+
+    def _number_goal(self, request):
+        """Accept a goal. Who sent it hears of that later, so no goal that is sent then has a smaller number."""
+        self._numbers[id(request)] = self._number()
+        return GoalResponse.ACCEPT
+
     def _execute(self, goal):
         def feedback(position, error, phase):
             goal.publish_feedback(MoveTo.Feedback(position=position, error=error, phase=phase))
 
-        result = self._make_move(goal.request, lambda: goal.is_cancel_requested, feedback)
+        number = self._numbers.pop(id(goal.request))
+        result = self._make_move(number, goal.request, lambda: goal.is_cancel_requested, feedback)
         if result.code == RESULT.CODE_REACHED:
             goal.succeed()
         elif result.code == RESULT.CODE_CANCELLED:
@@ -159,21 +172,22 @@ class MoveServer(Node):
         return result
 
     def _serve_move(self, request, response):
-        result = self._make_move(request, lambda: False, lambda *_: None)
+        result = self._make_move(self._number(), request, lambda: False, lambda *_: None)
         for name in response.get_fields_and_field_types():
             setattr(response, name, getattr(result, name))
         return response
 
-    def _make_move(self, request, cancelled, feedback):
-        """One move from request to result."""
-        with self._changed:
-            self._newest_goal += 1
-            mine = self._newest_goal
-            self._changed.notify_all()
+    def _make_move(self, mine, request, cancelled, feedback):
+        """One move from request to result; ``mine``: its number."""
         result = RESULT(final_error=math.nan, interferometer_error=math.nan, settling_time=math.nan)
         try:
             self._check(request)
+            with self._changed:
+                self._newest_goal = max(self._newest_goal, mine)
+                self._changed.notify_all()
             with self._turn:  # the move under way sees the newer goal, stops and gives the turn away
+                if self._newest_goal > mine:
+                    raise Refused(RESULT.CODE_SUPERSEDED, "a newer goal came before this one began")
                 move = self._begin(request)
                 self._watch(move, mine, cancelled, feedback)
             self._fill(result, move)
@@ -250,7 +264,7 @@ class MoveServer(Node):
                 return
             if cancelled():
                 raise Refused(RESULT.CODE_CANCELLED, f"cancelled {self._stop(feedback)}")
-            if self._newest_goal != mine:
+            if self._newest_goal > mine:
                 raise Refused(RESULT.CODE_SUPERSEDED, f"a newer goal came {self._stop(feedback)}")
             if time.monotonic() - told > FEEDBACK:
                 told = time.monotonic()

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from rclpy.action import GoalResponse
 from ros_support import ask, ros_node, spin_until
 
 from microstage_msgs.action import MoveTo
@@ -16,6 +17,7 @@ from microstage_msgs.msg import DriverStatus, InterferometerReading
 from microstage_msgs.srv import Move
 from microstage_ros.nodes.cell_processes import NODES, CellProcesses
 from microstage_ros.nodes.client import AxisClient
+from microstage_ros.nodes.move_server import MoveServer
 from microstage_ros.nodes.topics import LATCHED
 from microstage_ros.records.bag import read_bag
 from microstage_ros.records.bag_reader import Bag
@@ -93,6 +95,23 @@ def test_new_goal_supersedes_the_one_under_way(running):
     assert first_result.result().result.code == RESULT.CODE_SUPERSEDED
     assert "newer goal" in first_result.result().result.message
     assert result.reached
+
+
+def test_the_later_goal_counts_even_if_it_begins_first(running, monkeypatch):
+    """A thread that is held up begins a goal after a newer one: it must not stop that one, nor move at all."""
+    server, begun = MoveServer(), []
+    monkeypatch.setattr(server, "_check", lambda request: None)
+    monkeypatch.setattr(server, "_begin", begun.append)
+    monkeypatch.setattr(server, "_watch", lambda *_: None)
+    monkeypatch.setattr(server, "_fill", lambda result, move: None)
+    first, second = MoveTo.Goal(target=1e-3), MoveTo.Goal(target=2e-3)
+    for request in (first, second):
+        assert server._number_goal(request) == GoalResponse.ACCEPT
+    results = [server._make_move(server._numbers[id(request)], request, lambda: False, lambda *_: None)
+               for request in (second, first)]
+    assert begun == [second] and results[1].code == RESULT.CODE_SUPERSEDED and "newer goal" in results[1].message
+    assert results[0].code != RESULT.CODE_SUPERSEDED
+    server.destroy_node()
 
 
 @pytest.mark.parametrize("field, value, words", [
