@@ -13,7 +13,8 @@ import numpy as np
 
 from microstage_ros.axis.compiled import compiled
 from microstage_ros.nodes.c_calls import MONOTONIC, load_libraries, now
-from microstage_ros.nodes.driver_loop import COUNTS, hold_back, timing
+from microstage_ros.nodes.driver_loop import COUNTS, hold_back
+from microstage_ros.nodes.quick_periods import timing
 
 WORK_NS = 50_000
 """What a state and its command take on the way [ns]."""

@@ -53,6 +53,21 @@ REAL_TIME, NORMAL = os.SCHED_FIFO, os.SCHED_BATCH
 
 
 @compiled
+def early_ns(c):
+    """How long before a period is due the loop must be awake."""
+    return min(c.spin_ns, c.waking_ns + SPARE_NS)
+
+
+@compiled
+def learn_waking(c, late):
+    """A sleep ended so late [ns]; -1 if there was none."""
+    if late > c.waking_ns:
+        c.waking_ns = late
+    elif late >= 0:
+        c.waking_ns -= (c.waking_ns - late) // FORGET
+
+
+@compiled
 def hold_back(c, times):
     """Sleep until the next period is due; as `AxisDriver._hold_back`."""
     present = now(MONOTONIC, times)
@@ -66,11 +81,7 @@ def hold_back(c, times):
     relaxed = c.priority > 0 and c.sequence % RELAXED == 0
     if relaxed:
         set_policy(NORMAL, 0, times)
-    late = sleep_until(c.due_ns, min(c.spin_ns, c.waking_ns + SPARE_NS), times)
-    if late > c.waking_ns:
-        c.waking_ns = late
-    elif late >= 0:
-        c.waking_ns -= (c.waking_ns - late) // FORGET
+    learn_waking(c, sleep_until(c.due_ns, early_ns(c), times))
     if relaxed:
         set_policy(REAL_TIME, c.priority, times)
 
@@ -215,14 +226,18 @@ def begin_with_credit(work, times):
 
 
 @compiled
-def timed_periods(work):
+def timed_periods(desk, work, times):
     """Control periods that begin when they are due. Why they ended."""
-    links, c, v, frames, responses, times = work[1][0], work[2][0], work[3][0], work[8], work[11], work[12]
+    links, c, v, frames, responses = work[1][0], work[2][0], work[3][0], work[8], work[11]
+    carried = c.paced != 0 and c.grace_ns == 0
     while True:
         why = begin_period(*work)
-        if why != WAITING:
-            return why
-        why = await_command(links, c, v, frames[2][0], times)
+        if why == WAITING and carried:
+            why = sleep_at_desk(desk, c, work, times)
+        if why == WAITING and c.last == c.sequence:
+            continue  # whoever brought the command has done the rest
+        if why == WAITING:
+            why = await_command(links, c, v, frames[2][0], times)
         if why == GOOD:
             count_answer(c, responses, times)
         elif why == MISSED and c.sequence - c.last + c.grace_ns // c.pace_ns <= c.tolerated:
@@ -234,16 +249,34 @@ def timed_periods(work):
 
 
 @compiled
+def sleep_at_desk(desk, c, work, times):
+    """Until it is time to wait for the next period (`hold_back`); the command is taken by who brings it. WAITING, or why
+    the loop ends."""
+    until = c.due_ns + c.pace_ns - early_ns(c)
+    woken, why = True, WAITING
+    while woken and why == WAITING and now(MONOTONIC, times) < until:
+        woken, why = leave(desk, work, until, times)
+        if woken and why == WAITING:
+            why = go_on(work)
+    if not woken:
+        learn_waking(c, now(MONOTONIC, times) - until)
+    return why
+
+
+@compiled
 def go_on(work):
-    """Take the command that waits, if it does, and begin the next period. WAITING, or why the loop ends."""
+    """Take the command that waits, if it does; in lockstep the next period begins. WAITING, or why the loop ends."""
     links, c, v, command, responses, times = work[1][0], work[2][0], work[3][0], work[8][2][0], work[11], work[12]
     if not take(links.commands, links.command):
         return WAITING
     if not in_force(c, v, command):
         return STRANGE
+    if c.last < c.sequence:
+        c.late += 1
+        return WAITING
     count_answer(c, responses, times)
     end_period(*work)
-    return begin_period(*work)
+    return WAITING if c.paced else begin_period(*work)
 
 
 @compiled
@@ -260,9 +293,11 @@ def run_periods(desk, work, times):
     times : another int64 (2,), for the loop's thread while others work.
     """
     c = work[2][0]
-    if c.pace_ns > 0:
-        return timed_periods(work)
     sit_down(desk)
+    if c.pace_ns > 0:
+        why = timed_periods(desk, work, times)
+        go_home(desk)
+        return why
     why = begin_with_credit(work, times)
     while why == WAITING:
         before = c.sequence
@@ -278,7 +313,7 @@ def run_periods(desk, work, times):
 
 
 def on_message(work, count):
-    """A command has come: the next period begins where it came, unless the loop's thread is needed."""
+    """A command has come: it is obeyed, and in lockstep the next period begins, where it came, unless the loop's thread is needed."""
     desk = desk_of(work)
     if may_sit(desk):
         get_up(desk, go_on(work[0]))

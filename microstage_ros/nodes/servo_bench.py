@@ -26,6 +26,8 @@ from microstage_ros.places import config_file
 PAIR = ("axis_driver", "str_controller")
 TICKS = os.sysconf("SC_CLK_TCK")
 ROUND_TRIPS, WARM_UP = 5000, 100
+MOVING_WINDOW = 100
+"""Of the move server while a move is under way: its parameter ``window``."""
 SHORT = 8.0
 """Seconds of wall clock for one measurement of a running cell."""
 
@@ -40,6 +42,7 @@ def bench():
         yield start(node, NODES)
         yield from lockstep(node, PAIR, SHORT)
         yield from lockstep(node, NODES, SHORT)
+        yield from lockstep(node, NODES, SHORT, moving=True)
         yield from paced(node, NODES, SHORT, 1e-3)
         yield from paced(node, NODES, SHORT, 1e-4)
     finally:
@@ -89,11 +92,13 @@ def _which(nodes):
     return "driver and controller" if nodes == PAIR else f"all {len(nodes)} nodes, everything recorded"
 
 
-def lockstep(node, nodes, seconds):
-    """Simulated time per wall clock of the running cell."""
-    name = f"lockstep, {_which(nodes)}"
+def lockstep(node, nodes, seconds, moving=False):
+    """Simulated time per wall clock of the running cell; ``moving``: no further ahead than a cancelled move allows."""
+    name = f"lockstep, {_which(nodes)}" + (", credit as during moves" if moving else "")
     with tempfile.TemporaryDirectory() as folder:
         parameters = {"bag_recorder": {"directory": f"{folder}/bag"}}
+        if moving:
+            parameters["move_server"] = {"idle_window": MOVING_WINDOW}
         first, last, wall, shares = _observed(node, nodes, parameters, seconds, Path(folder))
     rate = (last.periods - first.periods) / wall
     return [row(f"{name}: times real time", rate * 1e-4, "1"), row(f"{name}: periods", rate, "1/s"),
