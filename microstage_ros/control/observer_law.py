@@ -259,23 +259,25 @@ def learn_level(p, model, s, period):
 @compiled
 def observer_step(p, model, s, period, encoder, voltage, current):
     """One control period: ``encoder`` [m] and ``current`` [A] of now, ``voltage`` [V] held until now."""
-    senses = model.force_per_ampere > 0.0 and math.isfinite(current)
+    senses, fall = model.force_per_ampere > 0.0 and math.isfinite(current), 0.0
     if senses:
         if find_lag(s, voltage, current - s.current):
             forget_drive(p, s)  # learned from voltages of another period
-        # within the period the current falls as the back-EMF rises: the mean is above the newest value
-        slack = 0.5 * model.volts_per_velocity * s.acceleration * period / model.resistance
         rest = p.transient
         part = model.settling / period - rest / (1.0 - rest)
-        force = model.force_per_ampere * (current + slack + part * (s.current - current))
+        force = model.force_per_ampere * (current + part * (s.current - current))
+        # within the period the current falls as the back-EMF rises: before its end it is above the newest value
+        fall = model.force_per_ampere * model.volts_per_velocity / model.resistance
     elif model.force_per_ampere > 0.0:
         force = model.force_per_ampere * (voltage - model.volts_per_velocity * s.v) / model.resistance
     else:
         force = voltage / model.volts_per_force
     before = s.v
     parts = int(math.ceil(period / 2.0e-4 - 1e-9))
-    for _ in range(parts):
-        predict(model, s, period / parts, force)
+    for k in range(parts):
+        start = s.v
+        predict(model, s, period / parts, force + fall * s.acceleration * period * (parts - k - 0.5) / parts)
+        s.acceleration = (s.v - start) * parts / period
     s.acceleration = (s.v - before) / period
     speed, drop, trust, doubt = 0.0, 0.0, 0.0, 0.0
     if senses:

@@ -1,0 +1,61 @@
+"""What the observer law could reach if it knew the axis: its regulator, told the true motion.
+
+Sensors, amplifier, friction and observer are those of every trial; only what the regulator reads of the observer
+is replaced by the simulator's position of the stage, or speed of the motor, or both. Told both, what is left is the
+price of a voltage that is held for a period while friction changes, and of the regulator's own lag. What lies
+between is the price of not knowing, and says which of the two estimates it is paid for.
+"""
+
+import numpy as np
+
+from microstage_ros.axis.compiled import compiled
+from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
+from microstage_ros.axis.sensors import sense
+from microstage_ros.axis.step import hold
+from microstage_ros.control import laws, observer_law, pid
+from microstage_ros.control.controller import make_controller
+from microstage_ros.control.profiles import sine
+
+PERIODS = (1e-4, 2e-4, 5e-4, 1e-3)  # s
+TOLD = {"nothing": (False, False), "position": (True, False), "speed": (False, True), "both": (True, True)}
+
+
+@compiled
+def run_informed(plant, state, work, readings, parameters, memory, reference, position, speed, stage):
+    """The loop of `closed_loop` whose regulator is told ``position`` or ``speed``; fills ``stage`` [m]."""
+    observer = memory.observer
+    for n in range(len(reference)):
+        sense(plant, state, readings)
+        stage[n] = state.x
+        if memory.started == 0:
+            laws.controller_start(memory, reference[n], readings.encoder)
+        pid.pid_motion(parameters.pid, memory.pid, parameters.period, reference[n], readings.encoder)
+        observer_law.observer_step(
+            parameters.observer, parameters.feedforward, observer, parameters.period, readings.encoder,
+            memory.voltage, readings.current,
+        )
+        x, v = observer.x, observer.v
+        if position:
+            observer.x = state.x
+        if speed:
+            observer.v = plant.ratio * state.omega
+        memory.voltage = laws.regulate(parameters, memory, reference[n])
+        observer.x, observer.v = x, v
+        hold(plant, state, work, memory.voltage)
+
+
+def informed_sine(axis, seed, told="both", period=None, amplitude=1e-5, frequency=0.1, cycles=1.25):
+    """Largest |true position - reference| [m] of a sine, without its first quarter of a cycle; ``told``: of `TOLD`."""
+    axis = axis if period is None else axis.with_values({"period": period}, source="derived")
+    reference = sine(0.0, amplitude, frequency, cycles, axis.value("period"))
+    plant, controller = make_plant(axis, NoiseSpec()), make_controller("self_tuning_observer", axis)
+    state, stage = new_state(plant, seed=seed), np.empty(len(reference))
+    run_informed(
+        plant, state, new_work(plant), new_readings(), controller.parameters, controller.memory, reference, *TOLD[told], stage
+    )
+    return float(np.abs(stage - reference)[int(0.25 / cycles * len(reference)) :].max())
+
+
+def limits(axis, seeds=range(3), periods=PERIODS):
+    """Worst peak [m] over ``seeds`` of the sine of 10 um at 0.1 Hz: {period [s]: {what the regulator is told: peak}}."""
+    return {period: {told: max(informed_sine(axis, seed, told, period) for seed in seeds) for told in TOLD} for period in periods}
