@@ -15,7 +15,8 @@ ENCODER_PERIOD = 5.0e-4  # s; up to it the encoder-only bandwidths hold
 ENCODER = {"b": 381.0, "w_p": 345.0, "w_i": 106.0, "filter_time": 1.47e-3}
 FRICTION_SHARE = 0.6  # fed forward where nothing tells the level: more of it builds up an overshoot from short move to short move
 NCTF = {"b": 455.0, "filter_time": 1.64e-3}
-OBSERVER = {"b": 2200.0, "w_p": 270.0, "w_i": 80.0}
+OBSERVER = {"b": 2200.0, "w_p": 270.0, "w_i": 80.0, "acceleration_noise": 5e-5}
+OBSERVER_PERIOD = 2.5e-4  # s; within longer ones friction moves more than the model says
 
 
 def volts_per_acceleration(model):
@@ -54,6 +55,7 @@ def observer_gains(model, period):
         "filter_ceiling": 2.5,
         "least_ceiling": 0.12,
         "least_integral": 0.12,
+        "acceleration_noise": OBSERVER["acceleration_noise"] * max(1.0, period / OBSERVER_PERIOD),
     }
 
 

@@ -19,6 +19,8 @@ from microstage_ros.control.lost_motion import TOUCHING, reckoned
 CATCH_UP = 120.0  # 1/s, rate at which the stage is led to the reference
 GENTLE = 2e-5  # m/s, most that this may take
 BUMPLESS_TIME = 4e-3  # s
+SHORT = 5e-8  # m, by which the path of least jerk ends before the contact, so that no error along it throws the stage
+APPROACH = 1e-5  # m/s, over the rest
 FIELDS = [
     ("mode", "i8"),  # contact of the period before
     ("time", "f8"),  # s, since the crossing began
@@ -50,7 +52,7 @@ def begin(c, s, speed, acceleration, period):
     c.start_speed = s.toward * s.v
     c.path = c.start
     c.path_speed = c.start_speed
-    length = max(s.gap - c.start, 1e-9)
+    length = max(s.gap - SHORT - c.start, 1e-9)
     c.duration = max(math.sqrt(5.77 * length / acceleration), 5.0 * period)
 
 
@@ -64,11 +66,11 @@ def advance(c, p, s, speed, error, period):
     elif not reckoned(s):
         c.path_speed += (p.search_speed - c.path_speed) * min(period / BUMPLESS_TIME, 1.0)
     elif c.time >= c.duration:
-        c.path_speed = max(speed, 5e-6)
+        c.path_speed = speed + APPROACH
     else:
         t = c.time / c.duration
         rest = 1.0 - t
-        length = s.gap - c.start - c.led - speed * (c.duration - c.time)
+        length = s.gap - SHORT - c.start - c.led - speed * (c.duration - c.time)
         slower = c.start_speed - speed
         before = c.path
         c.path = c.start + c.led + length * t * t * t * (10.0 - 15.0 * t + 6.0 * t * t)

@@ -31,6 +31,7 @@ UNLOADED = 0.35  # share of the guideways' limit below which the contact may ope
 CHANGE = 2e-8  # m, standard deviation of the gap from one crossing to the next
 BRIEF, LONG, GIVEN_UP = 12e-3, 25e-3, 0.1  # s, to land on a contact that was reckoned, or searched; then it was none
 OVERDUE = 1.2e-7  # m, that the motor goes on while the stage stands
+THROWN = 5e-8  # m, that the stage is ahead of the motor that pushed it: this says nothing of the gap
 FOLLOWED = 4e-8  # m, that a stage in contact has followed
 FIELDS = [
     ("contact", "i8"),  # TOUCHING or APART
@@ -179,7 +180,7 @@ def cross(p, s, period, position):
     elif s.age < (LONG if s.overdue == 1 or not from_contact else BRIEF):
         return False
     elif moved > FOLLOWED and abs(late) < 3e-7:
-        if from_contact and s.gap > 0.0:
+        if from_contact and s.gap > 0.0 and late > -THROWN:
             learn_gap(p, s, s.gap + late, 1e-8 + abs(s.v) * STAGE_TIME)
         settle(s, s.toward)
     elif s.age > GIVEN_UP:

@@ -39,7 +39,7 @@ from microstage_ros.control.gains import Gain, record_type
 from microstage_ros.control.lost_motion import TOUCHING
 
 GAINS = (
-    Gain("encoder_noise", "m", 1e-12, 1e-3, 1.5e-8, "doubt in one encoder value: noise, rounding and more"),
+    Gain("encoder_noise", "m", 1e-12, 1e-3, 1.8e-8, "doubt in one encoder value: noise, rounding and more"),
     Gain("voltage_noise", "V", 1e-6, 10.0, 2.3e-3, "doubt in the voltage behind the back-EMF: noise of the amplifier and more"),
     Gain("acceleration_noise", "m/s^2/rtHz", 1e-12, 1e3, 5.0e-5, "density of what moves the axis unmodelled"),
     Gain("friction_drift", "m/s^3/rtHz", 1e-12, 1e6, 4.0e-3, "density of the random walk of d"),
