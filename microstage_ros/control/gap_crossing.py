@@ -1,9 +1,9 @@
 """The way of the motor through lost motion, from one contact to the other (compiled part of the laws).
 
-The motor leaves with the speed v_0 that it has and arrives with that of the reference, v, so that it does not
-throw the stage:
+The motor leaves with the speed v_0 that it has and ends just short (e) of the other contact with that of the
+reference, v, so that it does not throw the stage; the rest it goes slowly:
 
-    p(t) = p_0 + q(t) + [b - p_0 - q(t) - v (T - t)] S(t/T) + (v_0 - v) T H(t/T),        dq/dt = v
+    p(t) = p_0 + q(t) + [b - e - p_0 - q(t) - v (T - t)] S(t/T) + (v_0 - v) T H(t/T),        dq/dt = v
     S = s^3 (10 - 15 s + 6 s^2),      H = s (1 - s)^3 (1 + 3 s)
 
 T follows from the highest acceleration of S. Through a gap of unknown width it goes at a constant speed. Once

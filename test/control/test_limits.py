@@ -3,7 +3,7 @@
 import pytest
 
 from microstage_ros.control.limits import informed_sine
-from microstage_ros.control.trials import sine_trial
+from microstage_ros.control.trials import cycle_peaks, sine_trial
 
 
 def test_told_nothing_it_is_the_law(axis):
@@ -15,3 +15,10 @@ def test_told_nothing_it_is_the_law(axis):
 def test_what_is_not_known_costs_most(axis, period):
     nothing, both = (informed_sine(axis, 5, told, period) for told in ("nothing", "both"))
     assert both < 0.5 * nothing
+
+
+@pytest.mark.parametrize("seed", [52, 54])
+def test_a_learned_gap_is_crossed_without_throwing_the_stage(axis, seed):
+    effects = {"backlash": {"width_rad": 0.00873}}
+    trial = sine_trial(axis, "self_tuning_observer", {}, 1e-5, 0.1, seed, 3.25, effects=effects)
+    assert cycle_peaks(trial, 0.1)[-1] < 1e-7
