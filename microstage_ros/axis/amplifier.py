@@ -8,6 +8,7 @@ from microstage_ros.axis.compiled import inlined, internal
 from microstage_ros.axis.linear_core import TICKS
 from microstage_ros.axis.random import normal
 from microstage_ros.axis.records import DELAY
+from microstage_ros.axis.vectors import fused
 
 REBUILD = 2e-4                 # relative change of the resistance that remakes the matrices
 
@@ -17,8 +18,9 @@ def amplifier_output(plant, state, voltage):
     """u_a = clip(gain · dead(DAC(u) + offset) + noise): V at the motor, or N on a force-driven stage."""
     u = min(max(voltage, -plant.dac_range), plant.dac_range)
     if plant.quantum > 0.0:
-        u = plant.quantum * np.rint(u * plant.per_quantum)
-    u += plant.amplifier_offset
+        u = fused(plant.quantum, np.rint(u * plant.per_quantum), plant.amplifier_offset)
+    else:
+        u += plant.amplifier_offset
     if plant.dead_half > 0.0:
         u = math.copysign(max(abs(u) - plant.dead_half, 0.0), u)
     u *= plant.gain

@@ -29,6 +29,7 @@ def bench(axis, long=False):
     yield from step_rows(axis)
     yield noisy_row(axis)
     yield ensemble_row(axis)
+    yield ensemble_row(axis, noise=NoiseSpec())
     yield from peer_rows(axis)
     yield from start_rows()
     yield memory_row(axis, 1_000_000_000 if long else 2_000_000)
@@ -71,13 +72,13 @@ def noisy_row(axis, periods=100_000):
     return {"name": "step with all noise, sensors read", "value": best_of(run) / periods * NANOSECONDS, "unit": "ns/period"}
 
 
-def ensemble_row(axis, axes=1000, periods=2000, threads=None):
+def ensemble_row(axis, axes=1000, periods=2000, noise=NoiseSpec.none()):
     """Time per axis and period of many axes of different parameters on all cores."""
-    threads = threads or os.cpu_count()
+    threads = os.cpu_count()
     plants, states, rested = np.zeros(axes, PLANT), np.zeros(axes, STATE), np.zeros(axes, STATE)
     for k in range(axes):
         factor = 1.0 + 0.2 * k / axes
-        plants[k] = make_plant(axis.with_values({"drive.resistance": 3.41 * factor, "contacts.actuator.static": 219e-6 * factor}), NoiseSpec.none())
+        plants[k] = make_plant(axis.with_values({"drive.resistance": 3.41 * factor, "contacts.actuator.static": 219e-6 * factor}), noise)
     voltage = RIDES["sliding"](np.arange(periods) * plants[0]["period"])
 
     def run():
@@ -86,7 +87,8 @@ def ensemble_row(axis, axes=1000, periods=2000, threads=None):
 
     rested[:] = new_state(plants[0])
     run()
-    return {"name": f"ensemble of {axes} different axes, {threads} threads", "value": best_of(run, 8) / periods / axes * NANOSECONDS,
+    words = ", all noise" if noise.friction_relative is None else ""
+    return {"name": f"ensemble of {axes} different axes, {threads} threads{words}", "value": best_of(run, 8) / periods / axes * NANOSECONDS,
             "unit": "ns/(axis period)"}
 
 

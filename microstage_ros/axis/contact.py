@@ -22,6 +22,7 @@ FRACTION_BITS = 48                       # mantissa bits below the cell's four
 START_MASK = -1 << FRACTION_BITS
 ENTRIES = np.uint64(OCTAVES * CELLS)
 NO_TABLE = 1 << 40                        # a first cell that no speed reaches
+FACTOR_MARGIN = 0.01                      # fall of a random limit factor that needs no new look at the blocks
 
 
 def sliding_table(static, coulomb, velocity, exponent):
@@ -96,7 +97,16 @@ def _flush(contact, c):
     """Add the travel since the last flush to the sticking blocks' forces."""
     for j in range(BLOCKS):
         c.force[j] += c.stuck[j] * contact.kappa[j] * c.stretch
+    c.stuck_weight_force = stuck_force(c)
+    c.ahead -= c.stretch
+    c.behind += c.stretch
     c.stretch = 0.0
+
+
+@inlined
+def stuck_force(c):
+    """Sum of the sticking blocks' forces."""
+    return fused(c.stuck_stiffness, c.stretch, c.stuck_weight_force)
 
 
 @compiled
@@ -116,14 +126,15 @@ def regroup(contact, c):
 @inlined
 def crosses(contact, c, travel, w):
     """Whether after ``travel`` a sticking block has reached its limit at velocity w."""
-    if travel < c.ahead and -travel < c.behind and abs(w) < c.guard:
+    stretch = c.stretch + travel
+    if (stretch < c.ahead or travel <= 0.0) and (-stretch < c.behind or travel >= 0.0) and abs(w) < c.guard:
         return False
     return _reaches(contact, c, travel, w)
 
 
 @internal
 def _reaches(contact, c, travel, w):
-    """`crosses` in full; if not, finds the travel that is free of events up to twice this speed.
+    """`crosses` in full; if not, finds the travel that is free of events up to 1.25 of this speed.
 
     The direction is that of the travel: the velocity may have changed sign at the very end.
     """
@@ -134,23 +145,15 @@ def _reaches(contact, c, travel, w):
     for j in range(contact.blocks):
         if c.stuck[j] == 1.0 and (c.force[j] + contact.kappa[j] * travel) * sign >= top:
             return True
-    c.guard = 2.0 * abs(w) + 1e-3 * contact.velocity
-    safe = c.factor * (1.0 - abs(contact.asymmetry)) * min(limit(contact, c.guard), contact.static)
+    c.guard = 1.25 * abs(w) + 1e-3 * contact.velocity
+    c.least_factor = c.factor * (1.0 - FACTOR_MARGIN if contact.random > 0.0 else 1.0)
+    safe = c.least_factor * (1.0 - abs(contact.asymmetry)) * min(limit(contact, c.guard), contact.static)
     c.ahead, c.behind = np.inf, np.inf
     for j in range(contact.blocks):
         if c.stuck[j] == 1.0:
             c.ahead = min(c.ahead, (safe - c.force[j]) / contact.kappa[j])
             c.behind = min(c.behind, (safe + c.force[j]) / contact.kappa[j])
     return False
-
-
-@inlined
-def move_stuck(c, travel):
-    """Stretch the sticking blocks by ``travel``; their own forces are brought up to date when needed."""
-    c.stretch += travel
-    c.ahead -= travel
-    c.behind += travel
-    c.stuck_weight_force += c.stuck_stiffness * travel
 
 
 @internal
@@ -164,7 +167,7 @@ def stick_all(contact, c):
             c.stuck[j] = 1.0
     c.slip_weight = 0.0
     c.slip_force = 0.0
-    c.slip_slope = 0.0
+    c.slip_change = 0.0
     c.slip_offset = 1.0
     regroup(contact, c)
 
@@ -202,7 +205,7 @@ def _join(contact, c, j, sign, top):
 @inlined
 def block_force(c):
     """Σ F_j of all blocks, with sign, or the force of the contact's other law; without the viscous part."""
-    return c.stuck_weight_force + c.direction * c.slip_weight * c.slip_force + c.law_force
+    return stuck_force(c) + c.direction * c.slip_weight * c.slip_force + c.law_force
 
 
 @compiled

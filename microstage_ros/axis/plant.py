@@ -12,7 +12,8 @@ from microstage_ros.axis.laws.registry import law_named
 from microstage_ros.axis.linear_core import forget, new_work  # noqa: F401  (callers make all records here)
 from microstage_ros.axis.random import seed_state
 from microstage_ros.axis.records import PLANT, READINGS, STATE
-from microstage_ros.axis.step import lead_error
+from microstage_ros.axis.walk import lead_error
+from microstage_ros.axis.variability import TIME_STEP, TRAVEL_STEP
 
 LAW_LEVEL = 4                  # chunks of T/16 for laws that are not made of blocks
 OTHER_LAWS = ("dahl", "lugre", "elasto_plastic", "leuven", "hsieh_pan")
@@ -227,6 +228,8 @@ def _fill_noise(plant, axis, noise):
         plant[name]["random"] = relative if plant[name]["blocks"] or plant[name]["law"] else 0.0
     for field in ("length", "time"):
         plant[f"random_{field}"] = axis.value("variability.travel_length" if field == "length" else "variability.time_length")
+    plant["random_travel_step"] = TRAVEL_STEP * plant["random_length"]
+    plant["random_time_step"] = TIME_STEP * plant["random_time"]
     plant["random_share"], plant["random_clip"] = axis.value("variability.travel_share"), axis.value("variability.clip")
     own = axis.value("sensors.interferometer.noise")
     plant["interferometer_noise"] = own if noise.interferometer_m is None else noise.interferometer_m

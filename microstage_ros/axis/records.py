@@ -14,7 +14,7 @@ LINES = 6         # most vibration lines
 LAW = 40          # most entries of a packed law of the library, and of its state
 DELAY = 64        # most whole periods of delay
 
-LEVELS = 11       # chunks of a period: level 0 is the whole period, level 10 is T/1024
+LEVELS = 11      # chunks of a period: level 0 is the whole period, level 10 is T/1024
 SLOTS = 64        # modes (combinations of sticking blocks) whose matrices are kept
 INPUTS, OUTPUTS = 9, 8     # columns and rows of a mode's matrix, see `linear_core`
 
@@ -79,6 +79,7 @@ PLANT = np.dtype([
     # random friction
     ("random_length", f8), ("random_time", f8), ("random_share", f8), ("random_clip", f8),
     ("random_share_root", f8), ("random_rest_root", f8),        # √share of the travel's part, √(1 − share) of the time's
+    ("random_travel_step", f8), ("random_time_step", f8),       # travel and time after which q is advanced
     # sensors
     ("encoder_count", f8), ("per_count", f8), ("encoder_noise", f8), ("current_noise", f8), ("interferometer_noise", f8),
     ("late", f8), ("jitter", f8), ("lost", f8),
@@ -95,19 +96,20 @@ PLANT = np.dtype([
 CONTACT_STATE = np.dtype([
     ("force", f8, BLOCKS),         # f_j of sticking blocks; of slipping ones the offset from `slip_force`
     ("stuck", f8, BLOCKS),         # 1 sticks, 0 slips
-    ("stuck_weight_force", f8),    # Σ α_j f_j over sticking blocks, the sum of their forces
+    ("stuck_weight_force", f8),    # Σ α_j f_j over sticking blocks, the sum of their forces, without the stretch
     ("stuck_stiffness", f8),       # Σ k_j over sticking blocks
     ("slip_weight", f8),           # Σ α_j over slipping blocks
     ("slip_force", f8),            # their common normalised force, sign removed
     ("slip_offset", f8),           # decay of the offsets since they were set
     ("direction", f8),             # sign of the slip
-    ("slip_slope", f8),            # df/dt over the last chunk in slip, to start the next from
+    ("slip_change", f8),           # df/dt · T over the last chunk in slip, to start the next from
     ("law_state", f8, LAW), ("law_force", f8), ("law_before", f8), # of another law: state, force now and a chunk ago
     ("mask", i8),                  # bit j: block j sticks
     ("stretch", f8),               # travel not yet added to the sticking blocks' forces
-    ("ahead", f8), ("behind", f8), ("guard", f8),      # travel that brings no sticking block to its limit below this speed
+    # stretch that brings no sticking block to its limit below this speed, while the limit factor is no smaller than this
+    ("ahead", f8), ("behind", f8), ("guard", f8), ("least_factor", f8),
     ("factor", f8),                # limit factor of this period
-    ("q_travel", f8), ("q_time", f8), ("q", f8), ("random_travel", f8), ("random_wait", f8),
+    ("q_travel", f8), ("q_time", f8), ("q", f8),
     ("lagged", f8),                # |w| seen by s when it lags
     ("dwell", f8), ("aged", f8), ("held", f8),
 ])
@@ -122,6 +124,7 @@ STATE = np.dtype([
     ("pending", f8, DELAY), ("pending_at", i8),
     ("lagged_voltage", f8), ("heat", f8), ("resistance_now", f8),
     ("time", f8), ("periods", i8),
+    ("random_travel", f8), ("random_wait", f8),        # since the random friction's last steps
     ("last_encoder", f8), ("last_current", f8),
     ("random", u8, 4),
 ])

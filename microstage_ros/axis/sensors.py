@@ -20,19 +20,28 @@ def read_sensors(plant, state, readings):
 @woven
 def sense(plant, state, readings):
     """`read_sensors`, for the few loops that run many periods."""
-    readings.motor_angle = state.theta
     if plant.sensing == 1:
+        readings.motor_angle = state.theta
         _disturbed_sensors(plant, state, readings)
-        return
-    state.last_encoder = readings.encoder = _counted(plant, state, state.x)
-    state.last_current = readings.current = state.current
+    else:
+        sense_plainly(plant, state, readings, state.x, state.current, state.theta)
+
+
+@inlined
+def sense_plainly(plant, state, readings, x, current, theta):
+    """`read_sensors` where no effect acts on them, of an axis at this position, current and motor angle; returns encoder and current."""
+    encoder = _counted(plant, state, x)
     if plant.current_noise > 0.0:
-        state.last_current = readings.current = state.current + plant.current_noise * normal(state.random)
-    readings.interferometer = state.x
+        current += plant.current_noise * normal(state.random)
+    interferometer = x
     if plant.interferometer_noise > 0.0:
-        readings.interferometer += plant.interferometer_noise * normal(state.random)
+        interferometer += plant.interferometer_noise * normal(state.random)
+    state.last_encoder = readings.encoder = encoder
+    state.last_current = readings.current = current
+    readings.interferometer, readings.motor_angle = interferometer, theta
     readings.air_temperature, readings.air_pressure, readings.air_humidity = AIR_TEMPERATURE, AIR_PRESSURE, AIR_HUMIDITY
     readings.stage_temperature = STAGE_TEMPERATURE
+    return encoder, current
 
 
 @inlined

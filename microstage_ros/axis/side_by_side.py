@@ -10,13 +10,17 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from microstage_ros.axis.compiled import compiled, inlined, internal, seldom, woven
-from microstage_ros.axis.contact import ENTRIES, FRACTION_BITS, START_MASK, cubics, direction_factor
+from microstage_ros.axis.contact import ENTRIES, FRACTION_BITS, START_MASK, cubics
 from microstage_ros.axis.lanes import LANES, choose, lanes_set, load, nearest, store, table_pieces
 from microstage_ros.axis.linear_core import F0, I, O_I, O_OMEGA, O_OMEGA_MID, O_THETA, O_V, O_X, OMEGA, T0, T1, T2, U, V, aligned, forget, new_works
+from microstage_ros.axis.quiet import Moving, give
 from microstage_ros.axis.random import normal
 from microstage_ros.axis.records import INPUTS
-from microstage_ros.axis.slip import LEAST_OFFSET, NEAR, SERIES_END, change_of_rate, corrections, decay_series, near_with, slip_forces
-from microstage_ros.axis.step import hold, quick_period, slot_of
+from microstage_ros.axis.slip import (
+    LEAST_OFFSET, NEAR, SERIES_END, change, change_of_rate, corrections_near, decay_series, near_with, with_change,
+)
+from microstage_ros.axis.step import glide, quick_period, take
+from microstage_ros.axis.variability import vary_now
 from microstage_ros.axis.vectors import fused
 
 ROWS = 6
@@ -26,14 +30,16 @@ NUMBERS = (
     "current", "omega", "v", "theta", "x", "time", "voltage",
     "a_force", "a_stiffness", "a_stretch", "a_ahead", "a_behind", "a_guard",
     "g_force", "g_stiffness", "g_stretch", "g_ahead", "g_behind", "g_guard",
-    "slip_force", "slip_slope", "slip_offset", "pull", "direction", "turn", "slip_level", "pace", "guide_slip", "guide_direction",
-    "period", "rate", "ratio", "per_gear", "spring", "push",
+    "slip_force", "slip_change", "slip_offset", "pull", "direction", "turn", "slip_level", "pace", "guide_slip", "guide_direction",
+    "random_travel", "random_wait", "random_travel_step", "random_time_step",
+    "period", "ratio", "per_gear", "spring", "push",
     "dac_range", "quantum", "per_quantum", "amplifier_offset", "gain", "limit", "noise",
 )
 (CURRENT, SPEED, STAGE_SPEED, THETA, X, TIME, VOLTAGE,
  A_FORCE, A_STIFFNESS, A_STRETCH, A_AHEAD, A_BEHIND, A_GUARD, G_FORCE, G_STIFFNESS, G_STRETCH, G_AHEAD, G_BEHIND, G_GUARD,
- SLIP_FORCE, SLIP_SLOPE, SLIP_OFFSET, PULL, DIRECTION, TURN, SLIP_LEVEL, PACE, GUIDE_SLIP, GUIDE_DIRECTION,
- PERIOD, RATE, RATIO, PER_GEAR, SPRING, PUSH,
+ SLIP_FORCE, SLIP_CHANGE, SLIP_OFFSET, PULL, DIRECTION, TURN, SLIP_LEVEL, PACE, GUIDE_SLIP, GUIDE_DIRECTION,
+ RANDOM_TRAVEL, RANDOM_WAIT, TRAVEL_STEP, TIME_STEP,
+ PERIOD, RATIO, PER_GEAR, SPRING, PUSH,
  DAC_RANGE, QUANTUM, PER_QUANTUM, OFFSET, GAIN, LIMIT, NOISE) = range(len(NUMBERS))
 
 
@@ -72,15 +78,17 @@ def run_share(plants, states, works, space, voltage):
 def _run_alone(plant, state, work, voltage):
     seldom()
     forget(work)
+    moving, held = take(plant, state, work)
     for n in range(voltage.size):
-        hold(plant, state, work, voltage[n])
+        moving, held = glide(plant, state, work, moving, held, voltage[n])
+    give(state, moving)
 
 
 @internal
 def _may_share(plants):
-    """Whether these plants have nothing but what the lanes know."""
+    """Whether these plants have nothing but what the lanes know: noise, random friction, any parameters."""
     for plant in plants:
-        if plant.quick == 0 or plant.varies == 1 or plant.dead_half > 0.0:
+        if plant.quick == 0 or plant.modulated == 1 or plant.dead_half > 0.0:
             return False
     return True
 
@@ -94,15 +102,16 @@ def _run_group(plants, states, works, space, voltage):
     matrix[:] = 0.0
     for row in (A_AHEAD, A_BEHIND, A_GUARD, G_AHEAD, G_BEHIND, G_GUARD):       # a lane without an axis has no events
         numbers[row] = np.inf
-    noisy = False
+    noisy, varies = False, False
     for k in range(len(plants)):
         plant = plants[k]
         forget(works[k])
         tables[0, k], tables[1, k] = plant.actuator.sliding.ctypes.data, plant.actuator.first_cell
         _take_plant(plant, numbers, k)
-        numbers[TIME, k] = states[k].time
+        numbers[TIME, k], numbers[RANDOM_TRAVEL, k], numbers[RANDOM_WAIT, k] = states[k].time, states[k].random_travel, states[k].random_wait
         _take(plant, states[k], works[k], numbers, matrix, k)
         noisy |= plant.amplifier_noise > 0.0
+        varies |= plant.varies == 1
     for k in range(len(plants), LANES):
         tables[:, k] = tables[:, 0]
     for n in range(voltage.size):
@@ -110,6 +119,10 @@ def _run_group(plants, states, works, space, voltage):
             for k in range(len(plants)):
                 if plants[k].amplifier_noise > 0.0:
                     numbers[NOISE, k] = plants[k].amplifier_noise * normal(states[k].random)
+        if varies:
+            due = _waited(rows)
+            if due:
+                _vary_lanes(plants, states, works, numbers, due)
         ahead, f1, fade, rough = _period(rows, columns, places, voltage[n])
         if rough:
             _give(states, numbers, rough)
@@ -120,6 +133,8 @@ def _run_group(plants, states, works, space, voltage):
     for k in range(len(plants)):
         states[k].time = numbers[TIME, k]
         states[k].periods += voltage.size
+        if plants[k].varies == 1:
+            states[k].random_travel, states[k].random_wait = numbers[RANDOM_TRAVEL, k], numbers[RANDOM_WAIT, k]
 
 
 @internal
@@ -135,7 +150,9 @@ def _periods_alone(plants, states, works, numbers, matrix, which):
 @internal
 def _take_plant(plant, numbers, k):
     """The plant's numbers into lane k."""
-    numbers[PERIOD, k], numbers[RATE, k], numbers[RATIO, k], numbers[PER_GEAR, k] = plant.period, plant.rate, plant.ratio, plant.per_gear
+    numbers[PERIOD, k], numbers[RATIO, k], numbers[PER_GEAR, k] = plant.period, plant.ratio, plant.per_gear
+    numbers[TRAVEL_STEP, k] = plant.random_travel_step if plant.varies == 1 else np.inf
+    numbers[TIME_STEP, k] = plant.random_time_step if plant.varies == 1 else np.inf
     numbers[SPRING, k], numbers[PUSH, k] = plant.stiffness, plant.push
     numbers[DAC_RANGE, k], numbers[QUANTUM, k], numbers[PER_QUANTUM, k] = plant.dac_range, plant.quantum, plant.per_quantum
     numbers[OFFSET, k], numbers[GAIN, k], numbers[LIMIT, k] = plant.amplifier_offset, plant.gain, plant.limit
@@ -145,30 +162,42 @@ def _take_plant(plant, numbers, k):
 def _take(plant, state, work, numbers, matrix, k):
     """The state and its mode's matrix of a whole period into lane k."""
     seldom()
-    ca, cg = state.actuator, state.guideway
-    numbers[CURRENT, k], numbers[SPEED, k], numbers[STAGE_SPEED, k] = state.current, state.omega, state.v
-    numbers[THETA, k], numbers[X, k] = state.theta, state.x
-    _take_contact(ca, numbers, A_FORCE, k)
-    _take_contact(cg, numbers, G_FORCE, k)
-    numbers[SLIP_FORCE, k], numbers[SLIP_SLOPE, k], numbers[SLIP_OFFSET, k] = ca.slip_force, ca.slip_slope, ca.slip_offset
-    level, direction = ca.factor * direction_factor(plant.actuator, ca.direction), ca.direction if ca.slip_weight > 0.0 else 0.0
-    numbers[PULL, k], numbers[DIRECTION, k], numbers[TURN, k] = -direction * ca.slip_weight, direction, direction * plant.per_gear
-    numbers[SLIP_LEVEL, k], numbers[PACE, k] = level, plant.actuator.attraction * plant.period / level
-    numbers[GUIDE_SLIP, k] = cg.direction * cg.slip_weight * cg.slip_force
-    numbers[GUIDE_DIRECTION, k] = cg.direction if cg.slip_weight > 0.0 else 0.0
-    slot = slot_of(plant, state, work)
+    moving, held = take(plant, state, work)
+    numbers[CURRENT, k], numbers[SPEED, k], numbers[STAGE_SPEED, k] = moving.current, moving.omega, moving.v
+    numbers[THETA, k], numbers[X, k] = moving.theta, moving.x
+    numbers[A_STRETCH, k], numbers[G_STRETCH, k] = moving.a_stretch, moving.g_stretch
+    numbers[SLIP_FORCE, k], numbers[SLIP_CHANGE, k], numbers[SLIP_OFFSET, k] = moving.slip_force, moving.slip_change, moving.slip_offset
+    numbers[PULL, k], numbers[DIRECTION, k], numbers[TURN, k] = held.pull, held.direction, held.turn
+    numbers[GUIDE_DIRECTION, k] = held.guide_direction
+    numbers[A_FORCE, k], numbers[A_STIFFNESS, k], numbers[A_AHEAD, k], numbers[A_BEHIND, k] = (
+        held.a_force, held.a_stiffness, held.a_ahead, held.a_behind)
+    numbers[G_FORCE, k], numbers[G_STIFFNESS, k], numbers[G_AHEAD, k], numbers[G_BEHIND, k] = (
+        held.g_force, held.g_stiffness, held.g_ahead, held.g_behind)
+    _take_factors(held, numbers, k)
     for j in range(INPUTS):
         for row in range(ROWS):
-            matrix[j * ROWS + row, k] = work.matrix[slot, 0, j, row]
+            matrix[j * ROWS + row, k] = work.matrix[held.slot, 0, j, row]
+
+
+@inlined
+def _take_factors(held, numbers, k):
+    """What the factors on the limits are in, into lane k."""
+    numbers[SLIP_LEVEL, k], numbers[PACE, k], numbers[GUIDE_SLIP, k] = held.slip_level, held.pace, held.guide_slip
+    numbers[A_GUARD, k], numbers[G_GUARD, k] = held.a_guard, held.g_guard
 
 
 @internal
-def _take_contact(c, numbers, first, k):
-    sticks = c.mask != 0
-    numbers[first, k], numbers[first + 1, k], numbers[first + 2, k] = c.stuck_weight_force, c.stuck_stiffness, c.stretch
-    numbers[first + 3, k] = c.ahead if sticks else np.inf
-    numbers[first + 4, k] = c.behind if sticks else np.inf
-    numbers[first + 5, k] = c.guard if sticks else np.inf
+def _vary_lanes(plants, states, works, numbers, which):
+    """Random friction a step on, of the lanes ``which`` (bit k: lane k)."""
+    seldom()
+    for k in range(len(plants)):
+        if (which >> k) & 1:
+            state = states[k]
+            state.random_travel, state.random_wait = numbers[RANDOM_TRAVEL, k], numbers[RANDOM_WAIT, k]
+            vary_now(plants[k], state)
+            numbers[RANDOM_TRAVEL, k], numbers[RANDOM_WAIT, k] = state.random_travel, state.random_wait
+            _, held = take(plants[k], state, works[k])
+            _take_factors(held, numbers, k)
 
 
 @internal
@@ -176,22 +205,21 @@ def _give(states, numbers, which):
     """The lanes ``which`` (bit k: lane k) back into their states."""
     seldom()
     for k in range(len(states)):
-        if (which >> k) & 1 == 0:
-            continue
-        state = states[k]
-        state.current, state.omega, state.v = numbers[CURRENT, k], numbers[SPEED, k], numbers[STAGE_SPEED, k]
-        state.theta, state.x, state.voltage = numbers[THETA, k], numbers[X, k], numbers[VOLTAGE, k]
-        _give_contact(state.actuator, numbers, A_FORCE, k)
-        _give_contact(state.guideway, numbers, G_FORCE, k)
-        state.actuator.slip_force, state.actuator.slip_slope = numbers[SLIP_FORCE, k], numbers[SLIP_SLOPE, k]
-        state.actuator.slip_offset = numbers[SLIP_OFFSET, k]
+        if (which >> k) & 1:
+            states[k].voltage = numbers[VOLTAGE, k]
+            give(states[k], Moving(
+                numbers[CURRENT, k], numbers[SPEED, k], numbers[THETA, k], numbers[STAGE_SPEED, k], numbers[X, k],
+                numbers[A_STRETCH, k], numbers[G_STRETCH, k], numbers[SLIP_FORCE, k], numbers[SLIP_CHANGE, k], numbers[SLIP_OFFSET, k]))
 
 
-@internal
-def _give_contact(c, numbers, first, k):
-    if c.mask != 0:
-        c.stuck_weight_force, c.stretch = numbers[first, k], numbers[first + 2, k]
-        c.ahead, c.behind = numbers[first + 3, k], numbers[first + 4, k]
+@woven
+def _waited(numbers):
+    """`variability.waited`: the lanes that are due, bit k: lane k."""
+    travel = load(numbers, RANDOM_TRAVEL) + abs(load(numbers, PERIOD) * load(numbers, STAGE_SPEED))
+    wait = load(numbers, RANDOM_WAIT) + load(numbers, PERIOD)
+    store(numbers, RANDOM_TRAVEL, travel)
+    store(numbers, RANDOM_WAIT, wait)
+    return lanes_set((travel > load(numbers, TRAVEL_STEP)) | (wait > load(numbers, TIME_STEP)))
 
 
 @woven
@@ -201,9 +229,9 @@ def _period(numbers, matrix, tables, voltage):
     omega0, v0, direction = load(numbers, SPEED), load(numbers, STAGE_SPEED), load(numbers, DIRECTION)
     spring = load(numbers, SPRING) * (load(numbers, RATIO) * load(numbers, THETA) - load(numbers, X))
     pull, f0 = load(numbers, PULL), load(numbers, SLIP_FORCE)
-    grow = load(numbers, SLIP_SLOPE) * load(numbers, PERIOD)
-    t0 = (-load(numbers, A_FORCE) - load(numbers, RATIO) * spring) + pull * f0
-    push = (load(numbers, PUSH) - load(numbers, G_FORCE) + spring) - load(numbers, GUIDE_SLIP)
+    grow = load(numbers, SLIP_CHANGE)
+    t0 = (-_stuck_force(numbers, A_FORCE, A_STIFFNESS, A_STRETCH) - load(numbers, RATIO) * spring) + pull * f0
+    push = (load(numbers, PUSH) - _stuck_force(numbers, G_FORCE, G_STIFFNESS, G_STRETCH) + spring) - load(numbers, GUIDE_SLIP)
     rows = _rows(matrix, load(numbers, CURRENT), omega0, v0, u, t0, pull * grow, push)
     quiet, f1, fade = direction == direction, f0, load(numbers, SLIP_OFFSET)
     if lanes_set(direction == 0.0) != ALL:
@@ -213,12 +241,19 @@ def _period(numbers, matrix, tables, voltage):
 
 
 @inlined
+def _stuck_force(numbers, force, stiffness, stretch):
+    """`contact.stuck_force`."""
+    return fused(load(numbers, stiffness), load(numbers, stretch), load(numbers, force))
+
+
+@inlined
 def _amplified(numbers, voltage):
     """`amplifier.amplifier_output`."""
     span, quantum, limit = load(numbers, DAC_RANGE), load(numbers, QUANTUM), load(numbers, LIMIT)
     u = _clipped(voltage, span)
-    u = choose(quantum > 0.0, quantum * nearest(u * load(numbers, PER_QUANTUM)), u)
-    u = _clipped((u + load(numbers, OFFSET)) * load(numbers, GAIN) + load(numbers, NOISE), limit)
+    offset = load(numbers, OFFSET)
+    u = choose(quantum > 0.0, fused(quantum, nearest(u * load(numbers, PER_QUANTUM)), offset), u + offset)
+    u = _clipped(u * load(numbers, GAIN) + load(numbers, NOISE), limit)
     store(numbers, VOLTAGE, u)
     return u
 
@@ -253,7 +288,7 @@ def _at(matrix, column, row):
 
 @inlined
 def _slip(numbers, matrix, tables, rows, omega0, direction, pull, f0, grow):
-    """(rows, lanes that `slip.near` holds for, slip force at the end, decay of the offsets), as in `step._chunk`."""
+    """(rows, lanes that `slip.near` holds for, slip force at the end, decay of the offsets), as in `quiet.try_period`."""
     pieces = table_pieces(tables, abs(omega0) * load(numbers, PER_GEAR), FRACTION_BITS, START_MASK, ENTRIES)
     s, per_s, slope, bend = cubics(pieces[1], pieces[2:])
     level = load(numbers, SLIP_LEVEL)
@@ -261,8 +296,9 @@ def _slip(numbers, matrix, tables, rows, omega0, direction, pull, f0, grow):
     g = load(numbers, PACE) * per_s
     course = near_with(g, decay_series(0.5 * g), f0, s * level)
     to_mid, to_end, reach = rows[O_OMEGA_MID] - omega0, rows[O_OMEGA] - omega0, NEAR * abs(omega0)
-    f_mid, f1 = slip_forces(course[:6], k1, k2, to_mid, to_end)
-    d1, d2 = corrections(pull, f0, f_mid, f1, grow)
+    by_mid, by_end = change(k1, k2, to_mid), change(k1, k2, to_end)
+    linear, square = corrections_near(course[:6], pull, f0, grow)
+    d1, d2, f1 = with_change(linear, by_mid, by_end), with_change(square, by_mid, by_end), with_change(course[3:6], by_mid, by_end)
     slips = ~(direction == 0.0)
     near = pieces[0] & (0.5 * g < SERIES_END) & (abs(to_mid) <= reach) & (abs(to_end) <= reach)
     d1, d2 = choose(slips, d1, 0.0), choose(slips, d2, 0.0)
@@ -283,35 +319,34 @@ def _corrected(matrix, row, rows, d1, d2):
 
 @inlined
 def _no_event(numbers, rows):
-    """Lanes without a reversal in slip and, for certain, without a block at its limit; see `step._event`."""
+    """Lanes without a reversal in slip and, for certain, without a block at its limit; see `quiet.try_period`."""
     on = rows[O_OMEGA] * load(numbers, DIRECTION) >= 0.0
     on = on & (rows[O_V] * load(numbers, GUIDE_DIRECTION) >= 0.0)
-    turned, per_gear = rows[O_THETA] * load(numbers, PER_GEAR), load(numbers, PER_GEAR)
-    on = on & (turned < load(numbers, A_AHEAD)) & (-turned < load(numbers, A_BEHIND)) & (abs(rows[O_OMEGA] * per_gear) < load(numbers, A_GUARD))
-    return on & (rows[O_X] < load(numbers, G_AHEAD)) & (-rows[O_X] < load(numbers, G_BEHIND)) & (abs(rows[O_V]) < load(numbers, G_GUARD))
+    turned, moved = _stretched(numbers, rows)
+    on = on & ((turned < load(numbers, A_AHEAD)) | (rows[O_THETA] <= 0.0)) & ((-turned < load(numbers, A_BEHIND)) | (rows[O_THETA] >= 0.0))
+    on = on & ((moved < load(numbers, G_AHEAD)) | (rows[O_X] <= 0.0)) & ((-moved < load(numbers, G_BEHIND)) | (rows[O_X] >= 0.0))
+    return on & (abs(rows[O_OMEGA]) * load(numbers, PER_GEAR) < load(numbers, A_GUARD)) & (abs(rows[O_V]) < load(numbers, G_GUARD))
+
+
+@inlined
+def _stretched(numbers, rows):
+    """Stretch of the sticking blocks of both contacts after the period."""
+    return load(numbers, A_STRETCH) + rows[O_THETA] * load(numbers, PER_GEAR), load(numbers, G_STRETCH) + rows[O_X]
 
 
 @inlined
 def _keep(numbers, rows, f1, fade):
-    """`step._accept`."""
+    """What `quiet.try_period` returns, kept."""
     f0 = load(numbers, SLIP_FORCE)
+    turned, moved = _stretched(numbers, rows)
     store(numbers, CURRENT, rows[O_I])
     store(numbers, SPEED, rows[O_OMEGA])
     store(numbers, STAGE_SPEED, rows[O_V])
     store(numbers, THETA, load(numbers, THETA) + rows[O_THETA])
     store(numbers, X, load(numbers, X) + rows[O_X])
-    _move_stuck(numbers, A_FORCE, rows[O_THETA] * load(numbers, PER_GEAR))
-    _move_stuck(numbers, G_FORCE, rows[O_X])
+    store(numbers, A_STRETCH, turned)
+    store(numbers, G_STRETCH, moved)
     store(numbers, SLIP_FORCE, f1)
-    store(numbers, SLIP_SLOPE, (f1 - f0) * load(numbers, RATE))
+    store(numbers, SLIP_CHANGE, f1 - f0)
     store(numbers, SLIP_OFFSET, fade)
     store(numbers, TIME, load(numbers, TIME) + load(numbers, PERIOD))
-
-
-@inlined
-def _move_stuck(numbers, first, travel):
-    """`contact.move_stuck`."""
-    store(numbers, first, load(numbers, first) + load(numbers, first + 1) * travel)
-    store(numbers, first + 2, load(numbers, first + 2) + travel)
-    store(numbers, first + 3, load(numbers, first + 3) - travel)
-    store(numbers, first + 4, load(numbers, first + 4) + travel)

@@ -88,11 +88,24 @@ def change_of_rate(s, slope, bend, turn):
 
 
 @inlined
-def slip_forces(course, k1, k2, to_mid, to_end):
-    """(f(h/2), f(h)) after the changes ``to_mid``, ``to_end`` of ω; ``course``: the first six of `near`."""
+def corrections_near(course, pull, f0, grow):
+    """`corrections` for `near`'s six numbers ``course``, each as (at ε = 0, its derivatives by ε_m and ε_1)."""
     mid, mid_m, mid_1, end, end_m, end_1 = course
-    to_mid, to_end = to_mid * fused(k2, to_mid, k1), to_end * fused(k2, to_end, k1)
-    return fused(mid_m, to_mid, fused(mid_1, to_end, mid)), fused(end_m, to_mid, fused(end_1, to_end, end))
+    linear = pull * (fused(4.0, mid, -end) - fused(3.0, f0, grow)), pull * fused(4.0, mid_m, -end_m), pull * fused(4.0, mid_1, -end_1)
+    square = pull * (fused(-4.0, mid, 2.0 * f0) + 2.0 * end), pull * fused(-4.0, mid_m, 2.0 * end_m), pull * fused(-4.0, mid_1, 2.0 * end_1)
+    return linear, square
+
+
+@inlined
+def change(k1, k2, turned):
+    """ε after a change of ω by ``turned``, see `change_of_rate`."""
+    return turned * fused(k2, turned, k1)
+
+
+@inlined
+def with_change(parts, by_mid, by_end):
+    """A number given as (at ε = 0, its derivatives by ε_m and ε_1), at these ε."""
+    return fused(parts[1], by_mid, fused(parts[2], by_end, parts[0]))
 
 
 @inlined

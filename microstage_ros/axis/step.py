@@ -1,34 +1,19 @@
 """The compiled step: one control period of the axis, exact between friction events.
 
-The period is walked in chunks T/2^level. A chunk is tried as a whole; if a block would reach its
-limit, a sliding contact would reverse, the backlash would open or close, or the Stribeck curve
-would bend too much inside it, the chunk is halved, down to T/1024, where the event is carried out.
-So a quiet period costs one small matrix product, and an event is placed to within 0.1 µs.
+A period without an event is one small matrix product and the slip's few products (`quiet`); any other is walked in chunks (`walk`).
 """
-
-import math
 
 import numpy as np
 
 from microstage_ros.axis.amplifier import amplifier_output, delayed_output, lag_output, warm_up
 from microstage_ros.axis.compiled import compiled, inlined, internal, seldom, woven
-from microstage_ros.axis.contact import (
-    block_force, crosses, direction_factor, limit, limit_and_slopes, move_stuck, release, settle_limit, stick_all,
-)
-from microstage_ros.axis.linear_core import F1, O_I, O_OMEGA, O_OMEGA_MID, O_THETA, O_V, O_X, T1, T2, TICKS, build_mode
-from microstage_ros.axis.other_laws import any_law, follow_law
-from microstage_ros.axis.records import LEVELS, SLOTS
-from microstage_ros.axis.slip import NEAR, change_of_rate, corrections, decay, forgotten, near, relax, slip_forces
-from microstage_ros.axis.variability import vary
-from microstage_ros.axis.vectors import add_columns, mode_rows
+from microstage_ros.axis.contact import block_force
+from microstage_ros.axis.linear_core import TICKS
+from microstage_ros.axis.quiet import COARSE, EVENT, LOOKED, QUIET, give, held_of, moving_of, try_period
+from microstage_ros.axis.variability import vary_now, waited
+from microstage_ros.axis.walk import slot_of, walk
 
-BEND = 2e-3                    # largest second difference of s(w) over a chunk, of the static limit
-FINEST_BEND = 7                # level below which a bend is no longer refined
 LAG_SPANS = 16                 # pieces of a period in which a lagging amplifier's output is constant
-EVENT, DONE, EVENT_AT_END, COARSE = (np.int64(k) for k in range(4))       # what came of a chunk
-QUICK, WHOLE = np.bool_(True), np.bool_(False)      # not literals, as above
-COUNT = 2.0 ** np.arange(LEVELS)          # chunks of a level in a period
-SHARE = 0.5 ** np.arange(LEVELS)          # length of a level's chunk, of the period
 
 
 @compiled
@@ -37,31 +22,63 @@ def advance(plant, state, work, voltage):
 
     ``plant``: record `PLANT`; ``state``: record `STATE`, changed in place; ``work``: see `linear_core.new_work`.
     """
-    hold(plant, state, work, voltage)
-
-
-@woven
-def hold(plant, state, work, voltage):
-    """`advance`, for the few loops that run many periods."""
-    u = amplifier_output(plant, state, voltage)
-    if plant.varies == 1:
-        vary(plant, state)
-    if plant.quick == 1:
-        quick_period(plant, state, work, u)
-    else:
-        _advance_pieces(plant, state, work, u)
-    state.time += plant.period
-    state.periods += 1
+    moving, held = take(plant, state, work)
+    moving, held = glide(plant, state, work, moving, held, voltage)
+    give(state, moving)
 
 
 @inlined
+def take(plant, state, work):
+    """(`quiet.Moving`, `quiet.Held`) of a state, for `glide`."""
+    return moving_of(state), held_of(plant, state, slot_of(plant, state, work))
+
+
+@woven
+def glide(plant, state, work, moving, held, voltage):
+    """`advance` on what `take` gave; returns the same a period later. `quiet.give` brings the state up to date."""
+    u = amplifier_output(plant, state, voltage)
+    if plant.varies == 1 and waited(plant, state, moving.v):
+        give(state, moving)
+        vary_now(plant, state)
+        moving, held = take(plant, state, work)
+    after, found = moving, EVENT
+    if plant.quick == 1:
+        state.voltage = u
+        after, found = try_period(plant, state, work, moving, held, u)
+    if found == QUIET:
+        moving = after
+    elif found == LOOKED:
+        moving, held = after, held_of(plant, state, held.slot)
+    else:
+        give(state, after)
+        _other_period(plant, state, work, u, found)
+        moving, held = take(plant, state, work)
+    state.time += plant.period
+    state.periods += 1
+    return moving, held
+
+
+@internal
 def quick_period(plant, state, work, u):
-    """A period of a plant that is ``quick``, the amplifier at ``u``: in one chunk if it can be."""
+    """`advance` of a plant that is ``quick``, from the amplifier's output on."""
+    seldom()
     state.voltage = u
-    whole = np.int64(0)      # not a literal: numba would compile once more for it
-    done = _chunk(plant, state, work, u, slot_of(plant, state, work), whole, QUICK)
-    if done != DONE:
-        _walk(plant, state, work, u, whole, np.int64(TICKS), whole + (done == EVENT))
+    moving, held = take(plant, state, work)
+    after, found = try_period(plant, state, work, moving, held, u)
+    give(state, after)
+    if found == EVENT or found == COARSE:
+        _other_period(plant, state, work, u, found)
+
+
+@internal
+def _other_period(plant, state, work, u, found):
+    """A period that is not quiet; ``found``: what `try_period` said of it, if it was tried."""
+    seldom()
+    if plant.quick == 1:
+        start = found - found                # not a literal: numba would compile once more for it
+        walk(plant, state, work, u, start, start + TICKS, start + (found == EVENT))
+    else:
+        _advance_pieces(plant, state, work, u)
 
 
 @internal
@@ -85,7 +102,7 @@ def _advance_pieces(plant, state, work, u):
             state.voltage = lag_output(plant, state, target, (end - start) / TICKS)
         else:
             state.voltage = target
-        _walk(plant, state, work, state.voltage, start, end, plant.base_level)
+        walk(plant, state, work, state.voltage, start, end, plant.base_level)
         start = end
 
 
@@ -96,267 +113,3 @@ def note_friction(plant, state):
     state.guide_friction = block_force(state.guideway) + plant.guideway.viscous * state.v
 
 
-@inlined
-def slot_of(plant, state, work):
-    """Slot of the present mode, as it was left; looked up only if the matrices were dropped."""
-    if work.slot < 0:
-        work.slot = _mode(plant, state, work)
-    return work.slot
-
-
-@internal
-def _mode(plant, state, work):
-    """Slot of the matrices of the present mode, made if it is new."""
-    seldom()
-    ca, cg = state.actuator, state.guideway
-    side = 1 if state.side != 0 else 0
-    key = ca.mask | (cg.mask << 8) | (side << 16)
-    slot = (key ^ (key >> 6) ^ (key >> 11)) & (SLOTS - 1)
-    if work.key[slot] != key:
-        a, g = plant.actuator, plant.guideway
-        if a.law + g.law > 0 and not any_law(work):
-            raise ValueError("the work record was made for a plant with block friction: new_work(plant)")
-        damp_a = a.viscous + (a.stick_damping if ca.slip_weight == 0.0 else 0.0)
-        damp_g = g.viscous + (g.stick_damping if cg.slip_weight == 0.0 else 0.0)
-        if math.isnan(work.resistance):
-            work.resistance = plant.resistance * (1.0 + state.heat)
-        build_mode(plant, ca.stuck_stiffness, damp_a, cg.stuck_stiffness, damp_g, side, work.resistance, work.matrix[slot])
-        work.key[slot] = key
-    return slot
-
-
-@internal
-def _walk(plant, state, work, u, start, end, level):
-    """Walk from tick ``start`` to tick ``end`` of the period with the amplifier at ``u``, beginning at ``level``."""
-    seldom()
-    slot = slot_of(plant, state, work)
-    base = plant.base_level
-    position = start
-    event_before = end if level > base else np.int64(-1)       # a chunk that ends here is known to hold an event
-    while position < end:
-        size = TICKS >> level
-        while size > end - position or (position & (size - 1)) != 0:
-            level += 1
-            size >>= 1
-        if position + size == event_before and level < LEVELS - 1:
-            level += 1
-            continue
-        done = _chunk(plant, state, work, u, slot, level, WHOLE)
-        if done == EVENT or done == COARSE:
-            if done == EVENT:
-                event_before = position + size
-            level += 1
-            continue
-        position += size
-        if done == EVENT_AT_END:
-            _switch(plant, state, work)
-            slot = _mode(plant, state, work)
-            work.slot = slot
-        elif level > base and (position & (2 * size - 1)) == 0:
-            level -= 1
-
-
-@internal
-def _switch(plant, state, work):
-    """Carry out the events that the finest chunk ended on."""
-    seldom()
-    a, g, ca, cg = plant.actuator, plant.guideway, state.actuator, state.guideway
-    if ca.slip_weight > 0.0 and state.omega * ca.direction < 0.0:
-        stick_all(a, ca)
-    elif ca.mask != 0:
-        release(a, ca, work.turned, state.omega * plant.per_gear)
-    if cg.slip_weight > 0.0 and state.v * cg.direction < 0.0:
-        stick_all(g, cg)
-    elif cg.mask != 0:
-        release(g, cg, work.moved, state.v)
-    if plant.gap > 0.0:
-        d = plant.ratio * state.theta - state.x
-        state.side = 1 if d > 0.5 * plant.gap else (-1 if d < -0.5 * plant.gap else 0)
-
-
-@internal
-def _slip_level(contact, c, w):
-    """λ s(w) of a contact at velocity w, with its direction and, if it has one, its lag."""
-    return c.factor * direction_factor(contact, w) * limit(contact, c.lagged if contact.lag > 0.0 else w)
-
-
-@woven
-def _chunk(plant, state, work, u, slot, level, quick):
-    """Try one chunk: DONE, or EVENT_AT_END of the finest; else nothing has changed: EVENT inside, or too COARSE.
-
-    ``quick``, for a plant that is: what it never needs is left out, and a speed that changes much is called COARSE.
-    """
-    a, g, ca, cg = plant.actuator, plant.guideway, state.actuator, state.guideway
-    m = work.matrix
-    h = plant.period * SHARE[level]
-    omega0 = state.omega
-    torque, force = _steady_forces(plant, state, h, quick)
-    slipping, smooth = ca.slip_weight > 0.0, False
-    pull, f0, fade = -ca.direction * ca.slip_weight, ca.slip_force, 1.0
-    grow = ca.slip_slope * h
-    mid = mid_m = mid_1 = end = end_m = end_1 = k1 = k2 = 0.0
-    if slipping:
-        smooth = quick or a.smooth_slip == 1
-        if smooth:      # all that does not wait for the voltage comes before it
-            s, per_s, slope, bend = limit_and_slopes(a, abs(omega0) * plant.per_gear)
-            level_factor, turn = ca.factor * direction_factor(a, ca.direction), ca.direction * plant.per_gear
-            k1, k2 = change_of_rate(s, slope, bend, turn)
-            mid, mid_m, mid_1, end, end_m, end_1, fade = near((a.attraction * h / level_factor) * per_s, f0, s * level_factor)
-        elif math.isinf(a.attraction):
-            f0 = _slip_level(a, ca, omega0 * plant.per_gear)
-    f1 = f0
-    t0, t1 = torque + pull * f0, pull * grow
-    push = force - cg.direction * cg.slip_weight * cg.slip_force
-    if not quick and any_law(work):   # integrated by extrapolation over short chunks (Adams–Bashforth)
-        t0 -= ca.law_force
-        t1 -= ca.law_force - ca.law_before
-        push -= cg.law_force
-    rows = mode_rows(m, slot, level, state.current, omega0, state.v, u, t0, t1, push)
-    if slipping:
-        to_mid, to_end, reach = rows[O_OMEGA_MID] - omega0, rows[O_OMEGA] - omega0, NEAR * abs(omega0)
-        if smooth and abs(to_mid) <= reach and abs(to_end) <= reach:
-            f_mid, f1 = slip_forces((mid, mid_m, mid_1, end, end_m, end_1), k1, k2, to_mid, to_end)
-        elif quick:
-            return COARSE
-        else:
-            f_mid, f1, fade, bent = _far(plant, ca, omega0, rows[O_OMEGA_MID], rows[O_OMEGA], f0, h)
-            if bent and level < FINEST_BEND:
-                return COARSE
-        d1, d2 = corrections(pull, f0, f_mid, f1, grow)
-        rows = add_columns(rows, m, slot, level, T1, d1, T2, d2)
-    if not quick and g.drops == 1 and cg.slip_weight > 0.0:
-        rise = -cg.direction * cg.slip_weight * (_slip_level(g, cg, rows[O_V]) - cg.slip_force)
-        rows = add_columns(rows, m, slot, level, F1, rise, F1, 0.0)
-    if not quick and any_law(work):
-        rows = add_columns(rows, m, slot, level, F1, cg.law_before - cg.law_force, F1, 0.0)
-    event = _event(plant, state, rows, quick)
-    if event:
-        if level < LEVELS - 1:
-            return EVENT
-        work.turned, work.moved = rows[O_THETA], rows[O_X]
-    _accept(plant, state, work, rows, f1, f1 - f0, fade, h, level, quick)
-    return EVENT_AT_END if event else DONE
-
-
-@inlined
-def _steady_forces(plant, state, h, quick):
-    """(torque at the motor, force at the stage) that do not depend on the slip, about the chunk's middle."""
-    torque, force = -state.actuator.stuck_weight_force, plant.push - state.guideway.stuck_weight_force
-    if quick or plant.plain == 1:
-        spring = plant.stiffness * (plant.ratio * state.theta - state.x)
-        return torque - plant.ratio * spring, force + spring
-    more_torque, more_force = _other_forces(plant, state, h)
-    return torque + more_torque, force + more_force
-
-
-@internal
-def _other_forces(plant, state, h):
-    """Torque and force of the drive train with backlash or errors of the lead, of cables, and of what is smooth."""
-    seldom()
-    torque, force = 0.0, 0.0
-    if plant.rigid == 0 and state.side != 0:
-        d = plant.ratio * state.theta - state.x - 0.5 * plant.gap * state.side
-        if plant.leads > 0 or plant.lead_slope != 0.0:
-            d += lead_error(plant, (state.theta + 0.5 * h * state.omega) / plant.gear)
-        torque, force = -plant.ratio * plant.stiffness * d, plant.stiffness * d
-    force -= plant.cable * (state.x + 0.5 * h * state.v - plant.anchor)
-    if plant.smooth == 1:
-        torque += _smooth_torque(plant, state.theta + 0.5 * h * state.omega, state.omega)
-        force -= _beyond_viscous(plant.guideway, state.v)
-    return torque, force
-
-
-@compiled
-def lead_error(plant, phi):
-    """Error of the lead at screw angle φ [m]."""
-    error = plant.lead_slope * plant.screw_ratio * phi
-    for k in range(plant.leads):
-        error += plant.lead_amplitude[k] * math.sin(plant.lead_number[k] * phi + plant.lead_phase[k])
-    return error
-
-
-@internal
-def _smooth_torque(plant, theta, omega):
-    """Cogging and nonlinear viscous torque at the motor [N m]."""
-    torque = -_beyond_viscous(plant.actuator, omega / plant.gear)
-    for k in range(plant.cogs):
-        torque += plant.cog_amplitude[k] * math.sin(plant.cog_number[k] * theta + plant.cog_phase[k])
-    return torque
-
-
-@internal
-def _beyond_viscous(contact, w):
-    """What σ w leaves out: σ · viscous_asymmetry · |w| + c g(|w|)^n sgn w, g = |w| or V (1 − exp(−|w|/V))."""
-    speed = abs(w)
-    force = contact.viscous * contact.viscous_asymmetry * speed
-    if contact.quadratic == 0.0 or w == 0.0:
-        return force
-    if contact.saturation > 0.0:
-        speed = contact.saturation * (1.0 - math.exp(-speed / contact.saturation))
-    size = contact.quadratic * speed**contact.power
-    return force + (size if w > 0.0 else -size)
-
-
-@internal
-def _far(plant, c, omega0, omega_mid, omega1, f0, h):
-    """`relax` at the actuator, and whether the limit bends too much over the chunk for it."""
-    seldom()
-    a = plant.actuator
-    s0, s_mid = _slip_level(a, c, omega0 * plant.per_gear), _slip_level(a, c, omega_mid * plant.per_gear)
-    s1 = _slip_level(a, c, omega1 * plant.per_gear)
-    f_mid, f1, fade = relax(a.attraction, f0, s0, s_mid, s1, h)
-    return f_mid, f1, fade, a.drops == 1 and abs(s0 - 2.0 * s_mid + s1) > BEND * a.static
-
-
-@inlined
-def _event(plant, state, rows, quick):
-    """Whether the tried chunk holds an event: a reversal in slip, a block at its limit, the gap's edge."""
-    ca, cg = state.actuator, state.guideway
-    if ca.slip_weight > 0.0 and rows[O_OMEGA] * ca.direction < 0.0:
-        return True
-    if cg.slip_weight > 0.0 and rows[O_V] * cg.direction < 0.0:
-        return True
-    if ca.mask != 0 and crosses(plant.actuator, ca, rows[O_THETA] * plant.per_gear, rows[O_OMEGA] * plant.per_gear):
-        return True
-    if cg.mask != 0 and crosses(plant.guideway, cg, rows[O_X], rows[O_V]):
-        return True
-    if not quick and plant.plain == 0 and plant.gap > 0.0:
-        d = plant.ratio * (state.theta + rows[O_THETA]) - (state.x + rows[O_X])
-        side = 1 if d > 0.5 * plant.gap else (-1 if d < -0.5 * plant.gap else 0)
-        return side != state.side
-    return False
-
-
-@inlined
-def _accept(plant, state, work, rows, f1, change, fade, h, level, quick):
-    """Take the tried chunk: new state, stretched blocks, relaxed slip force."""
-    a, g, ca, cg = plant.actuator, plant.guideway, state.actuator, state.guideway
-    if not quick and any_law(work):
-        if a.law > 0:
-            follow_law(work, a, ca, state.omega * plant.per_gear, rows[O_OMEGA] * plant.per_gear, h)
-        if g.law > 0:
-            follow_law(work, g, cg, state.v, rows[O_V], h)
-    state.current, state.omega, state.v = rows[O_I], rows[O_OMEGA], rows[O_V]
-    state.theta += rows[O_THETA]
-    state.x += rows[O_X]
-    if ca.mask != 0:
-        move_stuck(ca, rows[O_THETA] * plant.per_gear)
-    if cg.mask != 0:
-        move_stuck(cg, rows[O_X])
-    if ca.slip_weight > 0.0:
-        ca.slip_force, ca.slip_slope = f1, change * (plant.rate * COUNT[level])
-        ca.slip_offset = forgotten(ca.slip_offset * fade)
-    if not quick and (a.follows == 1 or g.follows == 1):
-        _follow(plant, state, h)
-
-
-@internal
-def _follow(plant, state, h):
-    """Let lagging limits follow the velocities, and a guideway's slip force its limit."""
-    seldom()
-    a, g, ca, cg = plant.actuator, plant.guideway, state.actuator, state.guideway
-    if a.lag > 0.0:
-        ca.lagged += (abs(state.omega) * plant.per_gear - ca.lagged) * (1.0 - decay(h / a.lag))
-    if g.drops == 1 or g.lag > 0.0:
-        cg.lagged += (abs(state.v) - cg.lagged) * (1.0 - decay(h / max(g.lag, 1e-12)))
-        settle_limit(g, cg, state.v)

@@ -13,54 +13,66 @@ from microstage_ros.axis.random import normal
 from microstage_ros.axis.records import PROFILE
 from microstage_ros.axis.slip import decay
 
-TRAVEL_STEP = 1 / 2000         # of the correlation length
-TIME_STEP = 1 / 10000          # of the correlation time
+TRAVEL_STEP = 1 / 2000         # of the correlation length: `records.PLANT`'s random_travel_step
+TIME_STEP = 1 / 10000          # of the correlation time: random_time_step
 
 
 @compiled
 def vary(plant, state):
     """Set the limit factor of both contacts for the coming period."""
-    middle = state.x + 0.5 * plant.period * state.v
-    moved = abs(plant.period * state.v)
-    _vary_contact(plant, plant.actuator, state.actuator, state, middle, moved)
-    _vary_contact(plant, plant.guideway, state.guideway, state, middle, moved)
+    if waited(plant, state, state.v):
+        vary_now(plant, state)
 
 
 @inlined
-def _vary_contact(plant, contact, c, state, x, moved):
-    changed = plant.modulated == 1
+def waited(plant, state, v):
+    """Count the coming period at stage velocity v; whether `vary_now` is to be called."""
+    state.random_travel += abs(plant.period * v)
+    state.random_wait += plant.period
+    due = state.random_travel > plant.random_travel_step or state.random_wait > plant.random_time_step
+    return plant.modulated == 1 or due
+
+
+@internal
+def vary_now(plant, state):
+    """`vary` when something has changed."""
+    seldom()
+    travel, wait = 0.0, 0.0
+    if state.random_travel > plant.random_travel_step:
+        travel, state.random_travel = state.random_travel, 0.0
+    if state.random_wait > plant.random_time_step:
+        wait, state.random_wait = state.random_wait, 0.0
+    _vary_contact(plant, plant.actuator, state.actuator, state, travel, wait)
+    _vary_contact(plant, plant.guideway, state.guideway, state, travel, wait)
+
+
+@internal
+def _vary_contact(plant, contact, c, state, travel, wait):
     if contact.random > 0.0:
-        changed |= _random_walk(plant, contact, c, state, moved)
-    if not changed:
-        return
+        _random_walk(plant, contact, c, state, travel, wait)
     factor = contact.level * (1.0 + c.q)
     if plant.modulated == 1:
-        factor *= _profile(contact, x) * (1.0 + _age(plant, contact, c, moved))
+        moved = abs(plant.period * state.v)
+        factor *= _profile(contact, state.x + 0.5 * plant.period * state.v) * (1.0 + _age(plant, contact, c, moved))
         if contact.creep_amplitude > 0.0:
             _creep(contact, c, plant.period, moved)
-    change = factor / c.factor
-    c.factor = factor
+        if c.mask != 0:
+            regroup(contact, c)
     if math.isinf(contact.attraction):
-        c.slip_force *= change
-    if c.mask != 0:
-        regroup(contact, c)
+        c.slip_force *= factor / c.factor
+    c.factor = factor
+    if factor < c.least_factor:
+        c.guard = -1.0
 
 
-@inlined
-def _random_walk(plant, contact, c, state, moved):
-    """Advance q if it is due; whether it was. Each of its parts in its own steps."""
-    c.random_travel += moved
-    c.random_wait += plant.period
-    travel_due = c.random_travel > TRAVEL_STEP * plant.random_length
-    time_due = c.random_wait > TIME_STEP * plant.random_time
-    if travel_due:
-        c.q_travel = _wander(c.q_travel, c.random_travel / plant.random_length, contact.random * plant.random_share_root, state)
-        c.random_travel = 0.0
-    if time_due:
-        c.q_time = _wander(c.q_time, c.random_wait / plant.random_time, contact.random * plant.random_rest_root, state)
-        c.random_wait = 0.0
+@internal
+def _random_walk(plant, contact, c, state, travel, wait):
+    """Advance q after that ``travel`` and ``wait``, each where it is not 0."""
+    if travel > 0.0:
+        c.q_travel = _wander(c.q_travel, travel / plant.random_length, contact.random * plant.random_share_root, state)
+    if wait > 0.0:
+        c.q_time = _wander(c.q_time, wait / plant.random_time, contact.random * plant.random_rest_root, state)
     c.q = min(max(c.q_travel + c.q_time, -plant.random_clip), plant.random_clip)
-    return travel_due or time_due
 
 
 @inlined

@@ -8,8 +8,9 @@ Row n of the trace is the state at the start of period n and the voltage held du
 import numpy as np
 
 from microstage_ros.axis.compiled import compiled, internal
-from microstage_ros.axis.sensors import sense
-from microstage_ros.axis.step import hold, note_friction
+from microstage_ros.axis.quiet import give
+from microstage_ros.axis.sensors import read_sensors, sense_plainly
+from microstage_ros.axis.step import glide, note_friction, take
 from microstage_ros.control import laws
 
 #: Columns of a trace, in order.
@@ -47,13 +48,21 @@ def _record(plant, state, readings, voltage, row):
 @compiled
 def run_loop(plant, state, work, readings, parameters, memory, reference, open_loop, disturbance, trace):
     """Run one axis over all rows of ``reference`` [m]; fills ``trace`` (rows, len(TRACE)), or no rows if it has none."""
+    moving, held = take(plant, state, work)
     for n in range(len(reference)):
-        sense(plant, state, readings)
-        voltage = laws.controller_step(parameters, memory, reference[n], readings.encoder, readings.current)
+        if plant.sensing == 1:
+            give(state, moving)
+            read_sensors(plant, state, readings)
+            encoder, current = readings.encoder, readings.current
+        else:
+            encoder, current = sense_plainly(plant, state, readings, moving.x, moving.current, moving.theta)
+        voltage = laws.controller_step(parameters, memory, reference[n], encoder, current)
         voltage += open_loop[n] + disturbance[n]
         if n < len(trace):
+            give(state, moving)
             _record(plant, state, readings, voltage, trace[n])
-        hold(plant, state, work, voltage)
+        moving, held = glide(plant, state, work, moving, held, voltage)
+    give(state, moving)
 
 
 def surroundings(trace):

@@ -16,6 +16,7 @@ Example: ``make_controller("pid", axis, proportional=6e5, integral_time=0.01, de
 """
 
 from microstage_ros.axis.compiled import compiled
+from microstage_ros.axis.vectors import fused
 from microstage_ros.control.gains import Gain, record_type
 
 GAINS = (
@@ -76,7 +77,7 @@ def pid_motion(p, s, period, reference, encoder):
     rate = 1.0 / period
     s.reference_velocity = (reference - s.previous_reference) * rate
     share = period / (period + s.filter_time)  # backward Euler: a filter time of 0 is the raw difference
-    s.velocity += share * ((encoder - s.previous_encoder) * rate - s.velocity)
+    s.velocity = fused(share * rate, encoder - s.previous_encoder, (1.0 - share) * s.velocity)
     s.previous_reference = reference
     s.previous_encoder = encoder
 
@@ -84,12 +85,13 @@ def pid_motion(p, s, period, reference, encoder):
 @compiled
 def pid_output(p, s, period, limit, feed_forward):
     """Output [V] within +-limit, from the motion of `pid_motion` and a feed-forward voltage."""
-    damped = s.velocity - p.derivative_on_reference * s.reference_velocity
+    wanted_velocity = p.derivative_on_reference * s.reference_velocity
     s.proportional_term = s.kp * s.error
-    s.derivative_term = -s.kd * damped
-    direct = s.proportional_term + s.derivative_term + feed_forward
-    step = s.ki * s.error * period
-    wanted = direct + s.integral + step
+    s.derivative_term = -s.kd * (s.velocity - wanted_velocity)
+    gain = s.ki * period
+    step = gain * s.error
+    known = s.integral + feed_forward + s.kd * wanted_velocity         # before the encoder is read, which a quick loop waits for
+    wanted = fused(-s.kd, s.velocity, fused(s.kp + gain, s.error, known))
     output = min(max(wanted, -limit), limit)
     s.saturated = 0 if wanted == output else 1
     if s.saturated == 0 or (wanted - output) * step <= 0.0:

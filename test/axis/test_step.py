@@ -47,8 +47,8 @@ def test_same_seed_same_bits_and_threads_do_not_matter(axis):
 
 
 def test_axes_side_by_side_are_to_the_bit_what_each_is_alone(axis):
-    """Different axes and voltages through rest, breakaway and sliding; some with noise, one with an effect, and a group not full."""
-    noises = [NoiseSpec.none(), NoiseSpec(friction_relative=0.0), NoiseSpec.none()]
+    """Different axes and voltages through rest, breakaway and sliding; some with noise or random friction, one with an effect, and a group not full."""
+    noises = [NoiseSpec.none(), NoiseSpec(friction_relative=0.0), NoiseSpec()]
     plants = np.zeros(21, PLANT)
     for k in range(21):
         values = {"drive.resistance": 3.41 * (1.0 + 0.01 * k), "contacts.actuator.static": 219e-6 * (1.0 + 0.02 * k)}
