@@ -23,9 +23,11 @@ Robust law. The same three products drive the logarithms of the gains, after the
   `alternation`, shorter than 10 tau; the fifth in a row and every later one is answered. Swings faster than
   tau / 2 are those of a resonance: a longer filter of the derivative first, up to `filter_ceiling`, then less
   K_D (by `damping_share`). Every other answer lowers the ceilings of K_P and K_I by `back_off`; slow swings, of
-  stick-slip or backlash, keep their damping. Below `prompt` it takes many more swings, so that one
-  jolt of a lightly damped axis, which rings down by itself, does not cost more gain than it has to; below
-  `joint` the ceiling of K_I falls twice as far. None falls below `least_ceiling` (`least_integral`), and all rise at `recovery`.
+  stick-slip or backlash, keep their damping. Below `prompt` it takes many more swings, so that one jolt of a
+  lightly damped axis, which rings down by itself, does not cost more gain than it has to; a swing beyond `large`
+  counts in full everywhere, for that is a gap being crossed, where a slow integral is what helps. Below `joint` the
+  ceiling of K_I falls twice as far. None falls below its least, and all rise at `recovery`, slowly, so that an axis
+  whose limit was found stays near it.
 """
 
 import math
@@ -39,18 +41,20 @@ GAINS = (
     Gain("raw_coefficient", "V/(m^3 s)", 0.0, 1e30, 1e17, "g of the raw law"),
     Gain("time_unit", "s", 1e-5, 10.0, 0.01, "tau, which gives K_P, K_I tau, K_D / tau one unit"),
     Gain("speed", "1/s", 0.0, 1e3, 60.0, "rate of the logarithm of a gain under a full-size error"),
-    Gain("back_off", "1", 0.0, 10.0, 0.15, "fall of the logarithm of the ceiling with a swing"),
+    Gain("back_off", "1", 0.0, 10.0, 0.1, "fall of the logarithm of the ceiling with a swing"),
     Gain("damping_share", "1", 0.0, 1.0, 0.8, "share of the back-off that K_D takes part in"),
-    Gain("prompt", "1", 1e-4, 1.0, 0.45, "ceiling over the tuned gains below which swings lower it slowly"),
-    Gain("joint", "1", 1e-4, 1.0, 0.45, "ceiling of K_P below which that of K_I falls twice as far"),
-    Gain("filter_ceiling", "1", 1.0, 100.0, 2.0, "longest filter time over the tuned one"),
-    Gain("recovery", "1/s", 0.0, 100.0, 0.01, "rise of the logarithm of a lowered ceiling"),
+    Gain("prompt", "1", 1e-4, 1.0, 0.6, "ceiling over the tuned gains below which swings lower it slowly"),
+    Gain("large", "m", 1e-9, 1.0, 6.0e-7, "swing that is answered in full below `prompt` too"),
+    Gain("joint", "1", 1e-4, 1.0, 0.4, "ceiling of K_P below which that of K_I falls twice as far"),
+    Gain("filter_ceiling", "1", 1.0, 100.0, 3.0, "longest filter time over the tuned one"),
+    Gain("recovery", "1/s", 0.0, 100.0, 0.003, "rise of the logarithm of a lowered ceiling"),
     Gain("dead_band", "m", 0.0, 1e-3, 2.5e-8, "error that teaches nothing"),
     Gain("alternation", "m", 1e-10, 1e-3, 4.0e-8, "smallest half wave of the error that is called a swing"),
     Gain("start", "1", 1e-4, 100.0, 1.0, "gains at reset over the tuned ones"),
     Gain("floor", "1", 1e-4, 1.0, 0.1, "lowest gains over the tuned ones"),
-    Gain("least_ceiling", "1", 1e-4, 1.0, 0.25, "lowest that swings may bring the ceiling of K_P or K_D"),
-    Gain("least_integral", "1", 1e-4, 1.0, 0.06, "lowest that swings may bring the ceiling of K_I"),
+    Gain("least_ceiling", "1", 1e-4, 1.0, 0.12, "lowest that swings may bring the ceiling of K_P"),
+    Gain("least_damping", "1", 1e-4, 1.0, 0.25, "lowest that swings may bring the ceiling of K_D"),
+    Gain("least_integral", "1", 1e-4, 1.0, 0.03, "lowest that swings may bring the ceiling of K_I"),
     Gain("ceiling", "1", 1.0, 100.0, 1.2, "highest gains over the tuned ones"),
     Gain("spread", "1", 1.0, 10.0, 1.5, "how far K_I may be ahead of K_P"),
 )
@@ -162,10 +166,10 @@ def lower_ceilings(p, s):
         return
     low = math.log(p.least_ceiling)
     present = min(s.ceiling, s.log_kp)
-    step = p.back_off if present > math.log(p.prompt) else SLOWLY * p.back_off
+    step = p.back_off if abs(s.peak) > p.large or present > math.log(p.prompt) else SLOWLY * p.back_off
     s.ceiling = max(present - step, low)
     if fast:
-        s.damping_ceiling = max(min(s.damping_ceiling, s.log_kd) - p.damping_share * step, low)
+        s.damping_ceiling = max(min(s.damping_ceiling, s.log_kd) - p.damping_share * step, math.log(p.least_damping))
 
 
 @compiled

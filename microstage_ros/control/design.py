@@ -12,7 +12,8 @@ the motor's speed from its back-EMF and may be five times as stiff. Longer perio
 import math
 
 ENCODER_PERIOD = 5.0e-4  # s; up to it the encoder-only bandwidths hold
-ENCODER = {"b": 381.0, "w_p": 345.0, "w_i": 106.0, "filter_time": 1.47e-3}
+ENCODER = {"b": 381.0, "w_p": 345.0, "w_i": 130.0, "lag": 1.62e-3}
+SAMPLING_LAG = 1.5  # periods, of reading, difference and hold: what is left of `lag` is the derivative's filter
 FRICTION_SHARE = 0.6  # fed forward where nothing tells the level: more of it builds up an overshoot from short move to short move
 NCTF = {"b": 455.0, "filter_time": 1.64e-3}
 OBSERVER = {"b": 2200.0, "w_p": 270.0, "w_i": 80.0, "acceleration_noise": 5e-5}
@@ -27,12 +28,12 @@ def volts_per_acceleration(model):
 def encoder_gains(model, period):
     """PID gains of the encoder-only laws (names of `pid.GAINS`)."""
     slower = min(1.0, math.sqrt(ENCODER_PERIOD / period))
-    w_p, w_i = ENCODER["w_p"] * slower, ENCODER["w_i"] * slower
+    w_p = ENCODER["w_p"] * slower
     return {
         "proportional": ENCODER["b"] * slower * volts_per_acceleration(model) * w_p,
         "derivative_time": 1.0 / w_p,
-        "integral_time": 1.0 / w_i,
-        "filter_time": ENCODER["filter_time"] / slower,
+        "integral_time": 1.0 / min(ENCODER["w_i"], 0.55 * w_p),
+        "filter_time": max(ENCODER["lag"] - SAMPLING_LAG * period, 0.3 * period),
         "derivative_on_reference": 1.0,
     }
 
@@ -49,11 +50,15 @@ def observer_gains(model, period):
         "integral_time": 1.0 / min(OBSERVER["w_i"], w_p / 3.4),
         "filter_time": 0.0,
         "derivative_on_reference": 1.0,
+        "back_off": 0.15,
+        "recovery": 0.01,
         "damping_share": 0.0,
         "prompt": 0.12,
         "joint": 1.0,
         "filter_ceiling": 2.5,
+        "large": 1.0,
         "least_ceiling": 0.12,
+        "least_damping": 0.12,
         "least_integral": 0.12,
         "acceleration_noise": OBSERVER["acceleration_noise"] * max(1.0, period / OBSERVER_PERIOD),
     }
