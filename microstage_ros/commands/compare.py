@@ -4,6 +4,7 @@ import json
 import os
 import pathlib
 import sys
+import textwrap
 
 import numpy as np
 from rich.console import Console
@@ -40,6 +41,8 @@ def main(argv=None):
     (folder / "comparison.json").write_text(json.dumps(facts, indent=1) + "\n")
     tables = comparison_tables(result, comparison.PAPER_4S, comparison.PAPER_SINE)
     (folder / "tables.md").write_text("\n".join(_markdown(*table) for table in tables))
+    for document in arguments.update:
+        _update(pathlib.Path(document), tables)
     _show(tables)
     print(folder / "report.html")
     return 0
@@ -53,8 +56,13 @@ def _parse(argv):
                         help="controllers to compare (default all: %(default)s)")
     parser.add_argument("--seeds", type=int, metavar="N", help="friction seeds (default 20, quick 3)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="threads (default all cores)")
+    parser.add_argument("--update", nargs="+", default=[], metavar="FILE",
+                        help="Markdown files whose tables between <!-- compare: TITLE --> and <!-- end --> are to be replaced")
     parser.add_argument("--quick", action="store_true", help="few seeds, moves and searches")
     arguments = parser.parse_args(argv)
+    for document in arguments.update:
+        if not pathlib.Path(document).is_file():
+            raise InputError("--update", document, "a file that exists")
     for name in ("seeds", "jobs"):
         value = getattr(arguments, name)
         if value is not None and value < 1:
@@ -74,9 +82,27 @@ def _plain(value):
 
 
 def _markdown(title, header, rows, remark):
-    lines = [f"### {title}", "", "| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
+    return f"### {title}\n\n{_body(header, rows, remark)}"
+
+
+def _body(header, rows, remark):
+    lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
     lines += ["| " + " | ".join(row) + " |" for row in rows]
-    return "\n".join([*lines, "", *([remark, ""] if remark else [])])
+    return "\n".join([*lines, "", *([*textwrap.wrap(remark, 118), ""] if remark else [])])
+
+
+def _update(path, tables):
+    """Replace the tables of a Markdown file that stand between <!-- compare: TITLE --> and <!-- end -->."""
+    text = path.read_text()
+    for title, *table in tables:
+        mark = f"<!-- compare: {title} -->"
+        before, found, after = text.partition(mark)
+        if found:
+            _, end, rest = after.partition("<!-- end -->")
+            if not end:
+                raise InputError(f"{path}: {mark}", "no <!-- end -->", "<!-- end --> after the table")
+            text = f"{before}{mark}\n{_body(*table)}{end}{rest}"
+    path.write_text(text)
 
 
 def _show(tables):

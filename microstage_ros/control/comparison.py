@@ -13,7 +13,8 @@ from microstage_ros.control.controller import controller_parameters
 from microstage_ros.control.margins import controller_margins
 from microstage_ros.control.observer_trial import observer_trial
 from microstage_ros.control.trials import cycle_peaks, gain_jump_trial, sine_trial, step_trial, trial
-from microstage_ros.control.tuning import GUARDED, best_pid_for_sine, search
+from microstage_ros.control.tuning import GUARDED
+from microstage_ros.control.yardsticks import FRESH_SEEDS, STRESS_SINE, best_for_sine, stress_limits, weak_start
 from microstage_ros.metrology.repeatability import repeatability
 
 CONTROLLERS = (
@@ -54,9 +55,10 @@ class Extent(NamedTuple):
     searches: int = 40  # candidates of every search for the best fixed PID
     sines: tuple = SINES
     stress_seeds: int = 3
+    stress_searches: int = 120  # candidates of the searches under stress, and for the moves from a tenth of the gains
 
 
-QUICK = Extent(3, 5, 8, ((1e-6, 1.0), (1e-5, 0.3), (1e-4, 1.0)), 1)
+QUICK = Extent(3, 5, 8, ((1e-6, 1.0), (1e-5, 0.3), (1e-4, 1.0)), 1, 4)
 
 
 class Bench:
@@ -157,35 +159,25 @@ def rest(bench, controllers):
 
 def sines(bench, kinds=("pid", "self_tuning", "self_tuning_feedforward", "self_tuning_observer")):
     """Sines of many sizes: worst peak [m] of each law, and of the best fixed PID searched for that very sine."""
-    start = _shipped_pid(bench.axis)
-    fresh = range(100, 100 + max(bench.extent.stress_seeds, 2))  # other seeds than those of the search
-
     def one(sine):
-        gains, _ = best_pid_for_sine(bench.axis, start, *sine, seeds=(0, 1), evaluations=bench.extent.searches)
-        worst = {kind: max(sine_trial(bench.axis, kind, {}, *sine, seed).peak for seed in fresh) for kind in kinds}
-        worst["best_pid"] = max(sine_trial(bench.axis, "pid", gains, *sine, seed).peak for seed in fresh)
+        worst = {kind: max(sine_trial(bench.axis, kind, {}, *sine, seed).peak for seed in FRESH_SEEDS) for kind in kinds}
+        gains, worst["best_pid"] = best_for_sine(bench.axis, *sine, bench.extent.searches)
         return {"amplitude": sine[0], "frequency": sine[1], "gains": gains, "peak": worst}
 
     bench.progress("best fixed PID for every sine")
     return bench.each(one, bench.extent.sines)
 
 
-def _shipped_pid(axis):
-    """Gains of the shipped fixed PID."""
-    names = ("proportional", "integral_time", "derivative_time", "filter_time", "derivative_on_reference")
-    return {name: float(controller_parameters("pid", axis, {})["pid"][name]) for name in names}
-
-
 def stress(bench, controllers):
     """Every controller under every condition: sine (10 um, 0.1 Hz) and 10 um moves, from the fourth on.
 
-    ``peak``, ``learned_peak`` [m]: worst of the sine's first full cycle, and of its third. Beside them the peak of the fixed PID searched for that sine under that very condition.
+    ``peak``, ``learned_peak`` [m]: worst of the sine's first full cycle, and of its third. Beside them `stress_limits`.
     """
 
     def one(job):
         kind, name = job
         conditions, seeds = STRESS[name], range(bench.extent.stress_seeds)
-        peaks = [cycle_peaks(sine_trial(bench.axis, kind, {}, 1e-5, 0.1, seed, STRESS_CYCLES, **conditions), 0.1) for seed in seeds]
+        peaks = [cycle_peaks(sine_trial(bench.axis, kind, {}, *STRESS_SINE, seed, STRESS_CYCLES, **conditions), STRESS_SINE[1]) for seed in seeds]
         peak, learned_peak = max(p[0] for p in peaks), max(p[-1] for p in peaks)
         trials = [step_trial(bench.axis, kind, {}, 1e-5, seed, 8, **conditions) for seed in seeds]
         learned = [t._replace(errors=t.errors[3:], interferometer=t.interferometer[3:], settling=t.settling[3:]) for t in trials]
@@ -197,14 +189,8 @@ def stress(bench, controllers):
     found = {name: {} for name in STRESS}
     for (kind, name), figures in zip(jobs, bench.each(one, jobs)):
         found[name][kind] = figures
-    start = _shipped_pid(bench.axis)
-
-    def searched(name):
-        gains, _ = best_pid_for_sine(bench.axis, start, 1e-5, 0.1, (0, 1), bench.extent.searches, **STRESS[name])
-        return max(sine_trial(bench.axis, "pid", gains, 1e-5, 0.1, seed, **STRESS[name]).peak for seed in (100, 101))
-
-    for name, peak in zip(STRESS, bench.each(searched, STRESS)):
-        found[name]["best_pid"] = {"peak": peak}
+    for name, limits in stress_limits(bench, STRESS).items():
+        found[name] |= {yardstick: {"peak": peak} for yardstick, peak in limits.items()}
     return found
 
 
@@ -252,35 +238,6 @@ def trade_off(bench):
         found.append({"doubt": doubt, "gain_db": min(m.gain_db for m in guarded), "phase_deg": min(m.phase_deg for m in guarded),
                       "peak": {name: peaks[doubt, name] for name in names}})
     return found
-
-
-def weak_start(bench, kinds=("self_tuning", "self_tuning_feedforward", "self_tuning_observer")):
-    """From a tenth of the gains: error of moves 1 ... 5 of 10 um against fixed PIDs: the shipped, the searched.
-
-    Figure of a move: rms of the true position's error from the move's start to its end, median over seeds.
-    """
-    def rms_by_move(kind, gains):
-        def one(seed):
-            return _move_errors(bench.axis, kind, gains, seed, 5)
-
-        return np.median(bench.each(one, range(min(bench.extent.seeds, 10))), axis=0).tolist()
-
-    bench.progress("tenth of the gains")
-    found = {kind: rms_by_move(kind, {"start": 0.1}) for kind in kinds}
-    found["pid"] = rms_by_move("pid", {})
-    gains, _ = search(
-        lambda gains: max(_move_errors(bench.axis, "pid", gains, seed, 2)[-1] for seed in (0, 1)),
-        _shipped_pid(bench.axis), bench.extent.searches,
-    )
-    found["best_pid"] = rms_by_move("pid", gains)
-    return found
-
-
-def _move_errors(axis, kind, gains, seed, moves):
-    """Rms error [m] of the true position in each forward move of 10 um, dwell included, shape (moves,)."""
-    columns = step_trial(axis, kind, gains, 1e-5, seed, moves).columns
-    error = (columns["stage_m"] - columns["reference_m"]).reshape(2 * moves, -1)[::2]
-    return np.sqrt(np.mean(error**2, axis=1))
 
 
 def observation(bench):

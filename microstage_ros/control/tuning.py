@@ -122,8 +122,8 @@ def allowed_overshoot(distance):
     return max(0.05 * distance, 50e-9)
 
 
-def search(cost, start, evaluations, seed=0, accept=None, progress=None):
-    """Local random search over the logarithms of the `SEARCHED` gains.
+def search(cost, start, evaluations, seed=0, accept=None, progress=None, names=SEARCHED):
+    """Local random search over the logarithms of the gains ``names``.
 
     ``cost``: gains -> number; ``accept``: gains -> whether they are worth a simulation; ``progress`` is called
     with the number of candidates done. Returns (gains, cost).
@@ -131,8 +131,8 @@ def search(cost, start, evaluations, seed=0, accept=None, progress=None):
     random = np.random.default_rng(seed)
     best, best_cost, width = dict(start), cost(start), 0.25
     for done in range(evaluations):
-        factors = np.exp(width * random.standard_normal(len(SEARCHED)))
-        candidate = {**best, **{name: best[name] * factor for name, factor in zip(SEARCHED, factors)}}
+        factors = np.exp(width * random.standard_normal(len(names)))
+        candidate = {**best, **{name: best[name] * factor for name, factor in zip(names, factors)}}
         if accept is None or accept(candidate):
             found = cost(candidate)
             if found < best_cost:
@@ -151,23 +151,12 @@ def fine_tune(axis, kind, start, seeds=(0, 1), evaluations=40, seed=0, progress=
     """
     best, cost = search(
         lambda gains: cost_of(axis, kind, gains, seeds), start, evaluations, seed,
-        lambda gains: _guarded(pid_margins(axis, gains)), progress,
+        lambda gains: guarded(pid_margins(axis, gains)), progress,
     )
     return Tuning(best, cost, controller_margins(axis, controller_parameters(kind, axis, best)))
 
 
-def best_pid_for_sine(axis, start, amplitude, frequency, seeds, evaluations, seed=0, **conditions):
-    """The fixed PID that tracks one sine best (smallest worst peak over ``seeds``): (gains, peak [m]).
-
-    ``conditions``: of `trials.trial`, for an axis under stress.
-    """
-    return search(
-        lambda gains: max(sine_trial(axis, "pid", gains, amplitude, frequency, k, **conditions).peak for k in seeds),
-        start, evaluations, seed,
-    )
-
-
-def _guarded(margins):
+def guarded(margins):
     """Whether the guarded regimes keep the least margins."""
     guarded = [m for m in margins if m.regime in GUARDED]
     return all(m.stable and m.phase_deg >= LEAST_PHASE and m.gain_db >= LEAST_GAIN for m in guarded)

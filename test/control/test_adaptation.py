@@ -86,6 +86,23 @@ def test_swings_lower_the_ceiling_and_single_errors_do_not(axis):
     assert factors(swinging)[1] <= factors(swinging)[0]
 
 
+def test_large_swings_are_answered_in_full_and_small_ones_slowly_below_prompt(axis):
+    """Below `prompt` a swing beyond `large` (a gap being crossed) still takes the gains down at once."""
+    n, left = np.arange(4000), []
+    for size in (3e-7, 3e-6):
+        controller = make_controller("self_tuning", axis)
+        drive(controller, size * np.sin(2 * np.pi * 40 * n * T))
+        left.append(factors(controller))
+    p = controller.parameters["adaptation"]
+    assert left[0][0] > 0.8 * p["prompt"] and left[1][0] < 0.5 * p["prompt"]
+    assert left[1][1] < 2 * p["least_integral"]
+
+
+def test_observer_law_gives_way_by_its_own_numbers(axis):
+    own, encoder = (make_controller(kind, axis).parameters["adaptation"] for kind in ("self_tuning_observer", "self_tuning"))
+    assert own["prompt"] < encoder["prompt"] and own["large"] > 1e3 * encoder["large"]
+
+
 def test_loop_that_swings_is_calmed(axis, run):
     """Gains six times too high make the fixed PID oscillate; the self-tuning one holds a few counts."""
     program = [{"move_to_m": 1e-5, "dwell_s": 1.5}]

@@ -11,11 +11,12 @@ from microstage_ros.axis.errors import InputError
 from microstage_ros.commands import compare as compare_command
 from microstage_ros.commands import simulate as simulate_command
 from microstage_ros.commands import tune as tune_command
-from microstage_ros.control import comparison, tuning
+from microstage_ros.control import comparison, tuning, yardsticks
 from microstage_ros.control.controller import make_controller
 from microstage_ros.control.margins import Margins
 from microstage_ros.control.trials import sine_trial
 from microstage_ros.records import read_record
+from microstage_ros.report.comparison import within_twice
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
@@ -67,8 +68,8 @@ def test_overshoot_costs(axis, monkeypatch):
 
 def test_candidates_without_margin_are_not_simulated():
     good = Margins("pre-sliding", True, 40.0, 7.0, 1e9, 100.0, 2.0)
-    assert tuning._guarded([good])
-    assert not tuning._guarded([good._replace(gain_db=5.0)]) and not tuning._guarded([good._replace(phase_deg=25.0)])
+    assert tuning.guarded([good])
+    assert not tuning.guarded([good._replace(gain_db=5.0)]) and not tuning.guarded([good._replace(phase_deg=25.0)])
 
 
 def test_fine_tuning_improves_and_keeps_the_margins(axis):
@@ -99,14 +100,45 @@ def test_simulate_command_writes_what_read_record_reads(tmp_path):
         simulate_command.main(["--axis", AXIS, "--run", str(tmp_path / "run.yaml"), "--out", str(tmp_path / "a.txt")])
 
 
+def facts_of(folder):
+    return json.loads((folder / "comparison.json").read_text())
+
+
+def test_a_document_without_the_end_of_a_table_is_refused(tmp_path):
+    (tmp_path / "doc.md").write_text("<!-- compare: A -->\n| a |\n")
+    with pytest.raises(InputError, match="doc.md: .*compare: A.*no <!-- end -->"):
+        compare_command._update(tmp_path / "doc.md", [("A", ["a"], [["1"]], "")])
+
+
+def test_within_twice_the_nominal_peak_is_told_with_its_limit():
+    stress = {"nominal": {"self_tuning": {"peak": 3e-8}}, "a": {"self_tuning": {"peak": 5e-8}},
+              "b": {"self_tuning": {"peak": 9e-8}, "best_pid": {"peak": 7e-8}}, "c": {"self_tuning": {"peak": 9e-8}, "best_pid": {"peak": 5e-8}}}
+    told = [within_twice(stress, name, "self_tuning") for name in "abc"]
+    assert told == ["yes (1.7)", "no (3.0), limit 70.0", "no (3.0)"]
+
+
+def test_searched_friction_share_and_fresh_seeds(axis):
+    gains, peak = yardsticks.best_for_sine(axis, 1e-6, 1.0, 2, "pid_feedforward")
+    assert 0.0 < gains["friction_share"] <= yardsticks.MOST_SHARE
+    fresh = [sine_trial(axis, "pid_feedforward", gains, 1e-6, 1.0, seed).peak for seed in yardsticks.FRESH_SEEDS]
+    assert peak == max(fresh)
+
+
 def test_compare_command_makes_page_tables_and_data(tmp_path, monkeypatch, capsys):
     smallest = comparison.Extent(seeds=1, moves=2, searches=1, sines=((1e-5, 1.0),), stress_seeds=1)
     monkeypatch.setattr(comparison, "QUICK", smallest)
     monkeypatch.setattr(comparison, "STRESS", {"nominal": {}, "delay": comparison.STRESS["delay of 1 sample"]})
     monkeypatch.setattr(comparison, "DISTANCES", (1e-6, 1e-4))
     monkeypatch.setattr(comparison, "TRACKING_SINE", (1e-5, 1.0))
-    assert compare_command.main(["--out", str(tmp_path), "--quick", "--jobs", "1", "--controllers", "pid", "self_tuning_observer"]) == 0
-    facts = json.loads((tmp_path / "comparison.json").read_text())
+    document = tmp_path / "doc.md"
+    document.write_text("before\n<!-- compare: Sines, worst peak (nm) -->\nold\n<!-- end -->\nafter\n")
+    assert compare_command.main(["--out", str(tmp_path), "--quick", "--jobs", "1", "--update", str(document),
+                                 "--controllers", "pid", "self_tuning_observer"]) == 0
+    written = document.read_text()
+    assert "old" not in written and "| 10 µm, 1 Hz |" in written and written.endswith("<!-- end -->\nafter\n")
+    limits = facts_of(tmp_path)["stress"]["delay"]
+    assert limits["perfect_observer"]["peak"] < limits["best_pid"]["peak"]
+    facts = facts_of(tmp_path)
     assert facts["tracking"]["self_tuning_observer"]["worst"] < facts["tracking"]["pid"]["worst"]
     assert "4s" in (tmp_path / "tables.md").read_text()
     page = (tmp_path / "report.html").read_text()
