@@ -112,9 +112,10 @@ def test_a_document_without_the_end_of_a_table_is_refused(tmp_path):
 
 def test_within_twice_the_nominal_peak_is_told_with_its_limit():
     stress = {"nominal": {"self_tuning": {"peak": 3e-8}}, "a": {"self_tuning": {"peak": 5e-8}},
-              "b": {"self_tuning": {"peak": 9e-8}, "best_pid": {"peak": 7e-8}}, "c": {"self_tuning": {"peak": 9e-8}, "best_pid": {"peak": 5e-8}}}
-    told = [within_twice(stress, name, "self_tuning") for name in "abc"]
-    assert told == ["yes (1.7)", "no (3.0), limit 70.0", "no (3.0)"]
+              "b": {"self_tuning": {"peak": 9e-8}, "best_pid": {"peak": 7e-8}}, "c": {"self_tuning": {"peak": 9e-8}, "best_pid": {"peak": 5e-8}},
+              "d": {"self_tuning": {"peak": 9e-8}, "best_pid": {"peak": 2e-7}}}
+    told = [within_twice(stress, name, "self_tuning") for name in "abcd"]
+    assert told == ["yes (1.7)", "no (3.0), limit 70.0", "no (3.0)", "no (3.0), limit 90.0"]
 
 
 def test_searched_friction_share_and_fresh_seeds(axis):
