@@ -126,7 +126,7 @@ def test_searched_friction_share_and_fresh_seeds(axis):
 
 
 def test_compare_command_makes_page_tables_and_data(tmp_path, monkeypatch, capsys):
-    smallest = comparison.Extent(seeds=1, moves=2, searches=1, sines=((1e-5, 1.0),), stress_seeds=1)
+    smallest = comparison.Extent(seeds=1, moves=2, searches=1, sines=((1e-5, 1.0),), stress_seeds=1, stress_searches=1)
     monkeypatch.setattr(comparison, "QUICK", smallest)
     monkeypatch.setattr(comparison, "STRESS", {"nominal": {}, "delay": comparison.STRESS["delay of 1 sample"]})
     monkeypatch.setattr(comparison, "DISTANCES", (1e-6, 1e-4))
