@@ -9,9 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from microstage_ros.axis.compiled import compiled
+from microstage_ros.axis.errors import InputError
 from microstage_ros.axis.period import as_array
 from microstage_ros.control import feedforward
 from microstage_ros.control import observer_law as law
+from microstage_ros.control.design import observer_gains
 from microstage_ros.control.gains import fill
 
 
@@ -60,6 +62,9 @@ def _steps(parameters, models, memories, period, encoders, voltages, currents, s
 class FrictionObserver:
     """Python face of the observer; ``step`` once per control period.
 
+    ``gains``: of `observer_law.GAINS`, instead of what `design` gives for the period; `InputError` for another name or
+    a value out of range.
+
     Example
     -------
     >>> observer = FrictionObserver(load_axis("config/axis.yaml"))
@@ -68,10 +73,14 @@ class FrictionObserver:
 
     def __init__(self, axis, period=None, **gains):
         self.period = float(axis.value("period") if period is None else period)
-        self.parameters = np.zeros(1, law.PARAMETERS)[0]
-        fill(self.parameters, law.GAINS, gains, "observer")
         self.model = np.zeros(1, feedforward.PARAMETERS)[0]
         feedforward.fill_model(self.model, axis)
+        known = {gain.name for gain in law.GAINS}
+        for name in set(gains) - known:
+            raise InputError(f"observer.{name}", gains[name], "one of " + ", ".join(sorted(known)))
+        designed = observer_gains(self.model, self.period)
+        self.parameters = np.zeros(1, law.PARAMETERS)[0]
+        fill(self.parameters, law.GAINS, {**{name: designed[name] for name in known & set(designed)}, **gains}, "observer")
         law.design_motion(self.parameters, self.model, self.period)
         self.memory = np.zeros(1, np.dtype(law.STATE_FIELDS))[0]
         self._arrays = [as_array(record) for record in (self.parameters, self.model, self.memory)]

@@ -15,7 +15,7 @@ from microstage_ros.nodes import topics
 from microstage_ros.nodes.blocks import Outlet
 from microstage_ros.nodes.codec import Codec, stamps_ns
 from microstage_ros.nodes.follower import Follower
-from microstage_ros.nodes.parameters import Parameters
+from microstage_ros.nodes.parameters import Parameters, yaml_mapping
 from microstage_ros.nodes.process import run_node
 from microstage_ros.nodes.servo_path import make_servo_path
 from microstage_ros.places import config_file
@@ -28,7 +28,7 @@ class GmsObserver(Node):
         super().__init__("gms_observer")
         p = self.parameters = Parameters(self, "gms_observer")
         axis = load_axis(p.axis_file or config_file("axis.yaml"))
-        self._observer = FrictionObserver(axis, observer_bandwidth=p.observer_bandwidth)
+        self._observer = FrictionObserver(axis, **yaml_mapping("gms_observer: gains", p.gains, "{encoder_noise: 3.0e-8}"))
         FrictionObserver(axis).advance_all(*np.zeros((3, 2)))  # compiled before anybody waits for credit
         self._codec, self._every = Codec("FrictionState"), p.decimation
         servo = make_servo_path(self)

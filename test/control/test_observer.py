@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from microstage_ros.axis.errors import InputError
 from microstage_ros.axis.laws.curve import viscous_force
 from microstage_ros.axis.laws.generalised_maxwell_slip import stretch
 from microstage_ros.control import feedforward
+from microstage_ros.control.controller import make_controller
 from microstage_ros.control.observer import FrictionObserver
 
 SINE = [{"sine": {"amplitude_m": 1e-5, "frequency_hz": 0.25, "cycles": 1.0}}]
@@ -31,6 +33,15 @@ def test_total_friction_within_three_percent(axis, run, kind, program, share):
     assert np.sqrt(np.mean((got - true) ** 2)) < share * np.sqrt(np.mean(true**2))
     position = np.array([e.position for e in estimates])
     assert np.sqrt(np.mean((position - columns["stage_m"]) ** 2)) < 5e-9
+
+
+def test_its_numbers_are_named_and_follow_the_period(axis):
+    with pytest.raises(InputError, match="loudness.*one of .*encoder_noise"):
+        FrictionObserver(axis, loudness=1.0)
+    assert FrictionObserver(axis, encoder_noise=3e-8).parameters["encoder_noise"] == 3e-8
+    slow = FrictionObserver(axis, period=1e-3).parameters["acceleration_noise"]
+    assert slow == make_controller("self_tuning_observer", axis, period=1e-3).parameters["observer"]["acceleration_noise"]
+    assert slow > FrictionObserver(axis).parameters["acceleration_noise"]
 
 
 @pytest.mark.parametrize("factor", [0.85, 1.15])

@@ -39,6 +39,8 @@ def test_not_finite_is_refused():
     ("axis_driver", "backend_options:='{colour: red}'", "colour"),
     ("str_controller", "controller:=guess", "controller"),
     ("str_controller", "gains:='{proportional: -1.0}'", "proportional"),
+    ("gms_observer", "gains:='{encoder_noise: -1.0}'", "encoder_noise"),
+    ("gms_observer", "gains:='{loudness: 1.0}'", "loudness"),
     ("str_controller", "axis_file:=/nowhere.yaml", "/nowhere.yaml")])
 def test_bad_start_values_end_with_status_2_and_one_line(node_name, setting, words):
     with own_domain():
