@@ -11,7 +11,7 @@ import numpy as np
 from microstage_ros.axis.compiled import compiled
 from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
 from microstage_ros.axis.sensors import sense
-from microstage_ros.axis.step import hold
+from microstage_ros.axis.step import advance
 from microstage_ros.control import laws, observer_law, pid
 from microstage_ros.control.controller import make_controller
 from microstage_ros.control.profiles import sine
@@ -41,7 +41,7 @@ def run_informed(plant, state, work, readings, parameters, memory, reference, po
             observer.v = plant.ratio * state.omega
         memory.voltage = laws.regulate(parameters, memory, reference[n])
         observer.x, observer.v = x, v
-        hold(plant, state, work, memory.voltage)
+        advance(plant, state, work, memory.voltage)
 
 
 def informed_sine(axis, seed, told="both", period=None, amplitude=1e-5, frequency=0.1, cycles=1.25):
