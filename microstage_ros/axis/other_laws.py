@@ -5,6 +5,7 @@ whether they are wanted (`linear_core.new_work`), and a step for blocks alone do
 """
 
 from microstage_ros.axis.compiled import internal, overload
+from microstage_ros.axis.contact import direction_factor
 from microstage_ros.axis.laws.registry import advance_law
 
 
@@ -20,8 +21,10 @@ def follow_law(work, contact, c, w0, w1, h):
 
 @internal
 def _follow(work, contact, c, w0, w1, h):
+    # all of the law is scaled by the level, so that it keeps its shape below the limit too
+    factor = c.factor / contact.level * direction_factor(contact, w0 + w1)
     c.law_before = c.law_force
-    c.law_force = advance_law(contact.law - 1, contact.law_parameters, c.law_state, w0, w1, h, c.factor)
+    c.law_force = contact.level * advance_law(contact.law - 1, contact.law_parameters, c.law_state, w0, w1, h, factor)
 
 
 @overload(any_law, inline="always")

@@ -1,12 +1,21 @@
 """Every effect of the catalogue shows where its catalogue entry says it does."""
 
+import itertools
+
 import numpy as np
 import pytest
 
+from microstage_ros.axis.axis_file import load_axis
 from microstage_ros.axis.effects import REGISTRY
+from microstage_ros.axis.errors import InputError
 from microstage_ros.axis.open_loop import respond
 from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state
 from microstage_ros.axis.sensors import read_sensors
+from microstage_ros.control.run_file import NOISES, run_from_dict
+from microstage_ros.control.simulate import simulate
+
+from .conftest import CONFIG
+from .test_step import with_law
 
 PERIOD = 1e-4
 KM, R, KE, LEAD = 6.59e-3, 3.41, 6.589014636e-3, 2e-3 / (2 * np.pi) / 19
@@ -40,6 +49,17 @@ def test_direction_asymmetry_keeps_its_sign_only_while_sliding(quiet):
         limits.append(end["torque_friction"] - 10.51e-6 * end["omega"] / 19)
     assert limits == pytest.approx([1.1 * 125.6e-6, -0.9 * 125.6e-6], rel=2e-3)
     assert abs(respond(quiet(**e), np.zeros(200))["x"][-1]) == 0.0
+
+
+def test_asymmetry_of_the_guideway_and_of_viscous_friction(quiet):
+    guide = {"direction_asymmetry": {"contact": "guideway", "asymmetry": 0.2}}
+    ends = [steady(quiet, volts, **guide) for volts in (2, -2)]
+    assert [end["guide_friction"] - 20.0 * end["v"] for end in ends] == pytest.approx([1.2 * 0.9, -0.8 * 0.9], rel=1e-6)
+    thick = {"direction_asymmetry": {"asymmetry": 0.0, "viscous_asymmetry": 0.3}}
+    for volts in (2, -2):
+        end = steady(quiet, volts, **thick)
+        extra = KM * end["current"] - end["torque_friction"] - LEAD * end["guide_friction"]
+        assert extra == pytest.approx(0.3 * 10.51e-6 * abs(end["omega"]) / 19, rel=1e-3)        # no flip
 
 
 def test_position_dependent_friction_is_a_function_of_position_and_flips(quiet):
@@ -113,6 +133,15 @@ def test_nonlinear_viscous_is_curved_in_velocity(quiet):
         assert extra == pytest.approx(2e-6 * w * abs(w), rel=0.01)
 
 
+def test_nonlinear_viscous_may_end_with_speed(quiet):
+    film = {"nonlinear_viscous": {"coefficient": 3e-5, "exponent": 1.0, "saturation_speed": 2.0}}
+    for volts in (1.5, -3.0):
+        end = steady(quiet, volts, 0.6, **film)
+        w = end["omega"] / 19
+        extra = KM * end["current"] - end["torque_friction"] - LEAD * end["guide_friction"]
+        assert extra == pytest.approx(np.sign(w) * 3e-5 * 2.0 * (1 - np.exp(-abs(w) / 2.0)), rel=0.01)
+
+
 def test_friction_level_change_keeps_the_shape(quiet):
     e = {"friction_level_change": {"factor": 1.4}}
     for volts in (1.0, 3.0):
@@ -133,16 +162,23 @@ def test_backlash_moves_the_motor_and_not_the_stage_after_reversal_only(quiet):
     assert np.ptp(lost[1500:1990]) < 0.05 * b
 
 
-def test_drive_compliance_winds_up_and_lowers_the_resonance(quiet):
-    def resonance(**e):
-        plant = quiet(**e)
-        plant["guideway"]["blocks"] = 0
-        plant["actuator"]["blocks"] = 0
-        r = respond(plant, np.where(np.arange(4096) < 5, 3.0, 0.0))
-        windup = LEAD * r["theta"] - r["x"]
-        spectrum = np.abs(np.fft.rfft(windup - windup.mean()))
-        return np.argmax(spectrum[20:]) + 20
-    assert resonance(drive_compliance={"stiffness_factor": 0.25, "damping_factor": 0.5}) == pytest.approx(0.5 * resonance(), rel=0.1)
+def resonance(plant):
+    """Spectral line of the drive train after a kick, without friction blocks."""
+    plant["guideway"]["blocks"] = 0
+    plant["actuator"]["blocks"] = 0
+    r = respond(plant, np.where(np.arange(4096) < 5, 3.0, 0.0))
+    windup = LEAD * r["theta"] - r["x"]
+    spectrum = np.abs(np.fft.rfft(windup - windup.mean()))
+    return np.argmax(spectrum[20:]) + 20
+
+
+def test_drive_compliance_winds_up_with_the_load_and_lowers_the_resonance(quiet):
+    soft = {"drive_compliance": {"stiffness_factor": 0.25, "damping_factor": 0.5}}
+    assert resonance(quiet(**soft)) == pytest.approx(0.5 * resonance(quiet()), rel=0.1)
+    for angle in (0.05, 0.1, -0.1):
+        end = steady(quiet, 1.0, drive_compliance={"stiffness_factor": 0.25}, gravity_tilt={"angle_rad": angle})
+        load = end["guide_friction"] + 3.06 * 9.80665 * np.sin(angle)
+        assert LEAD * end["theta"] - end["x"] == pytest.approx(load / (0.25 * 1.2e7), rel=1e-3)
 
 
 def test_screw_pitch_error_shows_between_motor_angle_and_position(quiet):
@@ -152,6 +188,22 @@ def test_screw_pitch_error_shows_between_motor_angle_and_position(quiet):
     error = (r["x"] - LEAD * r["theta"])[1000:]
     model = (1e-6 * np.sin(phi + 0.3) + 1e-4 * LEAD * r["theta"])[1000:] - 0.95 / 1.2e7      # less the wind-up
     assert np.max(np.abs(error - model)) < 2e-8
+
+
+def test_screw_pitch_error_is_a_ripple_of_u_that_grows_with_speed(axis):
+    """Without a motor angle: at constant speed v of the stage the motor's varies by A/r of it, and u by K_E times that."""
+    def ripple(speed, effects):
+        tree = {"effects": effects, "noise": dict.fromkeys(NOISES, 0.0), "program": [{"scan": {"to_m": 7e-3, "speed_m_s": speed}}]}
+        columns = simulate(axis, run_from_dict(tree), 0)
+        x, u = columns["encoder_m"], columns["voltage_V"]
+        turn = (x > 3e-3) & (x < 5e-3)
+        return 2 * abs(np.mean(u[turn] * np.exp(2j * np.pi * x[turn] / 2e-3)))
+
+    r = 2e-3 / (2 * np.pi)
+    slow, fast = (ripple(v, {"screw_pitch_error": {"amplitude_m": 1e-5}}) for v in (5e-4, 1.5e-3))
+    assert [slow, fast] == pytest.approx([KE * v / LEAD * 1e-5 / r for v in (5e-4, 1.5e-3)], rel=0.1)
+    friction = {"position_dependent_friction": {"amplitude": 0.1, "period_m": 2e-3}}
+    assert ripple(1.5e-3, friction) == pytest.approx(ripple(5e-4, friction), rel=0.1)
 
 
 def test_torque_ripple_has_the_period_of_a_motor_turn_and_does_not_flip(quiet):
@@ -170,6 +222,13 @@ def test_payload_change_scales_guideway_friction(quiet):
         2 * steady(quiet, 1.0)["guide_friction"], rel=0.01)
 
 
+def test_payload_change_lowers_the_resonance_and_leaves_the_run_up(quiet):
+    e = {"payload_change": {"mass_kg": 3.06}}
+    assert resonance(quiet(**e)) == pytest.approx(resonance(quiet()) / np.sqrt(2.0), rel=0.1)
+    reflected = 3.06 * LEAD**2 / 1e-7              # of the rotor's inertia
+    assert reflected < 0.01
+
+
 def stage_force(quiet, volts, **effects):
     end = steady(quiet, volts, 0.5, **effects)
     return (KM * end["current"] - end["torque_friction"]) / LEAD - end["guide_friction"]
@@ -183,16 +242,18 @@ def test_gravity_tilt_is_a_constant_force_that_does_not_flip(quiet):
 
 
 def test_cable_spring_is_linear_in_position(quiet):
-    r = respond(quiet(cable_spring={"stiffness_N_m": 500.0, "anchor_m": 1e-3}), np.full(8000, 1.0))
-    tail = slice(4000, None, 50)
-    force = (KM * r["current"] - r["torque_friction"])[tail] / LEAD - r["guide_friction"][tail]
-    slope, offset = np.polyfit(r["x"][tail], force, 1)
-    assert slope == pytest.approx(500, rel=0.05) and -offset / slope == pytest.approx(1e-3, abs=1e-4)
+    for volts in (1.0, -1.0):                      # the same line in both directions
+        r = respond(quiet(cable_spring={"stiffness_N_m": 500.0, "anchor_m": 1e-3}), np.full(8000, volts))
+        tail = slice(4000, None, 50)
+        force = (KM * r["current"] - r["torque_friction"])[tail] / LEAD - r["guide_friction"][tail]
+        slope, offset = np.polyfit(r["x"][tail], force, 1)
+        assert slope == pytest.approx(500, rel=0.05) and -offset / slope == pytest.approx(1e-3, abs=1e-4)
 
 
 def test_amplifier_offset_is_a_constant_voltage(quiet):
-    plain, shifted = steady(quiet, 1.2), steady(quiet, 1.0, amplifier_offset={"offset_V": 0.2})
-    assert shifted["omega"] == pytest.approx(plain["omega"], rel=1e-9)
+    for volts in (1.0, -1.0):
+        plain, shifted = steady(quiet, volts + 0.2), steady(quiet, volts, amplifier_offset={"offset_V": 0.2})
+        assert shifted["omega"] == pytest.approx(plain["omega"], rel=1e-9)
 
 
 def test_amplifier_deadband_leaves_no_current_near_zero(quiet):
@@ -223,8 +284,9 @@ def test_transport_delay_moves_the_current_in_time(quiet):
     plain = respond(quiet(), kick)["current"]
     late = respond(quiet(transport_delay={"delay_s": 3e-4}), kick)["current"]
     assert np.allclose(late[3:], plain[:-3], rtol=1e-9, atol=1e-12)
-    half = respond(quiet(transport_delay={"delay_s": 5e-5}), kick)["current"]
-    assert 0 < half[21] < plain[21]
+    split = respond(quiet(transport_delay={"delay_s": 2.3e-4}), kick)["current"]
+    rise = 1.0 / R * (1 - np.exp(-0.7 * PERIOD * R / 75e-6))       # of the 70 µs that are left; the motor has hardly turned
+    assert np.all(split[:23] == 0.0) and split[23] == pytest.approx(rise, rel=0.01)
 
 
 def test_actuator_lag_follows_an_exponential(quiet):
@@ -300,21 +362,86 @@ def test_floor_vibration_gives_lines_at_rest(quiet):
         assert np.sort(lines)[-3] < 1e-12
 
 
+EVERY = {
+    "direction_asymmetry": {"asymmetry": 0.05}, "position_dependent_friction": {"amplitude": 0.1},
+    "rising_static_friction": {"rate_per_decade": 0.05}, "frictional_lag": {"time_s": 1e-3},
+    "presliding_creep": {"amplitude_m": 1e-9}, "viscous_change": {"factor": 1.2},
+    "nonlinear_viscous": {"coefficient": 1e-6}, "friction_level_change": {"factor": 0.9},
+    "backlash": {"width_rad": 0.005}, "drive_compliance": {"stiffness_factor": 0.5},
+    "screw_pitch_error": {"amplitude_m": 1e-6}, "torque_ripple": {"amplitude_Nm": 5e-6},
+    "payload_change": {"mass_kg": 1.0}, "gravity_tilt": {"angle_rad": 0.01}, "cable_spring": {"stiffness_N_m": 100.0},
+    "amplifier_offset": {"offset_V": 0.01}, "amplifier_deadband": {"half_width_V": 0.01}, "amplifier_gain": {"factor": 1.02},
+    "resistance_rise": {"initial": 0.05}, "transport_delay": {"delay_s": 1.3e-4}, "actuator_lag": {"time_s": 2e-4},
+    "sampling_jitter": {"jitter_s": 1e-5, "lost_fraction": 0.01}, "encoder_sde": {"amplitude1_m": 1e-8},
+    "scale_error": {"relative": 1e-6}, "thermal_drift": {"rate_m_s": 1e-9}, "refractive_index": {"pressure_rate_Pa_s": 1.0},
+    "floor_vibration": {"frequencies_hz": 50.0, "amplitudes_m": 1e-8},
+}
+
+
 def test_all_effects_at_once_still_run(axis):
-    every = {
-        "direction_asymmetry": {"asymmetry": 0.05}, "position_dependent_friction": {"amplitude": 0.1},
-        "rising_static_friction": {"rate_per_decade": 0.05}, "frictional_lag": {"time_s": 1e-3},
-        "presliding_creep": {"amplitude_m": 1e-9}, "viscous_change": {"factor": 1.2},
-        "nonlinear_viscous": {"coefficient": 1e-6}, "friction_level_change": {"factor": 0.9},
-        "backlash": {"width_rad": 0.005}, "drive_compliance": {"stiffness_factor": 0.5},
-        "screw_pitch_error": {"amplitude_m": 1e-6}, "torque_ripple": {"amplitude_Nm": 5e-6},
-        "payload_change": {"mass_kg": 1.0}, "gravity_tilt": {"angle_rad": 0.01}, "cable_spring": {"stiffness_N_m": 100.0},
-        "amplifier_offset": {"offset_V": 0.01}, "amplifier_deadband": {"half_width_V": 0.01}, "amplifier_gain": {"factor": 1.02},
-        "resistance_rise": {"initial": 0.05}, "transport_delay": {"delay_s": 1.3e-4}, "actuator_lag": {"time_s": 2e-4},
-        "sampling_jitter": {"jitter_s": 1e-5, "lost_fraction": 0.01}, "encoder_sde": {"amplitude1_m": 1e-8},
-        "scale_error": {"relative": 1e-6}, "thermal_drift": {"rate_m_s": 1e-9}, "refractive_index": {"pressure_rate_Pa_s": 1.0},
-        "floor_vibration": {"frequencies_hz": 50.0, "amplitudes_m": 1e-8},
-    }
-    assert set(every) == set(REGISTRY)
-    r = respond(make_plant(axis, NoiseSpec(), every), np.repeat([1.0, -1.0, 0.3], 1500), friction="random")
+    assert set(EVERY) == set(REGISTRY)
+    r = respond(make_plant(axis, NoiseSpec(), EVERY), np.repeat([1.0, -1.0, 0.3], 1500), friction="random")
     assert all(np.all(np.isfinite(column)) for column in r.values()) and np.ptp(r["x"]) > 1e-5
+
+
+def test_in_every_pair_each_effect_still_shows(axis):
+    """What both do together is what neither does alone, in what the sensors or the physics say."""
+    voltage = np.repeat([1.0, -0.6, 0.05, 0.8], 60)
+
+    def ride(*names):
+        plant = make_plant(axis, NoiseSpec.none(), {name: EVERY[name] for name in names})
+        plant["quantum"] = plant["encoder_count"] = 0.0
+        r = respond(plant, voltage)
+        assert all(np.all(np.isfinite(column)) for column in r.values()), names
+        return np.concatenate(list(r.values()))
+
+    alone = {name: ride(name) for name in EVERY}
+    for one, other in itertools.combinations(EVERY, 2):
+        both = ride(one, other)
+        assert not np.array_equal(both, alone[one]) and not np.array_equal(both, alone[other]), (one, other)
+
+
+@pytest.mark.parametrize("name", sorted(REGISTRY))
+def test_an_effect_is_the_same_from_axis_file_and_run_file(axis, tmp_path, name):
+    axis.with_effects({name: EVERY[name]}).save(tmp_path / "axis.yaml")
+    tree = {"program": [{"move_to_m": 1e-6}], "effects": {name: EVERY[name]}}
+    by_run = make_plant(axis, NoiseSpec(), run_from_dict(tree).effects)
+    assert make_plant(load_axis(tmp_path / "axis.yaml"), NoiseSpec()) == by_run != make_plant(axis, NoiseSpec())
+
+
+@pytest.mark.parametrize("name", ["backlash", "drive_compliance", "screw_pitch_error", "resistance_rise", "direction_asymmetry",
+                                  "position_dependent_friction", "rising_static_friction", "frictional_lag", "presliding_creep",
+                                  "viscous_change", "friction_level_change"])
+def test_an_effect_on_what_a_machine_has_not_is_refused(name):
+    """The current-driven axis has no winding, no compliance, and no friction at an actuator."""
+    with pytest.raises(InputError, match=f"effects: {name}"):
+        make_plant(load_axis(CONFIG / "emps.yaml"), effects={name: EVERY[name]})
+
+
+@pytest.mark.parametrize("law", ["lugre", "dahl"])
+def test_friction_effects_act_on_a_law_without_blocks(axis, law):
+    machine = with_law(axis, law)
+
+    def ride(volts, periods=4000, **effects):
+        return respond(make_plant(machine, NoiseSpec.none(), effects), np.full(periods, volts))
+
+    def sliding(volts, **effects):
+        r = ride(volts, **effects)
+        w = r["omega"][-1] / 19
+        return r["torque_friction"][-1], w, 125.6e-6 + 93.4e-6 * np.exp(-((abs(w) / 0.18) ** 0.9)) if law == "lugre" else 219e-6
+
+    for volts in (2.0, -2.0):
+        torque, w, top = sliding(volts, direction_asymmetry={"asymmetry": 0.1})
+        assert torque == pytest.approx(np.sign(volts) * top * (1 + 0.1 * np.sign(volts)) + 10.51e-6 * w, rel=2e-3)
+        torque, w, top = sliding(volts, friction_level_change={"factor": 1.3})
+        assert torque == pytest.approx(1.3 * (np.sign(volts) * top + 10.51e-6 * w), rel=2e-3)
+    # below the limit the same shape: 1.3 of the load goes as far, but for the guideway's share
+    twice = {"friction_level_change": {"factor": 2.0}}
+    softer = ride(0.05, 2000)["theta"][-1], ride(0.05, 2000, **twice)["theta"][-1]
+    assert softer[1] < 0.6 * softer[0]
+    aged = {"rising_static_friction": {"rate_per_decade": 0.2, "dwell_scale_s": 0.01, "release_m": 1e-4}}
+    plain, grown = (breakaway(make_plant(machine, NoiseSpec.none(), e), 2.0) for e in ({}, aged))
+    assert grown > 1.2 * plain
+    for name in ("frictional_lag", "presliding_creep"):
+        with pytest.raises(InputError, match=name):
+            make_plant(machine, effects={name: EVERY[name]})

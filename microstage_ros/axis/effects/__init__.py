@@ -26,7 +26,11 @@ def check_effects(effects, place="effects"):
 
 
 def apply_effects(plant, effects):
-    """Write checked effects into a plant record (see `axis.records.PLANT`), in the registry's order."""
+    """Write checked effects into a plant record (see `axis.records.PLANT`), in the registry's order.
+
+    Raises InputError for an effect on something that the machine does not have.
+    """
     for name, effect in REGISTRY.items():
         if name in effects:
+            effect.check_machine(plant, effects[name])
             effect.apply(plant, effects[name])

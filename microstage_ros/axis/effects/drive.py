@@ -2,7 +2,7 @@
 
 import math
 
-from microstage_ros.axis.effects.effect import Effect, Parameter, same_length, write_terms
+from microstage_ros.axis.effects.effect import DRIVE_TRAIN, Effect, Parameter, same_length, write_terms
 from microstage_ros.axis.effects.friction import scale_friction
 from microstage_ros.axis.records import RIPPLES
 
@@ -16,6 +16,7 @@ class Backlash(Effect):
     """
 
     id = "backlash"
+    needs = DRIVE_TRAIN
     parameters = {"width_rad": Parameter("rad", "width at the screw", None, 0.0, 1.0)}
 
     @classmethod
@@ -27,6 +28,7 @@ class DriveCompliance(Effect):
     """Softer or resonant drive train: K_c × stiffness_factor, D_c × damping_factor."""
 
     id = "drive_compliance"
+    needs = DRIVE_TRAIN
     parameters = {
         "stiffness_factor": Parameter("1", "factor on the stiffness", None, 1e-3, 1e3),
         "damping_factor": Parameter("1", "factor on the damping", 1.0, 0.0, 1e3),
@@ -42,6 +44,7 @@ class ScrewPitchError(Effect):
     """Error of the lead: r φ → r φ (1 + cumulative) + Σ amplitude_m_n sin(n φ + phase_rad_n), n per screw turn."""
 
     id = "screw_pitch_error"
+    needs = DRIVE_TRAIN
     parameters = {
         "amplitude_m": Parameter("m", "amplitude of each term", 0.0, -1e-3, 1e-3),
         "cycles_per_turn": Parameter("1", "cycles of each term per screw turn", 1.0, 0.01, 100.0),

@@ -7,6 +7,12 @@ from microstage_ros.axis.errors import InputError
 
 INF = math.inf
 CONTACTS = ("actuator", "guideway")
+#: What an effect may need: a test of the record it acts on (a plant, or a contact of it), and the words for it.
+MOTOR = (lambda plant: not plant["force_drive"], "a voltage-driven motor (drive.type)")
+DRIVE_TRAIN = (lambda plant: not plant["rigid"], "a transmission that is not rigid (transmission.type)")
+FRICTION = (lambda contact: contact["blocks"] or contact["law"], "a contact with friction")
+BLOCKS = (lambda contact: contact["blocks"] and not contact["stick_damping"], "a contact with pre-sliding blocks (of the Maxwell-slip family)")
+STRIBECK = (lambda contact: contact["blocks"] and contact["drops"], "a contact of blocks with a Stribeck curve")
 
 
 @dataclass(frozen=True)
@@ -32,12 +38,14 @@ class Parameter:
 class Effect:
     """Base of all effects. Subclasses set ``id``, ``parameters`` and ``apply``.
 
-    ``on_contact`` effects take a ``contact`` (actuator, the default, or guideway) as well.
+    ``on_contact`` effects take a ``contact`` (actuator, the default, or guideway) as well. ``needs``: what the machine,
+    or that contact, must have for the effect to show at all (None: nothing).
     """
 
     id = ""
     parameters = {}
     on_contact = False
+    needs = None
 
     @classmethod
     def check(cls, given, place):
@@ -64,6 +72,16 @@ class Effect:
     @classmethod
     def check_together(cls, checked, place):
         """Conditions between parameters; most effects have none."""
+
+    @classmethod
+    def check_machine(cls, plant, p):
+        """InputError if the plant record lacks what the effect acts on."""
+        if cls.needs is None:
+            return
+        has, words = cls.needs
+        if not has(plant[p["contact"]] if cls.on_contact else plant):
+            place = f"effects: {cls.id}"
+            raise InputError(f"{place}.contact" if cls.on_contact else place, p["contact"] if cls.on_contact else p, words)
 
     @classmethod
     def apply(cls, plant, p):

@@ -1,6 +1,6 @@
 """Effects between the voltage command and the motor current."""
 
-from microstage_ros.axis.effects.effect import Effect, Parameter
+from microstage_ros.axis.effects.effect import MOTOR, Effect, Parameter
 
 
 class AmplifierOffset(Effect):
@@ -40,6 +40,7 @@ class ResistanceRise(Effect):
     """Winding warms up: R (1 + h), dh/dt = rise_per_joule R i² − h / time_s, h(0) = initial."""
 
     id = "resistance_rise"
+    needs = MOTOR
     parameters = {
         "rise_per_joule": Parameter("1/J", "relative rise per joule of heat", 0.0, 0.0, 100.0),
         "time_s": Parameter("s", "cooling time constant", 20.0, 1e-2, 1e5),

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from microstage_ros.axis.effects.effect import Effect, Parameter, as_list, same_length, write_terms
+from microstage_ros.axis.effects.effect import BLOCKS, FRICTION, STRIBECK, Effect, Parameter, as_list, same_length, write_terms
 from microstage_ros.axis.errors import InputError
 from microstage_ros.axis.records import PROFILE, RIPPLES
 
@@ -16,6 +16,7 @@ class DirectionAsymmetry(Effect):
 
     id = "direction_asymmetry"
     on_contact = True
+    needs = FRICTION
     parameters = {
         "asymmetry": Parameter("1", "half the relative difference between directions", None, -0.9, 0.9),
         "viscous_asymmetry": Parameter("1", "the same of the viscous friction", 0.0, -0.9, 0.9),
@@ -40,6 +41,7 @@ class PositionDependentFriction(Effect):
 
     id = "position_dependent_friction"
     on_contact = True
+    needs = FRICTION
     parameters = {
         "amplitude": Parameter("1", "relative amplitude of each term", 0.0, -0.9, 0.9),
         "period_m": Parameter("m", "period of each term", 1e-3, 1e-7, 10.0),
@@ -75,11 +77,13 @@ class PositionDependentFriction(Effect):
 class RisingStaticFriction(Effect):
     """Breakaway grows with dwell time: limits × (1 + a), where a = rate · log10(1 + t_dwell / dwell_scale_s).
 
-    t_dwell counts while the contact does not slide as a whole; a decays as exp(−travel / release_m).
+    t_dwell counts while the contact does not slide as a whole (with a law that has no blocks: always); it and a
+    decay as exp(−travel / release_m).
     """
 
     id = "rising_static_friction"
     on_contact = True
+    needs = FRICTION
     parameters = {
         "rate_per_decade": Parameter("1", "relative growth per decade of dwell", None, 0.0, 1.0),
         "dwell_scale_s": Parameter("s", "dwell at which the growth begins", 0.05, 1e-4, 1e3),
@@ -99,6 +103,7 @@ class FrictionalLag(Effect):
 
     id = "frictional_lag"
     on_contact = True
+    needs = STRIBECK
     parameters = {"time_s": Parameter("s", "time constant of the lag", None, 1e-6, 10.0)}
 
     @classmethod
@@ -118,6 +123,7 @@ class PreslidingCreep(Effect):
 
     id = "presliding_creep"
     on_contact = True
+    needs = BLOCKS
     parameters = {
         "amplitude_m": Parameter("m", "drift per e-fold of time at full load, of the stage", None, 0.0, 1e-4),
         "time_s": Parameter("s", "time at which the logarithm begins", 0.05, 1e-4, 1e3),
@@ -138,6 +144,7 @@ class ViscousChange(Effect):
 
     id = "viscous_change"
     on_contact = True
+    needs = FRICTION
     parameters = {"factor": Parameter("1", "factor on the viscous coefficient", None, 0.0, 1e3)}
 
     @classmethod
@@ -177,6 +184,7 @@ class FrictionLevelChange(Effect):
 
     id = "friction_level_change"
     on_contact = True
+    needs = FRICTION
     parameters = {"factor": Parameter("1", "factor on the friction", None, 0.01, 100.0)}
 
     @classmethod
