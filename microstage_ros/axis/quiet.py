@@ -70,12 +70,19 @@ def held_of(plant, state, slot):
     a_ahead, a_behind, a_guard = _bounds(a)
     g_ahead, g_behind, g_guard = _bounds(g)
     direction = a.direction if a.slip_weight > 0.0 else 0.0
-    level = a.factor * direction_factor(plant.actuator, direction)
+    level, pace, guide_slip = slip_of(plant, state)
     return Held(
         slot, a.stuck_weight_force, a.stuck_stiffness, a_ahead, a_behind, a_guard, g.stuck_weight_force, g.stuck_stiffness,
-        g_ahead, g_behind, g_guard, -direction * a.slip_weight, direction, direction * plant.per_gear, level,
-        plant.actuator.attraction * plant.period / level, g.direction * g.slip_weight * g.slip_force,
+        g_ahead, g_behind, g_guard, -direction * a.slip_weight, direction, direction * plant.per_gear, level, pace, guide_slip,
         g.direction if g.slip_weight > 0.0 else 0.0)
+
+
+@inlined
+def slip_of(plant, state):
+    """(slip_level, pace, guide_slip) of `Held`: what changes with the factors on the limits, beside the guards."""
+    a, g = state.actuator, state.guideway
+    level = a.factor * direction_factor(plant.actuator, a.direction)
+    return level, plant.actuator.attraction * plant.period / level, g.direction * g.slip_weight * g.slip_force
 
 
 @inlined
@@ -84,6 +91,12 @@ def _bounds(c):
     if c.mask == 0:
         return np.inf, np.inf, np.inf
     return c.ahead, c.behind, c.guard
+
+
+@inlined
+def guard_of(c):
+    """Speed below which a contact need not be looked at."""
+    return c.guard if c.mask != 0 else np.inf
 
 
 @inlined

@@ -13,7 +13,7 @@ from microstage_ros.axis.compiled import compiled, inlined, internal, seldom, wo
 from microstage_ros.axis.contact import ENTRIES, FRACTION_BITS, START_MASK, cubics
 from microstage_ros.axis.lanes import LANES, choose, lanes_set, load, nearest, store, table_pieces
 from microstage_ros.axis.linear_core import F0, I, O_I, O_OMEGA, O_OMEGA_MID, O_THETA, O_V, O_X, OMEGA, T0, T1, T2, U, V, aligned, forget, new_works
-from microstage_ros.axis.quiet import Moving, give
+from microstage_ros.axis.quiet import Moving, give, guard_of, slip_of
 from microstage_ros.axis.random import normal
 from microstage_ros.axis.records import INPUTS
 from microstage_ros.axis.slip import (
@@ -173,17 +173,11 @@ def _take(plant, state, work, numbers, matrix, k):
         held.a_force, held.a_stiffness, held.a_ahead, held.a_behind)
     numbers[G_FORCE, k], numbers[G_STIFFNESS, k], numbers[G_AHEAD, k], numbers[G_BEHIND, k] = (
         held.g_force, held.g_stiffness, held.g_ahead, held.g_behind)
-    _take_factors(held, numbers, k)
+    numbers[SLIP_LEVEL, k], numbers[PACE, k], numbers[GUIDE_SLIP, k] = held.slip_level, held.pace, held.guide_slip
+    numbers[A_GUARD, k], numbers[G_GUARD, k] = held.a_guard, held.g_guard
     for j in range(INPUTS):
         for row in range(ROWS):
             matrix[j * ROWS + row, k] = work.matrix[held.slot, 0, j, row]
-
-
-@inlined
-def _take_factors(held, numbers, k):
-    """What the factors on the limits are in, into lane k."""
-    numbers[SLIP_LEVEL, k], numbers[PACE, k], numbers[GUIDE_SLIP, k] = held.slip_level, held.pace, held.guide_slip
-    numbers[A_GUARD, k], numbers[G_GUARD, k] = held.a_guard, held.g_guard
 
 
 @internal
@@ -196,8 +190,8 @@ def _vary_lanes(plants, states, works, numbers, which):
             state.random_travel, state.random_wait = numbers[RANDOM_TRAVEL, k], numbers[RANDOM_WAIT, k]
             vary_now(plants[k], state)
             numbers[RANDOM_TRAVEL, k], numbers[RANDOM_WAIT, k] = state.random_travel, state.random_wait
-            _, held = take(plants[k], state, works[k])
-            _take_factors(held, numbers, k)
+            numbers[SLIP_LEVEL, k], numbers[PACE, k], numbers[GUIDE_SLIP, k] = slip_of(plants[k], state)
+            numbers[A_GUARD, k], numbers[G_GUARD, k] = guard_of(state.actuator), guard_of(state.guideway)
 
 
 @internal

@@ -42,14 +42,16 @@ def vary_now(plant, state):
         travel, state.random_travel = state.random_travel, 0.0
     if state.random_wait > plant.random_time_step:
         wait, state.random_wait = state.random_wait, 0.0
-    _vary_contact(plant, plant.actuator, state.actuator, state, travel, wait)
-    _vary_contact(plant, plant.guideway, state.guideway, state, travel, wait)
+    by_travel = _pace(travel / plant.random_length)
+    by_time = _pace(wait / plant.random_time)
+    _vary_contact(plant, plant.actuator, state.actuator, state, by_travel, by_time)
+    _vary_contact(plant, plant.guideway, state.guideway, state, by_travel, by_time)
 
 
 @internal
-def _vary_contact(plant, contact, c, state, travel, wait):
+def _vary_contact(plant, contact, c, state, by_travel, by_time):
     if contact.random > 0.0:
-        _random_walk(plant, contact, c, state, travel, wait)
+        _random_walk(plant, contact, c, state, by_travel, by_time)
     factor = contact.level * (1.0 + c.q)
     if plant.modulated == 1:
         moved = abs(plant.period * state.v)
@@ -65,21 +67,23 @@ def _vary_contact(plant, contact, c, state, travel, wait):
         c.guard = -1.0
 
 
-@internal
-def _random_walk(plant, contact, c, state, travel, wait):
-    """Advance q after that ``travel`` and ``wait``, each where it is not 0."""
-    if travel > 0.0:
-        c.q_travel = _wander(c.q_travel, travel / plant.random_length, contact.random * plant.random_share_root, state)
-    if wait > 0.0:
-        c.q_time = _wander(c.q_time, wait / plant.random_time, contact.random * plant.random_rest_root, state)
-    c.q = min(max(c.q_travel + c.q_time, -plant.random_clip), plant.random_clip)
+@inlined
+def _pace(step):
+    """(what is kept, share of chance) of an Ornstein–Uhlenbeck process a ``step`` (in its own length) later, exact in law."""
+    if step == 0.0:
+        return 1.0, 0.0
+    keep = decay(step)
+    return keep, math.sqrt(1.0 - keep * keep)
 
 
 @inlined
-def _wander(q, step, deviation, state):
-    """An Ornstein–Uhlenbeck process of that standard deviation a ``step`` (in its own length) later, exact in law."""
-    keep = decay(step)
-    return keep * q + deviation * math.sqrt(1.0 - keep * keep) * normal(state.random)
+def _random_walk(plant, contact, c, state, by_travel, by_time):
+    """Advance q by the paces of its two processes, each where it has one."""
+    if by_travel[1] > 0.0:
+        c.q_travel = by_travel[0] * c.q_travel + contact.random * plant.random_share_root * by_travel[1] * normal(state.random)
+    if by_time[1] > 0.0:
+        c.q_time = by_time[0] * c.q_time + contact.random * plant.random_rest_root * by_time[1] * normal(state.random)
+    c.q = min(max(c.q_travel + c.q_time, -plant.random_clip), plant.random_clip)
 
 
 @internal
@@ -103,7 +107,7 @@ def _age(plant, contact, c, moved):
     seldom()
     if contact.aging_rate == 0.0:
         return 0.0
-    if c.mask != 0:
+    if c.mask != 0 or contact.law > 0:        # without blocks nothing says what sticks: travel alone tells
         c.dwell += plant.period
     fade = math.exp(-moved / contact.aging_release)
     c.dwell *= fade
