@@ -19,7 +19,7 @@ from microstage_ros.axis.other_laws import any_law, follow_law
 from microstage_ros.axis.quiet import far, slip_level
 from microstage_ros.axis.records import LEVELS, SLOTS
 from microstage_ros.axis.slip import (
-    NEAR, change, change_of_rate, corrections, corrections_near, decay, forgotten, near, with_change,
+    NEAR, change, change_of_rate, corrections, corrections_near, decay, forgotten, near, relax, with_change,
 )
 from microstage_ros.axis.vectors import add_columns, mode_rows
 
@@ -134,7 +134,7 @@ def _chunk(plant, state, work, u, slot, level):
             return COARSE
         rows = add_columns(rows, m, slot, level, T1, d1, T2, d2)
     if g.drops == 1 and cg.slip_weight > 0.0:
-        rise = -cg.direction * cg.slip_weight * (slip_level(g, cg, rows[O_V]) - cg.slip_force)
+        rise = -cg.direction * cg.slip_weight * (_guide_slip(plant, cg, state.v, rows[O_V], h)[0] - cg.slip_force)
         rows = add_columns(rows, m, slot, level, F1, rise, F1, 0.0)
     if any_law(work):
         rows = add_columns(rows, m, slot, level, F1, cg.law_before - cg.law_force, F1, 0.0)
@@ -165,6 +165,18 @@ def _slip(plant, state, rows, f0, grow, h, level):
     f_mid, f1, fade, bent = far(plant, ca, omega0, rows[O_OMEGA_MID], rows[O_OMEGA], f0, h)
     d1, d2 = corrections(pull, f0, f_mid, f1, grow)
     return d1, d2, f1, fade, bent and level < FINEST_BEND
+
+
+@internal
+def _guide_slip(plant, c, v0, v1, h):
+    """(slip force of the guideway after a chunk in which its velocity goes from v0 to v1, decay of its offsets)."""
+    g = plant.guideway
+    s1 = slip_level(g, c, v1)
+    if math.isinf(g.attraction):
+        return s1, 0.0
+    s0 = slip_level(g, c, v0)
+    _, force, fade = relax(g.attraction, c.slip_force, s0, slip_level(g, c, 0.5 * (v0 + v1)), s1, h)
+    return force, fade
 
 
 @inlined
@@ -254,6 +266,9 @@ def _accept(plant, state, work, rows, f1, gained, fade, h, level):
             follow_law(work, a, ca, state.omega * plant.per_gear, rows[O_OMEGA] * plant.per_gear, h)
         if g.law > 0:
             follow_law(work, g, cg, state.v, rows[O_V], h)
+    if g.drops == 1 and cg.slip_weight > 0.0:
+        cg.slip_force, fade_g = _guide_slip(plant, cg, state.v, rows[O_V], h)
+        cg.slip_offset = forgotten(cg.slip_offset * fade_g)
     state.current, state.omega, state.v = rows[O_I], rows[O_OMEGA], rows[O_V]
     state.theta += rows[O_THETA]
     state.x += rows[O_X]

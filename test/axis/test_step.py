@@ -165,3 +165,28 @@ def test_any_law_of_the_library_may_be_a_contact(axis, law):
     plant["base_level"] = 6
     finer = respond(plant, np.concatenate([np.full(1000, 0.05), np.full(5000, 2.0)]))
     assert np.max(np.abs(finer["x"] - r["x"])) < 3e-8
+
+
+@pytest.mark.parametrize("attraction", [300.0, 3e3, 3e6])
+def test_a_guideway_may_have_generalised_blocks(axis, attraction):
+    """In slip its force obeys df/dt = C (1 − f/s(v)) along the velocities that came out, for C slow to immediate."""
+    from microstage_ros.axis.axis_file import axis_from_dict
+
+    tree = axis.as_dict()
+    values = {"static": (1.8, "N"), "coulomb": (0.9, "N"), "stribeck_velocity": (2e-4, "m/s"), "stribeck_exponent": (1.0, "1"),
+              "viscous": (20.0, "N s/m"), "attraction": (attraction, "N/s"), "stiffness": ([2e6, 4e5], "N/m"), "weight": ([0.6, 0.4], "1")}
+    tree["contacts"]["guideway"] = {
+        "law": "generalised_maxwell_slip", **{k: {"value": v, "unit": unit, "source": "estimate"} for k, (v, unit) in values.items()}}
+    plant = make_plant(axis_from_dict(tree), NoiseSpec.none())
+    for sign in (1.0, -1.0):
+        r = respond(plant, sign * (0.7 + 0.3 * np.sin(90 * TIME)))
+        v, friction = sign * r["v"][500:], sign * r["guide_friction"][500:] - 20.0 * sign * r["v"][500:]
+        assert v.min() > 1e-4                      # all of it slides
+        parts = 20
+        force, expected = friction[0], []
+        fine = np.interp(np.arange(parts * (len(v) - 1)) + 0.5, parts * np.arange(len(v)), v)
+        for n, s in enumerate(0.9 + 0.9 * np.exp(-fine / 2e-4)):
+            force = s + (force - s) * np.exp(-attraction / s * 1e-4 / parts)
+            if n % parts == parts - 1:
+                expected.append(force)
+        np.testing.assert_allclose(friction[1:], expected, rtol=0, atol=1e-3 * np.ptp(friction))
