@@ -225,8 +225,12 @@ def test_payload_change_scales_guideway_friction(quiet):
 def test_payload_change_lowers_the_resonance_and_leaves_the_run_up(quiet):
     e = {"payload_change": {"mass_kg": 3.06}}
     assert resonance(quiet(**e)) == pytest.approx(resonance(quiet()) / np.sqrt(2.0), rel=0.1)
-    reflected = 3.06 * LEAD**2 / 1e-7              # of the rotor's inertia
-    assert reflected < 0.01
+    plain, loaded = quiet(), quiet(**e)
+    for plant in (plain, loaded):
+        plant["guideway"]["blocks"] = plant["actuator"]["blocks"] = 0
+    # mean over the first 6 ms, which the drive train's ringing leaves out; the added inertia's share of the rotor's is the most
+    slower = 1 - np.mean(respond(loaded, np.full(60, 3.0))["omega"]) / np.mean(respond(plain, np.full(60, 3.0))["omega"])
+    assert 0 < slower < 3.06 * LEAD**2 / 1e-7 < 0.01
 
 
 def stage_force(quiet, volts, **effects):
