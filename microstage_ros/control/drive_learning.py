@@ -71,7 +71,7 @@ def learn_drive(p, model, s, period, drop, position, speed, trust):
     follow_shift(p, model, s, period, drop, trust)
     for k in range(3):
         spread = p.resistance_spread if k == 0 else (p.zero_spread if k == 1 else p.emf_spread)
-        s.learned_covariance[k, k] += spread * spread * period / p.forgetting_time
+        s.learned_covariance[k, k] += spread * spread * period / (p.zero_time if k == 1 else p.forgetting_time)
     speed -= take_in(s, s.of_position, s.of_speed, position, noise_x)
     take_in(s, s.of_speed, s.of_position, speed, noise_v)
     s.learned[0] = min(max(s.learned[0], 0.3), 3.0)
