@@ -12,7 +12,7 @@ import numpy as np
 from microstage_ros.control.controller import controller_parameters
 from microstage_ros.control.limits import limits
 from microstage_ros.control.margins import controller_margins
-from microstage_ros.control.observer_trial import observer_trial
+from microstage_ros.control.observer_trial import LEVEL_JUMPS, LEVEL_SINES, level_jump_trial, observer_trial
 from microstage_ros.control.trials import cycle_peaks, gain_jump_trial, sine_trial, step_trial, trial
 from microstage_ros.control.tuning import GUARDED
 from microstage_ros.control.yardsticks import FRESH_SEEDS, STRESS_SINE, best_for_sine, stress_limits, weak_start
@@ -89,6 +89,7 @@ def compare(axis, extent=Extent(), controllers=CONTROLLERS, jobs=1, progress=Non
     result["informed"] = limits(bench)
     result["weak_start"] = weak_start(bench)
     result["observer"] = observation(bench)
+    result["level_jumps"] = level_jumps(bench)
     result["margins"] = {kind: _margins(axis, kind) for kind in controllers}
     return result
 
@@ -249,6 +250,18 @@ def observation(bench):
     for motion in ("sine 10 um", "sine 1 mm", "moves 1 um", "moves 10 um", "moves 1 mm"):
         trials = bench.each(lambda seed: observer_trial(bench.axis, motion, seed), range(min(bench.extent.seeds, 5)))
         found[motion] = {key: max(t[key] for t in trials) for key in trials[0]}
+    return found
+
+
+def level_jumps(bench):
+    """How soon and how well the observer sees the level jump (see `level_jump_trial`): worst over seeds, per sine and jump."""
+    bench.progress("jumps of the level")
+    jobs = [(*sine, factor) for sine in LEVEL_SINES for factor in LEVEL_JUMPS]
+    found = []
+    for job in jobs:
+        trials = bench.each(lambda seed: level_jump_trial(bench.axis, *job, seed), range(bench.extent.seeds))
+        worst = {key: max(t[key] for t in trials) for key in trials[0]}
+        found.append(dict(zip(("amplitude", "frequency", "factor"), job)) | worst)
     return found
 
 

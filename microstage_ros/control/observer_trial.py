@@ -4,7 +4,9 @@ import numpy as np
 
 from microstage_ros.axis.compiled import compiled
 from microstage_ros.control import observer, observer_law
-from microstage_ros.control.trials import trial
+from microstage_ros.control.closed_loop import TRACE
+from microstage_ros.control.profiles import sine
+from microstage_ros.control.trials import jump_trace, trial
 
 MOTIONS = {
     "sine 10 um": [{"sine": {"amplitude_m": 1e-5, "frequency_hz": 0.1, "cycles": 1.0}}],
@@ -13,6 +15,10 @@ MOTIONS = {
     "moves 10 um": [{"move_to_m": place, "dwell_s": 0.3} for place in (1e-5, 0.0, 1e-5, 0.0)],
     "moves 1 mm": [{"move_to_m": place, "dwell_s": 0.3} for place in (1e-3, 0.0, 1e-3, 0.0)],
 }
+LEVEL_JUMPS = (0.85, 1.15)
+LEVEL_SINES = ((1e-5, 0.1), (1e-5, 0.25), (1e-4, 0.25))  # m, Hz
+LEVEL_JUMP_AT, LEVEL_SEEN_BY, LEVEL_JUDGED_TO = 4.0, 6.0, 8.0  # s
+LEVEL_SEEN = 0.02  # error of a level that is seen
 
 
 @compiled
@@ -52,4 +58,31 @@ def observer_trial(axis, motion, seed, kind="self_tuning_observer"):
         "total": float(np.sqrt(np.mean(error**2) / np.mean(true**2))),
         "level": float(np.sqrt(np.mean((trace[slid, 2] - columns["actuator_level"][slid]) ** 2))),
         "position": float(np.sqrt(np.mean((trace[:, 3] - columns["stage_m"]) ** 2))),
+    }
+
+
+def level_jump_trial(axis, amplitude, frequency, factor, seed, kind="self_tuning_observer"):
+    """The friction of both contacts becomes ``factor`` times what it was during a sine ([m], [Hz]), its random part going on.
+
+    ``seen`` [s]: time after which the level is first within `LEVEL_SEEN` of the true one, once that has jumped; ``mean``, ``rms``: of
+    its error from 2 to 4 s after the jump (the true level goes on varying at random).
+    """
+    def jump(plant):
+        for contact in ("actuator", "guideway"):
+            plant[contact]["level"] *= factor
+
+    period = axis.value("period")
+    reference = sine(0.0, amplitude, frequency, LEVEL_JUDGED_TO * frequency, period)
+    row = round(LEVEL_JUMP_AT / period)
+    trace = jump_trace(axis, kind, seed, reference, row, jump)
+    columns = {name: trace[:, n] for n, name in enumerate(TRACE)} | {"t_s": period * np.arange(len(reference))}
+    true = columns["actuator_level"]
+    error = observe(axis, columns)[:, 2] - true
+    jumped = row + int(np.argmax(np.abs(true[row:] / true[row - 1] - 1.0) > 0.5 * abs(factor - 1.0)))
+    seen = np.abs(error[jumped:]) < LEVEL_SEEN
+    late = error[round(LEVEL_SEEN_BY / period) :]
+    return {
+        "seen": (jumped - row + int(np.argmax(seen))) * period if seen.any() else np.inf,
+        "mean": abs(float(np.mean(late))),
+        "rms": float(np.sqrt(np.mean(late**2))),
     }

@@ -84,14 +84,23 @@ def gain_jump_trial(axis, kind, factor, seed, amplitude=1e-5, frequency=0.1, at=
 
     Returns (largest |true position - reference| after the jump, the same over the last fifth) [m].
     """
+    def jump(plant):
+        plant["gain"] *= factor
+
     period = axis.value("period")
     reference = sine(0.0, amplitude, frequency, 1.25, period)
+    trace = jump_trace(axis, kind, seed, reference, round(at / period), jump)
+    error = np.abs(trace[:, TRACE.index("stage_m")] - reference)
+    return float(error[round(at / period) :].max()), float(error[-len(error) // 5 :].max())
+
+
+def jump_trace(axis, kind, seed, reference, row, jump):
+    """Trace (rows, len(TRACE)) of a run along ``reference`` [m] on an axis that ``jump(plant)`` changes before ``row``."""
     plant, readings = make_plant(axis, NoiseSpec()), new_readings()
     state, work, controller = new_state(plant, seed=seed), new_work(plant), make_controller(kind, axis)
-    trace, jump = np.empty((len(reference), len(TRACE))), round(at / period)
-    for part in (slice(0, jump), slice(jump, None)):
+    trace = np.empty((len(reference), len(TRACE)))
+    for part in (slice(0, row), slice(row, None)):
         none = np.zeros_like(reference[part])
         run_loop(plant, state, work, readings, controller.parameters, controller.memory, reference[part], none, none, trace[part])
-        plant["gain"] *= factor
-    error = np.abs(trace[:, TRACE.index("stage_m")] - reference)
-    return float(error[jump:].max()), float(error[-len(error) // 5 :].max())
+        jump(plant)
+    return trace

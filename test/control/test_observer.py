@@ -9,6 +9,7 @@ from microstage_ros.axis.laws.generalised_maxwell_slip import stretch
 from microstage_ros.control import feedforward
 from microstage_ros.control.controller import make_controller
 from microstage_ros.control.observer import FrictionObserver
+from microstage_ros.control.observer_trial import level_jump_trial
 
 SINE = [{"sine": {"amplitude_m": 1e-5, "frequency_hz": 0.25, "cycles": 1.0}}]
 MOVES = [{"move_to_m": place, "dwell_s": 0.2} for place in (1e-6, 0.0, 1e-6)]
@@ -51,6 +52,13 @@ def test_change_of_level_is_seen_within_two_seconds(axis, run, factor):
     after = follow(axis, columns)[int(1.9e4)]
     assert after.level == pytest.approx(factor, abs=0.02)
     assert abs(after.level - factor) < 4 * after.level_stderr + 0.01
+
+
+@pytest.mark.parametrize("factor", [0.85, 1.15])
+def test_a_jump_of_the_level_is_seen_while_friction_varies(axis, factor):
+    found = level_jump_trial(axis, 1e-5, 0.25, factor, seed=31)
+    assert 0.0 < found["seen"] < 2.0
+    assert found["mean"] < 0.02 and found["rms"] < 0.02
 
 
 def test_tells_the_effects_apart(axis, run):
