@@ -28,6 +28,7 @@ def main(argv=None):
     if arguments.evaluations < 0:
         raise InputError("--evaluations", arguments.evaluations, "0 or more")
     axis, console = load_axis(arguments.axis), Console()
+    console.width = max(console.width, 110)  # the table of margins is wide
     cycle = tuning.limit_cycle(axis, seed=arguments.seed)
     console.print(f"limit cycle: ultimate gain {cycle.ultimate_gain:.4g} V/m, period {cycle.ultimate_period * 1e3:.4g} ms, "
                   f"amplitude {cycle.amplitude * 1e6:.3g} um under a relay of {cycle.relay:.3g} V")
