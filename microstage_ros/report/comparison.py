@@ -43,9 +43,10 @@ def comparison_page(result, paper_four_s, paper_sine, configuration, seed):
         f"Worst of {result['seeds']} friction seeds, {result['moves']} moves each.",
     )
     tables = comparison_tables(result, paper_four_s, paper_sine)
-    page.section(tables[0][0])
-    page.table(*tables[0][1:3])
-    page.note(tables[0][3])
+    title, header, rows, remark = tables[0]
+    page.section(title)
+    page.table(header, rows, marked=[n for n, row in enumerate(rows) if any("(no)" in cell for cell in row)])
+    page.note(remark)
     page.section("Sine of 10 µm at 0.03 Hz (Fig. 10)")
     page.figure(tracking_figure(result), "Tracking error of the true position, one seed", "One curve of error against time per controller")
     page.table(*tables[1][1:3])
