@@ -26,7 +26,8 @@ Robust law. The same three products drive the logarithms of the gains, after the
   stick-slip or backlash, keep their damping. Below `prompt` it takes many more swings, so that one jolt of a
   lightly damped axis, which rings down by itself, does not cost more gain than it has to; a swing beyond `large`
   counts in full everywhere, for that is a gap being crossed, where a slow integral is what helps. Below `joint` the
-  ceiling of K_I falls twice as far. None falls below its least, and all rise at `recovery`, slowly, so that an axis
+  ceiling of K_I falls twice as far, and so does what is fed forward; K_I comes up again while reference and error stand
+  still, so that a move ends at its target. None falls below its least, and all rise at `recovery`, slowly, so that an axis
   whose limit was found stays near it.
 """
 
@@ -118,8 +119,8 @@ def adapt_raw(p, s, error, period):
 
 
 @compiled
-def adapt_robust(p, s, error, period):
-    """One period of the robust law on the logarithms of the gains in ``s``."""
+def adapt_robust(p, s, error, speed, period):
+    """One period of the robust law on the logarithms of the gains in ``s``; ``speed`` [m/s] of the reference."""
     outside = max(abs(error) - p.dead_band, 0.0) * (1.0 if error > 0.0 else -1.0)
     share = min(period / (0.1 * p.time_unit), 1.0)
     before = s.filtered
@@ -133,7 +134,9 @@ def adapt_robust(p, s, error, period):
     s.log_ki += rate * max(s.filtered * s.leaky, 0.0)
     s.log_kd += rate * s.filtered * s.slope
     watch_swings(p, s, error, period)
-    project(p, s)
+    long = 10.0 * p.time_unit
+    stands = abs(speed) * long < p.dead_band and s.since > long
+    project(p, s, stands)
 
 
 @compiled
@@ -173,14 +176,25 @@ def lower_ceilings(p, s):
 
 
 @compiled
-def project(p, s):
-    """Bring the gains back into the stable set: floor, ceilings, and not too far from each other."""
+def project(p, s, stands):
+    """Bring the gains back into the stable set: floor, ceilings, and not too far from each other.
+
+    While the axis ``stands`` no gap is being crossed: K_I may come up to K_P, or a move never ends.
+    """
     low = math.log(p.floor)
     wide = math.log(p.spread)
     shrunk = min(s.ceiling - math.log(p.joint), 0.0)
+    if stands and shrunk < 0.0:
+        shrunk = wide
     s.log_kp = min(max(s.log_kp, low), s.ceiling)
     s.log_ki = min(max(s.log_ki, 2.0 * low), max(s.ceiling + shrunk, math.log(p.least_integral)), s.log_kp + wide)
     s.log_kd = min(max(s.log_kd, low, min(s.log_kp, 0.0)), s.damping_ceiling)
+
+
+@compiled
+def fed_forward(p, s):
+    """Share of the feed-forward [1] under the present ceiling: it falls as K_I does, for across a gap it throws the stage too."""
+    return math.exp(2.0 * min(s.ceiling - math.log(p.joint), 0.0))
 
 
 @compiled
@@ -191,7 +205,7 @@ def adaptation_step(p, s, pid_p, pid_s, period):
         pid_change(pid_p, pid_s, pid_s.kp + up, pid_s.ki + ui, pid_s.kd + ud)
         return
     if pid_s.saturated == 0:
-        adapt_robust(p, s, pid_s.error, period)
+        adapt_robust(p, s, pid_s.error, pid_s.reference_velocity, period)
     if s.log_filter > 0.0:
         pid_s.filter_time = pid_p.filter_time * math.exp(s.log_filter)
     kp = pid_p.proportional * math.exp(s.log_kp)

@@ -148,6 +148,7 @@ def dispatch(parameters, state, reference, encoder, current):
     pid.pid_motion(parameters.pid, state.pid, period, reference, encoder)
     if kind != PID_FEEDFORWARD:
         adaptation.adaptation_step(parameters.adaptation, state.adaptation, parameters.pid, state.pid, period)
+        state.feed_forward *= adaptation.fed_forward(parameters.adaptation, state.adaptation)
     return pid.pid_output(parameters.pid, state.pid, period, limit, state.feed_forward)
 
 

@@ -5,6 +5,7 @@ import pytest
 
 from microstage_ros.control import adaptation
 from microstage_ros.control.controller import make_controller
+from microstage_ros.control.trials import step_trial
 
 T = 1e-4
 
@@ -96,6 +97,29 @@ def test_large_swings_are_answered_in_full_and_small_ones_slowly_below_prompt(ax
     p = controller.parameters["adaptation"]
     assert left[0][0] > 0.8 * p["prompt"] and left[1][0] < 0.5 * p["prompt"]
     assert left[1][1] < 2 * p["least_integral"]
+
+
+def test_integral_gain_comes_back_up_to_the_proportional_one_where_the_axis_stands(axis):
+    """An error that stays while the reference rests is no gap being crossed; while the reference moves it may be one."""
+    n, gains = np.arange(4000), {}
+    for rest in (True, False):
+        controller = make_controller("self_tuning", axis)
+        drive(controller, 3e-6 * np.sin(2 * np.pi * 40 * n * T))
+        assert factors(controller)[1] < 0.5 * factors(controller)[0]
+        for k in range(5000):
+            place = 0.0 if rest else 1e-6 * k * T
+            controller.step(place + 2e-7, place)
+        gains[rest] = factors(controller)
+    p = controller.parameters["adaptation"]
+    assert gains[True][1] == pytest.approx(gains[True][0] * p["spread"], rel=1e-3)
+    assert gains[False][1] < 0.5 * gains[False][0]
+
+
+@pytest.mark.parametrize("seed", [32, 35])
+def test_moves_through_lost_motion_end_at_their_target(axis, seed):
+    """Within the dwell of 0.4 s; with the integral left slow and all of the friction fed forward some end 200 nm short."""
+    errors = step_trial(axis, "self_tuning_feedforward", {}, 1e-5, seed, 8, effects={"backlash": {"width_rad": 0.00873}}).errors
+    assert np.abs(errors[3:]).max() < 1e-7
 
 
 def test_observer_law_gives_way_by_its_own_numbers(axis):
