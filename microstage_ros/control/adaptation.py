@@ -58,6 +58,10 @@ GAINS = (
     Gain("least_integral", "1", 1e-4, 1.0, 0.03, "lowest that swings may bring the ceiling of K_I"),
     Gain("ceiling", "1", 1.0, 100.0, 1.2, "highest gains over the tuned ones"),
     Gain("spread", "1", 1.0, 10.0, 1.5, "how far K_I may be ahead of K_P"),
+    Gain("calm_gain", "1", 0.05, 1.0, 1.0, "gains at rest over those in motion"),
+    Gain("calm_damping", "1", 0.05, 1.0, 1.0, "K_D at rest over that, beside"),
+    Gain("calm_band", "m", 0.0, 1e-3, 5.0e-8, "error up to which the axis is at rest"),
+    Gain("calm_time", "s", 1e-3, 1e3, 0.1, "time in which it comes to rest"),
 )
 SLOWLY = 0.04  # of `back_off`, below `prompt`
 PARAMETERS = record_type(GAINS)
@@ -78,6 +82,7 @@ STATE_FIELDS = [
     ("log_kp", "f8"),  # natural logarithms of the gains over the tuned ones
     ("log_ki", "f8"),
     ("log_kd", "f8"),
+    ("calm", "f8"),  # 0: in motion, 1: at rest
 ]
 
 
@@ -97,6 +102,7 @@ def adaptation_reset(p, s, pid_s):
     s.ceiling = math.log(p.ceiling)
     s.damping_ceiling = s.ceiling
     s.log_filter = 0.0
+    s.calm = 0.0
     s.log_kp = math.log(p.start)
     s.log_ki = s.log_kp
     s.log_kd = s.log_kp
@@ -198,6 +204,15 @@ def fed_forward(p, s):
 
 
 @compiled
+def come_to_rest(p, s, pid_s, period):
+    """Follow whether the axis is at rest at its target: stuck blocks hold it, and gains only pass on the encoder's noise."""
+    if pid_s.reference_velocity == 0.0 and abs(pid_s.error) < p.calm_band:
+        s.calm = min(s.calm + period / p.calm_time, 1.0)
+    else:
+        s.calm = 0.0
+
+
+@compiled
 def adaptation_step(p, s, pid_p, pid_s, period):
     """Tune the gains of ``pid_s`` from its newest error, without a jump of the output."""
     if p.raw > 0.5:
@@ -208,7 +223,9 @@ def adaptation_step(p, s, pid_p, pid_s, period):
         adapt_robust(p, s, pid_s.error, pid_s.reference_velocity, period)
     if s.log_filter > 0.0:
         pid_s.filter_time = pid_p.filter_time * math.exp(s.log_filter)
-    kp = pid_p.proportional * math.exp(s.log_kp)
-    ki = pid_p.proportional / pid_p.integral_time * math.exp(s.log_ki)
-    kd = pid_p.proportional * pid_p.derivative_time * math.exp(s.log_kd)
+    come_to_rest(p, s, pid_s, period)
+    share = 1.0 - s.calm * (1.0 - p.calm_gain)
+    kp = share * pid_p.proportional * math.exp(s.log_kp)
+    ki = share * pid_p.proportional / pid_p.integral_time * math.exp(s.log_ki)
+    kd = share * (1.0 - s.calm * (1.0 - p.calm_damping)) * pid_p.proportional * pid_p.derivative_time * math.exp(s.log_kd)
     pid_change(pid_p, pid_s, kp, ki, kd)

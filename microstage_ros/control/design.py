@@ -15,6 +15,7 @@ ENCODER_PERIOD = 5.0e-4  # s; up to it the encoder-only bandwidths hold
 ENCODER = {"b": 381.0, "w_p": 345.0, "w_i": 130.0, "lag": 1.62e-3}
 SAMPLING_LAG = 1.5  # periods, of reading, difference and hold: what is left of `lag` is the derivative's filter
 FRICTION_SHARE = 0.6  # fed forward where nothing tells the level: more of it builds up an overshoot from short move to short move
+CALM_PERIOD, LEAST_CALM = 1.25e-4, 0.5  # s; at longer ones the encoder's noise would rattle an axis at rest; least share of the gains there
 NCTF = {"b": 455.0, "filter_time": 1.64e-3}
 OBSERVER = {"b": 2200.0, "w_p": 270.0, "w_i": 80.0, "acceleration_noise": 5e-5}
 OBSERVER_PERIOD = 2.5e-4  # s; within longer ones friction moves more than the model says
@@ -86,6 +87,9 @@ def designed_gains(type_name, model, period):
     if type_name in ("none", "cascade"):
         return {}
     gains = encoder_gains(model, period)
+    if type_name in ("self_tuning", "self_tuning_feedforward"):
+        calm = max(min(1.0, math.sqrt(CALM_PERIOD / period)), LEAST_CALM)
+        gains |= {"calm_gain": calm, "calm_damping": calm}
     if type_name in ("pid_feedforward", "self_tuning_feedforward"):
         gains["friction_share"] = FRICTION_SHARE
     return gains

@@ -135,5 +135,30 @@ def test_loop_that_swings_is_calmed(axis, run):
     assert swing["pid"] > 1e-6 and swing["self_tuning"] < 2e-7
 
 
+def test_gains_fade_at_rest_and_come_back_with_the_first_motion(axis):
+    controller = make_controller("self_tuning", axis, calm_gain=0.5, calm_damping=0.4, calm_time=0.1)
+    tuned = controller.parameters["pid"]
+    full = tuned["proportional"] * np.array([1.0, 1.0 / tuned["integral_time"], tuned["derivative_time"]])
+    outputs = [controller.step(0.0, 0.0) for _ in range(1500)]
+    assert max(outputs) == min(outputs) == 0.0
+    state = controller.state
+    at_rest = np.array([state.proportional_gain, state.integral_gain, state.derivative_gain])
+    np.testing.assert_allclose(at_rest, full * [0.5, 0.5, 0.2], rtol=1e-12)
+    before = controller.step(0.0, 4e-8)  # within the band: a jump of the gains would show in the output
+    again = drive(controller, [1e-9])[0]
+    np.testing.assert_allclose(again, full, rtol=1e-9)
+    assert abs(before) > 0.0
+    drive(controller, [1e-9] * 1500)
+    away = drive(controller, [1e-6])[0]
+    np.testing.assert_allclose(away, full, rtol=0.05)
+
+
+@pytest.mark.parametrize("kind", ["self_tuning", "self_tuning_feedforward"])
+def test_noise_does_not_rattle_an_axis_at_rest_at_long_periods(axis, kind):
+    rest = [step_trial(axis, kind, gains, 1e-5, 41, 4, period_s=1e-3).rest for gains in ({}, {"calm_gain": 1.0, "calm_damping": 1.0})]
+    assert np.median(rest[0]) < 0.6 * np.median(rest[1])
+    assert make_controller(kind, axis).parameters["adaptation"]["calm_gain"] == 1.0
+
+
 def test_registered_gains_are_those_of_the_record():
     assert [gain.name for gain in adaptation.GAINS] == list(adaptation.PARAMETERS.names)
