@@ -5,10 +5,22 @@ warms up, the amplifier has a gain and a zero, the motor constant spreads. Encod
 motion, so what they disagree on tells (compiled parts of `observer_law`).
 """
 
+import math
+
 from microstage_ros.axis.compiled import compiled
 
 JOLT_TIME = 1e-2  # s, for which a jolt is remembered
+JOLTED = 5.0  # doubts in the encoder beyond which something goes on that is not the drive (backlash, a jolt)
 LAGS = 4  # voltage delays told apart, in periods
+EXCITED = 1e-6  # V^2, mean square of voltage steps that tells the delay: 1 mV rms
+LAG_SURE = 0.8  # share of the current's steps that follow the voltage of one delay, once that is sure
+SURE = 4.0  # doubts in the voltage that a step of it is beyond when the drive has changed
+RARE = 6.0  # and rms steps of late
+WINDING = 0.1  # share of a change of voltage that the current may follow in another way
+RESTLESS_TIME = 0.1  # s, memory of these
+STEADY_TIME = 2e-2  # s, for which all has been explained before: a first move with a drive not yet known has no steps
+GAIN_SPREAD = 1.0  # standard deviation of gain over former gain after a change
+ZERO_SPREAD = 0.03  # V, of the amplifier's zero after a change
 
 
 @compiled
@@ -26,14 +38,92 @@ def forget_drive(p, s):
 
 
 @compiled
-def find_lag(s, voltage, step):
-    """Which past voltage the current follows, from its newest ``step`` [A]; keeps the voltages [V].
-
-    True if it is another one than before.
-    """
+def keep_voltage(s, voltage):
+    """Remember the ``voltage`` [V] of the newest period."""
     for j in range(LAGS, 0, -1):
         s.voltages[j] = s.voltages[j - 1]
     s.voltages[0] = voltage
+
+
+@compiled
+def speed_innovation(model, s, drop):
+    """Speed [m/s] by the voltage of the found delay less R i = ``drop`` [V], less the predicted one."""
+    return (s.voltages[s.lag] - s.learned[0] * drop - s.learned[1]) / model.volts_per_velocity - s.learned[2] * s.v
+
+
+@compiled
+def compare_voltage(model, s, drop):
+    """Keep what R i = ``drop`` [V] and speed call for beyond the applied voltage [V]."""
+    s.unexplained = -model.volts_per_velocity * speed_innovation(model, s, drop)
+    s.drop = drop
+    s.speed = s.v
+
+
+@compiled
+def drive_changed(p, model, s, period, drop):
+    """Whether current and speed call for another voltage than the applied one all of a sudden.
+
+    Nothing but the drive itself can do that: a force on the motor takes many periods, since it has to turn the rotor first.
+    """
+    low, high = min(s.voltages), max(s.voltages)
+    sure = s.answers[s.lag] * model.resistance * s.learned[0] > LAG_SURE * s.excitation and s.excitation > EXCITED
+    unsettled = (WINDING if sure else 1.0) * (high - low)
+    before = s.unexplained
+    expected = voltage_variance(model, s, drop - s.drop, s.v - s.speed, 0.0)
+    compare_voltage(model, s, drop)
+    now, step = s.unexplained, s.unexplained - before
+    doubt = max(SURE * SURE * p.voltage_noise * p.voltage_noise, RARE * RARE * s.restless) + unsettled * unsettled
+    sudden = step * step > doubt + SURE * SURE * expected
+    beyond = now * now > doubt + SURE * SURE * voltage_variance(model, s, drop, s.v, 1.0)
+    s.since += period
+    if sudden and beyond and (s.steady > STEADY_TIME or s.changes > 0 and s.since < 3.5 * period):
+        s.steady = 0.0
+        return True
+    steady = now * now < doubt and s.jolt < JOLTED * p.encoder_noise
+    s.steady = s.steady + period if steady else 0.0
+    memory = RESTLESS_TIME if s.changes > 0 else min(RESTLESS_TIME, s.since)
+    s.restless += period / max(memory, period) * (step * step - s.restless)
+    return False
+
+
+@compiled
+def relearn(p, model, s, drop):
+    """After a change of the drive: any gain or zero is possible again, and the newest speed tells which.
+
+    The motion was not led astray by it so far: the voltage is wrong since this period only.
+    """
+    for k in range(0, 3, 2):
+        for j in range(k, 3, 2):
+            s.learned_covariance[k, j] += GAIN_SPREAD * GAIN_SPREAD * s.learned[k] * s.learned[j]
+    s.learned_covariance[1, 1] += ZERO_SPREAD * ZERO_SPREAD
+    s.shift[:] = 0.0
+    s.jolt = 0.0
+    for k in range(3):
+        s.of_speed[k] = direct_effect(model, s, drop, k)
+    noise = p.voltage_noise / model.volts_per_velocity
+    take_in(s, s.of_speed, s.of_position, speed_innovation(model, s, drop), noise * noise)
+    bound_learned(p, s)
+
+
+@compiled
+def direct_effect(model, s, drop, k):
+    """Change of the speed's innovation per unit error of what is learned, ``k``-th of R, zero, back-EMF."""
+    return drop / model.volts_per_velocity if k == 0 else (1.0 / model.volts_per_velocity if k == 1 else s.v)
+
+
+@compiled
+def bound_learned(p, s):
+    """Keep what is learned within what a drive can be."""
+    s.learned[0] = min(max(s.learned[0], 0.3), 3.0)
+    s.learned[1] = min(max(s.learned[1], -1.0), 1.0)
+    # a gain of the amplifier looks like both R and back-EMF, a warm winding like R alone; the motor itself hardly changes
+    low, high = min(s.learned[0], 1.0), max(s.learned[0], 1.0)
+    s.learned[2] = min(max(s.learned[2], low * (1.0 - p.emf_spread)), high * (1.0 + p.emf_spread))
+
+
+@compiled
+def find_lag(s, step):
+    """Which past voltage the current follows, from its newest ``step`` [A]. True if it is another one than before."""
     best = s.lag
     for j in range(LAGS):
         s.answers[j] += 0.01 * (step * (s.voltages[j] - s.voltages[j + 1]) - s.answers[j])
@@ -41,7 +131,8 @@ def find_lag(s, voltage, step):
             best = j
     change = s.voltages[0] - s.voltages[1]
     s.excitation += 0.01 * (change * change - s.excitation)
-    if s.excitation < 1e-6 or best == s.lag:  # 1 mV rms of steps: enough to tell
+    restored = s.changes == 0 or s.since > STEADY_TIME  # what a change of the drive shakes says nothing of the delay
+    if s.excitation < EXCITED or best == s.lag or not restored:
         return False
     s.lag = best
     return True
@@ -65,7 +156,7 @@ def learn_drive(p, model, s, period, drop, position, speed, trust):
     noise_v *= noise_v
     # while the encoder is far beyond its noise, something else is going on (backlash, a jolt): learn less
     s.jolt = max(abs(position), s.jolt * (1.0 - min(period / JOLT_TIME, 1.0)))
-    doubt = max(1.0, s.jolt / (5.0 * p.encoder_noise))
+    doubt = max(1.0, s.jolt / (JOLTED * p.encoder_noise))
     noise_x *= doubt * doubt
     noise_v *= doubt * doubt
     follow_shift(p, model, s, period, drop, trust)
@@ -74,24 +165,18 @@ def learn_drive(p, model, s, period, drop, position, speed, trust):
         s.learned_covariance[k, k] += spread * spread * period / (p.zero_time if k == 1 else p.forgetting_time)
     speed -= take_in(s, s.of_position, s.of_speed, position, noise_x)
     take_in(s, s.of_speed, s.of_position, speed, noise_v)
-    s.learned[0] = min(max(s.learned[0], 0.3), 3.0)
-    s.learned[1] = min(max(s.learned[1], -1.0), 1.0)
-    # a gain of the amplifier looks like both R and back-EMF, a warm winding like R alone; the motor itself hardly changes
-    low, high = min(s.learned[0], 1.0), max(s.learned[0], 1.0)
-    s.learned[2] = min(max(s.learned[2], low * (1.0 - p.emf_spread)), high * (1.0 + p.emf_spread))
+    bound_learned(p, s)
 
 
 @compiled
 def follow_shift(p, model, s, period, drop, trust):
     """One period of ``shift``, and by how much each innovation changes per unit error of what is learned."""
-    emf = model.volts_per_velocity
     for k in range(3):
         shift = s.shift[k]
-        direct = drop / emf if k == 0 else (1.0 / emf if k == 1 else s.v)
         shift[0] += shift[1] * period
         shift[1] -= shift[2] * period
         s.of_position[k] = -shift[0]
-        s.of_speed[k] = direct - shift[1]
+        s.of_speed[k] = direct_effect(model, s, drop, k) - shift[1]
         for j in range(3):
             shift[j] += (trust * p.motion_gain[j, 0] + (1.0 - trust) * p.encoder_gain[j]) * s.of_position[k]
             shift[j] += trust * p.motion_gain[j, 1] * s.of_speed[k]
@@ -132,8 +217,8 @@ def trust_in_speed(p, variance):
 
 
 @compiled
-def voltage_variance(model, s, drop):
-    """Variance [V^2] that R, zero and back-EMF leave in the voltage behind the back-EMF."""
-    c, emf = s.learned_covariance, model.volts_per_velocity * s.v
-    found = c[0, 0] * drop * drop + c[1, 1] + c[2, 2] * emf * emf
-    return max(found + 2.0 * (c[0, 1] * drop + c[0, 2] * drop * emf + c[1, 2] * emf), 0.0)
+def voltage_variance(model, s, drop, speed, zero):
+    """Variance [V^2] that R, zero and back-EMF leave in R i + zero o + E v, R i = ``drop`` [V], v = ``speed`` [m/s]."""
+    c, emf = s.learned_covariance, model.volts_per_velocity * speed
+    found = c[0, 0] * drop * drop + c[1, 1] * zero * zero + c[2, 2] * emf * emf
+    return max(found + 2.0 * (c[0, 1] * drop * zero + c[0, 2] * drop * emf + c[1, 2] * emf * zero), 0.0)

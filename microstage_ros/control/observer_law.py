@@ -27,9 +27,14 @@ from microstage_ros.axis.compiled import compiled
 from microstage_ros.control import feedforward, lost_motion
 from microstage_ros.control.drive_learning import (
     LAGS,
+    compare_voltage,
+    drive_changed,
     find_lag,
     forget_drive,
+    keep_voltage,
     learn_drive,
+    relearn,
+    speed_innovation,
     settled_drop,
     trust_in_speed,
     voltage_variance,
@@ -71,6 +76,13 @@ STATE_FIELDS = [
     ("acceleration", "f8"),  # m/s^2, of the period before
     ("learned", "f8", 3),  # R over nominal [1], zero of the amplifier [V], back-EMF over nominal [1]
     ("learned_covariance", "f8", (3, 3)),  # of their errors; the upper triangle is kept
+    ("unexplained", "f8"),  # V, of what current and speed call for
+    ("drop", "f8"),  # V, nominal R i
+    ("speed", "f8"),  # m/s, that these belong to
+    ("steady", "f8"),  # s, for which the voltage has been what they call for
+    ("since", "f8"),  # s, since the start or the last change of the drive
+    ("restless", "f8"),  # V^2, mean square of its steps
+    ("changes", "i8"),  # of the drive
     ("jolt", "f8"),  # m, largest innovation of the position of late
     ("of_position", "f8", 3),  # change of the position's innovation per unit error of what is learned
     ("of_speed", "f8", 3),
@@ -104,6 +116,13 @@ def observer_reset(p, s):
     forget_drive(p, s)
     s.excitation = 0.0
     s.lag = 0
+    s.unexplained = 0.0
+    s.drop = 0.0
+    s.speed = 0.0
+    s.steady = 0.0
+    s.since = 0.0
+    s.restless = 0.0
+    s.changes = 0
     for j in range(LAGS):
         s.voltages[j] = 0.0
         s.answers[j] = 0.0
@@ -262,8 +281,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     """One control period: ``encoder`` [m] and ``current`` [A] of now, ``voltage`` [V] held until now."""
     senses, fall = model.force_per_ampere > 0.0 and math.isfinite(current), 0.0
     if senses:
-        if find_lag(s, voltage, current - s.current):
-            forget_drive(p, s)  # learned from voltages of another period
+        keep_voltage(s, voltage)
         rest = p.transient
         part = model.settling / period - rest / (1.0 - rest)
         force = model.force_per_ampere * (current + part * (s.current - current))
@@ -283,8 +301,15 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     speed, drop, trust, doubt = 0.0, 0.0, 0.0, 0.0
     if senses:
         drop = settled_drop(p, model, s, current)
-        speed = (s.voltages[s.lag] - s.learned[0] * drop - s.learned[1]) / model.volts_per_velocity - s.learned[2] * s.v
-        doubt = voltage_variance(model, s, drop)
+        if drive_changed(p, model, s, period, drop):
+            relearn(p, model, s, drop)
+            s.calm = 0.0
+            s.since = 0.0 if s.since > 1e-3 else s.since
+            s.changes += 1
+        elif find_lag(s, current - s.current):
+            forget_drive(p, s)  # learned from voltages of another period
+        speed = speed_innovation(model, s, drop)
+        doubt = voltage_variance(model, s, drop, s.v, 1.0)
         trust = trust_in_speed(p, doubt)
         s.current = current
     position = encoder - s.x
@@ -300,10 +325,12 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         position = encoder - s.x
     if s.contact != TOUCHING:
         correct_apart(p, model, s, period, position, speed, trust)
+        compare_voltage(model, s, drop)
         return
     correct(p, s, position, speed, trust)
     if senses:
         learn_drive(p, model, s, period, drop, position, speed, trust)
+        compare_voltage(model, s, drop)
     learn_level(p, model, s, period)
     if model.has_actuator != 0:
         absorb(model, s, period)

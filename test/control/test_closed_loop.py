@@ -73,12 +73,11 @@ def test_overshoot_is_within_five_percent_or_two_counts(axis, kind, distance):
     assert trial.rest.max() < 50e-9 and np.all(trial.settling < 0.15)
 
 
-def test_observer_law_learns_an_amplifier_whose_gain_jumps(axis):
-    """Cut at the amplifier with nothing learned the loop has a margin of about 1 dB; learning holds it at 6 dB either way."""
-    for factor in (0.5, 2.0):
-        peaks, afterwards = zip(*(gain_jump_trial(axis, "self_tuning_observer", factor, seed=seed) for seed in (0, 1, 2)))
-        assert 1e-7 < max(peaks) < 2e-5 and max(afterwards) < 40e-9   # of some seeds the jump is hardly felt
-    assert gain_jump_trial(axis, "self_tuning_observer", 1.0, seed=0)[0] < 40e-9
+@pytest.mark.parametrize("factor, peak_nm", [(0.4, 90), (0.5, 70), (0.7, 45), (1.4, 35), (2.0, 50), (2.5, 60)])
+def test_observer_law_learns_an_amplifier_whose_gain_jumps(axis, factor, peak_nm):
+    """Cut at the amplifier with nothing learned the loop has a margin of about 1 dB; the jump is noticed within a period."""
+    peaks, afterwards = zip(*(gain_jump_trial(axis, "self_tuning_observer", factor, seed=seed) for seed in (0, 1)))
+    assert max(peaks) < 1e-9 * peak_nm and max(afterwards) < 25e-9
 
 
 @pytest.mark.parametrize("effects, period_s", [

@@ -1,0 +1,88 @@
+"""A change of the drive: found within periods, learned from one reading, never found where there is none."""
+
+import numpy as np
+import pytest
+
+from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
+from microstage_ros.control import drive_learning
+from microstage_ros.control.closed_loop import TRACE, run_loop
+from microstage_ros.control.controller import make_controller
+from microstage_ros.control.observer import FrictionObserver
+from microstage_ros.control.profiles import sine
+
+BEFORE, AFTER = 0.3, 5e-4  # s
+
+
+def run_until_changed(axis, change, seed=0, after=AFTER, **conditions):
+    """Memory of the observer, before and ``after`` [s] from when ``change`` was applied to the plant."""
+    reference = sine(0.0, 1e-5, 0.5, 0.5, 1e-4)
+    plant, readings = make_plant(axis, NoiseSpec(), **conditions), new_readings()
+    state, work, controller = new_state(plant, seed=seed), new_work(plant), make_controller("self_tuning_observer", axis)
+    seen, start = [], 0
+    for seconds in (BEFORE, after):
+        part = reference[start : start + round(seconds / 1e-4)]
+        none, start = np.zeros_like(part), start + len(part)
+        run_loop(plant, state, work, readings, controller.parameters, controller.memory, part, none, none, np.empty((0, len(TRACE))))
+        seen.append(controller.memory["observer"].copy())
+        change(plant)
+    return seen
+
+
+@pytest.mark.parametrize("factor", [0.4, 0.5, 0.7, 0.85, 1.2, 1.4, 2.0, 2.5])
+@pytest.mark.parametrize("delay", [0.0, 2e-4])
+def test_jump_of_the_gain_is_found_and_learned_within_five_periods(axis, factor, delay):
+    def jump(plant):
+        plant["gain"] *= factor
+
+    before, after = run_until_changed(axis, jump, after=AFTER + delay, effects={"transport_delay": {"delay_s": delay}})
+    assert before["changes"] == 0 and after["changes"] >= 1
+    drop, emf = float(after["drop"]), 393.3 * float(after["v"])
+    called = after["learned"][0] * drop + after["learned"][1] + after["learned"][2] * emf
+    assert called == pytest.approx((drop + emf) / factor, rel=0.03, abs=2e-3)
+
+
+def test_jump_of_the_zero_is_found(axis):
+    def jump(plant):
+        plant["amplifier_offset"] += 0.05
+
+    before, after = run_until_changed(axis, jump)
+    assert before["changes"] == 0 and after["changes"] >= 1
+
+
+SINE = [{"sine": {"amplitude_m": 1e-5, "frequency_hz": 0.25, "cycles": 1.0}}]
+MOVES = [{"move_to_m": place, "dwell_s": 0.1} for place in (1e-5, 0.0, 1e-3)]
+
+
+@pytest.mark.parametrize("conditions", [
+    {},
+    {"effects": {"friction_level_change": {"factor": 2.0}}},
+    {"effects": {"payload_change": {"mass_kg": 6.12}}},
+    {"effects": {"drive_compliance": {"stiffness_factor": 0.33}}},
+    {"effects": {"transport_delay": {"delay_s": 2e-4}}},
+    {"effects": {"resistance_rise": {"initial": 0.2, "time_s": 5.0}}},
+    {"effects": {"amplifier_gain": {"factor": 0.5}}},
+    {"noise": {"current_A": 1e-3}},
+    {"period_s": 1e-3},
+])
+def test_no_change_is_found_where_there_is_none(axis, run, conditions):
+    for program in (SINE, MOVES):
+        columns = run("self_tuning_observer", program, seed=3, **conditions)
+        observer = FrictionObserver(axis, period=conditions.get("period_s"))
+        voltage = np.concatenate([[0.0], columns["voltage_V"][:-1]])
+        observer.advance_all(columns["encoder_m"], voltage, columns["current_A"])
+        assert observer.memory["changes"] == 0
+
+
+@pytest.mark.parametrize("factor", [0.4, 2.5])
+def test_new_gain_from_one_reading_is_voltage_over_what_it_should_be(axis, factor):
+    """Where gain alone may have changed: 1 / factor = (u - o) / (R i + E v), whatever was believed before."""
+    observer = FrictionObserver(axis)
+    memory, model, parameters = observer.memory, observer.model, observer.parameters
+    parameters["voltage_noise"] = 1e-6
+    drop, speed = 0.11, 2e-4
+    emf = float(model["volts_per_velocity"]) * speed
+    memory["v"], memory["learned_covariance"] = speed, 0.0
+    memory["voltages"][:] = (drop + emf) / factor
+    drive_learning.relearn(parameters, model, memory, drop)
+    called = memory["learned"][0] * drop + memory["learned"][1] + memory["learned"][2] * emf
+    assert called == pytest.approx((drop + emf) / factor, rel=1e-3)
