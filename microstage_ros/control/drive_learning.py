@@ -13,6 +13,8 @@ JOLT_TIME = 1e-2  # s, for which a jolt is remembered
 JOLTED = 5.0  # doubts in the encoder beyond which something goes on that is not the drive (backlash, a jolt)
 LAGS = 4  # voltage delays told apart, in periods
 EXCITED = 1e-6  # V^2, mean square of voltage steps that tells the delay: 1 mV rms
+TOLD = 2.0  # doubts in the voltage that its rms steps are beyond when they tell of another delay
+LAG_LEAST = 0.3  # share of the current's steps that follow the voltage of another delay at least
 LAG_SURE = 0.8  # share of the current's steps that follow the voltage of one delay, once that is sure
 SURE = 4.0  # doubts in the voltage that a step of it is beyond when the drive has changed
 RARE = 6.0  # and rms steps of late
@@ -122,8 +124,11 @@ def bound_learned(p, s):
 
 
 @compiled
-def find_lag(s, step):
-    """Which past voltage the current follows, from its newest ``step`` [A]. True if it is another one than before."""
+def find_lag(p, model, s, step):
+    """Which past voltage the current follows, from its newest ``step`` [A]. True if it is another one than before.
+
+    At rest the loop's steps of voltage are no larger than the amplifier's noise, and any delay may seem to fit for a while.
+    """
     best = s.lag
     for j in range(LAGS):
         s.answers[j] += 0.01 * (step * (s.voltages[j] - s.voltages[j + 1]) - s.answers[j])
@@ -132,7 +137,8 @@ def find_lag(s, step):
     change = s.voltages[0] - s.voltages[1]
     s.excitation += 0.01 * (change * change - s.excitation)
     restored = s.changes == 0 or s.since > STEADY_TIME  # what a change of the drive shakes says nothing of the delay
-    if s.excitation < EXCITED or best == s.lag or not restored:
+    told = s.excitation > TOLD * TOLD * p.voltage_noise * p.voltage_noise
+    if not told or best == s.lag or not restored or s.answers[best] * model.resistance * s.learned[0] < LAG_LEAST * s.excitation:
         return False
     s.lag = best
     return True

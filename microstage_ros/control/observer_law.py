@@ -306,7 +306,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
             s.calm = 0.0
             s.since = 0.0 if s.since > 1e-3 else s.since
             s.changes += 1
-        elif find_lag(s, current - s.current):
+        elif find_lag(p, model, s, current - s.current):
             forget_drive(p, s)  # learned from voltages of another period
         speed = speed_innovation(model, s, drop)
         doubt = voltage_variance(model, s, drop, s.v, 1.0)

@@ -73,6 +73,12 @@ def test_overshoot_is_within_five_percent_or_two_counts(axis, kind, distance):
     assert trial.rest.max() < 50e-9 and np.all(trial.settling < 0.15)
 
 
+def test_a_calm_loop_at_rest_is_not_taken_for_another_delay(axis):
+    """Steps of voltage as small as the amplifier's noise once found delays that were none, and R went astray with them."""
+    trial = step_trial(axis, "self_tuning_observer", {"calm_gain": 0.5, "calm_time": 0.03}, 1e-5, 304, 8)
+    assert np.abs(trial.errors).max() < 1e-8 and trial.rest.max() < 2e-8
+
+
 @pytest.mark.parametrize("factor, peak_nm", [(0.4, 90), (0.5, 70), (0.7, 45), (1.4, 35), (2.0, 50), (2.5, 60)])
 def test_observer_law_learns_an_amplifier_whose_gain_jumps(axis, factor, peak_nm):
     """Cut at the amplifier with nothing learned the loop has a margin of about 1 dB; the jump is noticed within a period."""
