@@ -171,7 +171,7 @@ def regulate(parameters, state, reference):
     state.pid.error = gap_crossing.cross_step(
         crossing, parameters.observer, observer, period, reference - observer.x, speed
     )
-    state.pid.reference_velocity = speed + crossing.offset_speed
+    state.pid.reference_velocity = speed + crossing.held_speed
     state.feed_forward = feedforward.feedforward_step(
         model, state.feedforward, period, reference, observer.level, 1.0, crossing.offset_speed
     )
