@@ -27,6 +27,7 @@ from microstage_ros.axis.compiled import compiled
 from microstage_ros.control import feedforward, lost_motion
 from microstage_ros.control.drive_learning import (
     LAGS,
+    apply_learned,
     compare_voltage,
     drive_changed,
     find_lag,
@@ -79,6 +80,7 @@ STATE_FIELDS = [
     ("learned", "f8", 3),  # R over nominal [1], zero of the amplifier [V], back-EMF over nominal [1]
     ("learned_covariance", "f8", (3, 3)),  # of their errors; the upper triangle is kept
     ("unexplained", "f8"),  # V, of what current and speed call for
+    ("applied", "f8", 3),  # what is learned, as the controller counts with it
     ("drop", "f8"),  # V, nominal R i
     ("speed", "f8"),  # m/s, that these belong to
     ("steady", "f8"),  # s, for which the voltage has been what they call for
@@ -116,6 +118,7 @@ def observer_reset(p, s):
     s.current = 0.0
     s.acceleration = 0.0
     forget_drive(p, s)
+    s.applied[:] = s.learned
     s.excitation = 0.0
     s.lag = 0
     s.unexplained = 0.0
@@ -320,6 +323,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
             s.changes += 1
         elif find_lag(p, model, s, current - s.current):
             forget_drive(p, s)  # learned from voltages of another period
+        apply_learned(p, s, period)
         speed = speed_innovation(model, s, drop)
         doubt = voltage_variance(model, s, drop, s.v, 1.0)
         trust = trust_in_speed(p, doubt)
