@@ -17,12 +17,14 @@ Robust law. The same three products drive the logarithms of the gains, after the
   size of the move;
 * S forgets with 10 tau and only e S > 0 counts: an error that persists raises K_I, an overshoot does not
   make it collapse;
-* the gains stay between `floor` and `ceiling` times the tuned ones, K_I at most `spread` times ahead of K_P,
-  and K_D not behind it: the stable set, whose margins `control.margins` computes;
+* the gains stay between `floor` and a ceiling times the tuned ones (`ceiling`, `integral_ceiling`, `damping_ceiling`), K_I at
+  most `spread` times ahead of K_P, K_D not behind K_P, nor behind a raised K_I by more than `follow` allows; a raised K_D
+  brings a longer filter. That is beyond the tuned margins, and stands only as long as nothing swings;
 * the set shrinks where the axis says so. A swing is a half wave of the error's fast part beyond
   `alternation`, shorter than 10 tau; the fifth in a row and every later one is answered. Swings faster than
-  tau / 2 are those of a resonance: a longer filter of the derivative first, up to `filter_ceiling`, then less
-  K_D (by `damping_share`). Every other answer lowers the ceilings of K_P and K_I by `back_off`; slow swings, of
+  tau / 2 are those of a resonance: a longer filter of the derivative first, up to `filter_ceiling`, and with it lower ceilings
+  (`soft_...`): on a loaded or soft axis it is K_I that lets a creeping stage hunt, so where friction is fed forward, the
+  feed-forward takes over from it (`soft_share`). Then less K_D (by `damping_share`). Every other answer lowers the ceilings of K_P and K_I by `back_off`; slow swings, of
   stick-slip or backlash, keep their damping. Below `prompt` it takes many more swings, so that one jolt of a
   lightly damped axis, which rings down by itself, does not cost more gain than it has to; a swing beyond `large`
   counts in full everywhere, for that is a gap being crossed, where a slow integral is what helps. Below `joint` the
@@ -47,7 +49,11 @@ GAINS = (
     Gain("prompt", "1", 1e-4, 1.0, 0.6, "ceiling over the tuned gains below which swings lower it slowly"),
     Gain("large", "m", 1e-9, 1.0, 6.0e-7, "swing that is answered in full below `prompt` too"),
     Gain("joint", "1", 1e-4, 1.0, 0.4, "ceiling of K_P below which that of K_I falls twice as far"),
-    Gain("filter_ceiling", "1", 1.0, 100.0, 3.0, "longest filter time over the tuned one"),
+    Gain("filter_ceiling", "1", 1.0, 100.0, 2.5, "longest filter time over the tuned one"),
+    Gain("soft_proportional", "1", 1e-4, 100.0, 0.5, "ceiling of K_P under the longest filter"),
+    Gain("soft_integral", "1", 1e-4, 100.0, 0.12, "ceiling of K_I under the longest filter"),
+    Gain("soft_damping", "1", 1e-4, 100.0, 0.8, "ceiling of K_D under the longest filter"),
+    Gain("soft_share", "1", 0.0, 2.0, 0.9, "share of the friction that is fed forward under the longest filter"),
     Gain("recovery", "1/s", 0.0, 100.0, 0.003, "rise of the logarithm of a lowered ceiling"),
     Gain("dead_band", "m", 0.0, 1e-3, 2.5e-8, "error that teaches nothing"),
     Gain("alternation", "m", 1e-10, 1e-3, 4.0e-8, "smallest half wave of the error that is called a swing"),
@@ -56,15 +62,24 @@ GAINS = (
     Gain("least_ceiling", "1", 1e-4, 1.0, 0.12, "lowest that swings may bring the ceiling of K_P"),
     Gain("least_damping", "1", 1e-4, 1.0, 0.25, "lowest that swings may bring the ceiling of K_D"),
     Gain("least_integral", "1", 1e-4, 1.0, 0.03, "lowest that swings may bring the ceiling of K_I"),
-    Gain("ceiling", "1", 1.0, 100.0, 1.2, "highest gains over the tuned ones"),
-    Gain("spread", "1", 1.0, 10.0, 1.5, "how far K_I may be ahead of K_P"),
+    Gain("ceiling", "1", 1.0, 100.0, 1.2, "highest K_P over the tuned one"),
+    Gain("integral_ceiling", "1", 1.0, 100.0, 2.0, "highest K_I over the tuned one"),
+    Gain("damping_ceiling", "1", 1.0, 100.0, 2.0, "highest K_D over the tuned one"),
+    Gain("follow", "1", 0.0, 1.0, 1.0, "share of the logarithm of a raised K_I that K_D takes part in at least"),
+    Gain("spread", "1", 1.0, 10.0, 3.0, "how far K_I may be ahead of K_P"),
     Gain("calm_gain", "1", 0.05, 1.0, 1.0, "gains at rest over those in motion"),
     Gain("calm_damping", "1", 0.05, 1.0, 1.0, "K_D at rest over that, beside"),
     Gain("calm_band", "m", 0.0, 1e-3, 5.0e-8, "error up to which the axis is at rest"),
     Gain("calm_time", "s", 1e-3, 1e3, 0.1, "time in which it comes to rest"),
 )
 SLOWLY = 0.04  # of `back_off`, below `prompt`
-PARAMETERS = record_type(GAINS)
+FILTERED = 0.7  # of the logarithm of a raised K_D, by which the filter grows: what K_D passes on of noise and resonance hardly grows
+STANDING = math.log(1.5)  # of K_I ahead of K_P on a lowered ceiling, where the axis stands
+LOGGED = (
+    "prompt", "joint", "filter_ceiling", "soft_proportional", "soft_integral", "soft_damping", "floor", "least_ceiling",
+    "least_damping", "least_integral", "ceiling", "integral_ceiling", "damping_ceiling", "spread",
+)
+PARAMETERS = record_type(GAINS, [(f"log_{name}", "f8") for name in LOGGED])
 STATE_FIELDS = [
     ("error", "f8"),  # m, of the previous period
     ("integral", "f8"),  # m s (raw)
@@ -78,12 +93,19 @@ STATE_FIELDS = [
     ("swings", "i8"),  # in a row
     ("ceiling", "f8"),  # logarithm of the present ceiling of K_P
     ("damping_ceiling", "f8"),  # logarithm of the present ceiling of K_D
+    ("more_share", "f8"),  # of the friction, fed forward beyond the law's own share
     ("log_filter", "f8"),  # logarithm of the filter time over the tuned one
     ("log_kp", "f8"),  # natural logarithms of the gains over the tuned ones
     ("log_ki", "f8"),
     ("log_kd", "f8"),
     ("calm", "f8"),  # 0: in motion, 1: at rest
 ]
+
+
+def take_logarithms(record):
+    """Fill the logarithms of a parameter record from its gains: every period asks for them."""
+    for name in LOGGED:
+        record[f"log_{name}"] = math.log(record[name])
 
 
 @compiled
@@ -99,10 +121,11 @@ def adaptation_reset(p, s, pid_s):
     s.peak = 0.0
     s.since = 0.0
     s.swings = 0
-    s.ceiling = math.log(p.ceiling)
-    s.damping_ceiling = s.ceiling
+    s.ceiling = p.log_ceiling
+    s.damping_ceiling = p.log_damping_ceiling
     s.log_filter = 0.0
     s.calm = 0.0
+    s.more_share = 0.0
     s.log_kp = math.log(p.start)
     s.log_ki = s.log_kp
     s.log_kd = s.log_kp
@@ -141,8 +164,8 @@ def adapt_robust(p, s, error, speed, period):
     s.log_kd += rate * s.filtered * s.slope
     watch_swings(p, s, error, period)
     long = 10.0 * p.time_unit
-    stands = abs(speed) * long < p.dead_band and s.since > long
-    project(p, s, stands)
+    still = abs(speed) * long < p.dead_band
+    project(p, s, still, still and s.since > long)
 
 
 @compiled
@@ -152,8 +175,8 @@ def watch_swings(p, s, error, period):
     s.slow += min(period / (2.0 * p.time_unit), 1.0) * (error - s.slow)
     fast = s.smooth - s.slow
     s.since += period
-    s.ceiling = min(s.ceiling + p.recovery * period, math.log(p.ceiling))
-    s.damping_ceiling = min(s.damping_ceiling + p.recovery * period, math.log(p.ceiling))
+    s.ceiling = min(s.ceiling + p.recovery * period, p.log_ceiling)
+    s.damping_ceiling = min(s.damping_ceiling + p.recovery * period, p.log_damping_ceiling)
     if s.since > 10.0 * p.time_unit:
         s.swings = 0
     if fast * s.peak < 0.0:
@@ -170,37 +193,62 @@ def watch_swings(p, s, error, period):
 def lower_ceilings(p, s):
     """Answer one swing: a longer filter against a fast one while there is room, else lower gains."""
     fast = s.since < 0.5 * p.time_unit
-    if fast and s.log_filter < math.log(p.filter_ceiling):
+    if fast and s.log_filter < p.log_filter_ceiling:
         s.log_filter += p.back_off
         return
-    low = math.log(p.least_ceiling)
+    low = p.log_least_ceiling
     present = min(s.ceiling, s.log_kp)
-    step = p.back_off if abs(s.peak) > p.large or present > math.log(p.prompt) else SLOWLY * p.back_off
+    step = p.back_off if abs(s.peak) > p.large or present > p.log_prompt else SLOWLY * p.back_off
     s.ceiling = max(present - step, low)
     if fast:
-        s.damping_ceiling = max(min(s.damping_ceiling, s.log_kd) - p.damping_share * step, math.log(p.least_damping))
+        s.damping_ceiling = max(min(s.damping_ceiling, s.log_kd) - p.damping_share * step, p.log_least_damping)
 
 
 @compiled
-def project(p, s, stands):
+def project(p, s, still, stands):
     """Bring the gains back into the stable set: floor, ceilings, and not too far from each other.
 
-    While the axis ``stands`` no gap is being crossed: K_I may come up to K_P, or a move never ends.
+    While the axis ``stands`` no gap is being crossed: K_I may come up to K_P, or a move never ends;
+    and while the reference is ``still``, K_I may under a long filter too.
     """
-    low = math.log(p.floor)
-    wide = math.log(p.spread)
-    shrunk = min(s.ceiling - math.log(p.joint), 0.0)
-    if stands and shrunk < 0.0:
-        shrunk = wide
-    s.log_kp = min(max(s.log_kp, low), s.ceiling)
-    s.log_ki = min(max(s.log_ki, 2.0 * low), max(s.ceiling + shrunk, math.log(p.least_integral)), s.log_kp + wide)
-    s.log_kd = min(max(s.log_kd, low, min(s.log_kp, 0.0)), s.damping_ceiling)
+    shrunk = min(s.ceiling - p.log_joint, 0.0)
+    soft = softness(p, s)
+    ahead = min(p.log_integral_ceiling - p.log_ceiling, max(s.ceiling - p.log_joint, 0.0))
+    follow = p.follow if shrunk == 0.0 else 0.0
+    s.log_kp = min(max(s.log_kp, p.log_floor), s.ceiling, between(soft, p.log_ceiling, p.log_soft_proportional))
+    calm = max(p.log_soft_integral, p.log_soft_proportional) if still else p.log_soft_integral
+    lowered = max(s.ceiling + ahead + (STANDING if stands and shrunk < 0.0 else shrunk), p.log_least_integral)
+    top = min(lowered, between(soft, p.log_integral_ceiling, calm), s.log_kp + p.log_spread)
+    s.log_ki = min(max(s.log_ki, 2.0 * p.log_floor), top)
+    least = max(p.log_floor, min(s.log_kp, 0.0), follow * max(s.log_ki, 0.0) if follow > 0.0 else p.log_floor)
+    s.log_kd = min(max(s.log_kd, least), s.damping_ceiling, between(soft, p.log_damping_ceiling, p.log_soft_damping))
+
+
+@compiled
+def softness(p, s):
+    """How far the filter has been made longer, 0 ... 1, by the logarithm."""
+    return min(s.log_filter / p.log_filter_ceiling, 1.0) if p.filter_ceiling > 1.0 else 0.0
+
+
+@compiled
+def between(soft, top, calm):
+    """Logarithm of a ceiling on its way from ``top`` to ``calm``, both logarithms; never above ``top``."""
+    return top + soft * min(calm - top, 0.0)
+
+
+@compiled
+def take_over(p, s, pid_s, friction, own_share):
+    """Feed-forward [V] beyond ``own_share`` of the modelled ``friction`` [V], so much as K_I has given way; no jump of the output."""
+    more = softness(p, s) * max(p.soft_share - own_share, 0.0)
+    pid_s.integral -= (more - s.more_share) * friction
+    s.more_share = more
+    return more * friction
 
 
 @compiled
 def fed_forward(p, s):
     """Share of the feed-forward [1] under the present ceiling: it falls as K_I does, for across a gap it throws the stage too."""
-    return math.exp(2.0 * min(s.ceiling - math.log(p.joint), 0.0))
+    return math.exp(2.0 * min(s.ceiling - p.log_joint, 0.0))
 
 
 @compiled
@@ -221,8 +269,7 @@ def adaptation_step(p, s, pid_p, pid_s, period):
         return
     if pid_s.saturated == 0:
         adapt_robust(p, s, pid_s.error, pid_s.reference_velocity, period)
-    if s.log_filter > 0.0:
-        pid_s.filter_time = pid_p.filter_time * math.exp(s.log_filter)
+    pid_s.filter_time = pid_p.filter_time * math.exp(max(s.log_filter, FILTERED * p.follow * s.log_kd, 0.0))
     come_to_rest(p, s, pid_s, period)
     share = 1.0 - s.calm * (1.0 - p.calm_gain)
     kp = share * pid_p.proportional * math.exp(s.log_kp)

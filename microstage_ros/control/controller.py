@@ -15,16 +15,13 @@ import numpy as np
 from microstage_ros.axis.compiled import compiled
 from microstage_ros.axis.errors import InputError
 from microstage_ros.axis.period import as_array
-from microstage_ros.control import design, feedforward, laws, nctf, observer_law
+from microstage_ros.control import adaptation, design, feedforward, laws, nctf, observer_law
 from microstage_ros.control.gains import check_gain, fill
 from microstage_ros.control.pid import pid_change
 
 
 class ControllerState(NamedTuple):
-    """What a controller did in its last period (SI: m, V, V/m, V/(m s), V s/m).
-
-    The observer law's terms are those of the nominal drive; its voltage is what the learned one needs for their sum.
-    """
+    """What a controller did in its last period (SI: m, V, V/m, V/(m s), V s/m)."""
 
     reference: float
     error: float
@@ -64,6 +61,8 @@ def controller_parameters(type_name, axis, gains, period=None, place="controller
     values = {**designed, **shipped_gains(type_name, axis, period), **gains}
     for part, entries in law.parts.items():
         fill(record[part], entries, values, place)
+    if "adaptation" in law.parts:
+        adaptation.take_logarithms(record["adaptation"])
     if "observer" in law.parts:
         observer_law.design_motion(record["observer"], record["feedforward"], period)
     if "nctf" in law.parts:
@@ -146,6 +145,8 @@ class Controller:
             checked[name] = check_gain("controller", known[name][1], value)
         for name, value in checked.items():
             self.parameters[known[name][0]][name] = value
+        if "adaptation" in parts:
+            adaptation.take_logarithms(self.parameters["adaptation"])
         tuned = self.parameters["pid"]
         if {"proportional", "integral_time", "derivative_time"} & set(gains):
             kp = float(tuned["proportional"])

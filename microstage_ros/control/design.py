@@ -13,9 +13,10 @@ import math
 
 ENCODER_PERIOD = 5.0e-4  # s; up to it the encoder-only bandwidths hold
 ENCODER = {"b": 381.0, "w_p": 345.0, "w_i": 130.0, "lag": 1.62e-3}
+TUNED_PERIOD = 1.0e-4  # s; up to it the self-tuning laws may double K_I and K_D, from `ENCODER_PERIOD` on not
 SAMPLING_LAG = 1.5  # periods, of reading, difference and hold: what is left of `lag` is the derivative's filter
 FRICTION_SHARE = 0.6  # fed forward where nothing tells the level: more of it builds up an overshoot from short move to short move
-CALM_PERIOD, LEAST_CALM = 1.25e-4, 0.5  # s; at longer ones the encoder's noise would rattle an axis at rest; least share of the gains there
+CALM_PERIOD, DAMPED_PERIOD, LEAST_CALM = 1.25e-4, 5.0e-5, 0.5  # s, of all gains, of K_D beside; at longer ones the encoder's noise would rattle an axis at rest; least share of the gains there
 NCTF = {"b": 455.0, "filter_time": 1.64e-3}
 OBSERVER = {"b": 2200.0, "w_p": 270.0, "w_i": 80.0, "acceleration_noise": 5e-5}
 OBSERVER_PERIOD = 2.5e-4  # s; within longer ones friction moves more than the model says
@@ -58,6 +59,13 @@ def observer_gains(model, period):
         "joint": 1.0,
         "filter_ceiling": 2.5,
         "large": 1.0,
+        "integral_ceiling": 1.2,
+        "damping_ceiling": 1.2,
+        "spread": 1.5,
+        "follow": 0.0,
+        "soft_proportional": 1.2,
+        "soft_integral": 1.2,
+        "soft_damping": 1.2,
         "least_ceiling": 0.12,
         "least_damping": 0.12,
         "least_integral": 0.12,
@@ -88,8 +96,13 @@ def designed_gains(type_name, model, period):
         return {}
     gains = encoder_gains(model, period)
     if type_name in ("self_tuning", "self_tuning_feedforward"):
-        calm = max(min(1.0, math.sqrt(CALM_PERIOD / period)), LEAST_CALM)
-        gains |= {"calm_gain": calm, "calm_damping": calm}
+        calm, damped = (max(min(1.0, math.sqrt(bound / period)), LEAST_CALM) for bound in (CALM_PERIOD, DAMPED_PERIOD))
+        gains |= {"calm_gain": calm, "calm_damping": damped}
     if type_name in ("pid_feedforward", "self_tuning_feedforward"):
         gains["friction_share"] = FRICTION_SHARE
+    if type_name in ("self_tuning", "self_tuning_feedforward"):
+        room = min(max((ENCODER_PERIOD - period) / (ENCODER_PERIOD - TUNED_PERIOD), 0.0), 1.0)
+        gains["integral_ceiling"] = gains["damping_ceiling"] = 1.2 + 0.8 * room
+        if type_name == "self_tuning":  # nothing takes over from K_I, so it stays, and a longer filter bears it
+            gains |= {"filter_ceiling": 3.2, "soft_integral": 1.1, "soft_damping": 0.9}
     return gains

@@ -58,6 +58,7 @@ STATE_FIELDS = [
     ("guideway_friction", "f8"),  # N
     ("screw_acceleration", "f8"),
     ("offset_speed", "f8"),
+    ("friction", "f8"),  # V, all of the modelled friction
 ]
 
 RIGID_BLOCK = 1e3  # stiffness of the single block that stands for Coulomb friction, in limits per 1 um
@@ -174,6 +175,7 @@ def feedforward_reset(s, reference):
     s.screw_velocity = 0.0
     s.screw_acceleration = 0.0
     s.offset_speed = 0.0
+    s.friction = 0.0
     s.actuator_friction = 0.0
     s.guideway_friction = 0.0
     for j in range(BLOCK_STATE):
@@ -208,4 +210,5 @@ def feedforward_step(p, s, period, reference, actuator_level, guideway_level, of
     motion = (p.volts_per_force * p.mass + p.rotor) * acceleration + p.volts_per_velocity * velocity
     motion += p.rotor * (offset_speed - s.offset_speed) / period + p.volts_per_velocity * offset_speed
     s.offset_speed = offset_speed
+    s.friction = friction
     return p.friction_share * friction + p.motion_share * motion

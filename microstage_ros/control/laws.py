@@ -12,7 +12,6 @@ import numpy as np
 from microstage_ros.axis.compiled import compiled, seldom, woven
 from microstage_ros.axis.errors import InputError
 from microstage_ros.control import adaptation, cascade, feedforward, gap_crossing, nctf, observer_law, pid
-from microstage_ros.control.drive_learning import drive_voltage
 from microstage_ros.control.lost_motion import TOUCHING
 
 NONE, PID, SELF_TUNING, CASCADE, PID_FEEDFORWARD, SELF_TUNING_FEEDFORWARD, NCTF, SELF_TUNING_OBSERVER = range(8)
@@ -149,6 +148,10 @@ def dispatch(parameters, state, reference, encoder, current):
     pid.pid_motion(parameters.pid, state.pid, period, reference, encoder)
     if kind != PID_FEEDFORWARD:
         adaptation.adaptation_step(parameters.adaptation, state.adaptation, parameters.pid, state.pid, period)
+        if kind == SELF_TUNING_FEEDFORWARD:
+            state.feed_forward += adaptation.take_over(
+                parameters.adaptation, state.adaptation, state.pid, state.feedforward.friction, parameters.feedforward.friction_share
+            )
         state.feed_forward *= adaptation.fed_forward(parameters.adaptation, state.adaptation)
     return pid.pid_output(parameters.pid, state.pid, period, limit, state.feed_forward)
 
@@ -172,7 +175,7 @@ def regulate(parameters, state, reference):
     state.pid.error = gap_crossing.cross_step(
         crossing, parameters.observer, observer, period, reference - observer.x, speed
     )
-    state.pid.reference_velocity = speed + crossing.held_speed
+    state.pid.reference_velocity = speed + crossing.offset_speed
     state.feed_forward = feedforward.feedforward_step(
         model, state.feedforward, period, reference, observer.level, 1.0, crossing.offset_speed
     )
@@ -180,9 +183,7 @@ def regulate(parameters, state, reference):
     apart = observer.contact != TOUCHING
     if not apart:
         adaptation.adaptation_step(parameters.adaptation, state.adaptation, parameters.pid, state.pid, period)
-    limit = parameters.voltage_limit
-    voltage = pid.pid_output(parameters.pid, state.pid, period, limit / max(observer.applied[0], 1.0), state.feed_forward)
+    voltage = pid.pid_output(parameters.pid, state.pid, period, parameters.voltage_limit, state.feed_forward)
     if apart:
         state.pid.integral = integral
-    motion = model.volts_per_velocity * state.pid.reference_velocity
-    return min(max(drive_voltage(observer, voltage - motion, motion), -limit), limit)
+    return voltage

@@ -57,7 +57,7 @@ def test_learning_does_not_depend_on_the_size_of_the_error(axis):
 
 
 def test_integral_gain_survives_an_overshoot(axis):
-    controller = make_controller("self_tuning", axis, start=0.3)
+    controller = make_controller("self_tuning", axis, start=0.3, calm_gain=1.0, calm_damping=1.0)
     gains = drive(controller, np.concatenate([np.full(500, 1e-6), np.full(500, -5e-7), np.zeros(500)]))
     assert np.all(np.diff(gains[:, 1]) >= -1e-9 * gains[:-1, 1])
 
@@ -74,8 +74,8 @@ def test_gains_stay_in_the_stable_set_whatever_happens(axis):
         drive(controller, errors)
         kp, ki, kd = factors(controller)
         assert p["floor"] * 0.999 <= kp <= p["ceiling"] * 1.001
-        assert p["floor"] ** 2 * 0.999 <= ki <= min(p["ceiling"], kp * p["spread"]) * 1.001
-        assert kd <= p["ceiling"] * 1.001
+        assert p["floor"] ** 2 * 0.999 <= ki <= min(p["integral_ceiling"], kp * p["spread"]) * 1.001
+        assert kd <= p["damping_ceiling"] * 1.001
 
 
 def test_swings_lower_the_ceiling_and_single_errors_do_not(axis):
@@ -84,7 +84,8 @@ def test_swings_lower_the_ceiling_and_single_errors_do_not(axis):
     drive(calm, np.where(n < 300, 1e-6, 0.0))
     drive(swinging, 2e-7 * np.sin(2 * np.pi * 40 * n * T))
     assert factors(calm)[0] >= 1.0 and factors(swinging)[0] < 0.5
-    assert factors(swinging)[1] <= factors(swinging)[0]
+    p = swinging.parameters["adaptation"]
+    assert factors(swinging)[1] / p["integral_ceiling"] <= factors(swinging)[0] / p["ceiling"]
 
 
 def test_large_swings_are_answered_in_full_and_small_ones_slowly_below_prompt(axis):
@@ -110,8 +111,7 @@ def test_integral_gain_comes_back_up_to_the_proportional_one_where_the_axis_stan
             place = 0.0 if rest else 1e-6 * k * T
             controller.step(place + 2e-7, place)
         gains[rest] = factors(controller)
-    p = controller.parameters["adaptation"]
-    assert gains[True][1] == pytest.approx(gains[True][0] * p["spread"], rel=1e-3)
+    assert gains[True][1] == pytest.approx(gains[True][0] * np.exp(adaptation.STANDING), rel=1e-3)
     assert gains[False][1] < 0.5 * gains[False][0]
 
 
@@ -155,8 +155,68 @@ def test_gains_fade_at_rest_and_come_back_with_the_first_motion(axis):
 def test_noise_does_not_rattle_an_axis_at_rest_at_long_periods(axis, kind):
     rest = [step_trial(axis, kind, gains, 1e-5, 41, 4, period_s=1e-3).rest for gains in ({}, {"calm_gain": 1.0, "calm_damping": 1.0})]
     assert np.median(rest[0]) < 0.6 * np.median(rest[1])
-    assert make_controller(kind, axis).parameters["adaptation"]["calm_gain"] == 1.0
+    calm = [make_controller(kind, axis, period=period).parameters["adaptation"]["calm_gain"] for period in (1e-4, 1e-3)]
+    assert calm[1] < calm[0] == 1.0
+
+
+def test_raised_integral_gain_brings_damping_and_a_longer_filter(axis):
+    """K_D = K_I^follow at least, and the filter grows with K_D^0.7, as long as nothing swings."""
+    controller = make_controller("self_tuning", axis)
+    drive(controller, np.full(3000, 2e-7))
+    p, pid = controller.parameters["adaptation"], controller.memory["pid"]
+    np.testing.assert_allclose(factors(controller), [p["ceiling"], p["integral_ceiling"], p["damping_ceiling"]], rtol=1e-9)
+    assert pid["filter_time"] == pytest.approx(controller.parameters["pid"]["filter_time"] * p["damping_ceiling"] ** 0.7)
+
+
+@pytest.mark.parametrize("kind", ["self_tuning", "self_tuning_feedforward"])
+def test_resonance_takes_the_gains_to_the_soft_set(axis, kind):
+    controller = make_controller(kind, axis)
+    n = np.arange(3000)
+    drive(controller, 2e-7 * np.sin(2 * np.pi * 180 * n * T))
+    p, state = controller.parameters["adaptation"], controller.memory["adaptation"]
+    kp, ki, kd = factors(controller)
+    assert np.exp(state["log_filter"]) >= p["filter_ceiling"]
+    assert kp <= p["soft_proportional"] * 1.001 and kd <= p["soft_damping"] * 1.001
+    assert ki <= max(p["soft_integral"], p["soft_proportional"]) * 1.001  # the reference stands still
+
+
+def test_feed_forward_takes_over_from_the_integral_without_a_jump(axis):
+    """`soft_share` of the friction under the longest filter; while all blocks slip the voltage is what it is without."""
+    n, voltages = np.arange(5500), []
+    place = 1e-4 * n * T
+    swings = np.where(n > 4000, 2e-7 * np.sin(2 * np.pi * 180 * n * T), 0.0)
+    for gains in ({}, {"soft_share": 0.6}):
+        controller = make_controller("self_tuning_feedforward", axis, friction_share=0.6, **gains)
+        voltages.append([controller.step(x, x + swing) for x, swing in zip(place, swings)])
+        p, more = controller.parameters["adaptation"], controller.memory["adaptation"]["more_share"]
+        assert more == pytest.approx(p["soft_share"] - 0.6, abs=1e-12)
+        assert factors(controller)[1] == pytest.approx(p["soft_integral"])
+    assert abs(controller.memory["feedforward"]["friction"]) > 0.05  # V
+    np.testing.assert_allclose(voltages[0], voltages[1], atol=1e-6)
+
+
+def test_longer_periods_leave_no_room_above_the_tuned_gains(axis):
+    ceilings = [make_controller("self_tuning", axis, period=period).parameters["adaptation"]["damping_ceiling"] for period in (1e-4, 2e-4, 5e-4, 1e-3)]
+    assert np.all(np.diff(ceilings) <= 0.0) and ceilings[-1] == ceilings[-2] == 1.2
+
+
+def test_loaded_axis_is_followed_with_friction_fed_forward(run):
+    """Three times the payload: the fixed law swings for good, the self-tuning one stays within twice its nominal 25 nm."""
+    program = [{"sine": {"amplitude_m": 1e-5, "frequency_hz": 0.1, "cycles": 0.6}}]
+    peak = {}
+    for kind in ("pid_feedforward", "self_tuning_feedforward"):
+        columns = run(kind, program, 3, effects={"payload_change": {"mass_kg": 6.12}})
+        peak[kind] = np.abs(columns["stage_m"] - columns["reference_m"])[25000:].max()
+    assert peak["pid_feedforward"] > 1e-6 and peak["self_tuning_feedforward"] < 6e-8
+
+
+def test_logarithms_follow_a_change_of_gains(axis):
+    controller = make_controller("self_tuning", axis)
+    controller.change(ceiling=1.5)
+    assert controller.parameters["adaptation"]["log_ceiling"] == pytest.approx(np.log(1.5))
 
 
 def test_registered_gains_are_those_of_the_record():
-    assert [gain.name for gain in adaptation.GAINS] == list(adaptation.PARAMETERS.names)
+    names = list(adaptation.PARAMETERS.names)
+    assert [gain.name for gain in adaptation.GAINS] == names[: len(adaptation.GAINS)]
+    assert names[len(adaptation.GAINS) :] == [f"log_{name}" for name in adaptation.LOGGED]
