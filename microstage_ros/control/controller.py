@@ -21,7 +21,10 @@ from microstage_ros.control.pid import pid_change
 
 
 class ControllerState(NamedTuple):
-    """What a controller did in its last period (SI: m, V, V/m, V/(m s), V s/m)."""
+    """What a controller did in its last period (SI: m, V, V/m, V/(m s), V s/m).
+
+    The observer law's terms are those of the nominal drive; its voltage is what the learned one needs for their sum.
+    """
 
     reference: float
     error: float

@@ -21,6 +21,8 @@ RARE = 6.0  # and rms steps of late
 WINDING = 0.1  # share of a change of voltage that the current may follow in another way
 RESTLESS_TIME = 0.1  # s, memory of these
 STEADY_TIME = 2e-2  # s, for which all has been explained before: a first move with a drive not yet known has no steps
+APPLY_TIME = 0.1  # s, in which the controller follows what is learned
+SLACK, ZERO_SLACK = 0.05, 1e-2  # 1, V, up to which it does not
 GAIN_SPREAD = 1.0  # standard deviation of gain over former gain after a change
 ZERO_SPREAD = 0.03  # V, of the amplifier's zero after a change
 
@@ -111,6 +113,26 @@ def relearn(p, model, s, drop):
 def direct_effect(model, s, drop, k):
     """Change of the speed's innovation per unit error of what is learned, ``k``-th of R, zero, back-EMF."""
     return drop / model.volts_per_velocity if k == 0 else (1.0 / model.volts_per_velocity if k == 1 else s.v)
+
+
+@compiled
+def apply_learned(p, s, period):
+    """Let the drive that the controller counts with follow the learned one.
+
+    At once after a change; else, while all is steady, to within what sliding one way for long leads the learned one astray.
+    """
+    fresh = s.changes > 0 and s.since < STEADY_TIME
+    share = min(period / APPLY_TIME, 1.0) * trust_in_speed(p, s.restless) if s.steady > STEADY_TIME else 0.0
+    for k in range(3):
+        off = s.learned[k] - s.applied[k]
+        slack = ZERO_SLACK if k == 1 else SLACK
+        s.applied[k] += off if fresh else share * (off - min(max(off, -slack), slack))
+
+
+@compiled
+def drive_voltage(s, drop, motion):
+    """Voltage [V] that gives the axis what R i = ``drop`` [V] and E v = ``motion`` [V] would give it by the nominal drive."""
+    return s.applied[0] * drop + s.applied[1] + s.applied[2] * motion
 
 
 @compiled

@@ -12,6 +12,7 @@ import numpy as np
 from microstage_ros.axis.compiled import compiled, seldom, woven
 from microstage_ros.axis.errors import InputError
 from microstage_ros.control import adaptation, cascade, feedforward, gap_crossing, nctf, observer_law, pid
+from microstage_ros.control.drive_learning import drive_voltage
 from microstage_ros.control.lost_motion import TOUCHING
 
 NONE, PID, SELF_TUNING, CASCADE, PID_FEEDFORWARD, SELF_TUNING_FEEDFORWARD, NCTF, SELF_TUNING_OBSERVER = range(8)
@@ -175,7 +176,7 @@ def regulate(parameters, state, reference):
     state.pid.error = gap_crossing.cross_step(
         crossing, parameters.observer, observer, period, reference - observer.x, speed
     )
-    state.pid.reference_velocity = speed + crossing.offset_speed
+    state.pid.reference_velocity = speed + crossing.held_speed
     state.feed_forward = feedforward.feedforward_step(
         model, state.feedforward, period, reference, observer.level, 1.0, crossing.offset_speed
     )
@@ -183,7 +184,9 @@ def regulate(parameters, state, reference):
     apart = observer.contact != TOUCHING
     if not apart:
         adaptation.adaptation_step(parameters.adaptation, state.adaptation, parameters.pid, state.pid, period)
-    voltage = pid.pid_output(parameters.pid, state.pid, period, parameters.voltage_limit, state.feed_forward)
+    limit = parameters.voltage_limit
+    voltage = pid.pid_output(parameters.pid, state.pid, period, limit / max(observer.applied[0], 1.0), state.feed_forward)
     if apart:
         state.pid.integral = integral
-    return voltage
+    motion = model.volts_per_velocity * state.pid.reference_velocity
+    return min(max(drive_voltage(observer, voltage - motion, motion), -limit), limit)

@@ -7,10 +7,11 @@ ahead of the stage,
     dr/dt = w - dy/dt - r / LEAD_TIME,        w motor speed from the back-EMF, y encoder,
 
 stays near its mean in contact. The contact opens when r leaves its noise while the force through the drive is
-near zero. The drive arrives at the other side when the motor has travelled b, or when it pushes the stage; the
-contact counts once the stage has followed for a while. An unknown gap shows as a motor that goes on while the
-stage stands; b is what the motor travels from one contact to the other, less what every later crossing shows
-(a scalar Kalman filter).
+near zero; if the stage then comes along, it had not. The drive has arrived when the stage moves on: a first sign of
+that stops the drive, since the push goes on until the drive train has bounced, and what more comes of it decides. An
+unknown gap shows as a motor that goes on while the stage stands; b is what the motor travels from one sure contact to
+the next, corrected by every later crossing (a scalar Kalman filter, opened again where it is far off). The way is
+counted in the nominal back-EMF: a constant error of that is learned with the gap.
 """
 
 from microstage_ros.axis.compiled import compiled
@@ -29,10 +30,12 @@ QUIET_TIME = 2e-2  # s
 SLOW = 8e-5  # m/s; a faster motor is not watched, its crossings take no time
 UNLOADED = 0.35  # share of the guideways' limit below which the contact may open
 CHANGE = 2e-8  # m, standard deviation of the gap from one crossing to the next
-BRIEF, LONG, GIVEN_UP = 12e-3, 25e-3, 0.1  # s, to land on a contact that was reckoned, or searched; then it was none
-OVERDUE = 1.2e-7  # m, that the motor goes on while the stage stands
-THROWN = 5e-8  # m, that the stage is ahead of the motor that pushed it: this says nothing of the gap
-FOLLOWED = 4e-8  # m, that a stage in contact has followed
+PUSH_SHARE = 0.3  # of the filter that a push is seen by
+TOUCHED, DOUBTED = 1.5e-8, 2e-3  # m, s; a push that stops the drive, and for how long if no more comes of it
+PUSH_TIME = 7e-4  # s, that it takes to show
+LANDING, GIVEN_UP = 8e-3, 16e-3  # s, that a contact takes to count at least and at most
+NEAR = 5e-8  # m, by which the drive may be off the stage before the latter
+UNSEEN = 4e-8  # m, doubt in where a contact opened that was noticed late
 FIELDS = [
     ("contact", "i8"),  # TOUCHING or APART
     ("side", "f8"),  # that the drive touches or touched last: +1 pushes forward, -1 backward, 0 not known
@@ -42,7 +45,7 @@ FIELDS = [
     ("gap_variance", "f8"),  # m^2
     ("travel", "f8"),  # m, of the motor since it left its last contact, along `toward`
     ("arrival", "f8"),  # m, travel at which the drive arrived
-    ("age", "f8"),  # s, since then
+    ("age", "f8"),  # s, since then, or since a touch was suspected
     ("raw_lead", "f8"),  # m, r
     ("lead", "f8"),  # m, r smoothed
     ("mean_lead", "f8"),  # m
@@ -53,10 +56,10 @@ FIELDS = [
     ("push", "f8"),  # m, by which the stage is ahead of where it stood
     ("quiet", "f8"),  # s, in which the motor was not ahead
     ("sure", "i8"),  # 1 once this contact has been quiet under load
+    ("landed", "i8"),  # 1 from the end of a search until the contact is sure
     ("calm", "f8"),  # s, without surprise in the speed
     ("ever", "i8"),  # 1 once any contact was sure
     ("total", "f8"),  # m, lead with a long memory
-    ("overdue", "i8"),  # 1 if the stage is not where the gap should end
 ]
 
 
@@ -76,6 +79,7 @@ def lost_motion_reset(p, s):
     s.quiet = 0.0
     s.sure = 0
     s.ever = 0
+    s.landed = 0
     s.calm = 0.0
     s.total = 0.0
 
@@ -110,6 +114,9 @@ def watch_contact(p, s, force, scale, doubt):
         s.side = 1.0 if force > 0.0 else -1.0
         s.sure = 1
         s.ever = 1
+        if s.landed == 1:
+            s.landed = 0
+            return True
     if abs(s.v) > SLOW:
         return False
     if s.gap > 0.0 and s.side != 0.0:
@@ -132,23 +139,15 @@ def watch_contact(p, s, force, scale, doubt):
 @compiled
 def open_contact(s, toward, travel):
     """The drive leaves the stage, which stands."""
+    if s.sure == 0:
+        s.side = 0.0
     s.contact = APART
     s.toward = toward
     s.travel = travel
     s.arrived = 0
-    s.age = 0.0
+    s.age = DOUBTED
     s.push = 0.0
-    s.overdue = 0
     s.x = s.stage
-
-
-@compiled
-def arrive(s):
-    """The drive is taken to be on the other side from now on."""
-    s.arrived = 1
-    s.arrival = s.travel
-    s.arrival_stage = s.x
-    s.age = 0.0
 
 
 @compiled
@@ -158,46 +157,54 @@ def cross(p, s, period, position):
     True if the stage was not found.
     """
     from_contact = s.side == -s.toward
+    s.push += PUSH_SHARE * (s.toward * position - s.push)
+    s.age += period
     if s.arrived == 0:
-        s.push += 0.3 * (s.toward * position - s.push)
-        if s.push > PUSHED:
-            if from_contact:
-                learn_gap(p, s, s.travel - s.push, 2e-8 + abs(s.v) * 2e-4)
-            arrive(s)
-        elif reckoned(s) and s.travel >= s.gap:
-            arrive(s)
+        if s.push > PUSHED and reckoned(s) and s.travel < 0.5 * s.gap:
+            settle(s, s.side)  # it had never left: the stage comes along
+        elif s.push > PUSHED:
+            arrive(p, s, from_contact)
+        elif s.push > TOUCHED and s.age > DOUBTED and abs(s.v) < SLOW:
+            s.age = 0.0
         elif s.travel > p.widest_gap or -s.travel > s.gap:
             settle(s, 0.0)
             return True
         return False
-    s.age += period
     moved = s.toward * (s.stage - s.arrival_stage)
-    late = s.travel - s.arrival - moved - abs(s.v) * STAGE_TIME
-    if moved < FOLLOWED and late > OVERDUE and s.overdue == 0:
-        s.overdue = 1
-        s.arrived = 0
-        s.gap_variance += late * late
-    elif s.age < (LONG if s.overdue == 1 or not from_contact else BRIEF):
-        return False
-    elif moved > FOLLOWED and abs(late) < 3e-7:
-        if from_contact and s.gap > 0.0 and late > -THROWN:
-            learn_gap(p, s, s.gap + late, 1e-8 + abs(s.v) * STAGE_TIME)
+    late = s.travel - s.arrival - moved
+    if s.age > LANDING and (abs(late) < NEAR or s.age > GIVEN_UP):
         settle(s, s.toward)
-    elif s.age > GIVEN_UP:
-        settle(s, 0.0)
-        return True
     return False
+
+
+@compiled
+def arrive(p, s, from_contact):
+    """The drive has pushed the stage: it reached it where the stage stood, the push's own time ago."""
+    speed = abs(s.v)
+    s.arrived = 1
+    s.arrival = s.travel - s.push - speed * PUSH_TIME
+    s.arrival_stage = s.x
+    s.age = 0.0
+    if from_contact:
+        learn_gap(p, s, s.arrival, 1e-8 + speed * PUSH_TIME + (0.0 if s.gap > 0.0 else UNSEEN))
+
+
+@compiled
+def touching(s):
+    """Whether the stage may just have been touched: the drive waits for it to show."""
+    return s.arrived == 0 and s.age < DOUBTED
 
 
 @compiled
 def reckoned(s):
     """Whether a crossing goes by dead reckoning."""
-    return s.gap > 0.0 and s.side == -s.toward and s.overdue == 0
+    return s.gap > 0.0 and s.side == -s.toward
 
 
 @compiled
 def settle(s, side):
     """The drive touches ``side`` for good."""
+    s.landed = 0 if reckoned(s) else 1
     s.contact = TOUCHING
     s.side = side
     s.raw_lead = s.mean_lead
@@ -214,6 +221,9 @@ def learn_gap(p, s, found, doubt):
     """Take in that the gap was ``found`` [m] with the standard deviation ``doubt`` [m]."""
     if found > p.widest_gap:
         return
-    gain = s.gap_variance / (s.gap_variance + doubt * doubt) if s.gap > 0.0 else 1.0
-    s.gap_variance = (1.0 - gain) * s.gap_variance if s.gap > 0.0 else doubt * doubt
-    s.gap = min(max(s.gap + gain * (found - s.gap), 0.0), p.widest_gap)
+    change, noise = found - s.gap, doubt * doubt
+    if change * change > 9.0 * (s.gap_variance + noise):  # it was not what it was taken for
+        s.gap_variance = change * change
+    gain = s.gap_variance / (s.gap_variance + noise) if s.gap > 0.0 else 1.0
+    s.gap_variance = (1.0 - gain) * s.gap_variance if s.gap > 0.0 else noise
+    s.gap = min(max(s.gap + gain * change, 0.0), p.widest_gap)

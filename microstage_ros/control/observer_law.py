@@ -27,6 +27,7 @@ from microstage_ros.axis.compiled import compiled
 from microstage_ros.control import feedforward, lost_motion
 from microstage_ros.control.drive_learning import (
     LAGS,
+    apply_learned,
     compare_voltage,
     drive_changed,
     find_lag,
@@ -59,11 +60,13 @@ GAINS = (
     Gain("force_noise", "N", 1e-9, 1e6, 0.25, "noise of the force balance within one observer time"),
     Gain("known_gap", "m", 0.0, 1e-3, 0.0, "lost motion of the drive, if known"),
     Gain("widest_gap", "m", 0.0, 1e-3, 6.0e-6, "widest lost motion that is looked for; 0: none"),
-    Gain("least_lead", "m", 1e-10, 1e-3, 1.2e-8, "lead of the motor that opens a contact"),
+    Gain("least_lead", "m", 1e-10, 1e-3, 1.5e-8, "lead of the motor that opens a contact"),
     Gain("crossing_acceleration", "m/s^2", 1e-3, 1e6, 0.9, "highest acceleration through a gap"),
-    Gain("search_speed", "m/s", 1e-9, 1.0, 3.5e-5, "speed through a gap of unknown width"),
+    Gain("search_speed", "m/s", 1e-9, 1.0, 3.5e-5, "lowest speed through a gap of unknown width"),
+    Gain("search_rate", "1/s", 0.0, 1e6, 250.0, "speed through it over what the stage has fallen behind, 2 / k"),
 )
 FORCE_TIME = 5e-3  # s, over which errors of d hang together
+APART_GAIN = 0.3  # of the speed while apart, where the encoder says nothing of the motor and friction changes fast
 ABSORB_TIME = 5e-3  # s, in which sticking blocks take over what is unexplained
 PARAMETERS = record_type(GAINS, [("motion_gain", "f8", (3, 2)), ("encoder_gain", "f8", 3), ("transient", "f8")])
 BLOCK_STATE = feedforward.BLOCK_STATE
@@ -77,6 +80,7 @@ STATE_FIELDS = [
     ("learned", "f8", 3),  # R over nominal [1], zero of the amplifier [V], back-EMF over nominal [1]
     ("learned_covariance", "f8", (3, 3)),  # of their errors; the upper triangle is kept
     ("unexplained", "f8"),  # V, of what current and speed call for
+    ("applied", "f8", 3),  # what is learned, as the controller counts with it
     ("drop", "f8"),  # V, nominal R i
     ("speed", "f8"),  # m/s, that these belong to
     ("steady", "f8"),  # s, for which the voltage has been what they call for
@@ -114,6 +118,7 @@ def observer_reset(p, s):
     s.current = 0.0
     s.acceleration = 0.0
     forget_drive(p, s)
+    s.applied[:] = s.learned
     s.excitation = 0.0
     s.lag = 0
     s.unexplained = 0.0
@@ -209,9 +214,19 @@ def correct(p, s, position, speed, trust):
 
 
 @compiled
+def steady_measure(p, s):
+    """What to add to the learned back-EMF [1] so that the way through a gap is always counted in the same measure.
+
+    That is the nominal one, unless the amplifier's gain has changed the measure of all.
+    """
+    beyond = s.learned[2] - 1.0
+    return beyond if abs(beyond) < 2.0 * p.emf_spread else 0.0
+
+
+@compiled
 def correct_apart(p, model, s, period, position, speed, trust):
     """`correct` while drive and stage are apart: the speed tells of the motor, the position of the stage."""
-    s.v += trust * p.motion_gain[1, 1] * speed
+    s.v += trust * max(p.motion_gain[1, 1], APART_GAIN) * speed
     s.d += trust * p.motion_gain[2, 1] * speed
     step = 0.05 * position
     s.x += step
@@ -308,6 +323,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
             s.changes += 1
         elif find_lag(p, model, s, current - s.current):
             forget_drive(p, s)  # learned from voltages of another period
+        apply_learned(p, s, period)
         speed = speed_innovation(model, s, drop)
         doubt = voltage_variance(model, s, drop, s.v, 1.0)
         trust = trust_in_speed(p, doubt)
@@ -324,7 +340,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
             forget_drive(p, s)
         position = encoder - s.x
     if s.contact != TOUCHING:
-        correct_apart(p, model, s, period, position, speed, trust)
+        correct_apart(p, model, s, period, position, speed + steady_measure(p, s) * s.v, trust)
         compare_voltage(model, s, drop)
         return
     correct(p, s, position, speed, trust)

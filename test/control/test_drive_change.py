@@ -86,3 +86,30 @@ def test_new_gain_from_one_reading_is_voltage_over_what_it_should_be(axis, facto
     drive_learning.relearn(parameters, model, memory, drop)
     called = memory["learned"][0] * drop + memory["learned"][1] + memory["learned"][2] * emf
     assert called == pytest.approx((drop + emf) / factor, rel=1e-3)
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_controller_counts_with_the_changed_drive_at_once(axis, factor):
+    """The voltage that the nominal axis would get, times R i + E v of the drive as learned; the gain of the loop stays."""
+    def jump(plant):
+        plant["gain"] *= factor
+
+    before, after = run_until_changed(axis, jump)
+    np.testing.assert_allclose(before["applied"], [1.0, 0.0, 1.0], atol=2e-3)
+    np.testing.assert_allclose(after["applied"], after["learned"], rtol=0.05, atol=5e-3)  # of the period before
+    given = drive_learning.drive_voltage(after, 0.11, 0.002)
+    assert given == pytest.approx(0.112 / factor, rel=0.08)
+
+
+def test_controller_leaves_a_drive_alone_that_is_learned_as_nominal(axis):
+    """What sliding one way leads the learned drive astray by is not applied."""
+    observer = FrictionObserver(axis)
+    memory = observer.memory
+    memory["steady"], memory["learned"] = 1.0, (1.04, 8e-3, 0.97)
+    for _ in range(5000):
+        drive_learning.apply_learned(observer.parameters, memory, 1e-4)
+    np.testing.assert_array_equal(memory["applied"], [1.0, 0.0, 1.0])
+    memory["learned"] = 1.3, 0.05, 1.0
+    for _ in range(20000):
+        drive_learning.apply_learned(observer.parameters, memory, 1e-4)
+    np.testing.assert_allclose(memory["applied"], [1.25, 0.04, 1.0], rtol=1e-3)
