@@ -11,6 +11,8 @@ the motor's speed from its back-EMF and may be five times as stiff. Longer perio
 
 import math
 
+from microstage_ros.control.swing import held_gains
+
 ENCODER_PERIOD = 5.0e-4  # s; up to it the encoder-only bandwidths hold
 ENCODER = {"b": 381.0, "w_p": 345.0, "w_i": 130.0, "lag": 1.62e-3}
 TUNED_PERIOD = 1.0e-4  # s; up to it the self-tuning laws may double K_I and K_D, from `ENCODER_PERIOD` on not
@@ -18,8 +20,9 @@ SAMPLING_LAG = 1.5  # periods, of reading, difference and hold: what is left of 
 FRICTION_SHARE = 0.6  # fed forward where nothing tells the level: more of it builds up an overshoot from short move to short move
 CALM_PERIOD, DAMPED_PERIOD, LEAST_CALM = 1.25e-4, 5.0e-5, 0.5  # s, of all gains, of K_D beside; at longer ones the encoder's noise would rattle an axis at rest; least share of the gains there
 NCTF = {"b": 455.0, "filter_time": 1.64e-3}
-OBSERVER = {"b": 2200.0, "w_p": 270.0, "w_i": 80.0, "acceleration_noise": 5e-5}
-OBSERVER_PERIOD = 2.5e-4  # s; within longer ones friction moves more than the model says
+OBSERVER = {"b": 2200.0, "w_p": 270.0, "w_i": 80.0}
+OBSERVER_PERIOD = 2.5e-4  # s; through longer ones a voltage that is held throws the stage: see `swing`
+HELD_W_I = 40.0  # 1/s, then
 
 
 def volts_per_acceleration(model):
@@ -44,12 +47,21 @@ def observer_gains(model, period):
     """PID gains of the law on the observer's motion; without a current it is no better than the encoder's."""
     if not float(model["force_per_ampere"]) > 0.0:
         return encoder_gains(model, period)
-    b = min(OBSERVER["b"], 1.3 / period)
-    w_p = min(OBSERVER["w_p"], b / 4.4)
+    if period > OBSERVER_PERIOD and float(model["compliance"]) > 0.0:
+        swing, rate, proportional, derivative = held_gains(model, period)
+        motion = {
+            "proportional": proportional, "derivative_time": derivative / proportional, "integral_time": 1.0 / HELD_W_I,
+            "swing_share": swing / proportional, "swing_time": rate / proportional,
+        }
+    else:
+        b = min(OBSERVER["b"], 1.3 / period)
+        w_p = min(OBSERVER["w_p"], b / 4.4)
+        motion = {
+            "proportional": b * volts_per_acceleration(model) * w_p, "derivative_time": 1.0 / w_p,
+            "integral_time": 1.0 / min(OBSERVER["w_i"], w_p / 3.4),
+        }
     return {
-        "proportional": b * volts_per_acceleration(model) * w_p,
-        "derivative_time": 1.0 / w_p,
-        "integral_time": 1.0 / min(OBSERVER["w_i"], w_p / 3.4),
+        **motion,
         "filter_time": 0.0,
         "derivative_on_reference": 1.0,
         "back_off": 0.15,
@@ -69,7 +81,6 @@ def observer_gains(model, period):
         "least_ceiling": 0.12,
         "least_damping": 0.12,
         "least_integral": 0.12,
-        "acceleration_noise": OBSERVER["acceleration_noise"] * max(1.0, period / OBSERVER_PERIOD),
     }
 
 

@@ -8,6 +8,7 @@ motion, so what they disagree on tells (compiled parts of `observer_law`).
 import math
 
 from microstage_ros.axis.compiled import compiled
+from microstage_ros.control.motion_filter import along_motion
 
 JOLT_TIME = 1e-2  # s, for which a jolt is remembered
 JOLTED = 5.0  # doubts in the encoder beyond which something goes on that is not the drive (backlash, a jolt)
@@ -173,7 +174,7 @@ def settled_drop(p, model, s, current):
 
 
 @compiled
-def learn_drive(p, model, s, period, drop, position, speed, trust):
+def learn_drive(p, model, s, period, drop, position, speed):
     """Learn R, the amplifier's zero and the back-EMF from the innovations of position [m] and speed [m/s].
 
     Friedland's two-stage filter: ``shift`` is how far a wrong R (or zero) has led x, v and d astray, so both
@@ -187,7 +188,7 @@ def learn_drive(p, model, s, period, drop, position, speed, trust):
     doubt = max(1.0, s.jolt / (JOLTED * p.encoder_noise))
     noise_x *= doubt * doubt
     noise_v *= doubt * doubt
-    follow_shift(p, model, s, period, drop, trust)
+    follow_shift(model, s, period, drop)
     for k in range(3):
         spread = p.resistance_spread if k == 0 else (p.zero_spread if k == 1 else p.emf_spread)
         s.learned_covariance[k, k] += spread * spread * period / (p.zero_time if k == 1 else p.forgetting_time)
@@ -197,17 +198,15 @@ def learn_drive(p, model, s, period, drop, position, speed, trust):
 
 
 @compiled
-def follow_shift(p, model, s, period, drop, trust):
+def follow_shift(model, s, period, drop):
     """One period of ``shift``, and by how much each innovation changes per unit error of what is learned."""
     for k in range(3):
         shift = s.shift[k]
-        shift[0] += shift[1] * period
-        shift[1] -= shift[2] * period
+        along_motion(s, shift, period)
         s.of_position[k] = -shift[0]
         s.of_speed[k] = direct_effect(model, s, drop, k) - shift[1]
         for j in range(3):
-            shift[j] += (trust * p.motion_gain[j, 0] + (1.0 - trust) * p.encoder_gain[j]) * s.of_position[k]
-            shift[j] += trust * p.motion_gain[j, 1] * s.of_speed[k]
+            shift[j] += s.gain[j, 0] * s.of_position[k] + s.gain[j, 1] * s.of_speed[k]
 
 
 @compiled
@@ -242,6 +241,12 @@ def trust_in_speed(p, variance):
     """1 if the back-EMF is as good as the amplifier's noise, towards 0 while R and zero are not known: `voltage_variance`."""
     noise = p.voltage_noise * p.voltage_noise
     return noise / (noise + variance)
+
+
+@compiled
+def speed_variance(p, model, variance):
+    """Variance [m^2/s^2] of the back-EMF's speed: the amplifier's noise and ``variance`` [V^2] of `voltage_variance`."""
+    return (p.voltage_noise * p.voltage_noise + variance) / (model.volts_per_velocity * model.volts_per_velocity)
 
 
 @compiled

@@ -38,6 +38,7 @@ MODEL_FIELDS = [
     ("resistance", "f8"),  # ohm
     ("settling", "f8"),  # s, L/R
     ("compliance", "f8"),  # m/N of the drive train
+    ("drive_damping", "f8"),  # N s/m of the drive train
     ("screw_ratio", "f8"),  # m per radian of the screw
     ("offset_force", "f8"),  # N
     ("top_speed", "f8"),  # m/s
@@ -124,6 +125,7 @@ def fill_model(record, axis):
         record["top_speed"] = 10.0
     rigid = axis.choices["transmission.type"] == "rigid"
     record["compliance"] = 0.0 if rigid else 1.0 / axis.value("transmission.stiffness")
+    record["drive_damping"] = 0.0 if rigid else axis.value("transmission.damping")
     for contact in ("actuator", "guideway"):
         packed = packed_contact(axis, contact)
         record[f"has_{contact}"] = 0 if packed is None else 1

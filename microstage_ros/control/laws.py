@@ -11,7 +11,7 @@ import numpy as np
 
 from microstage_ros.axis.compiled import compiled, seldom, woven
 from microstage_ros.axis.errors import InputError
-from microstage_ros.control import adaptation, cascade, feedforward, gap_crossing, nctf, observer_law, pid
+from microstage_ros.control import adaptation, cascade, feedforward, gap_crossing, nctf, observer_law, pid, swing
 from microstage_ros.control.drive_learning import drive_voltage
 from microstage_ros.control.lost_motion import TOUCHING
 
@@ -174,7 +174,8 @@ def regulate(parameters, state, reference):
     speed = state.pid.reference_velocity
     state.pid.velocity = observer.v
     state.pid.error = gap_crossing.cross_step(
-        crossing, parameters.observer, observer, period, reference - observer.x, speed
+        crossing, parameters.observer, observer, period,
+        reference - observer.x - swing.read_swing(parameters.observer, observer), speed,
     )
     state.pid.reference_velocity = speed + crossing.held_speed
     state.feed_forward = feedforward.feedforward_step(

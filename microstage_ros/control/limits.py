@@ -36,7 +36,7 @@ def run_informed(plant, state, work, readings, parameters, memory, reference, po
         )
         x, v = observer.x, observer.v
         if position:
-            observer.x = state.x
+            observer.x = state.x - observer.swing
         if speed:
             observer.v = plant.ratio * state.omega
         memory.voltage = laws.regulate(parameters, memory, reference[n])

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import control
 import numpy as np
 
-from microstage_ros.control import laws, observer_law
+from microstage_ros.control import laws, motion_filter, observer_law
 from microstage_ros.control.feedforward import packed_contact
 
 #: Speeds [m/s] at which sliding is linearised: creeping (steepest fall of the Stribeck curve) and moving.
@@ -125,7 +125,7 @@ def observer_loop(axis, plant, stiffness, damping, parameters):
     """
     period = float(parameters["period"])
     step = _observer_step(parameters, stiffness, damping)
-    size = 6  # x, v, d, current of the period before, integral, force of the stuck blocks
+    size = 8  # x, v, d, current of the period before, integral, force of the stuck blocks, the stage's swing and its rate
     # the law is linear here: its matrices are its answers to unit vectors of (state, position, current, voltage)
     answers = np.array([step(unit) for unit in np.eye(size + 3)]).T
     sampled = control.sample_system(plant, period, "zoh")
@@ -148,14 +148,17 @@ def _observer_step(parameters, stiffness, damping):
     o, m, period = parameters["observer"], parameters["feedforward"], float(parameters["period"])
     pid = parameters["pid"]
     kp, ki = float(pid["proportional"]), float(pid["proportional"] / pid["integral_time"])
-    kd, gain = float(pid["proportional"] * pid["derivative_time"]), np.array(o["motion_gain"])
+    kd = float(pid["proportional"] * pid["derivative_time"])
     rest = math.exp(-period / float(m["settling"]))
     part = float(m["settling"]) / period - rest / (1.0 - rest)
     mass, emf = float(m["moving_mass"]), float(m["volts_per_velocity"])
+    gain = motion_filter.steady_gain(o, m, period, motion_filter.STIFFNESS_SHARE * stiffness / mass, damping / mass)
+    swings, share, time = np.array(o["swing_matrix"]), float(o["swing_share"]), float(o["swing_time"])
     absorbed = min(period / observer_law.ABSORB_TIME, 1.0) if stiffness > 0.0 else 0.0
 
     def step(values):
-        x, v, d, before, integral, spring, position, current, voltage = values
+        x, v, d, before, integral, spring, swing, rate, position, current, voltage = values
+        start = v
         force = float(m["force_per_ampere"]) * (current + part * (before - current))
         pull = period * ((force - spring - damping * v) / mass - d)
         mean, v = v + 0.5 * pull, v + pull
@@ -164,11 +167,13 @@ def _observer_step(parameters, stiffness, damping):
         spring = (spring if stiffness > 0.0 else 0.0) + stiffness * period * mean
         v = v - 0.5 * period * (stiffness * period * mean + damping * 0.5 * pull) / mass
         settled = (current - rest * before) / (1.0 - rest)
-        innovation = np.array([position - x, (voltage - float(m["resistance"]) * settled) / emf - v])
+        swing, rate = swings @ [swing, rate, (v - start) / period]
+        innovation = np.array([position - swing - x, (voltage - float(m["resistance"]) * settled) / emf - v])
         x, v, d = np.array([x, v, d]) + gain @ innovation
         spring, d = spring + absorbed * mass * d, (1.0 - absorbed) * d
-        integral = integral - ki * period * x
-        return np.array([x, v, d, current, integral, spring, -kp * x - kd * v + integral])
+        error = x + share * swing + time * rate
+        integral = integral - ki * period * error
+        return np.array([x, v, d, current, integral, spring, swing, rate, -kp * error - kd * v + integral])
 
     return step
 

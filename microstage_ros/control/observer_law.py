@@ -7,7 +7,7 @@ free of the encoder's counts and of the drive train's resonance. The axis is one
     encoder = x + n_x,      (u - R i_end - o) / (K_E N/r) = v + n_v
 
 with the friction laws of the axis file run along the estimated motion, l the level of the actuator's limits
-and d what is left (a random walk). x, v and d follow a steady-state Kalman filter (`motion_gain`). The back-
+and d what is left (a random walk). x, v and d follow a Kalman filter (`motion_filter`), the stage's swing is `swing`'s. The back-
 EMF matters: below the Stribeck velocity friction falls by 34 uNm per rad/s at the motor, so speed errors of a
 model driven by the current alone grow e-fold in 3 ms. Its R, zero o
 and constant are learned (`learn_drive`) from what encoder and back-EMF disagree on, and the delay of the voltage, in whole periods, from which past
@@ -21,10 +21,8 @@ standard deviation. What the filter adds to the level it takes off d.
 
 import math
 
-import numpy as np
-
 from microstage_ros.axis.compiled import compiled
-from microstage_ros.control import feedforward, lost_motion
+from microstage_ros.control import feedforward, lost_motion, motion_filter, swing
 from microstage_ros.control.drive_learning import (
     LAGS,
     apply_learned,
@@ -37,6 +35,7 @@ from microstage_ros.control.drive_learning import (
     relearn,
     speed_innovation,
     settled_drop,
+    speed_variance,
     trust_in_speed,
     voltage_variance,
 )
@@ -47,7 +46,7 @@ from microstage_ros.control.lost_motion import TOUCHING
 GAINS = (
     Gain("encoder_noise", "m", 1e-12, 1e-3, 1.8e-8, "doubt in one encoder value: noise, rounding and more"),
     Gain("voltage_noise", "V", 1e-6, 10.0, 2.3e-3, "doubt in the voltage behind the back-EMF: noise of the amplifier and more"),
-    Gain("acceleration_noise", "m/s^2/rtHz", 1e-12, 1e3, 5.0e-5, "density of what moves the axis unmodelled"),
+    Gain("acceleration_noise", "m/s^2/rtHz", 1e-12, 1e3, 6.0e-5, "density of what moves the axis unmodelled"),
     Gain("friction_drift", "m/s^3/rtHz", 1e-12, 1e6, 4.0e-3, "density of the random walk of d"),
     Gain("resistance_spread", "1", 0.0, 1.0, 0.1, "standard deviation of R over nominal before anything is learned"),
     Gain("zero_spread", "V", 0.0, 10.0, 5.0e-3, "standard deviation of the amplifier's zero before that"),
@@ -64,11 +63,12 @@ GAINS = (
     Gain("crossing_acceleration", "m/s^2", 1e-3, 1e6, 0.9, "highest acceleration through a gap"),
     Gain("search_speed", "m/s", 1e-9, 1.0, 3.5e-5, "lowest speed through a gap of unknown width"),
     Gain("search_rate", "1/s", 0.0, 1e6, 250.0, "speed through it over what the stage has fallen behind, 2 / k"),
+    *swing.GAINS,
 )
 FORCE_TIME = 5e-3  # s, over which errors of d hang together
 APART_GAIN = 0.3  # of the speed while apart, where the encoder says nothing of the motor and friction changes fast
 ABSORB_TIME = 5e-3  # s, in which sticking blocks take over what is unexplained
-PARAMETERS = record_type(GAINS, [("motion_gain", "f8", (3, 2)), ("encoder_gain", "f8", 3), ("transient", "f8")])
+PARAMETERS = record_type(GAINS, [("motion_gain", "f8", (3, 2)), ("transient", "f8"), *swing.PARAMETERS])
 BLOCK_STATE = feedforward.BLOCK_STATE
 STATE_FIELDS = [
     ("x", "f8"),  # m, stage position
@@ -106,6 +106,8 @@ STATE_FIELDS = [
     ("level_backward", "f8"),
     ("slipping", "f8"),  # share of the actuator's limit that slips
     ("noise", "f8"),  # m^2, running variance of the innovation
+    *motion_filter.FIELDS,
+    *swing.FIELDS,
     *lost_motion.FIELDS,
 ]
 
@@ -115,6 +117,7 @@ def observer_reset(p, s):
     """Forget everything but the nominal level."""
     s.v = 0.0
     s.d = 0.0
+    s.swing, s.swing_rate = 0.0, 0.0
     s.current = 0.0
     s.acceleration = 0.0
     forget_drive(p, s)
@@ -142,6 +145,7 @@ def observer_reset(p, s):
     s.slipping = 0.0
     s.noise = 0.0
     lost_motion.lost_motion_reset(p, s)
+    motion_filter.forget_motion(s)
     for j in range(BLOCK_STATE):
         s.actuator[j] = 0.0
         s.guideway[j] = 0.0
@@ -198,18 +202,13 @@ def predict(model, s, period, force):
 
 
 @compiled
-def correct(p, s, position, speed, trust):
-    """Correct x, v, d by the innovations of position [m] and speed [m/s], the latter with ``trust`` 0 ... 1."""
-    for j in range(3):
-        change = (trust * p.motion_gain[j, 0] + (1.0 - trust) * p.encoder_gain[j]) * position
-        change += trust * p.motion_gain[j, 1] * speed
-        if j == 0:
-            s.x += change
-            s.screw += change
-        elif j == 1:
-            s.v += change
-        else:
-            s.d += change
+def correct(s, position, speed):
+    """Correct x, v, d by the innovations of position [m] and speed [m/s]."""
+    change = s.gain[0, 0] * position + s.gain[0, 1] * speed
+    s.x += change
+    s.screw += change
+    s.v += s.gain[1, 0] * position + s.gain[1, 1] * speed
+    s.d += s.gain[2, 0] * position + s.gain[2, 1] * speed
     s.noise += 0.01 * (position * position - s.noise)
 
 
@@ -307,13 +306,16 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     else:
         force = voltage / model.volts_per_force
     before = s.v
-    parts = int(math.ceil(period / 2.0e-4 - 1e-9))
+    motion_filter.linearise(model, s)
+    parts = motion_filter.parts_of(period)
     for k in range(parts):
         start = s.v
         predict(model, s, period / parts, force + fall * s.acceleration * period * (parts - k - 0.5) / parts)
         s.acceleration = (s.v - start) * parts / period
     s.acceleration = (s.v - before) / period
-    speed, drop, trust, doubt = 0.0, 0.0, 0.0, 0.0
+    swing.follow_swing(p, s)
+    encoder -= s.swing
+    speed, drop, doubt = 0.0, 0.0, 0.0
     if senses:
         drop = settled_drop(p, model, s, current)
         if drive_changed(p, model, s, period, drop):
@@ -326,7 +328,6 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         apply_learned(p, s, period)
         speed = speed_innovation(model, s, drop)
         doubt = voltage_variance(model, s, drop, s.v, 1.0)
-        trust = trust_in_speed(p, doubt)
         s.current = current
     position = encoder - s.x
     if senses:
@@ -340,12 +341,16 @@ def observer_step(p, model, s, period, encoder, voltage, current):
             forget_drive(p, s)
         position = encoder - s.x
     if s.contact != TOUCHING:
-        correct_apart(p, model, s, period, position, speed + steady_measure(p, s) * s.v, trust)
+        correct_apart(p, model, s, period, position, speed + steady_measure(p, s) * s.v, trust_in_speed(p, doubt))
         compare_voltage(model, s, drop)
+        motion_filter.forget_motion(s)
+        s.swing, s.swing_rate = 0.0, 0.0
         return
-    correct(p, s, position, speed, trust)
+    motion_filter.widen(p, s, period)
+    motion_filter.take_readings(p, s, speed_variance(p, model, doubt) if senses else math.inf)
+    correct(s, position, speed)
     if senses:
-        learn_drive(p, model, s, period, drop, position, speed, trust)
+        learn_drive(p, model, s, period, drop, position, speed)
         compare_voltage(model, s, drop)
     learn_level(p, model, s, period)
     if model.has_actuator != 0:
@@ -353,40 +358,11 @@ def observer_step(p, model, s, period, encoder, voltage, current):
 
 
 def design_motion(record, model, period):
-    """Steady-state Kalman gains of (x, v, d) for encoder and back-EMF, and for the encoder alone.
+    """What follows from an observer's gains, its axis and the period.
 
-    The process is dx = v, dv = -d + white acceleration, dd = white; measurements once per period. Beside them
-    ``transient``, what is left after a period of a transient of the current.
+    ``motion_gain`` of a free mass; ``transient``, what is left after a period of a transient of the current; the swing's matrix.
     """
     settling = float(model["settling"])
     record["transient"] = math.exp(-period / settling) if settling > 0.0 else 0.0
-    a = np.array([[1.0, period, 0.0], [0.0, 1.0, -period], [0.0, 0.0, 1.0]])
-    drift, push = float(record["friction_drift"]) ** 2, float(record["acceleration_noise"]) ** 2
-    q = np.diag([push * period**3 / 3, push * period, drift * period]) + 1e-40 * np.eye(3)
-    speed = float(record["voltage_noise"]) / max(float(model["volts_per_velocity"]), 1e-9)
-    noise = np.array([float(record["encoder_noise"]), speed])
-    record["motion_gain"] = _steady_gain(a, q, noise, np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))
-    record["encoder_gain"] = _steady_gain(a, q, noise[:1], np.array([[1.0, 0.0, 0.0]]))[:, 0]
-
-
-def _steady_gain(a, q, noise, c):
-    """Gain P C' (C P C' + R)^-1 of the filtered estimate, by the discrete Riccati equation in scaled units."""
-    scale = np.array([noise[0], noise[0] * 1e2, noise[0] * 1e4])
-    s, inverse = np.diag(scale), np.diag(1 / scale)
-    n = np.diag(1 / noise)
-    cs = n @ c @ s
-    p = _steady_covariance((inverse @ a @ s).T, inverse @ q @ inverse, cs.T @ cs)
-    gain = p @ cs.T @ np.linalg.inv(cs @ p @ cs.T + np.eye(len(noise)))
-    return s @ gain @ n
-
-
-def _steady_covariance(a, q, information):
-    """P of P = A' P (1 + G P)^-1 A + Q, where G is the information of one measurement: each step doubles the periods that
-    have passed (Anderson 1978). SciPy's solver takes half a second to load and leaves residuals ten times as large."""
-    p = q
-    while True:
-        shrink = np.linalg.inv(np.eye(len(a)) + information @ p)
-        more = a.T @ p @ shrink @ a
-        p, information, a = p + more, information + a @ shrink @ information @ a.T, a @ shrink @ a
-        if not np.abs(more).max() > 1e-17 * np.abs(p).max():
-            return p
+    record["motion_gain"] = motion_filter.steady_gain(record, model, period)
+    record["swing_matrix"] = swing.swing_matrix(record, model, period)

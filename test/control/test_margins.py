@@ -61,11 +61,12 @@ def test_observer_loop_is_the_compiled_one(axis):
     plant["quantum"] = plant["encoder_count"] = 0.0
     frozen = dict(resistance_spread=0.0, zero_spread=0.0, emf_spread=0.0, level_variability=0.0, speed=0.0, friction_share=0.0)
     controller = make_controller("self_tuning_observer", axis, **frozen)
-    n = 300
-    push, trace = np.full(n, 1e-3), np.empty((n, len(TRACE)))
+    settling, n = 1000, 300  # periods in which the filter's gain settles
+    push, trace = np.full(settling + n, 1e-3), np.empty((settling + n, len(TRACE)))
+    push[:settling] = 0.0
     run_loop(plant, new_state(plant, seed=0), new_work(plant), new_readings(), controller.parameters, controller.memory,
-             np.zeros(n), np.zeros(n), push, trace)
-    answer = trace[:, TRACE.index("voltage_V")] - push
+             np.zeros(len(push)), np.zeros(len(push)), push, trace)
+    answer, push = (trace[:, TRACE.index("voltage_V")] - push)[settling:], push[settling:]
     name, linear, slopes = regimes(axis)[0]
     loop = observer_loop(axis, linear, *slopes, controller.parameters)
     _, wanted = control.forced_response(control.feedback(-loop, 1, sign=1), np.arange(n) * T, push)

@@ -40,9 +40,9 @@ def test_its_numbers_are_named_and_follow_the_period(axis):
     with pytest.raises(InputError, match="loudness.*one of .*encoder_noise"):
         FrictionObserver(axis, loudness=1.0)
     assert FrictionObserver(axis, encoder_noise=3e-8).parameters["encoder_noise"] == 3e-8
-    slow = FrictionObserver(axis, period=1e-3).parameters["acceleration_noise"]
-    assert slow == make_controller("self_tuning_observer", axis, period=1e-3).parameters["observer"]["acceleration_noise"]
-    assert slow > FrictionObserver(axis).parameters["acceleration_noise"]
+    slow = FrictionObserver(axis, period=1e-3).parameters
+    assert slow == make_controller("self_tuning_observer", axis, period=1e-3).parameters["observer"]
+    assert slow["swing_share"] != 0.0 and FrictionObserver(axis).parameters["swing_share"] == 0.0
 
 
 @pytest.mark.parametrize("factor", [0.85, 1.15])
