@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from microstage_ros.control.controller import controller_parameters
-from microstage_ros.control.limits import limits
+from microstage_ros.control.limits import gap_limits, limits
 from microstage_ros.control.margins import controller_margins
 from microstage_ros.control.observer_trial import LEVEL_JUMPS, LEVEL_SINES, level_jump_trial, observer_trial
 from microstage_ros.control.trials import cycle_peaks, gain_jump_trial, sine_trial, step_trial, trial
@@ -87,6 +87,7 @@ def compare(axis, extent=Extent(), controllers=CONTROLLERS, jobs=1, progress=Non
     result["gain_jumps"] = gain_jumps(bench, controllers)
     result["trade_off"] = trade_off(bench)
     result["informed"] = limits(bench)
+    result["told_gap"] = gap_limits(bench)
     result["weak_start"] = weak_start(bench)
     result["observer"] = observation(bench)
     result["level_jumps"] = level_jumps(bench)

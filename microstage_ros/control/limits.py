@@ -3,7 +3,8 @@
 Sensors, amplifier, friction and observer are those of every trial; only what the regulator reads of the observer
 is replaced by the simulator's position of the stage, or speed of the motor, or both. Told both, what is left is the
 price of a voltage that is held for a period while friction changes, and of the regulator's own lag. What lies
-between is the price of not knowing, and says which of the two estimates it is paid for.
+between is the price of not knowing, and says which of the two estimates it is paid for. With lost motion in the drive
+the observer may be told of that: the gap, or the gap and when its contacts open and close.
 """
 
 import numpy as np
@@ -12,10 +13,15 @@ from microstage_ros.axis.compiled import compiled
 from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
 from microstage_ros.axis.sensors import sense
 from microstage_ros.axis.step import advance
-from microstage_ros.control import laws, observer_law, pid
+from microstage_ros.control import laws, lost_motion, observer_law, pid
+from microstage_ros.control.closed_loop import TRACE, run_loop
 from microstage_ros.control.controller import make_controller
 from microstage_ros.control.profiles import sine
 
+LEFT = 2e-9  # m, from the contact at which it is told to be open
+NEARER = 1.6e-8  # m, by which the fast way through a gap may end nearer to the other contact if that is told
+TOLD_OF_GAP = ("nothing", "gap", "contact")
+GAP_WIDTH = 0.00873  # rad, 0.5 degrees
 PERIODS = (1e-4, 2e-4, 5e-4, 1e-3)  # s
 TOLD = {"nothing": (False, False), "position": (True, False), "speed": (False, True), "both": (True, True)}
 
@@ -56,6 +62,59 @@ def informed_sine(axis, seed, told="both", period=None, amplitude=1e-5, frequenc
     return float(np.abs(stage - reference)[int(0.25 / cycles * len(reference)) :].max())
 
 
+@compiled
+def run_told_contact(plant, state, work, readings, parameters, memory, reference, stage):
+    """The loop of `closed_loop` whose observer is told of lost motion what the simulator knows; fills ``stage`` [m].
+
+    That is the gap, the moment at which the contact opens and at which it closes, and the motor's way and speed between.
+    """
+    o, side = memory.observer, state.side
+    for n in range(len(reference)):
+        sense(plant, state, readings)
+        stage[n] = state.x
+        if memory.started == 0:
+            laws.controller_start(memory, reference[n], readings.encoder)
+        pid.pid_motion(parameters.pid, memory.pid, parameters.period, reference[n], readings.encoder)
+        observer_law.observer_step(
+            parameters.observer, parameters.feedforward, o, parameters.period, readings.encoder, memory.voltage, readings.current
+        )
+        o.gap, o.gap_variance = plant.gap + NEARER, 0.0
+        slack = plant.ratio * state.theta - state.x
+        side = state.side if state.side != 0 else side
+        ahead = side * (reference[n] - memory.reference) < 0.0  # the reference leads the other way
+        if o.contact == lost_motion.TOUCHING and side != 0 and side * slack < 0.5 * plant.gap - LEFT and ahead:
+            o.side, o.sure = side, 1
+            lost_motion.open_contact(o, -1.0 * side, 0.0)
+        if o.contact != lost_motion.TOUCHING:
+            o.travel, o.v = 0.5 * plant.gap + o.toward * slack, plant.ratio * state.omega
+            if state.side == o.toward:
+                lost_motion.settle(o, o.toward)
+        memory.reference = reference[n]
+        memory.voltage = laws.regulate(parameters, memory, reference[n])
+        advance(plant, state, work, memory.voltage)
+
+
+def gap_sine(axis, seed, told, width, amplitude=1e-5, frequency=0.1, cycles=3.25):
+    """Largest |true position - reference| [m] of a sine through lost motion of ``width`` [rad]: (first cycle, last cycle).
+
+    ``told``: "nothing", the "gap", or the gap and the "contact", see `run_told_contact`.
+    """
+    reference = sine(0.0, amplitude, frequency, cycles, axis.value("period"))
+    plant = make_plant(axis, NoiseSpec(), effects={"backlash": {"width_rad": width}})
+    gains = {} if told == "nothing" else {"known_gap": float(plant["gap"])}
+    controller, stage = make_controller("self_tuning_observer", axis, **gains), np.empty(len(reference))
+    state, work, none = new_state(plant, seed=seed), new_work(plant), np.zeros_like(reference)
+    if told == "contact":
+        run_told_contact(plant, state, work, new_readings(), controller.parameters, controller.memory, reference, stage)
+    else:
+        trace = np.empty((len(reference), len(TRACE)))
+        run_loop(plant, state, work, new_readings(), controller.parameters, controller.memory, reference, none, none, trace)
+        stage = trace[:, TRACE.index("stage_m")]
+    cycle = round(1.0 / frequency / axis.value("period"))
+    error = np.abs(stage - reference)[cycle // 4 :]
+    return float(error[:cycle].max()), float(error[-cycle:].max())
+
+
 def limits(bench, periods=PERIODS):
     """Worst peak [m] of the sine of 10 um at 0.1 Hz, by what the regulator is told: {period [s]: {`TOLD`: peak}}."""
     bench.progress("what not knowing costs")
@@ -64,3 +123,11 @@ def limits(bench, periods=PERIODS):
     for (period, told, _), peak in zip(jobs, bench.each(lambda job: informed_sine(bench.axis, job[2], job[1], job[0]), jobs)):
         found[period][told] = max(found[period][told], peak)
     return found
+
+
+def gap_limits(bench):
+    """Worst peak [m] of the sine of 10 um at 0.1 Hz with a gap of 0.5 degrees, {of `TOLD_OF_GAP`: (first cycle, third)}."""
+    bench.progress("what not knowing a gap costs")
+    jobs = [(seed, told) for told in TOLD_OF_GAP for seed in range(bench.extent.stress_seeds)]
+    peaks = bench.each(lambda job: gap_sine(bench.axis, *job, GAP_WIDTH), jobs)
+    return {told: tuple(max(p[k] for (_, of), p in zip(jobs, peaks) if of == told) for k in range(2)) for told in TOLD_OF_GAP}

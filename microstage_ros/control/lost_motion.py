@@ -70,7 +70,7 @@ def lost_motion_reset(p, s):
     s.side = 0.0
     s.toward = 0.0
     s.gap = p.known_gap
-    s.gap_variance = 1e-16
+    s.gap_variance = 1e-16 + (p.emf_spread * p.known_gap) ** 2
     s.travel = 0.0
     s.raw_lead = 0.0
     s.lead = 0.0

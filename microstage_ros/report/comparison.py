@@ -26,7 +26,7 @@ def comparison_tables(result, paper_four_s, paper_sine):
     """All tables of a comparison: list of (title, header, rows, remark)."""
     return [
         floors_table(result), _tracking(result, paper_sine), *_positioning(result, paper_four_s), _sines(result), *_stress(result),
-        _gain_jumps(result), _weak_start(result), _observer(result), _level_jumps(result), _margins(result), _trade_off(result), _informed(result),
+        _gain_jumps(result), _weak_start(result), _observer(result), _level_jumps(result), _margins(result), _trade_off(result), _informed(result), _told_gap(result),
     ]
 
 
@@ -235,6 +235,12 @@ def _informed(result):
     rows = [[f"{1e3 * period:.1f}", *map(nm, peaks.values())] for period, peaks in result["informed"].items()]
     header = ["period (ms)", "told nothing", "the stage's position", "the motor's speed", "both"]
     return "Observer law, its regulator told the true motion: sine of 10 µm at 0.1 Hz, worst peak (nm)", header, rows, ""
+
+
+def _told_gap(result):
+    names = {"nothing": "nothing", "gap": "the gap", "contact": "the gap, and when its contacts open and close"}
+    rows = [[names[told], *map(nm, peaks)] for told, peaks in result["told_gap"].items()]
+    return "Observer law, told of a gap of 0.5 deg: sine of 10 µm at 0.1 Hz, worst peak (nm)", ["told", "first cycle", "third cycle"], rows, ""
 
 
 def _margins(result):

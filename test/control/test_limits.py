@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from microstage_ros.control.controller import make_controller
-from microstage_ros.control.limits import informed_sine
+from microstage_ros.control.limits import GAP_WIDTH, gap_sine, informed_sine
 from microstage_ros.control.lost_motion import NOTICED
 from microstage_ros.control.trials import cycle_peaks, sine_trial
 
@@ -34,3 +34,9 @@ def test_an_unknown_gap_costs_what_the_closed_form_says_and_a_learned_one_less(a
     gap = 2e-3 / (2 * np.pi) * 0.00873
     assert np.abs(error[first]).max() < np.sqrt(NOTICED**2 + throw * speed * gap)
     assert cycle_peaks(trial, 0.1)[-1] < 1e-7
+
+
+@pytest.mark.parametrize("seed", [51, 55])
+def test_told_the_gap_a_first_crossing_is_no_worse_than_a_learned_one(axis, seed):
+    first = {told: gap_sine(axis, seed, told, GAP_WIDTH, cycles=1.25)[0] for told in ("nothing", "gap", "contact")}
+    assert first["gap"] < 1e-7 and first["contact"] < 0.75 * first["gap"] and first["nothing"] > 2.0 * first["gap"]
