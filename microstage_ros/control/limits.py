@@ -19,7 +19,6 @@ from microstage_ros.control.controller import make_controller
 from microstage_ros.control.profiles import sine
 
 LEFT = 2e-9  # m, from the contact at which it is told to be open
-NEARER = 1.6e-8  # m, by which the fast way through a gap may end nearer to the other contact if that is told
 TOLD_OF_GAP = ("nothing", "gap", "contact")
 GAP_WIDTH = 0.00873  # rad, 0.5 degrees
 PERIODS = (1e-4, 2e-4, 5e-4, 1e-3)  # s
@@ -78,7 +77,7 @@ def run_told_contact(plant, state, work, readings, parameters, memory, reference
         observer_law.observer_step(
             parameters.observer, parameters.feedforward, o, parameters.period, readings.encoder, memory.voltage, readings.current
         )
-        o.gap, o.gap_variance = plant.gap + NEARER, 0.0
+        o.gap, o.gap_variance = plant.gap, 0.0
         slack = plant.ratio * state.theta - state.x
         side = state.side if state.side != 0 else side
         ahead = side * (reference[n] - memory.reference) < 0.0  # the reference leads the other way
