@@ -24,6 +24,9 @@ RESTLESS_TIME = 0.1  # s, memory of these
 STEADY_TIME = 2e-2  # s, for which all has been explained before: a first move with a drive not yet known has no steps
 APPLY_TIME = 0.1  # s, in which the controller follows what is learned
 SLACK, ZERO_SLACK = 0.05, 1e-2  # 1, V, up to which it does not
+STRAY_TIME = 5e-3  # s, memory of a position that stays beside the encoder
+ASTRAY = 0.8  # doubts in the encoder by which it may
+STOOD = 0.3  # s, for which the reference stands when the axis is surely at rest
 GAIN_SPREAD = 1.0  # standard deviation of gain over former gain after a change
 ZERO_SPREAD = 0.03  # V, of the amplifier's zero after a change
 
@@ -40,6 +43,7 @@ def forget_drive(p, s):
     s.learned_covariance[2, 2] = p.emf_spread * p.emf_spread
     s.shift[:] = 0.0
     s.jolt = 0.0
+    s.strayed = 0.0
 
 
 @compiled
@@ -103,6 +107,7 @@ def relearn(p, model, s, drop):
     s.learned_covariance[1, 1] += ZERO_SPREAD * ZERO_SPREAD
     s.shift[:] = 0.0
     s.jolt = 0.0
+    s.strayed = 0.0
     for k in range(3):
         s.of_speed[k] = direct_effect(model, s, drop, k)
     noise = p.voltage_noise / model.volts_per_velocity
@@ -188,6 +193,7 @@ def learn_drive(p, model, s, period, drop, position, speed):
     doubt = max(1.0, s.jolt / (JOLTED * p.encoder_noise))
     noise_x *= doubt * doubt
     noise_v *= doubt * doubt
+    doubt_drive(p, s, period, position)
     follow_shift(model, s, period, drop)
     for k in range(3):
         spread = p.resistance_spread if k == 0 else (p.zero_spread if k == 1 else p.emf_spread)
@@ -195,6 +201,21 @@ def learn_drive(p, model, s, period, drop, position, speed):
     speed -= take_in(s, s.of_position, s.of_speed, position, noise_x)
     take_in(s, s.of_speed, s.of_position, speed, noise_v)
     bound_learned(p, s)
+
+
+@compiled
+def doubt_drive(p, s, period, position):
+    """While the estimated position stays beside the encoder, R or zero have changed by too little to be noticed at once.
+
+    Noise has no mean: the innovation ``position`` [m], averaged, lies within a count of zero as long as the drive is known.
+    Only at rest, since a gap that opens looks the same.
+    """
+    s.strayed += min(period / STRAY_TIME, 1.0) * (position - s.strayed)
+    beyond = abs(s.strayed) - ASTRAY * p.encoder_noise
+    if beyond > 0.0 and s.stood > STOOD:
+        part = min(beyond / p.encoder_noise, 1.0) * period / STRAY_TIME
+        s.learned_covariance[0, 0] += part * p.resistance_spread * p.resistance_spread
+        s.learned_covariance[1, 1] += part * ZERO_SPREAD * ZERO_SPREAD
 
 
 @compiled

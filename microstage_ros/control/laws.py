@@ -172,6 +172,7 @@ def regulate(parameters, state, reference):
     """What `observed_step` does with the motion, level and contact that stand in ``state.observer``."""
     period, model, observer, crossing = parameters.period, parameters.feedforward, state.observer, state.crossing
     speed = state.pid.reference_velocity
+    observer.stood = observer.stood + period if speed == 0.0 else 0.0
     state.pid.velocity = observer.v
     state.pid.error = gap_crossing.cross_step(
         crossing, parameters.observer, observer, period,

@@ -88,6 +88,8 @@ STATE_FIELDS = [
     ("restless", "f8"),  # V^2, mean square of its steps
     ("changes", "i8"),  # of the drive
     ("jolt", "f8"),  # m, largest innovation of the position of late
+    ("stood", "f8"),  # s, for which the reference has stood, if that is known
+    ("strayed", "f8"),  # m, mean innovation of the position
     ("of_position", "f8", 3),  # change of the position's innovation per unit error of what is learned
     ("of_speed", "f8", 3),
     ("shift", "f8", (3, 3)),  # how far x, v, d are off per unit error of what is learned
@@ -123,6 +125,7 @@ def observer_reset(p, s):
     forget_drive(p, s)
     s.applied[:] = s.learned
     s.excitation = 0.0
+    s.stood = 0.0
     s.lag = 0
     s.unexplained = 0.0
     s.drop = 0.0

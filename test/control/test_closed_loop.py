@@ -6,10 +6,10 @@ import pytest
 from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
 from microstage_ros.axis.sensors import read_sensors
 from microstage_ros.axis.step import advance
-from microstage_ros.control.closed_loop import run_loop
+from microstage_ros.control.closed_loop import TRACE, run_loop
 from microstage_ros.control.controller import make_controller
 from microstage_ros.control.laws import LAWS
-from microstage_ros.control.profiles import sine
+from microstage_ros.control.profiles import jerk_limited_move, sine
 from microstage_ros.control.trials import gain_jump_trial, sine_trial, step_trial
 from microstage_ros.control.tuning import allowed_overshoot
 
@@ -71,6 +71,21 @@ def test_overshoot_is_within_five_percent_or_two_counts(axis, kind, distance):
     trial = step_trial(axis, kind, {}, distance, seed=0, moves=5)
     assert trial.overshoot.max() < allowed_overshoot(distance)
     assert trial.rest.max() < 50e-9 and np.all(trial.settling < 0.15)
+
+
+@pytest.mark.parametrize("volts", [0.01, -0.01, 0.03])
+def test_a_step_of_the_amplifiers_zero_at_rest_does_not_set_the_loop_swinging(axis, volts):
+    """Too small a step to be noticed at once was once taken for R, or for a gap, and the loop swung by micrometres."""
+    reference = np.concatenate([jerk_limited_move(0.0, 1e-5, 1e-4), np.full(10000, 1e-5)])
+    step = len(reference) - 4000
+    disturbance, trace = np.zeros_like(reference), np.empty((len(reference), len(TRACE)))
+    disturbance[step:] = volts
+    plant, readings = make_plant(axis, NoiseSpec()), new_readings()
+    state, work, controller = new_state(plant, seed=75), new_work(plant), make_controller("self_tuning_observer", axis)
+    run_loop(plant, state, work, readings, controller.parameters, controller.memory, reference, np.zeros_like(reference), disturbance, trace)
+    error = np.abs(trace[step:, TRACE.index("stage_m")] - reference[step:])
+    assert error.max() < 1e-7 and error[1000:].max() < 1.5e-8
+    assert controller.memory["observer"]["contact"] == 0
 
 
 def test_a_calm_loop_at_rest_is_not_taken_for_another_delay(axis):
