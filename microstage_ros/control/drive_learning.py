@@ -24,8 +24,8 @@ RESTLESS_TIME = 0.1  # s, memory of these
 STEADY_TIME = 2e-2  # s, for which all has been explained before: a first move with a drive not yet known has no steps
 APPLY_TIME = 0.1  # s, in which the controller follows what is learned
 SLACK, ZERO_SLACK = 0.05, 1e-2  # 1, V, up to which it does not
-STRAY_TIME = 5e-3  # s, memory of a position that stays beside the encoder
-ASTRAY = 0.8  # doubts in the encoder by which it may
+STRAY_TIME, LONG_TIME = 5e-3, 0.1  # s, memory of a position that stays beside the encoder, at rest and in motion
+ASTRAY, LONG_ASTRAY = 0.8, 1.5  # doubts in the encoder by which it may
 STOOD = 0.3  # s, for which the reference stands when the axis is surely at rest
 GAIN_SPREAD = 1.0  # standard deviation of gain over former gain after a change
 ZERO_SPREAD = 0.03  # V, of the amplifier's zero after a change
@@ -207,13 +207,15 @@ def learn_drive(p, model, s, period, drop, position, speed):
 def doubt_drive(p, s, period, position):
     """While the estimated position stays beside the encoder, R or zero have changed by too little to be noticed at once.
 
-    Noise has no mean: the innovation ``position`` [m], averaged, lies within a count of zero as long as the drive is known.
-    Only at rest, since a gap that opens looks the same.
+    Noise has no mean: the innovation ``position`` [m], averaged, lies within a count of zero as long as the drive is known. In
+    motion it takes longer to say, since a gap that opens looks the same until it is noticed.
     """
-    s.strayed += min(period / STRAY_TIME, 1.0) * (position - s.strayed)
-    beyond = abs(s.strayed) - ASTRAY * p.encoder_noise
-    if beyond > 0.0 and s.stood > STOOD:
-        part = min(beyond / p.encoder_noise, 1.0) * period / STRAY_TIME
+    rests = s.stood > STOOD
+    memory, bound = (STRAY_TIME, ASTRAY) if rests else (LONG_TIME, LONG_ASTRAY)
+    s.strayed += min(period / memory, 1.0) * (position - s.strayed)
+    beyond = abs(s.strayed) / p.encoder_noise - bound
+    if beyond > 0.0:
+        part = min(beyond, 1.0) * period / memory
         s.learned_covariance[0, 0] += part * p.resistance_spread * p.resistance_spread
         s.learned_covariance[1, 1] += part * ZERO_SPREAD * ZERO_SPREAD
 

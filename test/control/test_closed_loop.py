@@ -88,6 +88,11 @@ def test_a_step_of_the_amplifiers_zero_at_rest_does_not_set_the_loop_swinging(ax
     assert controller.memory["observer"]["contact"] == 0
 
 
+def test_a_dead_band_of_the_amplifier_is_learned_as_a_zero_that_changes(axis):
+    """Its zero moves by 20 mV as the voltage changes its sign, too slowly to be noticed at once (not learned: a micrometre)."""
+    assert sine_trial(axis, "self_tuning_observer", {}, 1e-5, 0.1, 300, effects={"amplifier_deadband": {"half_width_V": 0.01}}).peak < 1.5e-7
+
+
 def test_a_calm_loop_at_rest_is_not_taken_for_another_delay(axis):
     """Steps of voltage as small as the amplifier's noise once found delays that were none, and R went astray with them."""
     trial = step_trial(axis, "self_tuning_observer", {"calm_gain": 0.5, "calm_time": 0.03}, 1e-5, 304, 8)
