@@ -15,7 +15,7 @@ from microstage_ros.control.margins import controller_margins
 from microstage_ros.control.observer_trial import LEVEL_JUMPS, LEVEL_SINES, level_jump_trial, observer_trial
 from microstage_ros.control.trials import cycle_peaks, gain_jump_trial, sine_trial, step_trial, trial
 from microstage_ros.control.tuning import GUARDED
-from microstage_ros.control.yardsticks import FRESH_SEEDS, STRESS_SINE, best_for_sine, stress_limits, weak_start
+from microstage_ros.control.yardsticks import STRESS_SINE, best_for_sine, fresh_seeds, stress_limits, weak_start
 from microstage_ros.metrology.repeatability import repeatability
 
 CONTROLLERS = (
@@ -55,11 +55,10 @@ class Extent(NamedTuple):
     moves: int = 10
     searches: int = 40  # candidates of every search for the best fixed PID
     sines: tuple = SINES
-    stress_seeds: int = 3
     stress_searches: int = 120  # candidates of the searches under stress, and for the moves from a tenth of the gains
 
 
-QUICK = Extent(3, 5, 8, ((1e-6, 1.0), (1e-5, 0.3), (1e-4, 1.0)), 1, 4)
+QUICK = Extent(3, 5, 8, ((1e-6, 1.0), (1e-5, 0.3), (1e-4, 1.0)), 4)
 
 
 class Bench:
@@ -164,8 +163,9 @@ def rest(bench, controllers):
 def sines(bench, kinds=("pid", "self_tuning", "self_tuning_feedforward", "self_tuning_observer")):
     """Sines of many sizes: worst peak [m] of each law, and of the best fixed PID searched for that very sine."""
     def one(sine):
-        worst = {kind: max(sine_trial(bench.axis, kind, {}, *sine, seed).peak for seed in FRESH_SEEDS) for kind in kinds}
-        gains, worst["best_pid"] = best_for_sine(bench.axis, *sine, bench.extent.searches)
+        seeds = fresh_seeds(bench)
+        worst = {kind: max(sine_trial(bench.axis, kind, {}, *sine, seed).peak for seed in seeds) for kind in kinds}
+        gains, worst["best_pid"] = best_for_sine(bench.axis, seeds, *sine, bench.extent.searches)
         return {"amplitude": sine[0], "frequency": sine[1], "gains": gains, "peak": worst}
 
     bench.progress("best fixed PID for every sine")
@@ -180,7 +180,7 @@ def stress(bench, controllers):
 
     def one(job):
         kind, name = job
-        conditions, seeds = STRESS[name], range(bench.extent.stress_seeds)
+        conditions, seeds = STRESS[name], range(bench.extent.seeds)
         peaks = [cycle_peaks(sine_trial(bench.axis, kind, {}, *STRESS_SINE, seed, STRESS_CYCLES, **conditions), STRESS_SINE[1]) for seed in seeds]
         peak, learned_peak = max(p[0] for p in peaks), max(p[-1] for p in peaks)
         trials = [step_trial(bench.axis, kind, {}, 1e-5, seed, 8, **conditions) for seed in seeds]
@@ -205,7 +205,7 @@ def gain_jumps(bench, controllers):
     """
     def one(job):
         kind, factor = job
-        seeds = range(bench.extent.stress_seeds)
+        seeds = range(bench.extent.seeds)
         wrong = {"effects": {"amplifier_gain": {"factor": factor}}}
         start = max(sine_trial(bench.axis, kind, {}, 1e-5, 0.1, seed, **wrong).peak for seed in seeds)
         jumps = [gain_jump_trial(bench.axis, kind, factor, seed) for seed in seeds]
@@ -229,7 +229,7 @@ def trade_off(bench):
 
     def one(job):
         gains, name = {"voltage_noise": job[0]}, job[1]
-        seeds = range(bench.extent.stress_seeds)
+        seeds = range(bench.extent.seeds)
         return max(sine_trial(bench.axis, "self_tuning_observer", gains, 1e-5, 0.1, k, **STRESS[name]).peak for k in seeds)
 
     bench.progress("margin against robustness")

@@ -117,7 +117,7 @@ def gap_sine(axis, seed, told, width, amplitude=1e-5, frequency=0.1, cycles=3.25
 def limits(bench, periods=PERIODS):
     """Worst peak [m] of the sine of 10 um at 0.1 Hz, by what the regulator is told: {period [s]: {`TOLD`: peak}}."""
     bench.progress("what not knowing costs")
-    jobs = [(period, told, seed) for period in periods for told in TOLD for seed in range(bench.extent.stress_seeds)]
+    jobs = [(period, told, seed) for period in periods for told in TOLD for seed in range(bench.extent.seeds)]
     found = {period: dict.fromkeys(TOLD, 0.0) for period in periods}
     for (period, told, _), peak in zip(jobs, bench.each(lambda job: informed_sine(bench.axis, job[2], job[1], job[0]), jobs)):
         found[period][told] = max(found[period][told], peak)

@@ -12,7 +12,7 @@ from microstage_ros.control.margins import pid_margins
 from microstage_ros.control.trials import sine_trial, step_trial
 from microstage_ros.control.tuning import SEARCHED, guarded, search
 
-SEARCH_SEEDS, FRESH_SEEDS = (0, 1), (100, 101, 102)
+SEARCH_SEEDS, MOVE_SEARCH_SEEDS, FIRST_FRESH_SEED = (0, 1), (200, 201, 202), 100
 SHARES = {"pid": (), "pid_feedforward": ("friction_share",)}  # searched beside the gains
 MOST_SHARE = 1.5  # of the modelled friction
 PERFECT = {"encoder_m": 0.0, "voltage_V": 0.0}  # noise of an axis whose position and voltage are known
@@ -28,8 +28,13 @@ def shipped_gains_of(axis, kind="pid"):
     return gains | {name: float(parameters["feedforward"][name]) for name in SHARES[kind]}
 
 
-def best_for_sine(axis, amplitude, frequency, evaluations, kind="pid", **conditions):
-    """The fixed law that tracks one sine best: (gains, worst peak [m] on `FRESH_SEEDS`)."""
+def fresh_seeds(bench):
+    """Seeds that no search has seen, as many as the comparison judges."""
+    return range(FIRST_FRESH_SEED, FIRST_FRESH_SEED + bench.extent.seeds)
+
+
+def best_for_sine(axis, seeds, amplitude, frequency, evaluations, kind="pid", **conditions):
+    """The fixed law that tracks one sine best: (gains, worst peak [m] over the fresh ``seeds``)."""
     def peak(gains, seeds):
         return max(sine_trial(axis, kind, gains, amplitude, frequency, k, **conditions).peak for k in seeds)
 
@@ -37,7 +42,7 @@ def best_for_sine(axis, amplitude, frequency, evaluations, kind="pid", **conditi
         lambda gains: peak(gains, SEARCH_SEEDS), shipped_gains_of(axis, kind), evaluations,
         accept=lambda gains: gains.get("friction_share", 0.0) <= MOST_SHARE, names=SEARCHED + SHARES[kind],
     )
-    return gains, peak(gains, FRESH_SEEDS)
+    return gains, peak(gains, seeds)
 
 
 def stress_limits(bench, stress):
@@ -49,14 +54,16 @@ def stress_limits(bench, stress):
     """
     perfect = bench.axis.with_values({"sensors.encoder.resolution": PERFECT_STEP}, source="derived")
 
+    seeds = fresh_seeds(bench)
+
     def one(job):
         name, yardstick = job
         if yardstick == "perfect_observer":
-            trials = (sine_trial(perfect, "self_tuning_observer", {}, *STRESS_SINE, k, noise=PERFECT, **stress[name]) for k in FRESH_SEEDS)
+            trials = (sine_trial(perfect, "self_tuning_observer", {}, *STRESS_SINE, k, noise=PERFECT, **stress[name]) for k in seeds)
             return max(trial.peak for trial in trials)
         axis, noise = (perfect, PERFECT) if yardstick == "perfect_pid" else (bench.axis, {})
         kind = "pid_feedforward" if yardstick == "best_pid_feedforward" else "pid"
-        return best_for_sine(axis, *STRESS_SINE, bench.extent.stress_searches, kind, noise=noise, **stress[name])[1]
+        return best_for_sine(axis, seeds, *STRESS_SINE, bench.extent.stress_searches, kind, noise=noise, **stress[name])[1]
 
     bench.progress("limits under stress")
     jobs = [(name, yardstick) for name in stress for yardstick in ("best_pid", "best_pid_feedforward", "perfect_pid", "perfect_observer")]
@@ -76,12 +83,12 @@ def weak_start(bench, kinds=("self_tuning", "self_tuning_feedforward", "self_tun
     bench.progress("tenth of the gains")
 
     def rms_by_move(kind, gains):
-        seeds = range(min(bench.extent.seeds, 10))
+        seeds = range(bench.extent.seeds)
         return np.median(bench.each(lambda seed: move_errors(bench.axis, kind, gains, seed, 5), seeds), axis=0).tolist()
 
     def searched(accept):
         return search(
-            lambda gains: max(move_errors(bench.axis, "pid", gains, seed, 2)[-1] for seed in FRESH_SEEDS),
+            lambda gains: max(move_errors(bench.axis, "pid", gains, seed, 2)[-1] for seed in MOVE_SEARCH_SEEDS),
             shipped_gains_of(bench.axis), bench.extent.stress_searches, accept=accept,
         )[0]
 
