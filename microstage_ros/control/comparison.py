@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from microstage_ros.control.controller import controller_parameters
+from microstage_ros.control.least_error import least_error
 from microstage_ros.control.limits import gap_limits, limits
 from microstage_ros.control.margins import controller_margins
 from microstage_ros.control.observer_trial import LEVEL_JUMPS, LEVEL_SINES, level_jump_trial, observer_trial
@@ -193,6 +194,10 @@ def stress(bench, controllers):
     found = {name: {} for name in STRESS}
     for (kind, name), figures in zip(jobs, bench.each(one, jobs)):
         found[name][kind] = figures
+    for name, conditions in STRESS.items():
+        if set(conditions) <= {"period_s"}:
+            period = conditions.get("period_s", bench.axis.value("period"))
+            found[name]["least"] = {"peak": least_error(bench.axis, period, bench.extent.seeds)[1]}
     for name, limits in stress_limits(bench, STRESS).items():
         found[name] |= {yardstick: {"peak": peak} for yardstick, peak in limits.items()}
     return found

@@ -16,6 +16,7 @@ from microstage_ros.axis.step import advance
 from microstage_ros.control import laws, lost_motion, observer_law, pid
 from microstage_ros.control.closed_loop import TRACE, run_loop
 from microstage_ros.control.controller import make_controller
+from microstage_ros.control.least_error import least_error
 from microstage_ros.control.profiles import sine
 
 LEFT = 2e-9  # m, from the contact at which it is told to be open
@@ -115,18 +116,23 @@ def gap_sine(axis, seed, told, width, amplitude=1e-5, frequency=0.1, cycles=3.25
 
 
 def limits(bench, periods=PERIODS):
-    """Worst peak [m] of the sine of 10 um at 0.1 Hz, by what the regulator is told: {period [s]: {`TOLD`: peak}}."""
+    """Worst peak [m] of the sine of 10 um at 0.1 Hz, by what the regulator is told: {period [s]: {`TOLD`: peak}}.
+
+    Beside them `least`, of `least_error`.
+    """
     bench.progress("what not knowing costs")
     jobs = [(period, told, seed) for period in periods for told in TOLD for seed in range(bench.extent.seeds)]
     found = {period: dict.fromkeys(TOLD, 0.0) for period in periods}
     for (period, told, _), peak in zip(jobs, bench.each(lambda job: informed_sine(bench.axis, job[2], job[1], job[0]), jobs)):
         found[period][told] = max(found[period][told], peak)
+    for period in periods:
+        found[period]["least"] = least_error(bench.axis, period, bench.extent.seeds)[1]
     return found
 
 
 def gap_limits(bench):
     """Worst peak [m] of the sine of 10 um at 0.1 Hz with a gap of 0.5 degrees, {of `TOLD_OF_GAP`: (first cycle, third)}."""
     bench.progress("what not knowing a gap costs")
-    jobs = [(seed, told) for told in TOLD_OF_GAP for seed in range(bench.extent.stress_seeds)]
+    jobs = [(seed, told) for told in TOLD_OF_GAP for seed in range(bench.extent.seeds)]
     peaks = bench.each(lambda job: gap_sine(bench.axis, *job, GAP_WIDTH), jobs)
     return {told: tuple(max(p[k] for (_, of), p in zip(jobs, peaks) if of == told) for k in range(2)) for told in TOLD_OF_GAP}

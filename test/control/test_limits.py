@@ -1,9 +1,12 @@
 """The observer law's regulator, told the true motion."""
 
 import numpy as np
+import numpy as np
 import pytest
+from scipy.linalg import solve_discrete_are
 
 from microstage_ros.control.controller import make_controller
+from microstage_ros.control.least_error import least_error, sliding_loop
 from microstage_ros.control.limits import GAP_WIDTH, gap_sine, informed_sine
 from microstage_ros.control.lost_motion import NOTICED
 from microstage_ros.control.trials import cycle_peaks, sine_trial
@@ -40,3 +43,39 @@ def test_an_unknown_gap_costs_what_the_closed_form_says_and_a_learned_one_less(a
 def test_told_the_gap_a_first_crossing_is_no_worse_than_a_learned_one(axis, seed):
     first = {told: gap_sine(axis, seed, told, GAP_WIDTH, cycles=1.25)[0] for told in ("nothing", "gap")}
     assert first["gap"] < 1e-7 and first["nothing"] > 2.0 * first["gap"]
+
+
+def test_gains_of_the_least_error_are_those_of_an_independent_solver(axis):
+    """The loop of `sliding_loop`, its gains replaced by those of SciPy's Riccati solver, has the same mean square."""
+    closed, push, noise = sliding_loop(axis, 1e-3)
+    a, c = closed[:4, :4], np.array([[1.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    ours = -closed[:4, 4:]
+    b = push[:4, :1]
+    weight = np.outer(c[0], c[0])
+    effort = (1e-6 * (c[0] @ a @ b).item()) ** 2
+    cost = solve_discrete_are(a, b, weight + 1e-30 * np.eye(4), effort * np.eye(1))
+    theirs = b.T @ cost @ a / (effort + b.T @ cost @ b)
+    np.testing.assert_allclose(ours, b @ theirs, rtol=1e-2, atol=1e-3 * np.abs(ours).max())
+
+
+def test_least_error_grows_with_period_and_noise_and_no_other_feedback_is_better(axis):
+    errors = [least_error(axis, period, seeds=4, duration=3.0)[0] for period in (2e-4, 5e-4, 1e-3)]
+    assert errors[0] < errors[1] < errors[2]
+    closed, push, noise = sliding_loop(axis, 1e-3)
+    least = mean_square(closed, push, noise)
+    assert errors[2] ** 2 == pytest.approx(least, rel=0.3)
+    for k in range(4, 8):
+        for factor in (0.98, 1.02):
+            other = closed.copy()
+            other[:, k] += (factor - 1.0) * np.concatenate([closed[:4, k], closed[:4, k]])
+            with np.errstate(all="ignore"):  # some of them are not stable
+                assert not mean_square(other, push, noise) < 0.999 * least
+
+
+def mean_square(closed, push, noise, rows=3000):
+    """Mean square of x + w over a run of ``rows`` periods from rest, by its covariance."""
+    spread, found = np.zeros((8, 8)), 0.0
+    for _ in range(rows):
+        spread = closed @ spread @ closed.T + push @ np.diag(noise**2) @ push.T
+        found += (spread[0, 0] + 2.0 * spread[0, 2] + spread[2, 2]) / rows
+    return found
