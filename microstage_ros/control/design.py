@@ -106,14 +106,20 @@ def designed_gains(type_name, model, period):
     if type_name in ("none", "cascade"):
         return {}
     gains = encoder_gains(model, period)
-    if type_name in ("self_tuning", "self_tuning_feedforward"):
-        calm, damped = (max(min(1.0, math.sqrt(bound / period)), LEAST_CALM) for bound in (CALM_PERIOD, DAMPED_PERIOD))
-        gains |= {"calm_gain": calm, "calm_damping": damped}
     if type_name in ("pid_feedforward", "self_tuning_feedforward"):
         gains["friction_share"] = FRICTION_SHARE
     if type_name in ("self_tuning", "self_tuning_feedforward"):
-        room = min(max((ENCODER_PERIOD - period) / (ENCODER_PERIOD - TUNED_PERIOD), 0.0), 1.0)
-        gains["integral_ceiling"] = gains["damping_ceiling"] = 1.2 + 0.8 * room
-        if type_name == "self_tuning":  # nothing takes over from K_I, so it stays, and a longer filter bears it
-            gains |= {"filter_ceiling": 3.2, "soft_integral": 1.1, "soft_damping": 0.9}
+        gains |= self_tuning_gains(period, fed_forward=type_name == "self_tuning_feedforward")
     return gains
+
+
+def self_tuning_gains(period, fed_forward):
+    """How far the encoder-only self-tuning may go, and how it rests."""
+    calm, damped = (max(min(1.0, math.sqrt(bound / period)), LEAST_CALM) for bound in (CALM_PERIOD, DAMPED_PERIOD))
+    room = min(max((ENCODER_PERIOD - period) / (ENCODER_PERIOD - TUNED_PERIOD), 0.0), 1.0)
+    raised = 1.2 + 0.8 * room
+    gains = {"calm_gain": calm, "calm_damping": damped, "integral_ceiling": raised, "damping_ceiling": raised}
+    if fed_forward:  # moves that are fed forward swing under a raised K_I
+        return gains | {"integral_ceiling": 1.2}
+    # nothing takes over from K_I, so it stays, and a longer filter bears it
+    return gains | {"speed": 80.0, "filter_ceiling": 3.2, "soft_integral": 1.1, "soft_damping": 0.9}

@@ -10,13 +10,15 @@ import numpy as np
 from microstage_ros.control.controller import controller_parameters
 from microstage_ros.control.margins import pid_margins
 from microstage_ros.control.trials import sine_trial, step_trial
-from microstage_ros.control.tuning import SEARCHED, guarded, search
+from microstage_ros.control.tuning import SEARCHED, allowed_overshoot, guarded, search
+from microstage_ros.metrology.repeatability import repeatability
 
 SEARCH_SEEDS, MOVE_SEARCH_SEEDS, FIRST_FRESH_SEED = (0, 1), (200, 201, 202), 100
 SHARES = {"pid": (), "pid_feedforward": ("friction_share",)}  # searched beside the gains
 MOST_SHARE = 1.5  # of the modelled friction
 PERFECT = {"encoder_m": 0.0, "voltage_V": 0.0}  # noise of an axis whose position and voltage are known
 PERFECT_STEP = 1e-12  # m, its encoder's resolution
+MOST_FOUR_S, MOST_REST = 25e-9, 50e-9  # m, asked of moves, and of the axis at rest (peak to peak)
 STRESS_SINE = (1e-5, 0.1)  # m, Hz
 
 
@@ -77,8 +79,8 @@ def weak_start(bench, kinds=("self_tuning", "self_tuning_feedforward", "self_tun
     """From a tenth of the gains: error of moves 1 ... 5 of 10 um against fixed PIDs.
 
     Figure of a move: rms of the true position's error from the move's start to its end, median over seeds. Beside
-    the laws: `pid`, shipped; `best_pid`, searched for these moves alone; `guarded_pid`, the best of those with
-    the margins that `tune` asks for.
+    the laws: `pid`, shipped; `best_pid`, searched for these moves alone; `kept_pid`, the best of those that `keeps_figures`;
+    `guarded_pid`, the best of those with the margins that `tune` asks for.
     """
     bench.progress("tenth of the gains")
 
@@ -86,17 +88,35 @@ def weak_start(bench, kinds=("self_tuning", "self_tuning_feedforward", "self_tun
         seeds = range(bench.extent.seeds)
         return np.median(bench.each(lambda seed: move_errors(bench.axis, kind, gains, seed, 5), seeds), axis=0).tolist()
 
-    def searched(accept):
+    def searched(rule):
         return search(
             lambda gains: max(move_errors(bench.axis, "pid", gains, seed, 2)[-1] for seed in MOVE_SEARCH_SEEDS),
-            shipped_gains_of(bench.axis), bench.extent.stress_searches, accept=accept,
+            shipped_gains_of(bench.axis), bench.extent.stress_searches, accept=rule and (lambda gains: rule(bench.axis, gains)),
         )[0]
 
     found = {kind: rms_by_move(kind, {"start": 0.1}) for kind in kinds}
     found["pid"] = rms_by_move("pid", {})
-    best = bench.each(searched, (None, lambda gains: guarded(pid_margins(bench.axis, gains))))
-    found["best_pid"], found["guarded_pid"] = (rms_by_move("pid", gains) for gains in best)
+    rules = {"best_pid": None, "kept_pid": keeps_figures, "guarded_pid": keeps_margins}
+    for name, gains in zip(rules, bench.each(searched, rules.values())):
+        found[name] = rms_by_move("pid", gains)
     return found
+
+
+def keeps_margins(axis, gains):
+    """Whether a fixed PID has the margins that `tune` asks for."""
+    return guarded(pid_margins(axis, gains))
+
+
+def keeps_figures(axis, gains):
+    """Whether moves of 1 and 10 um under a fixed PID keep what is asked of every law: 4s, overshoot, and calm at rest."""
+    for distance in (1e-6, 1e-5):
+        for seed in MOVE_SEARCH_SEEDS:
+            trial = step_trial(axis, "pid", gains, distance, seed, 5)
+            if repeatability(trial.errors).four_s > MOST_FOUR_S or trial.overshoot.max() > allowed_overshoot(distance):
+                return False
+            if trial.rest.max() > MOST_REST:
+                return False
+    return True
 
 
 def move_errors(axis, kind, gains, seed, moves):

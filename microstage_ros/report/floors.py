@@ -95,7 +95,7 @@ def _stress_rows(stress, laws):
 
 
 def _tenth_rows(found, laws):
-    for yardstick, words in (("guarded_pid", "the best PID with 30° and 6 dB"), ("best_pid", "the PID searched for these moves alone")):
+    for yardstick, words in (("guarded_pid", "the best PID with 30° and 6 dB"), ("kept_pid", "the best PID that keeps the figures of moves"), ("best_pid", "the PID searched for these moves alone")):
         yield _row(f"from a tenth of the gains, third move over {words}", laws, TENTH, lambda k, y=yardstick: found[k][2] / found[y][2], 1.0)
 
 

@@ -16,7 +16,7 @@ GOOD = {
     "sines": [{"peak": {LAW: 1e-8, "best_pid": 2e-8}}],
     "positioning": {LAW: {1e-6: dict(MOVES), 1e-3: dict(MOVES)}},
     "stress": {"nominal": {LAW: NOMINAL}, "payload": {LAW: {"peak": 1.9e-8, "learned_peak": 1.9e-8, "four_s_worst": 1.5e-8}}},
-    "weak_start": {LAW: [1.0, 1.0, 1.0], "guarded_pid": [2.0, 2.0, 2.0], "best_pid": [1.0, 1.0, 1.0]},
+    "weak_start": {LAW: [1.0, 1.0, 1.0], "guarded_pid": [2.0, 2.0, 2.0], "kept_pid": [1.5, 1.5, 1.5], "best_pid": [1.0, 1.0, 1.0]},
     "observer": {"sine": {"total": 0.02}},
     "level_jumps": [{"seen": 0.2, "mean": 0.01, "rms": 0.015}],
 }
