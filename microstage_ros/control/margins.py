@@ -14,7 +14,7 @@ from typing import NamedTuple
 import control
 import numpy as np
 
-from microstage_ros.control import laws, motion_filter, observer_law
+from microstage_ros.control import friction_level, laws, motion_filter
 from microstage_ros.control.feedforward import packed_contact
 
 #: Speeds [m/s] at which sliding is linearised: creeping (steepest fall of the Stribeck curve) and moving.
@@ -154,7 +154,7 @@ def _observer_step(parameters, stiffness, damping):
     mass, emf = float(m["moving_mass"]), float(m["volts_per_velocity"])
     gain = motion_filter.steady_gain(o, m, period, motion_filter.STIFFNESS_SHARE * stiffness / mass, damping / mass)
     swings, share, time = np.array(o["swing_matrix"]), float(o["swing_share"]), float(o["swing_time"])
-    absorbed = min(period / observer_law.ABSORB_TIME, 1.0) if stiffness > 0.0 else 0.0
+    absorbed = min(period / friction_level.ABSORB_TIME, 1.0) if stiffness > 0.0 else 0.0
 
     def step(values):
         x, v, d, before, integral, spring, swing, rate, position, current, voltage = values
