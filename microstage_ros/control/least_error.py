@@ -66,5 +66,5 @@ def _filter_gain(a, c, spread):
 def _regulator_gain(a, b, output):
     """Feedback (1, 4) that makes the mean square of ``output`` least."""
     effort = (EFFORT * np.abs(output @ a @ b).item()) ** 2
-    cost = riccati(a, np.outer(output, output) + 0.0, b @ b.T / effort)
+    cost = riccati(a, np.outer(output, output), b @ b.T / effort)
     return b.T @ cost @ a / (effort + b.T @ cost @ b)
