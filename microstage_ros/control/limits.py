@@ -27,19 +27,25 @@ TOLD = {"nothing": (False, False), "position": (True, False), "speed": (False, T
 
 
 @compiled
+def observe(plant, state, readings, parameters, memory, reference):
+    """A period of the observer law up to its regulator, for the ``reference`` [m] of now."""
+    sense(plant, state, readings)
+    if memory.started == 0:
+        laws.controller_start(memory, reference, readings.encoder)
+    pid.pid_motion(parameters.pid, memory.pid, parameters.period, reference, readings.encoder)
+    observer_law.observer_step(
+        parameters.observer, parameters.feedforward, memory.observer, parameters.period, readings.encoder, memory.voltage,
+        readings.current,
+    )
+
+
+@compiled
 def run_informed(plant, state, work, readings, parameters, memory, reference, position, speed, stage):
     """The loop of `closed_loop` whose regulator is told ``position`` or ``speed``; fills ``stage`` [m]."""
     observer = memory.observer
     for n in range(len(reference)):
-        sense(plant, state, readings)
         stage[n] = state.x
-        if memory.started == 0:
-            laws.controller_start(memory, reference[n], readings.encoder)
-        pid.pid_motion(parameters.pid, memory.pid, parameters.period, reference[n], readings.encoder)
-        observer_law.observer_step(
-            parameters.observer, parameters.feedforward, observer, parameters.period, readings.encoder,
-            memory.voltage, readings.current,
-        )
+        observe(plant, state, readings, parameters, memory, reference[n])
         x, v = observer.x, observer.v
         if position:
             observer.x = state.x - observer.swing
@@ -70,14 +76,8 @@ def run_told_contact(plant, state, work, readings, parameters, memory, reference
     """
     o, side = memory.observer, state.side
     for n in range(len(reference)):
-        sense(plant, state, readings)
         stage[n] = state.x
-        if memory.started == 0:
-            laws.controller_start(memory, reference[n], readings.encoder)
-        pid.pid_motion(parameters.pid, memory.pid, parameters.period, reference[n], readings.encoder)
-        observer_law.observer_step(
-            parameters.observer, parameters.feedforward, o, parameters.period, readings.encoder, memory.voltage, readings.current
-        )
+        observe(plant, state, readings, parameters, memory, reference[n])
         o.gap, o.gap_variance = plant.gap, 0.0
         slack = plant.ratio * state.theta - state.x
         side = state.side if state.side != 0 else side
