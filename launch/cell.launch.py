@@ -11,7 +11,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction, SetEnvironment
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from microstage_ros.nodes.cell_processes import NODES, started_parameters
+from microstage_ros.ros.launching.cell_processes import NODES, started_parameters
 
 ARGUMENTS = {
     "namespace": ("/axis", "namespace of the nodes"),

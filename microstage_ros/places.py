@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from microstage_ros.axis.errors import InputError
+from microstage_ros.quantities.errors import InputError
 
 SOURCE = Path(__file__).resolve().parent.parent
 

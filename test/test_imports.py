@@ -1,4 +1,4 @@
-"""The arrows between the rooms (``.importlinter``) and the size of files."""
+"""The arrows between the packages (``.importlinter``) and the size of files."""
 
 import shutil
 import subprocess
@@ -29,12 +29,12 @@ def test_no_file_is_longer_than_the_ceiling():
 def test_every_command_and_node_is_listed_everywhere():
     """The table of commands, the files, the executables of the package."""
     from microstage_ros.commands import COMMANDS
-    from microstage_ros.nodes.cell_processes import NODES
+    from microstage_ros.ros.launching.cell_processes import NODES
 
     setup = (ROOT / "setup.py").read_text(encoding="utf-8")
     for name in COMMANDS:
         assert f'"{name}"' in setup, name
     for name in NODES:
         assert f'"{name}"' in setup, name
-        assert (ROOT / "microstage_ros" / "nodes" / f"{name}.py").exists()
+        assert (ROOT / "microstage_ros" / "ros" / "nodes" / f"{name}.py").exists()
         assert (ROOT / "config" / f"{name}.yaml").exists()

@@ -1,4 +1,4 @@
-"""The command line. A command is a file here with ``main(argv) -> status`` and a line in `COMMANDS`."""
+"""The command line. A command is a file in a folder here with ``main(argv) -> status`` and a line in `COMMANDS`."""
 
 COMMANDS = {
     "demo": "the main job on the simulated axis: ROS 2 nodes, the paper's moves, a bag, a report",
@@ -17,3 +17,16 @@ COMMANDS = {
     "bench": "the project's own benchmarks",
 }
 """Name to one line for the help."""
+
+FOLDERS = {
+    "operation": ("demo", "cell", "move", "experiment", "replay"),
+    "analysis": ("simulate", "identify", "diagnose", "campaign", "tune", "compare", "laws"),
+    "project": ("test", "bench"),
+}
+"""Folder to the commands that lie in it."""
+
+
+def module_of(name):
+    """The module that holds the command ``name``, one of `COMMANDS`."""
+    folder = next(folder for folder, names in FOLDERS.items() if name in names)
+    return f"microstage_ros.commands.{folder}.{name}"

@@ -8,8 +8,8 @@ import os
 import sys
 
 from microstage_ros import __version__
-from microstage_ros.axis.errors import InputError
-from microstage_ros.commands import COMMANDS
+from microstage_ros.commands import COMMANDS, module_of
+from microstage_ros.quantities.errors import InputError
 
 
 def usage():
@@ -29,7 +29,7 @@ def which_ros():
 def run(name, arguments):
     """Run one command. Returns the exit status."""
     try:
-        status = importlib.import_module(f"microstage_ros.commands.{name}").main(arguments)
+        status = importlib.import_module(module_of(name)).main(arguments)
         sys.stdout.flush()
         return status or 0
     except InputError as error:

@@ -2,7 +2,7 @@
 
 import importlib
 
-from microstage_ros.axis.errors import InputError
+from microstage_ros.quantities.errors import InputError
 
 BACKENDS = {
     "simulated": "microstage_ros.hardware.simulated:SimulatedAxis",

@@ -4,8 +4,8 @@ Needs the package ``nidaqmx`` and the vendor's driver; without them opening says
 driver node's (``mode: paced``): one software-timed sample per call.
 """
 
-from microstage_ros.axis.errors import InputError
 from microstage_ros.hardware.protocol import HardwareError, Reading
+from microstage_ros.quantities.errors import InputError
 
 OPTIONS = ("output", "counter", "current_input", "ampere_per_volt")
 

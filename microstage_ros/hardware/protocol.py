@@ -46,7 +46,7 @@ class Setup:
 
     Attributes
     ----------
-    axis : `axis.axis_file.Axis`: limits, resolutions, period.
+    axis : `model.axis_file.Axis`: limits, resolutions, period.
     seed : of the random numbers of a simulated axis.
     options : name to value, what else the backend asks for (device names, noise, start position).
     """

@@ -1,9 +1,9 @@
-"""The simulated axis: the compiled step of `axis.step` behind the calls of a real one."""
+"""The simulated axis: the compiled step of `solver.step` behind the calls of a real one."""
 
-from microstage_ros.axis.errors import InputError
-from microstage_ros.axis.period import advance_and_read, as_array, read
-from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
 from microstage_ros.hardware.protocol import Reading, Truth
+from microstage_ros.quantities.errors import InputError
+from microstage_ros.solver.period import advance_and_read, as_array, read
+from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
 
 OPTIONS = ("position", "noise", "friction")
 

@@ -8,13 +8,13 @@ loop output error): fewer assumptions on derivatives, and the figure that a simu
 import numpy as np
 from scipy.optimize import least_squares
 
-from microstage_ros.axis.errors import InputError
-from microstage_ros.axis.plant import NoiseSpec
-from microstage_ros.control.run_file import Run
-from microstage_ros.control.simulate import simulate
-from microstage_ros.identification.estimate import Identification, from_interval
-from microstage_ros.identification.intervals import block_covariance, correlation
-from microstage_ros.identification.inverse_dynamics import EXPERIMENTS, KEYS, UNITS, applied_force
+from microstage_ros.control.runs.run_file import Run
+from microstage_ros.control.runs.simulate import simulate
+from microstage_ros.identification.estimators.estimate import Identification, from_interval
+from microstage_ros.identification.estimators.intervals import block_covariance, correlation
+from microstage_ros.identification.estimators.inverse_dynamics import EXPERIMENTS, KEYS, UNITS, applied_force
+from microstage_ros.quantities.errors import InputError
+from microstage_ros.solver.plant import NoiseSpec
 
 LEAD_IN = 0.2  # start of a record that is not judged [s]: the axis may have been in motion before
 

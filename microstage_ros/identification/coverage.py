@@ -11,15 +11,15 @@ import argparse
 
 import numpy as np
 
-from microstage_ros.axis.axis_file import load_axis
-from microstage_ros.axis.plant import blocks_of
-from microstage_ros.identification.actuator import Features
-from microstage_ros.identification.actuator_fit import identify_presliding, identify_sliding
+from microstage_ros.identification.estimators.actuator import Features
+from microstage_ros.identification.estimators.actuator_fit import identify_presliding, identify_sliding
+from microstage_ros.identification.estimators.stribeck import NAMES, stribeck_curve
+from microstage_ros.identification.estimators.variability import identify_variability
+from microstage_ros.identification.estimators.virgin_curve import Blocks, loading_from_samples
 from microstage_ros.identification.experiments import SPEEDS
-from microstage_ros.identification.stribeck import NAMES, stribeck_curve
-from microstage_ros.identification.variability import identify_variability
-from microstage_ros.identification.virgin_curve import Blocks, loading_from_samples
+from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import share
+from microstage_ros.solver.plant import blocks_of
 
 WAY = 0.5  # travel of a steady run [rad]
 PLACES = 5  # of slow reversals in one repeat

@@ -6,8 +6,8 @@ places, and the seed other times. The same runs as files are in ``config/experim
 
 import numpy as np
 
-from microstage_ros.control.run_file import Run
-from microstage_ros.control.simulate import simulated_record
+from microstage_ros.control.runs.run_file import Run
+from microstage_ros.control.runs.simulate import simulated_record
 
 BENCH_NOISE = {"encoder_m": 0.4e-9, "voltage_V": 1.0e-3, "current_A": 0.0}
 GUIDEWAY_NOISE = {"encoder_m": 0.0, "voltage_V": 0.0}

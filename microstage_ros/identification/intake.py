@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from microstage_ros.axis.errors import InputError
+from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.checks import check_record
 
 SHORTEST = 1.0  # seconds of record that are of any use

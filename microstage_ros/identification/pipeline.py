@@ -2,20 +2,20 @@
 
 import numpy as np
 
-from microstage_ros.axis.errors import InputError
-from microstage_ros.identification.acceleration import identify_attraction, identify_inertia
-from microstage_ros.identification.actuator import Features, extract, steady_series
-from microstage_ros.identification.actuator_fit import identify_presliding, identify_sliding
 from microstage_ros.identification.closed_loop import refine_closed_loop
-from microstage_ros.identification.estimate import Curve, Estimate, Identification, from_interval
-from microstage_ros.identification.guideway import elastic_slope, extract_loading
-from microstage_ros.identification.intervals import bootstrap
-from microstage_ros.identification.inverse_dynamics import KEYS, identify_force_axis
-from microstage_ros.identification.motor import cross_check, identify_motor
+from microstage_ros.identification.estimators.acceleration import identify_attraction, identify_inertia
+from microstage_ros.identification.estimators.actuator import Features, extract, steady_series
+from microstage_ros.identification.estimators.actuator_fit import identify_presliding, identify_sliding
+from microstage_ros.identification.estimators.estimate import Curve, Estimate, Identification, from_interval
+from microstage_ros.identification.estimators.guideway import elastic_slope, extract_loading
+from microstage_ros.identification.estimators.intervals import bootstrap
+from microstage_ros.identification.estimators.inverse_dynamics import KEYS, identify_force_axis
+from microstage_ros.identification.estimators.motor import cross_check, identify_motor
+from microstage_ros.identification.estimators.stribeck import stribeck_curve
+from microstage_ros.identification.estimators.variability import identify_variability, position_locked_share
 from microstage_ros.identification.signals import motor_signals
-from microstage_ros.identification.stribeck import stribeck_curve
-from microstage_ros.identification.variability import identify_variability, position_locked_share
 from microstage_ros.identification.whole_axis import driven_load, identify_whole_axis, with_windup
+from microstage_ros.quantities.errors import InputError
 
 MOST_SERIES = 6000  # samples of friction for the variability
 MOST_DYNAMIC = 12  # records kept whole for motor constants, inertia and C

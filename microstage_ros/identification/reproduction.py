@@ -12,16 +12,16 @@ import pathlib
 
 import numpy as np
 
-from microstage_ros.axis.axis_file import load_axis
-from microstage_ros.axis.plant import blocks_of
 from microstage_ros.identification import experiments
+from microstage_ros.identification.estimators.stribeck import NAMES, stribeck_curve
+from microstage_ros.identification.estimators.virgin_curve import Blocks
 from microstage_ros.identification.page import identification_page
 from microstage_ros.identification.pipeline import identify
 from microstage_ros.identification.signals import motor_signals, screw_ratio
-from microstage_ros.identification.stribeck import NAMES, stribeck_curve
-from microstage_ros.identification.virgin_curve import Blocks
+from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file, share
 from microstage_ros.report.plots import COLOURS, new_figure
+from microstage_ros.solver.plant import blocks_of
 
 PLACES = 2.0e-3  # repeats begin so far apart along the stroke [m]
 

@@ -14,16 +14,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from microstage_ros.axis.errors import InputError
-from microstage_ros.axis.laws.blocks import blocks_from_segment_slopes
-from microstage_ros.axis.laws.positions import maxwell_slip_force
-from microstage_ros.axis.laws.registry import law_named, run_law
-from microstage_ros.identification.acceleration import balance_edge, law_parameters, total_inertia_of
-from microstage_ros.identification.actuator import slip_displacement
-from microstage_ros.identification.estimate import Curve, Estimate, Identification, from_interval
-from microstage_ros.identification.intervals import block_covariance, correlation
-from microstage_ros.identification.inverse_dynamics import low_pass
+from microstage_ros.identification.estimators.acceleration import balance_edge, law_parameters, total_inertia_of
+from microstage_ros.identification.estimators.actuator import slip_displacement
+from microstage_ros.identification.estimators.estimate import Curve, Estimate, Identification, from_interval
+from microstage_ros.identification.estimators.intervals import block_covariance, correlation
+from microstage_ros.identification.estimators.inverse_dynamics import low_pass
 from microstage_ros.identification.signals import screw_ratio
+from microstage_ros.model.friction.blocks import blocks_from_segment_slopes
+from microstage_ros.model.friction.positions import maxwell_slip_force
+from microstage_ros.model.friction.registry import law_named, run_law
+from microstage_ros.quantities.errors import InputError
 
 PARAMETERS = ("coulomb", "drop", "stribeck_velocity", "stribeck_exponent", "viscous", "stiffness", "inertia", "offset")
 PRIOR = np.array([1.0, 1.0, 1.0, 0.15, 1.0, 1.0, 1.0, 1.0])

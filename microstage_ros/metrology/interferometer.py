@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from microstage_ros.axis.errors import InputError
 from microstage_ros.metrology.refractive_index import (
     EQUATION_UNCERTAINTY,
     HELIUM_NEON_M,
@@ -23,6 +22,7 @@ from microstage_ros.metrology.refractive_index import (
     index_sensitivities,
     refractive_index,
 )
+from microstage_ros.quantities.errors import InputError
 
 COVERAGE = 2.0
 SENSORS = Air(0.1, 50.0, 0.05)

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from microstage_ros.axis.errors import InputError
+from microstage_ros.quantities.errors import InputError
 
 
 @dataclass(frozen=True)

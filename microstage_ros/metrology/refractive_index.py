@@ -16,7 +16,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from microstage_ros.axis.errors import InputError
+from microstage_ros.quantities.errors import InputError
 
 HELIUM_NEON_M = 632.9908e-9
 """Vacuum wavelength of a helium-neon laser on the usual line [m]."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaincinv, stdtrit
 
-from microstage_ros.axis.errors import InputError
+from microstage_ros.quantities.errors import InputError
 
 
 @dataclass(frozen=True)

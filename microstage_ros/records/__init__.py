@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from microstage_ros.axis.errors import InputError
+from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.columns import SUFFIXES
 from microstage_ros.records.record import Record
 
@@ -27,7 +27,9 @@ def read_record(path, namespace=None):
     if not path.exists():
         raise InputError(path, "no such file", EXPECTED)
     if path.is_dir() or path.suffix in (".mcap", ".db3"):
-        from microstage_ros.records.bag_record import bag_to_record  # a node needs none of these, and starts the sooner
+        from microstage_ros.records.bags.bag_record import (
+            bag_to_record,  # a node needs none of these, and starts the sooner
+        )
 
         return bag_to_record(path, namespace)
     if str(path).endswith(SUFFIXES):
@@ -50,7 +52,7 @@ def write_record(record, path):
 
         write_csv(record, path)
     elif path.suffix in (".mcap", ""):
-        from microstage_ros.records.bag_record import record_to_bag
+        from microstage_ros.records.bags.bag_record import record_to_bag
 
         record_to_bag(record, path)
     else:

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from microstage_ros.records.bag_reader import read_bag
-from microstage_ros.records.bag_record import own_definition
-from microstage_ros.records.bag_writer import BagWriter
+from microstage_ros.records.bags.bag_reader import read_bag
+from microstage_ros.records.bags.bag_record import own_definition
+from microstage_ros.records.bags.bag_writer import BagWriter
+from microstage_ros.records.bags.layout import layout_of_type
 from microstage_ros.records.csv_file import read_csv, write_csv
-from microstage_ros.records.layout import layout_of_type
 from microstage_ros.records.record import Record
 
 TOPIC = "/axis/state"

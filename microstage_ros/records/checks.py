@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from microstage_ros.axis.errors import InputError
+from microstage_ros.quantities.errors import InputError
 
 UNITS = {1e3: "mm", 1e6: "µm", 1e9: "nm"}
 PLAUSIBLE = {
@@ -52,7 +52,7 @@ class Bounds:
 
     @classmethod
     def of_axis(cls, axis):
-        """The bounds of an `axis.axis_file.Axis`."""
+        """The bounds of an `model.axis_file.Axis`."""
         def number(key):
             return axis.value(key) if axis.has(key) else None
         return cls(number("sensors.encoder.resolution"), number("travel.maximum") - number("travel.minimum"),

@@ -6,7 +6,7 @@ import zlib
 from contextlib import nullcontext
 from pathlib import Path
 
-from microstage_ros.axis.errors import InputError
+from microstage_ros.quantities.errors import InputError
 
 MAGIC = {".gz": b"\x1f\x8b", ".xz": b"\xfd7zXZ\x00"}
 OTHER_MAGIC = {b"\x28\xb5\x2f\xfd": "zstd", b"BZh": "bzip2", b"PK\x03\x04": "zip",

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from microstage_ros import __version__
-from microstage_ros.axis.errors import InputError
+from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.columns import COMMANDS, KNOWN_COLUMNS, REQUIRED, SUFFIXES, in_file_order
 from microstage_ros.records.compression import read_bytes, write_bytes
 from microstage_ros.records.csv_text import parse_rows, rows_text

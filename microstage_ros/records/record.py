@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from microstage_ros.axis.errors import InputError
+from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.columns import COMMANDS, KNOWN_COLUMNS, REQUIRED
 
 

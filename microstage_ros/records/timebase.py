@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from microstage_ros.axis.errors import InputError
+from microstage_ros.quantities.errors import InputError
 
 STEP_TOLERANCE = 0.25
 """Largest deviation of one step from the period, as a share of the period.

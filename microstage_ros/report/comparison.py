@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from microstage_ros.report.floors import floors_table
+from microstage_ros.report.acceptance import floors_table
 from microstage_ros.report.page import Page
 from microstage_ros.report.plots import new_figure, plot_signal
 
@@ -31,7 +31,7 @@ def comparison_tables(result, paper_four_s, paper_sine):
 
 
 def comparison_page(result, paper_four_s, paper_sine, configuration, seed):
-    """`Page` of a comparison (plain data of `control.comparison.compare`)."""
+    """`Page` of a comparison (plain data of `control.evaluation.comparison.compare`)."""
     page = Page("Controllers compared", "simulated axis, true position", configuration=configuration, seed=seed)
     kind = BEST if BEST in result["controllers"] else result["controllers"][-1]
     tracking = result["tracking"][kind]["worst"]

@@ -21,7 +21,7 @@ import jinja2
 from markupsafe import Markup
 
 from microstage_ros import __version__
-from microstage_ros.axis.errors import InputError
+from microstage_ros.quantities.errors import InputError
 from microstage_ros.report.template import PAGE, STYLE
 
 TONES = {"good": "✓", "caution": "!", "bad": "✗", "neutral": "i"}

@@ -5,10 +5,11 @@ import sys
 
 import pytest
 
-from microstage_ros.axis.errors import InputError
-from microstage_ros.commands import COMMANDS, environment
+from microstage_ros.commands import COMMANDS
 from microstage_ros.commands.__main__ import main, run
+from microstage_ros.commands.project import environment
 from microstage_ros.places import SOURCE, config_file
+from microstage_ros.quantities.errors import InputError
 
 
 def microstage(*arguments):
@@ -57,7 +58,7 @@ def test_usage_error_of_a_command():
 
 
 def test_errors_of_many_lines_become_one(monkeypatch, capsys):
-    import microstage_ros.commands.laws as command
+    import microstage_ros.commands.analysis.laws as command
 
     def bad(_):
         raise InputError("file.yaml", "two\nlines", "one")
@@ -68,7 +69,7 @@ def test_errors_of_many_lines_become_one(monkeypatch, capsys):
 
 
 def test_demo_keeps_earlier_runs(tmp_path, monkeypatch):
-    from microstage_ros.commands.demo import _place
+    from microstage_ros.commands.operation.demo import _place
 
     monkeypatch.chdir(tmp_path)
     assert str(_place(None)) == "demo"
@@ -79,7 +80,7 @@ def test_demo_keeps_earlier_runs(tmp_path, monkeypatch):
 
 
 def test_demo_program_is_the_papers():
-    from microstage_ros.commands.demo import TARGETS, program
+    from microstage_ros.commands.operation.demo import TARGETS, program
 
     moves = program(10)
     assert len(moves) == 2 * 10 * 2 * len(TARGETS) and [place for place, measured in moves if not measured] == [0.0] * 80

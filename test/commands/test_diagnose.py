@@ -5,18 +5,19 @@ import json
 import numpy as np
 import pytest
 
-from microstage_ros.axis.axis_file import load_axis
-from microstage_ros.axis.effects import REGISTRY, check_effects
-from microstage_ros.axis.errors import InputError
-from microstage_ros.axis.plant import make_plant
-from microstage_ros.commands import campaign as campaign_command
 from microstage_ros.commands.__main__ import main
-from microstage_ros.control.run_file import Run
-from microstage_ros.control.simulate import simulate
-from microstage_ros.discrepancy import campaign, hidden
-from microstage_ros.discrepancy.campaign import Outcome
+from microstage_ros.commands.analysis import campaign as campaign_command
+from microstage_ros.control.runs.run_file import Run
+from microstage_ros.control.runs.simulate import simulate
+from microstage_ros.diagnosis.validation import campaign
+from microstage_ros.diagnosis.validation import fault_injection as hidden
+from microstage_ros.diagnosis.validation.campaign import Outcome
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.model.effects import REGISTRY, check_effects
+from microstage_ros.quantities.errors import InputError
 from microstage_ros.records import Record, write_record
-from test.discrepancy.emps import ROOT, there_and_back
+from microstage_ros.solver.plant import make_plant
+from test.diagnosis.emps import ROOT, there_and_back
 
 AXIS = ROOT / "config/emps.yaml"
 NOISE = {"encoder_m": 2e-8, "voltage_V": 2e-3, "current_A": 0.0, "interferometer_m": 0.0, "friction_relative": 0.0}
@@ -79,7 +80,7 @@ def test_bad_input_is_one_line_and_status_2(arguments, told, tmp_path, capsys, m
 
 
 def test_a_scheduler_that_is_not_there_is_told(healthy, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("microstage_ros.discrepancy.many.PATIENCE", "1s")
+    monkeypatch.setattr("microstage_ros.diagnosis.batch.PATIENCE", "1s")
     status = main(["diagnose", "--axis", str(AXIS), str(healthy / "one"), "--each", "--scheduler", "tcp://127.0.0.1:9",
                    "--out", str(tmp_path)])
     assert status == 2 and "--scheduler" in capsys.readouterr().err
@@ -168,9 +169,9 @@ def test_the_campaign_command_refuses_what_is_not_right(capsys):
 
 
 def test_a_long_series_is_diagnosed_in_groups(healthy, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("microstage_ros.discrepancy.many.LARGEST", 1)
-    monkeypatch.setattr("microstage_ros.discrepancy.pooling.GROUP", 1)
-    monkeypatch.setattr("microstage_ros.discrepancy.pooling.groups_of.__defaults__", (1,))
+    monkeypatch.setattr("microstage_ros.diagnosis.batch.LARGEST", 1)
+    monkeypatch.setattr("microstage_ros.diagnosis.pooling.GROUP", 1)
+    monkeypatch.setattr("microstage_ros.diagnosis.pooling.groups_of.__defaults__", (1,))
     records = [str(healthy / name / "rec.csv") for name in ("one", "two")]
     assert main(["diagnose", "--axis", str(AXIS), *records, "--out", str(tmp_path)]) == 0
     report = json.loads((tmp_path / "report.json").read_text())

@@ -4,7 +4,7 @@ import subprocess
 
 import pytest
 
-from microstage_ros.commands.environment import _exports
+from microstage_ros.commands.project.environment import _exports
 
 
 @pytest.mark.parametrize("sourced", ["", "jazzy"])

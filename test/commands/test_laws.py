@@ -5,8 +5,8 @@ import re
 
 import pytest
 
-from microstage_ros.axis.laws.properties.table import measure
-from microstage_ros.commands import laws
+from microstage_ros.commands.analysis import laws
+from microstage_ros.model.friction.properties.table import measure
 
 PAGE = pathlib.Path(__file__).resolve().parents[2] / "docs" / "friction_laws.md"
 

@@ -4,9 +4,9 @@ import pathlib
 
 import pytest
 
-from microstage_ros.axis.axis_file import load_axis
-from microstage_ros.control.run_file import run_from_dict
-from microstage_ros.control.simulate import simulate
+from microstage_ros.control.runs.run_file import run_from_dict
+from microstage_ros.control.runs.simulate import simulate
+from microstage_ros.model.axis_file import load_axis
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 QUIET = dict(encoder_m=0.0, voltage_V=0.0, current_A=0.0, interferometer_m=0.0, friction_relative=0.0)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from microstage_ros.control import adaptation
-from microstage_ros.control.controller import make_controller
-from microstage_ros.control.trials import step_trial
+from microstage_ros.control.evaluation.trials import step_trial
+from microstage_ros.control.laws import adaptation
+from microstage_ros.control.laws.controller import make_controller
 
 T = 1e-4
 

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
-from microstage_ros.axis.sensors import read_sensors
-from microstage_ros.axis.step import advance
-from microstage_ros.control.closed_loop import TRACE, run_loop
-from microstage_ros.control.controller import make_controller
-from microstage_ros.control.laws import LAWS
-from microstage_ros.control.profiles import jerk_limited_move, sine
-from microstage_ros.control.trials import gain_jump_trial, sine_trial, step_trial
-from microstage_ros.control.tuning import allowed_overshoot
+from microstage_ros.control.evaluation.trials import gain_jump_trial, sine_trial, step_trial
+from microstage_ros.control.laws.controller import make_controller
+from microstage_ros.control.laws.registry import LAWS
+from microstage_ros.control.runs.closed_loop import TRACE, run_loop
+from microstage_ros.control.trajectories.profiles import jerk_limited_move, sine
+from microstage_ros.control.tuning.tuning import allowed_overshoot
+from microstage_ros.model.sensors.readings import read_sensors
+from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
+from microstage_ros.solver.step import advance
 
 MOVE = [{"move_to_m": 1e-6, "dwell_s": 0.02}]
 
@@ -38,8 +38,8 @@ def test_disturbance_is_added_after_the_controller(axis, run):
     n = 2000
     push = np.where(np.arange(n) > 1000, 0.05, 0.0)
     columns = run("none", [{"move_to_m": 0.0}])
-    from microstage_ros.control.run_file import Run
-    from microstage_ros.control.simulate import simulate
+    from microstage_ros.control.runs.run_file import Run
+    from microstage_ros.control.runs.simulate import simulate
 
     silent = dict(encoder_m=0.0, voltage_V=0.0, current_A=0.0, interferometer_m=0.0, friction_relative=0.0)
     pushed = simulate(axis, Run(controller={"type": "none"}, noise=silent, program=[{"reference": np.zeros(n), "disturbance": push}]))

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
-from microstage_ros.control import drive_learning
-from microstage_ros.control.closed_loop import TRACE, run_loop
-from microstage_ros.control.controller import make_controller
-from microstage_ros.control.observer import FrictionObserver
-from microstage_ros.control.profiles import sine
+from microstage_ros.control.laws.controller import make_controller
+from microstage_ros.control.observer import drive_learning
+from microstage_ros.control.observer.observer import FrictionObserver
+from microstage_ros.control.runs.closed_loop import TRACE, run_loop
+from microstage_ros.control.trajectories.profiles import sine
+from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
 
 BEFORE, AFTER = 0.3, 5e-4  # s
 

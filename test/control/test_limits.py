@@ -1,15 +1,14 @@
 """The observer law's regulator, told the true motion."""
 
 import numpy as np
-import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from microstage_ros.control.controller import make_controller
-from microstage_ros.control.least_error import least_error, sliding_loop
-from microstage_ros.control.limits import GAP_WIDTH, gap_sine, informed_sine
-from microstage_ros.control.lost_motion import NOTICED
-from microstage_ros.control.trials import cycle_peaks, sine_trial
+from microstage_ros.control.evaluation.least_error import least_error, sliding_loop
+from microstage_ros.control.evaluation.limits import GAP_WIDTH, gap_sine, informed_sine
+from microstage_ros.control.evaluation.trials import cycle_peaks, sine_trial
+from microstage_ros.control.laws.controller import make_controller
+from microstage_ros.control.observer.lost_motion import NOTICED
 
 
 def test_told_nothing_it_is_the_law(axis):

@@ -6,10 +6,17 @@ import control
 import numpy as np
 import pytest
 
-from microstage_ros.axis.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
-from microstage_ros.control.closed_loop import TRACE, run_loop
-from microstage_ros.control.controller import make_controller
-from microstage_ros.control.margins import controller_margins, loop_margins, observer_loop, pid_margins, pid_transfer, regimes
+from microstage_ros.control.laws.controller import make_controller
+from microstage_ros.control.runs.closed_loop import TRACE, run_loop
+from microstage_ros.control.tuning.margins import (
+    controller_margins,
+    loop_margins,
+    observer_loop,
+    pid_margins,
+    pid_transfer,
+    regimes,
+)
+from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
 
 T = 1e-4
 

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from scipy.linalg import expm, solve_discrete_are
 
-from microstage_ros.axis.compiled import compiled
-from microstage_ros.control import feedforward, motion_filter
-from microstage_ros.control.margins import sliding_slope
-from microstage_ros.control.observer import FrictionObserver
+from microstage_ros.control.feedforward import axis as feedforward
+from microstage_ros.control.observer import motion_filter
+from microstage_ros.control.observer.observer import FrictionObserver
+from microstage_ros.control.tuning.margins import sliding_slope
+from microstage_ros.numerics.compiled import compiled
 
 
 @compiled

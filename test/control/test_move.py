@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from microstage_ros.axis.errors import InputError
-from microstage_ros.control.move import MOVING, SETTLING, Move, check_move
+from microstage_ros.control.trajectories.move import MOVING, SETTLING, Move, check_move
+from microstage_ros.quantities.errors import InputError
 
 PERIOD = 1e-3
 

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from microstage_ros.axis.errors import InputError
-from microstage_ros.axis.laws.curve import viscous_force
-from microstage_ros.axis.laws.generalised_maxwell_slip import stretch
-from microstage_ros.control import feedforward
-from microstage_ros.control.controller import make_controller
-from microstage_ros.control.observer import FrictionObserver
-from microstage_ros.control.observer_trial import level_jump_trial
+from microstage_ros.control.evaluation.observer_trial import level_jump_trial
+from microstage_ros.control.feedforward import axis as feedforward
+from microstage_ros.control.laws.controller import make_controller
+from microstage_ros.control.observer.observer import FrictionObserver
+from microstage_ros.model.friction.curve import viscous_force
+from microstage_ros.model.friction.generalised_maxwell_slip import stretch
+from microstage_ros.quantities.errors import InputError
 
 SINE = [{"sine": {"amplitude_m": 1e-5, "frequency_hz": 0.25, "cycles": 1.0}}]
 MOVES = [{"move_to_m": place, "dwell_s": 0.2} for place in (1e-6, 0.0, 1e-6)]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from microstage_ros.axis.errors import InputError
-from microstage_ros.control.controller import gain_list, make_controller
+from microstage_ros.control.laws.controller import gain_list, make_controller
+from microstage_ros.quantities.errors import InputError
 
 T = 1e-4
 GAINS = dict(proportional=2e5, integral_time=0.02, derivative_time=0.006, filter_time=8e-4)

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from microstage_ros.axis.errors import InputError
-from microstage_ros.control import profiles
-from microstage_ros.control.profiles import MotionLimits
+from microstage_ros.control.trajectories import profiles
+from microstage_ros.control.trajectories.profiles import MotionLimits
+from microstage_ros.quantities.errors import InputError
 
 T = 1e-4
 

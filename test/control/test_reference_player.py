@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from microstage_ros.axis.errors import InputError
-from microstage_ros.control.reference_player import HOLDING, MOVING, STOPPING, ReferencePlayer
+from microstage_ros.control.trajectories.reference_player import HOLDING, MOVING, STOPPING, ReferencePlayer
+from microstage_ros.quantities.errors import InputError
 
 
 @pytest.fixture

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from microstage_ros.axis.errors import InputError
-from microstage_ros.control.run_file import load_run, run_from_dict
+from microstage_ros.control.runs.run_file import load_run, run_from_dict
+from microstage_ros.quantities.errors import InputError
 
 T = 1e-4
 
@@ -77,7 +77,7 @@ def test_unreadable_files_are_told_in_one_line(tmp_path):
 
 def test_contacts_begin_loaded_where_friction_is_random_and_relaxed_where_it_is_not(axis):
     """The friction felt in the first row: drawn by the seed, or none."""
-    from microstage_ros.control.simulate import simulate
+    from microstage_ros.control.runs.simulate import simulate
 
     still = {"encoder_m": 0.0, "voltage_V": 0.0, "interferometer_m": 0.0}
     tree = {"controller": {"type": "none"}, "noise": still, "program": [{"move_to_m": 0.0, "dwell_s": 0.001}]}

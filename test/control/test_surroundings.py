@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from microstage_ros.control.closed_loop import SURROUNDINGS, TRACE, surroundings
+from microstage_ros.control.runs.closed_loop import SURROUNDINGS, TRACE, surroundings
 
 
 @pytest.mark.parametrize("varies, told", [

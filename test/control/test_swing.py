@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from scipy.linalg import expm, solve_discrete_are
 
-from microstage_ros.axis.plant import NoiseSpec
-from microstage_ros.control import feedforward, swing
-from microstage_ros.control.design import observer_gains
-from microstage_ros.control.observer import FrictionObserver
+from microstage_ros.control.feedforward import axis as feedforward
+from microstage_ros.control.observer import flexible_mode as swing
+from microstage_ros.control.observer.observer import FrictionObserver
+from microstage_ros.control.tuning.design import observer_gains
+from microstage_ros.solver.plant import NoiseSpec
 
 
 @pytest.fixture

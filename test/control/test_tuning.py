@@ -6,15 +6,17 @@ import pathlib
 import numpy as np
 import pytest
 
-from microstage_ros.axis.axis_file import load_axis
-from microstage_ros.axis.errors import InputError
-from microstage_ros.commands import compare as compare_command
-from microstage_ros.commands import simulate as simulate_command
-from microstage_ros.commands import tune as tune_command
-from microstage_ros.control import comparison, tuning, yardsticks
-from microstage_ros.control.controller import make_controller
-from microstage_ros.control.margins import Margins
-from microstage_ros.control.trials import sine_trial
+from microstage_ros.commands.analysis import compare as compare_command
+from microstage_ros.commands.analysis import simulate as simulate_command
+from microstage_ros.commands.analysis import tune as tune_command
+from microstage_ros.control.evaluation import comparison
+from microstage_ros.control.evaluation import reference_controllers as yardsticks
+from microstage_ros.control.evaluation.trials import sine_trial
+from microstage_ros.control.laws.controller import make_controller
+from microstage_ros.control.tuning import tuning
+from microstage_ros.control.tuning.margins import Margins
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.quantities.errors import InputError
 from microstage_ros.records import read_record
 from microstage_ros.report.comparison import within_twice
 

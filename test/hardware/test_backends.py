@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from microstage_ros.axis.axis_file import load_axis
-from microstage_ros.axis.errors import InputError
 from microstage_ros.hardware import BACKENDS, make_hardware
 from microstage_ros.hardware.protocol import HardwareError, Setup
+from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
+from microstage_ros.quantities.errors import InputError
 
 AXIS = load_axis(config_file("axis.yaml"))
 QUIET = {"noise": {"encoder_m": 0.0, "voltage_V": 0.0, "current_A": 0.0, "interferometer_m": 0.0,

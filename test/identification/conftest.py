@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from microstage_ros.axis.axis_file import load_axis
+from microstage_ros.model.axis_file import load_axis
 from microstage_ros.records import Record
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]

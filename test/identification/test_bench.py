@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from microstage_ros.axis.errors import InputError
-from microstage_ros.axis.plant import blocks_of
-from microstage_ros.control.run_file import Run
+from microstage_ros.control.runs.run_file import Run
 from microstage_ros.identification import experiments
-from microstage_ros.identification.actuator import extract
-from microstage_ros.identification.guideway import elastic_slope, extract_loading
+from microstage_ros.identification.estimators.actuator import extract
+from microstage_ros.identification.estimators.guideway import elastic_slope, extract_loading
+from microstage_ros.identification.estimators.virgin_curve import Blocks, identify_blocks
 from microstage_ros.identification.pipeline import identify
 from microstage_ros.identification.signals import motor_signals, screw_ratio
-from microstage_ros.identification.virgin_curve import Blocks, identify_blocks
+from microstage_ros.quantities.errors import InputError
+from microstage_ros.solver.plant import blocks_of
 
 
 def test_slow_reversals_give_the_virgin_curve(actuator_bench):

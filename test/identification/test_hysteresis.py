@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from microstage_ros.axis.errors import InputError
-from microstage_ros.axis.laws.positions import maxwell_slip_force
-from microstage_ros.identification.hysteresis import LADDER, fit_maxwell_slip
+from microstage_ros.identification.estimators.hysteresis import LADDER, fit_maxwell_slip
+from microstage_ros.model.friction.positions import maxwell_slip_force
+from microstage_ros.quantities.errors import InputError
 
 
 def rms(values):

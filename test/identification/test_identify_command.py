@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from microstage_ros.axis.axis_file import load_axis
-from microstage_ros.axis.errors import InputError
-from microstage_ros.commands.identify import main
-from microstage_ros.control.run_file import run_from_dict
-from microstage_ros.control.simulate import simulated_record
+from microstage_ros.commands.analysis.identify import main
+from microstage_ros.control.runs.run_file import run_from_dict
+from microstage_ros.control.runs.simulate import simulated_record
 from microstage_ros.identification.signals import motor_signals
 from microstage_ros.identification.whole_axis import with_windup
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.quantities.errors import InputError
 from microstage_ros.records import Record, write_record
 from test.identification.conftest import ROOT
 

@@ -3,8 +3,14 @@
 import numpy as np
 import pytest
 
-from microstage_ros.axis.errors import InputError
-from microstage_ros.identification.inverse_dynamics import KEYS, Bands, balance, choose_bands, identify_force_axis
+from microstage_ros.identification.estimators.inverse_dynamics import (
+    KEYS,
+    Bands,
+    balance,
+    choose_bands,
+    identify_force_axis,
+)
+from microstage_ros.quantities.errors import InputError
 from microstage_ros.records import Record
 
 PUBLISHED = {"stage.mass": 95.1089, "contacts.guideway.viscous": 203.5034, "contacts.guideway.coulomb": 20.3935,

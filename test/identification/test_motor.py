@@ -3,11 +3,17 @@
 import numpy as np
 import pytest
 
-from microstage_ros.control.run_file import Run
+from microstage_ros.control.runs.run_file import Run
 from microstage_ros.identification import experiments
-from microstage_ros.identification.acceleration import identify_attraction, identify_inertia
-from microstage_ros.identification.motor import cross_check, identify_motor, speed_by_voltage
-from microstage_ros.identification.signals import centred_current, motor_signals, screw_ratio, steady_windows, window_means
+from microstage_ros.identification.estimators.acceleration import identify_attraction, identify_inertia
+from microstage_ros.identification.estimators.motor import cross_check, identify_motor, speed_by_voltage
+from microstage_ros.identification.signals import (
+    centred_current,
+    motor_signals,
+    screw_ratio,
+    steady_windows,
+    window_means,
+)
 
 
 @pytest.fixture(scope="module")

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from microstage_ros.axis.errors import InputError
-from microstage_ros.commands.experiment import reference_of
-from microstage_ros.control.run_file import load_run
+from microstage_ros.commands.operation.experiment import reference_of
+from microstage_ros.control.runs.run_file import load_run
 from microstage_ros.identification import experiments
 from microstage_ros.identification.signals import screw_ratio
+from microstage_ros.quantities.errors import InputError
 from test.identification.conftest import ROOT
 
 FOLDER = ROOT / "config" / "experiments"

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from microstage_ros.axis.errors import InputError
-from microstage_ros.identification.actuator import Features
-from microstage_ros.identification.actuator_fit import by_unit, identify_sliding
 from microstage_ros.identification.coverage import synthetic_features
-from microstage_ros.identification.stribeck import NAMES, fit_stribeck, stribeck_curve
+from microstage_ros.identification.estimators.actuator import Features
+from microstage_ros.identification.estimators.actuator_fit import by_unit, identify_sliding
+from microstage_ros.identification.estimators.stribeck import NAMES, fit_stribeck, stribeck_curve
+from microstage_ros.quantities.errors import InputError
 
 TRUTH = np.array([219e-6, 125.6e-6, 0.18, 0.9, 10.51e-6])
 SPEEDS = np.geomspace(0.003, 16.0, 30)

@@ -3,9 +3,13 @@
 import numpy as np
 import pytest
 
-from microstage_ros.axis.errors import InputError
 from microstage_ros.identification.coverage import variability_trial
-from microstage_ros.identification.variability import VariabilityLikelihood, identify_variability, position_locked_share
+from microstage_ros.identification.estimators.variability import (
+    VariabilityLikelihood,
+    identify_variability,
+    position_locked_share,
+)
+from microstage_ros.quantities.errors import InputError
 
 
 def test_likelihood_is_that_of_the_dense_gaussian():

@@ -3,12 +3,17 @@
 import numpy as np
 import pytest
 
-from microstage_ros.axis.laws.blocks import blocks_from_segment_slopes
-from microstage_ros.axis.plant import blocks_of
 from microstage_ros.identification.coverage import synthetic_loading
-from microstage_ros.identification.virgin_curve import (
-    Blocks, choose_count, fit_blocks, identify_blocks, loading_from_samples, register,
+from microstage_ros.identification.estimators.virgin_curve import (
+    Blocks,
+    choose_count,
+    fit_blocks,
+    identify_blocks,
+    loading_from_samples,
+    register,
 )
+from microstage_ros.model.friction.blocks import blocks_from_segment_slopes
+from microstage_ros.solver.plant import blocks_of
 
 THREE = Blocks(np.array([4e5, 5e4, 5e3]), np.array([0.5, 0.3, 0.2]), 0.9)
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from microstage_ros.axis.errors import InputError
 from microstage_ros.metrology.interferometer import Interferometer, budget, correct
 from microstage_ros.metrology.refractive_index import Air, refractive_index
+from microstage_ros.quantities.errors import InputError
 
 
 def test_correction_undoes_the_air():

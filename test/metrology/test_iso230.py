@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from microstage_ros.axis.errors import InputError
 from microstage_ros.metrology.iso230 import iso230
+from microstage_ros.quantities.errors import InputError
 
 TABLES = Path(__file__).parents[2].parent / "shared/data/iso230/tables.json"
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from microstage_ros.axis.errors import InputError
 from microstage_ros.metrology.refractive_index import (
     Air,
     index_sensitivities,
@@ -11,6 +10,7 @@ from microstage_ros.metrology.refractive_index import (
     refractive_index,
     saturation_pressure,
 )
+from microstage_ros.quantities.errors import InputError
 
 CIDDOR_DRY = [(20, 80e3, 21458.0), (20, 100e3, 26824.4), (20, 120e3, 32191.6), (10, 100e3, 27774.7),
               (30, 100e3, 25937.2)]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from microstage_ros.axis.errors import InputError
 from microstage_ros.metrology.repeatability import chi_square, repeatability
+from microstage_ros.quantities.errors import InputError
 
 
 def test_ten_repeats_of_250_nm():

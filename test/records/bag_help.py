@@ -3,8 +3,8 @@
 import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from microstage_ros.records.definition import HEADER, SEPARATOR, TIME, parse_definition
-from microstage_ros.records.layout import layout_of_type
+from microstage_ros.records.bags.definition import HEADER, SEPARATOR, TIME, parse_definition
+from microstage_ros.records.bags.layout import layout_of_type
 
 
 def defined(name, text):

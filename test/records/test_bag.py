@@ -27,10 +27,10 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
 from microstage_ros import __version__
-from microstage_ros.axis.errors import InputError
-from microstage_ros.records import bag_writer, mcap_sink
-from microstage_ros.records.bag import Bag, BagStopped, BagWriter, Qos, read_bag, read_bags
-from microstage_ros.records.mcap_sink import COMPRESSORS
+from microstage_ros.quantities.errors import InputError
+from microstage_ros.records.bags import bag_writer, mcap_sink
+from microstage_ros.records.bags.bag import Bag, BagStopped, BagWriter, Qos, read_bag, read_bags
+from microstage_ros.records.bags.mcap_sink import COMPRESSORS
 
 
 def write_bag(path, count=3000, words=("a", "bb", "ccc"), block=True, **options):
@@ -193,7 +193,7 @@ def test_channel_metadata_says_what_the_folder_says(tmp_path):
 
 def test_a_process_that_dies_leaves_what_it_had_flushed(tmp_path):
     program = ("import os, sys\nsys.path[:0] = sys.argv[2:]\nfrom bag_help import *\n"
-               "from microstage_ros.records.bag import BagWriter\nrows, _, times = servo_rows(900)\n"
+               "from microstage_ros.records.bags.bag import BagWriter\nrows, _, times = servo_rows(900)\n"
                "bag = BagWriter(sys.argv[1])\nservo = bag.add_channel('/axis/servo', SERVO)\n"
                "bag.write_block(servo, times[:600], rows[:600])\nbag.flush()\n"
                "bag.write_block(servo, times[600:], rows[600:])\nos._exit(9)\n")

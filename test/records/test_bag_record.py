@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from bag_help import WORDS
 
-from microstage_ros.axis.errors import InputError
+from microstage_ros.quantities.errors import InputError
 from microstage_ros.records import Record, read_record, write_record
-from microstage_ros.records.bag import Bag, BagWriter
-from microstage_ros.records.bag_record import own_definition
+from microstage_ros.records.bags.bag import Bag, BagWriter
+from microstage_ros.records.bags.bag_record import own_definition
+from microstage_ros.records.bags.definition import installed_definition
+from microstage_ros.records.bags.layout import layout_of_type
 from microstage_ros.records.columns import RECORD_COLUMNS
-from microstage_ros.records.definition import installed_definition
-from microstage_ros.records.layout import layout_of_type
 
 STATE, COMMAND = own_definition("AxisState"), own_definition("VoltageCommand")
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from microstage_ros.axis.axis_file import load_axis
-from microstage_ros.axis.errors import InputError
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.quantities.errors import InputError
 from microstage_ros.records import Record, read_record
 from microstage_ros.records.checks import Bounds, check_record
 

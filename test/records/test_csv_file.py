@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from microstage_ros.axis.errors import InputError
+from microstage_ros.quantities.errors import InputError
 from microstage_ros.records import Record, csv_text, read_record, write_record
 from microstage_ros.records.columns import KNOWN_COLUMNS
 

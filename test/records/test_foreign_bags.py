@@ -7,8 +7,8 @@ import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
-from microstage_ros.axis.errors import InputError
-from microstage_ros.records.bag import Bag, read_bag
+from microstage_ros.quantities.errors import InputError
+from microstage_ros.records.bags.bag import Bag, read_bag
 
 BAGS = Path(__file__).parents[2].parent / "shared/data/bags"
 pytestmark = pytest.mark.skipif(not BAGS.exists(), reason="the foreign bags (../shared/data/bags) are not here")

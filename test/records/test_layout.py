@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from microstage_ros.axis.errors import InputError
-from microstage_ros.records.definition import installed_definition, parse_definition
-from microstage_ros.records.layout import NoFixedLayout, layout_of_message, layout_of_type
+from microstage_ros.quantities.errors import InputError
+from microstage_ros.records.bags.definition import installed_definition, parse_definition
+from microstage_ros.records.bags.layout import NoFixedLayout, layout_of_message, layout_of_type
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 ODD_TEXT = """# every kind of field, in an awkward order

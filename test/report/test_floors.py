@@ -4,7 +4,7 @@ import copy
 
 import pytest
 
-from microstage_ros.report.floors import floors_table
+from microstage_ros.report.acceptance import floors_table
 
 LAW = "self_tuning_observer"
 MOVES = {"four_s_worst": 7e-9, "bias_worst": -1e-9, "instrument_four_s_worst": 6e-8, "settling_median": 0.1, "overshoot_worst": 4e-8}

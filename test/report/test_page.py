@@ -7,7 +7,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from microstage_ros.axis.errors import InputError
+from microstage_ros.quantities.errors import InputError
 from microstage_ros.report.page import LARGEST_SVG, Page, picture
 from microstage_ros.report.plots import new_figure, plot_signal
 

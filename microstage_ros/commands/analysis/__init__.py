@@ -1,0 +1,1 @@
+"""Commands on records and models: simulate, identify, diagnose, tune, compare."""

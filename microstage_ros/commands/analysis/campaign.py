@@ -1,0 +1,110 @@
+"""``campaign``: the diagnosis examined on many simulated axes with something hidden in each."""
+
+import argparse
+import dataclasses
+import json
+import math
+import pathlib
+import sys
+
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from microstage_ros import __version__
+from microstage_ros.commands.parser import Parser
+from microstage_ros.diagnosis.validation import campaign
+from microstage_ros.diagnosis.validation.fault_injection import DRAWS
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.places import config_file
+from microstage_ros.quantities.errors import InputError
+
+DEFAULT_AXIS = config_file("axis.yaml")
+DESCRIPTION = """\
+Hides effects in simulated axes, each from its own seed, lets the diagnosis look at the records alone, and prints
+what it said against what was there: confusion matrix, false alarms, coverage of the stated intervals, gain, time.
+"""
+
+
+def main(argv=None):
+    """Run the command. Returns 0; raises InputError for bad input."""
+    arguments = _parse(argv)
+    examined = campaign.examinations(arguments.cases, arguments.seed, str(arguments.axis), arguments.kind,
+                                     arguments.strength, arguments.effect)
+    outcomes = []
+    with Progress(console=Console(stderr=True), disable=not sys.stderr.isatty()) as progress:
+        task = progress.add_task("examining", total=len(examined))
+        for outcome in campaign.run(examined, arguments.jobs):
+            outcomes.append(outcome)
+            progress.advance(task)
+            if arguments.verbose:
+                print(_line(outcome), flush=True)
+    outcomes.sort(key=lambda outcome: outcome.number)
+    counts, medians = campaign.scores(outcomes)
+    if arguments.json:
+        _write(arguments, outcomes, counts, medians)
+    show(outcomes, counts, medians, Console(width=None if sys.stdout.isatty() else 160))
+    return 0
+
+
+def _parse(argv):
+    parser = Parser(prog="microstage campaign", description=DESCRIPTION,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cases", type=int, default=27, metavar="N", help="number of cases (default 27)")
+    parser.add_argument("--seed", type=int, default=1, metavar="S", help="of everything drawn (default 1)")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes (default 1)")
+    parser.add_argument("--kind", default="mixed", choices=("mixed", *campaign.KINDS), help="what to hide (default mixed)")
+    parser.add_argument("--effect", default="", metavar="ID", help="always hide this effect")
+    parser.add_argument("--strength", type=float, default=1.0, metavar="X", help="factor on all sizes (default 1)")
+    parser.add_argument("--axis", type=pathlib.Path, default=DEFAULT_AXIS, metavar="FILE", help="axis file (default the shipped one)")
+    parser.add_argument("--json", type=pathlib.Path, metavar="FILE", help="write every outcome and all figures")
+    parser.add_argument("--verbose", action="store_true", help="a line per case")
+    arguments = parser.parse_args(argv)
+    for name, value, least in (("--cases", arguments.cases, 1), ("--jobs", arguments.jobs, 1), ("--seed", arguments.seed, 0)):
+        if value < least:
+            raise InputError(name, value, f"{least} or more")
+    if not arguments.strength > 0.0:
+        raise InputError("--strength", arguments.strength, "a factor above 0")
+    if arguments.effect and arguments.effect not in DRAWS:
+        raise InputError("--effect", arguments.effect, "one of " + ", ".join(sorted(DRAWS)))
+    load_axis(arguments.axis)
+    return arguments
+
+
+def _line(outcome):
+    way = "" if math.isnan(outcome.removed) else f" {outcome.removed:4.0%}"
+    opened = "".join(f" open({'|'.join(ids)})" for ids in outcome.rivals)
+    return f"{outcome.number:4d} {outcome.name:32s} {outcome.verdict:17s}{', '.join(outcome.named)}{opened}{way} {outcome.seconds:.0f} s {outcome.error}"
+
+
+def _write(arguments, outcomes, counts, medians):
+    tree = {"version": __version__, "seed": arguments.seed, "axis": str(arguments.axis), "kind": arguments.kind,
+            "strength": arguments.strength, "figures": {name: list(pair) for name, pair in counts.items()},
+            "medians": {name: _plain(value) for name, value in medians.items()},
+            "confusion": campaign.confusion(outcomes),
+            "cases": [{key: _plain(value) for key, value in dataclasses.asdict(outcome).items()} for outcome in outcomes]}
+    try:
+        arguments.json.write_text(json.dumps(tree, indent=1, ensure_ascii=False) + "\n")
+    except OSError as error:
+        raise InputError(f"--json {arguments.json}", error.strerror, "a file that can be written") from None
+
+
+def _plain(value):
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def show(outcomes, counts, medians, console):
+    """Print the confusion matrix, one line per hidden effect, and the figures."""
+    sheet = Table("hidden", "cases", "said first", title="What was said of what was there", title_justify="left")
+    for name, said in sorted(campaign.confusion(outcomes).items()):
+        sheet.add_row(name, str(said.total()), ", ".join(f"{word} {n}" for word, n in said.most_common()))
+    for outcome in outcomes:
+        if outcome.kind == "two":
+            sheet.add_row(outcome.name, "1", ", ".join(outcome.named) or campaign.said(outcome))
+    console.print(sheet)
+    figures = Table("figure", "", "", title="Figures", title_justify="left")
+    for name, (hits, of) in counts.items():
+        figures.add_row(name, f"{hits} of {of}", f"{hits / of:.0%}" if of else "")
+    for name, value in medians.items():
+        figures.add_row(name, f"{value:.3g}", "")
+    console.print(figures)

@@ -1,0 +1,117 @@
+"""``compare``: the paper's Fig. 10, Fig. 11 and Table 4, for every controller."""
+
+import json
+import os
+import pathlib
+import sys
+import textwrap
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from microstage_ros import __version__
+from microstage_ros.commands.parser import Parser
+from microstage_ros.control.evaluation import comparison
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.places import config_file
+from microstage_ros.quantities.errors import InputError
+from microstage_ros.report.comparison import comparison_page, comparison_tables
+
+DEFAULT_AXIS = str(config_file("axis.yaml"))
+
+
+def main(argv=None):
+    """Run the command. Returns 0; raises InputError for bad input."""
+    arguments = _parse(argv)
+    axis = load_axis(arguments.axis)
+    if axis.choices["drive.type"] != "voltage_motor":
+        raise InputError(f"{arguments.axis}: drive.type", axis.choices["drive.type"], "voltage_motor, the paper's axis")
+    extent = comparison.QUICK if arguments.quick else comparison.Extent()
+    if arguments.seeds:
+        extent = extent._replace(seeds=arguments.seeds)
+    console = Console(stderr=True)
+    with console.status("comparing …") as status:
+        tell = (lambda text: status.update(f"comparing … {text}")) if sys.stderr.isatty() else None
+        result = comparison.compare(axis, extent, arguments.controllers, arguments.jobs, tell)
+    folder = pathlib.Path(arguments.out)
+    folder.mkdir(parents=True, exist_ok=True)
+    page = comparison_page(result, comparison.PAPER_4S, comparison.PAPER_SINE, arguments.axis, f"0 … {extent.seeds - 1}")
+    page.save(folder / "report.html")
+    facts = {"version": __version__, "axis": axis.as_dict(), "seeds": extent.seeds, **_plain(result)}
+    (folder / "comparison.json").write_text(json.dumps(facts, indent=1) + "\n")
+    tables = comparison_tables(result, comparison.PAPER_4S, comparison.PAPER_SINE)
+    (folder / "tables.md").write_text("\n".join(_markdown(*table) for table in tables))
+    for document in arguments.update:
+        _update(pathlib.Path(document), tables)
+    _show(tables)
+    print(folder / "report.html")
+    return 0
+
+
+def _parse(argv):
+    parser = Parser(prog="microstage compare", description="Compare all controllers on the simulated axis.")
+    parser.add_argument("--axis", default=DEFAULT_AXIS, metavar="FILE", help="axis file (default the paper's axis)")
+    parser.add_argument("--out", required=True, metavar="DIR", help="folder for report.html, comparison.json, tables.md")
+    parser.add_argument("--controllers", nargs="+", default=list(comparison.CONTROLLERS), choices=comparison.CONTROLLERS, metavar="TYPE",
+                        help="controllers to compare (default all: %(default)s)")
+    parser.add_argument("--seeds", type=int, metavar="N", help="friction seeds (default 20, quick 3)")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="threads (default all cores)")
+    parser.add_argument("--update", nargs="+", default=[], metavar="FILE",
+                        help="Markdown files whose tables between <!-- compare: TITLE --> and <!-- end --> are to be replaced")
+    parser.add_argument("--quick", action="store_true", help="few seeds, moves and searches")
+    arguments = parser.parse_args(argv)
+    for document in arguments.update:
+        if not pathlib.Path(document).is_file():
+            raise InputError("--update", document, "a file that exists")
+    for name in ("seeds", "jobs"):
+        value = getattr(arguments, name)
+        if value is not None and value < 1:
+            raise InputError(f"--{name}", value, "1 or more")
+    return arguments
+
+
+def _plain(value):
+    """Plain data for JSON, without the curves; numbers that are not finite become null."""
+    if isinstance(value, dict):
+        return {str(key): _plain(entry) for key, entry in value.items() if key != "curve"}
+    if isinstance(value, (list, tuple)):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, (float, np.floating)):
+        return float(value) if np.isfinite(value) else None
+    return value
+
+
+def _markdown(title, header, rows, remark):
+    return f"### {title}\n\n{_body(header, rows, remark)}"
+
+
+def _body(header, rows, remark):
+    lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
+    lines += ["| " + " | ".join(row) + " |" for row in rows]
+    return "\n".join([*lines, "", *([*textwrap.wrap(remark, 118), ""] if remark else [])])
+
+
+def _update(path, tables):
+    """Replace the tables of a Markdown file that stand between <!-- compare: TITLE --> and <!-- end -->."""
+    text = path.read_text()
+    for title, *table in tables:
+        mark = f"<!-- compare: {title} -->"
+        before, found, after = text.partition(mark)
+        if found:
+            _, end, rest = after.partition("<!-- end -->")
+            if not end:
+                raise InputError(f"{path}: {mark}", "no <!-- end -->", "<!-- end --> after the table")
+            text = f"{before}{mark}\n{_body(*table)}{end}{rest}"
+    path.write_text(text)
+
+
+def _show(tables):
+    """Print what was asked and reached, and the tables of Fig. 10 and Table 4."""
+    console = Console()
+    console.width = max(console.width, 160)  # the tables are wide
+    for title, header, rows, _ in tables[:6]:
+        table = Table(*header, title=title)
+        for row in rows:
+            table.add_row(*row)
+        console.print(table)

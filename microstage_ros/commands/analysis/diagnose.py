@@ -1,0 +1,119 @@
+"""``diagnose``: where model and measurement part, why, and what it gains to know."""
+
+import argparse
+import json
+import pathlib
+import sys
+
+from rich.console import Console
+from rich.progress import Progress
+
+from microstage_ros.commands.parser import Parser
+from microstage_ros.diagnosis.batch import Case, cases_of, diagnose_files, diagnose_many, diagnose_series
+from microstage_ros.diagnosis.report.page import headline
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.quantities.errors import InputError
+from microstage_ros.report.plots import quantity
+
+DESCRIPTION = """\
+Compares measured records with the model of an axis file, names the physical cause of what differs, and writes
+into DIR: report.html (for people), report.json, extended.yaml (the axis file with the causes, for simulate),
+and a run file for every question that the records leave open.
+
+Gain is measured on the records given with --holdout. Without it the program holds back some of the records
+itself (or the end of a single one) and says which. --baseline gives records of the axis while the model was right.
+A long series (more than 16 records) is diagnosed in groups of 8, one group in memory per process, and pooled.
+"""
+
+
+def main(argv=None):
+    """Run the command. Returns 0; raises InputError for bad input."""
+    arguments = _parse(argv)
+    if arguments.each:
+        return _each(arguments)
+    case = Case("", arguments.axis, tuple(arguments.records), tuple(arguments.holdout), tuple(arguments.baseline),
+                arguments.out, arguments.seed)
+    load_axis(case.axis)      # a bad axis file is told before long work begins, and so is a missing record
+    for path in (*case.records, *case.holdout, *case.baseline):
+        if not pathlib.Path(path).exists():
+            raise InputError(path, "no such file", "a record: .mcap, bag folder, .csv[.gz|.xz]")
+    report = _series(case, arguments) if case.is_series or arguments.scheduler else _alone(case, arguments.jobs)
+    tell(report, arguments.out)
+    return 0
+
+
+def _alone(case, jobs):
+    """One case in this process, with a line of progress on a terminal."""
+    if not sys.stderr.isatty():
+        return diagnose_files(case, jobs=jobs)
+    with Console(stderr=True).status("diagnosing …") as status:
+        return diagnose_files(case, lambda text: status.update(f"diagnosing … {text}"), jobs)
+
+
+def _series(case, arguments):
+    """A long series, or work for a cluster: in groups."""
+    with Progress(console=Console(stderr=True), disable=not sys.stderr.isatty()) as progress:
+        task = progress.add_task("diagnosing groups of records", total=None)
+        return diagnose_series(case, arguments.jobs, arguments.scheduler,
+                               lambda done, total: progress.update(task, completed=done, total=total))
+
+
+def _parse(argv):
+    parser = Parser(prog="microstage diagnose", description=DESCRIPTION,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--axis", required=True, metavar="FILE", help="axis file of the model")
+    parser.add_argument("records", nargs="+", metavar="RECORD", help="records to learn from: .mcap, bag folder, .csv[.gz|.xz]")
+    parser.add_argument("--holdout", nargs="+", default=[], metavar="RECORD", help="records on which the gain is measured")
+    parser.add_argument("--baseline", nargs="+", default=[], metavar="RECORD", help="records of the axis while it was healthy")
+    parser.add_argument("--out", required=True, metavar="DIR", help="folder for the answer")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of thresholds and intervals (default 0)")
+    parser.add_argument("--each", action="store_true", help="every RECORD is a folder with the records of one axis (hold* held out, "
+                        "base* baseline, axis.yaml in place of --axis); answers go to DIR/NAME and DIR/summary.json")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes on this machine (default 1)")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="hand the work to this Dask scheduler, tcp://host:port")
+    arguments = parser.parse_args(argv)
+    if arguments.jobs < 1:
+        raise InputError("--jobs", arguments.jobs, "1 or more processes")
+    return arguments
+
+
+def _each(arguments):
+    """Many axes: one line per axis as it ends, a summary file."""
+    cases = cases_of(arguments.records, arguments.axis, arguments.out, arguments.seed)
+    pathlib.Path(arguments.out).mkdir(parents=True, exist_ok=True)
+    rows, failed = [], 0
+    with Progress(console=Console(stderr=True), disable=not sys.stderr.isatty()) as progress:
+        task = progress.add_task("diagnosing", total=len(cases))
+        for case, report in diagnose_many(cases, arguments.jobs, arguments.scheduler):
+            progress.advance(task)
+            row = _row(case, report)
+            failed += "error" in row
+            rows.append(row)
+            print(f"{row['case']}: {row.get('error') or row['headline']}", flush=True)
+    rows.sort(key=lambda row: row["case"])
+    (pathlib.Path(arguments.out) / "summary.json").write_text(json.dumps(rows, indent=1, ensure_ascii=False) + "\n")
+    return 1 if failed else 0
+
+
+def _row(case, report):
+    if isinstance(report, Exception):
+        text = str(report) if isinstance(report, InputError) else f"{type(report).__name__}: {report}"
+        return {"case": case.name, "error": text}
+    return {"case": case.name, "verdict": report["verdict"], "causes": [cause["id"] for cause in report["causes"]],
+            "rivals": [rivals["ids"] for rivals in report["rivals"]], "gain": report["gain"], "headline": headline(report)}
+
+
+def tell(report, folder):
+    """Print the answer in a few lines."""
+    print(headline(report))
+    for cause in report["causes"]:
+        print(f"  {cause['id']}: {cause['sentence']} ({cause['share']:.0%} of what stood out)")
+    for rivals in report["rivals"]:
+        print(f"  open: {' or '.join(rivals['ids'])}; {rivals['experiment']} would tell")
+    gain = report["gain"]
+    if gain:
+        before, after, floor, low, high = (quantity(v, gain["unit"]) for v in (
+            gain["before"], gain["after"], gain["floor"], *gain["ci95"]))
+        print(f"  {gain['metric']}: {before} before, {after} after (95 %: {low} … {high}), noise {floor}")
+        print(f"  held out: {', '.join(gain['records'])}")
+    print(f"  {pathlib.Path(folder) / 'report.html'}")

@@ -1,0 +1,94 @@
+"""``identify``: friction and drive parameters from records, with their uncertainty."""
+
+import argparse
+import pathlib
+import sys
+
+from rich.console import Console
+
+from microstage_ros import __version__
+from microstage_ros.commands.parser import Parser
+from microstage_ros.identification.intake import take_in
+from microstage_ros.identification.page import identification_page, shown
+from microstage_ros.identification.pipeline import identify
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.quantities.errors import InputError
+from microstage_ros.records import read_record
+
+DESCRIPTION = """\
+Identifies what the records tell of the machine that the axis file describes: a voltage-driven motor alone on a
+bench (config/experiments/actuator_bench.yaml), guideways under incremental loading (guideway_bench.yaml), a
+force-driven axis (config/emps.yaml), or a whole axis in closed loop (config/axis.yaml). Every record counts as one
+repeat. Writes an axis file (source: identified, with standard uncertainties) and, beside it, a page with the
+curves, bands and residuals. What the records do not determine keeps the value of the axis file, and is said.
+"""
+
+
+def main(argv=None):
+    """Run the command. Returns 0; raises InputError for bad input."""
+    parser = Parser(prog="microstage identify", description=DESCRIPTION,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--axis", required=True, metavar="FILE", help="axis file of the machine the records come from")
+    parser.add_argument("records", nargs="+", metavar="RECORD", help="records: .mcap, bag folder, .csv[.gz|.xz]")
+    parser.add_argument("--out", required=True, metavar="FILE", help="axis file to write (.yaml); the page goes beside it as .html")
+    parser.add_argument("--into", metavar="FILE", help="write the results into this axis file's numbers instead of those of --axis "
+                        "(bench results into the whole axis)")
+    parser.add_argument("--blocks", type=int, metavar="N", help="number of Maxwell-slip blocks, 1 to 8 (default: the data choose)")
+    parser.add_argument("--refine", action="store_true", help="force-driven axes: values of least closed-loop error in place of the inverse model's")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the bootstrap (default 0)")
+    arguments = parser.parse_args(argv)
+    out = pathlib.Path(arguments.out)
+    if out.suffix not in (".yaml", ".yml"):
+        raise InputError("--out", arguments.out, "a file name ending in .yaml")
+    if arguments.seed < 0:
+        raise InputError("--seed", arguments.seed, "a whole number from 0")
+    if arguments.blocks is not None and not 1 <= arguments.blocks <= 8:
+        raise InputError("--blocks", arguments.blocks, "a whole number from 1 to 8")
+    axis = load_axis(arguments.axis)
+    target = load_axis(arguments.into) if arguments.into else axis
+    warnings = []
+    with Console(stderr=True).status("identifying …") if sys.stderr.isatty() else _Silent() as status:
+        result = identify(_taken(arguments.records, axis, warnings), axis, arguments.seed, status.update, arguments.blocks,
+                          arguments.refine)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    result.to_axis(target).save(out, provenance={
+        "version": __version__, "command": "identify", "axis": arguments.axis, "records": list(arguments.records), "seed": arguments.seed})
+    identification_page(result, axis, arguments.records, arguments.seed, warnings).save(out.with_suffix(".html"))
+    tell(result, out, warnings)
+    return 0
+
+
+class _Silent:
+    """Progress where there is no terminal: none."""
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        return False
+
+    def update(self, _text):
+        """Say nothing."""
+
+
+def _taken(paths, axis, warnings):
+    for path in paths:
+        record, told = take_in(read_record(path), axis)
+        warnings.extend(told)
+        yield record
+
+
+def tell(result, out, warnings=()):
+    """Print the result in a few lines."""
+    for warning in warnings:
+        print(f"warning: {warning}")
+    for estimate in result.estimates.values():
+        if estimate.determined:
+            spread = "" if estimate.stderr is None else f" ± {shown(estimate.stderr, 2)}"
+            print(f"  {estimate.key}: {shown(estimate.value)}{spread} {estimate.unit}")
+    for estimate in result.estimates.values():
+        if not estimate.determined:
+            print(f"  {estimate.key}: {estimate.remark}")
+    for remark in result.remarks:
+        print(f"  {remark}")
+    print(f"  {out}, {out.with_suffix('.html')}")

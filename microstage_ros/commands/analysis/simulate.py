@@ -1,0 +1,28 @@
+"""``simulate``: one run of the model, without ROS."""
+
+
+from microstage_ros.commands.parser import Parser
+from microstage_ros.control.runs.run_file import load_run
+from microstage_ros.control.runs.simulate import simulated_record
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.quantities.errors import InputError
+from microstage_ros.records import write_record
+
+ENDINGS = (".mcap", ".csv", ".csv.gz", ".csv.xz")
+
+
+def main(argv=None):
+    """Run the command. Returns 0; raises InputError for bad input."""
+    parser = Parser(prog="microstage simulate", description="Simulate one run of an axis.")
+    parser.add_argument("--axis", required=True, metavar="FILE", help="axis file")
+    parser.add_argument("--run", required=True, metavar="FILE", help="run file: controller, noise, effects, program")
+    parser.add_argument("--out", required=True, metavar="FILE", help="record to write: " + ", ".join(ENDINGS))
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of every random number (default 0)")
+    arguments = parser.parse_args(argv)
+    if not arguments.out.endswith(ENDINGS):
+        raise InputError("--out", arguments.out, "a file name ending in " + ", ".join(ENDINGS))
+    if arguments.seed < 0:
+        raise InputError("--seed", arguments.seed, "a whole number from 0")
+    axis, run = load_axis(arguments.axis), load_run(arguments.run)
+    write_record(simulated_record(axis, run, arguments.seed), arguments.out)
+    return 0

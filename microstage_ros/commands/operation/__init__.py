@@ -1,0 +1,1 @@
+"""Commands beside a running axis: start it, move it, record and replay it."""

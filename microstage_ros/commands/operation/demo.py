@@ -1,0 +1,140 @@
+"""``demo``: the paper's point-to-point moves by separate ROS 2 processes on the simulated axis."""
+
+import json
+import sys
+from pathlib import Path
+
+import yaml
+
+from microstage_ros import __version__
+from microstage_ros.commands.__main__ import which_ros
+from microstage_ros.commands.parser import Parser
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.places import config_file
+from microstage_ros.quantities.errors import InputError
+
+TARGETS = (1e-6, 1e-5, 1e-4, 1e-3)
+REPEATS, QUICK_REPEATS = 10, 2
+TOLERANCE = 3e-8
+"""One count of the encoder, and what its noise adds [m]."""
+
+SETTLE_TIME = 0.1
+MOVE_TIMEOUT = 5.0
+PAUSE = 30.0
+"""Simulated time stands still between two moves for this long at most (wall clock) [s]."""
+
+
+def main(argv=None):
+    """Run the command. Returns 0; 1 if a process failed or a target was not reached."""
+    parser = Parser(prog="microstage demo", description=(
+        "The main job on the simulated axis: separate ROS 2 processes make the paper's point-to-point moves; the run is "
+        "recorded to MCAP and told in DIR/report.html."))
+    parser.add_argument("--out", metavar="DIR", help="folder for bag and report (default demo, demo-2, ...)")
+    parser.add_argument("--quick", action="store_true", help=f"{QUICK_REPEATS} repeats in place of {REPEATS}: under a minute")
+    parser.add_argument("--axis", metavar="FILE", help="axis file (default: the shipped config/axis.yaml)")
+    parser.add_argument("--controller", metavar="NAME", help="control law (default: that of the axis file)")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of every random number (default 1)")
+    arguments = parser.parse_args(argv)
+    if not 0 <= arguments.seed < 2**32:
+        raise InputError("--seed", arguments.seed, "a whole number from 0 to 4294967295")
+    axis = load_axis(arguments.axis or config_file("axis.yaml"))
+    out = _place(arguments.out)
+    return _run(arguments, axis, out)
+
+
+def _place(given):
+    """A folder that no earlier run has used."""
+    if given:
+        out = Path(given)
+        if (out / "bag").exists():
+            raise InputError("--out", given, "a folder without a bag of an earlier run")
+        return out
+    number, out = 1, Path("demo")
+    while out.exists():
+        number += 1
+        out = Path(f"demo-{number}")
+    return out
+
+
+def program(repeats):
+    """The moves: (target, measured) [m]; ten unidirectional repeats of each, in each direction, and back."""
+    return [(place, measured) for target in TARGETS for sign in (1.0, -1.0) for _ in range(repeats)
+            for place, measured in ((sign * target, True), (0.0, False))]
+
+
+def _run(arguments, axis, out):
+    import rclpy
+
+    from microstage_ros.commands.operation.demo_report import accuracy_rows, print_table, write_report
+    from microstage_ros.ros.client import NoAnswer
+    from microstage_ros.ros.launching.cell_processes import CellFailure
+
+    print(f"{which_ros()}\nThe axis is simulated ({axis.name}, seed {arguments.seed}); nothing moves.", file=sys.stderr)
+    moves = program(QUICK_REPEATS if arguments.quick else REPEATS)
+    try:
+        results = _make_moves(arguments, axis, out, moves)
+    except (CellFailure, NoAnswer) as failure:
+        print(f"{failure}; what the nodes said is in {out / 'logs'}", file=sys.stderr)
+        return 1
+    finally:
+        rclpy.try_shutdown()
+    facts = {"version": __version__, "axis": axis.name, "seed": arguments.seed,
+             "controller": arguments.controller or axis.controller["type"], "tolerance_m": TOLERANCE,
+             "settle_time_s": SETTLE_TIME, "ros": which_ros()}
+    (out / "moves.json").write_text(json.dumps({"run": facts, "moves": results}, indent=1), encoding="utf-8")
+    rows = accuracy_rows(results)
+    print_table(rows, facts)
+    write_report(out / "report.html", out / "bag", rows, results, facts)
+    print(f"{out / 'report.html'}: the report; {out / 'bag'}: the bag")
+    failed = [move["target_m"] for move in results if not move["reached"]]
+    if failed:
+        print(f"{len(failed)} of {len(results)} moves did not settle", file=sys.stderr)
+    return 1 if failed else 0
+
+
+def _make_moves(arguments, axis, out, moves):
+    """Start the cell, make the moves, stop it. Returns one dict per measured move."""
+    import rclpy
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from microstage_ros.ros.client import AxisClient
+    from microstage_ros.ros.launching.cell_processes import CellProcesses
+
+    out.mkdir(parents=True, exist_ok=True)
+    rclpy.init()
+    node = rclpy.create_node("demo", namespace="/axis")
+    console = Console(stderr=True)
+    with CellProcesses("/axis", parameters=cell_parameters(arguments, axis, out), logs=out / "logs") as cell, \
+            Progress(console=console, disable=not sys.stderr.isatty(), transient=True) as progress:
+        cell.activate(node)
+        axis_client = AxisClient("/axis", node)
+        task = progress.add_task("moves", total=len(moves))
+        results = []
+        for target, measured in moves:
+            cell.check()
+            result = axis_client.move(target, tolerance=TOLERANCE, settle_time=SETTLE_TIME, timeout=MOVE_TIMEOUT)
+            if measured:
+                results.append(move_facts(target, result))
+            progress.advance(task)
+        axis_client.wait_until_still()  # so that every run of one seed ends in the same control period
+        cell.deactivate(node)
+    return results
+
+
+def cell_parameters(arguments, axis, out):
+    """Parameters of the nodes for a reproducible run in lockstep."""
+    file = {"axis_file": str(Path(arguments.axis).resolve())} if arguments.axis else {}
+    law = {"controller": arguments.controller or axis.controller["type"]}
+    run = {"program": "paper's point-to-point moves", "command": "demo --quick" if arguments.quick else "demo"}
+    return {"axis_driver": {"mode": "lockstep", "seed": arguments.seed, **file}, "str_controller": {**file, **law},
+            "gms_observer": file, "move_server": {"pause_s": PAUSE},
+            "bag_recorder": {"directory": str((out / "bag").resolve()), "run": yaml.safe_dump(run)}}
+
+
+def move_facts(target, result):
+    """What is kept of one move (SI)."""
+    return {"target_m": target, "reached": bool(result.reached), "final_error_m": result.final_error,
+            "interferometer_error_m": result.interferometer_error, "settling_time_s": result.settling_time,
+            "overshoot_m": result.overshoot, "start_sequence": result.start_sequence,
+            "end_sequence": result.end_sequence, "message": result.message}

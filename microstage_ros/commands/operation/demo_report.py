@@ -1,0 +1,217 @@
+"""The demo told: a table beside the paper's, and one page with the moves as the bag has them."""
+
+import numpy as np
+
+from microstage_ros.metrology.repeatability import repeatability
+from microstage_ros.records.bags.bag import read_bag
+from microstage_ros.report.page import Page
+from microstage_ros.report.plots import COLOURS, new_figure, plot_signal, quantity
+
+PAPER_4S = {1e-6: 173e-9, 1e-5: 160e-9, 1e-4: 219e-9, 1e-3: 255e-9}
+"""Accuracy and precision 4s of the paper's Table 4 [m]."""
+
+PERIOD_NS = 100_000
+TAIL = 500
+"""Control periods shown before and after a move."""
+
+
+def accuracy_rows(results):
+    """One row per target and direction: bias and 4s by the interferometer, with intervals, and settling times."""
+    rows = []
+    for target in dict.fromkeys(move["target_m"] for move in results):
+        moves = [move for move in results if move["target_m"] == target and move["reached"]]
+        if len(moves) < 2:
+            rows.append({"target": target, "count": len(moves), "repeatability": None})
+            continue
+        rows.append({
+            "target": target, "count": len(moves),
+            "repeatability": repeatability([move["interferometer_error_m"] for move in moves]),
+            "encoder": repeatability([move["final_error_m"] for move in moves]),
+            "settling": float(np.median([move["settling_time_s"] for move in moves])),
+            "overshoot": float(np.max([move["overshoot_m"] for move in moves])),
+            "paper": next(value for size, value in PAPER_4S.items() if np.isclose(size, abs(target))),
+        })
+    return rows
+
+
+HEADER = ("target [µm]", "n", "bias [nm]", "4s [nm]", "95 % interval [nm]", "settling, median [ms]",
+          "overshoot, largest [nm]", "paper's 4s [nm]")
+
+
+def table_cells(rows):
+    """The rows as texts."""
+    cells = []
+    for row in rows:
+        r = row["repeatability"]
+        if r is None:
+            cells.append([f"{row['target'] * 1e6:+.0f}", str(row["count"]), "too few moves settled", "", "", "", "", ""])
+            continue
+        low, high = r.four_s_interval
+        cells.append([f"{row['target'] * 1e6:+.0f}", str(row["count"]), f"{r.bias * 1e9:+.1f}", f"{r.four_s * 1e9:.1f}",
+                      f"{low * 1e9:.0f} to {high * 1e9:.0f}", f"{row['settling'] * 1e3:.0f}",
+                      f"{row['overshoot'] * 1e9:.0f}", f"{row['paper'] * 1e9:.0f}"])
+    return cells
+
+
+def print_table(rows, facts):
+    """The table on standard output."""
+    cells = [HEADER, *table_cells(rows)]
+    widths = [max(len(row[k]) for row in cells) for k in range(len(HEADER))]
+    print(f"Simulated axis ({facts['axis']}), controller {facts['controller']}, seed {facts['seed']}: "
+          "errors by the interferometer, mean over the settle time")
+    for number, row in enumerate(cells):
+        print("  ".join(f"{cell:>{width}}" for cell, width in zip(row, widths)))
+        if number == 0:
+            print("  ".join("-" * width for width in widths))
+
+
+def write_report(path, bag, rows, results, facts):
+    """Write the page.
+
+    Parameters
+    ----------
+    path : of the page. bag : folder of the run's bag. rows : of `accuracy_rows`. results : one dict per move.
+    facts : version, axis, seed, controller and conditions of the run.
+    """
+    page = Page("Point-to-point moves of a simulated axis", f"{facts['axis']} by the model's equations; no hardware moved",
+                configuration=facts["axis"], seed=facts["seed"], about={"ROS": facts["ros"]})
+    _verdict(page, rows, results)
+    page.section("Accuracy")
+    page.table(HEADER, table_cells(rows), "Bias and 4s of the errors, target by target and direction by direction.")
+    page.note("The error of a move is the mean of interferometer − target over the settle time "
+              f"({facts['settle_time_s'] * 1e3:.0f} ms within ±{facts['tolerance_m'] * 1e9:.0f} nm by the encoder). The "
+              "interferometer's own ±40 nm (k = 2) are not in it. The interval is the chi-square one for so few repeats; "
+              "4s leaves the mean error out, so it is a repeatability.")
+    streams = _streams(bag)
+    page.section("Moves")
+    for target in sorted({abs(row["target"]) for row in rows}):
+        move = next((m for m in results if m["target_m"] == target), None)
+        if move and move["end_sequence"]:
+            page.figure(_move_figure(streams, move), f"First move to {target * 1e6:g} µm: position, error, voltage.",
+                        "Reference, encoder and interferometer against time")
+    page.section("Gains and friction over the run")
+    page.figure(_gain_figure(streams), "Gains of the self-tuning regulator.", "Three gains against time")
+    page.figure(_friction_figure(streams), "Friction of both contacts: the observer's estimate and what the simulation "
+                "knows to be true.", "Estimated and true friction against time")
+    page.text(_friction_words(streams))
+    page.section("The loop")
+    page.figure(_timing_figure(streams), "From publishing a state to the command that answers it (wall clock); in "
+                "lockstep simulated time waits for it.", "Histogram of response times")
+    with page.details("How it was run"):
+        page.text("Six processes over ROS 2 topics: axis_driver, str_controller, gms_observer, interferometer_logger, "
+                  "move_server, bag_recorder. The bag holds every message, every node's parameters, the seed and the axis "
+                  "file.")
+        page.table(("topic", "messages"), [[name, len(values)] for name, values in sorted(streams.items())])
+    page.save(path)
+
+
+def _verdict(page, rows, results):
+    good = [row for row in rows if row["repeatability"] is not None]
+    missed = sum(not move["reached"] for move in results)
+    below = sum(row["repeatability"].four_s < row["paper"] for row in good)
+    worst = max((row["repeatability"].four_s for row in good), default=float("nan"))
+    tone = "good" if not missed and below == len(rows) else "caution"
+    page.verdict(f"{len(results) - missed} of {len(results)} moves settled; 4s is at most {worst * 1e9:.0f} nm, below the "
+                 f"paper's in {below} of {len(rows)} cases.", tone,
+                 "The axis is simulated: this compares a model with a measured device.")
+    page.key_figures([(f"4s at {row['target'] * 1e6:+.0f} µm", f"{row['repeatability'].four_s * 1e9:.0f} nm",
+                       f"paper: {row['paper'] * 1e9:.0f} nm") for row in good if row["target"] > 0])
+
+
+def _streams(bag):
+    """The bag's topics that the page needs, as arrays, without the namespace."""
+    return {name.rsplit("/", 1)[-1]: values for name, values in read_bag(bag).items() if name.startswith("/axis/")}
+
+
+def _part(stream, first, last):
+    """The messages of control periods first..last."""
+    return stream[(stream["sequence"] >= first) & (stream["sequence"] <= last)]
+
+
+def _move_figure(streams, move):
+    first, last = max(move["start_sequence"] - TAIL, 0), move["end_sequence"]
+    state, command, light = (_part(streams[name], first, last) for name in ("state", "command", "interferometer"))
+
+    def time(stream):
+        return (stream["sequence"].astype(float) - move["start_sequence"]) * PERIOD_NS * 1e-6  # ms
+
+    figure, (top, middle, bottom) = new_figure(3, 1, height=1.9, sharex=True)
+    top.plot(time(command), command["reference"] * 1e6, color=COLOURS["grey"], label="reference")
+    plot_signal(top, time(state), state["position"] * 1e6, color=COLOURS["blue"], label="encoder")
+    plot_signal(top, time(light), light["position"] * 1e6, color=COLOURS["orange"], label="interferometer", linewidth=0.8)
+    top.set_ylabel("position [µm]")
+    top.legend(loc="lower right")
+    wanted = np.interp(light["sequence"], command["sequence"], command["reference"])
+    plot_signal(middle, time(light), (light["position"] - wanted) * 1e9, color=COLOURS["orange"])
+    middle.set_ylabel("interferometer\n− reference [nm]")
+    plot_signal(bottom, time(command), command["voltage"], color=COLOURS["green"])
+    bottom.set_ylabel("voltage [V]")
+    bottom.set_xlabel("time since the start of the move [ms]")
+    return figure
+
+
+def _seconds(stream):
+    return stream["sequence"].astype(float) * PERIOD_NS * 1e-9
+
+
+def _gain_figure(streams):
+    inside = streams["controller_state"]
+    figure, axes = new_figure(3, 1, height=1.5, sharex=True)
+    for plot, field, label in zip(axes, ("proportional_gain", "integral_gain", "derivative_gain"),
+                                  ("K_P [V/µm]", "K_I [V/(µm s)]", "K_D [V s/m]")):
+        factor = 1.0 if field == "derivative_gain" else 1e-6
+        plot_signal(plot, _seconds(inside), inside[field] * factor)
+        plot.set_ylabel(label)
+    axes[-1].set_xlabel("simulated time [s]")
+    return figure
+
+
+def _friction(streams):
+    """Estimate and truth in the same control periods."""
+    estimate, truth = streams["friction"], streams["simulation"]
+    _, ours, theirs = np.intersect1d(estimate["sequence"], truth["sequence"], return_indices=True)
+    return estimate[ours], truth[theirs]
+
+
+def _friction_figure(streams):
+    estimate, truth = _friction(streams)
+    figure, (top, bottom) = new_figure(2, 1, height=1.9, sharex=True)
+    for plot, field, factor, label in ((top, "actuator_torque", 1e6, "actuator [µN m]"),
+                                       (bottom, "guideway_force", 1.0, "guideways [N]")):
+        plot_signal(plot, _seconds(truth), truth[field] * factor, color=COLOURS["grey"], label="true")
+        plot_signal(plot, _seconds(estimate), estimate[field] * factor, color=COLOURS["blue"], label="estimate",
+                    linewidth=0.8)
+        plot.set_ylabel(label)
+    top.legend(loc="upper right")
+    bottom.set_xlabel("simulated time [s]")
+    return figure
+
+
+def _friction_words(streams):
+    estimate, truth = _friction(streams)
+    words = []
+    for field, name in (("actuator_torque", "actuator and gearhead"), ("guideway_force", "guideways")):
+        error = estimate[field] - truth[field]
+        share = np.sqrt(np.mean(error**2) / np.mean(truth[field] ** 2))
+        words.append(f"{name} {share * 100:.1f} %")
+    return "Error of the friction estimate over the run, rms relative to the true friction's rms: " + ", ".join(words) + "."
+
+
+def _timing_figure(streams):
+    figure, axes = new_figure(height=2.2)
+    timing = streams.get("timing")
+    if timing is not None and len(timing):
+        last = timing[-1]
+        counts = last["response_histogram"]
+        edges = 10.0 ** (-5 + np.arange(len(counts)) / 16) * 1e6
+        taken = counts > 0
+        axes.bar(edges[taken], counts[taken], width=edges[taken] * (10 ** (1 / 16) - 1), align="edge")
+        for field, words, colour in (("response_median", "median", "orange"), ("response_p99", "99 %", "pink"),
+                                     ("response_p9999", "99.99 %", "green")):
+            axes.axvline(last[field] * 1e6, color=COLOURS[colour], label=f"{words}: {quantity(float(last[field]), 's')}")
+        axes.legend(loc="upper right")
+    axes.set_xscale("log")
+    axes.set_yscale("symlog", linthresh=1.0)  # the few late ones are what matters
+    axes.set_xlabel("response time [µs]")
+    axes.set_ylabel("control periods")
+    return figure

@@ -1,0 +1,136 @@
+"""``experiment``: a run file's closed-loop program on the live cell, recorded to a bag that `identify` reads."""
+
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from microstage_ros.commands.__main__ import which_ros
+from microstage_ros.commands.parser import Parser
+from microstage_ros.control.runs.run_file import load_run
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.places import config_file
+from microstage_ros.quantities.errors import InputError
+
+LEAD_IN = 0.05  # rest before the program [s]
+ANSWER = 20.0  # longest wait for the controller's answer [s]
+STALLED = 30.0  # no state for so long: the cell has stopped [s]
+LONGEST = 120.0  # seconds of program: one request carries all its positions
+
+
+def main(argv=None):
+    """Run the command. Returns 0, 1 if a process failed; raises InputError for bad input."""
+    parser = Parser(prog="microstage experiment", description=(
+        "Starts the nodes of an axis, plays the reference of a run file (moves, scans, sines) through the controller's "
+        "service follow_reference, and records everything; the bag is a record for identify and diagnose."))
+    parser.add_argument("--run", required=True, metavar="FILE", help="run file with a closed-loop program, up to two minutes")
+    parser.add_argument("--axis", metavar="FILE", help="axis file (default: the shipped config/axis.yaml)")
+    parser.add_argument("--out", required=True, metavar="DIR", help="folder for the bag and the nodes' logs")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the simulated axis (default 1)")
+    arguments = parser.parse_args(argv)
+    axis = load_axis(arguments.axis or config_file("axis.yaml"))
+    out = Path(arguments.out)
+    if (out / "bag").exists():
+        raise InputError("--out", arguments.out, "a folder without a bag of an earlier run")
+    reference = reference_of(load_run(arguments.run), axis)
+    return _run(arguments, out, reference, axis.value("period"))
+
+
+def reference_of(run, axis):
+    """Positions [m], one per control period, of a run's program. Raises InputError for a program that has none."""
+    period = axis.value("period")
+    if run.period_s is not None and abs(run.period_s / period - 1.0) > 1e-6:
+        raise InputError(f"{run.place}: period_s", run.period_s, f"{period:g} s, the control period of the axis")
+    tables = run.tables(period)
+    if np.any(tables["open_loop"]) or np.any(tables["disturbance"]):
+        raise InputError(f"{run.place}: program", "voltages", "moves, scans, sines or a reference_file: the cell is in closed loop")
+    reference = tables["reference"]
+    if len(reference) * period > LONGEST:
+        raise InputError(f"{run.place}: program", f"{len(reference) * period:.0f} s", f"at most {LONGEST:g} s in one experiment")
+    low, high = axis.value("travel.minimum"), axis.value("travel.maximum")
+    if reference.min() < low or reference.max() > high:
+        raise InputError(f"{run.place}: program", f"{reference.min():g} … {reference.max():g} m", f"places within {low:g} … {high:g} m")
+    return reference
+
+
+def _run(arguments, out, reference, period):
+    import rclpy
+
+    from microstage_ros.ros.launching.cell_processes import NODES, CellFailure, CellProcesses
+
+    file = {"axis_file": str(Path(arguments.axis).resolve())} if arguments.axis else {}
+    parameters = {"axis_driver": {"mode": "lockstep", "seed": arguments.seed, **file}, "str_controller": file, "gms_observer": file,
+                  "bag_recorder": {"directory": str((out / "bag").resolve()), "run": Path(arguments.run).read_text(encoding="utf-8")}}
+    print(f"{which_ros()}\nThe axis is simulated (seed {arguments.seed}); nothing moves.", file=sys.stderr)
+    out.mkdir(parents=True, exist_ok=True)
+    rclpy.init()
+    node = rclpy.create_node("experiment", namespace="/axis")
+    try:
+        with CellProcesses("/axis", tuple(n for n in NODES if n != "move_server"), parameters, out / "logs") as cell:
+            player = _Player(node, cell, period)
+            cell.activate(node)
+            player.play(reference)
+            cell.deactivate(node)
+    except CellFailure as failure:
+        print(f"{failure}; what the nodes said is in {out / 'logs'}", file=sys.stderr)
+        return 1
+    finally:
+        rclpy.try_shutdown()
+    print(f"{out / 'bag'}: the record ({len(reference)} control periods of program)")
+    return 0
+
+
+class _Player:
+    """Plays positions to the controller and waits until they have been driven."""
+
+    def __init__(self, node, cell, period):
+        from microstage_msgs.msg import ControllerState
+        from microstage_msgs.srv import FollowReference
+
+        from microstage_ros.ros.transport import topics
+
+        self._node, self._cell, self._period, self._request = node, cell, period, FollowReference.Request
+        self._service = node.create_client(FollowReference, topics.FOLLOW_REFERENCE)
+        self._state, self._heard = None, time.monotonic()
+        self._watch = node.create_subscription(ControllerState, topics.CONTROLLER_STATE, self._hear, 10)
+
+    def _hear(self, state):
+        self._state, self._heard = state, time.monotonic()
+
+    def _turn(self):
+        import rclpy
+
+        from microstage_ros.ros.launching.cell_processes import CellFailure
+
+        self._cell.check()
+        rclpy.spin_once(self._node, timeout_sec=0.02)
+        if time.monotonic() - self._heard > STALLED:
+            raise CellFailure(f"no state of the controller for {STALLED:g} s")
+
+    def _ask(self, positions):
+        from microstage_ros.ros.launching.cell_processes import CellFailure
+
+        answer, end = self._service.call_async(self._request(positions=positions.tolist())), time.monotonic() + ANSWER
+        while not answer.done():
+            self._turn()
+            if time.monotonic() > end:
+                raise CellFailure(f"the controller gave no answer within {ANSWER:g} s")
+        if not answer.result().accepted:
+            raise CellFailure(f"the controller refused the reference: {answer.result().message}")
+        return answer.result().rest_sequence
+
+    def _wait(self, sequence):
+        while self._state is None or self._state.sequence < sequence:
+            self._turn()
+
+    def play(self, reference):
+        """From where the reference stands to the program's first place, rest, then the program [m]."""
+        from microstage_ros.control.trajectories.profiles import jerk_limited_move
+
+        while self._state is None or not self._service.service_is_ready():
+            self._turn()
+        first = float(reference[0])
+        self._wait(self._ask(jerk_limited_move(self._state.reference, first, self._period)))
+        rest = np.full(int(LEAD_IN / self._period), first)
+        self._wait(self._ask(np.concatenate([rest, reference])))

@@ -1,0 +1,80 @@
+"""``replay``: a bag back onto its topics, with its timing."""
+
+import importlib
+import sys
+import time
+
+from microstage_ros.commands.parser import Parser
+from microstage_ros.quantities.errors import InputError
+from microstage_ros.records.bags.bag import Bag
+
+
+def main(argv=None):
+    """Run the command. Returns 0; raises InputError for bad input."""
+    parser = Parser(prog="microstage replay", description="Play a bag back onto its topics.")
+    parser.add_argument("bag", metavar="BAG", help="an MCAP file or a rosbag2 folder")
+    parser.add_argument("--rate", type=float, default=1.0, metavar="R", help="times as fast as recorded (default 1)")
+    parser.add_argument("--delay", type=float, default=1.0, metavar="SECONDS",
+                        help="before the first message, for readers to be found (default 1)")
+    parser.add_argument("--topics", nargs="+", metavar="TOPIC", help="only these")
+    arguments = parser.parse_args(argv)
+    if not 0.0 < arguments.rate < float("inf"):
+        raise InputError("--rate", arguments.rate, "a number above 0")
+    if not 0.0 <= arguments.delay < 3600.0:
+        raise InputError("--delay", arguments.delay, "a time in s from 0 to 3600")
+    return _replay(Bag(arguments.bag), arguments)
+
+
+def _replay(bag, arguments):
+    import rclpy
+    from rclpy.signals import SignalHandlerOptions
+
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node = rclpy.create_node("replay")
+        senders = _senders(node, bag, arguments.topics or list(bag.topics))
+        if not senders:
+            raise InputError(str(arguments.bag), ", ".join(bag.topics) or "no topics", "a topic whose type is installed")
+        time.sleep(arguments.delay)
+        count = _play(bag, senders, arguments.rate)
+        print(f"{count} messages on {len(senders)} topics")
+        for publisher in senders.values():
+            publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=2))
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+def _senders(node, bag, wanted):
+    """A publisher for every topic that can be replayed."""
+    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+    senders = {}
+    for name in wanted:
+        if name not in bag.topics:
+            raise InputError(f"{bag.path}: topic", name, "one of " + ", ".join(sorted(bag.topics)))
+        kind = bag.topics[name].type
+        try:
+            package, folder, message = kind.split("/")
+            message_class = getattr(importlib.import_module(f"{package}.{folder}"), message)
+        except (ImportError, AttributeError, ValueError):
+            print(f"{name}: type {kind} is not installed; not replayed", file=sys.stderr)
+            continue
+        latched = name.rsplit("/", 1)[-1] == "driver_status"
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+        senders[name] = node.create_publisher(message_class, name, QoSProfile(
+            depth=10_000, reliability=ReliabilityPolicy.RELIABLE, durability=durability))
+    return senders
+
+
+def _play(bag, senders, rate):
+    """Send every message when its time has come; the number of messages."""
+    began, first, count = time.monotonic(), None, 0
+    for topic, time_ns, raw in bag.raw_messages(list(senders)):
+        first = time_ns if first is None else first
+        rest = (time_ns - first) * 1e-9 / rate - (time.monotonic() - began)
+        if rest > 1e-3:
+            time.sleep(rest)
+        senders[topic].publish(raw)
+        count += 1
+    return count

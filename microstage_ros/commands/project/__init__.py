@@ -1,0 +1,1 @@
+"""Commands for this project itself: environment, tests, benchmarks."""

@@ -1,0 +1,282 @@
+"""The paper's comparison of controllers (Fig. 10, Fig. 11, Table 4), on the simulated axis, over many seeds.
+
+Everything is judged by the true position, which only a simulator knows, and beside it by the interferometer
+that the paper has. A figure over seeds is the worst of them unless it says median.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+
+from microstage_ros.control.evaluation.least_error import least_error
+from microstage_ros.control.evaluation.limits import gap_limits, limits
+from microstage_ros.control.evaluation.observer_trial import LEVEL_JUMPS, LEVEL_SINES, level_jump_trial, observer_trial
+from microstage_ros.control.evaluation.reference_controllers import (
+    STRESS_SINE,
+    best_for_sine,
+    fresh_seeds,
+    stress_limits,
+    weak_start,
+)
+from microstage_ros.control.evaluation.trials import cycle_peaks, gain_jump_trial, sine_trial, step_trial, trial
+from microstage_ros.control.laws.controller import controller_parameters
+from microstage_ros.control.tuning.margins import controller_margins
+from microstage_ros.control.tuning.tuning import GUARDED
+from microstage_ros.metrology.repeatability import repeatability
+
+CONTROLLERS = (
+    "pid", "pid_feedforward", "self_tuning", "self_tuning_feedforward", "self_tuning_observer", "nctf",
+)
+DISTANCES = (1e-6, 1e-5, 1e-4, 1e-3)  # m, Table 4
+PAPER_4S = {1e-6: 173e-9, 1e-5: 160e-9, 1e-4: 219e-9, 1e-3: 255e-9}  # m, Table 4
+PAPER_SINE = {"pid_feedforward": 500e-9, "self_tuning": 150e-9}  # m, section 5.4
+TRACKING_SINE = (1e-5, 0.03)  # m, Hz: Fig. 10
+SINES = tuple(  # m, Hz: 1 um ... 1 mm, 0.03 ... 1 Hz, up to 2 mm/s
+    (a, f) for a in (1e-6, 1e-5, 1e-4, 1e-3) for f in (0.03, 0.1, 0.3, 1.0) if a * f < 5e-4
+)
+DOUBTS = (1.2e-3, 2.3e-3, 4.6e-3, 9.2e-3, 1.84e-2)  # V, in the voltage behind the observer law's back-EMF
+GAIN_JUMPS = (0.4, 0.5, 0.7, 1.4, 2.0, 2.5)  # of the amplifier
+STRESS = {
+    "nominal": {},
+    "friction x 0.5": {"effects": {"friction_level_change": {"factor": 0.5}}},
+    "friction x 2": {"effects": {"friction_level_change": {"factor": 2.0}}},
+    "payload +200 %": {"effects": {"payload_change": {"mass_kg": 6.12}}},
+    "drive stiffness x 0.33": {"effects": {"drive_compliance": {"stiffness_factor": 0.33}}},
+    "resistance +20 %": {"effects": {"resistance_rise": {"initial": 0.2, "rise_per_joule": 0.0, "time_s": 1e5}}},
+    "delay of 1 sample": {"effects": {"transport_delay": {"delay_s": 1e-4}}},
+    "delay of 2 samples": {"effects": {"transport_delay": {"delay_s": 2e-4}}},
+    "2 kHz": {"period_s": 5e-4},
+    "1 kHz": {"period_s": 1e-3},
+    "backlash 0.5 deg": {"effects": {"backlash": {"width_rad": 0.00873}}},
+}
+
+
+STRESS_CYCLES = 3.25  # of the sine: a first one, and what has been learned by the third
+
+
+class Extent(NamedTuple):
+    """How much of the comparison is run."""
+
+    seeds: int = 20
+    moves: int = 10
+    searches: int = 40  # candidates of every search for the best fixed PID
+    sines: tuple = SINES
+    stress_searches: int = 120  # candidates of the searches under stress, and for the moves from a tenth of the gains
+
+
+QUICK = Extent(3, 5, 8, ((1e-6, 1.0), (1e-5, 0.3), (1e-4, 1.0)), 4)
+
+
+class Bench:
+    """The axis, the threads and the progress of one comparison."""
+
+    def __init__(self, axis, extent, jobs=1, progress=None):
+        self.axis, self.extent, self.jobs = axis, extent, jobs
+        self.progress = progress or (lambda text: None)
+
+    def each(self, function, items):
+        """``function`` of every item, on ``jobs`` threads (the loops release the interpreter), in order."""
+        with ThreadPoolExecutor(self.jobs) as pool:
+            return list(pool.map(function, items))
+
+
+def compare(axis, extent=Extent(), controllers=CONTROLLERS, jobs=1, progress=None):
+    """Run the whole comparison. Returns plain data: numbers in SI, and the curves of Figs. 10 and 11."""
+    bench = Bench(axis, extent, jobs, progress)
+    result = {"controllers": list(controllers), "seeds": extent.seeds, "moves": extent.moves}
+    result["tracking"] = tracking(bench, controllers)
+    result["positioning"] = positioning(bench, controllers)
+    result["rest"] = rest(bench, controllers)
+    result["sines"] = sines(bench)
+    result["stress"] = stress(bench, controllers)
+    result["gain_jumps"] = gain_jumps(bench, controllers)
+    result["trade_off"] = trade_off(bench)
+    result["informed"] = limits(bench)
+    result["told_gap"] = gap_limits(bench)
+    result["weak_start"] = weak_start(bench)
+    result["observer"] = observation(bench)
+    result["level_jumps"] = level_jumps(bench)
+    result["margins"] = {kind: _margins(axis, kind) for kind in controllers}
+    return result
+
+
+def tracking(bench, controllers):
+    """Fig. 10: sine of 10 um at 0.03 Hz. Per controller: worst and median peak, rms, one curve."""
+    found = {}
+    for kind in controllers:
+        bench.progress(f"sine, {kind}")
+        trials = bench.each(lambda seed: sine_trial(bench.axis, kind, {}, *TRACKING_SINE, seed), range(bench.extent.seeds))
+        peaks = np.array([t.peak for t in trials])
+        columns = trials[0].columns
+        found[kind] = {
+            "worst": float(peaks.max()), "median": float(np.median(peaks)), "rms": float(np.mean([t.rms for t in trials])),
+            "curve": {"t": columns["t_s"], "error": columns["stage_m"] - columns["reference_m"], "reference": columns["reference_m"]},
+        }
+    return found
+
+
+def positioning(bench, controllers):
+    """Table 4 and Fig. 11: repeated moves over each distance. Per controller and distance: figures and a curve."""
+    found = {}
+    for kind in controllers:
+        found[kind] = {}
+        for distance in DISTANCES:
+            bench.progress(f"moves of {distance * 1e6:g} um, {kind}")
+            trials = bench.each(
+                lambda seed: step_trial(bench.axis, kind, {}, distance, seed, bench.extent.moves), range(bench.extent.seeds)
+            )
+            found[kind][distance] = positioning_figures(trials, distance)
+    return found
+
+
+def positioning_figures(trials, distance):
+    """Figures of a list of `StepTrial`s: worst seed by 4s and bias, pooled intervals, settling, overshoot."""
+    per_seed = [repeatability(t.errors) for t in trials]
+    by_instrument = [repeatability(t.interferometer) for t in trials]
+    pooled = repeatability(np.concatenate([t.errors for t in trials]))
+    settling = np.concatenate([t.settling for t in trials])
+    columns = trials[0].columns
+    first = len(columns["t_s"]) // (2 * len(trials[0].errors))
+    return {
+        "four_s_worst": max(r.four_s for r in per_seed), "four_s_pooled": pooled.four_s, "four_s_interval": pooled.four_s_interval,
+        "bias_worst": max((r.bias for r in per_seed), key=abs), "bias_pooled": pooled.bias, "bias_interval": pooled.bias_interval,
+        "instrument_four_s_worst": max(r.four_s for r in by_instrument),
+        "settling_median": float(np.median(np.nan_to_num(settling, nan=np.inf))),
+        "settling_worst": float(np.nan_to_num(settling, nan=np.inf).max()),
+        "never_settled": int(np.isnan(settling).sum()),
+        "overshoot_worst": float(max(t.overshoot.max() for t in trials)),
+        "rest_worst": float(max(t.rest.max() for t in trials)),
+        "distance": distance,
+        "curve": {"t": columns["t_s"][:first], "stage": columns["stage_m"][:first], "reference": columns["reference_m"][:first]},
+    }
+
+
+def rest(bench, controllers):
+    """Ten seconds at rest after a move of 10 um: largest peak-to-peak of the true position [m] over seeds."""
+    program = [{"move_to_m": 1e-5, "dwell_s": 11.0}]
+
+    def held(kind, seed):
+        stage = trial(bench.axis, kind, {}, program, seed)["stage_m"]
+        return float(np.ptp(stage[len(stage) - 100_000 :]))
+
+    found = {}
+    for kind in controllers:
+        bench.progress(f"rest, {kind}")
+        found[kind] = max(bench.each(lambda seed: held(kind, seed), range(min(bench.extent.seeds, 5))))
+    return found
+
+
+def sines(bench, kinds=("pid", "self_tuning", "self_tuning_feedforward", "self_tuning_observer")):
+    """Sines of many sizes: worst peak [m] of each law, and of the best fixed PID searched for that very sine."""
+    def one(sine):
+        seeds = fresh_seeds(bench)
+        worst = {kind: max(sine_trial(bench.axis, kind, {}, *sine, seed).peak for seed in seeds) for kind in kinds}
+        gains, worst["best_pid"] = best_for_sine(bench.axis, seeds, *sine, bench.extent.searches)
+        return {"amplitude": sine[0], "frequency": sine[1], "gains": gains, "peak": worst}
+
+    bench.progress("best fixed PID for every sine")
+    return bench.each(one, bench.extent.sines)
+
+
+def stress(bench, controllers):
+    """Every controller under every condition: sine (10 um, 0.1 Hz) and 10 um moves, from the fourth on.
+
+    ``peak``, ``learned_peak`` [m]: worst of the sine's first full cycle, and of its third. Beside them `stress_limits`.
+    """
+
+    def one(job):
+        kind, name = job
+        conditions, seeds = STRESS[name], range(bench.extent.seeds)
+        peaks = [cycle_peaks(sine_trial(bench.axis, kind, {}, *STRESS_SINE, seed, STRESS_CYCLES, **conditions), STRESS_SINE[1]) for seed in seeds]
+        peak, learned_peak = max(p[0] for p in peaks), max(p[-1] for p in peaks)
+        trials = [step_trial(bench.axis, kind, {}, 1e-5, seed, 8, **conditions) for seed in seeds]
+        learned = [t._replace(errors=t.errors[3:], interferometer=t.interferometer[3:], settling=t.settling[3:]) for t in trials]
+        figures = positioning_figures(learned, 1e-5)
+        return {"peak": peak, "learned_peak": learned_peak, **{key: figures[key] for key in ("four_s_worst", "bias_worst", "settling_median", "rest_worst")}}
+
+    bench.progress("stress set")
+    jobs = [(kind, name) for kind in controllers for name in STRESS]
+    found = {name: {} for name in STRESS}
+    for (kind, name), figures in zip(jobs, bench.each(one, jobs)):
+        found[name][kind] = figures
+    for name, conditions in STRESS.items():
+        if set(conditions) <= {"period_s"}:
+            period = conditions.get("period_s", bench.axis.value("period"))
+            found[name]["least"] = {"peak": least_error(bench.axis, period, bench.extent.seeds)[1]}
+    for name, found_limits in stress_limits(bench, STRESS).items():
+        found[name] |= {yardstick: {"peak": peak} for yardstick, peak in found_limits.items()}
+    return found
+
+
+def gain_jumps(bench, controllers):
+    """The amplifier's gain jumps during a sine (10 um, 0.1 Hz): {controller: [{factor, start, after, end}]}, m.
+
+    ``start``: peak if the gain is wrong from the start; ``after``, ``end``: peak after a jump, and once it is over.
+    """
+    def one(job):
+        kind, factor = job
+        seeds = range(bench.extent.seeds)
+        wrong = {"effects": {"amplifier_gain": {"factor": factor}}}
+        start = max(sine_trial(bench.axis, kind, {}, 1e-5, 0.1, seed, **wrong).peak for seed in seeds)
+        jumps = [gain_jump_trial(bench.axis, kind, factor, seed) for seed in seeds]
+        return {"factor": factor, "start": start, "after": max(j[0] for j in jumps), "end": max(j[1] for j in jumps)}
+
+    bench.progress("gain of the amplifier")
+    jobs = [(kind, factor) for kind in controllers for factor in GAIN_JUMPS]
+    found = {kind: [] for kind in controllers}
+    for (kind, _), figures in zip(jobs, bench.each(one, jobs)):
+        found[kind].append(figures)
+    return found
+
+
+def trade_off(bench):
+    """What margin at the amplifier costs the observer law: the less it trusts the back-EMF, the larger the margin.
+
+    Per doubt in the voltage: smallest gain margin [dB] and phase margin [deg] in pre-sliding and at full speed, and
+    the worst peak [m] of a sine of 10 um at 0.1 Hz under each condition.
+    """
+    names = [name for name in ("nominal", "friction x 0.5", "friction x 2", "payload +200 %", "drive stiffness x 0.33") if name in STRESS]
+
+    def one(job):
+        gains, name = {"voltage_noise": job[0]}, job[1]
+        seeds = range(bench.extent.seeds)
+        return max(sine_trial(bench.axis, "self_tuning_observer", gains, 1e-5, 0.1, k, **STRESS[name]).peak for k in seeds)
+
+    bench.progress("margin against robustness")
+    jobs = [(doubt, name) for doubt in DOUBTS for name in names]
+    peaks = dict(zip(jobs, bench.each(one, jobs)))
+    found = []
+    for doubt in DOUBTS:
+        parameters = controller_parameters("self_tuning_observer", bench.axis, {"voltage_noise": doubt})
+        guarded = [m for m in controller_margins(bench.axis, parameters) if m.regime in GUARDED]
+        found.append({"doubt": doubt, "gain_db": min(m.gain_db for m in guarded), "phase_deg": min(m.phase_deg for m in guarded),
+                      "peak": {name: peaks[doubt, name] for name in names}})
+    return found
+
+
+def observation(bench):
+    """Errors of the friction observer (see `observer_trial`): worst over seeds, per motion."""
+    bench.progress("observer")
+    found = {}
+    for motion in ("sine 10 um", "sine 1 mm", "moves 1 um", "moves 10 um", "moves 1 mm"):
+        trials = bench.each(lambda seed: observer_trial(bench.axis, motion, seed), range(min(bench.extent.seeds, 5)))
+        found[motion] = {key: max(t[key] for t in trials) for key in trials[0]}
+    return found
+
+
+def level_jumps(bench):
+    """How soon and how well the observer sees the level jump (see `level_jump_trial`): worst over seeds, per sine and jump."""
+    bench.progress("jumps of the level")
+    jobs = [(*sine, factor) for sine in LEVEL_SINES for factor in LEVEL_JUMPS]
+    found = []
+    for job in jobs:
+        trials = bench.each(lambda seed: level_jump_trial(bench.axis, *job, seed), range(bench.extent.seeds))
+        worst = {key: max(t[key] for t in trials) for key in trials[0]}
+        found.append(dict(zip(("amplitude", "frequency", "factor"), job)) | worst)
+    return found
+
+
+def _margins(axis, kind):
+    margins = controller_margins(axis, controller_parameters(kind, axis, {}))
+    return None if margins is None else [m._asdict() for m in margins]

@@ -1,0 +1,177 @@
+"""The Python face of the control laws: build one by name, step it, look into it.
+
+Example
+-------
+>>> from microstage_ros.model.axis_file import load_axis
+>>> from microstage_ros.control.laws.controller import make_controller
+>>> controller = make_controller("pid", load_axis("config/axis.yaml"), proportional=4e5)
+>>> voltage = controller.step(reference=1e-6, encoder=0.0, current=0.0)
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from microstage_ros.control.feedforward import axis as feedforward
+from microstage_ros.control.laws import adaptation, nctf
+from microstage_ros.control.laws import registry as laws
+from microstage_ros.control.laws.gains import check_gain, fill
+from microstage_ros.control.laws.pid import pid_change
+from microstage_ros.control.observer import law as observer_law
+from microstage_ros.control.tuning import design
+from microstage_ros.numerics.compiled import compiled
+from microstage_ros.quantities.errors import InputError
+from microstage_ros.solver.period import as_array
+
+
+class ControllerState(NamedTuple):
+    """What a controller did in its last period (SI: m, V, V/m, V/(m s), V s/m).
+
+    The observer law's terms are those of the nominal drive; its voltage is what the learned one needs for their sum.
+    """
+
+    reference: float
+    error: float
+    voltage: float
+    proportional_gain: float
+    integral_gain: float
+    derivative_gain: float
+    proportional_term: float
+    integral_term: float
+    derivative_term: float
+    feed_forward_term: float
+    saturated: bool
+    mode: str
+
+
+def gain_list(type_name):
+    """The `Gain` entries (name, unit, range, default, meaning) that a type of controller accepts."""
+    return [gain for part in laws.law(type_name).parts.values() for gain in part]
+
+
+def controller_parameters(type_name, axis, gains, period=None, place="controller"):
+    """The parameter record (numpy structured scalar `laws.PARAMETERS`) of one controller.
+
+    ``gains`` not given come from the axis file's ``controller:`` section where it was tuned for this period,
+    else from the rules of `control.tuning.design`, else from the law's defaults. Raises `InputError` with name,
+    value and range.
+    """
+    law = laws.law(type_name, f"{place}.type")
+    _known_gains(type_name, gains, place)
+    period = float(axis.value("period") if period is None else period)
+    record = np.zeros(1, laws.PARAMETERS)[0]
+    record["kind"] = law.kind
+    record["period"] = period
+    record["voltage_limit"] = axis.value("drive.voltage_limit")
+    feedforward.fill_model(record["feedforward"], axis)
+    designed = design.designed_gains(type_name, record["feedforward"], period)
+    values = {**designed, **shipped_gains(type_name, axis, period), **gains}
+    for part, entries in law.parts.items():
+        fill(record[part], entries, values, place)
+    if "adaptation" in law.parts:
+        adaptation.take_logarithms(record["adaptation"])
+    if "observer" in law.parts:
+        observer_law.design_motion(record["observer"], record["feedforward"], period)
+    if "nctf" in law.parts:
+        nctf.fill_trajectory(record["nctf"], record["feedforward"])
+    return record
+
+
+def shipped_gains(type_name, axis, period):
+    """Gains of this type in the axis file's ``controller:`` section, {} if tuned for another period.
+
+    The section is {type, tuned_period, GAIN: value ..., TYPE: {GAIN: value ...}}: gains beside ``type`` belong to
+    that type, gains under a type's name to it.
+    """
+    place = f"{axis.place}: controller"
+    section = dict(axis.controller)
+    tuned = section.pop("tuned_period", axis.value("period"))
+    own_type = section.pop("type", None)
+    nested = {name: value for name, value in section.items() if isinstance(value, dict)}
+    for name in nested:
+        laws.law(name, f"{place}.{name}")
+    gains = dict(nested.get(type_name, {}))
+    if own_type == type_name:
+        gains |= {name: value for name, value in section.items() if name not in nested}
+    _known_gains(type_name, gains, place)
+    return gains if abs(period / float(tuned) - 1) < 0.01 else {}
+
+
+def _known_gains(type_name, gains, place):
+    known = {gain.name for gain in gain_list(type_name)}
+    for name in gains:
+        if name not in known:
+            raise InputError(f"{place}.{name}", gains[name], "one of " + ", ".join(sorted(known)))
+
+
+@compiled
+def _step(parameters, memories, reference, encoder, current):
+    """`controller_step` of the only record of each array (see `solver.period`)."""
+    return laws.controller_step(parameters[0], memories[0], reference, encoder, current)
+
+
+class Controller:
+    """One control law with its memory.
+
+    Parameters
+    ----------
+    type_name : name in `laws.LAWS`.
+    parameters : record made by `controller_parameters`.
+
+    The fields ``parameters`` and ``memory`` are the records that the compiled loop takes.
+    """
+
+    def __init__(self, type_name, parameters):
+        self.type = type_name
+        self.parameters = parameters
+        self.memory = np.zeros(1, laws.STATE)[0]
+        self._parameters, self._memory = as_array(parameters), as_array(self.memory)
+        self.reset()
+
+    @property
+    def arrays(self):
+        """Parameters and memory as arrays of one, for a loop in compiled code (`laws.controller_step`)."""
+        return self._parameters, self._memory
+
+    def reset(self, voltage=0.0):
+        """Forget everything; the first output continues from ``voltage`` [V] (a bumpless start)."""
+        laws.controller_reset(self.parameters, self.memory, float(voltage))
+
+    def step(self, reference, encoder, current=0.0):
+        """Voltage [V] for this period from reference and encoder [m] and current [A] at its start."""
+        return _step(self._parameters, self._memory, float(reference), float(encoder), float(current))
+
+    def change(self, **gains):
+        """Change gains while it runs, without a jump of the output; `InputError` for a bad one."""
+        parts = laws.law(self.type).parts
+        known = {gain.name: (part, gain) for part, entries in parts.items() for gain in entries}
+        checked = {}
+        for name, value in gains.items():
+            if name not in known:
+                raise InputError(f"controller.{name}", value, "one of " + ", ".join(sorted(known)))
+            checked[name] = check_gain("controller", known[name][1], value)
+        for name, value in checked.items():
+            self.parameters[known[name][0]][name] = value
+        if "adaptation" in parts:
+            adaptation.take_logarithms(self.parameters["adaptation"])
+        tuned = self.parameters["pid"]
+        if {"proportional", "integral_time", "derivative_time"} & set(gains):
+            kp = float(tuned["proportional"])
+            ki, kd = kp / float(tuned["integral_time"]), kp * float(tuned["derivative_time"])
+            pid_change(tuned, self.memory["pid"], kp, ki, kd)
+
+    @property
+    def state(self):
+        """`ControllerState` of the last period."""
+        pid = self.memory["pid"]
+        return ControllerState(
+            float(self.memory["reference"]), float(pid["error"]), float(self.memory["voltage"]),
+            float(pid["kp"]), float(pid["ki"]), float(pid["kd"]),
+            float(pid["proportional_term"]), float(pid["integral"]), float(pid["derivative_term"]),
+            float(self.memory["feed_forward"]), bool(pid["saturated"]), self.type,
+        )
+
+
+def make_controller(type_name, axis, period=None, **gains):
+    """Build a controller by name for an axis; see `controller_parameters` for what is refused."""
+    return Controller(type_name, controller_parameters(type_name, axis, gains, period))

@@ -1,0 +1,61 @@
+"""What a controller's number means, where it may lie, and the refusal of one that does not.
+
+Every law lists its numbers as `Gain` entries; the same list makes the numpy record that the compiled
+law reads, checks what a user gives, and can be printed as documentation.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from microstage_ros.quantities.errors import InputError
+
+
+class Gain(NamedTuple):
+    """One number of a control law.
+
+    Attributes
+    ----------
+    name : word used in axis files, run files and ROS parameters.
+    unit : SI unit.
+    minimum, maximum : closed range of accepted values.
+    default : value when neither the caller nor the axis file gives one.
+    meaning : one line for people.
+    """
+
+    name: str
+    unit: str
+    minimum: float
+    maximum: float
+    default: float
+    meaning: str
+
+
+def record_type(gains, more=()):
+    """Numpy structured type with one float field per gain, then the fields of ``more``."""
+    return np.dtype([(gain.name, "f8") for gain in gains] + list(more))
+
+
+def check_gain(place, gain, value):
+    """The value as a float; `InputError` (place, value, range with unit) if it is no number in range.
+
+    Words that are numbers count: YAML 1.1 reads 4e5, without a point, as a word.
+    """
+    expected = f"a number from {gain.minimum:g} to {gain.maximum:g} {gain.unit} ({gain.meaning})"
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{place}.{gain.name}", value, expected) from None
+    if isinstance(value, bool) or not math.isfinite(number):
+        raise InputError(f"{place}.{gain.name}", value, expected)
+    if not gain.minimum <= number <= gain.maximum:
+        raise InputError(f"{place}.{gain.name}", value, expected)
+    return number
+
+
+def fill(record, gains, values, place):
+    """Write checked values, or the defaults, into the record; returns the names it used."""
+    for gain in gains:
+        record[gain.name] = check_gain(place, gain, values.get(gain.name, gain.default))
+    return {gain.name for gain in gains}

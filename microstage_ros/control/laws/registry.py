@@ -1,0 +1,198 @@
+"""The registry of control laws and the one compiled dispatch that node and simulator share.
+
+A law is added by writing one file with its gains, its state fields and its compiled step, one line in
+`LAWS` and one branch in `controller_reset` and `controller_step` (compiled code cannot look up a table).
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from microstage_ros.control.feedforward import axis as feedforward
+from microstage_ros.control.laws import adaptation, cascade, nctf, pid
+from microstage_ros.control.observer import flexible_mode as swing
+from microstage_ros.control.observer import gap_crossing
+from microstage_ros.control.observer import law as observer_law
+from microstage_ros.control.observer.drive_learning import drive_voltage
+from microstage_ros.control.observer.lost_motion import TOUCHING
+from microstage_ros.numerics.compiled import compiled, seldom, woven
+from microstage_ros.quantities.errors import InputError
+
+NONE, PID, SELF_TUNING, CASCADE, PID_FEEDFORWARD, SELF_TUNING_FEEDFORWARD, NCTF, SELF_TUNING_OBSERVER = range(8)
+
+
+class Law(NamedTuple):
+    """Number in the dispatch, and the parts (record name -> gains) that the law is made of."""
+
+    kind: int
+    parts: dict
+
+
+LAWS = {
+    "none": Law(NONE, {}),
+    "pid": Law(PID, {"pid": pid.GAINS}),
+    "self_tuning": Law(SELF_TUNING, {"pid": pid.GAINS, "adaptation": adaptation.GAINS}),
+    "pid_feedforward": Law(PID_FEEDFORWARD, {"pid": pid.GAINS, "feedforward": feedforward.GAINS}),
+    "self_tuning_feedforward": Law(
+        SELF_TUNING_FEEDFORWARD,
+        {"pid": pid.GAINS, "adaptation": adaptation.GAINS, "feedforward": feedforward.GAINS},
+    ),
+    "self_tuning_observer": Law(
+        SELF_TUNING_OBSERVER,
+        {
+            "pid": pid.GAINS, "adaptation": adaptation.GAINS, "feedforward": feedforward.GAINS,
+            "observer": observer_law.GAINS,
+        },
+    ),
+    "nctf": Law(NCTF, {"nctf": nctf.GAINS}),
+    "cascade": Law(CASCADE, {"cascade": cascade.GAINS}),
+}
+
+#: What a law is given: numbers that do not change while it runs.
+PARAMETERS = np.dtype([
+    ("kind", "i8"),
+    ("period", "f8"),  # s
+    ("voltage_limit", "f8"),  # V
+    ("pid", pid.PARAMETERS),
+    ("adaptation", adaptation.PARAMETERS),
+    ("feedforward", feedforward.PARAMETERS),
+    ("observer", observer_law.PARAMETERS),
+    ("nctf", nctf.PARAMETERS),
+    ("cascade", cascade.PARAMETERS),
+])
+
+#: What a law remembers from one period to the next. `pid` holds error, terms and gains for every law.
+STATE = np.dtype([
+    ("voltage", "f8"),  # V, the last output
+    ("reference", "f8"),  # m
+    ("feed_forward", "f8"),  # V
+    ("started", "i8"),
+    ("pid", pid.STATE_FIELDS),
+    ("adaptation", adaptation.STATE_FIELDS),
+    ("feedforward", feedforward.STATE_FIELDS),
+    ("observer", observer_law.STATE_FIELDS),
+    ("cascade", cascade.STATE_FIELDS),
+    ("crossing", gap_crossing.FIELDS),
+])
+
+
+def law(type_name, place="controller.type"):
+    """The `Law` of that name; `InputError` with the known names otherwise."""
+    if type_name not in LAWS:
+        raise InputError(place, type_name, "one of " + ", ".join(LAWS))
+    return LAWS[type_name]
+
+
+@compiled
+def controller_reset(parameters, state, voltage):
+    """Forget everything; the first output continues from ``voltage`` [V]."""
+    state.voltage = voltage
+    state.feed_forward = 0.0
+    state.started = 0
+    pid.pid_reset(parameters.pid, state.pid, voltage)
+    if parameters.kind in (SELF_TUNING, SELF_TUNING_FEEDFORWARD, SELF_TUNING_OBSERVER):
+        adaptation.adaptation_reset(parameters.adaptation, state.adaptation, state.pid)
+    observer_law.observer_reset(parameters.observer, state.observer)
+    gap_crossing.crossing_reset(state.crossing)
+
+
+@compiled
+def controller_start(state, reference, encoder):
+    """First period after a reset: the axis is taken to rest where the encoder [m] says."""
+    seldom()
+    state.started = 1
+    state.pid.previous_encoder = encoder
+    state.pid.previous_reference = reference
+    cascade.cascade_reset(state.cascade, encoder)
+    feedforward.feedforward_reset(state.feedforward, reference)
+    observer_law.observer_start(state.observer, encoder)
+
+
+@woven
+def controller_step(parameters, state, reference, encoder, current):
+    """One control period of the law ``parameters.kind``.
+
+    ``reference``, ``encoder`` [m] and ``current`` [A] are those of the start of the period; returns the
+    voltage [V] to hold during it, within the voltage limit. An encoder value that is not a number (a
+    lost sample) repeats the voltage before.
+    """
+    if not (math.isfinite(encoder) and math.isfinite(reference)):
+        return state.voltage
+    if state.started == 0:
+        controller_start(state, reference, encoder)
+    state.reference = reference
+    if parameters.kind == PID:         # beside the others, so that it is written into a loop that calls it
+        pid.pid_motion(parameters.pid, state.pid, parameters.period, reference, encoder)
+        state.voltage = pid.pid_output(parameters.pid, state.pid, parameters.period, parameters.voltage_limit, 0.0)
+    else:
+        state.voltage = dispatch(parameters, state, reference, encoder, current)
+    return state.voltage
+
+
+@compiled
+def dispatch(parameters, state, reference, encoder, current):
+    """The branch of `controller_step` for each kind of law."""
+    seldom()
+    kind = parameters.kind
+    period = parameters.period
+    limit = parameters.voltage_limit
+    if kind == NONE:
+        state.pid.error = reference - encoder
+        return 0.0
+    if kind == CASCADE:
+        return cascade.cascade_step(parameters.cascade, state.cascade, state.pid, period, limit, reference, encoder)
+    if kind == NCTF:
+        return nctf.nctf_step(parameters.nctf, state.pid, period, limit, reference, encoder)
+    if kind == SELF_TUNING_OBSERVER:
+        return observed_step(parameters, state, reference, encoder, current)
+    if kind == PID_FEEDFORWARD or kind == SELF_TUNING_FEEDFORWARD:
+        state.feed_forward = feedforward.feedforward_step(
+            parameters.feedforward, state.feedforward, period, reference, 1.0, 1.0, 0.0
+        )
+    pid.pid_motion(parameters.pid, state.pid, period, reference, encoder)
+    if kind != PID_FEEDFORWARD:
+        adaptation.adaptation_step(parameters.adaptation, state.adaptation, parameters.pid, state.pid, period)
+        if kind == SELF_TUNING_FEEDFORWARD:
+            state.feed_forward += adaptation.take_over(
+                parameters.adaptation, state.adaptation, state.pid, state.feedforward.friction, parameters.feedforward.friction_share
+            )
+        state.feed_forward *= adaptation.fed_forward(parameters.adaptation, state.adaptation)
+    return pid.pid_output(parameters.pid, state.pid, period, limit, state.feed_forward)
+
+
+@compiled
+def observed_step(parameters, state, reference, encoder, current):
+    """Self-tuning PID on the observer's motion, fed forward at its level, through lost motion where there is any."""
+    pid.pid_motion(parameters.pid, state.pid, parameters.period, reference, encoder)
+    observer_law.observer_step(
+        parameters.observer, parameters.feedforward, state.observer, parameters.period, encoder, state.voltage, current
+    )
+    return regulate(parameters, state, reference)
+
+
+@compiled
+def regulate(parameters, state, reference):
+    """What `observed_step` does with the motion, level and contact that stand in ``state.observer``."""
+    period, model, observer, crossing = parameters.period, parameters.feedforward, state.observer, state.crossing
+    speed = state.pid.reference_velocity
+    observer.stood = observer.stood + period if speed == 0.0 else 0.0
+    state.pid.velocity = observer.v
+    state.pid.error = gap_crossing.cross_step(
+        crossing, parameters.observer, observer, period,
+        reference - observer.x - swing.read_swing(parameters.observer, observer), speed,
+    )
+    state.pid.reference_velocity = speed + crossing.held_speed
+    state.feed_forward = feedforward.feedforward_step(
+        model, state.feedforward, period, reference, observer.level, 1.0, crossing.offset_speed
+    )
+    integral = state.pid.integral
+    apart = observer.contact != TOUCHING
+    if not apart:
+        adaptation.adaptation_step(parameters.adaptation, state.adaptation, parameters.pid, state.pid, period)
+    limit = parameters.voltage_limit
+    voltage = pid.pid_output(parameters.pid, state.pid, period, limit / max(observer.applied[0], 1.0), state.feed_forward)
+    if apart:
+        state.pid.integral = integral
+    motion = model.volts_per_velocity * state.pid.reference_velocity
+    return min(max(drive_voltage(observer, voltage - motion, motion), -limit), limit)

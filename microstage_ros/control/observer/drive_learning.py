@@ -1,0 +1,279 @@
+"""What the observer learns about the drive while it runs: delay, resistance, zero, motor constant.
+
+The back-EMF speed leans on the voltage that was applied and on three numbers that change: the resistance
+warms up, the amplifier has a gain and a zero, the motor constant spreads. Encoder and back-EMF see the same
+motion, so what they disagree on tells (compiled parts of `observer_law`).
+"""
+
+
+from microstage_ros.control.observer.motion_filter import along_motion
+from microstage_ros.numerics.compiled import compiled
+
+JOLT_TIME = 1e-2  # s, for which a jolt is remembered
+JOLTED = 5.0  # doubts in the encoder beyond which something goes on that is not the drive (backlash, a jolt)
+LAGS = 4  # voltage delays told apart, in periods
+EXCITED = 1e-6  # V^2, mean square of voltage steps that tells the delay: 1 mV rms
+TOLD = 2.0  # doubts in the voltage that its rms steps are beyond when they tell of another delay
+LAG_LEAST = 0.3  # share of the current's steps that follow the voltage of another delay at least
+LAG_SURE = 0.8  # share of the current's steps that follow the voltage of one delay, once that is sure
+SURE = 4.0  # doubts in the voltage that a step of it is beyond when the drive has changed
+RARE = 6.0  # and rms steps of late
+WINDING = 0.1  # share of a change of voltage that the current may follow in another way
+RESTLESS_TIME = 0.1  # s, memory of these
+STEADY_TIME = 2e-2  # s, for which all has been explained before: a first move with a drive not yet known has no steps
+APPLY_TIME = 0.1  # s, in which the controller follows what is learned
+SLACK, ZERO_SLACK = 0.05, 1e-2  # 1, V, up to which it does not
+STRAY_TIME, LONG_TIME = 5e-3, 0.1  # s, memory of a position that stays beside the encoder, at rest and in motion
+ASTRAY, LONG_ASTRAY = 0.8, 1.5  # doubts in the encoder by which it may
+STOOD = 0.3  # s, for which the reference stands when the axis is surely at rest
+GAIN_SPREAD = 1.0  # standard deviation of gain over former gain after a change
+ZERO_SPREAD = 0.03  # V, of the amplifier's zero after a change
+
+
+@compiled
+def forget_drive(p, s):
+    """Nominal R, zero and back-EMF, with all their doubt."""
+    s.learned[0] = 1.0
+    s.learned[1] = 0.0
+    s.learned[2] = 1.0
+    s.learned_covariance[:] = 0.0
+    s.learned_covariance[0, 0] = p.resistance_spread * p.resistance_spread
+    s.learned_covariance[1, 1] = p.zero_spread * p.zero_spread
+    s.learned_covariance[2, 2] = p.emf_spread * p.emf_spread
+    s.shift[:] = 0.0
+    s.jolt = 0.0
+    s.strayed = 0.0
+
+
+@compiled
+def keep_voltage(s, voltage):
+    """Remember the ``voltage`` [V] of the newest period."""
+    for j in range(LAGS, 0, -1):
+        s.voltages[j] = s.voltages[j - 1]
+    s.voltages[0] = voltage
+
+
+@compiled
+def speed_innovation(model, s, drop):
+    """Speed [m/s] by the voltage of the found delay less R i = ``drop`` [V], less the predicted one."""
+    return (s.voltages[s.lag] - s.learned[0] * drop - s.learned[1]) / model.volts_per_velocity - s.learned[2] * s.v
+
+
+@compiled
+def compare_voltage(model, s, drop):
+    """Keep what R i = ``drop`` [V] and speed call for beyond the applied voltage [V]."""
+    s.unexplained = -model.volts_per_velocity * speed_innovation(model, s, drop)
+    s.drop = drop
+    s.speed = s.v
+
+
+@compiled
+def drive_changed(p, model, s, period, drop):
+    """Whether current and speed call for another voltage than the applied one all of a sudden.
+
+    Nothing but the drive itself can do that: a force on the motor takes many periods, since it has to turn the rotor first.
+    """
+    low, high = min(s.voltages), max(s.voltages)
+    sure = s.answers[s.lag] * model.resistance * s.learned[0] > LAG_SURE * s.excitation and s.excitation > EXCITED
+    unsettled = (WINDING if sure else 1.0) * (high - low)
+    before = s.unexplained
+    expected = voltage_variance(model, s, drop - s.drop, s.v - s.speed, 0.0)
+    compare_voltage(model, s, drop)
+    now, step = s.unexplained, s.unexplained - before
+    doubt = max(SURE * SURE * p.voltage_noise * p.voltage_noise, RARE * RARE * s.restless) + unsettled * unsettled
+    sudden = step * step > doubt + SURE * SURE * expected
+    beyond = now * now > doubt + SURE * SURE * voltage_variance(model, s, drop, s.v, 1.0)
+    s.since += period
+    if sudden and beyond and (s.steady > STEADY_TIME or s.changes > 0 and s.since < 3.5 * period):
+        s.steady = 0.0
+        return True
+    steady = now * now < doubt and s.jolt < JOLTED * p.encoder_noise
+    s.steady = s.steady + period if steady else 0.0
+    memory = RESTLESS_TIME if s.changes > 0 else min(RESTLESS_TIME, s.since)
+    s.restless += period / max(memory, period) * (step * step - s.restless)
+    return False
+
+
+@compiled
+def relearn(p, model, s, drop):
+    """After a change of the drive: any gain or zero is possible again, and the newest speed tells which.
+
+    The motion was not led astray by it so far: the voltage is wrong since this period only.
+    """
+    for k in range(0, 3, 2):
+        for j in range(k, 3, 2):
+            s.learned_covariance[k, j] += GAIN_SPREAD * GAIN_SPREAD * s.learned[k] * s.learned[j]
+    s.learned_covariance[1, 1] += ZERO_SPREAD * ZERO_SPREAD
+    s.shift[:] = 0.0
+    s.jolt = 0.0
+    s.strayed = 0.0
+    for k in range(3):
+        s.of_speed[k] = direct_effect(model, s, drop, k)
+    noise = p.voltage_noise / model.volts_per_velocity
+    take_in(s, s.of_speed, s.of_position, speed_innovation(model, s, drop), noise * noise)
+    bound_learned(p, s)
+
+
+@compiled
+def direct_effect(model, s, drop, k):
+    """Change of the speed's innovation per unit error of what is learned, ``k``-th of R, zero, back-EMF."""
+    return drop / model.volts_per_velocity if k == 0 else (1.0 / model.volts_per_velocity if k == 1 else s.v)
+
+
+@compiled
+def apply_learned(p, s, period):
+    """Let the drive that the controller counts with follow the learned one.
+
+    At once after a change; else, while all is steady, to within what sliding one way for long leads the learned one astray.
+    """
+    fresh = s.changes > 0 and s.since < STEADY_TIME
+    share = min(period / APPLY_TIME, 1.0) * trust_in_speed(p, s.restless) if s.steady > STEADY_TIME else 0.0
+    for k in range(3):
+        off = s.learned[k] - s.applied[k]
+        slack = ZERO_SLACK if k == 1 else SLACK
+        s.applied[k] += off if fresh else share * (off - min(max(off, -slack), slack))
+
+
+@compiled
+def drive_voltage(s, drop, motion):
+    """Voltage [V] that gives the axis what R i = ``drop`` [V] and E v = ``motion`` [V] would give it by the nominal drive."""
+    return s.applied[0] * drop + s.applied[1] + s.applied[2] * motion
+
+
+@compiled
+def bound_learned(p, s):
+    """Keep what is learned within what a drive can be."""
+    s.learned[0] = min(max(s.learned[0], 0.3), 3.0)
+    s.learned[1] = min(max(s.learned[1], -1.0), 1.0)
+    # a gain of the amplifier looks like both R and back-EMF, a warm winding like R alone; the motor itself hardly changes
+    low, high = min(s.learned[0], 1.0), max(s.learned[0], 1.0)
+    s.learned[2] = min(max(s.learned[2], low * (1.0 - p.emf_spread)), high * (1.0 + p.emf_spread))
+
+
+@compiled
+def find_lag(p, model, s, step):
+    """Which past voltage the current follows, from its newest ``step`` [A]. True if it is another one than before.
+
+    At rest the loop's steps of voltage are no larger than the amplifier's noise, and any delay may seem to fit for a while.
+    """
+    best = s.lag
+    for j in range(LAGS):
+        s.answers[j] += 0.01 * (step * (s.voltages[j] - s.voltages[j + 1]) - s.answers[j])
+        if s.answers[j] > 1.5 * s.answers[best]:
+            best = j
+    change = s.voltages[0] - s.voltages[1]
+    s.excitation += 0.01 * (change * change - s.excitation)
+    restored = s.changes == 0 or s.since > STEADY_TIME  # what a change of the drive shakes says nothing of the delay
+    told = s.excitation > TOLD * TOLD * p.voltage_noise * p.voltage_noise
+    if not told or best == s.lag or not restored or s.answers[best] * model.resistance * s.learned[0] < LAG_LEAST * s.excitation:
+        return False
+    s.lag = best
+    return True
+
+
+@compiled
+def settled_drop(p, model, s, current):
+    """R i [V] by the nominal R, of the current at the end of the period without its last transient."""
+    return model.resistance * ((current - p.transient * s.current) / (1.0 - p.transient))
+
+
+@compiled
+def learn_drive(p, model, s, period, drop, position, speed):
+    """Learn R, the amplifier's zero and the back-EMF from the innovations of position [m] and speed [m/s].
+
+    Friedland's two-stage filter: ``shift`` is how far a wrong R (or zero) has led x, v and d astray, so both
+    innovations are known multiples of that error. Takes the learned part out of x, v, d.
+    """
+    noise_x = p.encoder_noise * p.encoder_noise
+    noise_v = p.voltage_noise / model.volts_per_velocity
+    noise_v *= noise_v
+    # while the encoder is far beyond its noise, something else is going on (backlash, a jolt): learn less
+    s.jolt = max(abs(position), s.jolt * (1.0 - min(period / JOLT_TIME, 1.0)))
+    doubt = max(1.0, s.jolt / (JOLTED * p.encoder_noise))
+    noise_x *= doubt * doubt
+    noise_v *= doubt * doubt
+    doubt_drive(p, s, period, position)
+    follow_shift(model, s, period, drop)
+    for k in range(3):
+        spread = p.resistance_spread if k == 0 else (p.zero_spread if k == 1 else p.emf_spread)
+        s.learned_covariance[k, k] += spread * spread * period / (p.zero_time if k == 1 else p.forgetting_time)
+    speed -= take_in(s, s.of_position, s.of_speed, position, noise_x)
+    take_in(s, s.of_speed, s.of_position, speed, noise_v)
+    bound_learned(p, s)
+
+
+@compiled
+def doubt_drive(p, s, period, position):
+    """While the estimated position stays beside the encoder, R or zero have changed by too little to be noticed at once.
+
+    Noise has no mean: the innovation ``position`` [m], averaged, lies within a count of zero as long as the drive is known. In
+    motion it takes longer to say, since a gap that opens looks the same until it is noticed.
+    """
+    rests = s.stood > STOOD
+    memory, bound = (STRAY_TIME, ASTRAY) if rests else (LONG_TIME, LONG_ASTRAY)
+    s.strayed += min(period / memory, 1.0) * (position - s.strayed)
+    beyond = abs(s.strayed) / p.encoder_noise - bound
+    if beyond > 0.0:
+        part = min(beyond, 1.0) * period / memory
+        s.learned_covariance[0, 0] += part * p.resistance_spread * p.resistance_spread
+        s.learned_covariance[1, 1] += part * ZERO_SPREAD * ZERO_SPREAD
+
+
+@compiled
+def follow_shift(model, s, period, drop):
+    """One period of ``shift``, and by how much each innovation changes per unit error of what is learned."""
+    for k in range(3):
+        shift = s.shift[k]
+        along_motion(s, shift, period)
+        s.of_position[k] = -shift[0]
+        s.of_speed[k] = direct_effect(model, s, drop, k) - shift[1]
+        for j in range(3):
+            shift[j] += s.gain[j, 0] * s.of_position[k] + s.gain[j, 1] * s.of_speed[k]
+
+
+@compiled
+def take_in(s, along, other, innovation, noise):
+    """Scalar Kalman step of what is learned: ``innovation`` = along . error + noise of that variance.
+
+    Returns by how much the innovation that goes with ``other`` becomes smaller.
+    """
+    c = s.learned_covariance
+    g0 = c[0, 0] * along[0] + c[0, 1] * along[1] + c[0, 2] * along[2]
+    g1 = c[0, 1] * along[0] + c[1, 1] * along[1] + c[1, 2] * along[2]
+    g2 = c[0, 2] * along[0] + c[1, 2] * along[1] + c[2, 2] * along[2]
+    part = 1.0 / (along[0] * g0 + along[1] * g1 + along[2] * g2 + noise)
+    c[0, 0] -= part * g0 * g0
+    c[0, 1] -= part * g0 * g1
+    c[0, 2] -= part * g0 * g2
+    c[1, 1] -= part * g1 * g1
+    c[1, 2] -= part * g1 * g2
+    c[2, 2] -= part * g2 * g2
+    part *= innovation
+    s.learned[0] += part * g0
+    s.learned[1] += part * g1
+    s.learned[2] += part * g2
+    s.x -= part * (g0 * s.shift[0, 0] + g1 * s.shift[1, 0] + g2 * s.shift[2, 0])
+    s.v -= part * (g0 * s.shift[0, 1] + g1 * s.shift[1, 1] + g2 * s.shift[2, 1])
+    s.d -= part * (g0 * s.shift[0, 2] + g1 * s.shift[1, 2] + g2 * s.shift[2, 2])
+    return part * (g0 * other[0] + g1 * other[1] + g2 * other[2])
+
+
+@compiled
+def trust_in_speed(p, variance):
+    """1 if the back-EMF is as good as the amplifier's noise, towards 0 while R and zero are not known: `voltage_variance`."""
+    noise = p.voltage_noise * p.voltage_noise
+    return noise / (noise + variance)
+
+
+@compiled
+def speed_variance(p, model, variance):
+    """Variance [m^2/s^2] of the back-EMF's speed: the amplifier's noise and ``variance`` [V^2] of `voltage_variance`."""
+    return (p.voltage_noise * p.voltage_noise + variance) / (model.volts_per_velocity * model.volts_per_velocity)
+
+
+@compiled
+def voltage_variance(model, s, drop, speed, zero):
+    """Variance [V^2] that R, zero and back-EMF leave in R i + zero o + E v, R i = ``drop`` [V], v = ``speed`` [m/s]."""
+    c, emf = s.learned_covariance, model.volts_per_velocity * speed
+    found = c[0, 0] * drop * drop + c[1, 1] * zero * zero + c[2, 2] * emf * emf
+    return max(found + 2.0 * (c[0, 1] * drop * zero + c[0, 2] * drop * emf + c[1, 2] * emf * zero), 0.0)

@@ -1,0 +1,100 @@
+"""The level of friction as the observer sees it (compiled parts of `observer_law`).
+
+While blocks slip, d is an error of the level. The level follows a random walk in travel and time (the
+Ornstein-Uhlenbeck variability of the model, without its pull to 1, so that wear is seen too), estimated by
+a scalar Kalman filter with the sensitivity S = dF/dl of the slipping blocks; the same filter gives the
+standard deviation. What the filter adds to the level it takes off d.
+"""
+
+from microstage_ros.numerics.compiled import compiled
+
+FORCE_TIME = 5e-3  # s, over which errors of d hang together
+ABSORB_TIME = 5e-3  # s, in which sticking blocks take over what is unexplained
+FIELDS = [
+    ("level", "f8"),  # 1, limits of the actuator over nominal
+    ("variance", "f8"),  # of the level
+    ("sensitivity", "f8"),  # N, dF/dl of the slipping blocks
+    ("level_forward", "f8"),  # 1, slow mean of the level while moving forward
+    ("level_backward", "f8"),
+    ("slipping", "f8"),  # share of the actuator's limit that slips
+]
+
+
+@compiled
+def level_reset(p, s):
+    """The nominal level, with all its doubt."""
+    s.level = 1.0
+    s.variance = p.level_variability * p.level_variability
+    s.sensitivity = 0.0
+    s.level_forward = 1.0
+    s.level_backward = 1.0
+    s.slipping = 0.0
+
+
+@compiled
+def slipping_force(law, blocks, level):
+    """(dF/dl, slipping share): force of the slipping blocks over the level, and the sum of their weights."""
+    count = int(law[10])
+    force = 0.0
+    share = 0.0
+    for j in range(count):
+        if blocks[count + j] != 0.0:
+            force += blocks[j]
+            share += law[11 + count + j]
+    return force / level, share
+
+
+@compiled
+def absorb(model, s, period):
+    """While hardly a block slips, d is an error of the stuck blocks' forces: move it over to them.
+
+    Each sticking block takes its share of the stiffness, within its limit; what is left stays in d.
+    """
+    law, blocks = model.actuator, s.actuator
+    if s.slipping > 0.5:
+        return
+    count = int(law[10])
+    stiffness = 0.0
+    for j in range(count):
+        if blocks[count + j] == 0.0:
+            stiffness += law[11 + j]
+    if stiffness == 0.0:
+        return
+    torque = model.moving_mass * s.d / model.force_per_torque * min(period / ABSORB_TIME, 1.0)
+    taken = 0.0
+    for j in range(count):
+        if blocks[count + j] == 0.0:
+            limit = law[11 + count + j] * law[0] * s.level
+            before = blocks[j]
+            blocks[j] = min(max(before + torque * law[11 + j] / stiffness, -limit), limit)
+            taken += blocks[j] - before
+    s.actuator_friction += taken
+    s.d -= taken * model.force_per_torque / model.moving_mass
+
+
+@compiled
+def learn_level(p, model, s, period):
+    """One period of the scalar Kalman filter of the level."""
+    s.sensitivity, s.slipping = 0.0, 0.0
+    if model.has_actuator != 0:
+        force, s.slipping = slipping_force(model.actuator, s.actuator, s.level)
+        s.sensitivity = model.force_per_torque * force
+    spread = p.level_variability * p.level_variability
+    travel = abs(s.v) * period / p.level_length
+    s.variance = min(s.variance + 2.0 * spread * (travel + period / p.level_time), 1.0)
+    # while few blocks slip, d is rather an error of the place of the reversal than one of the level
+    doubt = p.force_noise / max(s.slipping, 0.1) ** 6
+    noise = doubt * doubt * FORCE_TIME / period
+    gain = s.variance * s.sensitivity / (s.sensitivity * s.sensitivity * s.variance + noise)
+    residual = model.moving_mass * s.d
+    change = gain * residual
+    level = min(max(s.level + change, 0.1), 10.0)
+    s.d -= (level - s.level) * s.sensitivity / model.moving_mass
+    s.level = level
+    s.variance *= 1.0 - gain * s.sensitivity
+    if s.slipping > 0.9:
+        share = min(2.0 * travel, 1.0)
+        if s.v > 0.0:
+            s.level_forward += share * (s.level - s.level_forward)
+        else:
+            s.level_backward += share * (s.level - s.level_backward)

@@ -1,0 +1,124 @@
+"""The way of the motor through lost motion, from one contact to the other (compiled part of the laws).
+
+The motor leaves with the speed v_0 that it has and ends just short (e) of the other contact with that of the
+reference, v, so that it does not throw the stage; the rest it goes slowly:
+
+    p(t) = p_0 + q(t) + [b - e - p_0 - q(t) - v (T - t)] S(t/T) + (v_0 - v) T H(t/T),        dq/dt = v
+    S = s^3 (10 - 15 s + 6 s^2),      H = s (1 - s)^3 (1 + 3 s)
+
+T follows from the highest acceleration of S. From there on, and through a gap of unknown width from the start, it
+looks for the contact. A drive that meets the stage at v_m throws it by about k v_m, while before it the stage falls
+behind by the way of the reference, l. With
+
+    v_m = v + 2 l / k
+
+it is thrown as far ahead as it was behind, whatever the width. For a constant v and a drive from rest on the stage's
+side v_m >> v, so b = v t^2 / k and both are sqrt(k v b): no other speed does better in the worse of the two. Once there,
+the drive waits beside the stage until the contact counts, and then for the reference if the stage is ahead of it. All
+the while the regulator holds the motor to p by dead reckoning; its integral and its tuning wait.
+"""
+
+import math
+
+from microstage_ros.control.observer.lost_motion import TOUCHING, reckoned, touching
+from microstage_ros.numerics.compiled import compiled
+
+CATCH_UP = 120.0  # 1/s, rate at which the stage is led to the reference
+GENTLE = 2e-5  # m/s, most that this may take
+CHASE, FAST = 300.0, 1e-4  # 1/s and at most m/s, at which the drive follows a stage that was thrown ahead, and looks for one faster than the reference
+BUMPLESS_TIME = 4e-3  # s
+SHORT, SURE = 4e-8, 1.5  # m, and standard deviations of the gap, by which the path ends before the contact: no error along it throws the stage
+APPROACH = 4e-6  # m/s, over the rest
+WAIT_TIME = 0.05  # s, in which a stage that is ahead is led back if the reference does not come
+FIELDS = [
+    ("mode", "i8"),  # contact of the period before
+    ("arrived", "i8"),  # 1 once the drive has been beside the stage
+    ("time", "f8"),  # s, since the crossing began
+    ("short", "f8"),  # m, e
+    ("start", "f8"),  # m, p_0
+    ("led", "f8"),  # m, q
+    ("start_speed", "f8"),  # m/s, v_0
+    ("duration", "f8"),  # s, T
+    ("path", "f8"),  # m, p
+    ("path_speed", "f8"),  # m/s
+    ("offset", "f8"),  # m, left of the error on the path
+    ("offset_speed", "f8"),  # m/s, added to the reference's
+    ("held_speed", "f8"),  # m/s, that of the period before: what the motor answers to is a period old
+]
+
+
+@compiled
+def crossing_reset(c):
+    """In contact, nothing to catch up."""
+    c.mode = TOUCHING
+    c.offset = 0.0
+    c.offset_speed = 0.0
+    c.held_speed = 0.0
+
+
+@compiled
+def begin(c, s, speed, acceleration, period):
+    """Plan a crossing from the observer's state ``s``, at the reference's ``speed`` [m/s] along the crossing."""
+    c.time = 0.0
+    c.led = 0.0
+    c.start = s.travel
+    c.start_speed = s.toward * s.v
+    c.path = c.start
+    c.path_speed = c.start_speed
+    c.arrived = 0
+    c.short = SHORT + SURE * math.sqrt(s.gap_variance)
+    length = max(s.gap - c.short - c.start, 1e-9)
+    c.duration = max(math.sqrt(5.77 * length / acceleration), 5.0 * period)
+
+
+@compiled
+def advance(c, p, s, speed, error, period):
+    """One period along the path; ``speed``, ``error``: of the reference and to it, along the crossing."""
+    c.time += period
+    c.led += speed * period
+    if s.arrived != 0:
+        if c.arrived == 0:
+            c.arrived, c.path = 1, s.travel
+        beside = s.arrival + s.toward * (s.stage - s.arrival_stage)
+        c.path_speed = min(max(CHASE * (beside - c.path), -FAST), FAST)
+        if error > 0.0:
+            c.path_speed += speed + min(CATCH_UP * error, GENTLE)
+    elif touching(s):
+        c.path_speed = 0.0
+    elif not reckoned(s):
+        c.path_speed = max(p.search_speed, speed + min(p.search_rate * error, FAST))
+    elif c.time >= c.duration:
+        c.path_speed = speed + min(max(APPROACH, p.search_rate * error), FAST)
+    else:
+        t = c.time / c.duration
+        rest = 1.0 - t
+        length = max(s.gap - c.short - c.start, 0.0) - c.led - speed * (c.duration - c.time)
+        slower = c.start_speed - speed
+        before = c.path
+        c.path = c.start + c.led + length * t * t * t * (10.0 - 15.0 * t + 6.0 * t * t)
+        c.path += slower * c.duration * t * rest * rest * rest * (1.0 + 3.0 * t)
+        c.path_speed = (c.path - before) / period
+        return
+    c.path += c.path_speed * period
+
+
+@compiled
+def cross_step(c, p, s, period, error, speed):
+    """The regulator's error [m] for this period from the ``error`` to the reference at ``speed`` [m/s]; sets the offsets."""
+    if s.contact == TOUCHING:
+        if c.mode != TOUCHING:
+            c.offset = s.toward * (c.path - s.travel) - error
+            c.mode = TOUCHING
+        c.offset_speed = -c.offset / BUMPLESS_TIME
+        if s.toward * c.offset > 0.0:  # the stage is ahead: the drive waits for the reference instead of leaving it
+            c.offset_speed = -s.toward * min(abs(c.offset_speed), max(s.toward * speed, abs(c.offset) / WAIT_TIME))
+        c.offset += c.offset_speed * period
+        c.held_speed = c.offset_speed
+        return error + c.offset
+    if c.mode == TOUCHING:
+        c.mode = s.contact
+        begin(c, s, s.toward * speed, p.crossing_acceleration, period)
+    before, c.held_speed = c.path, s.toward * c.path_speed - speed
+    advance(c, p, s, s.toward * speed, s.toward * error, period)
+    c.offset_speed = s.toward * c.path_speed - speed
+    return s.toward * (before - s.travel)

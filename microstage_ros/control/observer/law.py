@@ -1,0 +1,289 @@
+"""Friction observer: motion and friction of both contacts from encoder, current and voltage.
+
+The measured current i gives the driving force F = (k_M N/r) i, and with the voltage the speed of the motor,
+free of the encoder's counts and of the drive train's resonance. The axis is one mass M = m + J (N/r)^2:
+
+    M dv/dt = F - (N/r) M_f(z; l) - F_g(x) - M d,      dx/dt = v,      z = x + F_g / K_c
+    encoder = x + n_x,      (u - R i_end - o) / (K_E N/r) = v + n_v
+
+with the friction laws of the axis file run along the estimated motion, l the level of the actuator's limits
+and d what is left (a random walk). x, v and d follow a Kalman filter (`motion_filter`), the stage's swing is `swing`'s. The back-
+EMF matters: below the Stribeck velocity friction falls by 34 uNm per rad/s at the motor, so speed errors of a
+model driven by the current alone grow e-fold in 3 ms. Its R, zero o
+and constant are learned (`learn_drive`) from what encoder and back-EMF disagree on, and the delay of the voltage, in whole periods, from which past
+voltage the current answers to.
+
+What d says of the friction's level is `friction_level`'s.
+"""
+
+import math
+
+from microstage_ros.control.feedforward import axis as feedforward
+from microstage_ros.control.feedforward.axis import friction_along
+from microstage_ros.control.laws.gains import Gain, record_type
+from microstage_ros.control.observer import flexible_mode as swing
+from microstage_ros.control.observer import friction_level, lost_motion, motion_filter
+from microstage_ros.control.observer.drive_learning import (
+    LAGS,
+    apply_learned,
+    compare_voltage,
+    drive_changed,
+    find_lag,
+    forget_drive,
+    keep_voltage,
+    learn_drive,
+    relearn,
+    settled_drop,
+    speed_innovation,
+    speed_variance,
+    trust_in_speed,
+    voltage_variance,
+)
+from microstage_ros.control.observer.lost_motion import TOUCHING
+from microstage_ros.numerics.compiled import compiled
+
+GAINS = (
+    Gain("encoder_noise", "m", 1e-12, 1e-3, 1.8e-8, "doubt in one encoder value: noise, rounding and more"),
+    Gain("voltage_noise", "V", 1e-6, 10.0, 2.3e-3, "doubt in the voltage behind the back-EMF: noise of the amplifier and more"),
+    Gain("acceleration_noise", "m/s^2/rtHz", 1e-12, 1e3, 6.0e-5, "density of what moves the axis unmodelled"),
+    Gain("friction_drift", "m/s^3/rtHz", 1e-12, 1e6, 4.0e-3, "density of the random walk of d"),
+    Gain("resistance_spread", "1", 0.0, 1.0, 0.1, "standard deviation of R over nominal before anything is learned"),
+    Gain("zero_spread", "V", 0.0, 10.0, 5.0e-3, "standard deviation of the amplifier's zero before that"),
+    Gain("emf_spread", "1", 0.0, 1.0, 0.02, "standard deviation of the back-EMF over nominal before that"),
+    Gain("forgetting_time", "s", 1e-2, 1e9, 3000.0, "time in which R and back-EMF may change by as much"),
+    Gain("zero_time", "s", 1e-2, 1e9, 3.0e4, "time in which the zero may: sliding one way cannot tell it from R, and would let both go astray"),
+    Gain("level_variability", "1", 0.0, 1.0, 0.06, "standard deviation of the friction level"),
+    Gain("level_length", "m", 1e-9, 1.0, 1.0e-4, "travel over which the level varies"),
+    Gain("level_time", "s", 1e-3, 1e6, 20.0, "time over which the level varies"),
+    Gain("force_noise", "N", 1e-9, 1e6, 0.25, "noise of the force balance within one observer time"),
+    Gain("known_gap", "m", 0.0, 1e-3, 0.0, "lost motion of the drive, if known"),
+    Gain("widest_gap", "m", 0.0, 1e-3, 6.0e-6, "widest lost motion that is looked for; 0: none"),
+    Gain("least_lead", "m", 1e-10, 1e-3, 1.5e-8, "lead of the motor that opens a contact"),
+    Gain("crossing_acceleration", "m/s^2", 1e-3, 1e6, 0.9, "highest acceleration through a gap"),
+    Gain("search_speed", "m/s", 1e-9, 1.0, 3.5e-5, "lowest speed through a gap of unknown width"),
+    Gain("search_rate", "1/s", 0.0, 1e6, 250.0, "speed through it over what the stage has fallen behind, 2 / k"),
+    *swing.GAINS,
+)
+APART_GAIN = 0.3  # of the speed while apart, where the encoder says nothing of the motor and friction changes fast
+PARAMETERS = record_type(GAINS, [("motion_gain", "f8", (3, 2)), ("transient", "f8"), *swing.PARAMETERS])
+BLOCK_STATE = feedforward.BLOCK_STATE
+STATE_FIELDS = [
+    ("x", "f8"),  # m, stage position
+    ("v", "f8"),  # m/s
+    ("d", "f8"),  # m/s^2, unexplained deceleration
+    ("screw", "f8"),  # m, stage position plus wind-up
+    ("current", "f8"),  # A, of the period before
+    ("acceleration", "f8"),  # m/s^2, of the period before
+    ("learned", "f8", 3),  # R over nominal [1], zero of the amplifier [V], back-EMF over nominal [1]
+    ("learned_covariance", "f8", (3, 3)),  # of their errors; the upper triangle is kept
+    ("unexplained", "f8"),  # V, of what current and speed call for
+    ("applied", "f8", 3),  # what is learned, as the controller counts with it
+    ("drop", "f8"),  # V, nominal R i
+    ("speed", "f8"),  # m/s, that these belong to
+    ("steady", "f8"),  # s, for which the voltage has been what they call for
+    ("since", "f8"),  # s, since the start or the last change of the drive
+    ("restless", "f8"),  # V^2, mean square of its steps
+    ("changes", "i8"),  # of the drive
+    ("jolt", "f8"),  # m, largest innovation of the position of late
+    ("stood", "f8"),  # s, for which the reference has stood, if that is known
+    ("strayed", "f8"),  # m, mean innovation of the position
+    ("of_position", "f8", 3),  # change of the position's innovation per unit error of what is learned
+    ("of_speed", "f8", 3),
+    ("shift", "f8", (3, 3)),  # how far x, v, d are off per unit error of what is learned
+    ("voltages", "f8", LAGS + 1),  # V, newest first
+    ("answers", "f8", LAGS),  # correlation of current steps with voltage steps, by lag
+    ("excitation", "f8"),  # V^2, mean square of voltage steps
+    ("lag", "i8"),  # periods between a voltage and its current, beyond the hold
+    ("actuator", "f8", BLOCK_STATE),
+    ("guideway", "f8", BLOCK_STATE),
+    ("actuator_friction", "f8"),  # N m at the motor shaft, by the law
+    ("guideway_friction", "f8"),  # N
+    ("noise", "f8"),  # m^2, running variance of the innovation
+    *friction_level.FIELDS,
+    *motion_filter.FIELDS,
+    *swing.FIELDS,
+    *lost_motion.FIELDS,
+]
+
+
+@compiled
+def observer_reset(p, s):
+    """Forget everything but the nominal level."""
+    s.v = 0.0
+    s.d = 0.0
+    s.swing, s.swing_rate = 0.0, 0.0
+    s.current = 0.0
+    s.acceleration = 0.0
+    forget_drive(p, s)
+    s.applied[:] = s.learned
+    s.excitation = 0.0
+    s.stood = 0.0
+    s.lag = 0
+    s.unexplained = 0.0
+    s.drop = 0.0
+    s.speed = 0.0
+    s.steady = 0.0
+    s.since = 0.0
+    s.restless = 0.0
+    s.changes = 0
+    for j in range(LAGS):
+        s.voltages[j] = 0.0
+        s.answers[j] = 0.0
+    s.voltages[LAGS] = 0.0
+    s.actuator_friction = 0.0
+    s.guideway_friction = 0.0
+    s.noise = 0.0
+    friction_level.level_reset(p, s)
+    lost_motion.lost_motion_reset(p, s)
+    motion_filter.forget_motion(s)
+    for j in range(BLOCK_STATE):
+        s.actuator[j] = 0.0
+        s.guideway[j] = 0.0
+
+
+@compiled
+def observer_start(s, encoder):
+    """The axis rests where the encoder [m] says."""
+    s.x = encoder
+    s.screw = encoder
+    s.stage = encoder
+    s.before = encoder
+
+
+@compiled
+def predict(model, s, period, force):
+    """Move the model by ``period`` [s] under the driving ``force`` [N] at the stage (velocity Verlet)."""
+    touching = s.contact == TOUCHING
+    load = s.guideway_friction + model.offset_force if touching else 0.0
+    friction = model.force_per_torque * s.actuator_friction + load
+    pull = ((force - friction) / model.moving_mass - s.d) * period
+    mean = s.v + 0.5 * pull
+    s.v += pull
+    velocity = mean
+    if touching:
+        s.x += mean * period
+        if model.has_guideway != 0:
+            s.guideway_friction = friction_along(model.guideway, s.guideway, mean, period, 1.0)
+        screw = s.x + s.guideway_friction * model.compliance
+        velocity = (screw - s.screw) / period
+        s.screw = screw
+        load = s.guideway_friction + model.offset_force
+    else:
+        s.travel += s.toward * mean * period
+    if model.has_actuator != 0:
+        s.actuator_friction = friction_along(
+            model.actuator, s.actuator, velocity / model.screw_ratio, period, s.level
+        )
+    after = model.force_per_torque * s.actuator_friction + load
+    s.v -= 0.5 * (after - friction) / model.moving_mass * period
+
+
+@compiled
+def correct(s, position, speed):
+    """Correct x, v, d by the innovations of position [m] and speed [m/s]."""
+    change = s.gain[0, 0] * position + s.gain[0, 1] * speed
+    s.x += change
+    s.screw += change
+    s.v += s.gain[1, 0] * position + s.gain[1, 1] * speed
+    s.d += s.gain[2, 0] * position + s.gain[2, 1] * speed
+    s.noise += 0.01 * (position * position - s.noise)
+
+
+@compiled
+def steady_measure(p, s):
+    """What to add to the learned back-EMF [1] so that the way through a gap is always counted in the same measure.
+
+    That is the nominal one, unless the amplifier's gain has changed the measure of all.
+    """
+    beyond = s.learned[2] - 1.0
+    return beyond if abs(beyond) < 2.0 * p.emf_spread else 0.0
+
+
+@compiled
+def correct_apart(p, model, s, period, position, speed, trust):
+    """`correct` while drive and stage are apart: the speed tells of the motor, the position of the stage."""
+    s.v += trust * max(p.motion_gain[1, 1], APART_GAIN) * speed
+    s.d += trust * p.motion_gain[2, 1] * speed
+    step = 0.05 * position
+    s.x += step
+    if model.has_guideway != 0:
+        s.guideway_friction = friction_along(model.guideway, s.guideway, step / period, period, 1.0)
+    s.screw = s.x + s.guideway_friction * model.compliance
+
+
+@compiled
+def observer_step(p, model, s, period, encoder, voltage, current):
+    """One control period: ``encoder`` [m] and ``current`` [A] of now, ``voltage`` [V] held until now."""
+    senses, fall = model.force_per_ampere > 0.0 and math.isfinite(current), 0.0
+    if senses:
+        keep_voltage(s, voltage)
+        rest = p.transient
+        part = model.settling / period - rest / (1.0 - rest)
+        force = model.force_per_ampere * (current + part * (s.current - current))
+        # within the period the current falls as the back-EMF rises: before its end it is above the newest value
+        fall = model.force_per_ampere * model.volts_per_velocity / model.resistance
+    elif model.force_per_ampere > 0.0:
+        force = model.force_per_ampere * (voltage - model.volts_per_velocity * s.v) / model.resistance
+    else:
+        force = voltage / model.volts_per_force
+    before = s.v
+    motion_filter.linearise(model, s)
+    parts = motion_filter.parts_of(period)
+    for k in range(parts):
+        start = s.v
+        predict(model, s, period / parts, force + fall * s.acceleration * period * (parts - k - 0.5) / parts)
+        s.acceleration = (s.v - start) * parts / period
+    s.acceleration = (s.v - before) / period
+    swing.follow_swing(p, s)
+    encoder -= s.swing
+    speed, drop, doubt = 0.0, 0.0, 0.0
+    if senses:
+        drop = settled_drop(p, model, s, current)
+        if drive_changed(p, model, s, period, drop):
+            relearn(p, model, s, drop)
+            s.calm = 0.0
+            s.since = 0.0 if s.since > 1e-3 else s.since
+            s.changes += 1
+        elif find_lag(p, model, s, current - s.current):
+            forget_drive(p, s)  # learned from voltages of another period
+        apply_learned(p, s, period)
+        speed = speed_innovation(model, s, drop)
+        doubt = voltage_variance(model, s, drop, s.v, 1.0)
+        s.current = current
+    position = encoder - s.x
+    if senses:
+        motor_speed = s.v + speed / s.learned[2]
+        lost_motion.watch_lead(s, period, encoder, motor_speed, speed)
+        if s.contact == TOUCHING:
+            force = s.guideway_friction + model.offset_force + model.mass * s.acceleration
+            if lost_motion.watch_contact(p, s, force, model.guideway[0], math.sqrt(doubt) / model.volts_per_velocity):
+                forget_drive(p, s)
+        elif lost_motion.cross(p, s, period, position):
+            forget_drive(p, s)
+        position = encoder - s.x
+    if s.contact != TOUCHING:
+        correct_apart(p, model, s, period, position, speed + steady_measure(p, s) * s.v, trust_in_speed(p, doubt))
+        compare_voltage(model, s, drop)
+        motion_filter.forget_motion(s)
+        s.swing, s.swing_rate = 0.0, 0.0
+        return
+    motion_filter.widen(p, s, period)
+    motion_filter.take_readings(p, s, speed_variance(p, model, doubt) if senses else math.inf)
+    correct(s, position, speed)
+    if senses:
+        learn_drive(p, model, s, period, drop, position, speed)
+        compare_voltage(model, s, drop)
+    friction_level.learn_level(p, model, s, period)
+    if model.has_actuator != 0:
+        friction_level.absorb(model, s, period)
+
+
+def design_motion(record, model, period):
+    """What follows from an observer's gains, its axis and the period.
+
+    ``motion_gain`` of a free mass; ``transient``, what is left after a period of a transient of the current; the swing's matrix.
+    """
+    settling = float(model["settling"])
+    record["transient"] = math.exp(-period / settling) if settling > 0.0 else 0.0
+    record["motion_gain"] = motion_filter.steady_gain(record, model, period)
+    record["swing_matrix"] = swing.swing_matrix(record, model, period)

@@ -1,0 +1,67 @@
+"""One run of the model without ROS: axis, run and seed in, columns out."""
+
+import numpy as np
+
+from microstage_ros import __version__
+from microstage_ros.control.laws.controller import Controller, controller_parameters
+from microstage_ros.control.runs.closed_loop import SURROUNDINGS, TRACE, run_loop, surroundings
+from microstage_ros.control.trajectories.lead_in import lead_in
+from microstage_ros.records import Record
+from microstage_ros.solver.plant import NoiseSpec, has_random_friction, make_plant, new_readings, new_state, new_work
+
+
+def run_controller(axis, run):
+    """The controller that a run asks for: its own section, or the axis's shipped one."""
+    section = dict(run.controller) or {"type": axis.controller.get("type", "none")}
+    kind = section.pop("type")
+    return Controller(kind, controller_parameters(kind, axis, section, place=f"{run.place}: controller"))
+
+
+def simulate(axis, run, seed=0):
+    """Simulate one run.
+
+    Parameters
+    ----------
+    axis : `Axis`. run : `control.runs.run_file.Run`. seed : of every random number in the run.
+        A reference that begins in motion is led in from rest (see `control.trajectories.lead_in`), unless the run says
+        where it starts.
+
+    Returns
+    -------
+    dict of columns, each of shape (rows,): those of a record (`records.columns`), and what only a
+    simulator knows: true stage position and velocity, motor speed, friction and friction levels.
+    """
+    axis = axis if run.period_s is None else axis.with_values({"period": run.period_s}, source="derived")
+    period = axis.value("period")
+    tables = run.tables(period)
+    plant = make_plant(axis, noise=NoiseSpec(**run.noise), effects=run.effects)
+    before = np.empty(0) if run.start_m is not None else lead_in(tables["reference"], axis.value("sensors.encoder.resolution"))
+    friction = run.friction or ("random" if has_random_friction(plant) else "relaxed")
+    state = new_state(plant, seed=seed, position=float(before[0]) if len(before) else tables["start"], friction=friction)
+    controller = run_controller(axis, run)
+    led = {name: np.concatenate([before if name == "reference" else 0.0 * before, tables[name]])
+           for name in ("reference", "open_loop", "disturbance")}
+    trace = np.empty((len(led["reference"]), len(TRACE)))
+    run_loop(
+        plant, state, new_work(plant), new_readings(), controller.parameters, controller.memory,
+        led["reference"], led["open_loop"], led["disturbance"], trace,
+    )
+    trace = trace[len(before):]
+    rows = len(trace)
+    columns = {"t_s": np.arange(rows) * period, "reference_m": tables["reference"]}
+    columns |= {name: trace[:, place].copy() for place, name in enumerate(TRACE) if name not in SURROUNDINGS}
+    columns |= surroundings(trace)
+    if axis.choices["drive.type"] == "force":
+        columns["force_N"] = axis.value("drive.gain") * columns["voltage_V"]
+        del columns["current_A"]
+    if tables["disturbance"].any():
+        columns["disturbance_V"] = tables["disturbance"]
+    return columns
+
+
+def simulated_record(axis, run, seed=0, **more):
+    """`Record` of `simulate`, with version, seed, axis and run in its metadata."""
+    columns = simulate(axis, run, seed)
+    metadata = {"version": __version__, "seed": seed, "axis": axis.name, "run": run.place,
+                "controller": run.controller, "noise": run.noise, "effects": {**axis.effects, **run.effects}, **more}
+    return Record(float(columns["t_s"][1] - columns["t_s"][0]), columns, run.place, metadata)

@@ -1,0 +1,114 @@
+"""The reference as it is played to a controller: one position per control period, tied to period numbers.
+
+A plan begins at a stated control period, so the reference of every period is settled before the period
+begins and does not depend on when a message came. Between plans the reference stands still.
+"""
+
+import threading
+
+import numpy as np
+
+from microstage_ros.quantities.errors import InputError
+
+IDLE, HOLDING, MOVING, STOPPING = 0, 1, 2, 3
+JOINT = 1e-9
+"""Largest step [m] between where the reference stands and where a plan begins."""
+
+
+class ReferencePlayer:
+    """Plays plans and stops them; safe to use from two threads.
+
+    Parameters
+    ----------
+    period : control period [s].
+    stop_time : from a stop to rest [s]; the velocity falls as (1 - s)^2 (1 + 2 s), s in 0..1, without a jump.
+    """
+
+    def __init__(self, period, stop_time):
+        self.period = float(period)
+        self.stop_time = float(stop_time)
+        self._lock = threading.Lock()
+        self._positions = None
+        self._start = 0
+        self._stopping = False
+        self._last = -1
+
+    def forget(self):
+        """Drop the plan; the next call of `at` holds where the encoder is then."""
+        with self._lock:
+            self._positions, self._stopping, self._last = None, False, -1
+
+    def at(self, sequence, encoder):
+        """(reference [m], mode) of control period ``sequence``; the first call ever holds ``encoder`` [m]."""
+        with self._lock:
+            if self._positions is None:
+                self._positions = np.array([encoder])
+                self._start = sequence
+            self._last = sequence
+            return self._value(sequence), self._mode(sequence)
+
+    @property
+    def plan(self):
+        """Positions [m], the control period of the first, and whether they are a stop; (None, ...) before the first `at`."""
+        with self._lock:
+            return self._positions, self._start, self._stopping
+
+    def passed(self, sequence):
+        """Control periods up to this one have been played by somebody who has the `plan`."""
+        with self._lock:
+            self._last = sequence
+
+    def _value(self, sequence):
+        index = sequence - self._start
+        size = len(self._positions)
+        return float(self._positions[0 if index < 0 else index if index < size else size - 1])
+
+    def _mode(self, sequence):
+        if not 0 <= sequence - self._start < len(self._positions) - 1:
+            return HOLDING
+        return STOPPING if self._stopping else MOVING
+
+    def follow(self, start, positions):
+        """Play ``positions`` [m] from control period ``start`` on (0: the next one).
+
+        Returns
+        -------
+        (start, rest sequence, rest position).
+
+        Raises
+        ------
+        InputError : positions not finite, a step at the joint, another plan under way, a period that has passed.
+        """
+        positions = np.asarray(positions, float)
+        if not np.isfinite(positions).all():
+            bad = int(np.flatnonzero(~np.isfinite(positions))[0])
+            raise InputError(f"reference, position {bad}", float(positions[bad]), "finite positions in m")
+        with self._lock:
+            if self._positions is None:
+                raise InputError("reference", "no state so far", "a driver that is active")
+            start = start or self._last + 1
+            if start <= self._last:
+                raise InputError("reference: start_sequence", start, f"a period after {self._last}, which has begun")
+            if start < self._start + len(self._positions) - 1:
+                raise InputError("reference: start_sequence", start, "the end of the motion under way, or a stop before")
+            here = self._value(start)
+            if abs(positions[0] - here) > JOINT:
+                raise InputError("reference: first position", float(positions[0]), f"{here!r} m, where it stands")
+            self._positions, self._start, self._stopping = positions, start, False
+            return start, start + len(positions) - 1, float(positions[-1])
+
+    def stop(self):
+        """Ramp to rest from the next period on. Returns what `follow` returns."""
+        with self._lock:
+            if self._positions is None:
+                raise InputError("reference", "no state so far", "a driver that is active")
+            start = self._last + 1
+            here, before = self._value(start), self._value(self._last)
+            count = max(round(self.stop_time / self.period), 1)
+            s = np.arange(count + 1) / count
+            # integral of (1 - s)^2 (1 + 2 s) = 1 - 3 s^2 + 2 s^3
+            self._positions = here + (here - before) * count * (s - s**3 + s**4 / 2)
+            if here == before:
+                self._positions = np.array([here])
+            self._start, self._stopping = start, True
+            return start, start + len(self._positions) - 1, float(self._positions[-1])

@@ -1,0 +1,192 @@
+"""One diagnosis after another: on this machine's cores, or handed to a Dask cluster.
+
+A case is one axis with its records, named by files; what a worker gets and returns is small, and no
+record is held longer than its own case needs it. Cases are handed out as workers become free, so a
+thousand of them need no more memory than the few that run.
+"""
+
+import concurrent.futures
+import dataclasses
+import multiprocessing
+import os
+import pathlib
+import sys
+
+from microstage_ros.diagnosis import pooling
+from microstage_ros.diagnosis import result as diagnosis
+from microstage_ros.diagnosis.report.answer import write_answer
+from microstage_ros.diagnosis.resimulation.diagnose import diagnose_force_axis
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.quantities.errors import InputError
+from microstage_ros.records import read_record
+from microstage_ros.records.checks import check_record
+from microstage_ros.records.csv_file import SUFFIXES
+
+PATIENCE = "10s"               # for a scheduler to answer
+LARGEST = 2 * pooling.GROUP    # records of one case that are held at once
+AHEAD = 2                      # cases per worker that are handed out before the first comes back
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """One axis: the files to read and the folder to write. Paths as text."""
+
+    name: str
+    axis: str
+    records: tuple
+    holdout: tuple
+    baseline: tuple
+    out: str
+    seed: int = 0
+
+    @property
+    def sources(self):
+        """What is read, for the answer's files."""
+        return {"records": list(self.records), "holdout": list(self.holdout), "baseline": list(self.baseline)}
+
+    @property
+    def is_series(self):
+        """Whether there are too many records to hold at once."""
+        return len(self.records) > LARGEST
+
+
+def diagnose_files(case, progress=None, jobs=1):
+    """Read the files of a `Case`, diagnose, write the answer. Returns the mapping of report.json.
+
+    ``jobs``: threads inside this one case, where the way of diagnosing has use for them.
+    """
+    axis = load_axis(case.axis)
+    records, holdout, baseline = ([_checked(path, axis) for path in paths] for paths in (case.records, case.holdout, case.baseline))
+    answer = diagnose_records(axis, records, holdout, baseline, case.seed, progress, jobs)
+    return write_answer(answer, axis, case.out, case.sources)
+
+
+def _checked(path, axis):
+    """The record, if it can be what its header says; what weakens the result is said on standard error."""
+    record = read_record(path)
+    for sentence in check_record(record, axis):
+        print(f"warning: {sentence}", file=sys.stderr)
+    return record
+
+
+def diagnose_records(axis, records, holdout, baseline, seed, progress=None, jobs=1):
+    """`Diagnosis` by the way that suits the drive: force balance of a motor, or closed-loop re-simulation."""
+    if axis.choices["drive.type"] == "force":
+        return diagnose_force_axis(axis, records, holdout, baseline, seed, progress, jobs)
+    return diagnosis.diagnose_case(axis, records, holdout, baseline, seed)
+
+
+def cases_of(folders, axis, out, seed):
+    """One `Case` per folder: files ``hold*`` are held out, ``base*`` are the baseline, all others teach.
+
+    A folder's own ``axis.yaml`` replaces ``axis``. Raises InputError for a folder without records.
+    """
+    cases, taken = [], {}
+    for folder in map(pathlib.Path, folders):
+        if not folder.is_dir():
+            raise InputError(folder, "not a folder", "with --each, folders with the records of one axis each")
+        files = sorted(str(path) for path in folder.iterdir() if _is_record(path))
+        holdout = tuple(f for f in files if pathlib.Path(f).name.startswith("hold"))
+        baseline = tuple(f for f in files if pathlib.Path(f).name.startswith("base"))
+        records = tuple(f for f in files if f not in holdout and f not in baseline)
+        if not records:
+            raise InputError(folder, "no records", "at least one record beside hold* and base*")
+        own = folder / "axis.yaml"
+        name = folder.name
+        taken[name] = taken.get(name, 0) + 1
+        name = name if taken[name] == 1 else f"{name}_{taken[name]}"
+        cases.append(Case(name, str(own if own.exists() else axis), records, holdout, baseline,
+                          str(pathlib.Path(out) / name), seed))
+    return cases
+
+
+def _is_record(path):
+    return path.name.endswith((*SUFFIXES, ".mcap")) or (path / "metadata.yaml").exists()
+
+
+def diagnose_series(case, jobs=1, scheduler=None, progress=None):
+    """Diagnose a long series of records of one axis in groups and pool them; writes and returns the answer.
+
+    ``progress``: function (groups done, groups in all), or None. Raises the first group's error, if one fails.
+    """
+    groups, reports = pooling.groups_of(case), {}
+    for group, report in diagnose_many(groups, jobs, scheduler):
+        if isinstance(report, Exception):
+            raise report
+        reports[group.name] = report
+        if progress:
+            progress(len(reports), len(groups))
+    answer = pooling.pool(groups, [reports[group.name] for group in groups], case.seed)
+    return write_answer(answer, load_axis(case.axis), case.out, case.sources)
+
+
+def diagnose_many(cases, jobs=1, scheduler=None):
+    """Diagnose cases, yielding (case, report mapping or Exception) as they end.
+
+    Parameters
+    ----------
+    jobs : processes on this machine.
+    scheduler : address of a Dask scheduler (``tcp://host:port``) whose workers see the same files.
+
+    Raises
+    ------
+    InputError : the scheduler cannot be reached.
+    """
+    if scheduler:
+        yield from _on_cluster(cases, scheduler)
+    elif jobs <= 1:
+        for case in cases:
+            yield case, _attempt(case)
+    else:
+        yield from on_cores(cases, _attempt, jobs)
+
+
+def _attempt(case):
+    """The report of a case, or the error that ended it: one bad case must not end the others."""
+    try:
+        return diagnose_files(case)
+    except Exception as error:  # noqa: BLE001  handed to the caller with its case
+        return error
+
+
+def on_cores(cases, work, jobs):
+    """Yield (case, work(case)) as they end, from fresh processes; a few cases ahead, not all.
+
+    Nothing of a multithreaded parent is inherited; each process computes with one thread, unless the
+    environment says otherwise.
+    """
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    context = multiprocessing.get_context("spawn")
+    with concurrent.futures.ProcessPoolExecutor(jobs, mp_context=context) as pool:
+        yield from _as_they_end(iter(cases), lambda case: pool.submit(work, case), AHEAD * jobs,
+                                lambda running: concurrent.futures.wait(
+                                    running, return_when=concurrent.futures.FIRST_COMPLETED).done)
+
+
+def _on_cluster(cases, scheduler):
+    from distributed import Client, wait
+
+    try:
+        client = Client(scheduler, timeout=PATIENCE)
+    except (OSError, ValueError) as error:
+        raise InputError("--scheduler", scheduler, f"the address of a running Dask scheduler ({error})") from None
+    with client:
+        workers = max(sum(client.ncores().values()), 1)
+        yield from _as_they_end(iter(cases), lambda case: client.submit(_attempt, case, pure=False), AHEAD * workers,
+                                lambda running: wait(list(running), return_when="FIRST_COMPLETED").done)
+
+
+def _as_they_end(cases, submit, most, wait):
+    """Keep up to ``most`` cases running; yield (case, result) of each that ends."""
+    running = {}
+    while True:
+        while len(running) < most:
+            case = next(cases, None)
+            if case is None:
+                break
+            running[submit(case)] = case
+        if not running:
+            return
+        for future in wait(running):
+            yield running.pop(future), future.result()

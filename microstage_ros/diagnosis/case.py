@@ -1,0 +1,194 @@
+"""One axis, from its records to a `Diagnosis`.
+
+Order: records are prepared, and what spoils every residual is found and taken into the model (`known`); the
+channels' evidence is gathered, for the catalogue's forms and for those that the records suggest (`periods`,
+`resonant`); causes are selected forward and backward and their non-linear sizes refined; what is no matter of
+regression is added (`apart`); everything is judged on held-out records.
+"""
+
+import numpy as np
+
+from microstage_ros.diagnosis.catalogue import FORMS
+from microstage_ros.diagnosis.prerequisites.drive import drive_of
+from microstage_ros.diagnosis.prerequisites.periods import periodic_forms
+from microstage_ros.diagnosis.prerequisites.prerequisites import find_known
+from microstage_ros.diagnosis.prerequisites.resonant import damped_forms
+from microstage_ros.diagnosis.prerequisites.slow_drift import find_course, take_out
+from microstage_ros.diagnosis.report.pictures import drift_picture, gap_picture, pictures_of
+from microstage_ros.diagnosis.residuals.collection import Collection
+from microstage_ros.diagnosis.result import Cause, Diagnosis, Parameter
+from microstage_ros.diagnosis.selection import judge
+from microstage_ros.diagnosis.selection.nonregression_causes import causes_apart
+from microstage_ros.diagnosis.selection.refinement import refine
+from microstage_ros.diagnosis.selection.selection import select, sizes_of
+from microstage_ros.diagnosis.selection.systematic import SYSTEMATIC
+from microstage_ros.quantities.errors import InputError
+
+EFFECTS = tuple(sorted({form.effect for form in FORMS if form.named and form.channel != "command"}))
+#: Shares of the χ² of a slow amplifier, of a gap, or of a soft drive, that a further cause must hold in these channels:
+#: none of them is modelled to the last nanometre.
+SLOW_SHARE = {"windup": 0.01, "resonance": 0.01, "torque": 0.002}
+RATTLE_SHARE = {"windup": 0.01, "resonance": 0.01, "torque": 0.05}
+SOFT_SHARE = {"windup": 0.02, "torque": 0.001}    # beside a drive train far from the model's, which swings
+SLOW_IN_TIME = ("thermal_drift", "refractive_index")   # what a course of every record's own leaves no room for
+GENERIC = tuple(form for form in FORMS if not form.named)
+
+
+def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
+    """Find what makes these records differ from the axis's model.
+
+    Parameters
+    ----------
+    axis : `Axis` of a voltage-driven screw, the model as it was right for the baseline.
+    records : list of `Record` to learn from.
+    holdout : records to judge on; without any, the last record is held back, or the last third of the only one.
+    baseline : records of the healthy axis, for the thresholds; may be empty.
+    seed : written into the result; nothing here is drawn at random.
+
+    Raises InputError for records that cannot be used.
+    """
+    drive = drive_of(axis)
+    records, holdout, notes = _hold_back(list(records), list(holdout))
+    groups = {"learn": records, "held": holdout, "base": list(baseline)}
+    if not baseline:
+        notes.append("No baseline was given: thresholds come from the model's own figures.")
+    prepared, known = find_known(groups, drive)
+    slow, gap = known.slow, known.gap
+    collection = Collection(prepared, drive)
+    effects = [effect for effect in EFFECTS if gap is None or effect != "backlash"]
+    evidences = collection.evidences([*(form for form in FORMS if form.channel != "command"), *periodic_forms(collection),
+                                       *damped_forms(collection)])
+    choices, _ = select(evidences, effects)
+    course = find_course(collection, evidences, choices)
+    if course is not None:
+        evidences, course = take_out(collection, evidences, course)
+        effects = [effect for effect in effects if effect not in SLOW_IN_TIME]
+        choices, _ = select(evidences, effects)
+    if slow is not None:  # a slow amplifier is never modelled to the last nanometre
+        choices = _clear_of(evidences, choices, slow.held, SLOW_SHARE)
+    if gap is not None:
+        choices = _clear_of(evidences, choices, max(gap.held_before - gap.held_after, gap.taken), RATTLE_SHARE)
+    soft = [c for c in choices if c.effect in ("drive_compliance", "payload_change")] if known.train is not None else []
+    if soft:
+        part = evidences.held_gain(choices) - evidences.held_gain([c for c in choices if c not in soft])
+        choices = [*soft, *(c for c in _clear_of(evidences, choices, part, SOFT_SHARE) if c not in soft)]
+    rivals = {c.effect: judge.rivals_of(evidences, c, choices, effects) for c in choices}
+    refined = refine(collection, choices)
+    if refined != choices:
+        evidences, choices = _final(collection, refined)
+    choices = judge.without_strangers(evidences, choices)
+    return _answer(collection, evidences, choices, rivals, (known, course), holdout, notes, seed)
+
+
+def _clear_of(evidences, choices, held, shares):
+    """Choices that hold more, on held-out records, than what a cause of χ² ``held`` may leave in their channels."""
+    def part(choice):
+        return evidences.held_gain(choices) - evidences.held_gain([o for o in choices if o is not choice])
+
+    return [c for c in choices if part(c) > held * min(shares.get(form.channel, 0.0) for form in c.forms)]
+
+
+def _final(collection, choices):
+    """Evidence of the chosen, refined forms, the nameless shapes and the model's own errors only; and what still stands."""
+    own = [form for choice in choices for form in choice.forms]
+    keys = {(channel, key) for channel, table in SYSTEMATIC.items() for key in table}
+    more = [form for form in FORMS if (form.channel, form.key) in keys and form.key not in {f.key for f in own}]
+    final = collection.evidences([*own, *more, *GENERIC])
+    kept = [c for c in choices if judge.best_or_same(final, c, [o for o in choices if o is not c]).held > 0.0]
+    return final, kept
+
+
+def _answer(collection, evidences, choices, rivals, apart, holdout, notes, seed):
+    book = judge.ledger_of(evidences, choices, GENERIC)
+    found = judge.findings_of(evidences, choices, GENERIC)
+    units = _units(collection)
+    causes, unsure = [], []
+    for choice in choices:
+        others = rivals.get(choice.effect, [])
+        if others:
+            unsure.append(judge.rivals_entry([choice.effect, *others]))
+        else:
+            causes.append(_cause(evidences, choice, choices, units))
+    known, course = apart
+    causes += causes_apart(collection, known, course, causes, book, unsure)
+    causes = _with_shares(causes, book)
+    left = judge.leftovers(found)
+    if not (left or causes or unsure):
+        left = judge.of_learning_records(found)
+        notes += ["What stands out does so in the learning records only; the held-out ones may not go there."] if left else []
+    scattered = judge.stands_out(evidences, choices)
+    if scattered and not causes:
+        notes.append("The residual scatters more than the baseline's in: " + ", ".join(scattered) + ".")
+    if known.gap is not None and known.gap.held_after >= known.gap.held_before:
+        notes.append("The replay behind the gap makes the held-out record no better; the gap rests on the learning records.")
+    if course is not None:
+        notes.append("Every record drifts on a course of its own; the extended axis holds the mean rate only.")
+    verdict = judge.verdict_of(causes, unsure, left, book, scattered)
+    pictures = pictures_of(collection, evidences, choices, left)
+    if collection.prepared["held"][0].behind is not None:
+        pictures.insert(0, gap_picture(collection.prepared["held"][0]))
+    if course is not None:
+        pictures.insert(0, drift_picture(collection.prepared["held"][0]))
+    return Diagnosis(
+        verdict=verdict, causes=tuple(causes), rivals=tuple(unsure),
+        gain=judge.overall_gain(book, [record.source for record in holdout]),
+        findings=tuple(sorted((f for f, _ in found), key=lambda f: -f.statistic / f.threshold)),
+        pictures=tuple(pictures), notes=tuple(notes), seed=seed,
+    )
+
+
+def _cause(evidences, choice, choices, units):
+    """`Cause` of a selected effect; its share is filled in at the end."""
+    parameters, effect = {}, {}
+    for form in choice.forms:
+        fitted, entry = sizes_of(evidences, choice, choices, form)
+        for name, (value, stderr, unit) in fitted.items():
+            known = parameters.get(name)
+            if known is None or stderr < known.stderr:
+                parameters[name] = Parameter(value, stderr, unit)
+                effect |= {name: entry[name]} if name in entry else entry
+        effect = {**entry, **effect}
+    trial = judge.best_or_same(evidences, choice, [c for c in choices if c is not choice])
+    channel, gain = judge.cause_gain(evidences, choice, choices, units)
+    return Cause(choice.effect, parameters, effect, judge.probability_of(trial), 0.0, gain, channel)
+
+
+def _with_shares(causes, book):
+    """Causes of one id merged, with their share of what stood out, the largest first."""
+    merged = {}
+    for cause in causes:
+        if cause.id in merged:
+            first = merged[cause.id]
+            cause = Cause(cause.id, {**first.parameters, **cause.parameters}, {**first.effect, **cause.effect},
+                          max(first.probability, cause.probability), 0.0, first.gain, first.channel)
+        merged[cause.id] = cause
+    total = max(book.excess, sum(book.parts.values()))
+    shared = [Cause(c.id, c.parameters, c.effect, c.probability, float(min(book.parts.get(c.id, 0.0) / total, 1.0)),
+                    c.gain, c.channel, c.sentence) for c in merged.values()]
+    return sorted(shared, key=lambda c: -c.share)
+
+
+def _units(collection):
+    """Factor from a standardised residual to the channel's unit, and that unit; torque is told as voltage."""
+    units = {}
+    for name in collection.names:
+        channels = [c[name] for c in collection.channels["held"]]
+        if name == "torque":
+            drive = channels[0].drive
+            size = np.mean([np.sqrt(np.median(c.white)) for c in channels])
+            units[name] = (float(size * drive.resistance / drive.torque_constant), "V")
+        else:
+            units[name] = (float(np.mean([c.scatter if name == "position" else c.noise for c in channels])), "m")
+    return units
+
+
+def _hold_back(records, holdout):
+    """Records to learn from and to judge on, and notes about what was held back."""
+    if not records:
+        raise InputError("records", "none", "at least one record to learn from")
+    if holdout:
+        return records, holdout, []
+    if len(records) > 1:
+        return records[:-1], records[-1:], [f"Held back for judging: {records[-1].source}."]
+    only, cut = records[0], int(len(records[0]) * 0.65)
+    return [only.rows(0, cut)], [only.rows(cut, len(only))], [f"Held back for judging: the last third of {only.source}."]

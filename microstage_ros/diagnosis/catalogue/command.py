@@ -1,0 +1,84 @@
+"""Delay and lag of the amplifier in the command channel: β = 1 at the form's own time."""
+
+import numpy as np
+from scipy.signal import lfilter
+
+from microstage_ros.diagnosis.catalogue.form import Form
+
+DELAYS = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 20.0)   # periods
+LAGS = (15e-6, 40e-6, 80e-6, 150e-6, 300e-6, 600e-6, 1.2e-3, 3e-3)   # s
+
+
+def delayed(command, periods, winding):
+    """What a command (n,) that comes ``periods`` later does to the settled current, as an equivalent command.
+
+    A change that comes a part f of a period late leaves the weight (b − a)/(1 − a) on the old value,
+    b = exp(−(1 − f) T/τ), a = exp(−T/τ), with ``winding`` = T/τ, τ = L/R.
+    """
+    whole, part = int(periods), periods - int(periods)
+    early = np.concatenate([np.full(whole, command[0]), command[: len(command) - whole]])
+    late = np.concatenate([early[:1], early[:-1]])
+    a, b = np.exp(-winding), np.exp(-(1.0 - part) * winding)
+    old = (b - a) / (1.0 - a)
+    return (1.0 - old) * early + old * late
+
+
+def lagged(command, time, period, winding):
+    """What a command (n,) through a first-order lag does to the settled current, as an equivalent command.
+
+    The lag's own state decays by e = exp(−T/time) per period; the settled current gives it the weight
+    (e − a)/((1 − a)(1 − τ/time)), a = exp(−T/τ), ``winding`` = T/τ.
+    """
+    keep, a = np.exp(-period / time), np.exp(-winding)
+    ratio = period / winding / time
+    if abs(ratio - 1.0) < 1e-6:
+        ratio = 1.0 + 1e-6
+    state = lfilter([0.0, 1.0 - keep], [1.0, -keep], command, zi=[command[0]])[0]  # at the period's start
+    old = (keep - a) / ((1.0 - a) * (1.0 - ratio))
+    return command + (state - command) * old
+
+
+def transport_delay(periods):
+    """u(t − delay) − u(t)."""
+    def columns(channel, frame):
+        return (delayed(channel.command, periods, channel.winding) - channel.command)[:, None]
+    return columns
+
+
+def actuator_lag(time):
+    """Lagged command minus command."""
+    def columns(channel, frame):
+        return (lagged(channel.command, time, channel.prepared.period, channel.winding) - channel.command)[:, None]
+    return columns
+
+
+def _right(smallest):
+    """β must be near 1 for the form's time to be the right one; the smallest form is linear down to 0."""
+    return lambda beta: (0.0 if smallest else 0.4) < beta[0] < 2.0
+
+
+def _time_sizes(name, time):
+    def sizes(beta, covariance, frame):
+        value, stderr = float(beta[0] * time), float(abs(time) * np.sqrt(covariance[0, 0]))
+        return {name: (value, stderr, "s")}, {name: max(value, 0.0)}
+    return sizes
+
+
+def delay_form(periods, period=1e-4, anyway=False):
+    """The form of one delay."""
+    return Form("transport_delay", "command", f"{periods:g}", transport_delay(periods),
+                _time_sizes("delay_s", periods * period), None if anyway else _right(periods == DELAYS[0]))
+
+
+def lag_form(time, anyway=False):
+    """The form of one time constant."""
+    return Form("actuator_lag", "command", f"{time:g}", actuator_lag(time), _time_sizes("time_s", time),
+                None if anyway else _right(time == LAGS[0]))
+
+
+def gain(channel, frame):
+    """A gain that differs; the wind-up channel judges it."""
+    return channel.command[:, None]
+
+
+FORMS = (*map(delay_form, DELAYS), *map(lag_form, LAGS), Form("generic:gain", "command", "", gain))

@@ -1,0 +1,84 @@
+"""Effects of motor, drive train and forces on the stage, in the torque balance."""
+
+import numpy as np
+
+from microstage_ros.diagnosis.catalogue.form import Form, one, wave
+
+GRAVITY = 9.80665
+RIPPLE_CYCLES = tuple(range(1, 13))  # per turn of the motor
+
+
+def gravity_tilt(channel, frame):
+    """(r/N) m g sin α, at rest as in motion; β = sin α."""
+    return np.full((len(channel.residual), 1), frame.drive.lever * frame.drive.mass * GRAVITY)
+
+
+def cable_spring(channel, frame):
+    """(r/N) c (x − x₀): columns x and 1; β = (c, −c x₀)."""
+    return frame.drive.lever * np.stack([channel.position, np.ones(len(channel.position))], axis=1)
+
+
+def cable_windup(channel, frame):
+    """The same force on its way through the drive train: the stage hangs back by c x / K_c."""
+    return -channel.position[:, None] / frame.drive.stiffness
+
+
+def payload_change(channel, frame):
+    """Guideway friction and inertia grow with the load; β = added mass over m."""
+    return (channel.guideway + channel.inertial)[:, None]
+
+
+def torque_ripple(numbers):
+    """Motor torque −Σ (s sin + c cos)(n · θ) over the cycles n per turn, θ = x N / r."""
+    def columns(channel, frame):
+        angle = channel.prepared.position / frame.drive.lever
+        return -channel.mean(np.stack([f(n * angle) for n in numbers for f in (np.sin, np.cos)], axis=1))
+    return columns
+
+
+def _cable_sizes(beta, covariance, frame):
+    stiffness, force = map(float, beta)
+    sigma = np.sqrt(np.diag(covariance))
+    anchor = -force / stiffness
+    slope = np.array([force / stiffness**2, -1.0 / stiffness])
+    return ({"stiffness_N_m": (stiffness, float(sigma[0]), "N/m"),
+             "anchor_m": (anchor, float(np.sqrt(slope @ covariance @ slope)), "m")},
+            {"stiffness_N_m": stiffness, "anchor_m": float(np.clip(anchor, -10.0, 10.0))})
+
+
+def _ripple_sizes(numbers):
+    def sizes(beta, covariance, frame):
+        terms = []
+        for place, n in enumerate(numbers):
+            part = slice(2 * place, 2 * place + 2)
+            terms.append((float(n), *wave(beta[part], covariance[part, part])))
+        terms.sort(key=lambda term: -term[1])
+        parameters = {}
+        for place, (n, amplitude, sigma, phase, sigma_phase) in enumerate(terms, 1):
+            end = f"_{place}" if place > 1 else ""
+            parameters |= {f"amplitude{end}_Nm": (amplitude, sigma, "N m"), f"cycles_per_turn{end}": (n, 0.0, "1"),
+                           f"phase{end}_rad": (phase, sigma_phase, "rad")}
+        effect = {name: [term[column] for term in terms] if len(terms) > 1 else terms[0][column]
+                  for name, column in (("amplitude_Nm", 1), ("cycles_per_turn", 0), ("phase_rad", 3))}
+        return parameters, effect
+    return sizes
+
+
+def _mass_sizes(beta, covariance, frame):
+    mass = float(beta[0] * frame.drive.mass)
+    return ({"mass_kg": (mass, float(np.sqrt(covariance[0, 0]) * frame.drive.mass), "kg")}, {"mass_kg": mass})
+
+
+def ripple_form(numbers):
+    """Form of a ripple with these cycles per turn of the motor together."""
+    return Form("torque_ripple", "torque", ",".join(f"{n:g}" for n in numbers), torque_ripple(numbers), _ripple_sizes(numbers))
+
+
+FORMS = (
+    Form("gravity_tilt", "torque", "", gravity_tilt,
+         one("angle_rad", "rad", value=lambda b: np.arcsin(np.clip(b, -1, 1)))),
+    Form("cable_spring", "torque", "", cable_spring, _cable_sizes),
+    Form("cable_spring", "windup", "", cable_windup, one("stiffness_N_m", "N/m")),
+    Form("payload_change", "torque", "", payload_change, _mass_sizes),
+    *(ripple_form((n,)) for n in RIPPLE_CYCLES),
+)

@@ -1,0 +1,222 @@
+"""Friction effects in the torque balance. Residual = torque that was needed − torque of the nominal model."""
+
+import numpy as np
+
+from microstage_ros.diagnosis.catalogue.form import Form, one, splines, wave
+from microstage_ros.diagnosis.preprocessing.friction_replay import lag_factor, replay
+from microstage_ros.diagnosis.preprocessing.preparation import triangle
+from microstage_ros.numerics.compiled import compiled
+
+ASYMMETRY_STEP = 0.05
+EXPONENT_STDERR = 0.13                               # the grid's step, halved
+LAGS = (1.0e-3, 3.0e-3, 1.0e-2, 3.0e-2)             # s
+EXPONENTS = (0.5, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0)
+ENDS = (0.6, 1.5, 4.0)                               # rad/s
+PIECES = (0.25e-3, 0.5e-3, 1.0e-3)                   # m between the knots of friction along the stroke
+AGING = tuple((scale, release) for scale in (0.03, 0.2) for release in (2.0e-6, 8.0e-6, 30.0e-6))  # s, m
+AGING_STEP = 0.05
+CALM = 201                                           # periods
+PROFILE_PRIOR = 0.2                                  # relative; what was not visited stays at the nominal friction
+PROFILE_STDERR = 0.08                                # friction along the stroke is told only where it is known this well
+COARSE = 4                                           # periods per step of the replays for candidates
+CREEPS = ((0.015, 2.0e-8), (0.06, 2.0e-8), (0.06, 8.0e-8), (0.3, 2.0e-8), (0.3, 8.0e-8))   # s, m
+CREEP_RELEASE = 1.0e-6                               # m
+
+
+def _changed(channel, frame, speed=None, **how):
+    """Replayed actuator friction with a change minus without, in block means, at a quarter of the record's rate."""
+    p, drive = channel.prepared, frame.drive
+    speed = (p.speed if speed is None else speed)[::COARSE] / drive.radius
+    if "factor" in how:
+        how["factor"] = np.ascontiguousarray(how["factor"][::COARSE])
+    changed, _ = replay(drive.actuator, speed, COARSE * p.period, **how)
+    return channel.mean(changed - channel.coarse_friction(COARSE), COARSE)[:, None]
+
+
+def direction_asymmetry(channel, frame):
+    """Limits × (1 + a · sgn w): the replayed friction's derivative by a."""
+    return _changed(channel, frame, asymmetry=ASYMMETRY_STEP) / ASYMMETRY_STEP
+
+
+def all_asymmetry(channel, frame):
+    """Limits and viscous friction each differ between the directions: two sizes."""
+    return np.concatenate([direction_asymmetry(channel, frame), np.abs(channel.viscous)[:, None]], axis=1)
+
+
+def guideway_asymmetry(channel, frame):
+    """The same of the guideways' limits alone: a constant force but for their long pre-sliding."""
+    p, drive = channel.prepared, frame.drive
+    speed = p.stage_speed[::COARSE]
+    plain, changed = (replay(drive.guideway, speed, COARSE * p.period, asymmetry=a)[0] for a in (0.0, ASYMMETRY_STEP))
+    return drive.lever * channel.mean(changed - plain, COARSE)[:, None] / ASYMMETRY_STEP
+
+
+def _guideway_sizes(beta, covariance, frame):
+    value = float(beta[0])
+    return {"asymmetry": (value, float(np.sqrt(covariance[0, 0])), "1")}, {"asymmetry": float(np.clip(value, -0.9, 0.9)), "contact": "guideway"}
+
+
+def _asymmetry_sizes(beta, covariance, frame):
+    values, sigma = [float(b) for b in beta], np.sqrt(np.diag(covariance))
+    names = ("asymmetry", "viscous_asymmetry")
+    return ({name: (value, float(s), "1") for name, value, s in zip(names, values, sigma)}, dict(zip(names, np.clip(values, -0.9, 0.9).tolist())))
+
+
+def friction_level_change(channel, frame):
+    """F → factor · F: nominal friction with its viscous part."""
+    return (channel.friction + channel.viscous)[:, None]
+
+
+def viscous_change(channel, frame):
+    """σ → factor · σ."""
+    return channel.viscous[:, None]
+
+
+def nonlinear_viscous(exponent, ends=0.0):
+    """Extra c g^n sgn ω_r; g = |ω_r|, or V (1 − exp(−|ω_r|/V)) where the growth ends at a speed V."""
+    def columns(channel, frame):
+        w = channel.prepared.speed / frame.drive.radius
+        size = -ends * np.expm1(-np.abs(w) / ends) if ends else np.abs(w)
+        return channel.mean(np.sign(w) * size ** exponent)[:, None]
+    return columns
+
+
+def _power_sizes(exponent):
+    def sizes(beta, covariance, frame):
+        value, stderr = float(beta[0]), float(np.sqrt(covariance[0, 0]))
+        return ({"coefficient": (value, stderr, "N m/(rad/s)^n"), "exponent": (exponent, EXPONENT_STDERR, "1")},
+                {"coefficient": value, "exponent": exponent})
+    return sizes
+
+
+def _ending(speed):
+    """Form of a friction that stops growing at a speed of the screw [rad/s]."""
+    return Form("nonlinear_viscous", "torque", f"1,{speed:g}", nonlinear_viscous(1.0, speed),
+                one("coefficient", "N m/(rad/s)", extra={"exponent": 1.0, "saturation_speed": speed}))
+
+
+def position_dependent(spacing):
+    """Friction × splines of x."""
+    def columns(channel, frame):
+        pieces = max(round((frame.high - frame.low) / spacing), 2)
+        return channel.friction[:, None] * splines(channel.position, frame.low, frame.high, pieces)
+    return columns
+
+
+def _profile_sizes(spacing):
+    def sizes(beta, covariance, frame):
+        pieces = max(round((frame.high - frame.low) / spacing), 2)
+        x = np.linspace(frame.low, frame.high, 2 * pieces + 1)
+        basis = splines(x, frame.low, frame.high, pieces)
+        known = np.sqrt(np.einsum("ij,jk,ik->i", basis, covariance, basis)) < PROFILE_STDERR
+        known = known if known.any() else np.ones(len(x), bool)
+        profile = np.interp(x, x[known], (basis @ beta)[known])  # constant beyond what the records visited
+        spread = float(np.std(profile[known]))
+        direction = (profile[known] - profile[known].mean()) @ basis[known] / (known.sum() * max(spread, 1e-12))
+        stderr = float(np.sqrt(max(direction @ covariance @ direction, 0.0)))
+        return ({"rms": (spread, stderr, "1")},
+                {"positions_m": [float(v) for v in x], "factors": [float(v) for v in np.clip(1.0 + profile, 0.05, 20.0)]})
+    return sizes
+
+
+def _periodic(period):
+    def columns(channel, frame):
+        angle = 2.0 * np.pi * channel.position / period
+        return channel.friction[:, None] * np.stack([np.sin(angle), np.cos(angle)], axis=1)
+    return columns
+
+
+def _periodic_sizes(period):
+    def sizes(beta, covariance, frame):
+        amplitude, sigma, phase, sigma_phase = wave(beta, covariance)
+        return ({"amplitude": (amplitude, sigma, "1"), "period_m": (period, 1e-3 * period, "m"),
+                 "phase_rad": (phase, sigma_phase, "rad")},
+                {"amplitude": amplitude, "period_m": period, "phase_rad": phase})
+    return sizes
+
+
+def periodic_form(period):
+    """Form of friction × (1 + a sin(2π x / period + phase)) at a period that the records showed [m]."""
+    return Form("position_dependent_friction", "torque", f"wave {period:.6g}", _periodic(period), _periodic_sizes(period))
+
+
+def frictional_lag(time):
+    """Friction whose sliding curve follows a lagged speed, minus the nominal one; β = 1 at this lag."""
+    def columns(channel, frame):
+        p, drive = channel.prepared, frame.drive
+        return _changed(channel, frame, factor=lag_factor(drive.actuator, p.speed / drive.radius, p.period, time))
+    return columns
+
+
+def rising_static(scale, release):
+    """Limits × (1 + a): a grows with log dwell while blocks stick and fades with travel; derivative by the rate."""
+    def columns(channel, frame):
+        p = channel.prepared
+        age = _ageing(p.stuck, _calm_speed(p), p.period, scale, release)
+        return _changed(channel, frame, factor=1.0 + AGING_STEP * age) / AGING_STEP
+    return columns
+
+
+@compiled
+def _ageing(stuck, speed, period, scale, release):
+    """log10(1 + dwell/scale), the dwell counting while any block sticks; travel wipes out both, exp(−travel/release)."""
+    age = np.empty(stuck.size)
+    dwell, level = 0.0, 0.0
+    for i in range(stuck.size):
+        if stuck[i] > 0.02:
+            dwell += period
+        fade = np.exp(-speed[i] * period / release)
+        dwell *= fade
+        level = max(level * fade, np.log10(1.0 + dwell / scale))
+        age[i] = level
+    return age
+
+
+def _calm_speed(prepared):
+    """|speed| without the readings' noise, which over a dwell would add up to travel."""
+    return np.abs(triangle(prepared.speed, CALM))
+
+
+def presliding_creep(scale, amplitude):
+    """Sticking blocks flow by A/(t + scale) · F_j/F_j,max, t since the contact moved; per metre of A around ``amplitude``."""
+    def columns(channel, frame):
+        p = channel.prepared
+        held = _clock(_calm_speed(p), p.period, CREEP_RELEASE)[::COARSE]
+        flow = amplitude / frame.drive.radius * COARSE * p.period / (held + scale)
+        return _changed(channel, frame, flow=flow) / amplitude
+    return columns
+
+
+@compiled
+def _clock(speed, period, release):
+    """Time since the contact moved [s], wiped out as exp(−travel / release)."""
+    clock = np.empty(speed.size)
+    t = 0.0
+    for i in range(speed.size):
+        t = (t + period) * np.exp(-speed[i] * period / release)
+        clock[i] = t
+    return clock
+
+
+def _lag_sizes(time):
+    return one("time_s", "s", value=lambda beta: max(beta, 0.0) * time, slope=lambda beta: time)
+
+
+FORMS = (
+    Form("direction_asymmetry", "torque", "", direction_asymmetry, one("asymmetry", "1")),
+    Form("direction_asymmetry", "torque", "viscous", all_asymmetry, _asymmetry_sizes),
+    Form("direction_asymmetry", "torque", "guideway", guideway_asymmetry, _guideway_sizes, lambda b: abs(b[0]) < 0.9),
+    Form("friction_level_change", "torque", "", friction_level_change,
+         one("factor", "1", value=lambda beta: 1.0 + beta)),
+    Form("viscous_change", "torque", "", viscous_change, one("factor", "1", value=lambda beta: 1.0 + beta)),
+    *(Form("nonlinear_viscous", "torque", f"{n:g}", nonlinear_viscous(n),
+           _power_sizes(n)) for n in EXPONENTS),
+    *map(_ending, ENDS),
+    *(Form("position_dependent_friction", "torque", f"{s:g}", position_dependent(s), _profile_sizes(s),
+           prior=PROFILE_PRIOR) for s in PIECES),
+    *(Form("frictional_lag", "torque", f"{t:g}", frictional_lag(t), _lag_sizes(t), lambda b: b[0] > 0) for t in LAGS),
+    *(Form("rising_static_friction", "torque", f"{s:g},{r:g}", rising_static(s, r),
+           one("rate_per_decade", "1", extra={"dwell_scale_s": s, "release_m": r}), lambda b: b[0] > 0) for s, r in AGING),
+    *(Form("presliding_creep", "torque", f"{s:g},{a:g}", presliding_creep(s, a),
+           one("amplitude_m", "m", extra={"time_s": s, "release_m": CREEP_RELEASE}), lambda b: b[0] > 0) for s, a in CREEPS),
+)

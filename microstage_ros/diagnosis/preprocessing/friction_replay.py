@@ -1,0 +1,83 @@
+"""Friction that the nominal contacts show on a measured motion: the laws of `model.friction`, replayed.
+
+The motion is prescribed (no dynamics, so nothing drifts); each period is one stretch of motion in one
+direction, or two where the speed changes sign.
+"""
+
+import numpy as np
+from scipy.signal import lfilter
+
+from microstage_ros.model.friction.blocks import STIFFNESS
+from microstage_ros.model.friction.curve import SlidingCurve
+from microstage_ros.model.friction.generalised_maxwell_slip import Parameters, stretch
+from microstage_ros.numerics.compiled import compiled
+
+
+def pack(contact, asymmetry=0.0):
+    """Flat parameters of a `drive.Contact` for the law; limits × (1 + asymmetry · sgn w)."""
+    own = Parameters(tuple(contact.stiffness), tuple(contact.weight), float(contact.attraction)).pack()
+    head = []
+    for sign in (1.0, -1.0):
+        factor = 1.0 + sign * asymmetry
+        head += SlidingCurve(contact.static * factor, contact.coulomb * factor, contact.stribeck_velocity,
+                             contact.stribeck_exponent, contact.viscous).pack()
+    return np.array(head + own)
+
+
+def replay(contact, speed, period, asymmetry=0.0, factor=None, flow=None):
+    """Friction without its viscous part, and the weight of its sticking blocks; both (n,), start of each period.
+
+    Parameters
+    ----------
+    contact : `drive.Contact`.
+    speed : shape (n,), speed of the contact's own coordinate at the start of each period [rad/s or m/s].
+    period : [s].
+    asymmetry : limits × (1 + asymmetry · sgn w).
+    factor : shape (n,), further factor on the limits in each period, or None.
+    flow : shape (n,), what a sticking block at its limit flows in each period [rad or m], or None.
+    """
+    factor = np.ones(1) if factor is None else factor
+    flow = np.zeros(1) if flow is None else flow
+    return _replay(pack(contact, asymmetry), len(contact.weight), speed, factor, flow, contact.static, period)
+
+
+def sliding_limit(contact, speed):
+    """|s(w)| of `solver.contact` [N m or N], same shape as ``speed``."""
+    drop = np.exp(-np.abs(speed / contact.stribeck_velocity) ** contact.stribeck_exponent)
+    return contact.coulomb + (contact.static - contact.coulomb) * drop
+
+
+def lag_factor(contact, speed, period, time):
+    """s(w̃)/s(w) for a friction that lags: ``time`` · dw̃/dt = |w| − w̃. Shape (n,)."""
+    keep = np.exp(-period / time)
+    late = lfilter([1.0 - keep], [1.0, -keep], np.abs(speed), zi=[keep * abs(speed[0])])[0]
+    return sliding_limit(contact, late) / sliding_limit(contact, speed)
+
+
+@compiled
+def _replay(parameters, blocks, speed, factor, flow, limit, period):
+    state = np.zeros(2 * blocks)
+    force = np.zeros(speed.size)
+    stuck = np.ones(speed.size)
+    last, creeps = factor.size - 1, flow.size > 1
+    for i in range(speed.size - 1):
+        a, b, scale = speed[i], speed[i + 1], factor[min(i, last)]
+        if a * b >= 0.0:
+            direction = 1.0 if a + b > 0.0 else (-1.0 if a + b < 0.0 else 0.0)
+            force[i + 1] = stretch(parameters, state, direction, abs(a), abs(b), period, scale)
+        else:
+            turn = period * a / (a - b)
+            stretch(parameters, state, 1.0 if a > 0.0 else -1.0, abs(a), 0.0, turn, scale)
+            force[i + 1] = stretch(parameters, state, 1.0 if b > 0.0 else -1.0, 0.0, abs(b), period - turn, scale)
+        if creeps:
+            for j in range(blocks):
+                if state[blocks + j] == 0.0:
+                    share = parameters[STIFFNESS + j] * flow[i] / (parameters[STIFFNESS + blocks + j] * limit)
+                    force[i + 1] -= min(share, 0.5) * state[j]
+                    state[j] *= 1.0 - min(share, 0.5)
+        for j in range(blocks):
+            if state[blocks + j] != 0.0:
+                stuck[i + 1] -= parameters[STIFFNESS + blocks + j]
+    if speed.size > 1:
+        force[0] = force[1]
+    return force, stuck

@@ -1,0 +1,209 @@
+"""A record made ready for the residuals: gaps closed, the converter's rounding applied, motion smoothed.
+
+All arrays have shape (n,), one entry per control period, SI.
+"""
+
+import dataclasses
+import functools
+
+import numpy as np
+from scipy.signal import cont2discrete, lfilter
+
+from microstage_ros.diagnosis.preprocessing.friction_replay import replay
+from microstage_ros.diagnosis.preprocessing.gap_replay import stage_behind_gap
+from microstage_ros.diagnosis.preprocessing.motion import smooth_motion
+from microstage_ros.quantities.errors import InputError
+
+LEAST_ROWS = 5000
+FUSION = 41           # periods over which the position reading corrects the motor's travel
+GAP_FUSION = 1001     # the same where the stage may rattle in a gap
+TRAVEL_NOISE = 2.0e-8 # m: the back-EMF's travel is trusted below some 200 Hz, current and inertia above
+MOTOR_NOISE = 2.0e-9  # m, of the motor's position after that
+
+
+@dataclasses.dataclass
+class Prepared:
+    """One record and what the nominal model says about its motion.
+
+    ``answered`` is the voltage that current[n] answers (row n − 1, rounded as the converter rounds, through the
+    amplifier if one was given); ``commanded`` the same without that amplifier;
+    ``settled`` the current after the winding's time constant, ``(i[n] − a i[n−1]) / (1 − a)``;
+    ``travel`` the motor's angle in metres of stage, from back-EMF, current and inertia, without any position
+    reading; ``angle`` the same from the back-EMF alone; ``position`` and ``speed`` the
+    motor's, in metres of stage, from all readings together; ``load`` the torque that friction and loads took;
+    ``actuator`` and ``guideway`` the nominal frictions without viscosity [N m at the motor, N], ``stuck`` the
+    share of the actuator's blocks that stick;
+    ``lost`` marks samples that repeat the one before or were missing;
+    ``stage``: the position reading nearest to the truth, the interferometer (less a slow course of its own) if there is one,
+    else the encoder;
+    ``behind``: how far the stage is ahead of the motor by the replay through a gap, or None without a gap.
+    """
+
+    name: str
+    period: float
+    time: np.ndarray
+    encoder: np.ndarray
+    interferometer: np.ndarray
+    reference: np.ndarray
+    commanded: np.ndarray
+    answered: np.ndarray
+    current: np.ndarray
+    settled: np.ndarray
+    travel: np.ndarray
+    angle: np.ndarray
+    stage_position: np.ndarray
+    position: np.ndarray
+    speed: np.ndarray
+    stage_speed: np.ndarray
+    load: np.ndarray
+    actuator: np.ndarray
+    stuck: np.ndarray
+    guideway: np.ndarray
+    lost: np.ndarray
+    off: np.ndarray
+    has_current: bool
+    air: dict
+    stage: np.ndarray
+    behind: np.ndarray = None
+
+
+def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None):
+    """`Prepared` from a `Record`.
+
+    ``amplifier(command, period)`` (n,) → (n,): what an amplifier that delays or lags makes of the command;
+    ``lines``: (frequency [Hz], complex amplitude [m]) of vibrations to take out of the position readings;
+    ``gap``: lost motion of the drive train, as travel of the stage [m];
+    ``course`` (n,): slow drift of the interferometer [m], which is not the stage's.
+    Raises InputError for a record that is too short or lacks what is needed."""
+    n = len(record)
+    if n < LEAST_ROWS:
+        raise InputError(record.source, n, f"at least {LEAST_ROWS} rows")
+    period = record.period_s
+    columns, lost = {}, np.zeros(n, bool)
+    for name in ("encoder_m", "voltage_V", "current_A", "interferometer_m", "reference_m"):
+        if name in record:
+            columns[name], gaps = _filled(record[name], f"{record.source}: {name}")
+            lost |= gaps
+    if "voltage_V" not in columns:
+        raise InputError(f"{record.source}: voltage_V", "missing", "the commanded voltage")
+    for frequency, size in lines:
+        shake = (size * np.exp(2j * np.pi * frequency * (record["t_s"] - record["t_s"][0]))).real
+        for name in {"encoder_m", "interferometer_m"} & set(columns):
+            columns[name] = columns[name] - shake
+    rounded = np.round(columns["voltage_V"] / drive.converter_step) * drive.converter_step
+    rounded = np.clip(rounded, -drive.voltage_limit, drive.voltage_limit)
+    answered = commanded = np.concatenate([rounded[:1], rounded[:-1]])
+    off = (rounded == 0.0) & (answered == 0.0)
+    if amplifier is not None:
+        answered = amplifier(answered, period)
+    keep = np.exp(-period * drive.resistance / drive.inductance)
+    stage = columns.get("interferometer_m", columns["encoder_m"])
+    if course is not None and "interferometer_m" in columns:
+        stage = stage - course
+    if "current_A" in columns:
+        current = columns["current_A"]
+        settled = (current - keep * np.concatenate([current[:1], current[:-1]])) / (1.0 - keep)
+        angle = motor_travel(answered, settled, drive, period)
+    else:
+        angle = triangle(stage, 61)
+        speed = np.gradient(angle, period)
+        current = settled = (answered - drive.back_emf / drive.lever * speed) / drive.resistance
+    # fast motion is known better from current and inertia: the back-EMF's noise would ring at the resonance
+    travel = smooth_motion(angle, settled, drive, period, TRAVEL_NOISE).position
+    if gap > 0.0:
+        carried = stage_behind_gap(travel, gap, drive, period)
+    else:
+        carried = lfilter(*stage_filter(drive, period), angle - angle[0]) + angle[0]
+    position = carried + triangle(stage - carried, FUSION)
+    stage_speed = np.gradient(position, period)
+    guideway, _ = replay(drive.guideway, stage_speed, period)
+    if gap > 0.0:  # the replay has wound the drive train up already
+        motor = angle + triangle(stage - carried, GAP_FUSION)
+    else:
+        motor = angle + triangle(stage + guideway / drive.stiffness - carried, FUSION)
+    motion = smooth_motion(motor, settled, drive, period, MOTOR_NOISE)
+    load = motion.load + np.roll(between_readings(settled, current, motion.speed, drive, period), -1)
+    load = 0.5 * (load + np.concatenate([load[:1], load[:-1]]))  # of the periods on both sides of a reading
+    screw_speed = motion.speed / drive.radius
+    actuator, stuck = replay(drive.actuator, screw_speed, period)
+    air = {name: _filled(record[name], name)[0] for name in
+           ("air_temperature_K", "air_pressure_Pa", "air_humidity", "stage_temperature_K") if name in record}
+    return Prepared(
+        name=record.source, period=period, time=record["t_s"] - record["t_s"][0], encoder=columns["encoder_m"],
+        interferometer=columns.get("interferometer_m"), reference=columns.get("reference_m", stage),
+        commanded=commanded, answered=answered, current=current, settled=settled,
+        travel=travel, angle=angle, stage_position=position, position=motion.position, speed=motion.speed, stage_speed=stage_speed, load=load,
+        actuator=actuator, stuck=stuck, guideway=guideway,
+        lost=lost, off=off,
+        has_current="current_A" in columns, air=air, stage=stage, behind=carried - travel if gap > 0.0 else None,
+    )
+
+
+def reading_noise(reading):
+    """Standard deviation of a position reading's white noise from its third differences, robustly [m]."""
+    differences = np.diff(reading, 3)
+    spread = np.subtract(*np.percentile(differences, [75.0, 25.0])) / 1.349
+    return max(spread / np.sqrt(20.0), 1.0e-10)
+
+
+def _filled(values, place):
+    """Values with missing samples bridged in a straight line, and where they were missing."""
+    missing = ~np.isfinite(values)
+    if missing.mean() > 0.5:
+        raise InputError(place, f"{100 * missing.mean():.0f} % missing", "at least half of the samples")
+    if not missing.any():
+        return np.asarray(values, float), missing
+    rows = np.arange(len(values))
+    return np.interp(rows, rows[~missing], values[~missing]), missing
+
+
+def motor_travel(answered, settled, drive, period):
+    """Motor angle by integrating the back-EMF, in metres of stage, shape (n,).
+
+    K_E Δθ = T (u − R i_s). The settled current belongs to the speed of L/R before the reading, not of half
+    a period before it, so the sum leads by T/2 − L/R; that is taken back by interpolation.
+    """
+    travel = drive.lever * np.cumsum(period * (answered - drive.resistance * settled) / drive.back_emf)
+    lead = 0.5 - drive.inductance / drive.resistance / period
+    return travel - lead * np.diff(travel, prepend=travel[0])
+
+
+def between_readings(settled, current, speed, drive, period):
+    """Torque of the motor in the mean over each period beyond k_M i_s, shape (n,) [N m].
+
+    A controller's voltage stands still for a period T while the motor's speed does not, so the current is a saw-tooth
+    and is read at its tips. With τ = L/R, a = exp(−T/τ), angular acceleration ω', and the voltage held::
+
+        mean i − i_s = (i_0 − i_s) (1 − a) τ/T + (K_E/R) T ω' (1/(1 − a) − 1/2 − τ/T)
+
+    (R i + L di/dt = u − K_E ω solved over one period; i_0 is the reading before). It is 0.4 % of the
+    torque that turns the shipped axis's rotor, nearly half of what the stage's inertia takes.
+    """
+    share = drive.inductance / drive.resistance / period
+    keep = np.exp(-1.0 / share)
+    turning = np.gradient(speed, period) / drive.lever
+    ramp = drive.back_emf / drive.resistance * period * (1.0 / (1.0 - keep) - 0.5 - share) * turning
+    return drive.torque_constant * ((np.concatenate([current[:1], current[:-1]]) - settled) * (1.0 - keep) * share + ramp)
+
+
+@functools.lru_cache(maxsize=256)
+def stage_filter(drive, period, stiffness=1.0, damping=1.0, mass=1.0, force=False):
+    """Discrete (b, a) from the motor's travel to the stage, H = (D s + K)/(m s² + D s + K), linear between samples.
+
+    With ``force``: from a force on the stage, G = 1/(m s² + D s + K). Factors multiply K, D and m.
+    """
+    k, d, m = drive.stiffness * stiffness, drive.damping * damping, drive.mass * mass
+    b, a, _ = cont2discrete(([1.0] if force else [d, k], [m, d, k]), period, method="foh")
+    return b.ravel(), a
+
+
+def triangle(values, width):
+    """Centred triangular running mean: two running means of odd ``width``, ends padded."""
+    return _boxcar(_boxcar(values, width), width)
+
+
+def _boxcar(values, width):
+    """Centred running mean of odd ``width``, ends padded with the end values."""
+    padded = np.pad(values, width // 2, mode="edge")
+    sums = np.cumsum(np.concatenate([[0.0], padded]))
+    return (sums[width:] - sums[:-width]) / width

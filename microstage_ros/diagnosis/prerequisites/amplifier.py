@@ -1,0 +1,137 @@
+"""Delay and lag of the amplifier: found first, from the fast part alone, and then taken into the input of all else."""
+
+import dataclasses
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from microstage_ros.diagnosis.catalogue.command import FORMS, delay_form, delayed, lag_form, lagged
+from microstage_ros.diagnosis.residuals.collection import Collection
+
+GAIN = next(form for form in FORMS if not form.named)
+LEAST_GAIN = 60.0
+LEAST_TIME = 4.0e-6      # s: a few hundredths of a period are a matter of stamps
+LAG_ERROR = 0.05         # share of a lag that gain and lag cannot tell apart above 1 kHz
+DELAY_ERROR = 0.02       # of a period: next to a whole one, what is left of it hardly shows
+LATE = 2.0e-5            # s
+DOMINANCE = 0.5          # of the gain of the strongest form, accepted or not, that the answer must reach
+LONGEST = 64             # periods
+DELAY_STEPS = np.arange(-0.75, 0.76, 0.05)   # periods
+SHORT_OF_WHOLE = (0.04, 0.03, 0.02, 0.01)    # periods: so little of one is left that the winding just begins to answer
+CLEAR = 0.03             # relative difference of χ² by which delay and lag must differ
+
+
+@dataclasses.dataclass(frozen=True)
+class Slowness:
+    """What was found: ``effect`` with its time [s], χ² reductions, and whether the other one fits as well."""
+
+    effect: str
+    time: float
+    stderr: float
+    gain: float
+    held: float
+    held_before: float
+    held_rows: int
+    rival: bool
+    noise: float
+    winding: float
+
+    def apply(self, command, period):
+        """The command as the slow amplifier passes it on."""
+        if self.effect == "transport_delay":
+            return delayed(command, self.time / period, period / self.winding)
+        return lagged(command, self.time, period, period / self.winding)
+
+
+def find_slowness(prepared, drive):
+    """`Slowness` of the amplifier, or None."""
+    if lateness(prepared["learn"]) > LATE:
+        return None  # current and encoder were read late: the amplifier cannot be judged against them
+    fast = Collection(prepared, drive, fast_only=True)
+    if "command" not in fast.names:
+        return None
+    forms = _candidates(fast)
+    learn = fast.gather("command", [*forms, GAIN], "learn")
+    trials, strongest = [], 0.0
+    for form in forms:
+        beta, _, gain = learn.fit([form.key])
+        strongest = max(strongest, gain)
+        if form.accept(beta):
+            trials.append((gain, form, float(beta[0])))
+    best = {effect: max((t for t in trials if t[1].effect == effect), key=lambda t: t[0], default=None)
+            for effect in ("transport_delay", "actuator_lag")}
+    period = prepared["learn"][0].period
+    refined = [_refine(fast, trial, period) for trial in best.values() if trial and trial[0] > LEAST_GAIN]
+    refined = sorted((r for r in refined if r is not None), key=lambda r: -r[0])
+    if not refined or refined[0][2] < LEAST_TIME:
+        return None
+    gain, effect, time, stderr = refined[0]
+    if gain < DOMINANCE * strongest:  # a time that makes no sense explains more: neither is true
+        return None
+    form = _form(effect, time, period)
+    held = fast.gather("command", [form, GAIN], "held")
+    held_gain = held.reduction([form.key], np.ones(1))
+    base = fast.gather("command", [form, GAIN], "base")
+    if gain < LEAST_GAIN or held_gain < 0.2 * gain / max(len(prepared["learn"]), 1):
+        return None
+    if base is not None and base.reduction([form.key], np.ones(1)) > 0.3 * base.matrix[1, 1]:
+        return None
+    rival = len(refined) > 1 and refined[1][0] > gain - max(20.0, CLEAR * gain)
+    noise = float(np.mean([c["command"].noise for c in fast.channels["held"]]))
+    return Slowness(effect, time, stderr, gain, held_gain, held.energy(), held.rows, rival, noise,
+                    drive.inductance / drive.resistance)
+
+
+def _candidates(fast):
+    """Forms to try: the catalogue's, and delays around the one at which the residual repeats the command."""
+    length, total = 2 * LONGEST, 0.0
+    for channel in (c["command"] for c in fast.channels["learn"]):
+        residual, command = (channel.fast(v[:, None])[:, 0] / channel.noise for v in (channel.residual, channel.command))
+        size = 2 ** int(np.ceil(np.log2(len(residual) + length)))
+        spectrum = np.fft.rfft(np.clip(residual, -30.0, 30.0), size) * np.conj(np.fft.rfft(command, size))
+        total = total + np.fft.irfft(spectrum, size)[1:LONGEST]
+    at = 1 + int(np.argmax(total))
+    known = {form.variant for form in FORMS}
+    near = [delay_form(at + part) for part in (-0.5, 0.0, 0.5)]
+    return [*(form for form in FORMS if form.named), *(form for form in near if form.variant not in known)]
+
+
+def lateness(prepared):
+    """By how much the encoder is read later than the interferometer [s]; 0 without an interferometer."""
+    top = bottom = 0.0
+    for p in prepared:
+        if p.interferometer is not None:
+            error = p.encoder - p.interferometer
+            top += float(np.dot(p.stage_speed, error - error.mean()))
+            bottom += float(np.dot(p.stage_speed, p.stage_speed))
+    return top / bottom if bottom > 0.0 else 0.0
+
+
+def _form(effect, time, period):
+    return delay_form(time / period, period, anyway=True) if effect == "transport_delay" else lag_form(time, anyway=True)
+
+
+def _refine(fast, trial, period):
+    """(gain, effect, time, stderr) at the time where β = 1 explains most."""
+    _, form, beta = trial
+    start = float(form.variant) * (period if form.effect == "transport_delay" else 1.0)
+
+    def loss(time):
+        one = _form(form.effect, float(time), period)
+        return -fast.gather("command", [one, GAIN], "learn").reduction([one.key], np.ones(1))
+
+    if form.effect == "transport_delay" and start >= period:
+        # within a period the winding makes much of a little: a narrow optimum beside a broad one
+        wholes = np.arange(np.ceil(start / period - 0.75), start / period + 0.76)
+        tried = np.sort(np.concatenate([start / period + DELAY_STEPS, *(wholes - part for part in SHORT_OF_WHOLE)])) * period
+        at = min(range(1, len(tried) - 1), key=lambda n: loss(tried[n]))
+        low, start, high = tried[at - 1: at + 2]
+    else:
+        low, high = (0.01 * start, 1.3 * start) if beta < 0.4 else (0.6 * start, 1.7 * start)
+    found = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": min(2e-3 * start, 2e-3 * period), "maxiter": 14})
+    time = float(found.x)
+    step = 0.02 * time
+    bend = (loss(time - step) + loss(time + step) - 2.0 * found.fun) / step**2
+    stderr = float(np.sqrt(2.0 / bend)) if bend > 0 else step
+    form_error = LAG_ERROR * time if form.effect == "actuator_lag" else DELAY_ERROR * period
+    return -float(found.fun), form.effect, time, float(np.hypot(stderr, form_error))

@@ -1,0 +1,99 @@
+"""The numbers of a voltage-driven screw axis that the residual channels need, by name."""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from microstage_ros.quantities.errors import InputError
+
+
+@dataclasses.dataclass(frozen=True)
+class Contact:
+    """Friction of one contact: block arrays of shape (blocks,), see `solver.contact`; limits in N m or N."""
+
+    stiffness: np.ndarray
+    weight: np.ndarray
+    static: float
+    coulomb: float
+    stribeck_velocity: float
+    stribeck_exponent: float
+    attraction: float
+    viscous: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Drive:
+    """Motor, transmission, stage and contacts in SI.
+
+    ``lever`` is r/N [m per radian of the motor]: stage travel for a radian of the motor shaft.
+    """
+
+    resistance: float
+    inductance: float
+    back_emf: float
+    torque_constant: float
+    inertia: float
+    gear_ratio: float
+    pitch: float
+    stiffness: float
+    damping: float
+    mass: float
+    converter_step: float
+    voltage_limit: float
+    actuator: Contact
+    guideway: Contact
+
+    @property
+    def radius(self):
+        """r: metres of travel per radian of the screw."""
+        return self.pitch / (2.0 * math.pi)
+
+    @property
+    def lever(self):
+        """r/N: metres of travel per radian of the motor shaft."""
+        return self.radius / self.gear_ratio
+
+
+def drive_of(axis):
+    """`Drive` from an `Axis`.  Raises InputError if it is not a voltage-driven screw."""
+    if axis.choices.get("drive.type") != "voltage_motor" or axis.choices.get("transmission.type") != "screw":
+        raise InputError(f"{axis.place}: drive.type", axis.choices.get("drive.type"),
+                         "voltage_motor with a screw (force-driven axes are re-simulated instead)")
+    value = axis.value
+    return Drive(
+        resistance=value("drive.resistance"), inductance=value("drive.inductance"),
+        back_emf=value("drive.back_emf"), torque_constant=value("drive.torque_constant"),
+        inertia=value("drive.rotor_inertia"), gear_ratio=value("transmission.gear_ratio"),
+        pitch=value("transmission.pitch"), stiffness=value("transmission.stiffness"),
+        damping=value("transmission.damping"), mass=value("stage.mass"),
+        converter_step=2.0 * value("drive.dac_range") / 2.0 ** value("drive.dac_bits"),
+        voltage_limit=value("drive.voltage_limit"),
+        actuator=_contact(axis, "actuator"), guideway=_contact(axis, "guideway"),
+    )
+
+
+def _contact(axis, name):
+    """`Contact` of the axis: blocks with normalised weights, Table 3's segment slopes turned into blocks."""
+    def get(key, default=None):
+        full = f"contacts.{name}.{key}"
+        return axis.value(full) if axis.has(full) else default
+
+    stiffness, weight = np.array(get("stiffness"), float), np.array(get("weight"), float)
+    weight = weight / weight.sum()
+    static = get("static")
+    if axis.choices.get(f"contacts.{name}.reading") == "segment_slopes":
+        stiffness, weight = blocks_of_segments(stiffness, weight, static)
+    return Contact(stiffness, weight, static, get("coulomb", static), get("stribeck_velocity", 1.0),
+                   get("stribeck_exponent", 1.0), get("attraction", 1.0), get("viscous", 0.0))
+
+
+def blocks_of_segments(slopes, rises, limit):
+    """Blocks (k_j, α_j) of a virgin curve whose segments have these slopes and shares of the limit.
+
+    With break points x_j, ``k_j = K_j − K_{j+1}`` and ``α_j = k_j x_j / F_s``.
+    """
+    breaks = np.cumsum(rises * limit / slopes)
+    k = slopes - np.append(slopes[1:], 0.0)
+    weight = k * breaks / limit
+    return k, weight / weight.sum()

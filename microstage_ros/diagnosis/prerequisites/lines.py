@@ -1,0 +1,139 @@
+"""Narrow lines in position while the stage rests: floor vibration.
+
+The residual is stage against motor, which is white once whitened, so that its
+periodogram over the resting parts has the same exponential distribution at every frequency; a line
+must stand in all learning records together, again in the held-out ones, and not in the baseline.
+"""
+
+import dataclasses
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from microstage_ros.diagnosis.preprocessing.whitening import whiten_walk
+
+REST_SPEED = 2.0e-5        # m/s
+WINDOW = 201               # blocks of half a millisecond: a tenth of a second
+CLIPPED = 6.0              # usual sizes of a whitened residual
+LOWEST, HIGHEST = 8.0, 900.0   # Hz
+LEAST_POWER = 32.0         # of summed periodograms in units of their mean; e^-32 times 10⁵ frequencies
+LEAST_AMPLITUDE = 3.0e-10  # m
+NARROW = 0.04              # power half a hertz or so beside a line, relative to it
+MOST = 6
+
+
+@dataclasses.dataclass(frozen=True)
+class Line:
+    """Frequency [Hz], amplitude [m] with standard error, phase [rad] in the first learning record, and the χ² it holds.
+
+    ``traces``: x(t) = Re(trace · exp(2πi f t)) in each learning, then each held-out record."""
+
+    frequency: float
+    amplitude: float
+    stderr: float
+    phase: float
+    learned: float
+    held: float
+    traces: tuple
+
+
+class Spectrum:
+    """Whitened resting residual of one record and its periodogram."""
+
+    def __init__(self, channel):
+        p = channel.prepared
+        self.noise = channel.noise
+        self.walk = 1.0e-3 * self._period(channel) * channel.drive.lever / channel.drive.back_emf
+        white = whiten_walk(channel.mean(p.stage - p.angle)[:, None], self.walk, self.noise)[:, 0]
+        self.time = channel.time
+        self.step = channel.time[1] - channel.time[0]
+        # the line itself may move faster than the stage: rest is where the mean speed is small
+        mean = uniform_filter1d(channel.speed, WINDOW, mode="nearest")
+        self.mask = uniform_filter1d(np.abs(mean), WINDOW, mode="nearest") < REST_SPEED
+        self.mask[:400] = False
+        usual = np.median(np.abs(white[self.mask])) / 0.6745 if self.mask.any() else 1.0
+        bound = CLIPPED * max(usual, 1.0)  # a strong line must not be clipped: it would grow harmonics
+        self.values = np.where(self.mask, np.clip(white, -bound, bound), 0.0)
+        self.count = max(int(self.mask.sum()), 1)
+        scale = np.sqrt(np.mean(self.values[self.mask] ** 2)) if self.mask.any() else 1.0
+        self.values = self.values / max(scale, 1e-12)
+        self.scale = scale
+
+    @staticmethod
+    def _period(channel):
+        """Root of (block time × period): turns 1 mV of amplifier noise into volt seconds per block."""
+        return np.sqrt((channel.time[1] - channel.time[0]) * channel.prepared.period)
+
+    def gain(self, frequency):
+        """What one metre of a line becomes in the whitened values, complex."""
+        ratio = (self.walk / self.noise) ** 2
+        p = 0.5 * (ratio + np.sqrt(ratio**2 + 4.0 * ratio))
+        z = np.exp(-2j * np.pi * frequency * self.step)
+        return (1.0 - z) / (1.0 - z / (1.0 + p)) / (self.noise * np.sqrt(1.0 + p)) / self.scale
+
+    def power(self, length):
+        """Periodogram in units of its mean, and its frequencies, on a grid common to all records."""
+        return np.abs(np.fft.rfft(self.values, length)) ** 2 / self.count, np.fft.rfftfreq(length, self.step)
+
+    def fit(self, frequency):
+        """Complex amplitude of a line and the χ² that it takes out."""
+        wave = np.exp(2j * np.pi * frequency * self.time) * self.mask
+        z = 2.0 * np.vdot(wave, self.values) / self.count
+        return z, np.abs(z) ** 2 * self.count / 2.0
+
+    def remove(self, frequency):
+        """Take a line out of the values."""
+        z, _ = self.fit(frequency)
+        self.values = self.values - np.where(self.mask, (z * np.exp(2j * np.pi * frequency * self.time)).real, 0.0)
+
+
+def find_lines(learn, held, base):
+    """Lines in the resonance channels of these records: list of `Line`, the strongest first."""
+    learn, held, base = ([Spectrum(w) for w in group] for group in (learn, held, base))
+    if not learn or min(s.count for s in learn) < 500:
+        return []
+    length = 2 ** int(np.ceil(np.log2(2 * max(len(s.values) for s in [*learn, *held, *base]))))
+    found = []
+    for _ in range(MOST):
+        total = sum(s.power(length)[0] for s in learn)
+        frequency = learn[0].power(length)[1]
+        total[(frequency < LOWEST) | (frequency > HIGHEST)] = 0.0
+        at = int(np.argmax(total))
+        near = total[max(at - 400, 0): at + 400]
+        apart = np.abs(frequency - frequency[at])
+        skirt = np.median(total[(apart > 0.3) & (apart < 1.5)])
+        if skirt > NARROW * total[at]:
+            break
+        if total[at] < LEAST_POWER * max(np.median(near) / (1.68 if len(learn) > 1 else 0.69), 1.0):
+            break
+        line = _judge(float(_peak(frequency, total, at)), learn, held, base)
+        for spectrum in (*learn, *held, *base):
+            spectrum.remove(float(frequency[at]) if line is None else line.frequency)
+        if line is not None:
+            found.append(line)
+    return found
+
+
+def _peak(frequency, power, at):
+    """Frequency of a peak by a parabola through three points."""
+    a, b, c = power[at - 1], power[at], power[at + 1]
+    return frequency[at] + 0.5 * (a - c) / (a - 2.0 * b + c) * (frequency[1] - frequency[0])
+
+
+def _judge(frequency, learn, held, base):
+    """A `Line` if held-out records have it too and the baseline has not."""
+    fits = [s.fit(frequency) for s in learn]
+    sizes = [abs(z / s.gain(frequency)) for (z, _), s in zip(fits, learn)]
+    errors = [np.sqrt(2.0 / s.count) / abs(s.gain(frequency)) for s in learn]
+    size = float(np.mean(sizes))
+    stderr = float(np.hypot(np.mean(errors) / np.sqrt(len(learn)), np.std(sizes) / np.sqrt(len(learn))))
+    if stderr > 0.2 * size or size < LEAST_AMPLITUDE:
+        return None
+    if held and sum(s.fit(frequency)[1] for s in held) < 20.0 * len(held):
+        return None
+    if base and np.mean([abs(s.fit(frequency)[0] / s.gain(frequency)) for s in base]) > 0.5 * size:
+        return None
+    phase = float(np.angle(fits[0][0] / learn[0].gain(frequency)) + np.pi / 2.0)
+    return Line(frequency, size, stderr, phase, float(sum(f[1] for f in fits)),
+                float(sum(s.fit(frequency)[1] for s in held)),
+                tuple(s.fit(frequency)[0] / s.gain(frequency) for s in (*learn, *held)))

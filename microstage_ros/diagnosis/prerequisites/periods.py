@@ -1,0 +1,160 @@
+"""Periods of position that no list foresees: a signal period of the encoder, cogs of the motor, teeth of a gear.
+
+A residual that repeats along the stroke has a line in its spectrum over position. Directions are looked at
+apart, as whitening shifts a wave by the way the stage came, and their powers added; in white noise the sum
+over m spectra of unit mean follows a gamma distribution of shape m.
+"""
+
+import dataclasses
+
+import numpy as np
+from scipy.ndimage import median_filter
+from scipy.stats import gamma
+
+from microstage_ros.diagnosis.catalogue import drive as ripples
+from microstage_ros.diagnosis.catalogue import friction, measuring
+from microstage_ros.diagnosis.catalogue.form import Form
+from microstage_ros.diagnosis.preprocessing.preparation import triangle
+from microstage_ros.diagnosis.residuals.evidence import gather
+
+CHANCE = 1.0e-6      # that the strongest of all lines is none
+BESIDE = 3001        # frequencies from whose median a line must stand out; short scans make lines wide
+LEAST_SPEED = 2.0e-5 # m/s: at rest nothing is told about a period
+MOST = 8             # lines looked for
+TERMS = 6            # most of one ripple
+REAL = 40.0          # χ² that a ripple must hold on its own
+ONE_PHASE = 0.7      # rad: the phase of one direction of one record from the mean of all
+SDE_RANGE = (4.0e-7, 6.0e-5)       # m, of the encoder's signal periods
+RIPPLE_RANGE = (4.0e-6, 2.5e-4)    # m
+SLOW = 2001          # periods: courses in time slower than this are no matter of the encoder's periods
+SNAP = 4.0e-3        # relative distance from a whole or half number of cycles per turn that is none
+
+
+@dataclasses.dataclass(frozen=True)
+class Way:
+    """One direction of one record: positions [m] and the residual there, white or nearly so (in any unit)."""
+
+    position: np.ndarray
+    values: np.ndarray
+
+    def spectrum(self, cell, length):
+        """Σ values e^{−ikx} over all k at once, on cells of the position, in units of its root mean power."""
+        at = np.floor(self.position / cell).astype(int) % length
+        sums = np.bincount(at, self.values, length)
+        return np.fft.rfft(sums) / np.sqrt(np.sum(self.values**2))
+
+    def without(self, number):
+        """The same without the line of this wave number [rad/m]."""
+        wave = np.stack([np.cos(number * self.position), np.sin(number * self.position)], axis=1)
+        sizes = np.linalg.lstsq(wave, self.values, rcond=None)[0]
+        return Way(self.position, self.values - wave @ sizes)
+
+
+def periods(ways, shortest, longest):
+    """Spatial periods [m] of the lines that stand out, the strongest first.
+
+    ``ways``: list of `Way`; ``shortest``, ``longest``: bounds of the period [m]. The probability that the first
+    is chance is at most `CHANCE` over all periods between the bounds.
+    """
+    ways = [way for way in ways if len(way.values) > 200]
+    if not ways:
+        return []
+    cell = shortest / 6.0
+    reach = max(np.ptp(way.position) for way in ways)
+    if reach < 3.0 * longest:
+        longest = reach / 3.0
+    length = 2 ** int(np.ceil(np.log2(4.0 * reach / cell)))
+    frequency = np.fft.rfftfreq(length, cell)
+    inside = (frequency > 1.0 / longest) & (frequency < 1.0 / shortest)
+    independent = max(int(inside.sum()) * reach / (length * cell), 1.0)
+    least = gamma.isf(CHANCE / independent, len(ways))
+    middle = gamma.median(len(ways))
+    found = []
+    while len(found) < MOST:
+        power = sum(np.abs(way.spectrum(cell, length)) ** 2 for way in ways)
+        usual = np.maximum(median_filter(power[inside], BESIDE, mode="nearest") / middle, 1.0)
+        at = int(np.argmax(power[inside] / usual))
+        if power[inside][at] < least * usual[at]:
+            break
+        top = int(np.flatnonzero(inside)[at])
+        a, b, c = power[top - 1: top + 2]
+        line = frequency[top] + (0.5 * (a - c) / (a - 2.0 * b + c) * frequency[1] if a - 2.0 * b + c < 0.0 else 0.0)
+        found.append(float(1.0 / line))
+        ways = [way.without(2.0 * np.pi * line) for way in ways]
+    return found
+
+
+def both_ways(position, values, speed):
+    """The two `Way`s of one record."""
+    return [Way(position[moving], values[moving]) for moving in (speed > LEAST_SPEED, speed < -LEAST_SPEED)]
+
+
+def periodic_forms(collection):
+    """Forms at the periods that the learning records show and the catalogue's grid lacks."""
+    return [*_signal_periods(collection), *_ripples(collection)]
+
+
+def _signal_periods(collection):
+    """Of the encoder, from its difference with the interferometer."""
+    if "position" not in collection.names:
+        return []
+    ways = []
+    for channels in collection.channels["learn"]:
+        p = channels["position"].prepared
+        difference = p.interferometer - p.encoder
+        ways += both_ways(p.stage_position, difference - triangle(difference, SLOW), p.stage_speed)
+    found = [p for p in periods(ways, *SDE_RANGE) if _new(p, measuring.SIGNAL_PERIODS)]
+    return [measuring.sde_form(period) for period in found]
+
+
+def _ripples(collection):
+    """Of the motor's torque, and of friction along the stroke."""
+    ways, turn = [], 2.0 * np.pi * collection.frame.drive.lever
+    for channels in collection.channels["learn"]:
+        channel = channels["torque"]
+        white = channel.whiten(channel.residual[:, None], collection.spreads)[0][:, 0]
+        bound = 5.0 * max(np.median(np.abs(white)), 1.0)
+        ways += both_ways(channel.position, np.clip(white, -bound, bound), channel.speed)
+    found = [_snapped(turn / p) for p in periods(ways, *RIPPLE_RANGE)]
+    # a tone of the dither at a steady speed is a line along the stroke, too, but no torque that depends on the place
+    real = _bound_to_the_place(collection, found)
+    forms = [ripples.ripple_form((n,)) for n in real if _new(n, ripples.RIPPLE_CYCLES)]
+    if len(real) > 1:
+        forms.append(ripples.ripple_form(tuple(real[:TERMS])))
+    return [*forms, *(friction.periodic_form(turn / n) for n in found if n not in real)]
+
+
+def _bound_to_the_place(collection, found):
+    """Those cycles per turn whose ripple has one phase in both directions of every learning record, and holds enough."""
+    kept = []
+    for n in found:
+        form = _both_directions(n)
+        fits = [gather(channels["torque"], [form], collection.frame, spreads=collection.spreads).fit([form.key])
+                for channels in collection.channels["learn"]]
+        phases = np.concatenate([np.exp(1j * np.arctan2(beta[1::2], beta[::2])) for beta, _, _ in fits])
+        apart = np.abs(np.angle(phases / phases.mean()))
+        if sum(gain for *_, gain in fits) > REAL and apart.max() < ONE_PHASE and _new(n, kept):
+            kept.append(n)
+    return kept
+
+
+def _both_directions(cycles):
+    """A ripple with sizes of its own in each direction: (sin, cos) going out, (sin, cos) coming back."""
+    one = ripples.torque_ripple((cycles,))
+
+    def columns(channel, frame):
+        wave, out = one(channel, frame), channel.speed[:, None] > 0.0
+        return np.concatenate([wave * out, wave * ~out], axis=1)
+
+    return Form("torque_ripple", "torque", "out and back", columns)
+
+
+def _new(value, known):
+    """Whether none of these is nearly the same."""
+    return all(abs(value / k - 1.0) > SNAP for k in known)
+
+
+def _snapped(cycles):
+    """Cycles per turn, whole or half if that is within what a record tells."""
+    near = round(2.0 * cycles) / 2.0
+    return near if near > 0.0 and abs(cycles / near - 1.0) < SNAP else cycles

@@ -1,0 +1,125 @@
+"""What must be known before any residual means something, found from the records and taken into the model.
+
+A slow drift of the interferometer, wide lost motion, a slow amplifier, lines of the floor and a drive train far from the
+model's each spoil every balance; so they are looked for one after the other, the records being prepared anew with what is known by then.
+"""
+
+import dataclasses
+
+from microstage_ros.diagnosis.preprocessing.preparation import prepare
+from microstage_ros.diagnosis.preprocessing.threads import side_by_side
+from microstage_ros.diagnosis.prerequisites.amplifier import find_slowness
+from microstage_ros.diagnosis.prerequisites.lines import find_lines
+from microstage_ros.diagnosis.prerequisites.lost_motion import find_gap
+from microstage_ros.diagnosis.prerequisites.resonant import fit_train
+from microstage_ros.diagnosis.prerequisites.slow_drift import courses
+from microstage_ros.diagnosis.residuals.resonance import Resonance
+
+RATTLED = 0.4           # share of the command's χ² that a slow amplifier must hold beside a gap
+SWING = 0.5             # of a slow amplifier's χ² that must be left of it once the drive train is told
+FAR = 1.5               # factor on the stiffness beyond which the motion is told with it
+CHANGED = ("learn", "held")    # groups of records in which something may be wrong
+
+
+@dataclasses.dataclass(frozen=True)
+class Known:
+    """What was found so far: `amplifier.Slowness`, `lost_motion.Gap`, `resonant.Train`, [`lines.Line`], and each record's
+    course of the interferometer."""
+
+    slow: object = None
+    gap: object = None
+    train: object = None
+    lines: tuple = ()
+    courses: tuple = ()
+
+    def prepare(self, groups, drive, prepared):
+        """``prepared`` with the learning and held-out records prepared anew."""
+        anew, number = dict(prepared), 0
+        drive = self.train.drive(drive) if self.train else drive
+        for name in CHANGED:
+            anew[name] = []
+            for record in groups[name]:
+                traces = [(line.frequency, line.traces[number]) for line in self.lines]
+                anew[name].append(prepare(record, drive, self.slow.apply if self.slow else None, traces,
+                                          self.gap.width if self.gap else 0.0, self.courses[number] if self.courses else None))
+                number += 1
+        return anew
+
+
+def find_known(groups, drive):
+    """({group: [`Prepared`]}, `Known`) of records {group: [`Record`]} in the groups learn, held and base."""
+    prompt = {name: side_by_side(lambda record: prepare(record, drive), group) for name, group in groups.items()}
+    known = Known(courses=courses(prompt))
+    if known.courses:
+        prompt = known.prepare(groups, drive, prompt)
+    prepared, known = _slow_or_loose(groups, prompt, drive, known)
+    if known.slow is not None and known.gap is None:
+        prepared, known = _train_instead(groups, prompt, drive, prepared, known)
+    lines = _lines(prepared, drive)
+    if lines:
+        known = dataclasses.replace(known, lines=tuple(lines))
+        prepared = known.prepare(groups, drive, prepared)
+    if known.train is None and known.gap is None:
+        train = _far_train(prepared, drive)
+        if train is not None:
+            known = dataclasses.replace(known, train=train)
+            prepared = known.prepare(groups, drive, prepared)
+    return prepared, known
+
+
+def _far_train(prepared, drive):
+    """`resonant.Train` of the records if it is far from the model's, else None."""
+    if not _all_currents(prepared):
+        return None
+    train = fit_train(*([Resonance(p, drive) for p in prepared[name]] for name in ("learn", "base")))
+    return train if train is not None and not 1.0 / FAR < train.stiffness < FAR else None
+
+
+def _train_instead(groups, prompt, drive, prepared, known):
+    """What is known if a drive train that swings, of which the command's channel knows nothing, looked like a slow amplifier."""
+    train = _far_train(prompt, drive)
+    if train is None:
+        return prepared, known
+    other = dataclasses.replace(known, slow=None, train=train)
+    told = other.prepare(groups, drive, prompt)
+    slow = find_slowness(told, drive)
+    if slow is not None and slow.gain > SWING * known.slow.gain:
+        return prepared, known
+    if slow is not None:
+        other = dataclasses.replace(other, slow=slow)
+        told = other.prepare(groups, drive, prompt)
+    return told, other
+
+
+def _slow_or_loose(groups, prepared, drive, known):
+    """Slowness and gap: the gap first, as in its rattle the amplifier cannot be judged; and again with a slow
+    amplifier, whose lateness moves the motor's travel."""
+    def with_gap():
+        gap = find_gap(prepared, drive)
+        return (gap, dataclasses.replace(known, gap=gap)) if gap is not None else (None, known)
+
+    before = known
+    gap, known = with_gap()
+    if gap is not None:
+        prepared = known.prepare(groups, drive, prepared)
+    slow = find_slowness(prepared, drive)
+    if slow is None or (gap is not None and slow.held < RATTLED * slow.held_before):
+        return prepared, known
+    known = dataclasses.replace(before, slow=slow)
+    prepared = known.prepare(groups, drive, prepared)
+    slow = find_slowness(prepared, drive) or slow   # the motor's speed was told with a prompt amplifier
+    known = dataclasses.replace(before, slow=slow)
+    prepared = known.prepare(groups, drive, prepared)
+    gap, known = with_gap()
+    return (known.prepare(groups, drive, prepared) if gap is not None else prepared), known
+
+
+def _all_currents(prepared):
+    return all(p.has_current for name in CHANGED for p in prepared[name])
+
+
+def _lines(prepared, drive):
+    """Lines in the resting parts of the records, if all have a current."""
+    if not _all_currents(prepared):
+        return []
+    return find_lines(*([Resonance(p, drive) for p in prepared[name]] for name in ("learn", "held", "base")))

@@ -1,0 +1,106 @@
+"""A drive train whose stiffness and damping changed: both fitted to the fast part of stage against motor.
+
+The catalogue's grid of stiffnesses keeps the damping; where that leaves much of the resonance, one more form is made for
+the pair that fits. And where the stage follows the motor so differently, the motion itself is told by that pair.
+"""
+
+import dataclasses
+
+import numpy as np
+from scipy.optimize import minimize
+
+from microstage_ros.diagnosis.catalogue.electrical import STIFFNESS_FACTORS
+from microstage_ros.diagnosis.catalogue.form import Form
+from microstage_ros.diagnosis.preprocessing.threads import side_by_side
+
+DAMPINGS = (0.25, 1.0, 4.0)
+STANDS_OUT = 1.15     # χ² per row over the baseline's from which the search is worth its time
+BETTER = 0.08         # share of the resonance's χ² that the damping must take beside the stiffness,
+LEAST = 150.0         # and at least this much
+STEP = 0.05           # of the logarithms, for the bend at the best pair
+STIFFNESS_ERROR = 0.06
+DAMPING_ERROR = 0.4   # share of the damping: a loop that swings at its resonance tells it poorly (simulated: factors of 0.6 to 2)
+EXPLAINS = 0.3        # share of what stands out that the pair must take to count
+
+
+@dataclasses.dataclass(frozen=True)
+class Train:
+    """Factors on stiffness and damping that fit best, with the χ² without and with them, and with the stiffness alone."""
+
+    stiffness: float
+    damping: float
+    before: float
+    after: float
+    alone: float
+
+    def drive(self, nominal):
+        """`Drive` with these factors."""
+        return dataclasses.replace(nominal, stiffness=nominal.stiffness * self.stiffness, damping=nominal.damping * self.damping)
+
+
+def fit_train(learn, base):
+    """`Train` that the resonance channels of some records tell, or None if nothing stands out there."""
+    rows = sum(len(c.residual) for c in learn)
+    usual = np.mean([_left(c, 1.0, 1.0) / len(c.residual) for c in base]) if base else 1.0
+    before = _energy(learn, 1.0, 1.0)
+    if before < STANDS_OUT * usual * rows:
+        return None
+    table = {(k, d): _energy(learn, k, d) for k in (1.0, *STIFFNESS_FACTORS) for d in DAMPINGS}
+    start = min(table, key=table.get)
+    fit = minimize(lambda at: _energy(learn, *np.exp(at)), np.log(start), method="Nelder-Mead",
+                   options={"xatol": 2e-3, "fatol": 1.0, "maxiter": 50,
+                            "initial_simplex": np.log(start) + np.array([[0.0, 0.0], [0.12, 0.0], [0.0, 0.5]])})
+    if before - fit.fun < EXPLAINS * (before - usual * rows):
+        return None
+    alone = min(value for (_, d), value in table.items() if d == 1.0)
+    return Train(*(float(v) for v in np.exp(fit.x)), before, float(fit.fun), alone)
+
+
+def damped_forms(collection):
+    """One `Form` of ``drive_compliance`` with its own damping, or none."""
+    if "resonance" not in collection.names:
+        return []
+    learn, base = ([c["resonance"] for c in collection.channels[group] if "resonance" in c] for group in ("learn", "base"))
+    train = fit_train(learn, base)
+    if train is None or train.alone - train.after < max(BETTER * (train.before - train.after), LEAST):
+        return []
+    at = np.log([train.stiffness, train.damping])
+    return [_form(at, _errors(learn, at, train.after))]
+
+
+def compliance_and_damping(stiffness, damping):
+    """Wind-up and resonance with K_c and D_c times these factors, minus nominal; β = 1 at these."""
+    def columns(channel, frame):
+        return channel.mean(channel.predict(stiffness, damping) - channel.predict())[:, None]
+    return columns
+
+
+def _left(channel, stiffness, damping):
+    """χ² of one record with these factors."""
+    left = channel.residual - channel.mean(channel.predict(stiffness, damping) - channel.predict())
+    return float((channel.whiten(left[:, None])[0] ** 2).sum())
+
+
+def _energy(channels, stiffness, damping):
+    return sum(side_by_side(lambda c: _left(c, stiffness, damping), channels))
+
+
+def _errors(channels, at, least):
+    """Standard errors of the two logarithms from the bend of χ² along each."""
+    found = []
+    for axis in np.eye(2) * STEP:
+        bend = sum(_energy(channels, *np.exp(at + sign * axis)) for sign in (1.0, -1.0)) - 2.0 * least
+        found.append(STEP * np.sqrt(2.0 / max(bend, 2.0)))
+    return found
+
+
+def _form(at, errors):
+    stiffness, damping = (float(v) for v in np.exp(at))
+
+    def sizes(beta, covariance, frame):
+        return ({"stiffness_factor": (stiffness, stiffness * float(np.hypot(errors[0], STIFFNESS_ERROR)), "1"),
+                 "damping_factor": (damping, damping * float(np.hypot(errors[1], DAMPING_ERROR)), "1")},
+                {"stiffness_factor": stiffness, "damping_factor": damping})
+
+    return Form("drive_compliance", "resonance", f"{stiffness:.4g},{damping:.4g}", compliance_and_damping(stiffness, damping),
+                sizes, lambda beta: 0.5 < beta[0] < 1.8)

@@ -1,0 +1,96 @@
+"""Scatter of the encoder that grows with speed, and samples that stand twice: readings at the wrong time.
+
+In blocks of some milliseconds: variance of (encoder − smoothed stage), by its third differences, = a + τ² v². The random lateness
+τ is the jitter; a sample that was lost repeats the reading before it.
+"""
+
+import dataclasses
+
+import numpy as np
+
+BLOCK = 20
+FREEDOM = 0.33 * BLOCK   # of a block's mean square of third differences, which are correlated
+MOST_SPEED = 3.0e-3      # m/s: faster, smooth errors no longer drop out
+LEAST_SPEED = 8.0e-5     # m/s: slower, the encoder's rounding is not averaged out
+LEAST_LOST = 5.0e-4      # share of repeated samples
+REPEAT_SPEED = 2.5e-4    # m/s: slower, a reading may stand still because the stage does
+LEAST_SCATTER = 1.0      # of the floor, at the fastest: an encoder without noise rounds differently at every speed
+
+
+@dataclasses.dataclass(frozen=True)
+class Timing:
+    """Jitter variance τ² [s²] with standard error, share of lost samples, and χ² that the jitter explains;
+    ``floor`` variance at rest, at least that of the encoder's rounding [m²], ``fastest`` speed that was looked at [m/s]."""
+
+    variance: float
+    stderr: float
+    lost: float
+    gain: float
+    floor: float
+    fastest: float
+
+    @property
+    def jitter(self):
+        """τ [s]."""
+        return float(np.sqrt(max(self.variance, 0.0)))
+
+    @property
+    def significance(self):
+        """Standard errors that the variance lies above zero."""
+        return self.variance / self.stderr
+
+
+def timing_of(prepared, sde=None):
+    """`Timing` of some prepared records together, the encoder's sub-divisional error ``sde`` (effect entry) taken out."""
+    spreads, speeds, rounding = [], [], 0.0
+    repeated = samples = missing = rows = 0
+    for p in prepared:
+        error = p.encoder - p.stage_position - _subdivisional(p.stage_position, sde or {})
+        # third differences: what is smooth from sample to sample drops out
+        rough = np.diff(error, 3) / np.sqrt(20.0)
+        used = len(rough) // BLOCK * BLOCK
+        speed = np.abs(p.speed[:used].reshape(-1, BLOCK))
+        steady = np.ptp(speed, axis=1) < 0.1 * speed.mean(axis=1) + 2.0e-5
+        good = steady & (speed.mean(axis=1) > LEAST_SPEED) & (speed.mean(axis=1) < MOST_SPEED)
+        spreads.append((rough[:used].reshape(-1, BLOCK) ** 2).mean(axis=1)[good])
+        speeds.append(speed.mean(axis=1)[good])
+        steps = np.abs(np.diff(p.encoder))
+        rounding = max(rounding, float(np.min(steps[steps > 1.0e-12], initial=1.0e-3)) ** 2 / 12.0)
+        same = (np.diff(p.encoder) == 0.0) & (np.diff(p.current) == 0.0) & (p.current[1:] != 0.0)
+        moving = np.abs(p.speed[1:]) > REPEAT_SPEED
+        repeated, samples = repeated + int((same & moving).sum()), samples + int(moving.sum())
+        missing, rows = missing + int(p.lost.sum()), rows + len(p.lost)
+    lost = repeated / max(samples, 1) + missing / max(rows, 1)
+    spread, square = np.concatenate(spreads), np.concatenate(speeds) ** 2
+    if len(spread) < 100:
+        return Timing(0.0, 1.0, lost, 0.0, 0.0, 0.0)
+    weight = np.full(len(spread), 1.0 / np.median(spread) ** 2)
+    for _ in range(3):
+        design = np.stack([np.ones(len(square)), square], axis=1)
+        inner = np.linalg.inv(design.T @ (design * weight[:, None]))
+        a, b = inner @ (design.T @ (spread * weight))
+        weight = 1.0 / np.maximum(a + max(b, 0.0) * square, 0.2 * a) ** 2
+    stderr = float(np.sqrt(inner[1, 1] * 2.0 / FREEDOM))
+    explained = float(max(b, 0.0) * (square.sum()) / a * FREEDOM)
+    return Timing(float(b), stderr, lost, explained, max(float(a), rounding), float(np.sqrt(square.max())))
+
+
+def _subdivisional(position, sde):
+    """Error of an encoder, as `model.effects` has it: Σ amplitude_n sin(2π n x / period + phase_n), same shape as position."""
+    error = np.zeros(len(position))
+    for n in (1, 2, 3):
+        if sde.get(f"amplitude{n}_m"):
+            error += sde[f"amplitude{n}_m"] * np.sin(2.0 * np.pi * n * position / sde["period_m"] + sde[f"phase{n}_rad"])
+    return error
+
+
+def readings_late(learn, held, base, sde=None):
+    """(Timing of the learning records, of the held-out ones) if jitter or lost samples stand out, else None."""
+    taught, again = timing_of(learn, sde), timing_of(held, sde)
+    healthy = timing_of(base) if base else None
+    usual = max(healthy.variance, 0.0) if healthy else 0.0
+    usual_lost = healthy.lost if healthy else 0.0
+    scattered = (taught.significance > 6.0 and again.significance > 2.0 and taught.variance > 4.0 * usual
+                 and taught.jitter * taught.fastest > np.sqrt(LEAST_SCATTER * taught.floor))
+    lost = taught.lost > LEAST_LOST + 3.0 * usual_lost and again.lost > 0.3 * taught.lost
+    return (taught, again) if scattered or lost else None

@@ -1,0 +1,98 @@
+"""The answer of a diagnosis in files: report.json, extended.yaml, run files of experiments, report.html."""
+
+import json
+import math
+import pathlib
+
+import yaml
+
+from microstage_ros import __version__
+from microstage_ros.diagnosis.report.consequences import consequences
+from microstage_ros.diagnosis.report.experiment import separating_run
+from microstage_ros.diagnosis.report.extended import write_extended
+from microstage_ros.diagnosis.report.page import write_page
+from microstage_ros.diagnosis.report.wording import sentence_of
+from microstage_ros.quantities.errors import InputError
+
+FORMAT = 1
+
+
+def write_answer(diagnosis, axis, folder, sources):
+    """Write all files of one diagnosis into ``folder`` (made if need be); returns the mapping of report.json.
+
+    ``sources``: {"records": [...], "holdout": [...], "baseline": [...]} names of what was read.
+    Raises InputError if the folder cannot be written.
+    """
+    folder = pathlib.Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        experiments = _write_experiments(diagnosis, axis, folder)
+        report = report_fields(diagnosis, experiments, axis, sources)
+        extended = write_extended(axis, diagnosis, folder / "extended.yaml", sources)
+        if extended.effects != axis.effects or diagnosis.identified:
+            report["consequences"] = [{"name": c.name, "before": _plain(c.before), "after": _plain(c.after), "unit": "m"}
+                                      for c in consequences(axis, extended)]
+        (folder / "report.json").write_text(json.dumps(report, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+        write_page(report, diagnosis, axis, folder / "report.html")
+    except OSError as error:
+        raise InputError(f"--out {folder}", error.strerror, "a folder that can be written") from None
+    return report
+
+
+def report_fields(diagnosis, experiments, axis, sources):
+    """The mapping of report.json; ``experiments``: run file names, one per entry of ``diagnosis.rivals``."""
+    gain = diagnosis.gain
+    return {
+        "format": FORMAT,
+        "verdict": diagnosis.verdict,
+        "causes": [_cause(cause) for cause in diagnosis.causes],
+        "rivals": [{"ids": list(rivals.ids), "why": rivals.why, "experiment": name}
+                   for rivals, name in zip(diagnosis.rivals, experiments)],
+        "gain": None if gain is None else {
+            "metric": gain.metric, "unit": gain.unit, "records": [str(name) for name in gain.records],
+            "before": _plain(gain.before), "after": _plain(gain.after), "floor": _plain(gain.floor),
+            "ci95": [_plain(v) for v in gain.ci95],
+        },
+        "extended_axis": "extended.yaml",
+        "findings": [
+            {"channel": f.channel, "coordinate": f.coordinate, "statistic": _plain(f.statistic), "threshold": _plain(f.threshold),
+             "left": _plain(f.left), "significant": bool(f.significant)} for f in diagnosis.findings],
+        "identified": {key: _parameter(number) for key, number in diagnosis.identified.items()},
+        "consequences": [],
+        "notes": list(diagnosis.notes),
+        "axis": axis.place, "sources": sources, "seed": diagnosis.seed, "version": __version__,
+    }
+
+
+def _cause(cause):
+    return {
+        "id": cause.id,
+        "parameters": {name: _parameter(number) for name, number in cause.parameters.items()},
+        "probability": _plain(cause.probability),
+        "share": _plain(cause.share),
+        "gain": {"before": _plain(cause.gain.before), "after": _plain(cause.gain.after), "unit": cause.gain.unit},
+        "channel": cause.channel,
+        "sentence": cause.sentence or sentence_of(cause.id, cause.parameters),
+    }
+
+
+def _parameter(number):
+    return {"value": _plain(number.value), "stderr": _plain(number.stderr), "unit": number.unit}
+
+
+def _plain(value):
+    """A float that JSON can hold: None for what is not a number."""
+    value = float(value)
+    return value if math.isfinite(value) else None
+
+
+def _write_experiments(diagnosis, axis, folder):
+    """One run file for each pair of rivals; returns their names."""
+    names = []
+    for number, rivals in enumerate(diagnosis.rivals, 1):
+        name = f"separate_{number}.yaml"
+        run = rivals.experiment or separating_run(rivals.ids, axis)
+        heading = f"# Separates {', '.join(rivals.ids)}: {rivals.why}\n".replace("\n", " ").strip() + "\n"
+        (folder / name).write_text(heading + yaml.safe_dump(run, sort_keys=False, allow_unicode=True))
+        names.append(name)
+    return names

@@ -1,0 +1,105 @@
+"""Curves that convince: the residual against the coordinate of each cause, measured and by the fitted model."""
+
+import numpy as np
+
+from microstage_ros.diagnosis.prerequisites.slow_drift import course_of
+from microstage_ros.diagnosis.residuals.evidence_set import Evidences
+from microstage_ros.diagnosis.result import Picture
+
+BINS = 60
+FOLDED_BINS = 180   # a ripple has up to some twenty cycles per turn
+STRETCH = 0.15   # s
+MOVES = 2.0e-5   # m/s: slower is rest
+COORDINATE = {
+    "direction_asymmetry": "velocity", "viscous_change": "velocity", "nonlinear_viscous": "velocity",
+    "friction_level_change": "velocity", "frictional_lag": "velocity", "rising_static_friction": "time",
+    "presliding_creep": "time", "thermal_drift": "time", "refractive_index": "time", "resistance_rise": "time",
+    "amplifier_offset": "time", "backlash": "time", "drive_compliance": "time", "payload_change": "velocity",
+    "amplifier_gain": "time", "amplifier_deadband": "time", "sampling_jitter": "velocity",
+}
+LABELS = {"position": "position [m]", "velocity": "velocity [m/s]", "time": "time [s]",
+          "signal period": "position within a signal period [m]", "motor turns": "travel within two turns of the motor [m]"}
+FOLDED = {"encoder_sde": "signal period", "torque_ripple": "motor turns"}   # what repeats too often to be seen along the stroke
+Y_LABELS = {"torque": "torque needed beyond the model [N m]", "windup": "stage against motor [m]",
+            "resonance": "stage against motor, fast part [m]",
+            "position": "interferometer − encoder [m]"}
+
+
+def pictures_of(collection, evidences, choices, left):
+    """One `Picture` per cause and channel on the first held-out record, and one per coordinate that is left."""
+    pictures = []
+    for choice in choices:
+        for channel in sorted({form.channel for form in choice.forms}):
+            coordinate = FOLDED.get(choice.effect) or COORDINATE.get(choice.effect, "position")
+            pictures.append(_picture(collection, evidences, choices, choice, channel, coordinate))
+    for finding in left:
+        coordinate = finding.coordinate if finding.coordinate in LABELS else "time"
+        pictures.append(_picture(collection, evidences, choices, None, finding.channel, coordinate))
+    return pictures
+
+
+def gap_picture(prepared):
+    """`Picture` of stage against motor over the stretch of one record in which it moves most, measured and replayed."""
+    rows = int(STRETCH / prepared.period)
+    ahead = prepared.stage - prepared.angle
+    ranges = [np.ptp(prepared.behind[at: at + rows]) for at in range(0, len(ahead) - rows, rows)]
+    part = slice(rows * int(np.argmax(ranges)), rows * (int(np.argmax(ranges)) + 1))
+    time = prepared.time[part][::5]
+    curves = {"measured": (time, (ahead - np.median(ahead[part]))[part][::5]),
+              "stage replayed behind the gap": (time, (prepared.behind - np.median(prepared.behind[part]))[part][::5])}
+    return Picture("backlash-windup-time", "backlash: stage against motor", LABELS["time"], Y_LABELS["windup"], curves, "backlash")
+
+
+def drift_picture(prepared):
+    """`Picture` of one record's interferometer less encoder over time, in means of 20 ms, and the smooth course through it."""
+    values, time, course = course_of(prepared)
+    level = course.mean()
+    curves = {"measured": (time, values - level), "smooth course": (time, course - level)}
+    return Picture("thermal_drift-position-time", "thermal_drift: interferometer less encoder", LABELS["time"],
+                   Y_LABELS["position"], curves, "thermal_drift")
+
+
+def _picture(collection, evidences, choices, choice, channel, coordinate):
+    one = collection.channels["held"][0][channel]
+    residual, model = np.array(one.residual), np.zeros(len(one.residual))
+    keys = Evidences._keys(channel, choices)
+    beta, _, _ = evidences.learn[channel].fit(keys)
+    at = 0
+    for c in choices:
+        for form in (f for f in c.forms if f.channel == channel):
+            columns = form.columns(one, collection.frame)
+            part = columns @ beta[at: at + columns.shape[1]]
+            at += columns.shape[1]
+            if c is choice:
+                model += part
+            else:
+                residual -= part
+    x = _across(one, choice, channel, coordinate, collection.frame.drive)
+    if coordinate == "motor turns":  # at rest the friction's unknown state stands at one place
+        moving = np.abs(one.speed) > MOVES
+        x, residual, model = x[moving], residual[moving], model[moving]
+    bins = FOLDED_BINS if coordinate in FOLDED.values() else BINS
+    curves = {"measured": _binned(x, residual - residual.mean(), bins)}
+    name = choice.effect if choice else ""
+    if choice:
+        curves["model with the cause"] = _binned(x, model - model.mean(), bins)[:2]
+    title = f"{name or 'what is left'}: residual against {coordinate}"
+    return Picture(f"{name or 'left'}-{channel}-{coordinate}", title, LABELS[coordinate], Y_LABELS[channel], curves, name)
+
+
+def _across(one, choice, channel, coordinate, drive):
+    """The coordinate of a picture for every row of a channel; what repeats is folded on its period."""
+    if coordinate == "motor turns":
+        return one.position % (4.0 * np.pi * drive.lever)  # two: half cycles per turn are found too
+    if coordinate == "signal period":
+        return one.position % float(next(form for form in choice.forms if form.channel == channel).variant)
+    return {"position": one.position, "velocity": one.speed, "time": one.time}[coordinate]
+
+
+def _binned(x, y, bins):
+    """Means of y in ``bins`` bins of x with as many samples each: (x, y, standard error)."""
+    order = np.argsort(x, kind="stable")
+    parts = np.array_split(order, min(bins, max(len(x) // 20, 2)))
+    mean = lambda values: np.array([values[part].mean() for part in parts])
+    spread = np.array([y[part].std() / np.sqrt(len(part)) for part in parts])
+    return mean(x), mean(y), spread

@@ -1,0 +1,78 @@
+"""From records to evidence: every record prepared, every channel filled, all candidates' columns gathered."""
+
+import functools
+import operator
+
+from microstage_ros.diagnosis.catalogue import FORMS
+from microstage_ros.diagnosis.catalogue.form import Frame
+from microstage_ros.diagnosis.preprocessing.threads import side_by_side
+from microstage_ros.diagnosis.residuals.command import Command
+from microstage_ros.diagnosis.residuals.evidence import gather
+from microstage_ros.diagnosis.residuals.evidence_set import Evidences
+from microstage_ros.diagnosis.residuals.mechanical import DEFAULT_SPREADS, Mechanical, fit_spreads
+from microstage_ros.diagnosis.residuals.position import Position
+from microstage_ros.diagnosis.residuals.resonance import Resonance
+from microstage_ros.diagnosis.residuals.transmission_deflection import Windup
+from microstage_ros.diagnosis.selection.systematic import SYSTEMATIC
+
+GROUPS = ("learn", "held", "base")
+
+
+class Collection:
+    """Channels of all records in the groups ``learn``, ``held`` and ``base``, and what is common to them.
+
+    ``channels`` {group: [{name: channel}]}; ``spreads`` of the random friction (from the baseline).
+    """
+
+    def __init__(self, prepared, drive, fast_only=False):
+        self.frame = frame_of(prepared, drive)
+        self.prepared = prepared
+        self.channels = {group: [_channels(p, drive, fast_only) for p in prepared[group]] for group in GROUPS}
+        self.spreads = DEFAULT_SPREADS
+        healthy = [c["torque"] for c in self.channels["base"] if "torque" in c]
+        if healthy:
+            self.spreads = fit_spreads(healthy)
+        self.names = set.intersection(*({*c} for group in ("learn", "held") for c in self.channels[group]))
+
+    def gather(self, channel, forms, group):
+        """`Evidence` of one channel for some forms, summed over the records of a group; None if there are none."""
+        noise = {"spreads": self.spreads} if channel == "torque" else {}
+        records = [record[channel] for record in self.channels[group] if channel in record]
+        parts = side_by_side(lambda one: gather(one, forms, self.frame, SYSTEMATIC.get(channel), **noise), records)
+        return functools.reduce(operator.add, parts) if parts else None
+
+    def evidences(self, forms=FORMS):
+        """`Evidences` over all channels that learning and held-out records share."""
+        sums = {group: {} for group in GROUPS}
+        for name in sorted(self.names):
+            for group in GROUPS:
+                evidence = self.gather(name, [form for form in forms if form.channel == name], group)
+                if evidence is not None:
+                    sums[group][name] = evidence
+        scatter = {name: _scatter(sums["base"].get(name)) for name in self.names}
+        kept = [form for form in forms if form.channel in self.names]
+        return Evidences(sums["learn"], sums["held"], sums["base"], kept, scatter, self.frame)
+
+
+def frame_of(prepared, drive):
+    """`Frame` of prepared records {group: [`Prepared`]}."""
+    every = [p for group in GROUPS for p in prepared[group]]
+    return Frame(drive, min(p.position.min() for p in every), max(p.position.max() for p in every),
+                 max(p.time[-1] for p in every))
+
+
+def _channels(prepared, drive, fast_only):
+    """The channels that a prepared record can fill, by name; the command channel alone if ``fast_only``."""
+    if fast_only:
+        return {"command": Command(prepared, drive)} if prepared.has_current else {}
+    kinds = [Mechanical]
+    if prepared.has_current:
+        kinds += [Windup] if prepared.behind is not None else [Windup, Resonance]
+    if prepared.interferometer is not None:
+        kinds.append(Position)
+    return {kind.name: kind(prepared, drive) for kind in kinds}
+
+
+def _scatter(evidence):
+    """χ² per row of the baseline, at least one."""
+    return 1.0 if evidence is None else max(evidence.energy() / evidence.rows, 1.0)

@@ -1,0 +1,135 @@
+"""Torque balance at the motor shaft, in means over blocks of some milliseconds.
+
+    residual = k_M i − J dω/dt − M_f − (r/N) (F_g + c_g v + m dv/dt)          [N m]
+
+with the frictions of the nominal model replayed on the measured motion. What the amplifier and the
+winding do cannot enter: the current was measured. Noise: random friction (its two processes, scaled
+by the nominal friction), what is not known of the state while blocks stick, and a white part that
+follows the local scatter.
+"""
+
+import functools
+
+import numpy as np
+from scipy.ndimage import median_filter
+from scipy.optimize import minimize
+from scipy.signal import upfirdn
+
+from microstage_ros.diagnosis.preprocessing.friction_replay import replay
+from microstage_ros.diagnosis.preprocessing.motion import load_kernel
+from microstage_ros.diagnosis.preprocessing.preparation import MOTOR_NOISE
+from microstage_ros.diagnosis.preprocessing.whitening import whiten_states
+
+BLOCK = 20  # periods
+STUCK_TIME, STUCK_TRAVEL = 0.5, 3.0e-6  # s, m: how long an unknown pre-sliding state is remembered
+SETTLING_TRAVEL = 8.0e-6  # m: until then the record's unknown first friction state counts
+DEFAULT_SPREADS = (0.054, 0.027, 15.0e-6)  # travel and time part of the random friction [1]; stuck state [N m]
+
+
+class Mechanical:
+    """Residual of one record in blocks, with the signals that candidates build their columns from.
+
+    Attributes (all shape (blocks,)): ``residual`` [N m], ``time``, ``position``, ``speed`` (stage, SI),
+    ``friction`` (nominal actuator friction without viscosity), ``guideway`` and ``inertial`` (force of the
+    stage's mass) [N m at the shaft],
+    ``stuck``, ``travel`` (path length so far), ``torque`` (k_M i − J dω/dt).
+    """
+
+    name, unit = "torque", "N m"
+
+    def __init__(self, prepared, drive):
+        self.prepared, self.drive, self._coarse = prepared, drive, {}
+        p = prepared
+        self.time, self.position, self.speed, self.torque = (_means(v, BLOCK) for v in (p.time, p.position, p.speed, p.load))
+        guideway = drive.lever * (p.guideway + drive.guideway.viscous * p.stage_speed)
+        viscous = drive.actuator.viscous * p.speed / drive.radius
+        inertial = drive.lever * drive.mass * np.gradient(p.stage_speed, p.period)
+        forces = self.mean(np.stack([p.actuator, viscous, guideway, inertial], axis=1))
+        self.friction, self.viscous, self.guideway, self.inertial = forces.T
+        self.stuck = self.mean(p.stuck)
+        self.residual = self.torque - forces.sum(axis=1)
+        step = np.abs(np.diff(self.position, prepend=self.position[0]))
+        self.step = np.where(step > 5.0e-9, step, 0.0)
+        self.travel = np.cumsum(self.step)
+        self.white = self._white()
+
+    def mean(self, values, coarse=1):
+        """Block means of a torque (n,) or (n, k) with one row per ``coarse`` periods, as `Prepared.load` would show it.
+
+        The load is smoothed over some milliseconds (`motion.load_kernel`); so is what it is compared with.
+        """
+        block = BLOCK // coarse
+        rows = len(self.prepared.time) // BLOCK * block
+        weights = _weights(self.drive, self.prepared.period, coarse)
+        reach = (len(weights) - block) // 2
+        lead = -(len(weights) - 1) % block  # so that the filter's outputs fall on the blocks
+        edges = ((reach + lead, reach), *((0, 0),) * (values.ndim - 1))
+        out = upfirdn(weights, np.pad(values[:rows], edges, mode="edge"), down=block, axis=0)
+        first = (lead + len(weights) - 1) // block
+        return out[first:first + rows // block]
+
+    def coarse_friction(self, coarse):
+        """Nominal actuator friction replayed with one step per ``coarse`` periods (kept, many candidates need it)."""
+        if coarse not in self._coarse:
+            speed = self.prepared.speed[::coarse] / self.drive.radius
+            self._coarse[coarse] = replay(self.drive.actuator, speed, coarse * self.prepared.period)[0]
+        return self._coarse[coarse]
+
+    def _white(self):
+        """Variance of each block's white part: local scatter of block to block, and the unknown first state."""
+        change = np.diff(self.residual, prepend=self.residual[0])
+        scatter = np.minimum(np.abs(change), 5e-4)
+        local = median_filter(scatter, 101, mode="nearest") / 0.6745 / np.sqrt(2.0)
+        smooth = np.convolve(np.pad(np.minimum(scatter, 6 * local), 10, mode="edge") ** 2, np.ones(21) / 21, "valid") / 2
+        white = np.maximum(local**2, smooth) + (1.0e-6) ** 2
+        first = np.exp(-np.maximum(self.travel / SETTLING_TRAVEL - 2.0, 0.0) * 3.0)
+        return white + (150.0e-6 * first) ** 2
+
+    def whiten(self, matrix, spreads=DEFAULT_SPREADS):
+        """Unit-variance innovations of (blocks, k), and Σ ln S."""
+        period = BLOCK * self.prepared.period
+        ahead = np.append(self.step[1:], 0.0)
+        keeps = np.stack([
+            np.exp(-ahead / 1.0e-4), np.full(len(ahead), np.exp(-period / 20.0)),
+            np.exp(-period / STUCK_TIME - ahead / STUCK_TRAVEL),
+        ], axis=1)
+        gains = np.stack([self.friction, self.friction, self.stuck], axis=1)
+        return whiten_states(matrix, gains, keeps, spreads, self.white)
+
+
+def _means(values, block):
+    """Means over blocks of so many periods of a signal (n,)."""
+    rows = len(values) // block * block
+    return values[:rows].reshape(-1, block).mean(axis=1)
+
+
+@functools.lru_cache(maxsize=64)
+def _weights(drive, period, coarse):
+    """Symmetric weights of the rows around a block in its mean as the smoothed load shows it; sum 1."""
+    kernel = load_kernel(drive, period, MOTOR_NOISE)
+    reach = len(kernel) // 2 // coarse
+    bins = np.round(np.arange(-(len(kernel) // 2), len(kernel) // 2 + 1) / coarse).astype(int)
+    rows = np.bincount(np.clip(bins, -reach, reach) + reach, weights=kernel)
+    return np.convolve(rows, np.ones(BLOCK // coarse) * coarse / BLOCK)
+
+
+def fit_spreads(channels, columns=None):
+    """Spreads of the random friction and of the stuck state that healthy channels show, by maximum likelihood.
+
+    The share of time and travel stays as the shipped axis has it (20 and 80 % of the variance). Returns the
+    three spreads and the factor on the white standard deviation.
+    """
+    def cost(log):
+        relative, stuck = np.exp(log)
+        spreads = (relative * np.sqrt(0.8), relative * np.sqrt(0.2), stuck)
+        total = 0.0
+        for channel in channels:
+            out, determinant = channel.whiten(channel.residual[:, None], spreads)
+            total += np.minimum(out[:, 0] ** 2, 25.0).sum() + determinant
+        return total + 2.0 * (log[0] - np.log(0.04)) ** 2 + 2.0 * (log[1] - np.log(15e-6)) ** 2
+
+    start = np.log([0.04, 15.0e-6])
+    best = minimize(cost, start, method="Nelder-Mead", options={"xatol": 0.03, "fatol": 0.5, "maxiter": 60,
+                    "initial_simplex": [start, start + [0.5, 0], start + [0, 0.5]]})
+    relative, stuck = np.exp(best.x)
+    return (relative * np.sqrt(0.8), relative * np.sqrt(0.2), stuck)

@@ -1,0 +1,63 @@
+"""Stage against motor, fast part: how the drive train passes on what the motor does above some 50 Hz.
+
+    residual = x − H(s) (r/N) θ + G(s) F_g        [m], means over half a millisecond, slower parts removed
+    H = (D_c s + K_c)/(m s² + D_c s + K_c),  G = 1/(m s² + D_c s + K_c)
+"""
+
+import numpy as np
+from scipy.ndimage import median_filter, uniform_filter1d
+from scipy.signal import lfilter
+
+from microstage_ros.diagnosis.preprocessing.preparation import reading_noise, stage_filter
+
+BLOCK = 5
+WINDOW = 21          # blocks: slower parts belong to the wind-up channel
+CALM = 1.8           # local size of a whitened residual that noise alone reaches
+
+
+class Resonance:
+    """Residual of one record; attributes as in `channels.mechanical.Mechanical`."""
+
+    name, unit = "resonance", "m"
+
+    def __init__(self, prepared, drive):
+        self.prepared, self.drive = prepared, drive
+        p = prepared
+        self.time, self.position, self.speed = (self.mean(v) for v in (p.time, p.position, p.speed))
+        self.force = p.guideway + drive.guideway.viscous * p.stage_speed
+        self.residual = self.mean(p.stage - p.stage[0] - self.predict())
+        self.noise = reading_noise(p.stage) / np.sqrt(BLOCK)
+        self.weight = self._weight()
+
+    def mean(self, values):
+        """Block means of a signal of shape (n,) or (n, k)."""
+        rows = len(values) // BLOCK * BLOCK
+        return values[:rows].reshape(-1, BLOCK, *values.shape[1:]).mean(axis=1)
+
+    def predict(self, stiffness=1.0, damping=1.0, mass=1.0, load=1.0):
+        """Stage position from the motor's [m], shape (n,), with factors on K_c, D_c, m and the guideway force."""
+        factors = {"stiffness": stiffness, "damping": damping, "mass": mass}
+        b, a = stage_filter(self.drive, self.prepared.period, **factors)
+        g, _ = stage_filter(self.drive, self.prepared.period, **factors, force=True)
+        return lfilter(b, a, self.prepared.travel) - lfilter(g, a, load * self.force)
+
+    def _weight(self):
+        """One over the local size of the whitened residual where that is well above the noise.
+
+        Rattle in a gap or a resonance far off the model cannot be followed cycle by cycle; such stretches
+        must not outvote the rest.
+        """
+        white = self._fast(self.residual) / self.noise
+        local = median_filter(np.abs(white), 101, mode="nearest") / 0.6745
+        clipped = np.minimum(np.abs(white), 4.0 * np.maximum(local, 1.0))
+        power = uniform_filter1d(clipped**2, 21, mode="nearest")
+        return 1.0 / np.maximum(np.sqrt(power) / CALM, 1.0)
+
+    @staticmethod
+    def _fast(values):
+        """Without the running mean along the first axis."""
+        return values - uniform_filter1d(values, WINDOW, axis=0, mode="nearest")
+
+    def whiten(self, matrix):
+        """Unit-variance columns (blocks, k), and 0."""
+        return self._fast(matrix) / self.noise * self.weight[:, None], 0.0

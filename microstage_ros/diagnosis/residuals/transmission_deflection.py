@@ -1,0 +1,79 @@
+"""Stage against motor, slow part: the motor's angle by integrating its back-EMF, the stage by its reading.
+
+    K_E Δθ = T (u − R i_s);   residual = x − (r/N) θ + (F_g + m a) / K_c        [m], means over 20 ms
+
+so it holds the amplifier and the winding (integrated), lost motion, wind-up and lead errors. Noise: the
+amplifier's noise makes θ a random walk of some 25 nm per √s; the reading is nearly exact in the mean,
+except where the stage rattles; the guideway's random friction winds the drive up by some nanometres.
+"""
+
+import numpy as np
+
+from microstage_ros.diagnosis.preprocessing.whitening import whiten_states
+
+BLOCK = 200
+SPREAD = 1.0e-2      # m: the walk as a first-order process so wide that it forgets nothing
+READING = 1.0e-9     # m: mean of a block that does not move
+EDGE = 0.5           # share of a sudden change that a block's mean may miss
+FRICTION = 0.06      # relative standard deviation of the guideway's friction, over 100 µm of travel
+
+
+class Windup:
+    """Residual of one record; attributes as in `channels.mechanical.Mechanical`, and ``force`` (guideway, N)."""
+
+    name, unit = "windup", "m"
+
+    def __init__(self, prepared, drive):
+        self.prepared, self.drive = prepared, drive
+        p = prepared
+        self.time, self.position, self.speed = (self.mean(v) for v in (p.time, p.position, p.speed))
+        self.voltage, self.current = self.mean(p.answered), self.mean(p.settled)
+        force = p.guideway + drive.guideway.viscous * p.stage_speed
+        self.force = self.mean(force)
+        if p.behind is None:
+            behind = -(force + drive.mass * np.gradient(p.stage_speed, p.period)) / drive.stiffness
+        else:
+            behind = p.behind
+        residual = p.stage - p.angle - behind
+        self.residual = self.mean(residual - residual[0])
+        self.walk, self.white = self._noise(residual)
+        self.noise = float(np.sqrt(np.median(self.white)))
+
+    def mean(self, values):
+        """Block means of a signal of shape (n,) or (n, k)."""
+        rows = len(values) // BLOCK * BLOCK
+        return values[:rows].reshape(-1, BLOCK, *values.shape[1:]).mean(axis=1)
+
+    def integral(self, voltage):
+        """Stage position [m] that a voltage (n,) or (n, k) at the motor's terminals would add, in block means."""
+        steps = self.mean(voltage)
+        middle = np.cumsum(steps, axis=0) - 0.5 * steps
+        return middle * (BLOCK * self.prepared.period * self.drive.lever / self.drive.back_emf)
+
+    def _noise(self, residual):
+        """Walk per block [m], and the variance of each block's mean: what rattles within a block is not known better."""
+        rows = len(residual) // BLOCK * BLOCK
+        blocks = residual[:rows].reshape(-1, BLOCK)
+        inner = blocks.reshape(len(blocks), 10, -1).mean(axis=2)
+        rattle = np.std(np.diff(inner, axis=1), axis=1) / np.sqrt(2.0)
+        usual = np.median(rattle)
+        change = np.diff(self.residual)
+        spread = np.subtract(*np.percentile(change, [75, 25])) / 1.349
+        nominal = 1.0e-3 * self.prepared.period * np.sqrt(BLOCK) * self.drive.lever / self.drive.back_emf
+        walk = float(np.clip(spread, nominal, 1.7 * nominal))
+        # where the load turns round within a block, its mean depends on the very moment
+        edge = EDGE * np.maximum(np.abs(change) - 4.0 * walk, 0.0)
+        edge = np.maximum(np.append(edge, 0.0), np.insert(edge, 0, 0.0))
+        return walk, READING**2 + np.maximum(rattle**2 - 4.0 * usual**2, 0.0) + edge**2
+
+    def nuisance(self):
+        """Readings late by some tenths of a period are a matter of stamps, not of the axis; and the start is free."""
+        return np.stack([self.speed, np.ones(len(self.speed))], axis=1)
+
+    def whiten(self, matrix):
+        """Unit-variance innovations of (blocks, k), and Σ ln S."""
+        rows = len(self.residual)
+        ahead = np.append(np.abs(np.diff(self.position)), 0.0)
+        keeps = np.stack([np.full(rows, np.sqrt(1.0 - (self.walk / SPREAD) ** 2)), np.exp(-ahead / 1.0e-4)], axis=1)
+        gains = np.stack([np.ones(rows), self.force / self.drive.stiffness], axis=1)
+        return whiten_states(matrix, gains, keeps, (SPREAD, FRICTION), self.white)

@@ -1,0 +1,124 @@
+"""Closed-loop re-simulation of records: reference in, force and position out, compared with the measurement.
+
+    F(n) = gain · [controller(reference(n), x(n)) + disturbance(n)],   x from `solver.step` driven by F
+
+The model starts where the record starts, at its position and speed, with a controller whose memory holds
+the motion before the first row (the record may begin on the way). No noise is simulated.
+"""
+
+import concurrent.futures
+from dataclasses import dataclass
+
+import numpy as np
+
+from microstage_ros.control.laws.controller import make_controller
+from microstage_ros.control.runs.closed_loop import TRACE, run_loop
+from microstage_ros.quantities.errors import InputError
+from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
+
+LAW_MISMATCH = 0.05            # share of the command that the controller of the axis file may leave unexplained
+START_ROWS = 10                # rows from which the speed at the start is taken
+ENCODER, VOLTAGE = TRACE.index("encoder_m"), TRACE.index("voltage_V")
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a re-simulation needs of one record: arrays of shape (n,), SI; ``law`` is the rms of the command
+    that the controller of the axis file does not explain [N]."""
+
+    source: str
+    time: np.ndarray
+    reference: np.ndarray
+    position: np.ndarray
+    force: np.ndarray
+    disturbance: np.ndarray
+    position_at_start: float
+    speed_at_start: float
+    law: float
+
+    def __len__(self):
+        return len(self.time)
+
+
+def measured(record, axis):
+    """Check a record against the axis and its controller; returns `Measured`.
+
+    Raises InputError: missing samples, a period other than the axis's, or a command that the axis file's
+    controller does not produce from the record's own reference and encoder.
+    """
+    period, gain = axis.value("period"), axis.value("drive.gain")
+    if abs(record.period_s / period - 1.0) > 1e-3:
+        raise InputError(f"{record.source}: t_s", record.period_s, f"rows {period:g} s apart, the period of {axis.place}")
+    for name in ("encoder_m", "reference_m"):
+        _no_gaps(record, name)
+    name = "voltage_V" if "voltage_V" in record else "force_N"
+    _no_gaps(record, name)
+    voltage = record["voltage_V"] if name == "voltage_V" else record["force_N"] / gain
+    added = np.nan_to_num(record["disturbance_V"]) if "disturbance_V" in record else np.zeros(len(record))
+    slope = np.polyfit(np.arange(START_ROWS) * period, record["encoder_m"][:START_ROWS], 2)
+    law = _law_residual(axis, record, voltage - added, float(slope[1]))
+    if law > LAW_MISMATCH * np.std(voltage):
+        raise InputError(f"{axis.place}: controller", axis.controller,
+                         f"the controller that gave {name} of {record.source} (it leaves {law:.3g} V rms unexplained)")
+    return Measured(record.source, np.arange(len(record)) * period, record["reference_m"], record["encoder_m"], gain * voltage,
+                    added, float(record["encoder_m"][0]), float(slope[1]), gain * law)
+
+
+def _no_gaps(record, name):
+    missing = np.flatnonzero(np.isnan(record[name]))
+    if len(missing):
+        raise InputError(f"{record.source}: row {missing[0] + 1}, field {name}", "empty", "a number in every row")
+
+
+def _controller(axis):
+    section = {key: value for key, value in axis.controller.items() if not isinstance(value, dict)}
+    if "type" not in section:
+        raise InputError(f"{axis.place}: controller.type", None, "the controller that was in the loop, for instance cascade")
+    return make_controller(section.pop("type"), axis, **section)
+
+
+def _primed(axis, position, speed):
+    """A controller that has seen an even motion before the first row."""
+    controller, period = _controller(axis), axis.value("period")
+    for back in range(4, 0, -1):
+        controller.step(position - back * speed * period, position - back * speed * period)
+    return controller
+
+
+def _law_residual(axis, record, voltage, speed):
+    """Rms [V] of the command that the controller does not give on the record's own signals, start left out."""
+    controller = _primed(axis, float(record["encoder_m"][0]), speed)
+    own = np.array([controller.step(r, y) for r, y in zip(record["reference_m"], record["encoder_m"])])
+    return float(np.sqrt(np.mean((voltage - own)[START_ROWS:] ** 2)))
+
+
+class ClosedLoop:
+    """Re-simulates a list of `Measured` for any variant of one axis, with ``jobs`` threads (the loop is compiled)."""
+
+    def __init__(self, parts, jobs=1):
+        self.parts = parts
+        self._pool = concurrent.futures.ThreadPoolExecutor(jobs) if jobs > 1 else None
+        self.force = np.concatenate([part.force for part in parts])
+        self.position = np.concatenate([part.position for part in parts])
+
+    def residual(self, axis):
+        """Measured minus simulated force [N], all records one after the other, shape (rows,)."""
+        return self.force - self.simulate(axis)[0]
+
+    def residuals(self, axes):
+        """`residual` of each of several axes, a list in their order."""
+        return list(self._pool.map(self.residual, axes)) if self._pool else [self.residual(axis) for axis in axes]
+
+    def simulate(self, axis):
+        """Force [N] and position [m] of the model, each of shape (rows,)."""
+        plant = make_plant(axis.with_values({"sensors.encoder.resolution": 0.0}), noise=NoiseSpec.none())
+        trace = np.concatenate([self._run(plant, axis, part) for part in self.parts])
+        return axis.value("drive.gain") * trace[:, VOLTAGE], trace[:, ENCODER]
+
+    def _run(self, plant, axis, part):
+        state = new_state(plant, position=part.position_at_start, speed=part.speed_at_start)
+        controller = _primed(axis, part.position_at_start, part.speed_at_start)
+        trace = np.empty((len(part), len(TRACE)))
+        run_loop(plant, state, new_work(plant), new_readings(), controller.parameters, controller.memory, part.reference,
+                 np.zeros(len(part)), part.disturbance, trace)
+        return trace

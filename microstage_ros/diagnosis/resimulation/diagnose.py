@@ -1,0 +1,165 @@
+"""The diagnosis of a force-driven axis, from records to the answer."""
+
+import math
+
+import numpy as np
+
+from microstage_ros.diagnosis.report.experiment import WHY, condition_of, separating_run
+from microstage_ros.diagnosis.resimulation import pictures
+from microstage_ros.diagnosis.resimulation.candidates import candidates, own_candidates
+from microstage_ros.diagnosis.resimulation.closed_loop import ClosedLoop, measured
+from microstage_ros.diagnosis.resimulation.fit import BLOCK_S, Model, fit, standard_errors
+from microstage_ros.diagnosis.resimulation.folds import (
+    HELD_BACK,
+    bootstrap_interval,
+    make_folds,
+    mean_square,
+    noise_floor,
+)
+from microstage_ros.diagnosis.resimulation.selection import AT_THE_FLOOR, Selector
+from microstage_ros.diagnosis.result import Cause, Diagnosis, Gain, OverallGain, Parameter, Rivals
+from microstage_ros.quantities.errors import InputError
+
+OPEN = 0.1                     # share of a cause with rivals from which the whole verdict is open
+METRIC = "measured minus simulated force in closed loop, rms on time not fitted on"
+
+
+def diagnose_force_axis(axis, records, holdout=(), baseline=(), seed=0, progress=None, jobs=1):
+    """Find what a force-driven axis file lacks.
+
+    Parameters
+    ----------
+    axis : `Axis` with ``drive.type: force`` and the controller that was in the loop.
+    records, holdout, baseline : lists of `Record`. Without ``holdout`` some of every record's time is
+        held back (see `folds`). ``baseline`` (the axis while the model was right) re-identifies the axis's own numbers first.
+    seed : of thresholds and intervals.
+    progress : function (text), or None. jobs : threads that re-simulate.
+
+    Returns
+    -------
+    `Diagnosis`. Raises InputError for records that do not fit the axis file.
+    """
+    if not records:
+        raise InputError("records", 0, "at least one record")
+    healthy = 0.0
+    if baseline:
+        axis, healthy = _on_baseline(axis, baseline)
+    parts = [measured(record, axis) for record in (*records, *holdout)]
+    folds = make_folds(parts, [False] * len(records) + [True] * len(holdout))
+    loop = ClosedLoop(parts, jobs)
+    floor = max(noise_floor(parts, folds.period_rows, loop.residual(axis)), healthy)
+    selector = Selector(loop, folds, axis.value("period"), floor, progress)
+    learnt = parts[: len(records)]
+    selection = selector.select(Model.of(axis), own_candidates(axis), candidates(axis, learnt))
+    return _answer(axis, parts, folds, loop, selection, floor, records, holdout, seed)
+
+
+def _on_baseline(axis, baseline):
+    """The axis with its own numbers fitted to records of it while nothing was wrong, and what is left there [N]."""
+    loop = ClosedLoop([measured(record, axis) for record in baseline])
+    model, residual = fit(loop, Model.of(axis), np.ones(len(loop.force), bool))
+    return model.extended, float(np.sqrt(np.mean(residual**2)))
+
+
+def _answer(axis, parts, folds, loop, selection, floor, records, holdout, seed):
+    period, last = axis.value("period"), selection.final
+    before, after = (math.sqrt(mean_square(stage.residual, folds.held)) for stage in (selection.given, last))
+    shares, alone = _shares(selection, folds.held, floor)
+    errors = standard_errors(last.columns[folds.learn], last.residual[folds.learn], int(BLOCK_S / period))
+    causes, rivals, provisional, open_share = [], [], {}, 0.0
+    for position, cause in enumerate(last.model.chosen):
+        found = _cause(cause, _errors_of(last.model, errors, position), shares[cause.candidate.id],
+                       Gain(alone[cause.candidate.id], after, "N"))
+        alike = selection.rivals.get(found.id, [])
+        if alike:
+            ids = (found.id, *alike)
+            rivals.append(Rivals(ids, _why(ids, found), separating_run(ids, axis)))
+            provisional[found.id] = found.effect
+            open_share = max(open_share, found.share)
+        else:
+            causes.append(found)
+    causes.sort(key=lambda cause: -cause.share)
+    own = np.flatnonzero(folds.held)
+    coordinates = pictures.coordinates(parts, axis, own)
+    found = pictures.findings(coordinates, selection.given.residual[own], last.residual[own], seed)
+    block = max(int(BLOCK_S / period), 1)
+    gain = OverallGain(METRIC, "N", _held_names(records, holdout, parts, folds.period_rows), before, after, floor,
+                       bootstrap_interval(last.residual[own], block, seed))
+    names = [cause.candidate.id for cause in last.model.chosen]
+    return Diagnosis(
+        _verdict(causes, rivals, open_share, before, after, floor, found), tuple(causes), tuple(rivals), gain, found,
+        pictures.pictures(coordinates, selection.given.residual[own], last.residual[own], names, folds.period_rows),
+        _notes(selection, folds, loop, before, after, own), seed, _identified(last.model, errors), provisional,
+    )
+
+
+def _shares(selection, held, floor):
+    """({id: share}, {id: rms without it}) on held-out time.
+
+    The fall of the mean square from the axis as given to all causes, over what stood out of the noise, is
+    dealt out in proportion to what each cause alone saves when all the others are there.
+    """
+    final, given = mean_square(selection.final.residual, held), mean_square(selection.given.residual, held)
+    without = {name: mean_square(stage.residual, held) for name, stage in selection.without.items()}
+    saved = {name: max(value - final, 0.0) for name, value in without.items()}
+    removed = min(max(given - final, 0.0) / max(given - floor**2, 1e-300), 1.0)
+    total = max(sum(saved.values()), 1e-300)
+    return {name: removed * s / total for name, s in saved.items()}, {name: math.sqrt(v) for name, v in without.items()}
+
+
+def _errors_of(model, errors, position):
+    first = len(model.keys) + sum(len(cause.values) for cause in model.chosen[:position])
+    return errors[first: first + len(model.chosen[position].values)]
+
+
+def _cause(chosen, errors, share, gain):
+    """`Cause` of one chosen candidate."""
+    candidate = chosen.candidate
+    parameters = {fitted.name: Parameter(float(value), float(error), fitted.unit)
+                  for fitted, value, error in zip(candidate.fitted, chosen.values, errors)}
+    z = max(abs(value) / max(error, 1e-300) for value, error in zip(chosen.values, errors[: len(candidate.sizes)]))
+    return Cause(candidate.id, parameters, chosen.effect, float(math.erf(z / math.sqrt(2.0))), share, gain, "force",
+                 candidate.sentence(chosen.values))
+
+
+def _why(ids, found):
+    return (f"{found.sentence[:-1]}, or what looks the same here: these records do not separate {', '.join(ids)}; "
+            + WHY[condition_of(ids)])
+
+
+def _verdict(causes, rivals, open_share, before, after, floor, found):
+    if not causes and not rivals:
+        stands_out = before > AT_THE_FLOOR * floor and any(f.significant for f in found)
+        return "unexplained" if stands_out else "agrees"
+    if rivals and (open_share >= OPEN or not causes):
+        return "undetermined"
+    return "explained" if after <= AT_THE_FLOOR * floor else "partly_explained"
+
+
+def _held_names(records, holdout, parts, period_rows):
+    if holdout:
+        return tuple(str(record.source) for record in holdout)
+    if not period_rows:
+        return tuple(f"{record.source} (every third tenth of its time, held back by the program)" for record in records)
+    return tuple(f"{record.source} (t ≥ {(1 - HELD_BACK) * len(part) * record.period_s:.4g} s, held back by the program)"
+                 for record, part in zip(records, parts))
+
+
+def _identified(model, errors):
+    unit = {key: model.axis.quantity(key).unit for key in model.keys}
+    return {key: Parameter(float(value), float(error), unit[key]) for key, value, error in zip(model.keys, model.own, errors)}
+
+
+def _notes(selection, folds, loop, before, after, held):
+    own = math.sqrt(mean_square(selection.own.residual, folds.held))
+    notes = [f"Fitting the axis file's own numbers again, without any cause, gives {own:.3g} N ({before:.3g} N as given)."]
+    if folds.period_rows:
+        notes.append("The motion repeats itself: causes were also tested on parts of the motion left out in every "
+                     "repetition, and the noise floor is what differs between repetitions.")
+    positions = [loop.position[held] - loop.simulate(model.extended)[1][held]
+                 for model in (selection.given.model, selection.final.model)]
+    rms = [1e6 * float(np.sqrt(np.mean(p**2))) for p in positions]
+    notes.append(f"Position in closed loop: predicted to {rms[0]:.3g} µm rms with the axis file, {rms[1]:.3g} µm with the causes.")
+    if after > before:
+        notes.append("On held-out time the causes do not help: the records to learn from are not like those held out.")
+    return tuple(notes)

@@ -1,0 +1,100 @@
+"""Where the force parts from the measurement: on which coordinate, how surely, and the curves that show it."""
+
+import numpy as np
+
+from microstage_ros.diagnosis.result import Finding, Picture
+
+BINS = 24
+CURVE_BINS = 60
+SHIFTS = 60                    # circular shifts that set a coordinate's threshold
+SHOWN = 600                    # points of a curve
+SEEN_SPEED = 0.02              # share of the top speed below which a direction is not told
+
+
+def coordinates(parts, axis, rows):
+    """What a residual may depend on: {name: (values of shape (rows,), axis label)}."""
+    period = axis.value("period")
+    position = np.concatenate([part.position for part in parts])
+    width = max(int(0.01 / period), 3)
+    speed = np.concatenate([_smooth(np.gradient(part.position, period), width) for part in parts])
+    acceleration = np.concatenate(
+        [_smooth(np.gradient(_smooth(np.gradient(part.position, period), width), period), width) for part in parts])
+    turn = position / axis.value("transmission.pitch")
+    found = {
+        "velocity": (speed, "velocity [m/s]"),
+        "position": (position, "position [m]"),
+        "acceleration": (acceleration, "acceleration [m/s²]"),
+        "direction": (np.sign(speed) * (np.abs(speed) > SEEN_SPEED * np.abs(speed).max()), "direction of motion"),
+        "screw turn": (turn - np.floor(turn), "screw turn [turns]"),
+        "time": (np.concatenate([part.time for part in parts]), "time [s]"),
+    }
+    return {name: (values[rows], label) for name, (values, label) in found.items()}
+
+
+def _smooth(values, width):
+    return np.convolve(values, np.ones(width) / width, "same")
+
+
+def findings(coordinates, before, after, seed):
+    """`Finding` for every coordinate: share of the residual's variance that its bins carry.
+
+    The threshold is the largest share over circular shifts of the residual against the coordinate, so it
+    holds for a residual that is correlated in time.
+    """
+    generator = np.random.default_rng(seed)
+    found = []
+    for name, (values, _) in coordinates.items():
+        bins = _bins(values)
+        shifts = generator.integers(len(values) // 10, len(values), SHIFTS)
+        threshold = max(_share(bins, np.roll(before, shift)) for shift in shifts)
+        left = _share(bins, after) * min(float(np.var(after) / np.var(before)), 1.0)
+        found.append(Finding("force", name, _share(bins, before), threshold, left))
+    return tuple(sorted(found, key=lambda finding: finding.threshold / max(finding.statistic, 1e-12)))
+
+
+def _bins(values):
+    edges = np.quantile(values, np.linspace(0.0, 1.0, BINS + 1)[1:-1])
+    return np.searchsorted(np.unique(edges), values, side="right")
+
+
+def _share(bins, residual):
+    count = np.bincount(bins)
+    mean = np.bincount(bins, residual) / np.maximum(count, 1)
+    return float(np.sum(count * (mean - residual.mean()) ** 2) / max(np.sum((residual - residual.mean()) ** 2), 1e-300))
+
+
+def pictures(coordinates, before, after, causes, period_rows):
+    """Pictures of the residual before and after, the most telling first."""
+    shown = [_over_time(coordinates["time"][0], before, after, period_rows)]
+    for name, cause in (("velocity", "direction_asymmetry"), ("velocity", "nonlinear_viscous"),
+                        ("position", "position_dependent_friction"), ("position", "cable_spring"),
+                        ("screw turn", "torque_ripple"), ("acceleration", "actuator_lag")):
+        if cause in causes and f"Force over {name}" not in [picture.title for picture in shown]:
+            shown.append(_binned(name, coordinates[name], before, after, cause))
+    if len(shown) == 1:
+        shown += [_binned(name, coordinates[name], before, after, "") for name in ("velocity", "position")]
+    return tuple(shown)
+
+
+def _over_time(time, before, after, period_rows):
+    rows = min(period_rows or len(time), len(time))
+    block = max(rows // SHOWN, 1)
+    rows -= rows % block
+
+    def thin(values):
+        return values[:rows].reshape(-1, block).mean(axis=1)
+
+    return Picture("time", "Force over time, measured minus simulated", "time [s]", "measured − model [N]",
+                   {"axis file": (thin(time), thin(before)), "with the causes": (thin(time), thin(after))})
+
+
+def _binned(name, coordinate, before, after, cause):
+    """Mean residual in even bins of a coordinate; bins that hold next to nothing are left out."""
+    values, label = coordinate
+    bins = np.minimum(((values - values.min()) / max(np.ptp(values), 1e-300) * CURVE_BINS).astype(int), CURVE_BINS - 1)
+    count = np.bincount(bins, minlength=CURVE_BINS)
+    kept = count >= max(len(values) // 5000, 5)
+    x = (np.bincount(bins, values, minlength=CURVE_BINS)[kept]) / count[kept]
+    curves = {text: (x, np.bincount(bins, residual, minlength=CURVE_BINS)[kept] / count[kept])
+              for text, residual in (("axis file", before), ("with the causes", after))}
+    return Picture(name.replace(" ", "_"), f"Force over {name}", label, "measured − model [N], mean", curves, cause)

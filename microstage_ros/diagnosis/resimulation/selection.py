@@ -1,0 +1,219 @@
+"""Which causes a force-driven axis has: forward selection, look-alikes, backward check.
+
+A candidate is first screened with derivatives at the present model (a few re-simulations), the best ones
+are fitted. A candidate is kept if the mean square of the force falls on time left out and on parts of the
+motion left out (see `folds`) by more than a smallest gain, and if its size is far outside its own
+uncertainty. In the end every cause must still pay when it alone is taken out and all else is fitted again;
+that difference is also what the cause is credited with.
+
+The axis's own numbers (mass, friction, offset) come first, with a larger smallest gain: they are named as a
+change only if that alone explains much; else they are fitted along with the causes, as re-identification.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from microstage_ros.diagnosis.resimulation.fit import BLOCK_S, fit, jacobian, standard_errors
+from microstage_ros.diagnosis.resimulation.folds import left_out_residual, mean_square
+
+SMALLEST_GAIN = 0.02           # of the mean square that is there: causes below it are not worth a name
+SMALLEST_SHARE = 0.01          # of what stood out of the noise when the selection began: the same, seen from there
+OWN_GAIN = 0.10                # smallest gain of a change of the axis's own numbers,
+OWN_CHANGE = 0.05              # and smallest change: a file's numbers may be a little off
+LARGEST_COUNT = 8              # causes
+CERTAIN = 4.0                  # size over standard error; with about 15 candidates a healthy axis passes in < 0.1 %
+LOOK_ALIKE = 0.15              # rivals differ in gain by less than this share of it
+REPLACED = 0.3                 # and gain less than this share of it on top of the chosen one
+AT_THE_FLOOR = 1.25            # residual over noise up to which there is nothing to explain
+REFITTED = 3                   # candidates fitted at every step
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A fitted model with its residual, derivatives and mean squares on left-out time and motion."""
+
+    model: object
+    residual: np.ndarray
+    columns: np.ndarray
+    time: float
+    motion: float
+
+    @property
+    def last(self):
+        """The cause that was added last."""
+        return self.model.chosen[-1]
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What `Selector.select` found.
+
+    ``given``, ``own``, ``final``: `Stage` of the axis as given, with its own numbers fitted, with all causes.
+    ``without``: {id: `Stage` without this cause, all else fitted again}. ``rivals``: {id: [ids that the records
+    cannot tell from it]}.
+    """
+
+    given: Stage
+    own: Stage
+    final: Stage
+    without: dict
+    rivals: dict
+
+
+class Selector:
+    """Forward and backward selection over one closed loop."""
+
+    def __init__(self, loop, folds, period, floor, progress=None):
+        self.loop, self.folds, self.floor, self.progress = loop, folds, floor, progress or (lambda text: None)
+        self.excess = 0.0      # mean square above the noise where a forward selection begins
+        self.block = max(int(BLOCK_S / period), 1)
+
+    def stage(self, model, residual, known=None):
+        """Judge a fitted model on left-out time and motion (one of them where the motion has no repetition)."""
+        columns = jacobian(self.loop, model, residual, known)
+        time, motion = self.left_out(columns, residual)
+        return Stage(model, residual, columns, time, motion)
+
+    def left_out(self, columns, residual):
+        """Mean squares on time and on motion left out."""
+        learn = self.folds.learn
+        time = mean_square(left_out_residual(columns, residual, learn, self.folds.time), learn)
+        if not self.folds.motion:
+            return time, time
+        return time, mean_square(left_out_residual(columns, residual, learn, self.folds.motion), learn)
+
+    def select(self, model, own_pool, pool):
+        """Run the selection; ``model`` has all own parameters free; returns `Selection`."""
+        keys = model.keys
+        nominal = model.holding(keys)
+        given = self.stage(nominal, self.loop.residual(nominal.extended))
+        self.excess = max(given.time - self.floor**2, 0.0)
+        own = self.refit(model)
+        if given.time <= (AT_THE_FLOOR * self.floor) ** 2:
+            return Selection(given, own, given, {}, {})
+        rivals = {}
+        last = self.forward(given, rivals, own_pool, OWN_GAIN)
+        named = {key for cause in last.model.chosen for key in cause.candidate.stands_for}
+        last = self.refit(last.model.freeing([key for key in keys if key not in named]))
+        self.excess = max(last.time - self.floor**2, 0.0)
+        last = self.refit(self.forward(last, rivals, pool, SMALLEST_GAIN).model)
+        last, without = self.check_backward(last)
+        return Selection(given, own, last, without, rivals)
+
+    def refit(self, model):
+        """Fit everything anew."""
+        return self.stage(*fit(self.loop, model, self.folds.learn))
+
+    def forward(self, now, rivals, pool, smallest):
+        """Add causes from the pool as long as they pay; fills ``rivals``, returns the last `Stage`."""
+        while len(now.model.chosen) < LARGEST_COUNT:
+            trials = self.trials(now, pool)
+            paying = [trial for trial in trials if self.pays(trial, now, smallest)]
+            if not paying:
+                break
+            best = paying[0]
+            rivals[best.last.candidate.id] = self.look_alikes(best, trials, now)
+            now = self.stage(best.model, best.residual)
+            self.progress(f"{best.last.candidate.id}: {np.sqrt(best.time):.3g} N on time left out")
+        return now
+
+    def trials(self, now, pool):
+        """Stages with one candidate more, the best screened ones fitted; best first by time left out.
+
+        A candidate of another form than the cause of the same name takes its place.
+        """
+        bases, screened = {None: now}, []
+        for candidate in pool:
+            taken = next((c for c in now.model.chosen if c.candidate.id == candidate.id), None)
+            if taken is not None and (taken.candidate.form == candidate.form or candidate.stands_for):
+                continue
+            name = None if taken is None else candidate.id
+            if name not in bases:
+                freed = taken.candidate.stands_for
+                bases[name] = self.refit(now.model.without(name).freeing(freed)) if freed else self.without(now, name)
+            base = bases[name]
+            if not self.holds(base, candidate):
+                for shape in candidate.starts():
+                    columns = np.hstack([base.columns, self.size_columns(base, candidate, shape)])
+                    screened.append((self.left_out(columns, base.residual)[0], candidate, shape, base))
+        screened.sort(key=lambda entry: entry[0])
+        trials, seen = [], set()
+        for _, candidate, shape, base in screened:
+            if candidate.form not in seen and len(seen) < REFITTED:
+                seen.add(candidate.form)
+                sizes = [0.2 * fitted.step for fitted in candidate.sizes]
+                model = base.model.with_cause(candidate, (*sizes, *shape))
+                trials.append(self.stage(*fit(self.loop, model, self.folds.learn, base.columns), base.columns))
+        return sorted(trials, key=lambda trial: trial.time)
+
+    @staticmethod
+    def holds(stage, candidate):
+        """Whether a cause already stands for the own parameter that the candidate would change."""
+        return any(set(cause.candidate.stands_for) & set(candidate.stands_for) for cause in stage.model.chosen)
+
+    def size_columns(self, now, candidate, shape):
+        """Derivatives of the residual by the candidate's sizes about zero, shape (rows, sizes)."""
+        steps = np.array([fitted.step for fitted in candidate.sizes])
+        moved = [now.model.with_cause(candidate, (*sizes, *shape)).extended for sizes in np.diag(steps)]
+        return (np.column_stack(self.loop.residuals(moved)) - now.residual[:, None]) / steps
+
+    def pays(self, trial, now, smallest):
+        """Whether the trial gains enough on both kinds of left-out parts, with certainty."""
+        own = trial.last.candidate.stands_for and abs(trial.last.relative) < OWN_CHANGE
+        return not own and self.certainty(trial) > CERTAIN and self.gains(trial, now, smallest)
+
+    def gains(self, better, worse, smallest):
+        """Whether the mean square falls enough from one stage to the other, on time and on motion left out."""
+        enough = SMALLEST_SHARE * self.excess
+        return (worse.time - better.time > max(smallest * worse.time, enough)
+                and worse.motion - better.motion > smallest * worse.motion)
+
+    def certainty(self, trial):
+        """Largest size of the last cause over its standard error."""
+        learn = self.folds.learn
+        errors = standard_errors(trial.columns[learn], trial.residual[learn], self.block)
+        count, sizes = len(trial.last.values), len(trial.last.candidate.sizes)
+        first = len(errors) - count
+        return float(np.max(np.abs(trial.last.values[:sizes]) / np.maximum(errors[first: first + sizes], 1e-300)))
+
+    def look_alikes(self, best, trials, now):
+        """Other effects that gain as much as the best one and nothing on top of it."""
+        gain, found = now.time - best.time, []
+        for trial in trials:
+            candidate = trial.last.candidate
+            if candidate.id == best.last.candidate.id or now.time - trial.time < (1 - LOOK_ALIKE) * gain:
+                continue
+            shape = trial.last.values[len(candidate.sizes):]
+            both = np.hstack([best.columns, self.size_columns(best, candidate, shape)])
+            if best.time - self.left_out(both, best.residual)[0] < REPLACED * gain:
+                found.append(candidate.id)
+        return found
+
+    def check_backward(self, last):
+        """Take out each cause in turn and fit the rest again; drop those without which nothing is lost, neither
+        on what was left out nor on what was held back.
+
+        Returns the last `Stage` and {id: `Stage` without it} of the causes that stay.
+        """
+        without = {}
+        for cause in last.model.chosen:
+            name = cause.candidate.id
+            less = self.without(last, name)
+            pays = self.gains(last, less, OWN_GAIN if cause.candidate.stands_for else SMALLEST_GAIN)
+            if pays and mean_square(less.residual, self.folds.held) > mean_square(last.residual, self.folds.held):
+                without[name] = less
+            else:
+                self.progress(f"{name}: not needed")
+                return self.check_backward(self.refit(less.model.freeing(cause.candidate.stands_for)))
+        return last, without
+
+    def without(self, last, name):
+        """`Stage` of the last model without one cause, the rest fitted again with the derivatives at hand."""
+        keep, at = np.ones(last.columns.shape[1], bool), len(last.model.keys)
+        for cause in last.model.chosen:
+            if cause.candidate.id == name:
+                keep[at: at + len(cause.values)] = False
+            at += len(cause.values)
+        columns = last.columns[:, keep]
+        return self.stage(*fit(self.loop, last.model.without(name), self.folds.learn, columns), columns)

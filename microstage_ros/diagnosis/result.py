@@ -1,0 +1,146 @@
+"""What a diagnosis says: verdict, causes with sizes, rivals, gain, and what the pictures show.
+
+Plain data, without any arithmetic of its own, so that the judge that fills it and the page that
+shows it need not know each other.
+"""
+
+import dataclasses
+
+VERDICTS = ("agrees", "explained", "partly_explained", "undetermined", "unexplained")
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    """A fitted size: value and standard error in ``unit`` (SI, ``"1"`` for a ratio)."""
+
+    value: float
+    stderr: float
+    unit: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Gain:
+    """Root mean square residual on the held-out records, before and after, in ``unit``."""
+
+    before: float
+    after: float
+    unit: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Cause:
+    """One cause that is sure.
+
+    Attributes
+    ----------
+    id : the effect's id in `model.effects`, for instance ``"backlash"``.
+    parameters : fitted sizes by parameter name.
+    effect : the entry of an axis file's ``effects`` section that makes the model show this cause.
+    probability : that the cause is real and rightly named, 0 … 1.
+    share : fraction (0 … 1) of what stood out of the noise on the held-out records that it removes.
+    gain : rms on the held-out records of the residual channel in which the cause shows.
+    channel : that channel, for instance ``"voltage"``, ``"current"``, ``"position"``.
+    sentence : what it means for a technician, in one sentence with size and unit.
+    """
+
+    id: str
+    parameters: dict
+    effect: dict
+    probability: float
+    share: float
+    gain: Gain
+    channel: str
+    sentence: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Rivals:
+    """Causes that these records cannot tell apart, why, and the run file (a mapping; empty: a standard one) that would."""
+
+    ids: tuple
+    why: str
+    experiment: dict
+
+
+@dataclasses.dataclass(frozen=True)
+class OverallGain:
+    """Residual over all channels on held-out records: before, after, noise floor and the 95 % interval of after."""
+
+    metric: str
+    unit: str
+    records: tuple
+    before: float
+    after: float
+    floor: float
+    ci95: tuple
+
+
+@dataclasses.dataclass(frozen=True)
+class Finding:
+    """How strongly a residual depends on one coordinate.
+
+    ``statistic`` and ``threshold`` are in the same units (a variance ratio); the finding is
+    significant on an axis where nothing is wrong in at most one case of a thousand.
+    ``left`` is the statistic after the causes have been taken out.
+    """
+
+    channel: str
+    coordinate: str
+    statistic: float
+    threshold: float
+    left: float
+
+    @property
+    def significant(self):
+        """Whether the residual depends on this coordinate before the causes are taken out."""
+        return self.statistic > self.threshold
+
+
+@dataclasses.dataclass(frozen=True)
+class Picture:
+    """Curves of one residual against one coordinate.
+
+    ``curves`` maps a label (``"measured"``, ``"model with the causes"`` …) to a pair of equal-length
+    arrays ``(x, y)``, or a triple with the standard deviation of y. ``cause`` is the id of the cause
+    that the picture shows, or an empty string.
+    """
+
+    key: str
+    title: str
+    x_label: str
+    y_label: str
+    curves: dict
+    cause: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Diagnosis:
+    """The answer for one axis: see the fields' own descriptions; ``verdict`` is one of `VERDICTS`.
+
+    ``identified``: numbers of the axis file that were fitted along, {dotted key: `Parameter`}.
+    ``provisional``: effects that stand in for a cause whose name is open (the first of each `Rivals`), so
+    that the extended axis predicts as well as it can; {id: {parameter: value}}.
+    """
+
+    verdict: str
+    causes: tuple = ()
+    rivals: tuple = ()
+    gain: OverallGain = None
+    findings: tuple = ()
+    pictures: tuple = ()
+    notes: tuple = ()
+    seed: int = 0
+    identified: dict = dataclasses.field(default_factory=dict)
+    provisional: dict = dataclasses.field(default_factory=dict)
+
+    @property
+    def effects(self):
+        """The ``effects`` section that extends the axis file: ``{id: {parameter: value}}``."""
+        return {cause.id: dict(cause.effect) for cause in self.causes}
+
+
+def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
+    """`case.diagnose_case`, reached from here so that callers need one module."""
+    from microstage_ros.diagnosis.case import diagnose_case as diagnose
+
+    return diagnose(axis, records, holdout, baseline, seed)

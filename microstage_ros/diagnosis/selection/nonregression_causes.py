@@ -1,0 +1,95 @@
+"""Causes that are no matter of regression: what had to be known first, a drift with a course of its own, late readings."""
+
+import numpy as np
+
+from microstage_ros.diagnosis.prerequisites.timing import readings_late
+from microstage_ros.diagnosis.result import Cause, Gain, Parameter
+from microstage_ros.diagnosis.selection import judge
+
+
+def causes_apart(collection, known, course, others, book, unsure):
+    """Causes of a `known.Known`, of a `slow_drift.Course` or None, and late readings; their χ² is added to the book.
+
+    ``others``: causes of the regression. Rivals are added to ``unsure``.
+    """
+    causes = []
+    if known.slow is not None:
+        causes += _slowness(known.slow, book, unsure)
+    if known.gap is not None:
+        causes.append(_lost_motion(known.gap, collection.frame.drive.radius, book))
+    if known.lines:
+        causes.append(_vibration(known.lines, book))
+    if course is not None:
+        causes.append(_drift(course, collection, book))
+    sde = next((cause.effect for cause in others if cause.id == "encoder_sde"), None)
+    late = readings_late(*(collection.prepared[g] for g in ("learn", "held", "base")), sde=sde)
+    if late is not None:
+        causes.append(_late(late, book))
+    return causes
+
+
+def _slowness(slow, book, unsure):
+    """The cause ``transport_delay`` or ``actuator_lag``, or both as rivals."""
+    book.before += slow.held
+    book.parts[slow.effect] = slow.held
+    if slow.rival:
+        unsure.append(judge.rivals_entry(["transport_delay", "actuator_lag"]))
+        return []
+    name = "delay_s" if slow.effect == "transport_delay" else "time_s"
+    rms = [slow.noise * np.sqrt(v / slow.held_rows) for v in (slow.held_before, slow.held_before - slow.held)]
+    return [Cause(slow.effect, {name: Parameter(slow.time, slow.stderr, "s")}, {name: slow.time}, 0.999, 0.0,
+                  Gain(float(rms[0]), float(rms[1]), "V"), "command")]
+
+
+def _lost_motion(gap, radius, book):
+    """The cause ``backlash`` from the replayed gap."""
+    # a replay that lost its place in the gap makes the held-out record worse: no part of the whole; its own gain tells it
+    part = max(gap.held_before - gap.held_after, 0.0)
+    book.before += part
+    book.parts["backlash"] = part
+    rms = [gap.noise * np.sqrt(v / gap.held_rows) for v in (gap.held_before, gap.held_after)]
+    width = gap.width / radius
+    return Cause("backlash", {"width_rad": Parameter(width, gap.stderr / radius, "rad")}, {"width_rad": width}, 0.999, 0.0,
+                 Gain(float(rms[0]), float(rms[1]), "m"), "windup")
+
+
+def _drift(course, collection, book):
+    """The cause ``thermal_drift`` from a course of its own in every record; an axis file can hold its mean rate only."""
+    part = course.held_before - course.held_after
+    book.before += part
+    book.parts["thermal_drift"] = part
+    channels = [c["position"] for c in collection.channels["held"]]
+    noise, rows = np.mean([c.scatter for c in channels]), sum(len(c.residual) for c in channels)
+    rms = [float(noise * np.sqrt(v / rows)) for v in (course.held_before, course.held_after)]
+    parameters = {"drift_rms_m": Parameter(course.size, course.size_stderr, "m"),
+                  "rate_m_s": Parameter(course.rate, course.rate_stderr, "m/s")}
+    return Cause("thermal_drift", parameters, {"rate_m_s": course.rate}, 0.999, 0.0, Gain(*rms, "m"), "position")
+
+
+def _vibration(lines, book):
+    """The cause ``floor_vibration`` from its lines."""
+    held = sum(line.held for line in lines)
+    book.before += held
+    book.parts["floor_vibration"] = held
+    parameters = {}
+    for n, line in enumerate(lines, 1):
+        parameters[f"frequency_{n}_hz"] = Parameter(line.frequency, 0.02, "Hz")
+        parameters[f"amplitude_{n}_m"] = Parameter(line.amplitude, line.stderr, "m")
+    effect = {"frequencies_hz": [line.frequency for line in lines], "amplitudes_m": [line.amplitude for line in lines],
+              "phases_rad": [line.phase for line in lines]}
+    before = float(np.sqrt(sum(line.amplitude**2 for line in lines) / 2.0))
+    left = float(np.sqrt(sum(line.stderr**2 for line in lines)))
+    return Cause("floor_vibration", parameters, effect, 0.999, 0.0, Gain(before, left, "m"), "position")
+
+
+def _late(late, book):
+    """The cause ``sampling_jitter`` from scatter and repeated samples."""
+    taught, again = late
+    book.before += again.gain
+    book.parts["sampling_jitter"] = book.parts.get("sampling_jitter", 0.0) + again.gain
+    jitter, stderr = taught.jitter, taught.stderr / max(2.0 * taught.jitter, 1e-9)
+    parameters = {"jitter_s": Parameter(jitter, float(stderr), "s"),
+                  "lost_fraction": Parameter(taught.lost, float(np.sqrt(max(taught.lost, 1e-9) / 5.0e5)), "1")}
+    speed = 1.0e-3
+    return Cause("sampling_jitter", parameters, {"jitter_s": jitter, "lost_fraction": min(taught.lost, 0.5)}, 0.999, 0.0,
+                 Gain(float(np.sqrt(again.floor + (jitter * speed) ** 2)), float(np.sqrt(again.floor)), "m"), "position")

@@ -1,0 +1,91 @@
+"""Sizes that enter non-linearly (a stiffness, a mass, a time constant), refined beyond the catalogue's grid."""
+
+import dataclasses
+
+import numpy as np
+
+from microstage_ros.diagnosis.catalogue import electrical, friction
+from microstage_ros.diagnosis.catalogue.form import Form
+from microstage_ros.diagnosis.residuals.evidence_set import Choice
+
+STEPS = (0.08, 0.03, 0.015)   # of the size's logarithm
+MOST_MOVES = 5                # with one step, while the best size lies at the end of those tried
+
+
+@dataclasses.dataclass(frozen=True)
+class Family:
+    """Forms of one effect in one channel over a continuous size: ``columns(size)``, with β = 1 at the right one."""
+
+    columns: object
+    parameter: str
+    unit: str
+    value: object       # value(size, frame) of the effect's parameter
+
+
+FAMILIES = {
+    ("drive_compliance", "resonance"): Family(electrical.drive_compliance, "stiffness_factor", "1", lambda s, f: s),
+    ("payload_change", "resonance"): Family(electrical.payload_resonance, "mass_kg", "kg", lambda s, f: (s - 1) * f.drive.mass),
+    ("frictional_lag", "torque"): Family(friction.frictional_lag, "time_s", "s", lambda s, f: s),
+}
+
+
+def refine(collection, choices):
+    """Choices with their non-linear sizes refined."""
+    result = list(choices)
+    for place, choice in enumerate(result):
+        for form in choice.forms:
+            family = FAMILIES.get((choice.effect, form.channel))
+            if family is not None and "," not in form.variant:  # a pair was fitted as one
+                new = _refined(collection, family, form, result, choice)
+                forms = tuple(new if f is form else f for f in result[place].forms)  # noqa: PLR1736  changed in this loop
+                result[place] = Choice(choice.effect, forms)
+    return result
+
+
+def _refined(collection, family, form, choices, choice):
+    """The form at its best size; its sizes are that size itself, with the standard error of a parabola."""
+    channel = form.channel
+    others = [f for c in choices for f in c.forms if f.channel == channel and c.effect != choice.effect]
+    keys = [f.key for f in others]
+    size = float(form.variant)
+
+    def trial(values):
+        forms = [Form(choice.effect, channel, f"{v:.6g}", family.columns(v)) for v in values]
+        evidence = collection.gather(channel, [*others, *forms], "learn")
+        gains = []
+        for one in forms:
+            index = evidence.indices([one.key])
+            # β = 1: what is left after one whole effect, then the others
+            matrix = evidence.matrix.copy()
+            matrix[0] -= evidence.matrix[index].sum(axis=0)
+            matrix[:, 0] = matrix[0]
+            matrix[0, 0] = evidence.matrix[0, 0] - 2 * evidence.matrix[0, index].sum() + evidence.matrix[np.ix_(index, index)].sum()
+            left = dataclasses.replace(evidence, matrix=matrix)
+            gains.append(evidence.energy() - left.energy() + left.fit(keys)[2])
+        return np.array(gains)
+
+    log = np.log(size) if size > 0 else 0.0
+    stderr = 0.05
+    for step in STEPS:
+        for _ in range(MOST_MOVES):
+            at = log + step * np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
+            gains = trial(np.exp(at))
+            best = int(np.argmax(gains))
+            if 0 < best < 4:
+                break
+            log = at[best]
+        best = int(np.clip(best, 1, 3))
+        a, b, c = gains[best - 1: best + 2]
+        bend = 2 * b - a - c
+        log = at[best] + (0.5 * step * (c - a) / bend if bend > 0 else 0.0)
+        log = float(np.clip(log, at[0], at[-1]))
+        if bend > 0:
+            stderr = step * np.sqrt(2.0 / bend)
+    size, stderr = float(np.exp(log)), float(np.hypot(stderr, 5.0e-3))
+    value = float(family.value(size, collection.frame))
+    error = abs(float(family.value(size * (1 + stderr), collection.frame)) - value)
+
+    def sizes(beta, covariance, frame):
+        return {family.parameter: (value, error, family.unit)}, {family.parameter: value}
+
+    return Form(choice.effect, channel, f"{size:.6g}", family.columns(size), sizes)

@@ -1,0 +1,305 @@
+"""Which causes: forward and backward over the catalogue, on the evidence of all channels together."""
+
+import math
+
+import numpy as np
+from scipy.stats import chi2
+
+from microstage_ros.diagnosis.catalogue import CONTAINS, WIDER
+from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, Trial
+
+LEVEL = math.log(1e-6)       # of one candidate; some hundred compete
+HELD_SHARE = 0.1            # of the gain expected on held-out records that must arrive
+DOMINANCE = 0.5              # of the gain of a stronger name that does not stand, below which a weaker one is not taken
+ONE_RESONANCE = 0.35          # share of the gain of payload and soft drive that the payload alone must reach on the coarse grid
+MISFIT = 0.5                 # a wider shape may explain at most this share beside the named one
+FAINT = 1.0e-3               # share of all gain on held-out records below which a further cause is not told
+FAINT_GAIN = 60.0            # and χ² above which it is told all the same
+BASE_SHARE = 0.2             # of a cause's size that the baseline may show, if that stands two standard errors out there
+MAJOR = 0.15                 # share of what its channel's others explain above which a cause is no misfit of them
+MINOR = 0.03                 # a further cause must explain this share of what its channel's others explain,
+#: and more where their forms are a coarse grid that leaves that much
+MINOR_BESIDE = {"rising_static_friction": 0.25, "presliding_creep": 0.25, "nonlinear_viscous": 0.08, "backlash": 0.08,
+                "position_dependent_friction": 0.08}
+FRICTIONS = ("friction_level_change", "viscous_change")
+CLEARLY_LESS = 0.5           # of the other's mean
+
+#: Standard errors of a channel, by what simulated cases show beyond the noise model (random friction is no
+#: exact sum of two processes, and is clipped).
+CAUTION = {"torque": 2.0}
+#: Share of a size that is not known because the form itself is not (a grid of shapes, a soft flank, a noisy input);
+#: where an effect shows in several channels, the share differs by channel.
+FORM_ERROR = {
+    "backlash": 0.08, "resistance_rise": 0.08, "thermal_drift": 0.05, "nonlinear_viscous": 0.2,
+    "rising_static_friction": 0.25, "presliding_creep": 0.3, "frictional_lag": 0.05, "friction_level_change": 0.1,
+    "cable_spring": 0.08, "position_dependent_friction": 0.12, "direction_asymmetry": 0.05, "viscous_change": 0.05,
+    ("drive_compliance", "resonance"): 0.08, ("drive_compliance", "windup"): 0.03,
+    ("payload_change", "resonance"): 0.1, ("payload_change", "windup"): 0.1, ("payload_change", "torque"): 0.05,
+}
+
+
+def form_error(effect, channel=None):
+    """`FORM_ERROR` of an effect, in a channel."""
+    return FORM_ERROR.get((effect, channel), FORM_ERROR.get(effect, 0.005))
+
+
+def best_forms(evidences, effect, choices):
+    """The effect in its best form of each channel, beside ``choices``: a `Trial`, or None if no form makes sense."""
+    used, gain, sizes = [], 0.0, 0
+    for channel in evidences.learn:
+        forms = [form for form in evidences.forms if form.effect == effect and form.channel == channel]
+        keys = Evidences._keys(channel, choices)
+        before = evidences.channel_gain(channel, choices)
+        best = None
+        for form in forms:
+            if form.key in keys:
+                continue
+            beta, _, total = evidences.learn[channel].fit([*keys, form.key])
+            own = beta[len(beta) - _width(evidences, channel, form):]
+            if form.accept and not form.accept(own):
+                continue
+            more = total / evidences.scatter[channel] - before
+            if best is None or more - 2 * len(own) > best[0] - 2 * best[1]:
+                best = (more, len(own), form)
+        if best and (best[0] > 2 * best[1] + 4 or not used):
+            gain, sizes = gain + best[0], sizes + best[1]
+            used.append(best[2])
+    if not used:
+        return None
+    if len(used) > 1:  # a form that makes held-out records worse in its channel is not this effect's trace there
+        good = [f for f in used if evidences.held_gain([*choices, Choice(effect, (f,))], [f.channel])
+                > evidences.held_gain(choices, [f.channel])]
+        if 0 < len(good) < len(used):
+            used = good
+            gain = evidences.gain([*choices, Choice(effect, tuple(used))]) - evidences.gain(choices)
+            sizes = sum(_width(evidences, f.channel, f) for f in used)
+    trial = Trial(Choice(effect, tuple(used)), gain, sizes)
+    trial.held = evidences.held_gain([*choices, trial.choice]) - evidences.held_gain(choices)
+    return trial
+
+
+def _width(evidences, channel, form):
+    where = evidences.learn[channel].where[form.key]
+    return where.stop - where.start
+
+
+def wider_keys(evidences, effect, channel):
+    """(channel, key) of the nameless shapes that hold this effect in this channel."""
+    wanted = WIDER.get(effect, ())
+    return [(channel, form.key) for form in evidences.forms if form.effect in wanted and form.channel == channel]
+
+
+def misfit(evidences, choice, choices):
+    """Share that a wider nameless shape explains beside the named cause: 0 if the name says it all.
+
+    Beside another cause, whose own misfit a wide shape finds worth fitting, it is the share on held-out records.
+    """
+    others = [c for c in choices if c is not choice]
+    own = evidences.gain([*others, choice]) - evidences.gain(others)
+    own_held = evidences.held_gain([*others, choice]) - evidences.held_gain(others)
+    worst = 0.0
+    for channel in {form.channel for form in choice.forms}:
+        keys = Evidences._keys(channel, [*others, choice])
+        for pair in wider_keys(evidences, choice.effect, channel):
+            where = evidences.learn[channel].where[pair[1]]
+            more = evidences.more(channel, keys, pair[1]) - 2.0 * (where.stop - where.start)
+            share = more / (own + max(more, 0.0))
+            if others:
+                held = evidences.held_more(channel, keys, pair[1])
+                share = min(share, held / (max(own_held, 1e-9) + max(held, 0.0)))
+            worst = max(worst, share)
+    return worst
+
+
+def acceptable(evidences, trial, choices):
+    """Whether a further cause stands: significant, there on held-out records, not in the baseline, not a splinter."""
+    if trial is None or trial.log_p > LEVEL:
+        return False
+    rows = {c: evidences.held[c].rows / max(evidences.learn[c].rows, 1) for c in evidences.held}
+    share = np.mean([rows[form.channel] for form in trial.choice.forms])
+    if trial.held < max(HELD_SHARE * share * trial.gain, 5.0):
+        return False
+    if not _masses_agree(evidences, trial.choice, choices) or _level_of_a_profile(evidences, trial.choice, choices):
+        return False
+    amplitude, stderr = evidences.amplitude_in_base(trial.choice, choices)
+    if (amplitude > 0.5 and stderr < 0.5) or amplitude > max(BASE_SHARE, 2.0 * stderr):
+        return False
+    return misfit(evidences, trial.choice, [*choices, trial.choice]) < MISFIT and not _splinter(evidences, trial, choices)
+
+
+def _masses_agree(evidences, choice, choices):
+    """A payload shows in friction and in resonance with the same mass, or it is none."""
+    if choice.effect == "cable_spring":  # a force without friction's balance knowing of it is none
+        return any(form.channel == "torque" for form in choice.forms)
+    if choice.effect != "payload_change":
+        return True
+    masses = {form.channel: sizes_of(evidences, choice, choices, form)[0]["mass_kg"][:2] for form in choice.forms}
+    if not {"torque", "resonance"} <= set(masses):
+        return "torque" in masses
+    (friction, stderr), (resonance, _) = masses["torque"], masses["resonance"]
+    return abs(friction) > 3.0 * stderr and 0.4 < resonance / friction < 2.5
+
+
+def sizes_of(evidences, choice, others, form):
+    """(parameters, effect) of one form fitted beside the other choices on the learning records."""
+    evidence = evidences.learn[form.channel]
+    keys = Evidences._keys(form.channel, [c for c in others if c.effect != choice.effect])
+    beta, covariance, _ = evidence.fit([*keys, form.key])
+    n = _width(evidences, form.channel, form)
+    scale = evidences.scatter[form.channel] * CAUTION.get(form.channel, 1.0) ** 2
+    parameters, effect = form.sizes(beta[-n:], covariance[-n:, -n:] * scale, evidences.frame)
+    share = form_error(form.effect, form.channel)
+    # a factor is one plus its size: the error of the form is a share of what was added
+    return {name: (value, math.hypot(stderr, share * abs(value - (name == "factor"))), unit)
+            for name, (value, stderr, unit) in parameters.items()}, effect
+
+
+def _splinter(evidences, trial, choices):
+    """Whether the gain is but the misfit of a cause already named: small beside it, or gone with a wider shape of it."""
+    for form in trial.choice.forms:
+        channel = form.channel
+        there = [c for c in choices if c.keys(channel)]
+        if not there:
+            return False
+        minor, explained = max(MINOR_BESIDE.get(c.effect, MINOR) for c in there), evidences.channel_gain(channel, choices)
+        if trial.gain < minor * explained:
+            continue
+        if trial.gain > max(minor, MAJOR) * explained:
+            return False
+        extra = [pair for c in there for pair in wider_keys(evidences, c.effect, channel)]
+        more = evidences.channel_gain(channel, [*choices, trial.choice], extra)
+        more -= evidences.channel_gain(channel, choices, extra)
+        if chi2.logsf(max(more, 0.0), trial.sizes) < LEVEL and more > 0.2 * trial.gain:
+            return False
+    return True
+
+
+def select(evidences, effects, most=4):
+    """Forward, then backward: the list of `Choice`, and the trials of the last round that lost."""
+    choices, lost = [], []
+    while len(choices) < most:
+        taken = {c.effect for c in choices}
+        trials = [best_forms(evidences, effect, choices) for effect in effects if effect not in taken]
+        trials = sorted((t for t in trials if t is not None), key=lambda t: t.log_p)
+        # log p underflows for large gains: then the gain itself decides
+        trials.sort(key=lambda t: -(t.gain - 2 * t.sizes) if t.gain > 500 else -min(t.gain - 2 * t.sizes, 500))
+        winner = _first_acceptable(evidences, trials, choices)
+        if winner is None:
+            break
+        choices.append(_simpler(evidences, winner, trials, choices).choice)
+        choices = prune(evidences, choices)
+        lost = trials
+    choices = _one_resonance(evidences, choices)
+    best = level_or_viscous(evidences, choices)
+    if best is not None:
+        choices = [best if c.effect in FRICTIONS else c for c in choices]
+    return without_splinters(evidences, choices), lost
+
+
+def level_or_viscous(evidences, choices):
+    """Beside friction along the stroke, which may hold a level of its own: the `Choice` of the two that leaves the
+    profile the smaller mean, or None if there is no such question, or no answer."""
+    profile = next((c for c in choices if c.effect == "position_dependent_friction"), None)
+    if profile is None or sum(c.effect in FRICTIONS for c in choices) != 1:
+        return None
+    others = [c for c in choices if c.effect not in FRICTIONS]
+    trials = {effect: best_forms(evidences, effect, others) for effect in FRICTIONS}
+    if None in trials.values():
+        return None
+    means = sorted((abs(profile_of(evidences, profile, [*others, t.choice])[0]), e) for e, t in trials.items())
+    best = trials[means[0][1]]
+    clear = means[0][0] < CLEARLY_LESS * means[1][0] and acceptable(evidences, best, others)
+    return best.choice if clear else None
+
+
+def _level_of_a_profile(evidences, choice, choices):
+    """Whether a change of level is but the other side of friction along the stroke, whose mean grows by it."""
+    profile = next((c for c in choices if c.effect == "position_dependent_friction"), None)
+    if choice.effect != "friction_level_change" or profile is None:
+        return False
+    alone, beside = (abs(profile_of(evidences, profile, chosen)[0]) for chosen in (choices, [*choices, choice]))
+    return beside > CLEARLY_LESS * alone
+
+
+def profile_of(evidences, profile, choices):
+    """Mean and standard deviation of the friction's factors along the stroke, less one, weighted by how well the
+    records tell them; ``profile`` is one of the choices."""
+    evidence, keys = evidences.learn["torque"], Evidences._keys("torque", choices)
+    beta, _, _ = evidence.fit(keys)
+    own, every = evidence.indices(profile.keys("torque")), list(evidence.indices(keys))
+    values, weight = beta[[every.index(i) for i in own]], np.diag(evidence.matrix)[own]
+    mean = float(values @ weight / weight.sum())
+    return mean, float(np.sqrt((values - mean) ** 2 @ weight / weight.sum()))
+
+
+def _one_resonance(evidences, choices):
+    """Beside a payload that its friction proves, the resonance is the payload's too, unless it says much less than a drive."""
+    if not {"payload_change", "drive_compliance"} <= {c.effect for c in choices}:
+        return choices
+    others = [c for c in choices if c.effect not in ("payload_change", "drive_compliance")]
+    alone = best_forms(evidences, "payload_change", others)
+    both = evidences.gain(choices) - evidences.gain(others)
+    return [*others, alone.choice] if alone and alone.gain > ONE_RESONANCE * both else choices
+
+
+def _first_acceptable(evidences, trials, choices):
+    """The strongest trial that stands, unless a much stronger one of the same channel does not: then nothing fits there."""
+    blocked = {}
+    for trial in trials[:8]:
+        channels = {form.channel for form in trial.choice.forms}
+        if any(trial.gain < DOMINANCE * blocked.get(channel, 0.0) for channel in channels):
+            continue
+        if acceptable(evidences, trial, choices):
+            return trial
+        if trial.log_p < LEVEL and evidences.amplitude_in_base(trial.choice, choices)[0] < 0.5:
+            for channel in channels:
+                blocked[channel] = max(blocked.get(channel, 0.0), trial.gain)
+    return None
+
+
+def _simpler(evidences, winner, trials, choices):
+    """The simpler effect that the winner contains, if it explains as much."""
+    for trial in trials:
+        wider = winner.choice.effect in CONTAINS.get(trial.choice.effect, ())
+        if wider and trial.gain > winner.gain - max(25.0, 0.06 * winner.gain) and acceptable(evidences, trial, choices):
+            return trial
+    return winner
+
+
+def without_splinters(evidences, choices):
+    """Drop causes whose part on held-out records is small beside another one's in the same channel, worst first."""
+    kept = list(choices)
+    while len(kept) > 1:
+        parts = {c.effect: evidences.held_gain(kept) - evidences.held_gain([o for o in kept if o is not c]) for c in kept}
+        weak = min(parts.values()) < min(FAINT * sum(parts.values()), FAINT_GAIN)
+        small = [c for c in kept if weak and parts[c.effect] == min(parts.values())] or [
+            c for c in kept if any(_small_beside(evidences, c, o, kept) for o in kept if o is not c)]
+        if not small:
+            break
+        kept.remove(min(small, key=lambda c: parts[c.effect]))
+    return kept
+
+
+def _small_beside(evidences, choice, other, kept):
+    """Whether a cause holds little of what another one does where both show, and next to nothing elsewhere."""
+    def part(one, channels):
+        return evidences.held_gain(kept, channels) - evidences.held_gain([o for o in kept if o is not one], channels)
+
+    own = {form.channel for form in choice.forms}
+    shared = sorted(own & {form.channel for form in other.forms})
+    if not shared or part(choice, shared) >= MINOR * part(other, shared):
+        return False
+    return part(choice, sorted(own - set(shared))) < FAINT_GAIN if own - set(shared) else True
+
+
+def prune(evidences, choices):
+    """Refine every cause's form beside the others, and drop those that no longer stand."""
+    kept = list(choices)
+    for choice in list(choices):
+        others = [c for c in kept if c.effect != choice.effect]
+        again = best_forms(evidences, choice.effect, others)
+        if again is None or again.log_p > LEVEL or again.held < 0.0:
+            kept = others
+        else:
+            kept = [again.choice if c.effect == choice.effect else c for c in kept]
+    return kept

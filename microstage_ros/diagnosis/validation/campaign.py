@@ -1,0 +1,173 @@
+"""The diagnosis examined: many axes with something hidden, and what the diagnosis says of them.
+
+Every case has its own seed, from which axis records, effect and size are drawn; the diagnosis gets the
+records alone. Scores: right name first, both of two, false alarms on healthy axes, wrong names for what
+the catalogue does not hold, coverage of the stated intervals, held-out gain, time.
+"""
+
+import collections
+import dataclasses
+import time
+
+import numpy as np
+
+from microstage_ros.diagnosis.batch import diagnose_records, on_cores
+from microstage_ros.diagnosis.validation import fault_injection as hidden
+from microstage_ros.diagnosis.validation.simulated_records import Hidden, make_case
+from microstage_ros.model.axis_file import load_axis
+
+KINDS = ("single", "healthy", "two", "outside")
+SHARES = (0.55, 0.15, 0.15, 0.15)          # of the kinds among mixed cases
+FRICTION = (0.02, 0.06)                    # range of the relative random friction
+NOTHING = "nothing"
+MOST_TERMS = 5     # of a ripple; longer lists are profiles
+
+
+@dataclasses.dataclass(frozen=True)
+class Examination:
+    """One case to be: its number decides everything else together with the campaign's seed."""
+
+    number: int
+    seed: int
+    kind: str
+    axis: str
+    strength: float = 1.0
+    effect: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """What became of a case; ``covered`` lists (parameter, inside its 95 % interval)."""
+
+    number: int
+    kind: str
+    hidden: tuple
+    name: str
+    verdict: str
+    named: tuple
+    rivals: tuple
+    covered: tuple
+    before: float
+    after: float
+    floor: float
+    seconds: float
+    sizes: dict
+    error: str = ""
+
+    @property
+    def removed(self):
+        """Share of the way from before to the noise floor that the diagnosis went; NaN without such a way."""
+        way = self.before - self.floor
+        return (self.before - self.after) / way if way > 0.0 else float("nan")
+
+
+def examinations(count, seed, axis, kind="mixed", strength=1.0, effect=""):
+    """``count`` cases. Singles and pairs go through the whole catalogue before an effect comes again."""
+    order = np.random.default_rng([seed, 0]).choice(len(KINDS), count, p=SHARES)
+    kinds = [KINDS[k] for k in order] if kind == "mixed" else [kind] * count
+    return [Examination(number, seed, one, axis, strength, effect) for number, one in enumerate(kinds)]
+
+
+def draw(examination):
+    """(`Hidden`, friction) of a case."""
+    generator = np.random.default_rng([examination.seed, 1, examination.number])
+    names = sorted(hidden.DRAWS)
+    turn = np.random.default_rng([examination.seed, 2, examination.number // len(names)]).permutation(names)
+    name = examination.effect or str(turn[examination.number % len(names)])
+    friction = float(generator.uniform(*FRICTION))
+    if examination.kind == "healthy":
+        return Hidden("healthy"), friction
+    if examination.kind == "outside":
+        kind = sorted(hidden.OUTSIDE)[examination.number % len(hidden.OUTSIDE)]
+        return hidden.outside(kind, generator, examination.strength), friction
+    if examination.kind == "two":
+        other = str(generator.choice([n for n in names if n != name]))
+        return hidden.two((name, other), generator, examination.strength), friction
+    return hidden.one(name, generator, examination.strength), friction
+
+
+def examine(examination):
+    """Make one case, diagnose it, compare. Returns `Outcome`; an error becomes part of it."""
+    axis = load_axis(examination.axis)
+    what, friction = draw(examination)
+    records, holdout, baseline = make_case(axis, what, examination.seed * 100_003 + examination.number, friction)
+    start = time.perf_counter()      # making the records does not count
+    known = dict(number=examination.number, kind=examination.kind, hidden=what.ids, name=what.name, sizes=what.effects)
+    try:
+        answer = diagnose_records(axis, records, holdout, baseline, seed=0)
+    except Exception as error:  # noqa: BLE001  a case that fails is an outcome, too
+        nothing = float("nan")
+        return Outcome(**known, verdict="error", named=(), rivals=(), covered=(), before=nothing, after=nothing,
+                       floor=nothing, seconds=time.perf_counter() - start, error=f"{type(error).__name__}: {error}")
+    gain = answer.gain
+    return Outcome(
+        **known, verdict=answer.verdict, named=tuple(cause.id for cause in answer.causes),
+        rivals=tuple(tuple(rivals.ids) for rivals in answer.rivals), covered=tuple(covered(answer.causes, what.effects)),
+        before=gain.before if gain else float("nan"), after=gain.after if gain else float("nan"),
+        floor=gain.floor if gain else float("nan"), seconds=time.perf_counter() - start)
+
+
+def covered(causes, truth):
+    """(id.parameter, truth within 1.96 standard errors) for every scalar that was hidden and fitted by the same name.
+
+    Phases are compared around the circle."""
+    for cause in causes:
+        for name, number in cause.parameters.items():
+            value = truth.get(cause.id, {}).get(name)
+            value = value[0] if isinstance(value, list) and len(value) < MOST_TERMS else value   # the largest term is told first
+            if isinstance(value, (int, float)) and np.isfinite(number.stderr):
+                error = number.value - value
+                if number.unit == "rad" and name.startswith("phase"):
+                    error = (error + np.pi) % (2.0 * np.pi) - np.pi
+                yield f"{cause.id}.{name}", bool(abs(error) <= 1.96 * number.stderr)
+
+
+def run(examined, jobs):
+    """Outcomes as they end."""
+    if jobs <= 1:
+        yield from map(examine, examined)
+    else:
+        for _, outcome in on_cores(examined, examine, jobs):
+            yield outcome
+
+
+def said(outcome):
+    """The column of the confusion matrix: first name, or what stands in its place."""
+    if outcome.named:
+        return outcome.named[0]
+    if outcome.rivals:
+        return "undetermined, right one among them" if set(outcome.hidden) & set(sum(outcome.rivals, ())) else "undetermined"
+    return NOTHING if outcome.verdict == "agrees" else outcome.verdict
+
+
+def confusion(outcomes):
+    """{hidden name: Counter of what was said first}, single effects, healthy axes and outside causes."""
+    table = collections.defaultdict(collections.Counter)
+    for outcome in outcomes:
+        if outcome.kind != "two":
+            table[outcome.name][said(outcome)] += 1
+    return dict(table)
+
+
+def scores(outcomes):
+    """Named figures of a campaign: {figure: (hits, of)} and medians {figure: value}."""
+    by = {kind: [o for o in outcomes if o.kind == kind] for kind in KINDS}
+    covers = [inside for o in outcomes for _, inside in o.covered]
+    single = by["single"]
+    right = [o for o in single if o.named[:1] == o.hidden]
+    counts = {
+        "single: right name first": (len(right), len(single)),
+        "single: undetermined": (sum(o.verdict == "undetermined" for o in single), len(single)),
+        "single: a wrong name first": (sum(bool(o.named) and o.named[0] not in o.hidden for o in single), len(single)),
+        "two: both named": (sum(set(o.hidden) <= set(o.named) for o in by["two"]), len(by["two"])),
+        "two: at least one named": (sum(bool(set(o.hidden) & set(o.named)) for o in by["two"]), len(by["two"])),
+        "healthy: false alarms": (sum(bool(o.named or o.rivals) for o in by["healthy"]), len(by["healthy"])),
+        "outside: a wrong name": (sum(bool(o.named) for o in by["outside"]), len(by["outside"])),
+        "sizes inside their 95 % interval": (sum(covers), len(covers)),
+        "right and 90 % of the way to the noise": (sum(o.removed >= 0.9 for o in right), len(right)),
+        "errors": (sum(bool(o.error) for o in outcomes), len(outcomes)),
+    }
+    seconds = [o.seconds for o in outcomes]
+    medians = {"held-out gain, median share of the way": float(np.nanmedian([o.removed for o in right])) if right else float("nan"),
+               "seconds per case, median": float(np.median(seconds)), "seconds per case, longest": float(np.max(seconds))}
+    return counts, medians

@@ -1,0 +1,132 @@
+"""Effects in the drive train and in the forces on the stage."""
+
+import math
+
+from microstage_ros.model.effects.effect import DRIVE_TRAIN, Effect, Parameter, same_length, write_terms
+from microstage_ros.model.effects.friction import scale_friction
+from microstage_ros.model.plant_record import RIPPLES
+
+GRAVITY = 9.80665   # m/s², standard
+
+
+class Backlash(Effect):
+    """Lost motion in the gearhead: with d = r φ − x and b = r · width_rad,
+
+    F_c = K_c (d − sgn(d) b/2) + D_c ḋ where |d| > b/2, else 0.
+    """
+
+    id = "backlash"
+    needs = DRIVE_TRAIN
+    parameters = {"width_rad": Parameter("rad", "width at the screw", None, 0.0, 1.0)}
+
+    @classmethod
+    def apply(cls, plant, p):
+        plant["gap"] = plant["screw_ratio"] * p["width_rad"]
+
+
+class DriveCompliance(Effect):
+    """Softer or resonant drive train: K_c × stiffness_factor, D_c × damping_factor."""
+
+    id = "drive_compliance"
+    needs = DRIVE_TRAIN
+    parameters = {
+        "stiffness_factor": Parameter("1", "factor on the stiffness", None, 1e-3, 1e3),
+        "damping_factor": Parameter("1", "factor on the damping", 1.0, 0.0, 1e3),
+    }
+
+    @classmethod
+    def apply(cls, plant, p):
+        plant["stiffness"] *= p["stiffness_factor"]
+        plant["damping"] *= p["damping_factor"]
+
+
+class ScrewPitchError(Effect):
+    """Error of the lead: r φ → r φ (1 + cumulative) + Σ amplitude_m_n sin(n φ + phase_rad_n), n per screw turn."""
+
+    id = "screw_pitch_error"
+    needs = DRIVE_TRAIN
+    parameters = {
+        "amplitude_m": Parameter("m", "amplitude of each term", 0.0, -1e-3, 1e-3),
+        "cycles_per_turn": Parameter("1", "cycles of each term per screw turn", 1.0, 0.01, 100.0),
+        "phase_rad": Parameter("rad", "phase of each term", 0.0),
+        "cumulative": Parameter("1", "relative error of the lead", 0.0, -0.05, 0.05),
+    }
+
+    @classmethod
+    def check_together(cls, checked, place):
+        same_length(checked, ["amplitude_m", "cycles_per_turn", "phase_rad"], place)
+
+    @classmethod
+    def apply(cls, plant, p):
+        write_terms(plant, ["lead_amplitude", "lead_number", "lead_phase"], "leads",
+                    [p["amplitude_m"], p["cycles_per_turn"], p["phase_rad"]], RIPPLES, cls.id)
+        plant["lead_slope"] = p["cumulative"]
+        plant["smooth"] = 1
+        plant["base_level"] = max(plant["base_level"], 2)
+
+
+class TorqueRipple(Effect):
+    """Cogging, commutation, gear mesh: extra motor torque Σ amplitude_Nm_n sin(cycles_n θ + phase_rad_n).
+
+    On an axis without a motor angle θ is the angle of the (unit) transmission, and the torque a force.
+    """
+
+    id = "torque_ripple"
+    parameters = {
+        "amplitude_Nm": Parameter("N m", "amplitude of each term", None, -10.0, 10.0),
+        "cycles_per_turn": Parameter("1", "cycles of each term per motor turn", 1.0, 1e-3, 1e4),
+        "phase_rad": Parameter("rad", "phase of each term", 0.0),
+    }
+
+    @classmethod
+    def check_together(cls, checked, place):
+        same_length(checked, ["amplitude_Nm", "cycles_per_turn", "phase_rad"], place)
+
+    @classmethod
+    def apply(cls, plant, p):
+        write_terms(plant, ["cog_amplitude", "cog_number", "cog_phase"], "cogs",
+                    [p["amplitude_Nm"], p["cycles_per_turn"], p["phase_rad"]], RIPPLES, cls.id)
+        plant["smooth"] = 1
+        plant["base_level"] = max(plant["base_level"], 2)
+
+
+class PayloadChange(Effect):
+    """Other mass on the stage: m + mass_kg; guideway friction grows with the load, × (1 + mass_kg/m)."""
+
+    id = "payload_change"
+    parameters = {"mass_kg": Parameter("kg", "mass added", None, -100.0, 1e4)}
+
+    @classmethod
+    def apply(cls, plant, p):
+        scale_friction(plant["guideway"], max(1.0 + p["mass_kg"] / float(plant["mass"]), 0.05))
+        plant["mass"] = max(plant["mass"] + p["mass_kg"], 0.05 * plant["mass"])
+
+
+class GravityTilt(Effect):
+    """The axis is not level: constant force −m g sin(angle_rad) on the stage, not on the rotating parts."""
+
+    id = "gravity_tilt"
+    parameters = {"angle_rad": Parameter("rad", "tilt, positive where +x is uphill", None, -math.pi / 2, math.pi / 2)}
+
+    @classmethod
+    def apply(cls, plant, p):
+        plant["push"] -= plant["mass"] * GRAVITY * math.sin(p["angle_rad"])
+
+
+class CableSpring(Effect):
+    """Cable drag or gauging force: −stiffness_N_m (x − anchor_m) on the stage."""
+
+    id = "cable_spring"
+    parameters = {
+        "stiffness_N_m": Parameter("N/m", "stiffness", None, -1e7, 1e7),
+        "anchor_m": Parameter("m", "position without force", 0.0, -10.0, 10.0),
+    }
+
+    @classmethod
+    def apply(cls, plant, p):
+        plant["cable"], plant["anchor"] = p["stiffness_N_m"], p["anchor_m"]
+
+
+EFFECTS = (
+    Backlash, DriveCompliance, ScrewPitchError, TorqueRipple, PayloadChange, GravityTilt, CableSpring,
+)

@@ -1,0 +1,80 @@
+"""Effects between the voltage command and the motor current."""
+
+from microstage_ros.model.effects.effect import MOTOR, Effect, Parameter
+
+
+class AmplifierOffset(Effect):
+    """Zero error of the amplifier: u + offset_V."""
+
+    id = "amplifier_offset"
+    parameters = {"offset_V": Parameter("V", "offset at the amplifier's input", None, -10.0, 10.0)}
+
+    @classmethod
+    def apply(cls, plant, p):
+        plant["amplifier_offset"] = p["offset_V"]
+
+
+class AmplifierDeadband(Effect):
+    """Crossover dead zone: u → sgn(u) max(|u| − half_width_V, 0)."""
+
+    id = "amplifier_deadband"
+    parameters = {"half_width_V": Parameter("V", "half the width of the dead zone", None, 0.0, 5.0)}
+
+    @classmethod
+    def apply(cls, plant, p):
+        plant["dead_half"] = p["half_width_V"]
+
+
+class AmplifierGain(Effect):
+    """Gain differs from the nominal: u × factor."""
+
+    id = "amplifier_gain"
+    parameters = {"factor": Parameter("1", "gain over nominal gain", None, 0.01, 100.0)}
+
+    @classmethod
+    def apply(cls, plant, p):
+        plant["gain"] *= p["factor"]
+
+
+class ResistanceRise(Effect):
+    """Winding warms up: R (1 + h), dh/dt = rise_per_joule R i² − h / time_s, h(0) = initial."""
+
+    id = "resistance_rise"
+    needs = MOTOR
+    parameters = {
+        "rise_per_joule": Parameter("1/J", "relative rise per joule of heat", 0.0, 0.0, 100.0),
+        "time_s": Parameter("s", "cooling time constant", 20.0, 1e-2, 1e5),
+        "initial": Parameter("1", "relative rise at the start of the record", 0.0, -0.5, 2.0),
+    }
+
+    @classmethod
+    def apply(cls, plant, p):
+        plant["rise_per_joule"], plant["rise_time"], plant["rise_initial"] = p["rise_per_joule"], p["time_s"], p["initial"]
+        plant["electrical"] = 1
+
+
+class TransportDelay(Effect):
+    """Command arrives late: u(t − delay_s), whole periods and fractions."""
+
+    id = "transport_delay"
+    parameters = {"delay_s": Parameter("s", "delay", None, 0.0, 60 * 1e-4)}
+
+    @classmethod
+    def apply(cls, plant, p):
+        plant["delay"] = p["delay_s"]
+        plant["electrical"] = 1
+
+
+class ActuatorLag(Effect):
+    """Amplifier or current loop follows late: time_s du_a/dt = u − u_a."""
+
+    id = "actuator_lag"
+    parameters = {"time_s": Parameter("s", "time constant", None, 0.0, 1.0)}
+
+    @classmethod
+    def apply(cls, plant, p):
+        plant["actuator_lag"] = p["time_s"]
+        plant["electrical"] = 1
+
+
+EFFECTS = (AmplifierOffset, AmplifierDeadband, AmplifierGain, ResistanceRise, TransportDelay, ActuatorLag)

@@ -1,0 +1,215 @@
+"""Effects in the friction contacts. The limits of a contact are F_j,max = α_j s(w) · (factors)."""
+
+import math
+
+import numpy as np
+
+from microstage_ros.model.effects.effect import (
+    BLOCKS,
+    FRICTION,
+    STRIBECK,
+    Effect,
+    Parameter,
+    as_list,
+    same_length,
+    write_terms,
+)
+from microstage_ros.model.plant_record import PROFILE, RIPPLES
+from microstage_ros.quantities.errors import InputError
+
+INF = math.inf
+
+
+class DirectionAsymmetry(Effect):
+    """Friction differs between directions: limits × (1 + asymmetry · sgn w), σ × (1 + viscous_asymmetry · sgn w)."""
+
+    id = "direction_asymmetry"
+    on_contact = True
+    needs = FRICTION
+    parameters = {
+        "asymmetry": Parameter("1", "half the relative difference between directions", None, -0.9, 0.9),
+        "viscous_asymmetry": Parameter("1", "the same of the viscous friction", 0.0, -0.9, 0.9),
+    }
+
+    @classmethod
+    def apply(cls, plant, p):
+        contact = plant[p["contact"]]
+        contact["asymmetry"] = p["asymmetry"]
+        contact["viscous_asymmetry"] = p["viscous_asymmetry"]
+        if p["viscous_asymmetry"] != 0.0:
+            plant["smooth"] = 1
+            plant["base_level"] = max(plant["base_level"], 2)
+
+
+class PositionDependentFriction(Effect):
+    """Friction varies along the stroke: limits × g(x).
+
+    Either g(x) = 1 + Σ_n amplitude_n sin(2π x / period_m_n + phase_rad_n), or g is a cubic spline
+    through (positions_m, factors), constant beyond its ends.
+    """
+
+    id = "position_dependent_friction"
+    on_contact = True
+    needs = FRICTION
+    parameters = {
+        "amplitude": Parameter("1", "relative amplitude of each term", 0.0, -0.9, 0.9),
+        "period_m": Parameter("m", "period of each term", 1e-3, 1e-7, 10.0),
+        "phase_rad": Parameter("rad", "phase of each term", 0.0),
+        "positions_m": Parameter("m", "support points of the spline", [0.0]),
+        "factors": Parameter("1", "factor at each support point", [1.0], 0.05, 20.0),
+    }
+
+    @classmethod
+    def check_together(cls, checked, place):
+        same_length(checked, ["amplitude", "period_m", "phase_rad"], place)
+        same_length(checked, ["positions_m", "factors"], place)
+        x = as_list(checked["positions_m"])
+        if any(b <= a for a, b in zip(x, x[1:])):
+            raise InputError(f"{place}.positions_m", x, "rising positions")
+
+    @classmethod
+    def apply(cls, plant, p):
+        contact = plant[p["contact"]]
+        plant["modulated"] = 1
+        number = [2 * math.pi / period for period in as_list(p["period_m"])]
+        write_terms(contact, ["ripple_amplitude", "ripple_number", "ripple_phase"], "ripples",
+                    [p["amplitude"], number, p["phase_rad"]], RIPPLES, cls.id)
+        x, factor = np.array(as_list(p["positions_m"])), np.array(as_list(p["factors"]))
+        if len(x) > 1:
+            grid = np.linspace(x[0], x[-1], PROFILE + 1)
+            from scipy.interpolate import CubicSpline  # most of a second that a node without profile need not wait
+
+            contact["profile"] = np.maximum(CubicSpline(x, factor)(grid), 0.02) if len(x) > 2 else np.interp(grid, x, factor)
+            contact["profile_low"], contact["profile_high"], contact["profiled"] = x[0], x[-1], 1
+
+
+class RisingStaticFriction(Effect):
+    """Breakaway grows with dwell time: limits × (1 + a), where a = rate · log10(1 + t_dwell / dwell_scale_s).
+
+    t_dwell counts while the contact does not slide as a whole (with a law that has no blocks: always); it and a
+    decay as exp(−travel / release_m).
+    """
+
+    id = "rising_static_friction"
+    on_contact = True
+    needs = FRICTION
+    parameters = {
+        "rate_per_decade": Parameter("1", "relative growth per decade of dwell", None, 0.0, 1.0),
+        "dwell_scale_s": Parameter("s", "dwell at which the growth begins", 0.05, 1e-4, 1e3),
+        "release_m": Parameter("m", "travel of the stage that wipes the growth out", 2e-6, 1e-9, 1e-2),
+    }
+
+    @classmethod
+    def apply(cls, plant, p):
+        contact = plant[p["contact"]]
+        plant["modulated"] = 1
+        contact["aging_rate"], contact["aging_time"] = p["rate_per_decade"], p["dwell_scale_s"]
+        contact["aging_release"] = p["release_m"]
+
+
+class FrictionalLag(Effect):
+    """Friction lags velocity in sliding: s(w̃) with time_s · dw̃/dt = |w| − w̃."""
+
+    id = "frictional_lag"
+    on_contact = True
+    needs = STRIBECK
+    parameters = {"time_s": Parameter("s", "time constant of the lag", None, 1e-6, 10.0)}
+
+    @classmethod
+    def apply(cls, plant, p):
+        plant[p["contact"]]["lag"] = p["time_s"]
+        plant["base_level"] = max(plant["base_level"], 2)
+
+
+class PreslidingCreep(Effect):
+    """Slow motion below breakaway: a sticking block flows ever more slowly the longer it is held,
+
+    dF_j/dt = k_j (w − amplitude / (t + time_s) · F_j/F_j,max),
+
+    t the time since the contact moved (travel over release_m wipes it out). Under a constant load the stage
+    drifts by amplitude_m · load · ln(1 + t/time_s); at constant position the force relaxes likewise.
+    """
+
+    id = "presliding_creep"
+    on_contact = True
+    needs = BLOCKS
+    parameters = {
+        "amplitude_m": Parameter("m", "drift per e-fold of time at full load, of the stage", None, 0.0, 1e-4),
+        "time_s": Parameter("s", "time at which the logarithm begins", 0.05, 1e-4, 1e3),
+        "release_m": Parameter("m", "travel of the stage that starts the time anew", 1e-6, 1e-9, 1e-2),
+    }
+
+    @classmethod
+    def apply(cls, plant, p):
+        contact = plant[p["contact"]]
+        plant["modulated"] = 1
+        lead = float(plant["screw_ratio"]) if p["contact"] == "actuator" else 1.0
+        contact["creep_amplitude"], contact["creep_time"] = p["amplitude_m"] / lead, p["time_s"]
+        contact["creep_release"] = p["release_m"]
+
+
+class ViscousChange(Effect):
+    """Viscosity differs (temperature, grease): σ × factor."""
+
+    id = "viscous_change"
+    on_contact = True
+    needs = FRICTION
+    parameters = {"factor": Parameter("1", "factor on the viscous coefficient", None, 0.0, 1e3)}
+
+    @classmethod
+    def apply(cls, plant, p):
+        plant[p["contact"]]["viscous"] *= p["factor"]
+
+
+class NonlinearViscous(Effect):
+    """Friction grows with speed other than linearly: extra coefficient · g^exponent · sgn w.
+
+    g = |w|, or, where the growth ends (a lubricant film builds up), g = V (1 − exp(−|w|/V)) with
+    V = saturation_speed.
+    """
+
+    id = "nonlinear_viscous"
+    on_contact = True
+    parameters = {
+        "coefficient": Parameter("N m/(rad/s)^n or N/(m/s)^n", "coefficient, of the contact's own units", None),
+        "exponent": Parameter("1", "exponent n", 2.0, 0.1, 4.0),
+        "saturation_speed": Parameter("rad/s or m/s", "speed V at which the growth ends; 0: it does not end", 0.0, 0.0, 1e6),
+    }
+
+    @classmethod
+    def apply(cls, plant, p):
+        contact = plant[p["contact"]]
+        contact["quadratic"], contact["power"] = p["coefficient"], p["exponent"]
+        contact["saturation"] = p["saturation_speed"]
+        plant["smooth"] = 1
+        plant["base_level"] = max(plant["base_level"], 2)
+
+
+class FrictionLevelChange(Effect):
+    """All of a contact's friction scaled (wear, run-in, preload): limits, stiffnesses kept in shape.
+
+    F → factor · F at every displacement: k_j and the limits × factor, σ × factor.
+    """
+
+    id = "friction_level_change"
+    on_contact = True
+    needs = FRICTION
+    parameters = {"factor": Parameter("1", "factor on the friction", None, 0.01, 100.0)}
+
+    @classmethod
+    def apply(cls, plant, p):
+        scale_friction(plant[p["contact"]], p["factor"])
+
+
+def scale_friction(contact, factor):
+    """Scale a contact's friction at every displacement and velocity by ``factor``."""
+    contact["level"] *= factor
+    contact["kappa"] *= factor
+    contact["viscous"] *= factor
+    contact["attraction"] *= factor      # the relaxation time |s|/C stays
+
+
+EFFECTS = (
+    DirectionAsymmetry, PositionDependentFriction, RisingStaticFriction, FrictionalLag, PreslidingCreep,
+    ViscousChange, NonlinearViscous, FrictionLevelChange,
+)

@@ -1,0 +1,1 @@
+"""Numerics below the physics: how functions are compiled, random numbers."""

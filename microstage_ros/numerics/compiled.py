@@ -1,0 +1,171 @@
+"""The one way to compile a function: numba, cached on disk, never stale.
+
+Numba's own cache looks only at the file of the function itself, so a caller keeps running the old
+body of a callee that lives in another file. Here the cache folder's name is a digest of all
+compiled sources that the function's package may call (the packages below it, see the README's picture):
+a change there makes a new cache, and nothing else does.
+"""
+
+import functools
+import hashlib
+import os
+import pathlib
+import sys
+
+_hidden = sys.modules.setdefault("coverage", None) is None  # numba loads it where it is installed, 0.1 s, for nothing here
+import numba  # noqa: E402
+from numba.core.ccallback import CFunc  # noqa: E402
+from numba.core.runtime import rtsys  # noqa: E402
+from numba.extending import intrinsic, overload  # noqa: E402, F401  (the rest of the package has them from here)
+
+if _hidden:
+    del sys.modules["coverage"]
+
+PACKAGE = pathlib.Path(__file__).resolve().parent.parent
+_MODEL = ("numerics", "model", "solver")
+PACKAGES_BELOW = {**dict.fromkeys(_MODEL, _MODEL), "control": (*_MODEL, "control"), "ros": (*_MODEL, "control", "ros")}
+"""Packages whose compiled code a package's own may call; of any other package: all."""
+
+
+@functools.lru_cache
+def _sources_digest(package):
+    """Digest of the compiled sources a package may call, with the numba and Python versions."""
+    digest = hashlib.sha256(f"{numba.__version__} {sys.version_info[:2]}".encode())
+    for name in PACKAGES_BELOW.get(package, ("",)):
+        for path in sorted((PACKAGE / name).rglob("*.py")):
+            text = path.read_bytes()
+            if b"numerics.compiled import" in text or path.name == "plant_record.py":       # its numbers stand in the compiled code
+                digest.update(str(path.relative_to(PACKAGE)).encode())
+                digest.update(text)
+    return digest.hexdigest()[:16]
+
+
+def cache_folder(package):
+    """Folder of a package's compiled code: ``$MICROSTAGE_CACHE`` or the user's cache folder, then the digest."""
+    base = os.environ.get("MICROSTAGE_CACHE") or os.path.join(
+        os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "microstage_ros"
+    )
+    return os.path.join(base, f"{package}-{_sources_digest(package)}")
+
+
+def external(name, result, *arguments):
+    """The function ``name`` of a C library that the process has loaded, callable from compiled code.
+
+    Parameters
+    ----------
+    name : as the linker knows it; ``result``, ``arguments`` : names of numba's types, such as ``int32``, ``uintp``
+        (pointers are ``uintp``).
+    """
+    types = [getattr(numba.types, kind) for kind in (result, *arguments)]
+    return numba.types.ExternalFunction(name, numba.core.typing.signature(*types))
+
+
+def compiled(function=None, **options):
+    """Compile ``function`` with numba: nopython, cached, without reordering of float arithmetic.
+
+    ``fastmath`` stays off unless asked for, so that the same seed gives the same bits everywhere.
+    """
+    if function is None:
+        return functools.partial(compiled, **options)
+    numba.config.CACHE_DIR = _cache_folder_of(function)  # numba reads it when the decorator runs
+    usual = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True,
+             "forceinline": False}         # said, or numba passes a caller's on to all that it calls
+    dispatcher = numba.njit(**{**usual, **options})(function)
+    _load_without_compiler(getattr(dispatcher, "_cache", None))
+    return dispatcher
+
+
+def _cache_folder_of(function):
+    return cache_folder((function.__module__.split(".") + ["", ""])[1])
+
+
+def _load_without_compiler(cache):
+    """Have a cache of numba's use `_load`."""
+    if hasattr(cache, "_load_overload"):  # numba as we know it
+        cache.load_overload = functools.partial(_load, cache)
+
+
+def _load(cache, signature, context):
+    """What numba's cache does when asked for compiled code, less the 0.4 s of loading all that a compiler needs.
+
+    Where the cache has nothing, the compiler loads it.
+    """
+    rtsys.initialize(context)
+    with cache._guard_against_spurious_io_errors():
+        return cache._load_overload(signature, context)
+
+
+def internal(function=None, **options):
+    """`compiled` for a function that only compiled code calls: without its door for Python, half the compiling."""
+    return compiled(function, no_cpython_wrapper=True, **options)
+
+
+def woven(function):
+    """`internal`, written into its caller after types are found: a loop's every period, without the price of a call."""
+    return internal(function, forceinline=True)
+
+
+@intrinsic
+def _pointer(typingctx, address, like):
+    """The address of something of the type of ``like``, as a pointer."""
+    def build(context, builder, signature, arguments):
+        return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
+
+    return numba.types.CPointer(like)(numba.types.uintp, like), build
+
+
+@intrinsic
+def address_of(typingctx, pointer):
+    """The address that a pointer stands for, uintp."""
+    def build(context, builder, signature, arguments):
+        return builder.ptrtoint(arguments[0], context.get_value_type(numba.types.uintp))
+
+    return numba.types.uintp(pointer), build
+
+
+@internal
+def put_at(address, value):
+    """Leave a number, an array or a tuple of such at an address, for who is given a pointer to it (`called_from_c`)."""
+    _pointer(address, value)[0] = value
+
+
+@internal
+def words_at(address, count):
+    """The int64 array that begins at an address; nobody owns it."""
+    return numba.carray(_pointer(address, 0), count)
+
+
+@functools.lru_cache
+def called_from_c(function, kind):
+    """Compile ``function(pointer, count)`` so that C can call it; ``pointer[0]`` is of a type given by `kind_of`.
+
+    Returns
+    -------
+    object with the attribute ``address``; it has to live as long as anybody may call.
+    """
+    numba.config.CACHE_DIR = _cache_folder_of(function)
+    arguments = numba.types.CPointer(kind), numba.types.uint64
+    made = CFunc(function, (arguments, numba.types.void), locals={}, options={"nopython": True, "error_model": "numpy"})
+    made.enable_caching()
+    _load_without_compiler(made._cache)
+    made.compile()
+    return made
+
+
+kind_of = numba.typeof
+"""The type of a value, as compiled code knows it."""
+
+
+@intrinsic
+def seldom(typingctx):
+    """Written first in a function that runs seldom: it stays a call, and its text is not copied into every caller."""
+    def build(context, builder, signature, arguments):
+        builder.function.attributes.add("noinline")
+        return context.get_dummy_value()
+
+    return numba.types.void(), build
+
+
+def inlined(function):
+    """`internal`, written into its caller before types are found: what every period runs through, called from few places."""
+    return internal(function, inline="always")

@@ -1,0 +1,225 @@
+"""From the project's bags to records, and back: topics joined by the number of the control period.
+
+| topic (below the axis's namespace) | type | columns |
+|---|---|---|
+| `state` | AxisState | encoder, current, motor angle; the voltage that was held in the period before |
+| `command` | VoltageCommand | reference, disturbance; the voltage, where no later state tells what was held |
+| `interferometer` | InterferometerReading | interferometer, air and stage temperature, pressure, humidity |
+| `simulation` | SimulationTruth | what only a simulation knows |
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+import microstage_ros
+from microstage_ros.quantities.errors import InputError
+from microstage_ros.records.bags.bag_reader import Bag
+from microstage_ros.records.bags.bag_writer import BagWriter
+from microstage_ros.records.bags.definition import SEPARATOR, TIME, installed_definition, parse_definition
+from microstage_ros.records.bags.layout import layout_of_type
+from microstage_ros.records.record import Record, metadata_value
+from microstage_ros.records.timebase import short_period
+
+PACKAGE = "microstage_msgs"
+FIELDS = {
+    "state": ("AxisState", {"encoder_m": "position", "current_A": "current", "motor_angle_rad": "motor_angle"}),
+    "command": ("VoltageCommand", {"reference_m": "reference", "voltage_V": "voltage", "disturbance_V": "disturbance"}),
+    "interferometer": ("InterferometerReading", {
+        "interferometer_m": "position", "air_temperature_K": "air_temperature", "air_pressure_Pa": "air_pressure",
+        "air_humidity": "air_humidity", "stage_temperature_K": "stage_temperature"}),
+    "simulation": ("SimulationTruth", {
+        "stage_m": "stage_position", "stage_velocity_m_s": "stage_velocity", "actuator_friction_Nm": "actuator_torque",
+        "guideway_friction_N": "guideway_force"}),
+}
+"""Topic to message type and column to field."""
+
+NAMESPACE = "/axis"
+STATUS_ACTIVE, STATUS_SIMULATED, SENDER_CONTROLLER = 1, 32, 1
+ROWS_AT_ONCE = 5000
+PERIOD_TOLERANCE = 2e-3
+"""How far the mean period of a clock may be from the nominal one, relative."""
+
+MOST_ROWS = 10**10
+
+
+def own_definition(name):
+    """Definition of one of the project's messages: as installed, else from the source tree.
+
+    Raises
+    ------
+    InputError : neither is there.
+    """
+    full = f"{PACKAGE}/msg/{name}"
+    source = Path(microstage_ros.__file__).parents[1] / "msg_defs" / "msg" / f"{name}.msg"
+    try:
+        return installed_definition(full)
+    except InputError:
+        if not source.exists():
+            raise
+    header = f"MSG: {PACKAGE}/ServoHeader\n" + source.with_name("ServoHeader.msg").read_text(encoding="utf-8")
+    text = f"{SEPARATOR}\n".join([source.read_text(encoding="utf-8"), header, TIME])
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(text, full))
+    return parse_definition(full, text, store.hash_rihs01(full))
+
+
+def bag_to_record(path, namespace=None):
+    """The record of one axis in a bag of this project.
+
+    Parameters
+    ----------
+    path : an MCAP file or a rosbag2 folder.
+    namespace : of the axis; needed only if the bag has several.
+
+    Returns
+    -------
+    Record : one row per control period; a period that a topic lacks is NaN.  If the driver was
+        activated several times, the longest of these runs.
+
+    Raises
+    ------
+    InputError : not a bag of this project, no or several axes, fewer than two periods.
+    """
+    bag = Bag(path)
+    prefix = _prefix(bag, namespace)
+    present = [topic for topic in FIELDS if prefix + topic in bag.topics]
+    arrays = bag.read([prefix + topic for topic in present])
+    states, span = _longest_run(arrays[prefix + "state"])
+    if len(states) < 2:
+        raise InputError(f"{path}: topic {prefix}state", f"{len(states)} messages", "at least 2")
+    sequence = states["sequence"].astype(np.int64)
+    first, rows = int(sequence.min()), int(sequence.max() - sequence.min()) + 1
+    if rows > MOST_ROWS:
+        raise InputError(f"{path}: topic {prefix}state, field sequence", int(sequence.max()), "numbers that count on")
+    period_s = _period(states)
+    columns = {}
+    for topic in present:
+        messages = _within(arrays[prefix + topic], span)
+        period = _periods(messages, states, period_s) - first
+        for column, field in FIELDS[topic][1].items():
+            columns[column] = _by_period(rows, period, messages[field])
+    held = _by_period(rows, sequence - first - 1, states["applied_voltage"])
+    columns["voltage_V"] = np.where(np.isnan(held), columns.get("voltage_V", held), held)
+    columns = {name: values for name, values in columns.items() if name == "encoder_m" or not np.isnan(values).all()}
+    metadata = {name: metadata_value(text) for name, text in bag.custom_data.items()}
+    return Record(period_s, {"t_s": np.arange(rows) * period_s, **columns}, str(path), metadata)
+
+
+def record_to_bag(record, path, namespace=NAMESPACE):
+    """Write a record as the bag that a cell with this axis would have left.
+
+    Parameters
+    ----------
+    record : with `voltage_V`; a record of forces belongs into a CSV file.
+    path : a folder to make, or a file ending in `.mcap`.
+
+    Raises
+    ------
+    InputError : no voltage, or the place cannot be written.
+    """
+    if "voltage_V" not in record.columns:
+        raise InputError(f"{path}: column voltage_V", "missing", "a record of voltages; forces go into a .csv file")
+    topics = [topic for topic in FIELDS if topic in ("state", "command") or _any(record, topic)]
+    custom_data = {name: value if isinstance(value, str) else json.dumps(value, default=str)
+                   for name, value in record.metadata.items()}
+    with BagWriter(path, custom_data) as bag:
+        channels = {topic: bag.add_channel(f"{namespace.rstrip('/')}/{topic}", own_definition(FIELDS[topic][0]))
+                    for topic in topics}
+        layouts = {topic: layout_of_type(own_definition(FIELDS[topic][0])) for topic in topics}
+        for start in range(0, len(record), ROWS_AT_ONCE):
+            rows = np.arange(start, min(start + ROWS_AT_ONCE, len(record)))
+            times = np.round(record["t_s"][rows] * 1e9).astype(np.int64)
+            for topic in topics:
+                bag.write_block(channels[topic], times, _messages(record, topic, layouts[topic], rows, times))
+
+
+def _any(record, topic):
+    """True if the record has any column of a topic."""
+    return any(column in record for column in FIELDS[topic][1])
+
+
+def _messages(record, topic, layout, rows, times):
+    """Messages of one topic for some rows of a record, uint8 of shape (n, size)."""
+    raw = np.tile(np.frombuffer(layout.blank(), np.uint8), (len(rows), 1))
+    seen = raw.reshape(-1).view(layout.dtype)
+    seen["header.stamp.sec"], seen["header.stamp.nanosec"] = times // 10**9, times % 10**9
+    seen["sequence"] = rows
+    for name in layout.dtype.names:
+        if layout.dtype[name] == np.float64:
+            seen[name] = 0.0 if name == "disturbance" else np.nan
+    for column, field in FIELDS[topic][1].items():
+        if column in record.columns:
+            seen[field] = record[column][rows]
+    if topic == "state":
+        seen["applied_voltage"] = np.where(rows > 0, record["voltage_V"][rows - 1], np.nan)
+        seen["status"] = STATUS_ACTIVE | (STATUS_SIMULATED if "stage_m" in record else 0)
+    if topic == "command":
+        seen["sender"] = SENDER_CONTROLLER
+    return raw
+
+
+def _prefix(bag, namespace):
+    """What stands before the topics of the axis, ending in a slash."""
+    found = sorted(name.removesuffix("state") for name, topic in bag.topics.items()
+                   if topic.type == f"{PACKAGE}/msg/AxisState" and name.endswith("/state"))
+    if namespace is not None:
+        prefix = f"/{namespace.strip('/')}/".replace("//", "/")
+        if prefix not in found:
+            raise InputError(f"{bag.path}: namespace", namespace, "one of " + ", ".join(found or ["none"]))
+        return prefix
+    if len(found) != 1:
+        raise InputError(f"{bag.path}: axes", ", ".join(found) or f"topics {', '.join(sorted(bag.topics))}",
+                         "one axis (a topic `state` of type AxisState), or its namespace")
+    return found[0]
+
+
+def _longest_run(states):
+    """The messages of the longest activation, and its span of log time [ns] up to the next one."""
+    sequence = states["sequence"].astype(np.int64)
+    restarts = np.flatnonzero(sequence[1:] < sequence[:-1] // 2) + 1
+    edges = [0, *restarts.tolist(), len(states)]
+    longest = max(range(len(edges) - 1), key=lambda k: edges[k + 1] - edges[k])
+    start, stop = edges[longest], edges[longest + 1]
+    times = states["log_time_ns"]
+    begin = times[start] if start else np.iinfo(np.int64).min
+    end = times[stop] if stop < len(states) else np.iinfo(np.int64).max
+    return states[start:stop], (begin, end)
+
+
+def _within(messages, span):
+    """The messages logged in a span, end excluded unless it is the last."""
+    times = messages["log_time_ns"]
+    return messages[(times >= span[0]) & (times < span[1])]
+
+
+def _by_period(rows, period, values):
+    """Values in the rows of their periods, NaN where there is none."""
+    column = np.full(rows, np.nan)
+    inside = (period >= 0) & (period < rows)
+    column[period[inside]] = values[inside]
+    return column
+
+
+def _stamps(messages):
+    """Stamps of messages [ns]."""
+    return messages["header.stamp.sec"].astype(np.int64) * 10**9 + messages["header.stamp.nanosec"]
+
+
+def _periods(messages, states, period_s):
+    """Control periods of messages: by their number, or by their stamps if the sender does not know it."""
+    sequence = messages["sequence"].astype(np.int64)
+    if len(sequence) < 2 or sequence.any():
+        return sequence
+    since = (_stamps(messages) - _stamps(states)[0]) * 1e-9
+    return int(states["sequence"][0]) + np.floor(since / period_s + 1e-6).astype(np.int64)
+
+
+def _period(states):
+    """Mean control period [s] by the stamps."""
+    stamps = _stamps(states)
+    periods = int(states["sequence"][-1]) - int(states["sequence"][0])
+    period = float(stamps[-1] - stamps[0]) * 1e-9 / max(periods, 1)
+    return short_period(period, PERIOD_TOLERANCE * period)

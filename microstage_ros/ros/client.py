@@ -1,0 +1,113 @@
+"""A client of one axis: three verbs for programs and tests.
+
+    with AxisClient("/axis") as axis:
+        result = axis.move(1e-5)
+        print(result.reached, result.final_error)
+"""
+
+import time
+
+import rclpy
+from microstage_msgs.action import MoveTo
+from microstage_msgs.msg import ControllerState
+from microstage_msgs.srv import Statistics
+from rclpy.action import ActionClient
+
+from microstage_ros.ros.transport import topics
+
+ASK_AGAIN = 2.0
+
+
+class NoAnswer(RuntimeError):
+    """Nobody answers at that name; the text says which."""
+
+
+class AxisClient:
+    """Moves one axis through its move server.
+
+    Parameters
+    ----------
+    namespace : of the axis. node : to work through; None: one of its own. wait : longest wait [s] for the server.
+    """
+
+    def __init__(self, namespace="/axis", node=None, wait=15.0):
+        self._own = node is None
+        if self._own and not rclpy.ok():
+            rclpy.init()
+        self.node = rclpy.create_node("axis_client", namespace=namespace) if self._own else node
+        self._prefix = namespace.rstrip("/") + "/"
+        self._action = ActionClient(self.node, MoveTo, self._prefix + topics.MOVE_TO)
+        self._statistics = self.node.create_client(Statistics, self._prefix + topics.STATISTICS)
+        self._wait_for_server(wait)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self.close()
+
+    def _wait_for_server(self, wait):
+        """Until the server has answered once: then both sides know each other."""
+        end = time.monotonic() + wait
+        while not (self._action.server_is_ready() and self._statistics.service_is_ready()):
+            rclpy.spin_once(self.node, timeout_sec=0.05)
+            if time.monotonic() > end:
+                raise NoAnswer(f"no axis at {self._prefix.rstrip('/') or '/'}: nobody serves the action "
+                               f"{self._prefix}{topics.MOVE_TO} (./microstage cell starts one)")
+        self.statistics()
+
+    def _result(self, future, wait, again=None):
+        """Result of a future; ``again``: makes a new one where the answer may have been lost."""
+        end, next_try = time.monotonic() + wait, time.monotonic() + ASK_AGAIN
+        while not future.done():
+            rclpy.spin_once(self.node, timeout_sec=0.05)
+            if again and time.monotonic() > next_try:
+                future, next_try = again(), time.monotonic() + ASK_AGAIN
+            if time.monotonic() > end:
+                raise NoAnswer(f"{self._prefix}: no answer within {wait:.0f} s")
+        return future.result()
+
+    def move(self, target, feedback=None, cancel=None, wait=600.0, **options):
+        """One move to ``target`` [m]. Returns the result of the action MoveTo.
+
+        Parameters
+        ----------
+        feedback : called with each feedback. cancel : called without arguments; True cancels the move.
+        options : fields of the goal: max_velocity, tolerance, settle_time, timeout, ...
+        """
+        goal = MoveTo.Goal(target=float(target), **{name: float(value) for name, value in options.items()})
+        sent = self._action.send_goal_async(goal, feedback_callback=lambda m: feedback and feedback(m.feedback))
+        handle = self._result(sent, 15.0)
+        result = handle.get_result_async()
+        end, cancelled = time.monotonic() + wait, False
+        while not result.done():
+            rclpy.spin_once(self.node, timeout_sec=0.02)
+            if cancel is not None and not cancelled and cancel():
+                cancelled = True
+                handle.cancel_goal_async()
+            if time.monotonic() > end:
+                raise NoAnswer(f"{self._prefix}: no result within {wait:.0f} s")
+        return result.result().result
+
+    def statistics(self, reset=False):
+        """Rows of `AccuracyRow` of the moves so far."""
+        def ask():
+            return self._statistics.call_async(Statistics.Request(reset=reset))
+        return self._result(ask(), 20.0, ask).rows
+
+    def wait_until_still(self, quiet=0.5, wait=30.0):
+        """Until simulated time stands still (`pause_s` of the move server): no state for ``quiet`` [s]."""
+        heard = [time.monotonic()]
+        watch = self.node.create_subscription(ControllerState, self._prefix + topics.CONTROLLER_STATE,
+                                              lambda _: heard.append(time.monotonic()), 10)
+        end = time.monotonic() + wait
+        while time.monotonic() - heard[-1] < quiet and time.monotonic() < end:
+            rclpy.spin_once(self.node, timeout_sec=0.05)
+        self.node.destroy_subscription(watch)
+
+    def close(self):
+        """Let go of the server."""
+        self._action.destroy()
+        self.node.destroy_client(self._statistics)
+        if self._own:
+            self.node.destroy_node()

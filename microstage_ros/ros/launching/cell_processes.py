@@ -1,0 +1,209 @@
+"""Starting and stopping the processes of one axis, where no ROS launch system is: one process per node.
+
+    with CellProcesses(namespace="/axis", parameters={"axis_driver": {"seed": 1}}) as cell:
+        cell.activate(node)          # an rclpy node of the caller that nobody spins, for the driver's lifecycle
+"""
+
+import os
+import signal
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+
+import yaml
+
+from microstage_ros.ros.launching.forked import ForkedNodes
+
+NODES = ("axis_driver", "str_controller", "gms_observer", "interferometer_logger", "move_server", "bag_recorder")
+"""All nodes of an axis, in the order in which they are started."""
+
+READERS = {
+    ("axis_driver", "expected_subscribers"): {"str_controller"},
+    ("axis_driver", "expected_followers"): {"gms_observer", "bag_recorder"},
+    ("str_controller", "expected_subscribers"): {"axis_driver"},
+    ("str_controller", "expected_followers"): {"bag_recorder"},
+    ("str_controller", "expected_state_followers"): {"move_server", "bag_recorder"},
+    ("gms_observer", "expected_followers"): {"bag_recorder"},
+    ("interferometer_logger", "expected_followers"): {"move_server", "bag_recorder"},
+}
+"""Node and parameter to the nodes that read what it publishes: they must be there before the first period."""
+
+STOP_WAIT = 20.0
+START_WAIT = 240.0
+ASK_AGAIN, LONGEST_PATIENCE = 0.2, 3.0
+"""A request that is not answered is made again after so long [s], then after twice as long, up to the second."""
+
+
+class CellFailure(RuntimeError):
+    """A process of the cell ended, or did not do what it was asked; the text says which."""
+
+
+PAIR = ("axis_driver", "str_controller")
+PATIENT = ("gms_observer", "interferometer_logger", "bag_recorder")
+"""Nodes that may be late, and give way to those that may not."""
+
+
+def places(nodes, mode):
+    """Parameters ``cpus`` and ``scheduling``: driver and controller on one processor, the others on the rest.
+
+    A message to a process on the same processor costs a switch, one to a sleeping processor its waking, which is
+    several times as much; and nobody else disturbs the pair. With one processor: no places.
+    """
+    allowed = sorted(os.sched_getaffinity(0))
+    if len(allowed) < 2 or not set(PAIR) <= set(nodes):
+        return {name: {} for name in nodes}
+    rest = ",".join(map(str, allowed[:-1]))
+    hot = {"cpus": str(allowed[-1]), "scheduling": "batch" if mode == "lockstep" else "real_time"}
+    return {name: dict(hot) if name in PAIR else {"cpus": rest, **({"nice": 10} if name in PATIENT else {})}
+            for name in nodes}
+
+
+def started_parameters(nodes, given):
+    """Parameters for each node: what they must know of each other, then what the caller gives.
+
+    Parameters
+    ----------
+    nodes : names that are started. given : node name (or ``"*"`` for all that have it) to parameters.
+    """
+    followers = [name for name in nodes if name != "axis_driver"]
+    own = places(nodes, given.get("axis_driver", {}).get("mode", "lockstep"))
+    if "axis_driver" in own:
+        own["axis_driver"]["followers"] = followers or [""]
+    for (name, parameter), readers in READERS.items():
+        if name in own:
+            own[name][parameter] = len(readers & set(nodes))
+    return {name: {**own[name], **given.get(name, {})} for name in nodes}
+
+
+class CellProcesses:
+    """The processes of one axis.
+
+    Parameters
+    ----------
+    namespace : of the axis, beginning with a slash. nodes : which to start. parameters : node name to parameters.
+    logs : folder for what the processes print, one file each; None: to this process's own output.
+    """
+
+    def __init__(self, namespace="/axis", nodes=NODES, parameters=None, logs=None):
+        self.namespace, self.nodes = namespace, nodes
+        self._parameters = started_parameters(nodes, parameters or {})
+        self._logs = None if logs is None else Path(logs)
+        self.processes = {}
+        self._folder = self._forked = None
+
+    def __enter__(self):
+        self.start()
+        return self
+
+    def __exit__(self, *error):
+        self.stop()
+
+    def start(self):
+        """Start every node."""
+        self._folder = tempfile.TemporaryDirectory(prefix="microstage_")
+        if self._logs:
+            self._logs.mkdir(parents=True, exist_ok=True)
+        self._forked = ForkedNodes([self._node(name) for name in self.nodes], self._log("fork_server"))
+        self.processes = dict(self._forked.processes)
+
+    def _log(self, name):
+        return str(self._logs.resolve() / f"{name}.log") if self._logs else None
+
+    def _node(self, name):
+        """What the fork server must know of a node."""
+        arguments = ["--ros-args", "-r", f"__ns:={self.namespace}"]
+        if self._parameters[name]:
+            path = Path(self._folder.name) / f"{name}.yaml"
+            path.write_text(yaml.safe_dump({"/**": {"ros__parameters": self._parameters[name]}}), encoding="utf-8")
+            arguments += ["--params-file", str(path)]
+        return {"name": name, "arguments": arguments, "log": self._log(name)}
+
+    def check(self):
+        """Raise `CellFailure` if a process has ended."""
+        for name, process in self.processes.items():
+            if process.poll() is not None:
+                raise CellFailure(f"{name} ended with status {process.returncode}{self._last_words(name)}")
+
+    def _last_words(self, name):
+        log = self._log(name)
+        if log is None:
+            return ""
+        if not Path(log).exists():  # the server failed before it began any node
+            log = self._log("fork_server")
+        lines = Path(log).read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        return f": {lines[-1]}" if lines else ""
+
+    def activate(self, node):
+        """Configure and activate the driver, through ``node``. Raises `CellFailure`."""
+        from lifecycle_msgs.msg import State, Transition
+
+        self._transition(node, Transition.TRANSITION_CONFIGURE, State.PRIMARY_STATE_INACTIVE, "configured")
+        self._transition(node, Transition.TRANSITION_ACTIVATE, State.PRIMARY_STATE_ACTIVE, "activated")
+
+    def deactivate(self, node):
+        """Deactivate the driver: zero voltage."""
+        from lifecycle_msgs.msg import State, Transition
+
+        self._transition(node, Transition.TRANSITION_DEACTIVATE, State.PRIMARY_STATE_INACTIVE, "deactivated")
+
+    def _transition(self, node, transition, wanted, done):
+        """One lifecycle transition, asked for again if the answer was lost while processes discover each other."""
+        from lifecycle_msgs.msg import Transition
+        from lifecycle_msgs.srv import ChangeState, GetState
+
+        change = node.create_client(ChangeState, f"{self.namespace}/axis_driver/change_state")
+        look = node.create_client(GetState, f"{self.namespace}/axis_driver/get_state")
+        request = ChangeState.Request(transition=Transition(id=transition))
+        end, patience = time.monotonic() + START_WAIT, ASK_AGAIN
+        try:
+            while not (change.service_is_ready() and look.service_is_ready()):
+                self._turn(node, end, "the driver does not come up")
+            looked_after = False  # that all were refused
+            asked = [change.call_async(request)]
+            seen, again = look.call_async(GetState.Request()), time.monotonic() + patience
+            while not any(answer.done() and answer.result().success for answer in asked):
+                self._turn(node, end, f"the driver was not {done}")
+                refused = all(answer.done() for answer in asked)
+                if seen.done() and seen.result().current_state.id == wanted:
+                    return
+                if refused and seen.done() and looked_after:
+                    raise CellFailure(f"the driver was not {done}{self._last_words('axis_driver')}")
+                if time.monotonic() > again or refused and seen.done():
+                    if seen.done() and not refused:  # it answers, and has not done it
+                        asked.append(change.call_async(request))
+                    patience = min(2.0 * patience, LONGEST_PATIENCE)
+                    seen, again, looked_after = look.call_async(GetState.Request()), time.monotonic() + patience, refused
+        finally:
+            node.destroy_client(change)
+            node.destroy_client(look)
+
+    def _turn(self, node, end, complaint):
+        """A moment for ``node``; raises `CellFailure` after ``end`` or if a process has ended."""
+        self.check()
+        if time.monotonic() > end:
+            raise CellFailure(f"{complaint} within {START_WAIT:.0f} s")
+        import rclpy
+
+        rclpy.spin_once(node, timeout_sec=0.02)
+
+    def stop(self):
+        """Ask every process to stop, the driver first and the recorder last; end those that do not."""
+        order = sorted(self.processes, key=lambda name: {"axis_driver": 0, "bag_recorder": 2}.get(name, 1))
+        for name in order:
+            self.stop_one(name)
+        if self._forked:
+            self._forked.close()
+        if self._folder:
+            self._folder.cleanup()
+
+    def stop_one(self, name):
+        """Ask one process to stop and wait for it. Returns its exit status."""
+        process = self.processes.pop(name)
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        try:
+            return process.wait(STOP_WAIT)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            return process.wait()

@@ -1,0 +1,209 @@
+"""One process that imports what the nodes of an axis need once, and forks each of them: started in half the time.
+
+Started by `forked.ForkedNodes`, with the descriptor of a socket as argument, over which lines of JSON go. To here: the
+list of nodes, ``{"name", "arguments", "log"}``, then ``{"name", "signal"}``. Back: ``{"name", "pid"}``,
+``{"name", "status"}``. When the other end closes, or on SIGINT and SIGTERM, it stops all nodes. Each node is a process of
+its own as if it had been started alone; only its command line reads as that of this process.
+
+Forked is before any thread of ours or of the middleware exists, and before `rclpy.init`. Where that cannot be (a library
+that starts a thread when it is loaded, a system without fork), it says so and starts each node alone, slower.
+"""
+
+import ctypes
+import gc
+import importlib
+import json
+import os
+import re
+import selectors
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+PACKAGE = "microstage_ros.ros.nodes"
+PR_SET_PDEATHSIG, PR_SET_NAME = 1, 15
+STOPPING = (signal.SIGINT, signal.SIGTERM)
+
+
+class ForkServer:
+    """The children and the socket.
+
+    Parameters
+    ----------
+    link : socket to who started this process.
+    """
+
+    def __init__(self, link):
+        self._link, self._text, self._closed = link, b"", False
+        self._names = {}
+
+    def serve(self):
+        """Start the nodes and tell of them until all have ended. In a forked child: the call that makes it the node."""
+        nodes = self._receive()
+        modules = {node["name"]: importlib.import_module(f"{PACKAGE}.{node['name']}") for node in nodes}
+        tracing = _Tracing()
+        why = why_not_forked(tracing)
+        if why:
+            print(f"nodes are started one by one, slower: {why}", file=sys.stderr, flush=True)
+        else:
+            _load_message_types()
+        wakened = self._watch_children()
+        nodes.sort(key=lambda node: hasattr(modules[node["name"]], "warm_up"))  # what is ready goes to work meanwhile
+        for node in nodes:
+            if not why:
+                getattr(modules[node["name"]], "warm_up", lambda: None)()
+                gc.freeze()  # so that a collection in a child does not write to, and copy, what it shares with the others
+            pid = _start_alone(node) if why else tracing.fork()
+            if pid == 0:
+                signal.set_wakeup_fd(-1)
+                for end in (self._link, *wakened):
+                    end.close()
+                return lambda node=node: _become(node, modules[node["name"]])
+            self._names[pid] = node["name"]
+            self._send(name=node["name"], pid=pid)
+        self._go_on(wakened[0])
+        return lambda: 0
+
+    def _watch_children(self):
+        """Sockets of which the first is readable after every signal."""
+        ends = socket.socketpair()
+        for end in ends:
+            end.setblocking(False)
+        signal.set_wakeup_fd(ends[1].fileno(), warn_on_full_buffer=False)
+        for number in (signal.SIGCHLD, *STOPPING):
+            signal.signal(number, self._on_signal)
+        return ends
+
+    def _on_signal(self, number, frame):
+        self._closed = self._closed or number in STOPPING
+
+    def _go_on(self, wakened):
+        """Until every child has ended: pass on signals, tell who ended."""
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._link, selectors.EVENT_READ)
+            selector.register(wakened, selectors.EVENT_READ)
+            stopped = False
+            while self._reap():
+                if self._closed and not stopped:
+                    stopped = True
+                    self._signal_all(signal.SIGINT)
+                for key, _ in selector.select():
+                    if key.fileobj is wakened:
+                        wakened.recv(4096)
+                        continue
+                    asked = self._receive()
+                    if asked is None:
+                        selector.unregister(self._link)
+                    else:
+                        self._signal_all(asked["signal"], asked["name"])
+
+    def _reap(self):
+        """Tell of children that have ended; True while there are others."""
+        while self._names:
+            pid, status = os.waitpid(-1, os.WNOHANG)
+            if pid == 0:
+                return True
+            self._send(name=self._names.pop(pid), status=os.waitstatus_to_exitcode(status))
+        return False
+
+    def _signal_all(self, number, name=None):
+        """To the child of that name, None for all. Nobody else can have its number, since only we wait for it."""
+        for pid, its_name in self._names.items():
+            if name in (None, its_name):
+                os.kill(pid, number)
+
+    def _receive(self):
+        """The next line; None when the other end has closed."""
+        while b"\n" not in self._text:
+            more = self._link.recv(65536)
+            if not more:
+                self._closed = True
+                return None
+            self._text += more
+        line, _, self._text = self._text.partition(b"\n")
+        return json.loads(line)
+
+    def _send(self, **values):
+        try:
+            self._link.sendall(json.dumps(values).encode() + b"\n")
+        except OSError:  # nobody there to tell
+            self._closed = True
+
+
+class _Tracing:
+    """ROS's tracing library, where it is loaded: it has threads of its own, and calls for who forks.
+
+    Attributes
+    ----------
+    threads : that it may have.
+    """
+
+    def __init__(self):
+        maps = Path("/proc/self/maps")
+        lines = maps.read_text(encoding="utf-8").splitlines() if maps.exists() else []
+        found = next((line.split()[-1] for line in lines if re.search(r"/liblttng-ust(-[0-9a-f]+)?\.so", line)), None)
+        self._library = ctypes.CDLL(found) if found else None
+        names = [name for name in ("lttng_ust_before_fork", "ust_before_fork") if hasattr(self._library, name)]
+        self._prefix = names[0].removesuffix("before_fork") if names else None
+        self.threads = 2 if self._prefix else 0
+
+    def fork(self):
+        """`os.fork`, after which the child traces as its parent does."""
+        if self._prefix is None:
+            return os.fork()
+        signals = ctypes.create_string_buffer(128)
+        getattr(self._library, self._prefix + "before_fork")(signals)
+        pid = os.fork()
+        getattr(self._library, self._prefix + ("after_fork_parent" if pid else "after_fork_child"))(signals)
+        return pid
+
+
+def why_not_forked(tracing):
+    """Why forking would not be safe here, in words; empty if it is."""
+    if not hasattr(os, "fork") or not Path("/proc/self/task").is_dir():
+        return f"no fork on {sys.platform}"
+    others = len(os.listdir("/proc/self/task")) - 1
+    return f"a library has started threads ({others})" if others > tracing.threads else ""
+
+
+def _load_message_types():
+    """Load what every child would load for the types of messages that it knows."""
+    kinds = {value for module in list(sys.modules.values()) if getattr(module, "__name__", "").startswith((PACKAGE, "rclpy."))
+             for value in list(vars(module).values()) if hasattr(type(value), "__import_type_support__")}
+    for kind in kinds:
+        type(kind).__import_type_support__()
+
+
+def _become(node, module):
+    """In the child: what a process of its own would have and do. Returns the exit status."""
+    for number in (signal.SIGCHLD, signal.SIGTERM):
+        signal.signal(number, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    os.setsid()
+    prctl = ctypes.CDLL(None).prctl
+    prctl(PR_SET_NAME, node["name"].encode(), 0, 0, 0)
+    prctl(PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+    if node["log"]:
+        log = os.open(node["log"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
+        for descriptor in (1, 2):
+            os.dup2(log, descriptor)
+        os.close(log)
+    sys.argv = [module.__file__, *node["arguments"]]
+    gc.enable()
+    return module.main()
+
+
+def _start_alone(node):
+    """A process of its own from the start. Returns its number."""
+    log = open(node["log"], "wb") if node["log"] else None
+    process = subprocess.Popen([sys.executable, "-m", f"{PACKAGE}.{node['name']}", *node["arguments"]],
+                               stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True)
+    process.returncode = 0  # we wait for all children alike
+    return process.pid
+
+
+if __name__ == "__main__":
+    gc.disable()  # nothing of what imports leave behind is garbage
+    sys.exit(ForkServer(socket.socket(fileno=int(sys.argv[1]))).serve()())

@@ -1,0 +1,114 @@
+"""The nodes' processes as who starts them sees them; `fork_server` starts them."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+
+ENVIRONMENT = {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+
+
+class ForkedNodes:
+    """The fork server and its children.
+
+    Parameters
+    ----------
+    nodes : dicts ``name``, ``arguments`` (command line), ``log`` (file for what it prints, None: our own output).
+    log : file for what the server itself prints.
+
+    Attributes
+    ----------
+    processes : name to `NodeProcess`.
+    """
+
+    def __init__(self, nodes, log=None):
+        self._link, other = socket.socketpair()
+        output = open(log, "wb") if log else None
+        self._server = subprocess.Popen(
+            [sys.executable, "-m", "microstage_ros.ros.launching.fork_server", str(other.fileno())], pass_fds=[other.fileno()],
+            stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True, env={**os.environ, **ENVIRONMENT})
+        other.close()
+        if output:
+            output.close()
+        self._text = b""
+        self.processes = {node["name"]: NodeProcess(self) for node in nodes}
+        self._link.sendall(json.dumps(nodes).encode() + b"\n")
+
+    def listen(self, timeout):
+        """Enter what the server tells, waiting at most ``timeout`` [s] for it."""
+        self._link.settimeout(max(timeout, 1e-3))
+        try:
+            more = self._link.recv(65536)
+        except (TimeoutError, BlockingIOError):
+            return
+        except OSError:
+            more = b""
+        if not more:
+            self._ended()
+            return
+        *lines, self._text = (self._text + more).split(b"\n")
+        for line in map(json.loads, lines):
+            process = self.processes[line.pop("name")]
+            process.told_pid = line.get("pid", process.told_pid)
+            process.returncode = line.get("status", process.returncode)
+
+    def _ended(self):
+        """The server is gone, and with it its children."""
+        status = self._server.wait()
+        for process in self.processes.values():
+            if process.returncode is None:
+                process.returncode = status or 1
+
+    def send(self, process, number):
+        """A signal to a child."""
+        name = next(name for name, its in self.processes.items() if its is process)
+        try:
+            self._link.sendall(json.dumps({"name": name, "signal": int(number)}).encode() + b"\n")
+        except OSError:
+            self._ended()
+
+    def close(self):
+        """Let the server go; whatever still runs, it stops."""
+        self._link.close()
+        self._server.wait()
+
+
+class NodeProcess:
+    """One node's process, in the words of `subprocess.Popen`."""
+
+    def __init__(self, owner):
+        self._owner, self.told_pid, self.returncode = owner, None, None
+
+    @property
+    def pid(self):
+        """Its number; waits until it is there, None if it never came."""
+        while self.told_pid is None and self.returncode is None:
+            self._owner.listen(0.5)
+        return self.told_pid
+
+    def poll(self):
+        """Exit status, None while it runs."""
+        if self.returncode is None:
+            self._owner.listen(0.0)
+        return self.returncode
+
+    def wait(self, timeout=None):
+        """Exit status, once it has ended. Raises `subprocess.TimeoutExpired`."""
+        end = None if timeout is None else time.monotonic() + timeout
+        while self.returncode is None:
+            self._owner.listen(0.5 if end is None else max(end - time.monotonic(), 0.0))
+            if self.returncode is None and end is not None and time.monotonic() >= end:
+                raise subprocess.TimeoutExpired("node", timeout)
+        return self.returncode
+
+    def send_signal(self, number):
+        """Send a signal."""
+        self._owner.send(self, number)
+
+    def kill(self):
+        """End it at once."""
+        import signal
+
+        self.send_signal(signal.SIGKILL)

@@ -1,0 +1,102 @@
+"""One node in one process: services and parameters in a thread, the servo loop in the main thread."""
+
+import gc
+import os
+import signal
+import sys
+import threading
+import time
+
+import rclpy
+from rclpy.duration import Duration
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from microstage_ros.quantities.errors import InputError
+from microstage_ros.ros.transport.scheduling import processors, take_place
+from microstage_ros.ros.transport.servo_path import RCLError
+
+SWITCH_INTERVAL = 1e-4
+"""How long the other thread may keep the interpreter [s]; Python's own 5 ms would be fifty control periods."""
+
+ACKNOWLEDGED = 5.0
+"""Longest wait [s] at the end until every reader has what was sent to it."""
+
+_stop = threading.Event()
+
+
+def running():
+    """False once the process is asked to stop (SIGINT, SIGTERM)."""
+    return not _stop.is_set() and rclpy.ok()
+
+
+def run_node(make, arguments=None, threads=1):
+    """Make a node, serve it, run its `loop` until the process is asked to stop. Returns the exit status.
+
+    ROS goes on working while the node closes, so that nothing that was sent is lost.
+
+    Parameters
+    ----------
+    make : called without arguments; returns the node, which has `parameters`, `loop()` (it ends when `running`
+        says so) and `close()`.
+    arguments : command line; default that of the process.
+    threads : of the executor; more than one where callbacks wait for each other.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM):  # background processes begin with SIGINT ignored
+        signal.signal(number, lambda *_: _stop.set())
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    try:
+        node = make()
+        cpus = processors(node.parameters.cpus)
+    except InputError as error:
+        print(" ".join(str(error).split()), file=sys.stderr)
+        rclpy.try_shutdown()
+        return 2
+    _leave_garbage_alone()
+    executor = MultiThreadedExecutor(threads) if threads > 1 else SingleThreadedExecutor()
+    executor.add_node(node)
+    thread = threading.Thread(target=_serve, args=(executor, node.get_logger()), daemon=True)
+    thread.start()
+    p = node.parameters
+    os.nice(getattr(p, "nice", 0))
+    take_place(node.get_logger(), cpus, getattr(p, "scheduling", "normal"), getattr(p, "real_time_priority", 0))
+    try:
+        node.loop()
+    finally:
+        _stop.set()
+        node.close()
+        _wait_for_readers(node)
+        thread.join(timeout=2.0)
+        rclpy.try_shutdown()
+    return 0
+
+
+def _leave_garbage_alone():
+    """What is there now stays: collections, each a millisecond's stop of the loop, look at new objects only, and rarely."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(50_000, 20, 100)
+
+
+def _wait_for_readers(node):
+    """Until reliable readers have acknowledged all that was sent, within `ACKNOWLEDGED`."""
+    end = time.monotonic() + ACKNOWLEDGED
+    for publisher in node.publishers:
+        rest = max(end - time.monotonic(), 0.01)
+        try:
+            publisher.wait_for_all_acked(Duration(nanoseconds=int(rest * 1e9)))
+        except RCLError:  # nothing to wait for
+            continue
+
+
+def _serve(executor, logger):
+    """Serve until the process is asked to stop; a callback that fails is told, and the others go on."""
+    while running():
+        try:
+            executor.spin_once(timeout_sec=0.2)
+        except (KeyboardInterrupt, ExternalShutdownException):
+            return
+        except Exception as error:  # noqa: BLE001 - such as a lifecycle transition that does not exist
+            if running():
+                logger.error(f"a request failed: {type(error).__name__}: {error}")

@@ -1,0 +1,121 @@
+"""The driver's compiled control periods (`driver_loop`) with everything that they work on."""
+
+import numpy as np
+
+from microstage_ros.numerics.compiled import called_from_c, kind_of
+from microstage_ros.ros.loops.driver_loop import (
+    COUNTS,
+    GRACE,
+    LINKS,
+    SHORT_TIMER,
+    TRAVEL,
+    VALUES,
+    on_message,
+    run_periods,
+)
+from microstage_ros.ros.transport.block_buffer import new_ring
+from microstage_ros.ros.transport.c_calls import Frame, load_libraries
+from microstage_ros.ros.transport.response_times import ResponseTimes
+from microstage_ros.ros.transport.scheduling import SPIN
+from microstage_ros.ros.transport.work_handover import SIZE, Desk
+
+FRAMES = (("AxisState",), ("SimulationTruth",), ("VoltageCommand",), ("Clock", "rosgraph_msgs"))
+
+
+def timing(period, rate, slice_s, paced, priority):
+    """Entries of `COUNTS` that tell how to keep time.
+
+    Parameters
+    ----------
+    period : control period [s]. rate : times real time, 0 for as fast as it goes. slice_s : longest wait [s].
+    paced : wall clock. priority : real-time priority of the thread, 0 if it has none.
+    """
+    short = paced and period < SHORT_TIMER
+    rate = 1.0 if paced else rate
+    spin = period if short else SPIN
+    seconds = {"pace_ns": period / rate if rate else 0.0, "slice_ns": slice_s, "spin_ns": spin, "waking_ns": spin,
+               "grace_ns": GRACE if short else 0.0}
+    return {name: round(value * 1e9) for name, value in seconds.items()} | {"priority": priority if short else 0}
+
+
+def load(arrays):
+    """Load or make the compiled code now and not in the first control period; ``arrays``: `SimulatedAxis.arrays`."""
+    load_libraries()
+    frames = [Frame(*name) for name in FRAMES]
+    rings = tuple(new_ring(1, len(frame.raw)) for frame in frames[:2])
+    records = np.zeros(1, LINKS), np.zeros(1, COUNTS), np.zeros(1, VALUES)
+    work = new_work(np.ones(1, np.int64), records, arrays, frames, rings, ResponseTimes())
+    run_periods(np.zeros(SIZE, np.int64), work, np.zeros(2, np.int64))
+    called_from_c(on_message, kind_of(work))
+    run_periods.disable_compile()  # other types would be no work for `on_message`
+
+
+def new_work(stop, records, arrays, frames, rings, responses):
+    """What `run_periods` takes as its work; ``records``: links, counts, values. ``frames``: four of `Frame`."""
+    return (stop, *records, *arrays, tuple(frame.message for frame in frames), tuple(frame.raw for frame in frames[:2]),
+            rings, (responses.counts, responses.longest), np.zeros(2, np.int64))
+
+
+class QuickPeriods:
+    """`run_periods` with everything that it works on.
+
+    Parameters
+    ----------
+    servo, reader : `FastServoPath` and its reader of commands. sender : semaphore of who sends the blocks. topics : `DriverTopics`. gate : `CommandGate`.
+    stop : int64 (1,), 1 while another thread asks for something. responses : `ResponseTimes`. arrays : `SimulatedAxis.own_arrays`.
+    settings : field of `COUNTS` or `VALUES` to its constant value.
+
+    Attributes
+    ----------
+    state, command : frames of what was sent and came last.
+    answered, late, lost, overruns : counters of all periods in compiled code, beside those of the gate; they may be read
+        by any thread while the loop goes on, as may `sequence` and `time_ns`.
+    """
+
+    def __init__(self, servo, reader, sender, topics, gate, stop, responses, arrays, settings):
+        load_libraries()
+        self._topics, self._gate = topics, gate
+        self._frames = [Frame(*name) for name in FRAMES]
+        self.state, _, self.command, _ = self._frames
+        self._links, self._counts, self._values = np.zeros(1, LINKS), np.zeros(1, COUNTS), np.zeros(1, VALUES)
+        state, truth, command, clock = (frame.address for frame in self._frames)
+        self._links[0] = (topics.states.address, state, topics.truths.address, truth, topics.clock_address, clock,
+                          reader.address, command, servo.semaphore.address.value, sender.address.value)
+        for name, value in settings.items():
+            (self._counts if name in COUNTS.names else self._values)[name] = value
+        self._work = new_work(stop, (self._links, self._counts, self._values), arrays, self._frames,
+                              (topics.states.ring, topics.truths.ring), responses)
+        load(arrays)
+        self._desk, self._times = Desk(on_message, self._work, servo), np.zeros(2, np.int64)
+        self._desk.answer(reader)
+
+    def grant(self, credit):
+        """Periods up to this one may begin; heard by the running loop."""
+        self._counts["credit"] = credit
+
+    def run(self, sequence, credit, due, tolerated):
+        """Control periods after number ``sequence``. Returns why it ended; the gate is as after these periods.
+
+        Parameters
+        ----------
+        credit : last period that may begin. due : when the next one is due [s of
+            time.perf_counter], None for now. tolerated : most periods in a row without a command, paced.
+        """
+        c, v, gate = self._counts[0], self._values[0], self._gate
+        c["tolerated"] = tolerated
+        c["sequence"], c["credit"], c["due_ns"] = sequence, credit, 0 if due is None else round(due * 1e9)
+        c["held"] = c["silent"] = gate.last != gate.period
+        c["last"] = gate.last
+        c["truth_listened"] = self._topics.truths.listeners
+        v["voltage"], v["command"] = gate.voltage, gate.command
+        why = run_periods(self._desk.words, self._work, self._times)
+        gate.voltage, gate.command = float(v["voltage"]), float(v["command"])
+        gate.saturated = gate.voltage != gate.command
+        gate.last = int(c["last"])
+        gate.begin(self.sequence - (why == TRAVEL))
+        return why
+
+    def __getattr__(self, name):
+        if name in COUNTS.names:
+            return int(self._counts[name][0])
+        raise AttributeError(name)

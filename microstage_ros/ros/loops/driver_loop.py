@@ -1,0 +1,329 @@
+"""Control periods of a simulated axis in compiled code, as long as nothing out of the ordinary happens.
+
+`run_periods` does what `AxisDriver` does in Python, period after period, and returns to it for everything else:
+a missing or strange command, no credit, the encoder beyond its travel, a request. So every rule about faults stays
+in one place (`hardware.command_gate`), and none of it costs time in good periods.
+"""
+
+import math
+import os
+
+import numpy as np
+
+from microstage_ros.numerics.compiled import compiled
+from microstage_ros.ros.transport.block_buffer import close, crowded, keep
+from microstage_ros.ros.transport.c_calls import (
+    MONOTONIC,
+    REALTIME,
+    now,
+    post,
+    publish,
+    set_policy,
+    sleep_until,
+    take,
+    wait,
+)
+from microstage_ros.ros.transport.work_handover import WAITING, desk_of, get_up, go_home, leave, may_sit, sit_down
+from microstage_ros.solver.period import advance_and_read
+
+GOOD, ASKED, CROWDED, NO_CREDIT, TRAVEL, WAITED, STRANGE, MISSED = range(8)
+"""Why `run_periods` returned. From `TRAVEL` on, the period that is under way has to be ended by the caller:
+TRAVEL: read, nothing sent. WAITED: no command within a slice (lockstep). STRANGE: a command that is no answer to
+this period, nor, paced, to one just before. MISSED: more periods without a command than tolerated (paced)."""
+
+COUNTS = np.dtype([(name, "i8") for name in (
+    "sequence", "credit", "paced", "pace_ns", "due_ns", "slice_ns", "spin_ns", "waking_ns", "grace_ns", "priority", "block", "every", "status",
+    "held", "silent", "truth_listened", "tolerated", "last", "answered", "late", "lost", "overruns", "begun_ns", "time_ns")])
+VALUES = np.dtype([(name, "f8") for name in ("voltage", "limit", "low", "high", "period", "command")])
+LINKS = np.dtype([(name, "u8") for name in (
+    "states", "state", "truths", "truth", "clocks", "clock", "commands", "command", "semaphore", "sender")])
+"""Addresses: of publishers and the frames they send, of the subscription, its frame, its semaphore, the sender's."""
+
+SATURATED, LATE = 4, 8
+
+SHORT_TIMER, GRACE = 5e-4, 5e-3
+"""A kernel timer shorter than a scheduler's tick has to be put into the hardware: 16 us on a virtual machine, a sixth of
+a period at 10 kHz. So with periods shorter than the first figure [s] the loop spins until the next one is due, and waits
+so much longer [s] for a command that is late: the next period begins late. After a period without any command periods
+begin in time again. The time without a command after which the driver trips stays the same."""
+
+RELAXED = 3
+"""One in so many periods the loop spins as a normal thread: Linux takes the processor from real-time threads for 50 ms
+if they keep it for more than 95 % of a second (`sched_rt_runtime_us`), the time spent spinning included."""
+
+MOMENT_NS = 5_000_000
+"""Who is asked for credit has every block that is full, and answers soon; only after this wait [ns] are those sent that are
+not: small blocks are many blocks."""
+
+SPARE_NS, FORGET = 5_000, 64
+"""With longer periods the loop sleeps, and wakes this much sooner [ns] than its sleeps are late: at once as late as the
+latest, and forgetting it over so many periods. `spin_ns` is the most."""
+
+REAL_TIME, NORMAL = os.SCHED_FIFO, os.SCHED_BATCH
+
+
+@compiled
+def early_ns(c):
+    """How long before a period is due the loop must be awake."""
+    return min(c.spin_ns, c.waking_ns + SPARE_NS)
+
+
+@compiled
+def learn_waking(c, late):
+    """A sleep ended so late [ns]; -1 if there was none."""
+    if late > c.waking_ns:
+        c.waking_ns = late
+    elif late >= 0:
+        c.waking_ns -= (c.waking_ns - late) // FORGET
+
+
+@compiled
+def hold_back(c, times):
+    """Sleep until the next period is due; as `AxisDriver._hold_back`."""
+    present = now(MONOTONIC, times)
+    if c.due_ns == 0:
+        c.due_ns = present
+    c.due_ns += c.pace_ns
+    if present > c.due_ns + c.pace_ns // 2:
+        c.overruns += 1
+        if present > c.due_ns + c.pace_ns:
+            c.due_ns = present
+    relaxed = c.priority > 0 and c.sequence % RELAXED == 0
+    if relaxed:
+        set_policy(NORMAL, 0, times)
+    learn_waking(c, sleep_until(c.due_ns, early_ns(c), times))
+    if relaxed:
+        set_policy(REAL_TIME, c.priority, times)
+
+
+@compiled
+def fill_stamp(message, time_ns):
+    """The header of a message."""
+    message["header.stamp.sec"] = time_ns // 1_000_000_000
+    message["header.stamp.nanosec"] = time_ns % 1_000_000_000
+
+
+@compiled
+def send_state(links, c, v, reading, message, raw, ring):
+    """The state of period ``c.sequence``."""
+    fill_stamp(message, c.time_ns)
+    message["sequence"] = c.sequence
+    message["position"] = reading.encoder
+    message["applied_voltage"] = v.voltage
+    message["current"] = reading.current
+    message["motor_angle"] = reading.motor_angle
+    message["status"] = c.status | (SATURATED if v.command != v.voltage else 0) | (LATE if c.held else 0)
+    message["fault"] = 0
+    publish(links.states, links.state)
+    keep(ring, raw, c.sequence)
+
+
+@compiled
+def send_truth(links, c, plant_state, reading, message, raw, ring):
+    """What only the simulation knows, as `SimulatedAxis.truth`."""
+    fill_stamp(message, c.time_ns)
+    message["sequence"] = c.sequence
+    message["stage_position"] = plant_state.x
+    message["stage_velocity"] = plant_state.v
+    message["actuator_torque"] = plant_state.torque_friction
+    message["guideway_force"] = plant_state.guide_friction
+    message["interferometer_position"] = reading.interferometer
+    message["air_temperature"] = reading.air_temperature
+    message["air_pressure"] = reading.air_pressure
+    message["air_humidity"] = reading.air_humidity
+    message["stage_temperature"] = reading.stage_temperature
+    if c.truth_listened:
+        publish(links.truths, links.truth)
+    keep(ring, raw, c.sequence)
+
+
+@compiled
+def in_force(c, v, command):
+    """Obey the command in its frame; False if it is strange."""
+    n = np.int64(command["sequence"])
+    if n > c.sequence or n <= c.last or not math.isfinite(command["voltage"]) or (n < c.sequence and not c.paced):
+        return False
+    c.last = n
+    v.command = command["voltage"]
+    v.voltage = min(max(v.command, -v.limit), v.limit)
+    return True
+
+
+@compiled
+def await_command(links, c, v, command, times):
+    """GOOD when the answer to the period is in force, else why not."""
+    while True:
+        if take(links.commands, links.command):
+            if not in_force(c, v, command):
+                return STRANGE
+            if c.last == c.sequence:
+                return GOOD
+            c.late += 1
+            continue
+        present = now(MONOTONIC, times)
+        if c.paced:
+            until = c.due_ns + c.pace_ns + (0 if c.silent else c.grace_ns)
+            if present >= until:
+                return MISSED
+            wait(links.semaphore, until, times)
+        elif not wait(links.semaphore, present + c.slice_ns, times):
+            return WAITED
+
+
+@compiled
+def count_answer(c, responses, times):
+    """The command for the period came; count how long it took, and whether that was within the period."""
+    present = now(MONOTONIC, times)
+    c.held, c.silent = c.paced and present > c.due_ns + c.pace_ns, 0
+    if c.held:
+        c.late += 1
+    else:
+        c.answered += 1
+    counts, longest = responses
+    taken = present - c.begun_ns
+    counts[min(taken // 1000, len(counts) - 1)] += 1
+    longest[0] = max(longest[0], taken)
+
+
+@compiled
+def begin_period(stop, links, c, v, plants, states, works, readings, frames, raws, rings, responses, times):
+    """Read and send the state of the next period. WAITING for its command, or why the loop ends."""
+    links, c, v, reading = links[0], c[0], v[0], readings[0]
+    if stop[0]:
+        return ASKED
+    n = c.sequence + 1
+    if n > c.credit:
+        return NO_CREDIT
+    if crowded(rings[0]):
+        return CROWDED
+    if c.pace_ns > 0:
+        hold_back(c, times)
+    c.begun_ns = now(MONOTONIC, times)
+    advance_and_read(plants, states, works, readings, v.voltage)
+    c.sequence = n
+    c.time_ns = now(REALTIME, times) if c.paced else int(np.rint(n * v.period * 1e9))
+    if not v.low <= reading.encoder <= v.high:
+        return TRAVEL
+    send_state(links, c, v, reading, frames[0][0], raws[0], rings[0])
+    return WAITING
+
+
+@compiled
+def end_period(stop, links, c, v, plants, states, works, readings, frames, raws, rings, responses, times):
+    """What else is to be sent of a period whose command is in force, or that has to do without."""
+    links, c, clock = links[0], c[0], frames[3][0]
+    n = c.sequence
+    if n % c.every == 0:
+        send_truth(links, c, states[0], readings[0], frames[1][0], raws[1], rings[1])
+    if (n + 1) % c.block == 0:
+        if links.clocks:
+            clock["clock.sec"], clock["clock.nanosec"] = c.time_ns // 1_000_000_000, c.time_ns % 1_000_000_000
+            publish(links.clocks, links.clock)
+        close(rings[0])
+        close(rings[1])
+        if not c.paced:  # else who sends looks by itself: to wake another processor can take as long as a period
+            post(links.sender)
+
+
+@compiled
+def begin_with_credit(work, times):
+    """As `begin_period`, after a moment's wait for credit if there is none."""
+    links, until = work[1][0], now(MONOTONIC, times) + MOMENT_NS
+    why = begin_period(*work)
+    while why == NO_CREDIT and wait(links.semaphore, until, times):
+        why = begin_period(*work)
+    return why
+
+
+@compiled
+def timed_periods(desk, work, times):
+    """Control periods that begin when they are due. Why they ended."""
+    links, c, v, frames, responses = work[1][0], work[2][0], work[3][0], work[8], work[11]
+    carried = c.paced != 0 and c.grace_ns == 0
+    while True:
+        why = begin_period(*work)
+        if why == WAITING and carried:
+            why = sleep_at_desk(desk, c, work, times)
+        if why == WAITING and c.last == c.sequence:
+            continue  # whoever brought the command has done the rest
+        if why == WAITING:
+            why = await_command(links, c, v, frames[2][0], times)
+        if why == GOOD:
+            count_answer(c, responses, times)
+        elif why == MISSED and c.sequence - c.last + c.grace_ns // c.pace_ns <= c.tolerated:
+            c.lost += 1
+            c.held = c.silent = 1
+        else:
+            return why
+        end_period(*work)
+
+
+@compiled
+def sleep_at_desk(desk, c, work, times):
+    """Until it is time to wait for the next period (`hold_back`); the command is taken by who brings it. WAITING, or why
+    the loop ends."""
+    until = c.due_ns + c.pace_ns - early_ns(c)
+    woken, why = True, WAITING
+    while woken and why == WAITING and now(MONOTONIC, times) < until:
+        woken, why = leave(desk, work, until, times)
+        if woken and why == WAITING:
+            why = go_on(work)
+    if not woken:
+        learn_waking(c, now(MONOTONIC, times) - until)
+    return why
+
+
+@compiled
+def go_on(work):
+    """Take the command that waits, if it does; in lockstep the next period begins. WAITING, or why the loop ends."""
+    links, c, v, command, responses, times = work[1][0], work[2][0], work[3][0], work[8][2][0], work[11], work[12]
+    if not take(links.commands, links.command):
+        return WAITING
+    if not in_force(c, v, command):
+        return STRANGE
+    if c.last < c.sequence:
+        c.late += 1
+        return WAITING
+    count_answer(c, responses, times)
+    end_period(*work)
+    return WAITING if c.paced else begin_period(*work)
+
+
+@compiled
+def run_periods(desk, work, times):
+    """Control periods until one of the reasons at the top.
+
+    Parameters
+    ----------
+    desk : `desk.Desk.words`.
+    work : stop, int64 of shape (1,), made 1 by another thread that asks for something; records `LINKS`, `COUNTS`, `VALUES`;
+        plants, states, works, readings, arrays of one as in `solver.period`; messages of state, truth, command, clock
+        (`c_calls.Frame.message`); bytes of the first two; blocks of state and truth (`kept_rows`); arrays of
+        `ResponseTimes`; int64 (2,), to work in.
+    times : another int64 (2,), for the loop's thread while others work.
+    """
+    c = work[2][0]
+    sit_down(desk)
+    if c.pace_ns > 0:
+        why = timed_periods(desk, work, times)
+        go_home(desk)
+        return why
+    why = begin_with_credit(work, times)
+    while why == WAITING:
+        before = c.sequence
+        woken, why = leave(desk, work, now(MONOTONIC, times) + c.slice_ns, times)
+        if why == WAITING:
+            why = go_on(work)
+            if why == WAITING and not woken and c.sequence == before:
+                why = WAITED
+        if why == NO_CREDIT:
+            why = begin_with_credit(work, times)
+    go_home(desk)
+    return why
+
+
+def on_message(work, count):
+    """A command has come: it is obeyed, and in lockstep the next period begins, where it came, unless the loop's thread is needed."""
+    desk = desk_of(work)
+    if may_sit(desk):
+        get_up(desk, go_on(work[0]))

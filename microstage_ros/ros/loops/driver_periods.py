@@ -1,0 +1,250 @@
+"""The driver's servo loop: one control period after the other, and what lifecycle requests do between two of them.
+
+All of it runs in the loop's own thread, which alone has the hardware and the gate.
+"""
+
+import time
+
+from microstage_msgs.msg import AxisState
+
+from microstage_ros.hardware.command_gate import FAULTS
+from microstage_ros.hardware.protocol import HardwareError, Reading
+from microstage_ros.ros.launching.process import running
+from microstage_ros.ros.loops.driver_loop import CROWDED, MISSED, MOMENT_NS, NO_CREDIT, STRANGE, TRAVEL, WAITED
+from microstage_ros.ros.transport import topics
+from microstage_ros.ros.transport.credit import UNLIMITED
+from microstage_ros.ros.transport.scheduling import SPIN, sleep_precisely, sleep_until
+
+SLICE = 0.05
+"""Longest wait [s] before the loop looks for requests of the other thread."""
+
+_ACTIVE, _SATURATED, _LATE, _FAULT = (
+    AxisState.STATUS_ACTIVE, AxisState.STATUS_SATURATED, AxisState.STATUS_COMMAND_LATE, AxisState.STATUS_FAULT)
+
+
+class DriverPeriods:
+    """What `AxisDriver` does in its servo loop; the attributes are the node's."""
+
+    def loop(self):
+        """The servo loop."""
+        sleep_precisely()
+        period = self._lockstep_period if self._lockstep else self._paced_period
+        while running():
+            self._requests.serve()
+            if self.gate.fault != "none":
+                self._faulted_period()
+            elif self.gate.active and self._quick is not None and self.hardware.arrays is not None:
+                self._quick_periods()
+            elif self.gate.active:
+                period()
+            else:
+                self._idle()
+            if self._told != (self.gate.active, self.gate.fault):
+                self._tell()
+
+    def _open(self):
+        self.hardware.open()
+
+    def _activate(self):
+        if not self.gate.activate():
+            self.get_logger().error(f"not activated: fault {self.gate.fault} is latched ({self.gate.message}); "
+                                    f"service {topics.RESET_FAULT} forgets it")
+            return False
+        self._due = None
+        self._tell()
+        return True
+
+    def _deactivate(self):
+        self.gate.deactivate()
+        self._write(0.0)
+        self._tell()
+
+    def _shut(self):
+        self._deactivate()
+        self.hardware.close()
+
+    def _tell(self):
+        self._told = (self.gate.active, self.gate.fault)
+        if self.gate.fault != "none":
+            self.get_logger().error(f"fault {self.gate.fault}: {self.gate.message}; the voltage is zero")
+        self.topics.status(self._time_ns, self.sequence, self.gate, self.hardware.simulated)
+
+    def _idle(self):
+        self.topics.flush()
+        self._servo.wait(self._idle_readers, SLICE)
+        self._take_commands()
+        self._credits.take()
+
+    def _begin(self, time_ns):
+        """Read, publish: the control period begins."""
+        try:
+            reading = self.hardware.read()
+        except HardwareError as error:
+            self.gate.trip("hardware", str(error))
+            reading = Reading(float("nan"))
+        gate = self.gate
+        late = gate.active and gate.last != gate.period
+        self._announce(time_ns, reading, late)
+
+    def _announce(self, time_ns, reading, late):
+        """The state of the next period, as it was read."""
+        gate = self.gate
+        self.sequence = n = self.sequence + 1
+        self._time_ns = time_ns
+        if not self._travel[0] <= reading.encoder <= self._travel[1] and gate.fault == "none":
+            gate.trip("travel", f"the encoder reads {reading.encoder!r} m, the travel is {self._travel} m")
+        status = self._constant_status | (gate.active and _ACTIVE) | (gate.saturated and _SATURATED) | (late and _LATE) \
+            | (gate.fault != "none" and _FAULT)
+        gate.begin(n)
+        raw = self.topics.state(time_ns, n, reading, gate.voltage, status, FAULTS.index(gate.fault))
+        self._begun = (time_ns, n, raw, self.hardware)
+
+    def _write(self, voltage):
+        try:
+            self.hardware.write(voltage)
+        except HardwareError as error:
+            self.gate.trip("hardware", str(error))
+
+    def _lockstep_period(self):
+        n = self.sequence + 1
+        if n > self.ledger.limit and not self._await_credit(n):
+            return
+        if self.parameters.rate_limit > 0.0:
+            self._hold_back(self.period / self.parameters.rate_limit)
+        begun = time.perf_counter()
+        self._begin(round(n * self.period * 1e9))
+        self._end_lockstep_period(n, begun, self._begun[2])
+        self.topics.rest(*self._begun)
+
+    def _end_lockstep_period(self, n, begun, raw):
+        if self._await_command(n, begun, raw):
+            self.responses.add(time.perf_counter() - begun)
+            self._write(self.gate.voltage)
+
+    def _await_command(self, n, begun, raw):
+        """Until period ``n`` has its command or a fault; False if the driver was deactivated meanwhile."""
+        gate, wait, readers, resent = self.gate, self._servo.wait, self._command_readers, begun
+        self._take_commands()
+        while True:
+            if gate.last != n:
+                wait(readers, SLICE)
+                self._take_commands()
+            if gate.last == n or gate.fault != "none":
+                return True
+            self._requests.serve()
+            waited = time.perf_counter()
+            if not gate.active or not running():
+                return False
+            if waited - begun > self.parameters.command_timeout_lockstep_s:
+                gate.trip("command_timeout", f"no command for period {n} within {waited - begun:.1f} s")
+            elif waited - resent > self.parameters.resend_s:
+                resent = waited
+                self.topics.states.send_single(raw)
+
+    def _paced_period(self):
+        self._hold_back(self.period)
+        begun = time.perf_counter()
+        self._begin(time.time_ns())
+        self._write(self.gate.voltage)
+        self._end_paced_period(self.sequence, begun)
+        self.topics.rest(*self._begun)
+
+    def _end_paced_period(self, n, begun):
+        gate, readers = self.gate, self._command_readers
+        end = self._due + self.period - SPIN
+        while gate.fault == "none" and gate.last != n:
+            rest = end - time.perf_counter()
+            if rest <= 0.0:
+                break
+            self._servo.wait(readers, rest)
+            if self._take_commands():
+                self._write(gate.voltage)
+        if gate.last == n:
+            self.responses.add(time.perf_counter() - begun)
+        gate.close_period(self.parameters.command_timeout_periods)
+        if n % 100 == 0:
+            self._credits.take()
+
+    def _quick_periods(self):
+        """Periods in compiled code until something needs a closer look, and the closer look."""
+        quick, gate = self._quick, self.gate
+        credit = self.ledger.limit if self._lockstep else UNLIMITED
+        why = quick.run(self.sequence, credit, self._due, self.parameters.command_timeout_periods)
+        self.sequence, self._time_ns = quick.sequence, quick.time_ns
+        self._due = quick.due_ns * 1e-9 or None
+        self._write(gate.voltage)
+        n, begun = self.sequence, quick.begun_ns * 1e-9
+        if why == NO_CREDIT:
+            self._await_credit(n + 1)
+        elif why == CROWDED:
+            self.topics.send_closed()
+        elif why == TRAVEL:
+            self.sequence -= 1
+            self._announce(self._time_ns, self.hardware.last_reading, gate.last != gate.period)
+            self.topics.rest(*self._begun)
+        elif why in (WAITED, STRANGE, MISSED):
+            if why == STRANGE:
+                self._offer(quick.command.bytes)
+            if self._lockstep:
+                self._end_lockstep_period(n, begun, quick.state.bytes)
+            elif why == MISSED:
+                self._miss(begun)
+            else:
+                self._end_paced_period(n, begun)
+            self.topics.instruments(self._time_ns, n, self.hardware)
+            self.topics.end_of_block(self._time_ns, n)
+
+    def _miss(self, begun):
+        """No command came for more periods than tolerated; they may have been one long one."""
+        missing = self.gate.period - self.gate.last + int((time.perf_counter() - begun) / self.period)
+        self.gate.close_period(self.parameters.command_timeout_periods, missing)
+
+    def _faulted_period(self):
+        """Go on measuring in real time with zero voltage, whatever commands say."""
+        self._hold_back(max(self.period, 1e-3))
+        self._write(0.0)
+        self._begin(round((self.sequence + 1) * self.period * 1e9) if self.parameters.mode == "lockstep"
+                    else time.time_ns())
+        self.topics.rest(*self._begun)
+        self._take_commands()
+        self._credits.take()
+
+    def _hold_back(self, period):
+        """Sleep until the next period is due; a period that begins more than half of one late is an overrun."""
+        now = time.perf_counter()
+        if self._due is None:
+            self._due = now
+        self._due += period
+        if now > self._due + period / 2:
+            self.overruns += 1
+            if now > self._due + period:
+                self._due = now
+        sleep_until(self._due)
+
+    def _await_credit(self, n):
+        """Wait for credit for period ``n``, one slice long."""
+        self._credits.take()
+        for wait in (MOMENT_NS * 1e-9, SLICE):
+            if n <= self.ledger.limit:
+                return True
+            if wait == SLICE:
+                self.topics.flush()  # who holds us up may be waiting for it
+            self._servo.wait(self._idle_readers, wait)
+            self._take_commands()
+            self._credits.take()
+        for name in self._credits.drop_silent(self.parameters.follower_timeout_s):
+            self.get_logger().warning(f"{name} has been silent for {self.parameters.follower_timeout_s} s "
+                                      "and is no longer waited for: it will miss messages")
+        return n <= self.ledger.limit
+
+    def _take_commands(self):
+        """Offer all waiting commands to the gate; True if one is in force."""
+        obeyed, take = False, self._commands.take
+        while (raw := take()) is not None:
+            obeyed = self._offer(raw) or obeyed
+        return obeyed
+
+    def _offer(self, raw):
+        """Offer one command to the gate; True if it is in force."""
+        sequence, voltage, _, _, _ = self._unpack_command(raw)
+        return self.gate.offer(sequence, voltage)

@@ -1,0 +1,184 @@
+"""axis_driver: the only node that touches the hardware. Lifecycle; lockstep or paced; zero voltage on any fault.
+
+lockstep   simulated time: period n begins when the command for n - 1 is in force and every follower has
+           granted credit for it; stamps are n T. The run depends on seed and commands alone.
+paced      wall clock: period n begins at its time whatever happens; the newest valid command is in force
+           (`hardware.command_gate` says what happens to late, lost, repeated and bad ones).
+"""
+
+import sys
+import threading
+import time
+
+from microstage_msgs.msg import AxisState, Credit, VoltageCommand
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from std_srvs.srv import Trigger
+
+from microstage_ros.hardware import make_hardware
+from microstage_ros.hardware.command_gate import CommandGate
+from microstage_ros.hardware.protocol import HardwareError, Setup
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.places import config_file
+from microstage_ros.quantities.errors import InputError
+from microstage_ros.ros.launching.parameters import Parameters, yaml_mapping
+from microstage_ros.ros.launching.process import run_node
+from microstage_ros.ros.loops.compiled_driver import QuickPeriods, load, timing
+from microstage_ros.ros.loops.driver_periods import SLICE, DriverPeriods
+from microstage_ros.ros.loops.driver_topics import DriverTopics
+from microstage_ros.ros.transport import topics
+from microstage_ros.ros.transport.blocks import Sender
+from microstage_ros.ros.transport.codec import Codec
+from microstage_ros.ros.transport.credit import CreditReader, Ledger
+from microstage_ros.ros.transport.requests import Requests
+from microstage_ros.ros.transport.response_times import ResponseTimes
+from microstage_ros.ros.transport.servo_path import FastServoPath, make_servo_path, reader_qos
+
+TRAVEL_MARGIN = 1e-4
+COUNTERS = ("answered", "late", "lost", "duplicated", "reordered")
+"""Of the gate, in the timing message."""
+
+
+class AxisDriver(DriverPeriods, LifecycleNode):
+    """The driver's process: the servo loop has the hardware and the gate to itself, requests are handed to it."""
+
+    def __init__(self):
+        super().__init__("axis_driver")
+        p = self.parameters = Parameters(self, "axis_driver")
+        self.axis = load_axis(p.axis_file or config_file("axis.yaml"))
+        self.period = self.axis.value("period")
+        self._travel = (self.axis.value("travel.minimum") - TRAVEL_MARGIN,
+                        self.axis.value("travel.maximum") + TRAVEL_MARGIN)
+        self._lockstep = p.mode == "lockstep"
+        self.gate = CommandGate(self.axis.value("drive.voltage_limit"))
+        self.ledger = Ledger(p.followers)
+        self.responses = ResponseTimes()
+        self.sequence, self.overruns, self._time_ns, self._due, self._told = -1, 0, 0, None, None
+        setup = Setup(self.axis, p.seed, yaml_mapping("axis_driver: backend_options", p.backend_options, "{position: 0.0}"))
+        self.hardware = make_hardware(p.backend, setup)
+        if p.mode == "lockstep" and not self.hardware.simulated:
+            raise InputError("axis_driver: parameter mode", p.mode, f"paced: backend {p.backend} has its own time")
+        servo = self._servo = make_servo_path(self)
+        quick = p.compiled_loop and isinstance(servo, FastServoPath) and hasattr(self.hardware, "arrays")
+        side = make_servo_path(self) if quick else servo
+        self._requests, self._quick = Requests(servo.semaphore.post_now if quick else lambda: None), None
+        self._credits = CreditReader(side.reader(Credit, topics.CREDIT, reader_qos(1000, reliable=True)), self.ledger,
+                                     self._on_credit)
+        self._commands = servo.reader(VoltageCommand, topics.COMMAND, reader_qos(100, reliable=False))
+        self._command_readers = (self._commands,)
+        self._idle_readers = (self._commands,) if quick else (self._credits.reader, self._commands)
+        self._unpack_command = Codec("VoltageCommand").unpack
+        self._constant_status = (AxisState.STATUS_SIMULATED if self.hardware.simulated else 0) | (
+            AxisState.STATUS_LOCKSTEP if p.mode == "lockstep" else 0)
+        self.topics = DriverTopics(self, servo, self.axis, self.hardware.simulated)
+        if quick:
+            self._quick = QuickPeriods(servo, self._commands, side.semaphore, self.topics, self.gate, self._requests.asked,
+                                       self.responses, self.hardware.own_arrays, self._settings())
+            self._sender = Sender(self.topics.outlets, side.semaphore, self._credits.take)
+        self.create_service(Trigger, topics.RESET_FAULT, self._reset_fault)
+        self.create_timer(1.0, self._once_per_second)
+        if p.activate:
+            self._starter = threading.Thread(target=self._start_alone, daemon=True)
+            self._starter.start()
+
+    def _settings(self):
+        """What stays as it is in the compiled loop."""
+        p, (low, high) = self.parameters, self._travel
+        return {"paced": not self._lockstep, "block": self.topics.block, "every": p.simulation_decimation,
+                "status": self._constant_status | AxisState.STATUS_ACTIVE, "limit": self.gate.limit, "low": low, "high": high,
+                "period": self.period, **timing(self.period, p.rate_limit, SLICE, not self._lockstep,
+                                                 p.real_time_priority if p.scheduling == "real_time" else 0)}
+
+    # --- requests from the other thread -------------------------------------------------------------------
+
+    def on_configure(self, state):
+        """Take hold of the hardware."""
+        return self._in_loop(self._open)
+
+    def on_activate(self, state):
+        """Begin; refused while a fault is latched, or readers or followers are missing."""
+        missing = self._missing_readers()
+        if missing:
+            self.get_logger().error(f"not activated: {missing}")
+            return TransitionCallbackReturn.FAILURE
+        return self._in_loop(self._activate)
+
+    def on_deactivate(self, state):
+        """Zero voltage."""
+        return self._in_loop(self._deactivate)
+
+    def on_cleanup(self, state):
+        """Let go of the hardware."""
+        return self._in_loop(self.hardware.close)
+
+    def on_shutdown(self, state):
+        """Zero voltage, let go of the hardware."""
+        return self._in_loop(self._shut)
+
+    def _in_loop(self, action):
+        """Have the servo loop do it between two periods. Returns the transition's result."""
+        try:
+            done = self._requests.ask(action) is not False
+        except (HardwareError, InputError, TimeoutError) as error:
+            self.get_logger().error(str(error))
+            done = False
+        return TransitionCallbackReturn.SUCCESS if done else TransitionCallbackReturn.FAILURE
+
+    def _missing_readers(self):
+        """What is missing for the first period, in words; waits a while for it."""
+        until = time.monotonic() + self.parameters.ready_timeout_s
+        while True:
+            missing = self.topics.missing_readers(self.ledger.missing() if self._lockstep else [])
+            if not missing or time.monotonic() > until:
+                return missing
+            time.sleep(0.005)
+
+    def _reset_fault(self, request, response):
+        fault = self.gate.fault
+        response.success = self._in_loop(self.gate.reset) == TransitionCallbackReturn.SUCCESS
+        response.message = f"was: {fault}"
+        return response
+
+    def _start_alone(self):
+        """Without a lifecycle manager."""
+        time.sleep(0.1)
+        self.trigger_configure()
+        self.trigger_activate()
+
+    # --- for the other thread while the loop goes on ------------------------------------------------------
+
+    def _on_credit(self, limit):
+        if self._quick is not None and self._lockstep:
+            self._quick.grant(limit)
+            self._servo.semaphore.post_now()
+
+    def _once_per_second(self):
+        """Timing and diagnostics, read while the loop goes on: to stop it would cost it many periods."""
+        counters = {name: getattr(self.gate, name) for name in COUNTERS} | {"overruns": self.overruns}
+        time_ns, sequence, quick = self._time_ns, self.sequence, self._quick
+        if quick is not None:
+            time_ns, sequence = max(time_ns, quick.time_ns), max(sequence, quick.sequence)
+            counters |= {name: counters[name] + getattr(quick, name) for name in ("answered", "late", "lost", "overruns")}
+        self.topics.timing(time_ns, sequence, self.gate, counters, self.responses)
+
+    def close(self):
+        """Zero voltage, let go of the hardware, send what is left."""
+        self.gate.deactivate()
+        self._write(0.0)
+        self.hardware.close()
+        if self._quick is not None:
+            self._sender.stop()
+        self.topics.flush()
+
+
+def warm_up():
+    """Load compiled code for who forks this node."""
+    load(make_hardware("simulated", Setup(load_axis(config_file("axis.yaml")), 1, {})).own_arrays)
+
+
+def main(arguments=None):
+    """Run the node."""
+    return run_node(AxisDriver, arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,117 @@
+"""The files of an answer: report.json as the contract has it, extended.yaml that runs, a page, experiments."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+from microstage_ros.control.runs.run_file import Run, load_run
+from microstage_ros.control.runs.simulate import simulate
+from microstage_ros.diagnosis.report.answer import write_answer
+from microstage_ros.diagnosis.report.experiment import CONDITIONS, separating_run
+from microstage_ros.diagnosis.report.wording import TONES, WORDS
+from microstage_ros.diagnosis.report.wording import VERDICTS as SENTENCES
+from microstage_ros.diagnosis.result import (
+    VERDICTS,
+    Cause,
+    Diagnosis,
+    Finding,
+    Gain,
+    OverallGain,
+    Parameter,
+    Picture,
+    Rivals,
+)
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.model.effects import REGISTRY
+from microstage_ros.quantities.errors import InputError
+from test.diagnosis.emps import ROOT
+
+SOURCES = {"records": ["a<b>.csv"], "holdout": [], "baseline": []}
+
+
+@pytest.fixture
+def axis():
+    return load_axis(ROOT / "config/axis.yaml")
+
+
+@pytest.fixture
+def diagnosis():
+    cause = Cause("backlash", {"width_rad": Parameter(0.017, 0.001, "rad")}, {"width_rad": 0.017}, 0.99, 0.83,
+                  Gain(0.031, 0.012, "V"), "voltage", "The gearhead has 17 mrad of lost motion.")
+    rivals = Rivals(("transport_delay", "actuator_lag"), "both shift the phase", {})
+    gain = OverallGain("voltage", "V", ("hold.csv",), 0.031, 0.012, 0.01, (0.011, 0.013))
+    x = np.linspace(0, 1, 50)
+    picture = Picture("travel", "Lost motion", "position [m]", "voltage [V]", {"measured": (x, x), "model": (x, x**2, 0.1 * x)}, "backlash")
+    findings = (Finding("voltage", "reversal", 9.0, 1.2, 0.8), Finding("voltage", "position", 1.0, 1.2, float("nan")))
+    return Diagnosis("undetermined", (cause,), (rivals,), gain, findings, (picture,), ("a note & more",), 7,
+                     {"stage.mass": Parameter(3.1, 0.02, "kg")}, {"transport_delay": {"delay_s": 1e-4}})
+
+
+def test_report_has_the_fields_of_the_contract(diagnosis, axis, tmp_path):
+    write_answer(diagnosis, axis, tmp_path / "deep" / "out", SOURCES)
+    report = json.loads((tmp_path / "deep/out/report.json").read_text())
+    assert report["format"] == 1 and report["verdict"] in VERDICTS and report["extended_axis"] == "extended.yaml"
+    cause = report["causes"][0]
+    assert cause["id"] == "backlash" and cause["parameters"]["width_rad"] == {"value": 0.017, "stderr": 0.001, "unit": "rad"}
+    assert {"probability", "share"} <= cause.keys() and cause["gain"] == {"before": 0.031, "after": 0.012, "unit": "V"}
+    assert set(report["rivals"][0]) == {"ids", "why", "experiment"}
+    assert report["gain"] == {"metric": "voltage", "unit": "V", "records": ["hold.csv"], "before": 0.031, "after": 0.012,
+                              "floor": 0.01, "ci95": [0.011, 0.013]}
+    assert report["seed"] == 7 and report["version"]
+
+
+def test_extended_axis_holds_causes_stand_ins_and_refitted_numbers_and_runs(diagnosis, axis, tmp_path):
+    write_answer(diagnosis, axis, tmp_path, SOURCES)
+    extended = load_axis(tmp_path / "extended.yaml")
+    assert extended.effects["backlash"]["width_rad"] == 0.017 and extended.effects["transport_delay"]["delay_s"] == 1e-4
+    assert extended.quantity("stage.mass").source == "identified" and extended.value("stage.mass") == 3.1
+    assert extended.provenance["seed"] == 7 and extended.provenance["stand_ins"] == {"transport_delay": ["actuator_lag"]}
+    columns = simulate(extended, Run(program=[{"move_to_m": 1e-5}]), seed=1)
+    assert 1e-6 < columns["encoder_m"].max() < 5e-5
+
+
+def test_the_experiment_is_a_run_file(diagnosis, axis, tmp_path):
+    report = write_answer(diagnosis, axis, tmp_path, SOURCES)
+    run = load_run(tmp_path / report["rivals"][0]["experiment"])
+    assert run.program and run.period_s == axis.value("period")
+
+
+@pytest.mark.parametrize("file", ["config/axis.yaml", "config/emps.yaml"])
+@pytest.mark.parametrize("ids", [sorted(entry[0]) for entry in CONDITIONS])
+def test_every_experiment_stays_on_the_axis(ids, file, tmp_path):
+    axis = load_axis(ROOT / file)
+    path = tmp_path / "run.yaml"
+    path.write_text(yaml.safe_dump(separating_run(ids, axis)))
+    run = load_run(path)
+    if sum("dwell_s" in segment and segment["dwell_s"] > 5 for segment in run.program) < 2:   # not the one of minutes
+        reference = run.tables(axis.value("period"))["reference"]
+        assert axis.value("travel.minimum") <= reference.min() and reference.max() <= axis.value("travel.maximum")
+        assert len(reference) * axis.value("period") < 600
+
+
+def test_the_page_says_what_the_report_says_and_needs_nothing_beside_it(diagnosis, axis, tmp_path):
+    report = write_answer(diagnosis, axis, tmp_path, SOURCES)
+    text = (tmp_path / "report.html").read_text()
+    assert "17 mrad of lost motion" in text and "Lost motion at reversal" in text and "separate_1.yaml" in text
+    assert report["consequences"] and "What it means for the work" in text
+    assert "a&lt;b&gt;.csv" in text and "a note &amp; more" in text
+    assert "http://" not in text.replace("http://www.w3.org", "") and "https://" not in text
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_every_verdict_has_a_page(verdict, axis, tmp_path):
+    report = write_answer(Diagnosis(verdict), axis, tmp_path, SOURCES)
+    assert report["gain"] is None and SENTENCES[verdict] in (tmp_path / "report.html").read_text()
+    assert verdict in TONES
+
+
+def test_every_effect_has_words():
+    assert set(WORDS) == set(REGISTRY)
+
+
+def test_a_folder_that_cannot_be_written_is_told(diagnosis, axis, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="--out"):
+        write_answer(diagnosis, axis, tmp_path / "file", SOURCES)

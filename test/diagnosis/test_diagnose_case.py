@@ -1,0 +1,81 @@
+"""Effects hidden in simulated axes, with seeds that the analysis never sees, must be found; a healthy axis is left alone."""
+
+import pathlib
+
+import numpy as np
+import pytest
+
+from microstage_ros.diagnosis.result import diagnose_case
+from microstage_ros.diagnosis.validation.simulated_records import Hidden, make_case
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.quantities.errors import InputError
+from microstage_ros.records import Record
+
+AXIS = pathlib.Path(__file__).resolve().parents[2] / "config/axis.yaml"
+
+
+@pytest.fixture(scope="module")
+def axis():
+    return load_axis(AXIS)
+
+
+def diagnosed(axis, hidden, seed, friction=0.04):
+    records, holdout, baseline = make_case(axis, hidden, seed, friction)
+    return diagnose_case(axis, records, holdout, baseline)
+
+
+def test_healthy_axis_agrees(axis):
+    answer = diagnosed(axis, Hidden("healthy"), 41, 0.06)
+    assert (answer.verdict, answer.causes, answer.rivals) == ("agrees", (), ())
+
+
+def exponential_cable(plant, state, time):
+    """A spring that stiffens along the stroke: no straight line, as the candidate of the analysis is."""
+    x = float(state["x"])
+    plant["push"] = -1.8 * (np.exp((x - 1.0e-3) / 6.0e-3) - 1.0)
+
+
+def test_two_causes_of_other_shape_than_the_candidates(axis):
+    """A cable that pulls exponentially, and a sub-divisional error, at once."""
+    effects = {"encoder_sde": {"amplitude1_m": 1.5e-8, "phase1_rad": 1.0, "amplitude3_m": 3e-9}}
+    hidden = Hidden("cable and encoder", ("cable_spring", "encoder_sde"), effects, change=exponential_cable)
+    answer = diagnosed(axis, hidden, 42)
+    named = {cause.id: cause for cause in answer.causes}
+    assert set(named) == {"cable_spring", "encoder_sde"}
+    size = named["encoder_sde"].parameters["amplitude1_m"]
+    assert abs(size.value - 1.5e-8) < max(4.0 * size.stderr, 2e-10)
+    assert answer.verdict in ("explained", "partly_explained")
+    assert answer.gain.floor <= answer.gain.after < answer.gain.before
+
+
+def test_slow_amplifier_and_offset(axis):
+    """The delay is taken into the input before the rest is judged, so the offset keeps its size."""
+    effects = {"transport_delay": {"delay_s": 2.5e-4}, "amplifier_offset": {"offset_V": 0.02}}
+    answer = diagnosed(axis, Hidden("slow and off", tuple(effects), effects), 43)
+    named = {cause.id: cause for cause in answer.causes}
+    assert set(named) == set(effects)
+    delay, offset = named["transport_delay"].parameters["delay_s"], named["amplifier_offset"].parameters["offset_V"]
+    assert abs(delay.value - 2.5e-4) < 1.0e-5
+    assert abs(offset.value - 0.02) < 5.0e-4
+    axis.with_effects(answer.effects)  # the extended axis is one that the simulator takes
+
+
+def test_records_that_cannot_be_used(axis):
+    few = np.zeros(100)
+    record = Record(1e-4, {"encoder_m": few, "reference_m": few, "voltage_V": few, "current_A": few}, "short.csv")
+    with pytest.raises(InputError, match="short.csv"):
+        diagnose_case(axis, [record, record])
+    with pytest.raises(InputError, match="records"):
+        diagnose_case(axis, [])
+
+
+def test_creep_beside_a_vibration_of_the_floor(axis):
+    """A line that moves faster than rest does not hide what the blocks do while they are held."""
+    effects = {"presliding_creep": {"amplitude_m": 6.0e-8, "time_s": 0.06},
+               "floor_vibration": {"frequencies_hz": [37.0], "amplitudes_m": [1.2e-7]}}
+    answer = diagnosed(axis, Hidden("creep and floor", tuple(effects), effects), 44)
+    named = {cause.id: cause for cause in answer.causes}
+    assert set(named) == set(effects)
+    creep = named["presliding_creep"].parameters["amplitude_m"]
+    assert abs(creep.value - 6.0e-8) < 2.5 * creep.stderr
+    assert named["floor_vibration"].parameters["amplitude_1_m"].value == pytest.approx(1.2e-7, rel=0.03)

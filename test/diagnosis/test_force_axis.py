@@ -1,0 +1,83 @@
+"""Hidden effects on a force-driven axis must be found, and nothing where there is nothing."""
+
+import numpy as np
+import pytest
+
+from microstage_ros.control.runs.run_file import Run, run_from_dict
+from microstage_ros.control.runs.simulate import simulate
+from microstage_ros.diagnosis.report.extended import extended_axis
+from microstage_ros.diagnosis.resimulation.diagnose import diagnose_force_axis
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.records import Record
+from test.diagnosis.emps import ROOT, emps_record, there_and_back
+
+NOISE = {"encoder_m": 2e-8, "voltage_V": 2e-3, "current_A": 0.0, "interferometer_m": 0.0, "friction_relative": 0.02}
+
+
+@pytest.fixture(scope="module")
+def axis():
+    return load_axis(ROOT / "config/emps.yaml")
+
+
+def record_of(axis, seed, cycles=3):
+    columns = simulate(axis, Run(noise=NOISE, program=[{"reference": there_and_back(cycles)}]), seed=seed)
+    return Record(1e-3, {k: columns[k] for k in ("encoder_m", "reference_m", "voltage_V")}, f"simulated {seed}")
+
+
+def test_a_healthy_axis_has_no_cause(axis):
+    for seed in (5, 6):
+        answer = diagnose_force_axis(axis, [record_of(axis, seed)])
+        assert (answer.verdict, answer.causes, answer.rivals) == ("agrees", (), ())
+
+
+def test_asymmetry_is_named_sized_and_pays_on_held_out_records(axis):
+    hidden = axis.with_effects({"direction_asymmetry": {"contact": "guideway", "asymmetry": 0.0, "viscous_asymmetry": 0.2}})
+    answer = diagnose_force_axis(axis, [record_of(hidden, 7)], [record_of(hidden, 8, 1)])
+    assert [cause.id for cause in answer.causes] == ["direction_asymmetry"]
+    size = answer.causes[0].parameters["viscous_asymmetry"]
+    assert abs(size.value - 0.2) < 3 * size.stderr + 0.01
+    assert answer.gain.records == ("simulated 8",)
+    assert answer.gain.after < 0.5 * answer.gain.before
+    assert answer.causes[0].share > 0.8
+
+
+def test_a_motion_without_repetition_is_held_back_in_stretches(axis):
+    hidden = axis.with_effects({"direction_asymmetry": {"contact": "guideway", "asymmetry": 0.0, "viscous_asymmetry": -0.25}})
+    answer = diagnose_force_axis(axis, [record_of(hidden, 12, 1)])
+    assert "direction_asymmetry" in [cause.id for cause in answer.causes]
+    assert "every third" in answer.gain.records[0]
+    assert 0.0 < answer.gain.floor < answer.gain.after < 0.5 * answer.gain.before
+
+
+def test_a_film_of_another_form_is_named_nonlinear(axis):
+    film = {"contact": "guideway", "coefficient": 60.0, "exponent": 0.5}
+    answer = diagnose_force_axis(axis, [record_of(axis.with_effects({"nonlinear_viscous": film}), 9)])
+    assert answer.causes[0].id == "nonlinear_viscous"
+    assert "held back by the program" in answer.gain.records[0]
+    assert answer.gain.after < 0.1 * answer.gain.before
+
+
+def test_a_constant_force_stays_open_between_those_who_make_one(axis):
+    answer = diagnose_force_axis(axis, [record_of(axis.with_effects({"amplifier_offset": {"offset_V": 0.3}}), 10)])
+    assert answer.verdict == "undetermined"
+    assert {"amplifier_offset", "gravity_tilt"} <= set(answer.rivals[0].ids)
+    run = run_from_dict(answer.rivals[0].experiment)
+    assert run.period_s == axis.value("period")
+    extended = extended_axis(axis, answer)
+    assert set(extended.effects) & {"amplifier_offset", "gravity_tilt", "direction_asymmetry"}
+
+
+def test_emps_lacks_what_pays_on_time_it_was_not_fitted_on(axis):
+    """One of the four repetitions is given, every third tenth of it held back; the other three judge."""
+    record = emps_record().rows(0, 6240)
+    answer = diagnose_force_axis(axis, [record])
+    named = {cause.id for cause in answer.causes}
+    assert {"direction_asymmetry", "nonlinear_viscous", "torque_ripple"} <= named
+    assert any("actuator_lag" in rivals.ids for rivals in answer.rivals)
+    assert answer.gain.before > 2.3 and answer.gain.after < 1.6
+    unseen = emps_record()
+    extended = extended_axis(axis, answer)
+    force = simulate(extended, Run(program=[{"reference": unseen["reference_m"]}]), seed=1)["force_N"]
+    error = axis.value("drive.gain") * unseen["voltage_V"] - force
+    assert np.sqrt(np.mean(error[6240:] ** 2)) < 1.6      # what was not given
+    assert np.sqrt(np.mean(error**2)) < 1.9

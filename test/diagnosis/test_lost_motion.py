@@ -1,0 +1,98 @@
+"""The stage replayed behind a gap, and what is found with it; strong floor lines; creep block by block."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from microstage_ros.diagnosis.preprocessing.friction_replay import replay
+from microstage_ros.diagnosis.preprocessing.gap_replay import stage_behind_gap
+from microstage_ros.diagnosis.preprocessing.preparation import prepare
+from microstage_ros.diagnosis.prerequisites.amplifier import find_slowness
+from microstage_ros.diagnosis.prerequisites.drive import drive_of
+from microstage_ros.diagnosis.prerequisites.lines import find_lines
+from microstage_ros.diagnosis.prerequisites.lost_motion import find_gap
+from microstage_ros.diagnosis.residuals.resonance import Resonance
+from microstage_ros.diagnosis.validation.simulated_records import Hidden, make_case
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.places import config_file
+
+PERIOD = 1.0e-4
+GROUPS = ("learn", "held", "base")
+
+
+@pytest.fixture(scope="module")
+def axis():
+    return load_axis(config_file("axis.yaml"))
+
+
+@pytest.fixture(scope="module")
+def drive(axis):
+    return drive_of(axis)
+
+
+def prepared_case(axis, drive, effects, seed):
+    groups = make_case(axis, Hidden("hidden", tuple(effects), effects), seed, friction=0.04)
+    return {name: [prepare(record, drive) for record in group] for name, group in zip(GROUPS, groups)}
+
+
+@pytest.mark.parametrize("gap", [0.0, 5.0e-6])
+def test_the_stage_hangs_back_by_half_the_gap_and_the_wind_up(drive, gap):
+    """Sliding at constant speed: (r/N) θ − x = ±(b/2 + F_g/K_c)."""
+    speed = 1.0e-3
+    there = speed * PERIOD * np.arange(5000)
+    travel = np.concatenate([there, there[::-1]])
+    lag = travel - stage_behind_gap(travel, gap, drive, PERIOD)
+    wound = (drive.guideway.static + drive.guideway.viscous * speed) / drive.stiffness
+    assert lag[4900] == pytest.approx(0.5 * gap + wound, abs=1.0e-9)
+    assert lag[-1] == pytest.approx(-(0.5 * gap + wound), abs=1.0e-9)
+
+
+def test_a_stage_within_the_gap_stays_where_it_is(drive):
+    travel = 1.0e-6 * np.sin(2.0 * np.pi * 5.0 * PERIOD * np.arange(5000))
+    assert np.ptp(stage_behind_gap(travel, 5.0e-6, drive, PERIOD)) == 0.0
+
+
+@pytest.mark.parametrize("width, seed", [(0.004, 11), (0.0131, 12)])
+def test_a_gap_is_found_whether_the_loop_rattles_or_not(axis, drive, width, seed):
+    gap = find_gap(prepared_case(axis, drive, {"backlash": {"width_rad": width}}, seed), drive)
+    assert gap is not None
+    assert gap.width / drive.radius == pytest.approx(width, rel=0.1)
+
+
+@pytest.mark.parametrize("effects", [
+    {}, {"drive_compliance": {"stiffness_factor": 0.05}}, {"amplifier_deadband": {"half_width_V": 0.03}},
+], ids=["healthy", "soft drive", "dead zone of the amplifier"])
+def test_nothing_else_is_taken_for_a_gap(axis, drive, effects):
+    assert find_gap(prepared_case(axis, drive, effects, 13), drive) is None
+
+
+def test_a_line_faster_than_rest_is_found_with_its_amplitude(axis, drive):
+    """0.17 µm at 42 Hz moves at 45 µm/s and stands far above the noise: neither motion nor an outlier."""
+    effects = {"floor_vibration": {"frequencies_hz": [41.8], "amplitudes_m": [1.7e-7]}}
+    prepared = prepared_case(axis, drive, effects, 14)
+    lines = find_lines(*([Resonance(p, drive) for p in prepared[name]] for name in GROUPS))
+    assert [line.frequency for line in lines] == pytest.approx([41.8], abs=0.05)
+    assert lines[0].amplitude == pytest.approx(1.7e-7, rel=0.03)
+
+
+def test_a_delay_just_short_of_five_periods_is_found(axis, drive):
+    """Next to a whole number of periods the best fit is narrow."""
+    slow = find_slowness(prepared_case(axis, drive, {"transport_delay": {"delay_s": 4.936e-4}}, 15), drive)
+    assert slow.effect == "transport_delay"
+    assert slow.time == pytest.approx(4.936e-4, abs=5.0e-6)
+
+
+def test_a_held_block_flows_in_proportion_to_its_force(drive):
+    """dF/dt = −k f F/F_max while it sticks: after n periods of flow f, F₀ (1 − k f/F_max)^n."""
+    contact = dataclasses.replace(drive.actuator, stiffness=np.array([2.0]), weight=np.array([1.0]), static=1.0e-3,
+                                  coulomb=1.0e-3)
+    speed = np.zeros(101)
+    speed[:2] = 1.0     # loads the block to k · w · T = 2e-4 … then it is held
+    flow = np.full(101, 1.0e-6)
+    force, _ = replay(contact, speed, PERIOD, flow=flow)
+    share = 2.0 * 1.0e-6 / 1.0e-3
+    assert 0.0 < force[2] < contact.static
+    assert force[100] == pytest.approx(force[2] * (1.0 - share) ** 98, rel=1.0e-9)
+    free, _ = replay(contact, speed, PERIOD)
+    assert free[100] == pytest.approx(free[2])

@@ -1,0 +1,92 @@
+"""Blocks: every message once and in order, however late the sending; and senders that make no blocks."""
+
+import time
+
+import numpy as np
+import pytest
+from microstage_msgs.msg import VoltageCommand
+from ros_support import spin_until
+
+from microstage_ros.ros.transport.block_buffer import SLOTS, close, crowded, keep, new_ring
+from microstage_ros.ros.transport.blocks import Outlet, Sender, Stream, periods_per_block
+from microstage_ros.ros.transport.codec import Codec
+from microstage_ros.ros.transport.servo_path import Semaphore, make_servo_path
+
+CODEC = Codec("VoltageCommand")
+
+
+def command(n):
+    return CODEC.pack(1000 * n, n, 0.5 * n, 0.0, 0.0, 1)
+
+
+def heard(stream, servo, count, seconds=20.0):
+    """Sequence numbers of ``count`` messages."""
+    found, end = [], time.monotonic() + seconds
+    while len(found) < count and time.monotonic() < end:
+        servo.wait(stream.readers, 0.1)
+        while (rows := stream.take_all()) is not None:
+            messages = CODEC.array(rows)
+            assert np.array_equal(messages["voltage"], 0.5 * messages["sequence"])
+            found += messages["sequence"].tolist()
+    return found
+
+
+@pytest.mark.parametrize("period, periods", [(1e-4, 100), (1e-3, 20), (1e-2, 2), (1.0, 1), (1e-6, 100)])
+def test_a_block_is_short(period, periods):
+    assert periods_per_block(period) == periods
+
+
+def test_a_ring_keeps_what_it_has_when_it_is_full():
+    ring, row = new_ring(3, 4), np.arange(4, dtype=np.uint8)
+    kept = sum(keep(ring, row, n) for n in range(1000))
+    assert kept == SLOTS * 3 and crowded(ring) and not close(ring)
+    assert ring[1][:, 1].tolist() == list(range(0, SLOTS * 3, 3))
+    ring[2][1] += 1  # one was sent
+    assert keep(ring, row, 1000) and ring[1][0].tolist() == [1, 1000]
+
+
+@pytest.mark.parametrize("own_thread", [False, True])
+def test_every_message_comes_once_and_in_order(node, own_thread):
+    servo = make_servo_path(node)
+    outlet, stream = Outlet(node, servo, VoltageCommand, "command"), Stream(node, servo, VoltageCommand, "command")
+    sender = Sender([outlet], Semaphore()) if own_thread else None
+    spin_until(node, lambda: outlet.followers == 1 and stream.publishers == 1)
+    for n in range(5000):  # more than fits the ring: the sending is waited for
+        outlet.send(n, command(n))
+        if n % 100 == 42:
+            outlet.flush()
+    if sender:
+        sender.stop()
+    outlet.flush()
+    assert heard(stream, servo, 5000) == list(range(5000))
+
+
+def test_what_is_sent_at_once_comes_after_what_was_sent_before(node):
+    servo = make_servo_path(node)
+    outlet, stream = Outlet(node, servo, VoltageCommand, "command"), Stream(node, servo, VoltageCommand, "command")
+    singly = []
+    node.create_subscription(VoltageCommand, "command", singly.append, 1000)
+    spin_until(node, lambda: outlet.followers == 1 and outlet.listeners == 1 and stream.publishers == 1)
+    outlet.send(0, command(0))
+    messages = CODEC.blank(1000 * np.arange(1, 500))
+    messages["sequence"] = np.arange(1, 500)
+    messages["voltage"], messages["sender"] = 0.5 * messages["sequence"], 1
+    assert [bytes(row) for row in messages[:3].view(np.uint8).reshape(3, -1)] == [command(n) for n in (1, 2, 3)]
+    outlet.send_all(messages)
+    assert heard(stream, servo, 500) == list(range(500))
+    spin_until(node, lambda: len(singly) >= 499)
+    assert [message.sequence for message in singly[-499:]] == list(range(1, 500))
+
+
+def test_a_sender_without_blocks_is_followed_singly(node):
+    """Anybody may stand in for a node; whoever makes blocks is not read twice."""
+    servo = make_servo_path(node)
+    stream, other = Stream(node, servo, VoltageCommand, "command"), Stream(node, servo, VoltageCommand, "blocked")
+    Outlet(node, servo, VoltageCommand, "blocked")
+    publisher = node.create_publisher(VoltageCommand, "command", 100)
+    spin_until(node, lambda: stream.look())
+    assert not other.look() and not other.look() and not other.look()
+    spin_until(node, lambda: publisher.get_subscription_count() == 1 and stream.publishers == 1)
+    for n in range(20):
+        publisher.publish(VoltageCommand(sequence=n, voltage=0.5 * n))
+    assert heard(stream, servo, 20) == list(range(20))

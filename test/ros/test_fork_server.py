@@ -1,0 +1,96 @@
+"""Nodes forked from one process: processes of their own, with their signals, exit statuses and logs."""
+
+import os
+import signal
+import subprocess
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from ros_support import own_domain
+
+from microstage_ros.ros.launching.cell_processes import CellFailure, CellProcesses
+from microstage_ros.ros.launching.fork_server import _Tracing, why_not_forked
+
+NODES = ("str_controller", "gms_observer")
+
+
+@pytest.fixture
+def domain():
+    with own_domain() as number:
+        yield number
+
+
+def wait_for(condition, seconds=120.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def loops(pid):
+    """True once the node serves: its name is set, and its middleware has threads."""
+    return len(os.listdir(f"/proc/{pid}/task")) > 4
+
+
+def test_each_node_is_a_process_of_its_own(domain, tmp_path):
+    with CellProcesses("/axis", NODES, logs=tmp_path) as cell:
+        processes = dict(cell.processes)
+        pids = [process.pid for process in processes.values()]
+        wait_for(lambda: all(map(loops, pids)))
+        assert len(set(pids)) == 2 and all(os.getsid(pid) == pid for pid in pids)
+        assert [Path(f"/proc/{pid}/comm").read_text().strip() for pid in pids] == list(NODES)
+        cell.check()
+        assert all(process.poll() is None for process in processes.values())
+        with pytest.raises(subprocess.TimeoutExpired):
+            processes["str_controller"].wait(0.05)
+        assert cell.stop_one("str_controller") == 0
+        processes["gms_observer"].kill()
+        assert processes["gms_observer"].wait(10.0) == -signal.SIGKILL
+        with pytest.raises(CellFailure, match="gms_observer ended with status -9"):
+            cell.check()
+    assert (tmp_path / "gms_observer.log").exists() and not (tmp_path / "fork_server.log").read_text()
+
+
+def test_bad_parameter_is_status_2_and_one_line(domain, tmp_path):
+    with CellProcesses("/axis", NODES, {"str_controller": {"controller": "magic"}}, tmp_path) as cell:
+        assert cell.processes["str_controller"].wait(60.0) == 2
+        with pytest.raises(CellFailure, match="status 2: str_controller: .*magic"):
+            cell.check()
+        assert cell.processes["gms_observer"].poll() is None
+
+
+def test_nodes_do_not_outlive_who_started_them(domain, tmp_path):
+    with CellProcesses("/axis", NODES, logs=tmp_path) as cell:
+        pids = [process.pid for process in cell.processes.values()]
+        wait_for(lambda: all(map(loops, pids)))
+        os.kill(cell._forked._server.pid, signal.SIGKILL)
+        wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in pids), 30.0)
+        with pytest.raises(CellFailure, match="status"):
+            cell.check()
+
+
+def test_a_thread_forbids_forking():
+    tracing, stop = _Tracing(), threading.Event()
+    tracing.threads = len(os.listdir("/proc/self/task")) - 1
+    assert why_not_forked(tracing) == ""
+    thread = threading.Thread(target=stop.wait)
+    thread.start()
+    try:
+        assert "threads" in why_not_forked(tracing)
+    finally:
+        stop.set()
+        thread.join()
+
+
+def test_without_forking_nodes_start_one_by_one(domain, tmp_path, monkeypatch):
+    (tmp_path / "sitecustomize.py").write_text(
+        "import sys, threading, time\n"
+        "if 'fork_server' in ' '.join(sys.orig_argv): threading.Thread(target=time.sleep, args=(1e6,), daemon=True).start()\n")
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
+    with CellProcesses("/axis", NODES, logs=tmp_path / "logs") as cell:
+        pids = [process.pid for process in cell.processes.values()]
+        wait_for(lambda: all(map(loops, pids)))
+        assert cell.stop_one("gms_observer") == 0 and cell.stop_one("str_controller") == 0
+    assert "one by one, slower: a library has started threads" in (tmp_path / "logs" / "fork_server.log").read_text()
