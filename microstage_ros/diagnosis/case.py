@@ -45,7 +45,9 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
     baseline : records of the healthy axis, for the thresholds; may be empty.
     seed : written into the result; nothing here is drawn at random.
 
-    Raises InputError for records that cannot be used.
+    Raises
+    ------
+    InputError : for records that cannot be used.
     """
     drive = drive_of(axis)
     records, holdout, notes = _hold_back(list(records), list(holdout))

@@ -74,7 +74,9 @@ def incremental_loading(period, increment=0.01, top=1.05, settle=0.15, ramp=0.05
         (a sudden step overshoots by as much again) and held for ``settle`` [s].
     top : last load [N]; ``loops``: loads at which it is taken back by ``depth`` [N] and on again.
 
-    Returns the `Run` of a force-driven bench with a gain of 1 N/V.
+    Returns
+    -------
+    the `Run` of a force-driven bench with a gain of 1 N/V.
     """
     levels = [0.0, 0.0]
     pending = sorted(loops)

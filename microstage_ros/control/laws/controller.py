@@ -118,6 +118,8 @@ class Controller:
     type_name : name in `laws.LAWS`.
     parameters : record made by `controller_parameters`.
 
+    Notes
+    -----
     The fields ``parameters`` and ``memory`` are the records that the compiled loop takes.
     """
 

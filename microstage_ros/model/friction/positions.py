@@ -24,7 +24,13 @@ def maxwell_slip_force(displacement, stiffness, limits, limit_factor=1.0, limits
     limit_factor : λ, scalar or (..., n) [1].
     initial : force of each block at the first sample [F], scalar, (m,) or (..., m).
 
-    Returns force (..., n) [F]. Raises InputError for shapes that do not fit or values not finite.
+    Returns
+    -------
+    force (..., n) [F].
+
+    Raises
+    ------
+    InputError : for shapes that do not fit or values not finite.
     """
     rows, lead = _records(displacement)
     stiffness, limits = _finite("stiffness", stiffness), _finite("limits", limits)
@@ -48,7 +54,9 @@ def stop_operators(displacement, thresholds, initial=0.0):
     thresholds : (m,) [q], > 0.
     initial : their values at the first sample [q], scalar or (m,).
 
-    Returns (m, n) [q].
+    Returns
+    -------
+    (m, n) [q].
     """
     rows, lead = _records(displacement)
     thresholds = _finite("thresholds", thresholds)

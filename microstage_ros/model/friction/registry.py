@@ -189,7 +189,13 @@ def run_law(law, packed, velocity, duration, limit_factor=1.0, state=None):
     limit_factor : scalar or (n,) [1].
     state : changed; None begins with a contact that has never been loaded.
 
-    Returns force (n,) [F]. Raises InputError for a velocity that is not finite.
+    Returns
+    -------
+    force (n,) [F].
+
+    Raises
+    ------
+    InputError : for a velocity that is not finite.
     """
     velocity = numpy.ascontiguousarray(velocity, float)
     if velocity.ndim != 1 or velocity.size == 0 or not numpy.isfinite(velocity).all():
