@@ -13,7 +13,7 @@ import pathlib
 import sys
 
 from microstage_ros.diagnosis import pooling
-from microstage_ros.diagnosis import result as diagnosis
+from microstage_ros.diagnosis.case import diagnose_case
 from microstage_ros.diagnosis.report.answer import write_answer
 from microstage_ros.diagnosis.resimulation.diagnose import diagnose_force_axis
 from microstage_ros.model.axis_file import load_axis
@@ -73,7 +73,7 @@ def diagnose_records(axis, records, holdout, baseline, seed, progress=None, jobs
     """`Diagnosis` by the way that suits the drive: force balance of a motor, or closed-loop re-simulation."""
     if axis.choices["drive.type"] == "force":
         return diagnose_force_axis(axis, records, holdout, baseline, seed, progress, jobs)
-    return diagnosis.diagnose_case(axis, records, holdout, baseline, seed)
+    return diagnose_case(axis, records, holdout, baseline, seed)
 
 
 def cases_of(folders, axis, out, seed):

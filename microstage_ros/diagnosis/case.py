@@ -21,7 +21,7 @@ from microstage_ros.diagnosis.selection import judge
 from microstage_ros.diagnosis.selection.nonregression_causes import causes_apart
 from microstage_ros.diagnosis.selection.refinement import refine
 from microstage_ros.diagnosis.selection.selection import select, sizes_of
-from microstage_ros.diagnosis.selection.systematic import SYSTEMATIC
+from microstage_ros.diagnosis.residuals.systematic import SYSTEMATIC
 from microstage_ros.quantities.errors import InputError
 
 EFFECTS = tuple(sorted({form.effect for form in FORMS if form.named and form.channel != "command"}))

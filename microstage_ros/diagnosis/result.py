@@ -137,10 +137,3 @@ class Diagnosis:
     def effects(self):
         """The ``effects`` section that extends the axis file: ``{id: {parameter: value}}``."""
         return {cause.id: dict(cause.effect) for cause in self.causes}
-
-
-def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
-    """`case.diagnose_case`, reached from here so that callers need one module."""
-    from microstage_ros.diagnosis.case import diagnose_case as diagnose
-
-    return diagnose(axis, records, holdout, baseline, seed)

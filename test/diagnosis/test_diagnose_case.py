@@ -5,7 +5,7 @@ import pathlib
 import numpy as np
 import pytest
 
-from microstage_ros.diagnosis.result import diagnose_case
+from microstage_ros.diagnosis.case import diagnose_case
 from microstage_ros.diagnosis.validation.simulated_records import Hidden, make_case
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.quantities.errors import InputError

@@ -4,7 +4,7 @@ import pathlib
 
 import pytest
 
-from microstage_ros.diagnosis.result import diagnose_case
+from microstage_ros.diagnosis.case import diagnose_case
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.records import read_record
 

@@ -9,9 +9,8 @@ import dataclasses
 
 import numpy as np
 
-from microstage_ros.diagnosis.catalogue.form import splines
+from microstage_ros.diagnosis.residuals.position import course_columns
 
-PIECE = 2.5        # s between the knots of the course
 LEFT_OUT = 0.5     # s, predicted from what is on both sides
 FOLDS = 3
 MEANS = 40         # blocks of the position channel in a mean of 20 ms,
@@ -34,11 +33,6 @@ class Course:
     rate_stderr: float
     held_before: float = 0.0
     held_after: float = 0.0
-
-
-def course_columns(time):
-    """Splines in time that make a course, shape (rows, k)."""
-    return splines(time, 0.0, float(time[-1]), max(round(float(time[-1]) / PIECE), 2))
 
 
 def find_course(collection, evidences, choices):

@@ -13,7 +13,7 @@ from microstage_ros.diagnosis.residuals.mechanical import DEFAULT_SPREADS, Mecha
 from microstage_ros.diagnosis.residuals.position import Position
 from microstage_ros.diagnosis.residuals.resonance import Resonance
 from microstage_ros.diagnosis.residuals.transmission_deflection import Windup
-from microstage_ros.diagnosis.selection.systematic import SYSTEMATIC
+from microstage_ros.diagnosis.residuals.systematic import SYSTEMATIC
 
 GROUPS = ("learn", "held", "base")
 

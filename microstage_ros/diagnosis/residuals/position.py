@@ -6,17 +6,23 @@ while the stage rests (a slow process that some tens of nanometres of travel ren
 
 import numpy as np
 
+from microstage_ros.diagnosis.catalogue.form import splines
 from microstage_ros.diagnosis.preprocessing.preparation import reading_noise
 from microstage_ros.diagnosis.preprocessing.whitening import whiten_states
-from microstage_ros.diagnosis.prerequisites.slow_drift import course_columns
 
 BLOCK = 5
 ROUNDING = 1.5e-9   # m, standard deviation of what rounding leaves in a mean at rest
 RENEWAL = 2.0e-8    # m of travel
+PIECE = 2.5         # s between the knots of a record's own course of drift
+
+
+def course_columns(time):
+    """Splines in time that make a course of drift, shape (rows, k)."""
+    return splines(time, 0.0, float(time[-1]), max(round(float(time[-1]) / PIECE), 2))
 
 
 class Position:
-    """Residual of one record; attributes as in `channels.mechanical.Mechanical`."""
+    """Residual of one record; attributes as in `residuals.mechanical.Mechanical`."""
 
     name, unit = "position", "m"
 
