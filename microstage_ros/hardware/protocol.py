@@ -7,6 +7,9 @@ A backend is any class with the methods of `Hardware`; it is added by writing on
     write(voltage)        held from now on, until the next write
 
 and `write(0.0)` whenever it has to be safe. Backends never see a voltage that is not finite.
+
+Nothing else is asked of a backend. One whose machine has a drive enable, an emergency stop, limit switches or a watchdog
+has one or more of the members of `SafetyMembers` too; the driver looks for each (`safety_members`) and uses what is there.
 """
 
 import math
@@ -57,7 +60,7 @@ class Setup:
 
 
 class Hardware(Protocol):
-    """The calls of a backend, in the order in which they come."""
+    """The calls of a backend, in the order in which they come. These five members and no others are required."""
 
     simulated: bool
     """True: time may be stepped, nothing moves."""
@@ -73,3 +76,44 @@ class Hardware(Protocol):
 
     def close(self) -> None:
         """Voltage to zero and let go of the device; may be called twice."""
+
+
+class SafetyMembers(Protocol):
+    """Members that a backend may have beside those of `Hardware`, each for itself; all raise `HardwareError`.
+
+    They are called by the driver's loop, in the thread and at the places where it calls `read` and `write`, apart from
+    `outside_stop`, which is asked for once after `open`.
+    """
+
+    def enable(self, on: bool) -> None:
+        """Switch the drive's enable output. On when the driver is activated, after ``write(0.0)``; off after ``write(0.0)``
+        when it is deactivated, on every fault, and on every way out."""
+
+    def e_stop(self) -> bool:
+        """True while the emergency stop is pressed or its circuit is open. Called once per control period, after `read`,
+        and while the driver is inactive; True is the fault ``e_stop``. The circuit itself has to take the power away
+        without this program."""
+
+    def limit_switches(self) -> tuple[bool, bool]:
+        """True for the switch at the lower and at the upper end of the travel while it is actuated. Called once per control
+        period, after `read`. At an actuated switch a voltage that drives towards it is the fault ``limit_switch``; one that
+        drives away from it is let through."""
+
+    def watchdog(self, seconds: float) -> None:
+        """Arm the card's own watchdog: its output goes to zero by itself when no `write` comes for so long [s]; 0 disarms.
+        Called after `open` and before `close`."""
+
+    def outside_stop(self) -> tuple[str, dict]:
+        """How another process takes the voltage away if this one hangs or is gone: ``("package.module:function", arguments)``.
+        The function is called as ``function(**arguments)``, may be called again and again, and returns once the output is
+        at zero; the arguments are plain values (JSON)."""
+
+
+SAFETY = ("enable", "e_stop", "limit_switches", "watchdog", "outside_stop")
+"""Names of the members of `SafetyMembers`."""
+
+
+def safety_members(hardware):
+    """The members of `SafetyMembers` that a backend has, name to callable."""
+    found = {name: getattr(hardware, name, None) for name in SAFETY}
+    return {name: member for name, member in found.items() if callable(member)}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from microstage_ros.hardware import BACKENDS, make_hardware
-from microstage_ros.hardware.protocol import HardwareError, Setup
+from microstage_ros.hardware.protocol import HardwareError, Setup, safety_members
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
@@ -64,3 +64,17 @@ def test_daq_card_says_what_is_missing():
     with pytest.raises(HardwareError, match="not open"):
         card.read()
     card.close()
+
+
+def test_safety_members_are_optional():
+    class Bare:
+        simulated = False
+
+    class WithEnable(Bare):
+        e_stop = None
+
+        def enable(self, on):
+            """Nothing."""
+
+    assert safety_members(Bare()) == {}
+    assert list(safety_members(WithEnable())) == ["enable"]
