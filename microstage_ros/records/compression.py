@@ -1,6 +1,7 @@
 """Plain or compressed files by their suffix, with the bytes checked against the name."""
 
 import gzip
+import io
 import lzma
 import zlib
 from contextlib import nullcontext
@@ -9,6 +10,9 @@ from pathlib import Path
 from microstage_ros.quantities.errors import InputError
 
 MAGIC = {".gz": b"\x1f\x8b", ".xz": b"\xfd7zXZ\x00"}
+LARGEST = 1 << 33
+"""Bytes of an unpacked file: a day of all columns at 1 kHz. A small file that unpacks to more is no record."""
+PIECE = 1 << 24
 OTHER_MAGIC = {b"\x28\xb5\x2f\xfd": "zstd", b"BZh": "bzip2", b"PK\x03\x04": "zip",
                b"\x89MCAP": "MCAP", b"SQLite format 3": "SQLite"}
 
@@ -18,7 +22,7 @@ def read_bytes(path):
 
     Raises
     ------
-    InputError : no such file, empty, compressed otherwise than its name says, or cut off.
+    InputError : no such file, empty, compressed otherwise than its name says, cut off, or larger than `LARGEST` unpacked.
     """
     path = Path(path)
     try:
@@ -32,10 +36,24 @@ def read_bytes(path):
     if kind != expected:
         raise InputError(path, f"{kind.lstrip('.') or 'plain text'} bytes",
                          f"{expected.lstrip('.') or 'plain text'} bytes, as the file's name says")
+    if not kind:
+        return raw
     try:
-        return {".gz": gzip.decompress, ".xz": lzma.decompress, "": bytes}[kind](raw)
+        with {".gz": gzip.open, ".xz": lzma.open}[kind](io.BytesIO(raw)) as stream:
+            return _unpacked(stream, path)
     except (OSError, EOFError, lzma.LZMAError, zlib.error) as error:
         raise InputError(path, str(error), f"a whole {kind.lstrip('.')} file") from None
+
+
+def _unpacked(stream, path):
+    """All bytes of a decompressing stream; memory grows with what comes, up to `LARGEST`."""
+    parts, size = [], 0
+    while part := stream.read(PIECE):
+        size += len(part)
+        if size > LARGEST:
+            raise InputError(path, f"more than {LARGEST} bytes unpacked", f"at most {LARGEST} bytes in one file")
+        parts.append(part)
+    return b"".join(parts)
 
 
 def _kind(raw):

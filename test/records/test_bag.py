@@ -2,8 +2,10 @@
 
 import io
 import os
+import struct
 import subprocess
 import sys
+import tracemalloc
 from time import sleep
 
 import lz4.frame
@@ -30,7 +32,8 @@ from microstage_ros import __version__
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.bags import bag_writer, mcap_sink
 from microstage_ros.records.bags.bag import Bag, BagStopped, BagWriter, Qos, read_bag, read_bags
-from microstage_ros.records.bags.mcap_sink import COMPRESSORS
+from microstage_ros.records.bags.chunk import CHUNK
+from microstage_ros.records.bags.mcap_sink import COMPRESSORS, MAGIC
 
 
 def write_bag(path, count=3000, words=("a", "bb", "ccc"), block=True, **options):
@@ -313,6 +316,37 @@ def test_damaged_bytes_are_told(tmp_path):
     (tmp_path / "bad.mcap").write_bytes(raw)
     with pytest.raises(InputError, match="whole chunk"):
         read_bag(tmp_path / "bad.mcap")
+
+
+@pytest.mark.parametrize("compression", ["", "zstd", "lz4"])
+def test_one_flipped_bit_of_a_chunk_is_told_by_its_crc(tmp_path, compression):
+    """Damage before compression, and damage that no decompressor sees, are both caught by the chunk's CRC-32."""
+    write_bag(tmp_path / "whole.mcap", count=500, compression=compression)
+    raw = bytearray((tmp_path / "whole.mcap").read_bytes())
+    chunk = Bag(tmp_path / "whole.mcap").sources[0].chunks[0]
+    place = chunk.data[0] + (chunk.data[1] - chunk.data[0]) // 2 if compression == "" else chunk.data[0] - 8 - len(compression) - 8
+    raw[place] ^= 1     # a payload byte; or the stored CRC itself, as from damage before packing
+    (tmp_path / "bad.mcap").write_bytes(raw)
+    with pytest.raises(InputError, match="CRC-32"):
+        read_bag(tmp_path / "bad.mcap")
+
+
+@pytest.mark.parametrize(("compression", "pack"), [("zstd", COMPRESSORS["zstd"]), ("lz4", COMPRESSORS["lz4"])])
+def test_a_chunk_is_unpacked_no_further_than_its_head_says(tmp_path, compression, pack):
+    """Half a gigabyte of zeros in a few kilobytes, behind a head that promises 100 bytes; and a head that promises too much."""
+    packed = pack()(bytes(1 << 29))
+    name = compression.encode()
+    for size, told in ((100, "more bytes"), (1 << 40, "at most")):
+        head = struct.pack("<QQQII", 0, 1, size, 0, len(name)) + name + struct.pack("<Q", len(packed))
+        chunk = struct.pack("<BQ", CHUNK, len(head) + len(packed)) + head + packed
+        (tmp_path / "bomb.mcap").write_bytes(MAGIC + chunk + struct.pack("<BQI", 0x0F, 4, 0))
+        tracemalloc.start()
+        try:
+            with pytest.raises(InputError, match=told):
+                read_bag(tmp_path / "bomb.mcap")
+            assert tracemalloc.get_traced_memory()[1] < 1 << 26
+        finally:
+            tracemalloc.stop()
 
 
 def test_no_damage_ends_in_anything_but_input_error(tmp_path, monkeypatch):

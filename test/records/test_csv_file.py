@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from microstage_ros.quantities.errors import InputError
-from microstage_ros.records import Record, csv_text, read_record, write_record
+from microstage_ros.records import Record, compression, csv_text, read_record, write_record
 from microstage_ros.records.columns import KNOWN_COLUMNS
 
 HEADER = "t_s,encoder_m,reference_m,voltage_V\n"
@@ -132,6 +132,15 @@ def test_compression_other_than_the_name_says(tmp_path):
                             ("a.csv.xz", lzma.compress(text)[:-20], "a whole xz"), ("a.csv", b"\x89MCAP0", "MCAP")]:
         (tmp_path / name).write_bytes(raw)
         assert told in refusal(tmp_path / name)
+
+
+@pytest.mark.parametrize("suffix", [".gz", ".xz"])
+def test_a_small_file_that_unpacks_to_much_is_refused(tmp_path, suffix, monkeypatch):
+    monkeypatch.setattr(compression, "LARGEST", 1 << 20)
+    monkeypatch.setattr(compression, "PIECE", 1 << 16)
+    pack = {".gz": gzip.compress, ".xz": lzma.compress}[suffix]
+    (tmp_path / f"a.csv{suffix}").write_bytes(pack(HEADER.encode() + b"0" * (1 << 22)))
+    assert "at most 1048576 bytes" in refusal(tmp_path / f"a.csv{suffix}")
 
 
 def test_other_files_are_refused(tmp_path):

@@ -2,7 +2,9 @@
 
 import os
 import signal
+import socket
 import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -10,6 +12,7 @@ from pathlib import Path
 import pytest
 from ros_support import own_domain
 
+from microstage_ros.ros.launching import fork_server, forked
 from microstage_ros.ros.launching.cell_processes import CellFailure, CellProcesses
 from microstage_ros.ros.launching.fork_server import _Tracing, why_not_forked
 
@@ -94,3 +97,42 @@ def test_without_forking_nodes_start_one_by_one(domain, tmp_path, monkeypatch):
         wait_for(lambda: all(map(loops, pids)))
         assert cell.stop_one("gms_observer") == 0 and cell.stop_one("str_controller") == 0
     assert "one by one, slower: a library has started threads" in (tmp_path / "logs" / "fork_server.log").read_text()
+
+
+def test_close_ends_within_its_grace_when_the_server_hangs(domain, tmp_path, monkeypatch):
+    """A server that is stopped answers nothing; closing neither waits for it for ever nor leaves its children behind."""
+    monkeypatch.setattr(forked, "GRACE", 0.5)
+    nodes = forked.ForkedNodes([{"name": name, "arguments": ["--ros-args", "-r", "__ns:=/axis"], "log": str(tmp_path / name)}
+                                for name in NODES], str(tmp_path / "server"))
+    pids = [process.pid for process in nodes.processes.values()]
+    wait_for(lambda: all(map(loops, pids)))
+    os.kill(nodes._server.pid, signal.SIGSTOP)
+    began = time.monotonic()
+    nodes.close()
+    assert time.monotonic() - began < 60.0     # for ever, before
+    wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in pids), 30.0)
+
+
+def test_a_child_that_ignores_the_stop_is_killed(monkeypatch):
+    """The server's own part, without nodes: SIGINT first, SIGKILL when the grace is over."""
+    monkeypatch.setattr(fork_server, "GRACE", 0.3)
+    deaf = subprocess.Popen([sys.executable, "-c", "import signal, time; signal.signal(2, signal.SIG_IGN); print('deaf', flush=True)\n"
+                             "while True: time.sleep(1)"], stdout=subprocess.PIPE)
+    assert deaf.stdout.readline()
+    ours, its = socket.socketpair()
+    wakened = socket.socketpair()
+    server = fork_server.ForkServer(its)
+    server._names = {deaf.pid: "deaf"}
+    statuses = []
+    monkeypatch.setattr(server, "_send", lambda **values: statuses.append(values))
+    ours.close()
+    previous = signal.signal(signal.SIGCHLD, lambda *_: wakened[1].send(b"x"))
+    try:
+        server._go_on(wakened[0])
+    finally:
+        signal.signal(signal.SIGCHLD, previous)
+        deaf.returncode = 0
+        deaf.stdout.close()
+        for end in (its, *wakened):
+            end.close()
+    assert statuses == [{"name": "deaf", "status": -signal.SIGKILL}]

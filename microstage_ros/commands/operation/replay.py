@@ -54,10 +54,8 @@ def _senders(node, bag, wanted):
         if name not in bag.topics:
             raise InputError(f"{bag.path}: topic", name, "one of " + ", ".join(sorted(bag.topics)))
         kind = bag.topics[name].type
-        try:
-            package, folder, message = kind.split("/")
-            message_class = getattr(importlib.import_module(f"{package}.{folder}"), message)
-        except (ImportError, AttributeError, ValueError):
+        message_class = _message_class(kind)
+        if message_class is None:
             print(f"{name}: type {kind} is not installed; not replayed", file=sys.stderr)
             continue
         latched = name.rsplit("/", 1)[-1] == "driver_status"
@@ -65,6 +63,29 @@ def _senders(node, bag, wanted):
         senders[name] = node.create_publisher(message_class, name, QoSProfile(
             depth=10_000, reliability=ReliabilityPolicy.RELIABLE, durability=durability))
     return senders
+
+
+def _message_class(kind):
+    """The class of a message type ``package/msg/Name``, None if no installed interface package declares it.
+
+    The name comes from the bag: a module is imported only after the ROS index of installed packages lists this very
+    message, so that a bag cannot have any other module run.
+    """
+    from ament_index_python import get_resource
+
+    package, _, message = kind.partition("/msg/")
+    if not (package.isidentifier() and message.isidentifier()):
+        return None
+    try:
+        declared, _ = get_resource("rosidl_interfaces", package)
+    except (LookupError, OSError, ValueError):
+        return None
+    if not {f"msg/{message}.msg", f"msg/{message}.idl"} & set(declared.split()):
+        return None
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), message)
+    except (ImportError, AttributeError):
+        return None
 
 
 def _play(bag, senders, rate):

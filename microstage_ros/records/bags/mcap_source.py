@@ -6,6 +6,7 @@ Only the summary is read at first; a chunk is read and unpacked when its message
 import io
 import mmap
 import struct
+import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -26,6 +27,10 @@ FOOTER = 29 + len(MAGIC)
 RECORD_HEAD = struct.Struct("<BQ")
 CHUNK_HEAD = struct.Struct("<QQQII")
 SQLITE = b"SQLite format 3"
+LARGEST_CHUNK = 1 << 32
+"""Bytes of one unpacked chunk: writers make chunks of about 1 MiB; a head that gives more than this is damaged or hostile."""
+PIECE = 1 << 24
+"""Bytes that are unpacked at a time, so that memory follows what there is and not what a head says."""
 
 
 @dataclass
@@ -36,6 +41,7 @@ class ChunkPlace:
     ----------
     data : byte range of the packed messages in the file.
     size : bytes when unpacked.
+    crc : CRC-32 of the unpacked bytes, 0 where the writer gave none (mcap.dev/spec, Chunk).
     start, end : first and last log time [ns].
     indexes : channel to the place of its message index record; empty if the file has none.
     """
@@ -45,6 +51,7 @@ class ChunkPlace:
     compression: str
     start: int
     end: int
+    crc: int = 0
     indexes: dict = field(default_factory=dict)
 
 
@@ -86,19 +93,24 @@ class McapSource:
         InputError : the chunk is damaged or packed in an unknown way.
         """
         packed = self._bytes[chunk.data[0]:chunk.data[1]]
+        place = f"{self.path}: chunk at byte {chunk.data[0]}"
+        if chunk.size > LARGEST_CHUNK:
+            raise InputError(place, f"{chunk.size} bytes unpacked", f"at most {LARGEST_CHUNK} bytes")
         try:
             if chunk.compression == "zstd":
-                raw = zstandard.ZstdDecompressor().decompress(packed, max_output_size=chunk.size)
+                raw = _limited(zstandard.ZstdDecompressor().stream_reader(io.BytesIO(packed)), chunk.size)
             elif chunk.compression == "lz4":
-                raw = lz4.frame.decompress(packed)
+                raw = _limited(lz4.frame.LZ4FrameFile(io.BytesIO(packed)), chunk.size)
             elif chunk.compression == "":
                 raw = packed
             else:
                 raise InputError(f"{self.path}: compression", chunk.compression, "zstd, lz4 or none")
         except (zstandard.ZstdError, RuntimeError, EOFError, OverflowError, MemoryError) as error:
-            raise InputError(f"{self.path}: chunk at byte {chunk.data[0]}", str(error), "a whole chunk") from None
+            raise InputError(place, str(error), "a whole chunk") from None
         if len(raw) != chunk.size:
-            raise InputError(f"{self.path}: chunk at byte {chunk.data[0]}", f"{len(raw)} bytes", f"{chunk.size} bytes")
+            raise InputError(place, f"{'more' if len(raw) > chunk.size else len(raw)} bytes", f"{chunk.size} bytes")
+        if chunk.crc and zlib.crc32(raw) != chunk.crc:
+            raise InputError(place, "bytes that do not match their CRC-32", "an undamaged chunk")
         return np.frombuffer(raw, np.uint8)
 
     def entries(self, chunk):
@@ -144,12 +156,12 @@ class McapSource:
         opcode, length = RECORD_HEAD.unpack_from(self._bytes, place)
         if opcode != CHUNK or place + 9 + length > len(self._bytes):
             raise InputError(f"{self.path}: byte {place}", f"record {opcode} of {length} bytes", "a chunk")
-        start, end, size, _, name = CHUNK_HEAD.unpack_from(self._bytes, place + 9)
+        start, end, size, crc, name = CHUNK_HEAD.unpack_from(self._bytes, place + 9)
         at = place + 9 + CHUNK_HEAD.size
         compression = bytes(self._bytes[at:at + name]).decode()
         packed = struct.unpack_from("<Q", self._bytes, at + name)[0]
         data = (at + name + 8, at + name + 8 + packed)
-        self.chunks.append(ChunkPlace(data, size, compression, start, end, indexes))
+        self.chunks.append(ChunkPlace(data, size, compression, start, end, crc, indexes))
 
     def _add_metadata(self, place):
         length = RECORD_HEAD.unpack_from(self._bytes, place)[1]
@@ -208,6 +220,15 @@ class McapSource:
                 for opcode, body in _records(self.unpack(chunk)):
                     if opcode != MESSAGE:
                         self._learn(opcode, body)
+
+
+def _limited(stream, size):
+    """All that a decompressing stream holds, read no further than one byte beyond the ``size`` that its head gives."""
+    parts, rest = [], size + 1
+    while rest > 0 and (part := stream.read(min(rest, PIECE))):
+        parts.append(part)
+        rest -= len(part)
+    return b"".join(parts)
 
 
 def _mapped(path):

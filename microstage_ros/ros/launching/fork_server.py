@@ -20,11 +20,14 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 PACKAGE = "microstage_ros.ros.nodes"
 PR_SET_PDEATHSIG, PR_SET_NAME = 1, 15
 STOPPING = (signal.SIGINT, signal.SIGTERM)
+GRACE = 20.0
+"""Time [s] that children have to end after SIGINT before they are killed; a bag of hours closes in some seconds."""
 
 
 class ForkServer:
@@ -84,12 +87,16 @@ class ForkServer:
         with selectors.DefaultSelector() as selector:
             selector.register(self._link, selectors.EVENT_READ)
             selector.register(wakened, selectors.EVENT_READ)
-            stopped = False
+            killed_at = None
             while self._reap():
-                if self._closed and not stopped:
-                    stopped = True
+                if self._closed and killed_at is None:
+                    killed_at = time.monotonic() + GRACE
                     self._signal_all(signal.SIGINT)
-                for key, _ in selector.select():
+                rest = None if killed_at is None else killed_at - time.monotonic()
+                if rest is not None and rest <= 0.0:
+                    self._signal_all(signal.SIGKILL)
+                    rest = None
+                for key, _ in selector.select(rest):
                     if key.fileobj is wakened:
                         wakened.recv(4096)
                         continue

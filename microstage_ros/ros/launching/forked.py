@@ -7,6 +7,9 @@ import subprocess
 import sys
 import time
 
+GRACE = 30.0
+"""Longest time [s] that the server is given to end itself and its children; it kills what still runs after
+`fork_server.GRACE`, which is shorter."""
 ENVIRONMENT = {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 
@@ -70,9 +73,13 @@ class ForkedNodes:
             self._ended()
 
     def close(self):
-        """Let the server go; whatever still runs, it stops."""
+        """Let the server go; whatever still runs, it stops, within `GRACE`."""
         self._link.close()
-        self._server.wait()
+        try:
+            self._server.wait(GRACE)
+        except subprocess.TimeoutExpired:
+            self._server.kill()  # its children get SIGTERM from the system when it dies
+            self._server.wait()
 
 
 class NodeProcess:
