@@ -34,7 +34,7 @@ setup(
         *config_files(),
     ],
     entry_points={"console_scripts": [
-        *(f"{name} = {PACKAGE}.nodes.{name}:main" for name in NODES),
+        *(f"{name} = {PACKAGE}.ros.nodes.{name}:main" for name in NODES),
         *(f"{name} = {PACKAGE}.commands.__main__:{name}" for name in COMMANDS),
     ]},
     zip_safe=False,

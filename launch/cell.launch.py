@@ -1,9 +1,11 @@
 """The nodes of one axis, for `ros2 launch microstage_ros cell.launch.py`, where the ROS launch system is installed.
 
     ros2 launch microstage_ros cell.launch.py namespace:=/left seed:=2 mode:=paced record:=runs/today
+    ros2 launch microstage_ros cell.launch.py backend:=my_package.my_card:Card backend_options:=card.yaml mode:=paced axis_file:=mine.yaml
 """
 
 from pathlib import Path
+from types import SimpleNamespace
 
 from ament_index_python.packages import get_package_share_directory
 from launch import LaunchDescription
@@ -11,12 +13,17 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction, SetEnvironment
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from microstage_ros.commands.backend import chosen_backend
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.places import config_file
 from microstage_ros.ros.launching.cell_processes import NODES, started_parameters
 
 ARGUMENTS = {
     "namespace": ("/axis", "namespace of the nodes"),
-    "mode": ("lockstep", "lockstep or paced"),
-    "seed": ("1", "of the simulated axis"),
+    "mode": ("", "lockstep or paced; empty: lockstep where the backend is simulated, else paced"),
+    "backend": ("simulated", "simulated, daq, an entry point, or package.module:Class from PYTHONPATH"),
+    "backend_options": ("", "YAML file with the options of the backend"),
+    "seed": ("1", "of a simulated axis"),
     "axis_file": ("", "axis file; empty: the shipped one"),
     "controller": ("", "control law; empty: that of the axis file"),
     "record": ("", "folder of the bag; empty: do not record"),
@@ -26,12 +33,14 @@ ARGUMENTS = {
 def nodes(context):
     """The nodes, with what they must know of each other."""
     value = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
-    lockstep, axis = value["mode"] == "lockstep", {"axis_file": value["axis_file"]}
-    names = [name for name in NODES if value["record"] or name != "bag_recorder"]
+    backend = chosen_backend(SimpleNamespace(**{**value, "seed": int(value["seed"])}), load_axis(value["axis_file"] or config_file("axis.yaml")))
+    mode, axis = backend.mode_or(value["mode"]), {"axis_file": value["axis_file"]}
+    lockstep = mode == "lockstep"
+    names = backend.nodes(name for name in NODES if value["record"] or name != "bag_recorder")
     parameters = started_parameters(names, {
         "str_controller": {**axis, "controller": value["controller"]}, "gms_observer": axis,
         "bag_recorder": {"directory": value["record"], "log_time": "stamp" if lockstep else "arrival"},
-        "axis_driver": {**axis, "mode": value["mode"], "seed": int(value["seed"]), "activate": True,
+        "axis_driver": {**axis, **backend.driver_parameters, "mode": mode, "seed": int(value["seed"]), "activate": True,
                         "rate_limit": 1.0 if lockstep else 0.0}})
     return [Node(package="microstage_ros", executable=name, name=name, namespace=value["namespace"],
                  parameters=[parameters[name]], output="screen") for name in names]

@@ -6,8 +6,10 @@ import time
 from pathlib import Path
 
 from microstage_ros.commands.__main__ import which_ros
+from microstage_ros.commands.backend import add_backend, chosen_backend
 from microstage_ros.commands.parser import Parser
 from microstage_ros.model.axis_file import load_axis
+from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
 
 PATIENCE = 2000
@@ -20,8 +22,9 @@ def main(argv=None):
     parser = Parser(prog="microstage cell", description="Start the nodes of an axis; Ctrl-C stops them.")
     parser.add_argument("--axis", metavar="FILE", help="axis file (default: the shipped config/axis.yaml)")
     parser.add_argument("--namespace", default="/axis", metavar="NS", help="of the nodes (default /axis)")
-    parser.add_argument("--mode", choices=("lockstep", "paced"), default="lockstep",
-                        help="simulated time no faster than real time (default), or wall clock as hardware would")
+    add_backend(parser)
+    parser.add_argument("--mode", choices=("lockstep", "paced"),
+                        help="simulated time no faster than real time (default where the backend is simulated), or wall clock")
     parser.add_argument("--controller", metavar="NAME", help="control law (default: that of the axis file)")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the simulated axis (default 1)")
     parser.add_argument("--record", metavar="DIR", help="record everything into this bag folder")
@@ -32,28 +35,29 @@ def main(argv=None):
         raise InputError("--seed", arguments.seed, "a whole number from 0 to 4294967295")
     if arguments.record and Path(arguments.record).exists():
         raise InputError("--record", arguments.record, "a folder that does not exist yet")
-    if arguments.axis:
-        load_axis(arguments.axis)
-    return _run(arguments)
+    axis = load_axis(arguments.axis or config_file("axis.yaml"))
+    backend = chosen_backend(arguments, axis)
+    arguments.mode = backend.mode_or(arguments.mode)
+    return _run(arguments, backend, axis)
 
 
-def _run(arguments):
+def _run(arguments, backend, machine):
     from microstage_ros.ros.launching.cell_processes import NODES, CellFailure, CellProcesses
 
-    print(which_ros(), file=sys.stderr)
+    print(f"{which_ros()}\n{backend.words(machine.name, arguments.seed)}", file=sys.stderr)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)
     axis = {"axis_file": str(Path(arguments.axis).resolve())} if arguments.axis else {}
-    driver = {"mode": arguments.mode, "seed": arguments.seed, **axis}
+    driver = {"mode": arguments.mode, "seed": arguments.seed, **axis, **backend.driver_parameters}
     if arguments.mode == "lockstep":
         driver["rate_limit"] = 1.0
-    else:
+    elif backend.simulated:
         driver["command_timeout_periods"] = PATIENCE
     law = {"controller": arguments.controller} if arguments.controller else {}
     parameters = {"axis_driver": driver, "str_controller": {**axis, **law}, "gms_observer": axis,
                   "bag_recorder": {"directory": str(arguments.record),
                                    "log_time": "stamp" if arguments.mode == "lockstep" else "arrival"}}
-    nodes = NODES if arguments.record else tuple(name for name in NODES if name != "bag_recorder")
+    nodes = backend.nodes(name for name in NODES if arguments.record or name != "bag_recorder")
     try:
         with CellProcesses(arguments.namespace, nodes, parameters) as cell:
             import rclpy  # while the nodes start
@@ -61,7 +65,8 @@ def _run(arguments):
 
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
             cell.activate(rclpy.create_node("cell", namespace=arguments.namespace))
-            print(f"{arguments.namespace} is active ({len(nodes)} nodes, {arguments.mode}, simulated). "
+            what = "simulated" if backend.simulated else backend.name
+            print(f"{arguments.namespace} is active ({len(nodes)} nodes, {arguments.mode}, {what}). "
                   f"In another terminal: ./microstage move --to 1e-5. Ctrl-C stops it.", flush=True)
             while True:
                 cell.check()

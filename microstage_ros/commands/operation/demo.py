@@ -1,4 +1,4 @@
-"""``demo``: the paper's point-to-point moves by separate ROS 2 processes on the simulated axis."""
+"""``demo``: the paper's point-to-point moves by separate ROS 2 processes, on the simulated axis or a backend."""
 
 import json
 import sys
@@ -8,6 +8,7 @@ import yaml
 
 from microstage_ros import __version__
 from microstage_ros.commands.__main__ import which_ros
+from microstage_ros.commands.backend import add_backend, chosen_backend
 from microstage_ros.commands.parser import Parser
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
@@ -27,19 +28,20 @@ PAUSE = 30.0
 def main(argv=None):
     """Run the command. Returns 0; 1 if a process failed or a target was not reached."""
     parser = Parser(prog="microstage demo", description=(
-        "The main job on the simulated axis: separate ROS 2 processes make the paper's point-to-point moves; the run is "
+        "The main job, on the simulated axis unless a backend is named: separate ROS 2 processes make the paper's point-to-point moves; the run is "
         "recorded to MCAP and told in DIR/report.html."))
     parser.add_argument("--out", metavar="DIR", help="folder for bag and report (default demo, demo-2, ...)")
     parser.add_argument("--quick", action="store_true", help=f"{QUICK_REPEATS} repeats in place of {REPEATS}: under a minute")
     parser.add_argument("--axis", metavar="FILE", help="axis file (default: the shipped config/axis.yaml)")
     parser.add_argument("--controller", metavar="NAME", help="control law (default: that of the axis file)")
+    add_backend(parser)
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of every random number (default 1)")
     arguments = parser.parse_args(argv)
     if not 0 <= arguments.seed < 2**32:
         raise InputError("--seed", arguments.seed, "a whole number from 0 to 4294967295")
     axis = load_axis(arguments.axis or config_file("axis.yaml"))
     out = _place(arguments.out)
-    return _run(arguments, axis, out)
+    return _run(arguments, axis, out, chosen_backend(arguments, axis))
 
 
 def _place(given):
@@ -62,17 +64,17 @@ def program(repeats):
             for place, measured in ((sign * target, True), (0.0, False))]
 
 
-def _run(arguments, axis, out):
+def _run(arguments, axis, out, backend):
     import rclpy
 
     from microstage_ros.commands.operation.demo_report import accuracy_rows, print_table, write_report
     from microstage_ros.ros.client import NoAnswer
     from microstage_ros.ros.launching.cell_processes import CellFailure
 
-    print(f"{which_ros()}\nThe axis is simulated ({axis.name}, seed {arguments.seed}); nothing moves.", file=sys.stderr)
+    print(f"{which_ros()}\n{backend.words(axis.name, arguments.seed)}", file=sys.stderr)
     moves = program(QUICK_REPEATS if arguments.quick else REPEATS)
     try:
-        results = _make_moves(arguments, axis, out, moves)
+        results = _make_moves(arguments, axis, out, moves, backend)
     except (CellFailure, NoAnswer) as failure:
         print(f"{failure}; what the nodes said is in {out / 'logs'}", file=sys.stderr)
         return 1
@@ -80,7 +82,8 @@ def _run(arguments, axis, out):
         rclpy.try_shutdown()
     facts = {"version": __version__, "axis": axis.name, "seed": arguments.seed,
              "controller": arguments.controller or axis.controller["type"], "tolerance_m": TOLERANCE,
-             "settle_time_s": SETTLE_TIME, "ros": which_ros()}
+             "settle_time_s": SETTLE_TIME, "ros": which_ros(), "simulated": backend.simulated, "backend": backend.name,
+             "instrument": "interferometer" if backend.instruments else "encoder", "period_s": axis.value("period")}
     (out / "moves.json").write_text(json.dumps({"run": facts, "moves": results}, indent=1), encoding="utf-8")
     rows = accuracy_rows(results)
     print_table(rows, facts)
@@ -92,20 +95,20 @@ def _run(arguments, axis, out):
     return 1 if failed else 0
 
 
-def _make_moves(arguments, axis, out, moves):
+def _make_moves(arguments, axis, out, moves, backend):
     """Start the cell, make the moves, stop it. Returns one dict per measured move."""
     import rclpy
     from rich.console import Console
     from rich.progress import Progress
 
     from microstage_ros.ros.client import AxisClient
-    from microstage_ros.ros.launching.cell_processes import CellProcesses
+    from microstage_ros.ros.launching.cell_processes import NODES, CellProcesses
 
     out.mkdir(parents=True, exist_ok=True)
     rclpy.init()
     node = rclpy.create_node("demo", namespace="/axis")
     console = Console(stderr=True)
-    with CellProcesses("/axis", parameters=cell_parameters(arguments, axis, out), logs=out / "logs") as cell, \
+    with CellProcesses("/axis", backend.nodes(NODES), cell_parameters(arguments, axis, out, backend), logs=out / "logs") as cell, \
             Progress(console=console, disable=not sys.stderr.isatty(), transient=True) as progress:
         cell.activate(node)
         axis_client = AxisClient("/axis", node)
@@ -117,19 +120,21 @@ def _make_moves(arguments, axis, out, moves):
             if measured:
                 results.append(move_facts(target, result))
             progress.advance(task)
-        axis_client.wait_until_still()  # so that every run of one seed ends in the same control period
+        if backend.mode == "lockstep":
+            axis_client.wait_until_still()  # so that every run of one seed ends in the same control period
         cell.deactivate(node)
     return results
 
 
-def cell_parameters(arguments, axis, out):
-    """Parameters of the nodes for a reproducible run in lockstep."""
+def cell_parameters(arguments, axis, out, backend):
+    """Parameters of the nodes; with a simulated backend for a reproducible run in lockstep."""
     file = {"axis_file": str(Path(arguments.axis).resolve())} if arguments.axis else {}
     law = {"controller": arguments.controller or axis.controller["type"]}
     run = {"program": "paper's point-to-point moves", "command": "demo --quick" if arguments.quick else "demo"}
-    return {"axis_driver": {"mode": "lockstep", "seed": arguments.seed, **file}, "str_controller": {**file, **law},
+    return {"axis_driver": {"mode": backend.mode, "seed": arguments.seed, **file, **backend.driver_parameters}, "str_controller": {**file, **law},
             "gms_observer": file, "move_server": {"pause_s": PAUSE},
-            "bag_recorder": {"directory": str((out / "bag").resolve()), "run": yaml.safe_dump(run)}}
+            "bag_recorder": {"directory": str((out / "bag").resolve()), "run": yaml.safe_dump(run),
+                             "log_time": "stamp" if backend.mode == "lockstep" else "arrival"}}
 
 
 def move_facts(target, result):

@@ -10,13 +10,13 @@ from microstage_ros.report.plots import COLOURS, new_figure, plot_signal, quanti
 PAPER_4S = {1e-6: 173e-9, 1e-5: 160e-9, 1e-4: 219e-9, 1e-3: 255e-9}
 """Accuracy and precision 4s of the paper's Table 4 [m]."""
 
-PERIOD_NS = 100_000
 TAIL = 500
 """Control periods shown before and after a move."""
 
 
 def accuracy_rows(results):
-    """One row per target and direction: bias and 4s by the interferometer, with intervals, and settling times."""
+    """One row per target and direction: bias and 4s by the interferometer (by the encoder where there is none), with
+    intervals, and settling times."""
     rows = []
     for target in dict.fromkeys(move["target_m"] for move in results):
         moves = [move for move in results if move["target_m"] == target and move["reached"]]
@@ -25,13 +25,19 @@ def accuracy_rows(results):
             continue
         rows.append({
             "target": target, "count": len(moves),
-            "repeatability": repeatability([move["interferometer_error_m"] for move in moves]),
+            "repeatability": repeatability(_errors(moves)),
             "encoder": repeatability([move["final_error_m"] for move in moves]),
             "settling": float(np.median([move["settling_time_s"] for move in moves])),
             "overshoot": float(np.max([move["overshoot_m"] for move in moves])),
             "paper": next(value for size, value in PAPER_4S.items() if np.isclose(size, abs(target))),
         })
     return rows
+
+
+def _errors(moves):
+    """By the interferometer [m]; by the encoder where there is none."""
+    errors = [move["interferometer_error_m"] for move in moves]
+    return errors if np.isfinite(errors).all() else [move["final_error_m"] for move in moves]
 
 
 HEADER = ("target [µm]", "n", "bias [nm]", "4s [nm]", "95 % interval [nm]", "settling, median [ms]",
@@ -57,12 +63,17 @@ def print_table(rows, facts):
     """The table on standard output."""
     cells = [HEADER, *table_cells(rows)]
     widths = [max(len(row[k]) for row in cells) for k in range(len(HEADER))]
-    print(f"Simulated axis ({facts['axis']}), controller {facts['controller']}, seed {facts['seed']}: "
-          "errors by the interferometer, mean over the settle time")
+    print(f"{_what(facts)} ({facts['axis']}), controller {facts['controller']}, seed {facts['seed']}: "
+          f"errors by the {facts['instrument']}, mean over the settle time")
     for number, row in enumerate(cells):
         print("  ".join(f"{cell:>{width}}" for cell, width in zip(row, widths)))
         if number == 0:
             print("  ".join("-" * width for width in widths))
+
+
+def _what(facts):
+    """What moved."""
+    return "Simulated axis" if facts["simulated"] else f"Backend {facts['backend']}"
 
 
 def write_report(path, bag, rows, results, facts):
@@ -73,39 +84,41 @@ def write_report(path, bag, rows, results, facts):
     path : of the page. bag : folder of the run's bag. rows : of `accuracy_rows`. results : one dict per move.
     facts : version, axis, seed, controller and conditions of the run.
     """
-    page = Page("Point-to-point moves of a simulated axis", f"{facts['axis']} by the model's equations; no hardware moved",
+    simulated = facts["simulated"]
+    page = Page("Point-to-point moves of a simulated axis" if simulated else "Point-to-point moves",
+                f"{facts['axis']}; nothing moved" if simulated else f"{facts['axis']}, backend {facts['backend']}",
                 configuration=facts["axis"], seed=facts["seed"], about={"ROS": facts["ros"]})
-    _verdict(page, rows, results)
+    _verdict(page, rows, results, simulated)
     page.section("Accuracy")
     page.table(HEADER, table_cells(rows), "Bias and 4s of the errors, target by target and direction by direction.")
-    page.note("The error of a move is the mean of interferometer − target over the settle time "
-              f"({facts['settle_time_s'] * 1e3:.0f} ms within ±{facts['tolerance_m'] * 1e9:.0f} nm by the encoder). The "
-              "interferometer's own ±40 nm (k = 2) are not in it. The interval is the chi-square one for so few repeats; "
+    page.note(f"The error of a move is the mean of {facts['instrument']} − target over the settle time "
+              f"({facts['settle_time_s'] * 1e3:.0f} ms within ±{facts['tolerance_m'] * 1e9:.0f} nm by the encoder). "
+              "The instrument's own uncertainty is not in it. The interval is the chi-square one for so few repeats; "
               "4s leaves the mean error out, so it is a repeatability.")
     streams = _streams(bag)
     page.section("Moves")
     for target in sorted({abs(row["target"]) for row in rows}):
         move = next((m for m in results if m["target_m"] == target), None)
         if move and move["end_sequence"]:
-            page.figure(_move_figure(streams, move), f"First move to {target * 1e6:g} µm: position, error, voltage.",
+            page.figure(_move_figure(streams, move, facts["period_s"]), f"First move to {target * 1e6:g} µm: position, error, voltage.",
                         "Reference, encoder and interferometer against time")
     page.section("Gains and friction over the run")
-    page.figure(_gain_figure(streams), "Gains of the self-tuning regulator.", "Three gains against time")
-    page.figure(_friction_figure(streams), "Friction of both contacts: the observer's estimate and what the simulation "
-                "knows to be true.", "Estimated and true friction against time")
-    page.text(_friction_words(streams))
+    page.figure(_gain_figure(streams, facts["period_s"]), "Gains of the self-tuning regulator.", "Three gains against time")
+    if len(streams.get("simulation", ())):
+        page.figure(_friction_figure(streams, facts["period_s"]), "Friction of both contacts: the observer's estimate and what "
+                    "the simulation knows to be true.", "Estimated and true friction against time")
+        page.text(_friction_words(streams))
     page.section("The loop")
     page.figure(_timing_figure(streams), "From publishing a state to the command that answers it (wall clock); in "
                 "lockstep simulated time waits for it.", "Histogram of response times")
     with page.details("How it was run"):
-        page.text("Six processes over ROS 2 topics: axis_driver, str_controller, gms_observer, interferometer_logger, "
-                  "move_server, bag_recorder. The bag holds every message, every node's parameters, the seed and the axis "
-                  "file.")
+        page.text("Separate processes over ROS 2 topics. The bag holds every message, every node's parameters, the seed and "
+                  "the axis file.")
         page.table(("topic", "messages"), [[name, len(values)] for name, values in sorted(streams.items())])
     page.save(path)
 
 
-def _verdict(page, rows, results):
+def _verdict(page, rows, results, simulated):
     good = [row for row in rows if row["repeatability"] is not None]
     missed = sum(not move["reached"] for move in results)
     below = sum(row["repeatability"].four_s < row["paper"] for row in good)
@@ -113,7 +126,7 @@ def _verdict(page, rows, results):
     tone = "good" if not missed and below == len(rows) else "caution"
     page.verdict(f"{len(results) - missed} of {len(results)} moves settled; 4s is at most {worst * 1e9:.0f} nm, below the "
                  f"paper's in {below} of {len(rows)} cases.", tone,
-                 "The axis is simulated: this compares a model with a measured device.")
+                 "The axis is simulated: this compares a model with a measured device." if simulated else "")
     page.key_figures([(f"4s at {row['target'] * 1e6:+.0f} µm", f"{row['repeatability'].four_s * 1e9:.0f} nm",
                        f"paper: {row['paper'] * 1e9:.0f} nm") for row in good if row["target"] > 0])
 
@@ -128,41 +141,43 @@ def _part(stream, first, last):
     return stream[(stream["sequence"] >= first) & (stream["sequence"] <= last)]
 
 
-def _move_figure(streams, move):
+def _move_figure(streams, move, period):
     first, last = max(move["start_sequence"] - TAIL, 0), move["end_sequence"]
-    state, command, light = (_part(streams[name], first, last) for name in ("state", "command", "interferometer"))
+    measured = "interferometer" if len(streams.get("interferometer", ())) else "state"
+    state, command, light = (_part(streams[name], first, last) for name in ("state", "command", measured))
 
     def time(stream):
-        return (stream["sequence"].astype(float) - move["start_sequence"]) * PERIOD_NS * 1e-6  # ms
+        return (stream["sequence"].astype(float) - move["start_sequence"]) * period * 1e3  # ms
 
     figure, (top, middle, bottom) = new_figure(3, 1, height=1.9, sharex=True)
     top.plot(time(command), command["reference"] * 1e6, color=COLOURS["grey"], label="reference")
     plot_signal(top, time(state), state["position"] * 1e6, color=COLOURS["blue"], label="encoder")
-    plot_signal(top, time(light), light["position"] * 1e6, color=COLOURS["orange"], label="interferometer", linewidth=0.8)
+    plot_signal(top, time(light), light["position"] * 1e6, color=COLOURS["orange"], linewidth=0.8,
+                label="interferometer" if measured != "state" else None)
     top.set_ylabel("position [µm]")
     top.legend(loc="lower right")
     wanted = np.interp(light["sequence"], command["sequence"], command["reference"])
     plot_signal(middle, time(light), (light["position"] - wanted) * 1e9, color=COLOURS["orange"])
-    middle.set_ylabel("interferometer\n− reference [nm]")
+    middle.set_ylabel(f"{'interferometer' if measured != 'state' else 'encoder'}\n− reference [nm]")
     plot_signal(bottom, time(command), command["voltage"], color=COLOURS["green"])
     bottom.set_ylabel("voltage [V]")
     bottom.set_xlabel("time since the start of the move [ms]")
     return figure
 
 
-def _seconds(stream):
-    return stream["sequence"].astype(float) * PERIOD_NS * 1e-9
+def _seconds(stream, period):
+    return stream["sequence"].astype(float) * period
 
 
-def _gain_figure(streams):
+def _gain_figure(streams, period):
     inside = streams["controller_state"]
     figure, axes = new_figure(3, 1, height=1.5, sharex=True)
     for plot, field, label in zip(axes, ("proportional_gain", "integral_gain", "derivative_gain"),
                                   ("K_P [V/µm]", "K_I [V/(µm s)]", "K_D [V s/m]")):
         factor = 1.0 if field == "derivative_gain" else 1e-6
-        plot_signal(plot, _seconds(inside), inside[field] * factor)
+        plot_signal(plot, _seconds(inside, period), inside[field] * factor)
         plot.set_ylabel(label)
-    axes[-1].set_xlabel("simulated time [s]")
+    axes[-1].set_xlabel("time [s]")
     return figure
 
 
@@ -173,17 +188,17 @@ def _friction(streams):
     return estimate[ours], truth[theirs]
 
 
-def _friction_figure(streams):
+def _friction_figure(streams, period):
     estimate, truth = _friction(streams)
     figure, (top, bottom) = new_figure(2, 1, height=1.9, sharex=True)
     for plot, field, factor, label in ((top, "actuator_torque", 1e6, "actuator [µN m]"),
                                        (bottom, "guideway_force", 1.0, "guideways [N]")):
-        plot_signal(plot, _seconds(truth), truth[field] * factor, color=COLOURS["grey"], label="true")
-        plot_signal(plot, _seconds(estimate), estimate[field] * factor, color=COLOURS["blue"], label="estimate",
+        plot_signal(plot, _seconds(truth, period), truth[field] * factor, color=COLOURS["grey"], label="true")
+        plot_signal(plot, _seconds(estimate, period), estimate[field] * factor, color=COLOURS["blue"], label="estimate",
                     linewidth=0.8)
         plot.set_ylabel(label)
     top.legend(loc="upper right")
-    bottom.set_xlabel("simulated time [s]")
+    bottom.set_xlabel("time [s]")
     return figure
 
 

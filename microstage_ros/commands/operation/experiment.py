@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from microstage_ros.commands.__main__ import which_ros
+from microstage_ros.commands.backend import add_backend, chosen_backend
 from microstage_ros.commands.parser import Parser
 from microstage_ros.control.runs.run_file import load_run
 from microstage_ros.model.axis_file import load_axis
@@ -27,14 +28,19 @@ def main(argv=None):
     parser.add_argument("--run", required=True, metavar="FILE", help="run file with a closed-loop program, up to two minutes")
     parser.add_argument("--axis", metavar="FILE", help="axis file (default: the shipped config/axis.yaml)")
     parser.add_argument("--out", required=True, metavar="DIR", help="folder for the bag and the nodes' logs")
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the simulated axis (default 1)")
+    add_backend(parser)
+    parser.add_argument("--mode", choices=("lockstep", "paced"),
+                        help="simulated time (default where the backend is simulated), or wall clock")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of a simulated axis (default 1)")
     arguments = parser.parse_args(argv)
     axis = load_axis(arguments.axis or config_file("axis.yaml"))
     out = Path(arguments.out)
     if (out / "bag").exists():
         raise InputError("--out", arguments.out, "a folder without a bag of an earlier run")
     reference = reference_of(load_run(arguments.run), axis)
-    return _run(arguments, out, reference, axis.value("period"))
+    backend = chosen_backend(arguments, axis)
+    arguments.mode = backend.mode_or(arguments.mode)
+    return _run(arguments, out, reference, axis, backend)
 
 
 def reference_of(run, axis):
@@ -54,21 +60,22 @@ def reference_of(run, axis):
     return reference
 
 
-def _run(arguments, out, reference, period):
+def _run(arguments, out, reference, axis, backend):
     import rclpy
 
     from microstage_ros.ros.launching.cell_processes import NODES, CellFailure, CellProcesses
 
     file = {"axis_file": str(Path(arguments.axis).resolve())} if arguments.axis else {}
-    parameters = {"axis_driver": {"mode": "lockstep", "seed": arguments.seed, **file}, "str_controller": file, "gms_observer": file,
-                  "bag_recorder": {"directory": str((out / "bag").resolve()), "run": Path(arguments.run).read_text(encoding="utf-8")}}
-    print(f"{which_ros()}\nThe axis is simulated (seed {arguments.seed}); nothing moves.", file=sys.stderr)
+    parameters = {"axis_driver": {"mode": arguments.mode, "seed": arguments.seed, **file, **backend.driver_parameters}, "str_controller": file, "gms_observer": file,
+                  "bag_recorder": {"directory": str((out / "bag").resolve()), "run": Path(arguments.run).read_text(encoding="utf-8"),
+                                   "log_time": "stamp" if arguments.mode == "lockstep" else "arrival"}}
+    print(f"{which_ros()}\n{backend.words(axis.name, arguments.seed)}", file=sys.stderr)
     out.mkdir(parents=True, exist_ok=True)
     rclpy.init()
     node = rclpy.create_node("experiment", namespace="/axis")
     try:
-        with CellProcesses("/axis", tuple(n for n in NODES if n != "move_server"), parameters, out / "logs") as cell:
-            player = _Player(node, cell, period)
+        with CellProcesses("/axis", backend.nodes(n for n in NODES if n != "move_server"), parameters, out / "logs") as cell:
+            player = _Player(node, cell, axis.value("period"))
             cell.activate(node)
             player.play(reference)
             cell.deactivate(node)

@@ -35,10 +35,10 @@ class DriverTopics:
 
     Parameters
     ----------
-    node : the driver. servo : its servo path. axis : `Axis`. simulated : the hardware is a simulation.
+    node : the driver. servo : its servo path. axis : `Axis`. instruments : the hardware tells what simulated instruments see.
     """
 
-    def __init__(self, node, servo, axis, simulated):
+    def __init__(self, node, servo, axis, instruments):
         p = node.parameters
         self._node, self._frame, self._every = node, p.frame_id, p.simulation_decimation
         self._joint_every = p.joint_state_decimation
@@ -54,7 +54,7 @@ class DriverTopics:
         if p.mode == "lockstep" and p.publish_clock:
             self._clock_publisher = node.create_publisher(Clock, "/clock", topics.SLOW)
             self._clock = servo.writer(self._clock_publisher)
-        if simulated:
+        if instruments:
             self._pack_truth = Codec("SimulationTruth").pack
             self.truths = Outlet(node, servo, SimulationTruth, topics.SIMULATION)
             self.truths.sent = self._truths_sent

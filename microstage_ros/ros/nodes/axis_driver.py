@@ -69,7 +69,7 @@ class AxisDriver(DriverPeriods, LifecycleNode):
         self._unpack_command = Codec("VoltageCommand").unpack
         self._constant_status = (AxisState.STATUS_SIMULATED if self.hardware.simulated else 0) | (
             AxisState.STATUS_LOCKSTEP if p.mode == "lockstep" else 0)
-        self.topics = DriverTopics(self, servo, self.axis, self.hardware.simulated)
+        self.topics = DriverTopics(self, servo, self.axis, getattr(self.hardware, "has_truth", self.hardware.simulated))
         if quick:
             self._quick = QuickPeriods(servo, self._commands, side.semaphore, self.topics, self.gate, self._requests.asked,
                                        self.responses, self.hardware.own_arrays, self._settings())

@@ -1,0 +1,88 @@
+"""The options ``--backend`` and ``--backend-options`` of the commands that drive an axis."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import yaml
+
+from microstage_ros.hardware import BACKENDS, make_hardware
+from microstage_ros.hardware.protocol import Setup
+from microstage_ros.quantities.errors import InputError
+
+SIMULATED = "simulated"
+
+
+@dataclass(frozen=True)
+class ChosenBackend:
+    """A backend as the user chose it, checked.
+
+    Attributes
+    ----------
+    name : as given. options : of the backend. simulated : what it says of itself.
+    instruments : it offers the truth that simulated instruments read.
+    """
+
+    name: str = SIMULATED
+    options: dict = field(default_factory=dict)
+    simulated: bool = True
+    instruments: bool = True
+
+    @property
+    def mode(self):
+        """How time passes unless something else is asked for."""
+        return "lockstep" if self.simulated else "paced"
+
+    @property
+    def driver_parameters(self):
+        """Parameters of the node ``axis_driver``."""
+        return {"backend": self.name, "backend_options": yaml.safe_dump(self.options, default_flow_style=True).strip()}
+
+    def nodes(self, names):
+        """Those of the nodes that have something to do with this backend."""
+        return tuple(name for name in names if self.instruments or name != "interferometer_logger")
+
+    def mode_or(self, asked):
+        """The mode that was asked for, or this backend's own. Raises `InputError` for lockstep with real time."""
+        if asked == "lockstep" and not self.simulated:
+            raise InputError("--mode", asked, f"paced: backend {self.name} has its own time")
+        return asked or self.mode
+
+    def words(self, axis_name, seed):
+        """What is driven, in one sentence."""
+        if self.simulated:
+            whose = "" if self.name == SIMULATED else f", backend {self.name}"
+            return f"The axis is simulated ({axis_name}, seed {seed}{whose}); nothing moves."
+        return f"Backend {self.name} drives the axis ({axis_name}): it moves."
+
+
+def add_backend(parser):
+    """Add the two options to a parser."""
+    parser.add_argument("--backend", default=SIMULATED, metavar="NAME",
+                        help=f"{', '.join(BACKENDS)}, an entry point, or package.module:Class from PYTHONPATH "
+                             f"(default {SIMULATED})")
+    parser.add_argument("--backend-options", metavar="FILE", help="YAML file with the options of the backend")
+
+
+def load_options(path):
+    """The mapping in a file of backend options; empty without a file. Raises `InputError`."""
+    if not path:
+        return {}
+    try:
+        found = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(str(path), error.strerror, "a readable YAML file of backend options") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InputError(str(path), " ".join(str(error).split())[:160], "valid YAML") from None
+    if found is not None and not isinstance(found, dict):
+        raise InputError(str(path), found, "a mapping of option names to values")
+    return found or {}
+
+
+def chosen_backend(arguments, axis):
+    """`ChosenBackend` of the parsed options; the class is made once, not opened, to see that it can be."""
+    options = load_options(arguments.backend_options)
+    if arguments.backend == SIMULATED and not options:
+        return ChosenBackend()
+    made = make_hardware(arguments.backend, Setup(axis, getattr(arguments, "seed", 0), options))
+    return ChosenBackend(arguments.backend, options, bool(made.simulated),
+                         bool(getattr(made, "has_truth", made.simulated)))

@@ -1,0 +1,71 @@
+"""A cell on a backend from outside: the command, what it says, a move."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+
+import pytest
+import rclpy
+from microstage_msgs.msg import DriverStatus
+from ros_support import own_domain, spin_until
+
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.places import config_file
+from microstage_ros.ros.client import AxisClient
+from microstage_ros.ros.transport.topics import LATCHED
+
+MACHINE = """
+    from microstage_ros.hardware.simulated import SimulatedAxis
+
+    class Machine:
+        simulated = {simulated}
+
+        def __init__(self, setup):
+            self._inner = SimulatedAxis(setup)
+            self.open, self.write, self.close = self._inner.open, self._inner.write, self._inner.close
+
+        def read(self):
+            return tuple(self._inner.read())
+"""
+
+
+@pytest.mark.parametrize("simulated", [False, True])
+def test_the_cell_drives_it(tmp_path, simulated):
+    (tmp_path / "bench_machine.py").write_text(textwrap.dedent(MACHINE).format(simulated=simulated))
+    axis = load_axis(config_file("axis.yaml"))
+    if not simulated:  # 10 kHz by the wall clock in plain Python would be late
+        axis = axis.with_values({"period": 2e-3}).with_controller({"type": "self_tuning_observer"})
+    axis.save(tmp_path / "axis.yaml")
+    (tmp_path / "options.yaml").write_text("position: 2.0e-5\n")
+    with own_domain():
+        environment = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
+        process = subprocess.Popen(
+            [sys.executable, "-m", "microstage_ros.commands", "cell", "--axis", str(tmp_path / "axis.yaml"), "--backend",
+             "bench_machine:Machine", "--backend-options", str(tmp_path / "options.yaml")],
+            env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        try:
+            line = process.stdout.readline()
+            assert "is active" in line, process.stderr.read()
+            assert ("lockstep, simulated" if simulated else "paced, bench_machine:Machine") in line
+            _check(simulated)
+        finally:
+            process.send_signal(signal.SIGINT)
+            _, told = process.communicate(timeout=60)
+    assert ("simulated" in told) == simulated and "Traceback" not in told
+
+
+def _check(simulated):
+    rclpy.init()
+    node = rclpy.create_node("tester", namespace="/axis")
+    try:
+        seen = []
+        node.create_subscription(DriverStatus, "driver_status", seen.append, LATCHED)
+        spin_until(node, lambda: seen)
+        assert seen[-1].backend == "bench_machine:Machine" and seen[-1].simulated == simulated
+        result = AxisClient("/axis", node, wait=60.0).move(3e-5, tolerance=1e-6, settle_time=0.05, timeout=10.0)
+        assert result.reached or not simulated, result.message
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
