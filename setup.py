@@ -6,8 +6,10 @@ from setuptools import find_packages, setup
 
 PACKAGE = "microstage_ros"
 NODES = ["axis_driver", "str_controller", "gms_observer", "interferometer_logger", "move_server", "bag_recorder"]
-COMMANDS = ["demo", "test", "cell", "move", "simulate", "experiment", "identify", "diagnose", "replay", "bench", "compare", "laws",
-            "campaign", "tune"]
+COMMANDS = [
+    "demo", "test", "cell", "move", "simulate", "experiment", "identify", "diagnose", "replay", "bench",
+    "compare", "laws", "campaign", "tune",
+]
 
 
 def config_files():

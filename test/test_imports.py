@@ -1,4 +1,4 @@
-"""The arrows between the packages (``.importlinter``) and the size of files."""
+"""The arrows between the packages (``.importlinter``)."""
 
 import shutil
 import subprocess
@@ -8,22 +8,15 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-CEILING = 400
 
 
-def test_rooms_import_only_what_is_below_them():
+def test_packages_import_only_what_is_below_them():
     linter = Path(sys.executable).with_name("lint-imports")
     if not linter.exists() and not shutil.which("lint-imports"):
         pytest.skip("import-linter is not installed")
     done = subprocess.run([str(linter) if linter.exists() else "lint-imports", "--no-cache"], cwd=ROOT,
                           capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-
-
-def test_no_file_is_longer_than_the_ceiling():
-    long = {str(path.relative_to(ROOT)): count for path in (ROOT / "microstage_ros").rglob("*.py")
-            if (count := len(path.read_text(encoding="utf-8").splitlines())) > CEILING}
-    assert not long
 
 
 def test_every_command_and_node_is_listed_everywhere():

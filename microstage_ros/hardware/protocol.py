@@ -56,7 +56,7 @@ class Setup:
 
     axis: object
     seed: int = 0
-    options: dict = None
+    options: dict | None = None
 
 
 class Hardware(Protocol):
@@ -87,26 +87,31 @@ class SafetyMembers(Protocol):
 
     def enable(self, on: bool) -> None:
         """Switch the drive's enable output. On when the driver is activated, after ``write(0.0)``; off after ``write(0.0)``
-        when it is deactivated, on every fault, and on every way out."""
+        when it is deactivated, on every fault, and on every way out.
+        """
 
     def e_stop(self) -> bool:
         """True while the emergency stop is pressed or its circuit is open. Called once per control period, after `read`,
         and while the driver is inactive; True is the fault ``e_stop``. The circuit itself has to take the power away
-        without this program."""
+        without this program.
+        """
 
     def limit_switches(self) -> tuple[bool, bool]:
         """True for the switch at the lower and at the upper end of the travel while it is actuated. Called once per control
         period, after `read`. At an actuated switch a voltage that drives towards it is the fault ``limit_switch``; one that
-        drives away from it is let through."""
+        drives away from it is let through.
+        """
 
     def watchdog(self, seconds: float) -> None:
         """Arm the card's own watchdog: its output goes to zero by itself when no `write` comes for so long [s]; 0 disarms.
-        Called after `open` and before `close`."""
+        Called after `open` and before `close`.
+        """
 
     def outside_stop(self) -> tuple[str, dict]:
         """How another process takes the voltage away if this one hangs or is gone: ``("package.module:function", arguments)``.
         The function is called as ``function(**arguments)``, may be called again and again, and returns once the output is
-        at zero; the arguments are plain values (JSON)."""
+        at zero; the arguments are plain values (JSON).
+        """
 
 
 SAFETY = ("enable", "e_stop", "limit_switches", "watchdog", "outside_stop")

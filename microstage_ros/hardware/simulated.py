@@ -66,7 +66,8 @@ class SimulatedAxis:
     @property
     def arrays(self):
         """Plant, state, work space and readings for a loop in compiled code that takes over from `read` and hands
-        back with `write`; None before the first reading."""
+        back with `write`; None before the first reading.
+        """
         return None if self._voltage is None else self.own_arrays
 
     def write(self, voltage):

@@ -11,9 +11,12 @@ squares, expanded by k = 2.  The air sensors' errors are taken as constant (type
 dead path only their change since zeroing counts.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from microstage_ros.metrology.refractive_index import (
     EQUATION_UNCERTAINTY,
@@ -87,7 +90,7 @@ class Budget:
     expanded_m: float
 
 
-def correct(reading_m, air, zeroed, interferometer):
+def correct(reading_m: ArrayLike, air: Air, zeroed: Air, interferometer: Interferometer) -> np.ndarray:
     """Position from the reading.
 
     Parameters
@@ -111,7 +114,7 @@ def correct(reading_m, air, zeroed, interferometer):
     return scaled - interferometer.dead_path_m * (now - then) / now
 
 
-def budget(position_m, air, zeroed, interferometer):
+def budget(position_m: float, air: Air, zeroed: Air, interferometer: Interferometer) -> Budget:
     """Uncertainty of one corrected position.
 
     Parameters
@@ -146,7 +149,7 @@ def budget(position_m, air, zeroed, interferometer):
     return Budget(tuple(contributions), standard, COVERAGE * standard)
 
 
-def _line(name, size, unit, sensitivity):
+def _line(name: str, size: float, unit: str, sensitivity: float) -> Contribution:
     """A contribution, with its size checked."""
     if not np.isfinite(size) or size < 0:
         raise InputError(f"uncertainty of {name}", size, f"a standard uncertainty of 0 or more, in {unit}")

@@ -14,9 +14,12 @@ s (n - 1 in the denominator) at each target and side:
 The standard asks for five cycles and five targets per metre; fewer cycles are computed all the same.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from microstage_ros.quantities.errors import InputError
 
@@ -57,7 +60,7 @@ class Iso230:
     accuracy: float
 
 
-def iso230(targets, up, down):
+def iso230(targets: ArrayLike, up: ArrayLike, down: ArrayLike) -> Iso230:
     """The figures of a bidirectional test.
 
     Parameters
@@ -92,12 +95,12 @@ def iso230(targets, up, down):
         accuracy=_accuracy(means, spreads))
 
 
-def _accuracy(means, spreads):
+def _accuracy(means: np.ndarray, spreads: np.ndarray) -> float:
     """max(x̄ + 2 s) - min(x̄ - 2 s)."""
     return float((means + 2 * spreads).max() - (means - 2 * spreads).min())
 
 
-def _approaches(side, reached, targets):
+def _approaches(side: str, reached: ArrayLike, targets: np.ndarray) -> np.ndarray:
     """Deviations x_ij of one side, checked."""
     try:
         reached = np.asarray(reached, dtype=float)

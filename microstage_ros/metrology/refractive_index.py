@@ -12,9 +12,13 @@ with the densities ρ_a of dry air and ρ_v of water vapour (BIPM 1981/91 equati
 refractivities r of both at their standard conditions.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from microstage_ros.quantities.errors import InputError
 
@@ -44,12 +48,12 @@ class Air:
     temperature_K : [K]. pressure_Pa : [Pa]. humidity : relative, 0 to 1.
     """
 
-    temperature_K: object = 293.15
-    pressure_Pa: object = 101325.0
-    humidity: object = 0.5
+    temperature_K: Any = 293.15
+    pressure_Pa: Any = 101325.0
+    humidity: Any = 0.5
 
 
-def refractive_index(air, wavelength_m=HELIUM_NEON_M, co2_ppm=CO2_PPM):
+def refractive_index(air: Air, wavelength_m: float = HELIUM_NEON_M, co2_ppm: float = CO2_PPM) -> np.ndarray:
     """Phase index of air by Ciddor's equation.
 
     Parameters
@@ -75,7 +79,7 @@ def refractive_index(air, wavelength_m=HELIUM_NEON_M, co2_ppm=CO2_PPM):
                 + vapour * fraction * per_mole * WATER_MASS / STANDARD_VAPOUR_DENSITY)
 
 
-def saturation_pressure(temperature_K):
+def saturation_pressure(temperature_K: ArrayLike) -> np.ndarray:
     """Pressure of saturated water vapour [Pa]: IAPWS R7-97 over water, Wagner, Saul and Pruß 1994 over ice."""
     kelvin = np.asarray(temperature_K, dtype=float)
     k = IAPWS
@@ -89,14 +93,14 @@ def saturation_pressure(temperature_K):
     return np.where(kelvin >= ZERO_CELSIUS, over_water, over_ice)
 
 
-def vapour_fraction(air):
+def vapour_fraction(air: Air) -> np.ndarray:
     """Molar fraction of water vapour: enhancement factor × humidity × saturation pressure / pressure."""
     celsius = np.asarray(air.temperature_K, dtype=float) - ZERO_CELSIUS
     enhancement = 1.00062 + 3.14e-8 * np.asarray(air.pressure_Pa, dtype=float) + 5.60e-7 * celsius**2
     return enhancement * air.humidity * saturation_pressure(air.temperature_K) / air.pressure_Pa
 
 
-def compressibility(kelvin, pressure, fraction):
+def compressibility(kelvin: np.ndarray, pressure: np.ndarray, fraction: np.ndarray) -> np.ndarray:
     """Compressibility of moist air (BIPM 1981/91)."""
     t, ratio = kelvin - ZERO_CELSIUS, pressure / kelvin
     linear = (1.58123e-6 - 2.9331e-8 * t + 1.1043e-10 * t**2 + (5.707e-6 - 2.051e-8 * t) * fraction
@@ -104,7 +108,7 @@ def compressibility(kelvin, pressure, fraction):
     return 1 - ratio * linear + ratio**2 * (1.83e-11 - 0.765e-8 * fraction**2)
 
 
-def index_sensitivities(air, wavelength_m=HELIUM_NEON_M):
+def index_sensitivities(air: Air, wavelength_m: float = HELIUM_NEON_M) -> dict[str, float]:
     """Derivatives of the index by each part of the state: name of the part to ∂n/∂part."""
     found = {}
     for name, step in STEPS.items():
@@ -115,7 +119,7 @@ def index_sensitivities(air, wavelength_m=HELIUM_NEON_M):
     return found
 
 
-def index_uncertainty(air, standard, wavelength_m=HELIUM_NEON_M):
+def index_uncertainty(air: Air, standard: Air, wavelength_m: float = HELIUM_NEON_M) -> float:
     """Standard uncertainty of the index from those of the sensors, the equation's own included.
 
     Parameters
@@ -126,12 +130,12 @@ def index_uncertainty(air, standard, wavelength_m=HELIUM_NEON_M):
     return float(np.sqrt(sum(part**2 for part in parts) + EQUATION_UNCERTAINTY**2))
 
 
-def _with(air, name, value):
+def _with(air: Air, name: str, value: float) -> Air:
     """`air` with one part changed."""
     return Air(**{**{part.name: getattr(air, part.name) for part in fields(air)}, name: value})
 
 
-def _check(air, wavelength_m):
+def _check(air: Air, wavelength_m: float) -> None:
     """Refuse a state or wavelength that the equation does not cover."""
     units = {"temperature_K": "K", "pressure_Pa": "Pa", "humidity": "(a share of 1)"}
     for name, (low, high) in RANGES.items():

@@ -5,9 +5,12 @@ For n errors e_k that are independent and normal: the bias is their mean, with t
 4s √((n-1)/χ²_hi) … 4s √((n-1)/χ²_lo).  Ten repeats of 250 nm leave 172 to 456 nm.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.special import gammaincinv, stdtrit
 
 from microstage_ros.quantities.errors import InputError
@@ -31,7 +34,7 @@ class Repeatability:
     four_s_interval: tuple
 
 
-def repeatability(errors, confidence=0.95):
+def repeatability(errors: ArrayLike, confidence: float = 0.95) -> Repeatability:
     """Bias and 4s with their confidence intervals.
 
     Parameters
@@ -54,6 +57,6 @@ def repeatability(errors, confidence=0.95):
     return Repeatability(len(errors), bias, (bias - reach, bias + reach), 4 * spread, interval)
 
 
-def chi_square(freedom, probability):
+def chi_square(freedom: float, probability: float) -> float:
     """Quantile of the chi-square distribution; `scipy.stats` has it too, and takes a second to load."""
     return 2 * gammaincinv(freedom / 2, probability)

@@ -1,40 +1,23 @@
 """Axis files: the numbers of one machine, each with its unit and where it comes from.
 
-A leaf is ``{value, unit, source, stderr?}``; ``type``, ``law``, ``reading`` and ``name`` are words;
+A leaf is ``{value, unit, source, stderr?, tolerance?}`` (`quantities.quantity`); ``type``, ``law``, ``reading`` and ``name`` are words;
 ``effects`` and ``controller`` are sections of their own (see `model.effects` and `control`).
 Everything is SI. Unknown keys, missing units and values out of range are refused with the file,
 the key and the value.
 """
 
 import copy
-import math
 import pathlib
-from dataclasses import dataclass
 
 import yaml
 
 from microstage_ros.model import schema
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.quantities.quantity import Quantity, quantity_from
 
 FORMAT = 1
 WORDS = ("type", "law", "reading")
-SOURCES = ("paper", "datasheet", "estimate", "identified", "published", "derived")
 FREE_SECTIONS = ("format", "name", "effects", "controller", "provenance")
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """A number (or a list of numbers) with unit, source and, where known, standard uncertainty."""
-
-    value: object
-    unit: str
-    source: str
-    stderr: object = None
-
-    def as_dict(self):
-        """The leaf as it stands in a file."""
-        leaf = {"value": self.value, "unit": self.unit, "source": self.source}
-        return leaf if self.stderr is None else {**leaf, "stderr": self.stderr}
 
 
 class Axis:
@@ -83,8 +66,8 @@ class Axis:
         specs = schema.leaf_specs(self.choices, self.place)
         for key, value in values.items():
             old = self.quantity(key)
-            value = [float(v) for v in value] if isinstance(value, (list, tuple)) or getattr(value, "ndim", 0) else float(value)
-            _check_range(f"{self.place}: {key}", value, specs[key])
+            value = value.tolist() if hasattr(value, "tolist") else value
+            value = specs[key].check(value, f"{self.place}: {key}")
             spread = (stderr or {}).get(key)
             if spread is not None:
                 spread = [float(v) for v in spread] if hasattr(spread, "__len__") else float(spread)
@@ -146,7 +129,7 @@ def axis_from_dict(tree, place="axis"):
         if section not in FREE_SECTIONS:
             _collect(body, section, choices, leaves, place)
     specs = schema.leaf_specs(choices, place)
-    quantities = {key: _quantity(leaf, f"{place}: {key}", _known(key, specs, place)) for key, leaf in leaves.items()}
+    quantities = {key: quantity_from(leaf, _known(key, specs, place), f"{place}: {key}") for key, leaf in leaves.items()}
     for key in choices:
         if key.split(".")[-1] not in WORDS:
             raise InputError(f"{place}: {key}", choices[key], "a leaf {value, unit, source}")
@@ -175,37 +158,6 @@ def _known(key, specs, place):
         near = [k for k in specs if k.startswith(room.split(".")[0])]
         raise InputError(f"{place}: {key}", "unknown key", "one of " + ", ".join(sorted(near or specs)))
     return specs[key]
-
-
-def _quantity(leaf, place, spec):
-    unknown = set(leaf) - {"value", "unit", "source", "stderr"}
-    if unknown:
-        raise InputError(place, sorted(unknown)[0], "only value, unit, source, stderr")
-    if leaf.get("unit") != spec.unit:
-        raise InputError(f"{place}: unit", leaf.get("unit"), repr(spec.unit))
-    if leaf.get("source") not in SOURCES:
-        raise InputError(f"{place}: source", leaf.get("source"), "one of " + ", ".join(SOURCES))
-    value = _number(leaf.get("value"), place, spec)
-    _check_range(place, value, spec)
-    return Quantity(value, spec.unit, leaf["source"], leaf.get("stderr"))
-
-
-def _number(value, place, spec):
-    try:
-        if spec.is_list:
-            return [float(v) for v in value]
-        if isinstance(value, (bool, list, dict)) or value is None:
-            raise TypeError
-        return float(value)
-    except (TypeError, ValueError):
-        kind = "a list of numbers" if spec.is_list else "a number"
-        raise InputError(place, value, f"{kind} in {spec.unit}") from None
-
-
-def _check_range(place, value, spec):
-    for v in value if isinstance(value, list) else [value]:
-        if not (math.isfinite(v) and spec.minimum <= v <= spec.maximum):
-            raise InputError(place, v, f"{spec.minimum:g} … {spec.maximum:g} {spec.unit} ({spec.meaning})")
 
 
 def _check_lists(axis):

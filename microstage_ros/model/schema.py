@@ -4,36 +4,11 @@ One table is the only source of a parameter's unit, range and description; the l
 messages and the parameter tables of the documentation all come from it.
 """
 
-from dataclasses import dataclass
-
 from microstage_ros.quantities.errors import InputError
-
-INF = float("inf")
-
-
-@dataclass(frozen=True)
-class Spec:
-    """One leaf of an axis file: unit, closed range, meaning; ``default`` None means required."""
-
-    unit: str
-    minimum: float
-    maximum: float
-    meaning: str
-    default: object = None
-    is_list: bool = False
-
-
-def _positive(unit, meaning, **more):
-    return Spec(unit, 1e-300, INF, meaning, **more)
-
-
-def _any(unit, meaning, **more):
-    return Spec(unit, -INF, INF, meaning, **more)
-
-
-def _not_negative(unit, meaning, **more):
-    return Spec(unit, 0.0, INF, meaning, **more)
-
+from microstage_ros.quantities.spec import Spec
+from microstage_ros.quantities.spec import any_number as _any
+from microstage_ros.quantities.spec import not_negative as _not_negative
+from microstage_ros.quantities.spec import positive as _positive
 
 GENERAL = {
     "period": Spec("s", 1e-6, 1.0, "control period T, the voltage is held over it"),
@@ -152,7 +127,7 @@ def leaf_specs(choices, place):
             raise InputError(f"{place}: contacts.{contact}.law", law, "one of " + ", ".join(CONTACT_LAWS))
         for name, spec in CONTACT_LAWS[law].items():
             if not angular:
-                spec = Spec(linear_unit(spec.unit), spec.minimum, spec.maximum, spec.meaning, spec.default, spec.is_list)
+                spec = spec.scaled(linear_unit(spec.unit))
             specs[f"contacts.{contact}.{name}"] = spec
     return specs
 

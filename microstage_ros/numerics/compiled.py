@@ -12,7 +12,7 @@ import os
 import pathlib
 import sys
 
-_hidden = sys.modules.setdefault("coverage", None) is None  # numba loads it where it is installed, 0.1 s, for nothing here
+_hidden = sys.modules.setdefault("coverage", None) is None  # type: ignore[arg-type]  # numba loads it where it is installed, 0.1 s, for nothing here
 import numba  # noqa: E402
 from numba.core.ccallback import CFunc  # noqa: E402
 from numba.core.runtime import rtsys  # noqa: E402
@@ -34,7 +34,7 @@ def _sources_digest(package):
     for name in PACKAGES_BELOW.get(package, ("",)):
         for path in sorted((PACKAGE / name).rglob("*.py")):
             text = path.read_bytes()
-            if b"numerics.compiled import" in text or path.name == "plant_record.py":       # its numbers stand in the compiled code
+            if b"numerics.compiled import" in text or path.name == "plant_record.py":   # its numbers are compiled in
                 digest.update(str(path.relative_to(PACKAGE)).encode())
                 digest.update(text)
     return digest.hexdigest()[:16]
@@ -167,5 +167,5 @@ def seldom(typingctx):
 
 
 def inlined(function):
-    """`internal`, written into its caller before types are found: what every period runs through, called from few places."""
+    """`internal`, written into its caller before types are found: what every period runs through, of few callers."""
     return internal(function, inline="always")

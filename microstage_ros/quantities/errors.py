@@ -11,12 +11,12 @@ class InputError(ValueError):
     expected : what would have been accepted, with its unit and range.
     """
 
-    def __init__(self, place, value, expected):
+    def __init__(self, place: object, value: object, expected: object) -> None:
         super().__init__(f"{place}: got {value!r}, expected {expected}")
         self.place = str(place)
         self.value = value
         self.expected = str(expected)
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple:
         """Pickled as it was made, so that it comes back whole from another process."""
         return InputError, (self.place, self.value, self.expected)

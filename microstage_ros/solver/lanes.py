@@ -101,7 +101,7 @@ def nearest(typingctx, a):
 
 @intrinsic
 def choose(typingctx, mask, a, b):
-    """a where the mask is set, b elsewhere."""
+    """A where the mask is set, b elsewhere."""
     return LANES_TYPE(MASK_TYPE, LANES_TYPE, LANES_TYPE), lambda context, builder, sig, args: builder.select(_truth(builder, args[0]), *args[1:])
 
 

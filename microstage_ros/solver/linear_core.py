@@ -63,9 +63,9 @@ def forget(work):
 
 @internal
 def _system(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, a):
-    """Fill the augmented system matrix, rows and columns exchanged (a[j, i]: what state or input j does to state i); returns the
-    inertia at the motor.
+    """Fill the augmented system matrix; returns the inertia at the motor.
 
+    Rows and columns are exchanged: a[j, i] is what state or input j does to state i.
     Stage coordinates are taken in motor radians (x/ratio), torques and forces as accelerations, so that
     the entries are alike in size and the exponential keeps its digits.
     """
@@ -97,7 +97,7 @@ def _system(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, a):
 
 @internal
 def _times(x, y, scale, out):
-    """out = scale · y x (rows and columns exchanged), of the states' rows of y."""
+    """Out = scale · y x (rows and columns exchanged), of the states' rows of y."""
     seldom()
     for j in range(_SIZE):
         mix_rows(out, j, scale * x[j, 0], scale * x[j, 1], scale * x[j, 2], scale * x[j, 3], scale * x[j, 4], y)
@@ -105,7 +105,7 @@ def _times(x, y, scale, out):
 
 @internal
 def _horner(x, a, scale, out):
-    """out = 1 + scale · x a; what a does to the inputs (u constant, torque a chain of three, force of two) is known."""
+    """Out = 1 + scale · x a; what a does to the inputs (u constant, torque a chain of three, force of two) is known."""
     seldom()
     _times(a, x, scale, out)
     for j in (7, 8, 10):
@@ -141,7 +141,7 @@ def _exponential(a, h, result, spare):
 
 @internal
 def _square(e, h, out):
-    """out = exp(2 a h) of e = exp(a h)."""
+    """Out = exp(2 a h) of e = exp(a h)."""
     seldom()
     _times(e, e, 1.0, out)
     for j in range(_STATES, _SIZE):

@@ -46,7 +46,7 @@ def lanes_of(builder, value):
 
 @intrinsic
 def fused(typingctx, a, b, c):
-    """a b + c, rounded once; of numbers, or of lanes and numbers."""
+    """A b + c, rounded once; of numbers, or of lanes and numbers."""
     if LANES_TYPE in (a, b, c):
         def build_lanes(context, builder, signature, arguments):
             kind = ir.FunctionType(arguments[0].type, [arguments[0].type] * 3)

@@ -4,12 +4,11 @@ Every law lists its numbers as `Gain` entries; the same list makes the numpy rec
 law reads, checks what a user gives, and can be printed as documentation.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
-from microstage_ros.quantities.errors import InputError
+from microstage_ros.quantities.spec import Spec
 
 
 class Gain(NamedTuple):
@@ -38,20 +37,8 @@ def record_type(gains, more=()):
 
 
 def check_gain(place, gain, value):
-    """The value as a float; `InputError` (place, value, range with unit) if it is no number in range.
-
-    Words that are numbers count: YAML 1.1 reads 4e5, without a point, as a word.
-    """
-    expected = f"a number from {gain.minimum:g} to {gain.maximum:g} {gain.unit} ({gain.meaning})"
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise InputError(f"{place}.{gain.name}", value, expected) from None
-    if isinstance(value, bool) or not math.isfinite(number):
-        raise InputError(f"{place}.{gain.name}", value, expected)
-    if not gain.minimum <= number <= gain.maximum:
-        raise InputError(f"{place}.{gain.name}", value, expected)
-    return number
+    """The value as a float; `InputError` (place, value, range with unit) if it is no number in range."""
+    return Spec(gain.unit, gain.minimum, gain.maximum, gain.meaning).check(value, f"{place}.{gain.name}")
 
 
 def fill(record, gains, values, place):

@@ -19,7 +19,6 @@ A noise that is not named keeps the axis's own figure; 0 turns it off. Moves, sc
 segment before ended. A key that is not known, and a value out of range, are refused with file and key.
 """
 
-import math
 import pathlib
 from dataclasses import dataclass, field
 
@@ -30,6 +29,7 @@ from microstage_ros.control.laws import registry as laws
 from microstage_ros.control.trajectories import profiles
 from microstage_ros.model.effects import check_effects
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.quantities.spec import Spec
 from microstage_ros.records.csv_file import read_csv
 
 NOISES = ("encoder_m", "voltage_V", "current_A", "interferometer_m", "friction_relative")
@@ -138,15 +138,7 @@ def _mapping(node, place, known):
 
 
 def _number(value, place, low, high, unit):
-    if isinstance(value, (bool, str)) or not isinstance(value, (int, float)):
-        # YAML 1.1 reads 1e-4 (no point) as a word
-        try:
-            value = float(value) if isinstance(value, str) else math.nan
-        except ValueError:
-            raise InputError(place, value, f"a number in {unit}") from None
-    if not (math.isfinite(value) and low <= value <= high):
-        raise InputError(place, value, f"a number from {low:g} to {high:g} {unit}")
-    return float(value)
+    return Spec(unit, low, high, place.replace(": ", ".").split(".")[-1]).check(value, place)
 
 
 def _friction(start, place):

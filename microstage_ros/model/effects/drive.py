@@ -10,9 +10,9 @@ GRAVITY = 9.80665   # m/s², standard
 
 
 class Backlash(Effect):
-    """Lost motion in the gearhead: with d = r φ − x and b = r · width_rad,
+    """Lost motion in the gearhead, b = r · width_rad of travel.
 
-    F_c = K_c (d − sgn(d) b/2) + D_c ḋ where |d| > b/2, else 0.
+    With d = r φ − x: F_c = K_c (d − sgn(d) b/2) + D_c ḋ where |d| > b/2, else 0.
     """
 
     id = "backlash"

@@ -1,9 +1,9 @@
 """What an effect is: an id, its parameters, and how it enters the plant record."""
 
 import math
-from dataclasses import dataclass
 
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.quantities.spec import Spec, check_all
 
 INF = math.inf
 CONTACTS = ("actuator", "guideway")
@@ -15,24 +15,9 @@ BLOCKS = (lambda contact: contact["blocks"] and not contact["stick_damping"], "a
 STRIBECK = (lambda contact: contact["blocks"] and contact["drops"], "a contact of blocks with a Stribeck curve")
 
 
-@dataclass(frozen=True)
-class Parameter:
-    """One parameter: unit, meaning, closed range; ``default`` None means required. Scalar or list."""
-
-    unit: str
-    meaning: str
-    default: object = None
-    minimum: float = -INF
-    maximum: float = INF
-
-    def check(self, value, place):
-        """The value as float (or list of floats), or InputError."""
-        values = value if isinstance(value, (list, tuple)) else [value]
-        for v in values:
-            good = isinstance(v, (int, float)) and not isinstance(v, bool) and math.isfinite(v)
-            if not (good and self.minimum <= v <= self.maximum):
-                raise InputError(place, v, f"{self.minimum:g} … {self.maximum:g} {self.unit} ({self.meaning})")
-        return [float(v) for v in values] if isinstance(value, (list, tuple)) else float(value)
+def Parameter(unit, meaning, default=None, minimum=-INF, maximum=INF):  # noqa: N802  (reads as the table that it makes)
+    """`Spec` of one parameter of an effect: a number, or a list of numbers; ``default`` None means required."""
+    return Spec(unit, minimum, maximum, meaning, default, or_list=True)
 
 
 class Effect:
@@ -43,25 +28,14 @@ class Effect:
     """
 
     id = ""
-    parameters = {}
+    parameters: dict = {}
     on_contact = False
-    needs = None
+    needs: tuple | None = None
 
     @classmethod
     def check(cls, given, place):
         """Parameters with defaults filled in; InputError names the bad one."""
-        if not isinstance(given, dict):
-            raise InputError(place, given, "a mapping of parameters")
-        allowed = [*cls.parameters, *(["contact"] if cls.on_contact else [])]
-        for name in given:
-            if name not in allowed:
-                raise InputError(f"{place}.{name}", "unknown parameter", "one of " + ", ".join(allowed))
-        checked = {}
-        for name, spec in cls.parameters.items():
-            value = given.get(name, spec.default)
-            if value is None:
-                raise InputError(f"{place}.{name}", None, f"a value in {spec.unit} ({spec.meaning})")
-            checked[name] = spec.check(value, f"{place}.{name}")
+        checked = check_all(cls.parameters, given, place, ["contact"] if cls.on_contact else [])
         if cls.on_contact:
             checked["contact"] = given.get("contact", "actuator")
             if checked["contact"] not in CONTACTS:

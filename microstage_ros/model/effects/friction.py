@@ -122,7 +122,7 @@ class FrictionalLag(Effect):
 
 
 class PreslidingCreep(Effect):
-    """Slow motion below breakaway: a sticking block flows ever more slowly the longer it is held,
+    """Slow motion below breakaway: a sticking block flows ever more slowly the longer it is held.
 
     dF_j/dt = k_j (w − amplitude / (t + time_s) · F_j/F_j,max),
 

@@ -62,8 +62,7 @@ def state_size(packed):
 
 @compiled
 def free_elements(parameters, state, direction, limit_factor):
-    """Tangent stiffness Σ k of the elements that do not slip towards ``direction``, and the way of z to
-    the next one's limit."""
+    """(Σ k of the elements that do not slip towards ``direction``, the way of z to the next one's limit)."""
     n = int(parameters[COUNT])
     limit = sliding_limit(parameters, direction, 0.0, limit_factor)
     tangent, way = 0.0, math.inf

@@ -1,8 +1,8 @@
 """Bags as rosbag2 lays them out: raw message bytes in, a folder that every ROS 2 tool opens out.
 
-    with BagWriter("runs/first", custom_data={"seed": "1"}) as bag:
-        state = bag.add_channel("/axis/state", installed_definition("microstage_msgs/msg/AxisState"))
-        bag.write(state, time_ns, raw_bytes)
+with BagWriter("runs/first", custom_data={"seed": "1"}) as bag:
+state = bag.add_channel("/axis/state", installed_definition("microstage_msgs/msg/AxisState"))
+bag.write(state, time_ns, raw_bytes)
 """
 
 from pathlib import Path

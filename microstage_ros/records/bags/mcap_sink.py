@@ -63,7 +63,7 @@ class McapSink:
             raise InputError(f"{path}: compression", compression, "one of 'zstd', 'lz4', ''")
         self.path = path
         self.compression = compression
-        self.counts = Counter()
+        self.counts: Counter = Counter()
         self.start_time = self.end_time = None
         self.failure = None
         self._compress = COMPRESSORS[compression]()
@@ -71,7 +71,7 @@ class McapSink:
         self._place = 0
         self._chunks, self._metadata = [], []
         self._schemas, self._channels = [], []
-        self._queue = queue.Queue(WAITING_CHUNKS)
+        self._queue: queue.Queue = queue.Queue(WAITING_CHUNKS)
         try:
             self._put(MAGIC + _bytes_of(Header("ros2", f"microstage_ros {__version__}")))
         except OSError as error:

@@ -36,7 +36,7 @@ def decode_messages(topic, records):
     except (TypesysError, SerdeError, KeyError, ValueError, IndexError, AssertionError) as error:
         raise InputError(f"topic {topic.name}", f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}",
                          f"messages of type {topic.type} as the bag defines it") from None
-    columns = {"log_time_ns": [], "publish_time_ns": []}
+    columns: dict[str, list] = {"log_time_ns": [], "publish_time_ns": []}
     for record in records:
         log_time, publish_time = MESSAGE_HEAD.unpack_from(record)[4:]
         columns["log_time_ns"].append(log_time)

@@ -6,14 +6,13 @@
 `fixed: true`: read once when the node starts; a later change is refused.
 """
 
-import math
-
 import yaml
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.parameter import Parameter
 
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.quantities.spec import INF, Spec
 
 LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast where PyYAML was built with it
 TYPES = {"string": str, "integer": int, "double": float, "bool": bool, "string_array": list}
@@ -31,12 +30,11 @@ def why_refused(name, entry, value):
     kind = TYPES[entry["type"]]
     if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
         return f"{name}: got {value!r}, expected {_expected(entry)}"
-    numbers = value if isinstance(value, list) else [value]
-    for number in numbers:
-        if isinstance(number, float) and not math.isfinite(number):
-            return f"{name}: got {number!r}, expected {_expected(entry)}"
-        if "minimum" in entry and number < entry["minimum"] or "maximum" in entry and number > entry["maximum"]:
-            return f"{name}: got {number!r}, expected {_expected(entry)}"
+    if kind in (int, float):
+        try:
+            Spec(entry.get("unit", "1"), entry.get("minimum", -INF), entry.get("maximum", INF), name).check(value, name)
+        except InputError:
+            return f"{name}: got {value!r}, expected {_expected(entry)}"
     if "one_of" in entry and value not in entry["one_of"]:
         return f"{name}: got {value!r}, expected {_expected(entry)}"
     return ""

@@ -72,8 +72,9 @@ def noisy_row(axis, periods=100_000):
     return {"name": "step with all noise, sensors read", "value": best_of(run) / periods * NANOSECONDS, "unit": "ns/period"}
 
 
-def ensemble_row(axis, axes=1000, periods=2000, noise=NoiseSpec.none()):
-    """Time per axis and period of many axes of different parameters on all cores."""
+def ensemble_row(axis, axes=1000, periods=2000, noise=None):
+    """Time per axis and period of many axes of different parameters on all cores; ``noise`` None: none."""
+    noise = noise or NoiseSpec.none()
     threads = os.cpu_count()
     plants, states, rested = np.zeros(axes, PLANT), np.zeros(axes, STATE), np.zeros(axes, STATE)
     for k in range(axes):

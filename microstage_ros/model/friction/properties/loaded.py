@@ -26,9 +26,10 @@ def drift(name):
 
 
 def breakaway_spread(name):
-    """Spread of breakaway: highest friction under a load that rises by 0.1 static limits per second, less
-    that at 100 per second, over static [1]. Shown if it differs by more than 2 %. The run ends at 20
-    Stribeck velocities, when the body has long broken away.
+    """Spread of breakaway: highest friction under a slowly rising load less that under a fast one, over static [1].
+
+    The loads rise by 0.1 and by 100 static limits per second. Shown if it differs by more than 2 %. The run ends
+    at 20 Stribeck velocities, when the body has long broken away.
     """
     peaks = []
     for rate in (0.1, 100.0):

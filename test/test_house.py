@@ -1,0 +1,69 @@
+"""How the code is kept: linter, type checker, sizes of files and folders, docstrings that say shapes, units, errors, source."""
+
+import ast
+import collections
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "microstage_ros"
+MOST_LINES = 400
+MOST_FILES = 15
+#: Public docstrings that carry each of these; a change may raise a number here, never lower it.
+AT_LEAST = {"shape": 180, "unit": 350, "errors": 120, "source": 53}
+CARRIES = {
+    "shape": r"\(\w+,\)|\(\w+, \w+\)|\bshape\b",
+    "unit": r"\[[^\]\s][^\]]*\]|\bSI\b|\((?:m|s|V|A|N|K|Pa|rad|Hz|kg)\)",
+    "errors": r"\bRaises\b|InputError|HardwareError",
+    "source": r"\bpaper\b|\bSources?:|\bEqs?\.|\(\d{4}\)|\bISO \d|\bdatasheet\b",
+}
+
+
+def _tool(name):
+    beside = Path(sys.executable).with_name(name)
+    found = str(beside) if beside.exists() else shutil.which(name)
+    if not found:
+        pytest.skip(f"{name} is not installed")
+    return found
+
+
+def test_linter_finds_nothing():
+    done = subprocess.run([_tool("ruff"), "check", "--no-cache", "."], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_types_are_right(tmp_path):
+    done = subprocess.run([_tool("mypy"), "--cache-dir", str(tmp_path)], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_no_file_is_too_long():
+    long = {str(path.relative_to(ROOT)): count for path in PACKAGE.rglob("*.py")
+            if (count := len(path.read_text(encoding="utf-8").splitlines())) > MOST_LINES}
+    assert not long
+
+
+def test_no_folder_holds_too_many_files():
+    """Counted on one level, without the ``__init__.py`` that makes the folder a package."""
+    files = collections.Counter(path.parent for path in PACKAGE.rglob("*.py") if path.name != "__init__.py")
+    assert not {str(folder.relative_to(ROOT)): count for folder, count in files.items() if count > MOST_FILES}
+
+
+def _public_docstrings():
+    """Docstrings of all modules, public classes, functions and methods."""
+    for path in PACKAGE.rglob("*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for node in ast.walk(tree):
+            if isinstance(node, (ast.Module, ast.FunctionDef, ast.ClassDef)) and not getattr(node, "name", "").startswith("_"):
+                yield ast.get_docstring(node) or ""
+
+
+def test_docstrings_say_shapes_units_errors_and_source():
+    texts = list(_public_docstrings())
+    counted = {kind: sum(bool(re.search(pattern, text)) for text in texts) for kind, pattern in CARRIES.items()}
+    assert all(counted[kind] >= AT_LEAST[kind] for kind in AT_LEAST), counted
