@@ -1,4 +1,4 @@
-"""The same equations solved by others, for the benchmarks: scipy's LSODA and Radau, numpy, plain Python.
+"""The same equations solved by others, for the benchmarks: scipy's LSODA and Radau, numpy, plain Python (`compiled_peers`: compiled).
 
 Right-hand side of MODEL's nominal axis with every block its own state, z = [i, ω, θ, v, x, F_a…, F_g…]:
 a block slips where its force, in the direction of motion, has reached its limit, and sticks otherwise.
@@ -75,11 +75,16 @@ class Equations:
         return out
 
 
+def sizes(equations):
+    """Typical size of each state (A, rad/s, rad, m/s, m, N m…, N…), for absolute tolerances."""
+    blocks = [len(contact["k"]) for contact in equations.contacts]
+    return np.array([1e-3, 1e-2, 1e-5, 1e-7, 1e-10] + [1e-8] * blocks[0] + [1e-4] * blocks[1])
+
+
 def solve_with_scipy(equations, voltage, method, rtol):
     """Stage positions after each period with `scipy.integrate.solve_ivp`, one call per held voltage."""
-    period = equations.p["period"]
+    period, scale = equations.p["period"], sizes(equations)
     z, x = np.zeros(equations.size), []
-    scale = np.array([1e-3, 1e-2, 1e-5, 1e-7, 1e-10] + [1e-8] * len(equations.contacts[0]["k"]) + [1e-4] * len(equations.contacts[1]["k"]))
     for u in voltage:
         z = solve_ivp(lambda t, y: equations.rates(y, u), (0.0, period), z, method=method, rtol=rtol, atol=scale * rtol).y[:, -1]
         x.append(z[4])
