@@ -13,6 +13,7 @@ RIPPLES = 6       # most periodic terms of one kind
 LINES = 6         # most vibration lines
 LAW = 40          # most entries of a packed law of the library, and of its state
 DELAY = 64        # most whole periods of delay
+EXTRAS, EXTRA = 4, 8    # most effects with a force of their own, and most parameters of each
 
 LEVELS = 11      # chunks of a period: level 0 is the whole period, level 10 is T/1024
 SLOTS = 64        # modes (combinations of sticking blocks) whose matrices are kept
@@ -69,6 +70,7 @@ PLANT = np.dtype([
     ("lead_slope", f8),                        # cumulative error, relative
     ("cog_amplitude", f8, RIPPLES), ("cog_number", f8, RIPPLES), ("cog_phase", f8, RIPPLES), ("cogs", i8),
     ("push", f8), ("cable", f8), ("anchor", f8),
+    ("extra", f8, (EXTRAS, EXTRA)), ("extra_on", i8, EXTRAS),    # forces of effects of their own, see `effects.WITH_FORCE`
     ("smooth", i8),                            # 1: a smooth extra force acts on the stage or the motor
     ("simple", i8),                            # 1: a period may be one chunk under one voltage
     ("plain", i8),                             # 1: no extra force and no backlash

@@ -21,6 +21,7 @@ from microstage_ros.solver.contact import (
     stick_all,
     stuck_force,
 )
+from microstage_ros.solver.effect_forces import effect_force
 from microstage_ros.solver.event_free import far, slip_level
 from microstage_ros.solver.linear_core import (
     F1,
@@ -231,6 +232,7 @@ def _other_forces(plant, state, h):
     if plant.smooth == 1:
         torque += _smooth_torque(plant, state.theta + 0.5 * h * state.omega, state.omega)
         force -= _beyond_viscous(plant.guideway, state.v)
+        force += effect_force(plant, state.x + 0.5 * h * state.v, state.v, state.time)
     return torque, force
 
 

@@ -87,7 +87,7 @@ def test_a_scheduler_that_is_not_there_is_told(healthy, tmp_path, capsys, monkey
 
 
 def test_a_campaign_goes_through_the_catalogue_and_every_draw_is_an_effect():
-    examined = campaign.examinations(len(hidden.DRAWS), 5, str(ROOT / "config/axis.yaml"), "single")
+    examined = campaign.examinations(len(REGISTRY), 5, str(ROOT / "config/axis.yaml"), "single")
     drawn = [campaign.draw(one)[0] for one in examined]
     assert {what.ids[0] for what in drawn} == set(REGISTRY)
     for what in drawn:

@@ -14,8 +14,8 @@ from rich.table import Table
 from microstage_ros import __version__
 from microstage_ros.commands.parser import Parser
 from microstage_ros.diagnosis.validation import campaign
-from microstage_ros.diagnosis.validation.fault_injection import DRAWS
 from microstage_ros.model.axis_file import load_axis
+from microstage_ros.model.effects import REGISTRY
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
 
@@ -65,8 +65,8 @@ def _parse(argv):
             raise InputError(name, value, f"{least} or more")
     if not arguments.strength > 0.0:
         raise InputError("--strength", arguments.strength, "a factor above 0")
-    if arguments.effect and arguments.effect not in DRAWS:
-        raise InputError("--effect", arguments.effect, "one of " + ", ".join(sorted(DRAWS)))
+    if arguments.effect and arguments.effect not in REGISTRY:
+        raise InputError("--effect", arguments.effect, "one of " + ", ".join(sorted(REGISTRY)))
     load_axis(arguments.axis)
     return arguments
 

@@ -6,16 +6,8 @@ program moves that condition while the rest stays. `simulate --run` accepts the 
 
 import numpy as np
 
-#: Sets of effects that go by the same condition, and what the run does about it (first match counts).
-CONDITIONS = (
-    ({"actuator_lag", "transport_delay", "sampling_jitter", "drive_compliance", "backlash"}, "frequency"),
-    ({"rising_static_friction", "presliding_creep", "resistance_rise", "thermal_drift", "refractive_index"}, "dwell"),
-    ({"viscous_change", "nonlinear_viscous", "frictional_lag", "friction_level_change", "amplifier_gain", "payload_change"},
-     "speed"),
-    ({"gravity_tilt", "amplifier_offset", "direction_asymmetry", "amplifier_deadband"}, "rest"),
-    ({"position_dependent_friction", "cable_spring", "screw_pitch_error", "torque_ripple", "encoder_sde", "scale_error"},
-     "stroke"),
-)
+from microstage_ros.model.effects import REGISTRY
+
 WHY = {
     "frequency": "they differ in how phase and amplitude go with frequency; sines up to a tenth of the sampling rate show it",
     "dwell": "they differ in how they grow with time at rest; dwells from 0.1 s to 100 s show it",
@@ -27,8 +19,8 @@ WHY = {
 
 def condition_of(ids):
     """The condition that separates a set of rivals: key of `WHY`."""
-    ids = set(ids)
-    return max(CONDITIONS, key=lambda entry: len(ids & entry[0]))[1]
+    votes = [REGISTRY[name].separated_by for name in ids if name in REGISTRY]
+    return max(WHY, key=votes.count)
 
 
 def separating_run(ids, axis):

@@ -5,21 +5,15 @@ import numpy as np
 from microstage_ros.diagnosis.prerequisites.slow_drift import course_of
 from microstage_ros.diagnosis.residuals.evidence_set import Evidences
 from microstage_ros.diagnosis.result import Picture
+from microstage_ros.model.effects import REGISTRY
 
 BINS = 60
 FOLDED_BINS = 180   # a ripple has up to some twenty cycles per turn
 STRETCH = 0.15   # s
 MOVES = 2.0e-5   # m/s: slower is rest
-COORDINATE = {
-    "direction_asymmetry": "velocity", "viscous_change": "velocity", "nonlinear_viscous": "velocity",
-    "friction_level_change": "velocity", "frictional_lag": "velocity", "rising_static_friction": "time",
-    "presliding_creep": "time", "thermal_drift": "time", "refractive_index": "time", "resistance_rise": "time",
-    "amplifier_offset": "time", "backlash": "time", "drive_compliance": "time", "payload_change": "velocity",
-    "amplifier_gain": "time", "amplifier_deadband": "time", "sampling_jitter": "velocity",
-}
 LABELS = {"position": "position [m]", "velocity": "velocity [m/s]", "time": "time [s]",
           "signal period": "position within a signal period [m]", "motor turns": "travel within two turns of the motor [m]"}
-FOLDED = {"encoder_sde": "signal period", "torque_ripple": "motor turns"}   # what repeats too often to be seen along the stroke
+FOLDED = ("signal period", "motor turns")   # what repeats too often to be seen along the stroke
 Y_LABELS = {"torque": "torque needed beyond the model [N m]", "windup": "stage against motor [m]",
             "resonance": "stage against motor, fast part [m]",
             "position": "interferometer − encoder [m]"}
@@ -30,7 +24,7 @@ def pictures_of(collection, evidences, choices, left):
     pictures = []
     for choice in choices:
         for channel in sorted({form.channel for form in choice.forms}):
-            coordinate = FOLDED.get(choice.effect) or COORDINATE.get(choice.effect, "position")
+            coordinate = REGISTRY[choice.effect].shows_against
             pictures.append(_picture(collection, evidences, choices, choice, channel, coordinate))
     for finding in left:
         coordinate = finding.coordinate if finding.coordinate in LABELS else "time"
@@ -78,7 +72,7 @@ def _picture(collection, evidences, choices, choice, channel, coordinate):
     if coordinate == "motor turns":  # at rest the friction's unknown state stands at one place
         moving = np.abs(one.speed) > MOVES
         x, residual, model = x[moving], residual[moving], model[moving]
-    bins = FOLDED_BINS if coordinate in FOLDED.values() else BINS
+    bins = FOLDED_BINS if coordinate in FOLDED else BINS
     curves = {"measured": _binned(x, residual - residual.mean(), bins)}
     name = choice.effect if choice else ""
     if choice:

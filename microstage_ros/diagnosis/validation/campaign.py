@@ -15,6 +15,7 @@ from microstage_ros.diagnosis.batch import diagnose_records, on_cores
 from microstage_ros.diagnosis.validation import fault_injection as hidden
 from microstage_ros.diagnosis.validation.simulated_records import Hidden, make_case
 from microstage_ros.model.axis_file import load_axis
+from microstage_ros.model.effects import REGISTRY
 
 KINDS = ("single", "healthy", "two", "outside")
 SHARES = (0.55, 0.15, 0.15, 0.15)          # of the kinds among mixed cases
@@ -71,7 +72,7 @@ def examinations(count, seed, axis, kind="mixed", strength=1.0, effect=""):
 def draw(examination):
     """(`Hidden`, friction) of a case."""
     generator = np.random.default_rng([examination.seed, 1, examination.number])
-    names = sorted(hidden.DRAWS)
+    names = sorted(REGISTRY)
     turn = np.random.default_rng([examination.seed, 2, examination.number // len(names)]).permutation(names)
     name = examination.effect or str(turn[examination.number % len(names)])
     friction = float(generator.uniform(*FRICTION))

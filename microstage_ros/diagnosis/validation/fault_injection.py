@@ -9,100 +9,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from microstage_ros.diagnosis.validation.simulated_records import Hidden
-
-
-def _either_sign(generator, low, high):
-    return float(generator.uniform(low, high) * generator.choice([-1.0, 1.0]))
-
-
-def _smooth_profile(generator, relative):
-    """Friction factors over ±6 mm: a smooth random function of the given standard deviation."""
-    x = np.linspace(-6e-3, 6e-3, 41)
-    wave = sum(generator.normal() * np.sin(2 * np.pi * x / length + generator.uniform(0, 2 * np.pi))
-               for length in generator.uniform(0.8e-3, 6e-3, 6))
-    wave *= relative / wave.std()
-    return {"positions_m": x.tolist(), "factors": np.clip(1.0 + wave, 0.3, 2.0).tolist()}
-
-
-def _ripple(generator, strength):
-    """One to three terms, whole or half cycles per turn, the first the largest."""
-    count = int(generator.integers(1, 4))
-    cycles = generator.choice(np.concatenate([np.arange(1, 13), [0.5, 1.5, 2.5, 14, 16, 18, 24]]), count, replace=False)
-    sizes = generator.uniform(8e-6, 3e-5) * strength * np.array([1.0, 0.5, 0.3])[:count]
-    return {"amplitude_Nm": sizes.tolist(), "cycles_per_turn": cycles.tolist(),
-            "phase_rad": generator.uniform(0, 6.28, count).tolist()}
-
-
-def _signal(generator, strength):
-    """A usual signal period, or any."""
-    period = float(generator.choice([20e-6, 10e-6, 4e-6, 2e-6]) if generator.uniform() < 0.5 else np.exp(
-        generator.uniform(*np.log([0.8e-6, 4e-5]))))
-    return {"period_m": period, "amplitude1_m": generator.uniform(1e-8, 5e-8) * strength, "phase1_rad": generator.uniform(0, 6.28),
-            "amplitude2_m": generator.uniform(0, 1e-8) * strength}
-
-
-def _drift(generator, strength):
-    """An exponential that every record repeats, or a smooth course of every record's own."""
-    if generator.uniform() < 0.5:
-        return {"amplitude_m": _either_sign(generator, 1e-7 * strength, 6e-7 * strength), "time_s": generator.uniform(3.0, 15.0)}
-    size = generator.uniform(8e-8, 4e-7) * strength
-
-    def after(columns, records):
-        t = columns["t_s"]
-        for _ in range(4):
-            wave = np.sin(2 * np.pi * t / records.uniform(9.0, 40.0) + records.uniform(0, 2 * np.pi))
-            columns["interferometer_m"] += 0.7 * size * records.normal() * wave
-
-    return after
-
-
-def _asymmetry(generator, strength):
-    """Of the friction that sliding needs, and in every third case of the viscous part too."""
-    found = {"asymmetry": _either_sign(generator, 0.1 * strength, 0.25 * strength)}
-    if generator.uniform() < 0.33:
-        found["viscous_asymmetry"] = _either_sign(generator, 0.1 * strength, 0.3 * strength)
-    return found
-
-
-def _nonlinear(generator, strength):
-    """A power of the speed, or in every third case a growth that ends."""
-    if generator.uniform() < 0.67:
-        return {"coefficient": generator.uniform(1.5e-5, 4e-5) * strength, "exponent": generator.uniform(1.7, 2.3)}
-    return {"coefficient": generator.uniform(2e-4, 6e-4) * strength, "exponent": 1.0, "saturation_speed": generator.uniform(0.8, 3.0)}
-
-
-#: id: function (generator, strength) → the effect's section, or ``after(columns, generator)`` of `cases.Hidden`.
-DRAWS = {
-    "direction_asymmetry": _asymmetry,
-    "position_dependent_friction": lambda g, s: _smooth_profile(g, g.uniform(0.08, 0.2) * s),
-    "rising_static_friction": lambda g, s: {"rate_per_decade": g.uniform(0.1, 0.3) * s},
-    "frictional_lag": lambda g, s: {"time_s": g.uniform(0.01, 0.05) * s},
-    "presliding_creep": lambda g, s: {"amplitude_m": g.uniform(2e-8, 1e-7) * s, "time_s": g.uniform(0.02, 0.1)},
-    "viscous_change": lambda g, s: {"factor": 1.0 + g.uniform(0.4, 2.0) * s},
-    "nonlinear_viscous": _nonlinear,
-    "friction_level_change": lambda g, s: {"factor": 1.0 + _either_sign(g, 0.12 * s, 0.3 * s)},
-    "backlash": lambda g, s: {"width_rad": g.uniform(0.006, 0.03) * s},
-    "drive_compliance": lambda g, s: {"stiffness_factor": 1.0 / (1.0 + g.uniform(4.0, 30.0) * s),
-                                      "damping_factor": float(np.exp(g.uniform(-0.7, 0.7)))},
-    "screw_pitch_error": lambda g, s: {"amplitude_m": g.uniform(1e-6, 4e-6) * s, "phase_rad": g.uniform(0, 6.28)},
-    "torque_ripple": _ripple,
-    "payload_change": lambda g, s: {"mass_kg": g.uniform(2.0, 6.0) * s},
-    "gravity_tilt": lambda g, s: {"angle_rad": _either_sign(g, 0.03 * s, 0.12 * s)},
-    "cable_spring": lambda g, s: {"stiffness_N_m": g.uniform(250.0, 1500.0) * s, "anchor_m": _either_sign(g, 0, 2e-3)},
-    "amplifier_offset": lambda g, s: {"offset_V": _either_sign(g, 0.015 * s, 0.05 * s)},
-    "amplifier_deadband": lambda g, s: {"half_width_V": g.uniform(0.01, 0.05) * s},
-    "amplifier_gain": lambda g, s: {"factor": 1.0 + _either_sign(g, 0.05 * s, 0.15 * s)},
-    "resistance_rise": lambda g, s: {"rise_per_joule": g.uniform(0.05, 0.2) * s, "time_s": g.uniform(5.0, 30.0)},
-    "transport_delay": lambda g, s: {"delay_s": g.uniform(1.5e-4, 5e-4) * s},
-    "actuator_lag": lambda g, s: {"time_s": g.uniform(1.5e-4, 6e-4) * s},
-    "sampling_jitter": lambda g, s: {"late_s": g.uniform(2e-4, 6e-4) * s, "lost_fraction": g.uniform(0.0, 0.02)},
-    "encoder_sde": _signal,
-    "scale_error": lambda g, s: {"relative": _either_sign(g, 5e-5 * s, 3e-4 * s)},
-    "thermal_drift": _drift,
-    "refractive_index": lambda g, s: {"path_m": g.uniform(0.2, 0.6), "temperature_swing_K": g.uniform(0.5, 2.0) * s,
-                                      "pressure_swing_Pa": g.uniform(50.0, 300.0) * s},
-    "floor_vibration": lambda g, s: {"frequencies_hz": [g.uniform(15, 90)], "amplitudes_m": [g.uniform(4e-8, 2e-7) * s]},
-}
+from microstage_ros.model.effects import REGISTRY
 
 
 def one(name, generator, strength=1.0):
@@ -112,7 +19,7 @@ def one(name, generator, strength=1.0):
 
 def two(names, generator, strength=1.0):
     """`Hidden` with some effects at once."""
-    drawn = {name: DRAWS[name](generator, strength) for name in names}
+    drawn = {name: REGISTRY[name].draw(generator, strength) for name in names}
     effects = {name: section for name, section in drawn.items() if isinstance(section, dict)}
     courses = [section for section in drawn.values() if callable(section)]
     return Hidden("+".join(names), tuple(names), effects, after=courses[0] if courses else None)

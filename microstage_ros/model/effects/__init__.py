@@ -1,13 +1,18 @@
 """Effects: what a real axis has and the nominal model lacks, each switched on by its id.
 
-One file per family, one line per effect in `REGISTRY`. An effect's docstring is its equation; its
-`parameters` are the keys of its section in an axis file or a run file.
+An effect is one class (`effect.Effect`) with all that is known of it; its docstring is its equation. A new one is one
+file beside these and its name in `FILES`: simulation, checks, diagnosis, reports and campaigns have it from there.
 """
 
 from microstage_ros.model.effects import drive, electrical, environment, friction, sensing
+from microstage_ros.model.plant_record import EXTRA, EXTRAS
 from microstage_ros.quantities.errors import InputError
 
-REGISTRY = {effect.id: effect for family in (friction, drive, electrical, sensing, environment) for effect in family.EFFECTS}
+FILES = (friction, drive, electrical, sensing, environment)
+REGISTRY = {effect.id: effect for file in FILES for effect in file.EFFECTS}
+WITH_FORCE = tuple(effect for effect in REGISTRY.values() if effect.force is not None)
+if len(WITH_FORCE) > EXTRAS:
+    raise ImportError(f"{len(WITH_FORCE)} effects with a force of their own; plant_record.EXTRAS has room for {EXTRAS}")
 
 
 def check_effects(effects, place="effects"):
@@ -34,3 +39,15 @@ def apply_effects(plant, effects):
         if name in effects:
             effect.check_machine(plant, effects[name])
             effect.apply(plant, effects[name])
+            if effect.force is not None:
+                _add_force(plant, effect, effects[name])
+
+
+def _add_force(plant, effect, given):
+    """Switch a force on the stage on: its parameters into the effect's own place of the record."""
+    place, values = WITH_FORCE.index(effect), [given[name] for name in effect.parameters]
+    if len(values) > EXTRA or any(isinstance(value, list) for value in values):
+        raise InputError(f"effects: {effect.id}", values, f"at most {EXTRA} single numbers")
+    plant["extra"][place, : len(values)], plant["extra_on"][place] = values, 1
+    plant["smooth"] = 1
+    plant["base_level"] = max(plant["base_level"], 2)

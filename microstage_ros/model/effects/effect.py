@@ -21,13 +21,36 @@ def Parameter(unit, meaning, default=None, minimum=-INF, maximum=INF):  # noqa: 
 
 
 class Effect:
-    """Base of all effects. Subclasses set ``id``, ``parameters`` and ``apply``.
+    """Base of all effects: one class holds all that is known of one effect.
 
-    ``on_contact`` effects take a ``contact`` (actuator, the default, or guideway) as well. ``needs``: what the machine,
-    or that contact, must have for the effect to show at all (None: nothing).
+    Attributes
+    ----------
+    id : the word for it in files, reports and tests.
+    label : what a technician calls it. remedy : what one does about it.
+    parameters : {name: `Parameter`} of its section in an axis file or a run file.
+    on_contact : it takes a ``contact`` (actuator, the default, or guideway) as well.
+    needs : what the machine, or that contact, must have for the effect to show at all; None: nothing.
+    separated_by : what has to vary in a record that tells it from its rivals: ``frequency``, ``dwell``, ``speed``,
+        ``rest`` or ``stroke`` (`diagnosis.report.experiment`); None: no such record is known.
+    shows_against : coordinate of the picture that shows it: ``position``, ``velocity``, ``time``, ``signal period``
+        or ``motor turns``.
+    forms : how it shows in the residual channels, each a `signature.Form`, where `diagnosis.catalogue` has none for it.
+    within : nameless shapes (``generic:…``) that hold it: what they explain beyond it is not this effect.
+    contained_in : wider effects that contain it and so always fit as well: no rivals of it.
+    force : compiled ``force(parameters, x, v, t)`` → N on the stage, or None. ``parameters`` are the values in the order of
+        `parameters` (at most `plant_record.EXTRA`), x [m], v [m/s], t [s]: a force of its own on the stage needs no
+        other line in the solver.
     """
 
     id = ""
+    label = ""
+    remedy = ""
+    separated_by: str | None = None
+    shows_against = "position"
+    forms: tuple = ()
+    within: tuple = ()
+    contained_in: tuple = ()
+    force = None
     parameters: dict = {}
     on_contact = False
     needs: tuple | None = None
@@ -58,9 +81,19 @@ class Effect:
             raise InputError(f"{place}.contact" if cls.on_contact else place, p["contact"] if cls.on_contact else p, words)
 
     @classmethod
-    def apply(cls, plant, p):
-        """Write the checked parameters ``p`` into the plant record."""
+    def draw(cls, generator, strength):
+        """Parameters of a random size, clearly visible for ``strength`` 1.
+
+        May be a function ``after(columns, generator)`` that changes a record's columns instead, where the effect takes
+        a course that no parameters hold. ``generator``: `numpy.random.Generator`.
+        """
         raise NotImplementedError
+
+    @classmethod
+    def apply(cls, plant, p):
+        """Write the checked parameters ``p`` into the plant record; with a `force` there is nothing else to do."""
+        if cls.force is None:
+            raise NotImplementedError
 
 
 def same_length(checked, names, place):

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from microstage_ros.model.effects.drawing import either_sign, smooth_profile
 from microstage_ros.model.effects.effect import (
     BLOCKS,
     FRICTION,
@@ -24,12 +25,25 @@ class DirectionAsymmetry(Effect):
     """Friction differs between directions: limits × (1 + asymmetry · sgn w), σ × (1 + viscous_asymmetry · sgn w)."""
 
     id = "direction_asymmetry"
+    label = "Friction differs between directions"
+    remedy = "Look at preload and seals of nut and bearings; feed forward each direction with its own friction."
+    separated_by = "rest"
+    shows_against = "velocity"
+    within = ("generic:speed",)
     on_contact = True
     needs = FRICTION
     parameters = {
         "asymmetry": Parameter("1", "half the relative difference between directions", None, -0.9, 0.9),
         "viscous_asymmetry": Parameter("1", "the same of the viscous friction", 0.0, -0.9, 0.9),
     }
+
+    @classmethod
+    def draw(cls, generator, strength):
+        """Of the friction that sliding needs, and in every third case of the viscous part too."""
+        found = {"asymmetry": either_sign(generator, 0.1 * strength, 0.25 * strength)}
+        if generator.uniform() < 0.33:
+            found["viscous_asymmetry"] = either_sign(generator, 0.1 * strength, 0.3 * strength)
+        return found
 
     @classmethod
     def apply(cls, plant, p):
@@ -49,6 +63,11 @@ class PositionDependentFriction(Effect):
     """
 
     id = "position_dependent_friction"
+    label = "Friction varies along the stroke"
+    remedy = "Clean and grease the guide and the screw; check their alignment where friction is highest."
+    separated_by = "stroke"
+    shows_against = "position"
+    within = ("generic:friction in time",)
     on_contact = True
     needs = FRICTION
     parameters = {
@@ -66,6 +85,10 @@ class PositionDependentFriction(Effect):
         x = as_list(checked["positions_m"])
         if any(b <= a for a, b in zip(x, x[1:])):
             raise InputError(f"{place}.positions_m", x, "rising positions")
+
+    @classmethod
+    def draw(cls, generator, strength):
+        return smooth_profile(generator, generator.uniform(0.08, 0.2) * strength)
 
     @classmethod
     def apply(cls, plant, p):
@@ -91,6 +114,11 @@ class RisingStaticFriction(Effect):
     """
 
     id = "rising_static_friction"
+    label = "Breakaway grows with time at rest"
+    remedy = "Expect larger first moves after a pause; an exercise move before precise work avoids it."
+    separated_by = "dwell"
+    shows_against = "time"
+    within = ("generic:velocity",)
     on_contact = True
     needs = FRICTION
     parameters = {
@@ -98,6 +126,10 @@ class RisingStaticFriction(Effect):
         "dwell_scale_s": Parameter("s", "dwell at which the growth begins", 0.05, 1e-4, 1e3),
         "release_m": Parameter("m", "travel of the stage that wipes the growth out", 2e-6, 1e-9, 1e-2),
     }
+
+    @classmethod
+    def draw(cls, generator, strength):
+        return {"rate_per_decade": generator.uniform(0.1, 0.3) * strength}
 
     @classmethod
     def apply(cls, plant, p):
@@ -111,9 +143,18 @@ class FrictionalLag(Effect):
     """Friction lags velocity in sliding: s(w̃) with time_s · dw̃/dt = |w| − w̃."""
 
     id = "frictional_lag"
+    label = "Friction lags behind speed"
+    remedy = "Lubricant film: check grease and its temperature; let the observer use the lag."
+    separated_by = "speed"
+    shows_against = "velocity"
+    within = ("generic:velocity",)
     on_contact = True
     needs = STRIBECK
     parameters = {"time_s": Parameter("s", "time constant of the lag", None, 1e-6, 10.0)}
+
+    @classmethod
+    def draw(cls, generator, strength):
+        return {"time_s": generator.uniform(0.01, 0.05) * strength}
 
     @classmethod
     def apply(cls, plant, p):
@@ -131,6 +172,10 @@ class PreslidingCreep(Effect):
     """
 
     id = "presliding_creep"
+    label = "The axis creeps under load at rest"
+    remedy = "Keep the loop closed while holding, or unload the contact before a wait."
+    separated_by = "dwell"
+    shows_against = "time"
     on_contact = True
     needs = BLOCKS
     parameters = {
@@ -138,6 +183,10 @@ class PreslidingCreep(Effect):
         "time_s": Parameter("s", "time at which the logarithm begins", 0.05, 1e-4, 1e3),
         "release_m": Parameter("m", "travel of the stage that starts the time anew", 1e-6, 1e-9, 1e-2),
     }
+
+    @classmethod
+    def draw(cls, generator, strength):
+        return {"amplitude_m": generator.uniform(2e-8, 1e-7) * strength, "time_s": generator.uniform(0.02, 0.1)}
 
     @classmethod
     def apply(cls, plant, p):
@@ -152,9 +201,18 @@ class ViscousChange(Effect):
     """Viscosity differs (temperature, grease): σ × factor."""
 
     id = "viscous_change"
+    label = "Viscous friction differs"
+    remedy = "Check grease, its amount and its temperature."
+    separated_by = "speed"
+    shows_against = "velocity"
+    within = ("generic:velocity", "generic:viscous in time")
     on_contact = True
     needs = FRICTION
     parameters = {"factor": Parameter("1", "factor on the viscous coefficient", None, 0.0, 1e3)}
+
+    @classmethod
+    def draw(cls, generator, strength):
+        return {"factor": 1.0 + generator.uniform(0.4, 2.0) * strength}
 
     @classmethod
     def apply(cls, plant, p):
@@ -169,12 +227,24 @@ class NonlinearViscous(Effect):
     """
 
     id = "nonlinear_viscous"
+    label = "Friction is not linear in speed"
+    remedy = "Use the extended friction curve in feed-forward; check lubricant and seals."
+    separated_by = "speed"
+    shows_against = "velocity"
+    within = ("generic:velocity", "generic:viscous in time")
     on_contact = True
     parameters = {
         "coefficient": Parameter("N m/(rad/s)^n or N/(m/s)^n", "coefficient, of the contact's own units", None),
         "exponent": Parameter("1", "exponent n", 2.0, 0.1, 4.0),
         "saturation_speed": Parameter("rad/s or m/s", "speed V at which the growth ends; 0: it does not end", 0.0, 0.0, 1e6),
     }
+
+    @classmethod
+    def draw(cls, generator, strength):
+        """A power of the speed, or in every third case a growth that ends."""
+        if generator.uniform() < 0.67:
+            return {"coefficient": generator.uniform(1.5e-5, 4e-5) * strength, "exponent": generator.uniform(1.7, 2.3)}
+        return {"coefficient": generator.uniform(2e-4, 6e-4) * strength, "exponent": 1.0, "saturation_speed": generator.uniform(0.8, 3.0)}
 
     @classmethod
     def apply(cls, plant, p):
@@ -192,9 +262,19 @@ class FrictionLevelChange(Effect):
     """
 
     id = "friction_level_change"
+    label = "All of the friction has changed"
+    remedy = "Check preload and wear; identify the friction anew."
+    separated_by = "speed"
+    shows_against = "velocity"
+    within = ("generic:velocity", "generic:friction in time")
+    contained_in = ("position_dependent_friction",)
     on_contact = True
     needs = FRICTION
     parameters = {"factor": Parameter("1", "factor on the friction", None, 0.01, 100.0)}
+
+    @classmethod
+    def draw(cls, generator, strength):
+        return {"factor": 1.0 + either_sign(generator, 0.12 * strength, 0.3 * strength)}
 
     @classmethod
     def apply(cls, plant, p):
