@@ -61,6 +61,8 @@ def add_backend(parser):
                         help=f"{', '.join(BACKENDS)}, an entry point, or package.module:Class from PYTHONPATH "
                              f"(default {SIMULATED})")
     parser.add_argument("--backend-options", metavar="FILE", help="YAML file with the options of the backend")
+    parser.add_argument("--machine", metavar="FILE", help="axis file of the machine that is simulated, where it is not the "
+                                                          "one that the controller is given (backend simulated only)")
 
 
 def load_options(path):
@@ -81,6 +83,11 @@ def load_options(path):
 def chosen_backend(arguments, axis):
     """`ChosenBackend` of the parsed options; the class is made once, not opened, to see that it can be."""
     options = load_options(arguments.backend_options)
+    machine = getattr(arguments, "machine", None)
+    if machine and arguments.backend != SIMULATED:
+        raise InputError("--machine", machine, f"the backend {SIMULATED}: {arguments.backend} has a machine of its own")
+    if machine:
+        options = {**options, "machine": str(Path(machine).resolve())}
     if arguments.backend == SIMULATED and not options:
         return ChosenBackend()
     made = make_hardware(arguments.backend, Setup(axis, getattr(arguments, "seed", 0), options))

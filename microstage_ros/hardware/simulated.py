@@ -1,11 +1,27 @@
 """The simulated axis: the compiled step of `solver.step` behind the calls of a real one."""
 
 from microstage_ros.hardware.protocol import Reading, Truth
+from microstage_ros.model.axis_file import load_axis
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.solver.period import advance_and_read, as_array, read
-from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
+from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work, usual_start
 
-OPTIONS = ("position", "noise", "friction")
+OPTIONS = ("position", "noise", "friction", "machine")
+
+
+def machine_for(axis, path):
+    """`Axis` of the machine to simulate: that of the axis file ``path``, or ``axis`` itself without one.
+
+    Raises `InputError` for a file that cannot be read, or whose control period is another one.
+    """
+    if not path:
+        return axis
+    machine = load_axis(path)
+    if abs(machine.value("period") / axis.value("period") - 1.0) > 1e-9:
+        raise InputError(f"{path}: period", machine.value("period"), f"{axis.value('period'):g} s, as in {axis.place}")
+    if machine.choices["drive.type"] != axis.choices["drive.type"]:
+        raise InputError(f"{path}: drive.type", machine.choices["drive.type"], f"{axis.choices['drive.type']}, as in {axis.place}")
+    return machine
 
 
 class SimulatedAxis:
@@ -14,7 +30,8 @@ class SimulatedAxis:
     Parameters
     ----------
     setup : `protocol.Setup`; options: ``position`` [m] at the start, ``noise`` ({name: standard deviation},
-        names as in run files), ``friction`` (``virgin`` or ``random``, the state of friction at the start).
+        names as in run files), ``friction`` (``relaxed`` or ``random``, the load of the contacts at the start; default random where the friction is),
+        ``machine`` (axis file of the machine that is simulated, where it is not the one that the controller is given).
 
     Example
     -------
@@ -29,9 +46,10 @@ class SimulatedAxis:
         for name in options:
             if name not in OPTIONS:
                 raise InputError(f"simulated axis: option {name}", options[name], "one of " + ", ".join(OPTIONS))
-        self._plant = make_plant(setup.axis, noise=NoiseSpec(**options.get("noise", {})))
+        machine = machine_for(setup.axis, options.get("machine"))
+        self._plant = make_plant(machine, noise=NoiseSpec(**options.get("noise", {})))
         self._state = new_state(self._plant, seed=setup.seed, position=options.get("position", 0.0),
-                                friction=options.get("friction", "virgin"))
+                                friction=options.get("friction", usual_start(self._plant)))
         self._readings = new_readings()
         self._arrays = [as_array(record) for record in (self._plant, self._state, new_work(self._plant), self._readings)]
         self.own_arrays = self._arrays

@@ -26,6 +26,9 @@ class Axis:
     Immutable in use: `with_values` and `with_effects` return new axes.
     """
 
+    machine = None
+    """The `Axis` that simulations for this one run on where it is another one (`simulated_on`)."""
+
     def __init__(self, name, choices, quantities, effects=None, controller=None, provenance=None, place="axis"):
         self.name = name
         self.choices = dict(choices)
@@ -84,6 +87,12 @@ class Axis:
     def with_controller(self, controller):
         """A copy with another shipped tuning ({type: ..., gains})."""
         return Axis(self.name, self.choices, self.quantities, self.effects, controller, self.provenance, self.place)
+
+    def simulated_on(self, machine):
+        """A copy for a controller whose simulated machine is the `Axis` ``machine``."""
+        copied = Axis(self.name, self.choices, self.quantities, self.effects, self.controller, self.provenance, self.place)
+        copied.machine = machine
+        return copied
 
     def as_dict(self):
         """The whole file as plain Python data."""

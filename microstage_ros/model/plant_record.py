@@ -84,6 +84,10 @@ PLANT = np.dtype([
     ("random_travel_step", f8), ("random_time_step", f8),       # travel and time after which q is advanced
     # sensors
     ("encoder_count", f8), ("per_count", f8), ("encoder_noise", f8), ("current_noise", f8), ("interferometer_noise", f8),
+    ("interpolates", i8), ("signal_number", f8), ("interpolation", f8, 2),      # 1: the encoder has an error of interpolation of its own
+    ("senses_current", i8),                    # 1: the current's sensor is not ideal, see `readings.sensed_current`
+    ("current_filter", f8, 3), ("current_sample", f8, 3),
+    ("current_offset", f8), ("current_range", f8), ("current_quantum", f8), ("per_current_quantum", f8),
     ("late", f8), ("jitter", f8), ("lost", f8),
     ("sde_number", f8), ("sde_amplitude", f8, 3), ("sde_phase", f8, 3), ("scale", f8),
     ("drift_amplitude", f8), ("drift_time", f8), ("drift_rate", f8), ("drift_expansion", f8),
@@ -128,6 +132,7 @@ STATE = np.dtype([
     ("time", f8), ("periods", i8),
     ("random_travel", f8), ("random_wait", f8),        # since the random friction's last steps
     ("last_encoder", f8), ("last_current", f8),
+    ("filtered_current", f8), ("current_before", f8),  # of the current's sensor, at the period before
     ("random", u8, 4),
 ])
 

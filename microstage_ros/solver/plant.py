@@ -8,6 +8,7 @@ import numpy as np
 from microstage_ros.model.effects import apply_effects, check_effects
 from microstage_ros.model.friction.registry import law_named
 from microstage_ros.model.plant_record import PLANT, READINGS, STATE
+from microstage_ros.model.sensors.current import current_filter
 from microstage_ros.numerics.random import seed_state
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.solver.contact import NO_TABLE, regroup, slide, sliding_table
@@ -27,12 +28,13 @@ BRISTLE = 100.0                # Coulomb contact: natural frequency of its brist
 class NoiseSpec:
     """Standard deviations of a run's noise; 0 turns one off. Names as in run files.
 
-    ``friction_relative`` None takes the axis file's ``variability.relative``, ``interferometer_m`` None its sensor's.
+    None takes the axis file's own figure: ``sensors.encoder.noise``, ``drive.noise``, ``sensors.current.noise``,
+    ``sensors.interferometer.noise``, ``variability.relative``.
     """
 
-    encoder_m: float = 8.0e-9
-    voltage_V: float = 1.0e-3
-    current_A: float = 0.0
+    encoder_m: float | None = None
+    voltage_V: float | None = None
+    current_A: float | None = None
     interferometer_m: float | None = None
     friction_relative: float | None = None
 
@@ -49,7 +51,7 @@ class NoiseSpec:
 def make_plant(axis, noise=None, effects=None):
     """The machine as one record (`records.PLANT`): parameters, noise and effects (axis file's and the run's).
 
-    ``noise``: `NoiseSpec`, default as its own fields. ``effects``: {id: parameters}; an id given in both
+    ``noise``: `NoiseSpec`, default the axis's own figures. ``effects``: {id: parameters}; an id given in both
     places is taken from ``effects``. Raises InputError.
     """
     noise = noise or NoiseSpec()
@@ -63,6 +65,7 @@ def make_plant(axis, noise=None, effects=None):
         if plant[name]["law"]:
             plant["base_level"] = LAW_LEVEL
     _fill_noise(plant, axis, noise)
+    _fill_sensors(plant, axis)
     plant["air_compensated"], plant["air_swing_time"], plant["drift_time"] = 1, 1.0, 1.0
     plant["rise_time"], plant["stage_temperature_time"] = 1.0, 1.0
     merged = {**axis.effects, **check_effects(effects or {})}
@@ -103,6 +106,11 @@ def new_state(plant, seed=0, position=0.0, friction="virgin", speed=0.0):
 def has_random_friction(plant):
     """Whether the limits of one of the contacts vary at random."""
     return bool(plant["actuator"]["random"] > 0.0 or plant["guideway"]["random"] > 0.0)
+
+
+def usual_start(plant):
+    """State of the contacts at the start unless something else is asked for: loaded where the friction is random."""
+    return "random" if has_random_friction(plant) else "relaxed"
 
 
 def new_readings():
@@ -231,12 +239,38 @@ def _fill_noise(plant, axis, noise):
     plant["random_travel_step"] = TRAVEL_STEP * plant["random_length"]
     plant["random_time_step"] = TIME_STEP * plant["random_time"]
     plant["random_share"], plant["random_clip"] = axis.value("variability.travel_share"), axis.value("variability.clip")
-    own = axis.value("sensors.interferometer.noise")
-    plant["interferometer_noise"] = own if noise.interferometer_m is None else noise.interferometer_m
-    plant["encoder_noise"], plant["current_noise"], plant["amplifier_noise"] = noise.encoder_m, noise.current_A, noise.voltage_V
+    for field, key, given in (("encoder_noise", "sensors.encoder.noise", noise.encoder_m),
+                              ("current_noise", "sensors.current.noise", noise.current_A),
+                              ("amplifier_noise", "drive.noise", noise.voltage_V),
+                              ("interferometer_noise", "sensors.interferometer.noise", noise.interferometer_m)):
+        plant[field] = axis.value(key) if given is None else given
     if plant["force_drive"]:
-        plant["amplifier_noise"] = noise.voltage_V * plant["gain"]
+        plant["amplifier_noise"] *= plant["gain"]
     plant["encoder_count"] = axis.value("sensors.encoder.resolution")
+
+
+def _fill_sensors(plant, axis):
+    """What encoder and current sensor do beyond noise and counts."""
+    error = np.array(axis.value("sensors.encoder.interpolation_error"))
+    if len(error) > 2:
+        raise InputError(f"{axis.place}: sensors.encoder.interpolation_error", len(error), "at most two amplitudes")
+    plant["interpolation"][: len(error)], plant["interpolates"] = error, int(np.any(error))
+    plant["signal_number"] = 2 * math.pi / axis.value("sensors.encoder.signal_period")
+    if plant["force_drive"]:
+        return
+    offset, span, bits, bandwidth, skew = (
+        axis.value(f"sensors.current.{key}") for key in ("offset", "range", "bits", "bandwidth", "skew"))
+    if bits and not span:
+        raise InputError(f"{axis.place}: sensors.current.range", span, "the converter's range in A, where bits are given")
+    if not skew < plant["period"]:
+        raise InputError(f"{axis.place}: sensors.current.skew", skew, f"less than a period ({float(plant['period']):g} s)")
+    plant["current_offset"], plant["current_range"] = offset, span
+    plant["current_quantum"] = 2.0 * span / 2.0**bits if bits else 0.0
+    plant["per_current_quantum"] = 1.0 / plant["current_quantum"] if bits else 0.0
+    period, settling = float(plant["period"]), float(plant["inductance"] / plant["resistance"])
+    plant["current_filter"] = current_filter(period, period, settling, bandwidth)
+    plant["current_sample"] = current_filter(period - skew, period, settling, bandwidth)
+    plant["senses_current"] = int(bandwidth > 0.0 or skew > 0.0 or offset != 0.0)
 
 
 def _start_contact(plant, contact, c, generator, history):

@@ -18,6 +18,13 @@ def axis():
 
 
 @pytest.fixture(scope="session")
+def ideal(axis):
+    """The shipped axis with a perfect current sensor and an encoder that interpolates without error: for closed forms."""
+    current = {f"sensors.current.{name}": 0.0 for name in ("noise", "offset", "range", "bits", "bandwidth", "skew")}
+    return axis.with_values({**current, "sensors.encoder.interpolation_error": [0.0, 0.0]}, source="derived")
+
+
+@pytest.fixture(scope="session")
 def emps():
     return load_axis(ROOT / "config" / "emps.yaml")
 

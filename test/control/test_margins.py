@@ -62,9 +62,9 @@ def test_transfer_function_is_that_of_the_law(axis):
     np.testing.assert_allclose(got, np.squeeze(wanted) * T * 1e-9, rtol=1e-6, atol=1e-15)
 
 
-def test_observer_loop_is_the_compiled_one(axis):
+def test_observer_loop_is_the_compiled_one(ideal):
     """A small push in pre-sliding: the law's answer is that of the linear loop from which the margins come."""
-    plant = make_plant(axis, NoiseSpec.none())
+    plant, axis = make_plant(ideal, NoiseSpec.none()), ideal
     plant["quantum"] = plant["encoder_count"] = 0.0
     frozen = dict(resistance_spread=0.0, zero_spread=0.0, emf_spread=0.0, level_variability=0.0, speed=0.0, friction_share=0.0)
     controller = make_controller("self_tuning_observer", axis, **frozen)

@@ -29,7 +29,7 @@ def run(voltages, seed=1, **options):
 def test_row_convention():
     """Row n: sensors at the start of period n, then the voltage held during it."""
     readings, axis = run([1.0, 1.0, 1.0], **QUIET)
-    assert readings[0, 0] == 0.0 and readings[0, 1] == 0.0  # the first reading moves nothing
+    assert readings[0, 0] == 0.0 and abs(readings[0, 1] - 1e-4) < 1e-4  # its offset; the first reading moves nothing
     assert readings[1, 1] > 0.1  # the current answers the voltage of the row before
     assert axis.truth.stage_position >= 0.0
 

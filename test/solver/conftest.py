@@ -18,10 +18,11 @@ def axis():
 
 @pytest.fixture
 def quiet(axis):
-    """Function (effects) -> plant without noise, random friction or converter steps."""
+    """Function (effects) -> plant without noise, random friction, converter steps or interpolation error."""
     def build(**effects):
         plant = make_plant(axis, NoiseSpec.none(), effects)
         plant["quantum"] = 0.0
         plant["encoder_count"] = 0.0
+        plant["interpolates"] = 0
         return plant
     return build

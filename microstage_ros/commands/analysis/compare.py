@@ -13,6 +13,7 @@ from rich.table import Table
 from microstage_ros import __version__
 from microstage_ros.commands.parser import Parser
 from microstage_ros.control.evaluation import comparison
+from microstage_ros.hardware.simulated import machine_for
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
@@ -25,6 +26,8 @@ def main(argv=None):
     """Run the command. Returns 0; raises InputError for bad input."""
     arguments = _parse(argv)
     axis = load_axis(arguments.axis)
+    if arguments.machine:
+        axis = axis.simulated_on(machine_for(axis, arguments.machine))
     if axis.choices["drive.type"] != "voltage_motor":
         raise InputError(f"{arguments.axis}: drive.type", axis.choices["drive.type"], "voltage_motor, the paper's axis")
     extent = comparison.QUICK if arguments.quick else comparison.Extent()
@@ -52,6 +55,8 @@ def main(argv=None):
 def _parse(argv):
     parser = Parser(prog="microstage compare", description="Compare all controllers on the simulated axis.")
     parser.add_argument("--axis", default=DEFAULT_AXIS, metavar="FILE", help="axis file (default the paper's axis)")
+    parser.add_argument("--machine", metavar="FILE", help="axis file of the machine that is simulated, where it is not the one "
+                                                          "that the controllers are given with --axis")
     parser.add_argument("--out", required=True, metavar="DIR", help="folder for report.html, comparison.json, tables.md")
     parser.add_argument("--controllers", nargs="+", default=list(comparison.CONTROLLERS), choices=comparison.CONTROLLERS, metavar="TYPE",
                         help="controllers to compare (default all: %(default)s)")

@@ -4,6 +4,7 @@
 from microstage_ros.commands.parser import Parser
 from microstage_ros.control.runs.run_file import load_run
 from microstage_ros.control.runs.simulate import simulated_record
+from microstage_ros.hardware.simulated import machine_for
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records import write_record
@@ -15,6 +16,8 @@ def main(argv=None):
     """Run the command. Returns 0; raises InputError for bad input."""
     parser = Parser(prog="microstage simulate", description="Simulate one run of an axis.")
     parser.add_argument("--axis", required=True, metavar="FILE", help="axis file")
+    parser.add_argument("--machine", metavar="FILE", help="axis file of the machine that is simulated, where it is not the one "
+                                                          "that the controller is given with --axis")
     parser.add_argument("--run", required=True, metavar="FILE", help="run file: controller, noise, effects, program")
     parser.add_argument("--out", required=True, metavar="FILE", help="record to write: " + ", ".join(ENDINGS))
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of every random number (default 0)")
@@ -24,5 +27,6 @@ def main(argv=None):
     if arguments.seed < 0:
         raise InputError("--seed", arguments.seed, "a whole number from 0")
     axis, run = load_axis(arguments.axis), load_run(arguments.run)
-    write_record(simulated_record(axis, run, arguments.seed), arguments.out)
+    machine = machine_for(axis, arguments.machine) if arguments.machine else None
+    write_record(simulated_record(axis, run, arguments.seed, machine), arguments.out)
     return 0

@@ -19,7 +19,7 @@ from microstage_ros.control.runs.closed_loop import TRACE, run_loop
 from microstage_ros.control.trajectories.profiles import sine
 from microstage_ros.model.sensors.readings import sense
 from microstage_ros.numerics.compiled import compiled
-from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
+from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work, usual_start
 from microstage_ros.solver.step import advance
 
 LEFT = 2e-9  # m, from the contact at which it is told to be open
@@ -63,8 +63,8 @@ def informed_sine(axis, seed, told="both", period=None, amplitude=1e-5, frequenc
     """Largest |true position - reference| [m] of a sine, without its first quarter of a cycle; ``told``: of `TOLD`."""
     axis = axis if period is None else axis.with_values({"period": period}, source="derived")
     reference = sine(0.0, amplitude, frequency, cycles, axis.value("period"))
-    plant, controller = make_plant(axis, NoiseSpec()), make_controller("self_tuning_observer", axis)
-    state, stage = new_state(plant, seed=seed), np.empty(len(reference))
+    plant, controller = make_plant(axis.machine or axis, NoiseSpec()), make_controller("self_tuning_observer", axis)
+    state, stage = new_state(plant, seed=seed, friction=usual_start(plant)), np.empty(len(reference))
     run_informed(
         plant, state, new_work(plant), new_readings(), controller.parameters, controller.memory, reference, *TOLD[told], stage
     )
@@ -103,10 +103,10 @@ def gap_sine(axis, seed, told, width, amplitude=1e-5, frequency=0.1, cycles=3.25
     ``told``: "nothing", the "gap", or the gap and the "contact", see `run_told_contact`.
     """
     reference = sine(0.0, amplitude, frequency, cycles, axis.value("period"))
-    plant = make_plant(axis, NoiseSpec(), effects={"backlash": {"width_rad": width}})
+    plant = make_plant(axis.machine or axis, NoiseSpec(), effects={"backlash": {"width_rad": width}})
     gains = {} if told == "nothing" else {"known_gap": float(plant["gap"])}
     controller, stage = make_controller("self_tuning_observer", axis, **gains), np.empty(len(reference))
-    state, work, none = new_state(plant, seed=seed), new_work(plant), np.zeros_like(reference)
+    state, work, none = new_state(plant, seed=seed, friction=usual_start(plant)), new_work(plant), np.zeros_like(reference)
     if told == "contact":
         run_told_contact(plant, state, work, new_readings(), controller.parameters, controller.memory, reference, stage)
     else:

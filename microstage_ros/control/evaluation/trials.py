@@ -9,7 +9,7 @@ from microstage_ros.control.runs.closed_loop import TRACE, run_loop
 from microstage_ros.control.runs.run_file import Run
 from microstage_ros.control.runs.simulate import simulate
 from microstage_ros.control.trajectories.profiles import sine
-from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
+from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work, usual_start
 
 COUNT = 25e-9  # m, one count: what settled means
 
@@ -96,8 +96,8 @@ def gain_jump_trial(axis, kind, factor, seed, amplitude=1e-5, frequency=0.1, at=
 
 def jump_trace(axis, kind, seed, reference, row, jump):
     """Trace (rows, len(TRACE)) of a run along ``reference`` [m] on an axis that ``jump(plant)`` changes before ``row``."""
-    plant, readings = make_plant(axis, NoiseSpec()), new_readings()
-    state, work, controller = new_state(plant, seed=seed), new_work(plant), make_controller(kind, axis)
+    plant, readings = make_plant(axis.machine or axis, NoiseSpec()), new_readings()
+    state, work, controller = new_state(plant, seed=seed, friction=usual_start(plant)), new_work(plant), make_controller(kind, axis)
     trace = np.empty((len(reference), len(TRACE)))
     for part in (slice(0, row), slice(row, None)):
         none = np.zeros_like(reference[part])

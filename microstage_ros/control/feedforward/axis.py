@@ -37,6 +37,8 @@ MODEL_FIELDS = [
     ("force_per_ampere", "f8"),  # N/A; 0: no current, the force comes from the voltage
     ("resistance", "f8"),  # ohm
     ("settling", "f8"),  # s, L/R
+    ("current_bandwidth", "f8"),  # Hz, of the current's sensor; 0: without a filter
+    ("current_skew", "f8"),  # s, by which it is sampled before the encoder
     ("compliance", "f8"),  # m/N of the drive train
     ("drive_damping", "f8"),  # N s/m of the drive train
     ("screw_ratio", "f8"),  # m per radian of the screw
@@ -114,6 +116,7 @@ def fill_model(record, axis):
         record["top_speed"] = limit / record["volts_per_velocity"]
         record["resistance"] = axis.value("drive.resistance")
         record["settling"] = axis.value("drive.inductance") / axis.value("drive.resistance")
+        record["current_bandwidth"], record["current_skew"] = (axis.value(f"sensors.current.{key}") for key in ("bandwidth", "skew"))
         record["force_per_torque"] = gear / ratio
         record["force_per_ampere"] = axis.value("drive.torque_constant") * gear / ratio
         record["moving_mass"] = record["mass"] + axis.value("drive.rotor_inertia") * (gear / ratio) ** 2

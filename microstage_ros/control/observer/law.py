@@ -40,6 +40,7 @@ from microstage_ros.control.observer.drive_learning import (
     voltage_variance,
 )
 from microstage_ros.control.observer.lost_motion import TOUCHING
+from microstage_ros.model.sensors.current import sensed_transient
 from microstage_ros.numerics.compiled import compiled
 
 GAINS = (
@@ -284,6 +285,8 @@ def design_motion(record, model, period):
     ``motion_gain`` of a free mass; ``transient``, what is left after a period of a transient of the current; the swing's matrix.
     """
     settling = float(model["settling"])
-    record["transient"] = math.exp(-period / settling) if settling > 0.0 else 0.0
+    record["transient"] = 0.0
+    if settling > 0.0:
+        record["transient"] = sensed_transient(period, settling, float(model["current_bandwidth"]), float(model["current_skew"]))
     record["motion_gain"] = motion_filter.steady_gain(record, model, period)
     record["swing_matrix"] = swing.swing_matrix(record, model, period)

@@ -70,7 +70,7 @@ class Run:
     program: list = field(default_factory=list)
     limits: profiles.MotionLimits = profiles.DEFAULT_LIMITS
     start_m: float | None = None
-    friction: str | None = "relaxed"
+    friction: str | None = None
     place: str = "run"
     folder: pathlib.Path = pathlib.Path(".")
 

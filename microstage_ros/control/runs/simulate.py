@@ -7,7 +7,7 @@ from microstage_ros.control.laws.controller import Controller, controller_parame
 from microstage_ros.control.runs.closed_loop import SURROUNDINGS, TRACE, run_loop, surroundings
 from microstage_ros.control.trajectories.lead_in import lead_in
 from microstage_ros.records import Record
-from microstage_ros.solver.plant import NoiseSpec, has_random_friction, make_plant, new_readings, new_state, new_work
+from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work, usual_start
 
 
 def run_controller(axis, run):
@@ -17,12 +17,13 @@ def run_controller(axis, run):
     return Controller(kind, controller_parameters(kind, axis, section, place=f"{run.place}: controller"))
 
 
-def simulate(axis, run, seed=0):
+def simulate(axis, run, seed=0, machine=None):
     """Simulate one run.
 
     Parameters
     ----------
-    axis : `Axis`. run : `control.runs.run_file.Run`. seed : of every random number in the run.
+    axis : `Axis` that the controller is given. run : `control.runs.run_file.Run`. seed : of every random number in the run.
+    machine : `Axis` that is simulated, where it is another one (default: ``axis.machine``, else ``axis``).
         A reference that begins in motion is led in from rest (see `control.trajectories.lead_in`), unless the run says
         where it starts.
 
@@ -31,12 +32,14 @@ def simulate(axis, run, seed=0):
     dict of columns, each of shape (rows,): those of a record (`records.columns`), and what only a
     simulator knows: true stage position and velocity, motor speed, friction and friction levels.
     """
-    axis = axis if run.period_s is None else axis.with_values({"period": run.period_s}, source="derived")
+    machine = machine or axis.machine or axis
+    if run.period_s is not None:
+        axis, machine = (each.with_values({"period": run.period_s}, source="derived") for each in (axis, machine))
     period = axis.value("period")
     tables = run.tables(period)
-    plant = make_plant(axis, noise=NoiseSpec(**run.noise), effects=run.effects)
+    plant = make_plant(machine, noise=NoiseSpec(**run.noise), effects=run.effects)
     before = np.empty(0) if run.start_m is not None else lead_in(tables["reference"], axis.value("sensors.encoder.resolution"))
-    friction = run.friction or ("random" if has_random_friction(plant) else "relaxed")
+    friction = run.friction or usual_start(plant)
     state = new_state(plant, seed=seed, position=float(before[0]) if len(before) else tables["start"], friction=friction)
     controller = run_controller(axis, run)
     led = {name: np.concatenate([before if name == "reference" else 0.0 * before, tables[name]])
@@ -51,17 +54,19 @@ def simulate(axis, run, seed=0):
     columns = {"t_s": np.arange(rows) * period, "reference_m": tables["reference"]}
     columns |= {name: trace[:, place].copy() for place, name in enumerate(TRACE) if name not in SURROUNDINGS}
     columns |= surroundings(trace)
-    if axis.choices["drive.type"] == "force":
-        columns["force_N"] = axis.value("drive.gain") * columns["voltage_V"]
+    if machine.choices["drive.type"] == "force":
+        columns["force_N"] = machine.value("drive.gain") * columns["voltage_V"]
         del columns["current_A"]
     if tables["disturbance"].any():
         columns["disturbance_V"] = tables["disturbance"]
     return columns
 
 
-def simulated_record(axis, run, seed=0, **more):
+def simulated_record(axis, run, seed=0, machine=None, **more):
     """`Record` of `simulate`, with version, seed, axis and run in its metadata."""
-    columns = simulate(axis, run, seed)
+    columns = simulate(axis, run, seed, machine)
     metadata = {"version": __version__, "seed": seed, "axis": axis.name, "run": run.place,
-                "controller": run.controller, "noise": run.noise, "effects": {**axis.effects, **run.effects}, **more}
+                "controller": run.controller, "noise": run.noise, "effects": {**(machine or axis).effects, **run.effects}, **more}
+    if machine is not None:
+        metadata["machine"] = machine.as_dict()
     return Record(float(columns["t_s"][1] - columns["t_s"][0]), columns, run.place, metadata)

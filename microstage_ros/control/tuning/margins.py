@@ -150,7 +150,7 @@ def _observer_step(parameters, stiffness, damping):
     pid = parameters["pid"]
     kp, ki = float(pid["proportional"]), float(pid["proportional"] / pid["integral_time"])
     kd = float(pid["proportional"] * pid["derivative_time"])
-    rest = math.exp(-period / float(m["settling"]))
+    rest = float(o["transient"])
     part = float(m["settling"]) / period - rest / (1.0 - rest)
     mass, emf = float(m["moving_mass"]), float(m["volts_per_velocity"])
     gain = motion_filter.steady_gain(o, m, period, motion_filter.STIFFNESS_SHARE * stiffness / mass, damping / mass)

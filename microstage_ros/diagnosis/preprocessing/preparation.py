@@ -90,6 +90,9 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None):
         shake = (size * np.exp(2j * np.pi * frequency * (record["t_s"] - record["t_s"][0]))).real
         for name in {"encoder_m", "interferometer_m"} & set(columns):
             columns[name] = columns[name] - shake
+    columns["encoder_m"] = columns["encoder_m"] - drive.interpolation_error(columns["encoder_m"])
+    if "current_A" in columns:
+        columns["current_A"] = columns["current_A"] - drive.current_offset
     rounded = np.round(columns["voltage_V"] / drive.converter_step) * drive.converter_step
     rounded = np.clip(rounded, -drive.voltage_limit, drive.voltage_limit)
     answered = commanded = np.concatenate([rounded[:1], rounded[:-1]])

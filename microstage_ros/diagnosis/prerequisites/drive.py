@@ -43,6 +43,14 @@ class Drive:
     voltage_limit: float
     actuator: Contact
     guideway: Contact
+    signal_period: float = 1.0e-5
+    interpolation: tuple = ()
+    current_offset: float = 0.0
+
+    def interpolation_error(self, position):
+        """What the encoder of the axis file reads beyond ``position`` [m], (n,), by interpolation [m]."""
+        phase = 2.0 * math.pi * position / self.signal_period
+        return sum((size * np.sin(n * phase) for n, size in enumerate(self.interpolation, 1)), np.zeros(len(position)))
 
     @property
     def radius(self):
@@ -70,6 +78,8 @@ def drive_of(axis):
         converter_step=2.0 * value("drive.dac_range") / 2.0 ** value("drive.dac_bits"),
         voltage_limit=value("drive.voltage_limit"),
         actuator=_contact(axis, "actuator"), guideway=_contact(axis, "guideway"),
+        signal_period=value("sensors.encoder.signal_period"), interpolation=tuple(value("sensors.encoder.interpolation_error")),
+        current_offset=value("sensors.current.offset"),
     )
 
 

@@ -34,7 +34,7 @@ def consequences(axis, extended):
     reference, ends, scanning = _program(axis)
     found = []
     for model in (axis, extended):
-        columns = simulate(model, Run(program=[{"reference": reference}], start_m=float(reference[0])), SEED)
+        columns = simulate(model, Run(program=[{"reference": reference}], start_m=float(reference[0]), friction="relaxed"), SEED)
         error = columns["stage_m"] - reference
         last = max(int(LAST_S / axis.value("period")), 1)
         settled = [abs(float(np.mean(error[end - last: end]))) for end in ends]

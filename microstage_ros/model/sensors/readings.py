@@ -30,9 +30,8 @@ def sense(plant, state, readings):
 @inlined
 def sense_plainly(plant, state, readings, x, current, theta):
     """`read_sensors` where no effect acts on them, of an axis at this position, current and motor angle; returns encoder and current."""
-    encoder = _counted(plant, state, x)
-    if plant.current_noise > 0.0:
-        current += plant.current_noise * normal(state.random)
+    encoder = _counted(plant, state, interpolated(plant, x, x))
+    current = sensed_current(plant, state, current)
     interferometer = x
     if plant.interferometer_noise > 0.0:
         interferometer += plant.interferometer_noise * normal(state.random)
@@ -52,6 +51,37 @@ def _counted(plant, state, y):
     if plant.encoder_count > 0.0:
         y = plant.encoder_count * np.rint(y * plant.per_count)
     return y
+
+
+@inlined
+def interpolated(plant, x, y):
+    """Reading y [m] at the place x [m] of the scale, with the encoder's own error of interpolation."""
+    if plant.interpolates == 1:
+        angle = plant.signal_number * x
+        wave = math.sin(angle)
+        y += wave * (plant.interpolation[0] + 2.0 * plant.interpolation[1] * math.cos(angle))
+    return y
+
+
+@inlined
+def sensed_current(plant, state, current):
+    """Reading [A] of the current's sensor: first-order filter, sampled before the encoder, offset, noise, converter.
+
+    The filter is followed in closed form for a current that approaches a held voltage's with L/R (`solver.plant.current_filter`).
+    """
+    if plant.senses_current == 1:
+        now, before, filtered = current, state.current_before, state.filtered_current
+        c, f = plant.current_sample, plant.current_filter
+        current = c[0] * now + c[1] * before + c[2] * filtered + plant.current_offset
+        state.filtered_current = f[0] * now + f[1] * before + f[2] * filtered
+        state.current_before = now
+    if plant.current_noise > 0.0:
+        current += plant.current_noise * normal(state.random)
+    if plant.current_quantum > 0.0:
+        current = plant.current_quantum * np.rint(current * plant.per_current_quantum)
+    if plant.current_range > 0.0:
+        current = min(max(current, -plant.current_range), plant.current_range)
+    return current
 
 
 @internal
@@ -80,10 +110,8 @@ def _encoder_and_current(plant, state, shake):
         for n in range(3):
             if plant.sde_amplitude[n] != 0.0:
                 y += plant.sde_amplitude[n] * math.sin((n + 1) * plant.sde_number * x + plant.sde_phase[n])
-        state.last_encoder = _counted(plant, state, y)
-        state.last_current = state.current
-        if plant.current_noise > 0.0:
-            state.last_current += plant.current_noise * normal(state.random)
+        state.last_encoder = _counted(plant, state, interpolated(plant, x, y))
+        state.last_current = sensed_current(plant, state, state.current)
     return state.last_encoder, state.last_current
 
 

@@ -1,0 +1,51 @@
+"""``--machine``: the simulated machine is another one than the controller is given."""
+
+import pytest
+
+from microstage_ros.commands.backend import chosen_backend
+from microstage_ros.commands.__main__ import main
+from microstage_ros.commands.operation.cell import add_backend
+from microstage_ros.commands.parser import Parser
+from microstage_ros.control.runs.run_file import run_from_dict
+from microstage_ros.control.runs.simulate import simulate
+from microstage_ros.hardware import make_hardware
+from microstage_ros.hardware.protocol import Setup
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.places import config_file
+from microstage_ros.records import read_record
+
+SHIPPED = str(config_file("axis.yaml"))
+
+
+@pytest.fixture
+def heavy(tmp_path):
+    path = tmp_path / "heavy.yaml"
+    load_axis(SHIPPED).with_values({"stage.mass": 9.0}).save(path)
+    return path
+
+
+def test_simulate_runs_on_the_machine_with_the_controller_of_the_axis(tmp_path, heavy):
+    run = tmp_path / "run.yaml"
+    run.write_text("controller: {type: pid}\nprogram: [{move_to_m: 1.0e-5, dwell_s: 0.05}]\n")
+    assert main(["simulate", "--axis", SHIPPED, "--machine", str(heavy), "--run", str(run), "--out", str(tmp_path / "r.csv"), "--seed", "3"]) == 0
+    shipped, machine = load_axis(SHIPPED), load_axis(heavy)
+    given = run_from_dict({"controller": {"type": "pid"}, "program": [{"move_to_m": 1e-5, "dwell_s": 0.05}]})
+    wanted, other = simulate(shipped, given, 3, machine), simulate(shipped, given, 3)
+    written = read_record(tmp_path / "r.csv")["encoder_m"]
+    assert written == pytest.approx(wanted["encoder_m"], abs=1e-12) and abs(wanted["stage_m"] - other["stage_m"]).max() > 1e-9
+
+
+def test_the_simulated_backend_takes_it(heavy):
+    parser = Parser(prog="p")
+    add_backend(parser)
+    chosen = chosen_backend(parser.parse_args(["--machine", str(heavy)]), load_axis(SHIPPED))
+    made = make_hardware(chosen.name, Setup(load_axis(SHIPPED), 0, chosen.options))
+    assert float(made.own_arrays[0][0]["mass"]) == 9.0 and chosen.simulated
+
+
+@pytest.mark.parametrize("machine, words", [(str(config_file("emps.yaml")), "period"), ("/no/file.yaml", "No such file")])
+def test_a_machine_that_does_not_fit_is_refused(tmp_path, capsys, machine, words):
+    run = tmp_path / "run.yaml"
+    run.write_text("controller: {type: pid}\nprogram: [{move_to_m: 1.0e-5}]\n")
+    assert main(["simulate", "--axis", SHIPPED, "--machine", machine, "--run", str(run), "--out", str(tmp_path / "r.csv")]) == 2
+    assert words in capsys.readouterr().err
