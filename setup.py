@@ -8,7 +8,7 @@ PACKAGE = "microstage_ros"
 NODES = ["axis_driver", "str_controller", "gms_observer", "interferometer_logger", "move_server", "bag_recorder"]
 COMMANDS = [
     "demo", "test", "cell", "move", "simulate", "experiment", "identify", "diagnose", "replay", "bench",
-    "compare", "laws", "campaign", "tune",
+    "compare", "laws", "campaign", "tune", "mutation",
 ]
 
 

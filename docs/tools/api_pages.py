@@ -14,7 +14,9 @@ def modules():
         parts = path.relative_to(ROOT).with_suffix("").parts
         if parts[-1] == "__init__":
             parts = parts[:-1]
-        if any(part.startswith("_") for part in parts) or not path.read_text(encoding="utf-8").lstrip().startswith('"""'):
+        if any(part.startswith("_") for part in parts) or not path.read_text(encoding="utf-8").lstrip().startswith(
+            '"""'
+        ):
             continue
         yield ".".join(parts), "/".join(("api", *parts)) + ".md"
 
@@ -23,8 +25,14 @@ def write():
     """The API pages and ``SUMMARY.md``."""
     pages = sorted((ROOT / "docs").glob("*.md"))
     lines = [f"* [{_title(page)}]({page.name})" for page in pages]
-    lines += ["* Decisions", *(f"    * [{_title(page)}](decisions/{page.name})"
-                               for page in sorted((ROOT / "docs" / "decisions").glob("*.md"))), "* API"]
+    lines += [
+        "* Decisions",
+        *(
+            f"    * [{_title(page)}](decisions/{page.name})"
+            for page in sorted((ROOT / "docs" / "decisions").glob("*.md"))
+        ),
+        "* API",
+    ]
     for name, page in modules():
         with mkdocs_gen_files.open(page, "w") as file:
             file.write(f"::: {name}\n")

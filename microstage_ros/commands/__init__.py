@@ -15,13 +15,14 @@ COMMANDS = {
     "laws": "what each friction law can and cannot show",
     "replay": "play a bag back onto its topics",
     "bench": "the project's own benchmarks",
+    "mutation": "do the tests notice when the code is wrong: small faults put in one by one",
 }
 """Name to one line for the help."""
 
 FOLDERS = {
     "operation": ("demo", "cell", "move", "experiment", "replay"),
     "analysis": ("simulate", "identify", "diagnose", "campaign", "tune", "compare", "laws"),
-    "project": ("test", "bench"),
+    "project": ("test", "bench", "mutation"),
 }
 """Folder to the commands that lie in it."""
 

@@ -9,19 +9,46 @@ import math
 import numba
 import numpy as np
 
-SAFETY, LEAST, MOST = 0.9, 0.2, 5.0     # of an adaptive step: usual factors (Hairer, Nørsett, Wanner, II.4)
+SAFETY, LEAST, MOST = 0.9, 0.2, 5.0  # of an adaptive step: usual factors (Hairer, Nørsett, Wanner, II.4)
 
 
 def packed(equations):
     """(numbers, blocks): the parameters (11,) in the order of `rates`, and per contact [k…, α…], [F_s, F_C, V, δ, C, σ, drops]."""
     p = equations.p
-    numbers = np.array([p[name] for name in ("resistance", "inductance", "back_emf", "torque_constant", "inertia", "gear", "ratio",
-                                             "stiffness", "damping", "mass", "period")])
+    numbers = np.array(
+        [
+            p[name]
+            for name in (
+                "resistance",
+                "inductance",
+                "back_emf",
+                "torque_constant",
+                "inertia",
+                "gear",
+                "ratio",
+                "stiffness",
+                "damping",
+                "mass",
+                "period",
+            )
+        ]
+    )
     blocks = []
     for contact in equations.contacts:
-        blocks += [np.stack([contact["k"], contact["alpha"]]), np.array([
-            contact["static"], contact["coulomb"], contact["velocity"], contact["exponent"], contact["attraction"],
-            contact["viscous"], float(contact["drops"])])]
+        blocks += [
+            np.stack([contact["k"], contact["alpha"]]),
+            np.array(
+                [
+                    contact["static"],
+                    contact["coulomb"],
+                    contact["velocity"],
+                    contact["exponent"],
+                    contact["attraction"],
+                    contact["viscous"],
+                    float(contact["drops"]),
+                ]
+            ),
+        ]
     return numbers, tuple(blocks)
 
 
@@ -30,7 +57,7 @@ def contact_rates(shape, numbers, force, w, out):
     """dF/dt of a contact's blocks into ``out``; returns Σ F."""
     s = numbers[1]
     if numbers[6] > 0.0:
-        s += (numbers[0] - numbers[1]) * math.exp(-(abs(w) / numbers[2]) ** numbers[3])
+        s += (numbers[0] - numbers[1]) * math.exp(-((abs(w) / numbers[2]) ** numbers[3]))
     sign, total = math.copysign(1.0, w), 0.0
     for j in range(shape.shape[1]):
         f = force[j]
@@ -85,11 +112,21 @@ def dormand_prince(z, voltage, p, blocks, rtol, scale, x):
             rates(z + h * (k1 / 5), u, p, blocks, k2)
             rates(z + h * (3 / 40 * k1 + 9 / 40 * k2), u, p, blocks, k3)
             rates(z + h * (44 / 45 * k1 - 56 / 15 * k2 + 32 / 9 * k3), u, p, blocks, k4)
-            rates(z + h * (19372 / 6561 * k1 - 25360 / 2187 * k2 + 64448 / 6561 * k3 - 212 / 729 * k4), u, p, blocks, k5)
-            rates(z + h * (9017 / 3168 * k1 - 355 / 33 * k2 + 46732 / 5247 * k3 + 49 / 176 * k4 - 5103 / 18656 * k5), u, p, blocks, k6)
+            rates(
+                z + h * (19372 / 6561 * k1 - 25360 / 2187 * k2 + 64448 / 6561 * k3 - 212 / 729 * k4), u, p, blocks, k5
+            )
+            rates(
+                z + h * (9017 / 3168 * k1 - 355 / 33 * k2 + 46732 / 5247 * k3 + 49 / 176 * k4 - 5103 / 18656 * k5),
+                u,
+                p,
+                blocks,
+                k6,
+            )
             new = z + h * (35 / 384 * k1 + 500 / 1113 * k3 + 125 / 192 * k4 - 2187 / 6784 * k5 + 11 / 84 * k6)
             rates(new, u, p, blocks, k7)
-            wrong = h * (71 / 57600 * k1 - 71 / 16695 * k3 + 71 / 1920 * k4 - 17253 / 339200 * k5 + 22 / 525 * k6 - k7 / 40)
+            wrong = h * (
+                71 / 57600 * k1 - 71 / 16695 * k3 + 71 / 1920 * k4 - 17253 / 339200 * k5 + 22 / 525 * k6 - k7 / 40
+            )
             error = math.sqrt(np.mean((wrong / (rtol * (scale + np.maximum(np.abs(z), np.abs(new))))) ** 2))
             if error <= 1.0:
                 t, z = t + h, new
