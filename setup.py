@@ -1,15 +1,21 @@
 """Installs microstage_ros as an ament_python package: modules, executables, configuration."""
 
+import ast
 from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
 PACKAGE = "microstage_ros"
 NODES = ["axis_driver", "str_controller", "gms_observer", "interferometer_logger", "move_server", "bag_recorder"]
-COMMANDS = [
-    "demo", "test", "cell", "move", "simulate", "experiment", "identify", "diagnose", "replay", "bench",
-    "compare", "laws", "campaign", "tune", "mutation",
-]
+
+
+def commands():
+    """The names in ``LISTED`` of the command line, read without importing it."""
+    tree = ast.parse(Path("microstage_ros/commands/__init__.py").read_text(encoding="utf-8"))
+    listed = next(ast.literal_eval(node.value) for node in tree.body
+                  if isinstance(node, ast.Assign) and node.targets[0].id == "LISTED")
+    return [name for names in listed.values() for name in names]
 
 
 def config_files():
@@ -37,7 +43,7 @@ setup(
     ],
     entry_points={"console_scripts": [
         *(f"{name} = {PACKAGE}.ros.nodes.{name}:main" for name in NODES),
-        *(f"{name} = {PACKAGE}.commands.__main__:{name}" for name in COMMANDS),
+        *(f"{name} = {PACKAGE}.commands.__main__:{name}" for name in commands()),
     ]},
     zip_safe=False,
 )

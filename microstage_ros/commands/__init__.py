@@ -1,29 +1,41 @@
-"""The command line. A command is a file in a folder here with ``main(argv) -> status`` and a line in `COMMANDS`."""
+"""The command line. A command is a file in a folder here with ``main(argv) -> status`` and a line in `LISTED`.
 
-COMMANDS = {
-    "demo": "the main job on the simulated axis: ROS 2 nodes, the paper's moves, a bag, a report",
-    "test": "all the tests",
-    "cell": "start the nodes of an axis and leave them running until interrupted",
-    "move": "one move through the action, with feedback",
-    "simulate": "one run of the model, no ROS",
-    "experiment": "a run file's program on the live cell, recorded for identify",
-    "identify": "friction parameters from records, with their uncertainty",
-    "diagnose": "from records to the cause: where model and measurement part, and why",
-    "campaign": "the diagnosis examined: many axes with hidden causes, hits and false alarms",
-    "tune": "gains by a limit cycle, Ziegler-Nichols and simulation, with margins",
-    "compare": "the paper's controllers side by side: tracking, accuracy, settling",
-    "laws": "what each friction law can and cannot show",
-    "replay": "play a bag back onto its topics",
-    "bench": "the project's own benchmarks",
-    "mutation": "do the tests notice when the code is wrong: small faults put in one by one",
+What every command shares (options, units, progress, answers as JSON, results kept) is described in
+`microstage_ros.commands.parser`.
+"""
+
+LISTED = {
+    "operation": {
+        "demo": "the main job on the simulated axis: ROS 2 nodes, the paper's moves, a bag, a report",
+        "cell": "start the nodes of an axis and leave them running until interrupted",
+        "move": "moves through the action, with feedback",
+        "experiment": "a run file's program on the live cell, recorded for identify",
+        "replay": "play a bag back onto its topics",
+        "topic": "list topics, show their messages, measure their rates",
+    },
+    "analysis": {
+        "simulate": "one run of the model, no ROS",
+        "identify": "friction parameters from records, with their uncertainty",
+        "diagnose": "from records to the cause: where model and measurement part, and why",
+        "campaign": "the diagnosis examined: many axes with hidden causes, hits and false alarms",
+        "tune": "gains by a limit cycle, Ziegler-Nichols and simulation, with margins",
+        "compare": "the paper's controllers side by side: tracking, accuracy, settling",
+        "laws": "what each friction law can and cannot show",
+    },
+    "project": {
+        "test": "all the tests",
+        "bench": "the project's own benchmarks",
+        "mutation": "do the tests notice when the code is wrong: small faults put in one by one",
+        "shell": "a shell, or one program, in the environment of the nodes",
+        "completion": "a script that completes commands and options in bash, zsh, fish",
+    },
 }
+"""Folder to its commands, each with one line for the help. setup.py and the shell completion read this too."""
+
+COMMANDS = {name: text for listed in LISTED.values() for name, text in listed.items()}
 """Name to one line for the help."""
 
-FOLDERS = {
-    "operation": ("demo", "cell", "move", "experiment", "replay"),
-    "analysis": ("simulate", "identify", "diagnose", "campaign", "tune", "compare", "laws"),
-    "project": ("test", "bench", "mutation"),
-}
+FOLDERS = {folder: tuple(listed) for folder, listed in LISTED.items()}
 """Folder to the commands that lie in it."""
 
 

@@ -1,14 +1,16 @@
 """``./microstage COMMAND``: looks the command up, loads it alone, turns its errors into exit statuses.
 
-0 done; 2 usage or bad input (one line on standard error); 1 anything else.
+0 done; 2 usage or bad input (one line on standard error); 1 anything else; 130 interrupted.
 """
 
+import errno
 import importlib
 import os
 import sys
 
 from microstage_ros import __version__
-from microstage_ros.commands import COMMANDS, module_of
+from microstage_ros.commands import COMMANDS, answer, module_of
+from microstage_ros.commands.parser import nearest
 from microstage_ros.quantities.errors import InputError
 
 
@@ -17,7 +19,7 @@ def usage():
     width = max(map(len, COMMANDS))
     lines = [f"usage: microstage COMMAND [options]      microstage_ros {__version__}", "",
              *(f"  {name:<{width}}  {text}" for name, text in COMMANDS.items()), "",
-             "microstage COMMAND --help tells the options of a command.", which_ros()]
+             "microstage COMMAND --help lists the options of a command.", which_ros()]
     return "\n".join(lines)
 
 
@@ -28,18 +30,45 @@ def which_ros():
 
 def run(name, arguments):
     """Run one command. Returns the exit status."""
+    answer.begin()
+    status = 1
     try:
-        status = importlib.import_module(module_of(name)).main(arguments)
+        status = _run(name, arguments)
         sys.stdout.flush()
-        return status or 0
-    except InputError as error:
-        print(" ".join(str(error).split()), file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return 130
     except BrokenPipeError:  # the reader of our output has had enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
+    finally:
+        answer.finish(name, status)
+    return status
+
+
+def _run(name, arguments):
+    """Run one command, its errors as exit statuses and single lines."""
+    try:
+        return importlib.import_module(module_of(name)).main(arguments) or 0
+    except InputError as error:
+        says = " ".join(str(error).split())
+        answer.state(error={"place": error.place, "value": error.value, "expected": error.expected, "says": says})
+        print(says, file=sys.stderr)
+        return 2
+    except SystemExit as ended:  # usage error or --help
+        return ended.code or 0
+    except KeyboardInterrupt:
+        print(f"{os.linesep if sys.stderr.isatty() else ''}microstage {name}: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        if error.errno is None:
+            raise
+        says = f"microstage {name}: {error.filename or 'input or output'}: {(error.strerror or str(error)).lower()}"
+        answer.state(error={"place": str(error.filename), "says": says})
+        print(says, file=sys.stderr)
+        return 2 if error.errno in BAD_PLACES else 1
+
+
+BAD_PLACES = (errno.ENOENT, errno.EACCES, errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG, errno.EROFS, errno.EPERM)
+"""Errors of the system that mean: another place was to be named."""
 
 
 def main(arguments=None):
@@ -52,7 +81,8 @@ def main(arguments=None):
         print(f"microstage_ros {__version__}\n{which_ros()}")
         return 0
     if arguments[0] not in COMMANDS:
-        print(f"microstage: command: got {arguments[0]!r}, expected one of {', '.join(COMMANDS)}", file=sys.stderr)
+        print(f"microstage: there is no command {arguments[0]!r}{nearest(arguments[0], COMMANDS)} "
+              f"(commands: {', '.join(COMMANDS)})", file=sys.stderr)
         return 2
     return run(arguments[0], arguments[1:])
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import yaml
 
+from microstage_ros.files import unreadable
 from microstage_ros.hardware import BACKENDS, make_hardware
 from microstage_ros.hardware.protocol import Setup
 from microstage_ros.quantities.errors import InputError
@@ -72,7 +73,7 @@ def load_options(path):
     try:
         found = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
-        raise InputError(str(path), error.strerror, "a readable YAML file of backend options") from None
+        raise unreadable(path, error, "a YAML file of backend options") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise InputError(str(path), " ".join(str(error).split())[:160], "valid YAML") from None
     if found is not None and not isinstance(found, dict):

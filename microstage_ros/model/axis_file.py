@@ -12,6 +12,7 @@ import pathlib
 import yaml
 
 from microstage_ros.model import schema
+from microstage_ros.files import unreadable, write_text
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.quantities.quantity import Quantity, quantity_from
 
@@ -112,7 +113,7 @@ class Axis:
         tree = self.as_dict()
         if provenance:
             tree["provenance"] = provenance
-        pathlib.Path(path).write_text(yaml.safe_dump(tree, sort_keys=False, allow_unicode=True))
+        write_text(path, yaml.safe_dump(tree, sort_keys=False, allow_unicode=True))
 
 
 def load_axis(path):
@@ -121,7 +122,7 @@ def load_axis(path):
     try:
         tree = yaml.safe_load(path.read_text())
     except OSError as error:
-        raise InputError(str(path), error.strerror, "a readable axis file") from None
+        raise unreadable(path, error, "an axis file") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise InputError(str(path), " ".join(str(error).split())[:160], "valid YAML") from None
     return axis_from_dict(tree, str(path))

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from microstage_ros.files import missing
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.columns import SUFFIXES
 from microstage_ros.records.record import Record
@@ -21,11 +22,11 @@ def read_record(path, namespace=None):
 
     Raises
     ------
-    InputError : no such file, another kind of file, or a defect in it, with its place.
+    InputError : file not found, another kind of file, or a defect in it, with its place.
     """
     path = Path(path)
     if not path.exists():
-        raise InputError(path, "no such file", EXPECTED)
+        raise missing(path, EXPECTED)
     if path.is_dir() or path.suffix in (".mcap", ".db3"):
         from microstage_ros.records.bags.bag_record import (
             bag_to_record,  # a node needs none of these, and starts the sooner

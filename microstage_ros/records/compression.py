@@ -7,6 +7,7 @@ import zlib
 from contextlib import nullcontext
 from pathlib import Path
 
+from microstage_ros.files import complete_file, unreadable
 from microstage_ros.quantities.errors import InputError
 
 MAGIC = {".gz": b"\x1f\x8b", ".xz": b"\xfd7zXZ\x00"}
@@ -28,7 +29,7 @@ def read_bytes(path):
     try:
         raw = path.read_bytes()
     except OSError as error:
-        raise InputError(path, error.strerror, "a file that can be read") from None
+        raise unreadable(path, error, "a file that can be read") from None
     if not raw:
         raise InputError(path, "an empty file", "a header line and rows")
     kind = _kind(raw)
@@ -67,11 +68,11 @@ def _kind(raw):
 def write_bytes(path, chunks):
     """Write an iterable of bytes to `path`, compressed if its name ends in `.gz` or `.xz`.
 
-    The same bytes always give the same file: the gzip header carries neither name nor time.
+    The same bytes always give the same file: the gzip header carries neither name nor time. The file gets its name
+    when it is complete.
     """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with open(path, "wb") as plain, _compressor(path.suffix, plain) as out:
+    with complete_file(path, "wb") as plain, _compressor(path.suffix, plain) as out:
         for chunk in chunks:
             out.write(chunk)
 

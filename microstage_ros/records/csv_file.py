@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from microstage_ros import __version__
+from microstage_ros.files import unwritable
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.columns import COMMANDS, KNOWN_COLUMNS, REQUIRED, SUFFIXES, in_file_order
 from microstage_ros.records.compression import read_bytes, write_bytes
@@ -59,7 +60,7 @@ def write_csv(record, path):
     try:
         write_bytes(path, _pieces(record))
     except OSError as error:
-        raise InputError(path, error.strerror, "a place that can be written") from None
+        raise unwritable(path, error) from None
 
 
 def _pieces(record, rows_at_once=200_000):

@@ -15,12 +15,12 @@ import base64
 import io
 import math
 from contextlib import contextmanager
-from pathlib import Path
 
 import jinja2
 from markupsafe import Markup
 
 from microstage_ros import __version__
+from microstage_ros.files import write_text
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.report.template import PAGE, STYLE
 
@@ -141,17 +141,13 @@ class Page:
                                sections=self._sections, about=self._about)
 
     def save(self, path):
-        """Write the page.
+        """Write the page; it gets its name when it is complete.
 
         Raises
         ------
         InputError : the place cannot be written.
         """
-        try:
-            Path(path).parent.mkdir(parents=True, exist_ok=True)
-            Path(path).write_text(self.html(), encoding="utf-8")
-        except OSError as error:
-            raise InputError(path, error.strerror, "a place that can be written") from None
+        write_text(path, self.html())
 
 
 def picture(figure):

@@ -5,6 +5,7 @@
         print(result.reached, result.final_error)
 """
 
+import math
 import time
 
 import rclpy
@@ -12,6 +13,7 @@ from microstage_msgs.action import MoveTo
 from microstage_msgs.msg import ControllerState
 from microstage_msgs.srv import Statistics
 from rclpy.action import ActionClient
+from sensor_msgs.msg import JointState
 
 from microstage_ros.ros.transport import topics
 
@@ -22,15 +24,27 @@ class NoAnswer(RuntimeError):
     """Nobody answers at that name; the text says which."""
 
 
+def live_axes(node):
+    """Namespaces, sorted, of the axes whose move server is known to ``node``'s graph."""
+    ending = f"/{topics.MOVE_TO}/_action/send_goal"
+    return sorted({name.removesuffix(ending) or "/" for name, _ in node.get_service_names_and_types() if name.endswith(ending)})
+
+
 class AxisClient:
     """Moves one axis through its move server.
 
     Parameters
     ----------
     namespace : of the axis. node : to work through; None: one of its own. wait : longest wait [s] for the server.
+    sought : longest wait [s] for any sign of an axis of that name; one that is starting has ``wait``.
+
+    Raises
+    ------
+    NoAnswer : none answers; the text names the axes that are live.
     """
 
-    def __init__(self, namespace="/axis", node=None, wait=15.0):
+    def __init__(self, namespace="/axis", node=None, wait=15.0, sought=math.inf):
+        self._sought = sought
         self._own = node is None
         if self._own and not rclpy.ok():
             rclpy.init()
@@ -48,12 +62,14 @@ class AxisClient:
 
     def _wait_for_server(self, wait):
         """Until the server has answered once: then both sides know each other."""
-        end = time.monotonic() + wait
+        began = time.monotonic()
         while not (self._action.server_is_ready() and self._statistics.service_is_ready()):
             rclpy.spin_once(self.node, timeout_sec=0.05)
-            if time.monotonic() > end:
-                raise NoAnswer(f"no axis at {self._prefix.rstrip('/') or '/'}: nobody serves the action "
-                               f"{self._prefix}{topics.MOVE_TO} (./microstage cell starts one)")
+            waited, found = time.monotonic() - began, live_axes(self.node)
+            here = self._prefix.rstrip("/") or "/"
+            if waited > wait or (waited > min(wait, self._sought) and here not in found):
+                others = f"live axes: {', '.join(found)}" if found else "no axis is live; ./microstage cell starts one"
+                raise NoAnswer(f"no axis at {here} ({others})")
         self.statistics()
 
     def _result(self, future, wait, again=None):
@@ -88,6 +104,24 @@ class AxisClient:
             if time.monotonic() > end:
                 raise NoAnswer(f"{self._prefix}: no result within {wait:.0f} s")
         return result.result().result
+
+    def reference(self, wait=5.0):
+        """Where the set point of the axis stands [m]; its position where no controller state arrives. Raises `NoAnswer`."""
+        heard = {}
+        states = self.node.create_subscription(ControllerState, self._prefix + topics.CONTROLLER_STATE,
+                                               lambda state: heard.setdefault("reference", state.reference), 10)
+        joints = self.node.create_subscription(JointState, self._prefix + topics.JOINT_STATES,
+                                               lambda state: heard.setdefault("position", state.position[0]), 10)
+        end = time.monotonic() + wait
+        try:
+            while "reference" not in heard and not ("position" in heard and time.monotonic() > end - 0.8 * wait):
+                rclpy.spin_once(self.node, timeout_sec=0.05)
+                if time.monotonic() > end:
+                    raise NoAnswer(f"{self._prefix}: no state within {wait:.0f} s, so a target relative to it has no meaning")
+        finally:
+            for reader in (states, joints):
+                self.node.destroy_subscription(reader)
+        return heard.get("reference", heard.get("position"))
 
     def statistics(self, reset=False):
         """Rows of `AccuracyRow` of the moves so far."""

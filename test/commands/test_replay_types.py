@@ -6,11 +6,11 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from microstage_ros.commands.operation.replay import _message_class  # noqa: E402
+from microstage_ros.commands.operation.replay import message_class_of  # noqa: E402
 
 
 def test_a_declared_message_is_found():
-    assert _message_class("std_msgs/msg/String").__name__ == "String"
+    assert message_class_of("std_msgs/msg/String").__name__ == "String"
 
 
 @pytest.mark.parametrize("kind", ["evil/msg/Payload", "evil.deeper/msg/Payload", "os/path/join", "std_msgs/msg/Nothing",
@@ -22,5 +22,5 @@ def test_no_other_module_is_imported(kind, tmp_path, monkeypatch):
     (tmp_path / "evil" / "__init__.py").write_text("raise SystemExit('imported')")
     (folder / "__init__.py").write_text("class Payload: pass")
     monkeypatch.syspath_prepend(str(tmp_path))
-    assert _message_class(kind) is None
+    assert message_class_of(kind) is None
     assert "evil" not in sys.modules

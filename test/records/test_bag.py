@@ -286,7 +286,7 @@ def test_what_is_no_bag_is_refused(tmp_path):
 
     write_bag(tmp_path / "bag", count=5)
     assert "one of /axis/servo, /silent, /talk" in refusal(tmp_path / "bag", "/nowhere")
-    assert "no such file" in refusal(tmp_path / "none")
+    assert "file not found" in refusal(tmp_path / "none")
     (tmp_path / "folder").mkdir()
     assert "without metadata.yaml" in refusal(tmp_path / "folder")
     (tmp_path / "text.mcap").write_text("t_s,encoder_m\n")

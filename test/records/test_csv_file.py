@@ -144,7 +144,7 @@ def test_a_small_file_that_unpacks_to_much_is_refused(tmp_path, suffix, monkeypa
 
 
 def test_other_files_are_refused(tmp_path):
-    assert "no such file" in refusal(tmp_path / "nowhere.csv")
+    assert "file not found" in refusal(tmp_path / "nowhere.csv")
     assert ".csv.xz" in refusal(written(tmp_path, "x", "record.txt"))
     with pytest.raises(InputError, match="that can be written"):
         write_record(small_record(), written(tmp_path, "x", "file") / "r.csv")

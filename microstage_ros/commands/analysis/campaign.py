@@ -8,12 +8,14 @@ import pathlib
 import sys
 
 from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
 
 from microstage_ros import __version__
+from microstage_ros.commands import answer
 from microstage_ros.commands.parser import Parser
+from microstage_ros.commands.progress import progress
 from microstage_ros.diagnosis.validation import campaign
+from microstage_ros.files import write_text
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.model.effects import REGISTRY
 from microstage_ros.places import config_file
@@ -32,23 +34,21 @@ def main(argv=None):
     examined = campaign.examinations(arguments.cases, arguments.seed, str(arguments.axis), arguments.kind,
                                      arguments.strength, arguments.effect)
     outcomes = []
-    with Progress(console=Console(stderr=True), disable=not sys.stderr.isatty()) as progress:
-        task = progress.add_task("examining", total=len(examined))
+    with progress("examining", len(examined)) as bar:
         for outcome in campaign.run(examined, arguments.jobs):
             outcomes.append(outcome)
-            progress.advance(task)
+            bar.advance()
             if arguments.verbose:
                 print(_line(outcome), flush=True)
     outcomes.sort(key=lambda outcome: outcome.number)
     counts, medians = campaign.scores(outcomes)
-    if arguments.json:
-        _write(arguments, outcomes, counts, medians)
+    _give(arguments, outcomes, counts, medians)
     show(outcomes, counts, medians, Console(width=None if sys.stdout.isatty() else 160))
     return 0
 
 
 def _parse(argv):
-    parser = Parser(prog="microstage campaign", description=DESCRIPTION,
+    parser = Parser(prog="microstage campaign", json="file", description=DESCRIPTION,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cases", type=int, default=27, metavar="N", help="number of cases (default 27)")
     parser.add_argument("--seed", type=int, default=1, metavar="S", help="of everything drawn (default 1)")
@@ -57,7 +57,6 @@ def _parse(argv):
     parser.add_argument("--effect", default="", metavar="ID", help="always hide this effect")
     parser.add_argument("--strength", type=float, default=1.0, metavar="X", help="factor on all sizes (default 1)")
     parser.add_argument("--axis", type=pathlib.Path, default=DEFAULT_AXIS, metavar="FILE", help="axis file (default the shipped one)")
-    parser.add_argument("--json", type=pathlib.Path, metavar="FILE", help="write every outcome and all figures")
     parser.add_argument("--verbose", action="store_true", help="a line per case")
     arguments = parser.parse_args(argv)
     for name, value, least in (("--cases", arguments.cases, 1), ("--jobs", arguments.jobs, 1), ("--seed", arguments.seed, 0)):
@@ -77,16 +76,15 @@ def _line(outcome):
     return f"{outcome.number:4d} {outcome.name:32s} {outcome.verdict:17s}{', '.join(outcome.named)}{opened}{way} {outcome.seconds:.0f} s {outcome.error}"
 
 
-def _write(arguments, outcomes, counts, medians):
+def _give(arguments, outcomes, counts, medians):
     tree = {"version": __version__, "seed": arguments.seed, "axis": str(arguments.axis), "kind": arguments.kind,
             "strength": arguments.strength, "figures": {name: list(pair) for name, pair in counts.items()},
             "medians": {name: _plain(value) for name, value in medians.items()},
             "confusion": campaign.confusion(outcomes),
             "cases": [{key: _plain(value) for key, value in dataclasses.asdict(outcome).items()} for outcome in outcomes]}
-    try:
-        arguments.json.write_text(json.dumps(tree, indent=1, ensure_ascii=False) + "\n")
-    except OSError as error:
-        raise InputError(f"--json {arguments.json}", error.strerror, "a file that can be written") from None
+    answer.state(**tree)
+    if isinstance(arguments.json, str):
+        write_text(arguments.json, json.dumps(tree, indent=1, ensure_ascii=False) + "\n")
 
 
 def _plain(value):

@@ -3,7 +3,6 @@
 import json
 import os
 import pathlib
-import sys
 import textwrap
 
 import numpy as np
@@ -11,8 +10,11 @@ from rich.console import Console
 from rich.table import Table
 
 from microstage_ros import __version__
+from microstage_ros.commands import answer
 from microstage_ros.commands.parser import Parser
+from microstage_ros.commands.progress import progress
 from microstage_ros.control.evaluation import comparison
+from microstage_ros.files import complete_folder, keep_earlier, write_text
 from microstage_ros.hardware.simulated import machine_for
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
@@ -33,22 +35,21 @@ def main(argv=None):
     extent = comparison.QUICK if arguments.quick else comparison.Extent()
     if arguments.seeds:
         extent = extent._replace(seeds=arguments.seeds)
-    console = Console(stderr=True)
-    with console.status("comparing …") as status:
-        tell = (lambda text: status.update(f"comparing … {text}")) if sys.stderr.isatty() else None
-        result = comparison.compare(axis, extent, arguments.controllers, arguments.jobs, tell)
-    folder = pathlib.Path(arguments.out)
-    folder.mkdir(parents=True, exist_ok=True)
+    keep_earlier("--out", [pathlib.Path(arguments.out) / "comparison.json"], arguments.force)
+    with progress("comparing", remembered=f"compare {extent} {len(arguments.controllers)} {arguments.jobs}") as bar:
+        result = comparison.compare(axis, extent, arguments.controllers, arguments.jobs, bar.say)
     page = comparison_page(result, comparison.PAPER_4S, comparison.PAPER_SINE, arguments.axis, f"0 … {extent.seeds - 1}")
-    page.save(folder / "report.html")
     facts = {"version": __version__, "axis": axis.as_dict(), "seeds": extent.seeds, **_plain(result)}
-    (folder / "comparison.json").write_text(json.dumps(facts, indent=1) + "\n")
     tables = comparison_tables(result, comparison.PAPER_4S, comparison.PAPER_SINE)
-    (folder / "tables.md").write_text("\n".join(_markdown(*table) for table in tables))
+    with complete_folder(arguments.out) as folder:
+        page.save(folder / "report.html")
+        (folder / "comparison.json").write_text(json.dumps(facts, indent=1) + "\n")
+        (folder / "tables.md").write_text("\n".join(_markdown(*table) for table in tables))
+    answer.state(**facts)
     for document in arguments.update:
         _update(pathlib.Path(document), tables)
     _show(tables)
-    print(folder / "report.html")
+    print(pathlib.Path(arguments.out) / "report.html")
     return 0
 
 
@@ -65,6 +66,7 @@ def _parse(argv):
     parser.add_argument("--update", nargs="+", default=[], metavar="FILE",
                         help="Markdown files whose tables between <!-- compare: TITLE --> and <!-- end --> are to be replaced")
     parser.add_argument("--quick", action="store_true", help="few seeds, moves and searches")
+    parser.add_force()
     arguments = parser.parse_args(argv)
     for document in arguments.update:
         if not pathlib.Path(document).is_file():
@@ -108,7 +110,7 @@ def _update(path, tables):
             if not end:
                 raise InputError(f"{path}: {mark}", "no <!-- end -->", "<!-- end --> after the table")
             text = f"{before}{mark}\n{_body(*table)}{end}{rest}"
-    path.write_text(text)
+    write_text(path, text)
 
 
 def _show(tables):

@@ -3,14 +3,13 @@
 import argparse
 import json
 import pathlib
-import sys
 
-from rich.console import Console
-from rich.progress import Progress
-
+from microstage_ros.commands import answer
 from microstage_ros.commands.parser import Parser
+from microstage_ros.commands.progress import progress
 from microstage_ros.diagnosis.batch import Case, cases_of, diagnose_files, diagnose_many, diagnose_series
 from microstage_ros.diagnosis.report.page import headline
+from microstage_ros.files import keep_earlier, missing, write_text
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.report.plots import quantity
@@ -36,26 +35,24 @@ def main(argv=None):
     load_axis(case.axis)      # a bad axis file is told before long work begins, and so is a missing record
     for path in (*case.records, *case.holdout, *case.baseline):
         if not pathlib.Path(path).exists():
-            raise InputError(path, "no such file", "a record: .mcap, bag folder, .csv[.gz|.xz]")
+            raise missing(path, "a record: .mcap, bag folder, .csv[.gz|.xz]")
+    keep_earlier("--out", [pathlib.Path(arguments.out) / "report.json"], arguments.force)
     report = _series(case, arguments) if case.is_series or arguments.scheduler else _alone(case, arguments.jobs)
+    answer.state(report=report, folder=str(arguments.out))
     tell(report, arguments.out)
     return 0
 
 
 def _alone(case, jobs):
     """One case in this process, with a line of progress on a terminal."""
-    if not sys.stderr.isatty():
-        return diagnose_files(case, jobs=jobs)
-    with Console(stderr=True).status("diagnosing …") as status:
-        return diagnose_files(case, lambda text: status.update(f"diagnosing … {text}"), jobs)
+    with progress("diagnosing", remembered=f"diagnose {len(case.records) + len(case.holdout) + len(case.baseline)} records") as bar:
+        return diagnose_files(case, bar.say, jobs)
 
 
 def _series(case, arguments):
     """A long series, or work for a cluster: in groups."""
-    with Progress(console=Console(stderr=True), disable=not sys.stderr.isatty()) as progress:
-        task = progress.add_task("diagnosing groups of records", total=None)
-        return diagnose_series(case, arguments.jobs, arguments.scheduler,
-                               lambda done, total: progress.update(task, completed=done, total=total))
+    with progress("diagnosing groups of records") as bar:
+        return diagnose_series(case, arguments.jobs, arguments.scheduler, bar.reach)
 
 
 def _parse(argv):
@@ -71,6 +68,7 @@ def _parse(argv):
                         "base* baseline, axis.yaml in place of --axis); answers go to DIR/NAME and DIR/summary.json")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes on this machine (default 1)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="hand the work to this Dask scheduler, tcp://host:port")
+    parser.add_force()
     arguments = parser.parse_args(argv)
     if arguments.jobs < 1:
         raise InputError("--jobs", arguments.jobs, "1 or more processes")
@@ -79,19 +77,19 @@ def _parse(argv):
 
 def _each(arguments):
     """Many axes: one line per axis as it ends, a summary file."""
-    cases = cases_of(arguments.records, arguments.axis, arguments.out, arguments.seed)
-    pathlib.Path(arguments.out).mkdir(parents=True, exist_ok=True)
+    cases, summary = cases_of(arguments.records, arguments.axis, arguments.out, arguments.seed), pathlib.Path(arguments.out) / "summary.json"
+    keep_earlier("--out", [summary], arguments.force)
     rows, failed = [], 0
-    with Progress(console=Console(stderr=True), disable=not sys.stderr.isatty()) as progress:
-        task = progress.add_task("diagnosing", total=len(cases))
+    with progress("diagnosing", len(cases)) as bar:
         for case, report in diagnose_many(cases, arguments.jobs, arguments.scheduler):
-            progress.advance(task)
+            bar.advance()
             row = _row(case, report)
             failed += "error" in row
             rows.append(row)
             print(f"{row['case']}: {row.get('error') or row['headline']}", flush=True)
     rows.sort(key=lambda row: row["case"])
-    (pathlib.Path(arguments.out) / "summary.json").write_text(json.dumps(rows, indent=1, ensure_ascii=False) + "\n")
+    write_text(summary, json.dumps(rows, indent=1, ensure_ascii=False) + "\n")
+    answer.state(cases=rows, summary=str(summary))
     return 1 if failed else 0
 
 

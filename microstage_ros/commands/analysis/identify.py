@@ -2,12 +2,12 @@
 
 import argparse
 import pathlib
-import sys
-
-from rich.console import Console
 
 from microstage_ros import __version__
+from microstage_ros.commands import answer
 from microstage_ros.commands.parser import Parser
+from microstage_ros.commands.progress import progress
+from microstage_ros.files import keep_earlier, missing
 from microstage_ros.identification.intake import take_in
 from microstage_ros.identification.page import identification_page, shown
 from microstage_ros.identification.pipeline import identify
@@ -36,6 +36,7 @@ def main(argv=None):
     parser.add_argument("--blocks", type=int, metavar="N", help="number of Maxwell-slip blocks, 1 to 8 (default: the data choose)")
     parser.add_argument("--refine", action="store_true", help="force-driven axes: values of least closed-loop error in place of the inverse model's")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the bootstrap (default 0)")
+    parser.add_force()
     arguments = parser.parse_args(argv)
     out = pathlib.Path(arguments.out)
     if out.suffix not in (".yaml", ".yml"):
@@ -44,38 +45,31 @@ def main(argv=None):
         raise InputError("--seed", arguments.seed, "a whole number from 0")
     if arguments.blocks is not None and not 1 <= arguments.blocks <= 8:
         raise InputError("--blocks", arguments.blocks, "a whole number from 1 to 8")
+    keep_earlier("--out", [out, out.with_suffix(".html")], arguments.force)
     axis = load_axis(arguments.axis)
     target = load_axis(arguments.into) if arguments.into else axis
     warnings = []
-    with Console(stderr=True).status("identifying …") if sys.stderr.isatty() else _Silent() as status:
-        result = identify(_taken(arguments.records, axis, warnings), axis, arguments.seed, status.update, arguments.blocks,
+    for path in arguments.records:
+        if not pathlib.Path(path).exists():
+            raise missing(path, "a record: .mcap, bag folder, .csv[.gz|.xz]")
+    with progress("identifying", len(arguments.records)) as bar:
+        result = identify(_taken(arguments.records, axis, warnings, bar), axis, arguments.seed, bar.say, arguments.blocks,
                           arguments.refine)
-    out.parent.mkdir(parents=True, exist_ok=True)
     result.to_axis(target).save(out, provenance={
         "version": __version__, "command": "identify", "axis": arguments.axis, "records": list(arguments.records), "seed": arguments.seed})
     identification_page(result, axis, arguments.records, arguments.seed, warnings).save(out.with_suffix(".html"))
+    answer.state(axis=str(out), page=str(out.with_suffix(".html")), warnings=warnings, remarks=list(result.remarks), parameters={
+        e.key: {"value": e.value, "stderr": e.stderr, "unit": e.unit, "determined": bool(e.determined)} for e in result.estimates.values()})
     tell(result, out, warnings)
     return 0
 
 
-class _Silent:
-    """Progress where there is no terminal: none."""
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        return False
-
-    def update(self, _text):
-        """Say nothing."""
-
-
-def _taken(paths, axis, warnings):
+def _taken(paths, axis, warnings, bar):
     for path in paths:
         record, told = take_in(read_record(path), axis)
         warnings.extend(told)
         yield record
+        bar.advance()
 
 
 def tell(result, out, warnings=()):

@@ -5,10 +5,11 @@ import re
 import sys
 
 from rich.console import Console
-from rich.progress import track
 from rich.table import Table
 
+from microstage_ros.commands import answer
 from microstage_ros.commands.parser import Parser
+from microstage_ros.commands.progress import progress
 from microstage_ros.model.friction.properties.table import EXPERIMENTS, compare, measure
 from microstage_ros.model.friction.registry import LAWS, law_named
 
@@ -27,14 +28,22 @@ def main(argv=None):
     )
     arguments = parser.parse_args(argv)
     console = Console(width=None if sys.stdout.isatty() else 160)
-    table = measure(
-        lambda rows: track(rows, "measuring", console=Console(stderr=True)) if sys.stderr.isatty() else rows
-    )
+    table = measure(_counted)
+    answer.state(properties={row: {law: {"shown": f.shown, "value": f.value} for law, f in found.items()} for row, found in table.items()})
     if arguments.markdown:
         sys.stdout.write(markdown(table))
     else:
         show(table, console)
     return 0
+
+
+def _counted(rows):
+    """The rows one by one, with progress."""
+    rows = list(rows)
+    with progress("measuring", len(rows)) as bar:
+        for row in rows:
+            yield row
+            bar.advance()
 
 
 def cell(finding):

@@ -1,9 +1,13 @@
 """``simulate``: one run of the model, without ROS."""
 
+from pathlib import Path
 
+from microstage_ros.commands import answer
 from microstage_ros.commands.parser import Parser
+from microstage_ros.commands.progress import progress
 from microstage_ros.control.runs.run_file import load_run
 from microstage_ros.control.runs.simulate import simulated_record
+from microstage_ros.files import complete_folder, keep_earlier
 from microstage_ros.hardware.simulated import machine_for
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.quantities.errors import InputError
@@ -21,12 +25,20 @@ def main(argv=None):
     parser.add_argument("--run", required=True, metavar="FILE", help="run file: controller, noise, effects, program")
     parser.add_argument("--out", required=True, metavar="FILE", help="record to write: " + ", ".join(ENDINGS))
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of every random number (default 0)")
+    parser.add_force()
     arguments = parser.parse_args(argv)
     if not arguments.out.endswith(ENDINGS):
         raise InputError("--out", arguments.out, "a file name ending in " + ", ".join(ENDINGS))
     if arguments.seed < 0:
         raise InputError("--seed", arguments.seed, "a whole number from 0")
+    keep_earlier("--out", [arguments.out], arguments.force)
     axis, run = load_axis(arguments.axis), load_run(arguments.run)
     machine = machine_for(axis, arguments.machine) if arguments.machine else None
-    write_record(simulated_record(axis, run, arguments.seed, machine), arguments.out)
+    out = Path(arguments.out)
+    with progress("simulating") as bar:
+        record = simulated_record(axis, run, arguments.seed, machine, bar.reach if bar else None)
+        bar.say("writing")
+        with complete_folder(out.parent) as folder:
+            write_record(record, folder / out.name)
+    answer.state(record=str(out), rows=len(record), period_s=record.period, columns=list(record.columns), seed=arguments.seed)
     return 0

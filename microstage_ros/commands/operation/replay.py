@@ -4,7 +4,9 @@ import importlib
 import sys
 import time
 
+from microstage_ros.commands import answer
 from microstage_ros.commands.parser import Parser
+from microstage_ros.commands.progress import progress
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.bags.bag import Bag
 
@@ -36,7 +38,9 @@ def _replay(bag, arguments):
         if not senders:
             raise InputError(str(arguments.bag), ", ".join(bag.topics) or "no topics", "a topic whose type is installed")
         time.sleep(arguments.delay)
-        count = _play(bag, senders, arguments.rate)
+        with progress("replaying", sum(bag.topics[name].count for name in senders)) as bar:
+            count = _play(bag, senders, arguments.rate, bar)
+        answer.state(messages=count, topics=sorted(senders))
         print(f"{count} messages on {len(senders)} topics")
         for publisher in senders.values():
             publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=2))
@@ -54,7 +58,7 @@ def _senders(node, bag, wanted):
         if name not in bag.topics:
             raise InputError(f"{bag.path}: topic", name, "one of " + ", ".join(sorted(bag.topics)))
         kind = bag.topics[name].type
-        message_class = _message_class(kind)
+        message_class = message_class_of(kind)
         if message_class is None:
             print(f"{name}: type {kind} is not installed; not replayed", file=sys.stderr)
             continue
@@ -65,7 +69,7 @@ def _senders(node, bag, wanted):
     return senders
 
 
-def _message_class(kind):
+def message_class_of(kind):
     """The class of a message type ``package/msg/Name``, None if no installed interface package declares it.
 
     The name comes from the bag: a module is imported only after the ROS index of installed packages lists this very
@@ -88,7 +92,7 @@ def _message_class(kind):
         return None
 
 
-def _play(bag, senders, rate):
+def _play(bag, senders, rate, bar):
     """Send every message when its time has come; the number of messages."""
     began, first, count = time.monotonic(), None, 0
     for topic, time_ns, raw in bag.raw_messages(list(senders)):
@@ -98,4 +102,5 @@ def _play(bag, senders, rate):
             time.sleep(rest)
         senders[topic].publish(raw)
         count += 1
+        bar.advance()
     return count

@@ -9,7 +9,9 @@ import platform
 import sys
 
 from microstage_ros import __version__
+from microstage_ros.commands import answer
 from microstage_ros.commands.parser import Parser
+from microstage_ros.files import write_text
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
@@ -26,16 +28,15 @@ LIBRARIES = ("numpy", "numba", "scipy", "mcap", "rosbags", "mcap-ros2-support")
 
 def main(argv=None):
     """Run the chosen parts, print a line per figure, write JSON if asked. Returns 0."""
-    parser = Parser(prog="microstage bench", description="Benchmarks of this machine. Parts: " + "; ".join(
+    parser = Parser(prog="microstage bench", json="file", description="Benchmarks of this machine. Parts: " + "; ".join(
         f"{name}: {text}" for name, text in PARTS.items()) + ".")
-    parser.add_argument("--json", metavar="FILE", help="write the figures, the machine and the versions here")
     parser.add_argument("--part", action="append", choices=PARTS, help="only this part (may be given again)")
     parser.add_argument("--long", action="store_true", help="the long form of part step: 10^9 steps")
     parser.add_argument("--seconds", type=float, default=8.0, metavar="S", help="length of part paced (default 8)")
     arguments = parser.parse_args(argv)
     if not 1.0 <= arguments.seconds <= 86400.0:
         raise InputError("--seconds", arguments.seconds, "seconds from 1 to 86400")
-    if arguments.json and not pathlib.Path(arguments.json).resolve().parent.is_dir():
+    if isinstance(arguments.json, str) and not pathlib.Path(arguments.json).resolve().parent.is_dir():
         raise InputError("--json", arguments.json, "a file in an existing folder")
     found = {"format": 1, "version": __version__, "machine": machine(), "rows": []}
     print(f"{found['machine']['processor']}, {found['machine']['cores']} cores, Python {found['machine']['python']}")
@@ -43,8 +44,9 @@ def main(argv=None):
         for row in rows_of(part, arguments.long, arguments.seconds):
             found["rows"].append({"part": part, **row})
             print(line(part, row), flush=True)
-    if arguments.json:
-        pathlib.Path(arguments.json).write_text(json.dumps(found, indent=1, default=float))
+    answer.state(**found)
+    if isinstance(arguments.json, str):
+        write_text(arguments.json, json.dumps(found, indent=1, default=float))
     return 0
 
 

@@ -28,6 +28,7 @@ import yaml
 from microstage_ros.control.laws import registry as laws
 from microstage_ros.control.trajectories import profiles
 from microstage_ros.model.effects import check_effects
+from microstage_ros.files import unreadable
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.quantities.spec import Spec
 from microstage_ros.records.csv_file import read_csv
@@ -99,7 +100,7 @@ def load_run(path):
     try:
         tree = yaml.safe_load(path.read_text())
     except OSError as error:
-        raise InputError(str(path), error.strerror, "a readable run file") from None
+        raise unreadable(path, error, "a run file") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise InputError(str(path), " ".join(str(error).split())[:160], "valid YAML") from None
     return run_from_dict(tree, str(path), path.parent)

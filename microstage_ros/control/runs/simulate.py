@@ -10,6 +10,10 @@ from microstage_ros.records import Record
 from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work, usual_start
 
 
+PIECE = 100_000
+"""Control periods between two reports of progress; the state passes from piece to piece unchanged."""
+
+
 def run_controller(axis, run):
     """The controller that a run asks for: its own section, or the axis's shipped one."""
     section = dict(run.controller) or {"type": axis.controller.get("type", "none")}
@@ -17,13 +21,14 @@ def run_controller(axis, run):
     return Controller(kind, controller_parameters(kind, axis, section, place=f"{run.place}: controller"))
 
 
-def simulate(axis, run, seed=0, machine=None):
+def simulate(axis, run, seed=0, machine=None, progress=None):
     """Simulate one run.
 
     Parameters
     ----------
     axis : `Axis` that the controller is given. run : `control.runs.run_file.Run`. seed : of every random number in the run.
     machine : `Axis` that is simulated, where it is another one (default: ``axis.machine``, else ``axis``).
+    progress : called with (periods done, periods in all), or None.
         A reference that begins in motion is led in from rest (see `control.trajectories.lead_in`), unless the run says
         where it starts.
 
@@ -45,10 +50,15 @@ def simulate(axis, run, seed=0, machine=None):
     led = {name: np.concatenate([before if name == "reference" else 0.0 * before, tables[name]])
            for name in ("reference", "open_loop", "disturbance")}
     trace = np.empty((len(led["reference"]), len(TRACE)))
-    run_loop(
-        plant, state, new_work(plant), new_readings(), controller.parameters, controller.memory,
-        led["reference"], led["open_loop"], led["disturbance"], trace,
-    )
+    work, readings = new_work(plant), new_readings()
+    for start in range(0, len(trace), PIECE if progress else len(trace)):
+        rows = slice(start, start + PIECE) if progress else slice(None)
+        run_loop(
+            plant, state, work, readings, controller.parameters, controller.memory,
+            led["reference"][rows], led["open_loop"][rows], led["disturbance"][rows], trace[rows],
+        )
+        if progress:
+            progress(min(start + PIECE, len(trace)), len(trace))
     trace = trace[len(before):]
     rows = len(trace)
     columns = {"t_s": np.arange(rows) * period, "reference_m": tables["reference"]}
@@ -62,9 +72,9 @@ def simulate(axis, run, seed=0, machine=None):
     return columns
 
 
-def simulated_record(axis, run, seed=0, machine=None, **more):
+def simulated_record(axis, run, seed=0, machine=None, progress=None, **more):
     """`Record` of `simulate`, with version, seed, axis and run in its metadata."""
-    columns = simulate(axis, run, seed, machine)
+    columns = simulate(axis, run, seed, machine, progress)
     metadata = {"version": __version__, "seed": seed, "axis": axis.name, "run": run.place,
                 "controller": run.controller, "noise": run.noise, "effects": {**(machine or axis).effects, **run.effects}, **more}
     if machine is not None:

@@ -2,7 +2,6 @@
 
 import json
 import math
-import pathlib
 
 import yaml
 
@@ -12,7 +11,7 @@ from microstage_ros.diagnosis.report.experiment import separating_run
 from microstage_ros.diagnosis.report.extended import write_extended
 from microstage_ros.diagnosis.report.page import write_page
 from microstage_ros.diagnosis.report.wording import sentence_of
-from microstage_ros.quantities.errors import InputError
+from microstage_ros.files import complete_folder
 
 FORMAT = 1
 
@@ -21,11 +20,9 @@ def write_answer(diagnosis, axis, folder, sources):
     """Write all files of one diagnosis into ``folder`` (made if need be); returns the mapping of report.json.
 
     ``sources``: {"records": [...], "holdout": [...], "baseline": [...]} names of what was read.
-    Raises InputError if the folder cannot be written.
+    The files appear together when all are complete. Raises InputError if the folder cannot be written.
     """
-    folder = pathlib.Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
+    with complete_folder(folder) as folder:
         experiments = _write_experiments(diagnosis, axis, folder)
         report = report_fields(diagnosis, experiments, axis, sources)
         extended = write_extended(axis, diagnosis, folder / "extended.yaml", sources)
@@ -34,8 +31,6 @@ def write_answer(diagnosis, axis, folder, sources):
                                       for c in consequences(axis, extended)]
         (folder / "report.json").write_text(json.dumps(report, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
         write_page(report, diagnosis, axis, folder / "report.html")
-    except OSError as error:
-        raise InputError(f"--out {folder}", error.strerror, "a folder that can be written") from None
     return report
 
 

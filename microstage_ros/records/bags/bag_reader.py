@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from microstage_ros.files import missing
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.bags.bag_metadata import CUSTOM_DATA
 from microstage_ros.records.bags.chunk import HEAD_BYTES, HEAD_DTYPE, LENGTH_BEFORE_PAYLOAD
@@ -278,7 +279,7 @@ def _custom_data(source):
 def _files_of(path):
     """The MCAP files of a bag in order, and its custom data."""
     if not path.exists():
-        raise InputError(path, "no such file", "an MCAP file or a rosbag2 folder")
+        raise missing(path, "an MCAP file or a rosbag2 folder")
     if path.is_file():
         return [path], {}
     described = path / "metadata.yaml"

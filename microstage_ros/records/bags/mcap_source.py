@@ -19,6 +19,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Metadata, MetadataIndex, Schema
 from mcap.stream_reader import StreamReader
 
+from microstage_ros.files import unreadable
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.bags.chunk import CHUNK, HEAD_BYTES, INDEX_ENTRY, MESSAGE, MESSAGE_INDEX
 from microstage_ros.records.bags.mcap_sink import MAGIC
@@ -242,7 +243,7 @@ def _mapped(path):
                 raise InputError(path, begin[:8].hex(" ") or "an empty file", "an MCAP file (89 4d 43 41 50 …)")
             return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     except OSError as error:
-        raise InputError(path, error.strerror, "an MCAP file that can be read") from None
+        raise unreadable(path, error, "an MCAP file that can be read") from None
 
 
 def _records(raw):
