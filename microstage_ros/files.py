@@ -1,9 +1,11 @@
-"""Files of results: written beside their place and renamed when complete, never replaced unasked; files that are missing.
+"""Files of results: written beside and renamed when complete, never replaced unasked; files that are missing.
 
     with complete_file("run.csv", "wb") as file:      # Ctrl-C in here leaves no run.csv, and an old one as it was
         file.write(rows)
     with complete_folder("answer") as folder:         # the same for several files of one answer
         (folder / "report.json").write_text(text)
+
+Every error is an `InputError` of one line.
 """
 
 import difflib

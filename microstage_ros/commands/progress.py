@@ -8,6 +8,8 @@
     with progress("diagnosing", remembered="diagnose 3 records") as bar:   # how much there is to do is not known
         diagnose(records, tell=bar.say)            # bar.say("fitting backlash") changes the words
         groups(on_step=bar.reach)                  # bar.reach(3, 17): 3 of 17 done
+
+``bool(bar)`` is False where nothing is shown.
 """
 
 import json
