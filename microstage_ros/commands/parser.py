@@ -62,7 +62,7 @@ class Parser(argparse.ArgumentParser):
     """
 
     def __init__(self, json="flag", **options):
-        super().__init__(**options)
+        super().__init__(conflict_handler="resolve", **options)  # a command may have a --json of its own
         self._given = []
         if json == "flag":
             self.add_argument("--json", action="store_true", help="print the answer as one JSON object (text goes to standard error)")
