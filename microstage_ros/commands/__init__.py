@@ -20,6 +20,7 @@ LISTED = {
         "campaign": "the diagnosis examined: many axes with hidden causes, hits and false alarms",
         "tune": "gains by a limit cycle, Ziegler-Nichols and simulation, with margins",
         "compare": "the paper's controllers side by side: tracking, accuracy, settling",
+        "robustness": "a law on machines that it was not given; what fails, and how to see it again",
         "laws": "what each friction law can and cannot show",
     },
     "project": {

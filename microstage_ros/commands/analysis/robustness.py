@@ -1,0 +1,141 @@
+"""``robustness``: a law on machines that it was not given: conditions, random machines, seeds; what failed and how to see it."""
+
+import json
+import os
+import pathlib
+import shlex
+import sys
+
+import yaml
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from microstage_ros import __version__
+from microstage_ros.commands.parser import Parser
+from microstage_ros.control.laws.registry import LAWS
+from microstage_ros.control.robustness import campaign
+from microstage_ros.control.robustness.conditions import Condition, conditions, random_machine
+from microstage_ros.hardware.simulated import machine_for
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.places import config_file
+from microstage_ros.quantities.errors import InputError
+
+DEFAULT_AXIS = str(config_file("axis.yaml"))
+
+
+def main(argv=None):
+    """Run the command. Returns 0, or 1 if a run failed; raises InputError for bad input."""
+    arguments = _parse(argv)
+    axis = load_axis(arguments.axis)
+    law = arguments.law or axis.controller.get("type", "none")
+    if law not in LAWS or law == "none":
+        raise InputError("--law", law, "one of " + ", ".join(name for name in LAWS if name != "none"))
+    chosen, seeds = _chosen(arguments, axis), [arguments.seed + n for n in range(arguments.seeds)]
+    with Progress(console=Console(stderr=True), disable=not sys.stderr.isatty()) as progress:
+        task = progress.add_task(law, total=len(chosen) * len(seeds))
+        outcomes = campaign.campaign(axis, chosen, seeds, law, arguments.jobs, lambda done: progress.update(task, completed=done))
+    rows = campaign.summary(outcomes)
+    _show(rows, law, arguments)
+    failures = [o for o in outcomes if o.fault]
+    folder = pathlib.Path(arguments.out) if arguments.out else None
+    for outcome in failures:
+        condition = next(c for c in chosen if c.name == outcome.condition)
+        print(f"{outcome.condition}, seed {outcome.seed}: {outcome.fault}\n  {_again(arguments, axis, condition, outcome, law, folder)}")
+    print(f"{len(failures)} of {len(outcomes)} runs failed")
+    if arguments.json:
+        facts = {"version": __version__, "axis": axis.as_dict(), "law": law, "seeds": seeds, "conditions": rows,
+                 "runs": [{**o._asdict(), "fault": o.fault} for o in outcomes]}
+        pathlib.Path(arguments.json).write_text(json.dumps(facts, indent=1) + "\n")
+    return 1 if failures else 0
+
+
+def _parse(argv):
+    parser = Parser(prog="microstage robustness", description=(
+        "Runs a law on machines that it was not given: named conditions, and machines whose numbers are drawn at random. "
+        "Prints what failed and the command that shows it again. Exit status 1 if a run failed."))
+    parser.add_argument("--axis", default=DEFAULT_AXIS, metavar="FILE", help="axis file that the controller is given (default the shipped one)")
+    parser.add_argument("--machine", metavar="FILE", help="examine on this machine alone, in place of the conditions")
+    parser.add_argument("--law", metavar="TYPE", help="type of controller (default that of the axis file)")
+    parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="these conditions or random machines alone, by name")
+    parser.add_argument("--random", type=int, default=0, metavar="N", help="that many machines at random, in place of the conditions")
+    parser.add_argument("--factor", type=float, default=2.0, metavar="F", help="within which each of their numbers lies (default 2)")
+    parser.add_argument("--seeds", type=int, default=5, metavar="N", help="runs of each (default 5)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the first run (default 0)")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="threads (default all cores)")
+    parser.add_argument("--json", metavar="FILE", help="write every run's figures")
+    parser.add_argument("--out", metavar="DIR", help="write machine and run file of every failure, for simulate")
+    parser.add_argument("--list", action="store_true", help="print the names of the conditions and do nothing")
+    arguments = parser.parse_args(argv)
+    for name in ("seeds", "jobs"):
+        if getattr(arguments, name) < 1:
+            raise InputError(f"--{name}", getattr(arguments, name), "1 or more")
+    for name in ("seed", "random"):
+        if getattr(arguments, name) < 0:
+            raise InputError(f"--{name}", getattr(arguments, name), "0 or more")
+    if not 1.0 <= arguments.factor <= 100.0:
+        raise InputError("--factor", arguments.factor, "a number from 1 to 100")
+    return arguments
+
+
+def _chosen(arguments, axis):
+    """The conditions that were asked for."""
+    if arguments.machine:
+        machine = machine_for(axis, arguments.machine)
+        values = {key: machine.value(key) for key in machine.quantities if axis.has(key) and machine.value(key) != axis.value(key)}
+        return [Condition(arguments.machine, values=values, effects=machine.effects)]
+    if arguments.random:
+        return [random_machine(axis, number, arguments.factor) for number in range(arguments.random)]
+    known = conditions(axis)
+    if arguments.list:
+        print("\n".join(c.name for c in known))
+        sys.exit(0)
+    if not arguments.only:
+        return known
+    return [_named(name, known, axis) for name in arguments.only]
+
+
+def _named(name, known, axis):
+    words = name.split()
+    if name.startswith("random machine ") and len(words) == 5:
+        try:
+            return random_machine(axis, int(words[2]), float(words[4]))
+        except ValueError:
+            pass
+    for condition in known:
+        if condition.name == name:
+            return condition
+    raise InputError("--only", name, "a name that --list prints, or 'random machine N within F'")
+
+
+def _again(arguments, axis, condition, outcome, law, folder):
+    """The command that shows a failure again; writes the files that it needs into ``folder`` if there is one."""
+    if folder is None:
+        own = [] if arguments.axis == DEFAULT_AXIS else ["--axis", arguments.axis]
+        own += ["--machine", arguments.machine] if arguments.machine else ["--only", condition.name]
+        return shlex.join(["./microstage", "robustness", *own, "--law", law, "--seed", str(outcome.seed), "--seeds", "1"])
+    place = folder / f"{''.join(c if c.isalnum() else '_' for c in condition.name)}_{outcome.seed}"
+    place.mkdir(parents=True, exist_ok=True)
+    told = condition.told(axis)
+    told.save(place / "axis.yaml")
+    told.machine.save(place / "machine.yaml")
+    run = campaign.run_of(condition, law)
+    tree = {"controller": run.controller, "noise": run.noise, "program": run.program}
+    if run.period_s:
+        tree["period_s"] = run.period_s
+    (place / "run.yaml").write_text(yaml.safe_dump(tree, sort_keys=False))
+    files = {name: str(place / f"{name}.yaml") for name in ("axis", "machine", "run")}
+    return shlex.join(["./microstage", "simulate", *[word for name, path in files.items() for word in (f"--{name}", path)],
+                       "--seed", str(outcome.seed), "--out", str(place / "record.csv")])
+
+
+def _show(rows, law, arguments):
+    heads = ["condition", "failed", "> 5 um", "swings", "off", "largest (um)", "sine (nm)", "settled (nm)", "swing (nm)", "off (nm)"]
+    table = Table(*heads, title=f"{law}: worst of {arguments.seeds} seeds")
+    for row in rows:
+        counts = [f"{row[name]} of {row['runs']}" if row[name] else "–" for name in ("failed", "beyond", "swinging", "off")]
+        table.add_row(row["condition"], *counts, f"{row['largest'] * 1e6:.3g}",
+                      *(f"{row[name] * 1e9:.3g}" for name in ("sine", "settled", "swing", "left")))
+    console = Console()
+    console.width = max(console.width, 150)  # the table is wide
+    console.print(table)

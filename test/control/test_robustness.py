@@ -1,0 +1,77 @@
+"""Campaigns: the machine is changed and the controller's axis file is not; what fails is told with the command that shows it."""
+
+import math
+
+import pytest
+
+from microstage_ros.commands.__main__ import main
+from microstage_ros.control.robustness.campaign import Outcome, examine, summary
+from microstage_ros.control.robustness.conditions import MASS, Condition, conditions, random_machine, rests
+
+
+def test_a_condition_changes_the_machine_and_not_what_the_controller_is_given(axis):
+    condition = Condition("heavy", {MASS: 3.0}, effects={"gravity_tilt": {"angle_rad": 0.1}})
+    told = condition.told(axis)
+    assert told.value(MASS) == axis.value(MASS) and told.machine.value(MASS) == pytest.approx(3.0 * axis.value(MASS))
+    assert told.machine.effects == {"gravity_tilt": {"angle_rad": 0.1}} and told.effects == axis.effects
+    right = Condition("heavy", {MASS: 3.0}, given=True).told(axis)
+    assert right.value(MASS) == right.machine.value(MASS)
+
+
+def test_names_are_unique_and_every_machine_can_be_made(axis):
+    found = conditions(axis)
+    assert len({c.name for c in found}) == len(found) > 90
+    for condition in found:
+        condition.machine(axis)
+
+
+def test_random_machines_are_drawn_by_number_within_their_factor_and_rest(axis):
+    first, again, other = (random_machine(axis, number, 2.0) for number in (3, 3, 4))
+    assert first.factors == again.factors != other.factors
+    assert all(0.5 <= factor <= 2.0 for factor in first.factors.values()) and rests(first.machine(axis), 3)
+    assert first.factors["drive.back_emf"] == first.factors["drive.torque_constant"]
+
+
+def test_a_machine_that_friction_drives_does_not_rest(axis):
+    """Friction that falls faster with speed than back-EMF and viscosity rise keeps an axis creeping, once pushed."""
+    assert rests(axis, 1)
+    machine = axis.with_values({"drive.resistance": 340.0, "contacts.actuator.coulomb": 1e-7, "contacts.actuator.static": 3e-7,
+                                "contacts.guideway.static": 1e-6, "contacts.guideway.viscous": 0.0, "contacts.actuator.viscous": 0.0})
+    assert not rests(machine, 1)
+
+
+@pytest.mark.parametrize("figures, words", [
+    ((1e-6, 1e-8, 1e-8, 1e-8, 1e-8), ""), ((6e-6, 1e-8, 1e-8, 1e-8, 1e-8), "error 6 um"),
+    ((1e-6, 1e-8, 3e-7, 1e-8, 1e-8), "swings 0.3 um at rest"), ((1e-6, 1e-8, 1e-8, 4e-7, 1e-8), "rests 0.4 um off"),
+    ((math.nan, 1e-8, 1e-8, 1e-8, 1e-8), "error nan um"),
+])
+def test_faults_are_told_in_words(figures, words):
+    assert Outcome("c", 0, *figures).fault == words
+
+
+def test_summary_takes_the_worst_of_the_seeds(axis):
+    rows = summary([Outcome("a", 0, 1e-6, 1e-8, 0, 0, 2e-8), Outcome("a", 1, 9e-6, 2e-8, 0, 0, 1e-8), Outcome("b", 0, 1e-6, 0, 0, 0, 0)])
+    assert [row["condition"] for row in rows] == ["a", "b"]
+    assert rows[0]["failed"] == rows[0]["beyond"] == 1 and rows[0]["largest"] == 9e-6 and rows[0]["settled"] == 2e-8
+
+
+def test_the_shipped_law_passes_on_the_shipped_machine(axis):
+    found = examine(axis, Condition("nominal"), 3, "self_tuning_observer")
+    assert not found.fault and found.moving < 2.5e-8 and found.worst_settled < 2e-8
+
+
+def test_the_command_prints_what_fails_and_how_to_see_it_again(tmp_path, capsys):
+    arguments = ["robustness", "--law", "pid", "--only", "mass x 10", "nominal", "--seeds", "1", "--out", str(tmp_path)]
+    assert main(arguments) == 1
+    printed = capsys.readouterr().out
+    assert "1 of 2 runs failed" in printed and "mass x 10, seed 0: error" in printed
+    again = next(line for line in printed.splitlines() if line.strip().startswith("./microstage simulate"))
+    assert main(again.split()[1:]) == 0 and (tmp_path / "mass_x_10_0" / "record.csv").exists()
+
+
+@pytest.mark.parametrize("wrong, words", [
+    (["--only", "mass x 77"], "--only"), (["--seeds", "0"], "--seeds"), (["--law", "none"], "--law"), (["--factor", "0.5"], "--factor"),
+])
+def test_bad_input_is_one_line(capsys, wrong, words):
+    assert main(["robustness", *wrong]) == 2
+    assert words in capsys.readouterr().err
