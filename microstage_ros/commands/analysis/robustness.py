@@ -4,18 +4,19 @@ import json
 import os
 import pathlib
 import shlex
-import sys
 
 import yaml
 from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
 
 from microstage_ros import __version__
+from microstage_ros.commands import answer
 from microstage_ros.commands.parser import Parser
+from microstage_ros.commands.progress import progress
 from microstage_ros.control.laws.registry import LAWS
 from microstage_ros.control.robustness import campaign
 from microstage_ros.control.robustness.conditions import Condition, conditions, random_machine
+from microstage_ros.files import write_text
 from microstage_ros.hardware.simulated import machine_for
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
@@ -31,10 +32,12 @@ def main(argv=None):
     law = arguments.law or axis.controller.get("type", "none")
     if law not in LAWS or law == "none":
         raise InputError("--law", law, "one of " + ", ".join(name for name in LAWS if name != "none"))
+    if arguments.list:
+        print("\n".join(condition.name for condition in conditions(axis)))
+        return 0
     chosen, seeds = _chosen(arguments, axis), [arguments.seed + n for n in range(arguments.seeds)]
-    with Progress(console=Console(stderr=True), disable=not sys.stderr.isatty()) as progress:
-        task = progress.add_task(law, total=len(chosen) * len(seeds))
-        outcomes = campaign.campaign(axis, chosen, seeds, law, arguments.jobs, lambda done: progress.update(task, completed=done))
+    with progress(law, total=len(chosen) * len(seeds)) as bar:
+        outcomes = campaign.campaign(axis, chosen, seeds, law, arguments.jobs, lambda done: bar.advance())
     rows = campaign.summary(outcomes)
     _show(rows, law, arguments)
     failures = [o for o in outcomes if o.fault]
@@ -43,15 +46,16 @@ def main(argv=None):
         condition = next(c for c in chosen if c.name == outcome.condition)
         print(f"{outcome.condition}, seed {outcome.seed}: {outcome.fault}\n  {_again(arguments, axis, condition, outcome, law, folder)}")
     print(f"{len(failures)} of {len(outcomes)} runs failed")
-    if arguments.json:
-        facts = {"version": __version__, "axis": axis.as_dict(), "law": law, "seeds": seeds, "conditions": rows,
-                 "runs": [{**o._asdict(), "fault": o.fault} for o in outcomes]}
-        pathlib.Path(arguments.json).write_text(json.dumps(facts, indent=1) + "\n")
+    facts = {"version": __version__, "axis": axis.as_dict(), "law": law, "seeds": seeds, "failed": len(failures), "conditions": rows,
+             "runs": [{**o._asdict(), "fault": o.fault} for o in outcomes]}
+    answer.state(**facts)
+    if isinstance(arguments.json, str):
+        write_text(arguments.json, json.dumps(facts, indent=1) + "\n")
     return 1 if failures else 0
 
 
 def _parse(argv):
-    parser = Parser(prog="microstage robustness", description=(
+    parser = Parser(prog="microstage robustness", json="file", description=(
         "Runs a law on machines that it was not given: named conditions, and machines whose numbers are drawn at random. "
         "Prints what failed and the command that shows it again. Exit status 1 if a run failed."))
     parser.add_argument("--axis", default=DEFAULT_AXIS, metavar="FILE", help="axis file that the controller is given (default the shipped one)")
@@ -63,7 +67,6 @@ def _parse(argv):
     parser.add_argument("--seeds", type=int, default=5, metavar="N", help="runs of each (default 5)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the first run (default 0)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="threads (default all cores)")
-    parser.add_argument("--json", metavar="FILE", help="write every run's figures")
     parser.add_argument("--out", metavar="DIR", help="write machine and run file of every failure, for simulate")
     parser.add_argument("--list", action="store_true", help="print the names of the conditions and do nothing")
     arguments = parser.parse_args(argv)
@@ -87,9 +90,6 @@ def _chosen(arguments, axis):
     if arguments.random:
         return [random_machine(axis, number, arguments.factor) for number in range(arguments.random)]
     known = conditions(axis)
-    if arguments.list:
-        print("\n".join(c.name for c in known))
-        sys.exit(0)
     if not arguments.only:
         return known
     return [_named(name, known, axis) for name in arguments.only]
