@@ -16,6 +16,7 @@ from microstage_ros.diagnosis import pooling
 from microstage_ros.diagnosis.case import diagnose_case
 from microstage_ros.diagnosis.report.answer import write_answer
 from microstage_ros.diagnosis.resimulation.diagnose import diagnose_force_axis
+from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records import read_record
@@ -71,7 +72,7 @@ def _checked(path, axis):
 
 def diagnose_records(axis, records, holdout, baseline, seed, progress=None, jobs=1):
     """`Diagnosis` by the way that suits the drive: force balance of a motor, or closed-loop re-simulation."""
-    if axis.choices["drive.type"] == "force":
+    if actuator_of(axis).estimated(axis, "diagnose") == "force":
         return diagnose_force_axis(axis, records, holdout, baseline, seed, progress, jobs)
     return diagnose_case(axis, records, holdout, baseline, seed)
 

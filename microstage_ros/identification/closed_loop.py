@@ -27,7 +27,7 @@ def closed_loop_force(axis, record):
     axis = axis.with_values({"sensors.encoder.resolution": 0.0}, source="derived")
     run = Run(controller=dict(axis.controller), noise=NoiseSpec.none().as_dict(), program=[{"reference": record["reference_m"]}],
               start_m=float(record["encoder_m"][0]))
-    return simulate(axis, run)["force_N"]
+    return applied_force(simulate(axis, run), axis)
 
 
 def force_error(axis, record):

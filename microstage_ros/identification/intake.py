@@ -4,13 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from microstage_ros.model.actuators import actuator_of
+from microstage_ros.quantities.command import COLUMNS
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.checks import check_record
 
 SHORTEST = 1.0  # seconds of record that are of any use
 LONGEST_GAP = 5  # missing samples in a row that are bridged by a straight line
 MOST_SATURATED = 0.1  # share of the record at the amplifier's limit that is bridged over with a warning
-USED = ("encoder_m", "reference_m", "voltage_V", "force_N", "current_A")
+USED = ("encoder_m", "reference_m", *COLUMNS, "current_A")
 OPTIONAL = ("motor_angle_rad", "interferometer_m")  # better than the encoder where they are whole; else left out
 
 
@@ -35,7 +37,7 @@ def take_in(record, axis):
     warnings = check_record(record, axis, SHORTEST)
     _saturation(record, axis)
     columns = {name: _bridge(record, name) for name in names if name in record}
-    if axis.choices["drive.type"] == "voltage_motor":
+    if actuator_of(axis).estimation == "motor":
         moved = np.ptp(columns["encoder_m"]) / max(axis.value("sensors.encoder.resolution"), 1e-15)
         if moved < 100:
             raise InputError(f"{record.source}: column encoder_m", f"{moved:.0f} counts of motion", "at least 100 counts: a record in motion")
@@ -44,22 +46,25 @@ def take_in(record, axis):
 
 def _drive(record, axis):
     """The command column must be the drive's: volts for a motor, newtons or volts for a force."""
-    if axis.choices["drive.type"] == "voltage_motor":
+    actuator = actuator_of(axis)
+    if actuator.estimated(axis, "identify") == "motor":
         for name in ("voltage_V", "current_A"):
             if name not in record:
                 raise InputError(f"{record.source}: column {name}", "missing", f"{name}, since {axis.place} has a voltage-driven motor")
-    elif "force_N" not in record and "voltage_V" not in record:
-        raise InputError(f"{record.source}: column force_N", "missing", f"force_N or voltage_V, since {axis.place} is driven by a force")
+    elif "force_N" not in record and actuator.command.column not in record:
+        raise InputError(f"{record.source}: column {actuator.command.column}", "missing",
+                         f"{actuator.command.column} or force_N, since {axis.place} is driven by a force")
 
 
 def _saturation(record, axis):
-    if "voltage_V" not in record:
+    command = actuator_of(axis).command
+    if command.column not in record:
         return
-    limit = axis.value("drive.voltage_limit")
-    share = float(np.nanmean(np.abs(record["voltage_V"]) >= 0.999 * limit))
+    limit = actuator_of(axis).command_limit(axis)
+    share = float(np.nanmean(np.abs(record[command.column]) >= 0.999 * limit))
     if share > MOST_SATURATED:
-        raise InputError(f"{record.source}: column voltage_V", f"{share:.0%} of the time at the limit",
-                         f"a record that stays under {limit:g} V nine tenths of the time; slower moves would")
+        raise InputError(f"{record.source}: column {command.column}", f"{share:.0%} of the time at the limit",
+                         f"a record that stays under {limit:g} {command.unit} nine tenths of the time; slower moves would")
 
 
 def longest_gap(values):

@@ -15,6 +15,7 @@ from microstage_ros.identification.estimators.stribeck import stribeck_curve
 from microstage_ros.identification.estimators.variability import identify_variability, position_locked_share
 from microstage_ros.identification.signals import motor_signals
 from microstage_ros.identification.whole_axis import driven_load, identify_whole_axis, with_windup
+from microstage_ros.model.actuators import actuator_of
 from microstage_ros.quantities.errors import InputError
 
 MOST_SERIES = 6000  # samples of friction for the variability
@@ -47,7 +48,7 @@ def identify(records, axis, seed=0, progress=lambda text: None, blocks=None, ref
     -------
     `Identification`. Raises InputError for records from which this machine cannot be identified.
     """
-    if axis.choices["drive.type"] == "force":
+    if actuator_of(axis).estimated(axis, "identify") == "force":
         if axis.law("guideway").startswith("coulomb_viscous"):
             return _force_axis(list(records), axis, refine)
         return identify_guideway(records, axis, seed, progress, blocks)

@@ -11,6 +11,7 @@ OCTAVES = 30      # Stribeck table: octaves of |w/V|, from 2^-18 on
 CELLS = 16        # and cells per octave
 RIPPLES = 6       # most periodic terms of one kind
 LINES = 6         # most vibration lines
+DRIVE = 40        # most numbers of an actuator's own, and of its state
 LAW = 40          # most entries of a packed law of the library, and of its state
 DELAY = 64        # most whole periods of delay
 EXTRAS, EXTRA = 4, 8    # most effects with a force of their own, and most parameters of each
@@ -54,10 +55,11 @@ CONTACT = np.dtype([
 PLANT = np.dtype([
     ("period", f8), ("rate", f8), ("ratio", f8),             # ratio r/N: metres per motor radian
     ("screw_ratio", f8), ("gear", f8), ("per_gear", f8),        # r, N, 1/N
-    ("rigid", i8), ("force_drive", i8),
-    ("gain", f8),                              # volts to volts, or volts to newtons
+    ("rigid", i8), ("winding", i8),            # winding: 1: a winding whose resistance and current are told
+    ("gain", f8),                              # command to the amplifier's output
     ("limit", f8), ("quantum", f8), ("per_quantum", f8), ("dac_range", f8),
     ("resistance", f8), ("inductance", f8), ("back_emf", f8), ("torque_constant", f8), ("inertia", f8),
+    ("electrical_input", f8), ("direct", f8), ("motor_damping", f8),       # b, g, D of `model.actuators.actuator`
     ("stiffness", f8), ("damping", f8), ("mass", f8),
     ("actuator", CONTACT), ("guideway", CONTACT),
     # effects
@@ -96,6 +98,9 @@ PLANT = np.dtype([
     ("line_frequency", f8, LINES), ("line_amplitude", f8, LINES), ("line_phase", f8, LINES), ("lines", i8),
     ("stage_temperature_rise", f8), ("stage_temperature_time", f8),
     ("sensing", i8),                           # 1: an effect acts on what the sensors say
+    # actuator: its number, whether it shapes the command and pulls with a torque that is not linear, its own numbers
+    ("drive", i8), ("shaped", i8), ("pulls", i8), ("drive_parameters", f8, DRIVE),
+    ("flexure", f8), ("flexure_damping", f8),  # spring and damper between stage and ground [N/m, N s/m], zero force at x = 0
 ])
 
 #: State of one contact.
@@ -134,6 +139,8 @@ STATE = np.dtype([
     ("last_encoder", f8), ("last_current", f8),
     ("filtered_current", f8), ("current_before", f8),  # of the current's sensor, at the period before
     ("random", u8, 4),
+    ("constant_change", f8),       # force constant and back-EMF over nominal, less 1
+    ("drive", f8, DRIVE),          # of the actuator
 ])
 
 #: What the sensors say at the start of a period.
@@ -144,7 +151,7 @@ READINGS = np.dtype([
 
 #: Work space of one thread: the mode matrices of one plant, and how far the last event's chunk went.
 _MATRICES = [("matrix", f8, (SLOTS, LEVELS, INPUTS, OUTPUTS))]
-_MODES = [("key", i8, SLOTS), ("slot", i8), ("resistance", f8), ("turned", f8), ("moved", f8)]
+_MODES = [("key", i8, SLOTS), ("slot", i8), ("resistance", f8), ("constant_change", f8), ("turned", f8), ("moved", f8)]
 WORK = np.dtype(_MATRICES + _MODES)
 #: The same for plants with a contact law that is not made of blocks: its type says that such laws are compiled in.
 #: (Not at the end: numba takes a longer record for its beginning.)

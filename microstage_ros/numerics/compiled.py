@@ -169,3 +169,27 @@ def seldom(typingctx):
 def inlined(function):
     """`internal`, written into its caller before types are found: what every period runs through, of few callers."""
     return internal(function, inline="always")
+
+
+def dispatch(name, functions, arguments, otherwise):
+    """One compiled function ``name(kind, *arguments)`` that calls ``functions[kind]``; compiled code cannot look up a table.
+
+    Parameters
+    ----------
+    functions : sequence of compiled functions of the same arguments and result type; None: nothing special.
+    arguments : names of their arguments, such as "plant, state, u".
+    otherwise : expression for a kind whose entry is None.
+
+    Returns
+    -------
+    compiled function; it is not cached by itself, but within every cached function that calls it.
+    """
+    lines = [f"def {name}(kind, {arguments}):", "    seldom()"]
+    names = {"seldom": seldom}
+    for kind, function in enumerate(functions):
+        if function is not None:
+            names[f"f{kind}"] = function
+            lines += [f"    if kind == {kind}:", f"        return f{kind}({arguments})"]
+    lines.append(f"    return {otherwise}")
+    exec(compile("\n".join(lines), f"<{name}>", "exec"), names)  # noqa: S102  source made of the lines above alone
+    return numba.njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, no_cpython_wrapper=True, forceinline=False)(names[name])

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from microstage_ros.model.actuators import actuator_of
+from microstage_ros.quantities.command import COLUMNS, FORCE, command_of
 from microstage_ros.quantities.errors import InputError
 
 UNITS = {1e3: "mm", 1e6: "µm", 1e9: "nm"}
@@ -41,7 +43,7 @@ class Bounds:
     Attributes
     ----------
     resolution_m : one count of the encoder. travel_m : length of the travel.
-    limit_V : where the amplifier clips. resistance_ohm : of the winding. period_s : control period.
+    limit_V : where the amplifier clips, in the command's unit ``limit_unit``. resistance_ohm : of the winding. period_s : control period.
     """
 
     resolution_m: float
@@ -49,6 +51,7 @@ class Bounds:
     limit_V: float
     resistance_ohm: float | None = None
     period_s: float | None = None
+    limit_unit: str = "V"
 
     @classmethod
     def of_axis(cls, axis):
@@ -56,7 +59,7 @@ class Bounds:
         def number(key):
             return axis.value(key) if axis.has(key) else None
         return cls(number("sensors.encoder.resolution"), number("travel.maximum") - number("travel.minimum"),
-                   number("drive.voltage_limit"), number("drive.resistance"), number("period"))
+                   actuator_of(axis).command_limit(axis), number("drive.resistance"), number("period"), actuator_of(axis).command.unit)
 
 
 def check_record(record, bounds, minimum_s=1.0):
@@ -114,7 +117,7 @@ def _missing(record, bounds):
     told = []
     for name, values in record.columns.items():
         lost = int(np.isnan(values).sum())
-        if name in ("encoder_m", "voltage_V", "force_N") and lost > MOST_MISSING * len(values):
+        if name in ("encoder_m", *COLUMNS) and lost > MOST_MISSING * len(values):
             _refuse(record, name, f"{lost} of {len(values)} samples missing", "most samples present")
         if lost and name in record:
             told.append(f"{record.source}: {name} lacks {lost} of {len(values)} samples")
@@ -136,7 +139,7 @@ def _constants(record, bounds):
     moved = span(record, "encoder_m") / bounds.resolution_m
     if "encoder_m" not in record or moved == 0:
         _refuse(record, "encoder_m", "constant", "positions that change, by a count at least")
-    command = "voltage_V" if "voltage_V" in record else "force_N"
+    command = command_of(record).column
     if moved > 100 and span(record, command) == 0 and np.nanmax(np.abs(record[command])) == 0:
         _refuse(record, command, "0 throughout", f"the command that moved the axis {moved:.0f} counts")
     for name in ("interferometer_m", "motor_angle_rad"):
@@ -204,17 +207,19 @@ def _companions(record, bounds):
 
 def _command(record, bounds):
     """Commands far beyond the amplifier are in another unit; commands at its limit say little."""
-    if "voltage_V" not in record:
-        return []
-    size = np.abs(record["voltage_V"])
+    command = command_of(record)
+    if command is None or (command is FORCE and bounds.limit_unit != FORCE.unit):
+        return []                   # a force column beside a drive that is commanded in volts has no limit of its own
+    name, unit = command.column, command.unit
+    size = np.abs(record[name])
     if np.nanmax(size) > 10 * bounds.limit_V:
-        _refuse(record, "voltage_V", float(np.nanmax(size)), f"volts; the amplifier clips at {bounds.limit_V:g} V")
+        _refuse(record, name, float(np.nanmax(size)), f"{command.units}; the amplifier clips at {bounds.limit_V:g} {unit}")
     share = float(np.nanmean(size >= 0.999 * bounds.limit_V))
     if share > MOST_SATURATED:
-        _refuse(record, "voltage_V", f"{share:.0%} of the time at the limit",
-                f"a record that stays under {bounds.limit_V:g} V most of the time")
+        _refuse(record, name, f"{share:.0%} of the time at the limit",
+                f"a record that stays under {bounds.limit_V:g} {unit} most of the time")
     if share > FEW_SATURATED:
-        return [f"{record.source}: voltage_V is at the limit of {bounds.limit_V:g} V {share:.0%} of the time"]
+        return [f"{record.source}: {name} is at the limit of {bounds.limit_V:g} {unit} {share:.0%} of the time"]
     return []
 
 
@@ -233,7 +238,7 @@ def _current(record, bounds):
 
 def _clipped(record, bounds):
     """A sensor that stands at its largest or smallest value while what drives it goes on is at its end."""
-    command = "voltage_V" if "voltage_V" in record else "force_N"
+    command = command_of(record).column
     pairs = [("current_A", command, 0.1 * span(record, command)), ("interferometer_m", "encoder_m", 200 * bounds.resolution_m),
              ("encoder_m", "reference_m", 200 * bounds.resolution_m)]
     told = []

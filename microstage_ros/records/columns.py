@@ -7,6 +7,9 @@ control period n and the voltage that was held during period n.
 
 from dataclasses import dataclass
 
+from microstage_ros.quantities.command import COLUMNS
+from microstage_ros.quantities.command import COMMANDS as COMMANDS_KNOWN
+
 
 @dataclass(frozen=True)
 class Column:
@@ -52,13 +55,21 @@ SIMULATED_COLUMNS = {
 }
 """What only a simulator knows; files may carry it, analysis never needs it."""
 
-KNOWN_COLUMNS = {**RECORD_COLUMNS, **SIMULATED_COLUMNS}
+COMMAND_COLUMNS = {
+    name: column for command in COMMANDS_KNOWN for name, column in (
+        (command.column, Column(command.unit, f"command ({command.quantity}), held during the period", 13)),
+        (command.disturbance, Column(command.unit, f"part of {command.column} added on purpose after the controller", 13)))
+    if name not in RECORD_COLUMNS
+}
+"""Commands in other units than volts, beyond CONTRACT's; see `quantities.command`."""
+
+KNOWN_COLUMNS = {**RECORD_COLUMNS, **COMMAND_COLUMNS, **SIMULATED_COLUMNS}
 
 SUFFIXES = (".csv", ".csv.gz", ".csv.xz")
 """Of files of text."""
 
 REQUIRED = ("t_s", "encoder_m", "reference_m")
-COMMANDS = ("voltage_V", "force_N")
+COMMANDS = COLUMNS
 """One of these must be in every record."""
 
 

@@ -21,6 +21,7 @@ from microstage_ros.solver.contact import (
     stick_all,
     stuck_force,
 )
+from microstage_ros.solver.drive import drive_torque
 from microstage_ros.solver.effect_forces import effect_force
 from microstage_ros.solver.event_free import far, slip_level
 from microstage_ros.solver.linear_core import (
@@ -81,7 +82,8 @@ def _mode(plant, state, work):
         damp_g = g.viscous + (g.stick_damping if cg.slip_weight == 0.0 else 0.0)
         if math.isnan(work.resistance):
             work.resistance = plant.resistance * (1.0 + state.heat)
-        build_mode(plant, ca.stuck_stiffness, damp_a, cg.stuck_stiffness, damp_g, side, work.resistance, work.matrix[slot])
+        build_mode(plant, ca.stuck_stiffness, damp_a, cg.stuck_stiffness + plant.flexure, damp_g + plant.flexure_damping, side,
+                   work.resistance, work.constant_change, work.matrix[slot])
         work.key[slot] = key
     return slot
 
@@ -228,9 +230,11 @@ def _other_forces(plant, state, h):
         if plant.leads > 0 or plant.lead_slope != 0.0:
             d += lead_error(plant, (state.theta + 0.5 * h * state.omega) / plant.gear)
         torque, force = -plant.ratio * plant.stiffness * d, plant.stiffness * d
-    force -= plant.cable * (state.x + 0.5 * h * state.v - plant.anchor)
+    force -= plant.cable * (state.x + 0.5 * h * state.v - plant.anchor) + plant.flexure * state.x
     if plant.smooth == 1:
         torque += _smooth_torque(plant, state.theta + 0.5 * h * state.omega, state.omega)
+        if plant.pulls == 1:
+            torque += drive_torque(plant, state, state.theta + 0.5 * h * state.omega, state.omega)
         force -= _beyond_viscous(plant.guideway, state.v)
         force += effect_force(plant, state.x + 0.5 * h * state.v, state.v, state.time)
     return torque, force

@@ -59,11 +59,13 @@ def forget(work):
     work.key[:] = -1
     work.slot = -1
     work.resistance = np.nan
+    work.constant_change = 0.0
 
 
 @internal
-def _system(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, a):
-    """Fill the augmented system matrix; returns the inertia at the motor.
+def _system(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, change, a):
+    """Fill the augmented system matrix; returns the inertia at the motor. ``change``: of k_M and K_E, relative.
+
 
     Rows and columns are exchanged: a[j, i] is what state or input j does to state i.
     Stage coordinates are taken in motor radians (x/ratio), torques and forces as accelerations, so that
@@ -85,13 +87,12 @@ def _system(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, a):
         a[3, 4] = 1.0
     a[1, 2] = 1.0
     a[6, 1] = 1.0
-    if plant.force_drive == 1:
-        a[5, 1] = ratio / inertia
-    else:
-        a[0, 0] = -resistance / plant.inductance
-        a[1, 0] = -plant.back_emf / plant.inductance
-        a[5, 0] = 1.0 / plant.inductance
-        a[0, 1] = plant.torque_constant / inertia
+    a[0, 0] = -resistance / plant.inductance
+    a[1, 0] = -plant.back_emf * (1.0 + change) / plant.inductance
+    a[5, 0] = plant.electrical_input / plant.inductance
+    a[0, 1] = plant.torque_constant * (1.0 + change) / inertia
+    a[5, 1] = plant.direct / inertia
+    a[1, 1] -= plant.motor_damping / inertia
     return inertia
 
 
@@ -169,10 +170,10 @@ def _write_level(e, half, h, plant, inertia, out):
 
 
 @compiled
-def build_mode(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, matrices):
-    """All levels' matrices of one mode into ``matrices`` (LEVELS, INPUTS, OUTPUTS)."""
+def build_mode(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, change, matrices):
+    """All levels' matrices of one mode into ``matrices`` (LEVELS, INPUTS, OUTPUTS); ``change``: of k_M and K_E, relative."""
     a, half, e = np.zeros((_SIZE, OUTPUTS)), np.empty((_SIZE, OUTPUTS)), np.empty((_SIZE, OUTPUTS))
-    inertia = _system(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, a)
+    inertia = _system(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, change, a)
     h = plant.period / TICKS
     _exponential(a, 0.5 * h, half, e)
     for level in range(LEVELS - 1, -1, -1):

@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from microstage_ros.model.actuators import ACTUATORS, actuator_of
 from microstage_ros.model.effects import apply_effects, check_effects
 from microstage_ros.model.friction.registry import law_named
 from microstage_ros.model.plant_record import PLANT, READINGS, STATE
@@ -96,6 +97,7 @@ def new_state(plant, seed=0, position=0.0, friction="virgin", speed=0.0):
     if plant["gap"] > 0.0 and friction == "random":
         state["theta"] += generator.uniform(-0.5, 0.5) * plant["gap"] / plant["ratio"]
     state["last_encoder"] = position
+    ACTUATORS[int(plant["drive"])].start(plant, state)
     if speed != 0.0:
         state["v"], state["omega"] = speed, speed / plant["ratio"]
         slide(plant["actuator"], state["actuator"], state["omega"] / plant["gear"])
@@ -121,11 +123,11 @@ def new_readings():
 def _set_flags(plant):
     """What the compiled step may leave out."""
     plant["varies"] = int(plant["modulated"] or has_random_friction(plant))
-    extra = plant["smooth"] or plant["leads"] or plant["lead_slope"] or plant["cable"] or plant["gap"] or plant["rigid"]
+    extra = plant["smooth"] or plant["leads"] or plant["lead_slope"] or plant["cable"] or plant["gap"] or plant["rigid"] or plant["flexure"]
     plant["plain"] = int(not extra)
     plant["random_share_root"], plant["random_rest_root"] = math.sqrt(plant["random_share"]), math.sqrt(1.0 - plant["random_share"])
     plant["rate"] = 1.0 / plant["period"]
-    plant["simple"] = int(not plant["electrical"] and plant["base_level"] == 0)
+    plant["simple"] = int(not plant["electrical"] and not plant["shaped"] and plant["base_level"] == 0)
     plant["sensing"] = int(any(np.any(plant[name]) for name in SENSING))
     plant["per_gear"] = 1.0 / plant["gear"]
     for name in ("quantum", "count"):
@@ -150,18 +152,15 @@ def _fill_transmission(plant, axis):
 
 
 def _fill_drive(plant, axis):
-    limit, bits, span = (axis.value(f"drive.{k}") for k in ("voltage_limit", "dac_bits", "dac_range"))
-    plant["dac_range"], plant["gain"], plant["limit"] = span, 1.0, limit
+    actuator = actuator_of(axis)
+    actuator.check(axis)
+    span, bits = actuator.converter(axis)
+    plant["dac_range"], plant["gain"], plant["limit"] = span, 1.0, actuator.command_limit(axis)
     plant["quantum"] = 2.0 * span / 2.0**bits if bits else 0.0
-    plant["force_drive"] = int(axis.choices["drive.type"] == "force")
-    plant["resistance"] = plant["inductance"] = 1.0
-    if plant["force_drive"]:
-        plant["gain"] = axis.value("drive.gain")
-        plant["limit"] = limit * plant["gain"]
-        return
-    for key in ("resistance", "inductance", "back_emf", "torque_constant"):
-        plant[key] = axis.value(f"drive.{key}")
-    plant["inertia"] = axis.value("drive.rotor_inertia")
+    plant["flexure"], plant["flexure_damping"] = axis.value("stage.flexure_stiffness"), axis.value("stage.flexure_damping")
+    plant["drive"], plant["shaped"], plant["pulls"] = actuator.number, int(actuator.shape is not None), int(actuator.torque is not None)
+    plant["smooth"] = plant["pulls"]
+    actuator.fill(plant, axis)
 
 
 def _moving_mass(plant):
@@ -241,11 +240,10 @@ def _fill_noise(plant, axis, noise):
     plant["random_share"], plant["random_clip"] = axis.value("variability.travel_share"), axis.value("variability.clip")
     for field, key, given in (("encoder_noise", "sensors.encoder.noise", noise.encoder_m),
                               ("current_noise", "sensors.current.noise", noise.current_A),
-                              ("amplifier_noise", "drive.noise", noise.voltage_V),
+                              ("amplifier_noise", "drive.noise", actuator_of(axis).given_noise(noise.voltage_V)),
                               ("interferometer_noise", "sensors.interferometer.noise", noise.interferometer_m)):
         plant[field] = axis.value(key) if given is None else given
-    if plant["force_drive"]:
-        plant["amplifier_noise"] *= plant["gain"]
+    plant["amplifier_noise"] *= plant["gain"]
     plant["encoder_count"] = axis.value("sensors.encoder.resolution")
 
 
@@ -256,7 +254,7 @@ def _fill_sensors(plant, axis):
         raise InputError(f"{axis.place}: sensors.encoder.interpolation_error", len(error), "at most two amplitudes")
     plant["interpolation"][: len(error)], plant["interpolates"] = error, int(np.any(error))
     plant["signal_number"] = 2 * math.pi / axis.value("sensors.encoder.signal_period")
-    if plant["force_drive"]:
+    if not actuator_of(axis).measures_current:
         return
     offset, span, bits, bandwidth, skew = (
         axis.value(f"sensors.current.{key}") for key in ("offset", "range", "bits", "bandwidth", "skew"))

@@ -8,6 +8,7 @@ import numpy as np
 from microstage_ros.numerics.compiled import compiled, inlined, internal, seldom, woven
 from microstage_ros.solver.amplifier import amplifier_output, delayed_output, lag_output, warm_up
 from microstage_ros.solver.contact import block_force
+from microstage_ros.solver.drive import shape_command
 from microstage_ros.solver.event_free import COARSE, EVENT, LOOKED, QUIET, give, held_of, moving_of, try_period
 from microstage_ros.solver.event_step import slot_of, walk
 from microstage_ros.solver.linear_core import TICKS
@@ -85,6 +86,8 @@ def _other_period(plant, state, work, u, found):
 def _advance_pieces(plant, state, work, u):
     """A period whose voltage changes inside it (delay, lag), or that is always walked in parts."""
     seldom()
+    if plant.shaped == 1:
+        u = shape_command(plant, state, work, u)
     late, split, pieces = u, 0, 1
     if plant.electrical == 1:
         warm_up(plant, state, work)

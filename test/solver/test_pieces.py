@@ -47,7 +47,7 @@ def test_stribeck_table_follows_the_curve(quiet):
 def test_mode_matrices_equal_scipy_expm(quiet):
     plant = quiet()
     work = new_work()
-    core.build_mode(plant, 0.8, 3e-6, 4e5, 20.0, 1, 3.41, work["matrix"][0])
+    core.build_mode(plant, 0.8, 3e-6, 4e5, 20.0, 1, 3.41, 0.0, work["matrix"][0])
     lead, gear = plant["screw_ratio"], 19.0
     a = np.zeros((5, 5))       # i ω θ v x, written from the equations of motion
     a[0, :2] = [-3.41 / 75e-6, -6.589014636e-3 / 75e-6]
@@ -67,7 +67,7 @@ def test_polynomial_inputs_equal_an_augmented_system(quiet):
     """Torque c0 + c1 s + c2 s² at the motor and force 0.3 − 0.2 s at the stage, s = t/h: states 1, s, s² beside the five, by expm."""
     plant = quiet()
     work = new_work()
-    core.build_mode(plant, 0.0, 0.0, 0.0, 20.0, 1, 3.41, work["matrix"][0])
+    core.build_mode(plant, 0.0, 0.0, 0.0, 20.0, 1, 3.41, 0.0, work["matrix"][0])
     h, c = 1e-4, np.array([2e-5, -5e-5, 3e-5])
     a = np.zeros((8, 8))
     r, k, d = plant["ratio"], 1.2e7, 600.0

@@ -15,6 +15,7 @@ import math
 import numpy as np
 
 from microstage_ros.control.laws.gains import Gain, record_type
+from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.friction.blocks import COUNT, STIFFNESS, blocks_from_segment_slopes
 from microstage_ros.model.friction.curve import SlidingCurve, sliding_limit, viscous_force
 from microstage_ros.model.friction.generalised_maxwell_slip import Parameters
@@ -106,26 +107,8 @@ def fill_model(record, axis):
     record["screw_ratio"] = ratio
     record["mass"] = axis.value("stage.mass")
     record["offset_force"] = axis.value("stage.offset_force")
-    limit = axis.value("drive.voltage_limit")
-    if axis.choices["drive.type"] == "voltage_motor":
-        per_torque = axis.value("drive.resistance") / axis.value("drive.torque_constant")
-        record["volts_per_torque"] = per_torque
-        record["volts_per_force"] = per_torque * ratio / gear
-        record["volts_per_velocity"] = axis.value("drive.back_emf") * gear / ratio
-        record["rotor"] = per_torque * axis.value("drive.rotor_inertia") * gear / ratio
-        record["top_speed"] = limit / record["volts_per_velocity"]
-        record["resistance"] = axis.value("drive.resistance")
-        record["settling"] = axis.value("drive.inductance") / axis.value("drive.resistance")
-        record["current_bandwidth"], record["current_skew"] = (axis.value(f"sensors.current.{key}") for key in ("bandwidth", "skew"))
-        record["force_per_torque"] = gear / ratio
-        record["force_per_ampere"] = axis.value("drive.torque_constant") * gear / ratio
-        record["moving_mass"] = record["mass"] + axis.value("drive.rotor_inertia") * (gear / ratio) ** 2
-    else:
-        record["force_per_torque"] = gear / ratio
-        record["moving_mass"] = record["mass"]
-        record["volts_per_force"] = 1.0 / axis.value("drive.gain")
-        record["volts_per_torque"] = record["volts_per_force"] * gear / ratio
-        record["top_speed"] = 10.0
+    for field, value in actuator_of(axis).feed_forward(axis).items():
+        record[field] = value
     rigid = axis.choices["transmission.type"] == "rigid"
     record["compliance"] = 0.0 if rigid else 1.0 / axis.value("transmission.stiffness")
     record["drive_damping"] = 0.0 if rigid else axis.value("transmission.damping")

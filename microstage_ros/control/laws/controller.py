@@ -19,6 +19,7 @@ from microstage_ros.control.laws.gains import check_gain, fill
 from microstage_ros.control.laws.pid import pid_change
 from microstage_ros.control.observer import law as observer_law
 from microstage_ros.control.tuning import design
+from microstage_ros.model.actuators import actuator_of
 from microstage_ros.numerics.compiled import compiled
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.solver.period import as_array
@@ -57,12 +58,13 @@ def controller_parameters(type_name, axis, gains, period=None, place="controller
     value and range.
     """
     law = laws.law(type_name, f"{place}.type")
+    actuator_of(axis).check_law(type_name, f"{place}.type")
     _known_gains(type_name, gains, place)
     period = float(axis.value("period") if period is None else period)
     record = np.zeros(1, laws.PARAMETERS)[0]
     record["kind"] = law.kind
     record["period"] = period
-    record["voltage_limit"] = axis.value("drive.voltage_limit")
+    record["voltage_limit"] = actuator_of(axis).command_limit(axis)
     feedforward.fill_model(record["feedforward"], axis)
     designed = design.designed_gains(type_name, record["feedforward"], period)
     values = {**designed, **shipped_gains(type_name, axis, period), **gains}

@@ -6,6 +6,8 @@ from microstage_ros import __version__
 from microstage_ros.control.laws.controller import Controller, controller_parameters
 from microstage_ros.control.runs.closed_loop import SURROUNDINGS, TRACE, run_loop, surroundings
 from microstage_ros.control.trajectories.lead_in import lead_in
+from microstage_ros.model.actuators import actuator_of
+from microstage_ros.quantities.command import VOLTAGE
 from microstage_ros.records import Record
 from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work, usual_start
 
@@ -65,11 +67,13 @@ def simulate(axis, run, seed=0, machine=None, progress=None):
     columns = {"t_s": np.arange(rows) * period, "reference_m": tables["reference"]}
     columns |= {name: trace[:, place].copy() for place, name in enumerate(TRACE) if name not in SURROUNDINGS}
     columns |= surroundings(trace)
-    if machine.choices["drive.type"] == "force":
-        columns["force_N"] = machine.value("drive.gain") * columns["voltage_V"]
+    actuator = actuator_of(machine)
+    columns[actuator.command.column] = columns.pop("voltage_V")
+    columns |= actuator.derived_columns(machine, columns)
+    if not actuator.measures_current:
         del columns["current_A"]
     if tables["disturbance"].any():
-        columns["disturbance_V"] = tables["disturbance"]
+        columns[actuator.command.disturbance] = tables["disturbance"]
     return columns
 
 
@@ -80,4 +84,7 @@ def simulated_record(axis, run, seed=0, machine=None, progress=None, **more):
                 "controller": run.controller, "noise": run.noise, "effects": {**(machine or axis).effects, **run.effects}, **more}
     if machine is not None:
         metadata["machine"] = machine.as_dict()
+    command = actuator_of(axis).command
+    if command is not VOLTAGE:
+        metadata["command"] = {"column": command.column, "quantity": command.quantity, "unit": command.unit}
     return Record(float(columns["t_s"][1] - columns["t_s"][0]), columns, run.place, metadata)

@@ -17,6 +17,8 @@ import numpy as np
 from microstage_ros.control.feedforward.axis import packed_contact
 from microstage_ros.control.laws import registry as laws
 from microstage_ros.control.observer import friction_level, motion_filter
+from microstage_ros.model.actuators import actuator_of
+from microstage_ros.solver.plant import NoiseSpec, make_plant
 
 #: Speeds [m/s] at which sliding is linearised: creeping (steepest fall of the Stribeck curve) and moving.
 SLIDING_SPEEDS = (1e-6, 1e-3)
@@ -48,31 +50,45 @@ def stuck_stiffness(packed):
 
 
 def linear_axis(axis, actuator=(0.0, 0.0), guideway=(0.0, 0.0)):
-    """State-space model of the axis, voltage -> (position, current).
+    """State-space model of the axis, command -> (position, current), from the numbers of the compiled step.
 
     ``actuator``, ``guideway``: (stiffness, damping) of the contacts, at the screw angle (torque at the motor
-    shaft) and at the stage. States: current, motor speed, motor angle, stage speed, position; a force-driven
-    axis has the last two, and no current.
+    shaft) and at the stage. States: current (of drives that have one), motor speed and angle (of transmissions that
+    are not rigid), stage speed, position. A drive without a current has the position as its only output.
     """
-    m = axis.value("stage.mass")
-    if axis.choices["drive.type"] == "force":
-        a = np.array([[-guideway[1] / m, -guideway[0] / m], [1.0, 0.0]])
-        return control.ss(a, np.array([[axis.value("drive.gain") / m], [0.0]]), np.array([[0.0, 1.0]]), 0.0)
-    gear = axis.value("transmission.gear_ratio")
-    q = axis.value("transmission.pitch") / (2 * math.pi) / gear
-    resistance, inductance = axis.value("drive.resistance"), axis.value("drive.inductance")
-    emf, torque, inertia = (axis.value(f"drive.{key}") for key in ("back_emf", "torque_constant", "rotor_inertia"))
-    stiffness, damping = axis.value("transmission.stiffness"), axis.value("transmission.damping")
-    a = np.array([
-        [-resistance / inductance, -emf / inductance, 0.0, 0.0, 0.0],
-        [torque / inertia, -(actuator[1] / gear + q * q * damping) / inertia,
-         -(actuator[0] / gear + q * q * stiffness) / inertia, q * damping / inertia, q * stiffness / inertia],
-        [0.0, 1.0, 0.0, 0.0, 0.0],
-        [0.0, q * damping / m, q * stiffness / m, -(damping + guideway[1]) / m, -(stiffness + guideway[0]) / m],
-        [0.0, 0.0, 0.0, 1.0, 0.0],
-    ])
-    b = np.array([[1.0 / inductance], [0.0], [0.0], [0.0], [0.0]])
-    return control.ss(a, b, np.array([[0.0, 0.0, 0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0, 0.0]]), 0.0)
+    plant = make_plant(axis.with_effects({}), NoiseSpec.none())
+    kind = actuator_of(axis)
+    pull, spring, drag = kind.linearised(plant)
+    q, gear, m = (float(plant[name]) for name in ("ratio", "gear", "mass"))
+    inertia, stiffness, damping = (float(plant[name]) for name in ("inertia", "stiffness", "damping"))
+    k_motor = actuator[0] / gear + spring
+    d_motor = actuator[1] / gear + drag + float(plant["motor_damping"])
+    k_stage, d_stage = guideway[0] + float(plant["flexure"]), guideway[1] + float(plant["flexure_damping"])
+    direct, torque = float(plant["direct"]) * float(plant["gain"]) + pull, float(plant["torque_constant"])
+    if plant["rigid"]:
+        mass = m + inertia / q**2
+        a = np.array([[0.0, torque / q / mass, 0.0], [0.0, -(d_motor / q**2 + d_stage) / mass, -(k_motor / q**2 + k_stage) / mass],
+                      [0.0, 1.0, 0.0]])
+        a[0, 1], a[1, 0] = -float(plant["back_emf"]) / q, a[0, 1]
+        b = np.array([[0.0], [direct / q / mass], [0.0]])
+    else:
+        a = np.array([
+            [0.0, -float(plant["back_emf"]), 0.0, 0.0, 0.0],
+            [torque / inertia, -(d_motor + q * q * damping) / inertia, -(k_motor + q * q * stiffness) / inertia,
+             q * damping / inertia, q * stiffness / inertia],
+            [0.0, 1.0, 0.0, 0.0, 0.0],
+            [0.0, q * damping / m, q * stiffness / m, -(damping + d_stage) / m, -(stiffness + k_stage) / m],
+            [0.0, 0.0, 0.0, 1.0, 0.0],
+        ])
+        b = np.array([[0.0], [direct / inertia], [0.0], [0.0], [0.0]])
+    c = np.zeros((2, len(a)))
+    c[0, -1] = c[1, 0] = 1.0
+    inductance, entry = float(plant["inductance"]), float(plant["electrical_input"]) * float(plant["gain"])
+    if not entry:                      # no state of the drive's own
+        return control.ss(a[1:, 1:], b[1:], c[:1, 1:], 0.0)
+    a[0] /= inductance
+    a[0, 0], b[0, 0] = -float(plant["resistance"]) / inductance, entry / inductance
+    return control.ss(a, b, c if kind.measures_current else c[:1], 0.0)
 
 
 def regimes(axis):
@@ -214,7 +230,7 @@ def controller_margins(axis, parameters):
     """`Margins` of a controller (its parameter record) in every regime; None for a law without linear form."""
     if parameters["kind"] in (laws.NONE, laws.NCTF, laws.CASCADE):
         return None
-    if parameters["kind"] != laws.SELF_TUNING_OBSERVER or axis.choices["drive.type"] == "force":
+    if parameters["kind"] != laws.SELF_TUNING_OBSERVER or not float(parameters["feedforward"]["force_per_ampere"]) > 0.0:
         return pid_margins(axis, {name: float(parameters["pid"][name]) for name in parameters["pid"].dtype.names})
     period = float(parameters["period"])
     return [

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.effects.drive import GRAVITY
 
 SPLINE_POINTS = 6              # support points of a friction profile along the stroke
@@ -77,7 +78,7 @@ def candidates(axis, parts):
 def own_candidates(axis):
     """Effects that only move a number the axis file has: mass, viscosity, level of friction, offset, gain."""
     contact = "guideway" if axis.law("guideway") != "none" else "actuator"
-    key, gain, mass = f"contacts.{contact}", axis.value("drive.gain"), axis.value("stage.mass")
+    key, gain, mass = f"contacts.{contact}", actuator_of(axis).force_per_command(axis), axis.value("stage.mass")
     viscous, level = (f"{key}.viscous",), tuple(f"{key}.{leaf}" for leaf in ("coulomb", "static") if axis.has(f"{key}.{leaf}"))
     offset, change = ("stage.offset_force",), Fitted("change", "1", 0.05, -0.9, 10.0)
     level_N = axis.value(level[0]) if level else mass
@@ -199,7 +200,7 @@ def _cable(friction, low, high):
 def _drive(axis, friction):
     found = [Candidate(
         "amplifier_deadband", "no force about zero command",
-        (Fitted("half_width_V", "V", 0.02 * friction / axis.value("drive.gain"), 0.0, 1.0),),
+        (Fitted("half_width_V", "V", 0.02 * friction / actuator_of(axis).force_per_command(axis), 0.0, 1.0),),
         lambda p: {"half_width_V": float(p[0])}, lambda p: f"The amplifier gives nothing within ±{1e3 * p[0]:.3g} mV of zero.")]
     if axis.choices["transmission.type"] != "rigid":
         found += [

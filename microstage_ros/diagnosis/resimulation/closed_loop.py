@@ -13,6 +13,7 @@ import numpy as np
 
 from microstage_ros.control.laws.controller import make_controller
 from microstage_ros.control.runs.closed_loop import TRACE, run_loop
+from microstage_ros.model.actuators import actuator_of
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
 
@@ -46,20 +47,21 @@ def measured(record, axis):
     Raises InputError: missing samples, a period other than the axis's, or a command that the axis file's
     controller does not produce from the record's own reference and encoder.
     """
-    period, gain = axis.value("period"), axis.value("drive.gain")
+    actuator = actuator_of(axis)
+    period, gain, command = axis.value("period"), actuator.force_per_command(axis), actuator.command
     if abs(record.period_s / period - 1.0) > 1e-3:
         raise InputError(f"{record.source}: t_s", record.period_s, f"rows {period:g} s apart, the period of {axis.place}")
     for name in ("encoder_m", "reference_m"):
         _no_gaps(record, name)
-    name = "voltage_V" if "voltage_V" in record else "force_N"
+    name = command.column if command.column in record else "force_N"
     _no_gaps(record, name)
-    voltage = record["voltage_V"] if name == "voltage_V" else record["force_N"] / gain
-    added = np.nan_to_num(record["disturbance_V"]) if "disturbance_V" in record else np.zeros(len(record))
+    voltage = record[name] if name == command.column else record["force_N"] / gain
+    added = np.nan_to_num(record[command.disturbance]) if command.disturbance in record else np.zeros(len(record))
     slope = np.polyfit(np.arange(START_ROWS) * period, record["encoder_m"][:START_ROWS], 2)
     law = _law_residual(axis, record, voltage - added, float(slope[1]))
     if law > LAW_MISMATCH * np.std(voltage):
         raise InputError(f"{axis.place}: controller", axis.controller,
-                         f"the controller that gave {name} of {record.source} (it leaves {law:.3g} V rms unexplained)")
+                         f"the controller that gave {name} of {record.source} (it leaves {law:.3g} {command.unit} rms unexplained)")
     return Measured(record.source, np.arange(len(record)) * period, record["reference_m"], record["encoder_m"], gain * voltage,
                     added, float(record["encoder_m"][0]), float(slope[1]), gain * law)
 
@@ -113,7 +115,7 @@ class ClosedLoop:
         """Force [N] and position [m] of the model, each of shape (rows,)."""
         plant = make_plant(axis.with_values({"sensors.encoder.resolution": 0.0}), noise=NoiseSpec.none())
         trace = np.concatenate([self._run(plant, axis, part) for part in self.parts])
-        return axis.value("drive.gain") * trace[:, VOLTAGE], trace[:, ENCODER]
+        return actuator_of(axis).force_per_command(axis) * trace[:, VOLTAGE], trace[:, ENCODER]
 
     def _run(self, plant, axis, part):
         state = new_state(plant, position=part.position_at_start, speed=part.speed_at_start)

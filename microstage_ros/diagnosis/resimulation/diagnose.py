@@ -29,7 +29,7 @@ def diagnose_force_axis(axis, records, holdout=(), baseline=(), seed=0, progress
 
     Parameters
     ----------
-    axis : `Axis` with ``drive.type: force`` and the controller that was in the loop.
+    axis : `Axis` whose command is a force at the stage, with the controller that was in the loop.
     records, holdout, baseline : lists of `Record`. Without ``holdout`` some of every record's time is
         held back (see `folds`). ``baseline`` (the axis while the model was right) re-identifies the axis's own numbers first.
     seed : of thresholds and intervals.

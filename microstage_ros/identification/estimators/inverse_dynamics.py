@@ -16,6 +16,7 @@ from scipy import signal
 
 from microstage_ros.identification.estimators.estimate import Curve, Identification, from_interval
 from microstage_ros.identification.estimators.intervals import block_covariance, correlation
+from microstage_ros.model.actuators import actuator_of
 from microstage_ros.quantities.errors import InputError
 
 KEYS = ("stage.mass", "contacts.guideway.viscous", "contacts.guideway.coulomb", "stage.offset_force")
@@ -105,7 +106,7 @@ def identify_force_axis(records, axis, bands=None):
     Parameters
     ----------
     records : list of `Record` with ``encoder_m`` and ``force_N`` or ``voltage_V`` (times the gain).
-    axis : `Axis` with ``drive.type: force`` and ``contacts.guideway.law: coulomb_viscous``.
+    axis : `Axis` whose command is a force at the stage, with ``contacts.guideway.law: coulomb_viscous``.
     bands : `Bands`; by default chosen from the force (`choose_bands`).
 
     Returns
@@ -134,6 +135,8 @@ def identify_force_axis(records, axis, bands=None):
     period = records[0].period_s
     covariance = block_covariance(w, residual, block=max(int(0.5 / period), 20))
     _refuse_nonsense(records, values, covariance, residual, f)
+    rotor = actuator_of(axis).reflected_mass(axis)
+    values[0], instrumental[0] = values[0] - rotor, instrumental[0] - rotor
     return _result(values, instrumental, covariance, residual, w, f)
 
 
@@ -150,8 +153,8 @@ def _refuse_nonsense(records, values, covariance, residual, force):
 
 
 def applied_force(record, axis):
-    """Force on the stage [N], shape (n,): the column ``force_N``, or the voltage times the drive's gain."""
-    return record["force_N"] if "force_N" in record else axis.value("drive.gain") * record["voltage_V"]
+    """Force on the stage [N], shape (n,): the column ``force_N``, or the command times its force."""
+    return record["force_N"] if "force_N" in record else actuator_of(axis).command_as_force(axis, record)
 
 
 def _result(values, instrumental, covariance, residual, w, f):

@@ -8,7 +8,7 @@ from microstage_ros.quantities.spec import Spec, check_all
 INF = math.inf
 CONTACTS = ("actuator", "guideway")
 #: What an effect may need: a test of the record it acts on (a plant, or a contact of it), and the words for it.
-MOTOR = (lambda plant: not plant["force_drive"], "a voltage-driven motor (drive.type)")
+MOTOR = (lambda plant: plant["winding"], "a drive whose winding the command drives, such as a voltage-driven motor (drive.type)")
 DRIVE_TRAIN = (lambda plant: not plant["rigid"], "a transmission that is not rigid (transmission.type)")
 FRICTION = (lambda contact: contact["blocks"] or contact["law"], "a contact with friction")
 BLOCKS = (lambda contact: contact["blocks"] and not contact["stick_damping"], "a contact with pre-sliding blocks (of the Maxwell-slip family)")

@@ -62,7 +62,7 @@ class DriverTopics:
                 (Temperature, topics.AIR_TEMPERATURE), (FluidPressure, topics.AIR_PRESSURE),
                 (RelativeHumidity, topics.AIR_HUMIDITY))]
         self._limits = {"period": axis.value("period"), "minimum": axis.value("travel.minimum"),
-                        "maximum": axis.value("travel.maximum"), "voltage_limit": axis.value("drive.voltage_limit")}
+                        "maximum": axis.value("travel.maximum"), "voltage_limit": actuator_of(axis).command_limit(axis)}
 
     def missing_readers(self, absent):
         """What is missing for the first period, in words, empty if nothing; ``absent``: names without credit."""

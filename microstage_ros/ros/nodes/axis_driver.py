@@ -17,6 +17,7 @@ from std_srvs.srv import Trigger
 from microstage_ros.hardware import make_hardware
 from microstage_ros.hardware.command_gate import CommandGate
 from microstage_ros.hardware.protocol import HardwareError, Setup
+from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
@@ -49,7 +50,7 @@ class AxisDriver(DriverPeriods, LifecycleNode):
         self._travel = (self.axis.value("travel.minimum") - TRAVEL_MARGIN,
                         self.axis.value("travel.maximum") + TRAVEL_MARGIN)
         self._lockstep = p.mode == "lockstep"
-        self.gate = CommandGate(self.axis.value("drive.voltage_limit"))
+        self.gate = CommandGate(actuator_of(self.axis).command_limit(self.axis))
         self.ledger = Ledger(p.followers)
         self.responses = ResponseTimes()
         self.sequence, self.overruns, self._time_ns, self._due, self._told = -1, 0, 0, None, None
