@@ -172,7 +172,7 @@ def inlined(function):
 
 
 def dispatch(name, functions, arguments, otherwise):
-    """One compiled function ``name(kind, *arguments)`` that calls ``functions[kind]``; compiled code cannot look up a table.
+    """One compiled function ``name(kind, *arguments)`` that calls ``functions[kind]``: compiled code has no tables.
 
     Parameters
     ----------
@@ -191,5 +191,7 @@ def dispatch(name, functions, arguments, otherwise):
             names[f"f{kind}"] = function
             lines += [f"    if kind == {kind}:", f"        return f{kind}({arguments})"]
     lines.append(f"    return {otherwise}")
-    exec(compile("\n".join(lines), f"<{name}>", "exec"), names)  # noqa: S102  source made of the lines above alone
-    return numba.njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, no_cpython_wrapper=True, forceinline=False)(names[name])
+    exec(compile("\n".join(lines), f"<{name}>", "exec"), names)
+    options = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, "no_cpython_wrapper": True,
+               "forceinline": False}
+    return numba.njit(**options)(names[name])

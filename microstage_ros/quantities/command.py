@@ -1,5 +1,6 @@
 """What a machine can be commanded with: quantity, unit, and the names of its columns in records."""
 
+from collections.abc import Container
 from typing import NamedTuple
 
 
@@ -31,6 +32,6 @@ COLUMNS = tuple(command.column for command in COMMANDS)
 """Names of the columns of which a record has one; the first that it has is its command."""
 
 
-def command_of(names):
+def command_of(names: Container[str]) -> Command | None:
     """The `Command` whose column stands among a record's columns, the first of `COMMANDS`; None if there is none."""
     return next((command for command in COMMANDS if command.column in names), None)

@@ -66,7 +66,6 @@ def forget(work):
 def _system(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, change, a):
     """Fill the augmented system matrix; returns the inertia at the motor. ``change``: of k_M and K_E, relative.
 
-
     Rows and columns are exchanged: a[j, i] is what state or input j does to state i.
     Stage coordinates are taken in motor radians (x/ratio), torques and forces as accelerations, so that
     the entries are alike in size and the exponential keeps its digits.

@@ -103,7 +103,6 @@ def packed_contact(axis, contact):
 def fill_model(record, axis):
     """Write the axis's numbers into the model fields of a parameter record."""
     ratio = axis.value("transmission.pitch") / (2 * math.pi)
-    gear = axis.value("transmission.gear_ratio")
     record["screw_ratio"] = ratio
     record["mass"] = axis.value("stage.mass")
     record["offset_force"] = axis.value("stage.offset_force")

@@ -8,6 +8,7 @@ from microstage_ros.control.runs.closed_loop import SURROUNDINGS, TRACE, run_loo
 from microstage_ros.control.trajectories.lead_in import lead_in
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.quantities.command import VOLTAGE
+from microstage_ros.quantities.errors import InputError
 from microstage_ros.records import Record
 from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work, usual_start
 
@@ -41,6 +42,9 @@ def simulate(axis, run, seed=0, machine=None, progress=None):
     simulator knows: true stage position and velocity, motor speed, friction and friction levels.
     """
     machine = machine or axis.machine or axis
+    if actuator_of(machine).command != actuator_of(axis).command:
+        raise InputError(f"{machine.place}: drive.type", machine.choices["drive.type"],
+                         f"a drive commanded in {actuator_of(axis).command.units}, as that of {axis.place}")
     if run.period_s is not None:
         axis, machine = (each.with_values({"period": run.period_s}, source="derived") for each in (axis, machine))
     period = axis.value("period")

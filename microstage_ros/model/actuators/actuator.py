@@ -10,9 +10,11 @@ functions of the class, both optional: ``shape`` (once per period: command → u
 """
 
 import math
+from collections.abc import Callable
 
 from microstage_ros.quantities.command import VOLTAGE
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.quantities.spec import Spec
 
 LINEAR = ("inductance", "resistance", "electrical_input", "back_emf", "torque_constant", "direct", "motor_damping")
 """Fields of a plant that hold L, R, b, K_E, k_M, g, D."""
@@ -36,14 +38,14 @@ class Actuator:
     name = ""
     number = 0
     command = VOLTAGE
-    parameters = {}
+    parameters: dict[str, Spec] = {}
     transmissions = ("screw", "rigid")
     measures_current = True
     holds_position = False
-    laws = None
-    estimation = None
-    shape = None
-    torque = None
+    laws: tuple[str, ...] | None = None
+    estimation: str | None = None
+    shape: Callable | None = None
+    torque: Callable | None = None
 
     @classmethod
     def command_limit(cls, axis):

@@ -25,7 +25,7 @@ class Force(Actuator):
 
     @classmethod
     def fill(cls, plant, axis):
-        """g = r/N, so that u_a is the force at the stage; no current, no rotor."""
+        """Direct torque r/N per unit, so that u_a is the force at the stage; no current, no rotor."""
         plant["gain"] = axis.value("drive.gain")
         plant["limit"] = cls.command_limit(axis) * plant["gain"]
         plant["inductance"] = 1.0

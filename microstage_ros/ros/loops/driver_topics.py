@@ -9,6 +9,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import FluidPressure, JointState, RelativeHumidity, Temperature
 
 from microstage_ros.hardware.command_gate import FAULTS
+from microstage_ros.model.actuators import actuator_of
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.blocks import Outlet, periods_per_block
 from microstage_ros.ros.transport.codec import ENCAPSULATION, STAMP, Codec, stamps_ns
