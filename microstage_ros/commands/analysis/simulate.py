@@ -40,5 +40,5 @@ def main(argv=None):
         bar.say("writing")
         with complete_folder(out.parent) as folder:
             write_record(record, folder / out.name)
-    answer.state(record=str(out), rows=len(record), period_s=record.period, columns=list(record.columns), seed=arguments.seed)
+    answer.state(record=str(out), rows=len(record), period_s=record.period_s, columns=list(record.columns), seed=arguments.seed)
     return 0
