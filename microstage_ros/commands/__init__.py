@@ -9,6 +9,7 @@ LISTED = {
         "demo": "the main job on the simulated axis: ROS 2 nodes, the paper's moves, a bag, a report",
         "cell": "start the nodes of an axis and leave them running until interrupted",
         "move": "moves through the action, with feedback",
+        "commission": "the first day with a machine: from a sketch to a proven axis file, or a refusal with its reason",
         "experiment": "a run file's program on the live cell, recorded for identify",
         "replay": "play a bag back onto its topics",
         "topic": "list topics, show their messages, measure their rates",

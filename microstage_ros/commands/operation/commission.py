@@ -1,0 +1,100 @@
+"""``commission``: the first day with a machine, from a sketch of it to a proven axis file or a refusal with its reason."""
+
+import argparse
+import math
+import sys
+from pathlib import Path
+
+import yaml
+
+from microstage_ros.commands.backend import add_backend, load_options
+from microstage_ros.commands.parser import Parser
+from microstage_ros.quantities.errors import InputError
+
+DESCRIPTION = """\
+Finds out what a machine is, without being told: polarity and scale by the smallest voltages that move anything, end
+stops, friction, motor constants, the frequency response, then identifies it, chooses law and gains that hold for what
+is known and how well, and proves them by moves. SKETCH needs only period, travel, the drive's kind and voltage limit,
+the transmission with gear ratio and pitch, and the encoder's resolution; everything else may be missing or be given
+with a tolerance. Writes DIR/axis.yaml, report.html, report.json, frequency_response.csv and records/. An interrupted
+run goes on when it is started again. Exit status: 0 ready; 3 refused or stopped, with the machine at zero volts.
+"""
+REFUSED = 3
+
+
+def main(argv=None):
+    """Run the command. Returns 0 if the machine is ready, 3 if it was refused or stopped; raises InputError for bad input."""
+    parser = Parser(prog="microstage commission", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--axis", required=True, metavar="SKETCH", help="axis file; most numbers may be missing or have a tolerance")
+    add_backend(parser)
+    parser.add_argument("--out", required=True, metavar="DIR", help="folder of the answer")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of a simulated axis, of phases and draws (default 1)")
+    parser.add_argument("--yes", action="store_true", help="do not ask before the machine moves")
+    arguments = parser.parse_args(argv)
+    if not 0 <= arguments.seed < 2**32:
+        raise InputError("--seed", arguments.seed, "a whole number from 0 to 4294967295")
+    from microstage_ros.commissioning.sketch import load_sketch
+    from microstage_ros.commissioning.store import Store
+    from microstage_ros.hardware import make_hardware
+    from microstage_ros.hardware.protocol import Setup
+
+    sketch, options = load_sketch(arguments.axis), load_options(arguments.backend_options)
+    backend = make_hardware(arguments.backend, Setup(sketch.axis, arguments.seed, options))
+    identity = f"{Path(arguments.axis).read_text(encoding='utf-8')}\n{arguments.backend}\n{yaml.safe_dump(options)}\n{arguments.seed}"
+    store = Store(arguments.out, identity)
+    if not backend.simulated and not arguments.yes:
+        _ask(sketch.axis, arguments.backend)
+    return _run(arguments, sketch, backend, store)
+
+
+def _ask(axis, name):
+    if not sys.stdin.isatty():
+        raise InputError("--yes", None, f"given where nobody can answer: backend {name} moves a real machine")
+    low, high, limit = (axis.value(key) for key in ("travel.minimum", "travel.maximum", "drive.voltage_limit"))
+    print(f"Backend {name} will move the stage between {low * 1e3:g} and {high * 1e3:g} mm with up to ±{limit:g} V. "
+          "Is the travel free, and is the emergency stop at hand? [y/N] ", end="", file=sys.stderr, flush=True)
+    if sys.stdin.readline().strip().lower() not in ("y", "yes"):
+        raise InputError("answer", "no", "yes, or --yes")
+
+
+def _run(arguments, sketch, backend, store):
+    from microstage_ros.commissioning.machine import Machine
+    from microstage_ros.commissioning.procedure import Outcome, commission
+    from microstage_ros.commissioning.report import write_answer
+    from microstage_ros.hardware.protocol import HardwareError
+
+    if store.resumed:
+        print(f"going on after {store.time:.0f} s of machine time; what is done is kept", file=sys.stderr)
+    machine = Machine(backend, sketch.axis, paced=not backend.simulated)
+
+    def progress(text):
+        if sys.stderr.isatty():
+            print(f"{machine.time:6.1f} s  {text}", file=sys.stderr, flush=True)
+
+    try:
+        try:
+            backend.open()
+            outcome = commission(machine, sketch, store, arguments.seed, progress)
+        finally:
+            backend.close()
+    except HardwareError as error:
+        outcome = Outcome(says=f"the hardware reported: {error}")
+    provenance = {"sketch": str(arguments.axis), "backend": arguments.backend, "seed": arguments.seed}
+    write_answer(outcome, machine, Path(arguments.out), provenance)
+    _tell(outcome, machine, Path(arguments.out))
+    return 0 if outcome.verdict == "ready" else REFUSED
+
+
+def _tell(outcome, machine, folder):
+    """The answer in a few lines."""
+    print(f"{outcome.verdict}: {outcome.says}")
+    for check in outcome.checks.values():
+        if not check.passed:
+            print(f"  failed: {check.id}: {check.says}")
+    for row in outcome.moves:
+        print(f"  {row['target_m'] * 1e6:7.4g} µm: bias {row['bias_m'] * 1e9:+7.1f} nm, 4s {row['four_s_m'] * 1e9:6.1f} nm, settled after {row['settling_s'] * 1e3:.0f} ms")
+    if outcome.moves and math.isfinite(outcome.sine):
+        print(f"  slow sine: {outcome.sine * 1e9:.0f} nm at most")
+    if outcome.margins:
+        print(f"  margins, measured in motion: {outcome.margins.phase_deg:.1f}°, {outcome.margins.gain_dB:.1f} dB")
+    print(f"  {machine.time:.0f} s of machine time; {folder / 'report.html'}")

@@ -1,0 +1,198 @@
+"""Motion in closed loop on a machine that is only roughly known: gentle gains, guarded errors, a reason when it stops."""
+
+import math
+
+import numpy as np
+
+from microstage_ros.commissioning.findings import refused
+from microstage_ros.control.laws.controller import Controller, controller_parameters
+from microstage_ros.control.trajectories.profiles import MotionLimits, jerk_limited_move
+
+ERROR = 6e-5  # largest following error [m], with the part of the speed that lags
+STANDS = 0.2  # of the reference's speed: slower is standing
+SWING, SWING_COUNTS = 4e-7, 12.0  # peak to peak at rest that is no rest: m, counts
+SOFTER, SOFTEST = 0.6, 0.1  # of all gains at each swing; least
+HOLD = 0.5  # s
+PUSH = 1.6  # times the voltage that a speed needs, that a motion may use
+
+
+class Loop:
+    """One controller on one machine.
+
+    Parameters
+    ----------
+    machine : `Machine`. axis : `Axis` as known. law : type of controller. sliding : friction [V].
+    gains : of the law, over those of the rules.
+    """
+
+    def __init__(self, machine, axis, law="self_tuning", sliding=0.0, gains=None):
+        self.machine, self.axis, self.law, self.share = machine, axis, law, 1.0
+        self._sliding, self._gains = sliding, dict(gains or {})
+        self._model = controller_parameters("pid_feedforward", axis, {})["feedforward"]
+        self.controller = self._made()
+
+    def _made(self, limit=None):
+        axis = self.axis if limit is None else self.axis.with_values({"drive.voltage_limit": limit}, source="estimate")
+        parameters = controller_parameters(self.law, axis, self._gains)
+        if "proportional" in parameters["pid"].dtype.names and self.share != 1.0:
+            gains = {**self._gains, "proportional": float(parameters["pid"]["proportional"]) * self.share}
+            parameters = controller_parameters(self.law, axis, gains)
+        return Controller(self.law, parameters)
+
+    @property
+    def gains(self):
+        """Gains that are not those of the rules."""
+        if self.share == 1.0:
+            return dict(self._gains)
+        return {**self._gains, "proportional": float(self.controller.parameters["pid"]["proportional"])}
+
+    def limits(self, speed):
+        """`MotionLimits` of a motion at up to ``speed`` [m/s]: within what the drive can do."""
+        machine = self.machine
+        volts = max(float(self._model["rotor"]) + float(self._model["volts_per_force"]) * float(self._model["mass"]), 1e-9)
+        acceleration = min(0.15, 0.2 * machine.limit / volts)
+        return MotionLimits(min(speed, self.top_speed), acceleration, 100.0 * acceleration)
+
+    @property
+    def top_speed(self):
+        """Speed [m/s] that leaves half of the voltage."""
+        volts = max(float(self._model["volts_per_velocity"]), 0.0)
+        return 0.5 * max(self.machine.limit - 2.0 * self._sliding, 0.1 * self.machine.limit) / volts if volts > 0.0 else 0.1
+
+    def follow(self, reference, disturbance=None, error=ERROR, window=None, gentle=False, fresh=True, go_on=False):
+        """Play a reference [m] from where the stage stands. Returns the `Record`.
+
+        ``gentle``: no more voltage than its speed needs (a stop in the way is touched, not rammed). Raises Refused with
+        the reason where the error grows beyond ``error``. ``fresh``: the law begins anew; ``go_on``: the next motion follows
+        at once.
+        """
+        machine, period = self.machine, self.machine.period
+        speed = float(np.abs(np.diff(reference)).max() / period) if len(reference) > 1 else 0.0
+        controller = self.controller
+        if gentle:
+            need = 2.5 * self._sliding + float(self._model["volts_per_velocity"]) * speed + 0.05 * machine.limit
+            controller = self._made(min(PUSH * need, machine.limit))
+        if fresh or gentle:
+            controller.reset()
+        wanted, step = np.asarray(reference, float).tolist(), controller.step
+        blind = not math.isfinite(self.machine.current_offset)
+        offset = 0.0 if blind else self.machine.current_offset
+
+        def command(n, x, i):
+            return step(wanted[n], x, i - offset if i == i else 0.0)
+
+        allowed = error + 6e-3 * speed
+        record = machine.run(reference, command, disturbance, window, allowed, go_on=go_on)
+        if machine.ended == "error":
+            self._explain(record, allowed)
+        return record
+
+    def go(self, place, speed=2e-3, gentle=False, dwell=0.15):
+        """To a place, and rest there a little."""
+        move = jerk_limited_move(self.machine.position, place, self.machine.period, self.limits(speed))
+        return self.follow(np.append(move, np.full(self.machine.periods(dwell), place)), gentle=gentle)
+
+    def settle(self):
+        """Hold still; where the stage swings, softer gains, until it rests. Raises Refused (runaway)."""
+        machine = self.machine
+        while True:
+            rows = machine.periods(HOLD)
+            record = self.follow(np.full(rows, machine.position))
+            tail = record["encoder_m"][rows // 2:]
+            swing = float(np.ptp(tail[np.isfinite(tail)]))
+            if swing < max(SWING, SWING_COUNTS * machine.count, 10.0 * machine.noise):
+                return record
+            self.share *= SOFTER
+            if self.share < SOFTEST:
+                raise refused("runaway", swing, "m", f"at rest in closed loop the stage swings by {swing * 1e6:.3g} µm even with a tenth of the gains")
+            self.controller = self._made()
+            machine.rest(0.2)
+
+    def _explain(self, record, allowed):
+        """Why the stage did not follow."""
+        machine = self.machine
+        rows = min(machine.periods(0.02, 10), len(record) - 1)
+        x, r = record["encoder_m"][-rows:], record["reference_m"][-rows:]
+        asked, moved = float(r[-1] - r[0]), float(x[-1] - x[0])
+        place, sign = machine.position, math.copysign(1.0, asked or (r[-1] - x[-1]))
+        if abs(moved) < STANDS * abs(asked) or abs(asked) < 2.0 * machine.count:
+            volts = float(np.mean(record["voltage_V"][-rows:]))
+            back = self._retreat(-sign)
+            if back:
+                raise refused("end_stop", place, "m", f"at {place * 1e3:.4g} mm the stage does not go on in direction {'+' if sign > 0 else '−'} "
+                              f"({volts:.3g} V) and goes back freely: an end stop or an obstacle inside the travel of the sketch")
+            raise refused("stuck", place, "m", f"at {place * 1e3:.4g} mm the stage does not follow ({volts:.3g} V), nor does it go back")
+        raise refused("runaway", float(r[-1] - x[-1]), "m", f"the stage does not follow: {allowed * 1e6:.3g} µm behind and moving at "
+                      f"{moved / (rows * machine.period) * 1e3:.3g} mm/s where {asked / (rows * machine.period) * 1e3:.3g} mm/s is asked")
+
+    def _retreat(self, sign):
+        """Whether the stage moves back by 50 µm at moderate voltages."""
+        machine = self.machine
+        machine.rest(0.05)
+        for factor in (2.0, 3.0, 5.0):
+            start = machine.position
+            volts = sign * min(factor * max(self._sliding, 0.01 * machine.limit), machine.limit)
+            machine.run(np.full(machine.periods(0.2), start), lambda n, x, i, v=volts: v, until=lambda n, x, i, s=start: sign * (x - s) > 5e-5)
+            if machine.ended == "until":
+                return True
+        return False
+
+
+def stroke(loop, keep, longest=40.0):
+    """Once along the travel and back to where it began; friction along the way. Returns rows (position, friction force in
+    volts forwards, backwards), shape (n, 3), and the range [m] that was travelled.
+    """
+    machine = loop.machine
+    low, high = machine.travel
+    inset = min(0.005 * machine.stroke, 3e-4)
+    low, high, start = low + inset, high - inset, machine.position
+    way = 2.0 * (high - low)
+    speed = min(max(way / (0.6 * longest), 1e-4), 0.8 * loop.top_speed)
+    if way / speed > longest:  # too slow to see all of it
+        half = 0.25 * speed * longest
+        low, high = max(low, start - half), min(high, start + half)
+    records = [loop.go(place, speed, gentle=True) for place in (high, low, start)]
+    from microstage_ros.commissioning.first_motion import joined
+
+    record = joined(records)
+    keep("stroke", record)
+    return _along(record, machine, speed), (low, high), record
+
+
+def _along(record, machine, speed, cells=50):
+    """Mean voltage at constant speed in cells of travel, by direction."""
+    v = np.gradient(record["reference_m"], machine.period)
+    x, u = record["encoder_m"], record["voltage_V"]
+    edges = np.linspace(np.nanmin(x), np.nanmax(x), cells + 1)
+    rows = np.full((cells, 3), np.nan)
+    rows[:, 0] = 0.5 * (edges[1:] + edges[:-1])
+    for column, sign in ((1, 1.0), (2, -1.0)):
+        steady = np.abs(v - sign * speed) < 0.01 * speed
+        place = np.clip(np.digitize(x[steady], edges) - 1, 0, cells - 1)
+        total, count = np.bincount(place, u[steady], cells), np.bincount(place, minlength=cells)
+        rows[:, column] = np.where(count > 20, total / np.maximum(count, 1), np.nan)
+    return rows
+
+
+def programme(loop, centre):
+    """The reference [m] of a record that tells most of the axis: moves, slow and fast scans, sines, about ``centre``."""
+    from microstage_ros.control.runs.run_file import Run
+
+    machine = loop.machine
+    size = min(1.0, 0.04 * machine.stroke / 1e-3)
+    fast = min(3e-3, 0.8 * loop.top_speed)
+    limits = loop.limits(fast)
+    rate = min(1.0, 0.7 * fast / (2.0 * math.pi * 5e-4 * size))
+
+    def at(way):
+        return centre + way * size
+
+    segments = [
+        {"move_to_m": at(1e-3), "dwell_s": 0.2}, {"move_to_m": at(0.0), "dwell_s": 0.2},
+        {"scan": {"to_m": at(2e-4), "speed_m_s": min(1e-4, fast)}}, {"scan": {"to_m": at(0.0), "speed_m_s": min(1e-4, fast)}},
+        {"scan": {"to_m": at(2e-3), "speed_m_s": min(1e-3, fast)}}, {"scan": {"to_m": at(0.0), "speed_m_s": min(1e-3, fast)}},
+        {"sine": {"amplitude_m": 5e-5 * size, "frequency_hz": 0.5, "cycles": 2}},
+        {"sine": {"amplitude_m": 5e-4 * size, "frequency_hz": rate, "cycles": 3}},
+        {"scan": {"to_m": at(4e-3), "speed_m_s": fast}}, {"scan": {"to_m": at(0.0), "speed_m_s": fast}},
+    ]
+    return Run(program=segments, limits=limits, start_m=centre).tables(machine.period)["reference"]

@@ -1,0 +1,251 @@
+"""The smallest voltages that move anything: polarity, dead encoder, current sensor, delay, breakaway.
+
+Short pulses of alternating sign rise from far below the expected breakaway until the encoder shows motion or the current
+shows back-EMF. Below breakaway the stage already gives way elastically in the direction of the force, so the sign is known
+before anything slides.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from microstage_ros.commissioning.findings import Check, refused
+from microstage_ros.control.laws.controller import controller_parameters
+
+PULSE, REST = 0.04, 0.04  # s
+RISE = 1.2  # from one level to the next
+FIRST = 0.04  # of the expected breakaway voltage
+HIGHEST = 16.0  # times the expected breakaway: friction, resistance and motor constant each twice what is sketched, and twice that
+LEAST_COUNTS, SIGMAS = 4.0, 6.0  # of motion
+TURNED = 2e-6  # motion by the back-EMF after which the encoder must have shown some [m]
+REPEATS = 2  # in each direction, once something moves
+MOST_DELAY = 2.5  # periods beyond the one that the row convention has
+LEAST_CURRENT = 5.0  # standard errors of the current's slope on the voltage
+DRIFT = 2e-5  # m in the rest before anything is driven
+
+
+@dataclass(frozen=True)
+class FirstMotion:
+    """What the pulses told.
+
+    Attributes
+    ----------
+    breakaway : voltage that moved the stage visibly [V]. resistance, resistance_error : ohm, NaN without a current.
+    delay : periods between command and current beyond the one of the row convention, NaN without a current.
+    has_current : there is a current sensor. noise : of the encoder [m]. current_noise : A.
+    """
+
+    breakaway: float
+    resistance: float
+    resistance_error: float
+    delay: float
+    has_current: bool
+    noise: float
+    current_noise: float
+
+
+def expected_breakaway(axis):
+    """Voltage [V] at which both contacts of an axis break away; a fiftieth of the limit where it has no friction."""
+    model = controller_parameters("pid_feedforward", axis, {})["feedforward"]
+    torque = float(model["volts_per_torque"]) * float(model["actuator"][0]) if model["has_actuator"] else 0.0
+    force = float(model["volts_per_force"]) * float(model["guideway"][0]) if model["has_guideway"] else 0.0
+    return max(torque + force, 0.02 * axis.value("drive.voltage_limit"))
+
+
+def look_at_rest(machine):
+    """Noise of encoder [m] and current [A], offset of the current [A]; the machine has to stand still."""
+    record = machine.rest(0.3)
+    x = record["encoder_m"]
+    x = x[np.isfinite(x)]
+    drift = float(np.mean(x[-len(x) // 4:]) - np.mean(x[:len(x) // 4]))
+    if abs(drift) > DRIFT:
+        raise refused("runaway", drift, "m", f"without voltage the stage moved by {drift * 1e6:.3g} µm in 0.3 s: something else drives it")
+    noise = max(float(np.std(np.diff(x))) / math.sqrt(2.0), 0.3 * machine.count)
+    current = record.columns.get("current_A")
+    if current is None:
+        return noise, math.nan, math.nan
+    return noise, float(np.nanstd(current)), float(np.nanmean(current))
+
+
+def first_motion(machine, sketch, keep):
+    """Pulses until something moves. Returns (`FirstMotion`, list of `Check`).
+
+    Parameters
+    ----------
+    machine : `Machine` that has begun. sketch : `Sketch`. keep : (name, record) -> None, stores a record.
+
+    Raises
+    ------
+    Refused : wrong polarity, no motion, a dead encoder, a current of the wrong sign, a delay.
+    """
+    noise, current_noise, offset = look_at_rest(machine)
+    keep("rest", machine.last)
+    pulses = Pulses(machine, noise, current_noise, offset, sketch)
+    expected = expected_breakaway(sketch.axis)
+    highest = min(machine.limit, HIGHEST * expected * (1.0 if "contacts.actuator.static" in sketch.given
+                                                       or "contacts.guideway.static" in sketch.given
+                                                       or "contacts.guideway.coulomb" in sketch.given else math.inf))
+    level, moved = FIRST * expected, []
+    while not moved:
+        for sign in (1.0, -1.0):
+            found = pulses.one(sign * level)
+            if found:
+                moved.append(found)
+                break
+        if not moved and level >= highest:
+            _nothing_moves(machine, pulses, level, keep)
+        if not moved:
+            level = min(RISE * level, highest)
+    for k in range(2 * REPEATS - 1):  # the same again in both directions
+        found = pulses.one(-math.copysign(level * RISE ** (k // 2), moved[-1][0]))
+        if found:
+            moved.append(found)
+    record = pulses.record()
+    keep("first_motion", record)
+    return _judge(machine, sketch, pulses, record, moved, level)
+
+
+def _nothing_moves(machine, pulses, level, keep):
+    record = pulses.record()
+    keep("first_motion", record)
+    _, _, slope, error = current_slope(record, pulses.offset)
+    flows = "current_A" in record.columns and abs(slope) > LEAST_CURRENT * error
+    why = "the current flows, so the motor is held: brake, clamp, jammed or not coupled" if flows else (
+        "no current flows either: enable, fuse, cable of the motor" if "current_A" in record.columns else
+        "without a current sensor it cannot be told whether the motor turns: brake, cable, encoder")
+    raise refused("stuck", level, "V", f"nothing moves up to ±{level:.3g} V for {PULSE * 1e3:.0f} ms; {why}")
+
+
+class Pulses:
+    """Pulses and what is kept of them."""
+
+    def __init__(self, machine, noise, current_noise, offset, sketch):
+        self._machine, self.noise, self.offset = machine, noise, 0.0 if math.isnan(offset) else offset
+        self.threshold = max(LEAST_COUNTS * machine.count, SIGMAS * noise)
+        self.current_noise, self._records = current_noise, []
+        axis = sketch.axis
+        self._turning = None
+        if axis.choices["drive.type"] == "voltage_motor":
+            ratio = axis.value("transmission.pitch") / (2.0 * math.pi) / axis.value("transmission.gear_ratio")
+            self._turning = ratio / axis.value("drive.back_emf") * machine.period  # metres per volt of drop in one period
+
+    def one(self, voltage):
+        """One pulse and a rest. Returns (voltage, displacement [m]) if the stage moved, None otherwise."""
+        machine = self._machine
+        rows, rest = machine.periods(PULSE, 20), machine.periods(REST, 20)
+        start = machine.position
+        state = {"seen": 0, "level": None, "drop": 0.0, "best": 0.0}
+        settle = max(3, machine.periods(1e-3))
+
+        def ends(n, x, i):
+            moved = x - start
+            state["seen"] = state["seen"] + 1 if abs(moved) > self.threshold else 0
+            if state["seen"] >= 3:
+                return True
+            if self._turning is not None and math.isfinite(i) and n > settle + 8:
+                self._watch(state, n, voltage, i - self.offset)
+                if state["drop"] > TURNED and abs(moved) < 0.2 * state["drop"]:
+                    raise refused("encoder_dead", moved, "m", f"at {voltage:.3g} V the motor turned as for {state['drop'] * 1e6:.2g} µm "
+                                  f"(by its back-EMF), and the encoder showed {moved * 1e6:.2g} µm")
+            return False
+
+        state["first"] = []
+        first = machine.run(np.full(rows, start), lambda n, x, i: voltage, until=lambda n, x, i: ends(n, x, i))
+        moved, ended = machine.position - start, machine.ended
+        after = machine.run(np.full(rest, start), lambda n, x, i: 0.0)
+        self._records += [first, after]
+        return (voltage, moved) if ended == "until" else None
+
+    def _watch(self, state, n, voltage, current):
+        """Sum up the drop of the current against its first level: volts of back-EMF over the sketch's constant."""
+        first = state["first"]
+        if len(first) < 6:
+            first.append(current)
+            return
+        level = float(np.mean(first))
+        if abs(level) < 8.0 * max(self.current_noise, 1e-9):
+            return
+        state["drop"] = max(state["drop"] + abs(self._turning) * abs(voltage) * (1.0 - current / level), 0.0)
+        quiet = 4.0 * abs(self._turning) * abs(voltage) * self.current_noise / abs(level) * math.sqrt(n)
+        state["drop"] = state["drop"] if state["drop"] > quiet else state["drop"] * 0.999
+
+    def record(self):
+        """All pulses as one record."""
+        return joined(self._records)
+
+
+def joined(records):
+    """Records that followed each other, as one."""
+    from microstage_ros.records.record import Record
+
+    names = [name for name in ("encoder_m", "reference_m", "voltage_V", "current_A", "motor_angle_rad", "disturbance_V")
+             if any(name in r.columns for r in records)]
+    columns = {name: np.concatenate([r.columns.get(name, np.full(len(r), 0.0 if name == "disturbance_V" else math.nan))
+                                     for r in records]) for name in names}
+    return Record(records[0].period_s, columns)
+
+
+def current_slope(record, offset, lag=1):
+    """(lag [rows], resistance, slope [A/V], its standard error) of the current on the voltage ``lag`` rows before."""
+    u, i = record["voltage_V"], record.columns.get("current_A")
+    if i is None:
+        return lag, math.nan, math.nan, math.inf
+    u, i = u[:-lag] if lag else u, i[lag:] - offset
+    good = np.isfinite(i)
+    u, i = u[good], i[good]
+    power = float(u @ u)
+    if power <= 0.0:
+        return lag, math.nan, math.nan, math.inf
+    slope = float(u @ i) / power
+    left = float(np.std(i - slope * u))
+    error = max(left / math.sqrt(power), 1e-12)
+    return lag, 1.0 / slope if slope else math.inf, slope, error
+
+
+def current_delay(record, offset, most=24):
+    """Periods between voltage and current beyond one: the lag at which, about the edges of the voltage, the current
+    follows it best."""
+    u, i = record["voltage_V"], np.nan_to_num(record["current_A"] - offset)
+    edges = np.flatnonzero(np.diff(u) != 0.0) + 1
+    rows = np.unique((edges[:, None] + np.arange(-4, most)[None]).ravel())
+    rows = rows[(rows >= most) & (rows < len(u))]
+    left = []
+    for lag in range(most):
+        a, b = u[rows - lag], i[rows]
+        left.append(float(np.mean((b - a * float(a @ b) / max(float(a @ a), 1e-300)) ** 2)))
+    return float(int(np.argmin(left)) - 1)
+
+
+def _judge(machine, sketch, pulses, record, moved, level):
+    signs = [math.copysign(1.0, voltage * displacement) for voltage, displacement in moved]
+    farthest = max(abs(displacement) for _, displacement in moved)
+    if np.mean(signs) < 0.0:
+        raise refused("polarity", farthest, "m", f"a positive voltage moves the encoder backwards ({len(moved)} pulses up to {level:.3g} V, "
+                      f"{farthest * 1e6:.2g} µm): swap the motor's leads or the encoder's tracks A and B")
+    checks = [Check("polarity", True, farthest, "m", f"a positive voltage moves the stage forwards ({len(moved)} pulses, {level:.3g} V)")]
+    checks.append(Check("encoder_dead", True, farthest, "m", "the encoder counts when the stage moves"))
+    checks.append(Check("stuck", True, level, "V", f"the stage moves from {level:.3g} V"))
+    has_current = "current_A" in record.columns
+    resistance = error = delay = math.nan
+    if has_current:
+        delay = current_delay(record, pulses.offset)
+        lag = max(int(delay) + 1, 0)
+        _, resistance, slope, spread = current_slope(record, pulses.offset, lag)
+        limit = 0.02 / max(sketch.axis.value("drive.resistance"), 1e-9) if sketch.axis.has("drive.resistance") else 0.0
+        has_current = abs(slope) > max(LEAST_CURRENT * spread, limit)
+        error = abs(resistance) * spread / max(abs(slope), 1e-300)
+    if not has_current:
+        resistance = error = delay = math.nan
+        checks.append(Check("current_missing", True, math.nan, "A", "no current sensor answers: the resistance stays as sketched, and "
+                            "friction and back-EMF are told from the voltage"))
+    else:
+        checks.append(Check("current_missing", True, 1.0 / resistance, "A/V", "the current answers the voltage"))
+        if resistance < 0.0:
+            raise refused("current_polarity", resistance, "ohm", "the current is negative for a positive voltage that moves the stage "
+                          "forwards: turn the current sensor round, or the sign of its scale")
+        checks.append(Check("current_polarity", True, resistance, "ohm", f"{resistance:.3g} ohm from voltage and current at rest"))
+        if delay > MOST_DELAY:
+            raise refused("delay", delay, "periods", f"the current follows the command {delay:g} periods late "
+                          f"({delay * machine.period * 1e3:.3g} ms): buffers of the card, filters, the bus")
+    return FirstMotion(level, resistance, error, delay, has_current, pulses.noise, pulses.current_noise), checks

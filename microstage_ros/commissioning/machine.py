@@ -1,0 +1,203 @@
+"""The machine in hand: control periods through the backend's `read` and `write`, recorded and guarded.
+
+Every period passes `Machine.run`; nothing else writes a voltage. It clips the voltage, ends with zero volts on every way
+out, and ends the run when the encoder leaves the window, jumps, stops counting while the motor turns, or loses its number.
+"""
+
+import math
+import time
+
+import numpy as np
+
+from microstage_ros.commissioning.findings import Stopped, refused
+from microstage_ros.hardware.protocol import HardwareError
+from microstage_ros.records.record import Record
+
+LOOK = 0.01  # time between two looks at the last stretch of the run [s]
+MOST_SILENT = 5  # readings in a row without a number
+UNSEEN = 3e-6  # motion by the back-EMF that the encoder does not show [m]
+LONGEST = 290.0  # of machine time [s]
+JUMP = 3.0  # times the speed at the voltage limit that no encoder can show
+SPIN = 2e-4  # the last part of a wait that is spun [s]
+
+
+class Machine:
+    """A backend that is open.
+
+    Parameters
+    ----------
+    backend : of `hardware.make_hardware`, open. axis : `Axis` of the sketch. clock : paced by the wall clock.
+
+    Attributes
+    ----------
+    travel : window [m] that the encoder may not leave. position : last reading [m]. rows : periods so far.
+    constants : (resistance [ohm], volts per speed at the stage [V s/m]) once they are known; they let the current
+        tell a dead encoder in motion.
+    used : greatest and least position [m] and greatest voltage [V] so far.
+    """
+
+    def __init__(self, backend, axis, paced=False):
+        self._backend, self._paced, self._due = backend, paced, None
+        self.axis, self.period = axis, axis.value("period")
+        self.limit = axis.value("drive.voltage_limit")
+        low, high = axis.value("travel.minimum"), axis.value("travel.maximum")
+        self.stroke = high - low
+        margin = min(0.01 * self.stroke, 5e-4)
+        self.travel = (low + margin, high - margin)
+        self.count = max(axis.value("sensors.encoder.resolution"), 1e-12)
+        self.position, self.rows, self.started = math.nan, 0, False
+        self.constants, self.top_speed, self.time_offset, self.delay = None, math.inf, 0.0, 0
+        self.noise, self.current_offset = 0.0, 0.0
+        self.used = {"travel_min_m": math.inf, "travel_max_m": -math.inf, "voltage_max_V": 0.0}
+
+    @property
+    def time(self):
+        """Machine time so far [s]."""
+        return self.time_offset + self.rows * self.period
+
+    def periods(self, seconds, least=1):
+        """That many control periods."""
+        return max(round(seconds / self.period), least)
+
+    def run(self, reference, command, disturbance=None, window=None, error=math.inf, until=None, go_on=False):
+        """Control periods, one per entry of ``reference`` [m].
+
+        Parameters
+        ----------
+        command : (n, encoder, current) -> voltage [V]. disturbance : added to it [V], shape as reference.
+        window : (low, high) [m] within the travel. error : largest reference − encoder [m]; beyond it the run ends and
+            `ended` is "error". until : (n, encoder, current) -> True to end the run.
+        go_on : another run follows at once: the last voltage stays where this one ends as planned.
+
+        Returns
+        -------
+        `Record` of the periods that were run; ``ended`` says why they ended: "rows", "until" or "error".
+
+        Raises
+        ------
+        Refused : the encoder fails or leaves the travel. Stopped : the hardware's own error, or no time left.
+        """
+        rows, backend = len(reference), self._backend
+        if self.time + rows * self.period > LONGEST:
+            raise Stopped(f"more than {LONGEST:g} s of machine time would be needed")
+        table = np.full((5, rows), math.nan)
+        encoder, current, angle, voltage, added = (memoryview(row) for row in table)
+        low, high = (max(window[0], self.travel[0]), min(window[1], self.travel[1])) if window else self.travel
+        extra = None if disturbance is None else np.asarray(disturbance, float).tolist()
+        wanted, limit, look = np.asarray(reference, float).tolist(), self.limit, self.periods(LOOK, 10)
+        jump = JUMP * min(self.top_speed, 1e3) * self.period + 40.0 * self.count
+        silent, n, self.ended, before, planned = 0, 0, "rows", self.position, False
+        try:
+            for n in range(rows):
+                if self._paced:
+                    self._wait()
+                x, i, motor = backend.read()
+                encoder[n], current[n], angle[n] = x, i, motor
+                if not math.isfinite(x):
+                    silent += 1
+                    if silent > MOST_SILENT:
+                        raise refused("encoder_dead", silent, "1", f"the encoder gave no number {silent} times in a row")
+                    x = before
+                elif abs(x - before) > jump:
+                    raise refused("encoder_dead", x - before, "m", f"the encoder jumped by {(x - before) * 1e6:.3g} µm in one period")
+                else:
+                    silent = 0
+                if not low <= x <= high:
+                    self._beyond(x, window)
+                before = x
+                u = command(n, x, i)
+                if extra is not None:
+                    added[n] = extra[n]
+                    u += extra[n]
+                u = min(max(u, -limit), limit) if math.isfinite(u) else 0.0
+                voltage[n] = u
+                backend.write(u)
+                if abs(wanted[n] - x) > error:
+                    self.ended = "error"
+                    break
+                if until is not None and until(n, x, i):
+                    self.ended = "until"
+                    break
+                if n % look == look - 1:
+                    self._look(table, wanted, n, look)
+            planned = self.ended == "rows"
+        except HardwareError as problem:
+            raise Stopped(f"the hardware reported: {problem}") from problem
+        finally:
+            if not (go_on and planned):
+                self._zero()
+            self.position, self.rows = before, self.rows + n + 1
+            self._note(table[:, :n + 1])
+            self.last = self._record(table[:, :n + 1], np.asarray(reference, float)[:n + 1])
+        return self.last
+
+    def rest(self, seconds):
+        """So long without voltage."""
+        rows = self.periods(seconds)
+        place = self.position if math.isfinite(self.position) else 0.0
+        return self.run(np.full(rows, place), lambda n, x, i: 0.0)
+
+    def begin(self):
+        """The first reading: where the machine stands."""
+        try:
+            x, i, _ = self._backend.read()
+            self._backend.write(0.0)
+        except HardwareError as problem:
+            raise Stopped(f"the hardware reported: {problem}") from problem
+        self.rows += 1
+        if not math.isfinite(x):
+            raise refused("encoder_dead", math.nan, "m", "the encoder gives no number")
+        self.position = x
+        if not self.travel[0] <= x <= self.travel[1]:
+            raise refused("end_stop", x, "m", f"the encoder reads {x * 1e3:.4g} mm, outside the travel less its margin "
+                          f"({self.travel[0] * 1e3:.4g} to {self.travel[1] * 1e3:.4g} mm): home the encoder, or move the stage inside by hand")
+
+    def _beyond(self, x, window):
+        inside = self.travel[0] <= x <= self.travel[1]
+        raise refused("runaway", x, "m", f"the stage left {'the part of the travel that this step needs' if inside else 'the travel'}: "
+                      f"the encoder reads {x * 1e6:.6g} µm")
+
+    def _zero(self):
+        try:
+            self._backend.write(0.0)
+        except HardwareError as problem:
+            raise Stopped(f"the hardware refused zero volts: {problem}") from problem
+
+    def _wait(self):
+        now = time.perf_counter()
+        self._due = now if self._due is None or now > self._due + self.period else self._due + self.period
+        if self._due - now > SPIN:
+            time.sleep(self._due - now - SPIN)
+        while time.perf_counter() < self._due:
+            pass
+
+    def _look(self, table, wanted, n, look):
+        """The last stretch: does the encoder count while the motor turns, or while the reference moves on?"""
+        part = table[:, n - look + 1:n + 1]
+        moved = part[0, -1] - part[0, 0]
+        if self.constants is not None:
+            resistance, volts_per_speed = self.constants
+            drop = part[3, :-1] - resistance * (part[1, 1:] - self.current_offset)
+            turned = float(np.nansum(drop)) / volts_per_speed * self.period
+            if abs(turned - moved) > UNSEEN + 0.35 * abs(turned) + 0.05 * np.abs(part[3]).max() / volts_per_speed * LOOK \
+                    and abs(moved) < 0.4 * abs(turned):
+                raise refused("encoder_dead", moved, "m", f"the motor turned as for {turned * 1e6:.3g} µm (by its back-EMF) while the "
+                              f"encoder showed {moved * 1e6:.3g} µm")
+        stood = min(n + 1, 4 * look)
+        asked = abs(wanted[n] - wanted[n + 1 - stood])
+        if asked > 100.0 * self.count and np.ptp(table[0, n + 1 - stood:n + 1]) <= 0.0 and self.constants is None:
+            raise refused("encoder_dead", 0.0, "m", f"the encoder stood on one count while the reference moved {asked * 1e6:.3g} µm")
+
+    def _note(self, table):
+        if np.isfinite(table[0]).any():
+            self.used["travel_min_m"] = min(self.used["travel_min_m"], float(np.nanmin(table[0])))
+            self.used["travel_max_m"] = max(self.used["travel_max_m"], float(np.nanmax(table[0])))
+        if np.isfinite(table[3]).any():
+            self.used["voltage_max_V"] = max(self.used["voltage_max_V"], float(np.nanmax(np.abs(table[3]))))
+
+    def _record(self, table, reference):
+        names = ("encoder_m", "current_A", "motor_angle_rad", "voltage_V", "disturbance_V")
+        columns = {name: row.copy() for name, row in zip(names, table) if name in ("encoder_m", "voltage_V") or np.isfinite(row).any()}
+        columns["reference_m"] = reference
+        columns["voltage_V"] = np.nan_to_num(columns["voltage_V"])
+        return Record(self.period, columns)

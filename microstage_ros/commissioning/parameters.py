@@ -1,0 +1,110 @@
+"""From the records of a commissioning to the axis, with uncertainty."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from microstage_ros.commissioning.known import ratio_of
+from microstage_ros.identification.estimators.estimate import Estimate
+from microstage_ros.identification.intake import take_in
+from microstage_ros.identification.pipeline import identify
+from microstage_ros.quantities.errors import InputError
+
+TIED = 0.01  # how far a DC motor's torque constant may be from its back-EMF constant (iron losses, temperature between the two)
+WELL = 0.25  # relative standard deviation below which a number counts as determined
+VOLTS_ONLY = ("drive.resistance", "drive.back_emf", "drive.inductance", "drive.torque_constant", "drive.rotor_inertia",
+              "contacts.actuator.static", "contacts.actuator.coulomb", "contacts.actuator.viscous", "constant torque")
+"""What cannot be told in its own unit without a current: only together with the sketch's resistance."""
+
+
+def identified(records, axis, sketch, found, fit, seed):
+    """(`Axis`, estimates by key) from closed-loop records.
+
+    Parameters
+    ----------
+    records : list of `Record`. axis : as known so far. sketch : `Sketch`. found : `open_loop.Strokes`.
+    fit : `plant_fit.PlantFit` or None. seed : of the bootstrap.
+    """
+    current_free = axis.choices["drive.type"] == "voltage_motor" and not found.has_current
+    taken = [take_in(_with_current(r, axis) if current_free else _force(r, axis), axis)[0] for r in records]
+    try:
+        result = identify(iter(taken), axis, seed)
+    except InputError as error:
+        return axis, {}, [f"The records were not explained by the model ({error}); the numbers of the first measurements stay."]
+    estimates = dict(result.estimates)
+    if current_free:
+        estimates = {key: replace(e, determined=False, remark="without a current only voltages are known") if key in VOLTS_ONLY else e
+                     for key, e in estimates.items()}
+        values = {e.key: e.value for e in result.estimates.values() if e.determined and axis.has(e.key)
+                  and e.key not in ("drive.resistance", "drive.back_emf", "drive.inductance")}
+        axis = axis.with_values(values, source="identified")
+    else:
+        axis = result.to_axis(axis)
+        if axis.has("drive.back_emf"):
+            axis = _tied(axis, estimates)
+    if fit is not None and axis.has("transmission.stiffness"):
+        axis = _drive_train(axis, sketch, fit, estimates)
+    return axis, estimates, list(result.remarks)
+
+
+def _tied(axis, estimates):
+    """The torque constant is the back-EMF constant."""
+    emf = axis.value("drive.back_emf")
+    estimate = estimates.get("drive.back_emf")
+    spread = math.hypot(TIED * emf, float(estimate.stderr) if estimate is not None and estimate.determined else 0.1 * emf)
+    estimates["drive.torque_constant"] = Estimate("drive.torque_constant", emf, "N m/A", spread, emf - 1.96 * spread, emf + 1.96 * spread,
+                                                  estimate is not None and estimate.determined, "equals the back-EMF constant")
+    return axis.with_values({"drive.torque_constant": emf}, source="identified", stderr={"drive.torque_constant": spread})
+
+
+def _drive_train(axis, sketch, fit, estimates):
+    """Stiffness and damping by the measured resonance, for the mass that the axis file has: their ratio to it is what shows."""
+    mass = sketch.spread("stage.mass")
+    values, spreads = {}, {}
+    for key, unit in (("transmission.stiffness", "N/m"), ("transmission.damping", "N s/m")):
+        relative = math.hypot(fit.relative[key], mass)
+        value = fit.values[key]
+        values[key], spreads[key] = value, relative * value
+        why = "" if relative < WELL else "only its ratio to the mass shows, in the resonance; weighing the stage would tell both"
+        estimates[key] = Estimate(key, value, unit, spreads[key], value * math.exp(-1.96 * relative), value * math.exp(1.96 * relative),
+                                  relative < WELL, "response in sliding", why)
+    error = fit.resonance_error * fit.resonance
+    estimates["resonance of the drive train"] = Estimate("resonance of the drive train", fit.resonance, "Hz", error, fit.resonance - 1.96 * error,
+                                                         fit.resonance + 1.96 * error, True, "response in sliding")
+    return axis.with_values(values, source="identified", stderr=spreads)
+
+
+def _with_current(record, axis):
+    """The record with the current that voltage and speed stand for, with the sketch's resistance."""
+    from microstage_ros.commissioning.open_loop import smoothed
+
+    _, speed, _ = smoothed(record, record.period_s)
+    back = axis.value("drive.back_emf") * speed / ratio_of(axis)
+    current = (np.append(0.0, record["voltage_V"][:-1]) - back) / axis.value("drive.resistance")
+    return replace(record, columns={**record.columns, "current_A": current})
+
+
+def _force(record, axis):
+    if axis.choices["drive.type"] != "force":
+        return record
+    return replace(record, columns={**record.columns, "force_N": record["voltage_V"] * axis.value("drive.gain")})
+
+
+def draws(axis, estimates, count, seed):
+    """Axes drawn from the posterior: every determined number independent and log-normal about its value."""
+    rng = np.random.default_rng(seed)
+    known = [e for e in estimates.values() if e.determined and axis.has(e.key) and e.stderr is not None and not isinstance(e.value, list)
+             and axis.value(e.key) > 0.0 and not e.key.startswith(("variability", "sensors"))]
+    stiff = axis.has("transmission.stiffness")
+    found = []
+    for _ in range(count):
+        values = {e.key: axis.value(e.key) * math.exp(rng.standard_normal() * min(float(e.stderr) / abs(float(e.value)), 0.5)) for e in known}
+        if "contacts.actuator.static" in values and "contacts.actuator.coulomb" in values:
+            values["contacts.actuator.static"] = max(values["contacts.actuator.static"], 1.01 * values["contacts.actuator.coulomb"])
+        if stiff and "transmission.stiffness" not in values:
+            relative = (axis.quantity("transmission.stiffness").stderr or 0.0) / axis.value("transmission.stiffness")
+            common = math.exp(rng.standard_normal() * min(relative, 0.5))  # the ratio to the mass is known, the mass is not
+            values |= {key: axis.value(key) * common for key in ("transmission.stiffness", "transmission.damping", "stage.mass")}
+        found.append(axis.with_values(values, source="estimate"))
+    return found

@@ -1,0 +1,102 @@
+"""The linear axis fitted to a measured frequency response in sliding: drive-train resonance, damping, delay, inertia."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+NAMES = ("drive.rotor_inertia", "drive.back_emf", "transmission.stiffness", "transmission.damping")
+GRID = 24  # starting values of the resonance
+SPAN = (0.15, 3.5)  # of the sketched resonance
+LEAST_LINES = 8
+FLOOR = 0.02  # relative: what the linear model itself leaves
+
+
+@dataclass(frozen=True)
+class PlantFit:
+    """Fitted numbers by key of the axis file, their standard deviations (relative), resonance [Hz] and delay [s]."""
+
+    values: dict
+    relative: dict
+    resonance: float
+    resonance_error: float
+    delay: float
+    delay_error: float
+    left: float
+
+
+def held_response(axis, values, frequency, period, slope, delay):
+    """Response [m/V], position at the start of a period to a voltage held over it, shape of ``frequency`` [Hz].
+
+    ``slope``: viscous torque at the motor per motor speed [N m s/rad] (the slope of the sliding curve).
+    """
+    s = 2j * math.pi * frequency
+    hold = (1.0 - np.exp(-s * period)) / (s * period) * np.exp(-s * delay)
+    if axis.choices["drive.type"] == "force":
+        mass = values.get("stage.mass", axis.value("stage.mass"))
+        return hold * axis.value("drive.gain") / (mass * s * s + slope * s)
+    get = {**{key: axis.value(key) for key in ("drive.resistance", "drive.inductance", "stage.mass")}, **values}
+    q = axis.value("transmission.pitch") / (2.0 * math.pi) / axis.value("transmission.gear_ratio")
+    emf = get["drive.back_emf"]
+    torque = emf
+    impedance = get["drive.resistance"] + s * get["drive.inductance"]
+    mass, inertia = get["stage.mass"], get["drive.rotor_inertia"]
+    if axis.choices["transmission.type"] == "rigid":
+        load, stage = q * q * mass * s * s, q
+    else:
+        spring = get["transmission.stiffness"] + s * get["transmission.damping"]
+        stage = q * spring / (mass * s * s + spring)
+        load = q * spring * (q - stage)
+    motor = (torque / impedance) / (inertia * s * s + (slope + torque * emf / impedance) * s + load)
+    return hold * stage * motor
+
+
+def resonance_of(axis, values=None):
+    """Resonance of the drive train [Hz], motor free; NaN for a rigid transmission or a force drive."""
+    values = values or {}
+    if axis.choices["drive.type"] == "force" or axis.choices["transmission.type"] == "rigid":
+        return math.nan
+
+    def get(key):
+        return values.get(key, axis.value(key))
+
+    q = axis.value("transmission.pitch") / (2.0 * math.pi) / axis.value("transmission.gear_ratio")
+    reduced = 1.0 / (1.0 / get("stage.mass") + q * q / get("drive.rotor_inertia"))
+    return math.sqrt(get("transmission.stiffness") / reduced) / (2.0 * math.pi)
+
+
+def fit_plant(axis, response, period, slope=0.0):
+    """`PlantFit` of a plant `Response` in sliding; None where too few lines are coherent."""
+    response = response.kept()
+    if len(response.frequency) < LEAST_LINES:
+        return None
+    force = axis.choices["drive.type"] == "force"
+    rigid = force or axis.choices["transmission.type"] == "rigid"
+    names = ("stage.mass",) if force else NAMES[:2] if rigid else NAMES
+    start = np.array([math.log(max(axis.value(name), 1e-12)) for name in names])
+    weight = 1.0 / np.hypot(np.maximum(response.relative, 1e-4), FLOOR)
+
+    def residual(vector):
+        values = {name: math.exp(v) for name, v in zip(names, vector[:-1])}
+        model = held_response(axis, values, response.frequency, period, slope, vector[-1] * period)
+        error = np.log(response.value / model) * weight
+        return np.concatenate([error.real, np.arctan2(np.sin(error.imag / weight), np.cos(error.imag / weight)) * weight])
+
+    starts = [np.append(start, 0.0)]
+    if not rigid:
+        base = resonance_of(axis)
+        starts = [np.append(start + np.array([0, 0, 2.0 * math.log(f), math.log(f)]), d)
+                  for f in np.geomspace(*SPAN, GRID) for d in (0.0, 5.0) if base * f < 0.6 / period]
+        starts = starts or [np.append(start, 0.0)]
+    starts.sort(key=lambda v: float(np.sum(np.minimum(residual(v) ** 2, 1e3))))
+    fits = [least_squares(residual, v, loss="soft_l1", max_nfev=60) for v in starts[:3]]
+    fit = min(fits, key=lambda f: f.cost)
+    freedom = max(len(fit.fun) - len(fit.x), 1)
+    scale = max(float(fit.fun @ fit.fun) / freedom, 1.0)
+    covariance = np.linalg.pinv(fit.jac.T @ fit.jac) * scale
+    spread = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
+    values = {name: math.exp(v) for name, v in zip(names, fit.x[:-1])}
+    error = 0.5 * spread[2] if not rigid else math.nan
+    return PlantFit(values, dict(zip(names, spread)), resonance_of(axis, values), error, float(fit.x[-1] * period),
+                    float(spread[-1] * period), float(np.sqrt(np.mean((fit.fun / np.tile(weight, 2)) ** 2))))

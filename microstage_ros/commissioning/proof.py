@@ -1,0 +1,126 @@
+"""Proof of a law on the machine: its measured loop, repeated moves, a slow sine."""
+
+import math
+
+import numpy as np
+
+from microstage_ros.commissioning.findings import refused
+from microstage_ros.commissioning.frequency_response import multi_sine, responses
+from microstage_ros.control.trajectories.profiles import jerk_limited_move, sine
+from microstage_ros.metrology.repeatability import repeatability
+
+TARGETS = (1e-6, 1e-5, 1e-4, 1e-3)
+REPEATS = 10
+DWELL, JUDGED = 0.3, 0.1  # rest after a move, and its last part over which the error is the mean [s]
+BAND_COUNTS, BAND = 2.0, 5e-8  # settled: within so many counts, or metres
+SINE = {"amplitude": 1e-5, "frequency": 0.1, "cycles": 1.0}
+SWING = 6e-7  # peak to peak in the judged part that is an oscillation [m]
+REST_SHARE = 0.25  # of breakaway, rms of the voltage added at rest
+SLIDE_SPEED = 1e-3  # m/s
+LINES, REST_PERIODS, SLIDES = 60, 12, 4
+
+
+def loop_at_rest(loop, breakaway, seed, keep):
+    """(plant, loop) responses while the law holds still."""
+    machine = loop.machine
+    made = multi_sine(machine.period, 5.0, 0.42 / machine.period, lambda f: 1.0, seed, LINES)
+    made = _scaled(made, REST_SHARE * breakaway / np.sqrt(np.mean(made.signal**2)))
+    settle = machine.periods(0.3)
+    extra = np.concatenate([np.zeros(settle), made.times(REST_PERIODS + 1), made.signal[:1]])
+    record = loop.follow(np.full(len(extra), machine.position), extra)
+    keep("response_at_rest", record)
+    first = settle + made.rows
+    return responses([_part(record, first, first + REST_PERIODS * made.rows + 1)], made, machine.period, "rest")
+
+
+def loop_in_motion(loop, found, seed, keep):
+    """(plant, loop) responses while the law slides the stage to and fro."""
+    machine = loop.machine
+    speed = min(SLIDE_SPEED, 0.5 * loop.top_speed)
+    length = min(2.5e-3, 0.1 * machine.stroke)
+    period = machine.period
+    corner = found.volts_per_speed / max(found.inertia, 1e-12) / (2.0 * math.pi)
+    made = multi_sine(period, max(5.0, 4.0 * speed / length), 0.42 / period, lambda f: math.sqrt(1.0 + (f / corner) ** 2), seed, LINES)
+    volts = 0.35 * (found.friction + found.volts_per_speed * speed)
+    made = _scaled(made, min(volts / np.sqrt(np.mean(made.signal**2)), 0.4 * machine.limit / np.abs(made.signal).max()))
+    centre, parts, records = machine.position, [], []
+    for number in range(SLIDES):
+        move = jerk_limited_move(machine.position, centre + (length if number % 2 == 0 else 0.0), period, loop.limits(speed))
+        steady = np.flatnonzero(np.abs(np.abs(np.diff(move)) / period - speed) < 1e-3 * speed)
+        if len(steady) < made.rows * 2:
+            return None, None
+        first = steady[0] + min(machine.periods(0.1), made.rows)
+        count = (steady[-1] - first) // made.rows
+        extra = np.zeros(len(move))
+        extra[first:first + count * made.rows] = made.times(int(count))
+        lead = min(first, made.rows)
+        extra[first - lead:first] = made.signal[-lead:]
+        record = loop.follow(np.append(move, np.full(machine.periods(0.1), move[-1])),
+                             np.append(extra, np.zeros(machine.periods(0.1))), error=1.5e-4)
+        records.append(record)
+        if count >= 1:
+            parts.append(_part(record, first, first + int(count) * made.rows + 1))
+    from microstage_ros.commissioning.first_motion import joined
+
+    keep("response_in_motion", joined(records))
+    return responses(parts, made, period, "sliding") if parts else (None, None)
+
+
+def _scaled(made, factor):
+    return type(made)(made.lines, made.rows, made.signal * factor)
+
+
+def _part(record, start, stop):
+    return tuple(record[name][start:stop] for name in ("encoder_m", "voltage_V", "disturbance_V"))
+
+
+def moves(loop, keep):
+    """Repeated moves from one place to each target and back. Returns (rows of report.json, largest swing at rest [m])."""
+    from microstage_ros.commissioning.first_motion import joined
+
+    machine, records, rows, swing = loop.machine, [], [], 0.0
+    start = machine.position
+    fresh = True
+    band = max(BAND_COUNTS * machine.count, BAND)
+    for target in TARGETS:
+        if abs(target) > 0.2 * machine.stroke:
+            continue
+        errors, times = [], []
+        for _ in range(REPEATS):
+            for place in (start + target, start):
+                begin = start if place != start else start + target
+                move = jerk_limited_move(begin, place, machine.period, loop.limits(6e-3))
+                record = loop.follow(np.append(move, np.full(machine.periods(DWELL), place)), fresh=fresh, go_on=True)
+                fresh = False
+                records.append(record)
+                judged = record["encoder_m"][-machine.periods(JUDGED):]
+                swing = max(swing, float(np.ptp(judged)))
+                if place != start:
+                    errors.append(float(np.mean(judged)) - place)
+                    beyond = np.flatnonzero(np.abs(record["encoder_m"] - place) > band)
+                    times.append((float(beyond[-1]) + 1 - len(move)) * machine.period if len(beyond) else 0.0)
+        found = repeatability(errors)
+        rows.append({"target_m": target, "n": REPEATS, "bias_m": found.bias, "four_s_m": found.four_s, "settling_s": max(float(np.median(times)), 0.0),
+                     "four_s_interval_m": list(found.four_s_interval), "worst_m": float(np.abs(errors).max())})
+    machine.rest(0.0)
+    keep("moves", joined(records))
+    return rows, swing
+
+
+def slow_sine(loop, keep):
+    """Largest following error [m] of a slow sine after its first quarter."""
+    machine = loop.machine
+    reference = sine(machine.position, period=machine.period, limits=loop.limits(6e-3), **SINE)
+    record = loop.follow(reference, fresh=False)
+    keep("slow_sine", record)
+    error = record["encoder_m"] - record["reference_m"]
+    return float(np.abs(error[len(error) // 4:]).max())
+
+
+def prove(loop, keep):
+    """Moves and slow sine. Raises Refused (runaway) where the law swings at rest."""
+    rows, swing = moves(loop, keep)
+    limit = max(SWING, 16.0 * loop.machine.count, 12.0 * loop.machine.noise)
+    if swing > limit:
+        raise refused("runaway", swing, "m", f"under {loop.law} the stage swings by {swing * 1e6:.3g} µm at rest")
+    return rows, slow_sine(loop, keep)

@@ -1,0 +1,141 @@
+"""The sketch of a machine: an axis file of which most numbers may be missing or only roughly known.
+
+Required are the period, the travel, the kind of drive and transmission, the drive's voltage limit, gear ratio and pitch
+of a screw, and the encoder's resolution. A leaf may have ``tolerance`` (relative: 0.3 means within a factor 1.3).
+What is missing is filled with a typical value, scaled to what is given, and counts as known within `UNKNOWN`.
+"""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from microstage_ros.model.axis_file import axis_from_dict, load_axis
+from microstage_ros.places import config_file
+from microstage_ros.quantities.errors import InputError
+
+USUAL = 1.0
+"""Tolerance of a number that is given without one: within a factor of two."""
+
+UNKNOWN = 9.0
+"""Tolerance of a number that is not given: within a factor of ten."""
+
+REQUIRED = ("period", "travel.minimum", "travel.maximum", "drive.voltage_limit", "sensors.encoder.resolution")
+"""Leaves without which nothing may move; of a screw also its gear ratio and pitch."""
+
+EXACT = (*REQUIRED, "drive.dac_range", "drive.dac_bits", "transmission.gear_ratio", "transmission.pitch")
+"""Leaves that are taken as they are."""
+
+
+@dataclass(frozen=True)
+class Sketch:
+    """An axis with how well each of its numbers is known.
+
+    Attributes
+    ----------
+    axis : `Axis`, complete. tolerance : dotted key to relative tolerance. given : keys that stood in the file.
+    """
+
+    axis: object
+    tolerance: dict
+    given: frozenset
+
+    def spread(self, key):
+        """Standard deviation of the logarithm of a number: its tolerance as a uniform distribution."""
+        return math.log1p(self.tolerance.get(key, USUAL)) / math.sqrt(3.0)
+
+
+def load_sketch(path):
+    """Read a sketch. Raises InputError: file, key, value, what would be right."""
+    try:
+        tree = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(str(path), error.strerror, "a readable axis file") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InputError(str(path), " ".join(str(error).split())[:160], "valid YAML") from None
+    return sketch_from_dict(tree, str(path))
+
+
+def sketch_from_dict(tree, place="sketch"):
+    """`Sketch` from plain data. Raises InputError."""
+    if not isinstance(tree, dict):
+        raise InputError(place, tree, "a mapping of sections")
+    tolerance = {}
+    tree = _without_tolerances(tree, "", tolerance, place)
+    given = frozenset(_leaves(tree))
+    drive, transmission = (_choice(tree, section, place) for section in ("drive", "transmission"))
+    required = REQUIRED + (("transmission.gear_ratio", "transmission.pitch") if transmission == "screw" else ())
+    for key in required:
+        if key not in given:
+            raise InputError(f"{place}: {key}", None, "a value; without it nothing may move")
+    tree = _merged(_template(tree, drive, transmission), tree)
+    tree.setdefault("format", 1)
+    tree.setdefault("name", Path(place).stem)
+    axis = axis_from_dict(tree, place).with_controller({"type": "self_tuning"})
+    for key in axis.quantities:
+        if key in EXACT:
+            tolerance[key] = 0.0
+        elif key not in given:
+            tolerance[key] = UNKNOWN
+    return Sketch(axis, {**{key: USUAL for key in axis.quantities}, **tolerance}, given)
+
+
+def _choice(tree, section, place):
+    chosen = (tree.get(section) or {}).get("type") if isinstance(tree.get(section), dict) else None
+    if not isinstance(chosen, str):
+        raise InputError(f"{place}: {section}.type", chosen, "the kind of " + section)
+    return chosen
+
+
+def _without_tolerances(node, key, tolerance, place):
+    """The tree without ``tolerance``; a leaf without ``source`` is an estimate."""
+    if not isinstance(node, dict):
+        return node
+    if "value" in node:
+        leaf = dict(node)
+        given = leaf.pop("tolerance", None)
+        if given is not None:
+            if isinstance(given, bool) or not isinstance(given, (int, float)) or not 0.0 <= given < math.inf:
+                raise InputError(f"{place}: {key}.tolerance", given, "a relative tolerance from 0, such as 0.3")
+            tolerance[key] = float(given)
+        leaf.setdefault("source", "estimate")
+        return leaf
+    if key in ("effects", "controller", "provenance"):
+        return node
+    return {name: _without_tolerances(child, f"{key}.{name}".lstrip("."), tolerance, place) for name, child in node.items()}
+
+
+def _leaves(node, key=""):
+    if isinstance(node, dict):
+        if "value" in node:
+            yield key
+        else:
+            for name, child in node.items():
+                yield from _leaves(child, f"{key}.{name}".lstrip("."))
+
+
+def _template(tree, drive, transmission):
+    """Typical values for whatever this kind of machine may leave out."""
+    shipped = load_axis(config_file("axis.yaml" if drive == "voltage_motor" else "emps.yaml")).as_dict()
+    for section in ("controller", "effects", "provenance", "name", "period", "travel"):
+        shipped.pop(section, None)
+    if shipped["transmission"]["type"] != transmission:
+        shipped["transmission"] = {"type": transmission}
+    if shipped["drive"]["type"] != drive:
+        shipped["drive"] = {"type": drive}
+    for contact, body in (tree.get("contacts") or {}).items():
+        if isinstance(body, dict) and body.get("law") != shipped["contacts"].get(contact, {}).get("law"):
+            shipped["contacts"].pop(contact, None)
+    return shipped
+
+
+def _merged(base, over):
+    merged = dict(base)
+    for name, value in over.items():
+        inner = merged.get(name)
+        if isinstance(value, dict) and isinstance(inner, dict) and "value" not in value and "value" not in inner:
+            merged[name] = _merged(inner, value)
+        else:
+            merged[name] = value
+    return merged
