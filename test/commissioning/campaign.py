@@ -1,0 +1,83 @@
+"""Commissioning of machines nobody was told of: random ones, and faulty ones.
+
+    PYTHONPATH=test/commissioning python test/commissioning/campaign.py --machines 20 --faults --out FILE.json
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from machines import FAULTS, Machine, random_axis
+
+from microstage_ros.commissioning.machine import Machine as Hand
+from microstage_ros.commissioning.procedure import commission
+from microstage_ros.commissioning.report import report_tree, write_answer
+from microstage_ros.commissioning.sketch import load_sketch
+from microstage_ros.commissioning.store import Store
+from microstage_ros.hardware import make_hardware
+from microstage_ros.hardware.protocol import Setup
+from microstage_ros.places import config_file
+
+EXPECTED = {"motor_polarity": "polarity", "encoder_polarity": "polarity", "current_polarity": "current_polarity", "encoder_dead": "encoder_dead",
+            "encoder_frozen": "encoder_dead", "counts_quarter": "encoder_scale", "counts_fourfold": "encoder_scale", "stuck": "stuck",
+            "end_stop": "end_stop", "no_current": "ready", "zero_current": "ready", "delay": "delay", "encoder_delay": "delay", "resonance": "resonance", "": "ready"}
+
+
+def one(sketch, fault, seed, folder, truth=None, period=None):
+    """One commissioning. Returns a row of what came of it."""
+    truth = truth or (random_axis(sketch.axis, seed) if seed else sketch.axis)
+    if fault == "resonance":  # a third of the sketch's
+        values = {key: sketch.axis.value(key) for key in ("transmission.stiffness", "stage.mass")}
+        truth = truth.with_values(values, source="estimate")
+    folder.mkdir(parents=True, exist_ok=True)
+    truth.save(folder / "truth.yaml")
+    options = {"truth": str(folder / "truth.yaml"), "fault": fault, "frozen_after": 20000 + 37777 * seed}
+    backend = make_hardware("machines:Machine", Setup(sketch.axis, seed, options))
+    backend.open()
+    hand = Hand(backend, sketch.axis)
+    begun = time.process_time()
+    outcome = commission(hand, sketch, Store(folder, f"{fault}{seed}"), seed)
+    write_answer(outcome, hand, folder, {"seed": seed})
+    machine = Machine.made[-1]
+    failed = [c.id for c in outcome.checks.values() if not c.passed]
+    got = outcome.verdict if outcome.verdict != "refused" else failed[0]
+    estimates = {k: (e.value, e.stderr) for k, e in outcome.estimates.items() if e.determined and truth.has(k) and not isinstance(e.value, list)}
+    hits = {k: abs(v - truth.value(k)) <= 1.96 * s for k, (v, s) in estimates.items() if s}
+    return {"fault": fault, "seed": seed, "got": got, "right": got == EXPECTED[fault], "says": outcome.says, "law": outcome.law,
+            "time_s": hand.time, "cpu_s": time.process_time() - begun, "range_m": [machine.lowest, machine.highest],
+            "within": machine.lowest >= sketch.axis.value("travel.minimum") and machine.highest <= sketch.axis.value("travel.maximum"),
+            "voltage_V": machine.most_voltage, "moves": outcome.moves, "sine_m": outcome.sine, "held": hits,
+            "report": report_tree(outcome, hand)["margins"], "remarks": outcome.remarks[-2:]}
+
+
+def main():
+    """Run the campaign."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--machines", type=int, default=10)
+    parser.add_argument("--first", type=int, default=1)
+    parser.add_argument("--faults", action="store_true")
+    parser.add_argument("--out", default="")
+    arguments = parser.parse_args()
+    sketch = load_sketch(config_file("axis.yaml"))
+    todo = [(fault, 1 + k) for k, fault in enumerate(FAULTS)] if arguments.faults else []
+    todo += [("", seed) for seed in range(arguments.first, arguments.first + arguments.machines)]
+    rows = []
+    for fault, seed in todo:
+        with tempfile.TemporaryDirectory() as folder:
+            rows.append(one(sketch, fault, seed, Path(arguments.out + ".d") / f"{fault}{seed}" if arguments.out else Path(folder)))
+        row = rows[-1]
+        held = sum(row["held"].values()), len(row["held"])
+        print(f"{row['fault'] or 'healthy':16s} {row['seed']:3d} {'ok ' if row['right'] else 'NOT'} {row['got']:16s} {row['law']:22s} {row['time_s']:6.1f} s "
+              f"cpu {row['cpu_s']:5.1f} 4s {[round(m['four_s_m'] * 1e9, 1) for m in row['moves']]} sine {row['sine_m'] * 1e9:.0f} nm held {held} "
+              f"{'' if row['within'] else 'BEYOND'} {row['says'][:100]} {row['remarks']}", flush=True)
+        if arguments.out:
+            Path(arguments.out).write_text(json.dumps(rows, default=str))
+    right = sum(row["right"] for row in rows)
+    print(f"{right} of {len(rows)} as expected")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
