@@ -172,7 +172,7 @@ class Machine:
             pass
 
     def _look(self, table, wanted, n, look):
-        """The last stretch: does the encoder count while the motor turns, or while the reference moves on?"""
+        """Refuse an encoder that does not count over the last stretch, while the motor turns or the reference moves on."""
         part = table[:, n - look + 1:n + 1]
         moved = part[0, -1] - part[0, 0]
         if self.constants is not None:

@@ -182,4 +182,5 @@ def _creep(machine, place, found, records):
         speed = slide_speed(machine, found)
         volts = sign * (found.friction + (found.volts_per_speed + found.viscous) * speed) + found.offset
         rows = machine.periods(abs(way) / speed * 3.0 + 0.05)
-        records.append(machine.run(np.full(rows, machine.position), lambda n, x, i: volts, until=lambda n, x, i: sign * (place - x) < 0.0))
+        records.append(machine.run(np.full(rows, machine.position), lambda n, x, i, u=volts: u,
+                                   until=lambda n, x, i, s=sign: s * (place - x) < 0.0))

@@ -172,7 +172,6 @@ def _judge_response(outcome, machine, sketch, fit):
 
 def _closed_loop(outcome, loop, store, progress, keep, paths):
     """Records for the identification: at rest, along the travel, the programme at two places."""
-    machine = loop.machine
     progress("closing the loop, with gentle gains")
     keep("hold", loop.settle())
     if store.done("stroke") is None:

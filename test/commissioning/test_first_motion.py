@@ -1,0 +1,71 @@
+"""The first voltages on machines with a fault: each is found, named, and hardly anything has moved."""
+
+import math
+
+import pytest
+from machines import Machine, random_axis
+
+from microstage_ros.commissioning.findings import Refused
+from microstage_ros.commissioning.first_motion import first_motion
+from microstage_ros.commissioning.machine import Machine as Hand
+from microstage_ros.commissioning.open_loop import strokes
+from microstage_ros.commissioning.sketch import load_sketch
+from microstage_ros.hardware import make_hardware
+from microstage_ros.hardware.protocol import Setup
+from microstage_ros.places import config_file
+
+SKETCH = load_sketch(config_file("axis.yaml"))
+
+
+def begun(tmp_path, fault="", seed=1):
+    """A machine in hand, on a truth within a factor of two of the sketch."""
+    random_axis(SKETCH.axis, seed).save(tmp_path / "truth.yaml")
+    backend = make_hardware("machines:Machine", Setup(SKETCH.axis, seed, {"truth": str(tmp_path / "truth.yaml"), "fault": fault}))
+    backend.open()
+    hand = Hand(backend, SKETCH.axis)
+    hand.begin()
+    return hand
+
+
+def kept(name, record):
+    """Records are not needed here."""
+
+
+def test_a_good_machine(tmp_path):
+    hand = begun(tmp_path)
+    first, checks = first_motion(hand, SKETCH, kept)
+    assert all(check.passed for check in checks) and first.has_current and first.delay == 0.0
+    assert first.resistance == pytest.approx(Machine.made[-1].axis.value("drive.resistance"), rel=0.06)
+    assert Machine.made[-1].highest - Machine.made[-1].lowest < 3e-6
+    found, check = strokes(hand, SKETCH, first, kept)
+    assert check.passed and found.resistance == pytest.approx(Machine.made[-1].axis.value("drive.resistance"), rel=0.03)
+
+
+@pytest.mark.parametrize("fault, check", [
+    ("motor_polarity", "polarity"), ("encoder_polarity", "polarity"), ("encoder_dead", "encoder_dead"), ("stuck", "stuck"),
+    ("current_polarity", "current_polarity"), ("delay", "delay")])
+def test_a_fault_is_named_before_anything_has_moved(tmp_path, fault, check):
+    hand = begun(tmp_path, fault, seed=2)
+    with pytest.raises(Refused) as caught:
+        first_motion(hand, SKETCH, kept)
+    machine = Machine.made[-1]
+    assert caught.value.check.id == check and not caught.value.check.passed
+    assert machine.highest - machine.lowest < 1e-5 and machine._voltage == 0.0
+
+
+@pytest.mark.parametrize("fault", ["counts_quarter", "counts_fourfold"])
+def test_an_encoder_that_counts_wrong(tmp_path, fault):
+    hand = begun(tmp_path, fault, seed=3)
+    first, _ = first_motion(hand, SKETCH, kept)
+    with pytest.raises(Refused) as caught:
+        strokes(hand, SKETCH, first, kept)
+    assert caught.value.check.id == "encoder_scale"
+    assert Machine.made[-1].highest - Machine.made[-1].lowest < 2e-3
+
+
+@pytest.mark.parametrize("fault", ["no_current", "zero_current"])
+def test_without_a_current_it_goes_on(tmp_path, fault):
+    hand = begun(tmp_path, fault)
+    first, checks = first_motion(hand, SKETCH, kept)
+    assert not first.has_current and math.isnan(first.delay)
+    assert {check.id: check.passed for check in checks}["current_missing"]
