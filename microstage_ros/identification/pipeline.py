@@ -55,6 +55,12 @@ def identify(records, axis, seed=0, progress=lambda text: None, blocks=None, ref
     return identify_motor_axis(records, axis, seed, progress, blocks)
 
 
+def _needs(axis, contact, laws, why):
+    """InputError unless the contact's law is one whose parameters the records tell."""
+    if axis.law(contact) not in laws:
+        raise InputError(f"{axis.place}: contacts.{contact}.law", axis.law(contact), f"{' or '.join(laws)}: {why}")
+
+
 def _force_axis(records, axis, refine):
     """Inverse model, and beside it the closed-loop output error where the axis file has a controller."""
     result = identify_force_axis(records, axis)
@@ -74,6 +80,8 @@ def identify_guideway(records, axis, seed=0, progress=lambda text: None, blocks=
 
     The static limit of a repeat lies between the last load held and the one that slid.
     """
+    _needs(axis, "guideway", ("maxwell_slip", "generalised_maxwell_slip", "leuven", "hsieh_pan"),
+           "the blocks of a virgin curve are what incremental loading tells")
     repeats = []
     for record in records:
         repeats.append(extract_loading(record, axis))
@@ -107,6 +115,7 @@ def identify_guideway(records, axis, seed=0, progress=lambda text: None, blocks=
 
 def identify_motor_axis(records, axis, seed=0, progress=lambda text: None, blocks=None):
     """An axis with a voltage-driven motor, alone on its bench or with the stage."""
+    _needs(axis, "actuator", ("generalised_maxwell_slip",), "only this law's parameters are estimated from a motor's records")
     coupled = axis.law("guideway") != "none"
     features, dynamic = Features(), []
     for number, record in enumerate(records):

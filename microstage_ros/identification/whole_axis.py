@@ -20,10 +20,10 @@ from microstage_ros.identification.estimators.estimate import Curve, Estimate, I
 from microstage_ros.identification.estimators.intervals import block_covariance, correlation
 from microstage_ros.identification.estimators.inverse_dynamics import low_pass
 from microstage_ros.identification.signals import screw_ratio
-from microstage_ros.model.friction.blocks import blocks_from_segment_slopes
 from microstage_ros.model.friction.positions import maxwell_slip_force
 from microstage_ros.model.friction.registry import law_named, run_law
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.solver.plant import blocks_of, limit_of
 
 PARAMETERS = ("coulomb", "drop", "stribeck_velocity", "stribeck_exponent", "viscous", "stiffness", "inertia", "offset")
 PRIOR = np.array([1.0, 1.0, 1.0, 0.15, 1.0, 1.0, 1.0, 1.0])
@@ -45,15 +45,11 @@ def driven_load(signals, axis):
     """Torque at the motor [N m], shape (n,), of the guideways and the constant force along the record."""
     ratio, gear = screw_ratio(axis), axis.value("transmission.gear_ratio")
     position = ratio * low_pass(signals.angle, min(100.0, 0.2 / signals.period), signals.period)
-    force = axis.value("contacts.guideway.viscous") * np.gradient(position, signals.period) + axis.value("stage.offset_force")
-    if axis.has("contacts.guideway.stiffness"):
-        static = axis.value("contacts.guideway.static")
-        stiffness, weight = (np.asarray(axis.value(f"contacts.guideway.{key}"), float) for key in ("stiffness", "weight"))
-        if axis.choices.get("contacts.guideway.reading") == "segment_slopes":
-            stiffness, weight = blocks_from_segment_slopes(stiffness, weight, static)
-        force = force + maxwell_slip_force(position, stiffness, weight / weight.sum() * static)
-    elif axis.has("contacts.guideway.coulomb"):
-        force = force + axis.value("contacts.guideway.coulomb") * np.sign(np.gradient(position))
+    viscous = axis.value("contacts.guideway.viscous") if axis.has("contacts.guideway.viscous") else 0.0
+    force = viscous * np.gradient(position, signals.period) + axis.value("stage.offset_force")
+    if axis.law("guideway") != "none" and limit_of(axis, "guideway") > 0.0:
+        stiffness, weight = blocks_of(axis, "guideway")
+        force = force + maxwell_slip_force(position, stiffness, weight * limit_of(axis, "guideway"))
     return ratio / gear * force
 
 

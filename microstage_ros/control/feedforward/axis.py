@@ -16,10 +16,11 @@ import numpy as np
 
 from microstage_ros.control.laws.gains import Gain, record_type
 from microstage_ros.model.actuators import actuator_of
-from microstage_ros.model.friction.blocks import COUNT, STIFFNESS, blocks_from_segment_slopes
+from microstage_ros.model.friction.blocks import COUNT, STIFFNESS
 from microstage_ros.model.friction.curve import SlidingCurve, sliding_limit, viscous_force
 from microstage_ros.model.friction.generalised_maxwell_slip import Parameters
 from microstage_ros.numerics.compiled import compiled
+from microstage_ros.solver.plant import blocks_of, limit_of
 
 GAINS = (
     Gain("friction_share", "1", 0.0, 2.0, 1.0, "share of the modelled friction that is fed forward"),
@@ -65,15 +66,15 @@ STATE_FIELDS = [
     ("friction", "f8"),  # V, all of the modelled friction
 ]
 
-RIGID_BLOCK = 1e3  # stiffness of the single block that stands for Coulomb friction, in limits per 1 um
 FAST_ATTRACTION = 1e6  # 1/s, in limits: a slip that follows its limit at once
 
 
 def packed_contact(axis, contact):
     """Friction law of a contact as a packed generalised Maxwell-slip law, shape (WIDTH,), or None.
 
-    Coulomb friction becomes one very stiff block, a Maxwell-slip law one without Stribeck drop. Units are
-    those of the axis file: N m and rad at the actuator (angle of the screw), N and m at the guideway.
+    Every law becomes the blocks of `solver.plant.blocks_of`; one without an attraction parameter slips at its limit
+    at once, one without a Stribeck drop has none. Units are those of the axis file: N m and rad at the actuator
+    (angle of the screw), N and m at the guideway.
     """
     law = axis.law(contact)
     if law == "none":
@@ -83,18 +84,13 @@ def packed_contact(axis, contact):
         key = f"contacts.{contact}.{name}"
         return axis.value(key) if axis.has(key) else otherwise
 
-    coulomb = number("coulomb", None)
-    static = number("static", coulomb)
+    static = limit_of(axis, contact)
     if not static:
         return None
     curve = SlidingCurve(
-        static, coulomb, number("stribeck_velocity", 1.0), number("stribeck_exponent", 1.0), number("viscous", 0.0)
+        static, number("coulomb", None), number("stribeck_velocity", 1.0), number("stribeck_exponent", 1.0), number("viscous", 0.0)
     )
-    metres = axis.value("transmission.pitch") / (2 * math.pi) if contact == "actuator" else 1.0
-    stiffness = number("stiffness", [RIGID_BLOCK * static * metres / 1e-6])
-    weight = number("weight", [1.0])
-    if axis.choices.get(f"contacts.{contact}.reading", "blocks") == "segment_slopes":
-        stiffness, weight = blocks_from_segment_slopes(stiffness, weight, static)
+    stiffness, weight = blocks_of(axis, contact)
     own = Parameters(tuple(stiffness), tuple(weight), number("attraction", FAST_ATTRACTION * static))
     packed = curve.pack() * 2 + own.pack()
     return np.array(packed + [0.0] * (WIDTH - len(packed)))

@@ -30,7 +30,10 @@ def _changed(channel, frame, speed=None, **how):
     if "factor" in how:
         how["factor"] = np.ascontiguousarray(how["factor"][::COARSE])
     changed, _ = replay(drive.actuator, speed, COARSE * p.period, **how)
-    return channel.mean(changed - channel.coarse_friction(COARSE), COARSE)[:, None]
+    plain = channel.coarse_friction(COARSE)
+    if "flow" in how and drive.actuator.law >= 0:   # the flow is carried by the blocks: so is what it is compared with
+        plain, _ = replay(drive.actuator, speed, COARSE * p.period, flow=np.zeros(len(speed)))
+    return channel.mean(changed - plain, COARSE)[:, None]
 
 
 def direction_asymmetry(channel, frame):

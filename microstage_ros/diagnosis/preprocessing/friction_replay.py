@@ -8,9 +8,12 @@ import numpy as np
 from scipy.signal import lfilter
 
 from microstage_ros.model.friction.blocks import STIFFNESS
-from microstage_ros.model.friction.curve import SlidingCurve
+from microstage_ros.model.friction.curve import DIRECTION_WIDTH, SlidingCurve
 from microstage_ros.model.friction.generalised_maxwell_slip import Parameters, stretch
+from microstage_ros.model.friction.registry import advance_law
 from microstage_ros.numerics.compiled import compiled
+
+STATES = 16     # entries that hold the state of any law: eight blocks and what is apart from them
 
 
 def pack(contact, asymmetry=0.0):
@@ -35,10 +38,25 @@ def replay(contact, speed, period, asymmetry=0.0, factor=None, flow=None):
     asymmetry : limits × (1 + asymmetry · sgn w).
     factor : shape (n,), further factor on the limits in each period, or None.
     flow : shape (n,), what a sticking block at its limit flows in each period [rad or m], or None.
+
+    A law that is not made of blocks is replayed itself; its blocks say what sticks, and carry the flow, which only
+    ever enters as a difference to the same replay without it.
     """
+    creeps = flow is not None
     factor = np.ones(1) if factor is None else factor
     flow = np.zeros(1) if flow is None else flow
+    if contact.law >= 0 and not creeps:
+        _, stuck = _replay(pack(contact, asymmetry), len(contact.weight), speed, factor, flow, contact.static, period)
+        return _replay_law(contact.law, _both_ways(contact.packed, asymmetry), np.zeros(STATES), speed, factor, period), stuck
     return _replay(pack(contact, asymmetry), len(contact.weight), speed, factor, flow, contact.static, period)
+
+
+def _both_ways(packed, asymmetry):
+    """Packed parameters of a law with its limits × (1 ± asymmetry)."""
+    packed = packed.copy()
+    for head, sign in ((0, 1.0), (DIRECTION_WIDTH, -1.0)):
+        packed[head:head + 2] *= 1.0 + sign * asymmetry     # static and coulomb open each direction's part
+    return packed
 
 
 def sliding_limit(contact, speed):
@@ -52,6 +70,17 @@ def lag_factor(contact, speed, period, time):
     keep = np.exp(-period / time)
     late = lfilter([1.0 - keep], [1.0, -keep], np.abs(speed), zi=[keep * abs(speed[0])])[0]
     return sliding_limit(contact, late) / sliding_limit(contact, speed)
+
+
+@compiled
+def _replay_law(law, parameters, state, speed, factor, period):
+    force = np.zeros(speed.size)
+    last = factor.size - 1
+    for i in range(speed.size - 1):
+        force[i + 1] = advance_law(law, parameters, state, speed[i], speed[i + 1], period, factor[min(i, last)])
+    if speed.size > 1:
+        force[0] = force[1]
+    return force
 
 
 @compiled

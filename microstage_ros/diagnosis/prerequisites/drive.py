@@ -5,12 +5,21 @@ import math
 
 import numpy as np
 
+from microstage_ros.model.friction.registry import law_named
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.solver.plant import OTHER_LAWS, blocks_of, law_values, limit_of
+
+NO_FRICTION = 1.0e-12      # N: limit of a contact without friction; a nanometre of the drive train is 10⁻² N
+FAST_ATTRACTION = 1.0e6   # 1/s, in limits: a law without an attraction parameter slips at its limit at once
 
 
 @dataclasses.dataclass(frozen=True)
 class Contact:
-    """Friction of one contact: block arrays of shape (blocks,), see `solver.contact`; limits in N m or N."""
+    """Friction of one contact: block arrays of shape (blocks,), see `solver.contact`; limits in N m or N.
+
+    ``law``: number of a law that is not made of blocks (`model.friction.registry`) with its packed parameters, viscous
+    part left out; −1 for one that is. The blocks then follow its first loading.
+    """
 
     stiffness: np.ndarray
     weight: np.ndarray
@@ -20,6 +29,8 @@ class Contact:
     stribeck_exponent: float
     attraction: float
     viscous: float
+    law: int = -1
+    packed: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -84,26 +95,22 @@ def drive_of(axis):
 
 
 def _contact(axis, name):
-    """`Contact` of the axis: blocks with normalised weights, Table 3's segment slopes turned into blocks."""
-    def get(key, default=None):
+    """`Contact` of the axis, whatever its law; its blocks are those of `solver.plant.blocks_of`."""
+    law = axis.law(name)
+    if law == "none":
+        if name == "actuator":
+            raise InputError(f"{axis.place}: contacts.actuator.law", law, "a friction law: the torque balance is judged against "
+                             "the actuator's friction")
+        return Contact(np.array([1.0]), np.ones(1), NO_FRICTION, NO_FRICTION, 1.0, 1.0, FAST_ATTRACTION * NO_FRICTION, 0.0)
+
+    def get(key, default):
         full = f"contacts.{name}.{key}"
         return axis.value(full) if axis.has(full) else default
 
-    stiffness, weight = np.array(get("stiffness"), float), np.array(get("weight"), float)
-    weight = weight / weight.sum()
-    static = get("static")
-    if axis.choices.get(f"contacts.{name}.reading") == "segment_slopes":
-        stiffness, weight = blocks_of_segments(stiffness, weight, static)
+    stiffness, weight = blocks_of(axis, name)
+    static = limit_of(axis, name)
+    number, packed = -1, np.zeros(0)
+    if law in OTHER_LAWS:
+        number, packed = law_named(law).number, law_named(law).pack({**law_values(axis, name), "viscous": 0.0})
     return Contact(stiffness, weight, static, get("coulomb", static), get("stribeck_velocity", 1.0),
-                   get("stribeck_exponent", 1.0), get("attraction", 1.0), get("viscous", 0.0))
-
-
-def blocks_of_segments(slopes, rises, limit):
-    """Blocks (k_j, α_j) of a virgin curve whose segments have these slopes and shares of the limit.
-
-    With break points x_j, ``k_j = K_j − K_{j+1}`` and ``α_j = k_j x_j / F_s``.
-    """
-    breaks = np.cumsum(rises * limit / slopes)
-    k = slopes - np.append(slopes[1:], 0.0)
-    weight = k * breaks / limit
-    return k, weight / weight.sum()
+                   get("stribeck_exponent", 1.0), get("attraction", FAST_ATTRACTION * static), get("viscous", 0.0), number, packed)
