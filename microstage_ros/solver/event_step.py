@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from microstage_ros.model.effects.forces import effect_force
 from microstage_ros.model.plant_record import LEVELS, SLOTS
 from microstage_ros.numerics.compiled import compiled, inlined, internal, seldom
 from microstage_ros.solver.contact import (
@@ -22,7 +23,6 @@ from microstage_ros.solver.contact import (
     stuck_force,
 )
 from microstage_ros.solver.drive import drive_torque
-from microstage_ros.solver.effect_forces import effect_force
 from microstage_ros.solver.event_free import far, slip_level
 from microstage_ros.solver.linear_core import (
     F1,
