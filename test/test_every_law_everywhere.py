@@ -10,7 +10,6 @@ import pathlib
 import numpy as np
 import pytest
 
-from microstage_ros.control.laws.controller import make_controller
 from microstage_ros.control.laws.registry import LAWS as CONTROLLERS
 from microstage_ros.control.observer.observer import FrictionObserver
 from microstage_ros.control.runs.run_file import run_from_dict
@@ -20,11 +19,11 @@ from microstage_ros.diagnosis.result import VERDICTS
 from microstage_ros.identification.pipeline import identify
 from microstage_ros.model.axis_file import axis_from_dict, load_axis
 from microstage_ros.model.friction.blocks import virgin_curve
+from microstage_ros.model.friction.contact import OTHER_LAWS, blocks_of, limit_of
 from microstage_ros.model.friction.equivalent import equivalent_blocks
 from microstage_ros.model.friction.registry import law_named, run_law
 from microstage_ros.model.schema import CONTACT_LAWS
 from microstage_ros.quantities.errors import InputError
-from microstage_ros.solver.plant import OTHER_LAWS, blocks_of, limit_of
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 CONTACTS = ("actuator", "guideway")

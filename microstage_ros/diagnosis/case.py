@@ -16,12 +16,12 @@ from microstage_ros.diagnosis.prerequisites.resonant import damped_forms
 from microstage_ros.diagnosis.prerequisites.slow_drift import find_course, take_out
 from microstage_ros.diagnosis.report.pictures import drift_picture, gap_picture, pictures_of
 from microstage_ros.diagnosis.residuals.collection import Collection
+from microstage_ros.diagnosis.residuals.systematic import SYSTEMATIC
 from microstage_ros.diagnosis.result import Cause, Diagnosis, Parameter
 from microstage_ros.diagnosis.selection import judge
 from microstage_ros.diagnosis.selection.nonregression_causes import causes_apart
 from microstage_ros.diagnosis.selection.refinement import refine
 from microstage_ros.diagnosis.selection.selection import select, sizes_of
-from microstage_ros.diagnosis.residuals.systematic import SYSTEMATIC
 from microstage_ros.quantities.errors import InputError
 
 EFFECTS = tuple(sorted({form.effect for form in FORMS if form.named and form.channel != "command"}))

@@ -18,8 +18,8 @@ from microstage_ros.identification.estimators.variability import identify_variab
 from microstage_ros.identification.estimators.virgin_curve import Blocks, loading_from_samples
 from microstage_ros.identification.experiments import SPEEDS
 from microstage_ros.model.axis_file import load_axis
+from microstage_ros.model.friction.contact import blocks_of
 from microstage_ros.places import share
-from microstage_ros.solver.plant import blocks_of
 
 WAY = 0.5  # travel of a steady run [rad]
 PLACES = 5  # of slow reversals in one repeat

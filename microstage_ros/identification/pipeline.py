@@ -16,6 +16,7 @@ from microstage_ros.identification.estimators.variability import identify_variab
 from microstage_ros.identification.signals import motor_signals
 from microstage_ros.identification.whole_axis import driven_load, identify_whole_axis, with_windup
 from microstage_ros.model.actuators import actuator_of
+from microstage_ros.model.friction.contact import BLOCK_LAWS
 from microstage_ros.quantities.errors import InputError
 
 MOST_SERIES = 6000  # samples of friction for the variability
@@ -80,7 +81,7 @@ def identify_guideway(records, axis, seed=0, progress=lambda text: None, blocks=
 
     The static limit of a repeat lies between the last load held and the one that slid.
     """
-    _needs(axis, "guideway", ("maxwell_slip", "generalised_maxwell_slip", "leuven", "hsieh_pan"),
+    _needs(axis, "guideway", BLOCK_LAWS,
            "the blocks of a virgin curve are what incremental loading tells")
     repeats = []
     for record in records:

@@ -19,9 +19,9 @@ from microstage_ros.identification.page import identification_page
 from microstage_ros.identification.pipeline import identify
 from microstage_ros.identification.signals import motor_signals, screw_ratio
 from microstage_ros.model.axis_file import load_axis
+from microstage_ros.model.friction.contact import blocks_of
 from microstage_ros.places import config_file, share
 from microstage_ros.report.plots import COLOURS, new_figure
-from microstage_ros.solver.plant import blocks_of
 
 PLACES = 2.0e-3  # repeats begin so far apart along the stroke [m]
 

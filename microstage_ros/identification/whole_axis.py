@@ -20,10 +20,10 @@ from microstage_ros.identification.estimators.estimate import Curve, Estimate, I
 from microstage_ros.identification.estimators.intervals import block_covariance, correlation
 from microstage_ros.identification.estimators.inverse_dynamics import low_pass
 from microstage_ros.identification.signals import screw_ratio
+from microstage_ros.model.friction.contact import blocks_of, limit_of
 from microstage_ros.model.friction.positions import maxwell_slip_force
 from microstage_ros.model.friction.registry import law_named, run_law
 from microstage_ros.quantities.errors import InputError
-from microstage_ros.solver.plant import blocks_of, limit_of
 
 PARAMETERS = ("coulomb", "drop", "stribeck_velocity", "stribeck_exponent", "viscous", "stiffness", "inertia", "offset")
 PRIOR = np.array([1.0, 1.0, 1.0, 0.15, 1.0, 1.0, 1.0, 1.0])

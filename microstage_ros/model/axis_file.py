@@ -11,8 +11,8 @@ import pathlib
 
 import yaml
 
-from microstage_ros.model import schema
 from microstage_ros.files import unreadable, write_text
+from microstage_ros.model import schema
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.quantities.quantity import Quantity, quantity_from
 

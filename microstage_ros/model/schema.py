@@ -5,6 +5,7 @@ messages and the parameter tables of the documentation all come from it.
 """
 
 from microstage_ros.model.actuators import BY_NAME
+from microstage_ros.model.friction.registry import SECTIONS
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.quantities.spec import Spec, any_number, not_negative, positive
 
@@ -51,40 +52,7 @@ TRANSMISSIONS = {
     },
 }
 
-_BLOCKS = {
-    "stiffness": positive("N m/rad", "block stiffnesses k_j", is_list=True),
-    "weight": positive("1", "block weights α_j, normalised to a sum of 1 on load", is_list=True),
-}
-_STRIBECK = {
-    "static": positive("N m", "static limit F_s"),
-    "coulomb": positive("N m", "Coulomb level F_C"),
-    "stribeck_velocity": positive("rad/s", "Stribeck velocity V_S"),
-    "stribeck_exponent": Spec("1", 0.1, 5.0, "Stribeck shape δ"),
-}
-_VISCOUS = {"viscous": not_negative("N m s/rad", "viscous coefficient σ", default=0.0)}
-
-CONTACT_LAWS = {
-    "none": {},
-    "coulomb_viscous": {"coulomb": not_negative("N m", "Coulomb level F_C"), **_VISCOUS},
-    "coulomb_viscous_stribeck": {**_STRIBECK, **_VISCOUS},
-    "maxwell_slip": {**_BLOCKS, "static": positive("N m", "constant limit F_s"), **_VISCOUS},
-    "generalised_maxwell_slip": {
-        **_BLOCKS, **_STRIBECK, "attraction": positive("N m/s", "attraction parameter C"), **_VISCOUS,
-    },
-}
-_SLOPE = {"stiffness": positive("N m/rad", "stiffness at zero force")}
-_DAMPING = {"damping": not_negative("N m s/rad", "micro-damping σ₁ of the bristles", default=0.0)}
-_CURVE = {**_STRIBECK, **_VISCOUS}
-CONTACT_LAWS.update({
-    "dahl": {**_SLOPE, "exponent": positive("1", "shape of the approach to the limit", default=1.0),
-             "static": _STRIBECK["static"], **_VISCOUS},
-    "lugre": {**_SLOPE, **_DAMPING, **_CURVE},
-    "elasto_plastic": {**_SLOPE, **_DAMPING, **_CURVE,
-                       "breakaway_share": Spec("1", 0.0, 1.0, "elastic share of the Coulomb limit", default=0.7)},
-    "leuven": {**_BLOCKS, **_DAMPING, **_CURVE, "exponent": Spec("1", 1.0, 50.0, "lateness of the transition", default=6.0)},
-    "hsieh_pan": {**_BLOCKS, "static": _STRIBECK["static"], **_VISCOUS, "creep_velocity": positive("rad/s", "flow velocity of the plastic module"),
-                  "sharpness": positive("1", "sharpness of the flow"), "hardening": not_negative("N m/rad", "hardening")},
-})
+CONTACT_LAWS = SECTIONS
 ANGULAR = {"actuator": True, "guideway": False}
 _LINEAR_UNITS = {
     "N m": "N", "N m/rad": "N/m", "N m/s": "N/s", "N m s/rad": "N s/m", "rad/s": "m/s", "1": "1",

@@ -43,6 +43,9 @@ class Spec:
     @property
     def expected(self) -> str:
         """What a refusal says would be right."""
+        if self.maximum == INF and self.minimum in (LEAST, 0.0, -INF):
+            size = {LEAST: "a finite number > 0", 0.0: "a finite number >= 0", -INF: "a finite number"}[self.minimum]
+            return f"{size} in {self.unit} ({self.meaning})"
         return f"{self.minimum:g} … {self.maximum:g} {self.unit} ({self.meaning})"
 
     def check(self, value: Any, place: str) -> Any:
@@ -63,7 +66,7 @@ class Spec:
     def _one(self, value: Any, place: str, whole: Any) -> float:
         number = as_number(value)
         if number is None:
-            raise InputError(place, whole, f"{'a list of numbers' if self.is_list else 'a number'}: {self.expected}")
+            raise InputError(place, whole, f"{'a list of numbers' if self.is_list else 'a number'}, {self.expected}")
         if not self.minimum <= number <= self.maximum or not math.isfinite(number):
             raise InputError(place, value, self.expected)
         return number

@@ -13,6 +13,7 @@ import math
 
 import numpy as np
 
+from microstage_ros.model.friction.curve import stribeck_curve
 from microstage_ros.model.plant_record import BLOCKS, CELLS, OCTAVES
 from microstage_ros.numerics.compiled import compiled, inlined, internal, seldom
 from microstage_ros.solver.vectors import fused
@@ -36,7 +37,7 @@ def sliding_table(static, coulomb, velocity, exponent):
     octave = 2.0 ** (lowest + np.repeat(np.arange(OCTAVES), CELLS))
     start, width = octave * (1.0 + np.tile(np.arange(CELLS), OCTAVES) / CELLS), octave / CELLS
     nodes = 0.5 - 0.5 * np.cos(np.pi * (np.arange(4) + 0.5) / 4)
-    s = coulomb + (static - coulomb) * np.exp(-(((start[:, None] + nodes * width[:, None]) / velocity) ** exponent))
+    s = stribeck_curve(start[:, None] + nodes * width[:, None], static, coulomb, velocity, exponent)
     to_powers = np.linalg.inv(np.vander(nodes, 4, increasing=True)).T
     scale = width[:, None] ** np.arange(4)
     return (1023 + lowest) * CELLS, np.hstack([s @ to_powers / scale, (1.0 / s) @ to_powers / scale])

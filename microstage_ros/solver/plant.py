@@ -7,7 +7,7 @@ import numpy as np
 
 from microstage_ros.model.actuators import ACTUATORS, actuator_of
 from microstage_ros.model.effects import apply_effects, check_effects
-from microstage_ros.model.friction.equivalent import equivalent_blocks
+from microstage_ros.model.friction.contact import OTHER_LAWS, RIGID_LAWS, blocks_of, law_values
 from microstage_ros.model.friction.registry import law_named
 from microstage_ros.model.plant_record import PLANT, READINGS, STATE
 from microstage_ros.model.sensors.current import current_filter
@@ -19,11 +19,9 @@ from microstage_ros.solver.linear_core import forget, new_work  # noqa: F401  (c
 from microstage_ros.solver.variability import TIME_STEP, TRAVEL_STEP
 
 LAW_LEVEL = 4                  # chunks of T/16 for laws that are not made of blocks
-OTHER_LAWS = ("dahl", "lugre", "elasto_plastic", "leuven", "hsieh_pan")
 #: Fields of a plant by which an effect acts on the readings.
 SENSING = ("late", "jitter", "lost", "sde_amplitude", "scale", "drift_amplitude", "drift_rate", "drift_expansion", "air_temperature_rate",
            "air_pressure_rate", "air_temperature_swing", "air_pressure_swing", "lines", "stage_temperature_rise")
-RIGID_SLIP = 1.0e-9           # m of travel within which the one block of Coulomb friction gives way: a twenty-fifth of a count
 BRISTLE = 100.0                # Coulomb contact: natural frequency of its bristle times the control period
 
 
@@ -186,7 +184,7 @@ def _fill_contact(contact, axis, name, inertia, period):
     if law in OTHER_LAWS:
         _fill_law(contact, law_values(axis, name), law_named(law))
         return
-    if law.startswith("coulomb_viscous"):
+    if law in RIGID_LAWS:
         top = max(axis.value(f"{key}.coulomb"), 1e-12)
         frequency = BRISTLE / period
         contact["blocks"], contact["weight"][0], contact["kappa"][0] = 1, 1.0, inertia * frequency**2
@@ -211,43 +209,6 @@ def _fill_law(contact, values, law):
     packed = law.pack({**values, "viscous": 0.0})
     contact["law"], contact["law_parameters"][: len(packed)] = law.number + 1, packed
     contact["static"] = contact["coulomb"] = values["static"]
-
-
-def blocks_of(axis, name):
-    """Maxwell-slip blocks (k_j, α_j) of a contact, Σα = 1, whatever its law and the file's reading.
-
-    Of a law that is not made of blocks: those that follow its first loading (`model.friction.equivalent`); of Coulomb
-    friction: one that gives way within `RIGID_SLIP`.
-
-    ``segment_slopes``: slopes K_i over segments that carry α_i of the limit; k_i = K_i − K_{i+1}, break points
-    x_i = Σ_{j≤i} α_j F_s / K_j, α'_i = k_i x_i / F_s (read as blocks, Table 3 would slip at 15 µm and not at the 40 µm of Fig. 7).
-    """
-    key, law = f"contacts.{name}", axis.law(name)
-    if law.startswith("coulomb_viscous"):
-        way = RIGID_SLIP if name == "guideway" else RIGID_SLIP * 2.0 * math.pi / axis.value("transmission.pitch")
-        return np.array([limit_of(axis, name) / way]), np.ones(1)
-    if law in OTHER_LAWS:
-        return equivalent_blocks(law, law_values(axis, name))
-    k, alpha = (np.array(axis.value(f"{key}.{leaf}"), float) for leaf in ("stiffness", "weight"))
-    alpha = alpha / alpha.sum()
-    if axis.choices.get(f"{key}.reading", "blocks") == "blocks":
-        return k, alpha
-    top = axis.value(f"{key}.static")
-    ends = np.cumsum(alpha * top / k)
-    blocks = k - np.append(k[1:], 0.0)
-    return blocks, blocks * ends / top
-
-
-def limit_of(axis, name):
-    """Largest friction of a contact at the start of sliding, F_s; the Coulomb level where a law has no other [N m or N]."""
-    static = f"contacts.{name}.static"
-    return axis.value(static if axis.has(static) else f"contacts.{name}.coulomb")
-
-
-def law_values(axis, name):
-    """Parameters of a contact with a law of `OTHER_LAWS`, as `model.friction.registry.Law.pack` takes them."""
-    key = f"contacts.{name}"
-    return {leaf: axis.value(f"{key}.{leaf}") for leaf in law_named(axis.law(name)).keys() if axis.has(f"{key}.{leaf}")}
 
 
 def _fill_noise(plant, axis, noise):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from microstage_ros.diagnosis.case import diagnose_case
 from microstage_ros.diagnosis.preprocessing.preparation import prepare
 from microstage_ros.diagnosis.prerequisites.amplifier import find_slowness
 from microstage_ros.diagnosis.prerequisites.drive import drive_of
@@ -10,7 +11,6 @@ from microstage_ros.diagnosis.prerequisites.periods import both_ways, periods
 from microstage_ros.diagnosis.prerequisites.prerequisites import find_known
 from microstage_ros.diagnosis.prerequisites.slow_drift import MEANS, _told
 from microstage_ros.diagnosis.residuals.position import course_columns
-from microstage_ros.diagnosis.case import diagnose_case
 from microstage_ros.diagnosis.validation.simulated_records import Hidden, make_case
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file

@@ -10,8 +10,8 @@ from microstage_ros.identification.estimators.guideway import elastic_slope, ext
 from microstage_ros.identification.estimators.virgin_curve import Blocks, identify_blocks
 from microstage_ros.identification.pipeline import identify
 from microstage_ros.identification.signals import motor_signals, screw_ratio
+from microstage_ros.model.friction.contact import blocks_of
 from microstage_ros.quantities.errors import InputError
-from microstage_ros.solver.plant import blocks_of
 
 
 def test_slow_reversals_give_the_virgin_curve(actuator_bench):

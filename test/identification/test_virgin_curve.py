@@ -13,7 +13,7 @@ from microstage_ros.identification.estimators.virgin_curve import (
     register,
 )
 from microstage_ros.model.friction.blocks import blocks_from_segment_slopes
-from microstage_ros.solver.plant import blocks_of
+from microstage_ros.model.friction.contact import blocks_of
 
 THREE = Blocks(np.array([4e5, 5e4, 5e3]), np.array([0.5, 0.3, 0.2]), 0.9)
 

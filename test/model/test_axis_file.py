@@ -5,8 +5,9 @@ import pytest
 import yaml
 
 from microstage_ros.model.axis_file import axis_from_dict, load_axis
+from microstage_ros.model.friction.contact import blocks_of
 from microstage_ros.quantities.errors import InputError
-from microstage_ros.solver.plant import blocks_of, make_plant
+from microstage_ros.solver.plant import make_plant
 from test.solver.conftest import CONFIG
 
 

@@ -70,6 +70,7 @@ def statements_of(table):
     ]
 
 
+GENERAL_UNITS = {"N m": "F", "N m/rad": "F/q", "N m/s": "F/s", "N m s/rad": "F s/q", "rad/s": "q/s", "1": "1"}
 STATEMENT_COLUMNS = ("law", "property", "paper", "measured", "")
 
 
@@ -108,9 +109,8 @@ def markdown(table):
         "F is the law's force (N, or N m), q its displacement (m, or rad), w = dq/dt.\n",
     ]
     for law in LAWS:
-        own = law.file.Parameters.__doc__.partition("----------\n")[2]
         parts += [f"### {law.title} (`{law.name}`)\n", without_roles(inspect.cleandoc(law.file.__doc__)), ""]
-        parts += [f"- `{line.strip().replace(' : ', '`: ', 1)}" for line in own.splitlines() if " : " in line]
+        parts += [f"- `{name}`: {spec.meaning} [{GENERAL_UNITS[spec.unit]}]." for name, spec in law.own.items()]
         parts += [""]
     return without_blank_runs("\n".join(parts))
 

@@ -16,11 +16,11 @@ import numpy as np
 
 from microstage_ros.control.laws.gains import Gain, record_type
 from microstage_ros.model.actuators import actuator_of
+from microstage_ros.model.friction import generalised_maxwell_slip
 from microstage_ros.model.friction.blocks import COUNT, STIFFNESS
-from microstage_ros.model.friction.curve import SlidingCurve, sliding_limit, viscous_force
-from microstage_ros.model.friction.generalised_maxwell_slip import Parameters
+from microstage_ros.model.friction.contact import blocks_of, limit_of
+from microstage_ros.model.friction.curve import SLIDING, pack_curve, sliding_limit, viscous_force
 from microstage_ros.numerics.compiled import compiled
-from microstage_ros.solver.plant import blocks_of, limit_of
 
 GAINS = (
     Gain("friction_share", "1", 0.0, 2.0, 1.0, "share of the modelled friction that is fed forward"),
@@ -72,7 +72,7 @@ FAST_ATTRACTION = 1e6  # 1/s, in limits: a slip that follows its limit at once
 def packed_contact(axis, contact):
     """Friction law of a contact as a packed generalised Maxwell-slip law, shape (WIDTH,), or None.
 
-    Every law becomes the blocks of `solver.plant.blocks_of`; one without an attraction parameter slips at its limit
+    Every law becomes the blocks of `model.friction.contact.blocks_of`; one without an attraction parameter slips at its limit
     at once, one without a Stribeck drop has none. Units are those of the axis file: N m and rad at the actuator
     (angle of the screw), N and m at the guideway.
     """
@@ -87,12 +87,10 @@ def packed_contact(axis, contact):
     static = limit_of(axis, contact)
     if not static:
         return None
-    curve = SlidingCurve(
-        static, number("coulomb", None), number("stribeck_velocity", 1.0), number("stribeck_exponent", 1.0), number("viscous", 0.0)
-    )
+    curve = pack_curve({"static": static, **{name: number(name, None) for name in SLIDING if name != "static"}})
     stiffness, weight = blocks_of(axis, contact)
-    own = Parameters(tuple(stiffness), tuple(weight), number("attraction", FAST_ATTRACTION * static))
-    packed = curve.pack() * 2 + own.pack()
+    own = {"stiffness": stiffness, "weight": weight, "attraction": number("attraction", FAST_ATTRACTION * static)}
+    packed = curve * 2 + generalised_maxwell_slip.pack(own)
     return np.array(packed + [0.0] * (WIDTH - len(packed)))
 
 

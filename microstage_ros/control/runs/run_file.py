@@ -27,8 +27,8 @@ import yaml
 
 from microstage_ros.control.laws import registry as laws
 from microstage_ros.control.trajectories import profiles
-from microstage_ros.model.effects import check_effects
 from microstage_ros.files import unreadable
+from microstage_ros.model.effects import check_effects
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.quantities.spec import Spec
 from microstage_ros.records.csv_file import read_csv

@@ -12,7 +12,6 @@ from microstage_ros.quantities.errors import InputError
 from microstage_ros.records import Record
 from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work, usual_start
 
-
 PIECE = 100_000
 """Control periods between two reports of progress; the state passes from piece to piece unchanged."""
 

@@ -18,6 +18,7 @@ from microstage_ros.control.feedforward.axis import packed_contact
 from microstage_ros.control.laws import registry as laws
 from microstage_ros.control.observer import friction_level, motion_filter
 from microstage_ros.model.actuators import actuator_of
+from microstage_ros.model.friction.curve import stribeck_slope
 from microstage_ros.solver.plant import NoiseSpec, make_plant
 
 #: Speeds [m/s] at which sliding is linearised: creeping (steepest fall of the Stribeck curve) and moving.
@@ -39,8 +40,7 @@ class Margins(NamedTuple):
 def sliding_slope(packed, speed):
     """dF/dw of a packed contact's sliding curve at ``speed`` >= 0, viscous part included."""
     static, coulomb, velocity, exponent, viscous = packed[:5]
-    ratio = max(speed / velocity, 1e-9)
-    return viscous - (static - coulomb) * exponent / velocity * ratio ** (exponent - 1) * math.exp(-(ratio**exponent))
+    return viscous + stribeck_slope(speed, static, coulomb, velocity, exponent)
 
 
 def stuck_stiffness(packed):

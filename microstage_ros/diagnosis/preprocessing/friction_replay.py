@@ -7,9 +7,10 @@ direction, or two where the speed changes sign.
 import numpy as np
 from scipy.signal import lfilter
 
+from microstage_ros.model.friction import generalised_maxwell_slip
 from microstage_ros.model.friction.blocks import STIFFNESS
-from microstage_ros.model.friction.curve import DIRECTION_WIDTH, SlidingCurve
-from microstage_ros.model.friction.generalised_maxwell_slip import Parameters, stretch
+from microstage_ros.model.friction.curve import DIRECTION_WIDTH, pack_curve, stribeck_curve
+from microstage_ros.model.friction.generalised_maxwell_slip import stretch
 from microstage_ros.model.friction.registry import advance_law
 from microstage_ros.numerics.compiled import compiled
 
@@ -18,12 +19,12 @@ STATES = 16     # entries that hold the state of any law: eight blocks and what 
 
 def pack(contact, asymmetry=0.0):
     """Flat parameters of a `drive.Contact` for the law; limits × (1 + asymmetry · sgn w)."""
-    own = Parameters(tuple(contact.stiffness), tuple(contact.weight), float(contact.attraction)).pack()
+    own = generalised_maxwell_slip.pack({name: getattr(contact, name) for name in ("stiffness", "weight", "attraction")})
     head = []
     for sign in (1.0, -1.0):
         factor = 1.0 + sign * asymmetry
-        head += SlidingCurve(contact.static * factor, contact.coulomb * factor, contact.stribeck_velocity,
-                             contact.stribeck_exponent, contact.viscous).pack()
+        head += pack_curve({"static": contact.static * factor, "coulomb": contact.coulomb * factor, "viscous": contact.viscous,
+                            **{name: getattr(contact, name) for name in ("stribeck_velocity", "stribeck_exponent")}})
     return np.array(head + own)
 
 
@@ -61,8 +62,7 @@ def _both_ways(packed, asymmetry):
 
 def sliding_limit(contact, speed):
     """|s(w)| of `solver.contact` [N m or N], same shape as ``speed``."""
-    drop = np.exp(-np.abs(speed / contact.stribeck_velocity) ** contact.stribeck_exponent)
-    return contact.coulomb + (contact.static - contact.coulomb) * drop
+    return stribeck_curve(speed, contact.static, contact.coulomb, contact.stribeck_velocity, contact.stribeck_exponent)
 
 
 def lag_factor(contact, speed, period, time):

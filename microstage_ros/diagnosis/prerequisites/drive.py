@@ -5,9 +5,9 @@ import math
 
 import numpy as np
 
+from microstage_ros.model.friction.contact import OTHER_LAWS, blocks_of, law_values, limit_of
 from microstage_ros.model.friction.registry import law_named
 from microstage_ros.quantities.errors import InputError
-from microstage_ros.solver.plant import OTHER_LAWS, blocks_of, law_values, limit_of
 
 NO_FRICTION = 1.0e-12      # N: limit of a contact without friction; a nanometre of the drive train is 10⁻² N
 FAST_ATTRACTION = 1.0e6   # 1/s, in limits: a law without an attraction parameter slips at its limit at once
@@ -95,7 +95,7 @@ def drive_of(axis):
 
 
 def _contact(axis, name):
-    """`Contact` of the axis, whatever its law; its blocks are those of `solver.plant.blocks_of`."""
+    """`Contact` of the axis, whatever its law; its blocks are those of `model.friction.contact.blocks_of`."""
     law = axis.law(name)
     if law == "none":
         if name == "actuator":

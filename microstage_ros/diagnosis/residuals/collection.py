@@ -12,8 +12,8 @@ from microstage_ros.diagnosis.residuals.evidence_set import Evidences
 from microstage_ros.diagnosis.residuals.mechanical import DEFAULT_SPREADS, Mechanical, fit_spreads
 from microstage_ros.diagnosis.residuals.position import Position
 from microstage_ros.diagnosis.residuals.resonance import Resonance
-from microstage_ros.diagnosis.residuals.transmission_deflection import Windup
 from microstage_ros.diagnosis.residuals.systematic import SYSTEMATIC
+from microstage_ros.diagnosis.residuals.transmission_deflection import Windup
 
 GROUPS = ("learn", "held", "base")
 

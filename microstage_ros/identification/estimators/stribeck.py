@@ -10,6 +10,7 @@ told, and the fit says so.
 import numpy as np
 from scipy.optimize import least_squares
 
+from microstage_ros.model.friction import curve
 from microstage_ros.quantities.errors import InputError
 
 NAMES = ("static", "coulomb", "stribeck_velocity", "stribeck_exponent", "viscous")
@@ -21,7 +22,7 @@ def stribeck_curve(parameters, speed):
     """|M| of Eq. 10 at ``speed`` ≥ 0 for (M_s, M_C, w_S, δ, σ); any shape."""
     static, coulomb, knee, exponent, viscous = parameters
     speed = np.abs(speed)
-    return coulomb + (static - coulomb) * np.exp(-((speed / knee) ** exponent)) + viscous * speed
+    return curve.stribeck_curve(speed, static, coulomb, knee, exponent) + viscous * speed
 
 
 def point_spread(speed, friction):

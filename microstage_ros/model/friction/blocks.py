@@ -8,26 +8,33 @@ import numpy
 from microstage_ros.model.friction.curve import OWN, sliding_limit
 from microstage_ros.numerics.compiled import compiled
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.quantities.spec import positive
 
 COUNT = OWN
 STIFFNESS = OWN + 1  # first of the stiffnesses; the weights follow them
+ROUNDING = 1e-14     # of a sum of a few weights
+
+
+def block_parameters(what="blocks"):
+    """Specs of the stiffnesses and weights of a law that has ``what``, at the screw angle."""
+    return {
+        "stiffness": positive("N m/rad", f"k_i of the {what}, shape (n,)", is_list=True),
+        "weight": positive("1", "α_i, shares of the limit, shape (n,); normalised to Σα = 1", is_list=True),
+    }
 
 
 def pack_blocks(stiffness, weight):
     """``[n, k…, α…]`` with Σα normalised to one (the paper's tables add up to 0.999).
 
-    Raises InputError for unequal lengths, no block, or a value that is not finite and > 0.
+    Raises InputError for unequal lengths or no block.
     """
-    try:
-        stiffness, weight = numpy.atleast_1d(stiffness).astype(float), numpy.atleast_1d(weight).astype(float)
-    except (TypeError, ValueError):
-        raise InputError("stiffness, weight", (stiffness, weight), "two lists of numbers of one length") from None
+    stiffness, weight = numpy.atleast_1d(stiffness).astype(float), numpy.atleast_1d(weight).astype(float)
     if stiffness.ndim != 1 or stiffness.size != weight.size or stiffness.size == 0:
         raise InputError("weight", weight.tolist(), f"as many weights as stiffnesses ({stiffness.size}), at least one")
-    for name, values in (("stiffness", stiffness), ("weight", weight)):
-        if not (numpy.isfinite(values).all() and (values > 0.0).all()):
-            raise InputError(name, values.tolist(), "finite numbers > 0")
-    return [float(stiffness.size), *stiffness, *(weight / weight.sum())]
+    total = weight.sum()
+    if abs(total - 1.0) > ROUNDING:      # what is normalised already keeps its last digits
+        weight = weight / total
+    return [float(stiffness.size), *stiffness, *weight]
 
 
 def blocks_from_segment_slopes(slopes, shares, static):

@@ -1,6 +1,6 @@
 """Coulomb, viscous and Stribeck friction: a static map of velocity.
 
-F = sgn(w) |s(w)| + σ w, with |s| of :class:`~microstage_ros.model.friction.curve.SlidingCurve`; F(0) = 0.
+F = sgn(w) |s(w)| + σ w, with |s| of `stribeck_curve`; F(0) = 0.
 
 At rest the law itself leaves the force open between ± static; whoever solves for the motion must hold
 the body until the load passes that limit. Source: B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit,
@@ -8,21 +8,24 @@ the body until the load passes that limit. Source: B. Armstrong-Hélouvry, P. Du
 friction", Automatica 30 (1994); paper Eq. 2.
 """
 
-import dataclasses
-
-from microstage_ros.model.friction.curve import sliding_limit
+from microstage_ros.model.friction.curve import SLIDING, STRIBECK, sliding_limit
 from microstage_ros.numerics.compiled import compiled
+from microstage_ros.quantities.spec import not_negative
 
 TITLE = "Coulomb–Stribeck"
+PARAMETERS: dict = {}
+CURVE = STRIBECK
+FAMILY = "rigid"
+BESIDE = {"coulomb_viscous": {"coulomb": not_negative("N m", "Coulomb level F_C"), "viscous": SLIDING["viscous"]}}
+SAYS = {
+    "Stribeck curve": True,
+    "pre-sliding hysteresis": False,
+}
 
 
-@dataclasses.dataclass(frozen=True)
-class Parameters:
-    """The law has nothing beside its sliding curves."""
-
-    def pack(self):
-        """Own entries of the packed law: none."""
-        return []
+def pack(values):
+    """Own entries of the packed law, from a mapping of `PARAMETERS`."""
+    return []
 
 
 def state_size(packed):

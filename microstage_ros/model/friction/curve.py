@@ -8,65 +8,62 @@ each direction of motion; the law's own parameters follow:
     [the law's own ...]
 """
 
-import dataclasses
 import math
-import numbers
+
+import numpy
 
 from microstage_ros.numerics.compiled import compiled
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.quantities.spec import Spec, not_negative, positive
 
 STATIC, COULOMB, STRIBECK_VELOCITY, STRIBECK_EXPONENT, VISCOUS = range(5)
 DIRECTION_WIDTH = 5
 OWN = 2 * DIRECTION_WIDTH
 
 
-@dataclasses.dataclass(frozen=True)
-class SlidingCurve:
-    """Friction of steady sliding in one direction (paper Eq. 2, and the viscous part of Eq. 8).
+#: The sliding curve's parameters, at the screw angle; ``coulomb`` None: the same as ``static``, no drop.
+SLIDING = {
+    "static": positive("N m", "F_s, limit at the start of sliding"),
+    "coulomb": positive("N m", "F_C, limit in fast sliding, at most F_s"),
+    "stribeck_velocity": positive("rad/s", "V_S, Stribeck velocity"),
+    "stribeck_exponent": Spec("1", 0.1, 5.0, "δ, shape of the drop"),
+    "viscous": not_negative("N m s/rad", "σ, added to the friction outside every limit", default=0.0),
+}
+LIMIT = ("static", "viscous")      # what a law without a Stribeck drop has of them
+STRIBECK = tuple(SLIDING)
 
-    |s(w)| = coulomb + (static − coulomb) exp(−|w / stribeck_velocity|^stribeck_exponent)
 
-    Units: F is the law's force (N, or N m at a shaft), q its displacement (m or rad).
+def stribeck_curve(speed, static, coulomb, velocity, exponent):
+    """|s(w)| = F_C + (F_s − F_C) exp(−|w/V_S|^δ) (paper Eq. 2), same shape as ``speed`` [q/s]."""
+    return coulomb + (static - coulomb) * numpy.exp(-((numpy.abs(speed) / velocity) ** exponent))
+
+
+def stribeck_slope(speed, static, coulomb, velocity, exponent):
+    """d|s|/d|w| of `stribeck_curve` at one ``speed`` >= 0 [F s/q]; at rest, where δ < 1 has none, that at V_S / 10⁹."""
+    ratio = max(speed / velocity, 1e-9)
+    return -(static - coulomb) * exponent / velocity * ratio ** (exponent - 1) * math.exp(-(ratio**exponent))
+
+
+def pack_curve(values):
+    """The five entries of one direction: [static, coulomb, stribeck_velocity, stribeck_exponent, viscous].
 
     Parameters
     ----------
-    static : limit at the start of sliding [F], > 0.
-    coulomb : limit in fast sliding [F], 0 < coulomb <= static; None: the same as static (no drop).
-    stribeck_velocity : [q/s], > 0.
-    stribeck_exponent : shape of the drop [1], > 0.
-    viscous : added to the friction outside every limit [F s/q], >= 0.
+    values : {name: number} of `SLIDING`; ``static`` is required, ``coulomb`` is at most ``static`` and the same where it is
+        missing; a missing Stribeck velocity or exponent is 1, a missing viscous part 0.
+
+    Raises
+    ------
+    InputError : a number missing or out of range.
     """
-
-    static: float
-    coulomb: float | None = None
-    stribeck_velocity: float = 1.0
-    stribeck_exponent: float = 1.0
-    viscous: float = 0.0
-
-    def __post_init__(self):
-        if self.coulomb is None:
-            object.__setattr__(self, "coulomb", self.static)
-        for name in ("static", "coulomb", "stribeck_velocity", "stribeck_exponent"):
-            require_positive(name, getattr(self, name))
-        require_not_negative("viscous", self.viscous)
-        if self.coulomb > self.static:
-            raise InputError("coulomb", self.coulomb, f"at most the static limit, {self.static!r}")
-
-    def pack(self):
-        """The five entries of one direction, as a list."""
-        return [float(getattr(self, field.name)) for field in dataclasses.fields(self)]
-
-
-def require_positive(name, value):
-    """Refuse anything but a finite number above zero, naming the parameter (InputError)."""
-    if not (isinstance(value, numbers.Real) and math.isfinite(value) and value > 0.0):
-        raise InputError(name, value, "a finite number > 0")
-
-
-def require_not_negative(name, value):
-    """Refuse anything but a finite number of at least zero, naming the parameter (InputError)."""
-    if not (isinstance(value, numbers.Real) and math.isfinite(value) and value >= 0.0):
-        raise InputError(name, value, "a finite number >= 0")
+    if values.get("static") is None:
+        raise InputError("static", None, SLIDING["static"].expected)
+    usual = {"coulomb": values["static"], "stribeck_velocity": 1.0, "stribeck_exponent": 1.0, "viscous": 0.0}
+    given = {**usual, **{name: value for name, value in values.items() if value is not None}}
+    static, coulomb, *rest = (spec.check(given[name], name) for name, spec in SLIDING.items())
+    if coulomb > static:
+        raise InputError("coulomb", coulomb, f"at most the static limit, {static!r}")
+    return [static, coulomb, *rest]
 
 
 @compiled

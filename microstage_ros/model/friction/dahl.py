@@ -8,36 +8,33 @@ Stribeck drop. Source: P. R. Dahl, "A solid friction model", Aerospace Corporati
 (1968).
 """
 
-import dataclasses
 import math
 
-from microstage_ros.model.friction.curve import COULOMB, DIRECTION_WIDTH, OWN, require_positive
+from microstage_ros.model.friction.curve import COULOMB, DIRECTION_WIDTH, LIMIT, OWN
 from microstage_ros.numerics.compiled import compiled
+from microstage_ros.quantities.spec import positive
 
 TITLE = "Dahl"
 STIFFNESS, EXPONENT = OWN, OWN + 1
+PARAMETERS = {
+    "stiffness": positive("N m/rad", "k, slope dF/dx at F = 0"),
+    "exponent": positive("1", "i, shape of the approach to the limit", default=1.0),
+}
+CURVE = LIMIT
+FAMILY = "own"
+SAYS = {
+    "pre-sliding hysteresis": True,
+    "frictional lag": False,
+    "memory: return point": False,
+    "memory: wipe-out": False,
+    "Stribeck curve": False,
+    "stick-slip": False,
+}
 
 
-@dataclasses.dataclass(frozen=True)
-class Parameters:
-    """Own parameters of Dahl's law.
-
-    Parameters
-    ----------
-    stiffness : k, slope dF/dx at F = 0 [F/q].
-    exponent : i, shape of the approach to the limit [1].
-    """
-
-    stiffness: float
-    exponent: float = 1.0
-
-    def __post_init__(self):
-        require_positive("stiffness", self.stiffness)
-        require_positive("exponent", self.exponent)
-
-    def pack(self):
-        """Own entries of the packed law."""
-        return [self.stiffness, self.exponent]
+def pack(values):
+    """Own entries of the packed law, from a mapping of `PARAMETERS`."""
+    return [values["stiffness"], values["exponent"]]
 
 
 def state_size(packed):

@@ -12,53 +12,36 @@ capped as in LuGre. Source: P. Dupont, V. Hayward, B. Armstrong, F. Altpeter, "S
 friction models", IEEE Transactions on Automatic Control 47 (2002).
 """
 
-import dataclasses
 import math
 
 from microstage_ros.model.friction.curve import (
     COULOMB,
     DIRECTION_WIDTH,
     OWN,
+    STRIBECK,
     passive_damping,
     relax,
-    require_not_negative,
-    require_positive,
     sliding_limit,
 )
 from microstage_ros.numerics.compiled import compiled
-from microstage_ros.quantities.errors import InputError
+from microstage_ros.quantities.spec import Spec, not_negative, positive
 
 TITLE = "elasto-plastic"
 STIFFNESS, DAMPING, BREAKAWAY_SHARE = OWN, OWN + 1, OWN + 2
 SUBSTEPS = 16  # at most, in one stretch
 SUBSTEP_SHARE = 0.2  # of the blend zone that a substep may cross before more substeps are taken
+PARAMETERS = {
+    "stiffness": positive("N m/rad", "σ₀ of the bristles"),
+    "damping": not_negative("N m s/rad", "σ₁, micro-damping", default=0.0),
+    "breakaway_share": Spec("1", 1e-6, 1.0 - 1e-6, "B as a share of the Coulomb limit", default=0.7),
+}
+CURVE = STRIBECK
+FAMILY = "own"
 
 
-@dataclasses.dataclass(frozen=True)
-class Parameters:
-    """Own parameters of the elasto-plastic law.
-
-    Parameters
-    ----------
-    stiffness : σ₀ of the bristles [F/q].
-    damping : σ₁, micro-damping [F s/q], >= 0.
-    breakaway_share : B as a share of the Coulomb limit [1], between 0 and 1.
-    """
-
-    stiffness: float
-    damping: float = 0.0
-    breakaway_share: float = 0.7
-
-    def __post_init__(self):
-        require_positive("stiffness", self.stiffness)
-        require_not_negative("damping", self.damping)
-        require_positive("breakaway_share", self.breakaway_share)
-        if self.breakaway_share >= 1.0:
-            raise InputError("breakaway_share", self.breakaway_share, "a share of the Coulomb limit between 0 and 1")
-
-    def pack(self):
-        """Own entries of the packed law."""
-        return [self.stiffness, self.damping, self.breakaway_share]
+def pack(values):
+    """Own entries of the packed law, from a mapping of `PARAMETERS`."""
+    return [values["stiffness"], values["damping"], values["breakaway_share"]]
 
 
 def state_size(packed):

@@ -18,39 +18,34 @@ J. Swevers, "The generalized Maxwell-slip model", IEEE Transactions on Automatic
 paper Eqs. 1–8. The condition ``passive`` is this project's.
 """
 
-import dataclasses
 import math
 
-from microstage_ros.model.friction.blocks import COUNT, STIFFNESS, blocks_energy, pack_blocks
-from microstage_ros.model.friction.curve import relax, require_positive, sliding_limit
+from microstage_ros.model.friction.blocks import COUNT, STIFFNESS, block_parameters, blocks_energy, pack_blocks
+from microstage_ros.model.friction.curve import STRIBECK, relax, sliding_limit
 from microstage_ros.numerics.compiled import compiled
+from microstage_ros.quantities.spec import Spec, positive
 
 TITLE = "GMS"
+PARAMETERS = {
+    **block_parameters(),
+    "attraction": positive("N m/s", "C, how fast a slipping block follows the curve"),
+}
+CURVE = STRIBECK
+LIBRARY_ONLY = {"passive": Spec("1", 0.0, 1.0, "1: a slipping block loads no faster than its own spring", default=0.0)}
+FAMILY = "blocks"
+SAYS = {
+    "Stribeck curve": True,
+    "pre-sliding hysteresis": True,
+    "memory: return point": True,
+    "memory: wipe-out": True,
+    "frictional lag": True,
+    "stick-slip": True,
+}
 
 
-@dataclasses.dataclass(frozen=True)
-class Parameters:
-    """Own parameters of generalised Maxwell-slip.
-
-    Parameters
-    ----------
-    stiffness : k_i of the blocks [F/q], shape (n,).
-    weight : α_i, shares of the sliding curve [1], shape (n,); normalised to Σα = 1.
-    attraction : C, how fast a slipping block follows the curve [F/s].
-    passive : a slipping block loads no faster than its own spring.
-    """
-
-    stiffness: tuple
-    weight: tuple
-    attraction: float
-    passive: bool = False
-
-    def __post_init__(self):
-        require_positive("attraction", self.attraction)
-
-    def pack(self):
-        """Own entries of the packed law."""
-        return [*pack_blocks(self.stiffness, self.weight), self.attraction, float(self.passive)]
+def pack(values):
+    """Own entries of the packed law, from a mapping of `PARAMETERS`."""
+    return [*pack_blocks(values["stiffness"], values["weight"]), values["attraction"], float(values.get("passive", 0.0))]
 
 
 def state_size(packed):

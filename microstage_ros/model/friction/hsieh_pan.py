@@ -11,44 +11,42 @@ order, dissipative and bounded at any step. Source: C. Hsieh, Y.-C. Pan, "Dynami
 of the pre-sliding static friction", Wear 242 (2000).
 """
 
-import dataclasses
 import math
 
-from microstage_ros.model.friction.blocks import COUNT, STIFFNESS, blocks_energy, drag_blocks, pack_blocks, try_blocks
-from microstage_ros.model.friction.curve import require_positive, sliding_limit
+from microstage_ros.model.friction.blocks import (
+    COUNT,
+    STIFFNESS,
+    block_parameters,
+    blocks_energy,
+    drag_blocks,
+    pack_blocks,
+    try_blocks,
+)
+from microstage_ros.model.friction.curve import LIMIT, sliding_limit
 from microstage_ros.numerics.compiled import compiled
+from microstage_ros.quantities.spec import positive
 
 TITLE = "Hsieh–Pan"
 ROUNDS = 60  # of the bracketing at most; it usually ends after five
 TOLERANCE = 1e-12  # of the bracket
+PARAMETERS = {
+    **block_parameters("blocks of the spring"),
+    "creep_velocity": positive("rad/s", "c, flow velocity of the plastic module"),
+    "sharpness": positive("1", "λ, how steeply creep depends on the load"),
+    "hardening": positive("N m/rad", "H, back force per plastic displacement"),
+}
+CURVE = LIMIT
+FAMILY = "own"
+SAYS = {
+    "creep under constant load": True,
+    "memory: return point": True,
+    "memory: wipe-out": True,
+}
 
 
-@dataclasses.dataclass(frozen=True)
-class Parameters:
-    """Own parameters of the law of Hsieh and Pan.
-
-    Parameters
-    ----------
-    stiffness : k_i of the blocks of the spring [F/q], shape (n,).
-    weight : shares of the static limit [1], shape (n,); normalised to one.
-    creep_velocity : c [q/s].
-    sharpness : λ, how steeply creep depends on the load [1].
-    hardening : H, back force per plastic displacement [F/q].
-    """
-
-    stiffness: tuple
-    weight: tuple
-    creep_velocity: float
-    sharpness: float
-    hardening: float
-
-    def __post_init__(self):
-        for name in ("creep_velocity", "sharpness", "hardening"):
-            require_positive(name, getattr(self, name))
-
-    def pack(self):
-        """Own entries of the packed law."""
-        return [*pack_blocks(self.stiffness, self.weight), self.creep_velocity, self.sharpness, self.hardening]
+def pack(values):
+    """Own entries of the packed law, from a mapping of `PARAMETERS`."""
+    return [*pack_blocks(values["stiffness"], values["weight"]), *(values[key] for key in ("creep_velocity", "sharpness", "hardening"))]
 
 
 def state_size(packed):

@@ -14,45 +14,43 @@ Automatic Control 45 (2000); V. Lampaert, J. Swevers, F. Al-Bender, "Modificatio
 integrated friction model structure", ibid. 47 (2002).
 """
 
-import dataclasses
 import math
 
-from microstage_ros.model.friction.blocks import COUNT, STIFFNESS, blocks_energy, drag_blocks, pack_blocks
-from microstage_ros.model.friction.curve import passive_damping, require_not_negative, require_positive, sliding_limit
+from microstage_ros.model.friction.blocks import (
+    COUNT,
+    STIFFNESS,
+    block_parameters,
+    blocks_energy,
+    drag_blocks,
+    pack_blocks,
+)
+from microstage_ros.model.friction.curve import STRIBECK, passive_damping, sliding_limit
 from microstage_ros.numerics.compiled import compiled
-from microstage_ros.quantities.errors import InputError
+from microstage_ros.quantities.spec import Spec, not_negative
 
 TITLE = "Leuven"
 SUBSTEPS = 16  # at most, in one stretch
 SUBSTEP_SHARE = 0.25  # of the limit that F_h may rise in a substep before more substeps are taken
+PARAMETERS = {
+    **block_parameters("elements of the hysteresis"),
+    "damping": not_negative("N m s/rad", "σ₁, micro-damping", default=0.0),
+    "exponent": Spec("1", 1.0, 50.0, "n, how late the transition to sliding begins", default=6.0),
+}
+CURVE = STRIBECK
+FAMILY = "own"
+SAYS = {
+    "Stribeck curve": True,
+    "frictional lag": True,
+    "rising static friction": True,
+    "stick-slip": True,
+    "memory: return point": True,
+    "memory: wipe-out": True,
+}
 
 
-@dataclasses.dataclass(frozen=True)
-class Parameters:
-    """Own parameters of the Leuven law.
-
-    Parameters
-    ----------
-    stiffness : k_i of the elements of the hysteresis [F/q], shape (n,).
-    weight : shares of the static limit [1], shape (n,); normalised to one.
-    damping : σ₁, micro-damping [F s/q], >= 0.
-    exponent : n, how late the transition to sliding begins [1], >= 1.
-    """
-
-    stiffness: tuple
-    weight: tuple
-    damping: float = 0.0
-    exponent: float = 6.0
-
-    def __post_init__(self):
-        require_positive("exponent", self.exponent)
-        if self.exponent < 1.0:
-            raise InputError("exponent", self.exponent, "at least 1")
-        require_not_negative("damping", self.damping)
-
-    def pack(self):
-        """Own entries of the packed law."""
-        return [*pack_blocks(self.stiffness, self.weight), self.damping, self.exponent]
+def pack(values):
+    """Own entries of the packed law, from a mapping of `PARAMETERS`."""
+    return [*pack_blocks(values["stiffness"], values["weight"]), values["damping"], values["exponent"]]
 
 
 def state_size(packed):

@@ -10,42 +10,31 @@ K. J. Åström, P. Lischinsky, "A new model for control of systems with friction
 Automatic Control 40 (1995).
 """
 
-import dataclasses
-
-from microstage_ros.model.friction.curve import (
-    OWN,
-    passive_damping,
-    relax,
-    require_not_negative,
-    require_positive,
-    sliding_limit,
-)
+from microstage_ros.model.friction.curve import OWN, STRIBECK, passive_damping, relax, sliding_limit
 from microstage_ros.numerics.compiled import compiled
+from microstage_ros.quantities.spec import not_negative, positive
 
 TITLE = "LuGre"
 STIFFNESS, DAMPING = OWN, OWN + 1
+PARAMETERS = {
+    "stiffness": positive("N m/rad", "σ₀ of the bristles"),
+    "damping": not_negative("N m s/rad", "σ₁, micro-damping", default=0.0),
+}
+CURVE = STRIBECK
+FAMILY = "own"
+SAYS = {
+    "Stribeck curve": True,
+    "frictional lag": True,
+    "rising static friction": True,
+    "stick-slip": True,
+    "memory: return point": False,
+    "memory: wipe-out": False,
+}
 
 
-@dataclasses.dataclass(frozen=True)
-class Parameters:
-    """Own parameters of LuGre.
-
-    Parameters
-    ----------
-    stiffness : σ₀ of the bristles [F/q].
-    damping : σ₁, micro-damping [F s/q], >= 0.
-    """
-
-    stiffness: float
-    damping: float = 0.0
-
-    def __post_init__(self):
-        require_positive("stiffness", self.stiffness)
-        require_not_negative("damping", self.damping)
-
-    def pack(self):
-        """Own entries of the packed law."""
-        return [self.stiffness, self.damping]
+def pack(values):
+    """Own entries of the packed law, from a mapping of `PARAMETERS`."""
+    return [values["stiffness"], values["damping"]]
 
 
 def state_size(packed):

@@ -8,30 +8,21 @@ of Applied Mechanics 33 (1966); V. Lampaert, F. Al-Bender, J. Swevers, "A genera
 friction model appropriate for control purposes" (2003); paper Eqs. 3–6.
 """
 
-import dataclasses
-
-from microstage_ros.model.friction.blocks import COUNT, blocks_energy, drag_blocks, pack_blocks
+from microstage_ros.model.friction.blocks import COUNT, block_parameters, blocks_energy, drag_blocks, pack_blocks
+from microstage_ros.model.friction.curve import LIMIT
 from microstage_ros.numerics.compiled import compiled
 
 TITLE = "Maxwell-slip"
+PARAMETERS = {
+    **block_parameters(),
+}
+CURVE = LIMIT
+FAMILY = "blocks"
 
 
-@dataclasses.dataclass(frozen=True)
-class Parameters:
-    """Own parameters of Maxwell-slip.
-
-    Parameters
-    ----------
-    stiffness : k_i of the blocks [F/q], shape (n,).
-    weight : α_i, shares of the static limit [1], shape (n,); normalised to Σα = 1.
-    """
-
-    stiffness: tuple
-    weight: tuple
-
-    def pack(self):
-        """Own entries of the packed law."""
-        return pack_blocks(self.stiffness, self.weight)
+def pack(values):
+    """Own entries of the packed law, from a mapping of `PARAMETERS`."""
+    return pack_blocks(values["stiffness"], values["weight"])
 
 
 def state_size(packed):

@@ -1,7 +1,10 @@
 """The laws by name and number, and the one compiled door to all of them.
 
-A new law is one file (``TITLE``, ``Parameters``, ``state_size``, ``stretch``, ``stored_energy``), one
-line in ``LAWS`` and its line in :func:`stretch_law`. Motion is prescribed: velocity in, force out.
+A new law is one file and its name in ``FILES``. The file holds ``TITLE``, ``PARAMETERS`` (specs at the screw angle), ``CURVE`` (which
+of the sliding curve's parameters it has), ``FAMILY``, ``pack``, ``state_size``, ``stretch`` and ``stored_energy``; ``SAYS``, where
+the paper says what it shows. Axis files, simulation, feed-forward, observer, diagnosis and the table of laws know it from there.
+``FAMILY`` is ``blocks`` (Maxwell-slip blocks: the solver's own), ``rigid`` (a static map: the solver holds the body at rest by a stiff
+bristle) or ``own`` (the solver carries the law's own step). Motion is prescribed: velocity in, force out.
 
 >>> law = law_named("dahl")
 >>> packed = law.pack({"stiffness": 1e6, "static": 0.9})
@@ -10,7 +13,6 @@ line in ``LAWS`` and its line in :func:`stretch_law`. Motion is prescribed: velo
 """
 
 import dataclasses
-import inspect
 import types
 
 import numpy
@@ -25,11 +27,13 @@ from microstage_ros.model.friction import (
     lugre,
     maxwell_slip,
 )
-from microstage_ros.model.friction.curve import SlidingCurve, viscous_force
+from microstage_ros.model.friction.curve import SLIDING, pack_curve, viscous_force
 from microstage_ros.numerics.compiled import compiled
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.quantities.spec import check_all
 
-CURVE_KEYS = tuple(field.name for field in dataclasses.fields(SlidingCurve))
+FILES = (coulomb_viscous_stribeck, dahl, lugre, elasto_plastic, leuven, hsieh_pan, maxwell_slip, generalised_maxwell_slip)
+CURVE_KEYS = tuple(SLIDING)
 NEGATIVE = "_negative"  # suffix of a curve parameter that holds for motion in the negative direction only
 
 
@@ -46,32 +50,51 @@ class Law:
         """Short name for tables."""
         return self.file.TITLE
 
+    @property
+    def family(self):
+        """How the solver carries it: ``blocks``, ``rigid`` or ``own``."""
+        return self.file.FAMILY
+
+    @property
+    def section(self):
+        """{name: `Spec`} of the law's part of an axis file, at the screw angle."""
+        return {**self.file.PARAMETERS, **{name: SLIDING[name] for name in self.file.CURVE}}
+
+    @property
+    def own(self):
+        """{name: `Spec`} of what `pack` takes beside the sliding curve."""
+        return {**self.file.PARAMETERS, **getattr(self.file, "LIBRARY_ONLY", {})}
+
     def keys(self):
         """Names of the parameters that :meth:`pack` takes."""
-        return (*self.file.Parameters.__dataclass_fields__, *CURVE_KEYS, *(key + NEGATIVE for key in CURVE_KEYS))
+        return (*self.own, *CURVE_KEYS, *(key + NEGATIVE for key in CURVE_KEYS))
 
     def pack(self, values):
         """Flat float64 array of a parameter mapping, shape (10 + own,).
 
-        ``values`` holds the keys of :class:`SlidingCurve` (``static`` is required; with the suffix
-        ``_negative`` for motion in the negative direction, where that differs) and those of the law's
-        own ``Parameters``. Raises InputError naming an unknown, missing or bad one.
+        Parameters
+        ----------
+        values : the keys of `curve.SLIDING` (``static`` is required; with the suffix ``_negative`` for motion in the negative
+            direction, where that differs) and those of the law's own parameters; units F and q are the caller's.
+
+        Raises
+        ------
+        InputError : a parameter that is unknown, missing or bad.
         """
         for key in values:
             if key not in self.keys():
                 raise InputError(f"{self.name}.{key}", values[key], f"one of {', '.join(self.keys())}")
-        if "static" not in values:
-            raise InputError(f"{self.name}.static", None, "the limit at the start of sliding, > 0")
         positive = {key: values[key] for key in CURVE_KEYS if key in values}
         negative = {key: values.get(key + NEGATIVE, positive.get(key)) for key in CURVE_KEYS}
-        negative = {key: value for key, value in negative.items() if value is not None}
-        own = {key: values[key] for key in self.file.Parameters.__dataclass_fields__ if key in values}
+        own = {key: float(value) if isinstance(value, (bool, numpy.bool_)) else value
+               for key, value in values.items() if key in self.own}
         try:
-            entries = SlidingCurve(**positive).pack() + SlidingCurve(**negative).pack()
-            return numpy.array(entries + list(self.file.Parameters(**own).pack()))
-        except TypeError as error:
-            needed = inspect.signature(self.file.Parameters)
-            raise InputError(self.name, sorted(own), f"the parameters {needed}") from error
+            entries = pack_curve(positive) + pack_curve(negative)
+        except InputError as error:
+            raise InputError(f"{self.name}.{error.place}", error.value, error.expected) from None
+        checked = check_all(self.own, own, self.name)
+        try:
+            return numpy.array(entries + list(self.file.pack(checked)))
         except InputError as error:
             raise InputError(f"{self.name}.{error.place}", error.value, error.expected) from None
 
@@ -88,22 +111,13 @@ class Law:
         return self.file.stored_energy(packed, state)
 
 
-LAWS = tuple(
-    Law(file.__name__.rpartition(".")[2], number, file)
-    for number, file in enumerate(
-        (
-            coulomb_viscous_stribeck,
-            dahl,
-            lugre,
-            elasto_plastic,
-            leuven,
-            hsieh_pan,
-            maxwell_slip,
-            generalised_maxwell_slip,
-        )
-    )
-)
+LAWS = tuple(Law(file.__name__.rpartition(".")[2], number, file) for number, file in enumerate(FILES))
 NAMES = tuple(law.name for law in LAWS)
+#: {name: {parameter: `Spec`}} of every law that an axis file may choose; ``none`` is a contact without friction.
+SECTIONS: dict = {"none": {}}
+for _law in LAWS:
+    SECTIONS.update(getattr(_law.file, "BESIDE", {}))
+    SECTIONS[_law.name] = _law.section
 
 
 def law_named(name):
@@ -114,32 +128,30 @@ def law_named(name):
     raise InputError("law", name, f"one of {', '.join(NAMES)}")
 
 
-@compiled
-def stretch_law(law, parameters, state, direction, speed_start, speed_end, duration, limit_factor):
-    """Carry ``state`` over a stretch of motion in one direction; force without its viscous part [F].
+def _door(number, own, others):
+    """Compiled choice between one law's step and those of the laws behind it."""
+    @compiled(cache=False, forceinline=True)     # what calls it is cached, and holds it
+    def stretch(law, parameters, state, direction, speed_start, speed_end, duration, limit_factor):
+        if law == number:
+            return own(parameters, state, direction, speed_start, speed_end, duration, limit_factor)
+        return others(law, parameters, state, direction, speed_start, speed_end, duration, limit_factor)
 
-    ``law`` is a number of ``LAWS``; ``direction`` −1, 0 (at rest) or 1; the speeds are >= 0 [q/s] and
-    linear in time over ``duration`` [s].
-    """
-    if law == 0:
-        return coulomb_viscous_stribeck.stretch(
-            parameters, state, direction, speed_start, speed_end, duration, limit_factor
-        )
-    if law == 1:
-        return dahl.stretch(parameters, state, direction, speed_start, speed_end, duration, limit_factor)
-    if law == 2:
-        return lugre.stretch(parameters, state, direction, speed_start, speed_end, duration, limit_factor)
-    if law == 3:
-        return elasto_plastic.stretch(parameters, state, direction, speed_start, speed_end, duration, limit_factor)
-    if law == 4:
-        return leuven.stretch(parameters, state, direction, speed_start, speed_end, duration, limit_factor)
-    if law == 5:
-        return hsieh_pan.stretch(parameters, state, direction, speed_start, speed_end, duration, limit_factor)
-    if law == 6:
-        return maxwell_slip.stretch(parameters, state, direction, speed_start, speed_end, duration, limit_factor)
-    return generalised_maxwell_slip.stretch(
-        parameters, state, direction, speed_start, speed_end, duration, limit_factor
-    )
+    return stretch
+
+
+@compiled
+def _no_such_law(law, parameters, state, direction, speed_start, speed_end, duration, limit_factor):
+    return numpy.nan
+
+
+stretch_law = _no_such_law
+for _law in reversed(LAWS):
+    stretch_law = _door(_law.number, _law.file.stretch, stretch_law)
+"""``stretch_law(law, parameters, state, direction, speed_start, speed_end, duration, limit_factor)`` → force [F].
+
+Carries ``state`` over a stretch of motion in one direction; the force is without its viscous part. ``law`` is a number of ``LAWS``;
+``direction`` −1, 0 (at rest) or 1; the speeds are >= 0 [q/s] and linear in time over ``duration`` [s].
+"""
 
 
 @compiled

@@ -50,7 +50,7 @@ def test_weights_are_normalised():
         ("maxwell_slip", {"attraction": 1.0}, "attraction.*one of"),
         ("dahl", {"stiffness": float("nan")}, "stiffness.*nan"),
         ("elasto_plastic", {"breakaway_share": 1.0}, "breakaway_share.*1.0"),
-        ("leuven", {"exponent": 0.5}, "exponent.*at least 1"),
+        ("leuven", {"exponent": 0.5}, "exponent.*1 … 50"),
         ("hsieh_pan", {"hardening": 0.0}, "hardening"),
         ("generalised_maxwell_slip", {"attraction": "fast"}, "attraction.*fast"),
     ],

@@ -3,7 +3,7 @@
 import dataclasses
 
 from microstage_ros.model.friction.properties import loaded, presliding, sliding
-from microstage_ros.model.friction.registry import NAMES
+from microstage_ros.model.friction.registry import LAWS, NAMES
 
 EXPERIMENTS = {  # title of the row: experiment
     "Stribeck curve": sliding.stribeck,
@@ -31,50 +31,7 @@ class Statement:
     shown: bool
 
 
-STATEMENTS = tuple(
-    Statement(law, row, shown)
-    for law, rows in {
-        "coulomb_viscous_stribeck": {"Stribeck curve": True, "pre-sliding hysteresis": False},
-        "dahl": {
-            "pre-sliding hysteresis": True,
-            "frictional lag": False,
-            "memory: return point": False,
-            "memory: wipe-out": False,
-            "Stribeck curve": False,
-            "stick-slip": False,
-        },
-        "lugre": {
-            "Stribeck curve": True,
-            "frictional lag": True,
-            "rising static friction": True,
-            "stick-slip": True,
-            "memory: return point": False,
-            "memory: wipe-out": False,
-        },
-        "leuven": {
-            "Stribeck curve": True,
-            "frictional lag": True,
-            "rising static friction": True,
-            "stick-slip": True,
-            "memory: return point": True,
-            "memory: wipe-out": True,
-        },
-        "hsieh_pan": {
-            "creep under constant load": True,
-            "memory: return point": True,
-            "memory: wipe-out": True,
-        },
-        "generalised_maxwell_slip": {
-            "Stribeck curve": True,
-            "pre-sliding hysteresis": True,
-            "memory: return point": True,
-            "memory: wipe-out": True,
-            "frictional lag": True,
-            "stick-slip": True,
-        },
-    }.items()
-    for row, shown in rows.items()
-)
+STATEMENTS = tuple(Statement(law.name, row, shown) for law in LAWS for row, shown in getattr(law.file, "SAYS", {}).items())
 
 
 def measure(progress=iter):
