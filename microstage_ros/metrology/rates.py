@@ -22,12 +22,12 @@ class Rate:
     low: float
     high: float
 
-    def __str__(self):
+    def __str__(self) -> str:
         """For people: ``19 of 20 (75 to 100 %)``."""
         return f"{self.hits} of {self.cases} ({100 * self.low:.3g} to {100 * self.high:.3g} %)"
 
 
-def rate(hits, cases, level=0.95):
+def rate(hits: int, cases: int, level: float = 0.95) -> Rate:
     """`Rate` of ``hits`` among ``cases``.
 
     Raises

@@ -2,8 +2,8 @@
 
 import pytest
 
-from microstage_ros.commands.backend import chosen_backend
 from microstage_ros.commands.__main__ import main
+from microstage_ros.commands.backend import chosen_backend
 from microstage_ros.commands.operation.cell import add_backend
 from microstage_ros.commands.parser import Parser
 from microstage_ros.control.runs.run_file import run_from_dict

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from microstage_ros.model.plant_record import PLANT, STATE
-from microstage_ros.solver.ensemble import respond_many
+from microstage_ros.solver.ensembles.ensemble import respond_many
 from microstage_ros.solver.open_loop import COLUMNS, respond, run_open_loop
 from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
 

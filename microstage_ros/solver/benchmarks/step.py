@@ -19,7 +19,7 @@ from microstage_ros.solver.benchmarks.compiled_peers import (
     solve_with_sundials,
 )
 from microstage_ros.solver.benchmarks.peers import Equations, sizes, solve_with_runge_kutta, solve_with_scipy
-from microstage_ros.solver.ensemble import respond_many
+from microstage_ros.solver.ensembles.ensemble import respond_many
 from microstage_ros.solver.open_loop import COLUMNS, respond, run_open_loop
 from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
 

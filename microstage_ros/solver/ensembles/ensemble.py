@@ -13,8 +13,8 @@ from microstage_ros.model.plant_record import INPUTS
 from microstage_ros.numerics.compiled import compiled, inlined, internal, seldom, woven
 from microstage_ros.numerics.random import normal
 from microstage_ros.solver.contact import ENTRIES, FRACTION_BITS, START_MASK, cubics
+from microstage_ros.solver.ensembles.lanes import LANES, choose, lanes_set, load, nearest, store, table_pieces
 from microstage_ros.solver.event_free import Moving, give, guard_of, slip_of
-from microstage_ros.solver.lanes import LANES, choose, lanes_set, load, nearest, store, table_pieces
 from microstage_ros.solver.linear_core import (
     F0,
     O_I,
