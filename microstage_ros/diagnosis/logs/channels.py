@@ -1,0 +1,175 @@
+"""Residual channels of a log: what the signals allow, each with the healthy model that its baseline gives.
+
+effort   force, torque, current or voltage:  y = c + F sgn v + B v + M a + k x (+ a level of its own at rest)
+error    following error (or speed error):   the same form, in metres
+voltage  u − R i − K v, where voltage and current are both there
+
+A magnitude |y| is that of a signed effort whose sign is the direction of motion (friction outweighs the constant force): its
+columns are the signed ones times the direction. `sign_is_open` tells where that cannot be decided.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from microstage_ros.diagnosis.logs.motion import Motion
+from microstage_ros.records.logs.log import Log
+
+RIDGE = 1e-3            # of the columns' mean squares: numerical, keeps collinear columns small
+MOST_ROWS = 200_000     # rows that a healthy model is fitted to
+LEAST_LEVEL = 0.1       # of the moving rms: the smallest scale that changes are told against
+
+
+@dataclasses.dataclass
+class Rows:
+    """One log with its motion and the number of the repetition of every row; ``condition``: global code per row."""
+
+    log: Log
+    motion: Motion
+    repetition: np.ndarray
+    condition: np.ndarray
+    group: int
+
+
+@dataclasses.dataclass
+class Channel:
+    """One residual channel.
+
+    ``name`` effort, error or voltage; ``unit``; ``signed``. ``models``: condition code → coefficients of `base_columns`;
+    ``scale``: condition code → size in ``unit`` that changes are told against (the friction level; the error's rms);
+    ``stderr``: condition code → standard errors. ``kind``: the quantity.
+    """
+
+    name: str
+    kind: str
+    unit: str
+    signed: bool
+    models: dict = dataclasses.field(default_factory=dict)
+    stderr: dict = dataclasses.field(default_factory=dict)
+    scale: dict = dataclasses.field(default_factory=dict)
+
+    def values(self, rows):
+        """Signal of this channel for the rows of a log, shape (n,); NaN where there is none."""
+        signals = rows.log.signals
+        if self.name == "effort":
+            return signals[self.kind]
+        if self.name == "voltage":
+            return signals["voltage"]
+        if self.kind == "following_error":
+            return signals["following_error"]
+        return signals["reference_velocity"] - signals["velocity"]
+
+    def orientation(self, rows):
+        """What turns a signed column into this channel's: 1, or for a magnitude the direction of motion (1 at rest)."""
+        if self.signed:
+            return np.ones(len(rows.log))
+        return np.where(rows.motion.direction == 0.0, 1.0, rows.motion.direction)
+
+    def predicted(self, rows):
+        """The healthy model's value, shape (n,)."""
+        columns = base_columns(self, rows)
+        out = np.zeros(len(rows.log))
+        for code, coefficients in self.models.items():
+            own = rows.condition == code
+            out[own] = columns[own] @ coefficients
+        return out
+
+
+def channels_of(log):
+    """The channels that the signals of a log allow."""
+    found = []
+    if log.effort:
+        found.append(Channel("effort", log.effort, log.effort_unit, log.signed))
+    if "following_error" in log.signals:
+        found.append(Channel("error", "following_error", log.place_unit, True))
+    elif "reference_velocity" in log.signals and "velocity" in log.signals:
+        found.append(Channel("error", "velocity_error", f"{log.place_unit}/s", True))
+    if "voltage" in log.signals and "current" in log.signals and log.effort != "voltage":
+        found.append(Channel("voltage", "voltage", "V", True))
+    return found
+
+
+def base_names(channel):
+    """Names of the healthy model's coefficients."""
+    if channel.name == "voltage":
+        return ("constant", "resistance", "per speed")
+    return ("constant", "level", "viscous", "inertia", "spring", "rest", "rest after motion")
+
+
+def base_columns(channel, rows):
+    """Columns of the healthy model, shape (n, k); see `base_names`."""
+    m = rows.motion
+    if channel.name == "voltage":
+        current = np.nan_to_num(rows.log.signals["current"])
+        return np.stack([np.ones(len(current)), current, m.speed], axis=1)
+    still = (m.direction == 0.0).astype(float)
+    moving = 1.0 - still
+    x = m.x if m.absolute else np.zeros(len(m.x))
+    columns = np.stack([moving, m.direction, m.speed * moving, m.acceleration * moving, x * moving, still, still * m.last], axis=1)
+    return columns * channel.orientation(rows)[:, None]
+
+
+def fit_models(channel, baseline):
+    """Fit the healthy model per condition to the baseline; fills ``models``, ``stderr`` and ``scale``."""
+    codes = sorted({int(c) for rows in baseline for c in np.unique(rows.condition) if c >= 0})
+    for code in codes:
+        parts = [(base_columns(channel, rows)[own], channel.values(rows)[own], rows.motion.direction[own], rows.log.shift is not None)
+                 for rows in baseline for own in [rows.condition == code] if own.any()]
+        columns, y, direction = (np.concatenate([p[k] for p in parts]) for k in range(3))
+        good = np.isfinite(y)
+        step = max(1, int(good.sum() // MOST_ROWS))
+        columns, y, direction = columns[good][::step], y[good][::step], direction[good][::step]
+        size = np.sqrt(np.mean(columns**2, axis=0))
+        used = np.where(size > 0.0, size, 1.0)
+        scaled = columns / used
+        gram = scaled.T @ scaled + RIDGE * len(y) * np.eye(len(used))
+        beta = np.linalg.solve(gram, scaled.T @ y)
+        left = y - scaled @ beta
+        covariance = np.linalg.inv(gram) * max(np.var(left), 1e-300)
+        channel.models[code] = np.where(size > 0.0, beta / used, 0.0)
+        channel.stderr[code] = np.sqrt(np.diag(covariance)) / used
+        channel.scale[code] = _scale(channel, channel.models[code], y, direction, any(p[3] for p in parts), columns)
+
+
+def _scale(channel, model, y, direction, shifted, columns):
+    """The size that changes are told against, in the channel's unit."""
+    moving = direction != 0.0
+    if channel.name == "voltage":
+        return float(np.sqrt(np.mean(y**2))) or 1.0
+    rms = float(np.sqrt(np.mean(y[moving] ** 2))) if moving.any() else float(np.std(y))
+    if channel.name == "error":
+        return max(rms, 1e-12)
+    at_speed = float(np.median(np.abs(columns[moving, 2]))) if moving.any() else 0.0
+    level = abs(model[1]) + abs(model[2]) * at_speed
+    if shifted and (~moving).any() and moving.any():
+        level = abs(float(np.mean(y[moving])) - float(np.mean(y[~moving])))
+    return max(level, LEAST_LEVEL * rms, 1e-12)
+
+
+def sign_is_open(channel, baseline):
+    """Whether a magnitude could as well be that of a force that outweighs the friction.
+
+    Friction F and a constant force L give |F + L| out and |F − L| back: F and L may change places. What decides is inertia:
+    starting adds to the magnitude in both directions if friction outweighs (L < F), in one only if it does not.
+    Returns (open, ratio of the directions' levels).
+    """
+    if channel.signed or channel.name != "effort":
+        return False, 1.0
+    steady, starts = {1.0: [], -1.0: []}, {1.0: [], -1.0: []}
+    for rows in baseline:
+        y, m = channel.values(rows), rows.motion
+        for sign in (1.0, -1.0):
+            own = (m.direction == sign) & np.isfinite(y)
+            steady[sign].append(y[own & (m.state == 2)])
+            starts[sign].append(y[own & (m.state == 1)])
+    levels = {s: np.concatenate(v) if v else np.array([]) for s, v in steady.items()}
+    peaks = {s: np.concatenate(v) if v else np.array([]) for s, v in starts.items()}
+    if min(len(levels[1.0]), len(levels[-1.0])) < 10:
+        return True, 1.0
+    mean = {s: float(np.mean(v)) for s, v in levels.items()}
+    ratio = min(mean.values()) / max(max(mean.values()), 1e-300)
+    if min(len(peaks[1.0]), len(peaks[-1.0])) >= 10:
+        rise = {s: float(np.quantile(peaks[s], 0.9) - mean[s]) for s in mean}
+        if min(rise.values()) > 2.0 * max(float(np.std(levels[s])) for s in mean):
+            return False, ratio
+    return ratio < 0.8, ratio

@@ -1,0 +1,232 @@
+"""Repetitions as short vectors: means over cells of like motion, amplitudes of ripple, roughness.
+
+A cell holds rows of one condition, one phase of the move, one direction, one class of speed and one part of the stroke: like
+is compared with like, whatever the programme was. Every column of every effect is reduced in the same way, so that a fit
+to the vectors is a fit to the rows.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from microstage_ros.diagnosis.logs.motion import STATES
+
+PLACES = (12, 6, 3, 1)      # parts of the stroke that are tried, the finest that the logs fill
+COVERED = 0.85              # share of the rows that must lie in cells which both sides have
+STEADY = STATES.index("steady")
+HARMONICS = 60              # highest harmonic of the turn
+SLOWEST = 0.4               # cycles per sample up to which a ripple can be read
+LOW_ORDERS = 2              # harmonics that count as once per turn; the others make the second group
+LEAST_ROWS = 40             # moving rows of one direction in a repetition for an amplitude
+
+
+@dataclasses.dataclass
+class Coordinates:
+    """All repetitions of one channel as vectors of K coordinates, relative to the channel's scale.
+
+    ``baseline``, ``now``: arrays (repetitions, K). ``group_baseline``, ``group_now``: number of the file of each repetition.
+    ``condition``: code per coordinate. ``kind``: per coordinate: state name, ``ripple``, ``ripple high`` or ``rough``.
+    ``direction``, ``place``: per coordinate. ``columns``: name → (K, k) array of every effect.
+    ``count``: rows per coordinate and repetition, on average. ``shifted``: (K, m) basis of levels that cannot be compared.
+    """
+
+    channel: object
+    baseline: np.ndarray
+    now: np.ndarray
+    group_baseline: np.ndarray
+    group_now: np.ndarray
+    condition: np.ndarray
+    kind: np.ndarray
+    direction: np.ndarray
+    place: np.ndarray
+    columns: dict
+    count: np.ndarray
+    shifted: np.ndarray
+    spectrum: dict
+
+
+def cell_keys(rows, stroke, places, top):
+    """Integer key of the cell of each row; −1 where the row belongs to none."""
+    m = rows.motion
+    size = np.abs(m.speed) / max(top, 1e-300)
+    octave = np.log2(np.maximum(size, 1e-3))
+    fine = np.clip(np.round(2.0 * octave), -8, 2) + 8
+    coarse = np.clip(np.round(octave), -2, 1) + 2
+    moving = m.direction != 0.0
+    speed = np.where(m.state == STEADY, fine, np.where(moving, coarse, 0))
+    low, high = stroke
+    where = np.clip(((m.x - low) / max(high - low, 1e-300) * places).astype(int), 0, places - 1) if places > 1 else 0
+    place = np.where(m.state == STEADY, where, 0)
+    direction = np.where(moving, m.direction, m.last) + 1
+    key = (((rows.condition * 5 + m.state) * 3 + direction) * 16 + speed) * 16 + place
+    return np.where(rows.condition >= 0, key, -1).astype(int)
+
+
+def unpack(keys):
+    """(condition, state, direction, speed class, place) of cell keys."""
+    place, rest = keys % 16, keys // 16
+    speed, rest = rest % 16, rest // 16
+    direction, rest = rest % 3 - 1, rest // 3
+    return rest // 5, rest % 5, direction, speed, place
+
+
+def stroke_of(everything):
+    """Lowest and highest coordinate that most rows visit."""
+    if not everything[0].motion.absolute:
+        return 0.0, 1.0
+    lows, highs = zip(*((np.quantile(r.motion.x, 0.002), np.quantile(r.motion.x, 0.998)) for r in everything))
+    return float(np.median(lows)), float(np.median(highs))
+
+
+def choose_cells(baseline, now, stroke, top):
+    """(number of places, cells that both sides fill): the finest division that the logs fill."""
+    best = None
+    absolute = all(r.motion.absolute for r in [*baseline, *now])
+    for places in PLACES if absolute else (1,):
+        sides = []
+        for side in (baseline, now):
+            met, reps, rows_in = {}, 0, {}
+            for rows in side:
+                keys = cell_keys(rows, stroke, places, top)
+                pairs, counts = np.unique(np.stack([rows.repetition, keys]), axis=1, return_counts=True)
+                reps += len(np.unique(rows.repetition))
+                for key, count in zip(pairs[1], counts):
+                    if key >= 0 and count >= 2:
+                        met[key] = met.get(key, 0) + 1
+                        rows_in[key] = rows_in.get(key, 0) + int(count)
+            sides.append((met, rows_in))
+        codes = {key: unpack(np.array([key]))[0][0] for key in {*sides[0][0], *sides[1][0]}}
+        shares = [{code: max((m for k, m in met.items() if codes[k] == code), default=1) for code in set(codes.values())}
+                  for met, _ in sides]
+        kept = sorted(key for key in sides[0][0] if sides[0][0][key] >= 0.75 * shares[0][codes[key]]
+                      and sides[1][0].get(key, 0) >= 0.5 * shares[1][codes[key]])
+        covered = sum(sides[1][1][k] for k in kept) / max(sum(sides[1][1].values()), 1)
+        if best is None or covered > best[2] + 0.1:
+            best = (places, kept, covered)
+        if covered >= COVERED:
+            return places, np.array(kept, int), covered
+    return best[0], np.array(best[1], int), best[2]
+
+
+def reduce(channel, baseline, now, cells, places, stroke, top, columns_of, turn):
+    """`Coordinates` of one channel; ``columns_of(channel, rows)`` → {name: (n, k)} of effects in the channel's unit."""
+    sides, spectra = [], []
+    sums, weights = {}, np.zeros(len(cells))
+    shifted = []
+    for side in (baseline, now):
+        vectors, groups, extras, counts = [], [], [], []
+        for rows in side:
+            keys = cell_keys(rows, stroke, places, top)
+            slot = np.searchsorted(cells, keys)
+            slot = np.where((slot < len(cells)) & (cells[np.minimum(slot, len(cells) - 1)] == keys), slot, -1)
+            y = channel.values(rows)
+            scale = np.array([channel.scale.get(int(c), 1.0) for c in range(int(rows.condition.max()) + 1)] or [1.0])[np.maximum(rows.condition, 0)]
+            left = (y - channel.predicted(rows)) / scale
+            good = (slot >= 0) & np.isfinite(left)
+            if side is now:
+                for name, columns in columns_of(channel, rows).items():
+                    part = np.stack([np.bincount(slot[good], c[good] / scale[good], len(cells)) for c in columns.T], axis=1)
+                    sums[name] = sums.get(name, 0.0) + part
+                weights += np.bincount(slot[good], minlength=len(cells))
+            for number in np.unique(rows.repetition):
+                own = good & (rows.repetition == number)
+                count = np.bincount(slot[own], minlength=len(cells))
+                mean = np.bincount(slot[own], left[own], len(cells)) / np.where(count > 0, count, np.nan)
+                vectors.append(mean)
+                counts.append(count)
+                groups.append(rows.group)
+                extra, spectrum = _amplitudes(rows, own, left, slot, mean, turn)
+                extras.append(extra)
+                spectra.append((side is now, spectrum))
+                if rows.log.shift is not None and channel.name == "effort":
+                    shifted.append(_shift_columns(rows, own, slot, len(cells)))
+        sides.append((np.array(vectors), np.array(groups), _aligned(extras), np.array(counts)))
+    return _assembled(channel, cells, sides, sums, weights, shifted, spectra)
+
+
+def _amplitudes(rows, own, left, slot, mean, turn):
+    """Amplitudes of ripple by direction and roughness by state of one repetition: {(condition, kind, direction): value}."""
+    m, found, spectrum = rows.motion, {}, {}
+    inside = own & (slot >= 0)
+    fluctuation = np.where(inside, left - np.nan_to_num(mean)[np.maximum(slot, 0)], 0.0)
+    for code in np.unique(rows.condition[inside]):
+        here = inside & (rows.condition == code)
+        for direction in (-1, 1):
+            use = here & (m.state == STEADY) & (m.direction == direction)
+            if use.sum() < LEAST_ROWS:
+                continue
+            r = fluctuation[use]
+            if turn:
+                orders = _orders(m, use, turn, rows.log.period)
+                if len(orders):
+                    phase = 2.0 * np.pi / turn * m.x[use]
+                    c = np.array([2.0 * np.mean(r * np.exp(-1j * k * phase)) for k in orders])
+                    power = np.maximum(np.abs(c) ** 2 - 4.0 * np.var(r) / len(r), 0.0)
+                    spectrum[(int(code), direction)] = (orders, np.abs(c))
+                    low = orders <= LOW_ORDERS
+                    found[(int(code), "ripple", direction)] = float(np.sqrt(power[low].sum()))
+                    if (~low).any():
+                        found[(int(code), "ripple high", direction)] = float(np.sqrt(power[~low].sum()))
+            found[(int(code), "rough", direction)] = float(0.5 * np.log(np.mean(np.diff(r) ** 2) + 1e-14))
+        still = here & (m.state == STATES.index("settled"))
+        if still.sum() >= LEAST_ROWS:
+            found[(int(code), "rough", 0)] = float(0.5 * np.log(np.var(fluctuation[still]) + 1e-14))
+    return found, spectrum
+
+
+def _orders(motion, use, turn, period):
+    """Harmonics of the turn that the sampling resolves and of which the repetition sees two periods or more."""
+    travel = np.abs(motion.speed[use])
+    speed = float(np.median(travel))
+    if float(np.sum(travel) * period) < 2.0 * turn:
+        return np.array([], int)
+    highest = int(min(HARMONICS, SLOWEST * turn / max(speed * period, 1e-300)))
+    return np.arange(1, highest + 1)
+
+
+def _aligned(extras):
+    """Amplitude coordinates of all repetitions: (keys, array of repetitions × keys with NaN where one lacks it)."""
+    keys = sorted({key for extra in extras for key in extra}, key=str)
+    return keys, np.array([[extra.get(key, np.nan) for key in keys] for extra in extras]).reshape(len(extras), len(keys))
+
+
+def _shift_columns(rows, own, slot, size):
+    """Share of every cell's rows that has each of the constants of a shifted level: (K, classes)."""
+    classes = rows.log.shift[own]
+    count = np.bincount(slot[own], minlength=size)
+    return np.stack([np.bincount(slot[own], classes == c, size) / np.maximum(count, 1) for c in np.unique(classes)], axis=1)
+
+
+def _assembled(channel, cells, sides, sums, weights, shifted, spectra):
+    (base, groups_base, extra_base, counts), (now, groups_now, extra_now, _) = sides
+    common = [key for key in extra_base[0] if key in extra_now[0]]
+    pick = lambda extra: extra[1][:, [extra[0].index(key) for key in common]] if common else np.zeros((len(extra[1]), 0))
+    condition, state, direction, _, place = unpack(cells)
+    kinds = np.array([*(STATES[s] for s in state), *(key[1] for key in common)], dtype=object)
+    basis = _range_of(shifted, len(cells))
+    columns = {name: np.concatenate([total / np.maximum(weights, 1)[:, None], np.zeros((len(common), total.shape[1]))])
+               for name, total in sums.items()}
+    return Coordinates(
+        channel, np.hstack([base, pick(extra_base)]), np.hstack([now, pick(extra_now)]), groups_base, groups_now,
+        np.array([*condition, *(key[0] for key in common)], int), kinds, np.array([*direction, *(key[2] for key in common)], float),
+        np.array([*place, *([0] * len(common))], int), columns, np.concatenate([counts.mean(axis=0), np.full(len(common), np.nan)]),
+        np.concatenate([basis, np.zeros((len(common), basis.shape[1]))]), _mean_spectrum(spectra))
+
+
+def _range_of(shifted, size):
+    """Basis of what the shifts span, shape (K, m)."""
+    if not shifted:
+        return np.zeros((size, 0))
+    total = sum(w @ w.T for w in shifted) / len(shifted)
+    values, vectors = np.linalg.eigh(total)
+    return vectors[:, values > 0.02 * values[-1]]
+
+
+def _mean_spectrum(spectra):
+    """{(now?, condition, direction): (orders, rms amplitude)} over repetitions."""
+    gathered = {}
+    for is_now, spectrum in spectra:
+        for (code, direction), (orders, size) in spectrum.items():
+            gathered.setdefault((is_now, code, direction), []).append((orders, size))
+    return {key: (entries[0][0], np.sqrt(np.mean([s[: len(entries[0][0])] ** 2 for o, s in entries if len(s) >= len(entries[0][0])], axis=0)))
+            for key, entries in gathered.items()}

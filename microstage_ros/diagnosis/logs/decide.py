@@ -1,0 +1,253 @@
+"""Which causes: effects tried on the difference between now and the baseline, against the healthy spread.
+
+All channels together:  D = Σ X_e s_e + n,  n ~ (0, C).  An effect is named if what it removes of Dᵀ C⁻¹ D is more than chance
+gives with the degrees of freedom that the baseline has (F test), the strongest first, each beside those already named.
+Another effect that removes as much is a rival. An effect whose smallest detectable size lies above what machines do is not
+visible in these signals.
+"""
+
+import dataclasses
+
+import numpy as np
+from scipy.stats import f as f_law
+from scipy.stats import t as t_law
+
+from microstage_ros.diagnosis.logs.effects import SIGNATURES
+
+LEVEL = np.log(3e-4)       # log p below which an effect is named (some twenty are tried)
+RIVAL = 3.0                # difference of log p within which another effect explains as much (odds of 20)
+MOST = 4                   # causes that one log can tell of
+EXPLAINED = 0.35           # share of what stands out that the causes must remove to be the answer
+WHOLE = np.log(1e-5)       # log p below which the difference as a whole stands out
+#: Largest size (of `Size.value`) that is told as visible; beyond it an effect counts as not visible in these signals.
+LARGEST = {"level": 0.6, "viscous": 0.8, "quadratic": 0.8, "moving": 0.5, "constant": 0.8, "spring": 0.8, "waves": 0.8, "inertia": 1.0,
+           "breakaway": 0.6, "lost motion": 1.0, "speed": 0.6, "acceleration": 1.0, "place": 0.5, "creep": 0.5, "gain": 0.6, "load": 1.0,
+           "dead zone": 0.8, "resistive": 0.8, "ripple": 0.6, "ripple high": 0.6, "rough": 1.2}
+POSITIVE = {"backlash", "rising_static_friction", "presliding_creep", "floor_vibration", "sampling_jitter", "screw_pitch_error",
+            "amplifier_deadband", "transport_delay", "actuator_lag"}
+#: Effects that hold another one as a special case and so always fit as well: no rivals of it.
+WIDER = {"friction_level_change": ("position_dependent_friction",), "cable_spring": (), "viscous_change": ("nonlinear_viscous",)}
+
+
+@dataclasses.dataclass
+class Problem:
+    """The stacked difference D (K,), its covariance C, and the matrix X_e of every effect: {id: (K, k)}.
+
+    ``parts``: {id: list of column names}; ``inflation``: {id: factor on variances from leaving repetitions out}; ``dof``.
+    ``where``: (K,) channel name of each coordinate.
+    """
+
+    difference: np.ndarray
+    covariance: np.ndarray
+    effects: dict
+    parts: dict
+    where: np.ndarray
+    kind: np.ndarray
+    dof: float
+    inflation: dict = dataclasses.field(default_factory=dict)
+    whole_inflation: float = 1.0
+    factor: tuple = None
+
+    def __post_init__(self):
+        root = np.linalg.cholesky(self.covariance + 1e-14 * np.trace(self.covariance) / len(self.covariance) * np.eye(len(self.covariance)))
+        self.factor = (np.linalg.solve(root, self.difference), root)
+        self.white = {name: np.linalg.solve(root, x) for name, x in self.effects.items()}
+
+    def taken(self, ids, difference=None):
+        """What these effects remove of DᵀC⁻¹D, their sizes and the sizes' covariance."""
+        y = self.factor[0] if difference is None else np.linalg.solve(self.factor[1], difference)
+        if not ids:
+            return 0.0, np.zeros(0), np.zeros((0, 0))
+        x = np.hstack([self.white[name] for name in ids])
+        size = np.sqrt((x**2).sum(axis=0))
+        scaled = x / np.where(size > 0, size, 1.0)
+        gram = scaled.T @ scaled + 1e-9 * np.eye(scaled.shape[1])
+        inverse = np.linalg.inv(gram)
+        beta = inverse @ scaled.T @ y
+        left = y - scaled @ beta
+        back = 1.0 / np.where(size > 0, size, 1.0)
+        return float(y @ y - left @ left), beta * back, inverse * np.outer(back, back)
+
+    @property
+    def whole(self):
+        """DᵀC⁻¹D."""
+        return float(self.factor[0] @ self.factor[0])
+
+    def log_p(self, name, beside=()):
+        """log of the chance that a healthy machine shows as much of this effect, beside those already named."""
+        both, alone = self.taken([*beside, name])[0], self.taken(list(beside))[0]
+        k = self.white[name].shape[1]
+        ratio = max(both - alone, 0.0) / k / max(self.inflation.get(name, 1.0), 1.0)
+        return float(log_sf(ratio, k, self.dof))
+
+
+def log_sf(ratio, k, dof):
+    """log of the F law's upper tail, with the leading term where the number itself underflows."""
+    value = f_law.logsf(ratio, k, dof)
+    return value if np.isfinite(value) else -0.5 * dof * np.log1p(k * ratio / dof)
+
+
+def effects_of(channels):
+    """{id: (K, k)} and {id: column names} for stacked coordinates; ``channels``: {name: Coordinates}.
+
+    Beside an effort, the traces of a force in the following error are optional: each effect comes once with the effort's columns
+    alone (``id``) and once with both (``id+``).
+    """
+    effects, parts = {}, {}
+    offsets, total = {}, 0
+    for name, coordinates in channels.items():
+        offsets[name] = total
+        total += len(coordinates.kind)
+
+    def placed(channel, names):
+        coordinates = channels[channel]
+        found = [coordinates.columns[n] for n in names if n in coordinates.columns and np.abs(coordinates.columns[n]).max() > 1e-9]
+        if not found:
+            return None
+        block = np.hstack(found)
+        out = np.zeros((total, block.shape[1]))
+        out[offsets[channel]: offsets[channel] + len(coordinates.kind)] = block
+        return out
+
+    for effect, signature in SIGNATURES.items():
+        blocks, names = [], []
+        kind = channels["effort"].channel.kind if "effort" in channels else ""
+        in_effort = not signature.kinds or kind in signature.kinds
+        if "effort" in channels and signature.effort and in_effort:
+            blocks.append(placed("effort", signature.effort))
+            names += signature.effort
+        elif "error" in channels and signature.error and (not signature.effort or "effort" not in channels):
+            blocks.append(placed("error", signature.error))
+            names += signature.error
+        if "voltage" in channels and signature.voltage:
+            blocks = [placed("voltage", signature.voltage)]
+            names = list(signature.voltage)
+        for channel, wanted in signature.amplitudes:
+            if channel in channels:
+                coordinates = channels[channel]
+                base, _, which = wanted.partition(" ")
+                own = (coordinates.kind == wanted) if base == "ripple" else (coordinates.kind == base) & (
+                    (coordinates.direction == 0) if which == "0" else (coordinates.direction != 0))
+                if own.any():
+                    out = np.zeros((total, 1))
+                    out[offsets[channel] + np.flatnonzero(own), 0] = 1.0
+                    blocks.append(out)
+                    names.append(base if base == "rough" else wanted)
+        blocks = [b for b in blocks if b is not None]
+        if blocks:
+            effects[effect], parts[effect] = np.hstack(blocks), names
+            if "effort" in channels and "error" in channels and signature.effort and signature.error and in_effort:
+                more = placed("error", signature.error)
+                if more is not None and "voltage" not in channels:
+                    effects[effect + "+"], parts[effect + "+"] = np.hstack([effects[effect], more]), [*names, *signature.error]
+    return effects, parts
+
+
+def plain(name):
+    """The effect's id without the mark of its wider form."""
+    return name.rstrip("+")
+
+
+@dataclasses.dataclass
+class Choice:
+    """A named effect: its form, log p, rivals (ids, with log p of each in its place)."""
+
+    name: str
+    log_p: float
+    rivals: list
+
+
+def candidates(problem, visible):
+    """Forms that may be tried: visible effects; a wider form only if the effort's own part is significant by itself."""
+    found = []
+    for name in problem.effects:
+        if plain(name) not in visible:
+            continue
+        found.append(name)
+    return found
+
+
+def choose(problem, visible, open_sign=False):
+    """Causes, the strongest first, each with its rivals. ``visible``: ids that these signals can show."""
+    chosen, forms = [], candidates(problem, visible)
+    for _ in range(MOST):
+        beside = [c.name for c in chosen]
+        tried = _tried(problem, forms, beside, {plain(b) for b in beside})
+        if not tried or tried[0][0] > LEVEL:
+            break
+        best = tried[0]
+        chosen.append(Choice(best[1], best[0], []))
+    chosen = _backward(problem, chosen)
+    for choice in chosen:
+        beside = [c.name for c in chosen if c is not choice]
+        tried = _tried(problem, forms, beside, {plain(b) for b in beside})
+        own = problem.log_p(choice.name, beside)
+        wider = WIDER.get(plain(choice.name), ())
+        found = {}
+        for value, name in tried:
+            if plain(name) != plain(choice.name) and plain(name) not in wider and value < own + RIVAL and value < 0.5 * LEVEL:
+                found.setdefault(plain(name), value)
+        choice.rivals = list(found)[:3]
+        choice.log_p = own
+        if open_sign:
+            swap = {"friction_level_change": "gravity_tilt", "gravity_tilt": "friction_level_change"}.get(plain(choice.name))
+            if swap and swap not in choice.rivals and swap not in [plain(b) for b in beside]:
+                choice.rivals.append(swap)
+    return chosen
+
+
+def _tried(problem, forms, beside, taken):
+    """(log p, form) of every acceptable effect beside these, the most significant first."""
+    out = []
+    for name in forms:
+        if plain(name) in taken:
+            continue
+        value = problem.log_p(name, beside)
+        if name.endswith("+") and problem.log_p(plain(name), beside) > 0.5 * LEVEL:
+            continue
+        if acceptable(problem, name, beside):
+            out.append((value, name))
+    return sorted(out)
+
+
+def acceptable(problem, name, beside):
+    """Whether the fitted size has a sense: some effects only grow."""
+    if plain(name) not in POSITIVE:
+        return True
+    sizes = problem.taken([*beside, name])[1]
+    return bool(sizes[-problem.white[name].shape[1]] > 0.0)
+
+
+def _backward(problem, chosen):
+    """Without causes that the later ones have made superfluous."""
+    kept = list(chosen)
+    for choice in list(chosen):
+        beside = [c.name for c in kept if c is not choice]
+        if len(kept) > 1 and problem.log_p(choice.name, beside) > LEVEL:
+            kept.remove(choice)
+    return kept
+
+
+def visibility(problem):
+    """{id: (visible, smallest detectable size, column name, largest usual size)} of every effect that has columns."""
+    out = {}
+    for name, white in problem.white.items():
+        if name.endswith("+"):
+            continue
+        info = float(np.max((white**2).sum(axis=0)))
+        size = float(t_law.isf(0.5 * np.exp(LEVEL), problem.dof)) / np.sqrt(max(info, 1e-300))
+        size *= np.sqrt(max(problem.inflation.get(name, 1.0), 1.0))
+        part = problem.parts[name][0]
+        largest = LARGEST.get(part, 0.8)
+        out[name] = (bool(size < largest), size, part, largest)
+    return out
+
+
+def stands_out(problem, chosen):
+    """log p of the whole difference, and the share of what stands out that the causes remove (1 where nothing does)."""
+    k = len(problem.difference)
+    log_p = log_sf(problem.whole / k / problem.whole_inflation, k, problem.dof)
+    excess = problem.whole - k * problem.whole_inflation
+    removed = problem.taken([c.name for c in chosen])[0]
+    share = 1.0 if excess <= 0.0 else min(removed / max(excess, removed, 1e-300), 1.0)
+    return float(log_p), float(share)

@@ -1,0 +1,142 @@
+"""How each effect of the catalogue would show in a log: columns per channel, and what else carries its trace.
+
+A column is what the channel's signal changes by, in the channel's unit, for one unit of the effect's size; sizes are relative
+to the channel's scale (the friction level F, the error's rms E), so a column in the effort is F times a pure number.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from microstage_ros.diagnosis.logs.motion import STATES
+
+WAVES = 4               # half waves of friction along the stroke
+START = STATES.index("start")
+DWELL = 0.05            # s, at which rising static friction begins to grow (default of the effect)
+
+
+@dataclasses.dataclass(frozen=True)
+class Signature:
+    """One effect. ``effort``, ``error``, ``voltage``: names of columns that it moves there; ``amplitudes``: kinds of amplitude
+    coordinates by channel. ``kinds``: efforts in which it can be, empty for all."""
+
+    effort: tuple = ()
+    error: tuple = ()
+    voltage: tuple = ()
+    amplitudes: tuple = ()
+    kinds: tuple = ()
+
+
+#: id → where it shows. What stands under ``error`` is optional beside ``effort``: a loop with an integrator hides it.
+SIGNATURES = {
+    "friction_level_change": Signature(effort=("level",), error=("level",)),
+    "viscous_change": Signature(effort=("viscous",), error=("viscous",)),
+    "nonlinear_viscous": Signature(effort=("quadratic",), error=("quadratic",)),
+    "direction_asymmetry": Signature(effort=("moving",), error=("moving",)),
+    "gravity_tilt": Signature(effort=("constant",), error=("moving",)),
+    "cable_spring": Signature(effort=("spring",), error=("spring",)),
+    "position_dependent_friction": Signature(effort=("waves",), error=("waves",)),
+    "torque_ripple": Signature(amplitudes=(("effort", "ripple"), ("effort", "ripple high"))),
+    "payload_change": Signature(effort=("inertia",), error=("inertia",)),
+    "rising_static_friction": Signature(effort=("breakaway",), error=("breakaway",)),
+    "backlash": Signature(error=("lost motion",)),
+    "drive_compliance": Signature(error=("load",)),
+    "screw_pitch_error": Signature(amplitudes=(("error", "ripple"),)),
+    "transport_delay": Signature(error=("speed",)),
+    "actuator_lag": Signature(error=("acceleration",)),
+    "scale_error": Signature(error=("place",)),
+    "presliding_creep": Signature(error=("creep",)),
+    "floor_vibration": Signature(amplitudes=(("error", "rough 0"),)),
+    "sampling_jitter": Signature(amplitudes=(("error", "rough moving"),)),
+    "amplifier_gain": Signature(effort=("gain",), voltage=("gain",)),
+    "amplifier_offset": Signature(effort=("constant",), voltage=("constant",), kinds=("voltage",)),
+    "amplifier_deadband": Signature(effort=("dead zone",), voltage=("dead zone",), kinds=("voltage",)),
+    "resistance_rise": Signature(effort=("resistive",), voltage=("resistive",), kinds=("voltage",)),
+}
+#: Effects of the catalogue that no log of these signals shows, and what would show them.
+NEVER = {
+    "frictional_lag": "position and effort at 1 kHz or more through slow reversals",
+    "encoder_sde": "a second, independent reading of the position",
+    "thermal_drift": "a second, independent reading of the position",
+    "refractive_index": "an interferometer beside the encoder, with air temperature and pressure",
+}
+#: What separates two names, for a person: signal or move.
+SEPARATE = {
+    frozenset(("friction_level_change", "viscous_change")): "the same move at two speeds, at least a factor 3 apart",
+    frozenset(("friction_level_change", "nonlinear_viscous")): "the same move at three speeds",
+    frozenset(("viscous_change", "nonlinear_viscous")): "the same move at three speeds",
+    frozenset(("gravity_tilt", "direction_asymmetry")): "the effort at rest with the brake off, reached from both sides: a constant force is "
+                                                      "there at rest too, friction that differs between directions is not",
+    frozenset(("friction_level_change", "gravity_tilt")): "the sign of the current: friction turns round with the motion, a constant force does not",
+    frozenset(("friction_level_change", "direction_asymmetry")): "the sign of the current",
+    frozenset(("friction_level_change", "amplifier_gain")): "the same move at twice the acceleration: a gain scales inertia and friction alike",
+    frozenset(("payload_change", "rising_static_friction")): "the same move after dwells of 0.1 s, 1 s and 10 s: mass does not know the dwell",
+    frozenset(("backlash", "friction_level_change")): "the drive's current: friction needs more of it, lost motion does not",
+    frozenset(("backlash", "drive_compliance")): "the same reversal under two loads: a gap is of one width, a soft drive gives in proportion",
+    frozenset(("transport_delay", "viscous_change")): "the drive's current: viscous friction needs more of it, a delay does not",
+    frozenset(("cable_spring", "position_dependent_friction")): "the same stroke in both directions: a spring does not turn round with the motion",
+    frozenset(("amplifier_offset", "gravity_tilt")): "voltage and current at rest with the axis unclamped",
+    frozenset(("resistance_rise", "friction_level_change")): "the motor's current beside its voltage",
+}
+GENERAL = "the same move at a slow and a fast speed, in both directions, with a rest of some seconds at each end"
+
+
+def separation(ids):
+    """Signal or move that separates these effects, in words."""
+    ids = list(ids)
+    said = [SEPARATE[pair] for k, a in enumerate(ids) for b in ids[k + 1:] for pair in [frozenset((a, b))] if pair in SEPARATE]
+    return "; ".join(dict.fromkeys(said)) or GENERAL
+
+
+def columns_of(stroke):
+    """Function (channel, rows) → {column name: (n, k)} in the channel's unit, for logs over ``stroke``."""
+    low, high = stroke
+
+    def columns(channel, rows):
+        m = rows.motion
+        scale = np.zeros(len(rows.log))
+        for code, value in channel.scale.items():
+            scale[rows.condition == code] = value
+        moving = (m.direction != 0.0).astype(float)
+        s, top, sharp = m.direction, max(m.top_speed, 1e-300), max(m.top_acceleration, 1e-300)
+        turned = channel.orientation(rows)
+        still = 1.0 - moving
+        u = np.clip((m.x - low) / max(high - low, 1e-300), 0.0, 1.0) if m.absolute else np.zeros(len(m.x))
+        found = {}
+        if channel.name == "voltage":
+            predicted = channel.predicted(rows)
+            model = np.array([channel.models.get(int(c), np.zeros(3)) for c in range(int(rows.condition.max()) + 1)])
+            ohmic = np.nan_to_num(rows.log.signals["current"]) * model[np.maximum(rows.condition, 0), 1]
+            return {"gain": predicted[:, None], "constant": scale[:, None], "dead zone": (scale * np.sign(ohmic))[:, None],
+                    "resistive": ohmic[:, None]}
+        unit = scale * turned
+        found["level"] = (unit * s)[:, None]
+        found["viscous"] = (unit * m.speed / top * moving)[:, None]
+        found["quadratic"] = (unit * m.speed * np.abs(m.speed) / top**2 * moving)[:, None]
+        found["moving"] = (unit * moving)[:, None]
+        found["constant"] = (unit * (moving if not channel.signed else 1.0))[:, None]
+        found["inertia"] = (unit * m.acceleration / sharp * moving)[:, None]
+        found["breakaway"] = (unit * s * (m.state == START) * (m.dwell > 0.0) * np.log10(1.0 + m.dwell / DWELL))[:, None]
+        found["start"] = (unit * s * (m.state == START))[:, None]
+        found["brake"] = (unit * s * (m.state == STATES.index("brake")))[:, None]
+        if m.absolute:
+            found["spring"] = (unit * (2.0 * u - 1.0) * (moving if not channel.signed else 1.0))[:, None]
+            found["waves"] = np.stack([unit * s * np.cos(np.pi * k * u) for k in range(1, WAVES + 1)], axis=1)
+            found["waves of force"] = np.stack([unit * moving * np.cos(np.pi * k * u) for k in range(2, WAVES + 1)], axis=1)
+            found["place"] = (scale * (2.0 * u - 1.0))[:, None]
+        if channel.name == "effort":
+            found["gain"] = channel.predicted(rows)[:, None]
+            found["dead zone"] = (unit * s)[:, None]
+            model = np.array([channel.models.get(int(c), np.zeros(7)) for c in range(int(rows.condition.max()) + 1)])
+            electric = channel.predicted(rows) - turned * m.speed * moving * model[np.maximum(rows.condition, 0), 2]
+            found["resistive"] = electric[:, None]
+        else:
+            found["lost motion"] = (scale * m.last)[:, None]
+            found["speed"] = (scale * m.speed / top)[:, None]
+            found["acceleration"] = (scale * m.acceleration / sharp)[:, None]
+            found["creep"] = (scale * still * m.last * np.log1p(m.since / DWELL))[:, None]
+            found["load"] = (scale * (s + m.acceleration / sharp))[:, None]
+            found["offset"] = scale[:, None]
+        return found
+
+    return columns

@@ -1,0 +1,114 @@
+"""Sizes of the named effects in the words and units of the catalogue, with standard errors that few baseline runs widen."""
+
+import math
+
+import numpy as np
+from scipy.stats import t as t_law
+
+from microstage_ros.diagnosis.result import Parameter
+
+NORMAL_95 = 1.959964      # a reader multiplies a standard error by this; `widening` makes that a 95 % interval
+
+
+def widening(dof):
+    """Factor on a standard error so that ± 1.96 of it is the 95 % interval of Student's law with ``dof``."""
+    return float(t_law.ppf(0.975, dof)) / NORMAL_95
+
+
+def mean_scale(channel, codes):
+    """Mean of the channel's scale over conditions, in its unit."""
+    return float(np.mean([channel.scale[c] for c in codes if c in channel.scale]))
+
+
+def parameters_of(name, parts, beta, covariance, context):
+    """{parameter: `Parameter`} of an effect.
+
+    ``parts``: column names in order; ``beta`` (k,), ``covariance`` (k, k): relative sizes; ``context``: `Context`.
+    """
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    first = parts[0]
+    effort, error = context.channels.get("effort"), context.channels.get("error")
+    channel = context.channels["voltage"] if "voltage" in context.channels and name in (
+        "resistance_rise", "amplifier_gain", "amplifier_offset", "amplifier_deadband") else effort
+    in_effort = channel is not None and first not in ("lost motion", "speed", "acceleration", "place", "creep", "load", "rough")
+    scale = context.scale("effort" if in_effort and channel is effort else "error" if not in_effort else "voltage") \
+        if (effort or error or channel) else 1.0
+    unit = channel.unit if in_effort else (error.unit if error else "1")
+    b, s = float(beta[0]), float(sigma[0])
+    top, stroke = context.top_speed, context.stroke
+    place = context.place_unit
+    if name in ("friction_level_change", "amplifier_gain"):
+        return {"factor": Parameter(1.0 + b, s, "1")}
+    if name == "resistance_rise":
+        return {"initial": Parameter(b, s, "1")}
+    if name == "viscous_change":
+        out = {"coefficient_change": Parameter(b * scale / top, s * scale / top, f"{unit} s/{place}")}
+        known = context.viscous("effort" if in_effort else "error")
+        if known is not None:
+            out = {"factor": Parameter(1.0 + b * scale / top / known[0], math.hypot(s * scale / top / known[0], b * scale / top * known[1] / known[0] ** 2),
+                                       "1"), **out}
+        return out
+    if name == "nonlinear_viscous":
+        return {"coefficient": Parameter(b * scale / top**2, s * scale / top**2, f"{unit} s²/{place}²")}
+    if name == "direction_asymmetry":
+        return {"asymmetry": Parameter(b, s, "1")}
+    if name in ("gravity_tilt", "amplifier_offset"):
+        return {("offset_V" if name == "amplifier_offset" else "force"): Parameter(b * scale, s * scale, unit)}
+    if name == "amplifier_deadband":
+        return {"half_width_V": Parameter(b * scale, s * scale, unit)}
+    if name == "cable_spring":
+        factor = 2.0 * scale / stroke
+        return {"stiffness": Parameter(b * factor, s * factor, f"{unit}/{place}")}
+    if name == "position_dependent_friction":
+        return {"amplitude": _of_waves(beta, covariance, parts)}
+    if name in ("torque_ripple", "screw_pitch_error"):
+        k = int(np.argmax(np.abs(beta)))
+        out = {("amplitude_m" if name == "screw_pitch_error" else "amplitude"): Parameter(float(beta[k]) * scale, float(sigma[k]) * scale, unit)}
+        order = context.dominant_order()
+        return {**out, "cycles_per_turn": Parameter(float(order), 0.0, "1")} if order else out
+    if name == "payload_change":
+        return _inertia(b, s, scale, context, in_effort)
+    if name == "rising_static_friction":
+        return {"rate_per_decade": Parameter(b, s, "1")}
+    if name == "backlash":
+        out = {"width_m": Parameter(2.0 * b * scale, 2.0 * s * scale, error.unit)}
+        lead = context.facts.get("lead")
+        return {**out, "width_rad": Parameter(4.0 * math.pi * b * scale / lead, 4.0 * math.pi * s * scale / lead, "rad")} if lead else out
+    if name == "transport_delay":
+        return {"delay_s": Parameter(b * scale / top, s * scale / top, "s")}
+    if name == "actuator_lag":
+        sharp = context.top_acceleration
+        return {"error_per_acceleration": Parameter(b * scale / sharp, s * scale / sharp, "s²")}
+    if name == "scale_error":
+        return {"relative": Parameter(2.0 * b * scale / stroke, 2.0 * s * scale / stroke, "1")}
+    if name in ("floor_vibration", "sampling_jitter"):
+        return {"roughness_factor": Parameter(math.exp(b), math.exp(b) * s, "1")}
+    if name == "presliding_creep":
+        return {"amplitude_m": Parameter(b * scale, s * scale, unit)}
+    return {"relative_change": Parameter(b, s, "1")}
+
+
+def _inertia(b, s, scale, context, in_effort):
+    sharp = context.top_acceleration
+    own = context.inertia("effort" if in_effort else "error")
+    out = {"effort_per_acceleration" if in_effort else "error_per_acceleration":
+           Parameter(b * scale / sharp, s * scale / sharp, f"{context.channels['effort'].unit if in_effort else context.place_unit} s²/{context.place_unit}")}
+    if own:
+        factor = b * scale / sharp / own
+        out = {"inertia_factor": Parameter(1.0 + factor, s * scale / sharp / abs(own), "1"), **out}
+        if "mass" in context.facts:
+            mass = context.facts["mass"]
+            out = {"mass_kg": Parameter(mass * factor, mass * s * scale / sharp / abs(own), "kg"), **out}
+    return out
+
+
+def _of_waves(beta, covariance, parts):
+    """Half the range of the friction's change along the stroke, and its standard error (linearised)."""
+    count = len(beta) // (2 if parts.count("waves") > 1 else 1)
+    waves = beta[:count]
+    u = np.linspace(0.0, 1.0, 101)
+    shapes = np.stack([np.cos(np.pi * k * u) for k in range(1, count + 1)], axis=1)
+    curve = shapes @ waves
+    slope = 0.5 * (shapes[np.argmax(curve)] - shapes[np.argmin(curve)])
+    sigma = float(np.sqrt(max(slope @ covariance[:count, :count] @ slope, 0.0)))
+    return Parameter(float(0.5 * np.ptp(curve)), sigma, "1")
