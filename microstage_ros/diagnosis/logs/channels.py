@@ -1,7 +1,8 @@
 """Residual channels of a log: what the signals allow, each with the healthy model that its baseline gives.
 
 effort   force, torque, current or voltage:  y = c + F sgn v + B v + M a + k x (+ a level of its own at rest)
-error    following error (or speed error):   the same form, in metres
+error    following error (or speed error):   the same form in metres, and how a loop with an integrator answers a step of
+         friction: sgn v and v passed through a high-pass of the loop's own time constant
 voltage  u − R i − K v, where voltage and current are both there
 
 A magnitude |y| is that of a signed effort whose sign is the direction of motion (friction outweighs the constant force): its
@@ -11,12 +12,14 @@ columns are the signed ones times the direction. `sign_is_open` tells where that
 import dataclasses
 
 import numpy as np
+from scipy.signal import lfilter
 
 from microstage_ros.diagnosis.logs.motion import Motion
 from microstage_ros.records.logs.log import Log
 
 RIDGE = 1e-3            # of the columns' mean squares: numerical, keeps collinear columns small
 MOST_ROWS = 200_000     # rows that a healthy model is fitted to
+MEMORIES = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)   # s, time constants of the loop that are tried
 LEAST_LEVEL = 0.1       # of the moving rms: the smallest scale that changes are told against
 
 
@@ -37,7 +40,7 @@ class Channel:
 
     ``name`` effort, error or voltage; ``unit``; ``signed``. ``models``: condition code → coefficients of `base_columns`;
     ``scale``: condition code → size in ``unit`` that changes are told against (the friction level; the error's rms);
-    ``stderr``: condition code → standard errors. ``kind``: the quantity.
+    ``stderr``: condition code → standard errors. ``kind``: the quantity. ``memory``: time constant of the error's high-pass [s].
     """
 
     name: str
@@ -47,6 +50,7 @@ class Channel:
     models: dict = dataclasses.field(default_factory=dict)
     stderr: dict = dataclasses.field(default_factory=dict)
     scale: dict = dataclasses.field(default_factory=dict)
+    memory: float = 0.1
 
     def values(self, rows):
         """Signal of this channel for the rows of a log, shape (n,); NaN where there is none."""
@@ -93,7 +97,8 @@ def base_names(channel):
     """Names of the healthy model's coefficients."""
     if channel.name == "voltage":
         return ("constant", "resistance", "per speed")
-    return ("constant", "level", "viscous", "inertia", "spring", "rest", "rest after motion")
+    names = ("constant", "level", "viscous", "inertia", "spring", "rest", "rest after motion")
+    return (*names, "level transient", "viscous transient") if channel.name == "error" else names
 
 
 def base_columns(channel, rows):
@@ -105,12 +110,33 @@ def base_columns(channel, rows):
     still = (m.direction == 0.0).astype(float)
     moving = 1.0 - still
     x = m.x if m.absolute else np.zeros(len(m.x))
-    columns = np.stack([moving, m.direction, m.speed * moving, m.acceleration * moving, x * moving, still, still * m.last], axis=1)
+    columns = [moving, m.direction, m.speed * moving, m.acceleration * moving, x * moving, still, still * m.last]
+    if channel.name == "error":
+        columns += [high_pass(m.direction, channel.memory, rows.log.period), high_pass(m.speed, channel.memory, rows.log.period)]
+    columns = np.stack(columns, axis=1)
     return columns * channel.orientation(rows)[:, None]
 
 
+def high_pass(values, memory, period):
+    """First-order high-pass of a signal: what a loop with an integrator of time constant ``memory`` [s] leaves of it."""
+    share = memory / (memory + period)
+    return lfilter([share, -share], [1.0, -share], values)
+
+
 def fit_models(channel, baseline):
-    """Fit the healthy model per condition to the baseline; fills ``models``, ``stderr`` and ``scale``."""
+    """Fit the healthy model per condition to the baseline; fills ``models``, ``stderr``, ``scale`` and the error's ``memory``."""
+    if channel.name == "error":
+        left = {}
+        for memory in MEMORIES:
+            channel.memory = memory
+            left[memory] = _fit(channel, baseline)
+        channel.memory = min(left, key=left.get)
+    _fit(channel, baseline)
+
+
+def _fit(channel, baseline):
+    """One fit; returns the mean square that is left over all conditions."""
+    total = 0.0
     codes = sorted({int(c) for rows in baseline for c in np.unique(rows.condition) if c >= 0})
     for code in codes:
         parts = [(base_columns(channel, rows)[own], channel.values(rows)[own], rows.motion.direction[own], rows.log.shift is not None)
@@ -125,10 +151,12 @@ def fit_models(channel, baseline):
         gram = scaled.T @ scaled + RIDGE * len(y) * np.eye(len(used))
         beta = np.linalg.solve(gram, scaled.T @ y)
         left = y - scaled @ beta
+        total += float(np.mean(left**2))
         covariance = np.linalg.inv(gram) * max(np.var(left), 1e-300)
         channel.models[code] = np.where(size > 0.0, beta / used, 0.0)
         channel.stderr[code] = np.sqrt(np.diag(covariance)) / used
         channel.scale[code] = _scale(channel, channel.models[code], y, direction, any(p[3] for p in parts), columns)
+    return total
 
 
 def _scale(channel, model, y, direction, shifted, columns):

@@ -27,7 +27,8 @@ class Coordinates:
     ``baseline``, ``now``: arrays (repetitions, K). ``group_baseline``, ``group_now``: number of the file of each repetition.
     ``condition``: code per coordinate. ``kind``: per coordinate: state name, ``ripple``, ``ripple high`` or ``rough``.
     ``direction``, ``place``: per coordinate. ``columns``: name → (K, k) array of every effect.
-    ``count``: rows per coordinate and repetition, on average. ``shifted``: (K, m) basis of levels that cannot be compared.
+    ``count``: rows per coordinate and repetition, on average. ``shifted``: (K, m) basis of levels that were shifted afterwards;
+    ``shifted_within``: whether the constants change within a repetition.
     """
 
     channel: object
@@ -43,6 +44,7 @@ class Coordinates:
     count: np.ndarray
     shifted: np.ndarray
     spectrum: dict
+    shifted_within: bool = True
 
 
 def cell_keys(rows, stroke, places, top):
@@ -156,7 +158,9 @@ def _amplitudes(rows, own, left, slot, mean, turn):
             if use.sum() < LEAST_ROWS:
                 continue
             r = fluctuation[use]
+            found[(int(code), "rough", direction)] = float(0.5 * np.log(np.mean(np.diff(r) ** 2) + 1e-14))
             if turn:
+                r = _detrended(m.x[use], left[use])
                 orders = _orders(m, use, turn, rows.log.period)
                 if len(orders):
                     phase = 2.0 * np.pi / turn * m.x[use]
@@ -167,11 +171,17 @@ def _amplitudes(rows, own, left, slot, mean, turn):
                     found[(int(code), "ripple", direction)] = float(np.sqrt(power[low].sum()))
                     if (~low).any():
                         found[(int(code), "ripple high", direction)] = float(np.sqrt(power[~low].sum()))
-            found[(int(code), "rough", direction)] = float(0.5 * np.log(np.mean(np.diff(r) ** 2) + 1e-14))
         still = here & (m.state == STATES.index("settled"))
         if still.sum() >= LEAST_ROWS:
             found[(int(code), "rough", 0)] = float(0.5 * np.log(np.var(fluctuation[still]) + 1e-14))
     return found, spectrum
+
+
+def _detrended(x, values):
+    """Values less a cubic of the place: ripple is told from what is slow along the stroke, not from cells narrower than a turn."""
+    u = (x - x.mean()) / max(float(np.std(x)), 1e-300)
+    columns = np.stack([np.ones(len(u)), u, u**2, u**3], axis=1)
+    return values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
 
 
 def _orders(motion, use, turn, period):
@@ -210,7 +220,8 @@ def _assembled(channel, cells, sides, sums, weights, shifted, spectra):
         channel, np.hstack([base, pick(extra_base)]), np.hstack([now, pick(extra_now)]), groups_base, groups_now,
         np.array([*condition, *(key[0] for key in common)], int), kinds, np.array([*direction, *(key[2] for key in common)], float),
         np.array([*place, *([0] * len(common))], int), columns, np.concatenate([counts.mean(axis=0), np.full(len(common), np.nan)]),
-        np.concatenate([basis, np.zeros((len(common), basis.shape[1]))]), _mean_spectrum(spectra))
+        np.concatenate([basis, np.zeros((len(common), basis.shape[1]))]), _mean_spectrum(spectra),
+        any(w.shape[1] > 1 for w in shifted))
 
 
 def _range_of(shifted, size):

@@ -14,14 +14,18 @@ from scipy.stats import t as t_law
 
 from microstage_ros.diagnosis.logs.effects import SIGNATURES
 
-LEVEL = np.log(3e-4)       # log p below which an effect is named (some twenty are tried)
+LEVEL = np.log(7e-4)       # log p below which an effect is named (some twenty are tried)
 RIVAL = 3.0                # difference of log p within which another effect explains as much (odds of 20)
+BEAM = 4                   # first causes that are followed up
+PRICE = 8.0                # log likelihood that a further cause must bring beyond its sizes
+FURTHER = 0.15             # of what the first causes take, that a further one must take: their forms are not exact
 MOST = 4                   # causes that one log can tell of
 EXPLAINED = 0.35           # share of what stands out that the causes must remove to be the answer
+MOSTLY = 0.7               # share from which on little more is to be explained
 WHOLE = np.log(1e-5)       # log p below which the difference as a whole stands out
 #: Largest size (of `Size.value`) that is told as visible; beyond it an effect counts as not visible in these signals.
 LARGEST = {"level": 0.6, "viscous": 0.8, "quadratic": 0.8, "moving": 0.5, "constant": 0.8, "spring": 0.8, "waves": 0.8, "inertia": 1.0,
-           "breakaway": 0.6, "lost motion": 1.0, "speed": 0.6, "acceleration": 1.0, "place": 0.5, "creep": 0.5, "gain": 0.6, "load": 1.0,
+           "breakaway": 0.6, "friction in error": 0.8, "viscous in error": 0.8, "force in error": 0.8, "waves in error": 0.8, "lost motion": 1.0, "speed": 0.6, "acceleration": 1.0, "place": 0.5, "creep": 0.5, "gain": 0.6, "load": 1.0,
            "dead zone": 0.8, "resistive": 0.8, "ripple": 0.6, "ripple high": 0.6, "rough": 1.2}
 POSITIVE = {"backlash", "rising_static_friction", "presliding_creep", "floor_vibration", "sampling_jitter", "screw_pitch_error",
             "amplifier_deadband", "transport_delay", "actuator_lag"}
@@ -87,11 +91,10 @@ def log_sf(ratio, k, dof):
     return value if np.isfinite(value) else -0.5 * dof * np.log1p(k * ratio / dof)
 
 
-def effects_of(channels):
-    """{id: (K, k)} and {id: column names} for stacked coordinates; ``channels``: {name: Coordinates}.
+def effects_of(channels, only=None):
+    """{id: (K, k)} and {id: column names} for stacked coordinates; ``channels``: {name: Coordinates}; ``only``: ids, or None for all.
 
-    Beside an effort, the traces of a force in the following error are optional: each effect comes once with the effort's columns
-    alone (``id``) and once with both (``id+``).
+    A trace in fluctuations with and without motion comes in a wider form too (``id+``).
     """
     effects, parts = {}, {}
     offsets, total = {}, 0
@@ -101,27 +104,19 @@ def effects_of(channels):
 
     def placed(channel, names):
         coordinates = channels[channel]
-        found = [coordinates.columns[n] for n in names if n in coordinates.columns and np.abs(coordinates.columns[n]).max() > 1e-9]
-        if not found:
+        found = [coordinates.columns[n] for n in names if n in coordinates.columns]
+        block = np.hstack(found)[:, np.abs(np.hstack(found)).max(axis=0) > 1e-9] if found else np.zeros((0, 0))
+        if not block.shape[1]:
             return None
-        block = np.hstack(found)
         out = np.zeros((total, block.shape[1]))
         out[offsets[channel]: offsets[channel] + len(coordinates.kind)] = block
         return out
 
     for effect, signature in SIGNATURES.items():
-        blocks, names = [], []
-        kind = channels["effort"].channel.kind if "effort" in channels else ""
-        in_effort = not signature.kinds or kind in signature.kinds
-        if "effort" in channels and signature.effort and in_effort:
-            blocks.append(placed("effort", signature.effort))
-            names += signature.effort
-        elif "error" in channels and signature.error and (not signature.effort or "effort" not in channels):
-            blocks.append(placed("error", signature.error))
-            names += signature.error
-        if "voltage" in channels and signature.voltage:
-            blocks = [placed("voltage", signature.voltage)]
-            names = list(signature.voltage)
+        if only is not None and effect not in only:
+            continue
+        block, names = _block(channels, signature, placed)
+        amplitudes = []
         for channel, wanted in signature.amplitudes:
             if channel in channels:
                 coordinates = channels[channel]
@@ -131,16 +126,27 @@ def effects_of(channels):
                 if own.any():
                     out = np.zeros((total, 1))
                     out[offsets[channel] + np.flatnonzero(own), 0] = 1.0
-                    blocks.append(out)
-                    names.append(base if base == "rough" else wanted)
-        blocks = [b for b in blocks if b is not None]
+                    amplitudes.append((base if base == "rough" else wanted, out))
+        if effect == "floor_vibration":
+            if amplitudes and "rough 0" in [w for c, w in signature.amplitudes if c in channels] and len(amplitudes) == 2:
+                effects[effect + "+"], parts[effect + "+"] = np.hstack([a for _, a in amplitudes]), ["rough", "rough"]
+            amplitudes = amplitudes[:1] if len(amplitudes) == 2 else []
+        blocks = [b for b in (block, *(a for _, a in amplitudes)) if b is not None]
         if blocks:
-            effects[effect], parts[effect] = np.hstack(blocks), names
-            if "effort" in channels and "error" in channels and signature.effort and signature.error and in_effort:
-                more = placed("error", signature.error)
-                if more is not None and "voltage" not in channels:
-                    effects[effect + "+"], parts[effect + "+"] = np.hstack([effects[effect], more]), [*names, *signature.error]
+            effects[effect], parts[effect] = np.hstack(blocks), [*names, *(n for n, _ in amplitudes)]
     return effects, parts
+
+
+def _block(channels, signature, placed):
+    """Columns of one effect in the channel where it is to be looked for, and their names."""
+    kind = channels["effort"].channel.kind if "effort" in channels else ""
+    if "voltage" in channels and signature.voltage:
+        return placed("voltage", signature.voltage), list(signature.voltage)
+    if "effort" in channels and signature.effort:
+        return (placed("effort", signature.effort), list(signature.effort)) if not signature.kinds or kind in signature.kinds else (None, [])
+    if "error" in channels and signature.error and "effort" not in channels:
+        return placed("error", signature.error), list(signature.error)
+    return None, []
 
 
 def plain(name):
@@ -168,23 +174,21 @@ def candidates(problem, visible):
 
 
 def choose(problem, visible, open_sign=False):
-    """Causes, the strongest first, each with its rivals. ``visible``: ids that these signals can show."""
-    chosen, forms = [], candidates(problem, visible)
-    for _ in range(MOST):
-        beside = [c.name for c in chosen]
-        tried = _tried(problem, forms, beside, {plain(b) for b in beside})
-        if not tried or tried[0][0] > LEVEL:
-            break
-        best = tried[0]
-        chosen.append(Choice(best[1], best[0], []))
-    chosen = _backward(problem, chosen)
+    """Causes, the strongest first, each with its rivals. ``visible``: ids that these signals can show.
+
+    The first cause is tried with each of the `BEAM` most significant effects; of the sets that follow, the one that takes most
+    with fewest causes is kept, so that two effects which make up for each other's misfit do not replace a single true one.
+    """
+    forms = candidates(problem, visible)
+    starts = [entry for entry in _tried(problem, forms, [], set()) if entry[0] < LEVEL][:BEAM]
+    sets = [_complete(problem, forms, start) for start in starts]
+    chosen = max(sets, key=lambda s: _worth(problem, s), default=[])
     for choice in chosen:
         beside = [c.name for c in chosen if c is not choice]
-        tried = _tried(problem, forms, beside, {plain(b) for b in beside})
         own = problem.log_p(choice.name, beside)
         wider = WIDER.get(plain(choice.name), ())
         found = {}
-        for value, name in tried:
+        for value, name in _tried(problem, forms, beside, {plain(b) for b in beside}):
             if plain(name) != plain(choice.name) and plain(name) not in wider and value < own + RIVAL and value < 0.5 * LEVEL:
                 found.setdefault(plain(name), value)
         choice.rivals = list(found)[:3]
@@ -193,7 +197,37 @@ def choose(problem, visible, open_sign=False):
             swap = {"friction_level_change": "gravity_tilt", "gravity_tilt": "friction_level_change"}.get(plain(choice.name))
             if swap and swap not in choice.rivals and swap not in [plain(b) for b in beside]:
                 choice.rivals.append(swap)
-    return chosen
+    return sorted(chosen, key=lambda c: c.log_p)
+
+
+def _complete(problem, forms, start):
+    """Forward from one first cause, then backward."""
+    chosen = [Choice(start[1], start[0], [])]
+    while len(chosen) < MOST:
+        beside = [c.name for c in chosen]
+        tried = _tried(problem, forms, beside, {plain(b) for b in beside})
+        tried = [entry for entry in tried if entry[0] < LEVEL and _holds(problem, entry[1], beside)]
+        if not tried:
+            break
+        chosen.append(Choice(tried[0][1], tried[0][0], []))
+    return _backward(problem, chosen)
+
+
+def _holds(problem, name, beside):
+    """Whether a further cause takes enough beside the others: what these miss by their form is no cause of its own."""
+    before = problem.taken(beside)[0]
+    return problem.taken([*beside, name])[0] - before > FURTHER * before
+
+
+def _worth(problem, chosen):
+    """Log likelihood that a set gains (Student's law), less the price of its causes and sizes."""
+    names = [c.name for c in chosen]
+    scale = problem.dof * problem.whole_inflation
+    taken = problem.taken(names)[0]
+    sizes = sum(problem.white[n].shape[1] for n in names)
+    k = len(problem.difference)
+    gain = 0.5 * (problem.dof + k) * (np.log1p(problem.whole / scale) - np.log1p(max(problem.whole - taken, 0.0) / scale))
+    return gain - PRICE * len(names) - sizes
 
 
 def _tried(problem, forms, beside, taken):
@@ -203,8 +237,6 @@ def _tried(problem, forms, beside, taken):
         if plain(name) in taken:
             continue
         value = problem.log_p(name, beside)
-        if name.endswith("+") and problem.log_p(plain(name), beside) > 0.5 * LEVEL:
-            continue
         if acceptable(problem, name, beside):
             out.append((value, name))
     return sorted(out)

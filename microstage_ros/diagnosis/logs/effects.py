@@ -8,6 +8,7 @@ import dataclasses
 
 import numpy as np
 
+from microstage_ros.diagnosis.logs.channels import high_pass
 from microstage_ros.diagnosis.logs.motion import STATES
 
 WAVES = 4               # half waves of friction along the stroke
@@ -17,8 +18,8 @@ DWELL = 0.05            # s, at which rising static friction begins to grow (def
 
 @dataclasses.dataclass(frozen=True)
 class Signature:
-    """One effect. ``effort``, ``error``, ``voltage``: names of columns that it moves there; ``amplitudes``: kinds of amplitude
-    coordinates by channel. ``kinds``: efforts in which it can be, empty for all."""
+    """One effect. ``effort``, ``error``, ``voltage``: names of columns that it moves there (those of the error where no effort is
+    logged); ``amplitudes``: kinds of amplitude coordinates by channel. ``kinds``: efforts in which it can be, empty for all."""
 
     effort: tuple = ()
     error: tuple = ()
@@ -27,15 +28,15 @@ class Signature:
     kinds: tuple = ()
 
 
-#: id → where it shows. What stands under ``error`` is optional beside ``effort``: a loop with an integrator hides it.
+#: id → where it shows. What stands under ``error`` beside ``effort`` is for logs without an effort.
 SIGNATURES = {
-    "friction_level_change": Signature(effort=("level",), error=("level",)),
-    "viscous_change": Signature(effort=("viscous",), error=("viscous",)),
+    "friction_level_change": Signature(effort=("level",), error=("friction in error",)),
+    "viscous_change": Signature(effort=("viscous",), error=("viscous in error",)),
     "nonlinear_viscous": Signature(effort=("quadratic",), error=("quadratic",)),
-    "direction_asymmetry": Signature(effort=("moving",), error=("moving",)),
-    "gravity_tilt": Signature(effort=("constant",), error=("moving",)),
+    "direction_asymmetry": Signature(effort=("moving",), error=("force in error",)),
+    "gravity_tilt": Signature(effort=("constant",), error=("force in error",)),
     "cable_spring": Signature(effort=("spring",), error=("spring",)),
-    "position_dependent_friction": Signature(effort=("waves",), error=("waves",)),
+    "position_dependent_friction": Signature(effort=("waves",), error=("waves", "waves in error")),
     "torque_ripple": Signature(amplitudes=(("effort", "ripple"), ("effort", "ripple high"))),
     "payload_change": Signature(effort=("inertia",), error=("inertia",)),
     "rising_static_friction": Signature(effort=("breakaway",), error=("breakaway",)),
@@ -46,7 +47,7 @@ SIGNATURES = {
     "actuator_lag": Signature(error=("acceleration",)),
     "scale_error": Signature(error=("place",)),
     "presliding_creep": Signature(error=("creep",)),
-    "floor_vibration": Signature(amplitudes=(("error", "rough 0"),)),
+    "floor_vibration": Signature(amplitudes=(("error", "rough 0"), ("error", "rough moving"))),
     "sampling_jitter": Signature(amplitudes=(("error", "rough moving"),)),
     "amplifier_gain": Signature(effort=("gain",), voltage=("gain",)),
     "amplifier_offset": Signature(effort=("constant",), voltage=("constant",), kinds=("voltage",)),
@@ -78,6 +79,8 @@ SEPARATE = {
     frozenset(("amplifier_offset", "gravity_tilt")): "voltage and current at rest with the axis unclamped",
     frozenset(("resistance_rise", "friction_level_change")): "the motor's current beside its voltage",
 }
+#: Columns of the error that a changed force moves, whatever the loop: free where the effort has changed.
+FORCED = ("level", "level transient", "viscous", "speed transient", "force in error", "inertia", "start", "brake", "waves", "spring", "breakaway")
 GENERAL = "the same move at a slow and a fast speed, in both directions, with a rest of some seconds at each end"
 
 
@@ -88,8 +91,8 @@ def separation(ids):
     return "; ".join(dict.fromkeys(said)) or GENERAL
 
 
-def columns_of(stroke):
-    """Function (channel, rows) → {column name: (n, k)} in the channel's unit, for logs over ``stroke``."""
+def columns_of(stroke, turn=0.0):
+    """Function (channel, rows) → {column name: (n, k)} in the channel's unit, for logs over ``stroke``; ``turn``: length of a turn or 0."""
     low, high = stroke
 
     def columns(channel, rows):
@@ -123,6 +126,11 @@ def columns_of(stroke):
             found["spring"] = (unit * (2.0 * u - 1.0) * (moving if not channel.signed else 1.0))[:, None]
             found["waves"] = np.stack([unit * s * np.cos(np.pi * k * u) for k in range(1, WAVES + 1)], axis=1)
             found["waves of force"] = np.stack([unit * moving * np.cos(np.pi * k * u) for k in range(2, WAVES + 1)], axis=1)
+        if turn:
+            phase = 2.0 * np.pi * m.x / turn
+            found["turn"] = np.stack([unit * moving * w for k in (1, 2) for w in (np.cos(k * phase), np.sin(k * phase))], axis=1)
+            found["turn of friction"] = found["turn"] * s[:, None]
+        if m.absolute:
             found["place"] = (scale * (2.0 * u - 1.0))[:, None]
         if channel.name == "effort":
             found["gain"] = channel.predicted(rows)[:, None]
@@ -131,6 +139,16 @@ def columns_of(stroke):
             electric = channel.predicted(rows) - turned * m.speed * moving * model[np.maximum(rows.condition, 0), 2]
             found["resistive"] = electric[:, None]
         else:
+            passed = {name: high_pass(v, channel.memory, rows.log.period) for name, v in (("s", s), ("v", m.speed / top), ("m", moving))}
+            models = np.array([channel.models.get(int(c), np.zeros(9)) for c in range(int(rows.condition.max()) + 1)])[np.maximum(rows.condition, 0)]
+            found["level transient"] = (scale * passed["s"])[:, None]
+            found["speed transient"] = (scale * passed["v"])[:, None]
+            found["friction in error"] = (models[:, 1] * s + models[:, 7] * passed["s"])[:, None]
+            found["force in error"] = np.stack([scale * moving, scale * passed["m"]], axis=1)
+            found["viscous in error"] = np.stack([scale * m.speed / top * moving, scale * passed["v"]], axis=1)
+            if m.absolute:
+                shapes = found["waves"] / scale.clip(1e-300)[:, None]
+                found["waves in error"] = np.stack([scale * high_pass(w, channel.memory, rows.log.period) for w in shapes.T], axis=1)
             found["lost motion"] = (scale * m.last)[:, None]
             found["speed"] = (scale * m.speed / top)[:, None]
             found["acceleration"] = (scale * m.acceleration / sharp)[:, None]

@@ -20,20 +20,14 @@ def mean_scale(channel, codes):
     return float(np.mean([channel.scale[c] for c in codes if c in channel.scale]))
 
 
-def parameters_of(name, parts, beta, covariance, context):
+def parameters_of(name, parts, beta, covariance, context, shown):
     """{parameter: `Parameter`} of an effect.
 
-    ``parts``: column names in order; ``beta`` (k,), ``covariance`` (k, k): relative sizes; ``context``: `Context`.
+    ``parts``: column names in order; ``beta`` (k,), ``covariance`` (k, k): relative sizes; ``context``: `Context`; ``shown``: name of
+    the channel in which the effect shows.
     """
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    first = parts[0]
-    effort, error = context.channels.get("effort"), context.channels.get("error")
-    channel = context.channels["voltage"] if "voltage" in context.channels and name in (
-        "resistance_rise", "amplifier_gain", "amplifier_offset", "amplifier_deadband") else effort
-    in_effort = channel is not None and first not in ("lost motion", "speed", "acceleration", "place", "creep", "load", "rough")
-    scale = context.scale("effort" if in_effort and channel is effort else "error" if not in_effort else "voltage") \
-        if (effort or error or channel) else 1.0
-    unit = channel.unit if in_effort else (error.unit if error else "1")
+    scale, unit = context.scale(shown), context.channels[shown].unit
     b, s = float(beta[0]), float(sigma[0])
     top, stroke = context.top_speed, context.stroke
     place = context.place_unit
@@ -41,9 +35,11 @@ def parameters_of(name, parts, beta, covariance, context):
         return {"factor": Parameter(1.0 + b, s, "1")}
     if name == "resistance_rise":
         return {"initial": Parameter(b, s, "1")}
+    if name == "viscous_change" and shown == "error":
+        return {"error_per_speed": Parameter(b * scale / top, s * scale / top, "s")}
     if name == "viscous_change":
         out = {"coefficient_change": Parameter(b * scale / top, s * scale / top, f"{unit} s/{place}")}
-        known = context.viscous("effort" if in_effort else "error")
+        known = context.viscous(shown)
         if known is not None:
             out = {"factor": Parameter(1.0 + b * scale / top / known[0], math.hypot(s * scale / top / known[0], b * scale / top * known[1] / known[0] ** 2),
                                        "1"), **out}
@@ -67,11 +63,11 @@ def parameters_of(name, parts, beta, covariance, context):
         order = context.dominant_order()
         return {**out, "cycles_per_turn": Parameter(float(order), 0.0, "1")} if order else out
     if name == "payload_change":
-        return _inertia(b, s, scale, context, in_effort)
+        return _inertia(b, s, scale, context, shown)
     if name == "rising_static_friction":
         return {"rate_per_decade": Parameter(b, s, "1")}
     if name == "backlash":
-        out = {"width_m": Parameter(2.0 * b * scale, 2.0 * s * scale, error.unit)}
+        out = {"width_m": Parameter(2.0 * b * scale, 2.0 * s * scale, context.place_unit)}
         lead = context.facts.get("lead")
         return {**out, "width_rad": Parameter(4.0 * math.pi * b * scale / lead, 4.0 * math.pi * s * scale / lead, "rad")} if lead else out
     if name == "transport_delay":
@@ -88,11 +84,10 @@ def parameters_of(name, parts, beta, covariance, context):
     return {"relative_change": Parameter(b, s, "1")}
 
 
-def _inertia(b, s, scale, context, in_effort):
+def _inertia(b, s, scale, context, shown):
     sharp = context.top_acceleration
-    own = context.inertia("effort" if in_effort else "error")
-    out = {"effort_per_acceleration" if in_effort else "error_per_acceleration":
-           Parameter(b * scale / sharp, s * scale / sharp, f"{context.channels['effort'].unit if in_effort else context.place_unit} s²/{context.place_unit}")}
+    out = {f"{shown}_per_acceleration": Parameter(b * scale / sharp, s * scale / sharp, f"{context.channels[shown].unit} s²/{context.place_unit}")}
+    own = context.inertia(shown) if shown == "effort" else None
     if own:
         factor = b * scale / sharp / own
         out = {"inertia_factor": Parameter(1.0 + factor, s * scale / sharp / abs(own), "1"), **out}

@@ -16,20 +16,25 @@ ROUNDS = 6
 #: Usual healthy standard deviations of a mode, relative to the channel's scale: (repetition, state of assembly).
 #: Calibrated on the machine states of published logs (docs/logs.md) and held by `microstage log --examine`.
 USUAL = {
-    "level": (0.010, 0.040), "moving": (0.010, 0.030), "viscous": (0.008, 0.030), "inertia": (0.010, 0.030), "start": (0.020, 0.060),
+    "level": (0.010, 0.035), "moving": (0.010, 0.025), "viscous": (0.008, 0.030), "inertia": (0.010, 0.030), "start": (0.020, 0.060),
     "brake": (0.020, 0.060), "spring": (0.005, 0.015), "waves": (0.005, 0.020), "waves of force": (0.005, 0.015),
     "lost motion": (0.010, 0.020), "speed": (0.005, 0.030), "acceleration": (0.010, 0.060), "place": (0.004, 0.030),
     "creep": (0.005, 0.010), "gain": (0.003, 0.010), "constant": (0.005, 0.020), "resistive": (0.004, 0.015), "offset": (1.0, 1.0),
+    "turn": (0.004, 0.010), "turn of friction": (0.004, 0.010),      # and the ripple itself, for its phase is another after assembly
+    "level transient": (0.010, 0.040), "speed transient": (0.010, 0.040),
 }
 MODES = {
-    "effort": ("level", "moving", "viscous", "inertia", "start", "brake", "spring", "waves", "waves of force"),
-    "error": ("level", "lost motion", "speed", "acceleration", "start", "brake", "place", "waves", "creep", "offset"),
+    "effort": ("level", "moving", "viscous", "inertia", "start", "brake", "spring", "waves", "waves of force", "turn",
+               "turn of friction"),
+    "error": ("level", "level transient", "speed transient", "lost motion", "speed", "acceleration", "start", "brake", "place", "waves", "creep", "offset", "turn",
+              "turn of friction"),
     "voltage": ("gain", "constant", "resistive"),
 }
 #: A mode of its own per cell at rest: what friction holds there is open, a magnitude at rest less so.
-REST = {"effort": (0.10, 0.20), "magnitude": (0.03, 0.06), "error": (0.02, 0.04), "voltage": (0.05, 0.05)}
+REST = {"effort": (0.10, 0.20), "magnitude": (0.02, 0.04), "error": (0.02, 0.04), "voltage": (0.05, 0.05)}
 AMPLITUDE = {"ripple": (0.003, 0.010, 0.10, 0.25), "ripple high": (0.003, 0.010, 0.10, 0.20), "rough": (0.06, 0.12, 0.0, 0.0)}
-PATTERN = 0.006           # of the scale: what assembly changes in single cells beyond the modes
+PATTERN = 0.008           # of the scale: what assembly changes in single cells beyond the modes
+SHIFTED = 0.05            # of the scale: what one constant per repetition may be, where repetitions still agree
 FREE = 30.0               # standard deviation of a level that cannot be compared
 
 
@@ -65,7 +70,10 @@ class Spread:
             share = np.array([1.0 + 1.0 / max(self.groups.get(int(c), 1), 1) for c in coordinates.condition])
             total = total + ((self.modes * self.assembly) @ self.modes.T + np.diag(_pattern(coordinates))) * np.sqrt(np.outer(share, share))
         free = coordinates.shifted
-        return total + FREE**2 * free @ free.T if free.shape[1] else total
+        if not free.shape[1]:
+            return total
+        size = FREE if coordinates.shifted_within else SHIFTED * np.sqrt(len(free))
+        return total + size**2 * free @ free.T
 
 
 def _pattern(coordinates):
@@ -123,14 +131,14 @@ def _modes(coordinates):
     size = len(coordinates.kind)
     columns, names, repetition, assembly = [], [], [], []
     channel = coordinates.channel.name
+    usual = {kind: _mean_amplitude(coordinates, kind) for kind in AMPLITUDE}
     for name in MODES[channel]:
         for k, column in enumerate(coordinates.columns.get(name, np.zeros((size, 0))).T):
             if np.abs(column).max() > 1e-9:
                 columns.append(column)
                 names.append(name)
                 repetition.append(USUAL[name][0])
-                assembly.append(USUAL[name][1])
-    usual = {kind: _mean_amplitude(coordinates, kind) for kind in AMPLITUDE}
+                assembly.append(USUAL[name][1] + (usual["ripple"] if name.startswith("turn") else 0.0))
     for k, kind in enumerate(coordinates.kind):
         if kind in ("rest", "settled"):
             sigma = REST["magnitude" if channel == "effort" and not coordinates.channel.signed else channel]

@@ -1,0 +1,131 @@
+"""A stage of the diagnosis: one set of channels, its difference between now and baseline, and the causes chosen in it."""
+
+import dataclasses
+
+import numpy as np
+
+from microstage_ros.diagnosis.logs import decide, spread
+from microstage_ros.diagnosis.logs.effects import SIGNATURES
+
+PRIOR_LOO = 4.0            # weight, in repetitions, of "the spread is as learned" against the repetitions left out
+MOST_LEFT_OUT = 30         # repetitions that are left out in turn
+
+
+@dataclasses.dataclass
+class Stage:
+    """One problem with its answer: the drive's effort (and voltage), or the following error.
+
+    ``coordinates``, ``spreads``: {channel: …}; ``only``: ids that are looked for here, None for all; ``free``: names of columns that
+    the error may follow without a cause of its own.
+    """
+
+    coordinates: dict
+    spreads: dict
+    only: tuple = None
+    free: tuple = ()
+    problem: object = None
+    seen: dict = dataclasses.field(default_factory=dict)
+    chosen: list = dataclasses.field(default_factory=list)
+    whole: float = 0.0
+    share: float = 1.0
+    left: float = 0.0
+
+    def solve(self, open_sign):
+        """Choose causes; keep none that explain too little of what stands out. Returns a sentence, or an empty one."""
+        self.problem = build(self)
+        calibrate(self)
+        self.seen = decide.visibility(self.problem)
+        visible = {name for name, entry in self.seen.items() if entry[0]}
+        self.chosen = decide.choose(self.problem, visible, open_sign)
+        self.whole, self.share = decide.stands_out(self.problem, self.chosen)
+        said = ""
+        if self.chosen and self.share < decide.EXPLAINED and self.whole < decide.WHOLE:
+            said = (f"Best single name, not held to be the answer because it removes only {self.share:.0%} of what stands out: "
+                    f"{decide.plain(self.chosen[0].name)}.")
+            self.chosen = []
+        removed = self.problem.taken([c.name for c in self.chosen])[0]
+        k = len(self.problem.difference)
+        self.left = float(decide.log_sf(max(self.problem.whole - removed, 0.0) / k / self.problem.whole_inflation, k, self.problem.dof))
+        return said
+
+
+def stages_of(reduced, spreads):
+    """The stages that the channels allow, in order: the effort first, for what it shows the error follows."""
+    strong = {n: c for n, c in reduced.items() if n != "error"}
+    stages = [Stage(strong, {n: spreads[n] for n in strong})] if strong else []
+    if "error" in reduced:
+        only = tuple(n for n, s in SIGNATURES.items() if not s.effort and (s.error or any(c == "error" for c, _ in s.amplitudes))) if strong else None
+        stages.append(Stage({"error": reduced["error"]}, {"error": spreads["error"]}, only))
+    return stages
+
+
+def build(stage, now=None, base=None, assembly=True):
+    """`Problem` of the mean of now against the mean of the baseline.
+
+    ``now``, ``base``: {channel: vectors (repetitions, K)} in place of those of the stage; ``assembly``: whether the two sides may be
+    different states of assembly.
+    """
+    differences, blocks, where, kinds = [], [], [], []
+    for name, coordinates in stage.coordinates.items():
+        vectors_now = coordinates.now if now is None else now[name]
+        vectors_base = coordinates.baseline if base is None else base[name]
+        codes = np.unique(coordinates.condition)
+        number_now, number_base = ({int(c): int(np.isfinite(v[:, coordinates.condition == c]).any(axis=1).sum()) for c in codes}
+                                   for v in (vectors_now, vectors_base))
+        d = spread.mean_of(vectors_now)[0] - spread.mean_of(vectors_base)[0]
+        good = np.isfinite(d)
+        c = stage.spreads[name].covariance(coordinates, number_now, number_base, assembly)
+        for column in stage.free:
+            for free in coordinates.columns.get(column, np.zeros((len(d), 0))).T:
+                c = c + spread.FREE**2 * np.outer(free, free)
+        c[~good, :] = 0.0
+        c[:, ~good] = 0.0
+        c[~good, ~good] = spread.FREE**2
+        differences.append(np.nan_to_num(d))
+        blocks.append(c)
+        where += [name] * len(d)
+        kinds += list(coordinates.kind)
+    size = sum(len(d) for d in differences)
+    covariance, at = np.zeros((size, size)), 0
+    for block in blocks:
+        covariance[at: at + len(block), at: at + len(block)] = block
+        at += len(block)
+    effects, parts = decide.effects_of(stage.coordinates, stage.only)
+    return decide.Problem(np.concatenate(differences), covariance, effects, parts, np.array(where), np.array(kinds, dtype=object),
+                          _dof(next(iter(stage.spreads.values()))))
+
+
+def _dof(learned):
+    """Degrees of freedom behind the covariance: those of the repetitions and of assembly, by their usual shares (Satterthwaite)."""
+    share = 0.4
+    return 1.0 / (share**2 / learned.dof_repetition + (1.0 - share) ** 2 / learned.dof_assembly)
+
+
+def calibrate(stage):
+    """Inflation of each effect's variance so that repetitions left out of the baseline show what the spread predicts.
+
+    Variance factor = (ν₀ + Σ F) / (ν₀ + n) with the F ratio of every repetition against the others, at least 1.
+    """
+    first = next(iter(stage.coordinates.values()))
+    count = len(first.baseline)
+    if count < 3:
+        return
+    problem, whole = stage.problem, []
+    ratios = {name: [] for name in problem.effects}
+    for left in range(min(count, MOST_LEFT_OUT)):
+        codes = set(first.condition[np.isfinite(first.baseline[left])])
+        like = [k for k in range(count) if k != left and set(first.condition[np.isfinite(first.baseline[k])]) & codes]
+        others = [k for k in like if first.group_baseline[k] == first.group_baseline[left]]
+        across = not others
+        others = np.array(others or like)
+        if not len(others):
+            continue
+        single = build(stage, {n: r.baseline[[left]] for n, r in stage.coordinates.items()},
+                       {n: r.baseline[others] for n, r in stage.coordinates.items()}, assembly=across)
+        for name in ratios:
+            ratios[name].append(single.taken([name])[0] / single.white[name].shape[1])
+        whole.append(single.whole / len(single.difference))
+    for name, values in ratios.items():
+        problem.inflation[name] = max(1.0, (PRIOR_LOO + sum(min(v, 100.0) for v in values)) / (PRIOR_LOO + len(values)))
+    if whole:
+        problem.whole_inflation = max(1.0, (PRIOR_LOO + sum(whole)) / (PRIOR_LOO + len(whole)))

@@ -1,0 +1,156 @@
+"""The answer: verdict, causes with sizes, rivals with what separates them, gain on repetitions held back, findings."""
+
+import math
+
+import numpy as np
+from scipy.stats import f as f_law
+
+from microstage_ros.diagnosis.logs import decide, spread
+from microstage_ros.diagnosis.logs.context import LogDiagnosis, healthy_table, hidden_effects
+from microstage_ros.diagnosis.logs.effects import FORCED, SIGNATURES, separation
+from microstage_ros.diagnosis.logs.sizes import parameters_of, widening
+from microstage_ros.diagnosis.logs.stages import build, stages_of
+from microstage_ros.diagnosis.report.wording import sentence_of
+from microstage_ros.diagnosis.result import Cause, Diagnosis, Finding, Gain, OverallGain, Rivals
+
+FEW = 6                    # repetitions of the baseline below which thresholds are called wide
+
+
+def answer(reduced, spreads, groups, context, notes, open_sign, seed):
+    stages = stages_of(reduced, spreads)
+    changed = False
+    for stage in stages:
+        if changed:
+            stage.free = FORCED
+        said = stage.solve(open_sign)
+        notes += [said] if said else []
+        changed = changed or bool(stage.chosen) or stage.whole < decide.WHOLE
+    causes, rivals = [], []
+    gain, parts = _gain(stages, groups)
+    for stage in stages:
+        for choice in stage.chosen:
+            cause = _cause(stage, choice, context, parts)
+            if choice.rivals:
+                ids = (cause.id, *choice.rivals)
+                rivals.append(Rivals(ids, f"{' and '.join(ids)} would show alike in these signals. If it is {cause.id}: {told(cause)}.",
+                                     {"decides": separation(ids)}))
+            else:
+                causes.append(cause)
+    causes.sort(key=lambda c: -c.share)
+    verdict = _verdict(stages, causes, rivals)
+    _sentences(notes, spreads)
+    seen = {}
+    for stage in stages:
+        for name, entry in stage.seen.items():
+            seen.setdefault(name, entry)
+    findings = tuple(f for stage in stages for f in _findings(stage))
+    diagnosis = Diagnosis(verdict, tuple(causes), tuple(rivals), gain, findings, (), tuple(notes), seed)
+    evidence = {"reduced": reduced, "spreads": spreads, "stages": stages, "groups": groups}
+    return LogDiagnosis(diagnosis, seen, hidden_effects(seen, context), healthy_table(context, spreads), evidence, context)
+
+
+def told(cause):
+    """Sizes of a cause in words."""
+    return sentence_of(cause.id, cause.parameters).rstrip(".").partition(": ")[2] or "size open"
+
+
+def _verdict(stages, causes, rivals):
+    """One of `result.VERDICTS`. What the error does beside a changed effort is its consequence and stands for nothing."""
+    first = stages[0]
+    apart = [s for s in stages if s is first or not s.free]
+    if rivals:
+        return "undetermined"
+    if causes:
+        return "explained" if all(s.left > decide.WHOLE or s.share > decide.MOSTLY for s in apart) else "partly_explained"
+    return "unexplained" if any(s.whole < decide.WHOLE for s in apart) else "agrees"
+
+
+def _sentences(notes, spreads):
+    repeats = min(min(s.repetitions.values()) for s in spreads.values())
+    assemblies = max(max(s.groups.values()) for s in spreads.values())
+    if repeats < FEW:
+        notes.append(f"Few baseline repetitions ({repeats}): thresholds are wide.")
+    if assemblies < 2:
+        level = 100.0 * spread.USUAL["level"][1]
+        notes.append("The baseline shows one state of assembly only; how much taking apart, restarts and days change is taken from other machines "
+                     f"(friction ± {level:.1f} %). Baseline logs of several days make the thresholds this machine's own.")
+
+
+def _cause(stage, choice, context, parts):
+    """`Cause` with sizes from the joint fit of its stage."""
+    problem, names = stage.problem, [c.name for c in stage.chosen]
+    _, beta, covariance = problem.taken(names)
+    start = sum(problem.white[n].shape[1] for n in names[: names.index(choice.name)])
+    own = slice(start, start + problem.white[choice.name].shape[1])
+    inflation = max(problem.inflation.get(choice.name, 1.0), 1.0) * widening(problem.dof) ** 2
+    effect = decide.plain(choice.name)
+    channel = str(problem.where[np.argmax(np.abs(problem.effects[choice.name]).max(axis=1))])
+    parameters = parameters_of(effect, problem.parts[choice.name], beta[own], covariance[own, own] * inflation, context, channel)
+    probability = float(np.clip(1.0 - math.exp(max(choice.log_p, -30.0)) * len(SIGNATURES), 0.0, 1.0))
+    share, before, after = parts.get(choice.name, (0.0, 0.0, 0.0))
+    return Cause(effect, parameters, {}, probability, share, Gain(before, after, "1"), channel)
+
+
+def _gain(stages, groups):
+    """`OverallGain` on repetitions that the sizes were not learned from, and each cause's (share, before, after)."""
+    totals = {"before": 0.0, "after": 0.0, "floor": 0.0, "k": 0}
+    parts, excesses = {}, []
+    for stage in stages:
+        first = next(iter(stage.coordinates.values()))
+        count = len(first.now)
+        if count >= 2:
+            learn, held = np.arange(0, count, 2), np.arange(1, count, 2)
+            base = {n: r.baseline for n, r in stage.coordinates.items()}
+            teacher, judge = (build(stage, {n: r.now[which] for n, r in stage.coordinates.items()}, base) for which in (learn, held))
+        else:
+            teacher = judge = stage.problem
+        names = [c.name for c in stage.chosen]
+
+        def left(ids, teacher=teacher, judge=judge):
+            if not ids:
+                return judge.whole
+            rest = judge.factor[0] - np.hstack([judge.white[n] for n in ids]) @ teacher.taken(ids)[1]
+            return float(rest @ rest)
+
+        k = len(judge.difference)
+        before, after = left([]), left(names)
+        floor = min(stage.problem.whole_inflation * k, before)
+        excesses.append(max(before - floor, before - after, 1e-9))
+        totals["before"] += before
+        totals["after"] += after
+        totals["floor"] += floor
+        totals["k"] += k
+        for name in names:
+            without = left([n for n in names if n != name])
+            parts[name] = (without - after, math.sqrt(max(without, 0.0) / k), math.sqrt(max(after, 0.0) / k))
+    excess = max(sum(excesses), sum(max(p[0], 0.0) for p in parts.values()), 1e-9)
+    parts = {name: (float(np.clip(p[0] / excess, 0.0, 1.0)), p[1], p[2]) for name, p in parts.items()}
+    rms = {name: math.sqrt(max(value, 0.0) / totals["k"]) for name, value in totals.items()}
+    half = 1.96 / math.sqrt(2.0 * totals["k"]) * rms["after"]
+    single = len(next(iter(stages[0].coordinates.values())).now) < 2
+    held_names = tuple(dict.fromkeys(rows.log.source for rows in groups["now"]))
+    return OverallGain("rms of the change over its healthy spread" + (", on the repetition that taught it" if single else ", every second repetition"), "1",
+                       held_names, rms["before"], rms["after"], rms["floor"], (max(rms["after"] - half, 0.0), rms["after"] + half)), parts
+
+
+COORDINATES = {"steady": "position", "start": "start of motion", "brake": "braking", "rest": "end of motion", "settled": "rest",
+               "ripple": "angle, once per turn", "ripple high": "angle, more than once per turn", "rough": "fast fluctuation"}
+
+
+def _findings(stage):
+    """How strongly each channel's change goes with each phase of the motion: variance ratio and its threshold."""
+    problem = stage.problem
+    names = [c.name for c in stage.chosen]
+    rest = problem.difference.copy()
+    if names:
+        rest = rest - np.hstack([problem.effects[n] for n in names]) @ problem.taken(names)[1]
+    for channel in dict.fromkeys(problem.where):
+        for kind in dict.fromkeys(problem.kind):
+            own = (problem.where == channel) & (problem.kind == kind)
+            if not own.any():
+                continue
+            block = problem.covariance[np.ix_(own, own)]
+            k = int(own.sum())
+            ratio = lambda d: float(d[own] @ np.linalg.lstsq(block, d[own], rcond=None)[0]) / k
+            threshold = float(f_law.isf(1e-3, k, problem.dof)) * problem.whole_inflation
+            yield Finding(str(channel), COORDINATES.get(str(kind), str(kind)), ratio(problem.difference), threshold, ratio(rest))
