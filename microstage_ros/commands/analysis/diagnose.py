@@ -3,6 +3,7 @@
 import argparse
 import json
 import pathlib
+import sys
 
 from microstage_ros.commands import answer
 from microstage_ros.commands.parser import Parser
@@ -22,11 +23,19 @@ and a run file for every question that the records leave open.
 Gain is measured on the records given with --holdout. Without it the program holds back some of the records
 itself (or the end of a single one) and says which. --baseline gives records of the axis while the model was right.
 A long series (more than 16 records) is diagnosed in groups of 8, one group in memory per process, and pooled.
+
+With --log LOG.yaml the records are logs of any machine, as its drive wrote them, and no axis file is needed:
+`microstage diagnose --log LOG.yaml --help`, docs/logs.md.
 """
 
 
 def main(argv=None):
     """Run the command. Returns 0; raises InputError for bad input."""
+    given = sys.argv[1:] if argv is None else argv
+    if any(word == "--log" or word.startswith("--log=") for word in given):
+        from microstage_ros.commands.analysis.log_diagnosis import main as main_of_logs
+
+        return main_of_logs(given)
     arguments = _parse(argv)
     if arguments.each:
         return _each(arguments)

@@ -49,7 +49,9 @@ def diagnose_logs(baseline, now, description, seed=0):
         notes.append("The current has no sign, and the logs do not tell whether friction or a constant force is the larger: the two may change places.")
     if any(r.log.shift is not None for side in groups.values() for r in side):
         notes.append("Levels of the effort were shifted after the recording; only its shape within stretches of one constant is compared.")
-    return answer(reduced, spreads, groups, context, notes, open_sign, seed)
+    result = answer(reduced, spreads, groups, context, notes, open_sign, seed)
+    result.evidence |= {"cells": places_cells[1], "places": places_cells[0], "stroke": stroke, "turn": turn}
+    return result
 
 
 def prepare(baseline, now, description):

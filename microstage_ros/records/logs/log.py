@@ -102,9 +102,9 @@ def read_log(path, description: LogDescription):
     if not len(forward):
         raise InputError(path, f"{len(log)} rows", "pieces of at least two rows with advancing time")
     log.period = float(np.median(forward))
-    scatter = float(np.std(np.clip(forward, 0.0, 3.0 * log.period))) / log.period
-    if scatter > quality.UNEVEN:
-        log.notes.append(f"Sampling is uneven (period {log.period:.3g} s, scatter {scatter:.0%}); "
+    off = float(np.mean(np.abs(forward / log.period - 1.0) > quality.UNEVEN))
+    if off > quality.UNEVEN_SHARE:
+        log.notes.append(f"Sampling is uneven (period {log.period:.3g} s, {off:.0%} of the steps off by more than {quality.UNEVEN:.0%}); "
                          f"pieces are interpolated to a constant period.")
         log = _resampled(log)
     return log

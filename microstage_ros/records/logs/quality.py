@@ -6,7 +6,8 @@ Each finder returns what it found and leaves it to `log` to act on it and to say
 import numpy as np
 
 GAP = 3.0                # times the usual period, from which on a step of time is a gap
-UNEVEN = 0.05            # scatter of the period over the period, above which a piece is resampled
+UNEVEN = 0.2             # of the usual period: steps further off count as uneven
+UNEVEN_SHARE = 0.05      # share of uneven steps above which pieces are resampled
 OUTLIER = 12.0           # robust standard deviations of a sample from both its neighbours' median
 SATURATED_RUN = 4        # equal samples at the extreme, in a row, that make saturation
 WINDOW = 20              # samples in which the remainder of a shifted level must be one and the same

@@ -1,0 +1,102 @@
+"""``diagnose --log``: logs of other people's machines."""
+
+import argparse
+import dataclasses
+import pathlib
+
+from microstage_ros.commands import answer
+from microstage_ros.commands.parser import Parser
+from microstage_ros.commands.progress import progress
+from microstage_ros.diagnosis.logs.case import diagnose_logs
+from microstage_ros.diagnosis.logs.page import headline
+from microstage_ros.diagnosis.logs.report import write_log_answer
+from microstage_ros.diagnosis.logs.trend import diagnose_over_time, write_trend
+from microstage_ros.files import keep_earlier, missing
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.records.logs import load_description, read_log
+
+DESCRIPTION = """\
+Compares logs of a machine with logs from when it was healthy, and names what has changed, by how much, how sure,
+and what else it might be. LOG.yaml says what the columns mean; `microstage log FILE` proposes one. No model of the
+machine is needed: it is learned from the baseline, with its spread from run to run and from log to log.
+
+With --over-time every NOW file is one point of a course, in the order given: the sizes with their intervals, and where
+they change.
+"""
+
+
+def main(argv):
+    """Run ``diagnose --log``. Returns 0; raises InputError for bad input."""
+    arguments = parser().parse_args(argv)
+    description = load_description(arguments.log)
+    axis = load_axis(arguments.axis) if arguments.axis else None
+    if axis is not None:
+        description = with_axis(description, axis)
+    for path in (*arguments.baseline, *arguments.records):
+        if not pathlib.Path(path).exists():
+            raise missing(path, "a log: .csv, .txt, .mat, .mcap, plain or .gz, .xz")
+    name = "trend.json" if arguments.over_time else "report.json"
+    keep_earlier("--out", [pathlib.Path(arguments.out) / name], arguments.force)
+    with progress("reading", len(arguments.baseline) + len(arguments.records)) as bar:
+        logs = []
+        for path in (*arguments.baseline, *arguments.records):
+            logs.append(read_log(path, description))
+            bar.advance()
+        baseline, now = logs[: len(arguments.baseline)], logs[len(arguments.baseline):]
+        sources = {"records": [str(p) for p in arguments.records], "now": [str(p) for p in arguments.records], "holdout": [],
+                   "baseline": [str(p) for p in arguments.baseline]}
+        if arguments.over_time:
+            trend = diagnose_over_time(baseline, now, description, arguments.seed)
+            report = write_trend(trend, description, arguments.out, sources)
+        else:
+            bar.say("comparing with the baseline")
+            report = write_log_answer(diagnose_logs(baseline, now, description, arguments.seed), description, arguments.out, sources, axis)
+    answer.state(report=report, folder=str(arguments.out))
+    tell_trend(report, arguments.out) if arguments.over_time else tell(report, arguments.out)
+    return 0
+
+
+def parser():
+    """The options of ``diagnose --log``."""
+    found = Parser(prog="microstage diagnose", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter)
+    found.add_argument("--log", required=True, metavar="LOG.yaml", help="what the columns of the files mean")
+    found.add_argument("--baseline", nargs="+", required=True, metavar="FILE", help="logs of the machine while it was healthy")
+    found.add_argument("--axis", metavar="FILE", help="axis file, for lead, gear ratio and mass, and for extended.yaml")
+    found.add_argument("records", nargs="+", metavar="NOW", help="logs to examine")
+    found.add_argument("--out", required=True, metavar="DIR", help="folder for the answer")
+    found.add_argument("--over-time", action="store_true", help="every NOW file is a point of a course; writes trend.json and report.html")
+    found.add_argument("--seed", type=int, default=0, metavar="N", help="written into the answer")
+    found.add_argument("--jobs", type=int, default=1, metavar="N", help=argparse.SUPPRESS)
+    found.add_force()
+    return found
+
+
+def with_axis(description, axis):
+    """The description with those facts of an axis file that LOG.yaml does not give itself."""
+    facts = dict(description.facts)
+    for fact, key in (("lead", "transmission.pitch"), ("gear_ratio", "transmission.gear_ratio"), ("mass", "stage.mass"),
+                      ("torque_constant", "drive.torque_constant"), ("resistance", "drive.resistance")):
+        try:
+            facts.setdefault(fact, float(axis.value(key)))
+        except (KeyError, ValueError):
+            continue
+    return dataclasses.replace(description, facts=facts)
+
+
+def tell(report, folder):
+    """Print the answer in a few lines."""
+    print(headline(report))
+    for cause in report["causes"]:
+        print(f"  {cause['id']}: {cause['sentence']} ({cause['share']:.0%} of what stood out)")
+    for rivals in report["rivals"]:
+        print(f"  open: {' or '.join(rivals['ids'])}; this would decide: {rivals['experiment']}")
+    if report["not_visible"]:
+        print(f"  not visible in these signals: {', '.join(report['not_visible'])}")
+    print(f"  {pathlib.Path(folder) / 'report.html'}")
+
+
+def tell_trend(report, folder):
+    """Print the changes of a course in a few lines."""
+    for line in report["sentences"]:
+        print(line)
+    print(f"  {pathlib.Path(folder) / 'report.html'}")

@@ -1,0 +1,169 @@
+"""The page that a technician reads: what changed, how much, since when, how sure, what else, what to look at, what would decide."""
+
+from microstage_ros.diagnosis.logs import course as course_module
+from microstage_ros.diagnosis.logs import pictures
+from microstage_ros.diagnosis.report.wording import TONES, advice_for, name_of
+from microstage_ros.report.page import Page
+from microstage_ros.report.plots import quantity
+
+SHOWN = 4
+VERDICTS = {
+    "agrees": "Nothing has changed beyond what this machine differs from itself.",
+    "explained": "What has changed is found",
+    "partly_explained": "Part of what has changed is found; something is left",
+    "undetermined": "Something has changed, and these logs cannot tell which of the names below it is",
+    "unexplained": "Something has changed, and none of the known causes fits it.",
+}
+
+
+def headline(report):
+    """The answer in one sentence."""
+    names = [f"{name_of(c['id']).lower()} ({size_of(c)})" for c in report["causes"]]
+    opened = [" or ".join(name_of(i).lower() for i in r["ids"]) for r in report["rivals"]]
+    text = VERDICTS[report["verdict"]]
+    if names:
+        text = f"{text}: {'; '.join(names)}" if report["verdict"] != "undetermined" else f"Found: {'; '.join(names)}"
+    if opened:
+        text += f"{'. Open' if names else ''}: {'; '.join(opened)}"
+    return text.rstrip(".") + "."
+
+
+def size_of(cause):
+    """The first size of a cause in words, with its 95 % interval."""
+    for name, p in cause["parameters"].items():
+        value, spread = p["value"], p["stderr"]
+        if value is None:
+            continue
+        if name == "factor" or name.endswith("_factor"):
+            return f"{100 * (value - 1):+.0f} %, 95 %: {100 * (value - 1 - 1.96 * spread):+.0f} … {100 * (value - 1 + 1.96 * spread):+.0f} %"
+        if p["unit"] == "1":
+            return f"{100 * value:.0f} %, 95 %: {100 * (value - 1.96 * spread):.0f} … {100 * (value + 1.96 * spread):.0f} %"
+        return f"{quantity(value, p['unit'])}, 95 %: {quantity(value - 1.96 * spread, p['unit'])} … {quantity(value + 1.96 * spread, p['unit'])}"
+    return "size open"
+
+
+def write_page(report, result, path, description):
+    """Write report.html. Raises InputError if it cannot be written."""
+    name = description.name or description.place
+    page = Page("What has changed on this machine", name, configuration=report["log"], seed=report["seed"],
+                about={"Baseline": _sources(report["sources"]["baseline"]), "Now": _sources(report["sources"]["now"])})
+    page.verdict(headline(report), TONES[report["verdict"]], more=_more(report))
+    page.key_figures(_figures(report, result))
+    main = "effort" if "effort" in result.evidence["reduced"] else next(iter(result.evidence["reduced"]))
+    if any(c["channel"] == "error" for c in report["causes"]):
+        main = "error"
+    _figure(page, pictures.over_stroke(result, main), "Over the stroke, each direction by itself: the baseline with its spread from run to run, now, "
+            "and the baseline with the named causes added.")
+    if report["causes"] or report["rivals"]:
+        _causes(page, report)
+    page.section("What to do next")
+    page.list(_next(report))
+    _course(page, report, result)
+    page.section("Measured and model in time")
+    for channel in result.evidence["reduced"]:
+        _figure(page, pictures.in_time(result, channel), f"{channel.capitalize()}: the first stretch of the logs of now.")
+    if any("ripple" in i for i in [c["id"] for c in report["causes"]] + [i for r in report["rivals"] for i in r["ids"]]):
+        _figure(page, pictures.ripple(result), "Ripple by its order: cycles per turn.")
+    _blind(page, report)
+    _healthy(page, report)
+    if report["notes"]:
+        page.section("About the logs")
+        page.list(report["notes"])
+    page.save(path)
+
+
+def _figure(page, figure, caption):
+    if figure is not None:
+        page.figure(figure, caption, caption)
+
+
+def _sources(names):
+    return ", ".join(map(str, names[:SHOWN])) + (f" … ({len(names)} in all)" if len(names) > SHOWN else "")
+
+
+def _more(report):
+    if report["verdict"] == "agrees":
+        seen = sum(entry["visible"] for entry in report["visible"].values())
+        return f"{seen} of the catalogue's effects would show in these signals; what would not is listed below."
+    if report["rivals"]:
+        return f"This would decide: {report['rivals'][0]['experiment']}."
+    return ""
+
+
+def _figures(report, result):
+    repeats = {s: min(spread.repetitions.values()) for s, spread in result.evidence["spreads"].items()}
+    groups = max(max(spread.groups.values()) for spread in result.evidence["spreads"].values())
+    figures = [("Baseline", f"{min(repeats.values())} repetitions", f"{groups} log{'s' if groups > 1 else ''}")]
+    gain = report["gain"]
+    figures.append(("Change", f"{gain['before']:.1f} ×", "over the machine's own spread (1: none)"))
+    if report["causes"] or report["rivals"]:
+        figures.append(("Left", f"{gain['after']:.1f} ×", "with what is named taken out"))
+    for cause in report["causes"][:2]:
+        figures.append((name_of(cause["id"]), size_of(cause).partition(",")[0], f"sure to {100 * cause['probability']:.1f} %"))
+    return figures
+
+
+def _causes(page, report):
+    page.section("What has changed")
+    since = {entry["id"]: entry for entry in report["since"]}
+    rows = []
+    for cause in report["causes"]:
+        rows.append((name_of(cause["id"]), size_of(cause), _since(since.get(cause["id"])), f"{100 * cause['probability']:.1f} %", f"{cause['share']:.0%}"))
+    if rows:
+        page.table(("cause", "how much", "since", "sure", "share of what stands out"), rows)
+    if report["rivals"]:
+        page.heading("What cannot be told apart")
+        page.table(("one of", "why", "this would decide"), [
+            (", ".join(name_of(i).lower() for i in r["ids"]), r["why"], r["experiment"]) for r in report["rivals"]])
+    with page.details("All fitted sizes with their 95 % intervals"):
+        page.table(("cause", "size", "value", "from", "to"), [
+            (c["id"], name, quantity(p["value"], p["unit"]), quantity(p["value"] - 1.96 * p["stderr"], p["unit"]),
+             quantity(p["value"] + 1.96 * p["stderr"], p["unit"])) for c in report["causes"] for name, p in c["parameters"].items()
+            if p["value"] is not None and p["stderr"] is not None])
+
+
+def _since(entry):
+    if entry is None:
+        return "–"
+    return "the first log of now" if entry["from_the_start"] else f"{entry['source']}, repetition {entry['repetition']}"
+
+
+def _next(report):
+    entries = [f"{name_of(c['id'])}: {advice_for(c['id'])}" for c in report["causes"]]
+    for rivals in report["rivals"]:
+        entries.append(f"To decide between {' and '.join(rivals['ids'])}: {rivals['experiment']}. "
+                       f"If it is the first: {advice_for(rivals['ids'][0])}")
+    if report["verdict"] in ("unexplained", "partly_explained"):
+        strongest = sorted((f for f in report["findings"] if f["significant"]), key=lambda f: -(f["left"] or 0.0) / f["threshold"])[:2]
+        entries += [f"What is left shows at: {f['coordinate']} ({f['channel']})." for f in strongest]
+    return entries or ["Nothing. Keep these logs: with every further healthy log the thresholds become more this machine's own."]
+
+
+def _course(page, report, result):
+    ids = [c["id"] for c in report["causes"]] or [r["ids"][0] for r in report["rivals"]]
+    if not ids:
+        return
+    for stage in result.evidence["stages"]:
+        for choice in stage.chosen:
+            if choice.name.rstrip("+") == ids[0]:
+                points = course_module.course_of(stage, choice.name, result.evidence["groups"])
+                changes = course_module.change_points([p.value for p in points], [p.stderr for p in points])
+                page.section("Since when")
+                _figure(page, pictures.course(points, "change over the level [1]", changes),
+                        f"{name_of(ids[0])}: size in every repetition with its 95 % interval, against the baseline's mean. Dashed: where its mean changes.")
+                return
+
+
+def _blind(page, report):
+    page.section("What these logs can and cannot show")
+    shown = [(name_of(name), f"{100 * entry['detectable']:.0f} %") for name, entry in report["visible"].items() if entry["visible"]]
+    if shown:
+        page.table(("visible here", "from about"), shown, "Smallest change that would be named, in per cent of the level of friction (or of the following error).")
+    page.table(("not visible here", "would need"), [(name_of(name), need) for name, need in report["not_visible"].items()])
+
+
+def _healthy(page, report):
+    page.section("The healthy machine, as its baseline shows it")
+    rows = [(h["channel"], h["condition"], h["name"], quantity(h["value"], h["unit"]), quantity(h["stderr"], h["unit"]) if h["stderr"] else None)
+            for h in report["healthy"] if h["value"] is not None]
+    page.table(("channel", "condition", "size", "value", "standard error"), rows)

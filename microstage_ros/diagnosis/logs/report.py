@@ -1,0 +1,106 @@
+"""The answer of a log's diagnosis in files: report.json, report.html, extended.yaml where an axis file was given."""
+
+import json
+import math
+
+from microstage_ros import __version__
+from microstage_ros.diagnosis.logs import course as course_module
+from microstage_ros.diagnosis.logs.page import write_page
+from microstage_ros.diagnosis.report.answer import FORMAT
+from microstage_ros.diagnosis.report.extended import write_extended
+from microstage_ros.diagnosis.report.wording import sentence_of
+from microstage_ros.files import complete_folder
+from microstage_ros.model.effects import REGISTRY, check_effects
+from microstage_ros.quantities.errors import InputError
+
+
+def write_log_answer(result, description, folder, sources, axis=None):
+    """Write the files of one diagnosis into ``folder``; returns the mapping of report.json.
+
+    ``sources``: {"now": [...], "baseline": [...]}. Raises InputError if the folder cannot be written.
+    """
+    with complete_folder(folder) as folder:
+        report = report_fields(result, description, sources, axis)
+        if axis is not None:
+            report["extended_axis"] = _extended(result.diagnosis, axis, folder, sources, report)
+        write_page(report, result, folder / "report.html", description)
+        (folder / "report.json").write_text(json.dumps(report, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+    return report
+
+
+def report_fields(result, description, sources, axis=None):
+    """The mapping of report.json: the fields of every diagnosis, and what is particular to logs."""
+    diagnosis, gain = result.diagnosis, result.diagnosis.gain
+    return {
+        "format": FORMAT, "verdict": diagnosis.verdict,
+        "causes": [_cause(cause) for cause in diagnosis.causes],
+        "rivals": [{"ids": list(r.ids), "why": r.why, "experiment": r.experiment["decides"]} for r in diagnosis.rivals],
+        "gain": {"metric": gain.metric, "unit": gain.unit, "records": list(gain.records), "before": _plain(gain.before),
+                 "after": _plain(gain.after), "floor": _plain(gain.floor), "ci95": [_plain(v) for v in gain.ci95]},
+        "extended_axis": None,
+        "findings": [{"channel": f.channel, "coordinate": f.coordinate, "statistic": _plain(f.statistic), "threshold": _plain(f.threshold),
+                      "left": _plain(f.left), "significant": bool(f.significant)} for f in diagnosis.findings],
+        "since": since(result),
+        "visible": {name: {"visible": entry[0], "detectable": _plain(entry[1]), "of": "level of the channel"}
+                    for name, entry in sorted(result.visibility.items())},
+        "not_visible": dict(sorted(result.hidden.items())),
+        "healthy": [{"channel": c, "condition": _condition(result, code), "name": name, "value": _plain(v), "stderr": _plain(e), "unit": u}
+                    for c, code, name, v, e, u in result.healthy],
+        "identified": {}, "consequences": [], "notes": list(diagnosis.notes),
+        "axis": axis.place if axis is not None else None, "log": description.place, "sources": sources, "seed": diagnosis.seed,
+        "version": __version__,
+    }
+
+
+def _condition(result, code):
+    if code < 0:
+        return None
+    rows = result.evidence["groups"]["baseline"][0]
+    labels = [label for k, label in enumerate(rows.log.conditions) if code in set(rows.condition[rows.log.condition == k].tolist())]
+    return " ".join(map(str, labels[0])) if labels and labels[0] else None
+
+
+def since(result):
+    """Per named or open effect: {"id", "source", "repetition"} from which on its course differs from the baseline, or None."""
+    out = []
+    for stage in result.evidence["stages"]:
+        for choice in stage.chosen:
+            points = course_module.course_of(stage, choice.name, result.evidence["groups"])
+            now = [p for p in points if not p.baseline]
+            changes = course_module.change_points([p.value for p in now], [p.stderr for p in now])
+            first = changes[-1] if changes else 0
+            out.append({"id": choice.name.rstrip("+"), "source": now[first].source, "repetition": now[first].number + 1,
+                        "from_the_start": not changes} if now else None)
+    return [entry for entry in out if entry]
+
+
+def _cause(cause):
+    return {"id": cause.id, "parameters": {name: {"value": _plain(p.value), "stderr": _plain(p.stderr), "unit": p.unit}
+                                           for name, p in cause.parameters.items()},
+            "probability": _plain(cause.probability), "share": _plain(cause.share),
+            "gain": {"before": _plain(cause.gain.before), "after": _plain(cause.gain.after), "unit": cause.gain.unit},
+            "channel": cause.channel, "sentence": cause.sentence or sentence_of(cause.id, cause.parameters)}
+
+
+def _plain(value):
+    value = float(value)
+    return value if math.isfinite(value) else None
+
+
+def _extended(diagnosis, axis, folder, sources, report):
+    """Write extended.yaml with those causes whose sizes are parameters of the axis's effects; returns its name."""
+    import dataclasses
+
+    kept = []
+    for cause in diagnosis.causes:
+        known = REGISTRY[cause.id].parameters if cause.id in REGISTRY else {}
+        effect = {name: p.value for name, p in cause.parameters.items() if name in known and known[name].unit == p.unit}
+        try:
+            check_effects({cause.id: effect}, "effects")
+        except InputError:
+            report["notes"].append(f"{cause.id} is not in extended.yaml: its size in these signals is no parameter of the axis file.")
+            continue
+        if effect:
+            kept.append(dataclasses.replace(cause, effect=effect))
+    write_extended(axis, dataclasses.replace(diagnosis, causes=tuple(kept)), folder / "extended.yaml", sources)
+    return "extended.yaml"

@@ -1,0 +1,95 @@
+"""Many logs over weeks: the course of each size with its interval and its change points."""
+
+import dataclasses
+import json
+import math
+
+from microstage_ros import __version__
+from microstage_ros.diagnosis.logs import case, pictures
+from microstage_ros.diagnosis.logs import course as course_module
+from microstage_ros.diagnosis.logs.page import headline, size_of
+from microstage_ros.diagnosis.logs.report import report_fields
+from microstage_ros.diagnosis.report.wording import advice_for, name_of
+from microstage_ros.files import complete_folder
+from microstage_ros.report.page import Page
+
+FOLLOWED = ("friction_level_change", "viscous_change", "direction_asymmetry", "gravity_tilt", "cable_spring", "position_dependent_friction",
+            "torque_ripple", "payload_change", "backlash", "transport_delay", "scale_error", "floor_vibration", "resistance_rise", "amplifier_gain")
+
+
+@dataclasses.dataclass
+class Trend:
+    """``courses``: {effect id: (points, indices of change points)}; ``groups``: answers for the logs after the last change and before."""
+
+    courses: dict
+    last: object
+    order: list
+    changes: list
+
+
+def diagnose_over_time(baseline, now, description, seed=0):
+    """`Trend` of the logs of now, in the order given, each against the baseline.
+
+    The courses are of single effects, each fitted alone; what the change is, the diagnosis of the logs after the last common change
+    point says, with all its rivals. Raises InputError as `case.diagnose_logs` does.
+    """
+    whole = case.diagnose_logs(baseline, now, description, seed)
+    courses = {}
+    for stage in whole.evidence["stages"]:
+        for name in stage.problem.effects:
+            if name in FOLLOWED and whole.visibility.get(name, (False,))[0]:
+                points = course_module.course_of(stage, name, whole.evidence["groups"], per_file=True)
+                courses[name] = (points, course_module.change_points([p.value for p in points], [p.stderr for p in points]))
+    after_baseline = sum(p.baseline for p in next(iter(courses.values()))[0]) if courses else len(baseline)
+    # the effect whose course moves most, over its own errors, dates the change
+    best = max(courses, key=lambda n: _movement(courses[n][0]), default=None)
+    changes = courses[best][1] if best else []
+    last = max((c for c in changes if c > after_baseline), default=after_baseline) - after_baseline
+    tail = now[last:] or now
+    answer = case.diagnose_logs(baseline, tail, description, seed) if last else whole
+    return Trend(courses, answer, [log.source for log in [*baseline, *now]], changes)
+
+
+def _movement(points):
+    values = [(p.value, p.stderr) for p in points if math.isfinite(p.value) and p.stderr > 0.0]
+    return max((abs(v) / e for v, e in values), default=0.0)
+
+
+def write_trend(trend, description, folder, sources):
+    """Write trend.json, report.json (of the logs after the last change) and report.html; returns the mapping of trend.json."""
+    report = report_fields(trend.last, description, sources)
+    rows = {}
+    for name, (points, changes) in trend.courses.items():
+        rows[name] = {"points": [{"source": p.source, "value": _plain(p.value), "stderr": _plain(p.stderr), "baseline": p.baseline} for p in points],
+                      "unit": "1", "of": "level of the channel", "changes_at": [points[c].source for c in changes]}
+    sentences = [f"After the last change: {headline(report)}"]
+    for change in trend.changes:
+        sentences.append(f"  changes at {trend.order[change]}")
+    tree = {"format": 1, "verdict": report["verdict"], "courses": rows, "changes_at": [trend.order[c] for c in trend.changes], "report": report,
+            "sentences": sentences, "sources": sources, "version": __version__}
+    with complete_folder(folder) as place:
+        _page(trend, report, tree, description, place / "report.html")
+        for name, content in (("trend.json", tree), ("report.json", report)):
+            (place / name).write_text(json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+    return tree
+
+
+def _plain(value):
+    return float(value) if math.isfinite(value) else None
+
+
+def _page(trend, report, tree, description, path):
+    from microstage_ros.diagnosis.report.wording import TONES
+
+    page = Page("The course of this machine", description.name or description.place, configuration=description.place, seed=report["seed"],
+                about={"Logs": f"{len(trend.order)}"})
+    page.verdict(tree["sentences"][0], TONES[report["verdict"]], more="; ".join(s.strip() for s in tree["sentences"][1:]))
+    page.section("What has changed")
+    page.list([f"{name_of(c['id'])}: {size_of(c)}. {advice_for(c['id'])}" for c in report["causes"]]
+              + [f"{' or '.join(r['ids'])}: {r['experiment']} would decide." for r in report["rivals"]] or ["Nothing."])
+    page.section("Courses")
+    for name, (points, changes) in sorted(trend.courses.items(), key=lambda item: -_movement(item[1][0])):
+        page.heading(name_of(name))
+        page.figure(pictures.course(points, "change over the level [1]", changes), "One point per log with its 95 % interval; each effect is fitted by "
+                    "itself, so that effects which look alike move together. Dashed: where the mean changes.", name_of(name))
+    page.save(path)

@@ -1,0 +1,159 @@
+"""Logs of other machines are read as they are: formats, units, and what is odd about them."""
+
+import numpy as np
+import pytest
+
+from microstage_ros.quantities.errors import InputError
+from microstage_ros.records.logs import read_log
+from microstage_ros.records.logs.description import description_of
+from microstage_ros.records.logs.units import known_unit
+
+BASIC = {"time": {"column": "t", "unit": "s"}, "position": {"column": "x", "unit": "mm"}, "current": {"column": "i", "unit": "A"}}
+
+
+def described(**changes):
+    """A description of the basic log with changes."""
+    return description_of({**BASIC, **changes}, "LOG.yaml")
+
+
+def rows(n=200, rate=100.0):
+    """Time [s], place [mm], current [A] of a slow sine."""
+    t = np.arange(n) / rate
+    return t, 10.0 * np.sin(t), 0.3 * np.sign(np.cos(t)) + 0.01 * np.sin(37.0 * t)
+
+
+def write(path, header, columns, separator=",", preamble="", number="{:.9g}".format):
+    """A text file of columns."""
+    lines = [separator.join(number(v) for v in row) for row in zip(*columns)]
+    path.write_text(preamble + header + "\n" + "\n".join(lines) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("unit, dimension, factor", [
+    ("mm", "length", 1e-3), ("µm", "length", 1e-6), ("rpm", "angular speed", 2 * np.pi / 60), ("kgf", "force", 9.80665), ("lbf", "force", 4.4482216),
+    ("mN m", "torque", 1e-3), ("mNm", "torque", 1e-3), ("deg", "angle", np.pi / 180), ("%", "ratio", 0.01), ("ms", "time", 1e-3), ("lbf in", "torque", 0.1129848)])
+def test_units_of_people(unit, dimension, factor):
+    found = known_unit(unit)
+    assert found[0] == dimension and found[1] == pytest.approx(factor, rel=1e-6)
+
+
+@pytest.mark.parametrize("separator, comma", [(",", False), (";", False), (";", True), ("\t", True), (" ", False)])
+def test_any_separator_and_decimal_comma(tmp_path, separator, comma):
+    t, x, i = rows()
+    number = (lambda v: f"{v:.9g}".replace(".", ",")) if comma else "{:.9g}".format
+    path = write(tmp_path / "log.txt", separator.join(["t", "x", "i"]), (t, x, i), separator, "Exported by a drive\nof 2024\n\n", number)
+    log = read_log(path, described())
+    assert len(log) == 200 and log.signals["position"] == pytest.approx(1e-3 * x, abs=1e-9)
+    assert log.period == pytest.approx(0.01)
+
+
+def test_epos_preamble_and_units_line(tmp_path):
+    text = 'Date:;2020-07-08 22:13:00\nEPOS Studio Version:;3.6.1.0\nSampling period:;10.000\n"Trigger:;0;0.0;""Channel 1"""\n;Velocity;Torque\nms;rpm;%\n'
+    text += "".join(f"{10 * k}.000;{60 if k % 20 < 10 else -60};{25.0 + k % 3:.1f}\n" for k in range(100))
+    (tmp_path / "1.csv").write_text(text)
+    log = read_log(tmp_path / "1.csv", description_of({
+        "time": {"column": "time", "unit": "ms"}, "velocity": {"column": "Velocity", "unit": "rpm"}, "torque": {"column": "Torque", "unit": "%"},
+        "nominal_torque": {"value": 10, "unit": "mN m"}, "lead": {"value": 2, "unit": "mm"}}, "LOG.yaml"))
+    assert np.abs(log.signals["velocity"]).max() == pytest.approx(2e-3)          # one turn a second on a lead of 2 mm
+    assert log.signals["torque"][0] == pytest.approx(2.5e-3) and log.effort_unit == "N m"
+
+
+def test_halscope(tmp_path):
+    text = "Sampling period is 1000000 ns \n\n" + "\n".join(f"pos {0.1 * k:+.6f} ferror {0.001 * (k % 7):+.6f} " for k in range(60))
+    (tmp_path / "scope.log").write_text(text)
+    log = read_log(tmp_path / "scope.log", description_of({
+        "time": {"column": "time", "unit": "s"}, "reference": {"column": "pos", "unit": "mm"}, "following_error": {"column": "ferror", "unit": "mm"}}, "L"))
+    assert log.period == pytest.approx(1e-3) and log.signals["position"][10] == pytest.approx(1e-3 * (1.0 - 0.003))
+
+
+def test_camonitor_holds_values(tmp_path):
+    lines = []
+    for k in range(60):
+        lines.append(f"M1.RBV 2024-05-01 12:00:{k // 2:02d}.{500000 * (k % 2):06d} {0.1 * k:.3f}")
+        if k % 3 == 0:
+            lines.append(f"M1:CUR 2024-05-01 12:00:{k // 2:02d}.{500000 * (k % 2) + 100000:06d} {0.5 + 0.01 * k:.3f} NO_ALARM NO_ALARM")
+    lines.append("M1:STAT *** Not connected")
+    (tmp_path / "pv.txt").write_text("\n".join(lines))
+    log = read_log(tmp_path / "pv.txt", description_of({
+        "time": {"column": "time", "unit": "s"}, "position": {"column": "M1.RBV", "unit": "mm"}, "current": {"column": "M1:CUR", "unit": "A"}}, "L"))
+    assert np.nanmax(log.signals["current"]) == pytest.approx(0.5 + 0.57) and log.time[-1] == pytest.approx(29.0, abs=1.0)
+
+
+def test_twincat_scope(tmp_path):
+    head = "Name\tScope\nFile\tC:\\a.sv\nStarttime of export\t132000000000\n\nName\tActPos\tName\tActCur\nSymbolName\tMAIN.ActPos\tSymbolName\tMAIN.ActCur\nUnit\tmm\tUnit\tA\n\n"
+    body = "\n".join(f"{2 * k}\t{0.5 * k:.3f}\t{2 * k}\t{0.1 * (k % 5):.3f}".replace(".", ",") for k in range(80)) + "\nEOF\n"
+    (tmp_path / "scope.csv").write_text(head + body)
+    log = read_log(tmp_path / "scope.csv", description_of({
+        "time": {"column": "time", "unit": "s"}, "position": {"column": "ActPos", "unit": "mm"}, "current": {"column": "ActCur", "unit": "A"}}, "L"))
+    assert log.period == pytest.approx(2e-3) and log.signals["position"][-1] == pytest.approx(0.5e-3 * 79)
+
+
+def test_matlab(tmp_path):
+    from scipy.io import savemat
+    t, x, i = rows()
+    savemat(tmp_path / "a.mat", {"t": t, "d": {"x": x, "i": i}, "name": "machine"})
+    log = read_log(tmp_path / "a.mat", described(position={"column": "d.x", "unit": "mm"}, current={"column": "d.i", "unit": "A"}))
+    assert len(log) == 200 and log.signals["position"] == pytest.approx(1e-3 * x)
+
+
+def test_restarts_gaps_and_repeated_stamps(tmp_path):
+    t, x, i = rows()
+    t = t.copy()
+    t[100:] += 2.0            # a gap
+    t[150:] -= t[150]         # time begins again
+    t[20] = t[19]             # a repeated stamp
+    log = read_log(write(tmp_path / "a.csv", "t,x,i", (t, x, i)), described())
+    assert log.piece.max() == 2 and len(log) == 199
+    assert any("begins again" in n for n in log.notes) and any("gap" in n for n in log.notes) and any("repeat" in n for n in log.notes)
+
+
+def test_outliers_and_saturation_are_left_out_and_told(tmp_path):
+    t, x, i = rows(2000)
+    i = np.clip(i + 0.3 * np.sin(3.0 * t), -0.4, 0.4)
+    x = x.copy()
+    x[500] += 50.0
+    log = read_log(write(tmp_path / "a.csv", "t,x,i", (t, x, i)), described())
+    assert np.isnan(log.signals["position"][500]) and np.isnan(log.signals["current"]).sum() > 50
+    assert any("saturated" in n for n in log.notes) and any("single samples" in n for n in log.notes)
+
+
+def test_shifted_levels_show_in_the_digits(tmp_path):
+    rng = np.random.default_rng(3)
+    i = np.round(0.5 + 0.1 * rng.standard_normal(900), 3)
+    i[300:600] += 0.01234567
+    i[600:] -= 0.00456789
+    t = np.arange(900) * 0.01
+    log = read_log(write(tmp_path / "a.csv", "t,x,i", (t, np.sin(t), i), number=lambda v: repr(float(v))), described())
+    assert log.shift is not None and len(np.unique(log.shift)) == 3
+    whole = read_log(write(tmp_path / "b.csv", "t,x,i", (t, np.sin(t), np.round(i, 3)), number=lambda v: repr(float(v))), described())
+    assert whole.shift is None
+
+
+def test_uneven_sampling_is_made_even(tmp_path):
+    rng = np.random.default_rng(1)
+    t = np.cumsum(rng.uniform(0.005, 0.015, 1000))
+    log = read_log(write(tmp_path / "a.csv", "t,x,i", (t, 10 * np.sin(t), np.cos(t))), described())
+    assert np.diff(log.time) == pytest.approx(log.period) and np.abs(log.signals["position"] - 0.01 * np.sin(log.time + t[0])).max() < 1e-5
+
+
+@pytest.mark.parametrize("change, says", [
+    ({"current": {"column": "i", "unit": "mm"}}, "a unit of current"), ({"posiiton": {"column": "x", "unit": "mm"}}, "position"),
+    ({"current": {"column": "i"}}, "unit"), ({"lead": 5}, "mapping"), ({"run": 3.5}, "column names"), ({"format": "xls"}, "csv, table, mat, mcap"),
+    ({"following_error": {"column": "e", "unit": "mm", "sign": 2}}, "1 or -1"), ({"lead": {"value": -5, "unit": "mm"}}, "above 0")])
+def test_bad_description_is_one_line(change, says):
+    with pytest.raises(InputError, match=says):
+        described(**change)
+
+
+def test_missing_column_names_what_there_is(tmp_path):
+    path = write(tmp_path / "a.csv", "t,x,strom", rows())
+    with pytest.raises(InputError, match="strom"):
+        read_log(path, described())
+
+
+def test_counts_need_counts_per_turn(tmp_path):
+    path = write(tmp_path / "a.csv", "t,x,i", rows())
+    with pytest.raises(InputError, match="counts_per_turn"):
+        read_log(path, described(position={"column": "x", "unit": "counts"}))
+    log = read_log(path, described(position={"column": "x", "unit": "counts"}, counts_per_turn=10, lead={"value": 4, "unit": "mm"}))
+    assert log.place_unit == "m" and log.signals["position"].max() == pytest.approx(4e-3, rel=1e-3)
