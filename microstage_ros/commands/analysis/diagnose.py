@@ -33,7 +33,7 @@ def main(argv=None):
     """Run the command. Returns 0; raises InputError for bad input."""
     given = sys.argv[1:] if argv is None else argv
     if any(word == "--log" or word.startswith("--log=") for word in given):
-        from microstage_ros.commands.analysis.log_diagnosis import main as main_of_logs
+        from microstage_ros.commands.log_diagnosis import main as main_of_logs
 
         return main_of_logs(given)
     arguments = _parse(argv)

@@ -24,7 +24,7 @@ def run(reference, dt, p, law, controller, noise_seed):
 
     ``p``: array of parameters, see `Machine.vector`.
     """
-    np.random.seed(noise_seed)
+    np.random.seed(noise_seed)  # noqa: NPY002  numba knows this generator alone
     n = len(reference)
     x, v, z, integral = reference[0], 0.0, 0.0, 0.0
     out = np.zeros((n, 4))
@@ -57,7 +57,7 @@ def run(reference, dt, p, law, controller, noise_seed):
         profile = 1.0 + wave1 * math.cos(math.pi * (w + 1.0) * 0.5) + wave2 * math.sin(math.pi * w)
         profile += bump * math.exp(-0.5 * ((x - bump_at) / bump_width) ** 2)
         if walk > 0.0:
-            random_level += -random_level * min(abs(v) * dt / (0.1 * half), 1.0) + walk * math.sqrt(2.0 * abs(v) * dt / (0.1 * half)) * np.random.randn()
+            random_level += -random_level * min(abs(v) * dt / (0.1 * half), 1.0) + walk * math.sqrt(2.0 * abs(v) * dt / (0.1 * half)) * np.random.randn()  # noqa: NPY002
         profile += random_level + jitter_level
         if abs(v) < 0.02 * vs:
             rest += dt

@@ -167,7 +167,7 @@ def draw_case(number, seed, kind="mixed", effect="", signals="", strength=1.0):
         sizes[one] = size
         extra |= more
     cycles = 2 if machine.profile != "random" else 3
-    baseline, number_of_run = [], 0
+    baseline = []
     for k in range(files):
         state = reassembled(machine, rng) if apart and k else machine
         baseline.append(_file(state, max(runs // files, 2), cycles, rng, degrade, {}, f"baseline_{k}"))
