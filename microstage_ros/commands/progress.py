@@ -74,8 +74,9 @@ def progress(what, total=None, remembered=None):
 
 
 def cache_folder():
-    """The project's folder in the user's cache."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "microstage_ros"
+    """The project's folder in the user's cache: ``$MICROSTAGE_CACHE``, or below the user's cache folder."""
+    given = os.environ.get("MICROSTAGE_CACHE")
+    return Path(given) if given else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "microstage_ros"
 
 
 def _durations():

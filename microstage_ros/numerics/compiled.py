@@ -67,7 +67,7 @@ def compiled(function=None, **options):
     """
     if function is None:
         return functools.partial(compiled, **options)
-    numba.config.CACHE_DIR = _cache_folder_of(function)  # numba reads it when the decorator runs
+    _name_place(function)
     usual = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True,
              "forceinline": False}         # said, or numba passes a caller's on to all that it calls
     dispatcher = numba.njit(**{**usual, **options})(function)
@@ -75,8 +75,14 @@ def compiled(function=None, **options):
     return dispatcher
 
 
-def _cache_folder_of(function):
-    return cache_folder((function.__module__.split(".") + ["", ""])[1])
+PLACES = "microstage_ros.numerics.cache_place.CachePlace,UserProvidedCacheLocator"
+"""Who says where compiled code lies: ours for the functions of this package, numba's for those of others."""
+
+
+def _name_place(function):
+    """Tell numba where the compiled code of ``function`` lies; it reads these settings when the decorator runs."""
+    numba.config.CACHE_DIR = cache_folder((function.__module__.split(".") + ["", ""])[1])
+    numba.config.CACHE_LOCATOR_CLASSES = PLACES
 
 
 def _load_without_compiler(cache):
@@ -143,7 +149,7 @@ def called_from_c(function, kind):
     -------
     object with the attribute ``address``; it has to live as long as anybody may call.
     """
-    numba.config.CACHE_DIR = _cache_folder_of(function)
+    _name_place(function)
     arguments = numba.types.CPointer(kind), numba.types.uint64
     made = CFunc(function, (arguments, numba.types.void), locals={}, options={"nopython": True, "error_model": "numpy"})
     made.enable_caching()

@@ -1,22 +1,124 @@
-"""What ./microstage writes for the shell, with the wheels and with a sourced ROS 2."""
+"""What ./microstage writes for the shell, with the wheels and with a sourced ROS 2; what compiles the interfaces."""
 
+import os
+import shutil
 import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
+from microstage_ros.commands.project import environment, toolchain
 from microstage_ros.commands.project.environment import _exports
+from microstage_ros.places import SOURCE
 
 
 @pytest.mark.parametrize("sourced", ["", "jazzy"])
-def test_the_environment_is_a_shell_text_that_keeps_a_sourced_ros(tmp_path, sourced):
-    prefix, venv = tmp_path / "interfaces", tmp_path / "venv"
+@pytest.mark.parametrize("folder", ["plain", "with space, $dollar and \"quote\""])
+def test_the_environment_is_a_shell_text_that_keeps_a_sourced_ros(tmp_path, sourced, folder):
+    root = tmp_path / folder
+    prefix, venv = root / "interfaces", root / "venv"
     (prefix / "lib" / "python3.12" / "site-packages").mkdir(parents=True)
-    (tmp_path / "environment.sh").write_text(_exports(tmp_path, venv, prefix, sourced), encoding="utf-8")
+    (tmp_path / "environment.sh").write_text(_exports(root, venv, prefix, sourced), encoding="utf-8")
     asked = 'set -eu; source environment.sh; echo "$PATH"; echo "$AMENT_PREFIX_PATH"; echo "$PYTHONPATH"; echo "$MICROSTAGE_ROS"'
     done = subprocess.run(["bash", "-c", asked], cwd=tmp_path, capture_output=True, text=True, check=True, env={
         "PATH": "/opt/ros/bin:/usr/bin:/bin", "AMENT_PREFIX_PATH": "/opt/ros", "PYTHONPATH": "/opt/ros/python"})
     path, prefixes, python, which = done.stdout.splitlines()
     assert path.startswith(f"{venv}/bin:") and "/opt/ros/bin" in path
-    assert python.split(":")[0] == str(tmp_path) and python.endswith("/opt/ros/python")
+    assert python.split(":")[0] == str(root) and python.endswith("/opt/ros/python")
     assert prefixes.startswith(str(prefix)) and ("/opt/ros" in prefixes) == bool(sourced)
     assert ("sourced" in which) and (sourced in which)
+
+
+def _bare_path(folder):
+    """A PATH with a Python and no compiler, no make, no apt-get."""
+    folder.mkdir()
+    (folder / "python3").symlink_to(sys.executable)
+    return str(folder)
+
+
+def test_without_a_compiler_the_package_index_has_one(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", _bare_path(tmp_path / "bin"))
+    tools = toolchain.find()
+    assert tools.zig and tools.packages == ("ziglang", "ninja") and tools.generator == ["-G", "Ninja"]
+    assert "no C and C++ compiler" in tools.says
+    assert set(tools.packages) <= set(environment._requirements(SOURCE, "", tools))
+    variables = toolchain.zig_wrappers(tmp_path / "zig", "/a folder/python")
+    text = Path(variables["CXX"]).read_text(encoding="utf-8")
+    assert text.startswith("#!/bin/sh") and '"/a folder/python" -m ziglang c++' in text and os.access(variables["CC"], os.X_OK)
+
+
+def test_with_compilers_nothing_more_is_installed(tmp_path, monkeypatch):
+    folder = tmp_path / "bin"
+    _bare_path(folder)
+    for name in ("gcc", "g++", "make"):
+        (folder / name).symlink_to("/bin/true")
+    monkeypatch.setenv("PATH", str(folder))
+    assert toolchain.find() == ("C and C++ compilers of this machine", (), toolchain.find().headers)
+    assert toolchain.find().generator == []
+
+
+def test_what_is_missing_is_said_before_anything_is_downloaded(tmp_path, monkeypatch):
+    """No compiler, no Python.h and no way to either: one line, and no step was run."""
+    monkeypatch.setenv("PATH", _bare_path(tmp_path / "bin"))
+    monkeypatch.setenv("MICROSTAGE_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(environment, "_headers_of", lambda python: str(tmp_path / "no headers"))
+    monkeypatch.setattr(environment, "_step", lambda *_: pytest.fail("a step was run"))
+    with pytest.raises(environment.Failure, match="Python.h is missing.*python3-dev"):
+        environment._make(SOURCE, tmp_path, tmp_path / "environment.sh", "digest")
+
+
+def test_interfaces_are_built_once_for_all_checkouts(tmp_path, monkeypatch):
+    monkeypatch.setenv("MICROSTAGE_CACHE", str(tmp_path / "cache"))
+    built = []
+
+    def build(root, venv, build_folder, sourced, tools, folder):
+        built.append(folder)
+        (folder / "install" / "microstage_msgs").mkdir(parents=True)
+
+    monkeypatch.setattr(environment, "_build", build)
+    venv = Path(sys.prefix)
+    first = environment._interfaces(SOURCE, venv, tmp_path, "", toolchain.Toolchain("", (), True))
+    other = tmp_path / "other checkout"
+    shutil.copytree(SOURCE / "msg_defs", other / "msg_defs")
+    shutil.copy(SOURCE / "setup.cfg", other)
+    assert environment._interfaces(other, venv, tmp_path, "", None) == first and len(built) == 1
+    (other / "msg_defs" / "msg" / "Credit.msg").write_text("int64 until\n", encoding="utf-8")
+    assert environment._interfaces(other, venv, tmp_path, "", None) != first and len(built) == 2
+
+
+def test_compiled_code_is_shared_between_checkouts(tmp_path):
+    """A function compiled in one folder is loaded from the cache in another; a changed source is compiled anew."""
+    asked = ("import sys; sys.path.insert(0, '.'); from microstage_ros.numerics.random import next_bits as f; "
+             "from microstage_ros.numerics.compiled import PACKAGE; print(PACKAGE, f.stats.cache_path)")
+    said = []
+    for number in range(3):
+        root = tmp_path / f"checkout {number}"
+        for part in ("__init__.py", "places.py", "files.py", "numerics", "quantities"):
+            source = SOURCE / "microstage_ros" / part
+            if source.exists():
+                (shutil.copytree if source.is_dir() else shutil.copy)(source, _parent(root / "microstage_ros" / part))
+        if number == 2:
+            with open(root / "microstage_ros/numerics/random.py", "a", encoding="utf-8") as file:
+                file.write("\n# changed\n")
+        done = subprocess.run([sys.executable, "-c", asked], cwd=root, capture_output=True, text=True, check=True,
+                              env={**os.environ, "MICROSTAGE_CACHE": str(tmp_path / "cache"), "PYTHONPATH": ""})
+        package, place = done.stdout.strip().split(" " + str(tmp_path / "cache"))
+        assert package.startswith(str(root))
+        said.append(place)
+    assert said[0] == said[1] != said[2]
+
+
+def _parent(path):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
+
+
+def test_a_removed_cache_is_noticed(tmp_path):
+    """Where the interfaces or the Python have been removed, the environment is made again."""
+    ready = tmp_path / "environment.sh"
+    (tmp_path / "prefix").mkdir()
+    ready.write_text(f"# digest\n# {tmp_path / 'prefix'}\n# {tmp_path}\n", encoding="utf-8")
+    assert environment._still_there(ready, "digest") and not environment._still_there(ready, "other")
+    (tmp_path / "prefix").rmdir()
+    assert not environment._still_there(ready, "digest")

@@ -1,18 +1,25 @@
 """Makes what ./microstage needs, once: Python environment, ROS 2 wheels where no ROS 2 is sourced, interfaces.
 
-Run as a file by any Python from 3.10 on, with the standard library alone. Writes ``.build/environment.sh``,
-which the command sources from then on; its first line is the digest of what it was made from.
+Run by any Python from 3.10 on, with the standard library alone. Writes ``.build/environment.sh``, which the command
+sources from then on; its first three lines are the digest of what it was made from, the interfaces, the Python. The interfaces are built once for all
+checkouts of a user: they lie in the user's cache folder under the digest of their definitions and of what built them.
 """
 
 import configparser
+import contextlib
 import fcntl
 import hashlib
+import json
 import os
+import platform
+import re
 import shutil
 import subprocess
 import sys
 import time
 from pathlib import Path
+
+from microstage_ros.commands.project import toolchain
 
 OLDEST, NEWEST = (3, 10), (3, 14)
 MOST_SILENT = 1800
@@ -27,32 +34,70 @@ def main(root, digest):
     """Make everything for the checkout at ``root``. Returns the exit status."""
     root = Path(root)
     build = root / ".build"
-    build.mkdir(exist_ok=True)
-    with open(build / "lock", "w", encoding="ascii") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)  # two commands started at once set up once
-        ready = build / "environment.sh"
-        if ready.exists() and ready.read_text(encoding="utf-8").startswith(f"# {digest}\n"):
-            return 0
-        try:
-            _make(root, build, ready, digest)
-        except Failure as failure:
-            print(f"microstage: {failure}", file=sys.stderr)
-            return 1
+    try:
+        build.mkdir(exist_ok=True)
+        with _locked(build / "lock"):  # two commands started at once set up once
+            ready = build / "environment.sh"
+            if not _still_there(ready, digest):
+                _make(root, build, ready, digest)
+    except Failure as failure:
+        print(f"microstage: {failure}", file=sys.stderr)
+        return 1
+    except OSError as error:
+        print(f"microstage: setting up: {error.filename}: {(error.strerror or str(error)).lower()}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("\nmicrostage: set-up interrupted; the next command goes on with it", file=sys.stderr)
+        return 130
     return 0
 
 
+def _still_there(ready, digest):
+    """Whether the environment was made from this digest, and what it names has not been removed since."""
+    lines = ready.read_text(encoding="utf-8").splitlines()[:3] if ready.exists() else []
+    return len(lines) == 3 and lines[0] == f"# {digest}" and all(Path(line[2:]).is_dir() for line in lines[1:])
+
+
+@contextlib.contextmanager
+def _locked(path):
+    """A lock between processes."""
+    with open(path, "w", encoding="ascii") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
 def _make(root, build, ready, digest):
-    sourced = _sourced()
-    if sourced:
-        print(f"microstage: setting up once, with the ROS 2 {sourced} that is sourced.", file=sys.stderr)
-    else:
-        print("microstage: setting up once: ROS 2 Jazzy from the Python package index, into .venv; no root needed.",
-              file=sys.stderr)
+    began, sourced = time.monotonic(), _sourced()
+    whose = f"with the ROS 2 {sourced} that is sourced" if sourced else "ROS 2 Jazzy from the Python package index, into .venv; no root needed"
+    print(f"microstage: setting up once: {whose}.", file=sys.stderr)
+    python = Path(shutil.which("python3") if sourced else _python())
+    tools = _tools(root, python, sourced)
     venv = root / (".venv-ros" if sourced else ".venv")
-    requirements = _requirements(root, sourced)
-    _environment(venv, requirements, build, sourced)
-    prefix = _interfaces(root, venv, build, sourced)
-    ready.write_text(f"# {digest}\n" + _exports(root, venv, prefix, sourced), encoding="utf-8")
+    _environment(venv, _requirements(root, sourced, tools), python, build, sourced)
+    prefix = _interfaces(root, venv, build, sourced, tools)
+    text = f"# {digest}\n# {prefix}\n# {venv}\n" + _exports(root, venv, prefix, sourced)
+    beside = ready.with_suffix(".partial")
+    beside.write_text(text, encoding="utf-8")
+    os.replace(beside, ready)
+    print(f"  ready after {time.monotonic() - began:.0f} s", file=sys.stderr)
+
+
+def _tools(root, python, sourced):
+    """What compiles the interfaces; None if they are built already. Raises `Failure` before anything is downloaded."""
+    if _built(_interfaces_folder(root, python, sourced)):
+        return None
+    tools = toolchain.find(_headers_of(python))
+    print(f"  {tools.says}", file=sys.stderr)
+    if not tools.headers and not toolchain.can_fetch_headers():
+        raise Failure("Python.h is missing, which compiling the interfaces needs; install the headers of this Python "
+                      "(Debian, Ubuntu: python3-dev; Fedora: python3-devel)")
+    return tools
+
+
+def _headers_of(python):
+    """The folder in which a Python has its headers."""
+    asked = [str(python), "-c", "import sysconfig; print(sysconfig.get_path('include'))"]
+    return subprocess.run(asked, capture_output=True, text=True, check=True).stdout.strip()
 
 
 def _sourced():
@@ -64,29 +109,52 @@ def _sourced():
     return distribution if good else ""
 
 
-def _requirements(root, sourced):
-    config = configparser.ConfigParser(interpolation=None)
-    config.read(root / "setup.cfg", encoding="utf-8")
-    lists = [config["options"]["install_requires"], config["options.extras_require"]["test"]]
+def _requirements(root, sourced, tools=None):
+    """What the environment needs to run, as pip reads it."""
+    config = _config(root)
+    lists = [config["options"]["install_requires"]]
     if not sourced:
         lists.insert(0, config["microstage"]["ros_wheels"])
-    return [line.strip() for text in lists for line in text.splitlines() if line.strip()]
+    return [*_lines(lists), *(tools.packages if tools else ())]
 
 
-def _environment(venv, requirements, build, sourced):
+def _config(root):
+    config = configparser.ConfigParser(interpolation=None)
+    config.read(root / "setup.cfg", encoding="utf-8")
+    return config
+
+
+def _lines(lists):
+    return [line.strip() for text in lists for line in text.splitlines() if line.strip() and not line.strip().startswith("#")]
+
+
+def add_test_tools(root):
+    """Install what the tests need beside, once; raises `Failure`. The environment is the one this Python runs in."""
+    wanted = _lines([_config(root)["options.extras_require"]["test"]])
+    mark, build = Path(sys.prefix) / "microstage_test_requirements", root / ".build"
+    if not (build / "environment.sh").exists() or (mark.exists() and mark.read_text(encoding="utf-8") == "\n".join(wanted)):
+        return
+    with _locked(build / "lock"):
+        _step("test tools", _pip(Path(sys.prefix), wanted), build)
+        mark.write_text("\n".join(wanted), encoding="utf-8")
+
+
+def _pip(venv, requirements):
+    """The command that installs; modules are compiled when they are first imported, not all of them now."""
+    return [str(venv / "bin" / "python"), "-m", "pip", "install", "--disable-pip-version-check", "--no-input", "--no-compile",
+            *requirements]
+
+
+def _environment(venv, requirements, python, build, sourced):
     """The Python environment with everything in ``requirements``."""
     mark = venv / "microstage_requirements"
-    wanted = "\n".join(requirements)
-    if mark.exists() and mark.read_text(encoding="utf-8") == wanted:
+    if mark.exists() and set(requirements) <= set(mark.read_text(encoding="utf-8").splitlines()):
         return
     if not (venv / "bin" / "python").exists():
-        python = shutil.which("python3") if sourced else _python()
         options = ["--system-site-packages"] if sourced else []
-        _step("Python environment", [python, "-m", "venv", *options, str(venv)], build)
-    _step("libraries and ROS 2" if not sourced else "libraries",
-          [str(venv / "bin" / "python"), "-m", "pip", "install", "--disable-pip-version-check", "--no-input",
-           *requirements], build)
-    mark.write_text(wanted, encoding="utf-8")
+        _step("Python environment", [str(python), "-m", "venv", *options, str(venv)], build)
+    _step("libraries" if sourced else "libraries and ROS 2", _pip(venv, requirements), build)
+    mark.write_text("\n".join(requirements), encoding="utf-8")
 
 
 def _python():
@@ -100,37 +168,86 @@ def _python():
     raise Failure(f"this is Python {sys.version.split()[0]}; one from 3.10 to 3.14 is needed (python3.X on the path)")
 
 
-def _interfaces(root, venv, build, sourced):
-    """The interface package, built; returns its install prefix."""
-    digest = hashlib.sha256(str(sys.version_info[:2]).encode())
+def cache_folder():
+    """Where what is built once for all checkouts lies: ``$MICROSTAGE_CACHE``, or the user's cache folder."""
+    given = os.environ.get("MICROSTAGE_CACHE")
+    return Path(given) if given else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "microstage_ros"
+
+
+def _interfaces_folder(root, python, sourced):
+    """Folder of the built interfaces: one for each definition, Python, machine and ROS 2."""
+    version = subprocess.run([str(python), "-c", "import sys; print(sys.version_info[:2])"], capture_output=True, text=True, check=True).stdout
+    digest = hashlib.sha256(f"{version}{platform.machine()} {platform.libc_ver()} {sourced} {_lines_of_wheels(root)}".encode())
     for path in sorted((root / "msg_defs").rglob("*")):
         if path.is_file():
-            digest.update(path.read_bytes())
-    kind = "ros" if sourced else "wheels"
-    prefix = build / f"interfaces-{kind}" / "install" / "microstage_msgs"
-    mark = build / f"interfaces-{kind}" / "digest"
-    if mark.exists() and mark.read_text(encoding="ascii") == digest.hexdigest() and prefix.exists():
-        return prefix
-    if not (shutil.which("cc") or shutil.which("gcc")):
-        raise Failure("a C and C++ compiler is needed to build the interfaces (Debian, Ubuntu: package build-essential)")
-    base = build / f"interfaces-{kind}"
-    shutil.rmtree(base, ignore_errors=True)
-    base.mkdir(parents=True)
-    environment = dict(os.environ, VIRTUAL_ENV=str(venv), COLCON_DEFAULTS_FILE=os.devnull,
-                       PATH=f"{venv / 'bin'}{os.pathsep}{os.environ['PATH']}")
+            digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
+    return cache_folder() / f"interfaces-{'ros-' + sourced if sourced else 'wheels'}-{digest.hexdigest()[:16]}"
+
+
+def _lines_of_wheels(root):
+    return _lines([_config(root)["microstage"]["ros_wheels"]])
+
+
+def _built(folder):
+    """Whether the interfaces in this folder are complete."""
+    return (folder / "complete").exists()
+
+
+def _interfaces(root, venv, build, sourced, tools):
+    """The interface package, built; returns its install prefix."""
+    folder = _interfaces_folder(root, venv / "bin" / "python", sourced)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        folder = build / folder.name  # no cache folder that can be written: for this checkout alone
+        folder.mkdir(parents=True, exist_ok=True)
+    prefix = folder / "install" / "microstage_msgs"
+    with _locked(folder / "lock"):
+        if not _built(folder):
+            _build(root, venv, build, sourced, tools or toolchain.find(_headers_of(venv / "bin" / "python")), folder)
+            (folder / "complete").touch()
+            shutil.rmtree(folder / "build", ignore_errors=True)
+    return prefix
+
+
+def _build(root, venv, build, sourced, tools, folder):
+    """Compile the interfaces into ``folder``."""
+    for name in ("build", "install", "log"):
+        shutil.rmtree(folder / name, ignore_errors=True)
+    python = venv / "bin" / "python"
+    environment = dict(os.environ, VIRTUAL_ENV=str(venv), COLCON_DEFAULTS_FILE=os.devnull)
+    if tools.zig:
+        environment |= toolchain.zig_wrappers(build / "zig", python)
+    environment["PATH"] = f"{venv / 'bin'}{os.pathsep}{environment['PATH']}"
     if not sourced:
         environment |= {"AMENT_PREFIX_PATH": str(venv), "CMAKE_PREFIX_PATH": str(venv)}
         environment.pop("PYTHONPATH", None)
-    _step("interfaces", ["colcon", "--log-base", str(base / "log"), "build", "--base-paths", str(root / "msg_defs"),
-                         "--build-base", str(base / "build"), "--install-base", str(base / "install"),
-                         "--cmake-args", f"-DPython3_EXECUTABLE={venv / 'bin' / 'python'}"], build, environment)
-    mark.write_text(digest.hexdigest(), encoding="ascii")
-    return prefix
+    arguments = [f"-DPython3_EXECUTABLE={python}", *tools.generator]
+    if not tools.headers:
+        arguments += _fetched_headers(folder, environment)
+    _step("interfaces", ["colcon", "--log-base", str(folder / "log"), "build", "--base-paths", str(root / "msg_defs"),
+                         "--build-base", str(folder / "build"), "--install-base", str(folder / "install"),
+                         "--cmake-args", *arguments], build, environment)
+
+
+def _fetched_headers(folder, environment):
+    """CMake's arguments for headers of Python that Debian's package brings."""
+    print(f"  Python.h is not here: {toolchain.headers_package()} from Debian, unpacked without root", file=sys.stderr)
+    folders = toolchain.fetch_headers(folder / "headers")
+    if not folders:
+        raise Failure(f"Python.h is missing, which compiling the interfaces needs (Debian, Ubuntu: install {toolchain.headers_package()})")
+    environment["CPATH"] = os.pathsep.join(map(str, folders))
+    return [f"-DPython3_INCLUDE_DIR={folders[0]}", f"-DPython3_LIBRARY={_any_library()}"]
+
+
+def _any_library():
+    """A file for CMake's search of libpython; extension modules are not linked with it."""
+    return next(iter(sorted(Path("/usr/lib").glob("**/libpython3*.so*"))), Path(os.devnull))
 
 
 def _step(what, command, build, environment=None):
     """Run one command with its output in ``.build/setup.log``, and a line of progress on a terminal."""
-    began, live = time.monotonic(), sys.stderr.isatty()
+    began, live, usual = time.monotonic(), sys.stderr.isatty(), _durations().get(f"set-up: {what}")
     log = build / "setup.log"
     with open(log, "a", encoding="utf-8") as output:
         output.write(f"\n$ {' '.join(command)}\n")
@@ -138,18 +255,45 @@ def _step(what, command, build, environment=None):
         start = output.tell()
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT,
                                    env=environment)
-        while process.poll() is None:
-            passed = time.monotonic() - began
-            if live:
-                print(f"\r\033[K  {what}: {passed:3.0f} s  {_last_line(log, start)}", end="", file=sys.stderr, flush=True)
-            if passed > MOST_SILENT:
-                process.kill()
-            time.sleep(0.2)
+        try:
+            while process.poll() is None:
+                passed = time.monotonic() - began
+                if live:
+                    left = f", about {usual - passed:.0f} s left" if usual and usual > passed + 1 else ""
+                    print(f"\r\033[K  {what}: {passed:3.0f} s{left}  {_last_line(log, start)}", end="", file=sys.stderr, flush=True)
+                if passed > MOST_SILENT:
+                    process.kill()
+                time.sleep(0.2)
+        except BaseException:
+            process.terminate()
+            process.wait()
+            raise
     if live:
         print("\r\033[K", end="", file=sys.stderr)
     if process.returncode:
         raise Failure(f"{what}: failed ({_last_line(log, start)}); all of it is in {log}")
     print(f"  {what}: done in {time.monotonic() - began:.0f} s", file=sys.stderr)
+    _remember(what, time.monotonic() - began)
+
+
+def _durations():
+    """How long each kind of work took the last time [s] (`commands.progress` keeps its own there too)."""
+    try:
+        return json.loads((cache_folder() / "durations.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+
+
+def _remember(what, seconds):
+    """Keep a duration for the next time, where there is a place for it."""
+    try:
+        kept = {**_durations(), f"set-up: {what}": round(seconds, 1)}
+        beside = cache_folder() / f".durations.{os.getpid()}.partial"
+        beside.parent.mkdir(parents=True, exist_ok=True)
+        beside.write_text(json.dumps(kept, indent=1), encoding="utf-8")
+        os.replace(beside, beside.with_name("durations.json"))
+    except (OSError, TypeError):
+        pass
 
 
 def _last_line(log, start):
@@ -164,7 +308,8 @@ def _exports(root, venv, prefix, sourced):
     """The shell text that makes the environment."""
     messages = next((prefix / "lib").glob("python3*/site-packages"), prefix / "lib")
     local = list((prefix / "local" / "lib").glob("python3*/dist-packages"))
-    messages = local[0] if local else messages
+    messages = _quotable(local[0] if local else messages)
+    root, venv, prefix = (_quotable(path) for path in (root, venv, prefix))
     which = f"ROS 2 {sourced}, as sourced." if sourced else \
         "ROS 2 Jazzy from the Python package index, in .venv (none is sourced here)."
     lines = [
@@ -177,6 +322,11 @@ def _exports(root, venv, prefix, sourced):
     else:
         lines += [f'export AMENT_PREFIX_PATH="{prefix}:{venv}"', f'export CMAKE_PREFIX_PATH="{venv}"']
     return "\n".join(lines) + "\n"
+
+
+def _quotable(path):
+    """A path as it may stand between double quotes of a shell."""
+    return re.sub(r'(["$`\\])', r"\\\1", str(path))
 
 
 if __name__ == "__main__":

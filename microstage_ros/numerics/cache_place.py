@@ -1,0 +1,66 @@
+"""Where numba keeps the compiled code of a function: one place for the same sources, whatever checkout they lie in.
+
+Numba's usual place is named after the folder of the source file, so that a second checkout of the same version compiles
+everything again. The folder that `numerics.compiled` names holds a digest of all sources that matter; inside it the
+module's name and the digest of its own file are enough. Used through numba's setting ``CACHE_LOCATOR_CLASSES`` (0.62
+and later; an older numba ignores it and keeps its usual place).
+"""
+
+import functools
+import hashlib
+import os
+import tempfile
+from pathlib import Path
+
+import numba
+
+PACKAGE = Path(__file__).resolve().parent.parent
+
+
+class CachePlace:
+    """The place of one function's compiled code, as numba's cache asks for it.
+
+    Parameters
+    ----------
+    module : path of the source file from the package, with dots. file : the source file.
+    line : first one of the function.
+    """
+
+    def __init__(self, module, file, line):
+        self._module, self._file, self._line = module, file, line
+
+    @classmethod
+    def from_function(cls, function, file):
+        """The place for a function of this package; None for any other: numba then asks its own classes."""
+        path = Path(file).resolve()
+        if not path.is_relative_to(PACKAGE) or not numba.config.CACHE_DIR:
+            return None
+        module = path.relative_to(PACKAGE).with_suffix("").as_posix().replace("/", ".")
+        place = cls(module, path, function.__code__.co_firstlineno)
+        try:
+            place.ensure_cache_path()
+        except OSError:
+            return None
+        return place
+
+    def ensure_cache_path(self):
+        """Make the folder; raises `OSError` if nothing can be written there."""
+        os.makedirs(self.get_cache_path(), exist_ok=True)
+        tempfile.TemporaryFile(dir=self.get_cache_path()).close()
+
+    def get_cache_path(self):
+        """The folder."""
+        return os.path.join(numba.config.CACHE_DIR, self._module)
+
+    def get_source_stamp(self):
+        """What has to agree for the code to be used: the digest of the source file."""
+        return _digest(self._file)
+
+    def get_disambiguator(self):
+        """Tells functions of one name apart."""
+        return str(self._line)
+
+
+@functools.lru_cache
+def _digest(path):
+    return hashlib.sha256(path.read_bytes()).hexdigest()
