@@ -32,6 +32,8 @@ MODEL_FIELDS = [
     ("volts_per_force", "f8"),  # V/N at the stage
     ("volts_per_torque", "f8"),  # V/(N m) at the motor shaft
     ("volts_per_velocity", "f8"),  # V s/m
+    ("volts_per_position", "f8"),  # V/m of a drive whose command sets a position, else 0
+    ("integral_rate", "f8"),  # 1/s, fastest integral control that such a drive's resonance bears
     ("rotor", "f8"),  # V s^2/m, rotor inertia alone
     ("mass", "f8"),  # kg
     ("moving_mass", "f8"),  # kg, stage and reflected rotor
@@ -192,4 +194,4 @@ def feedforward_step(p, s, period, reference, actuator_level, guideway_level, of
     motion += p.rotor * (offset_speed - s.offset_speed) / period + p.volts_per_velocity * offset_speed
     s.offset_speed = offset_speed
     s.friction = friction
-    return p.friction_share * friction + p.motion_share * motion
+    return p.friction_share * friction + p.motion_share * motion + p.volts_per_position * screw

@@ -5,12 +5,20 @@
 """
 
 from microstage_ros.model.actuators.actuator import Actuator
+from microstage_ros.model.actuators.current_motor import CurrentMotor
 from microstage_ros.model.actuators.force import Force
+from microstage_ros.model.actuators.piezo import Piezo
+from microstage_ros.model.actuators.stepper import Stepper
+from microstage_ros.model.actuators.voice_coil import VoiceCoil
 from microstage_ros.model.actuators.voltage_motor import VoltageMotor
 
 ACTUATORS = (
     VoltageMotor,
     Force,
+    CurrentMotor,
+    VoiceCoil,
+    Stepper,
+    Piezo,
 )
 BY_NAME = {actuator.name: actuator for actuator in ACTUATORS}
 for _number, _actuator in enumerate(ACTUATORS):

@@ -39,7 +39,7 @@ class Actuator:
     number = 0
     command = VOLTAGE
     parameters: dict[str, Spec] = {}
-    transmissions = ("screw", "rigid")
+    transmissions: tuple[str, ...] = ("screw", "rigid")
     measures_current = True
     holds_position = False
     laws: tuple[str, ...] | None = None
