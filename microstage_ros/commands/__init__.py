@@ -18,6 +18,7 @@ LISTED = {
         "simulate": "one run of the model, no ROS",
         "identify": "friction parameters from records, with their uncertainty",
         "diagnose": "from records to the cause: where model and measurement part, and why",
+        "log": "what a log of another machine is, as a LOG.yaml for diagnose --log",
         "campaign": "the diagnosis examined: many axes with hidden causes, hits and false alarms",
         "tune": "gains by a limit cycle, Ziegler-Nichols and simulation, with margins",
         "compare": "the paper's controllers side by side: tracking, accuracy, settling",

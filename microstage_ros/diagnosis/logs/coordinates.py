@@ -185,10 +185,10 @@ def _detrended(x, values):
 
 
 def _orders(motion, use, turn, period):
-    """Harmonics of the turn that the sampling resolves and of which the repetition sees two periods or more."""
+    """Harmonics of the turn that the sampling resolves and of which the repetition sees one and a half periods or more."""
     travel = np.abs(motion.speed[use])
     speed = float(np.median(travel))
-    if float(np.sum(travel) * period) < 2.0 * turn:
+    if float(np.sum(travel) * period) < 1.5 * turn:
         return np.array([], int)
     highest = int(min(HARMONICS, SLOWEST * turn / max(speed * period, 1e-300)))
     return np.arange(1, highest + 1)

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.stats import f as f_law
 from scipy.stats import t as t_law
 
-from microstage_ros.diagnosis.logs.effects import SIGNATURES
+from microstage_ros.diagnosis.logs.effects import RARER, SIGNATURES
 
 LEVEL = np.log(7e-4)       # log p below which an effect is named (some twenty are tried)
 RIVAL = 3.0                # difference of log p within which another effect explains as much (odds of 20)
@@ -185,7 +185,7 @@ def choose(problem, visible, open_sign=False):
     chosen = max(sets, key=lambda s: _worth(problem, s), default=[])
     for choice in chosen:
         beside = [c.name for c in chosen if c is not choice]
-        own = problem.log_p(choice.name, beside)
+        own = problem.log_p(choice.name, beside) + RARER.get(plain(choice.name), 0.0)
         wider = WIDER.get(plain(choice.name), ())
         found = {}
         for value, name in _tried(problem, forms, beside, {plain(b) for b in beside}):
@@ -226,8 +226,9 @@ def _worth(problem, chosen):
     taken = problem.taken(names)[0]
     sizes = sum(problem.white[n].shape[1] for n in names)
     k = len(problem.difference)
+    rarer = sum(RARER.get(plain(n), 0.0) for n in names)
     gain = 0.5 * (problem.dof + k) * (np.log1p(problem.whole / scale) - np.log1p(max(problem.whole - taken, 0.0) / scale))
-    return gain - PRICE * len(names) - sizes
+    return gain - PRICE * len(names) - sizes - rarer
 
 
 def _tried(problem, forms, beside, taken):
@@ -238,7 +239,7 @@ def _tried(problem, forms, beside, taken):
             continue
         value = problem.log_p(name, beside)
         if acceptable(problem, name, beside):
-            out.append((value, name))
+            out.append((value + RARER.get(plain(name), 0.0), name))
     return sorted(out)
 
 

@@ -49,7 +49,7 @@ SIGNATURES = {
     "presliding_creep": Signature(error=("creep",)),
     "floor_vibration": Signature(amplitudes=(("error", "rough 0"), ("error", "rough moving"))),
     "sampling_jitter": Signature(amplitudes=(("error", "rough moving"),)),
-    "amplifier_gain": Signature(effort=("gain",), voltage=("gain",)),
+    "amplifier_gain": Signature(effort=("gain",), error=("gain",), voltage=("gain",)),
     "amplifier_offset": Signature(effort=("constant",), voltage=("constant",), kinds=("voltage",)),
     "amplifier_deadband": Signature(effort=("dead zone",), voltage=("dead zone",), kinds=("voltage",)),
     "resistance_rise": Signature(effort=("resistive",), voltage=("resistive",), kinds=("voltage",)),
@@ -81,6 +81,13 @@ SEPARATE = {
 }
 #: Columns of the error that a changed force moves, whatever the loop: free where the effort has changed.
 FORCED = ("level", "level transient", "viscous", "speed transient", "force in error", "inertia", "start", "brake", "waves", "spring", "breakaway")
+#: Effects on the error that a changed effort brings with it and that are therefore not looked for beside one.
+FOLLOWING = ("sampling_jitter", "screw_pitch_error", "presliding_creep", "actuator_lag")
+#: How much rarer than the commonest causes an effect is taken to be, as log odds: what decides between names that fit alike.
+#: An opinion, not a measurement: frequencies of causes differ between shops.
+RARER = {"viscous_change": 0.3, "nonlinear_viscous": 1.5, "amplifier_gain": 2.0, "cable_spring": 1.0, "presliding_creep": 2.0, "actuator_lag": 2.0,
+         "drive_compliance": 1.5, "scale_error": 1.0, "sampling_jitter": 1.5, "screw_pitch_error": 1.0, "rising_static_friction": 1.0,
+         "direction_asymmetry": 0.3, "amplifier_deadband": 1.0, "resistance_rise": 0.5, "amplifier_offset": 0.5}
 GENERAL = "the same move at a slow and a fast speed, in both directions, with a rest of some seconds at each end"
 
 
@@ -139,6 +146,7 @@ def columns_of(stroke, turn=0.0):
             electric = channel.predicted(rows) - turned * m.speed * moving * model[np.maximum(rows.condition, 0), 2]
             found["resistive"] = electric[:, None]
         else:
+            found["gain"] = channel.predicted(rows)[:, None]
             passed = {name: high_pass(v, channel.memory, rows.log.period) for name, v in (("s", s), ("v", m.speed / top), ("m", moving))}
             models = np.array([channel.models.get(int(c), np.zeros(9)) for c in range(int(rows.condition.max()) + 1)])[np.maximum(rows.condition, 0)]
             found["level transient"] = (scale * passed["s"])[:, None]

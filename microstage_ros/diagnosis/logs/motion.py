@@ -5,11 +5,14 @@ import dataclasses
 import numpy as np
 from scipy.signal import savgol_filter
 
+from microstage_ros.quantities.errors import InputError
+
 STILL = 0.03            # share of the usual top speed below which an axis counts as at rest
 ACCELERATING = 0.25     # share of the usual top acceleration above which a row belongs to start or braking
 STATES = ("rest", "start", "steady", "brake", "settled")
 SMOOTH_S = 0.02         # s, window of the derivative of a measured position
 LEAST_WINDOW = 5        # samples
+ENDLESS = 8.0 * np.pi   # rad, travel from which on an angle counts as endless: no place of a stroke
 
 
 @dataclasses.dataclass
@@ -38,20 +41,22 @@ class Motion:
 def speed_of(log):
     """Coordinate, speed and acceleration of a log, and whether the coordinate is absolute.
 
-    The reference's derivative is used where there is one, for it has no noise; else the measured speed; else the smoothed
+    The reference's derivative is used where there is one, for it has no noise; else the speed asked for, the measured one, the smoothed
     derivative of the position. Without any position the coordinate is the speed's integral from each piece's start.
     """
     signals = log.signals
     has = [name for name in ("reference", "position") if name in signals]
     if "reference" in signals:
         v = derivative(signals["reference"], log)
+    elif "reference_velocity" in signals:
+        v = signals["reference_velocity"]
     elif "velocity" in signals:
         v = smooth(signals["velocity"], log)
     elif "position" in signals:
         v = derivative(signals["position"], log, smoothed=True)
     else:
-        v = signals["reference_velocity"]
-    a = derivative(v, log, smoothed="reference" not in signals)
+        raise InputError(log.source, "no signal of motion", "reference, position, velocity or reference_velocity")
+    a = derivative(v, log, smoothed="reference" not in signals and "reference_velocity" not in signals)
     if has:
         x = signals[has[0]]
         if np.isnan(x).any():
@@ -61,7 +66,8 @@ def speed_of(log):
         total = np.cumsum(np.nan_to_num(v) * step)
         starts = np.flatnonzero(np.diff(log.piece, prepend=log.piece[0] - 1))
         x = total - np.repeat(total[starts], np.diff(np.append(starts, len(total))))
-    return x, np.nan_to_num(v), np.nan_to_num(a), bool(has)
+    endless = log.place_unit == "rad" and float(np.ptp(x)) > ENDLESS
+    return x, np.nan_to_num(v), np.nan_to_num(a), bool(has) and not endless
 
 
 def derivative(values, log, smoothed=False):

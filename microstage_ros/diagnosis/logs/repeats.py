@@ -3,6 +3,7 @@
 import numpy as np
 
 MOST = 10               # repetitions that one file without labels is divided into
+TURNS = 2               # turns that a part of an endless rotation must have, for its ripple to be read
 FILES = 5               # files from which on each file is one repetition
 
 
@@ -31,5 +32,7 @@ def repetitions(log, motion, description, files):
         return np.searchsorted(edges, motion.stroke, side="right")
     if len(turns) == 0 and len(strokes):
         parts = MOST if len(log) > 400 else 4
+        if log.place_unit == "rad":
+            parts = int(np.clip(float(np.ptp(motion.x)) / (TURNS * 2.0 * np.pi), 2, parts))
         return np.minimum((np.arange(len(log)) * parts) // len(log), parts - 1)
     return np.zeros(len(log), int)

@@ -8,6 +8,9 @@ from microstage_ros.diagnosis.logs import decide, spread
 from microstage_ros.diagnosis.logs.effects import SIGNATURES
 
 PRIOR_LOO = 4.0            # weight, in repetitions, of "the spread is as learned" against the repetitions left out
+#: Shares of a change that a column misses at steady speed, and at starts and stops, where friction is not yet that of sliding.
+#: Calibrated: `microstage log --examine`, machines of four friction laws.
+FORM_STEADY, FORM_START = 0.08, 0.35
 MOST_LEFT_OUT = 30         # repetitions that are left out in turn
 
 
@@ -49,6 +52,16 @@ class Stage:
         return said
 
 
+def form_error(coordinates, difference):
+    """Variances (K,) for what the columns miss of a change's form: in proportion to the change at steady speed."""
+    steady = coordinates.kind == "steady"
+    if not steady.any():
+        return np.zeros(len(difference))
+    size = float(np.mean(difference[steady] ** 2))
+    share = np.select([steady, np.isin(coordinates.kind.astype(str), ("start", "brake"))], [FORM_STEADY**2, FORM_START**2], 0.0)
+    return share * size
+
+
 def stages_of(reduced, spreads):
     """The stages that the channels allow, in order: the effort first, for what it shows the error follows."""
     strong = {n: c for n, c in reduced.items() if n != "error"}
@@ -78,6 +91,7 @@ def build(stage, now=None, base=None, assembly=True):
         for column in stage.free:
             for free in coordinates.columns.get(column, np.zeros((len(d), 0))).T:
                 c = c + spread.FREE**2 * np.outer(free, free)
+        c = c + np.diag(form_error(coordinates, np.nan_to_num(d)))
         c[~good, :] = 0.0
         c[:, ~good] = 0.0
         c[~good, ~good] = spread.FREE**2

@@ -7,7 +7,7 @@ from scipy.stats import f as f_law
 
 from microstage_ros.diagnosis.logs import decide, spread
 from microstage_ros.diagnosis.logs.context import LogDiagnosis, healthy_table, hidden_effects
-from microstage_ros.diagnosis.logs.effects import FORCED, SIGNATURES, separation
+from microstage_ros.diagnosis.logs.effects import FOLLOWING, FORCED, SIGNATURES, separation
 from microstage_ros.diagnosis.logs.sizes import parameters_of, widening
 from microstage_ros.diagnosis.logs.stages import build, stages_of
 from microstage_ros.diagnosis.report.wording import sentence_of
@@ -17,11 +17,13 @@ FEW = 6                    # repetitions of the baseline below which thresholds 
 
 
 def answer(reduced, spreads, groups, context, notes, open_sign, seed):
+    """`LogDiagnosis` of reduced channels: stages solved in order, the effort first, then what the error shows beside it."""
     stages = stages_of(reduced, spreads)
     changed = False
     for stage in stages:
         if changed:
             stage.free = FORCED
+            stage.only = tuple(name for name in stage.only if name not in FOLLOWING)
         said = stage.solve(open_sign)
         notes += [said] if said else []
         changed = changed or bool(stage.chosen) or stage.whole < decide.WHOLE

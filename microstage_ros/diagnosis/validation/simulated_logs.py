@@ -69,6 +69,7 @@ class LogCase:
     baseline: tuple
     now: tuple
     description: object
+    effort_factor: float = 1.0
 
 
 def draw_machine(rng):
@@ -175,7 +176,7 @@ def draw_case(number, seed, kind="mixed", effect="", signals="", strength=1.0):
     description = description_of({"time": {"column": "t", "unit": "s"}, **{
         q: {"column": q, "unit": {"current": "A", "torque": "N m", "velocity": "m/s"}.get(q, "m"), **({} if degrade["signed"] or q != "current" else {"signed": False})}
         for q in SIGNALS[name][0]}, "run": ["run"], "lead": {"value": machine.values["lead"], "unit": "m"}}, f"case {number}")
-    return LogCase(number, truth, sizes, name, rate, runs, files, apart, machine, tuple(baseline), tuple(now), description)
+    return LogCase(number, truth, sizes, name, rate, runs, files, apart, machine, tuple(baseline), tuple(now), description, degrade["gain"])
 
 
 def _degrade(rng, machine, name, rate):

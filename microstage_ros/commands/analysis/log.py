@@ -1,0 +1,157 @@
+"""``log``: what a foreign log is, as a LOG.yaml to correct; and the examination of `diagnose --log` on simulated machines."""
+
+import argparse
+import pathlib
+
+import numpy as np
+import yaml
+
+from microstage_ros.commands import answer
+from microstage_ros.commands.parser import Parser
+from microstage_ros.commands.progress import progress
+from microstage_ros.diagnosis.logs.motion import STATES, motion_of, tops
+from microstage_ros.files import complete_folder, keep_earlier, write_text
+from microstage_ros.quantities.errors import InputError
+from microstage_ros.records.logs.description import description_of
+from microstage_ros.records.logs.log import read_log, read_table
+from microstage_ros.records.logs.propose import oddities, propose
+from microstage_ros.report.page import Page
+from microstage_ros.report.plots import COLOURS, new_figure, plot_signal
+
+DESCRIPTION = """\
+Looks at a log of any machine (CSV with any separator and preamble, EPOS Studio, TwinCAT Scope, halscope, camonitor,
+MATLAB, MCAP) and proposes the LOG.yaml that `diagnose --log` needs: columns, units, rate, signs, cycles. Prints it, or
+with --out writes DIR/LOG.yaml and DIR/report.html with a picture of what was understood. Guesses are marked; what is
+missing is said.
+
+With --examine N instead of a file: N simulated machines that nobody here has tuned for, degraded as logs are, with or
+without something hidden; prints rates with their 95 % intervals.
+"""
+
+
+def main(argv=None):
+    """Run the command. Returns 0; raises InputError for bad input."""
+    parser = Parser(prog="microstage log", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter, json="flag")
+    parser.add_argument("file", nargs="?", metavar="FILE", help="the log")
+    parser.add_argument("--out", metavar="DIR", help="folder for LOG.yaml and report.html")
+    parser.add_argument("--separator", default="", metavar="C", help="where the one that is found is wrong")
+    parser.add_argument("--skip-rows", type=int, metavar="N", help="lines before the header, where what is found is wrong")
+    parser.add_argument("--examine", type=int, metavar="N", help="examine diagnose --log on N simulated machines")
+    parser.add_argument("--kind", default="mixed", choices=("mixed", "healthy", "one", "two"), help="with --examine: what is hidden")
+    parser.add_argument("--effect", default="", metavar="ID", help="with --examine: always hide this effect")
+    parser.add_argument("--strength", type=float, default=1.0, metavar="X", help="with --examine: factor on all sizes")
+    parser.add_argument("--seed", type=int, default=1, metavar="S", help="with --examine: of everything drawn")
+    parser.add_argument("--verbose", action="store_true", help="with --examine: a line per case")
+    parser.add_force()
+    arguments = parser.parse_args(argv)
+    if arguments.examine is not None:
+        return _examine(arguments)
+    if not arguments.file:
+        raise InputError("FILE", None, "a log to look at, or --examine N")
+    return _look(arguments)
+
+
+def _look(arguments):
+    """Propose a LOG.yaml for one file."""
+    if arguments.out:
+        keep_earlier("--out", [pathlib.Path(arguments.out) / "LOG.yaml"], arguments.force)
+    from microstage_ros.records.logs.description import LogDescription
+
+    shown = LogDescription(arguments.file, {}, {}, separator=arguments.separator, skip_rows=arguments.skip_rows)
+    table = read_table(arguments.file, shown)
+    found = propose(table)
+    odd = oddities(table, found.tree)
+    text = as_yaml(found, arguments)
+    answer.state(proposal=found.tree, reasons=found.reasons, missing=found.missing, unused=found.unused, oddities=odd, kind=found.kind, rows=found.rows)
+    print(text, end="")
+    for sentence in odd:
+        print(f"# {sentence}")
+    if arguments.out:
+        with complete_folder(arguments.out) as folder:
+            write_text(folder / "LOG.yaml", text)
+            _page(arguments.file, found, odd, text, folder / "report.html")
+        print(f"# {pathlib.Path(arguments.out) / 'LOG.yaml'}, {pathlib.Path(arguments.out) / 'report.html'}")
+    return 0
+
+
+def as_yaml(found, arguments):
+    """The proposal as LOG.yaml, guesses marked, missing entries as comments."""
+    lines = [f"# Proposed for {arguments.file}: {found.kind}, {found.rows} rows. Correct it, then: microstage diagnose --log LOG.yaml …"]
+    if arguments.separator:
+        lines.append(f"separator: {arguments.separator!r}")
+    if arguments.skip_rows is not None:
+        lines.append(f"skip_rows: {arguments.skip_rows}")
+    for key, value in found.tree.items():
+        entry = yaml.safe_dump(value, default_flow_style=True, allow_unicode=True, width=200).strip().removesuffix("...").strip()
+        why = "; ".join(reason for name, reason in found.reasons.items() if name.split(".")[0] == key)
+        lines.append(f"{key}: {entry}" + (f"     # {why}" if why else ""))
+    lines += [f"# missing  {sentence}" for sentence in found.missing]
+    lines += [f"# column not understood: {name}" for name in found.unused[:20]]
+    return "\n".join(lines) + "\n"
+
+
+def _page(path, found, odd, text, where):
+    """A page with the picture of what was understood."""
+    page = Page("What this log seems to be", str(path))
+    page.verdict(f"{found.kind.capitalize()}, {found.rows} rows; {', '.join(k for k in found.tree if isinstance(found.tree[k], dict))} found.",
+                 "caution" if found.reasons else "good", more="Guesses are marked in LOG.yaml; correct them before they are used.")
+    try:
+        log = read_log(path, description_of({k: v for k, v in found.tree.items() if v is not None}, "the proposal"))
+        page.figure(_picture(log), "The first stretch, with the phases of motion as they are understood: shaded where the axis accelerates or brakes, "
+                    "white at constant speed, grey at rest.", "signals against time")
+    except InputError as error:
+        page.text(f"The log cannot be read with this proposal yet: {error}")
+    page.section("LOG.yaml")
+    page.code(text)
+    page.section("What is missing")
+    page.list(found.missing)
+    if odd:
+        page.section("What is odd")
+        page.list(odd)
+    page.save(where)
+
+
+def _picture(log):
+    """Signals of the first stretch over time, phases shaded."""
+    names = [n for n in ("reference", "position", "velocity", "following_error", log.effort) if n and n in log.signals]
+    if "reference" in names and "position" in names:
+        names.remove("position")
+    figure, axes = new_figure(len(names), 1, height=1.7, sharex=True, squeeze=False)
+    shown = slice(0, min(len(log), max(int(20.0 / log.period), 400)))
+    motion = motion_of(log, *tops([log]))
+    time = np.arange(len(log)) * log.period
+    for axis, name in zip(axes[:, 0], names):
+        plot_signal(axis, time[shown], log.signals[name][shown], color=COLOURS["blue"])
+        state = motion.state[shown]
+        edges = np.concatenate([[0], np.flatnonzero(np.diff(state)) + 1, [len(state)]])
+        for a, b in list(zip(edges[:-1], edges[1:]))[:200]:
+            colour = {"start": COLOURS["yellow"], "brake": COLOURS["yellow"], "rest": COLOURS["grey"], "settled": COLOURS["grey"]}.get(STATES[state[a]])
+            if colour:
+                axis.axvspan(time[a], time[b - 1] + log.period, color=colour, alpha=0.18, lw=0)
+        axis.set_ylabel(name.replace("_", " "))
+    axes[-1, 0].set_xlabel("time [s]")
+    return figure
+
+
+def _examine(arguments):
+    from microstage_ros.diagnosis.validation import log_campaign
+
+    if arguments.examine < 1:
+        raise InputError("--examine", arguments.examine, "1 case or more")
+    if arguments.effect and arguments.effect not in log_campaign.EFFECTS:
+        raise InputError("--effect", arguments.effect, "one of " + ", ".join(log_campaign.EFFECTS))
+    outcomes = []
+    with progress("examining", arguments.examine) as bar:
+        for outcome in log_campaign.run(arguments.examine, arguments.seed, arguments.kind, arguments.effect, arguments.strength):
+            outcomes.append(outcome)
+            bar.advance()
+            if arguments.verbose:
+                print(log_campaign.line(outcome), flush=True)
+    figures = log_campaign.scores(outcomes)
+    answer.state(figures=figures, visibility=log_campaign.visibility_table(outcomes), seed=arguments.seed)
+    for text in log_campaign.sentences(figures, outcomes):
+        print(text)
+    if arguments.out:
+        keep_earlier("--out", [pathlib.Path(arguments.out) / "examination.json"], arguments.force)
+        log_campaign.write(outcomes, figures, arguments)
+    return 0

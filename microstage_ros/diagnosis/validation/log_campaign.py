@@ -1,0 +1,136 @@
+"""The examination of `diagnose --log`: rates of right and wrong names, false alarms, coverage, and what shows in which signals."""
+
+import collections
+import dataclasses
+import json
+import math
+import pathlib
+import time
+
+from microstage_ros import __version__
+from microstage_ros.diagnosis.logs.case import diagnose_logs
+from microstage_ros.diagnosis.validation.simulated_logs import EFFECTS, SIGNALS, draw_case
+from microstage_ros.files import write_text
+from microstage_ros.metrology.rates import rate
+
+__all__ = ["EFFECTS", "run", "scores", "sentences", "line", "visibility_table", "write"]
+
+
+@dataclasses.dataclass
+class Outcome:
+    """What was hidden in one case and what was said. ``covered``: (effect, parameter, truth inside the 95 % interval)."""
+
+    number: int
+    truth: tuple
+    signals: str
+    rate: float
+    runs: int
+    files: int
+    reassembled: bool
+    verdict: str
+    named: tuple
+    rivals: tuple
+    visible: tuple
+    covered: tuple
+    seconds: float
+
+    @property
+    def result(self):
+        """right, rival, nothing, unexplained or wrong; for a healthy machine quiet or alarm."""
+        if not self.truth:
+            return "quiet" if self.verdict == "agrees" else "alarm"
+        if set(self.named) - set(self.truth):
+            return "wrong"
+        if self.named:
+            return "right"
+        opened = {i for group in self.rivals for i in group}
+        if opened:
+            return "rival" if opened & set(self.truth) else "wrong"
+        return "nothing" if self.verdict == "agrees" else "unexplained"
+
+
+def run(cases, seed=1, kind="mixed", effect="", strength=1.0):
+    """Yield one `Outcome` per case."""
+    for number in range(cases):
+        case = draw_case(number, seed, kind, effect, strength=strength)
+        began = time.monotonic()
+        result = diagnose_logs(list(case.baseline), list(case.now), case.description, seed)
+        found = result.diagnosis
+        yield Outcome(number, tuple(map(str, case.truth)), case.signals, case.rate, case.runs, case.files, case.reassembled, found.verdict,
+                      tuple(c.id for c in found.causes), tuple(r.ids for r in found.rivals),
+                      tuple(t for t in map(str, case.truth) if result.visibility.get(t, (False,))[0]), _covered(case, found),
+                      time.monotonic() - began)
+
+
+def _covered(case, found):
+    """Whether the 95 % intervals of rightly named sizes hold the truth."""
+    out = []
+    for cause in found.causes:
+        for name, value in case.sizes.get(cause.id, {}).items():
+            p = cause.parameters.get(name)
+            if p is not None:
+                factor = case.effort_factor if name in ("force", "stiffness", "coefficient", "coefficient_change") else 1.0
+                out.append((cause.id, name, bool(abs(p.value - value * factor) <= 1.96 * p.stderr), float(value * factor), float(p.value), float(p.stderr)))
+    return tuple(out)
+
+
+def scores(outcomes):
+    """{figure: (hits, cases, lower, upper)} with exact 95 % intervals."""
+    healthy = [o for o in outcomes if not o.truth]
+    seen = [o for o in outcomes if o.truth and o.visible]
+    hidden = [o for o in outcomes if o.truth and not o.visible]
+    covered = [c for o in outcomes for c in o.covered]
+    sets = {
+        "healthy machines left in peace": (sum(o.result == "quiet" for o in healthy), len(healthy)),
+        "visible: right name first, or a rival": (sum(o.result in ("right", "rival") for o in seen), len(seen)),
+        "visible: right name without rival": (sum(o.result == "right" for o in seen), len(seen)),
+        "visible: wrong name": (sum(o.result == "wrong" for o in seen), len(seen)),
+        "hidden: no wrong name": (sum(o.result != "wrong" for o in hidden), len(hidden)),
+        "95 % intervals that hold the truth": (sum(c[2] for c in covered), len(covered)),
+    }
+    out = {}
+    for name, (hits, cases) in sets.items():
+        if cases:
+            found = rate(hits, cases)
+            out[name] = {"hits": hits, "cases": cases, "rate": hits / cases, "ci95": [float(found.low), float(found.high)]}
+    return out
+
+
+def visibility_table(outcomes):
+    """{effect: {signals: [named or rival, cases]}}: what was found of each effect in each set of signals."""
+    table = {}
+    for o in outcomes:
+        for effect in o.truth:
+            entry = table.setdefault(effect, {}).setdefault(o.signals, [0, 0])
+            entry[0] += effect in o.named or any(effect in group for group in o.rivals)
+            entry[1] += 1
+    return table
+
+
+def line(outcome):
+    """One case in one line."""
+    opened = "".join(f" ({' | '.join(ids)})" for ids in outcome.rivals)
+    return (f"{outcome.number:4d} {'+'.join(outcome.truth) or 'healthy':40s} {outcome.signals:26s} {outcome.rate:6g} Hz {outcome.runs:3d} runs "
+            f"{outcome.result:11s} {outcome.verdict:16s} {', '.join(outcome.named)}{opened} {outcome.seconds:.1f} s")
+
+
+def sentences(figures, outcomes):
+    """Lines for a terminal."""
+    out = [f"{name}: {f['hits']} of {f['cases']} ({f['rate']:.0%}, 95 %: {f['ci95'][0]:.0%} … {f['ci95'][1]:.0%})" for name, f in figures.items()]
+    table = visibility_table(outcomes)
+    out.append("found (named or among the rivals) by set of signals:")
+    for effect, row in sorted(table.items()):
+        out.append(f"  {effect:30s}" + "".join(f"  {signals}: {row[signals][0]}/{row[signals][1]}" for signals in SIGNALS if signals in row))
+    wrong = collections.Counter((o.truth, o.named or o.rivals) for o in outcomes if o.result == "wrong")
+    out += [f"  wrong: {' + '.join(truth)} told as {said} ({n})" for (truth, said), n in wrong.most_common(12)]
+    return out
+
+
+def write(outcomes, figures, arguments):
+    """Write examination.json into the folder of the command."""
+    def plain(value):
+        return None if isinstance(value, float) and not math.isfinite(value) else value
+
+    tree = {"version": __version__, "seed": arguments.seed, "kind": arguments.kind, "figures": figures, "visibility": visibility_table(outcomes),
+            "cases": [{k: plain(v) for k, v in dataclasses.asdict(o).items()} | {"result": o.result} for o in outcomes]}
+    write_text(pathlib.Path(arguments.out) / "examination.json", json.dumps(tree, indent=1) + "\n")
