@@ -11,11 +11,14 @@ import multiprocessing
 import os
 import pathlib
 import sys
+import tempfile
 
-from microstage_ros.diagnosis import pooling
+from microstage_ros.diagnosis import fleet, pooling
 from microstage_ros.diagnosis.case import diagnose_case
+from microstage_ros.diagnosis.fleet import AHEAD, as_they_end
 from microstage_ros.diagnosis.report.answer import write_answer
 from microstage_ros.diagnosis.resimulation.diagnose import diagnose_force_axis
+from microstage_ros.files import complete_folder
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.quantities.errors import InputError
@@ -23,9 +26,7 @@ from microstage_ros.records import read_record
 from microstage_ros.records.checks import check_record
 from microstage_ros.records.csv_file import SUFFIXES
 
-PATIENCE = "10s"               # for a scheduler to answer
 LARGEST = 2 * pooling.GROUP    # records of one case that are held at once
-AHEAD = 2                      # cases per worker that are handed out before the first comes back
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,6 +47,17 @@ class Case:
         return {"records": list(self.records), "holdout": list(self.holdout), "baseline": list(self.baseline)}
 
     @property
+    def files(self):
+        """Every file that is read."""
+        return (self.axis, *self.records, *self.holdout, *self.baseline)
+
+    def absolute(self):
+        """The case with absolute paths: other processes stand in other folders."""
+        every = lambda paths: tuple(map(fleet.absolute, paths))
+        return dataclasses.replace(self, axis=fleet.absolute(self.axis), records=every(self.records), holdout=every(self.holdout),
+                                   baseline=every(self.baseline), out=fleet.absolute(self.out))
+
+    @property
     def is_series(self):
         """Whether there are too many records to hold at once."""
         return len(self.records) > LARGEST
@@ -56,7 +68,8 @@ def diagnose_files(case, progress=None, jobs=1):
 
     ``jobs``: threads inside this one case, where the way of diagnosing has use for them.
     """
-    axis = load_axis(case.axis)
+    with fleet.reached(case.axis) as place:
+        axis = load_axis(place)
     records, holdout, baseline = ([_checked(path, axis) for path in paths] for paths in (case.records, case.holdout, case.baseline))
     answer = diagnose_records(axis, records, holdout, baseline, case.seed, progress, jobs)
     return write_answer(answer, axis, case.out, case.sources)
@@ -64,7 +77,8 @@ def diagnose_files(case, progress=None, jobs=1):
 
 def _checked(path, axis):
     """The record, if it can be what its header says; what weakens the result is said on standard error."""
-    record = read_record(path)
+    with fleet.reached(path) as place:
+        record = read_record(place)
     for sentence in check_record(record, axis):
         print(f"warning: {sentence}", file=sys.stderr)
     return record
@@ -127,19 +141,55 @@ def diagnose_many(cases, jobs=1, scheduler=None):
     Parameters
     ----------
     jobs : processes on this machine.
-    scheduler : address of a Dask scheduler (``tcp://host:port``) whose workers see the same files.
+    scheduler : address of a Dask scheduler (``tcp://host:port``). Paths are made absolute; where the workers do not see them
+        the files' bytes are sent and the answers' files come back.
 
     Raises
     ------
-    InputError : the scheduler cannot be reached.
+    InputError : the scheduler cannot be reached, or its workers lack this project.
     """
     if scheduler:
-        yield from _on_cluster(cases, scheduler)
+        yield from _far_away(cases, scheduler)
     elif jobs <= 1:
         for case in cases:
             yield case, _attempt(case)
     else:
         yield from on_cores(cases, _attempt, jobs)
+
+
+def _far_away(cases, scheduler):
+    """Cases on a cluster, with files that its workers see or that go along."""
+    cases = [case.absolute() for case in cases]
+    if not cases:
+        return
+    client_sees = fleet.checked(scheduler, [path for path in cases[0].files if not fleet.is_address(path)])
+    if client_sees:
+        yield from fleet.on_cluster(cases, _attempt, scheduler)
+        return
+    shipments = (fleet.ship(case, [path for path in case.files if not fleet.is_address(path)]) for case in cases)
+    for shipment, outcome in fleet.on_cluster(shipments, _attempt_shipped, scheduler):
+        if isinstance(outcome, Exception):
+            yield shipment.case, outcome
+            continue
+        report, files = outcome
+        with complete_folder(shipment.case.out) as folder:
+            for name, content in files:
+                (folder / name).write_bytes(content)
+        yield shipment.case, report
+
+
+def _attempt_shipped(shipment):
+    """On a worker: the report of a shipped case and the files of its answer, or the error that ended it."""
+    with tempfile.TemporaryDirectory() as folder:
+        local = fleet.unpacked(shipment, folder)
+        case = shipment.case
+        there = lambda paths: tuple(p if fleet.is_address(p) else local(p) for p in paths)
+        out = pathlib.Path(folder) / "answer"
+        report = _attempt(dataclasses.replace(case, axis=there([case.axis])[0], records=there(case.records), holdout=there(case.holdout),
+                                              baseline=there(case.baseline), out=str(out)))
+        if isinstance(report, Exception):
+            return report
+        return report, tuple((str(f.relative_to(out)), f.read_bytes()) for f in sorted(out.rglob("*")) if f.is_file())
 
 
 def _attempt(case):
@@ -160,34 +210,6 @@ def on_cores(cases, work, jobs):
         os.environ.setdefault(name, "1")
     context = multiprocessing.get_context("spawn")
     with concurrent.futures.ProcessPoolExecutor(jobs, mp_context=context) as pool:
-        yield from _as_they_end(iter(cases), lambda case: pool.submit(work, case), AHEAD * jobs,
-                                lambda running: concurrent.futures.wait(
-                                    running, return_when=concurrent.futures.FIRST_COMPLETED).done)
-
-
-def _on_cluster(cases, scheduler):
-    from distributed import Client, wait
-
-    try:
-        client = Client(scheduler, timeout=PATIENCE)
-    except (OSError, ValueError) as error:
-        raise InputError("--scheduler", scheduler, f"the address of a running Dask scheduler ({error})") from None
-    with client:
-        workers = max(sum(client.ncores().values()), 1)
-        yield from _as_they_end(iter(cases), lambda case: client.submit(_attempt, case, pure=False), AHEAD * workers,
-                                lambda running: wait(list(running), return_when="FIRST_COMPLETED").done)
-
-
-def _as_they_end(cases, submit, most, wait):
-    """Keep up to ``most`` cases running; yield (case, result) of each that ends."""
-    running = {}
-    while True:
-        while len(running) < most:
-            case = next(cases, None)
-            if case is None:
-                break
-            running[submit(case)] = case
-        if not running:
-            return
-        for future in wait(running):
-            yield running.pop(future), future.result()
+        yield from as_they_end(iter(cases), lambda case: pool.submit(work, case), AHEAD * jobs,
+                               lambda running: concurrent.futures.wait(
+                                   running, return_when=concurrent.futures.FIRST_COMPLETED).done)

@@ -9,6 +9,7 @@ from microstage_ros.commands import answer
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
 from microstage_ros.diagnosis.batch import Case, cases_of, diagnose_files, diagnose_many, diagnose_series
+from microstage_ros.diagnosis.fleet import is_address
 from microstage_ros.diagnosis.report.page import headline
 from microstage_ros.files import keep_earlier, missing, write_text
 from microstage_ros.model.axis_file import load_axis
@@ -43,7 +44,7 @@ def main(argv=None):
                 arguments.out, arguments.seed)
     load_axis(case.axis)      # a bad axis file is told before long work begins, and so is a missing record
     for path in (*case.records, *case.holdout, *case.baseline):
-        if not pathlib.Path(path).exists():
+        if not is_address(path) and not pathlib.Path(path).exists():
             raise missing(path, "a record: .mcap, bag folder, .csv[.gz|.xz]")
     keep_earlier("--out", [pathlib.Path(arguments.out) / "report.json"], arguments.force)
     report = _series(case, arguments) if case.is_series or arguments.scheduler else _alone(case, arguments.jobs)
@@ -95,6 +96,7 @@ def _each(arguments):
             row = _row(case, report)
             failed += "error" in row
             rows.append(row)
+            write_text(summary, json.dumps(sorted(rows, key=lambda r: r["case"]), indent=1, ensure_ascii=False) + "\n")   # what is done stays
             print(f"{row['case']}: {row.get('error') or row['headline']}", flush=True)
     rows.sort(key=lambda row: row["case"])
     write_text(summary, json.dumps(rows, indent=1, ensure_ascii=False) + "\n")
