@@ -4,14 +4,15 @@ import math
 
 import numpy as np
 
-from microstage_ros.commissioning.findings import refused
+from microstage_ros.commissioning.findings import Refused, refused
+from microstage_ros.commissioning.law_choice import slower
 from microstage_ros.control.laws.controller import Controller, controller_parameters
 from microstage_ros.control.trajectories.profiles import MotionLimits, jerk_limited_move
 
-ERROR = 6e-5  # largest following error [m], with the part of the speed that lags
+ERROR, LAG = 6e-5, 0.025  # largest following error: metres, and seconds of the largest speed of a motion
 STANDS = 0.2  # of the reference's speed: slower is standing
 SWING, SWING_COUNTS = 4e-7, 12.0  # peak to peak at rest that is no rest: m, counts
-SOFTER, SOFTEST = 0.6, 0.1  # of all gains at each swing; least
+SOFTER, SOFTEST = 0.8, 0.3  # of the bandwidth at each swing; least
 HOLD = 0.5  # s
 PUSH = 1.6  # times the voltage that a speed needs, that a motion may use
 
@@ -27,24 +28,23 @@ class Loop:
 
     def __init__(self, machine, axis, law="self_tuning", sliding=0.0, gains=None):
         self.machine, self.axis, self.law, self.share = machine, axis, law, 1.0
-        self._sliding, self._gains = sliding, dict(gains or {})
+        self._sliding, self._gains, self._slowed = sliding, dict(gains or {}), {}
         self._model = controller_parameters("pid_feedforward", axis, {})["feedforward"]
         self.controller = self._made()
 
     def _made(self, limit=None):
         axis = self.axis if limit is None else self.axis.with_values({"drive.voltage_limit": limit}, source="estimate")
         parameters = controller_parameters(self.law, axis, self._gains)
-        if "proportional" in parameters["pid"].dtype.names and self.share != 1.0:
-            gains = {**self._gains, "proportional": float(parameters["pid"]["proportional"]) * self.share}
-            parameters = controller_parameters(self.law, axis, gains)
+        if self.share != 1.0:
+            pid = {name: float(parameters["pid"][name]) for name in parameters["pid"].dtype.names}
+            self._slowed = slower(pid, self.share)
+            parameters = controller_parameters(self.law, axis, {**self._gains, **self._slowed})
         return Controller(self.law, parameters)
 
     @property
     def gains(self):
         """Gains that are not those of the rules."""
-        if self.share == 1.0:
-            return dict(self._gains)
-        return {**self._gains, "proportional": float(self.controller.parameters["pid"]["proportional"])}
+        return {**self._gains, **self._slowed}
 
     def limits(self, speed):
         """`MotionLimits` of a motion at up to ``speed`` [m/s]: within what the drive can do."""
@@ -81,8 +81,13 @@ class Loop:
         def command(n, x, i):
             return step(wanted[n], x, i - offset if i == i else 0.0)
 
-        allowed = error + 6e-3 * speed
-        record = machine.run(reference, command, disturbance, window, allowed, go_on=go_on)
+        allowed = error + LAG * speed
+        try:
+            record = machine.run(reference, command, disturbance, window, allowed, go_on=go_on)
+        except Refused as end:
+            if end.check.id == "encoder_dead" and math.isfinite(end.check.value):
+                self._blocked_or_dead(end)
+            raise
         if machine.ended == "error":
             self._explain(record, allowed)
         return record
@@ -104,19 +109,23 @@ class Loop:
                 return record
             self.share *= SOFTER
             if self.share < SOFTEST:
-                raise refused("runaway", swing, "m", f"at rest in closed loop the stage swings by {swing * 1e6:.3g} µm even with a tenth of the gains")
+                raise refused("runaway", swing, "m", f"at rest in closed loop the stage swings by {swing * 1e6:.3g} µm even at a third of the bandwidth")
             self.controller = self._made()
             machine.rest(0.2)
 
     def _explain(self, record, allowed):
         """Why the stage did not follow."""
         machine = self.machine
+        machine.failed = record
         rows = min(machine.periods(0.02, 10), len(record) - 1)
         x, r = record["encoder_m"][-rows:], record["reference_m"][-rows:]
         asked, moved = float(r[-1] - r[0]), float(x[-1] - x[0])
         place, sign = machine.position, math.copysign(1.0, asked or (r[-1] - x[-1]))
-        if abs(moved) < STANDS * abs(asked) or abs(asked) < 2.0 * machine.count:
-            volts = float(np.mean(record["voltage_V"][-rows:]))
+        last = min(machine.periods(0.004, 4), rows)
+        volts = float(np.mean(record["voltage_V"][-last:]))
+        free = max(abs(volts) - 2.0 * self._sliding, 0.0) / max(float(self._model["volts_per_velocity"]), 1e-9)
+        speed = abs(float(x[-1] - x[-last])) / (last * machine.period)
+        if speed < STANDS * min(free, abs(asked) / (rows * machine.period)) or abs(asked) < 2.0 * machine.count:
             back = self._retreat(-sign)
             if back:
                 raise refused("end_stop", place, "m", f"at {place * 1e3:.4g} mm the stage does not go on in direction {'+' if sign > 0 else '−'} "
@@ -125,16 +134,34 @@ class Loop:
         raise refused("runaway", float(r[-1] - x[-1]), "m", f"the stage does not follow: {allowed * 1e6:.3g} µm behind and moving at "
                       f"{moved / (rows * machine.period) * 1e3:.3g} mm/s where {asked / (rows * machine.period) * 1e3:.3g} mm/s is asked")
 
+    def _blocked_or_dead(self, end):
+        """Refuse with an end stop where the motor turned against a stage that stands, and the encoder lives.
+
+        A stage at a stop winds the drive train up: for some microns that looks like a motor that turns beside a dead encoder.
+        """
+        self.machine.failed = self.machine.last
+        volts = float(np.mean(self.machine.last["voltage_V"][-self.machine.periods(0.005, 5):]))
+        sign, place = math.copysign(1.0, volts), self.machine.position
+        if self._retreat(-sign):
+            raise refused("end_stop", place, "m", f"at {place * 1e3:.4g} mm the stage does not go on in direction {'+' if sign > 0 else '−'} "
+                          f"({volts:.3g} V), and goes back freely: an end stop or an obstacle inside the travel of the sketch") from end
+
     def _retreat(self, sign):
-        """Whether the stage moves back by 50 µm at moderate voltages."""
+        """Whether the encoder shows the stage moving back at moderate voltages, for a tenth of a second at most."""
         machine = self.machine
-        machine.rest(0.05)
-        for factor in (2.0, 3.0, 5.0):
+        constants, machine.constants = machine.constants, None  # a drive train that unwinds is no dead encoder
+        way = max(5e-6, 50.0 * machine.count)
+        try:
             start = machine.position
-            volts = sign * min(factor * max(self._sliding, 0.01 * machine.limit), machine.limit)
-            machine.run(np.full(machine.periods(0.2), start), lambda n, x, i, v=volts: v, until=lambda n, x, i, s=start: sign * (x - s) > 5e-5)
-            if machine.ended == "until":
-                return True
+            machine.rest(0.03)
+            for factor in (2.0, 3.0, 4.5):
+                volts = sign * min(factor * max(self._sliding, 0.01 * machine.limit), machine.limit)
+                machine.run(np.full(machine.periods(0.03, 10), start), lambda n, x, i, v=volts: v,
+                            until=lambda n, x, i: sign * (x - start) > way)
+                if sign * (machine.position - start) > 0.5 * way:
+                    return True
+        finally:
+            machine.constants = constants
         return False
 
 

@@ -47,7 +47,7 @@ class Machine:
         self.count = max(axis.value("sensors.encoder.resolution"), 1e-12)
         self.position, self.rows, self.started = math.nan, 0, False
         self.constants, self.top_speed, self.time_offset, self.delay = None, math.inf, 0.0, 0
-        self.noise, self.current_offset = 0.0, 0.0
+        self.noise, self.current_offset, self.last, self.failed = 0.0, 0.0, None, None
         self.used = {"travel_min_m": math.inf, "travel_max_m": -math.inf, "voltage_max_V": 0.0}
 
     @property

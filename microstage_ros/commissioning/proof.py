@@ -99,7 +99,7 @@ def moves(loop, keep):
                 fresh = False
                 records.append(record)
                 judged = record["encoder_m"][-machine.periods(JUDGED):]
-                swing = max(swing, float(np.ptp(judged)))
+                swing = max(swing, swing_of(judged))
                 if place != start:
                     errors.append(float(np.mean(judged)) - place)
                     beyond = np.flatnonzero(np.abs(record["encoder_m"] - place) > band)
@@ -110,6 +110,15 @@ def moves(loop, keep):
     machine.rest(0.0)
     keep("moves", joined(records))
     return rows, swing
+
+
+def swing_of(positions):
+    """Peak to peak [m] of an oscillation about a straight line; 0 where the positions turn round fewer than four times."""
+    rows = np.arange(len(positions))
+    left = positions - np.polyval(np.polyfit(rows, positions, 1), rows)
+    size = float(np.ptp(left))
+    crossings = np.count_nonzero(np.diff(np.sign(left[np.abs(left) > 0.2 * size])))
+    return size if crossings >= 4 else 0.0
 
 
 def slow_sine(loop, keep):

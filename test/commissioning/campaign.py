@@ -1,6 +1,6 @@
 """Commissioning of machines nobody was told of: random ones, and faulty ones.
 
-    PYTHONPATH=test/commissioning python test/commissioning/campaign.py --machines 20 --faults --out FILE.json
+    PYTHONPATH=test/commissioning python test/commissioning/campaign.py --machines 20 --faults all --out FILE.json
 """
 
 import argparse
@@ -58,11 +58,11 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--machines", type=int, default=10)
     parser.add_argument("--first", type=int, default=1)
-    parser.add_argument("--faults", action="store_true")
+    parser.add_argument("--faults", nargs="*", default=[], choices=[*FAULTS, "all"], metavar="NAME", help=", ".join(FAULTS))
     parser.add_argument("--out", default="")
     arguments = parser.parse_args()
     sketch = load_sketch(config_file("axis.yaml"))
-    todo = [(fault, 1 + k) for k, fault in enumerate(FAULTS)] if arguments.faults else []
+    todo = [(fault, 1 + k) for k, fault in enumerate(FAULTS) if fault in arguments.faults or "all" in arguments.faults]
     todo += [("", seed) for seed in range(arguments.first, arguments.first + arguments.machines)]
     rows = []
     for fault, seed in todo:
