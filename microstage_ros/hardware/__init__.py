@@ -15,6 +15,7 @@ from microstage_ros.quantities.errors import InputError
 BACKENDS = {
     "simulated": "microstage_ros.hardware.simulated:SimulatedAxis",
     "daq": "microstage_ros.hardware.daq:DaqCard",
+    "mesa": "microstage_ros.hardware.mesa.card:MesaCard",
 }
 GROUP = "microstage_ros.hardware"
 """Entry points of other distributions that are backends."""

@@ -49,7 +49,7 @@ def test_start_position_and_bad_option():
 def test_registry():
     with pytest.raises(InputError, match="expected one of simulated, daq"):
         make_hardware("abacus", Setup(AXIS))
-    assert list(BACKENDS) == ["simulated", "daq"]
+    assert list(BACKENDS) == ["simulated", "daq", "mesa"]
 
 
 def test_daq_card_says_what_is_missing():

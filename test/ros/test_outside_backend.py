@@ -1,10 +1,12 @@
 """A cell on a backend from outside: the command, what it says, a move."""
 
+import json
 import os
 import signal
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 
 import pytest
 import rclpy
@@ -69,3 +71,36 @@ def _check(simulated):
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
+
+
+def test_the_cell_over_the_wire_to_an_emulated_card(tmp_path):
+    """Backend mesa at 1 kHz, the simulated axis behind the card's registers: a move, and zero volts at the end."""
+    axis = load_axis(config_file("axis.yaml")).with_values({"period": 1e-3}).with_controller({"type": "self_tuning"})
+    axis.save(tmp_path / "axis.yaml")
+    emulator = subprocess.Popen(
+        [sys.executable, str(Path(__file__).parents[1] / "hardware" / "mesa_emulator.py"), "--axis", str(config_file("axis.yaml")),
+         "--clock", "1e-3"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    port = int(emulator.stdout.readline())
+    (tmp_path / "options.yaml").write_text(f"{{host: 127.0.0.1, port: {port}, watchdog_s: 0.2, wait_share: 20.0}}\n")
+    with own_domain():
+        process = subprocess.Popen(
+            [sys.executable, "-m", "microstage_ros.commands", "cell", "--axis", str(tmp_path / "axis.yaml"), "--backend", "mesa",
+             "--backend-options", str(tmp_path / "options.yaml")], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        try:
+            line = process.stdout.readline()
+            assert "paced, mesa" in line, process.stderr.read()
+            rclpy.init()
+            node = rclpy.create_node("tester", namespace="/axis")
+            try:
+                result = AxisClient("/axis", node, wait=60.0).move(2e-5, tolerance=2e-6, settle_time=0.02, timeout=20.0)
+                assert abs(result.final_error) < 5e-6, result.message
+            finally:
+                node.destroy_node()
+                rclpy.try_shutdown()
+        finally:
+            process.send_signal(signal.SIGINT)
+            process.communicate(timeout=60)
+    emulator.stdin.close()
+    found = json.loads(emulator.stdout.readline())
+    emulator.wait(10)
+    assert found["volts"] == 0.0 and found["most_voltage"] > 0.02
