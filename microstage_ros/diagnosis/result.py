@@ -120,6 +120,7 @@ class Diagnosis:
     ``identified``: numbers of the axis file that were fitted along, {dotted key: `Parameter`}.
     ``provisional``: effects that stand in for a cause whose name is open (the first of each `Rivals`), so
     that the extended axis predicts as well as it can; {id: {parameter: value}}.
+    ``of_one_homing``: effects whose phase holds until the machine homes again; a record after that has its own.
     """
 
     verdict: str
@@ -132,6 +133,7 @@ class Diagnosis:
     seed: int = 0
     identified: dict = dataclasses.field(default_factory=dict)
     provisional: dict = dataclasses.field(default_factory=dict)
+    of_one_homing: tuple = ()
 
     @property
     def effects(self):

@@ -25,5 +25,7 @@ def write_extended(axis, diagnosis, path, sources):
     if diagnosis.provisional:
         provenance["stand_ins"] = {rivals.ids[0]: list(rivals.ids[1:]) for rivals in diagnosis.rivals
                                    if rivals.ids[0] in diagnosis.provisional}
+    if diagnosis.of_one_homing:
+        provenance["phases_of_one_homing"] = list(diagnosis.of_one_homing)
     extended.save(path, provenance)
     return extended

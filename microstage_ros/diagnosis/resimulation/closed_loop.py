@@ -10,6 +10,7 @@ import concurrent.futures
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from microstage_ros.control.laws.controller import make_controller
 from microstage_ros.control.runs.closed_loop import TRACE, run_loop
@@ -18,6 +19,7 @@ from microstage_ros.quantities.errors import InputError
 from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
 
 LAW_MISMATCH = 0.05            # share of the command that the controller of the axis file may leave unexplained
+HOMING_TRIES = 12              # places of the turn tried first: four per cycle of the third harmonic
 START_ROWS = 10                # rows from which the speed at the start is taken
 ENCODER, VOLTAGE = TRACE.index("encoder_m"), TRACE.index("voltage_V")
 
@@ -94,14 +96,69 @@ def _law_residual(axis, record, voltage, speed):
     return float(np.sqrt(np.mean((voltage - own)[START_ROWS:] ** 2)))
 
 
+def turning_effects(axis):
+    """Ids of the effects of an axis that repeat with the turn of the screw, and so begin anew after each homing."""
+    pitch, found = axis.value("transmission.pitch"), []
+    if np.any(np.asarray(axis.effects.get("torque_ripple", {}).get("amplitude_Nm", 0.0))):
+        found.append("torque_ripple")
+    wave = axis.effects.get("position_dependent_friction", {})
+    if np.any(np.asarray(wave.get("amplitude", 0.0))) and _whole(pitch / np.asarray(wave["period_m"], float)):
+        found.append("position_dependent_friction")
+    return tuple(found)
+
+
+def _whole(ratio):
+    return bool(np.all(np.abs(ratio / np.maximum(np.round(ratio), 1.0) - 1.0) < 1e-6))
+
+
+def turned(axis, shift):
+    """The axis whose screw stands ``shift`` [m of travel] further when the position reads the same."""
+    names = turning_effects(axis) if shift else ()
+    if not names:
+        return axis
+    effects = {name: dict(section) for name, section in axis.effects.items()}
+    lever = axis.value("transmission.pitch") / (2.0 * np.pi * axis.value("transmission.gear_ratio"))
+    for name in names:
+        number = (np.asarray(effects[name]["cycles_per_turn"], float) / lever if name == "torque_ripple"
+                  else 2.0 * np.pi / np.asarray(effects[name]["period_m"], float))
+        phase = np.asarray(effects[name]["phase_rad"], float) + number * shift
+        effects[name]["phase_rad"] = phase.tolist() if phase.ndim else float(phase)
+    return axis.with_effects(effects)
+
+
 class ClosedLoop:
     """Re-simulates a list of `Measured` for any variant of one axis, with ``jobs`` threads (the loop is compiled)."""
 
     def __init__(self, parts, jobs=1):
         self.parts = parts
+        self.shifts = np.zeros(len(parts))
         self._pool = concurrent.futures.ThreadPoolExecutor(jobs) if jobs > 1 else None
         self.force = np.concatenate([part.force for part in parts])
         self.position = np.concatenate([part.position for part in parts])
+
+    def home(self, axis, every=False):
+        """Find anew, in each record, where the turn of the screw begins; `shifts` [m] is changed.
+
+        A machine that homes before a record counts from another place of the turn: what repeats with the turn keeps its
+        size, and its phase is a matter of the record. The first record defines the phases of effects that are being
+        fitted; with ``every`` (effects that the axis file brought along) it is homed, too.
+        """
+        if not turning_effects(axis):
+            return
+        pitch = axis.value("transmission.pitch")
+
+        for k in range(0 if every else 1, len(self.parts)):
+            part = self.parts[k]
+
+            def left(shift, part=part):
+                force = actuator_of(axis).force_per_command(axis) * self._trace(turned(axis, float(shift)), part)[:, VOLTAGE]
+                return float(np.sum((part.force - force) ** 2))
+
+            tried = np.arange(HOMING_TRIES) * pitch / HOMING_TRIES
+            best = tried[int(np.argmin([left(shift) for shift in tried]))]
+            step = pitch / HOMING_TRIES
+            self.shifts[k] = minimize_scalar(left, bounds=(best - step, best + step), method="bounded",
+                                             options={"xatol": 1e-3 * pitch, "maxiter": 12}).x % pitch
 
     def residual(self, axis):
         """Measured minus simulated force [N], all records one after the other, shape (rows,)."""
@@ -113,11 +170,12 @@ class ClosedLoop:
 
     def simulate(self, axis):
         """Force [N] and position [m] of the model, each of shape (rows,)."""
-        plant = make_plant(axis.with_values({"sensors.encoder.resolution": 0.0}), noise=NoiseSpec.none())
-        trace = np.concatenate([self._run(plant, axis, part) for part in self.parts])
+        trace = np.concatenate([self._trace(turned(axis, shift), part) for shift, part in zip(self.shifts, self.parts)])
         return actuator_of(axis).force_per_command(axis) * trace[:, VOLTAGE], trace[:, ENCODER]
 
-    def _run(self, plant, axis, part):
+    @staticmethod
+    def _trace(axis, part):
+        plant = make_plant(axis.with_values({"sensors.encoder.resolution": 0.0}), noise=NoiseSpec.none())
         state = new_state(plant, position=part.position_at_start, speed=part.speed_at_start)
         controller = _primed(axis, part.position_at_start, part.speed_at_start)
         trace = np.empty((len(part), len(TRACE)))

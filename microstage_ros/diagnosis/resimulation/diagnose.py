@@ -7,7 +7,7 @@ import numpy as np
 from microstage_ros.diagnosis.report.experiment import WHY, condition_of, separating_run
 from microstage_ros.diagnosis.resimulation import pictures
 from microstage_ros.diagnosis.resimulation.candidates import candidates, own_candidates
-from microstage_ros.diagnosis.resimulation.closed_loop import ClosedLoop, measured
+from microstage_ros.diagnosis.resimulation.closed_loop import ClosedLoop, measured, turning_effects
 from microstage_ros.diagnosis.resimulation.fit import BLOCK_S, Model, fit, standard_errors
 from microstage_ros.diagnosis.resimulation.folds import (
     HELD_BACK,
@@ -47,6 +47,7 @@ def diagnose_force_axis(axis, records, holdout=(), baseline=(), seed=0, progress
     parts = [measured(record, axis) for record in (*records, *holdout)]
     folds = make_folds(parts, [False] * len(records) + [True] * len(holdout))
     loop = ClosedLoop(parts, jobs)
+    loop.home(axis, every=True)
     floor = max(noise_floor(parts, folds.period_rows, loop.residual(axis)), healthy)
     selector = Selector(loop, folds, axis.value("period"), floor, progress)
     learnt = parts[: len(records)]
@@ -90,6 +91,7 @@ def _answer(axis, parts, folds, loop, selection, floor, records, holdout, seed):
         _verdict(causes, rivals, open_share, before, after, floor, found), tuple(causes), tuple(rivals), gain, found,
         pictures.pictures(coordinates, selection.given.residual[own], last.residual[own], names, folds.period_rows),
         _notes(selection, folds, loop, before, after, own), seed, _identified(last.model, errors), provisional,
+        turning_effects(last.model.extended),
     )
 
 
@@ -160,6 +162,12 @@ def _notes(selection, folds, loop, before, after, held):
                  for model in (selection.given.model, selection.final.model)]
     rms = [1e6 * float(np.sqrt(np.mean(p**2))) for p in positions]
     notes.append(f"Position in closed loop: predicted to {rms[0]:.3g} µm rms with the axis file, {rms[1]:.3g} µm with the causes.")
+    names = turning_effects(selection.final.model.extended)
+    if names:
+        pitch = selection.final.model.axis.value("transmission.pitch")
+        places = ", ".join(f"{360.0 * shift / pitch:.0f}°" for shift in loop.shifts)
+        notes.append(f"The phase of {' and '.join(names)} belongs to one homing of the machine and is found anew in each record "
+                     f"(turn of the screw against the extended axis, record by record: {places}).")
     if after > before:
         notes.append("On held-out time the causes do not help: the records to learn from are not like those held out.")
     return tuple(notes)

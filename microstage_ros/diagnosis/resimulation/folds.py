@@ -18,6 +18,9 @@ STRETCHES = 10                 # pieces of a motion without repetition, of which
 REPEAT = 1e-3                  # a motion repeats itself if it differs by less than this share of its stroke
 FAST = 0.1                     # of the sampling rate: motion and loop are slower
 BOOTSTRAP = 500
+SETTLING = 0.1                 # s after a disturbance has ended until the loop has forgotten it: 16 time constants of a position loop
+#: with a gain of 160 1/s (config/emps.yaml), e^-16 of a pulse of 175 N
+ENOUGH_ALIKE = 0.05            # of the repeated rows that must have been alike for the repetitions to say what noise is
 
 
 @dataclass(frozen=True)
@@ -122,13 +125,29 @@ def bootstrap_interval(residual, block, seed):
 def noise_floor(parts, period_rows, residual):
     """Rms of the force that no model of the motion can explain [N].
 
-    What differs between repetitions of the motion; without repetition what lies above `FAST` of the sampling
-    rate in the ``residual`` (measured minus simulated, the records one after the other), where neither the loop
-    nor the motion reaches: the encoder's noise through the controller.
+    What differs between repetitions of the motion, on rows where nothing else differed: a disturbance that was added on
+    purpose in one repetition and not in the other (`Measured.disturbance`) makes them differ without any noise, and goes on
+    for `SETTLING` in the loop. Without repetition, or with less than `ENOUGH_ALIKE` of it left, what lies above `FAST` of
+    the sampling rate in the ``residual`` (measured minus simulated, the records one after the other), where neither the
+    loop nor the motion reaches: the encoder's noise through the controller.
     """
     if period_rows:
-        pieces = [part.force[period_rows:] - part.force[:-period_rows] for part in parts if len(part) > period_rows]
-        return float(np.sqrt(np.mean(np.concatenate([piece[len(piece) // 50:] for piece in pieces]) ** 2) / 2.0))
+        pieces = [_between_repetitions(part, period_rows) for part in parts if len(part) > period_rows]
+        alike = np.concatenate(pieces)
+        if len(alike) >= ENOUGH_ALIKE * sum(len(part) - period_rows for part in parts if len(part) > period_rows):
+            return float(np.sqrt(np.mean(alike**2) / 2.0))
     sections = signal.butter(4, 2.0 * FAST, "highpass", output="sos")
     fast = signal.sosfiltfilt(sections, residual) / np.sqrt(1.0 - 2.0 * FAST)
     return float(np.sqrt(max(np.mean([part.law**2 for part in parts]), np.mean(fast**2))))
+
+
+def _between_repetitions(part, period_rows):
+    """Difference of the force between one repetition and the next [N], on rows that both went through undisturbed or alike."""
+    change = part.force[period_rows:] - part.force[:-period_rows]
+    unlike = part.disturbance[period_rows:] != part.disturbance[:-period_rows]
+    reach = max(int(round(SETTLING / (part.time[1] - part.time[0]))), 1)
+    # a row counts if the disturbances agreed on it and on all rows within `reach` before it
+    since = np.convolve(unlike, np.ones(reach + 1), "full")[: len(unlike)]
+    alike = since < 0.5
+    alike[: len(change) // 50] = False      # the start of the record
+    return change[alike]

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from microstage_ros.diagnosis.resimulation.closed_loop import turning_effects
 from microstage_ros.diagnosis.resimulation.fit import BLOCK_S, fit, jacobian, standard_errors
 from microstage_ros.diagnosis.resimulation.folds import left_out_residual, mean_square
 
@@ -102,8 +103,12 @@ class Selector:
         return Selection(given, own, last, without, rivals)
 
     def refit(self, model):
-        """Fit everything anew."""
-        return self.stage(*fit(self.loop, model, self.folds.learn))
+        """Fit everything anew; what repeats with the turn is found anew in every record but the first."""
+        model, residual = fit(self.loop, model, self.folds.learn)
+        if len(self.loop.parts) > 1 and turning_effects(model.extended):
+            self.loop.home(model.extended)
+            model, residual = fit(self.loop, model, self.folds.learn)
+        return self.stage(model, residual)
 
     def forward(self, now, rivals, pool, smallest):
         """Add causes from the pool as long as they pay; fills ``rivals``, returns the last `Stage`."""
@@ -114,7 +119,8 @@ class Selector:
                 break
             best = paying[0]
             rivals[best.last.candidate.id] = self.look_alikes(best, trials, now)
-            now = self.stage(best.model, best.residual)
+            homes = len(self.loop.parts) > 1 and turning_effects(best.model.extended)
+            now = self.refit(best.model) if homes else self.stage(best.model, best.residual)
             self.progress(f"{best.last.candidate.id}: {np.sqrt(best.time):.3g} N on time left out")
         return now
 
