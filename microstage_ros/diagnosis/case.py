@@ -19,6 +19,7 @@ from microstage_ros.diagnosis.residuals.collection import Collection
 from microstage_ros.diagnosis.residuals.systematic import SYSTEMATIC
 from microstage_ros.diagnosis.result import Cause, Diagnosis, Parameter
 from microstage_ros.diagnosis.selection import judge
+from microstage_ros.diagnosis.selection.leftover import scatter_findings
 from microstage_ros.diagnosis.selection.nonregression_causes import causes_apart
 from microstage_ros.diagnosis.selection.refinement import refine
 from microstage_ros.diagnosis.selection.selection import select, sizes_of
@@ -101,7 +102,7 @@ def _final(collection, choices):
 
 
 def _answer(collection, evidences, choices, rivals, apart, holdout, notes, seed):
-    book = judge.ledger_of(evidences, choices, GENERIC)
+    book = judge.ledger_of(evidences, choices)
     found = judge.findings_of(evidences, choices, GENERIC)
     units = _units(collection)
     causes, unsure = [], []
@@ -119,8 +120,10 @@ def _answer(collection, evidences, choices, rivals, apart, holdout, notes, seed)
         left = judge.of_learning_records(found)
         notes += ["What stands out does so in the learning records only; the held-out ones may not go there."] if left else []
     scattered = judge.stands_out(evidences, choices)
-    if scattered and not causes:
-        notes.append("The residual scatters more than the baseline's in: " + ", ".join(scattered) + ".")
+    by_size, words = scatter_findings(collection, evidences, choices, scattered)
+    if scattered:
+        notes.append(f"The residual{' that is left' if causes else ''} stands above the noise floor in {', '.join(scattered)}"
+                     + "".join(f"; {words[name]}" for name in scattered if name in words) + ".")
     if known.gap is not None and known.gap.held_after >= known.gap.held_before:
         notes.append("The replay behind the gap makes the held-out record no better; the gap rests on the learning records.")
     if course is not None:
@@ -134,7 +137,7 @@ def _answer(collection, evidences, choices, rivals, apart, holdout, notes, seed)
     return Diagnosis(
         verdict=verdict, causes=tuple(causes), rivals=tuple(unsure),
         gain=judge.overall_gain(book, [record.source for record in holdout]),
-        findings=tuple(sorted((f for f, _ in found), key=lambda f: -f.statistic / f.threshold)),
+        findings=tuple(sorted([*(f for f, _ in found), *by_size], key=lambda f: -f.statistic / f.threshold)),
         pictures=tuple(pictures), notes=tuple(notes), seed=seed,
     )
 

@@ -95,7 +95,12 @@ def _power_sizes(exponent):
 def _ending(speed):
     """Form of a friction that stops growing at a speed of the screw [rad/s]."""
     return Form("nonlinear_viscous", "torque", f"1,{speed:g}", nonlinear_viscous(1.0, speed),
-                one("coefficient", "N m/(rad/s)", extra={"exponent": 1.0, "saturation_speed": speed}))
+                one("coefficient", "N m/(rad/s)", extra={"exponent": 1.0, "saturation_speed": speed}), _grows)
+
+
+def _grows(beta):
+    """Friction that is larger only near standstill needs rest before it (`rising_static_friction`), not speed: a film builds up."""
+    return beta[0] > 0.0
 
 
 def position_dependent(spacing):
@@ -213,7 +218,7 @@ FORMS = (
          one("factor", "1", value=lambda beta: 1.0 + beta)),
     Form("viscous_change", "torque", "", viscous_change, one("factor", "1", value=lambda beta: 1.0 + beta)),
     *(Form("nonlinear_viscous", "torque", f"{n:g}", nonlinear_viscous(n),
-           _power_sizes(n)) for n in EXPONENTS),
+           _power_sizes(n), _grows if n < 1.0 else None) for n in EXPONENTS),
     *map(_ending, ENDS),
     *(Form("position_dependent_friction", "torque", f"{s:g}", position_dependent(s), _profile_sizes(s),
            prior=PROFILE_PRIOR) for s in PIECES),

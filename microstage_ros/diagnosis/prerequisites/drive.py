@@ -33,11 +33,23 @@ class Contact:
     packed: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0))
 
 
+@dataclasses.dataclass(frozen=True)
+class Variability:
+    """How the axis file says that friction varies: standard deviation of the limits' factor, the travel [m] and the time [s]
+    over which it is correlated, and the share of its variance that goes with travel."""
+
+    relative: float
+    travel_length: float
+    time_length: float
+    travel_share: float
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Drive:
     """Motor, transmission, stage and contacts in SI.
 
-    ``lever`` is r/N [m per radian of the motor]: stage travel for a radian of the motor shaft.
+    ``lever`` is r/N [m per radian of the motor]: stage travel for a radian of the motor shaft. ``amplifier_noise`` [V] and
+    ``variability`` are what the axis file states of noise; where records of the healthy axis are given, they say it instead.
     """
 
     resistance: float
@@ -57,6 +69,8 @@ class Drive:
     signal_period: float = 1.0e-5
     interpolation: tuple = ()
     current_offset: float = 0.0
+    amplifier_noise: float = 0.0
+    variability: "Variability" = None
 
     def interpolation_error(self, position):
         """What the encoder of the axis file reads beyond ``position`` [m], (n,), by interpolation [m]."""
@@ -90,7 +104,8 @@ def drive_of(axis):
         voltage_limit=value("drive.voltage_limit"),
         actuator=_contact(axis, "actuator"), guideway=_contact(axis, "guideway"),
         signal_period=value("sensors.encoder.signal_period"), interpolation=tuple(value("sensors.encoder.interpolation_error")),
-        current_offset=value("sensors.current.offset"),
+        current_offset=value("sensors.current.offset"), amplifier_noise=value("drive.noise"),
+        variability=Variability(*(value(f"variability.{key}") for key in ("relative", "travel_length", "time_length", "travel_share"))),
     )
 
 

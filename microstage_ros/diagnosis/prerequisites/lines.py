@@ -20,6 +20,7 @@ LEAST_POWER = 32.0         # of summed periodograms in units of their mean; e^-3
 LEAST_AMPLITUDE = 3.0e-10  # m
 NARROW = 0.04              # power half a hertz or so beside a line, relative to it
 MOST = 6
+LEAST_NOISE = 1.0e-5       # V of an amplifier whose axis file states no noise
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Spectrum:
     def __init__(self, channel):
         p = channel.prepared
         self.noise = channel.noise
-        self.walk = 1.0e-3 * self._period(channel) * channel.drive.lever / channel.drive.back_emf
+        self.walk = max(channel.drive.amplifier_noise, LEAST_NOISE) * self._period(channel) * channel.drive.lever / channel.drive.back_emf
         white = whiten_walk(channel.mean(p.stage - p.angle)[:, None], self.walk, self.noise)[:, 0]
         self.time = channel.time
         self.step = channel.time[1] - channel.time[0]
@@ -61,7 +62,7 @@ class Spectrum:
 
     @staticmethod
     def _period(channel):
-        """Root of (block time × period): turns 1 mV of amplifier noise into volt seconds per block."""
+        """Root of (block time × period): turns the amplifier's noise [V] into volt seconds per block."""
         return np.sqrt((channel.time[1] - channel.time[0]) * channel.prepared.period)
 
     def gain(self, frequency):

@@ -7,9 +7,9 @@ the pair that fits. And where the stage follows the motor so differently, the mo
 import dataclasses
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 
-from microstage_ros.diagnosis.catalogue.electrical import STIFFNESS_FACTORS
+from microstage_ros.diagnosis.catalogue.electrical import STIFFNESS_FACTORS, payload_resonance
 from microstage_ros.diagnosis.catalogue.form import Form
 from microstage_ros.diagnosis.preprocessing.threads import side_by_side
 
@@ -17,6 +17,8 @@ DAMPINGS = (0.25, 1.0, 4.0)
 STANDS_OUT = 1.15     # χ² per row over the baseline's from which the search is worth its time
 BETTER = 0.08         # share of the resonance's χ² that the damping must take beside the stiffness,
 LEAST = 150.0         # and at least this much
+MASS_RANGE = (0.3, 30.0)   # of the moving mass
+MASS_REACH = 0.7      # of its logarithm, on both sides of the reciprocal of the stiffness that fits
 STEP = 0.05           # of the logarithms, for the bend at the best pair
 STIFFNESS_ERROR = 0.06
 DAMPING_ERROR = 0.4   # share of the damping: a loop that swings at its resonance tells it poorly (simulated: factors of 0.6 to 2)
@@ -57,15 +59,47 @@ def fit_train(learn, base):
 
 
 def damped_forms(collection):
-    """One `Form` of ``drive_compliance`` with its own damping, or none."""
+    """`Form` of ``drive_compliance`` with its own damping and of ``payload_change`` with its own mass, as far as they stand out.
+
+    A mass g times as large moves the resonance as a stiffness and a damping of 1/g do, H = (D s + K)/(m s² + D s + K); on
+    grids of other fineness the coarser one would lose although it is true.
+    """
     if "resonance" not in collection.names:
         return []
     learn, base = ([c["resonance"] for c in collection.channels[group] if "resonance" in c] for group in ("learn", "base"))
     train = fit_train(learn, base)
-    if train is None or train.alone - train.after < max(BETTER * (train.before - train.after), LEAST):
+    if train is None:
         return []
-    at = np.log([train.stiffness, train.damping])
-    return [_form(at, _errors(learn, at, train.after))]
+    forms = [_mass_form(learn, train)]
+    if train.alone - train.after >= max(BETTER * (train.before - train.after), LEAST):
+        at = np.log([train.stiffness, train.damping])
+        forms.append(_form(at, _errors(learn, at, train.after)))
+    return forms
+
+
+def _mass_form(learn, train):
+    """`Form` of ``payload_change`` in the resonance at the mass that fits best."""
+    def left(log):
+        return sum(side_by_side(lambda c: _left_with_mass(c, float(np.exp(log))), learn))
+
+    start = float(np.clip(-np.log(train.stiffness), *np.log(MASS_RANGE)))
+    low, high = np.clip([start - MASS_REACH, start + MASS_REACH], *np.log(MASS_RANGE))
+    best = minimize_scalar(left, bounds=(low, high), method="bounded", options={"xatol": 2e-3, "maxiter": 18})
+    factor = float(np.exp(best.x))
+    bend = left(best.x + STEP) + left(best.x - STEP) - 2.0 * best.fun
+    error = float(np.hypot(STEP * np.sqrt(2.0 / max(bend, 2.0)), STIFFNESS_ERROR)) * factor
+
+    def sizes(beta, covariance, frame):
+        mass = frame.drive.mass
+        return {"mass_kg": (mass * (factor - 1.0), mass * error, "kg")}, {"mass_kg": mass * (factor - 1.0)}
+
+    return Form("payload_change", "resonance", f"{factor:.6g}", payload_resonance(factor), sizes, lambda beta: 0.5 < beta[0] < 1.8)
+
+
+def _left_with_mass(channel, factor):
+    """χ² of one record with the mass, and the guideway's load, times this factor."""
+    left = channel.residual - channel.mean(channel.predict(mass=factor, load=factor) - channel.predict())
+    return float((channel.whiten(left[:, None])[0] ** 2).sum())
 
 
 def compliance_and_damping(stiffness, damping):

@@ -1,7 +1,10 @@
 """From records to evidence: every record prepared, every channel filled, all candidates' columns gathered."""
 
+import dataclasses
 import functools
 import operator
+
+import numpy as np
 
 from microstage_ros.diagnosis.catalogue import FORMS
 from microstage_ros.diagnosis.catalogue.form import Frame
@@ -9,7 +12,7 @@ from microstage_ros.diagnosis.preprocessing.threads import side_by_side
 from microstage_ros.diagnosis.residuals.command import Command
 from microstage_ros.diagnosis.residuals.evidence import gather
 from microstage_ros.diagnosis.residuals.evidence_set import Evidences
-from microstage_ros.diagnosis.residuals.mechanical import DEFAULT_SPREADS, Mechanical, fit_spreads
+from microstage_ros.diagnosis.residuals.mechanical import Mechanical, fit_spreads, stated_spreads
 from microstage_ros.diagnosis.residuals.position import Position
 from microstage_ros.diagnosis.residuals.resonance import Resonance
 from microstage_ros.diagnosis.residuals.systematic import SYSTEMATIC
@@ -25,10 +28,11 @@ class Collection:
     """
 
     def __init__(self, prepared, drive, fast_only=False):
+        drive = seen_amplifier(prepared["base"], drive)
         self.frame = frame_of(prepared, drive)
         self.prepared = prepared
         self.channels = {group: [_channels(p, drive, fast_only) for p in prepared[group]] for group in GROUPS}
-        self.spreads = DEFAULT_SPREADS
+        self.spreads = stated_spreads(drive)
         healthy = [c["torque"] for c in self.channels["base"] if "torque" in c]
         if healthy:
             self.spreads = fit_spreads(healthy)
@@ -52,6 +56,12 @@ class Collection:
         scatter = {name: _scatter(sums["base"].get(name)) for name in self.names}
         kept = [form for form in forms if form.channel in self.names]
         return Evidences(sums["learn"], sums["held"], sums["base"], kept, scatter, self.frame)
+
+
+def seen_amplifier(base, drive):
+    """The drive with the amplifier's noise that records of the healthy axis show, where there are such; else as stated."""
+    seen = [Windup(p, drive).amplifier_noise for p in base if p.has_current]
+    return dataclasses.replace(drive, amplifier_noise=float(np.median(seen))) if seen else drive
 
 
 def frame_of(prepared, drive):

@@ -8,7 +8,9 @@ by the nominal friction), what is not known of the state while blocks stick, and
 follows the local scatter.
 """
 
+import dataclasses
 import functools
+import math
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -23,7 +25,11 @@ from microstage_ros.diagnosis.preprocessing.whitening import whiten_states
 BLOCK = 20  # periods
 STUCK_TIME, STUCK_TRAVEL = 0.5, 3.0e-6  # s, m: how long an unknown pre-sliding state is remembered
 SETTLING_TRAVEL = 8.0e-6  # m: until then the record's unknown first friction state counts
-DEFAULT_SPREADS = (0.054, 0.027, 15.0e-6)  # travel and time part of the random friction [1]; stuck state [N m]
+STUCK_SHARE = 0.07   # of the contact's static limit that the unknown state of sticking blocks leaves open: 15 of 219 µN m were found
+#: in healthy records of the shipped axis, by `fit_spreads`, which measures it wherever a baseline is given
+LEAST_RELATIVE = 0.01   # random friction of an axis file that states none: no friction repeats better than to a hundredth
+PRIOR = {"relative": 0.7, "stuck": 0.7, "travel_length": 0.7, "share": 1.0}   # standard deviations of the logarithms (of the odds, for
+#: the share) about the axis file's figures: a factor of two, as a figure of one significant digit is uncertain
 
 
 class Mechanical:
@@ -85,16 +91,41 @@ class Mechanical:
         first = np.exp(-np.maximum(self.travel / SETTLING_TRAVEL - 2.0, 0.0) * 3.0)
         return white + (150.0e-6 * first) ** 2
 
-    def whiten(self, matrix, spreads=DEFAULT_SPREADS):
-        """Unit-variance innovations of (blocks, k), and Σ ln S."""
+    def whiten(self, matrix, spreads=None):
+        """Unit-variance innovations of (blocks, k), and Σ ln S; ``spreads``: `Spreads`, those of the axis file by default."""
+        spreads = spreads or stated_spreads(self.drive)
         period = BLOCK * self.prepared.period
         ahead = np.append(self.step[1:], 0.0)
         keeps = np.stack([
-            np.exp(-ahead / 1.0e-4), np.full(len(ahead), np.exp(-period / 20.0)),
+            np.exp(-ahead / spreads.travel_length), np.full(len(ahead), np.exp(-period / spreads.time_length)),
             np.exp(-period / STUCK_TIME - ahead / STUCK_TRAVEL),
         ], axis=1)
         gains = np.stack([self.friction, self.friction, self.stuck], axis=1)
-        return whiten_states(matrix, gains, keeps, spreads, self.white)
+        return whiten_states(matrix, gains, keeps, spreads.deviations, self.white)
+
+
+@dataclasses.dataclass(frozen=True)
+class Spreads:
+    """Random friction as the whitening knows it: relative standard deviation, its share of variance with travel, lengths [m, s];
+    ``stuck`` [N m]: standard deviation of the state of sticking blocks."""
+
+    relative: float
+    share: float
+    travel_length: float
+    time_length: float
+    stuck: float
+
+    @property
+    def deviations(self):
+        """Standard deviations of the three processes: with travel, with time [1], of the sticking state [N m]."""
+        return (self.relative * math.sqrt(self.share), self.relative * math.sqrt(1.0 - self.share), self.stuck)
+
+
+def stated_spreads(drive):
+    """`Spreads` by the axis file."""
+    v = drive.variability
+    return Spreads(max(v.relative, LEAST_RELATIVE), min(max(v.travel_share, 0.05), 0.95), v.travel_length, v.time_length,
+                   STUCK_SHARE * drive.actuator.static)
 
 
 def _means(values, block):
@@ -113,23 +144,28 @@ def _weights(drive, period, coarse):
     return np.convolve(rows, np.ones(BLOCK // coarse) * coarse / BLOCK)
 
 
-def fit_spreads(channels, columns=None):
-    """Spreads of the random friction and of the stuck state that healthy channels show, by maximum likelihood.
+def fit_spreads(channels):
+    """`Spreads` that healthy channels show, by maximum a posteriori about the axis file's figures.
 
-    The share of time and travel stays as the shipped axis has it (20 and 80 % of the variance). Returns the
-    three spreads and the factor on the white standard deviation.
+    Size, share, travel length and sticking state are fitted. The time length is the axis file's: records of half a minute
+    cannot tell it.
     """
-    def cost(log):
-        relative, stuck = np.exp(log)
-        spreads = (relative * np.sqrt(0.8), relative * np.sqrt(0.2), stuck)
+    stated = stated_spreads(channels[0].drive)
+    middle = np.array([math.log(stated.relative), math.log(stated.stuck), math.log(stated.travel_length),
+                       math.log(stated.share / (1.0 - stated.share))])
+    spread = np.array([PRIOR[name] for name in ("relative", "stuck", "travel_length", "share")])
+
+    def at(point):
+        relative, stuck, length = np.exp(point[:3])
+        return Spreads(float(relative), float(1.0 / (1.0 + math.exp(-point[3]))), float(length), stated.time_length, float(stuck))
+
+    def cost(point):
         total = 0.0
         for channel in channels:
-            out, determinant = channel.whiten(channel.residual[:, None], spreads)
+            out, determinant = channel.whiten(channel.residual[:, None], at(point))
             total += np.minimum(out[:, 0] ** 2, 25.0).sum() + determinant
-        return total + 2.0 * (log[0] - np.log(0.04)) ** 2 + 2.0 * (log[1] - np.log(15e-6)) ** 2
+        return total + float((((point - middle) / spread) ** 2).sum())
 
-    start = np.log([0.04, 15.0e-6])
-    best = minimize(cost, start, method="Nelder-Mead", options={"xatol": 0.03, "fatol": 0.5, "maxiter": 60,
-                    "initial_simplex": [start, start + [0.5, 0], start + [0, 0.5]]})
-    relative, stuck = np.exp(best.x)
-    return (relative * np.sqrt(0.8), relative * np.sqrt(0.2), stuck)
+    simplex = np.concatenate([middle[None], middle + np.diag([0.5, 0.5, 0.4, 0.6])])
+    best = minimize(cost, middle, method="Nelder-Mead", options={"xatol": 0.03, "fatol": 0.5, "maxiter": 160, "initial_simplex": simplex})
+    return at(best.x)

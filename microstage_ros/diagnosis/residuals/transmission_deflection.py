@@ -3,19 +3,23 @@
     K_E Δθ = T (u − R i_s);   residual = x − (r/N) θ + (F_g + m a) / K_c        [m], means over 20 ms
 
 so it holds the amplifier and the winding (integrated), lost motion, wind-up and lead errors. Noise: the
-amplifier's noise makes θ a random walk of some 25 nm per √s; the reading is nearly exact in the mean,
+amplifier's noise makes θ a random walk (1 mV on the shipped axis: some 25 nm per √s); the reading is nearly exact in the mean,
 except where the stage rattles; the guideway's random friction winds the drive up by some nanometres.
 """
+
+import math
 
 import numpy as np
 
 from microstage_ros.diagnosis.preprocessing.whitening import whiten_states
+from microstage_ros.diagnosis.residuals.mechanical import stated_spreads
 
 BLOCK = 200
 SPREAD = 1.0e-2      # m: the walk as a first-order process so wide that it forgets nothing
 READING = 1.0e-9     # m: mean of a block that does not move
 EDGE = 0.5           # share of a sudden change that a block's mean may miss
-FRICTION = 0.06      # relative standard deviation of the guideway's friction, over 100 µm of travel
+LEAST_NOISE = 1.0e-5 # V of an amplifier whose axis file states no noise: a thirtieth of a 16-bit converter's step
+WIDER = 1.7          # times the stated walk that the records may show before it is no noise any more
 
 
 class Windup:
@@ -59,8 +63,10 @@ class Windup:
         usual = np.median(rattle)
         change = np.diff(self.residual)
         spread = np.subtract(*np.percentile(change, [75, 25])) / 1.349
-        nominal = 1.0e-3 * self.prepared.period * np.sqrt(BLOCK) * self.drive.lever / self.drive.back_emf
-        walk = float(np.clip(spread, nominal, 1.7 * nominal))
+        noise = max(math.hypot(self.drive.amplifier_noise, self.drive.converter_step / math.sqrt(12.0)), LEAST_NOISE)
+        per_volt = self.prepared.period * np.sqrt(BLOCK) * self.drive.lever / self.drive.back_emf
+        self.amplifier_noise = float(spread / per_volt)    # as this record shows it, with all else that walks
+        walk = float(np.clip(spread, noise * per_volt, WIDER * noise * per_volt))
         # where the load turns round within a block, its mean depends on the very moment
         edge = EDGE * np.maximum(np.abs(change) - 4.0 * walk, 0.0)
         edge = np.maximum(np.append(edge, 0.0), np.insert(edge, 0, 0.0))
@@ -74,6 +80,7 @@ class Windup:
         """Unit-variance innovations of (blocks, k), and Σ ln S."""
         rows = len(self.residual)
         ahead = np.append(np.abs(np.diff(self.position)), 0.0)
-        keeps = np.stack([np.full(rows, np.sqrt(1.0 - (self.walk / SPREAD) ** 2)), np.exp(-ahead / 1.0e-4)], axis=1)
+        vary = stated_spreads(self.drive)
+        keeps = np.stack([np.full(rows, np.sqrt(1.0 - (self.walk / SPREAD) ** 2)), np.exp(-ahead / vary.travel_length)], axis=1)
         gains = np.stack([np.ones(rows), self.force / self.drive.stiffness], axis=1)
-        return whiten_states(matrix, gains, keeps, (SPREAD, FRICTION), self.white)
+        return whiten_states(matrix, gains, keeps, (SPREAD, vary.relative), self.white)

@@ -12,16 +12,21 @@ from microstage_ros.diagnosis.result import Finding, Gain, OverallGain, Rivals
 from microstage_ros.diagnosis.selection.selection import (
     FRICTIONS,
     LEVEL,
+    RESONANT,
     acceptable,
     best_forms,
     level_or_viscous,
     profile_of,
+    resonance_is,
 )
 
 RIVAL_MARGIN = 12.0     # χ² by which a cause must beat every other name
 RIVAL_SHARE = 0.02      # and share of its own gain
 FLAT = 0.5              # spread of a profile over its mean, below which it is a level
 SCATTER = 1.35          # χ² per row over the baseline's that no healthy record reaches
+LARGEST_ASYMMETRY = 0.9  # of the guideways' limits, by the bounds of the effect
+CONSTANT = 0.5           # share of a tilt's gain from which the asymmetry, but for the record's first 40 µm the same, explains it too
+UNSEEN = 1.5            # times the model's own noise that a healthy channel may show where no baseline says what it usually shows
 STRANGER = {"torque": 40.0}  # times its own part that may be left in the channel of a named cause; friction is random
 STRANGER_ELSE = 6.0
 READING_SHARE = 0.1     # of what is left between the two readings that a cause must hold if only one of them tells of it
@@ -53,35 +58,32 @@ class Ledger:
         return max(self.before - self.floor, 1e-9)
 
 
-def ledger_of(evidences, choices, generic):
-    """`Ledger` over the evidences' channels."""
+def usual_size(evidences, channel):
+    """χ² per row of a channel on an axis where nothing is wrong: the baseline's; without one 1, what the noise of the model predicts."""
+    base = evidences.base.get(channel)
+    return 1.0 if base is None else base.energy() / base.rows
+
+
+def ledger_of(evidences, choices):
+    """`Ledger` over the evidences' channels.
+
+    The floor is what a healthy axis leaves on as many rows (`usual_size`); nothing that was fitted to the records under
+    test, named or not, enters it. It is no higher than what was reached.
+    """
     book = Ledger()
     for channel, held in evidences.held.items():
         scale = evidences.scatter[channel]
         keys = Evidences._keys(channel, choices)
         beta, _, _ = evidences.learn[channel].fit(keys)
-        after = (held.energy() - held.reduction(keys, beta)) / scale
-        floor = (held.energy() - _own_reach(held, keys, [f for f in generic if f.channel == channel])) / scale
         book.before += held.energy() / scale
-        book.after += after
-        book.floor += min(floor, after)
+        book.after += (held.energy() - held.reduction(keys, beta)) / scale
+        book.floor += held.rows * usual_size(evidences, channel) / scale
         book.rows += held.rows
+    book.floor = min(book.floor, book.after)
     for choice in choices:
         others = [c for c in choices if c is not choice]
         book.parts[choice.effect] = max(evidences.held_gain(choices) - evidences.held_gain(others), 0.0)
     return book
-
-
-def _own_reach(held, keys, generic):
-    """What the causes, fitted to the held-out records themselves, and significant nameless shapes would reach."""
-    taken, reach = list(keys), held.fit(keys)[2] - len(held.indices(keys)) if keys else 0.0
-    for form in generic:
-        count = len(held.indices([form.key]))
-        more = held.fit([*taken, form.key])[2] - held.fit(taken)[2]
-        if more > chi2.isf(1e-6, count) * LOOSE.get(form.effect, 1.5):
-            taken.append(form.key)
-            reach += more - count
-    return max(reach, 0.0)
 
 
 def rivals_of(evidences, choice, choices, effects):
@@ -94,15 +96,41 @@ def rivals_of(evidences, choice, choices, effects):
     for effect in effects:
         if effect in {c.effect for c in choices} or effect in CONTAINS.get(choice.effect, ()):
             continue
-        if effect == "drive_compliance" and choice.effect == "payload_change":
-            continue  # the guideway's friction has proved the payload (`selection`)
         trial = best_forms(evidences, effect, others)
+        if {effect, choice.effect} == set(RESONANT):
+            said = None if trial is None else resonance_is(evidences, {choice.effect: own, effect: trial}, others)
+            found += [effect] if said == "open" else []
+            continue
+        if is_constant_force(evidences, choice, effect, others):
+            found.append(effect)
+            continue
         if trial is None or not acceptable(evidences, trial, others) or _level(evidences, trial.choice, others):
             continue
         lead = own.gain + own.held - 2 * own.sizes - (trial.gain + trial.held - 2 * trial.sizes)
         if lead < max(RIVAL_MARGIN, RIVAL_SHARE * own.gain):
             found.append(effect)
     return found
+
+
+def is_constant_force(evidences, choice, effect, others):
+    """Whether a tilt may as well be an asymmetry of the guideways alone.
+
+    Limits F (1 + a sgn v) are F sgn v and the constant force a F, the whole hysteresis moved along with it; only the
+    force's size tells: an asymmetry cannot make more of it than the friction there is.
+    """
+    if {choice.effect, effect} != {"gravity_tilt", "direction_asymmetry"} or "torque" not in evidences.learn:
+        return False
+    if effect == "gravity_tilt":
+        return any(form.variant == "guideway" for form in choice.forms)
+    form = next((f for f in evidences.forms if f.effect == effect and f.variant == "guideway"), None)
+    if form is None:
+        return False
+    keys = Evidences._keys("torque", others)
+    beta, covariance, gain = evidences.learn["torque"].fit([*keys, form.key])
+    gain = gain / evidences.scatter["torque"] - evidences.channel_gain("torque", others)
+    own = evidences.channel_gain("torque", [*others, choice]) - evidences.channel_gain("torque", others)
+    within = abs(beta[-1]) - 3.0 * math.sqrt(covariance[-1, -1] * evidences.scatter["torque"]) < LARGEST_ASYMMETRY
+    return bool(within and gain > CONSTANT * own)
 
 
 def _level(evidences, choice, others):
@@ -151,26 +179,35 @@ def of_learning_records(found):
     return [finding for finding, _ in found if finding.left > ALONE * finding.threshold]
 
 
-def verdict_of(causes, rivals, left, book, stands_out):
+def verdict_of(causes, rivals, left, book, above):
     """One of `diagnosis.VERDICTS`.
 
-    ``left``: significant dependences that no cause explains; ``stands_out``: whether anything did before.
+    Parameters
+    ----------
+    causes : what is sure. rivals : open questions.
+    left : significant dependences that no cause explains.
+    book : `Ledger` of the held-out records.
+    above : channels whose residual, after the causes, stands above the noise floor.
+
+    Returns
+    -------
+    ``explained`` only where nothing stands above the floor any more.
     """
     if rivals:
         return "undetermined"
     if not causes:
-        return "unexplained" if left or stands_out else "agrees"
+        return "unexplained" if left or above else "agrees"
     remaining = (book.after - book.floor) / book.excess
-    if left and remaining > LEFT_SHARE:
+    if above or (left and remaining > LEFT_SHARE):
         return "partly_explained"
     return "explained" if remaining < 0.3 else "partly_explained"
 
 
 def stands_out(evidences, choices):
-    """Channels whose residual, after the causes, scatters more on every record group than the baseline does."""
+    """Channels whose residual, after the causes, scatters more on every record group than a healthy axis's does."""
     found = []
-    for channel, base in evidences.base.items():
-        usual = base.energy() / base.rows
+    for channel in evidences.held:
+        usual = usual_size(evidences, channel) * (1.0 if channel in evidences.base else UNSEEN)
         keys = Evidences._keys(channel, choices)
         beta = evidences.learn[channel].fit(keys)[0]
         ratios = [(group.energy() - group.reduction(keys, beta)) / group.rows / usual
@@ -186,10 +223,10 @@ def without_strangers(evidences, choices):
     for choice in choices:
         others = [c for c in kept if c is not choice]
         for channel in {form.channel for form in choice.forms} & set(stands_out(evidences, kept)):
-            held, base = evidences.held[channel], evidences.base[channel]
+            held = evidences.held[channel]
             keys = Evidences._keys(channel, kept)
             beta = evidences.learn[channel].fit(keys)[0]
-            left = held.energy() - held.reduction(keys, beta) - held.rows * base.energy() / base.rows
+            left = held.energy() - held.reduction(keys, beta) - held.rows * usual_size(evidences, channel)
             own = (evidences.held_gain(kept, [channel]) - evidences.held_gain(others, [channel])) * evidences.scatter[channel]
             if left > STRANGER.get(channel, STRANGER_ELSE) * max(own, 0.0):
                 kept = others
@@ -201,9 +238,9 @@ def _told_by_a_reading(evidences, choices):
     """Without causes that only the stage's reading tells of, where the two readings differ by more than these explain."""
     if "position" not in stands_out(evidences, choices):
         return choices
-    held, base = evidences.held["position"], evidences.base["position"]
+    held = evidences.held["position"]
     keys = Evidences._keys("position", choices)
-    left = held.energy() - held.reduction(keys, evidences.learn["position"].fit(keys)[0]) - held.rows * base.energy() / base.rows
+    left = held.energy() - held.reduction(keys, evidences.learn["position"].fit(keys)[0]) - held.rows * usual_size(evidences, "position")
     kept = []
     for choice in choices:
         own = evidences.held_gain(choices) - evidences.held_gain([c for c in choices if c is not choice])

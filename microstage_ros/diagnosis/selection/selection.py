@@ -21,6 +21,9 @@ MINOR = 0.03                 # a further cause must explain this share of what i
 #: and more where their forms are a coarse grid that leaves that much
 MINOR_BESIDE = {"rising_static_friction": 0.25, "presliding_creep": 0.25, "nonlinear_viscous": 0.08, "backlash": 0.08,
                 "position_dependent_friction": 0.08}
+RESONANT = ("payload_change", "drive_compliance")
+ALIKE = 0.9                  # share of a soft drive's gain in resonance and wind-up from which a payload explains them as well
+SURE = 4.0                   # standard errors
 FRICTIONS = ("friction_level_change", "viscous_change")
 CLEARLY_LESS = 0.5           # of the other's mean
 
@@ -189,7 +192,7 @@ def select(evidences, effects, most=4):
         choices.append(_simpler(evidences, winner, trials, choices).choice)
         choices = prune(evidences, choices)
         lost = trials
-    choices = _one_resonance(evidences, choices)
+    choices = mass_or_stiffness(evidences, _one_resonance(evidences, choices))
     best = level_or_viscous(evidences, choices)
     if best is not None:
         choices = [best if c.effect in FRICTIONS else c for c in choices]
@@ -240,6 +243,60 @@ def _one_resonance(evidences, choices):
     alone = best_forms(evidences, "payload_change", others)
     both = evidences.gain(choices) - evidences.gain(others)
     return [*others, alone.choice] if alone and alone.gain > ONE_RESONANCE * both else choices
+
+
+def torque_mass(evidences, choice, others):
+    """Mass [kg] that the torque balance tells beside ``others``, its standard error, and the one that the resonance or the
+    wind-up of ``choice`` (a `Choice` of ``payload_change``) tells; None where a channel is missing."""
+    form = next((f for f in evidences.forms if f.effect == "payload_change" and f.channel == "torque"), None)
+    fast = [f for f in choice.forms if f.channel in ("resonance", "windup")]
+    if form is None or "torque" not in evidences.learn or not fast:
+        return None
+    mass, stderr, _ = sizes_of(evidences, choice, others, form)[0]["mass_kg"]
+    told = min((sizes_of(evidences, choice, others, f)[0]["mass_kg"] for f in fast), key=lambda size: size[1])
+    return mass, stderr, told[0], told[1]
+
+
+def mass_or_stiffness(evidences, choices):
+    """A payload, or a soft drive: the resonance and the wind-up hardly tell them apart, the torque balance does.
+
+    A mass loads the guideways and takes torque at accelerations of any frequency; a soft drive takes none away from its
+    resonance. Where the balance tells a mass that agrees with the resonance's, it is a payload; where it excludes that
+    mass, a soft drive.
+    """
+    own = [c for c in choices if c.effect in RESONANT]
+    if len(own) != 1:
+        return choices
+    others = [c for c in choices if c is not own[0]]
+    trials = {effect: best_forms(evidences, effect, others) for effect in RESONANT}
+    said = resonance_is(evidences, trials, others)
+    if said in RESONANT and acceptable(evidences, trials[said], others):
+        return [*others, trials[said].choice]
+    return choices
+
+
+def resonance_is(evidences, trials, others):
+    """Which of `RESONANT` it is: an effect's id, ``"open"`` where the records cannot tell, None where they need not.
+
+    ``trials``: {effect: `Trial` or None}.
+    """
+    payload, drive = trials["payload_change"], trials["drive_compliance"]
+    if payload is None or drive is None:
+        return None
+    fast = ("resonance", "windup")
+    gains = [sum(evidences.channel_gain(ch, [*others, t.choice]) - evidences.channel_gain(ch, others) for ch in fast if ch in evidences.learn)
+             for t in (payload, drive)]
+    if gains[0] < ALIKE * gains[1]:
+        return "drive_compliance"
+    told = torque_mass(evidences, payload.choice, others)
+    if told is None:
+        return "open"
+    mass, stderr, expected, error = told
+    if abs(mass) > SURE * stderr and 0.4 < mass / expected < 2.5:
+        return "payload_change"
+    if abs(mass - expected) > SURE * math.hypot(stderr, error) and abs(mass) < SURE * stderr:
+        return "drive_compliance"
+    return "open"
 
 
 def _first_acceptable(evidences, trials, choices):
