@@ -6,10 +6,13 @@ channels' evidence is gathered, for the catalogue's forms and for those that the
 regression is added (`apart`); everything is judged on held-out records.
 """
 
+import dataclasses
+
 import numpy as np
 
 from microstage_ros.diagnosis.catalogue import FORMS
 from microstage_ros.diagnosis.prerequisites.drive import drive_of
+from microstage_ros.diagnosis.prerequisites.encoder import seen_interpolation
 from microstage_ros.diagnosis.prerequisites.periods import periodic_forms
 from microstage_ros.diagnosis.prerequisites.prerequisites import find_known
 from microstage_ros.diagnosis.prerequisites.resonant import damped_forms
@@ -19,6 +22,7 @@ from microstage_ros.diagnosis.residuals.collection import Collection
 from microstage_ros.diagnosis.residuals.systematic import SYSTEMATIC
 from microstage_ros.diagnosis.result import Cause, Diagnosis, Parameter
 from microstage_ros.diagnosis.selection import judge
+from microstage_ros.diagnosis.selection.calibration import probability
 from microstage_ros.diagnosis.selection.leftover import scatter_findings
 from microstage_ros.diagnosis.selection.nonregression_causes import causes_apart
 from microstage_ros.diagnosis.selection.refinement import refine
@@ -50,7 +54,7 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
     ------
     InputError : for records that cannot be used.
     """
-    drive = drive_of(axis)
+    drive = seen_interpolation(drive_of(axis), list(baseline))
     records, holdout, notes = _hold_back(list(records), list(holdout))
     groups = {"learn": records, "held": holdout, "base": list(baseline)}
     if not baseline:
@@ -153,9 +157,8 @@ def _cause(evidences, choice, choices, units):
                 parameters[name] = Parameter(value, stderr, unit)
                 effect |= {name: entry[name]} if name in entry else entry
         effect = {**entry, **effect}
-    trial = judge.best_or_same(evidences, choice, [c for c in choices if c is not choice])
     channel, gain = judge.cause_gain(evidences, choice, choices, units)
-    return Cause(choice.effect, parameters, effect, judge.probability_of(trial), 0.0, gain, channel)
+    return Cause(choice.effect, parameters, effect, 0.0, 0.0, gain, channel)
 
 
 def _with_shares(causes, book):
@@ -165,11 +168,14 @@ def _with_shares(causes, book):
         if cause.id in merged:
             first = merged[cause.id]
             cause = Cause(cause.id, {**first.parameters, **cause.parameters}, {**first.effect, **cause.effect},
-                          max(first.probability, cause.probability), 0.0, first.gain, first.channel)
+                          0.0, 0.0, first.gain, first.channel)
         merged[cause.id] = cause
     total = max(book.excess, sum(book.parts.values()))
-    shared = [Cause(c.id, c.parameters, c.effect, c.probability, float(min(book.parts.get(c.id, 0.0) / total, 1.0)),
-                    c.gain, c.channel, c.sentence) for c in merged.values()]
+    shared = []
+    for c in merged.values():
+        part = float(book.parts.get(c.id, 0.0))
+        share = min(part / total, 1.0)
+        shared.append(dataclasses.replace(c, probability=probability(part, share), share=share, evidence=part))
     return sorted(shared, key=lambda c: -c.share)
 
 

@@ -41,6 +41,7 @@ class Cause:
     gain : rms on the held-out records of the residual channel in which the cause shows.
     channel : that channel, for instance ``"voltage"``, ``"current"``, ``"position"``.
     sentence : what it means for a technician, in one sentence with size and unit.
+    evidence : χ² that it takes from the held-out records, from which the probability is calibrated; 0 where there is none.
     """
 
     id: str
@@ -51,6 +52,7 @@ class Cause:
     gain: Gain
     channel: str
     sentence: str = ""
+    evidence: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True)

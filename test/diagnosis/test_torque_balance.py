@@ -26,8 +26,10 @@ def quiet(axis):
     """Channel of one record without any noise and without random friction."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(cases, "NoiseSpec", lambda friction_relative: NoiseSpec(0.0, 0.0, 0.0, 1.0e-12, friction_relative))
-        (record, _), _, _ = cases.make_case(axis, cases.Hidden("healthy"), 3, 0.0)
-    drive = drive_of(axis)
+        ideal = axis.with_values({**{f"sensors.current.{key}": 0.0 for key in ("noise", "offset", "bandwidth", "skew", "bits")},
+                                  "sensors.encoder.interpolation_error": [0.0, 0.0]})
+        (record, _), _, _ = cases.make_case(ideal, cases.Hidden("healthy"), 3, 0.0)
+    drive = drive_of(ideal)
     return Mechanical(prepare(record, drive), drive)
 
 

@@ -14,9 +14,11 @@ from microstage_ros import __version__
 from microstage_ros.commands import answer
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
+from microstage_ros.diagnosis.selection.calibration import calibrate, write_calibration
 from microstage_ros.diagnosis.validation import campaign
 from microstage_ros.files import write_text
 from microstage_ros.model.axis_file import load_axis
+from microstage_ros.metrology.rates import rate
 from microstage_ros.model.effects import REGISTRY
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
@@ -32,7 +34,7 @@ def main(argv=None):
     """Run the command. Returns 0; raises InputError for bad input."""
     arguments = _parse(argv)
     examined = campaign.examinations(arguments.cases, arguments.seed, str(arguments.axis), arguments.kind,
-                                     arguments.strength, arguments.effect)
+                                     arguments.strength, arguments.effect, arguments.world)
     outcomes = []
     with progress("examining", len(examined)) as bar:
         for outcome in campaign.run(examined, arguments.jobs):
@@ -41,8 +43,13 @@ def main(argv=None):
             if arguments.verbose:
                 print(_line(outcome), flush=True)
     outcomes.sort(key=lambda outcome: outcome.number)
+    outcomes += [outcome for path in arguments.earlier for outcome in _earlier(path)]
     counts, medians = campaign.scores(outcomes)
     _give(arguments, outcomes, counts, medians)
+    if arguments.calibrate:
+        told = [(evidence, share, right) for o in outcomes for _, _, evidence, share, right in o.told]
+        words = " ".join(["./microstage campaign", *(sys.argv[1:] if argv is None else argv)])
+        write_calibration(arguments.calibrate, calibrate(told), words)
     show(outcomes, counts, medians, Console(width=None if sys.stdout.isatty() else 160))
     return 0
 
@@ -57,9 +64,15 @@ def _parse(argv):
     parser.add_argument("--effect", default="", metavar="ID", help="always hide this effect")
     parser.add_argument("--strength", type=float, default=1.0, metavar="X", help="factor on all sizes (default 1)")
     parser.add_argument("--axis", type=pathlib.Path, default=DEFAULT_AXIS, metavar="FILE", help="axis file (default the shipped one)")
+    parser.add_argument("--world", default="first", choices=tuple(campaign.WORLDS), help="who makes the records: the first world, or "
+                        "one of other programmes, controllers, encoders, noise, variability and friction laws (default first)")
+    parser.add_argument("--calibrate", type=pathlib.Path, metavar="FILE", help="write the calibration of the stated probabilities that "
+                        "these cases give; with --from, of those")
+    parser.add_argument("--from", dest="earlier", nargs="+", type=pathlib.Path, default=[], metavar="JSON",
+                        help="count the cases of earlier campaigns (their --json files) too")
     parser.add_argument("--verbose", action="store_true", help="a line per case")
     arguments = parser.parse_args(argv)
-    for name, value, least in (("--cases", arguments.cases, 1), ("--jobs", arguments.jobs, 1), ("--seed", arguments.seed, 0)):
+    for name, value, least in (("--cases", arguments.cases, 0 if arguments.earlier else 1), ("--jobs", arguments.jobs, 1), ("--seed", arguments.seed, 0)):
         if value < least:
             raise InputError(name, value, f"{least} or more")
     if not arguments.strength > 0.0:
@@ -68,6 +81,24 @@ def _parse(argv):
         raise InputError("--effect", arguments.effect, "one of " + ", ".join(sorted(REGISTRY)))
     load_axis(arguments.axis)
     return arguments
+
+
+def _earlier(path):
+    """Outcomes of an earlier campaign's JSON file."""
+    try:
+        cases = json.loads(path.read_text(encoding="utf-8"))["cases"]
+        fields = {field.name for field in dataclasses.fields(campaign.Outcome)}
+        return [campaign.Outcome(**{key: _tuples(value) for key, value in case.items() if key in fields}) for case in cases]
+    except OSError as error:
+        raise InputError(f"--from {path}", error.strerror, "the --json file of a campaign") from None
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"--from {path}", str(error)[:80], "the --json file of a campaign of this version") from None
+
+
+def _tuples(value):
+    if value is None:
+        return float("nan")
+    return tuple(_tuples(v) for v in value) if isinstance(value, list) else value
 
 
 def _line(outcome):
@@ -102,7 +133,12 @@ def show(outcomes, counts, medians, console):
     console.print(sheet)
     figures = Table("figure", "", "", title="Figures", title_justify="left")
     for name, (hits, of) in counts.items():
-        figures.add_row(name, f"{hits} of {of}", f"{hits / of:.0%}" if of else "")
+        interval = rate(hits, of)
+        figures.add_row(name, f"{hits} of {of}", f"{hits / of:.0%} ({interval.low:.0%} … {interval.high:.0%})" if of else "")
     for name, value in medians.items():
         figures.add_row(name, f"{value:.3g}", "")
     console.print(figures)
+    diagram = Table("stated probability", "mean stated", "right", title="Are the stated probabilities true", title_justify="left")
+    for low, high, mean, right, named in campaign.reliability(outcomes):
+        diagram.add_row(f"{low:.2f} … {high:.2f}", f"{mean:.3f}", str(rate(right, named)))
+    console.print(diagram)

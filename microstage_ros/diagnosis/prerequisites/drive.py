@@ -68,6 +68,7 @@ class Drive:
     guideway: Contact
     signal_period: float = 1.0e-5
     interpolation: tuple = ()
+    interpolation_cosine: tuple = ()
     current_offset: float = 0.0
     amplifier_noise: float = 0.0
     variability: "Variability" = None
@@ -75,7 +76,8 @@ class Drive:
     def interpolation_error(self, position):
         """What the encoder of the axis file reads beyond ``position`` [m], (n,), by interpolation [m]."""
         phase = 2.0 * math.pi * position / self.signal_period
-        return sum((size * np.sin(n * phase) for n, size in enumerate(self.interpolation, 1)), np.zeros(len(position)))
+        error = sum((size * np.sin(n * phase) for n, size in enumerate(self.interpolation, 1)), np.zeros(len(position)))
+        return error + sum((size * np.cos(n * phase) for n, size in enumerate(self.interpolation_cosine, 1)), np.zeros(len(position)))
 
     @property
     def radius(self):

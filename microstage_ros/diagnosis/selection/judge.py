@@ -266,11 +266,6 @@ def rivals_entry(ids):
     return Rivals(tuple(ids), why, {})
 
 
-def probability_of(trial):
-    """Probability that a cause is real, from its significance over some hundred candidates (at most 0.999)."""
-    return float(np.clip(1.0 - math.exp(min(trial.log_p - LEVEL, 0.0)) * 0.1, 0.5, 0.999))
-
-
 def cause_gain(evidences, choice, choices, units):
     """`Gain` of one cause in the channel where it shows most: rms before and after, in the channel's unit."""
     others = [c for c in choices if c is not choice]

@@ -37,7 +37,7 @@ def _slowness(slow, book, unsure):
         return []
     name = "delay_s" if slow.effect == "transport_delay" else "time_s"
     rms = [slow.noise * np.sqrt(v / slow.held_rows) for v in (slow.held_before, slow.held_before - slow.held)]
-    return [Cause(slow.effect, {name: Parameter(slow.time, slow.stderr, "s")}, {name: slow.time}, 0.999, 0.0,
+    return [Cause(slow.effect, {name: Parameter(slow.time, slow.stderr, "s")}, {name: slow.time}, 0.0, 0.0,
                   Gain(float(rms[0]), float(rms[1]), "V"), "command")]
 
 
@@ -49,7 +49,7 @@ def _lost_motion(gap, radius, book):
     book.parts["backlash"] = part
     rms = [gap.noise * np.sqrt(v / gap.held_rows) for v in (gap.held_before, gap.held_after)]
     width = gap.width / radius
-    return Cause("backlash", {"width_rad": Parameter(width, gap.stderr / radius, "rad")}, {"width_rad": width}, 0.999, 0.0,
+    return Cause("backlash", {"width_rad": Parameter(width, gap.stderr / radius, "rad")}, {"width_rad": width}, 0.0, 0.0,
                  Gain(float(rms[0]), float(rms[1]), "m"), "windup")
 
 
@@ -63,7 +63,7 @@ def _drift(course, collection, book):
     rms = [float(noise * np.sqrt(v / rows)) for v in (course.held_before, course.held_after)]
     parameters = {"drift_rms_m": Parameter(course.size, course.size_stderr, "m"),
                   "rate_m_s": Parameter(course.rate, course.rate_stderr, "m/s")}
-    return Cause("thermal_drift", parameters, {"rate_m_s": course.rate}, 0.999, 0.0, Gain(*rms, "m"), "position")
+    return Cause("thermal_drift", parameters, {"rate_m_s": course.rate}, 0.0, 0.0, Gain(*rms, "m"), "position")
 
 
 def _vibration(lines, book):
@@ -79,7 +79,7 @@ def _vibration(lines, book):
               "phases_rad": [line.phase for line in lines]}
     before = float(np.sqrt(sum(line.amplitude**2 for line in lines) / 2.0))
     left = float(np.sqrt(sum(line.stderr**2 for line in lines)))
-    return Cause("floor_vibration", parameters, effect, 0.999, 0.0, Gain(before, left, "m"), "position")
+    return Cause("floor_vibration", parameters, effect, 0.0, 0.0, Gain(before, left, "m"), "position")
 
 
 def _late(late, book):
@@ -91,5 +91,5 @@ def _late(late, book):
     parameters = {"jitter_s": Parameter(jitter, float(stderr), "s"),
                   "lost_fraction": Parameter(taught.lost, float(np.sqrt(max(taught.lost, 1e-9) / 5.0e5)), "1")}
     speed = 1.0e-3
-    return Cause("sampling_jitter", parameters, {"jitter_s": jitter, "lost_fraction": min(taught.lost, 0.5)}, 0.999, 0.0,
+    return Cause("sampling_jitter", parameters, {"jitter_s": jitter, "lost_fraction": min(taught.lost, 0.5)}, 0.0, 0.0,
                  Gain(float(np.sqrt(again.floor + (jitter * speed) ** 2)), float(np.sqrt(again.floor)), "m"), "position")

@@ -13,13 +13,16 @@ import numpy as np
 
 from microstage_ros.diagnosis.batch import diagnose_records, on_cores
 from microstage_ros.diagnosis.validation import fault_injection as hidden
-from microstage_ros.diagnosis.validation.simulated_records import Hidden, make_case
+from microstage_ros.diagnosis.validation import second_world, simulated_records
+from microstage_ros.diagnosis.validation.simulated_records import Hidden
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.model.effects import REGISTRY
 
 KINDS = ("single", "healthy", "two", "outside")
 SHARES = (0.55, 0.15, 0.15, 0.15)          # of the kinds among mixed cases
 FRICTION = (0.02, 0.06)                    # range of the relative random friction
+WORLDS = {"first": simulated_records.make_case, "second": second_world.make_case}   # who makes the records
+RELIABILITY = (0.0, 0.8, 0.95, 1.0)       # edges of the classes of stated probabilities
 NOTHING = "nothing"
 MOST_TERMS = 5     # of a ripple; longer lists are profiles
 
@@ -34,11 +37,13 @@ class Examination:
     axis: str
     strength: float = 1.0
     effect: str = ""
+    world: str = "first"
 
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """What became of a case; ``covered`` lists (parameter, inside its 95 % interval)."""
+    """What became of a case; ``covered`` lists (parameter, inside its 95 % interval), ``told`` (id, stated probability,
+    χ² on held-out records, share, whether it was hidden) of every named cause."""
 
     number: int
     kind: str
@@ -54,6 +59,7 @@ class Outcome:
     seconds: float
     sizes: dict
     error: str = ""
+    told: tuple = ()
 
     @property
     def removed(self):
@@ -62,11 +68,11 @@ class Outcome:
         return (self.before - self.after) / way if way > 0.0 else float("nan")
 
 
-def examinations(count, seed, axis, kind="mixed", strength=1.0, effect=""):
+def examinations(count, seed, axis, kind="mixed", strength=1.0, effect="", world="first"):
     """``count`` cases. Singles and pairs go through the whole catalogue before an effect comes again."""
     order = np.random.default_rng([seed, 0]).choice(len(KINDS), count, p=SHARES)
     kinds = [KINDS[k] for k in order] if kind == "mixed" else [kind] * count
-    return [Examination(number, seed, one, axis, strength, effect) for number, one in enumerate(kinds)]
+    return [Examination(number, seed, one, axis, strength, effect, world) for number, one in enumerate(kinds)]
 
 
 def draw(examination):
@@ -91,7 +97,7 @@ def examine(examination):
     """Make one case, diagnose it, compare. Returns `Outcome`; an error becomes part of it."""
     axis = load_axis(examination.axis)
     what, friction = draw(examination)
-    records, holdout, baseline = make_case(axis, what, examination.seed * 100_003 + examination.number, friction)
+    records, holdout, baseline = WORLDS[examination.world](axis, what, examination.seed * 100_003 + examination.number, friction)
     start = time.perf_counter()      # making the records does not count
     known = dict(number=examination.number, kind=examination.kind, hidden=what.ids, name=what.name, sizes=what.effects)
     try:
@@ -105,7 +111,8 @@ def examine(examination):
         **known, verdict=answer.verdict, named=tuple(cause.id for cause in answer.causes),
         rivals=tuple(tuple(rivals.ids) for rivals in answer.rivals), covered=tuple(covered(answer.causes, what.effects)),
         before=gain.before if gain else float("nan"), after=gain.after if gain else float("nan"),
-        floor=gain.floor if gain else float("nan"), seconds=time.perf_counter() - start)
+        floor=gain.floor if gain else float("nan"), seconds=time.perf_counter() - start,
+        told=tuple((c.id, c.probability, c.evidence, c.share, c.id in what.ids) for c in answer.causes))
 
 
 def covered(causes, truth):
@@ -156,6 +163,7 @@ def scores(outcomes):
     covers = [inside for o in outcomes for _, inside in o.covered]
     single = by["single"]
     right = [o for o in single if o.named[:1] == o.hidden]
+    named = [o for o in outcomes if o.named]
     counts = {
         "single: right name first": (len(right), len(single)),
         "single: undetermined": (sum(o.verdict == "undetermined" for o in single), len(single)),
@@ -163,12 +171,25 @@ def scores(outcomes):
         "two: both named": (sum(set(o.hidden) <= set(o.named) for o in by["two"]), len(by["two"])),
         "two: at least one named": (sum(bool(set(o.hidden) & set(o.named)) for o in by["two"]), len(by["two"])),
         "healthy: false alarms": (sum(bool(o.named or o.rivals) for o in by["healthy"]), len(by["healthy"])),
+        "a wrong name anywhere in the answer": (sum(bool(set(o.named) - set(o.hidden)) for o in outcomes), len(outcomes)),
         "outside: a wrong name": (sum(bool(o.named) for o in by["outside"]), len(by["outside"])),
         "sizes inside their 95 % interval": (sum(covers), len(covers)),
         "right and 90 % of the way to the noise": (sum(o.removed >= 0.9 for o in right), len(right)),
+        "named, and 90 % of the way to the noise": (sum(o.removed >= 0.9 for o in named), len(named)),
         "errors": (sum(bool(o.error) for o in outcomes), len(outcomes)),
     }
     seconds = [o.seconds for o in outcomes]
     medians = {"held-out gain, median share of the way": float(np.nanmedian([o.removed for o in right])) if right else float("nan"),
                "seconds per case, median": float(np.median(seconds)), "seconds per case, longest": float(np.max(seconds))}
     return counts, medians
+
+
+def reliability(outcomes):
+    """Reliability diagram of the stated probabilities: list of (low, high, mean stated, right, named) by class."""
+    told = [(probability, right) for o in outcomes for _, probability, _, _, right in o.told]
+    rows = []
+    for low, high in zip(RELIABILITY, RELIABILITY[1:]):
+        inside = [(p, right) for p, right in told if low <= p < high or p == high == 1.0]
+        if inside:
+            rows.append((low, high, float(np.mean([p for p, _ in inside])), sum(right for _, right in inside), len(inside)))
+    return rows

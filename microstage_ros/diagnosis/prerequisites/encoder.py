@@ -1,0 +1,50 @@
+"""The encoder's interpolation error that the axis file states, as records of the healthy axis show it.
+
+The file states an error of the encoder as no cause: it is taken out of every reading. Size and phase come from the
+baseline where there is one: an encoder may be better or worse than its data sheet, and after another homing the phase is
+another. What is stated and not there would otherwise be put in.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from microstage_ros.diagnosis.preprocessing.preparation import triangle
+
+SLOW = 2001      # periods: courses in time slower than this are no matter of the signal period
+EVERY = 5        # rows between those that are used; neighbours tell the same
+LEAST_SPEED = 2.0e-5   # m/s: at rest nothing is told about a period
+
+
+def seen_interpolation(drive, baseline):
+    """`Drive` with the interpolation error that the baseline shows.
+
+    Parameters
+    ----------
+    drive : `prerequisites.drive.Drive`, with what the axis file states.
+    baseline : list of `Record` of the healthy axis; may be empty.
+
+    Returns
+    -------
+    The drive unchanged where the file states no such error or no baseline record has both readings.
+    """
+    harmonics = len(drive.interpolation)
+    told = [r for r in baseline if "interferometer_m" in r and "encoder_m" in r]
+    if not (any(drive.interpolation) and told):
+        return drive
+    matrix, vector = np.zeros((2 * harmonics, 2 * harmonics)), np.zeros(2 * harmonics)
+    for record in told:
+        encoder, stage = (np.nan_to_num(record[name], nan=float(np.nanmean(record[name]))) for name in ("encoder_m", "interferometer_m"))
+        error = encoder - stage
+        phase = 2.0 * np.pi * stage / drive.signal_period
+        waves = [f(n * phase) for n in range(1, harmonics + 1) for f in (np.sin, np.cos)]
+        speed = np.abs(np.gradient(triangle(stage, 201), record.period_s))
+        used = np.flatnonzero(speed > LEAST_SPEED)[::EVERY]
+        x = np.stack([(w - triangle(w, SLOW))[used] for w in waves], axis=1)
+        matrix += x.T @ x
+        vector += x.T @ (error - triangle(error, SLOW))[used]
+    if np.linalg.cond(matrix + 1e-12 * np.eye(len(matrix))) > 1e6:
+        return drive      # the baseline hardly moved
+    sizes = np.linalg.solve(matrix, vector)
+    return dataclasses.replace(drive, interpolation=tuple(float(v) for v in sizes[::2]),
+                               interpolation_cosine=tuple(float(v) for v in sizes[1::2]))
