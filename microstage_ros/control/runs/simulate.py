@@ -26,14 +26,14 @@ def run_controller(axis, run):
 def simulate(axis, run, seed=0, machine=None, progress=None):
     """Simulate one run.
 
+    A reference that begins in motion is led in from rest (see `control.trajectories.lead_in`), unless the run says
+    where it starts.
+
     Parameters
     ----------
     axis : `Axis` that the controller is given. run : `control.runs.run_file.Run`. seed : of every random number in the run.
     machine : `Axis` that is simulated, where it is another one (default: ``axis.machine``, else ``axis``).
     progress : called with (periods done, periods in all), or None.
-
-    A reference that begins in motion is led in from rest (see `control.trajectories.lead_in`), unless the run says
-    where it starts.
 
     Returns
     -------

@@ -31,6 +31,9 @@ def pack(contact, asymmetry=0.0):
 def replay(contact, speed, period, asymmetry=0.0, factor=None, flow=None):
     """Friction without its viscous part, and the weight of its sticking blocks; both (n,), start of each period.
 
+    A law that is not made of blocks is replayed itself; its blocks say what sticks, and carry the flow, which only
+    ever enters as a difference to the same replay without it.
+
     Parameters
     ----------
     contact : `drive.Contact`.
@@ -39,9 +42,6 @@ def replay(contact, speed, period, asymmetry=0.0, factor=None, flow=None):
     asymmetry : limits × (1 + asymmetry · sgn w).
     factor : shape (n,), further factor on the limits in each period, or None.
     flow : shape (n,), what a sticking block at its limit flows in each period [rad or m], or None.
-
-    A law that is not made of blocks is replayed itself; its blocks say what sticks, and carry the flow, which only
-    ever enters as a difference to the same replay without it.
     """
     creeps = flow is not None
     factor = np.ones(1) if factor is None else factor
