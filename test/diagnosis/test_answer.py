@@ -113,5 +113,5 @@ def test_every_effect_has_words():
 
 def test_a_folder_that_cannot_be_written_is_told(diagnosis, axis, tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="--out"):
+    with pytest.raises(InputError, match="file: not a directory"):
         write_answer(diagnosis, axis, tmp_path / "file", SOURCES)

@@ -3,7 +3,6 @@
 import dataclasses
 import math
 
-import numpy as np
 from scipy.stats import chi2
 
 from microstage_ros.diagnosis.catalogue import CONTAINS
@@ -11,7 +10,6 @@ from microstage_ros.diagnosis.residuals.evidence_set import Evidences, Trial
 from microstage_ros.diagnosis.result import Finding, Gain, OverallGain, Rivals
 from microstage_ros.diagnosis.selection.selection import (
     FRICTIONS,
-    LEVEL,
     RESONANT,
     acceptable,
     best_forms,

@@ -17,8 +17,9 @@ from microstage_ros.control.runs.closed_loop import TRACE, run_loop, surrounding
 from microstage_ros.control.trajectories import profiles
 from microstage_ros.diagnosis.validation.simulated_records import CHUNK, SEEN, Hidden
 from microstage_ros.model.axis_file import axis_from_dict
+from microstage_ros.model.friction.contact import blocks_of
 from microstage_ros.records import Record
-from microstage_ros.solver.plant import NoiseSpec, blocks_of, make_plant, new_readings, new_state, new_work
+from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
 
 LAWS = ("generalised_maxwell_slip", "leuven", "lugre")
 LAW_SHARES = (0.5, 0.3, 0.2)

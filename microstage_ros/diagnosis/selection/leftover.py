@@ -1,0 +1,120 @@
+"""On what the size of the residual depends that is left after the causes.
+
+The mean of a residual may depend on nothing while its size does: a force that swings in time averages out along the
+stroke, bursts of friction have no sign. So the whitened residual z of the held-out records is squared, and z² compared
+between classes of one coordinate after the other (one-way analysis of variance on means over `PIECE`, within which z² is
+not independent); a line in time shows in the periodogram of z.
+"""
+
+import numpy as np
+from scipy.stats import f as fisher
+
+from microstage_ros.diagnosis.residuals.evidence_set import Evidences
+from microstage_ros.diagnosis.result import Finding
+
+PIECE = 0.1          # s, mean of z² taken as one number
+CLASSES = 12
+CHANCE = 1.0e-3      # that a coordinate stands out on which nothing depends
+LINE_RANGE = (0.2, 8.0)   # Hz: slower is the time itself, faster than this the loop's own
+LEAST_PIECES = 60
+
+
+def scatter_findings(collection, evidences, choices, channels):
+    """On what the size of what is left depends, channel by channel.
+
+    Parameters
+    ----------
+    collection : `residuals.collection.Collection` of the records.
+    evidences : `Evidences` with the fitted sizes.
+    choices : the causes, as `Choice`.
+    channels : names of the channels in which more is left than noise.
+
+    Returns
+    -------
+    (findings, words): list of `Finding`, the strongest of each channel first, and {channel: what a note says}.
+    """
+    found, words = [], {}
+    for channel in channels:
+        table = _table(collection, evidences, choices, channel)
+        if table is None:
+            continue
+        own = [Finding(channel, name, *_variance_ratio(values, table["z2"]), _variance_ratio(values, table["z2"])[0])
+               for name, values in table.items() if name not in ("z2", "line")]
+        frequency, strength, threshold = table["line"]
+        if strength > threshold:
+            own.append(Finding(channel, "time", strength, threshold, strength))
+        own.sort(key=lambda finding: -finding.statistic / finding.threshold)
+        found += own
+        best = own[0]
+        if best.significant:
+            at = f" ({frequency:.2g} Hz)" if best.coordinate == "time" and best.statistic == strength else ""
+            words[channel] = f"what is left in {channel} depends most on {best.coordinate}{at}"
+        else:
+            words[channel] = f"what is left in {channel} depends on none of the coordinates looked at"
+    return found, words
+
+
+def _table(collection, evidences, choices, channel):
+    """Means of z² and of every coordinate over pieces of the held-out records; the strongest line in time."""
+    keys = Evidences._keys(channel, choices)
+    beta = evidences.learn[channel].fit(keys)[0]
+    forms = [form for choice in choices for form in choice.forms if form.channel == channel]
+    rows, lines = [], []
+    for one in (c[channel] for c in collection.channels["held"] if channel in c):
+        columns = [form.columns(one, collection.frame) for form in forms]
+        left = one.residual - (np.concatenate(columns, axis=1) @ beta if columns else 0.0)
+        noise = {"spreads": collection.spreads} if channel == "torque" else {}
+        z = one.whiten(left[:, None], **noise)[0][:, 0]
+        time = one.time if hasattr(one, "time") else one.prepared.time
+        step = float(time[1] - time[0])
+        count = max(int(PIECE / step), 1)
+        whole = len(z) // count * count
+        piece = lambda values, count=count, whole=whole: values[:whole].reshape(-1, count).mean(axis=1)
+        limit = 25.0 * np.median(z**2) / 0.455       # one spike is no dependence
+        speed = one.speed if hasattr(one, "speed") else one.prepared.speed
+        position = one.position if hasattr(one, "position") else one.prepared.position
+        rows.append({"z2": piece(np.minimum(z**2, limit)), "time": piece(time), "position": piece(position),
+                     "velocity": np.abs(piece(speed)), "direction": np.sign(piece(speed)) * (np.abs(piece(speed)) > 2e-5),
+                     "dwell": _since_motion(piece(np.abs(speed)), PIECE)})
+        lines.append(_line(piece(np.clip(z, -np.sqrt(limit), np.sqrt(limit))), PIECE))
+    if not rows or sum(len(r["z2"]) for r in rows) < LEAST_PIECES:
+        return None
+    table = {name: np.concatenate([r[name] for r in rows]) for name in rows[0]}
+    table["line"] = max(lines, key=lambda line: line[1])
+    return table
+
+
+def _since_motion(speed, step, rest=2.0e-5):
+    """Time since the last motion [s], shape as ``speed`` [m/s]."""
+    since, out = 0.0, np.empty(len(speed))
+    for n, value in enumerate(speed):
+        since = 0.0 if value > rest else since + step
+        out[n] = since
+    return out
+
+
+def _variance_ratio(values, z2):
+    """Between-class over within-class variance of z², and the ratio that chance exceeds with `CHANCE`."""
+    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, CLASSES + 1)[1:-1]))
+    number = np.searchsorted(edges, values, side="right")
+    groups = [z2[number == k] for k in np.unique(number)]
+    groups = [group for group in groups if len(group) > 1]
+    count, total = len(groups), sum(map(len, groups))
+    if count < 2:
+        return 0.0, 1.0
+    mean = np.concatenate(groups).mean()
+    between = sum(len(g) * (g.mean() - mean) ** 2 for g in groups) / (count - 1)
+    within = sum(((g - g.mean()) ** 2).sum() for g in groups) / (total - count)
+    return float(between / max(within, 1e-300)), float(fisher.isf(CHANCE, count - 1, total - count))
+
+
+def _line(values, step):
+    """(frequency [Hz], power over the median's mean, threshold) of the strongest line in time of z's means."""
+    power = np.abs(np.fft.rfft(values - values.mean())) ** 2
+    frequency = np.fft.rfftfreq(len(values), step)
+    inside = (frequency > LINE_RANGE[0]) & (frequency < min(LINE_RANGE[1], 0.45 / step))
+    if inside.sum() < 8:
+        return 0.0, 0.0, 1.0
+    usual = np.median(power[inside]) / np.log(2.0)
+    best = int(np.argmax(np.where(inside, power, 0.0)))
+    return float(frequency[best]), float(power[best] / usual), float(np.log(inside.sum() / CHANCE))
