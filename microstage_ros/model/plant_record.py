@@ -11,6 +11,7 @@ OCTAVES = 30      # Stribeck table: octaves of |w/V|, from 2^-18 on
 CELLS = 16        # and cells per octave
 RIPPLES = 6       # most periodic terms of one kind
 LINES = 6         # most vibration lines
+SENSOR = 16       # most numbers of a position sensor's own, and of its state
 DRIVE = 40        # most numbers of an actuator's own, and of its state
 LAW = 40          # most entries of a packed law of the library, and of its state
 DELAY = 64        # most whole periods of delay
@@ -90,6 +91,7 @@ PLANT = np.dtype([
     ("senses_current", i8),                    # 1: the current's sensor is not ideal, see `readings.sensed_current`
     ("current_filter", f8, 3), ("current_sample", f8, 3),
     ("current_offset", f8), ("current_range", f8), ("current_quantum", f8), ("per_current_quantum", f8),
+    ("position_sensor", i8), ("sensor_parameters", f8, SENSOR),            # number of the position's sensor, its own numbers
     ("late", f8), ("jitter", f8), ("lost", f8),
     ("sde_number", f8), ("sde_amplitude", f8, 3), ("sde_phase", f8, 3), ("scale", f8),
     ("drift_amplitude", f8), ("drift_time", f8), ("drift_rate", f8), ("drift_expansion", f8),
@@ -140,7 +142,7 @@ STATE = np.dtype([
     ("filtered_current", f8), ("current_before", f8),  # of the current's sensor, at the period before
     ("random", u8, 4),
     ("constant_change", f8),       # force constant and back-EMF over nominal, less 1
-    ("drive", f8, DRIVE),          # of the actuator
+    ("drive", f8, DRIVE), ("sensor", f8, SENSOR),          # of the actuator, of the position's sensor
 ])
 
 #: What the sensors say at the start of a period.

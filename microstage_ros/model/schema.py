@@ -6,6 +6,7 @@ messages and the parameter tables of the documentation all come from it.
 
 from microstage_ros.model.actuators import BY_NAME
 from microstage_ros.model.friction.registry import SECTIONS
+from microstage_ros.model.sensors import POSITION_SENSORS, SENSOR_KEY, SENSORS_BY_NAME
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.quantities.spec import Spec, any_number, not_negative, positive
 
@@ -82,6 +83,10 @@ def leaf_specs(choices, place):
             raise InputError(f"{place}: {key}", chosen, "one of " + ", ".join(table))
         room = key.split(".")[0]
         specs.update({f"{room}.{name}": spec for name, spec in table[chosen].items()})
+    sensor = choices.get(SENSOR_KEY, POSITION_SENSORS[0].name)
+    if sensor not in SENSORS_BY_NAME:
+        raise InputError(f"{place}: {SENSOR_KEY}", sensor, "one of " + ", ".join(SENSORS_BY_NAME))
+    specs.update({f"sensors.encoder.{name}": spec for name, spec in SENSORS_BY_NAME[sensor].parameters.items()})
     for contact, angular in ANGULAR.items():
         law = choices.get(f"contacts.{contact}.law", "none")
         if law not in CONTACT_LAWS:

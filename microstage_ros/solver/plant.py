@@ -11,6 +11,7 @@ from microstage_ros.model.friction.contact import OTHER_LAWS, RIGID_LAWS, blocks
 from microstage_ros.model.friction.registry import law_named
 from microstage_ros.model.plant_record import PLANT, READINGS, STATE
 from microstage_ros.model.sensors.current import current_filter
+from microstage_ros.model.sensors import position_sensor_of
 from microstage_ros.numerics.random import seed_state
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.solver.contact import NO_TABLE, regroup, slide, sliding_table
@@ -236,6 +237,9 @@ def _fill_sensors(plant, axis):
         raise InputError(f"{axis.place}: sensors.encoder.interpolation_error", len(error), "at most two amplitudes")
     plant["interpolation"][: len(error)], plant["interpolates"] = error, int(np.any(error))
     plant["signal_number"] = 2 * math.pi / axis.value("sensors.encoder.signal_period")
+    sensor = position_sensor_of(axis)
+    plant["position_sensor"] = sensor.number
+    sensor.fill(plant, axis)
     if not actuator_of(axis).measures_current:
         return
     offset, span, bits, bandwidth, skew = (

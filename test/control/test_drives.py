@@ -16,7 +16,7 @@ from microstage_ros.records import read_record
 from microstage_ros.records.csv_file import write_csv
 
 AXES = Path(__file__).resolve().parents[2] / "config" / "axes"
-#: Axis: move [m] and how near its end the stage has to be [m]; a few of its sensor's counts or noise.
+#: Axis: move [m] and how near its end the sensor has to say it is [m]: a few of its counts, or of its noise.
 MOVES = {"current_motor": (5e-3, 2e-7), "voice_coil": (3e-3, 1e-7), "stepper": (2e-3, 3e-7), "piezo": (3e-6, 3e-9)}
 
 
@@ -29,7 +29,7 @@ def test_shipped_controller_brings_the_stage_there(name, tmp_path):
     axis = load_axis(AXES / f"{name}.yaml")
     way, near = MOVES[name]
     record = _run(axis, [{"move_to_m": way, "dwell_s": 0.4}, {"move_to_m": 0.0, "dwell_s": 0.4}])
-    error = record["stage_m"] - record["reference_m"]
+    error = record["encoder_m"] - record["reference_m"]
     assert np.max(np.abs(error[-200:])) < near
     command = actuator_of(axis).command
     assert np.max(np.abs(record[command.column])) <= actuator_of(axis).command_limit(axis)

@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from microstage_ros.numerics.compiled import compiled, inlined, internal, seldom, woven
+from microstage_ros.model.sensors import POSITION_SENSORS
+from microstage_ros.numerics.compiled import compiled, dispatch, inlined, internal, seldom, woven
 from microstage_ros.numerics.random import normal, uniform
 
 AIR_TEMPERATURE, AIR_PRESSURE, AIR_HUMIDITY, STAGE_TEMPERATURE = 293.15, 101325.0, 0.5, 293.15
@@ -43,10 +44,22 @@ def sense_plainly(plant, state, readings, x, current, theta):
     return encoder, current
 
 
+_read = dispatch("read_position", [sensor.read for sensor in POSITION_SENSORS], "plant, state, y", "y")
+
+
+@internal
+def sensed_position(plant, state, y):
+    """Reading [m] of a position sensor that is no incremental encoder, at position ``y`` [m]; its noise included."""
+    seldom()
+    return _read(plant.position_sensor, plant, state, y)
+
+
 @inlined
 def _counted(plant, state, y):
-    """Position y [m] with the encoder's noise, in whole counts."""
-    if plant.encoder_noise > 0.0:
+    """Position y [m] with the sensor's noise, in whole counts."""
+    if plant.position_sensor > 0:
+        y = sensed_position(plant, state, y)
+    elif plant.encoder_noise > 0.0:
         y += plant.encoder_noise * normal(state.random)
     if plant.encoder_count > 0.0:
         y = plant.encoder_count * np.rint(y * plant.per_count)

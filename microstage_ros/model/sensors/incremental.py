@@ -1,0 +1,9 @@
+"""An incremental encoder: y = q · round((x + noise) / q), see `readings`; its own error of interpolation where it has one."""
+
+from microstage_ros.model.sensors.position import PositionSensor
+
+
+class Incremental(PositionSensor):
+    """The usual sensor: counts of ``sensors.encoder.resolution``."""
+
+    name = "incremental"
