@@ -10,6 +10,9 @@ from microstage_ros.diagnosis.logs.effects import NEVER, SIGNATURES
 from microstage_ros.diagnosis.result import Diagnosis
 
 
+SAID = 2.0                 # of the level: a detectable size beyond it says no more than "not visible"
+
+
 @dataclasses.dataclass
 class Context:
     """What the sizes need to become parameters."""
@@ -79,8 +82,8 @@ def hidden_effects(seen, context):
             continue
         if name in seen:
             _, size, part, largest = seen[name]
-            out[name] = (f"not below {size:.0%} of the {'friction' if signature.effort else 'error'} level in these logs; "
-                         f"{_need(name, context)}")
+            from_size = f"not below {size:.0%} of the {'friction' if signature.effort else 'error'} level in these logs; " if size < SAID else ""
+            out[name] = from_size + _need(name, context)
         else:
             out[name] = _need(name, context)
     return out

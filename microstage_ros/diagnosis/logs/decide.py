@@ -29,6 +29,12 @@ LARGEST = {"level": 0.6, "viscous": 0.8, "quadratic": 0.8, "moving": 0.5, "const
            "dead zone": 0.8, "resistive": 0.8, "ripple": 0.6, "ripple high": 0.6, "rough": 1.2}
 POSITIVE = {"backlash", "rising_static_friction", "presliding_creep", "floor_vibration", "sampling_jitter", "screw_pitch_error",
             "amplifier_deadband", "transport_delay", "actuator_lag"}
+#: Wider forms of an effect: friction that differs in one place; friction that a loop without integrator shows at rest too.
+LOCAL = {"position_dependent_friction": ("bumps",), "friction_level_change": ("friction in error", "lost motion")}
+FAMILY = ({"friction_level_change", "viscous_change", "nonlinear_viscous", "amplifier_gain"}, {"gravity_tilt", "direction_asymmetry"},
+          {"backlash", "friction_level_change", "drive_compliance", "transport_delay"})
+WIDER_FORM = 2.0           # log odds against a wider form of an effect
+FAMILY_RIVAL = 6.0         # the margin within a family, whose forms are the least exact
 #: Effects that hold another one as a special case and so always fit as well: no rivals of it.
 WIDER = {"friction_level_change": ("position_dependent_friction",), "cable_spring": (), "viscous_change": ("nonlinear_viscous",)}
 
@@ -131,6 +137,11 @@ def effects_of(channels, only=None):
             if amplitudes and "rough 0" in [w for c, w in signature.amplitudes if c in channels] and len(amplitudes) == 2:
                 effects[effect + "+"], parts[effect + "+"] = np.hstack([a for _, a in amplitudes]), ["rough", "rough"]
             amplitudes = amplitudes[:1] if len(amplitudes) == 2 else []
+        if effect in LOCAL and block is not None:
+            wide = placed("effort" if "effort" in channels else "error", LOCAL[effect]) \
+                if effect != "friction_level_change" or "effort" not in channels else None
+            if wide is not None:
+                effects[effect + "+"], parts[effect + "+"] = wide, list(LOCAL[effect])
         blocks = [b for b in (block, *(a for _, a in amplitudes)) if b is not None]
         if blocks:
             effects[effect], parts[effect] = np.hstack(blocks), [*names, *(n for n, _ in amplitudes)]
@@ -189,7 +200,7 @@ def choose(problem, visible, open_sign=False):
         wider = WIDER.get(plain(choice.name), ())
         found = {}
         for value, name in _tried(problem, forms, beside, {plain(b) for b in beside}):
-            if plain(name) != plain(choice.name) and plain(name) not in wider and value < own + RIVAL and value < 0.5 * LEVEL:
+            if plain(name) != plain(choice.name) and plain(name) not in wider and value < own + _margin(name, choice.name) and value < 0.5 * LEVEL:
                 found.setdefault(plain(name), value)
         choice.rivals = list(found)[:3]
         choice.log_p = own
@@ -198,6 +209,11 @@ def choose(problem, visible, open_sign=False):
             if swap and swap not in choice.rivals and swap not in [plain(b) for b in beside]:
                 choice.rivals.append(swap)
     return sorted(chosen, key=lambda c: c.log_p)
+
+
+def _margin(one, other):
+    """Difference of log p within which two effects are rivals."""
+    return FAMILY_RIVAL if any({plain(one), plain(other)} <= family for family in FAMILY) else RIVAL
 
 
 def _complete(problem, forms, start):
@@ -239,7 +255,7 @@ def _tried(problem, forms, beside, taken):
             continue
         value = problem.log_p(name, beside)
         if acceptable(problem, name, beside):
-            out.append((value + RARER.get(plain(name), 0.0), name))
+            out.append((value + RARER.get(plain(name), 0.0) + (WIDER_FORM if name.endswith("+") else 0.0), name))
     return sorted(out)
 
 

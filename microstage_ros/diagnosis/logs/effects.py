@@ -12,6 +12,7 @@ from microstage_ros.diagnosis.logs.channels import high_pass
 from microstage_ros.diagnosis.logs.motion import STATES
 
 WAVES = 4               # half waves of friction along the stroke
+BUMPS = 8               # hat functions for what is local
 START = STATES.index("start")
 DWELL = 0.05            # s, at which rising static friction begins to grow (default of the effect)
 
@@ -82,10 +83,10 @@ SEPARATE = {
 #: Columns of the error that a changed force moves, whatever the loop: free where the effort has changed.
 FORCED = ("level", "level transient", "viscous", "speed transient", "force in error", "inertia", "start", "brake", "waves", "spring", "breakaway")
 #: Effects on the error that a changed effort brings with it and that are therefore not looked for beside one.
-FOLLOWING = ("sampling_jitter", "screw_pitch_error", "presliding_creep", "actuator_lag")
+FOLLOWING = ("backlash", "drive_compliance", "sampling_jitter", "screw_pitch_error", "presliding_creep", "actuator_lag")
 #: How much rarer than the commonest causes an effect is taken to be, as log odds: what decides between names that fit alike.
 #: An opinion, not a measurement: frequencies of causes differ between shops.
-RARER = {"viscous_change": 0.3, "nonlinear_viscous": 1.5, "amplifier_gain": 2.0, "cable_spring": 1.0, "presliding_creep": 2.0, "actuator_lag": 2.0,
+RARER = {"viscous_change": 1.0, "nonlinear_viscous": 1.5, "amplifier_gain": 2.0, "cable_spring": 1.0, "presliding_creep": 2.0, "actuator_lag": 2.0,
          "drive_compliance": 1.5, "scale_error": 1.0, "sampling_jitter": 1.5, "screw_pitch_error": 1.0, "rising_static_friction": 1.0,
          "direction_asymmetry": 0.3, "amplifier_deadband": 1.0, "resistance_rise": 0.5, "amplifier_offset": 0.5}
 GENERAL = "the same move at a slow and a fast speed, in both directions, with a rest of some seconds at each end"
@@ -132,6 +133,7 @@ def columns_of(stroke, turn=0.0):
         if m.absolute:
             found["spring"] = (unit * (2.0 * u - 1.0) * (moving if not channel.signed else 1.0))[:, None]
             found["waves"] = np.stack([unit * s * np.cos(np.pi * k * u) for k in range(1, WAVES + 1)], axis=1)
+            found["bumps"] = np.stack([unit * s * np.clip(1.0 - np.abs(u * BUMPS - k), 0.0, 1.0) for k in range(BUMPS + 1)], axis=1)
             found["waves of force"] = np.stack([unit * moving * np.cos(np.pi * k * u) for k in range(2, WAVES + 1)], axis=1)
         if turn:
             phase = 2.0 * np.pi * m.x / turn

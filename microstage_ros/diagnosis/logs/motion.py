@@ -11,6 +11,7 @@ STILL = 0.03            # share of the usual top speed below which an axis count
 ACCELERATING = 0.25     # share of the usual top acceleration above which a row belongs to start or braking
 STATES = ("rest", "start", "steady", "brake", "settled")
 SMOOTH_S = 0.02         # s, window of the derivative of a measured position
+SMOOTH_TWICE_S = 0.08   # s, of the derivative of a measured speed: noise grows with the square of the rate
 LEAST_WINDOW = 5        # samples
 ENDLESS = 8.0 * np.pi   # rad, travel from which on an angle counts as endless: no place of a stroke
 
@@ -56,25 +57,40 @@ def speed_of(log):
         v = derivative(signals["position"], log, smoothed=True)
     else:
         raise InputError(log.source, "no signal of motion", "reference, position, velocity or reference_velocity")
-    a = derivative(v, log, smoothed="reference" not in signals and "reference_velocity" not in signals)
+    asked = "reference" in signals or "reference_velocity" in signals
+    a = derivative(v, log, smoothed=not asked, seconds=SMOOTH_TWICE_S)
     if has:
         x = signals[has[0]]
         if np.isnan(x).any():
             x = _filled(x)
     else:
-        step = np.where(np.diff(log.piece, prepend=log.piece[0] - 1) == 0, log.period, 0.0)
-        total = np.cumsum(np.nan_to_num(v) * step)
-        starts = np.flatnonzero(np.diff(log.piece, prepend=log.piece[0] - 1))
-        x = total - np.repeat(total[starts], np.diff(np.append(starts, len(total))))
+        x, has = _integrated(np.nan_to_num(v), log)
     endless = log.place_unit == "rad" and float(np.ptp(x)) > ENDLESS
     return x, np.nan_to_num(v), np.nan_to_num(a), bool(has) and not endless
 
 
-def derivative(values, log, smoothed=False):
+def _integrated(v, log):
+    """Place as the integral of the speed, from the middle of each piece's travel, and whether that is the same place in every piece.
+
+    It is where pieces go back and forth; what the integral drifts over a piece is taken out as a straight line.
+    """
+    x, both = np.zeros(len(v)), True
+    for start, stop in _bounds(log.piece):
+        own = np.cumsum(v[start:stop]) * log.period
+        reversals = np.sum(np.diff(np.sign(v[start:stop][np.abs(v[start:stop]) > STILL * np.abs(v).max()])) != 0)
+        both &= bool(reversals)
+        if reversals > 2:
+            steps = np.arange(stop - start) - 0.5 * (stop - start)
+            own = own - steps * np.polyfit(steps, own, 1)[0]
+        x[start:stop] = own - 0.5 * (own.max() + own.min())
+    return x, both
+
+
+def derivative(values, log, smoothed=False, seconds=SMOOTH_S):
     """Derivative in time within pieces, shape (n,)."""
     out = np.zeros(len(values))
     values = _filled(values)
-    window = _window(log.period)
+    window = _window(log.period, seconds)
     for start, stop in _bounds(log.piece):
         count = stop - start
         if count < 3:
@@ -96,8 +112,8 @@ def smooth(values, log):
     return out
 
 
-def _window(period):
-    return max(LEAST_WINDOW, int(round(SMOOTH_S / period)) // 2 * 2 + 1)
+def _window(period, seconds=SMOOTH_S):
+    return max(LEAST_WINDOW, int(round(seconds / period)) // 2 * 2 + 1)
 
 
 def _filled(values):

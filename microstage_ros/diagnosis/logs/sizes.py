@@ -28,6 +28,7 @@ def parameters_of(name, parts, beta, covariance, context, shown):
     """
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     scale, unit = context.scale(shown), context.channels[shown].unit
+    first = parts[0]
     b, s = float(beta[0]), float(sigma[0])
     top, stroke = context.top_speed, context.stroke
     place = context.place_unit
@@ -56,6 +57,8 @@ def parameters_of(name, parts, beta, covariance, context, shown):
         factor = 2.0 * scale / stroke
         return {"stiffness": Parameter(b * factor, s * factor, f"{unit}/{place}")}
     if name == "position_dependent_friction":
+        if first == "bumps":
+            return {"amplitude": _of_bumps(beta, covariance)}
         return {"amplitude": _of_waves(beta, covariance, parts)}
     if name in ("torque_ripple", "screw_pitch_error"):
         k = int(np.argmax(np.abs(beta)))
@@ -107,3 +110,10 @@ def _of_waves(beta, covariance, parts):
     slope = 0.5 * (shapes[np.argmax(curve)] - shapes[np.argmin(curve)])
     sigma = float(np.sqrt(max(slope @ covariance[:count, :count] @ slope, 0.0)))
     return Parameter(float(0.5 * np.ptp(curve)), sigma, "1")
+
+
+def _of_bumps(beta, covariance):
+    """Half the range over the support points, and its standard error."""
+    high, low = int(np.argmax(beta)), int(np.argmin(beta))
+    variance = covariance[high, high] + covariance[low, low] - 2.0 * covariance[high, low]
+    return Parameter(float(0.5 * np.ptp(beta)), float(0.5 * np.sqrt(max(variance, 0.0))), "1")

@@ -10,7 +10,7 @@ from microstage_ros.diagnosis.logs.effects import SIGNATURES
 PRIOR_LOO = 4.0            # weight, in repetitions, of "the spread is as learned" against the repetitions left out
 #: Shares of a change that a column misses at steady speed, and at starts and stops, where friction is not yet that of sliding.
 #: Calibrated: `microstage log --examine`, machines of four friction laws.
-FORM_STEADY, FORM_START = 0.08, 0.35
+FORM = {"effort": (0.08, 0.35), "voltage": (0.08, 0.35), "error": (0.15, 0.6)}
 MOST_LEFT_OUT = 30         # repetitions that are left out in turn
 
 
@@ -58,7 +58,8 @@ def form_error(coordinates, difference):
     if not steady.any():
         return np.zeros(len(difference))
     size = float(np.mean(difference[steady] ** 2))
-    share = np.select([steady, np.isin(coordinates.kind.astype(str), ("start", "brake"))], [FORM_STEADY**2, FORM_START**2], 0.0)
+    steadily, starting = FORM[coordinates.channel.name]
+    share = np.select([steady, np.isin(coordinates.kind.astype(str), ("start", "brake"))], [steadily**2, starting**2], 0.0)
     return share * size
 
 

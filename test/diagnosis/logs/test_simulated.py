@@ -1,0 +1,117 @@
+"""Simulated machines that share no code with the project's model: right names, honest rivals, quiet when healthy."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from microstage_ros.diagnosis.logs.case import diagnose_logs
+from microstage_ros.diagnosis.logs.course import change_points
+from microstage_ros.diagnosis.logs.sizes import widening
+from microstage_ros.diagnosis.validation import foreign_machine as machines
+from microstage_ros.diagnosis.validation import log_campaign, simulated_logs
+
+
+def machine_with(**values):
+    """A plain machine: 100 N friction at top speed, cascade, trapezoids."""
+    rng = np.random.default_rng(5)
+    drawn = simulated_logs.draw_machine(rng)
+    base = {"m": 20.0, "level": 60.0, "stribeck": 0.1, "vs": 0.002, "viscous": 300.0, "asym": 0.0, "const": 5.0, "wave1": 0.02, "wave2": 0.0, "ripple": 1.0,
+            "order": 1.0, "ripple2": 0.0, "lead": 0.005, "middle": 0.05, "half": 0.05, "bump_at": 0.05, "bump_width": 0.005, "kp": 20.0, "kv": 2500.0, "ki": 15.0,
+            "walk": 0.01}
+    return dataclasses.replace(drawn, law="coulomb", controller="cascade", profile="trapezoid", low=0.0, high=0.1, top=0.1, sharp=0.5, dwell=0.4,
+                               values={**drawn.values, **base, **values})
+
+
+def logs_of(machine, runs=6, signals="reference position current", seed=3, rate=250.0):
+    """One log of a machine and its description."""
+    rng = np.random.default_rng(seed)
+    names, signed = simulated_logs.SIGNALS[signals]
+    degrade = {"names": names, "signed": signed, "rate": rate, "gain": 0.02, "noise": 1.0, "quantum": 0.0, "place_noise": 2e-6, "run": 0.005, "load_side": True,
+               "temperature": 0.01}
+    return simulated_logs._file(machine, runs, 2, rng, degrade, {}, f"log_{seed}")
+
+
+def describe(signals):
+    """The description that goes with `logs_of`."""
+    from microstage_ros.records.logs.description import description_of
+    names, signed = simulated_logs.SIGNALS[signals]
+    units = {"current": "A", "torque": "N m", "velocity": "m/s"}
+    return description_of({"time": {"column": "t", "unit": "s"}, **{q: {"column": q, "unit": units.get(q, "m"), **({"signed": signed} if q == "current" else {})}
+                                                                   for q in names}, "run": ["run"], "lead": {"value": 5, "unit": "mm"}}, "case")
+
+
+def diagnosed(change, signals="reference position current", **options):
+    """Diagnosis of a machine with changed values against itself."""
+    healthy = machine_with()
+    faulty = machine_with(**change)
+    return diagnose_logs([logs_of(healthy, signals=signals, **options)], [logs_of(faulty, signals=signals, seed=9, **options)], describe(signals))
+
+
+def told(result):
+    """First name or group of rivals."""
+    causes = [c.id for c in result.diagnosis.causes]
+    return causes, [i for r in result.diagnosis.rivals for i in r.ids]
+
+
+@pytest.mark.parametrize("change, name", [
+    ({"level": 90.0}, "friction_level_change"), ({"viscous": 900.0}, "viscous_change"), ({"spring": 600.0}, "cable_spring"),
+    ({"ripple": 20.0}, "torque_ripple"), ({"const": 40.0}, "gravity_tilt"), ({"m": 80.0}, "payload_change"), ({"wave1": 0.4}, "position_dependent_friction")])
+def test_right_name_first_or_among_the_rivals(change, name):
+    causes, rivals = told(diagnosed(change))
+    assert causes[:1] == [name] or name in rivals, (causes, rivals)
+    assert set(causes) <= {name}
+
+
+def test_lost_motion_shows_in_the_error_alone():
+    result = diagnosed({"gap": 2e-4})
+    causes, rivals = told(result)
+    assert "backlash" in (causes or rivals)
+    width = next((c.parameters["width_m"] for c in result.diagnosis.causes if c.id == "backlash"), None)
+    assert width is None or width.value == pytest.approx(2e-4, abs=1.5e-4)
+
+
+def test_without_a_sign_friction_and_asymmetry_stay_apart():
+    causes, rivals = told(diagnosed({"level": 95.0}, "error |current|"))
+    assert "friction_level_change" in causes + rivals
+
+
+def test_healthy_agrees_and_lists_its_blind_spots():
+    result = diagnosed({})
+    assert result.diagnosis.verdict == "agrees" and not result.diagnosis.causes
+    assert "refractive_index" in result.hidden and "resistance_rise" in result.hidden
+
+
+def test_friction_is_sized():
+    result = diagnosed({"level": 90.0, "stribeck": 0.1})
+    sizes = [c.parameters["factor"] for c in result.diagnosis.causes if c.id == "friction_level_change"]
+    for p in sizes:                  # relative to all of the friction at top speed: (90 − 60) / 90 of it more
+        assert p.value == pytest.approx(1.0 + 30.0 / 90.0, abs=max(2.5 * p.stderr, 0.08))
+
+
+def test_healthy_machines_are_left_in_peace():
+    """Twelve drawn machines; a rate of false alarms of 1 in 60 gives two or more in fewer than two runs of a hundred."""
+    outcomes = list(log_campaign.run(12, seed=101, kind="healthy"))
+    assert sum(o.result == "alarm" for o in outcomes) <= 1
+
+
+def test_an_empty_course_has_no_change_and_a_step_has_one():
+    rng = np.random.default_rng(0)
+    noise = 0.01 * rng.standard_normal(40)
+    assert change_points(noise, np.full(40, 0.01)) == []
+    stepped = noise + np.where(np.arange(40) >= 25, 0.1, 0.0)
+    assert change_points(stepped, np.full(40, 0.01)) == [25]
+
+
+def test_the_simulated_axis_obeys_newton():
+    """At constant speed the force is friction: level · (1 + …) + viscous · v + const."""
+    m = machine_with(ripple=0.0, wave1=0.0, walk=0.0, asym=0.0, const=5.0)
+    rng = np.random.default_rng(1)
+    reference = machines.reference_of("trapezoid", 0.0, 0.1, 0.1, 0.5, 0.4, 1, rng)
+    out = machines.run(reference, machines.DT, m.vector(), 0, 0, 1)
+    steady = (np.gradient(reference, machines.DT) > 0.099) & (np.abs(out[:, 1] - 0.1) < 5e-4)
+    assert np.median(out[steady, 2]) == pytest.approx(60.0 + 30.0 + 5.0, rel=0.02)
+
+
+def test_few_repetitions_widen_intervals():
+    assert widening(3) == pytest.approx(3.182 / 1.96, rel=1e-3) and widening(1e6) == pytest.approx(1.0, rel=1e-3)
