@@ -173,7 +173,7 @@ def _amplitudes(rows, own, left, slot, mean, turn):
                         found[(int(code), "ripple high", direction)] = float(np.sqrt(power[~low].sum()))
         still = here & (m.state == STATES.index("settled"))
         if still.sum() >= LEAST_ROWS:
-            found[(int(code), "rough", 0)] = float(0.5 * np.log(np.var(fluctuation[still]) + 1e-14))
+            found[(int(code), "rough", 0)] = float(0.5 * np.log(np.mean(np.diff(fluctuation[still]) ** 2) + 1e-14))
     return found, spectrum
 
 

@@ -20,12 +20,13 @@ BEAM = 4                   # first causes that are followed up
 PRICE = 8.0                # log likelihood that a further cause must bring beyond its sizes
 FURTHER = 0.15             # of what the first causes take, that a further one must take: their forms are not exact
 MOST = 4                   # causes that one log can tell of
-EXPLAINED = 0.35           # share of what stands out that the causes must remove to be the answer
+EXPLAINED = 0.25           # share of what stands out that the causes must remove to be the answer
+BEYOND_DOUBT = -16.0       # log p of a first cause that stands whatever else there is
 MOSTLY = 0.7               # share from which on little more is to be explained
 WHOLE = np.log(1e-5)       # log p below which the difference as a whole stands out
 #: Largest size (of `Size.value`) that is told as visible; beyond it an effect counts as not visible in these signals.
 LARGEST = {"level": 0.6, "viscous": 0.8, "quadratic": 0.8, "moving": 0.5, "constant": 0.8, "spring": 0.8, "waves": 0.8, "inertia": 1.0,
-           "breakaway": 0.6, "friction in error": 0.8, "viscous in error": 0.8, "force in error": 0.8, "waves in error": 0.8, "lost motion": 1.0, "speed": 0.6, "acceleration": 1.0, "place": 0.5, "creep": 0.5, "gain": 0.6, "load": 1.0,
+           "breakaway": 0.6, "friction in error": 0.8, "viscous in error": 0.8, "force in error": 0.8, "waves in error": 0.8, "lost motion": 3.0, "speed": 3.0, "acceleration": 3.0, "place": 2.0, "creep": 1.0, "gain": 0.6, "load": 3.0,
            "dead zone": 0.8, "resistive": 0.8, "ripple": 0.6, "ripple high": 0.6, "rough": 1.2}
 POSITIVE = {"backlash", "rising_static_friction", "presliding_creep", "floor_vibration", "sampling_jitter", "screw_pitch_error",
             "amplifier_deadband", "transport_delay", "actuator_lag"}
@@ -202,7 +203,7 @@ def choose(problem, visible, open_sign=False):
         for value, name in _tried(problem, forms, beside, {plain(b) for b in beside}):
             if plain(name) != plain(choice.name) and plain(name) not in wider and value < own + _margin(name, choice.name) and value < 0.5 * LEVEL:
                 found.setdefault(plain(name), value)
-        choice.rivals = list(found)[:3]
+        choice.rivals = list(found)[:4]
         choice.log_p = own
         if open_sign:
             swap = {"friction_level_change": "gravity_tilt", "gravity_tilt": "friction_level_change"}.get(plain(choice.name))

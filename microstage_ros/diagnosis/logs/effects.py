@@ -121,7 +121,7 @@ def columns_of(stroke, turn=0.0):
             return {"gain": predicted[:, None], "constant": scale[:, None], "dead zone": (scale * np.sign(ohmic))[:, None],
                     "resistive": ohmic[:, None]}
         unit = scale * turned
-        found["level"] = (unit * s)[:, None]
+        found["level"] = (turned * _friction(channel, rows, scale))[:, None]
         found["viscous"] = (unit * m.speed / top * moving)[:, None]
         found["quadratic"] = (unit * m.speed * np.abs(m.speed) / top**2 * moving)[:, None]
         found["moving"] = (unit * moving)[:, None]
@@ -168,3 +168,17 @@ def columns_of(stroke, turn=0.0):
         return found
 
     return columns
+
+
+def _friction(channel, rows, scale):
+    """The baseline's friction along the motion, F sgn v + B v: what a change of the level scales. Where levels were shifted, its scale."""
+    m = rows.motion
+    out = scale * m.direction
+    if channel.name != "effort" or rows.log.shift is not None:
+        return out
+    for code, model in channel.models.items():
+        own = (rows.condition == code) & (m.direction != 0.0)
+        friction = model[1] * m.direction[own] + model[2] * m.speed[own]
+        if own.any() and np.mean(friction * m.direction[own]) > 0.3 * channel.scale[code]:
+            out[own] = friction
+    return out

@@ -32,7 +32,7 @@ MODES = {
 }
 #: A mode of its own per cell at rest: what friction holds there is open, a magnitude at rest less so.
 REST = {"effort": (0.10, 0.20), "magnitude": (0.02, 0.04), "error": (0.02, 0.04), "voltage": (0.05, 0.05)}
-AMPLITUDE = {"ripple": (0.003, 0.010, 0.10, 0.25), "ripple high": (0.003, 0.010, 0.10, 0.20), "rough": (0.06, 0.12, 0.0, 0.0)}
+AMPLITUDE = {"ripple": (0.003, 0.010, 0.10, 0.25), "ripple high": (0.003, 0.010, 0.10, 0.20), "rough": (0.06, 0.25, 0.0, 0.0)}
 PATTERN = 0.012           # of the scale: what assembly changes in single cells beyond the modes
 SHIFTED = 0.05            # of the scale: what one constant per repetition may be, where repetitions still agree
 FREE = 30.0               # standard deviation of a level that cannot be compared

@@ -42,7 +42,7 @@ class Stage:
         self.chosen = decide.choose(self.problem, visible, open_sign)
         self.whole, self.share = decide.stands_out(self.problem, self.chosen)
         said = ""
-        if self.chosen and self.share < decide.EXPLAINED and self.whole < decide.WHOLE:
+        if self.chosen and self.share < decide.EXPLAINED and self.whole < decide.WHOLE and self.chosen[0].log_p > decide.BEYOND_DOUBT:
             said = (f"Best single name, not held to be the answer because it removes only {self.share:.0%} of what stands out: "
                     f"{decide.plain(self.chosen[0].name)}.")
             self.chosen = []
@@ -54,13 +54,13 @@ class Stage:
 
 def form_error(coordinates, difference):
     """Variances (K,) for what the columns miss of a change's form: in proportion to the change at steady speed."""
-    steady = coordinates.kind == "steady"
-    if not steady.any():
-        return np.zeros(len(difference))
-    size = float(np.mean(difference[steady] ** 2))
+    kinds = coordinates.kind.astype(str)
+    steady, changing = kinds == "steady", np.isin(kinds, ("start", "brake"))
     steadily, starting = FORM[coordinates.channel.name]
-    share = np.select([steady, np.isin(coordinates.kind.astype(str), ("start", "brake"))], [steadily**2, starting**2], 0.0)
-    return share * size
+    at_speed, at_change = (float(np.mean(difference[own] ** 2)) if own.any() else 0.0 for own in (steady, changing))
+    of_steady = steadily**2 * (at_speed + at_change)       # a start rings on into the steady part
+    of_change = starting**2 * max(at_speed, 0.5 * at_change)
+    return np.select([steady, changing], [of_steady, of_change], 0.0)
 
 
 def stages_of(reduced, spreads):

@@ -109,7 +109,7 @@ def with_effect(machine, effect, rng, strength=1.0):
     level, sign = v["level"], float(rng.choice([-1.0, 1.0]))
     if effect == "friction_level_change":
         factor = 1.0 + k * rng.uniform(0.25, 0.9) if sign > 0 else 1.0 / (1.0 + k * rng.uniform(0.3, 0.9))
-        return machine.changed(level=level * factor), {"factor": factor}, {}
+        return machine.changed(level=level * factor, viscous=v["viscous"] * factor), {"factor": factor}, {}
     if effect == "viscous_change":
         more = k * rng.uniform(0.4, 1.0) * level / machine.top
         return machine.changed(viscous=v["viscous"] + more), {"coefficient_change": more}, {}
