@@ -14,7 +14,7 @@ from microstage_ros.ros.loops.driver_loop import (
     run_periods,
 )
 from microstage_ros.ros.transport.block_buffer import new_ring
-from microstage_ros.ros.transport.c_calls import Frame, load_libraries
+from microstage_ros.ros.transport.c_calls import INFO_WORDS, Frame, load_libraries
 from microstage_ros.ros.transport.response_times import ResponseTimes
 from microstage_ros.ros.transport.scheduling import SPIN
 from microstage_ros.ros.transport.work_handover import SIZE, Desk
@@ -22,19 +22,21 @@ from microstage_ros.ros.transport.work_handover import SIZE, Desk
 FRAMES = (("AxisState",), ("SimulationTruth",), ("VoltageCommand",), ("Clock", "rosgraph_msgs"))
 
 
-def timing(period, rate, slice_s, paced, priority):
+def timing(period, rate, slice_s, paced, priority, hold, trip):
     """Entries of `COUNTS` that tell how to keep time.
 
     Parameters
     ----------
     period : control period [s]. rate : times real time, 0 for as fast as it goes. slice_s : longest wait [s].
     paced : wall clock. priority : real-time priority of the thread, 0 if it has none.
+    hold : longest time without a valid command with voltage [s]. trip : the same without a fault [s].
     """
     short = paced and period < SHORT_TIMER
     rate = 1.0 if paced else rate
     spin = period if short else SPIN
     seconds = {"pace_ns": period / rate if rate else 0.0, "slice_ns": slice_s, "spin_ns": spin, "waking_ns": spin,
-               "grace_ns": GRACE if short else 0.0}
+               "grace_ns": GRACE if short else 0.0, "hold_ns": hold, "ahead_ns": 0.0 if short or not paced else period,
+               "trip_ns": trip}
     return {name: round(value * 1e9) for name, value in seconds.items()} | {"priority": priority if short else 0}
 
 
@@ -44,16 +46,23 @@ def load(arrays):
     frames = [Frame(*name) for name in FRAMES]
     rings = tuple(new_ring(1, len(frame.raw)) for frame in frames[:2])
     records = np.zeros(1, LINKS), np.zeros(1, COUNTS), np.zeros(1, VALUES)
-    work = new_work(np.ones(1, np.int64), records, arrays, frames, rings, ResponseTimes())
+    work = new_work(np.ones(1, np.int64), records, arrays, frames, rings, ResponseTimes(), new_guard(frames[2]))
     run_periods(np.zeros(SIZE, np.int64), work, np.zeros(2, np.int64))
     called_from_c(on_message, kind_of(work))
     run_periods.disable_compile()  # other types would be no work for `on_message`
 
 
-def new_work(stop, records, arrays, frames, rings, responses):
+def new_guard(command, words=None, volts=None, holder=None):
+    """What `run_periods` takes as its guard; ``command``: the frame of commands, the rest: shared memory and the holder."""
+    words = np.zeros(8, np.int64) if words is None else words
+    return (words, words.view(np.float64) if volts is None else volts, np.zeros(INFO_WORDS, np.int64),
+            np.zeros(2, np.int64) if holder is None else holder, command.length)
+
+
+def new_work(stop, records, arrays, frames, rings, responses, guard):
     """What `run_periods` takes as its work; ``records``: links, counts, values. ``frames``: four of `Frame`."""
     return (stop, *records, *arrays, tuple(frame.message for frame in frames), tuple(frame.raw for frame in frames[:2]),
-            rings, (responses.counts, responses.longest), np.zeros(2, np.int64))
+            rings, (responses.counts, responses.longest), np.zeros(2, np.int64), guard)
 
 
 class QuickPeriods:
@@ -63,16 +72,16 @@ class QuickPeriods:
     ----------
     servo, reader : `FastServoPath` and its reader of commands. sender : semaphore of who sends the blocks. topics : `DriverTopics`. gate : `CommandGate`.
     stop : int64 (1,), 1 while another thread asks for something. responses : `ResponseTimes`. arrays : `SimulatedAxis.own_arrays`.
-    settings : field of `COUNTS` or `VALUES` to its constant value.
+    settings : field of `COUNTS` or `VALUES` to its constant value. guard : `OutputGuard`. holder : `identity.Holder`.
 
     Attributes
     ----------
     state, command : frames of what was sent and came last.
-    answered, late, lost, overruns : counters of all periods in compiled code, beside those of the gate; they may be read
+    answered, late, lost, overruns, zeroed, host_stops, host_stopped_ns, foreign, malformed : counters of all periods in compiled code, beside those of the gate; they may be read
         by any thread while the loop goes on, as may `sequence` and `time_ns`.
     """
 
-    def __init__(self, servo, reader, sender, topics, gate, stop, responses, arrays, settings):
+    def __init__(self, servo, reader, sender, topics, gate, stop, responses, arrays, settings, guard, holder):
         load_libraries()
         self._topics, self._gate = topics, gate
         self._frames = [Frame(*name) for name in FRAMES]
@@ -84,7 +93,9 @@ class QuickPeriods:
         for name, value in settings.items():
             (self._counts if name in COUNTS.names else self._values)[name] = value
         self._work = new_work(stop, (self._links, self._counts, self._values), arrays, self._frames,
-                              (topics.states.ring, topics.truths.ring), responses)
+                              (topics.states.ring, topics.truths.ring), responses,
+                              new_guard(self.command, guard.words, guard.volts, holder.words))
+        self._counts["command_bytes"] = len(self.command.raw)
         load(arrays)
         self._desk, self._times = Desk(on_message, self._work, servo), np.zeros(2, np.int64)
         self._desk.answer(reader)
@@ -93,16 +104,16 @@ class QuickPeriods:
         """Periods up to this one may begin; heard by the running loop."""
         self._counts["credit"] = credit
 
-    def run(self, sequence, credit, due, tolerated):
+    def run(self, sequence, credit, due, valid_ns):
         """Control periods after number ``sequence``. Returns why it ended; the gate is as after these periods.
 
         Parameters
         ----------
         credit : last period that may begin. due : when the next one is due [s of
-            time.perf_counter], None for now. tolerated : most periods in a row without a command, paced.
+            time.perf_counter], None for now. valid_ns : when the last valid command came [ns of the monotonic clock].
         """
         c, v, gate = self._counts[0], self._values[0], self._gate
-        c["tolerated"] = tolerated
+        c["valid_ns"] = valid_ns
         c["sequence"], c["credit"], c["due_ns"] = sequence, credit, 0 if due is None else round(due * 1e9)
         c["held"] = c["silent"] = gate.last != gate.period
         c["last"] = gate.last

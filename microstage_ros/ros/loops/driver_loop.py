@@ -10,36 +10,42 @@ import os
 
 import numpy as np
 
+from microstage_ros.hardware.watchdog import BEAT, TAKEN, VOLTS
 from microstage_ros.numerics.compiled import compiled
 from microstage_ros.ros.transport.block_buffer import close, crowded, keep
 from microstage_ros.ros.transport.c_calls import (
     MONOTONIC,
     REALTIME,
+    known,
     now,
     post,
     publish,
     set_policy,
     sleep_until,
-    take,
+    take_from,
     wait,
 )
 from microstage_ros.ros.transport.work_handover import WAITING, desk_of, get_up, go_home, leave, may_sit, sit_down
 from microstage_ros.solver.period import advance_and_read
 
-GOOD, ASKED, CROWDED, NO_CREDIT, TRAVEL, WAITED, STRANGE, MISSED = range(8)
+GOOD, ASKED, CROWDED, NO_CREDIT, TAKEN_AWAY, TRAVEL, WAITED, STRANGE, MISSED = range(9)
 """Why `run_periods` returned. From `TRAVEL` on, the period that is under way has to be ended by the caller:
-TRAVEL: read, nothing sent. WAITED: no command within a slice (lockstep). STRANGE: a command that is no answer to
-this period, nor, paced, to one just before. MISSED: more periods without a command than tolerated (paced)."""
+TAKEN_AWAY: the watchdog has taken the voltage away. TRAVEL: read, nothing sent. WAITED: no command within a slice (lockstep). STRANGE: a command that is no answer to
+this period, nor, paced, to one just before. MISSED: no valid command for longer than `trip_ns` (paced)."""
 
 COUNTS = np.dtype([(name, "i8") for name in (
     "sequence", "credit", "paced", "pace_ns", "due_ns", "slice_ns", "spin_ns", "waking_ns", "grace_ns", "priority", "block", "every", "status",
-    "held", "silent", "truth_listened", "tolerated", "last", "answered", "late", "lost", "overruns", "begun_ns", "time_ns")])
+    "held", "silent", "truth_listened", "last", "answered", "late", "lost", "overruns", "begun_ns", "time_ns", "valid_ns",
+    "hold_ns", "ahead_ns", "trip_ns", "zeroed", "host_stops", "host_stopped_ns", "foreign", "malformed", "command_bytes")])
 VALUES = np.dtype([(name, "f8") for name in ("voltage", "limit", "low", "high", "period", "command")])
 LINKS = np.dtype([(name, "u8") for name in (
     "states", "state", "truths", "truth", "clocks", "clock", "commands", "command", "semaphore", "sender")])
 """Addresses: of publishers and the frames they send, of the subscription, its frame, its semaphore, the sender's."""
 
-SATURATED, LATE = 4, 8
+SATURATED, LATE, ZEROED = 4, 8, 64
+
+HOST_STOP_NS = 1_000_000
+"""A sleep that ends so much too late [ns] is time for which the host has stopped the loop; counted apart."""
 
 SHORT_TIMER, GRACE = 5e-4, 5e-3
 """A kernel timer shorter than a scheduler's tick has to be put into the hardware: 16 us on a virtual machine, a sixth of
@@ -78,6 +84,22 @@ def learn_waking(c, late):
 
 
 @compiled
+def count_host_stop(c, late):
+    """What should have happened happens so late [ns]: the host had the processor."""
+    if late > HOST_STOP_NS:
+        c.host_stops += 1
+        c.host_stopped_ns += late
+
+
+@compiled
+def zero_when_silent(c, v, volts, at):
+    """No voltage if the last valid command is older than `hold_ns` at the time of the next look [ns]."""
+    if at > c.valid_ns + c.hold_ns and (v.voltage != 0.0 or v.command != 0.0):
+        v.voltage = v.command = volts[VOLTS] = 0.0
+        c.zeroed += 1
+
+
+@compiled
 def hold_back(c, times):
     """Sleep until the next period is due; as `AxisDriver._hold_back`."""
     present = now(MONOTONIC, times)
@@ -92,6 +114,7 @@ def hold_back(c, times):
     if relaxed:
         set_policy(NORMAL, 0, times)
     learn_waking(c, sleep_until(c.due_ns, early_ns(c), times))
+    count_host_stop(c, now(MONOTONIC, times) - max(c.due_ns, present))
     if relaxed:
         set_policy(REAL_TIME, c.priority, times)
 
@@ -112,7 +135,8 @@ def send_state(links, c, v, reading, message, raw, ring):
     message["applied_voltage"] = v.voltage
     message["current"] = reading.current
     message["motor_angle"] = reading.motor_angle
-    message["status"] = c.status | (SATURATED if v.command != v.voltage else 0) | (LATE if c.held else 0)
+    zeroed = c.paced and c.begun_ns + c.ahead_ns > c.valid_ns + c.hold_ns
+    message["status"] = c.status | (SATURATED if v.command != v.voltage else 0) | (LATE if c.held else 0) | (ZEROED if zeroed else 0)
     message["fault"] = 0
     publish(links.states, links.state)
     keep(ring, raw, c.sequence)
@@ -138,23 +162,40 @@ def send_truth(links, c, plant_state, reading, message, raw, ring):
 
 
 @compiled
-def in_force(c, v, command):
+def take_command(links, c, guard):
+    """The oldest command that waits and comes from the holder of the axis, whole, into its frame; False if none does."""
+    _, _, info, holder, length = guard
+    while take_from(links.commands, links.command, info):
+        if not known(info, holder):
+            c.foreign += 1
+        elif length[0] < c.command_bytes:
+            c.malformed += 1
+        else:
+            return True
+    return False
+
+
+@compiled
+def in_force(c, v, command, guard, times):
     """Obey the command in its frame; False if it is strange."""
+    words, volts = guard[0], guard[1]
     n = np.int64(command["sequence"])
     if n > c.sequence or n <= c.last or not math.isfinite(command["voltage"]) or (n < c.sequence and not c.paced):
         return False
     c.last = n
     v.command = command["voltage"]
     v.voltage = min(max(v.command, -v.limit), v.limit)
+    volts[VOLTS] = v.voltage
+    c.valid_ns = words[BEAT] = now(MONOTONIC, times)
     return True
 
 
 @compiled
-def await_command(links, c, v, command, times):
+def await_command(stop, links, c, v, command, guard, times):
     """GOOD when the answer to the period is in force, else why not."""
     while True:
-        if take(links.commands, links.command):
-            if not in_force(c, v, command):
+        if take_command(links, c, guard):
+            if not in_force(c, v, command, guard, times):
                 return STRANGE
             if c.last == c.sequence:
                 return GOOD
@@ -163,9 +204,11 @@ def await_command(links, c, v, command, times):
         present = now(MONOTONIC, times)
         if c.paced:
             until = c.due_ns + c.pace_ns + (0 if c.silent else c.grace_ns)
-            if present >= until:
+            if present >= until or stop[0]:
                 return MISSED
-            wait(links.semaphore, until, times)
+            silent = c.valid_ns + c.hold_ns
+            wait(links.semaphore, min(until, silent + 1) if present <= silent else until, times)
+            zero_when_silent(c, v, guard[1], now(MONOTONIC, times))
         elif not wait(links.semaphore, present + c.slice_ns, times):
             return WAITED
 
@@ -186,11 +229,13 @@ def count_answer(c, responses, times):
 
 
 @compiled
-def begin_period(stop, links, c, v, plants, states, works, readings, frames, raws, rings, responses, times):
+def begin_period(stop, links, c, v, plants, states, works, readings, frames, raws, rings, responses, times, guard):
     """Read and send the state of the next period. WAITING for its command, or why the loop ends."""
     links, c, v, reading = links[0], c[0], v[0], readings[0]
     if stop[0]:
         return ASKED
+    if guard[0][TAKEN]:
+        return TAKEN_AWAY
     n = c.sequence + 1
     if n > c.credit:
         return NO_CREDIT
@@ -199,6 +244,8 @@ def begin_period(stop, links, c, v, plants, states, works, readings, frames, raw
     if c.pace_ns > 0:
         hold_back(c, times)
     c.begun_ns = now(MONOTONIC, times)
+    if c.paced:
+        zero_when_silent(c, v, guard[1], c.begun_ns + c.ahead_ns)
     advance_and_read(plants, states, works, readings, v.voltage)
     c.sequence = n
     c.time_ns = now(REALTIME, times) if c.paced else int(np.rint(n * v.period * 1e9))
@@ -209,7 +256,7 @@ def begin_period(stop, links, c, v, plants, states, works, readings, frames, raw
 
 
 @compiled
-def end_period(stop, links, c, v, plants, states, works, readings, frames, raws, rings, responses, times):
+def end_period(stop, links, c, v, plants, states, works, readings, frames, raws, rings, responses, times, guard):
     """What else is to be sent of a period whose command is in force, or that has to do without."""
     links, c, clock = links[0], c[0], frames[3][0]
     n = c.sequence
@@ -238,7 +285,7 @@ def begin_with_credit(work, times):
 @compiled
 def timed_periods(desk, work, times):
     """Control periods that begin when they are due. Why they ended."""
-    links, c, v, frames, responses = work[1][0], work[2][0], work[3][0], work[8], work[11]
+    links, c, v, frames, responses, guard = work[1][0], work[2][0], work[3][0], work[8], work[11], work[13]
     carried = c.paced != 0 and c.grace_ns == 0
     while True:
         why = begin_period(*work)
@@ -247,10 +294,10 @@ def timed_periods(desk, work, times):
         if why == WAITING and c.last == c.sequence:
             continue  # whoever brought the command has done the rest
         if why == WAITING:
-            why = await_command(links, c, v, frames[2][0], times)
+            why = await_command(work[0], links, c, v, frames[2][0], guard, times)
         if why == GOOD:
             count_answer(c, responses, times)
-        elif why == MISSED and c.sequence - c.last + c.grace_ns // c.pace_ns <= c.tolerated:
+        elif why == MISSED and now(MONOTONIC, times) - c.valid_ns <= c.trip_ns:
             c.lost += 1
             c.held = c.silent = 1
         else:
@@ -277,9 +324,9 @@ def sleep_at_desk(desk, c, work, times):
 def go_on(work):
     """Take the command that waits, if it does; in lockstep the next period begins. WAITING, or why the loop ends."""
     links, c, v, command, responses, times = work[1][0], work[2][0], work[3][0], work[8][2][0], work[11], work[12]
-    if not take(links.commands, links.command):
+    if not take_command(links, c, work[13]):
         return WAITING
-    if not in_force(c, v, command):
+    if not in_force(c, v, command, work[13], times):
         return STRANGE
     if c.last < c.sequence:
         c.late += 1
@@ -299,7 +346,8 @@ def run_periods(desk, work, times):
     work : stop, int64 of shape (1,), made 1 by another thread that asks for something; records `LINKS`, `COUNTS`, `VALUES`;
         plants, states, works, readings, arrays of one as in `solver.period`; messages of state, truth, command, clock
         (`c_calls.Frame.message`); bytes of the first two; blocks of state and truth (`kept_rows`); arrays of
-        `ResponseTimes`; int64 (2,), to work in.
+        `ResponseTimes`; int64 (2,), to work in; the guard: shared words and volts of `OutputGuard`, int64 (INFO_WORDS,) for
+        what the middleware tells of a command, the holder of the axis (`identity.Holder.words`), length of the command.
     times : another int64 (2,), for the loop's thread while others work.
     """
     c = work[2][0]

@@ -20,6 +20,10 @@ SPARE = 256
 MONOTONIC, REALTIME, ABSOLUTE = 1, 0, 1
 POINTER = "uintp"
 
+INFO_WORDS, GID_AT, HALF = 16, 5, 0xffffffff
+"""Room for an `rmw_message_info_t` in words of 8 bytes; where in it the identity of the publisher begins (after two times,
+two numbers and the name of the middleware); the half of its second word that belongs to the process."""
+
 _take = external("rcl_take_serialized_message", "int32", POINTER, POINTER, POINTER, POINTER)
 _publish = external("rcl_publish_serialized_message", "int32", POINTER, POINTER, POINTER)
 _clockwait = external("sem_clockwait", "int32", POINTER, "int32", POINTER)
@@ -32,25 +36,45 @@ _unlock = external("pthread_mutex_unlock", "int32", POINTER)
 _nanosleep = external("clock_nanosleep", "int32", "int32", "int32", POINTER, POINTER)
 
 
-class Frame:
+class Space:
+    """A place for the bytes of one message.
+
+    Parameters
+    ----------
+    capacity : bytes of the largest message.
+
+    Attributes
+    ----------
+    address : of the `rcl_serialized_message_t` around it. length : int64 (1,), bytes of what was taken last.
+    """
+
+    def __init__(self, capacity):
+        self._bytes = np.zeros(capacity + SPARE, np.uint8)
+        self._wrapped = np.zeros(8, np.uint64)  # buffer, length, capacity, and an allocator that is never called
+        self._wrapped[:3] = self._bytes.ctypes.data, capacity, len(self._bytes)
+        _allocator_into(self._wrapped[3:])
+        self.address = int(self._wrapped.ctypes.data)
+        self.length = self._wrapped[1:2].view(np.int64)
+
+    def taken(self):
+        """The bytes of what was taken last."""
+        return self._bytes[:int(self.length[0])].tobytes()
+
+
+class Frame(Space):
     """One message of fixed layout in one place.
 
     Attributes
     ----------
     message : its fields, a structured array of one, names as in `records.bags.layout`. raw : its bytes, uint8.
-    address : of the `rcl_serialized_message_t` around it.
     """
 
     def __init__(self, type_name, package="microstage_msgs"):
         layout = layout_of_type(installed_definition(f"{package}/msg/{type_name}"))
-        self._bytes = np.zeros(layout.size + SPARE, np.uint8)
+        super().__init__(layout.size)
         self.raw = self._bytes[:layout.size]
         self.raw[:4] = np.frombuffer(ENCAPSULATION, np.uint8)
         self.message = self.raw.view(layout.dtype)
-        self._wrapped = np.zeros(8, np.uint64)  # buffer, length, capacity, and an allocator that is never called
-        self._wrapped[:3] = self._bytes.ctypes.data, layout.size, len(self._bytes)
-        _allocator_into(self._wrapped[3:])
-        self.address = int(self._wrapped.ctypes.data)
 
     @property
     def bytes(self):
@@ -77,6 +101,21 @@ def load_libraries():
 def take(subscription, frame):
     """The oldest message that waits into its frame; False if none does. Arguments are addresses."""
     return _take(subscription, frame, 0, 0) == 0
+
+
+@compiled
+def take_from(subscription, frame, sender):
+    """As `take`; ``sender``: int64 of shape (`INFO_WORDS`,), filled with the middleware's information about the message."""
+    return _take(subscription, frame, sender.ctypes.data, 0) == 0
+
+
+@compiled
+def known(sender, holder):
+    """True if a message came from the process ``holder``, int64 (2,), as `identity.process_of` gives it; all zero: anybody.
+
+    The identity of a DDS endpoint is 16 bytes, of which the first 12 are those of its process.
+    """
+    return holder[0] == 0 or (sender[GID_AT] == holder[0] and (sender[GID_AT + 1] & HALF) == holder[1])
 
 
 @compiled

@@ -1,0 +1,117 @@
+"""The watchdog's process: sleeps until the last valid command is too long ago, then takes the voltage away.
+
+Run by `output_guard`, as a file and without any library where the output is the shared memory alone, so that it is there
+within 30 ms and never waits for anything else. Arguments: descriptor of the shared memory, descriptor of a pipe that is
+closed when the driver dies, and what `SafetyMembers.outside_stop` gives, as JSON.
+"""
+
+import gc
+import json
+import mmap
+import os
+import select
+import signal
+import struct
+import sys
+import time
+
+BYTES = 64
+VOLTS, BEAT, LIMIT, TAKEN, DOG, TAKEN_COUNT, DIED = range(7)
+"""Words of the shared memory: what is put out [V, float64]; when the last valid command came, the longest time without one
+(0: not watched), when the watchdog acted (0: it did not), when it last looked [all ns of the monotonic clock]; how often it
+acted; when it heard of the driver's death [ns]."""
+
+LONGEST = 0.1
+"""It looks at least so often [s]."""
+
+PRIORITY = 40
+"""Real-time priority, above that of the servo loop, where it is permitted."""
+
+
+class Watch:
+    """What the watchdog does at each look.
+
+    Parameters
+    ----------
+    memory : mutable buffer of `BYTES`. stop : called to take the voltage of a machine away.
+    """
+
+    def __init__(self, memory, stop=lambda: None):
+        self._memory, self._stop = memory, stop
+
+    def word(self, place):
+        """One of the words above."""
+        return struct.unpack_from("<q", self._memory, 8 * place)[0]
+
+    def set(self, place, value):
+        """Write one."""
+        struct.pack_into("<q", self._memory, 8 * place, value)
+
+    def look(self):
+        """Act if it is time to; how long to sleep until the next look [s]."""
+        now = time.monotonic_ns()
+        self.set(DOG, now)
+        limit = self.word(LIMIT)
+        if not limit:
+            return LONGEST
+        rest = self.word(BEAT) + limit - now
+        if rest > 0:
+            return min(rest * 1e-9, LONGEST)
+        if not self.word(TAKEN):
+            self.take(now)
+        return limit * 1e-9
+
+    def take(self, now):
+        """Take the voltage away."""
+        struct.pack_into("<d", self._memory, 8 * VOLTS, 0.0)
+        self.set(TAKEN, now)
+        self.set(TAKEN_COUNT, self.word(TAKEN_COUNT) + 1)
+        self._stop()
+
+    def died(self):
+        """The driver is gone."""
+        now = time.monotonic_ns()
+        self.set(DIED, now)
+        self.take(now)
+
+
+def outside_stop(text):
+    """The function of a backend that takes the voltage away, from JSON; nothing to do for ``null``."""
+    told = json.loads(text)
+    if not told:
+        return lambda: None
+    import importlib
+
+    module, _, name = told[0].partition(":")
+    function = getattr(importlib.import_module(module), name)
+
+    def stop():
+        try:
+            function(**told[1])
+        except Exception as error:  # noqa: BLE001 - it is tried again, and the driver's end must still be heard
+            print(f"watchdog: {told[0]}: {type(error).__name__}: {error}", file=sys.stderr, flush=True)
+
+    return stop
+
+
+def main(arguments):
+    """Watch until the driver is gone. Returns 0."""
+    memory, alive = int(arguments[0]), int(arguments[1])
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # it ends with the driver and not before
+        signal.signal(number, signal.SIG_IGN)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    except OSError:
+        pass  # later by what the machine is busy with
+    watch = Watch(mmap.mmap(memory, BYTES), outside_stop(arguments[2]))
+    gc.freeze()
+    gc.disable()
+    sleep = 0.0
+    while not select.select([alive], [], [], sleep)[0]:
+        sleep = watch.look()
+    watch.died()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

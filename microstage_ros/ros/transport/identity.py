@@ -1,0 +1,89 @@
+"""Who published a message: known by the DDS identity of its process, never by what the message says.
+
+The middleware tells with every message the 16 bytes (GID) of the endpoint that sent it. The first 12 are the same for all
+endpoints of one process, and no other process in the domain has them. `Holder` keeps those of the one process that may
+publish on a topic: the endpoint that the graph showed first under the expected name, for as long as it is there. A second
+endpoint of that name gets nowhere, whatever it claims to be. Without DDS security a hostile program could still
+forge the bytes on the wire (docs/safety.md).
+"""
+
+import numpy as np
+
+from microstage_ros.ros.transport.c_calls import GID_AT, HALF
+
+ANYBODY = (0, 0)
+
+
+def process_of(gid):
+    """The two numbers of the process to which an endpoint belongs.
+
+    Parameters
+    ----------
+    gid : its 16 bytes, a sequence of integers from 0 to 255.
+
+    Returns
+    -------
+    (int, int) : as `c_calls.known` compares them.
+    """
+    words = np.frombuffer(bytes(gid[:16]).ljust(16, b"\0"), np.int64)
+    return int(words[0]), int(words[1]) & HALF
+
+
+def process_of_message(info):
+    """As `process_of`, from the words that `c_calls.take_from` has filled."""
+    return int(info[GID_AT]), int(info[GID_AT + 1]) & HALF
+
+
+class Holder:
+    """The one process that may publish on a topic.
+
+    Parameters
+    ----------
+    node : rclpy node that looks. topic : name. names : nodes of the own namespace that are preferred where several publish.
+
+    Attributes
+    ----------
+    words : int64 (2,), the holder's numbers as compiled code compares them; zeros: none so far.
+    name : of its node, empty if none.
+    """
+
+    def __init__(self, node, topic, names=()):
+        self._node, self._topic, self._names = node, node.resolve_topic_name(topic), names
+        self.words, self.name = np.zeros(2, np.int64), ""
+
+    def publishers(self):
+        """Process numbers to full node name, of all that publish on the topic now."""
+        found = {}
+        for info in self._node.get_publishers_info_by_topic(self._topic):
+            found[process_of(info.endpoint_gid)] = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+        return found
+
+    def look(self):
+        """Keep the holder while it is there, else take the next; the numbers that publish beside it, to their names."""
+        found = self.publishers()
+        mine = tuple(self.words.tolist())
+        if mine not in found:
+            self.take(found, self._first(found))
+            mine = tuple(self.words.tolist())
+        return {numbers: name for numbers, name in found.items() if numbers != mine}
+
+    def _first(self, found):
+        """Whom to take of ``found``: the only one, or the only one with an expected name."""
+        own = {f"{self._node.get_namespace().rstrip('/')}/{name}" for name in self._names}
+        for choice in (found, {numbers: name for numbers, name in found.items() if name in own}):
+            if len(choice) == 1:
+                return next(iter(choice))
+        return ANYBODY
+
+    def take(self, found, numbers):
+        """Make ``numbers``, of ``found``, the holder; `ANYBODY`: nobody."""
+        self.words[:] = numbers
+        self.name = found.get(numbers, "")
+
+    def forget(self):
+        """Nobody holds the topic."""
+        self.take({}, ANYBODY)
+
+    def is_of(self, info):
+        """True if the message with these words of information came from the holder, or nobody holds the topic."""
+        return self.words[0] == 0 or process_of_message(info) == tuple(self.words.tolist())
