@@ -7,15 +7,19 @@
 | answers an older period than the last obeyed        | dropped, counted `reordered` |
 | answers an older period that had none, paced        | obeyed (the newest there is), counted `late` |
 | none in this period, paced                          | the voltage before it stays, counted `lost` |
-| none for longer than the timeout                    | fault `command_timeout` |
+| none for longer than ``command_hold_s``, paced      | zero voltage, counted `zeroed`; the next valid one is obeyed again |
+| none for longer than the time-out                   | fault `command_timeout` |
 | NaN or infinite                                     | fault `command_not_finite` |
 | answers a period that has not begun                 | fault `command_sequence` |
 | while the driver is not active                      | fault `command_inactive` (answers to its last periods are let by) |
 """
 
 import math
+import time
 
-FAULTS = ("none", "command_timeout", "command_not_finite", "command_inactive", "command_sequence", "hardware", "travel")
+FAULTS = ("none", "command_timeout", "command_not_finite", "command_inactive", "command_sequence", "hardware", "travel",
+          "stopped", "watchdog", "process", "e_stop", "limit_switch", "velocity", "current", "voltage_rate", "following_error",
+          "encoder_absent", "encoder_jump", "encoder_frozen", "encoder_motor", "encoder_interferometer")
 """Names of the fault codes of AxisState, by code."""
 
 
@@ -30,10 +34,15 @@ class CommandGate:
     ----------
     voltage : in force now [V]. command : the same before clipping [V]; saturated : it was clipped.
     fault : a name of `FAULTS`, latched. message : the fault in words, with the value.
-    answered, late, lost, duplicated, reordered : counters of periods and commands.
+    answered, late, lost, duplicated, reordered, zeroed : counters of periods and commands.
+    valid_ns : when the last valid command came [ns of the monotonic clock].
+
+    Parameters
+    ----------
+    limit : voltage limit [V]. clock_ns : the monotonic clock.
     """
 
-    def __init__(self, limit):
+    def __init__(self, limit, clock_ns=time.monotonic_ns):
         self.limit = float(limit)
         self.period = -1
         self.active = False
@@ -41,11 +50,13 @@ class CommandGate:
         self.voltage = self.command = 0.0
         self.saturated = False
         self.fault, self.message = "none", ""
-        self.answered = self.late = self.lost = self.duplicated = self.reordered = 0
+        self.answered = self.late = self.lost = self.duplicated = self.reordered = self.zeroed = 0
+        self._clock_ns, self.valid_ns = clock_ns, clock_ns()
 
     def activate(self):
         """Obey from now on. Returns False, and stays inactive, while a fault is latched."""
         self.active = self.fault == "none"
+        self.valid_ns = self._clock_ns()
         return self.active
 
     def deactivate(self):
@@ -85,19 +96,28 @@ class CommandGate:
         self.command = voltage
         self.voltage = min(max(voltage, -self.limit), self.limit)
         self.saturated = self.voltage != voltage
+        self.valid_ns = self._clock_ns()
         return True
 
-    def close_period(self, tolerated, missing=0):
-        """The present period ends; trips if its command is missing and more than ``tolerated`` are in a row.
+    @property
+    def silent_s(self):
+        """Time since the last valid command [s]."""
+        return (self._clock_ns() - self.valid_ns) * 1e-9
 
-        ``missing``: periods without a command, where they are more than were numbered.
-        """
+    def hold(self, longest, ahead=0.0):
+        """Zero voltage if there was no valid command for longer than ``longest`` [s], or will not have been in ``ahead`` [s]."""
+        if self.command != 0.0 and self.silent_s + ahead > longest:
+            self.zero()
+            self.zeroed += 1
+
+    def close_period(self, timeout):
+        """The present period ends; trips if its command is missing, and any for longer than ``timeout`` [s]."""
         if not self.active or self.fault != "none" or self.last == self.period:
             return
         self.lost += 1
-        missing = max(missing, self.period - self.last)
-        if missing > tolerated:
-            self.trip("command_timeout", f"no command for {missing} control periods")
+        silent = self.silent_s
+        if silent > timeout:
+            self.trip("command_timeout", f"no valid command for {silent * 1e3:.1f} ms, the bound is {timeout * 1e3:.1f} ms")
 
     def trip(self, fault, message):
         """Latch a fault; the first one stays."""
@@ -109,6 +129,7 @@ class CommandGate:
         """Forget the fault; the driver may be made active again."""
         self.fault, self.message = "none", ""
         self.last = self.period
+        self.valid_ns = self._clock_ns()
 
     def zero(self):
         """No voltage."""

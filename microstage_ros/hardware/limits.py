@@ -20,13 +20,14 @@ import math
 import numpy as np
 
 from microstage_ros.hardware.command_gate import FAULTS
+from microstage_ros.model.top_speed import top_speed
 from microstage_ros.numerics.compiled import compiled
 
 SMOOTHING_S = 5e-3
 JUMP = 3.0
 """Times the velocity limit."""
 
-SPEED_MARGIN, CURRENT_MARGIN = 1.3, 1.3
+CURRENT_MARGIN = 1.3
 """Above what the voltage limit can bring about, where no limit is given."""
 
 FROZEN_SHARE, FROZEN_S = 0.25, 0.1
@@ -89,6 +90,12 @@ def breach(limits, memory, encoder, current, motor_angle, voltage):
     return _RATE if abs(turned) > limits.voltage_step else 0
 
 
+@compiled
+def look(limits, memory, encoder, current, motor_angle, voltage):
+    """`breach` for arrays of one."""
+    return breach(limits[0], memory[0], encoder, current, motor_angle, voltage)
+
+
 def new_limits(axis, travel, given):
     """Records `LIMITS` of one axis, and an empty `MEMORY`.
 
@@ -107,10 +114,9 @@ def new_limits(axis, travel, given):
     voltage = _known(axis, "drive.voltage_limit")
     gear, pitch = _known(axis, "transmission.gear_ratio"), _known(axis, "transmission.pitch")
     travel_per_radian = pitch / (2.0 * math.pi * gear)
-    fastest = voltage / _known(axis, "drive.back_emf") * travel_per_radian
     highest = voltage / _known(axis, "drive.resistance")
     values = {
-        "low": travel[0], "high": travel[1], "velocity": given.get("velocity") or _or_none(SPEED_MARGIN * fastest),
+        "low": travel[0], "high": travel[1], "velocity": given.get("velocity") or top_speed(axis),
         "current": given.get("current") or _or_none(CURRENT_MARGIN * highest),
         "following": given.get("following_error") or math.inf,
         "frozen_voltage": _or_none(FROZEN_SHARE * voltage), "frozen_periods": max(FROZEN_S / period, 10.0),

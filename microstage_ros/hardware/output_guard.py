@@ -20,7 +20,7 @@ import time
 import numpy as np
 
 from microstage_ros.hardware import watchdog
-from microstage_ros.hardware.watchdog import BEAT, DOG, LIMIT, TAKEN, TAKEN_COUNT, VOLTS
+from microstage_ros.hardware.watchdog import BEAT, DOG, LIMIT, TAKEN, TAKEN_COUNT, VOLTS, ZEROED
 
 SILENT = 0.5
 """A watchdog that has not looked for so long [s] does not watch: it is replaced."""
@@ -105,6 +105,8 @@ class OutputGuard:
 
     def put(self, voltage):
         """The driver has put out ``voltage`` [V]."""
+        if voltage == 0.0 and self.volts[VOLTS] != 0.0:
+            self.words[ZEROED] = time.monotonic_ns()
         self.volts[VOLTS] = voltage
 
     def commanded(self, time_ns):
@@ -115,6 +117,11 @@ class OutputGuard:
     def taken(self):
         """When the watchdog took the voltage away [ns of the monotonic clock], 0 if it did not."""
         return int(self.words[TAKEN])
+
+    @property
+    def taken_after(self):
+        """How long after the last valid command that was [s]."""
+        return (self.taken - int(self.words[BEAT])) * 1e-9
 
     @property
     def taken_count(self):

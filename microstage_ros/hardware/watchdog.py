@@ -16,10 +16,10 @@ import sys
 import time
 
 BYTES = 64
-VOLTS, BEAT, LIMIT, TAKEN, DOG, TAKEN_COUNT, DIED = range(7)
+VOLTS, BEAT, LIMIT, TAKEN, DOG, TAKEN_COUNT, DIED, ZEROED = range(8)
 """Words of the shared memory: what is put out [V, float64]; when the last valid command came, the longest time without one
 (0: not watched), when the watchdog acted (0: it did not), when it last looked [all ns of the monotonic clock]; how often it
-acted; when it heard of the driver's death [ns]."""
+acted; when it heard of the driver's death, when the driver itself last went to zero [ns]."""
 
 LONGEST = 0.1
 """It looks at least so often [s]."""
@@ -57,8 +57,8 @@ class Watch:
         rest = self.word(BEAT) + limit - now
         if rest > 0:
             return min(rest * 1e-9, LONGEST)
-        if not self.word(TAKEN):
-            self.take(now)
+        if not self.word(TAKEN) and struct.unpack_from("<d", self._memory, 8 * VOLTS)[0] != 0.0:
+            self.take(now)  # else the loop itself has done it in time
         return limit * 1e-9
 
     def take(self, now):

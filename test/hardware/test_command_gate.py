@@ -7,9 +7,23 @@ import pytest
 from microstage_ros.hardware.command_gate import FAULTS, STALE, CommandGate
 
 
+class Clock:
+    """A clock that is set by hand."""
+
+    now_ns = 0
+
+    def __call__(self):
+        return self.now_ns
+
+
 @pytest.fixture
-def gate():
-    made = CommandGate(6.0)
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def gate(clock):
+    made = CommandGate(6.0, clock)
     assert made.activate()
     made.begin(0)
     return made
@@ -31,22 +45,35 @@ def test_repeated_and_reordered_are_dropped_and_counted(gate):
 
 def test_lost_keeps_the_voltage_and_late_still_counts(gate):
     gate.offer(0, 1.0)
-    gate.close_period(5)
+    gate.close_period(0.1)
     gate.begin(1)
-    gate.close_period(5)  # nothing came
+    gate.close_period(0.1)  # nothing came
     assert gate.voltage == 1.0 and gate.lost == 1 and gate.fault == "none"
     gate.begin(2)
     assert gate.offer(1, 2.0) and gate.voltage == 2.0 and gate.late == 1  # the newest there is
     assert gate.offer(2, 3.0) and gate.voltage == 3.0 and gate.answered == 2
 
 
-def test_too_many_lost_in_a_row_trip(gate):
+def test_zero_after_the_hold_and_a_fault_after_the_time_out(gate, clock):
+    """Both in seconds: how many periods pass meanwhile does not matter."""
     gate.offer(0, 1.0)
-    for period in range(1, 5):
+    for period, ms in enumerate((1, 3.9, 4.1, 100, 251), start=1):
+        clock.now_ns = round(ms * 1e6)
         gate.begin(period)
-        gate.close_period(3)
-        assert gate.fault == ("none" if period <= 3 else "command_timeout")
-    assert gate.voltage == 0.0 and "4 control periods" in gate.message
+        gate.hold(0.004)
+        gate.close_period(0.25)
+        assert gate.voltage == (1.0 if ms < 4.0 else 0.0) and gate.fault == ("none" if ms < 250 else "command_timeout")
+    assert gate.zeroed == 1 and "251.0 ms, the bound is 250.0 ms" in gate.message
+
+
+def test_a_command_after_the_hold_is_obeyed_again(gate, clock):
+    gate.offer(0, 1.0)
+    clock.now_ns = 5_000_000
+    gate.begin(5)
+    gate.hold(0.004)
+    assert gate.voltage == 0.0 and gate.offer(5, 0.7) and gate.voltage == 0.7 and gate.fault == "none"
+    gate.hold(0.004, ahead=0.005)  # the next look would come too late
+    assert gate.voltage == 0.0
 
 
 @pytest.mark.parametrize("voltage", [math.nan, math.inf, -math.inf])

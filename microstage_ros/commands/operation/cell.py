@@ -2,7 +2,6 @@
 
 import signal
 import sys
-import time
 from pathlib import Path
 
 from microstage_ros.commands.__main__ import which_ros
@@ -11,11 +10,6 @@ from microstage_ros.commands.parser import Parser
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
-
-PATIENCE = 2000
-"""Control periods without a command after which a simulated axis at the wall clock gives up; hardware should not wait
-so long (parameter command_timeout_periods), but here a busy desktop harms nothing."""
-
 
 def main(argv=None):
     """Run the command. Returns 0 when interrupted, 1 if a process ended by itself."""
@@ -42,7 +36,8 @@ def main(argv=None):
 
 
 def _run(arguments, backend, machine):
-    from microstage_ros.ros.launching.cell_processes import NODES, CellFailure, CellProcesses
+    from microstage_ros.ros.launching.cell_processes import NODES, QUICK, CellFailure, CellProcesses
+    from microstage_ros.ros.launching.supervision import Supervisor, run_until_interrupted
 
     print(f"{which_ros()}\n{backend.words(machine.name, arguments.seed)}", file=sys.stderr)
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -51,26 +46,30 @@ def _run(arguments, backend, machine):
     driver = {"mode": arguments.mode, "seed": arguments.seed, **axis, **backend.driver_parameters}
     if arguments.mode == "lockstep":
         driver["rate_limit"] = 1.0
-    elif backend.simulated:
-        driver["command_timeout_periods"] = PATIENCE
     law = {"controller": arguments.controller} if arguments.controller else {}
     parameters = {"axis_driver": driver, "str_controller": {**axis, **law}, "gms_observer": axis,
                   "bag_recorder": {"directory": str(arguments.record),
                                    "log_time": "stamp" if arguments.mode == "lockstep" else "arrival"}}
     nodes = backend.nodes(name for name in NODES if arguments.record or name != "bag_recorder")
     try:
-        with CellProcesses(arguments.namespace, nodes, parameters) as cell:
+        cell = CellProcesses(arguments.namespace, nodes, parameters)
+        try:
+            cell.start()
             import rclpy  # while the nodes start
             from rclpy.signals import SignalHandlerOptions
 
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-            cell.activate(rclpy.create_node("cell", namespace=arguments.namespace))
+            node = rclpy.create_node("cell", namespace=arguments.namespace)
+            supervisor = Supervisor(cell, node)
+            cell.activate(node)
             what = "simulated" if backend.simulated else backend.name
             print(f"{arguments.namespace} is active ({len(nodes)} nodes, {arguments.mode}, {what}). "
                   f"In another terminal: ./microstage move --to 1e-5. Ctrl-C stops it.", flush=True)
-            while True:
-                cell.check()
-                time.sleep(0.2)
+            run_until_interrupted(supervisor, lambda seconds: rclpy.spin_once(node, timeout_sec=seconds))
+        finally:
+            for number in (signal.SIGINT, signal.SIGTERM):  # a second Ctrl-C must not keep the processes from ending
+                signal.signal(number, signal.SIG_IGN)
+            cell.stop(QUICK)
     except KeyboardInterrupt:
         return 0
     except CellFailure as failure:

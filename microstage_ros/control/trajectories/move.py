@@ -8,6 +8,8 @@ import numpy as np
 from microstage_ros.quantities.errors import InputError
 
 MOVING, SETTLING = 1, 2
+LONGEST = 86_400.0
+"""Longest timeout [s]: a day."""
 
 
 def check_move(target, tolerance, settle_time, timeout, travel, place="move"):
@@ -21,8 +23,10 @@ def check_move(target, tolerance, settle_time, timeout, travel, place="move"):
     for name, value in (("tolerance", tolerance), ("timeout", timeout)):
         if not (math.isfinite(value) and value > 0.0):
             raise InputError(f"{place}: {name}", value, f"a finite {'width in m' if name == 'tolerance' else 'time in s'} above 0")
-    if not (math.isfinite(settle_time) and settle_time >= 0.0):
-        raise InputError(f"{place}: settle_time", settle_time, "a finite time in s, 0 or more")
+    if not (math.isfinite(settle_time) and 0.0 <= settle_time <= timeout):
+        raise InputError(f"{place}: settle_time", settle_time, f"a time in s from 0 to the timeout, {timeout:g} s")
+    if timeout > LONGEST:
+        raise InputError(f"{place}: timeout", timeout, f"at most {LONGEST:g} s")
 
 
 class Move:
@@ -38,7 +42,8 @@ class Move:
     ----------
     done, reached : it is over; it was within the tolerance for the settle time.
     phase : `MOVING` or `SETTLING`. end_sequence : control period in which it was over.
-    overshoot : beyond the target in the direction of the move [m], 0 or more.
+    overshoot : beyond the target in the direction of the move [m], 0 or more. stopped : where and when it was stopped after
+        its timeout, in words.
     """
 
     def __init__(self, start, target, tolerance, settle_time, timeout, start_sequence, rest_sequence, period):
@@ -47,6 +52,7 @@ class Move:
         self.start_sequence, self.rest_sequence, self.period = start_sequence, rest_sequence, period
         self.end_sequence = None
         self.done = self.reached = False
+        self.stopped = ""
         self.overshoot = 0.0
         self._direction = math.copysign(1.0, target - start)
         self._last_sequence = start_sequence + timeout / period

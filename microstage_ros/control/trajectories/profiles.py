@@ -22,6 +22,10 @@ class MotionLimits(NamedTuple):
 
 DEFAULT_LIMITS = MotionLimits()
 
+LEAST = 1e-15
+"""A shorter distance [m] is none: it is below the resolution of a number of the size of the travel, and the arithmetic of
+a profile over it underflows."""
+
 
 def check_limits(limits, place="limits"):
     """Refuse limits that are not positive and finite (`InputError`)."""
@@ -49,7 +53,7 @@ def move_times(distance, limits):
 
 def move_duration(distance, limits=DEFAULT_LIMITS):
     """Duration [s] of a jerk-limited move over ``distance`` [m]."""
-    if distance == 0.0:
+    if abs(distance) < LEAST:
         return 0.0
     t_j, t_a, t_v, _ = move_times(abs(distance), limits)
     return 4 * t_j + 2 * t_a + t_v
@@ -65,7 +69,7 @@ def jerk_limited_move(start, target, period, limits=DEFAULT_LIMITS):
         if not math.isfinite(value):
             raise InputError(name, value, "a finite position in m")
     distance = abs(target - start)
-    if distance == 0.0:
+    if distance < LEAST:
         return np.array([float(target)])
     t_j, t_a, t_v, jerk = move_times(distance, limits)
     durations = np.array([t_j, t_a, t_j, t_v, t_j, t_a, t_j])

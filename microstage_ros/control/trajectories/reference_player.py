@@ -22,10 +22,11 @@ class ReferencePlayer:
     ----------
     period : control period [s].
     stop_time : from a stop to rest [s]; the velocity falls as (1 - s)^2 (1 + 2 s), s in 0..1, without a jump.
+    fastest : a reference that is faster than this [m/s] in any period is refused.
     """
 
-    def __init__(self, period, stop_time):
-        self.period = float(period)
+    def __init__(self, period, stop_time, fastest=np.inf):
+        self.period, self.fastest = float(period), float(fastest)
         self.stop_time = float(stop_time)
         self._lock = threading.Lock()
         self._positions = None
@@ -83,6 +84,11 @@ class ReferencePlayer:
         if not np.isfinite(positions).all():
             bad = int(np.flatnonzero(~np.isfinite(positions))[0])
             raise InputError(f"reference, position {bad}", float(positions[bad]), "finite positions in m")
+        steps = np.abs(np.diff(positions))
+        if len(steps) and steps.max() > self.fastest * self.period:
+            bad = int(steps.argmax())
+            raise InputError(f"reference, positions {bad} and {bad + 1}", f"{steps[bad] / self.period:.3g} m/s",
+                             f"at most {self.fastest:.3g} m/s, which the axis can follow")
         with self._lock:
             if self._positions is None:
                 raise InputError("reference", "no state so far", "a driver that is active")

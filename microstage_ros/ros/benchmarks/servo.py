@@ -112,7 +112,7 @@ def paced(node, nodes, seconds, period):
         axis = load_axis(config_file("axis.yaml")).with_values({"period": period}, source="estimate")
         axis.save(f"{folder}/axis.yaml")
         file = {"axis_file": f"{folder}/axis.yaml"}
-        parameters = {"axis_driver": {"mode": "paced", "command_timeout_periods": 100000, **file},
+        parameters = {"axis_driver": {"mode": "paced", "command_timeout_s": 10.0, **file},
                       "str_controller": file, "gms_observer": file,
                       "bag_recorder": {"directory": f"{folder}/bag", "log_time": "arrival"}}
         first, last, wall, shares = _observed(node, nodes, parameters, seconds, Path(folder))

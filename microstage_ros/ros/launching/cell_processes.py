@@ -14,6 +14,7 @@ from pathlib import Path
 import yaml
 
 from microstage_ros.ros.launching.forked import ForkedNodes
+from microstage_ros.ros.launching.ownership import Ownership
 
 NODES = ("axis_driver", "str_controller", "gms_observer", "interferometer_logger", "move_server", "bag_recorder")
 """All nodes of an axis, in the order in which they are started."""
@@ -30,6 +31,11 @@ READERS = {
 """Node and parameter to the nodes that read what it publishes: they must be there before the first period."""
 
 STOP_WAIT = 20.0
+"""Longest wait [s] for each process to end by itself, where nothing may be lost."""
+
+QUICK = 1.6
+"""The same for all together where a person waits."""
+
 START_WAIT = 240.0
 ASK_AGAIN, LONGEST_PATIENCE = 0.2, 3.0
 """A request that is not answered is made again after so long [s], then after twice as long, up to the second."""
@@ -89,8 +95,10 @@ class CellProcesses:
         self.namespace, self.nodes = namespace, nodes
         self._parameters = started_parameters(nodes, parameters or {})
         self._logs = None if logs is None else Path(logs)
+        self._directory = self._parameters.get("bag_recorder", {}).get("directory", "")
         self.processes = {}
-        self._folder = self._forked = None
+        self._folder = self._forked = self._owned = None
+        self._again = {}
 
     def __enter__(self):
         self.start()
@@ -100,7 +108,8 @@ class CellProcesses:
         self.stop()
 
     def start(self):
-        """Start every node."""
+        """Start every node. Raises `InputError` if another process owns an axis of this name."""
+        self._owned = Ownership("cell", self.namespace, ("driver",) if "axis_driver" in self.nodes else ())
         self._folder = tempfile.TemporaryDirectory(prefix="microstage_")
         if self._logs:
             self._logs.mkdir(parents=True, exist_ok=True)
@@ -123,9 +132,17 @@ class CellProcesses:
         """Raise `CellFailure` if a process has ended."""
         for name, process in self.processes.items():
             if process.poll() is not None:
-                raise CellFailure(f"{name} ended with status {process.returncode}{self._last_words(name)}")
+                raise CellFailure(f"{name} ended with status {process.returncode}{self.last_words(name)}")
 
-    def _last_words(self, name):
+    def restart(self, name):
+        """Start a process that has ended once more; a recorder begins another bag."""
+        self._again[name] = self._again.get(name, 1) + 1
+        if self._parameters[name].get("directory"):
+            self._parameters[name] = {**self._parameters[name], "directory": f"{self._directory}_{self._again[name]}"}
+        self.processes[name] = self._forked.start_again(self._node(name))
+
+    def last_words(self, name):
+        """The last line that a process has printed into its log, after a colon; empty if there is none."""
         log = self._log(name)
         if log is None:
             return ""
@@ -168,7 +185,7 @@ class CellProcesses:
                 if seen.done() and seen.result().current_state.id == wanted:
                     return
                 if refused and seen.done() and looked_after:
-                    raise CellFailure(f"the driver was not {done}{self._last_words('axis_driver')}")
+                    raise CellFailure(f"the driver was not {done}{self.last_words('axis_driver')}")
                 if time.monotonic() > again or refused and seen.done():
                     if seen.done() and not refused:  # it answers, and has not done it
                         asked.append(change.call_async(request))
@@ -187,23 +204,46 @@ class CellProcesses:
 
         rclpy.spin_once(node, timeout_sec=0.02)
 
-    def stop(self):
-        """Ask every process to stop, the driver first and the recorder last; end those that do not."""
-        order = sorted(self.processes, key=lambda name: {"axis_driver": 0, "bag_recorder": 2}.get(name, 1))
-        for name in order:
-            self.stop_one(name)
+    def stop(self, within=None):
+        """Ask every process to stop, the driver first and the recorder last; end those that do not.
+
+        Parameters
+        ----------
+        within : longest time [s] for all together; None: `STOP_WAIT` for each.
+        """
+        end = None if within is None else time.monotonic() + within
+        ranks = {"axis_driver": 0, "bag_recorder": 2}
+        for rank in range(3):
+            names = [name for name in self.processes if ranks.get(name, 1) == rank]
+            for name in names:
+                self._ask_to_stop(name)
+            share = None if end is None else (end - time.monotonic()) / (3 - rank)
+            until = time.monotonic() + (STOP_WAIT if share is None else max(share, 0.05))
+            for name in names:
+                self._await(self.processes.pop(name), max(until - time.monotonic(), 0.01))
         if self._forked:
             self._forked.close()
         if self._folder:
             self._folder.cleanup()
+        if self._owned:
+            self._owned.release()
 
     def stop_one(self, name):
         """Ask one process to stop and wait for it. Returns its exit status."""
-        process = self.processes.pop(name)
+        self._ask_to_stop(name)
+        return self._await(self.processes.pop(name), STOP_WAIT)
+
+    def _ask_to_stop(self, name):
+        process = self.processes[name]
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
+            process.send_signal(signal.SIGCONT)  # to one that is stopped by a signal
+
+    @staticmethod
+    def _await(process, seconds):
+        """Wait for the end of a process that was asked to stop; end it after so long. Its exit status."""
         try:
-            return process.wait(STOP_WAIT)
+            return process.wait(seconds)
         except subprocess.TimeoutExpired:
             process.kill()
             return process.wait()

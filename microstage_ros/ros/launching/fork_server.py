@@ -1,8 +1,8 @@
 """One process that imports what the nodes of an axis need once, and forks each of them: started in half the time.
 
 Started by `forked.ForkedNodes`, with the descriptor of a socket as argument, over which lines of JSON go. To here: the
-list of nodes, ``{"name", "arguments", "log"}``, then ``{"name", "signal"}``. Back: ``{"name", "pid"}``,
-``{"name", "status"}``. When the other end closes, or on SIGINT and SIGTERM, it stops all nodes. Each node is a process of
+list of nodes, ``{"name", "arguments", "log"}``, then ``{"name", "signal"}`` and ``{"start": node}``. Back: ``{"name", "pid"}``,
+``{"name", "status"}``, ``{"name", "stopped"}``. When the other end closes, or on SIGINT and SIGTERM, it stops all nodes. Each node is a process of
 its own as if it had been started alone; only its command line reads as that of this process.
 
 Forked is before any thread of ours or of the middleware exists, and before `rclpy.init`. Where that cannot be (a library
@@ -58,16 +58,22 @@ class ForkServer:
             if not why:
                 getattr(modules[node["name"]], "warm_up", lambda: None)()
                 gc.freeze()  # so that a collection in a child does not write to, and copy, what it shares with the others
-            pid = _start_alone(node) if why else tracing.fork()
-            if pid == 0:
-                signal.set_wakeup_fd(-1)
-                for end in (self._link, *wakened):
-                    end.close()
-                return lambda node=node: _become(node, modules[node["name"]])
-            self._names[pid] = node["name"]
-            self._send(name=node["name"], pid=pid)
-        self._go_on(wakened[0])
-        return lambda: 0
+            child = self._start(node, modules, why, tracing, wakened)
+            if child:
+                return child
+        return self._go_on(wakened, lambda node: self._start(node, modules, why, tracing, wakened)) or (lambda: 0)
+
+    def _start(self, node, modules, why, tracing, wakened):
+        """Start one node. In a forked child: the call that makes it the node; else None."""
+        pid = _start_alone(node) if why else tracing.fork()
+        if pid == 0:
+            signal.set_wakeup_fd(-1)
+            for end in (self._link, *wakened):
+                end.close()
+            return lambda: _become(node, modules[node["name"]])
+        self._names[pid] = node["name"]
+        self._send(name=node["name"], pid=pid)
+        return None
 
     def _watch_children(self):
         """Sockets of which the first is readable after every signal."""
@@ -82,16 +88,19 @@ class ForkServer:
     def _on_signal(self, number, frame):
         self._closed = self._closed or number in STOPPING
 
-    def _go_on(self, wakened):
-        """Until every child has ended: pass on signals, tell who ended."""
+    def _go_on(self, wakened, start):
+        """Until every child has ended and nobody can ask for another: pass on signals, tell who ended. In a child that is
+        forked meanwhile: what `_start` gives."""
+        wakened = wakened[0]
         with selectors.DefaultSelector() as selector:
             selector.register(self._link, selectors.EVENT_READ)
             selector.register(wakened, selectors.EVENT_READ)
             killed_at = None
-            while self._reap():
+            while self._reap() or not self._closed:
                 if self._closed and killed_at is None:
                     killed_at = time.monotonic() + GRACE
                     self._signal_all(signal.SIGINT)
+                    self._signal_all(signal.SIGCONT)
                 rest = None if killed_at is None else killed_at - time.monotonic()
                 if rest is not None and rest <= 0.0:
                     self._signal_all(signal.SIGKILL)
@@ -103,15 +112,23 @@ class ForkServer:
                     asked = self._receive()
                     if asked is None:
                         selector.unregister(self._link)
+                    elif "start" in asked:
+                        child = start(asked["start"])
+                        if child:
+                            return child
                     else:
                         self._signal_all(asked["signal"], asked["name"])
+        return None
 
     def _reap(self):
         """Tell of children that have ended; True while there are others."""
         while self._names:
-            pid, status = os.waitpid(-1, os.WNOHANG)
+            pid, status = os.waitpid(-1, os.WNOHANG | os.WUNTRACED | os.WCONTINUED)
             if pid == 0:
                 return True
+            if os.WIFSTOPPED(status) or os.WIFCONTINUED(status):
+                self._send(name=self._names[pid], stopped=os.WIFSTOPPED(status))
+                continue
             self._send(name=self._names.pop(pid), status=os.waitstatus_to_exitcode(status))
         return False
 

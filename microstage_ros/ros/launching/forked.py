@@ -56,6 +56,7 @@ class ForkedNodes:
             process = self.processes[line.pop("name")]
             process.told_pid = line.get("pid", process.told_pid)
             process.returncode = line.get("status", process.returncode)
+            process.stopped = line.get("stopped", process.stopped) and process.returncode is None
 
     def _ended(self):
         """The server is gone, and with it its children."""
@@ -72,6 +73,15 @@ class ForkedNodes:
         except OSError:
             self._ended()
 
+    def start_again(self, node):
+        """Start a node that has ended; its new `NodeProcess`."""
+        process = self.processes[node["name"]] = NodeProcess(self)
+        try:
+            self._link.sendall(json.dumps({"start": node}).encode() + b"\n")
+        except OSError:
+            self._ended()
+        return process
+
     def close(self):
         """Let the server go; whatever still runs, it stops, within `GRACE`."""
         self._link.close()
@@ -83,10 +93,10 @@ class ForkedNodes:
 
 
 class NodeProcess:
-    """One node's process, in the words of `subprocess.Popen`."""
+    """One node's process, in the words of `subprocess.Popen`; ``stopped``: by a signal, it is there and does nothing."""
 
     def __init__(self, owner):
-        self._owner, self.told_pid, self.returncode = owner, None, None
+        self._owner, self.told_pid, self.returncode, self.stopped = owner, None, None, False
 
     @property
     def pid(self):

@@ -3,6 +3,7 @@
 import gc
 import os
 import signal
+import socket
 import sys
 import threading
 import time
@@ -19,15 +20,47 @@ from microstage_ros.ros.transport.servo_path import RCLError
 SWITCH_INTERVAL = 1e-4
 """How long the other thread may keep the interpreter [s]; Python's own 5 ms would be fifty control periods."""
 
+STOPPING = (signal.SIGINT, signal.SIGTERM)
+
 ACKNOWLEDGED = 5.0
 """Longest wait [s] at the end until every reader has what was sent to it."""
 
+LAST_RESORT = 10.0
+"""A process that has been asked to stop and is still there after so long [s] ends at once, whatever it waits for."""
+
 _stop = threading.Event()
+_told_to_stop = []
 
 
 def running():
     """False once the process is asked to stop (SIGINT, SIGTERM)."""
     return not _stop.is_set() and rclpy.ok()
+
+
+def on_stop(call):
+    """Have ``call`` called when the process is asked to stop, by a thread of its own, at once: the main thread may be in
+    compiled code, where Python handles no signal."""
+    _told_to_stop.append(call)
+
+
+def _hear_signals():
+    """Hear SIGINT and SIGTERM in a thread: the operating system's handler writes to a socket, whatever the main thread does."""
+    ours, theirs = socket.socketpair()
+    theirs.setblocking(False)
+    signal.set_wakeup_fd(theirs.fileno(), warn_on_full_buffer=False)
+    for number in STOPPING:  # background processes begin with SIGINT ignored
+        signal.signal(number, lambda *_: _stop.set())
+    threading.Thread(target=_wait_for_signal, args=(ours, theirs), name="signals", daemon=True).start()
+
+
+def _wait_for_signal(ours, theirs):
+    while not set(ours.recv(64)) & set(STOPPING):
+        pass
+    _stop.set()
+    for call in _told_to_stop:
+        call()
+    time.sleep(LAST_RESORT)
+    os._exit(1)
 
 
 def run_node(make, arguments=None, threads=1):
@@ -42,8 +75,7 @@ def run_node(make, arguments=None, threads=1):
     arguments : command line; default that of the process.
     threads : of the executor; more than one where callbacks wait for each other.
     """
-    for number in (signal.SIGINT, signal.SIGTERM):  # background processes begin with SIGINT ignored
-        signal.signal(number, lambda *_: _stop.set())
+    _hear_signals()
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     sys.setswitchinterval(SWITCH_INTERVAL)
     try:

@@ -1,7 +1,10 @@
 """The driver's compiled control periods (`driver_loop`) with everything that they work on."""
 
+from typing import NamedTuple
+
 import numpy as np
 
+from microstage_ros.hardware.limits import LIMITS, MEMORY
 from microstage_ros.numerics.compiled import called_from_c, kind_of
 from microstage_ros.ros.loops.driver_loop import (
     COUNTS,
@@ -22,7 +25,7 @@ from microstage_ros.ros.transport.work_handover import SIZE, Desk
 FRAMES = (("AxisState",), ("SimulationTruth",), ("VoltageCommand",), ("Clock", "rosgraph_msgs"))
 
 
-def timing(period, rate, slice_s, paced, priority, hold, trip):
+def timing(period, rate, slice_s, paced, priority, hold=0.004, trip=0.25):
     """Entries of `COUNTS` that tell how to keep time.
 
     Parameters
@@ -46,17 +49,30 @@ def load(arrays):
     frames = [Frame(*name) for name in FRAMES]
     rings = tuple(new_ring(1, len(frame.raw)) for frame in frames[:2])
     records = np.zeros(1, LINKS), np.zeros(1, COUNTS), np.zeros(1, VALUES)
-    work = new_work(np.ones(1, np.int64), records, arrays, frames, rings, ResponseTimes(), new_guard(frames[2]))
+    work = new_work(np.ones(1, np.int64), records, arrays, frames, rings, ResponseTimes(), new_guard(frames[2], _no_watch()))
     run_periods(np.zeros(SIZE, np.int64), work, np.zeros(2, np.int64))
     called_from_c(on_message, kind_of(work))
     run_periods.disable_compile()  # other types would be no work for `on_message`
 
 
-def new_guard(command, words=None, volts=None, holder=None):
-    """What `run_periods` takes as its guard; ``command``: the frame of commands, the rest: shared memory and the holder."""
-    words = np.zeros(8, np.int64) if words is None else words
-    return (words, words.view(np.float64) if volts is None else volts, np.zeros(INFO_WORDS, np.int64),
-            np.zeros(2, np.int64) if holder is None else holder, command.length)
+def new_guard(command, watch):
+    """What `run_periods` takes as its guard; ``command``: the frame of commands. ``watch`` : `Watch`."""
+    return (watch.words, watch.volts, np.zeros(INFO_WORDS, np.int64), watch.holder, command.length, watch.limits, watch.memory)
+
+
+class Watch(NamedTuple):
+    """What watches the compiled loop: shared memory of `OutputGuard`, words of `identity.Holder`, records of `hardware.limits`."""
+
+    words: np.ndarray
+    volts: np.ndarray
+    holder: np.ndarray
+    limits: np.ndarray
+    memory: np.ndarray
+
+
+def _no_watch():
+    words = np.zeros(8, np.int64)
+    return Watch(words, words.view(np.float64), np.zeros(2, np.int64), np.zeros(1, LIMITS), np.zeros(1, MEMORY))
 
 
 def new_work(stop, records, arrays, frames, rings, responses, guard):
@@ -72,7 +88,7 @@ class QuickPeriods:
     ----------
     servo, reader : `FastServoPath` and its reader of commands. sender : semaphore of who sends the blocks. topics : `DriverTopics`. gate : `CommandGate`.
     stop : int64 (1,), 1 while another thread asks for something. responses : `ResponseTimes`. arrays : `SimulatedAxis.own_arrays`.
-    settings : field of `COUNTS` or `VALUES` to its constant value. guard : `OutputGuard`. holder : `identity.Holder`.
+    settings : field of `COUNTS` or `VALUES` to its constant value. watch : `Watch`.
 
     Attributes
     ----------
@@ -81,7 +97,7 @@ class QuickPeriods:
         by any thread while the loop goes on, as may `sequence` and `time_ns`.
     """
 
-    def __init__(self, servo, reader, sender, topics, gate, stop, responses, arrays, settings, guard, holder):
+    def __init__(self, servo, reader, sender, topics, gate, stop, responses, arrays, settings, watch):
         load_libraries()
         self._topics, self._gate = topics, gate
         self._frames = [Frame(*name) for name in FRAMES]
@@ -94,7 +110,7 @@ class QuickPeriods:
             (self._counts if name in COUNTS.names else self._values)[name] = value
         self._work = new_work(stop, (self._links, self._counts, self._values), arrays, self._frames,
                               (topics.states.ring, topics.truths.ring), responses,
-                              new_guard(self.command, guard.words, guard.volts, holder.words))
+                              new_guard(self.command, watch))
         self._counts["command_bytes"] = len(self.command.raw)
         load(arrays)
         self._desk, self._times = Desk(on_message, self._work, servo), np.zeros(2, np.int64)
@@ -103,6 +119,10 @@ class QuickPeriods:
     def grant(self, credit):
         """Periods up to this one may begin; heard by the running loop."""
         self._counts["credit"] = credit
+
+    def look_for_listeners(self):
+        """Begin or end to send the simulated instruments singly; by any thread, while the loop goes on."""
+        self._counts["truth_listened"] = self._topics.truths.listeners if self._topics.truths is not None else 0
 
     def run(self, sequence, credit, due, valid_ns):
         """Control periods after number ``sequence``. Returns why it ended; the gate is as after these periods.
@@ -122,7 +142,7 @@ class QuickPeriods:
         why = run_periods(self._desk.words, self._work, self._times)
         gate.voltage, gate.command = float(v["voltage"]), float(v["command"])
         gate.saturated = gate.voltage != gate.command
-        gate.last = int(c["last"])
+        gate.last, gate.valid_ns = int(c["last"]), int(c["valid_ns"])
         gate.begin(self.sequence - (why == TRAVEL))
         return why
 

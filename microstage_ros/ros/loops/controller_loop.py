@@ -4,13 +4,25 @@
 everything else: silence, a fault, a state sent once more, a request.
 """
 
+import math
+
 import numpy as np
 
 from microstage_ros.control.laws.registry import controller_step
 from microstage_ros.control.trajectories.reference_player import HOLDING, MOVING, STOPPING
 from microstage_ros.numerics.compiled import called_from_c, compiled, kind_of
 from microstage_ros.ros.transport.block_buffer import close, crowded, keep, new_ring
-from microstage_ros.ros.transport.c_calls import MONOTONIC, Frame, load_libraries, now, post, publish, take
+from microstage_ros.ros.transport.c_calls import (
+    INFO_WORDS,
+    MONOTONIC,
+    Frame,
+    known,
+    load_libraries,
+    now,
+    post,
+    publish,
+    take_from,
+)
 from microstage_ros.ros.transport.work_handover import (
     SIZE,
     WAITING,
@@ -27,7 +39,8 @@ CROWDED, ASKED, QUIET, STRANGE = range(4)
 """Why `answer` returned. STRANGE: the state in its frame has to be answered by the caller."""
 
 COUNTS = np.dtype([(name, "i8") for name in (
-    "last", "start", "stopping", "every", "block", "inside_block", "inside_listened", "patience_ns", "moment_ns")])
+    "last", "start", "stopping", "every", "block", "inside_block", "inside_listened", "patience_ns", "moment_ns",
+    "foreign", "malformed", "state_bytes")])
 LINKS = np.dtype([(name, "u8") for name in (
     "states", "state", "commands", "command", "insides", "inside", "sender")])
 """Addresses: of the subscription and its frame, of publishers and their frames, of the sender's semaphore."""
@@ -35,6 +48,8 @@ LINKS = np.dtype([(name, "u8") for name in (
 FRAMES = ("AxisState", "VoltageCommand", "ControllerState")
 SENDER = 1
 ALL, POSITIONS = 2**62, 5
+MOST = 2**62
+"""Numbers of control periods are smaller."""
 LOCKSTEP = 2  # AxisState.STATUS_LOCKSTEP
 
 
@@ -60,11 +75,25 @@ def fill_inside(message, state, n, reference, mode, memory):
 
 
 @compiled
-def answer_state(stop, links, c, parameters, memories, positions, frames, raws, rings):
+def take_state(links, c, guard):
+    """The oldest state that waits and comes from the driver of the axis, whole, into its frame; False if none does."""
+    info, holder, length = guard
+    while take_from(links.states, links.state, info):
+        if not known(info, holder):
+            c.foreign += 1
+        elif length[0] < c.state_bytes:
+            c.malformed += 1
+        else:
+            return True
+    return False
+
+
+@compiled
+def answer_state(stop, links, c, parameters, memories, positions, frames, raws, rings, guard):
     """Answer the state in its frame. WAITING, or why the loop ends."""
     links, c, state, command, inside = links[0], c[0], frames[0][0], frames[1][0], frames[2][0]
     n = np.int64(state["sequence"])
-    if state["fault"] != 0 or n <= c.last:
+    if state["fault"] != 0 or n <= c.last or n > MOST or not math.isfinite(state["position"]):
         return STRANGE
     index = n - c.start
     reference = positions[min(max(index, 0), positions.size - 1)]
@@ -94,8 +123,8 @@ def answer_state(stop, links, c, parameters, memories, positions, frames, raws, 
 @compiled
 def answer_waiting(work, most):
     """Answer at most so many of the states that wait. WAITING, or why the loop ends; ``work`` as in `answer`."""
-    links, why = work[1][0], WAITING
-    while why == WAITING and most > 0 and take(links.states, links.state):
+    links, c, guard, why = work[1][0], work[2][0], work[9], WAITING
+    while why == WAITING and most > 0 and take_state(links, c, guard):
         why = answer_state(*work)
         most -= 1
     return why
@@ -110,7 +139,8 @@ def answer(desk, work, times):
     desk : `desk.Desk.words`.
     work : stop, int64 of shape (1,), made 1 by another thread that asks for something; links and counts, records above;
         parameters and memories of the law, arrays of one; positions, the plan [m], `start` its first period; messages of
-        state, command and inside (`c_calls.Frame.message`); bytes of the last two; blocks of the last two (`kept_rows`).
+        state, command and inside (`c_calls.Frame.message`); bytes of the last two; blocks of the last two (`kept_rows`); the
+        guard: int64 (INFO_WORDS,), the driver's `identity.Holder.words`, length of the state.
     times : int64 (2,), to work in.
     """
     stop, c = work[0], work[2][0]
@@ -134,10 +164,10 @@ def on_message(work, count):
         get_up(desk, answer_waiting(work[0], np.int64(count)))
 
 
-def new_work(stop, links, counts, records, positions, frames, rings):
+def new_work(stop, links, counts, records, positions, frames, rings, holder):
     """What `answer` takes as its work; ``frames``: three of `Frame`."""
     return (stop, links, counts, *records, positions, tuple(frame.message for frame in frames),
-            tuple(frame.raw for frame in frames[1:]), rings)
+            tuple(frame.raw for frame in frames[1:]), rings, (np.zeros(INFO_WORDS, np.int64), holder, frames[0].length))
 
 
 def load(records):
@@ -145,7 +175,8 @@ def load(records):
     load_libraries()
     frames = [Frame(name) for name in FRAMES]
     rings = tuple(new_ring(1, len(frame.raw)) for frame in frames[1:])
-    work = new_work(np.ones(1, np.int64), np.zeros(1, LINKS), np.zeros(1, COUNTS), records, np.zeros(1), frames, rings)
+    work = new_work(np.ones(1, np.int64), np.zeros(1, LINKS), np.zeros(1, COUNTS), records, np.zeros(1), frames, rings,
+                    np.zeros(2, np.int64))
     answer(np.zeros(SIZE, np.int64), work, np.zeros(2, np.int64))
     called_from_c(on_message, kind_of(work))
     answer.disable_compile()  # other types would be no work for `on_message`
@@ -158,10 +189,10 @@ class QuickAnswers:
     ----------
     servo, reader : `FastServoPath` and its reader of states. sender : semaphore of who sends the blocks. commands,
         insides : `Outlet`. controller, player : the law and the reference. requests : `Requests`. every, block :
-        periods between two messages of `insides`, and in a block. moment : longest wait [s] for the next state of a running axis.
+        periods between two messages of `insides`, and in a block. holder : words of the driver's `Holder`. moment : longest wait [s] for the next state of a running axis.
     """
 
-    def __init__(self, servo, reader, sender, commands, insides, controller, player, requests, every, block, moment):
+    def __init__(self, servo, reader, sender, commands, insides, controller, player, requests, every, block, moment, holder):
         load_libraries()
         self._insides, self._player, self._stop = insides, player, requests.asked
         self._frames = [Frame(name) for name in FRAMES]
@@ -173,10 +204,20 @@ class QuickAnswers:
         for name, value in settings.items():  # a move server holds time still until it has heard of a period
             self._counts[name] = value
         self._work = new_work(self._stop, self._links, self._counts, controller.arrays, np.zeros(1), self._frames,
-                              (commands.ring, insides.ring))
+                              (commands.ring, insides.ring), holder)
+        self._counts["state_bytes"] = len(self.state.raw)
         load(controller.arrays)
         self._desk, self._times = Desk(on_message, self._work, servo), np.zeros(2, np.int64)
         self._desk.answer(reader)
+
+    @property
+    def last(self):
+        """The last period answered; by any thread."""
+        return int(self._counts["last"][0])
+
+    def look_for_listeners(self):
+        """Begin or end to send `controller_state` singly; by any thread, while the loop goes on."""
+        self._counts["inside_listened"] = self._insides.listeners
 
     @property
     def ready(self):

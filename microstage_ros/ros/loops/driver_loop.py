@@ -10,7 +10,9 @@ import os
 
 import numpy as np
 
+from microstage_ros.hardware.limits import breach
 from microstage_ros.hardware.watchdog import BEAT, TAKEN, VOLTS
+from microstage_ros.hardware.watchdog import ZEROED as WENT_TO_ZERO
 from microstage_ros.numerics.compiled import compiled
 from microstage_ros.ros.transport.block_buffer import close, crowded, keep
 from microstage_ros.ros.transport.c_calls import (
@@ -30,19 +32,21 @@ from microstage_ros.solver.period import advance_and_read
 
 GOOD, ASKED, CROWDED, NO_CREDIT, TAKEN_AWAY, TRAVEL, WAITED, STRANGE, MISSED = range(9)
 """Why `run_periods` returned. From `TRAVEL` on, the period that is under way has to be ended by the caller:
-TAKEN_AWAY: the watchdog has taken the voltage away. TRAVEL: read, nothing sent. WAITED: no command within a slice (lockstep). STRANGE: a command that is no answer to
+TAKEN_AWAY: the watchdog has taken the voltage away. TRAVEL: a limit of `hardware.limits` was breached; read, nothing sent. WAITED: no command within a slice (lockstep). STRANGE: a command that is no answer to
 this period, nor, paced, to one just before. MISSED: no valid command for longer than `trip_ns` (paced)."""
 
 COUNTS = np.dtype([(name, "i8") for name in (
     "sequence", "credit", "paced", "pace_ns", "due_ns", "slice_ns", "spin_ns", "waking_ns", "grace_ns", "priority", "block", "every", "status",
     "held", "silent", "truth_listened", "last", "answered", "late", "lost", "overruns", "begun_ns", "time_ns", "valid_ns",
-    "hold_ns", "ahead_ns", "trip_ns", "zeroed", "host_stops", "host_stopped_ns", "foreign", "malformed", "command_bytes")])
-VALUES = np.dtype([(name, "f8") for name in ("voltage", "limit", "low", "high", "period", "command")])
+    "hold_ns", "ahead_ns", "trip_ns", "zeroed", "host_stops", "host_stopped_ns", "foreign", "malformed", "command_bytes",
+    "fault")])
+VALUES = np.dtype([(name, "f8") for name in ("voltage", "limit", "period", "command")])
 LINKS = np.dtype([(name, "u8") for name in (
     "states", "state", "truths", "truth", "clocks", "clock", "commands", "command", "semaphore", "sender")])
 """Addresses: of publishers and the frames they send, of the subscription, its frame, its semaphore, the sender's."""
 
 SATURATED, LATE, ZEROED = 4, 8, 64
+CONTROLLER = 1  # VoltageCommand.SENDER_CONTROLLER
 
 HOST_STOP_NS = 1_000_000
 """A sleep that ends so much too late [ns] is time for which the host has stopped the loop; counted apart."""
@@ -92,10 +96,11 @@ def count_host_stop(c, late):
 
 
 @compiled
-def zero_when_silent(c, v, volts, at):
-    """No voltage if the last valid command is older than `hold_ns` at the time of the next look [ns]."""
-    if at > c.valid_ns + c.hold_ns and (v.voltage != 0.0 or v.command != 0.0):
-        v.voltage = v.command = volts[VOLTS] = 0.0
+def zero_when_silent(c, v, guard, present, ahead):
+    """No voltage if the last valid command will be older than `hold_ns` at the next look, ``ahead`` from ``present`` [ns]."""
+    if present + ahead > c.valid_ns + c.hold_ns and (v.voltage != 0.0 or v.command != 0.0):
+        v.voltage = v.command = guard[1][VOLTS] = 0.0
+        guard[0][WENT_TO_ZERO] = present
         c.zeroed += 1
 
 
@@ -164,7 +169,7 @@ def send_truth(links, c, plant_state, reading, message, raw, ring):
 @compiled
 def take_command(links, c, guard):
     """The oldest command that waits and comes from the holder of the axis, whole, into its frame; False if none does."""
-    _, _, info, holder, length = guard
+    _, _, info, holder, length, _, _ = guard
     while take_from(links.commands, links.command, info):
         if not known(info, holder):
             c.foreign += 1
@@ -178,14 +183,18 @@ def take_command(links, c, guard):
 @compiled
 def in_force(c, v, command, guard, times):
     """Obey the command in its frame; False if it is strange."""
-    words, volts = guard[0], guard[1]
+    words, volts, memory = guard[0], guard[1], guard[6][0]
     n = np.int64(command["sequence"])
     if n > c.sequence or n <= c.last or not math.isfinite(command["voltage"]) or (n < c.sequence and not c.paced):
         return False
     c.last = n
+    if words[TAKEN]:  # it waited while we stood still: whether we go on is decided first
+        v.voltage = v.command = 0.0
+        return True
     v.command = command["voltage"]
     v.voltage = min(max(v.command, -v.limit), v.limit)
     volts[VOLTS] = v.voltage
+    memory.reference = command["reference"] if command["sender"] == CONTROLLER else math.nan
     c.valid_ns = words[BEAT] = now(MONOTONIC, times)
     return True
 
@@ -208,7 +217,7 @@ def await_command(stop, links, c, v, command, guard, times):
                 return MISSED
             silent = c.valid_ns + c.hold_ns
             wait(links.semaphore, min(until, silent + 1) if present <= silent else until, times)
-            zero_when_silent(c, v, guard[1], now(MONOTONIC, times))
+            zero_when_silent(c, v, guard, now(MONOTONIC, times), 0)
         elif not wait(links.semaphore, present + c.slice_ns, times):
             return WAITED
 
@@ -245,11 +254,12 @@ def begin_period(stop, links, c, v, plants, states, works, readings, frames, raw
         hold_back(c, times)
     c.begun_ns = now(MONOTONIC, times)
     if c.paced:
-        zero_when_silent(c, v, guard[1], c.begun_ns + c.ahead_ns)
+        zero_when_silent(c, v, guard, c.begun_ns, c.ahead_ns)
     advance_and_read(plants, states, works, readings, v.voltage)
     c.sequence = n
     c.time_ns = now(REALTIME, times) if c.paced else int(np.rint(n * v.period * 1e9))
-    if not v.low <= reading.encoder <= v.high:
+    c.fault = breach(guard[5][0], guard[6][0], reading.encoder, reading.current, reading.motor_angle, v.voltage)
+    if c.fault:
         return TRAVEL
     send_state(links, c, v, reading, frames[0][0], raws[0], rings[0])
     return WAITING
@@ -347,7 +357,8 @@ def run_periods(desk, work, times):
         plants, states, works, readings, arrays of one as in `solver.period`; messages of state, truth, command, clock
         (`c_calls.Frame.message`); bytes of the first two; blocks of state and truth (`kept_rows`); arrays of
         `ResponseTimes`; int64 (2,), to work in; the guard: shared words and volts of `OutputGuard`, int64 (INFO_WORDS,) for
-        what the middleware tells of a command, the holder of the axis (`identity.Holder.words`), length of the command.
+        what the middleware tells of a command, the holder of the axis (`identity.Holder.words`), length of the command, limits
+        and their memory (`hardware.limits`).
     times : another int64 (2,), for the loop's thread while others work.
     """
     c = work[2][0]

@@ -3,14 +3,16 @@
 All of it runs in the loop's own thread, which alone has the hardware and the gate.
 """
 
+import math
 import time
 
-from microstage_msgs.msg import AxisState
+from microstage_msgs.msg import AxisState, VoltageCommand
 
 from microstage_ros.hardware.command_gate import FAULTS
+from microstage_ros.hardware.limits import begin_anew, in_words, look
 from microstage_ros.hardware.protocol import HardwareError, Reading
 from microstage_ros.ros.launching.process import running
-from microstage_ros.ros.loops.driver_loop import CROWDED, MISSED, MOMENT_NS, NO_CREDIT, STRANGE, TRAVEL, WAITED
+from microstage_ros.ros.loops.driver_loop import CROWDED, MISSED, MOMENT_NS, NO_CREDIT, STRANGE, TAKEN_AWAY, TRAVEL, WAITED
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.credit import UNLIMITED
 from microstage_ros.ros.transport.scheduling import SPIN, sleep_precisely, sleep_until
@@ -18,8 +20,9 @@ from microstage_ros.ros.transport.scheduling import SPIN, sleep_precisely, sleep
 SLICE = 0.05
 """Longest wait [s] before the loop looks for requests of the other thread."""
 
-_ACTIVE, _SATURATED, _LATE, _FAULT = (
-    AxisState.STATUS_ACTIVE, AxisState.STATUS_SATURATED, AxisState.STATUS_COMMAND_LATE, AxisState.STATUS_FAULT)
+_ACTIVE, _SATURATED, _LATE, _FAULT, _ZEROED = (
+    AxisState.STATUS_ACTIVE, AxisState.STATUS_SATURATED, AxisState.STATUS_COMMAND_LATE, AxisState.STATUS_FAULT,
+    AxisState.STATUS_ZEROED)
 
 
 class DriverPeriods:
@@ -31,6 +34,8 @@ class DriverPeriods:
         period = self._lockstep_period if self._lockstep else self._paced_period
         while running():
             self._requests.serve()
+            if self.guard.taken:
+                self._taken_away()
             if self.gate.fault != "none":
                 self._faulted_period()
             elif self.gate.active and self._quick is not None and self.hardware.arrays is not None:
@@ -45,27 +50,73 @@ class DriverPeriods:
     def _open(self):
         self.hardware.open()
 
+    def _taken_away(self):
+        """The watchdog took the voltage away: this loop stood still. A short stop of the host is no fault, a long one is."""
+        silent, gate = self.gate.silent_s, self.gate
+        gate.zero()
+        self._write(0.0)
+        if gate.active and silent > self.parameters.command_timeout_s:
+            gate.trip("watchdog", f"no valid command for {silent * 1e3:.1f} ms and this loop stood still; the watchdog took the "
+                      f"voltage away after {self.guard.taken_after * 1e3:.1f} ms")
+        self.guard.give_back()
+
     def _activate(self):
         if not self.gate.activate():
             self.get_logger().error(f"not activated: fault {self.gate.fault} is latched ({self.gate.message}); "
                                     f"service {topics.RESET_FAULT} forgets it")
             return False
         self._due = None
+        begin_anew(self.memory[0])
+        self._write(0.0)
+        self._enable(True)
+        if not self._lockstep:
+            self.guard.arm()
         self._tell()
         return True
 
     def _deactivate(self):
         self.gate.deactivate()
+        self.guard.disarm()
         self._write(0.0)
+        self._enable(False)
         self._tell()
 
     def _shut(self):
         self._deactivate()
         self.hardware.close()
 
+    def _trip(self, fault, message):
+        """Latch a fault for another process or person: zero voltage now. False if another was latched before."""
+        first = self.gate.fault == "none"
+        self.gate.trip(fault, message)
+        self._write(0.0)
+        return first
+
+    def _forget_fault(self):
+        """Reset; the driver goes on where it was active."""
+        self.gate.reset()
+        begin_anew(self.memory[0])
+        self._due = None
+        if self.gate.active:
+            self._enable(True)
+            if not self._lockstep:
+                self.guard.arm()
+
+    def _enable(self, on):
+        """The drive's enable output, where the backend has one; told only when it changes."""
+        if "enable" in self._safety and on != self._enabled:
+            self._enabled = on
+            try:
+                self._safety["enable"](on)
+            except HardwareError as error:
+                self.gate.trip("hardware", str(error))
+
     def _tell(self):
         self._told = (self.gate.active, self.gate.fault)
         if self.gate.fault != "none":
+            self.guard.disarm()
+            self._write(0.0)
+            self._enable(False)
             self.get_logger().error(f"fault {self.gate.fault}: {self.gate.message}; the voltage is zero")
         self.topics.status(self._time_ns, self.sequence, self.gate, self.hardware.simulated)
 
@@ -84,26 +135,50 @@ class DriverPeriods:
             reading = Reading(float("nan"))
         gate = self.gate
         late = gate.active and gate.last != gate.period
-        self._announce(time_ns, reading, late)
+        code = 0
+        if gate.active and gate.fault == "none":
+            code = look(self.limits, self.memory, float(reading.encoder), float(reading.current), float(reading.motor_angle),
+                        gate.voltage)
+        self._announce(time_ns, reading, late, code)
+        if self._safety:
+            self._look_at_signals()
 
-    def _announce(self, time_ns, reading, late):
-        """The state of the next period, as it was read."""
+    def _look_at_signals(self):
+        """Emergency stop and limit switches, where the backend has them."""
+        try:
+            if "e_stop" in self._safety and self._safety["e_stop"]():
+                self.gate.trip("e_stop", "the emergency stop is pressed, or its circuit is open")
+            if "limit_switches" in self._safety:
+                self._switches = self._safety["limit_switches"]()
+        except HardwareError as error:
+            self.gate.trip("hardware", str(error))
+
+    def _announce(self, time_ns, reading, late, code):
+        """The state of the next period, as it was read; ``code``: of the limit that was breached, 0 for none."""
         gate = self.gate
         self.sequence = n = self.sequence + 1
         self._time_ns = time_ns
-        if not self._travel[0] <= reading.encoder <= self._travel[1] and gate.fault == "none":
-            gate.trip("travel", f"the encoder reads {reading.encoder!r} m, the travel is {self._travel} m")
-        status = self._constant_status | (gate.active and _ACTIVE) | (gate.saturated and _SATURATED) | (late and _LATE) \
+        if code and gate.fault == "none":
+            gate.trip(*in_words(code, self.limits, self.memory))
+        zeroed = gate.active and not self._lockstep and gate.silent_s + self.period > self._hold_s
+        status = self._constant_status | (zeroed and _ZEROED) | (gate.active and _ACTIVE) | (gate.saturated and _SATURATED) | (late and _LATE) \
             | (gate.fault != "none" and _FAULT)
         gate.begin(n)
         raw = self.topics.state(time_ns, n, reading, gate.voltage, status, FAULTS.index(gate.fault))
         self._begun = (time_ns, n, raw, self.hardware)
 
     def _write(self, voltage):
+        low, high = self._switches
+        if low and voltage < 0.0 or high and voltage > 0.0:
+            self.gate.trip("limit_switch", f"{voltage:.3g} V towards the {'lower' if low else 'upper'} limit switch, which is actuated")
+            voltage = 0.0
         try:
             self.hardware.write(voltage)
         except HardwareError as error:
             self.gate.trip("hardware", str(error))
+            self._enable(False)
+            return
+        self.guard.put(voltage)
 
     def _lockstep_period(self):
         n = self.sequence + 1
@@ -144,6 +219,7 @@ class DriverPeriods:
     def _paced_period(self):
         self._hold_back(self.period)
         begun = time.perf_counter()
+        self.gate.hold(self._hold_s, self.period)
         self._begin(time.time_ns())
         self._write(self.gate.voltage)
         self._end_paced_period(self.sequence, begun)
@@ -161,7 +237,9 @@ class DriverPeriods:
                 self._write(gate.voltage)
         if gate.last == n:
             self.responses.add(time.perf_counter() - begun)
-        gate.close_period(self.parameters.command_timeout_periods)
+        if self.guard.taken:
+            self._taken_away()
+        gate.close_period(self.parameters.command_timeout_s)
         if n % 100 == 0:
             self._credits.take()
 
@@ -169,9 +247,13 @@ class DriverPeriods:
         """Periods in compiled code until something needs a closer look, and the closer look."""
         quick, gate = self._quick, self.gate
         credit = self.ledger.limit if self._lockstep else UNLIMITED
-        why = quick.run(self.sequence, credit, self._due, self.parameters.command_timeout_periods)
+        why = quick.run(self.sequence, credit, self._due, gate.valid_ns)
         self.sequence, self._time_ns = quick.sequence, quick.time_ns
         self._due = quick.due_ns * 1e-9 or None
+        if self.guard.taken:
+            self._taken_away()
+        if why == TAKEN_AWAY:
+            return
         self._write(gate.voltage)
         n, begun = self.sequence, quick.begun_ns * 1e-9
         if why == NO_CREDIT:
@@ -180,7 +262,7 @@ class DriverPeriods:
             self.topics.send_closed()
         elif why == TRAVEL:
             self.sequence -= 1
-            self._announce(self._time_ns, self.hardware.last_reading, gate.last != gate.period)
+            self._announce(self._time_ns, self.hardware.last_reading, gate.last != gate.period, quick.fault)
             self.topics.rest(*self._begun)
         elif why in (WAITED, STRANGE, MISSED):
             if why == STRANGE:
@@ -188,16 +270,11 @@ class DriverPeriods:
             if self._lockstep:
                 self._end_lockstep_period(n, begun, quick.state.bytes)
             elif why == MISSED:
-                self._miss(begun)
+                gate.close_period(self.parameters.command_timeout_s)
             else:
                 self._end_paced_period(n, begun)
             self.topics.instruments(self._time_ns, n, self.hardware)
             self.topics.end_of_block(self._time_ns, n)
-
-    def _miss(self, begun):
-        """No command came for more periods than tolerated; they may have been one long one."""
-        missing = self.gate.period - self.gate.last + int((time.perf_counter() - begun) / self.period)
-        self.gate.close_period(self.parameters.command_timeout_periods, missing)
 
     def _faulted_period(self):
         """Go on measuring in real time with zero voltage, whatever commands say."""
@@ -239,12 +316,18 @@ class DriverPeriods:
 
     def _take_commands(self):
         """Offer all waiting commands to the gate; True if one is in force."""
-        obeyed, take = False, self._commands.take
+        obeyed, take = False, self._checked.take
         while (raw := take()) is not None:
             obeyed = self._offer(raw) or obeyed
         return obeyed
 
     def _offer(self, raw):
         """Offer one command to the gate; True if it is in force."""
-        sequence, voltage, _, _, _ = self._unpack_command(raw)
-        return self.gate.offer(sequence, voltage)
+        if self.guard.taken:
+            self._taken_away()
+        sequence, voltage, reference, _, sender = self._unpack_command(raw)
+        if not self.gate.offer(sequence, voltage):
+            return False
+        self.guard.commanded(self.gate.valid_ns)
+        self.memory["reference"] = reference if sender == VoltageCommand.SENDER_CONTROLLER else math.nan
+        return True

@@ -139,11 +139,15 @@ class DriverTopics:
 
     def status(self, time_ns, sequence, gate, simulated):
         """The latched status."""
+        self._status.publish(self.status_message(time_ns, sequence, gate, simulated))
+
+    def status_message(self, time_ns, sequence, gate, simulated):
+        """`DriverStatus` as it is now."""
         p = self._node.parameters
-        self._status.publish(stamp(DriverStatus(
+        return stamp(DriverStatus(
             active=gate.active and gate.fault == "none", lockstep=p.mode == "lockstep", simulated=simulated,
             fault=FAULTS.index(gate.fault), message=gate.message, backend=p.backend, sequence=max(sequence, 0),
-            **self._limits), time_ns, self._frame))
+            **self._limits, **self._node.identity()), time_ns, self._frame)
 
     def timing(self, time_ns, sequence, gate, counters, responses):
         """Timing and diagnostics, once per second; ``counters``: fields of `ServoTiming`."""

@@ -11,93 +11,131 @@ import threading
 import time
 
 from microstage_msgs.msg import AxisState, Credit, VoltageCommand
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
-from std_srvs.srv import Trigger
 
 from microstage_ros.hardware import make_hardware
 from microstage_ros.hardware.command_gate import CommandGate
-from microstage_ros.hardware.protocol import HardwareError, Setup
+from microstage_ros.hardware.limits import new_limits
+from microstage_ros.hardware.output_guard import OutputGuard
+from microstage_ros.hardware.protocol import HardwareError, Setup, safety_members
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.ros.launching.ownership import Ownership
 from microstage_ros.ros.launching.parameters import Parameters, yaml_mapping
-from microstage_ros.ros.launching.process import run_node
-from microstage_ros.ros.loops.compiled_driver import QuickPeriods, load, timing
+from microstage_ros.ros.launching.process import on_stop, run_node, running
+from microstage_ros.ros.loops.compiled_driver import QuickPeriods, Watch, load, timing
 from microstage_ros.ros.loops.driver_periods import SLICE, DriverPeriods
+from microstage_ros.ros.loops.driver_requests import DriverRequests
 from microstage_ros.ros.loops.driver_topics import DriverTopics
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.blocks import Sender
+from microstage_ros.ros.transport.checked import CheckedReader
 from microstage_ros.ros.transport.codec import Codec
 from microstage_ros.ros.transport.credit import CreditReader, Ledger
+from microstage_ros.ros.transport.identity import Holder
 from microstage_ros.ros.transport.requests import Requests
 from microstage_ros.ros.transport.response_times import ResponseTimes
 from microstage_ros.ros.transport.servo_path import FastServoPath, make_servo_path, reader_qos
 
 TRAVEL_MARGIN = 1e-4
-COUNTERS = ("answered", "late", "lost", "duplicated", "reordered")
+COUNTERS = ("answered", "late", "lost", "duplicated", "reordered", "zeroed")
 """Of the gate, in the timing message."""
 
+QUICK_COUNTERS = ("answered", "late", "lost", "overruns", "zeroed", "foreign", "malformed", "host_stops")
+"""Of the compiled loop, beside those of the gate."""
 
-class AxisDriver(DriverPeriods, LifecycleNode):
+CREDIT_BYTES = 80
+"""More than a `Credit` with the longest name."""
+
+HOLD_PERIODS = 2.5
+"""A command is in force for at least so many control periods."""
+
+WATCHDOG_LATER_S = 5e-4
+"""The watchdog acts so much later than the loop itself would [s]."""
+
+
+class AxisDriver(DriverPeriods, DriverRequests, LifecycleNode):
     """The driver's process: the servo loop has the hardware and the gate to itself, requests are handed to it."""
 
     def __init__(self):
         super().__init__("axis_driver")
         p = self.parameters = Parameters(self, "axis_driver")
+        self._owned = Ownership("driver", self.get_namespace())
         self.axis = load_axis(p.axis_file or config_file("axis.yaml"))
         self.period = self.axis.value("period")
         self._travel = (self.axis.value("travel.minimum") - TRAVEL_MARGIN,
                         self.axis.value("travel.maximum") + TRAVEL_MARGIN)
         self._lockstep = p.mode == "lockstep"
         self.gate = CommandGate(actuator_of(self.axis).command_limit(self.axis))
+        self._hold_s = max(p.command_hold_s, HOLD_PERIODS * self.period)
+        self.limits, self.memory = new_limits(self.axis, self._travel, {
+            name: getattr(p, f"limit_{name}") for name in ("velocity", "current", "following_error", "encoder_motor", "voltage_rate")})
+        self.guard = OutputGuard(0.0 if self._lockstep else self._hold_s + WATCHDOG_LATER_S)
         self.ledger = Ledger(p.followers)
         self.responses = ResponseTimes()
+        self._stop_from_outside, self._configured = None, False
+        self.host_stops, self.host_stopped = 0, 0.0
         self.sequence, self.overruns, self._time_ns, self._due, self._told = -1, 0, 0, None, None
         setup = Setup(self.axis, p.seed, yaml_mapping("axis_driver: backend_options", p.backend_options, "{position: 0.0}"))
         self.hardware = make_hardware(p.backend, setup)
         if p.mode == "lockstep" and not self.hardware.simulated:
             raise InputError("axis_driver: parameter mode", p.mode, f"paced: backend {p.backend} has its own time")
+        self._safety, self._enabled, self._switches = safety_members(self.hardware), False, (False, False)
         servo = self._servo = make_servo_path(self)
+        self.holder = Holder(self, topics.COMMAND, ("str_controller",))
         quick = p.compiled_loop and isinstance(servo, FastServoPath) and hasattr(self.hardware, "arrays")
         side = make_servo_path(self) if quick else servo
         self._requests, self._quick = Requests(servo.semaphore.post_now if quick else lambda: None), None
-        self._credits = CreditReader(side.reader(Credit, topics.CREDIT, reader_qos(1000, reliable=True)), self.ledger,
-                                     self._on_credit)
+        granted = CheckedReader(side.reader(Credit, topics.CREDIT, reader_qos(1000, reliable=True)), 8, largest=CREDIT_BYTES)
+        self._credits = CreditReader(granted, self.ledger, self._on_credit, self._present)
         self._commands = servo.reader(VoltageCommand, topics.COMMAND, reader_qos(100, reliable=False))
+        self._checked = CheckedReader(self._commands, Codec("VoltageCommand").size, self.holder, passes_on=False)
         self._command_readers = (self._commands,)
-        self._idle_readers = (self._commands,) if quick else (self._credits.reader, self._commands)
+        self._idle_readers = (self._commands,) if quick else (granted.reader, self._commands)
         self._unpack_command = Codec("VoltageCommand").unpack
         self._constant_status = (AxisState.STATUS_SIMULATED if self.hardware.simulated else 0) | (
             AxisState.STATUS_LOCKSTEP if p.mode == "lockstep" else 0)
         self.topics = DriverTopics(self, servo, self.axis, getattr(self.hardware, "has_truth", self.hardware.simulated))
         if quick:
             self._quick = QuickPeriods(servo, self._commands, side.semaphore, self.topics, self.gate, self._requests.asked,
-                                       self.responses, self.hardware.own_arrays, self._settings())
-            self._sender = Sender(self.topics.outlets, side.semaphore, self._credits.take)
-        self.create_service(Trigger, topics.RESET_FAULT, self._reset_fault)
-        self.create_timer(1.0, self._once_per_second)
+                                       self.responses, self.hardware.own_arrays, self._settings(),
+                                       Watch(self.guard.words, self.guard.volts, self.holder.words, self.limits, self.memory))
+            self._sender = Sender(self.topics.outlets, side.semaphore, self._look_aside)
+        on_stop(self._requests.interrupt)
+        self.serve_requests()
+        self.create_timer(1.0, self._once_per_second, callback_group=MutuallyExclusiveCallbackGroup())
         if p.activate:
             self._starter = threading.Thread(target=self._start_alone, daemon=True)
             self._starter.start()
 
     def _settings(self):
         """What stays as it is in the compiled loop."""
-        p, (low, high) = self.parameters, self._travel
+        p = self.parameters
         return {"paced": not self._lockstep, "block": self.topics.block, "every": p.simulation_decimation,
-                "status": self._constant_status | AxisState.STATUS_ACTIVE, "limit": self.gate.limit, "low": low, "high": high,
+                "status": self._constant_status | AxisState.STATUS_ACTIVE, "limit": self.gate.limit,
                 "period": self.period, **timing(self.period, p.rate_limit, SLICE, not self._lockstep,
-                                                 p.real_time_priority if p.scheduling == "real_time" else 0)}
+                                                 p.real_time_priority if p.scheduling == "real_time" else 0,
+                                                 self._hold_s, p.command_timeout_s)}
 
     # --- requests from the other thread -------------------------------------------------------------------
 
     def on_configure(self, state):
-        """Take hold of the hardware."""
-        return self._in_loop(self._open)
+        """Take hold of the hardware, and have the output watched."""
+        done = self._in_loop(self._open)
+        if done == TransitionCallbackReturn.SUCCESS:
+            self._stop_from_outside = self._safety["outside_stop"]() if "outside_stop" in self._safety else None
+            self._configured = True
+            if not self.guard.start(self._stop_from_outside):
+                self.get_logger().error("not configured: the watchdog's process does not start")
+                return TransitionCallbackReturn.FAILURE
+        return done
 
     def on_activate(self, state):
         """Begin; refused while a fault is latched, or readers or followers are missing."""
-        missing = self._missing_readers()
+        missing = self._missing_readers() or self._find_commander()
         if missing:
             self.get_logger().error(f"not activated: {missing}")
             return TransitionCallbackReturn.FAILURE
@@ -109,6 +147,7 @@ class AxisDriver(DriverPeriods, LifecycleNode):
 
     def on_cleanup(self, state):
         """Let go of the hardware."""
+        self._configured = False
         return self._in_loop(self.hardware.close)
 
     def on_shutdown(self, state):
@@ -129,15 +168,9 @@ class AxisDriver(DriverPeriods, LifecycleNode):
         until = time.monotonic() + self.parameters.ready_timeout_s
         while True:
             missing = self.topics.missing_readers(self.ledger.missing() if self._lockstep else [])
-            if not missing or time.monotonic() > until:
+            if not missing or time.monotonic() > until or not running():
                 return missing
             time.sleep(0.005)
-
-    def _reset_fault(self, request, response):
-        fault = self.gate.fault
-        response.success = self._in_loop(self.gate.reset) == TransitionCallbackReturn.SUCCESS
-        response.message = f"was: {fault}"
-        return response
 
     def _start_alone(self):
         """Without a lifecycle manager."""
@@ -147,25 +180,46 @@ class AxisDriver(DriverPeriods, LifecycleNode):
 
     # --- for the other thread while the loop goes on ------------------------------------------------------
 
+    def _present(self):
+        """Number of the present control period, whoever counts it."""
+        return self.sequence if self._quick is None else max(self.sequence, self._quick.sequence)
+
     def _on_credit(self, limit):
         if self._quick is not None and self._lockstep:
             self._quick.grant(limit)
             self._servo.semaphore.post_now()
 
+    def _look_aside(self):
+        """What the sender's thread looks at beside the blocks."""
+        self._credits.take()
+        self._quick.look_for_listeners()
+
     def _once_per_second(self):
         """Timing and diagnostics, read while the loop goes on: to stop it would cost it many periods."""
-        counters = {name: getattr(self.gate, name) for name in COUNTERS} | {"overruns": self.overruns}
+        self._watch_the_watchdog()
+        counters = {name: getattr(self.gate, name) for name in COUNTERS} | {
+            "overruns": self.overruns, "foreign": self._checked.foreign, "malformed": self._checked.malformed,
+            "taken_away": self.guard.taken_count, "host_stops": self.host_stops, "host_stopped": self.host_stopped}
         time_ns, sequence, quick = self._time_ns, self.sequence, self._quick
         if quick is not None:
             time_ns, sequence = max(time_ns, quick.time_ns), max(sequence, quick.sequence)
-            counters |= {name: counters[name] + getattr(quick, name) for name in ("answered", "late", "lost", "overruns")}
+            counters |= {name: counters[name] + getattr(quick, name) for name in QUICK_COUNTERS}
+            counters["host_stopped"] += quick.host_stopped_ns * 1e-9
         self.topics.timing(time_ns, sequence, self.gate, counters, self.responses)
 
     def close(self):
         """Zero voltage, let go of the hardware, send what is left."""
+        self._configured = False
         self.gate.deactivate()
-        self._write(0.0)
-        self.hardware.close()
+        self.guard.disarm()
+        try:
+            self._write(0.0)
+            self._enable(False)
+        finally:
+            try:
+                self.hardware.close()
+            finally:
+                self.guard.close()
         if self._quick is not None:
             self._sender.stop()
         self.topics.flush()
@@ -178,7 +232,7 @@ def warm_up():
 
 def main(arguments=None):
     """Run the node."""
-    return run_node(AxisDriver, arguments)
+    return run_node(AxisDriver, arguments, threads=3)
 
 
 if __name__ == "__main__":

@@ -11,22 +11,25 @@ import threading
 import time
 from collections import deque
 
-import numpy as np
 from microstage_msgs.action import MoveTo
-from microstage_msgs.msg import AccuracyRow, ControllerState, DriverStatus, InterferometerReading
-from microstage_msgs.srv import FollowReference, Statistics
+from microstage_msgs.msg import AxisState, CellStatus, ControllerState, DriverStatus, InterferometerReading
+from microstage_msgs.srv import FollowReference, Statistics, Trip
 from microstage_msgs.srv import Move as MoveService
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 
+from microstage_ros.control.trajectories.comparison import EncoderComparison
 from microstage_ros.control.trajectories.move import Move, check_move
 from microstage_ros.control.trajectories.profiles import MotionLimits, jerk_limited_move
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.ros.launching.parameters import Parameters
 from microstage_ros.ros.launching.process import run_node, running
+from microstage_ros.ros.loops.move_requests import MoveRequests
+from microstage_ros.ros.loops.move_results import RESULT, SILENT, MoveResults
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.blocks import Stream
+from microstage_ros.ros.transport.checked import MOST
 from microstage_ros.ros.transport.codec import Codec
 from microstage_ros.ros.transport.credit import Granter, repeat_after
 from microstage_ros.ros.transport.servo_path import make_servo_path
@@ -35,8 +38,9 @@ WAIT = 0.05
 LOOK = 0.5
 FEEDBACK = 0.1
 STATUS_WAIT = 0.5
-INTERFEROMETER_WAIT = 2.0
-RESULT = MoveTo.Result
+
+NEEDED = ("axis_driver", "str_controller")
+"""Without them no move goes on."""
 
 
 class Refused(Exception):
@@ -47,7 +51,7 @@ class Refused(Exception):
         self.code = code
 
 
-class MoveServer(Node):
+class MoveServer(MoveRequests, MoveResults, Node):
     """The process that turns goals into references."""
 
     def __init__(self):
@@ -56,7 +60,9 @@ class MoveServer(Node):
         self._changed = threading.Condition()
         self._turn = threading.Lock()
         self._status = None
-        self._latest, self._stale = None, -1
+        self._latest, self._stale, self._heard = None, -1, time.monotonic()
+        self._cell_says, self._granted_window = "", 0
+        self._comparison = EncoderComparison(self.parameters.limit_interferometer)
         self._move, self._repeated = None, 0.0
         self._numbered = self._newest_goal = 0
         self._numbers = {}
@@ -75,6 +81,9 @@ class MoveServer(Node):
                                     goal_callback=self._number_goal, cancel_callback=lambda goal: CancelResponse.ACCEPT)
         self.create_service(MoveService, topics.MOVE, self._serve_move, callback_group=group)
         self.create_service(Statistics, topics.STATISTICS, self._serve_statistics, callback_group=group)
+        self.create_subscription(CellStatus, topics.CELL_STATUS, self._on_cell_status, topics.LATCHED)
+        self._trip = self.create_client(Trip, topics.TRIP, callback_group=group)
+        self.serve_requests(group)
 
     # --- the stream of states -------------------------------------------------------------------------------
 
@@ -84,30 +93,54 @@ class MoveServer(Node):
         while running():
             self._servo.wait(self._inside.readers + self._interferometer.readers, WAIT)
             while (rows := self._interferometer.take()) is not None:
-                self._readings.extend(self._reading_codec.array(rows)[["sequence", "position"]].tolist())
+                readings = self._reading_codec.array(rows)[["sequence", "position"]].tolist()
+                self._readings.extend(readings)
+                self._comparison.add_interferometer(readings)
             while (rows := self._inside.take()) is not None:
                 with self._changed:
-                    for state in self._inside_codec.array(rows)[["sequence", "position", "reference"]].tolist():
-                        self._on_inside(*state)
+                    self._heard = time.monotonic()
+                    for state in self._inside_codec.array(rows)[["sequence", "position", "reference", "mode"]].tolist():
+                        if state[0] < MOST:
+                            self._on_inside(*state)
+                            self._comparison.add_encoder(*state[:2])
                     self._granter.tell()
                     self._changed.notify_all()
             self._keep_credit_alive()
+            self._compare()
             if time.monotonic() - looked > LOOK:
                 looked = time.monotonic()
                 self._inside.look()
                 self._interferometer.look()
 
-    def _on_inside(self, sequence, position, reference):
+    def _compare(self):
+        """Encoder against interferometer: if they part, the driver is to take the voltage away."""
+        says = self._comparison.breach()
+        if says:
+            self.get_logger().error(says)
+            self._trip.call_async(Trip.Request(fault=AxisState.FAULT_ENCODER_INTERFEROMETER, message=says))
+
+    def _on_cell_status(self, status):
+        """Who started the processes says which of them are missing."""
+        with self._changed:
+            gone = [name for name, state in zip(status.names, status.states)
+                    if name in NEEDED and state in (CellStatus.STATE_ENDED, CellStatus.STATE_STOPPED)]
+            self._cell_says = f"{' and '.join(gone)}: the process {'has' if len(gone) == 1 else 'have'} ended or stand still" if gone else ""
+            self._changed.notify_all()
+
+    def _on_inside(self, sequence, position, reference, mode):
         before = self._latest[0] if self._latest else -1
         if sequence < before:  # the driver began anew
             self._granter.forget()
-        self._latest = (sequence, position, reference)
+        elif before < 0 and self._granter.until >= 0 and sequence > self._granter.until:  # this process began anew
+            self._granter.until = sequence + 2 * self.parameters.window + 2
+        self._latest = (sequence, position, reference, mode)
         if self._move is not None and not self._move.done:
             self._move.update(sequence, position)
             if self._move.done and self.parameters.pause_s > 0.0:
                 self._held_since = time.monotonic()
         window = self._window
-        if self._held_since is None and sequence // (window // 2) != before // (window // 2):
+        if self._held_since is None and (sequence // (window // 2) != before // (window // 2) or window != self._granted_window):
+            self._granted_window = window
             self._granter.until = max(self._granter.until, sequence + window)
 
     @property
@@ -126,6 +159,8 @@ class MoveServer(Node):
                     self._granter.grant(self.parameters.window)
             elif self._held_since is not None and not self._talking and time.monotonic() - self._held_since > self.parameters.pause_s:
                 self._let_go()
+            elif self._held_since is None and self._latest and self._granter.until < self._latest[0] + self._window // 2:
+                self._granter.grant(self._latest[0] + self._window)  # the window has grown while nothing came
             elif time.monotonic() - self._repeated > repeat_after(self._latest[0] if self._latest else -1):
                 self._repeated = time.monotonic()
                 self._granter.grant(self._granter.until)
@@ -196,6 +231,9 @@ class MoveServer(Node):
             result.code, result.message = refusal.code, str(refusal)
         except InputError as error:
             result.code, result.message = RESULT.CODE_REFUSED, str(error)
+        with self._changed:
+            if self._move is not None and result.code != RESULT.CODE_REFUSED:
+                self._move.done = True
         return result
 
     def _check(self, request):
@@ -220,9 +258,24 @@ class MoveServer(Node):
         limits = MotionLimits(request.max_velocity or p.max_velocity, request.max_acceleration or p.max_acceleration,
                               request.max_jerk or p.max_jerk)
         with self._changed:
-            if not self._changed.wait_for(lambda: self._latest is not None and self._latest[0] > self._stale,
-                                          timeout=p.driver_timeout_s):
+            if not self._changed.wait_for(lambda: self._cell_says or self._latest is not None and self._latest[0] > self._stale,
+                                          timeout=self._patience):
                 raise Refused(RESULT.CODE_REFUSED, "no controller: nobody publishes controller_state")
+            self._check_alive()
+            moving = self._latest[3] in (ControllerState.MODE_MOVING, ControllerState.MODE_STOPPING)
+        if moving:  # of somebody who is not there any more, or of another program: the newer goal counts
+            self._stop(lambda *_: None)
+        answer = self._hand_over(request, limits)
+        if not answer.accepted:
+            self._stop(lambda *_: None)
+            answer = self._hand_over(request, limits)
+        if not answer.accepted:
+            raise Refused(RESULT.CODE_REFUSED, f"the controller refused: {answer.message}")
+        return self._move
+
+    def _hand_over(self, request, limits):
+        """Plan from where the reference stands and hand the plan to the controller; its answer. `_move` watches it then."""
+        with self._changed:
             lockstep = self._status.lockstep
             self._hold(lockstep)
             here = self._latest[2]
@@ -231,12 +284,12 @@ class MoveServer(Node):
             answer = self._ask(FollowReference.Request(
                 start_sequence=self._granter.until + 1 if lockstep else 0, positions=positions))
             if not answer.accepted:
-                raise Refused(RESULT.CODE_REFUSED, f"the controller refused: {answer.message}")
+                return answer
             move = Move(here, request.target, request.tolerance, request.settle_time, request.timeout,
                         answer.start_sequence, answer.rest_sequence, self._status.period)
             with self._changed:
-                self._move = move
-            return move
+                self._move, self._heard = move, time.monotonic()
+            return answer
         finally:
             self._go_on()
 
@@ -257,11 +310,14 @@ class MoveServer(Node):
         while True:
             with self._changed:
                 self._changed.wait(timeout=0.02)
-                sequence, position, _ = self._latest
+                sequence, position = self._latest[:2]
                 status = self._status
+                self._check_alive()
             if status.fault or not status.active:
                 raise Refused(RESULT.CODE_FAULT, f"the driver stopped the axis: {status.message or 'not active'}")
             if move.done:
+                if not move.reached and sequence < move.rest_sequence:
+                    move.stopped = self._stop(feedback)
                 return
             if cancelled():
                 raise Refused(RESULT.CODE_CANCELLED, f"cancelled {self._stop(feedback)}")
@@ -270,6 +326,22 @@ class MoveServer(Node):
             if time.monotonic() - told > FEEDBACK:
                 told = time.monotonic()
                 feedback(position, move.target - position, move.phase(sequence))
+
+    @property
+    def _patience(self):
+        """Longest wait for a sign of life [s]: simulated time may stand still for a while, the wall clock does not."""
+        timeout = self.parameters.driver_timeout_s
+        return timeout if self._status is None or self._status.lockstep else min(timeout, SILENT)
+
+    def _check_alive(self):
+        """Raise `Refused` if the move cannot go on: a process is missing, or nothing has been heard of it for too long."""
+        if self._cell_says:
+            raise Refused(RESULT.CODE_FAULT, self._cell_says)
+        silent = time.monotonic() - self._heard
+        if self._move is not None and not self._move.done and silent > self._patience and self._held_since is None:
+            raise Refused(RESULT.CODE_FAULT, f"nothing has been heard of driver and controller for {silent:.1f} s")
+        if not running():
+            raise Refused(RESULT.CODE_FAULT, "the move server was asked to end")
 
     def _stop(self, feedback):
         """Ramp the reference to rest and wait until it is there. Returns when that was, in words."""
@@ -283,8 +355,7 @@ class MoveServer(Node):
         with self._changed:
             if self._move is not None:
                 self._move.done = True
-            self._changed.wait_for(lambda: self._latest[0] > answer.rest_sequence,
-                                   timeout=self.parameters.driver_timeout_s)
+            self._changed.wait_for(lambda: self._cell_says or self._latest[0] > answer.rest_sequence, timeout=self._patience)
             position = self._latest[1]
         feedback(position, answer.rest_position - position, MoveTo.Feedback.PHASE_STOPPING)
         return (f"in period {asked}; the reference rests at {answer.rest_position:.9f} m "
@@ -295,53 +366,12 @@ class MoveServer(Node):
         answered = threading.Event()
         future = self._follow.call_async(request)
         future.add_done_callback(lambda _: answered.set())
-        if not answered.wait(self.parameters.driver_timeout_s):
-            self._follow.remove_pending_request(future)
-            raise Refused(RESULT.CODE_FAULT, "the controller does not answer")
+        end = time.monotonic() + self._patience
+        while not answered.wait(0.05):
+            if time.monotonic() > end or self._cell_says or not running():
+                self._follow.remove_pending_request(future)
+                raise Refused(RESULT.CODE_FAULT, self._cell_says or "the controller does not answer")
         return future.result()
-
-    # --- results --------------------------------------------------------------------------------------------
-
-    def _fill(self, result, move):
-        result.reached, result.final_error, result.overshoot = move.reached, move.final_error, move.overshoot
-        result.settling_time = move.settling_time
-        result.start_sequence, result.end_sequence = move.start_sequence, move.end_sequence
-        result.code = RESULT.CODE_REACHED if move.reached else RESULT.CODE_TIMEOUT
-        result.message = "reached" if move.reached else (
-            f"not within {move.tolerance} m of the target for {move.settle_time} s before the timeout")
-        if move.reached:
-            result.interferometer_error = self._interferometer_error(move)
-            self._errors.setdefault(round(move.target - move.start, 9), []).append(
-                (result.final_error, result.interferometer_error, result.settling_time))
-
-    def _interferometer_error(self, move):
-        """Mean of interferometer - target over the settle time [m]; NaN without an interferometer."""
-        if not self._interferometer.publishers:
-            return math.nan
-        first, last = move.window
-        until = time.monotonic() + INTERFEROMETER_WAIT
-        while (not self._readings or self._readings[-1][0] < last) and time.monotonic() < until:
-            time.sleep(0.002)
-        found = [position for sequence, position in list(self._readings) if first <= sequence <= last]
-        return float(np.mean(found)) - move.target if found else math.nan
-
-    def _serve_statistics(self, request, response):
-        from microstage_ros.metrology.repeatability import repeatability  # scipy.stats takes a second to load
-
-        for distance, results in self._errors.items():
-            table = np.array(results)
-            interferometer = bool(np.isfinite(table[:, 1]).all())
-            errors = table[:, 1 if interferometer else 0]
-            row = AccuracyRow(target=distance, count=len(errors), mean_error=float(errors.mean()), four_sigma=math.nan,
-                              four_sigma_low=math.nan, four_sigma_high=math.nan, interferometer=interferometer,
-                              settling_time_median=float(np.median(table[:, 2])))
-            if len(errors) > 1:
-                r = repeatability(errors)
-                row.four_sigma, (row.four_sigma_low, row.four_sigma_high) = r.four_s, r.four_s_interval
-            response.rows.append(row)
-        if request.reset:
-            self._errors = {}
-        return response
 
     def close(self):
         """The controller holds its reference."""

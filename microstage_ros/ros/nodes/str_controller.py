@@ -4,7 +4,9 @@ Publishes `command` and, decimated, `controller_state`; serves `follow_reference
 holds the place where it found the axis.
 """
 
+import math
 import sys
+import time
 
 from microstage_msgs.msg import AxisState, ControllerState, DriverStatus, VoltageCommand
 from microstage_msgs.srv import FollowReference
@@ -13,15 +15,18 @@ from rclpy.node import Node
 from microstage_ros.control.laws.controller import make_controller
 from microstage_ros.control.trajectories.reference_player import ReferencePlayer
 from microstage_ros.model.axis_file import load_axis
+from microstage_ros.model.top_speed import top_speed
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.ros.launching.parameters import Parameters, yaml_mapping
-from microstage_ros.ros.launching.process import run_node, running
+from microstage_ros.ros.launching.process import on_stop, run_node, running
 from microstage_ros.ros.loops.controller_loop import CROWDED, QUIET, STRANGE, QuickAnswers, load
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.blocks import Outlet, Sender, periods_per_block
+from microstage_ros.ros.transport.checked import MOST, SILENT, CheckedReader
 from microstage_ros.ros.transport.codec import Codec
 from microstage_ros.ros.transport.credit import UNLIMITED, Granter
+from microstage_ros.ros.transport.identity import Holder
 from microstage_ros.ros.transport.requests import Requests
 from microstage_ros.ros.transport.servo_path import FastServoPath, Semaphore, make_servo_path, reader_qos
 
@@ -43,26 +48,31 @@ class StrController(Node):
         law = p.controller or self.axis.controller.get("type", "none")
         self.controller = make_controller(law, self.axis, **_gains(p.gains))
         _load(self.controller)
-        self.player = ReferencePlayer(self.axis.value("period"), p.stop_time_s)
+        self.player = ReferencePlayer(self.axis.value("period"), p.stop_time_s, top_speed(self.axis))
         self._unpack_state = Codec("AxisState").unpack
         self._pack_command, self._pack_inside = Codec("VoltageCommand").pack_as, Codec("ControllerState").pack_as
         self._servo = make_servo_path(self)
-        self._reader = self._servo.reader(AxisState, topics.STATE, reader_qos(topics.DEPTH, reliable=False))
+        states = self._servo.reader(AxisState, topics.STATE, reader_qos(topics.DEPTH, reliable=False))
+        self._holder = Holder(self, topics.STATE, topics.SENDERS[topics.STATE])
+        self._reader = CheckedReader(states, Codec("AxisState").size, self._holder)
+        self._malformed, self._heard = 0, (0.0, -1)
         self._commands = Outlet(self, self._servo, VoltageCommand, topics.COMMAND, always=True)
         self._insides = Outlet(self, self._servo, ControllerState, topics.CONTROLLER_STATE)
         self._block, self._every = periods_per_block(self.axis.value("period")), p.state_decimation
         self.create_service(FollowReference, topics.FOLLOW_REFERENCE, self._follow_reference)
         self._granter = Granter(self)
         self._ready = self.create_timer(0.05, self._grant_when_ready)
-        self._again = self.create_timer(0.2, lambda: self._granter.grant(UNLIMITED))
+        self._again = self.create_timer(0.2, self._grant_again)
         self._again.cancel()
         self._last, self._answer, self._left_at, self._patience = -1, None, -1, WAIT
         self._requests, self._quick = Requests(), None
         if p.compiled_loop and isinstance(self._servo, FastServoPath):
             self._requests, full = Requests(self._servo.semaphore.post_now), Semaphore()
-            self._sender = Sender((self._commands, self._insides), full)
-            self._quick = QuickAnswers(self._servo, self._reader, full, self._commands, self._insides, self.controller,
-                                       self.player, self._requests, self._every, self._block, MOMENT)
+            self._sender = Sender((self._commands, self._insides), full, self._look_for_listeners)
+            self._quick = QuickAnswers(self._servo, states, full, self._commands, self._insides, self.controller,
+                                       self.player, self._requests, self._every, self._block, MOMENT,
+                                       self._holder.words)
+        on_stop(self._requests.interrupt)
         self.create_subscription(DriverStatus, topics.DRIVER_STATUS, self._on_status, topics.LATCHED)
 
     def loop(self):
@@ -78,7 +88,7 @@ class StrController(Node):
 
     def _next_state(self):
         """The next state, None if none comes."""
-        self._servo.wait((self._reader,), self._patience)
+        self._servo.wait((self._reader.reader,), self._patience)
         raw = self._reader.take()
         if raw is None:  # the axis stands still
             self._flush()
@@ -106,6 +116,9 @@ class StrController(Node):
 
     def _answer_state(self, raw):
         sequence, position, _, current, _, _, fault = self._unpack_state(raw)
+        if sequence > MOST or not (fault or math.isfinite(position)):
+            self._malformed += 1
+            return
         if sequence == self._last:  # sent once more: the answer was lost
             self._commands.send_single(self._answer)
             return
@@ -130,6 +143,21 @@ class StrController(Node):
         if (sequence + 1) % self._block == 0:
             self._commands.flush()
 
+    def _look_for_listeners(self):
+        if self._quick is not None:
+            self._quick.look_for_listeners()
+
+    def _grant_again(self):
+        """Say it once more, and see that the driver is the one that we follow."""
+        self._granter.grant(UNLIMITED)
+        last, now = max(self._last, self._quick.last if self._quick is not None else -1), time.monotonic()
+        if last != self._heard[1]:
+            self._heard = now, last
+        if now - self._heard[0] > SILENT:
+            self._holder.look_beyond()
+        else:
+            self._holder.look()
+
     def _in_loop(self, action):
         """Do something to player or law between two periods."""
         return action() if self._quick is None else self._requests.ask(action)
@@ -148,7 +176,8 @@ class StrController(Node):
     def _grant_when_ready(self):
         """Credit without limit as long as all readers of the command are there."""
         p = self.parameters
-        if self._commands.listeners >= p.expected_subscribers and self._commands.followers >= p.expected_followers \
+        self._holder.look()
+        if self._holder.words[0] and self._commands.listeners >= p.expected_subscribers and self._commands.followers >= p.expected_followers \
                 and self._insides.followers >= p.expected_state_followers and self._reader.publishers:
             self._granter.grant(UNLIMITED)
             self._ready.cancel()

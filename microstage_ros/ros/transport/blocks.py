@@ -13,9 +13,11 @@ from microstage_msgs.msg import MessageBlock
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from microstage_ros.ros.transport.block_buffer import SLOTS, close, crowded, keep, new_ring
+from microstage_ros.ros.transport.checked import CheckedReader
 from microstage_ros.ros.transport.codec import ENCAPSULATION, Codec
+from microstage_ros.ros.transport.identity import Holder
 from microstage_ros.ros.transport.servo_path import reader_qos
-from microstage_ros.ros.transport.topics import BLOCKS, DEPTH, SERVO
+from microstage_ros.ros.transport.topics import BLOCKS, DEPTH, SENDERS, SERVO
 
 HEAD = struct.Struct("<4sQII")
 """Encapsulation, first, size, bytes of all messages: what stands before them in a `MessageBlock`."""
@@ -23,6 +25,9 @@ HEAD = struct.Struct("<4sQII")
 BLOCK_BYTES = 8192
 BLOCK_DEPTH = 500
 """Blocks kept for a slow follower: more than it lets the axis run ahead, 4 MB of shared memory."""
+
+WORD = 8
+"""A message as ROS serialises it may be longer by less than so many bytes."""
 
 MOST_PERIODS, LONGEST = 100, 0.02
 """A block holds this many control periods, or this much time [s] where that is less."""
@@ -171,9 +176,13 @@ class Stream:
 
     def __init__(self, node, servo, kind, topic):
         self._node, self._servo, self._kind, self._topic = node, servo, kind, topic
-        self._blocks = servo.reader(MessageBlock, BLOCKS + topic, reader_qos(BLOCK_DEPTH, reliable=True))
+        self._size, names = Codec(kind.__name__).size, SENDERS.get(topic, ())
+        self._holder, self._single_holder = Holder(node, BLOCKS + topic, names), Holder(node, topic, names)
+        self._blocks = CheckedReader(servo.reader(MessageBlock, BLOCKS + topic, reader_qos(BLOCK_DEPTH, reliable=True)), HEAD.size,
+                                     self._holder, HEAD.size + BLOCK_BYTES)
+        self.malformed = 0
         self._single, self._suspects, self._left = None, set(), None
-        self.readers = (self._blocks,)
+        self.readers = (self._blocks.reader,)
 
     @property
     def publishers(self):
@@ -186,11 +195,12 @@ class Stream:
         return self._single is not None
 
     def take(self):
-        """The oldest messages that wait, uint8 of shape (n, size); None if none do."""
-        raw = self._blocks.take()
-        if raw is not None:
+        """The oldest messages that wait, uint8 of shape (n, size); None if none do. What is no block of these is dropped."""
+        while (raw := self._blocks.take()) is not None:
             _, _, size, length = HEAD.unpack_from(raw)
-            return np.frombuffer(raw, np.uint8, length, HEAD.size).reshape(-1, size)
+            if self._size <= size < self._size + WORD and 0 < length <= len(raw) - HEAD.size and length % size == 0:
+                return np.frombuffer(raw, np.uint8, length, HEAD.size).reshape(-1, size)
+            self.malformed += 1
         raw = self._single.take() if self._single else None
         return None if raw is None else np.frombuffer(raw, np.uint8).reshape(1, -1)
 
@@ -212,8 +222,9 @@ class Stream:
         seen_twice, self._suspects = blockless & self._suspects, blockless  # its blocks may be found a moment later
         if not seen_twice:
             return False
-        self._single = self._servo.reader(self._kind, self._topic, reader_qos(DEPTH, reliable=True))
-        self.readers = (self._blocks, self._single)
+        self._single = CheckedReader(self._servo.reader(self._kind, self._topic, reader_qos(DEPTH, reliable=True)), self._size,
+                                     self._single_holder, self._size + WORD)
+        self.readers = (self._blocks.reader, self._single.reader)
         return True
 
 

@@ -14,6 +14,10 @@ from microstage_ros.ros.transport.topics import CREDIT, SLOW
 
 UNLIMITED = 2**62
 
+TAKES_OVER = 0.7
+"""A follower's process that has been silent for so long [s] may be followed by another of its name; credits are repeated
+at least every 0.5 s."""
+
 
 def repeat_after(last):
     """How long [s] to wait before a credit is sent once more; ``last``: period heard of last, -1 for none.
@@ -53,18 +57,25 @@ class CreditReader:
 
     Parameters
     ----------
-    reader : of the topic. ledger : `Ledger`. raised : called with the limit when it has changed.
+    reader : `checked.CheckedReader` of the topic. ledger : `Ledger`. raised : called with the limit when it has changed.
+    present : called for the number of the present control period.
     """
 
-    def __init__(self, reader, ledger, raised=lambda limit: None):
-        self.reader, self._ledger, self._raised, self._lock = reader, ledger, raised, threading.Lock()
+    def __init__(self, reader, ledger, raised=lambda limit: None, present=lambda: -1):
+        self.reader, self._ledger, self._raised, self._present = reader, ledger, raised, present
+        self._lock, self.malformed = threading.Lock(), 0
 
     def take(self):
         """Enter all credits that wait."""
         with self._lock:
             before = self._ledger.limit
             while (raw := self.reader.take()) is not None:
-                self._ledger.add(deserialize_message(raw, Credit))
+                try:
+                    credit = deserialize_message(raw, Credit)
+                except Exception:  # noqa: BLE001 - whatever the bytes were, they were no credit
+                    self.malformed += 1
+                    continue
+                self._ledger.add(credit, self.reader.sender, self._present())
             if self._ledger.limit != before:
                 self._raised(self._ledger.limit)
 
@@ -75,22 +86,50 @@ class CreditReader:
 
 
 class Ledger:
-    """The driver's side: who has granted how much, and when."""
+    """The driver's side: who has granted how much, and when.
+
+    Only those who are expected may grant, each from one process. A follower that has been started again begins with its
+    window, counted from the present control period; what the process before it had granted counts no more.
+
+    Attributes
+    ----------
+    limit : last control period that may begin. foreign : credits of others, not entered.
+    """
 
     def __init__(self, expected=()):
-        self._until = {name: -1 for name in expected if name}
+        self._expected = {name for name in expected if name}
+        self._until = {name: -1 for name in self._expected}
         self._heard = {name: time.monotonic() for name in self._until}
+        self._sender = {}
+        self.foreign = 0
         self.limit = min(self._until.values(), default=UNLIMITED)
 
-    def add(self, credit):
-        """Enter one credit."""
-        self._until[credit.follower] = max(credit.until, self._until.get(credit.follower, -1))
-        self._heard[credit.follower] = time.monotonic()
+    def add(self, credit, sender=(0, 0), present=-1):
+        """Enter one credit from the process ``sender``; ``present``: number of the present control period."""
+        name, until, now = credit.follower, credit.until, time.monotonic()
+        if name not in self._expected or not 0 <= until <= UNLIMITED:
+            self.foreign += 1
+            return
+        before = self._sender.get(name, sender)
+        if before != sender:
+            if now - self._heard[name] < TAKES_OVER and name in self._until:
+                self.foreign += 1
+                return
+            self._until[name] = -1  # started again: it counts from now on
+        if self._until.get(name, -1) < 0 <= present:
+            until = min(present + until + 1, UNLIMITED)
+        self._sender[name], self._heard[name] = sender, now
+        self._until[name] = max(until, self._until.get(name, -1))
         self.limit = min(self._until.values())
 
     def missing(self):
         """Names of followers that have granted nothing so far."""
         return [name for name, until in self._until.items() if until < 0]
+
+    def drop(self, name):
+        """Wait for a follower no more."""
+        self._until.pop(name, None)
+        self.limit = min(self._until.values(), default=UNLIMITED)
 
     def drop_silent(self, timeout):
         """Forget those that hold the axis up and have been silent for ``timeout`` [s]; returns their names."""
@@ -98,6 +137,5 @@ class Ledger:
         silent = [name for name, until in self._until.items()
                   if until == self.limit and now - self._heard[name] > timeout]
         for name in silent:
-            del self._until[name], self._heard[name]
-        self.limit = min(self._until.values(), default=UNLIMITED)
+            self.drop(name)
         return silent

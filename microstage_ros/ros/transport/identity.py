@@ -67,13 +67,21 @@ class Holder:
             mine = tuple(self.words.tolist())
         return {numbers: name for numbers, name in found.items() if numbers != mine}
 
+    def look_beyond(self):
+        """As `look`, when the holder has been silent: another takes its place, if there is one."""
+        found = self.publishers()
+        others = {numbers: name for numbers, name in found.items() if numbers != tuple(self.words.tolist())}
+        choice = self._first(others)
+        if choice != ANYBODY:
+            self.take(others, choice)
+        return self.look()
+
     def _first(self, found):
-        """Whom to take of ``found``: the only one, or the only one with an expected name."""
+        """Whom to take of ``found``: the only one with an expected name, or the only one at all where none has it."""
         own = {f"{self._node.get_namespace().rstrip('/')}/{name}" for name in self._names}
-        for choice in (found, {numbers: name for numbers, name in found.items() if name in own}):
-            if len(choice) == 1:
-                return next(iter(choice))
-        return ANYBODY
+        named = {numbers: name for numbers, name in found.items() if name in own}
+        choice = named or found
+        return next(iter(choice)) if len(choice) == 1 else ANYBODY
 
     def take(self, found, numbers):
         """Make ``numbers``, of ``found``, the holder; `ANYBODY`: nobody."""

@@ -35,6 +35,11 @@ class Requests:
             raise error
         return result
 
+    def interrupt(self):
+        """End compiled code and the loop's sleep: somebody has to look, now."""
+        self.asked[0] = 1
+        self._wake()
+
     def serve(self):
         """Do all that waits; called by the loop."""
         if not self.asked[0]:

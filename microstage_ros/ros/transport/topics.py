@@ -22,6 +22,10 @@ INTERFEROMETER = "interferometer"
 SIMULATION = "simulation"
 TIMING = "timing"
 CREDIT = "credit"
+SENDERS = {STATE: ("axis_driver",), SIMULATION: ("axis_driver",), COMMAND: ("str_controller",),
+           CONTROLLER_STATE: ("str_controller",), FRICTION: ("gms_observer",), INTERFEROMETER: ("interferometer_logger",)}
+"""Nodes that publish on a topic of the servo path; others only where none of these does."""
+
 BLOCKS = "_blocks/"
 """Stands before the name of a topic whose messages come in blocks; ROS hides names that begin so."""
 
@@ -36,3 +40,12 @@ MOVE_TO = "move_to"
 MOVE = "move"
 STATISTICS = "statistics"
 RESET_FAULT = "reset_fault"
+RESET = "reset"
+STOP = "stop"
+HOLD = "hold"
+HOME = "home"
+JOG = "jog"
+TRIP = "trip"
+STATUS = "status"
+TAKE_OVER = "take_over"
+CELL_STATUS = "cell_status"

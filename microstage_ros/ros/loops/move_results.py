@@ -1,0 +1,60 @@
+"""What the move server tells of its moves: the result of each, and the statistics of all."""
+
+import math
+import time
+
+import numpy as np
+from microstage_msgs.action import MoveTo
+from microstage_msgs.msg import AccuracyRow
+
+INTERFEROMETER_WAIT = 2.0
+SILENT = 0.5
+"""At the wall clock nothing heard for so long [s] means that somebody is gone."""
+
+RESULT = MoveTo.Result
+
+
+class MoveResults:
+    """Results of `MoveServer`; the attributes are the node's."""
+
+    def _fill(self, result, move):
+        result.reached, result.final_error, result.overshoot = move.reached, move.final_error, move.overshoot
+        result.settling_time = move.settling_time
+        result.start_sequence, result.end_sequence = move.start_sequence, move.end_sequence
+        result.code = RESULT.CODE_REACHED if move.reached else RESULT.CODE_TIMEOUT
+        result.message = "reached" if move.reached else (
+            f"not within {move.tolerance} m of the target for {move.settle_time} s before the timeout"
+            + (f"; stopped {move.stopped}" if move.stopped else ""))
+        if move.reached:
+            result.interferometer_error = self._interferometer_error(move)
+            self._errors.setdefault(round(move.target - move.start, 9), []).append(
+                (result.final_error, result.interferometer_error, result.settling_time))
+
+    def _interferometer_error(self, move):
+        """Mean of interferometer - target over the settle time [m]; NaN without an interferometer."""
+        if not self._interferometer.publishers:
+            return math.nan
+        first, last = move.window
+        until = time.monotonic() + (INTERFEROMETER_WAIT if self._status.lockstep else SILENT)
+        while (not self._readings or self._readings[-1][0] < last) and time.monotonic() < until:
+            time.sleep(0.002)
+        found = [position for sequence, position in list(self._readings) if first <= sequence <= last]
+        return float(np.mean(found)) - move.target if found else math.nan
+
+    def _serve_statistics(self, request, response):
+        from microstage_ros.metrology.repeatability import repeatability  # scipy.stats takes a second to load
+
+        for distance, results in self._errors.items():
+            table = np.array(results)
+            interferometer = bool(np.isfinite(table[:, 1]).all())
+            errors = table[:, 1 if interferometer else 0]
+            row = AccuracyRow(target=distance, count=len(errors), mean_error=float(errors.mean()), four_sigma=math.nan,
+                              four_sigma_low=math.nan, four_sigma_high=math.nan, interferometer=interferometer,
+                              settling_time_median=float(np.median(table[:, 2])))
+            if len(errors) > 1:
+                r = repeatability(errors)
+                row.four_sigma, (row.four_sigma_low, row.four_sigma_high) = r.four_s, r.four_s_interval
+            response.rows.append(row)
+        if request.reset:
+            self._errors = {}
+        return response

@@ -1,0 +1,202 @@
+"""Processes killed and stopped under a real cell: the voltage goes to zero, says why, and nothing is left behind."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from microstage_msgs.action import MoveTo
+from microstage_msgs.msg import AxisState, DriverStatus
+from ros_support import own_domain, ros_node, spin_until
+
+from microstage_ros.ros.benchmarks.output_view import OutputView
+from microstage_ros.ros.client import AxisClient
+from microstage_ros.ros.launching.cell_processes import NODES, CellFailure, CellProcesses
+from microstage_ros.ros.launching.supervision import Supervisor
+from microstage_ros.ros.transport.topics import LATCHED
+
+MOST_S = 0.25
+"""Here other tests have the processors too: an order of magnitude, not the figure that `faults` measures."""
+
+WITHOUT_RECORDER = tuple(name for name in NODES if name != "bag_recorder")
+
+
+@contextmanager
+def running_cell(tmp_path, mode="paced", nodes=WITHOUT_RECORDER, supervised=False, **driver):
+    """A cell that holds a position with some voltage: cell, node, client, statuses heard."""
+    parameters = {"axis_driver": {"mode": mode, "rate_limit": 1.0 if mode == "lockstep" else 0.0, **driver},
+                  "bag_recorder": {"directory": str(tmp_path / "bag")}}
+    with ros_node() as node:
+        heard = []
+        node.create_subscription(DriverStatus, "/axis/driver_status", heard.append, LATCHED)
+        with CellProcesses("/axis", nodes, parameters, logs=tmp_path / "logs") as cell:
+            made = Supervisor(cell, node, tell=lambda text: None) if supervised else None
+            cell.activate(node)
+            client = AxisClient("/axis", node, wait=60.0) if "move_server" in nodes else None
+            yield cell, node, client, heard, made
+
+
+def begin_move(client, target=2e-2, **options):
+    """A long move; its handle and the future of its result."""
+    goal = MoveTo.Goal(target=target, **{"max_velocity": 1e-3, "timeout": 60.0, **options})
+    sent = client._action.send_goal_async(goal)
+    spin_until(client.node, sent.done)
+    return sent.result(), sent.result().get_result_async()
+
+
+def moving(view):
+    """Wait until there is voltage."""
+    end = time.monotonic() + 30.0
+    while abs(view.volts) < 0.01:
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+def gone(pid):
+    """True once a process has ended."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] in "ZX"
+    except OSError:
+        return True
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGSTOP])
+def test_the_voltage_goes_whatever_happens_to_the_driver(tmp_path, number):
+    with running_cell(tmp_path) as (cell, node, client, heard, _):
+        begin_move(client)
+        pid = cell.processes["axis_driver"].pid
+        view = OutputView(pid)
+        moving(view)
+        os.kill(pid, number)
+        after = view.zero_after()
+        assert after is not None and after < MOST_S
+        if number == signal.SIGSTOP:
+            assert view.by_watchdog
+            time.sleep(0.5)
+            os.kill(pid, signal.SIGCONT)
+            spin_until(node, lambda: heard and heard[-1].fault == AxisState.FAULT_WATCHDOG)
+            assert "watchdog took the voltage away" in heard[-1].message and view.volts == 0.0
+        elif number != signal.SIGKILL:
+            assert cell.processes["axis_driver"].wait(5.0) == 0  # the loop has ended by itself
+
+
+@pytest.mark.parametrize("mode", ["paced", "lockstep"])
+def test_a_dead_controller_is_zero_volts_and_an_answered_move(tmp_path, mode):
+    with running_cell(tmp_path, mode, supervised=True) as (cell, node, client, heard, supervisor):
+        _, result = begin_move(client)
+        view = OutputView(cell.processes["axis_driver"].pid)
+        moving(view)
+        cell.processes["str_controller"].kill()
+        began = time.monotonic()
+        with pytest.raises(CellFailure, match="str_controller ended by signal 9: the axis stands still"):
+            while time.monotonic() < began + 10.0:
+                supervisor.look()
+        spin_until(node, lambda: result.done() and heard[-1].fault)
+        assert heard[-1].fault in (AxisState.FAULT_PROCESS, AxisState.FAULT_COMMAND_TIMEOUT) and not heard[-1].active
+        assert result.result().result.code == MoveTo.Result.CODE_FAULT and result.result().result.message
+        assert view.volts == 0.0
+
+
+def test_what_may_be_restarted_is_and_takes_its_place_again(tmp_path):
+    with running_cell(tmp_path, "lockstep", NODES, supervised=True) as (cell, node, client, heard, supervisor):
+        assert client.move(1e-5, timeout=20.0).reached
+        for name in ("gms_observer", "interferometer_logger", "bag_recorder", "move_server"):
+            cell.processes[name].kill()
+            end = time.monotonic() + 30.0
+            while cell.processes[name].returncode is not None or cell.processes[name].pid is None or gone(cell.processes[name].pid):
+                supervisor.look()
+                assert time.monotonic() < end, name
+        again = AxisClient("/axis", node, wait=60.0)
+        assert again.move(-1e-5, timeout=20.0).reached and not heard[-1].fault
+        supervisor.look()
+    assert (tmp_path / "bag_2").is_dir()
+
+
+def test_a_move_that_timed_out_holds_and_the_next_one_goes(tmp_path):
+    with running_cell(tmp_path, "lockstep") as (cell, node, client, heard, _):
+        result = client.move(5e-3, timeout=0.2, max_velocity=1e-3)
+        assert result.code == MoveTo.Result.CODE_TIMEOUT and "stopped in period" in result.message
+        for target in (1e-5, 0.0):  # time went on between: the lockstep axis does not stand still after a move
+            time.sleep(1.0)
+            assert client.move(target, timeout=20.0).reached
+
+
+def test_two_owners_are_one_too_many(tmp_path):
+    with running_cell(tmp_path, "lockstep", ("axis_driver", "str_controller")) as (cell, node, _, heard, _):
+        done = subprocess.run([sys.executable, "-m", "microstage_ros.commands", "cell"], capture_output=True, text=True,
+                              timeout=60, check=False)
+        assert done.returncode == 2 and len(done.stderr.strip().splitlines()) <= 3
+        line = done.stderr.strip().splitlines()[-1]
+        assert "namespace /axis" in line and f"process {os.getpid()}" in line and "since" in line
+        alone = subprocess.run([sys.executable, "-m", "microstage_ros.ros.nodes.axis_driver", "--ros-args", "-r", "__ns:=/axis"],
+                               capture_output=True, text=True, timeout=60, check=False)
+        assert alone.returncode == 2 and "namespace /axis" in alone.stderr and "Traceback" not in alone.stderr
+        cell.check()
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "paced"])
+def test_ctrl_c_of_a_cell_leaves_nothing(tmp_path, mode):
+    with own_domain():
+        cell = subprocess.Popen([sys.executable, "-m", "microstage_ros.commands", "cell", "--mode", mode], text=True,
+                                stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
+        assert "is active" in cell.stdout.readline()
+        family = children(cell.pid)
+        assert len(family) >= 7  # the fork server, five nodes, the watchdog
+        began = time.monotonic()
+        cell.send_signal(signal.SIGINT)
+        out, err = cell.communicate(timeout=30.0)
+        took = time.monotonic() - began
+        assert cell.returncode == 0 and "Traceback" not in err
+        assert took < 10.0  # the figure is 2 s on a machine of its own
+        end = time.monotonic() + 5.0
+        while not all(map(gone, family)):
+            assert time.monotonic() < end
+            time.sleep(0.05)
+
+
+def test_nothing_outlives_a_cell_that_is_killed(tmp_path):
+    with own_domain():
+        cell = subprocess.Popen([sys.executable, "-m", "microstage_ros.commands", "cell"], stdout=subprocess.PIPE, text=True,
+                                stderr=subprocess.DEVNULL, start_new_session=True)
+        assert "is active" in cell.stdout.readline()
+        family = children(cell.pid)
+        cell.kill()
+        cell.communicate()
+        end = time.monotonic() + 30.0
+        while not all(map(gone, family)):
+            assert time.monotonic() < end
+            time.sleep(0.05)
+
+
+def children(pid):
+    """Numbers of all processes below one."""
+    found, new = [], [pid]
+    while new:
+        parents, new = new, []
+        for entry in Path("/proc").iterdir():
+            if not entry.name.isdigit():
+                continue
+            try:
+                parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
+            except OSError:
+                continue
+            if parent in parents:
+                new.append(int(entry.name))
+        found += new
+    return found
+
+
+def test_the_lock_is_named_by_domain_and_namespace(monkeypatch, tmp_path):
+    from microstage_ros.ros.launching.ownership import lock_file, owner
+
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    path = lock_file("cell", "/left/stage")
+    assert path.name == "7-left+stage.cell" and owner(path) is None
+    path.write_text(json.dumps({"host": "x"}))
+    assert owner(path) is None  # nobody holds it
