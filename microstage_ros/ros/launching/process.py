@@ -16,11 +16,13 @@ from rclpy.signals import SignalHandlerOptions
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.ros.transport.scheduling import processors, take_place
 from microstage_ros.ros.transport.servo_path import RCLError
+from microstage_ros.ros.transport.topics import CREDIT
 
 SWITCH_INTERVAL = 1e-4
 """How long the other thread may keep the interpreter [s]; Python's own 5 ms would be fifty control periods."""
 
 STOPPING = (signal.SIGINT, signal.SIGTERM)
+URGENT = signal.SIGUSR1
 
 ACKNOWLEDGED = 5.0
 """Longest wait [s] at the end until every reader has what was sent to it."""
@@ -29,7 +31,7 @@ LAST_RESORT = 10.0
 """A process that has been asked to stop and is still there after so long [s] ends at once, whatever it waits for."""
 
 _stop = threading.Event()
-_told_to_stop = []
+_told_to_stop, _told_of_urgency = [], []
 
 
 def running():
@@ -43,6 +45,11 @@ def on_stop(call):
     _told_to_stop.append(call)
 
 
+def on_urgent(call):
+    """Have ``call`` called at SIGUSR1, by the same thread."""
+    _told_of_urgency.append(call)
+
+
 def _hear_signals():
     """Hear SIGINT and SIGTERM in a thread: the operating system's handler writes to a socket, whatever the main thread does."""
     ours, theirs = socket.socketpair()
@@ -50,12 +57,15 @@ def _hear_signals():
     signal.set_wakeup_fd(theirs.fileno(), warn_on_full_buffer=False)
     for number in STOPPING:  # background processes begin with SIGINT ignored
         signal.signal(number, lambda *_: _stop.set())
+    signal.signal(URGENT, lambda *_: None)
     threading.Thread(target=_wait_for_signal, args=(ours, theirs), name="signals", daemon=True).start()
 
 
 def _wait_for_signal(ours, theirs):
-    while not set(ours.recv(64)) & set(STOPPING):
-        pass
+    while not (heard := set(ours.recv(64))) & set(STOPPING):
+        if URGENT in heard:
+            for call in _told_of_urgency:
+                call()
     _stop.set()
     for call in _told_to_stop:
         call()
@@ -115,6 +125,8 @@ def _wait_for_readers(node):
     """Until reliable readers have acknowledged all that was sent, within `ACKNOWLEDGED`."""
     end = time.monotonic() + ACKNOWLEDGED
     for publisher in node.publishers:
+        if publisher.topic_name.endswith(f"/{CREDIT}"):  # nobody begins a period any more, and the driver may be gone
+            continue
         rest = max(end - time.monotonic(), 0.01)
         try:
             publisher.wait_for_all_acked(Duration(nanoseconds=int(rest * 1e9)))

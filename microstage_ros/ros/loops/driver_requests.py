@@ -59,9 +59,13 @@ class DriverRequests:
         found = dict(HERE, process=os.getpid(), commander=self.holder.name, watched=self.guard.watching)
         return found | {"since": type(DriverStatus().since)(sec=seconds, nanosec=nanoseconds)}
 
-    def _serve_stop(self, request, response):
+    def stop_now(self):
+        """Zero volts, latched. False if another fault was latched before."""
         self.guard.put(0.0)
-        first = self._requests.ask(lambda: self._trip("stopped", "stopped by an operator or a program (service stop)"))
+        return self._requests.ask(lambda: self._trip("stopped", "stopped by an operator or a program (stop)"))
+
+    def _serve_stop(self, request, response):
+        first = self.stop_now() or self.gate.fault == "stopped"
         response.success = True
         response.message = "the voltage is zero" + ("" if first else f"; fault {self.gate.fault} was latched before") + "; reset lets the axis go on"
         return response

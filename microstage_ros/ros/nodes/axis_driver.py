@@ -25,7 +25,7 @@ from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.ros.launching.ownership import Ownership
 from microstage_ros.ros.launching.parameters import Parameters, yaml_mapping
-from microstage_ros.ros.launching.process import on_stop, run_node, running
+from microstage_ros.ros.launching.process import on_stop, on_urgent, run_node, running
 from microstage_ros.ros.loops.compiled_driver import QuickPeriods, Watch, load, timing
 from microstage_ros.ros.loops.driver_periods import SLICE, DriverPeriods
 from microstage_ros.ros.loops.driver_requests import DriverRequests
@@ -105,6 +105,7 @@ class AxisDriver(DriverPeriods, DriverRequests, LifecycleNode):
                                        Watch(self.guard.words, self.guard.volts, self.holder.words, self.limits, self.memory))
             self._sender = Sender(self.topics.outlets, side.semaphore, self._look_aside)
         on_stop(self._requests.interrupt)
+        on_urgent(self.stop_now)
         self.serve_requests()
         self.create_timer(1.0, self._once_per_second, callback_group=MutuallyExclusiveCallbackGroup())
         if p.activate:

@@ -65,6 +65,7 @@ class Holder:
         if mine not in found:
             self.take(found, self._first(found))
             mine = tuple(self.words.tolist())
+        self.name = found.get(mine, "")  # the graph may learn it later than the endpoint
         return {numbers: name for numbers, name in found.items() if numbers != mine}
 
     def look_beyond(self):

@@ -1,0 +1,48 @@
+"""``status``: how an axis is, who drives it, what is missing."""
+
+import sys
+import time
+
+from microstage_ros.commands import answer
+from microstage_ros.commands.operator import operator_parser
+from microstage_ros.hardware.command_gate import FAULTS
+
+STATES = {0: "starting", 1: "running", 2: "stopped by a signal", 3: "ended", 4: "started again"}
+
+
+def main(argv=None):
+    """Run the command. Returns 0 if the axis is active and without fault, 1 otherwise."""
+    parser = operator_parser("status", "Says how an axis is: position, voltage, fault, who commands, its processes.")
+    return _run(parser.parse_args(argv))
+
+
+def _run(arguments):
+    from microstage_ros.ros.client import NoAnswer
+    from microstage_ros.ros.operator import Operator
+
+    try:
+        with Operator(arguments.namespace) as axis:
+            found = axis.status()
+            cell = axis.processes()
+            answered = axis.took
+    except NoAnswer as error:
+        print(error, file=sys.stderr)
+        return 1
+    driver = found.driver
+    processes = {} if cell is None else {
+        name: {"state": STATES.get(state, str(state)), "process": number, "restarts": again}
+        for name, state, number, again in zip(cell.names, cell.states, cell.processes, cell.restarts)}
+    answer.state(active=driver.active, lifecycle=found.lifecycle, fault=FAULTS[driver.fault], says=driver.message,
+                 position_m=found.position, voltage_V=found.voltage, lockstep=driver.lockstep, simulated=driver.simulated,
+                 backend=driver.backend, host=driver.host, process=driver.process, commander=driver.commander,
+                 watched=driver.watched, processes=processes, answered_s=answered, summary=found.summary)
+    since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(driver.since.sec))
+    print(f"{arguments.namespace}: {found.summary}")
+    print(f"  {found.position * 1e6:.3f} µm, {found.voltage:.3f} V; {'lockstep' if driver.lockstep else 'paced'}, backend {driver.backend}")
+    print(f"  driver: {driver.host}, process {driver.process}, since {since}; watchdog {'there' if driver.watched else 'missing'}")
+    for name, facts in processes.items():
+        again = f", started again {facts['restarts']} times" if facts["restarts"] else ""
+        print(f"  {name}: {facts['state']}, process {facts['process']}{again}")
+    if cell is not None and cell.message:
+        print(f"  missing: {cell.message}")
+    return 0 if driver.active and not driver.fault else 1

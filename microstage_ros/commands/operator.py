@@ -1,0 +1,37 @@
+"""What the operator's commands share: the namespace, one question to a running axis, one answer."""
+
+import sys
+
+from microstage_ros.commands import answer
+from microstage_ros.commands.parser import Parser
+
+
+def operator_parser(name, description):
+    """A parser with ``--namespace``."""
+    parser = Parser(prog=f"microstage {name}", description=description)
+    parser.add_argument("--namespace", default="/axis", metavar="NS", help="of the axis (default /axis)")
+    return parser
+
+
+def ask(namespace, question, first=lambda: None):
+    """Ask a running axis and say the answer. Returns 0 if it is yes, 1 if it is no or nobody answers.
+
+    Parameters
+    ----------
+    question : called with an `ros.operator.Operator`; gives (success, message).
+    first : called before anything of ROS is loaded.
+    """
+    first()
+    from microstage_ros.ros.client import NoAnswer
+    from microstage_ros.ros.operator import Operator
+
+    try:
+        with Operator(namespace) as axis:
+            success, message = question(axis)
+            answer.state(success=bool(success), message=message, answered_s=axis.took)
+    except NoAnswer as error:
+        answer.state(success=False, message=str(error))
+        print(error, file=sys.stderr)
+        return 1
+    print(message, file=sys.stdout if success else sys.stderr)
+    return 0 if success else 1
