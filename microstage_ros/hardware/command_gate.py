@@ -23,6 +23,9 @@ FAULTS = ("none", "command_timeout", "command_not_finite", "command_inactive", "
 """Names of the fault codes of AxisState, by code."""
 
 
+FIRST_NS = 5_000_000_000
+"""After activation and reset the voltage is zero, so the first command has so much longer [ns] before it is missed."""
+
 STALE = 10
 """Answers to so many periods before the driver stopped may still be on their way."""
 
@@ -35,7 +38,7 @@ class CommandGate:
     voltage : in force now [V]. command : the same before clipping [V]; saturated : it was clipped.
     fault : a name of `FAULTS`, latched. message : the fault in words, with the value.
     answered, late, lost, duplicated, reordered, zeroed : counters of periods and commands.
-    valid_ns : when the last valid command came [ns of the monotonic clock].
+    valid_ns : when the last valid command came [ns of the monotonic clock]; before the first, `FIRST_NS` after the activation.
 
     Parameters
     ----------
@@ -56,7 +59,7 @@ class CommandGate:
     def activate(self):
         """Obey from now on. Returns False, and stays inactive, while a fault is latched."""
         self.active = self.fault == "none"
-        self.valid_ns = self._clock_ns()
+        self.valid_ns = self._clock_ns() + FIRST_NS
         return self.active
 
     def deactivate(self):
@@ -129,7 +132,7 @@ class CommandGate:
         """Forget the fault; the driver may be made active again."""
         self.fault, self.message = "none", ""
         self.last = self.period
-        self.valid_ns = self._clock_ns()
+        self.valid_ns = self._clock_ns() + FIRST_NS
 
     def zero(self):
         """No voltage."""

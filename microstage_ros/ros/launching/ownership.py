@@ -49,11 +49,15 @@ class Ownership:
 
     def __init__(self, kind, namespace, others=()):
         self._path, self._namespace = lock_file(kind, namespace), namespace
-        for other in others:
-            self._free(lock_file(other, namespace))
         self._file = self._locked(self._path)
         if self._file is None:
             raise InputError(f"namespace {namespace}", "taken", f"a namespace of its own: {owner_in_words(self._path)}")
+        try:
+            for other in others:
+                self._free(lock_file(other, namespace))
+        except InputError:
+            self.release()
+            raise
         self._file.truncate(0)
         self._file.write(json.dumps({"host": socket.gethostname(), "process": os.getpid(), "since": time.time(),
                                      "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])[:200]}))

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from microstage_ros.hardware.limits import LIMITS, MEMORY
+from microstage_ros.hardware.limits import LIMITS, MEMORY, look
 from microstage_ros.numerics.compiled import called_from_c, kind_of
 from microstage_ros.ros.loops.driver_loop import (
     COUNTS,
@@ -50,6 +50,7 @@ def load(arrays):
     rings = tuple(new_ring(1, len(frame.raw)) for frame in frames[:2])
     records = np.zeros(1, LINKS), np.zeros(1, COUNTS), np.zeros(1, VALUES)
     work = new_work(np.ones(1, np.int64), records, arrays, frames, rings, ResponseTimes(), new_guard(frames[2], _no_watch()))
+    look(np.zeros(1, LIMITS), np.zeros(1, MEMORY), 0.0, 0.0, 0.0, 0.0)
     run_periods(np.zeros(SIZE, np.int64), work, np.zeros(2, np.int64))
     called_from_c(on_message, kind_of(work))
     run_periods.disable_compile()  # other types would be no work for `on_message`

@@ -43,6 +43,7 @@ class CheckedReader:
         if self._direct:
             load_libraries()
             self._space, self._info = Space(largest or size), np.zeros(INFO_WORDS, np.int64)
+            take_from(0, self._space.address, self._info)  # compiled before anybody waits; no subscription, nothing taken
 
     @property
     def publishers(self):
