@@ -10,6 +10,7 @@ from microstage_ros.control.laws.controller import Controller, controller_parame
 from microstage_ros.control.trajectories.profiles import MotionLimits, jerk_limited_move
 
 ERROR, LAG = 6e-5, 0.025  # largest following error: metres, and seconds of the largest speed of a motion
+SHARE = 5e-4  # of the travel, where that is more
 STANDS = 0.2  # of the reference's speed: slower is standing
 SWING, SWING_COUNTS = 4e-7, 12.0  # peak to peak at rest that is no rest: m, counts
 SOFTER, SOFTEST = 0.8, 0.3  # of the bandwidth at each swing; least
@@ -81,7 +82,7 @@ class Loop:
         def command(n, x, i):
             return step(wanted[n], x, i - offset if i == i else 0.0)
 
-        allowed = error + LAG * speed
+        allowed = max(error, SHARE * machine.stroke) + LAG * speed
         try:
             record = machine.run(reference, command, disturbance, window, allowed, go_on=go_on)
         except Refused as end:
@@ -130,6 +131,9 @@ class Loop:
             if back:
                 raise refused("end_stop", place, "m", f"at {place * 1e3:.4g} mm the stage does not go on in direction {'+' if sign > 0 else '−'} "
                               f"({volts:.3g} V) and goes back freely: an end stop or an obstacle inside the travel of the sketch")
+            if np.ptp(x) == 0.0 and machine.position == x[-1]:
+                raise refused("encoder_dead", place, "m", f"the encoder stands on one count at {place * 1e3:.4g} mm whatever the voltage "
+                              f"({volts:.3g} V and back), where a live one would show the drive train give way")
             raise refused("stuck", place, "m", f"at {place * 1e3:.4g} mm the stage does not follow ({volts:.3g} V), nor does it go back")
         raise refused("runaway", float(r[-1] - x[-1]), "m", f"the stage does not follow: {allowed * 1e6:.3g} µm behind and moving at "
                       f"{moved / (rows * machine.period) * 1e3:.3g} mm/s where {asked / (rows * machine.period) * 1e3:.3g} mm/s is asked")

@@ -149,6 +149,8 @@ def measured_margins(loop):
             margin = -20.0 / math.log(10.0) * (size[k] + share * (size[k + 1] - size[k]))
             if 0.0 < margin < gain_margin:
                 gain_margin, gain_error = margin, 8.686 * math.hypot(loop.relative[k], loop.relative[k + 1]) / math.sqrt(2.0)
+    if not math.isfinite(phase_margin):  # no crossing in the coherent band: what the nearest approach to −1 leaves at least
+        phase_margin = math.degrees(2.0 * math.asin(min(0.5 * float(np.min(np.abs(1.0 + loop.value))), 1.0)))
     return MeasuredMargins(phase_margin, phase_error, gain_margin, gain_error, crossover, float(np.max(1.0 / np.abs(1.0 + loop.value))))
 
 

@@ -38,10 +38,10 @@ def held_response(axis, values, frequency, period, slope, delay):
         return hold * axis.value("drive.gain") / (mass * s * s + slope * s)
     get = {**{key: axis.value(key) for key in ("drive.resistance", "drive.inductance", "stage.mass")}, **values}
     q = axis.value("transmission.pitch") / (2.0 * math.pi) / axis.value("transmission.gear_ratio")
-    emf = get["drive.back_emf"]
+    emf = values.get("drive.back_emf", axis.value("drive.back_emf"))
     torque = emf
     impedance = get["drive.resistance"] + s * get["drive.inductance"]
-    mass, inertia = get["stage.mass"], get["drive.rotor_inertia"]
+    mass, inertia = get["stage.mass"], values.get("drive.rotor_inertia", axis.value("drive.rotor_inertia"))
     if axis.choices["transmission.type"] == "rigid":
         load, stage = q * q * mass * s * s, q
     else:
@@ -66,14 +66,18 @@ def resonance_of(axis, values=None):
     return math.sqrt(get("transmission.stiffness") / reduced) / (2.0 * math.pi)
 
 
-def fit_plant(axis, response, period, slope=0.0):
-    """`PlantFit` of a plant `Response` in sliding; None where too few lines are coherent."""
+def fit_plant(axis, response, period, slope=0.0, held=()):
+    """`PlantFit` of a plant `Response` in sliding; None where too few lines are coherent.
+
+    ``slope``: of the sliding friction. ``held``: keys that keep the axis's value.
+    """
     response = response.kept()
     if len(response.frequency) < LEAST_LINES:
         return None
     force = axis.choices["drive.type"] == "force"
     rigid = force or axis.choices["transmission.type"] == "rigid"
     names = ("stage.mass",) if force else NAMES[:2] if rigid else NAMES
+    names = tuple(name for name in names if name not in held)
     start = np.array([math.log(max(axis.value(name), 1e-12)) for name in names])
     weight = 1.0 / np.hypot(np.maximum(response.relative, 1e-4), FLOOR)
 
@@ -86,7 +90,7 @@ def fit_plant(axis, response, period, slope=0.0):
     starts = [np.append(start, 0.0)]
     if not rigid:
         base = resonance_of(axis)
-        starts = [np.append(start + np.array([0, 0, 2.0 * math.log(f), math.log(f)]), d)
+        starts = [np.append(start + np.array([0.0] * (len(names) - 2) + [2.0 * math.log(f), math.log(f)]), d)
                   for f in np.geomspace(*SPAN, GRID) for d in (0.0, 5.0) if base * f < 0.6 / period]
         starts = starts or [np.append(start, 0.0)]
     starts.sort(key=lambda v: float(np.sum(np.minimum(residual(v) ** 2, 1e3))))
@@ -97,6 +101,6 @@ def fit_plant(axis, response, period, slope=0.0):
     covariance = np.linalg.pinv(fit.jac.T @ fit.jac) * scale
     spread = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
     values = {name: math.exp(v) for name, v in zip(names, fit.x[:-1])}
-    error = 0.5 * spread[2] if not rigid else math.nan
+    error = 0.5 * spread[names.index(NAMES[2])] if not rigid else math.nan
     return PlantFit(values, dict(zip(names, spread)), resonance_of(axis, values), error, float(fit.x[-1] * period),
                     float(spread[-1] * period), float(np.sqrt(np.mean((fit.fun / np.tile(weight, 2)) ** 2))))

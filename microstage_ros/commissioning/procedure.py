@@ -14,7 +14,7 @@ from microstage_ros.commissioning.known import known_axis
 from microstage_ros.commissioning.law_choice import DRAWS, choose_law, soft_gains
 from microstage_ros.commissioning.machine import LONGEST
 from microstage_ros.commissioning.open_loop import Strokes, fit_strokes, scale_check, sliding_response, strokes
-from microstage_ros.commissioning.parameters import draws, identified
+from microstage_ros.commissioning.parameters import draws, identified, slope_of
 from microstage_ros.commissioning.plant_fit import fit_plant, resonance_of
 
 LEAST_RESONANCE = 0.45  # of the sketched one: stiffness half and mass twice give 0.5
@@ -99,11 +99,11 @@ def _steps(outcome, machine, sketch, store, seed, progress, keep, paths):
     first, checks = first_motion(machine, sketch, keep)
     outcome.check(*checks)
     machine.noise = first.noise
-    found, axis, fit = _open_loop(outcome, machine, sketch, store, first, seed, progress, keep, paths)
+    found, axis, response = _open_loop(outcome, machine, sketch, store, first, seed, progress, keep, paths)
     loop = Loop(machine, axis, "self_tuning", found.friction, soft_gains("self_tuning", axis, [])[0])
     records = _closed_loop(outcome, loop, store, progress, keep, paths)
     progress("identification")
-    axis, outcome.estimates, outcome.remarks = identified(records, axis, sketch, found, fit, seed)
+    axis, outcome.estimates, outcome.remarks = identified(records, axis, sketch, found, response, seed)
     drawn = draws(axis, outcome.estimates, DRAWS, seed)
     law, gains, why = choose_law(axis, drawn, found.has_current)
     outcome.remarks.append(why)
@@ -112,7 +112,7 @@ def _steps(outcome, machine, sketch, store, seed, progress, keep, paths):
 
 
 def _open_loop(outcome, machine, sketch, store, first, seed, progress, keep, paths):
-    """(`Strokes`, known axis, `PlantFit`): before any loop is closed."""
+    """(`Strokes`, known axis, plant `Response` or None): before any loop is closed."""
     progress("strokes: motor constants, inertia, friction, scale of the encoder")
     done = store.done("strokes")
     if done is not None:
@@ -132,24 +132,13 @@ def _open_loop(outcome, machine, sketch, store, first, seed, progress, keep, pat
     fit = None
     if response is not None:
         outcome.responses.append(response)
-        fit = fit_plant(axis, response, machine.period, _slope(axis, found))
+        fit = fit_plant(axis, response, machine.period, slope_of(axis, found))
     if fit is None:
         outcome.remarks.append("Too few lines of the open-loop response are coherent: the drive train stays as sketched.")
     else:
         _judge_response(outcome, machine, sketch, fit)
         axis = known_axis(sketch, found, fit)
-    return found, axis, fit
-
-
-def _slope(axis, found):
-    """Viscous torque at the motor per motor speed [N m s/rad]; per stage speed [N s/m] for a force drive."""
-    if axis.choices["drive.type"] == "force":
-        return (found.viscous + found.volts_per_speed) * axis.value("drive.gain")
-    if not found.has_current:
-        return 0.0
-    from microstage_ros.commissioning.known import ratio_of
-
-    return max(found.viscous, 0.0) / found.resistance * axis.value("drive.torque_constant") * ratio_of(axis)
+    return found, axis, response
 
 
 def _judge_response(outcome, machine, sketch, fit):

@@ -76,6 +76,8 @@ def _run(arguments, sketch, backend, store):
             backend.open()
             outcome = commission(machine, sketch, store, arguments.seed, progress)
         finally:
+            for switch in filter(callable, [getattr(backend, "enable", None)]):
+                switch(False)
             backend.close()
     except HardwareError as error:
         outcome = Outcome(says=f"the hardware reported: {error}")
