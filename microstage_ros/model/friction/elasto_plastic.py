@@ -37,6 +37,7 @@ PARAMETERS = {
 }
 CURVE = STRIBECK
 FAMILY = "own"
+EXAMPLE = {"damping": 1e-4}   # on the contact of the properties, estimates
 
 
 def pack(values):

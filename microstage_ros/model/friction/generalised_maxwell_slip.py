@@ -33,6 +33,7 @@ PARAMETERS = {
 CURVE = STRIBECK
 LIBRARY_ONLY = {"passive": Spec("1", 0.0, 1.0, "1: a slipping block loads no faster than its own spring", default=0.0)}
 FAMILY = "blocks"
+EXAMPLE = {"attraction": 1.0}   # on the contact of the properties, estimates
 SAYS = {
     "Stribeck curve": True,
     "pre-sliding hysteresis": True,

@@ -37,6 +37,7 @@ PARAMETERS = {
 }
 CURVE = LIMIT
 FAMILY = "own"
+EXAMPLE = {"creep_velocity": 1e-8, "sharpness": 8.0, "hardening": 0.2}   # on the contact of the properties, estimates
 SAYS = {
     "creep under constant load": True,
     "memory: return point": True,

@@ -38,6 +38,7 @@ PARAMETERS = {
 }
 CURVE = STRIBECK
 FAMILY = "own"
+EXAMPLE = {"damping": 1e-4}   # on the contact of the properties, estimates
 SAYS = {
     "Stribeck curve": True,
     "frictional lag": True,

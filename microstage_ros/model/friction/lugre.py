@@ -22,6 +22,7 @@ PARAMETERS = {
 }
 CURVE = STRIBECK
 FAMILY = "own"
+EXAMPLE = {"damping": 1e-4}   # on the contact of the properties, estimates
 SAYS = {
     "Stribeck curve": True,
     "frictional lag": True,

@@ -1,8 +1,10 @@
 """The laws by name and number, and the one compiled door to all of them.
 
-A new law is one file and its name in ``FILES``. The file holds ``TITLE``, ``PARAMETERS`` (specs at the screw angle), ``CURVE`` (which
-of the sliding curve's parameters it has), ``FAMILY``, ``pack``, ``state_size``, ``stretch`` and ``stored_energy``; ``SAYS``, where
-the paper says what it shows. Axis files, simulation, feed-forward, observer, diagnosis and the table of laws know it from there.
+A new law is one file and its name in ``FILES``. The file holds ``TITLE``, ``PARAMETERS`` (specs at the screw angle),
+``CURVE`` (which of the sliding curve's parameters it has), ``FAMILY``, ``pack``, ``state_size``, ``stretch`` and
+``stored_energy``; where they apply, ``SAYS`` (what the paper says that it shows) and ``EXAMPLE`` (own parameters on the
+paper's contact, where the paper gives none). Axis files, simulation, feed-forward, observer, diagnosis and the table of
+laws know the law from there.
 ``FAMILY`` is ``blocks`` (Maxwell-slip blocks: the solver's own), ``rigid`` (a static map: the solver holds the body at rest by a stiff
 bristle) or ``own`` (the solver carries the law's own step). Motion is prescribed: velocity in, force out.
 

@@ -4,7 +4,9 @@ import numpy
 import pytest
 from scipy.integrate import solve_ivp
 
-from microstage_ros.model.friction.properties.contact import CURVE, DAMPING, INERTIA, ONE_SPRING, Contact
+from microstage_ros.model.friction.lugre import EXAMPLE
+from microstage_ros.model.friction.lugre import EXAMPLE
+from microstage_ros.model.friction.properties.contact import CURVE, INERTIA, ONE_SPRING, Contact
 from microstage_ros.model.friction.properties.slider import run_slider
 from microstage_ros.model.friction.properties.sliding import passivity
 from microstage_ros.model.friction.properties.table import EXPERIMENTS, STATEMENTS, compare, measure
@@ -28,7 +30,7 @@ def test_stick_slip_of_lugre_agrees_with_scipy():
         drop = (CURVE["static"] - CURVE["coulomb"]) * numpy.exp(-(abs(w / CURVE["stribeck_velocity"]) ** 0.9))
         limit = CURVE["coulomb"] + drop
         rate = w - stiffness * abs(w) * z / limit
-        damping = min(DAMPING, 4.0 * limit / max(abs(w), 1e-12))
+        damping = min(EXAMPLE["damping"], 4.0 * limit / max(abs(w), 1e-12))
         friction = stiffness * z + damping * rate + CURVE["viscous"] * w
         return [w, (spring * (speed * t - x) - friction) / INERTIA, rate]
 

@@ -21,20 +21,14 @@ CURVE = {  # Table 2
     "viscous": 10.51e-6,
 }
 INERTIA = 1.9e-6  # N m s²/rad: rotor of 1.0e-7 kg m² seen at the output angle, 19:1 (estimate)
-DAMPING = 1e-4  # N m s/rad, micro-damping (estimate)
 BLOCKS = {"stiffness": STIFFNESS, "weight": WEIGHT}
 ONE_SPRING = {"stiffness": sum(STIFFNESS)}
 
-OWN = {
-    "coulomb_viscous_stribeck": {},
-    "dahl": ONE_SPRING,
-    "lugre": {**ONE_SPRING, "damping": DAMPING},
-    "elasto_plastic": {**ONE_SPRING, "damping": DAMPING, "breakaway_share": 0.7},
-    "leuven": {**BLOCKS, "damping": DAMPING, "exponent": 6.0},
-    "hsieh_pan": {**BLOCKS, "creep_velocity": 1e-8, "sharpness": 8.0, "hardening": 0.2},
-    "maxwell_slip": BLOCKS,
-    "generalised_maxwell_slip": {**BLOCKS, "attraction": 1.0},
-}
+
+def own_parameters(law):
+    """Parameters of a law on this contact: the paper's where it gives them, else the law file's ``EXAMPLE`` (estimates)."""
+    paper = {name: BLOCKS[name] if spec.is_list else sum(STIFFNESS) for name, spec in law.own.items() if name in BLOCKS}
+    return {**paper, **getattr(law.file, "EXAMPLE", {})}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,7 +61,7 @@ class Contact:
     def of(cls, name, **changes):
         """A fresh contact of the named law; ``changes`` replace parameters."""
         law = law_named(name)
-        packed = law.pack({**CURVE, "viscous": 0.0, **OWN[name], **changes})
+        packed = law.pack({**CURVE, "viscous": 0.0, **own_parameters(law), **changes})
         return cls(law, packed, law.initial_state(packed))
 
     def copy(self):
