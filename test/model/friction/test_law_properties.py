@@ -5,7 +5,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from microstage_ros.model.friction.lugre import EXAMPLE
-from microstage_ros.model.friction.lugre import EXAMPLE
 from microstage_ros.model.friction.properties.contact import CURVE, INERTIA, ONE_SPRING, Contact
 from microstage_ros.model.friction.properties.slider import run_slider
 from microstage_ros.model.friction.properties.sliding import passivity
