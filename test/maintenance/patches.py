@@ -177,7 +177,43 @@ class Cylinder(Actuator):
     "edits": {"model/actuators/__init__.py": [
         ("from microstage_ros.model.actuators.force import Force\n",
          "from microstage_ros.model.actuators.cylinder import Cylinder\nfrom microstage_ros.model.actuators.force import Force\n"),
-        ("    VoltageMotor,\n    Force,\n", "    VoltageMotor,\n    Force,\n    Cylinder,\n"),
+        ("    VoltageMotor,\n    Force,\n", "    VoltageMotor,\n    Cylinder,\n    Force,\n"),
+    ]},
+}
+
+SENSOR = {
+    "new": {"model/sensors/potentiometer.py": '''
+"""A wire-wound potentiometer: the slider jumps from turn to turn, reading = turn · round(x / turn)."""
+
+import numpy as np
+
+from microstage_ros.model.sensors.position import PositionSensor
+from microstage_ros.numerics.compiled import internal
+from microstage_ros.quantities.spec import positive
+
+
+@internal
+def _read(plant, state, y):
+    """Reading [m] at position ``y`` [m]."""
+    return plant.sensor_parameters[0] * np.rint(y / plant.sensor_parameters[0])
+
+
+class Potentiometer(PositionSensor):
+    """Potentiometer: width of a turn."""
+
+    name = "potentiometer"
+    parameters = {"turn": positive("m", "travel from one turn of the wire to the next")}
+    read = _read
+
+    @classmethod
+    def fill(cls, plant, axis):
+        """The turn."""
+        plant["sensor_parameters"][0] = axis.value("sensors.encoder.turn")
+'''},
+    "edits": {"model/sensors/__init__.py": [
+        ("from microstage_ros.model.sensors.position import PositionSensor\n",
+         "from microstage_ros.model.sensors.position import PositionSensor\nfrom microstage_ros.model.sensors.potentiometer import Potentiometer\n"),
+        ("    Lvdt,\n    Capacitive,\n", "    Lvdt,\n    Capacitive,\n    Potentiometer,\n"),
     ]},
 }
 
@@ -247,4 +283,7 @@ class Card:
     "edits": {},
 }
 
-TASKS = {"friction law": LAW, "effect": EFFECT, "actuator": ACTUATOR, "controller": CONTROLLER, "hardware backend": BACKEND}
+TASKS = {
+    "friction law": LAW, "effect": EFFECT, "actuator": ACTUATOR, "sensor": SENSOR, "controller": CONTROLLER,
+    "hardware backend": BACKEND,
+}

@@ -83,6 +83,14 @@ def actuator():
     return through_the_command(axis, "actuator", {"type": "pid"})
 
 
+def sensor():
+    tree = PAPER.as_dict()
+    tree["sensors"]["encoder"] = {"type": "potentiometer", "turn": leaf(4.0e-7, "m"), "resolution": leaf(0.0, "m"), "noise": leaf(0.0, "m")}
+    found = through_the_command(axis_from_dict(tree, "axis"), "sensor", {"type": "pid"})
+    readings = read_record(WORK / "sensor.csv")["encoder_m"] / 4.0e-7
+    return {**found, "off_a_turn": float(np.abs(readings - np.rint(readings)).max())}
+
+
 def controller():
     return through_the_command(PAPER, "controller", {"type": "pd", "proportional": 2.0e5})
 
@@ -105,4 +113,4 @@ def simulated():
 
 
 if __name__ == "__main__":
-    print(json.dumps({task.__name__: task() for task in (simulated, friction_law, controller, actuator, backend, effect)}))
+    print(json.dumps({task.__name__: task() for task in (simulated, friction_law, controller, actuator, sensor, backend, effect)}))

@@ -49,7 +49,7 @@ def found(tmp_path_factory):
     return json.loads(done.stdout.splitlines()[-1])
 
 
-@pytest.mark.parametrize("task", ["friction_law", "effect", "actuator", "controller"])
+@pytest.mark.parametrize("task", ["friction_law", "effect", "actuator", "sensor", "controller"])
 def test_it_is_simulated_commanded_recorded_and_plotted(found, task):
     assert abs(found[task]["end_m"] - 2.0e-5) < 2.0e-6
     assert {"t_s", "encoder_m", "reference_m"} <= set(found[task]["columns"])
@@ -63,6 +63,10 @@ def test_the_law_follows_its_closed_form_and_is_in_the_table(found):
 
 def test_the_actuator_is_recorded_in_its_own_unit(found):
     assert "force_N" in found["actuator"]["columns"] and "voltage_V" not in found["actuator"]["columns"]
+
+
+def test_the_sensor_reads_whole_turns(found):
+    assert found["sensor"]["off_a_turn"] < 1e-6
 
 
 def test_the_backend_is_driven(found):
