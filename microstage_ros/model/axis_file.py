@@ -134,6 +134,9 @@ def axis_from_dict(tree, place="axis"):
         raise InputError(place, tree, "a mapping of sections")
     if tree.get("format") != FORMAT:
         raise InputError(f"{place}: format", tree.get("format"), f"{FORMAT}")
+    if "components" in tree:
+        raise InputError(f"{place}: components", ", ".join(map(str, tree["components"])),
+                         "an axis of one component; only simulate takes two, elsewhere give the file of one of them")
     choices, leaves = {}, {}
     for section, body in tree.items():
         if section not in FREE_SECTIONS:

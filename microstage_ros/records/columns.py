@@ -63,7 +63,13 @@ COMMAND_COLUMNS = {
 }
 """Commands in other units than volts, beyond CONTRACT's; see `quantities.command`."""
 
-KNOWN_COLUMNS = {**RECORD_COLUMNS, **COMMAND_COLUMNS, **SIMULATED_COLUMNS}
+FINE_COLUMNS = {
+    "fine_position_m": Column("m", "position of a fine stage on top, relative to the coarse one, by its own sensor", 13),
+    "fine_command_V": Column("V", "command of the fine stage's drive, held during the period", 10),
+}
+"""What a machine of two components has beside (`control.runs.coarse_fine`)."""
+
+KNOWN_COLUMNS = {**RECORD_COLUMNS, **COMMAND_COLUMNS, **FINE_COLUMNS, **SIMULATED_COLUMNS}
 
 SUFFIXES = (".csv", ".csv.gz", ".csv.xz")
 """Of files of text."""

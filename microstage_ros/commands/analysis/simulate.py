@@ -5,11 +5,12 @@ from pathlib import Path
 from microstage_ros.commands import answer
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
+from microstage_ros.control.runs.coarse_fine import coarse_fine_record
 from microstage_ros.control.runs.run_file import load_run
 from microstage_ros.control.runs.simulate import simulated_record
 from microstage_ros.files import complete_folder, keep_earlier
 from microstage_ros.hardware.simulated import machine_for
-from microstage_ros.model.axis_file import load_axis
+from microstage_ros.model.coarse_fine import CoarseFine, load_machine
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records import write_record
 
@@ -32,11 +33,17 @@ def main(argv=None):
     if arguments.seed < 0:
         raise InputError("--seed", arguments.seed, "a whole number from 0")
     keep_earlier("--out", [arguments.out], arguments.force)
-    axis, run = load_axis(arguments.axis), load_run(arguments.run)
+    axis, run = load_machine(arguments.axis), load_run(arguments.run)
+    both = isinstance(axis, CoarseFine)
+    if both and arguments.machine:
+        raise InputError("--machine", arguments.machine, f"nothing: {arguments.axis} has two components")
     machine = machine_for(axis, arguments.machine) if arguments.machine else None
     out = Path(arguments.out)
     with progress("simulating") as bar:
-        record = simulated_record(axis, run, arguments.seed, machine, bar.reach if bar else None)
+        if both:
+            record = coarse_fine_record(axis, run, arguments.seed)
+        else:
+            record = simulated_record(axis, run, arguments.seed, machine, bar.reach if bar else None)
         bar.say("writing")
         with complete_folder(out.parent) as folder:
             write_record(record, folder / out.name)

@@ -1,0 +1,76 @@
+"""A screw axis with a piezo stage on top: the coupled motion, what it gains, what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from microstage_ros.control.laws.controller import make_controller
+from microstage_ros.control.runs.coarse_fine import TRACE, coarse_fine_record, make_piece, run_both
+from microstage_ros.control.runs.run_file import run_from_dict
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.model.coarse_fine import load_machine
+from microstage_ros.quantities.errors import InputError
+from microstage_ros.records import read_record
+from microstage_ros.records.csv_file import write_csv
+from microstage_ros.solver.plant import NoiseSpec, new_readings, new_state, new_work
+
+FILE = Path(__file__).resolve().parents[2] / "config" / "axes" / "coarse_fine.yaml"
+
+
+@pytest.fixture(scope="module")
+def record():
+    run = run_from_dict({"program": [{"move_to_m": 2e-4, "dwell_s": 0.6}, {"move_to_m": 0.0, "dwell_s": 0.6}]})
+    return coarse_fine_record(load_machine(FILE), run, seed=2)
+
+
+def test_the_top_rests_nearer_to_its_reference_than_the_coarse_stage(record, tmp_path):
+    rest = slice(-1500, None)
+    top = record["stage_m"][rest] - record["reference_m"][rest]
+    coarse = top - (record["fine_position_m"][rest] - np.mean(record["fine_position_m"][rest]))
+    assert np.sqrt(np.mean(top**2)) < 4e-9 and np.std(coarse) < 1e-7
+    assert np.max(np.abs(record["fine_command_V"])) <= 60.0
+    write_csv(record, tmp_path / "r.csv")
+    assert np.allclose(read_record(tmp_path / "r.csv")["fine_command_V"], record["fine_command_V"], atol=1e-9)
+
+
+def test_coupled_motion_is_that_of_both_masses():
+    """Both drives linear (the coarse one a voice coil without friction): x_c and x_f against the matrix exponential."""
+    machine = load_machine(FILE)
+    coarse = load_axis(FILE.parent / "voice_coil.yaml").with_values({"drive.force_constant_curvature": 0.0, "stage.mass": 3.2})
+    fine = machine.fine.with_values({f"drive.{key}": [] for key in ("hysteresis_radius", "hysteresis_weight", "creep_gain", "creep_time")})
+    plants = [make_piece(each, NoiseSpec.none()) for each in (coarse, fine)]
+    plants[0]["guideway"]["blocks"], plants[0]["guideway"]["stick_damping"], plants[0]["quantum"] = 0, 0.0, 0.0
+    states = [new_state(plant) for plant in plants]
+    states[1]["x"] = 1e-6                                   # the fine stage let go
+    parts = []
+    for plant, state, axis in zip(plants, states, (coarse, fine)):
+        law = make_controller("none", axis)
+        records = [plant, state, new_work(plant), new_readings(), law.parameters, law.memory]
+        parts.append(tuple(np.ndarray((1,), r.dtype, r) for r in records))
+    rows, m, mf, k, d, mc = 300, 3.2, 0.2, 3.3e7, 100.0, 3.0
+    trace = np.empty((rows, len(TRACE)))
+    run_both(*parts, np.zeros(rows), np.zeros(rows), mf, trace)
+    # (m_c + m_f) a_c + m_f a_f = K i − c v_c ;  m_f a_c + m_f a_f = −k x_f − d v_f ;  L di/dt = −R i − K v_c
+    mass = np.array([[m, mf], [mf, mf]])
+    force = np.array([[-4.0, 0.0, 0.0, 0.0, 12.0], [0.0, -d, 0.0, -k, 0.0]])        # of v_c, v_f, x_c, x_f, i
+    a = np.vstack([np.linalg.solve(mass, force), [[1, 0, 0, 0, 0], [0, 1, 0, 0, 0], [-12.0 / 1e-3, 0, 0, 0, -2.5 / 1e-3]]])
+    z = np.array([0, 0, 0, 1e-6, 0.0])
+    exact = np.array([expm(a * n * 1e-4) @ z for n in range(rows)])
+    assert m - mf == pytest.approx(mc)
+    assert np.max(np.abs(trace[:, 7] - exact[:, 2] - exact[:, 3])) < 0.06e-6
+    assert np.max(np.abs(states[0]["x"] - (expm(a * rows * 1e-4) @ z)[2])) < 0.02 * np.max(np.abs(exact[:, 2]))
+
+
+def test_files_that_do_not_fit_are_refused_in_one_line(tmp_path):
+    with pytest.raises(InputError, match="components.*one component.*simulate"):
+        load_axis(FILE)
+    coil = FILE.parent / "voice_coil.yaml"
+    bad = tmp_path / "bad.yaml"
+    bad.write_text(f"format: 1\ncomponents: {{coarse: {coil}, fine: {coil}}}\n")
+    with pytest.raises(InputError, match="drive.type: got 'voice_coil'.*such as piezo"):
+        load_machine(bad)
+    bad.write_text(f"format: 1\ncomponents: {{coarse: {coil}}}\n")
+    with pytest.raises(InputError, match="components.*coarse: FILE, fine: FILE"):
+        load_machine(bad)
