@@ -36,12 +36,13 @@ def held_response(axis, values, frequency, period, slope, delay):
     if axis.choices["drive.type"] == "force":
         mass = values.get("stage.mass", axis.value("stage.mass"))
         return hold * axis.value("drive.gain") / (mass * s * s + slope * s)
-    get = {**{key: axis.value(key) for key in ("drive.resistance", "drive.inductance", "stage.mass")}, **values}
+    needed = ("drive.resistance", "drive.inductance", "stage.mass", *NAMES)
+    get = {**{key: axis.value(key) for key in needed if axis.has(key)}, **values}
     q = axis.value("transmission.pitch") / (2.0 * math.pi) / axis.value("transmission.gear_ratio")
-    emf = values.get("drive.back_emf", axis.value("drive.back_emf"))
+    emf = get["drive.back_emf"]
     torque = emf
     impedance = get["drive.resistance"] + s * get["drive.inductance"]
-    mass, inertia = get["stage.mass"], values.get("drive.rotor_inertia", axis.value("drive.rotor_inertia"))
+    mass, inertia = get["stage.mass"], get["drive.rotor_inertia"]
     if axis.choices["transmission.type"] == "rigid":
         load, stage = q * q * mass * s * s, q
     else:

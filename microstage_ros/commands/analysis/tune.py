@@ -18,12 +18,15 @@ TYPES = ("pid", "pid_feedforward", "self_tuning", "self_tuning_feedforward")
 
 def main(argv=None):
     """Run the command. Returns 0; raises InputError for bad input."""
-    parser = Parser(prog="microstage tune", description="Tune a PID law for an axis by simulation.")
+    parser = Parser(prog="microstage tune", description=(
+        "Tune a PID law for an axis: by simulation, or with --response on a measured frequency response (margins with bands, a notch "
+        "where the response asks for one). Prints the gains as other controllers write them."))
     parser.add_argument("--axis", required=True, metavar="FILE", help="axis file")
     parser.add_argument("--type", default="pid", choices=TYPES, help="controller (default pid)")
     parser.add_argument("--out", metavar="FILE", help="axis file to write, with the tuned gains in its controller section")
     parser.add_argument("--evaluations", type=int, default=60, metavar="N", help="candidates of the fine tuning (default 60)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of search and friction (default 0)")
+    parser.add_argument("--response", metavar="FILE", help="measured response of the plant [m/V] (frequency_response.csv of commission): shape on it")
     parser.add_force()
     arguments = parser.parse_args(argv)
     if arguments.evaluations < 0:
@@ -32,6 +35,8 @@ def main(argv=None):
         keep_earlier("--out", [arguments.out], arguments.force)
     axis, console = load_axis(arguments.axis), Console()
     console.width = max(console.width, 110)  # the table of margins is wide
+    if arguments.response:
+        return _shape(arguments, axis)
     cycle = tuning.limit_cycle(axis, seed=arguments.seed)
     console.print(f"limit cycle: ultimate gain {cycle.ultimate_gain:.4g} V/m, period {cycle.ultimate_period * 1e3:.4g} ms, "
                   f"amplitude {cycle.amplitude * 1e6:.3g} um under a relay of {cycle.relay:.3g} V")
@@ -46,13 +51,69 @@ def main(argv=None):
     for row in margin_rows(found.margins):
         table.add_row(*row)
     console.print(table)
+    _export(found.gains, axis)
     answer.state(type=arguments.type, ultimate_gain_V_m=cycle.ultimate_gain, ultimate_period_s=cycle.ultimate_period, gains=found.gains,
                  margins=margin_rows(found.margins), axis=arguments.out)
     if arguments.out:
-        section = {**axis.controller, "tuned_period": axis.value("period"), arguments.type: _rounded(found.gains)}
-        tuned = axis.with_controller(section)
-        tuned.save(arguments.out, {**tuned.provenance, "tuned_by": f"microstage tune {__version__}", "seed": arguments.seed})
+        _save(arguments, axis, found.gains)
     return 0
+
+
+def _save(arguments, axis, gains, **more):
+    section = {**axis.controller, "tuned_period": axis.value("period"), arguments.type: _rounded(gains)}
+    tuned = axis.with_controller(section)
+    tuned.save(arguments.out, {**tuned.provenance, "tuned_by": f"microstage tune {__version__}", "seed": arguments.seed, **more})
+
+
+def _shape(arguments, axis):
+    """Gains on a measured response."""
+    from microstage_ros.commissioning import loop_shaping
+    from microstage_ros.control.laws.controller import controller_parameters
+
+    response = loop_shaping.read_response(arguments.response)
+    parameters = controller_parameters(arguments.type, axis, {})["pid"]
+    gains = {name: float(parameters[name]) for name in parameters.dtype.names}
+    period = axis.value("period")
+    before = loop_shaping.measured_margins(loop_shaping.loop_on(response, gains, period))
+    found = loop_shaping.shape(response, gains, period)
+    print(f"response: {arguments.response}, {response.condition}, {len(response.kept().frequency)} coherent lines of {len(response.frequency)}")
+    print(f"gains of the axis file: {_told(gains)}\n  {_margins(before)}")
+    print(f"shaped, {found.bandwidth:.2f} of that bandwidth: {_told(found.gains)}\n  {_margins(found.margins)}")
+    if not loop_shaping.enough(found.margins, response):
+        print(f"  not enough: {loop_shaping.LEAST_PHASE:g}°, {loop_shaping.LEAST_GAIN:g} dB, sensitivity {loop_shaping.MOST_SENSITIVITY:g} are not reached "
+              "on this response")
+    peak, notched = loop_shaping.resonance_in(response), loop_shaping.with_notch(response, gains, period)
+    if peak:
+        shaper = loop_shaping.zero_vibration(*peak)
+        print(f"resonance at {peak[0]:.4g} Hz, damping {peak[1]:.2g}; shaper of the reference (zero vibration): "
+              + ", ".join(f"{share:.3f} at {time * 1e3:.3g} ms" for time, share in shaper))
+    if notched:
+        n = notched.notch
+        print(f"a notch at {n.frequency:.4g} Hz (zeta {n.zeta_zero:.2g} over {n.zeta_pole:.2g}) would allow {notched.bandwidth:.2f} of the bandwidth: "
+              f"{_told(notched.gains)}\n  {_margins(notched.margins)}")
+    _export(found.gains, axis)
+    answer.state(type=arguments.type, gains=found.gains, phase_deg=found.margins.phase_deg, phase_stderr_deg=found.margins.phase_error_deg,
+                 gain_dB=found.margins.gain_dB, gain_stderr_dB=found.margins.gain_error_dB, sensitivity=found.margins.sensitivity,
+                 crossover_Hz=found.margins.crossover_Hz, notch_Hz=notched.notch.frequency if notched else None, axis=arguments.out)
+    if arguments.out:
+        _save(arguments, axis, found.gains, response=str(arguments.response))
+    return 0
+
+
+def _margins(m):
+    return (f"phase margin {m.phase_deg:.1f}° ± {2 * m.phase_error_deg:.1f}°, gain margin {m.gain_dB:.1f} dB ± {2 * m.gain_error_dB:.1f} dB, crossover "
+            f"{m.crossover_Hz:.1f} Hz, largest sensitivity {m.sensitivity:.2f}")
+
+
+def _export(gains, axis):
+    """The gains as other controllers write them."""
+    from microstage_ros.commissioning.loop_shaping import exported
+
+    print("as other controllers write them:")
+    for name, lines, convention in exported(gains, axis):
+        print(f"  {name} ({convention})")
+        for line in lines:
+            print(f"    {line}")
 
 
 def _rounded(gains):
