@@ -1,9 +1,12 @@
 """The torque balance closes: what the motor gives is what rotor, stage and frictions take, also while they accelerate."""
 
+import types
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from microstage_ros.diagnosis.catalogue import forms_of
 from microstage_ros.diagnosis.preprocessing.motion import load_kernel
 from microstage_ros.diagnosis.preprocessing.preparation import between_readings, prepare
 from microstage_ros.diagnosis.prerequisites.drive import drive_of
@@ -11,7 +14,7 @@ from microstage_ros.diagnosis.residuals.mechanical import Mechanical
 from microstage_ros.diagnosis.validation import simulated_records as cases
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
-from microstage_ros.solver.plant import NoiseSpec
+from microstage_ros.solver.plant import NoiseSpec, make_plant
 
 PERIOD = 1.0e-4
 
@@ -85,3 +88,18 @@ def test_block_means_of_a_slope(quiet, coarse):
     means = quiet.mean(np.arange(rows) * float(coarse), coarse)
     middle = 20.0 * np.arange(len(means)) + 10.0 - 0.5 * coarse
     assert np.allclose(means[10:-10], middle[10:-10], rtol=1e-9)
+
+
+@pytest.mark.parametrize("angle", [0.08, -0.08])
+def test_a_tilt_has_the_sign_of_its_angle(axis, angle):
+    """Uphill in +x takes torque in both directions: (r/N) m g sin α of it, with that sign, and the fitted angle is the one put in."""
+    plant = make_plant(axis, effects={"gravity_tilt": {"angle_rad": angle}})
+    mass, g = axis.value("stage.mass"), 9.80665
+    assert float(plant["push"]) == pytest.approx(-mass * g * np.sin(angle))     # a push in +x is against it uphill
+    form = next(f for f in forms_of("torque") if f.effect == "gravity_tilt")
+    channel = types.SimpleNamespace(residual=np.zeros(3))
+    drive = drive_of(axis)
+    column = form.columns(channel, types.SimpleNamespace(drive=drive))
+    assert np.all(column == pytest.approx(drive.lever * mass * g)) and column.shape == (3, 1)
+    sizes, effect = form.sizes(np.array([np.sin(angle)]), np.array([[1e-6]]), None)
+    assert sizes["angle_rad"][0] == pytest.approx(angle) and effect["angle_rad"] == pytest.approx(angle)

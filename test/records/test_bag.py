@@ -400,3 +400,19 @@ def test_index_that_lies_is_not_believed(tmp_path):
             bag.write(talk, START_NS + number, words_message(text))
     assert read_bag(tmp_path / "bag")["/talk"]["data"].tolist() == ["long text", "long txet", "x"]
     assert lz4.frame.decompress(COMPRESSORS["lz4"]()(b"abc")) == b"abc"
+
+
+def test_a_folder_cannot_lead_out_of_itself(tmp_path):
+    """A metadata.yaml that names a file elsewhere: only the folder's own file of that name is opened."""
+    write_bag(tmp_path / "secret", count=7)
+    write_bag(tmp_path / "bag", count=5)
+    about = yaml.safe_load((tmp_path / "bag/metadata.yaml").read_text())
+    information = about["rosbag2_bagfile_information"]
+    for elsewhere in ("../secret/secret_0.mcap", str(tmp_path / "secret/secret_0.mcap")):
+        information["relative_file_paths"] = [elsewhere]
+        (tmp_path / "bag/metadata.yaml").write_text(yaml.safe_dump(about))
+        with pytest.raises(InputError, match="bag/secret_0.mcap"):
+            Bag(tmp_path / "bag")
+    information["relative_file_paths"] = ["elsewhere/bag_0.mcap"]
+    (tmp_path / "bag/metadata.yaml").write_text(yaml.safe_dump(about))
+    check_servo(read_bag(tmp_path / "bag")["/axis/servo"], 5)

@@ -27,7 +27,8 @@ LEAST_NOISE = 1.0e-5       # V of an amplifier whose axis file states no noise
 class Line:
     """Frequency [Hz], amplitude [m] with standard error, phase [rad] in the first learning record, and the χ² it holds.
 
-    ``traces``: x(t) = Re(trace · exp(2πi f t)) in each learning, then each held-out record."""
+    ``frequency_stderr`` [Hz]: √12/(2π) σ_A/(A T) over the time T at rest (Rife and Boorstyn, IEEE Transactions on Information
+    Theory 20 (1974)); ``traces``: x(t) = Re(trace · exp(2πi f t)) in each learning, then each held-out record."""
 
     frequency: float
     amplitude: float
@@ -36,6 +37,7 @@ class Line:
     learned: float
     held: float
     traces: tuple
+    frequency_stderr: float = 0.0
 
 
 class Spectrum:
@@ -137,4 +139,5 @@ def _judge(frequency, learn, held, base):
     phase = float(np.angle(fits[0][0] / learn[0].gain(frequency)) + np.pi / 2.0)
     return Line(frequency, size, stderr, phase, float(sum(f[1] for f in fits)),
                 float(sum(s.fit(frequency)[1] for s in held)),
-                tuple(s.fit(frequency)[0] / s.gain(frequency) for s in (*learn, *held)))
+                tuple(s.fit(frequency)[0] / s.gain(frequency) for s in (*learn, *held)),
+                float(np.sqrt(12.0) / (2.0 * np.pi) * stderr / size / max(s.count * s.step for s in learn)))

@@ -20,7 +20,8 @@ LEAST_SCATTER = 1.0      # of the floor, at the fastest: an encoder without nois
 @dataclasses.dataclass(frozen=True)
 class Timing:
     """Jitter variance τ² [s²] with standard error, share of lost samples, and χ² that the jitter explains;
-    ``floor`` variance at rest, at least that of the encoder's rounding [m²], ``fastest`` speed that was looked at [m/s]."""
+    ``floor`` variance at rest, at least that of the encoder's rounding [m²], ``fastest`` speed that was looked at [m/s];
+    ``samples`` among which lost ones were counted; mean square of scatter [m²] and of speed [m²/s²] over all blocks."""
 
     variance: float
     stderr: float
@@ -28,6 +29,19 @@ class Timing:
     gain: float
     floor: float
     fastest: float
+    samples: int = 1
+    mean_square: float = 0.0
+    mean_speed_square: float = 0.0
+
+    def left(self, variance):
+        """Mean square scatter of the encoder [m²] on these records when a jitter of this variance [s²] is taken out."""
+        return max(self.mean_square - variance * self.mean_speed_square, 0.0)
+
+    @property
+    def lost_stderr(self):
+        """Standard error of the share of lost samples: binomial, with one more lost than seen (Agresti's half)."""
+        share = (self.lost * self.samples + 0.5) / (self.samples + 1.0)
+        return float(np.sqrt(share * (1.0 - share) / self.samples))
 
     @property
     def jitter(self):
@@ -63,7 +77,7 @@ def timing_of(prepared, sde=None):
     lost = repeated / max(samples, 1) + missing / max(rows, 1)
     spread, square = np.concatenate(spreads), np.concatenate(speeds) ** 2
     if len(spread) < 100:
-        return Timing(0.0, 1.0, lost, 0.0, 0.0, 0.0)
+        return Timing(0.0, 1.0, lost, 0.0, 0.0, 0.0, max(samples, 1))
     weight = np.full(len(spread), 1.0 / np.median(spread) ** 2)
     for _ in range(3):
         design = np.stack([np.ones(len(square)), square], axis=1)
@@ -72,7 +86,8 @@ def timing_of(prepared, sde=None):
         weight = 1.0 / np.maximum(a + max(b, 0.0) * square, 0.2 * a) ** 2
     stderr = float(np.sqrt(inner[1, 1] * 2.0 / FREEDOM))
     explained = float(max(b, 0.0) * (square.sum()) / a * FREEDOM)
-    return Timing(float(b), stderr, lost, explained, max(float(a), rounding), float(np.sqrt(square.max())))
+    return Timing(float(b), stderr, lost, explained, max(float(a), rounding), float(np.sqrt(square.max())),
+                  max(samples, 1), float(spread.mean()), float(square.mean()))
 
 
 def _subdivisional(position, sde):

@@ -18,7 +18,7 @@ def causes_apart(collection, known, course, others, book, unsure):
     if known.gap is not None:
         causes.append(_lost_motion(known.gap, collection.frame.drive.radius, book))
     if known.lines:
-        causes.append(_vibration(known.lines, book))
+        causes.append(_vibration(known.lines, len(collection.prepared["held"]), book))
     if course is not None:
         causes.append(_drift(course, collection, book))
     sde = next((cause.effect for cause in others if cause.id == "encoder_sde"), None)
@@ -66,19 +66,21 @@ def _drift(course, collection, book):
     return Cause("thermal_drift", parameters, {"rate_m_s": course.rate}, 0.0, 0.0, Gain(*rms, "m"), "position")
 
 
-def _vibration(lines, book):
-    """The cause ``floor_vibration`` from its lines."""
+def _vibration(lines, held_records, book):
+    """The cause ``floor_vibration`` from its lines; its gain is what the amplitudes learned take from the held-out records,
+    each line with the phase that it has there."""
     held = sum(line.held for line in lines)
     book.before += held
     book.parts["floor_vibration"] = held
     parameters = {}
     for n, line in enumerate(lines, 1):
-        parameters[f"frequency_{n}_hz"] = Parameter(line.frequency, 0.02, "Hz")
+        parameters[f"frequency_{n}_hz"] = Parameter(line.frequency, line.frequency_stderr, "Hz")
         parameters[f"amplitude_{n}_m"] = Parameter(line.amplitude, line.stderr, "m")
     effect = {"frequencies_hz": [line.frequency for line in lines], "amplitudes_m": [line.amplitude for line in lines],
               "phases_rad": [line.phase for line in lines]}
-    before = float(np.sqrt(sum(line.amplitude**2 for line in lines) / 2.0))
-    left = float(np.sqrt(sum(line.stderr**2 for line in lines)))
+    sizes = np.abs([line.traces[-held_records:] for line in lines])          # (lines, held-out records)
+    learned = np.array([[line.amplitude] for line in lines])
+    before, left = (float(np.sqrt(np.mean(np.sum(values**2, axis=0)) / 2.0)) for values in (sizes, sizes - learned))
     return Cause("floor_vibration", parameters, effect, 0.0, 0.0, Gain(before, left, "m"), "position")
 
 
@@ -89,7 +91,6 @@ def _late(late, book):
     book.parts["sampling_jitter"] = book.parts.get("sampling_jitter", 0.0) + again.gain
     jitter, stderr = taught.jitter, taught.stderr / max(2.0 * taught.jitter, 1e-9)
     parameters = {"jitter_s": Parameter(jitter, float(stderr), "s"),
-                  "lost_fraction": Parameter(taught.lost, float(np.sqrt(max(taught.lost, 1e-9) / 5.0e5)), "1")}
-    speed = 1.0e-3
+                  "lost_fraction": Parameter(taught.lost, taught.lost_stderr, "1")}
     return Cause("sampling_jitter", parameters, {"jitter_s": jitter, "lost_fraction": min(taught.lost, 0.5)}, 0.0, 0.0,
-                 Gain(float(np.sqrt(again.floor + (jitter * speed) ** 2)), float(np.sqrt(again.floor)), "m"), "position")
+                 Gain(float(np.sqrt(again.left(0.0))), float(np.sqrt(again.left(jitter**2))), "m"), "position")

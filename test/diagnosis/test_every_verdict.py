@@ -1,0 +1,92 @@
+"""Every verdict on the screw axis end to end, the command line with --holdout and --baseline, and seeds drawn afresh.
+
+The seeds are drawn anew in every run and printed, so that nothing rests on lucky ones; `MICROSTAGE_SEED` repeats a run. What
+is asserted is a rate that a healthy code misses once in 10⁴ runs: of n cases at least the k that a code with
+`HEALTHY_RATE` falls short of with that chance (`MICROSTAGE_FRESH_CASES` raises n).
+"""
+
+import dataclasses
+import json
+import os
+import secrets
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from microstage_ros.commands.analysis.diagnose import main
+from microstage_ros.diagnosis.case import diagnose_case
+from microstage_ros.diagnosis.validation import fault_injection
+from microstage_ros.diagnosis.validation.simulated_records import Hidden, make_case
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.model.effects import REGISTRY
+from microstage_ros.places import config_file
+from microstage_ros.records import write_record
+
+SEED = int(os.environ.get("MICROSTAGE_SEED") or secrets.randbelow(2**31))
+CASES = int(os.environ.get("MICROSTAGE_FRESH_CASES", "3"))
+HEALTHY_RATE = 0.96      # of clear single effects named first: what docs/diagnosis.md claims at least
+CHANCE = 1.0e-4
+
+
+@pytest.fixture(scope="module")
+def axis():
+    return load_axis(config_file("axis.yaml"))
+
+
+def least(count, rate=HEALTHY_RATE, chance=CHANCE):
+    """Hits of ``count`` that a code with this rate falls short of with at most this chance."""
+    return int(max(k for k in range(count + 1) if binom.cdf(k - 1, count, rate) <= chance))
+
+
+def test_the_asserted_rate_is_missed_once_in_ten_thousand():
+    assert [least(n) for n in (1, 2, 3, 27, 100)] == [0, 0, 1, 21, 87]
+    assert all(binom.cdf(least(n) - 1, n, HEALTHY_RATE) <= CHANCE < binom.cdf(least(n), n, HEALTHY_RATE) for n in (3, 27, 100))
+
+
+def test_effects_of_fresh_seeds_are_named(axis):
+    print(f"MICROSTAGE_SEED={SEED}")
+    generator = np.random.default_rng(SEED)
+    hits = []
+    for number in range(CASES):
+        name = str(generator.choice(sorted(REGISTRY)))
+        hidden = fault_injection.one(name, generator)
+        records, holdout, baseline = make_case(axis, hidden, [SEED, number], generator.uniform(0.02, 0.06))
+        answer = diagnose_case(axis, records, holdout, baseline)
+        named = [cause.id for cause in answer.causes]
+        open_ones = [i for rivals in answer.rivals for i in rivals.ids]
+        print(f"  {name}: {answer.verdict} {named} open {open_ones}")
+        hits.append(named[:1] == [name] or name in open_ones)
+    assert sum(hits) >= least(CASES)
+
+
+def test_a_nameless_force_beside_an_encoder_error_is_only_partly_explained(axis):
+    """A force that swings in time is in no catalogue; the encoder's error beside it is named, and the rest is not called noise."""
+    swing = fault_injection.outside("swinging force", np.random.default_rng(11))
+    hidden = dataclasses.replace(swing, ids=("encoder_sde",), effects={"encoder_sde": {"period_m": 4e-6, "amplitude1_m": 3e-8}})
+    records, holdout, baseline = make_case(axis, hidden, 61, 0.04)
+    answer = diagnose_case(axis, records, holdout, baseline)
+    assert {cause.id for cause in answer.causes} == {"encoder_sde"} and answer.verdict == "partly_explained"
+    assert answer.gain.after > 1.05 * answer.gain.floor
+    assert any("torque" in note and "depends" in note for note in answer.notes)
+
+
+def test_command_line_with_a_baseline_that_already_shows_the_effect(axis, tmp_path):
+    """What the axis did while it was called healthy is no cause: --baseline records with the same offset, and nothing is named."""
+    hidden = Hidden("offset", ("amplifier_offset",), {"amplifier_offset": {"offset_V": 0.03}})
+    records, holdout, _ = make_case(axis, hidden, 62, 0.04)
+    (other, _), _, _ = make_case(axis, hidden, 63, 0.04)
+    files = {}
+    for name, record in (("rec1", records[0]), ("hold", holdout[0]), ("base", other)):
+        files[name] = tmp_path / f"{name}.csv"
+        write_record(record, files[name])
+    common = ["--axis", str(config_file("axis.yaml")), str(files["rec1"]), "--holdout", str(files["hold"])]
+    assert main([*common, "--baseline", str(files["base"]), "--out", str(tmp_path / "same")]) == 0
+    report = json.loads((tmp_path / "same" / "report.json").read_text())
+    assert (report["verdict"], report["causes"], report["rivals"]) == ("agrees", [], [])
+    assert report["gain"]["records"] == [str(files["hold"])] and report["sources"]["baseline"] == [str(files["base"])]
+    assert main([*common, "--out", str(tmp_path / "alone")]) == 0
+    report = json.loads((tmp_path / "alone" / "report.json").read_text())
+    assert [cause["id"] for cause in report["causes"]] == ["amplifier_offset"]
+    assert report["causes"][0]["parameters"]["offset_V"]["value"] == pytest.approx(0.03, abs=1e-3)
+    assert load_axis(tmp_path / "alone" / "extended.yaml").effects["amplifier_offset"]["offset_V"] == pytest.approx(0.03, abs=1e-3)
