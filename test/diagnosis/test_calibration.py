@@ -42,8 +42,10 @@ def test_few_cases_cannot_say_certain():
 
 
 def test_more_evidence_and_more_share_are_surer():
-    assert probability(1e5, 0.9) > probability(1e2, 0.9) and probability(1e3, 0.9) > probability(1e3, 0.01)
-    assert 0.0 < probability(0.0, 0.0) < probability(1e9, 1.0) < 1.0
+    sure = Calibration((0.0, 0.5, 1.0), 1000, 950).probability
+    assert sure(1e5, 0.9) > sure(1e2, 0.9) and sure(1e3, 0.9) > sure(1e3, 0.01)
+    assert sure(1e5, 0.5) == pytest.approx(1.0 / (1.0 + np.exp(-0.5 * np.log10(1.0 + 1e5) - np.log10(0.5))))
+    assert 0.0 < probability(0.0, 0.0) <= probability(1e9, 1.0) < 1.0      # the stored one
 
 
 def test_nothing_to_calibrate_from_is_told():
