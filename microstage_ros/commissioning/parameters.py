@@ -20,7 +20,7 @@ VOLTS_ONLY = ("drive.resistance", "drive.back_emf", "drive.inductance", "drive.t
 
 SYSTEMATIC = {
     "drive.resistance": 0.005, "drive.back_emf": 5e-4, "drive.inductance": 0.25, "drive.rotor_inertia": 0.02, "stage.mass": 0.05,
-   
+
     "contacts.actuator.coulomb": 0.035, "contacts.actuator.viscous": 0.05, "contacts.actuator.static": 0.06,
     "contacts.actuator.stribeck_velocity": 0.15, "contacts.actuator.stribeck_exponent": 0.12,
     "variability.relative": 0.2, "variability.travel_share": 0.25, "variability.travel_length": 0.6,

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from microstage_ros.identification.estimators.inverse_dynamics import low_pass
+from microstage_ros.numerics.filters import low_pass
 from microstage_ros.quantities.errors import InputError
 
 SLOPE_SPAN = 2e-3  # slopes of the reference are taken over this time [s]: files write it with few digits

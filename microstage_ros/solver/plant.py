@@ -10,8 +10,8 @@ from microstage_ros.model.effects import apply_effects, check_effects
 from microstage_ros.model.friction.contact import OTHER_LAWS, RIGID_LAWS, blocks_of, law_values
 from microstage_ros.model.friction.registry import law_named
 from microstage_ros.model.plant_record import PLANT, READINGS, STATE
-from microstage_ros.model.sensors.current import current_filter
 from microstage_ros.model.sensors import position_sensor_of
+from microstage_ros.model.sensors.current import current_filter
 from microstage_ros.numerics.random import seed_state
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.solver.contact import NO_TABLE, regroup, slide, sliding_table

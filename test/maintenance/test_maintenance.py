@@ -42,7 +42,7 @@ def found(tmp_path_factory):
     shutil.copytree(ROOT / "config", copy / "config")
     for patch in TASKS.values():
         apply(patch, copy / "microstage_ros")
-    environment = {**os.environ, "PYTHONPATH": str(copy), "MICROSTAGE_CACHE": str(work / "cache")}
+    environment = {**os.environ, "PYTHONPATH": str(copy)}
     done = subprocess.run([sys.executable, str(Path(__file__).with_name("session.py")), str(work)], cwd=copy, env=environment,
                           capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-3000:]

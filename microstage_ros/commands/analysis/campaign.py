@@ -17,8 +17,8 @@ from microstage_ros.commands.progress import progress
 from microstage_ros.diagnosis.selection.calibration import calibrate, write_calibration
 from microstage_ros.diagnosis.validation import campaign
 from microstage_ros.files import write_text
-from microstage_ros.model.axis_file import load_axis
 from microstage_ros.metrology.rates import rate
+from microstage_ros.model.axis_file import load_axis
 from microstage_ros.model.effects import REGISTRY
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError

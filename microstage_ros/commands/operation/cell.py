@@ -11,6 +11,7 @@ from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
 
+
 def main(argv=None):
     """Run the command. Returns 0 when interrupted, 1 if a process ended by itself."""
     parser = Parser(prog="microstage cell", description="Start the nodes of an axis; Ctrl-C stops them.")

@@ -14,8 +14,8 @@ from scipy.optimize import minimize_scalar
 
 from microstage_ros.identification.estimators.estimate import Estimate, Identification, from_interval
 from microstage_ros.identification.estimators.intervals import block_covariance, profile_interval
-from microstage_ros.identification.estimators.inverse_dynamics import low_pass
 from microstage_ros.model.friction.registry import law_named, run_law
+from microstage_ros.numerics.filters import low_pass
 
 NOISE_SHARE = 0.02  # inertial torque that the angle's resolution may feign, of the static torque
 SMEAR = 0.003  # of the inertia: what the low-pass carries over from the friction's step at a reversal

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from microstage_ros.identification.estimators.acceleration import total_inertia_of
-from microstage_ros.identification.estimators.inverse_dynamics import low_pass
 from microstage_ros.identification.estimators.virgin_curve import loading_from_samples
 from microstage_ros.identification.signals import MotorSignals, reversals, steady_windows, window_means
+from microstage_ros.numerics.filters import low_pass
 
 QUASI_STATIC = 0.03  # a branch is slow if its speed is below this share of the Stribeck velocity
 BRANCH_EDGE = 300.0  # low-pass of angle and torque on a slow branch [Hz]

@@ -17,6 +17,7 @@ from scipy import signal
 from microstage_ros.identification.estimators.estimate import Curve, Identification, from_interval
 from microstage_ros.identification.estimators.intervals import block_covariance, correlation
 from microstage_ros.model.actuators import actuator_of
+from microstage_ros.numerics.filters import low_pass
 from microstage_ros.quantities.errors import InputError
 
 KEYS = ("stage.mass", "contacts.guideway.viscous", "contacts.guideway.coulomb", "stage.offset_force")
@@ -51,12 +52,6 @@ def choose_bands(force, period):
     edge = frequency[np.searchsorted(np.cumsum(power) / power.sum(), POWER_SHARE)]
     edge = float(np.clip(edge, 10.0 * frequency[1], 0.2 / period))
     return Bands(2.0 * edge, edge)
-
-
-def low_pass(values, edge, period):
-    """Zero-phase fourth-order Butterworth low-pass, forward and backward; ``edge`` in Hz."""
-    sections = signal.butter(4, edge * 2.0 * period, output="sos")
-    return signal.sosfiltfilt(sections, values, axis=0)
 
 
 def regressors(position, bands, period, rest_speed=0.0):

@@ -14,8 +14,8 @@ import numpy as np
 
 from microstage_ros.identification.estimators.estimate import Identification, from_interval
 from microstage_ros.identification.estimators.intervals import block_covariance, correlation
-from microstage_ros.identification.estimators.inverse_dynamics import low_pass
 from microstage_ros.identification.signals import steady_windows, window_means
+from microstage_ros.numerics.filters import low_pass
 from microstage_ros.quantities.errors import InputError
 
 NAMES = ("drive.resistance", "drive.back_emf", "drive.inductance", "amplifier offset")

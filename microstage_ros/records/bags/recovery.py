@@ -169,7 +169,7 @@ def _write_anew(file, source, channels, schemas, part):
     """Write the file beside the damaged one and put it in its place. Bytes that were of no use."""
     fresh = file.with_name(file.name + ".recovered")
     sink = McapSink(fresh, open_file(fresh), "zstd")
-    for number, channel in sorted(channels.items()):
+    for _, channel in sorted(channels.items()):
         sink.add_channel(schemas[channel.schema_id], channel)
     for name, values in source.metadata.items():
         if name != "rosbag2":

@@ -12,7 +12,16 @@ from microstage_ros.hardware.command_gate import FAULTS
 from microstage_ros.hardware.limits import begin_anew, in_words, look
 from microstage_ros.hardware.protocol import HardwareError, Reading
 from microstage_ros.ros.launching.process import running
-from microstage_ros.ros.loops.driver_loop import CROWDED, MISSED, MOMENT_NS, NO_CREDIT, STRANGE, TAKEN_AWAY, TRAVEL, WAITED
+from microstage_ros.ros.loops.driver_loop import (
+    CROWDED,
+    MISSED,
+    MOMENT_NS,
+    NO_CREDIT,
+    STRANGE,
+    TAKEN_AWAY,
+    TRAVEL,
+    WAITED,
+)
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.credit import UNLIMITED
 from microstage_ros.ros.transport.scheduling import SPIN, sleep_precisely, sleep_until

@@ -14,10 +14,10 @@ from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 from microstage_ros.ros.launching.parameters import Parameters, yaml_mapping
 from microstage_ros.ros.launching.process import run_node
+from microstage_ros.ros.loops.follower import Follower
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.blocks import Outlet
 from microstage_ros.ros.transport.codec import Codec, stamps_ns
-from microstage_ros.ros.transport.follower import Follower
 from microstage_ros.ros.transport.servo_path import make_servo_path
 
 

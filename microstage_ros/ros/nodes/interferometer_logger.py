@@ -16,10 +16,10 @@ from microstage_ros.metrology.refractive_index import Air, refractive_index
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.ros.launching.parameters import Parameters
 from microstage_ros.ros.launching.process import run_node
+from microstage_ros.ros.loops.follower import Follower
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.blocks import Outlet
 from microstage_ros.ros.transport.codec import Codec, stamps_ns
-from microstage_ros.ros.transport.follower import Follower
 from microstage_ros.ros.transport.servo_path import make_servo_path
 
 
