@@ -141,26 +141,29 @@ def measured_margins(loop):
         if margin < phase_margin:
             phase_margin, crossover = margin, math.exp(logs[k] + share * (logs[k + 1] - logs[k]))
             phase_error = math.degrees(math.hypot(loop.relative[k], loop.relative[k + 1]) / math.sqrt(2.0))
-    gain_margin, gain_error = _gain_margin(loop, phase, size, crossover)
+    gain_margin, gain_error = _gain_margin(loop, phase, size)
     if not math.isfinite(phase_margin):  # no crossing in the coherent band: what the nearest approach to −1 leaves at least
         phase_margin = math.degrees(2.0 * math.asin(min(0.5 * float(np.min(np.abs(1.0 + loop.value))), 1.0)))
     return MeasuredMargins(phase_margin, phase_error, gain_margin, gain_error, crossover, float(np.max(1.0 / np.abs(1.0 + loop.value))))
 
 
-def _gain_margin(loop, phase, size, crossover):
+def _gain_margin(loop, phase, size):
     """(dB, its standard deviation): least distance from unity where the phase falls through -180 degrees (and each turn below).
 
-    Negative: the loop is unstable. Well below the crossover a fall through -180 degrees at more than unity is the integral's,
-    and harmless.
+    Negative: the loop is unstable. A fall through -180 degrees at more than unity that is undone at more than unity encircles
+    nothing, and does not count.
     """
+    falls, rises = [], []
+    for m in (-math.pi, -3.0 * math.pi, math.pi):
+        for k in np.flatnonzero((phase[:-1] > m) != (phase[1:] > m)):
+            share = (phase[k] - m) / (phase[k] - phase[k + 1])
+            margin = -20.0 / math.log(10.0) * float(size[k] + share * (size[k + 1] - size[k]))
+            (falls if phase[k] > m else rises).append((m, k, margin))
     least, error = math.inf, 0.0
-    for k in range(len(phase) - 1):
-        for m in (-math.pi, -3.0 * math.pi, math.pi):
-            if phase[k] > m >= phase[k + 1]:
-                share = (phase[k] - m) / (phase[k] - phase[k + 1])
-                margin = -20.0 / math.log(10.0) * float(size[k] + share * (size[k + 1] - size[k]))
-                if margin < least and (margin > 0.0 or loop.frequency[k] > 0.5 * crossover):
-                    least, error = margin, 8.686 * math.hypot(loop.relative[k], loop.relative[k + 1]) / math.sqrt(2.0)
+    for m, k, margin in falls:
+        undone = margin < 0.0 and any(level == m and at > k and other < 0.0 for level, at, other in rises)
+        if margin < least and not undone:
+            least, error = margin, 8.686 * math.hypot(loop.relative[k], loop.relative[k + 1]) / math.sqrt(2.0)
     return least, error
 
 
