@@ -10,6 +10,7 @@ from microstage_ros.control.laws.controller import Controller, controller_parame
 from microstage_ros.control.trajectories.profiles import MotionLimits, jerk_limited_move
 
 ERROR, LAG = 6e-5, 0.025  # largest following error: metres, and seconds of the largest speed of a motion
+LOOSE = 5e-4  # where the way has been gone before, and nothing stands in it [m]
 SHARE = 5e-4  # of the travel, where that is more
 STANDS = 0.2  # of the reference's speed: slower is standing
 SWING, SWING_COUNTS = 4e-7, 12.0  # peak to peak at rest that is no rest: m, counts
@@ -96,7 +97,7 @@ class Loop:
     def go(self, place, speed=2e-3, gentle=False, dwell=0.15):
         """To a place, and rest there a little."""
         move = jerk_limited_move(self.machine.position, place, self.machine.period, self.limits(speed))
-        return self.follow(np.append(move, np.full(self.machine.periods(dwell), place)), gentle=gentle)
+        return self.follow(np.append(move, np.full(self.machine.periods(dwell), place)), gentle=gentle, error=ERROR if gentle else LOOSE)
 
     def settle(self):
         """Hold still; where the stage swings, softer gains, until it rests. Raises Refused (runaway)."""
@@ -182,12 +183,27 @@ def stroke(loop, keep, longest=40.0):
     if way / speed > longest:  # too slow to see all of it
         half = 0.25 * speed * longest
         low, high = max(low, start - half), min(high, start + half)
-    records = [loop.go(place, speed, gentle=True) for place in (high, low, start)]
+    records = []
+    for place in (high, low, start):
+        records.append(_slower_if_need_be(loop, place, speed))
     from microstage_ros.commissioning.first_motion import joined
 
     record = joined(records)
     keep("stroke", record)
     return _along(record, machine, speed), (low, high), record
+
+
+def _slower_if_need_be(loop, place, speed, trials=3):
+    """To a place; where the stage lags without being blocked, again at half the speed."""
+    for trial in range(trials):
+        try:
+            return loop.go(place, speed / 2**trial, gentle=True)
+        except Refused as end:
+            if end.check.id != "runaway" or trial == trials - 1:
+                raise
+            loop.machine.failed = None
+            loop.machine.rest(0.2)
+    raise AssertionError
 
 
 def _along(record, machine, speed, cells=50):

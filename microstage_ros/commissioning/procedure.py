@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from microstage_ros.commissioning import proof
-from microstage_ros.commissioning.closed_loop import Loop, programme, stroke
+from microstage_ros.commissioning.closed_loop import LOOSE, Loop, programme, stroke
 from microstage_ros.commissioning.findings import Check, Refused, Stopped, refused
 from microstage_ros.commissioning.first_motion import first_motion
 from microstage_ros.commissioning.frequency_response import measured_margins
@@ -181,7 +181,7 @@ def _closed_loop(outcome, loop, store, progress, keep, paths):
         for number, place in enumerate((middle - 0.2 * reach, middle + 0.1 * reach)):
             progress(f"record for the identification, {number + 1} of 2")
             loop.go(place, 0.8 * loop.top_speed)
-            keep(SUM, loop.follow(programme(loop, place)))
+            keep(SUM, loop.follow(programme(loop, place), error=LOOSE))
             made.append(paths[SUM])
         store.finish(SUM, {}, made)
     return store.records_of(SUM)

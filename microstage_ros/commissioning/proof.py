@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from microstage_ros.commissioning.closed_loop import LOOSE
 from microstage_ros.commissioning.findings import refused
 from microstage_ros.commissioning.frequency_response import multi_sine, responses
 from microstage_ros.control.trajectories.profiles import jerk_limited_move, sine
@@ -61,7 +62,7 @@ def loop_in_motion(loop, found, seed, keep):
         lead = min(first, made.rows)
         extra[first - lead:first] = made.signal[-lead:]
         record = loop.follow(np.append(move, np.full(machine.periods(0.1), move[-1])),
-                             np.append(extra, np.zeros(machine.periods(0.1))), error=1.5e-4)
+                             np.append(extra, np.zeros(machine.periods(0.1))), error=LOOSE)
         records.append(record)
         if count >= 1:
             parts.append(_part(record, first, first + int(count) * made.rows + 1))
@@ -95,7 +96,7 @@ def moves(loop, keep):
             for place in (start + target, start):
                 begin = start if place != start else start + target
                 move = jerk_limited_move(begin, place, machine.period, loop.limits(6e-3))
-                record = loop.follow(np.append(move, np.full(machine.periods(DWELL), place)), fresh=fresh, go_on=True)
+                record = loop.follow(np.append(move, np.full(machine.periods(DWELL), place)), error=LOOSE, fresh=fresh, go_on=True)
                 fresh = False
                 records.append(record)
                 judged = record["encoder_m"][-machine.periods(JUDGED):]
