@@ -22,13 +22,14 @@ from markupsafe import Markup
 from microstage_ros import __version__
 from microstage_ros.files import write_text
 from microstage_ros.quantities.errors import InputError
-from microstage_ros.report.template import PAGE, STYLE
+from microstage_ros.report.drawing_file import drawing, fits_narrow
+from microstage_ros.report.template import PAGE, SCRIPT, STYLE
 
 TONES = {"good": "✓", "caution": "!", "bad": "✗", "neutral": "i"}
 """Tone of a verdict to its mark; tone is never told by colour alone."""
 
-LARGEST_SVG = 150_000
-"""Bytes beyond which a drawing is kept as a picture of pixels."""
+LARGEST_SVG = 300_000
+"""Characters beyond which a drawing is kept as a picture of pixels."""
 
 PICTURE_DPI = 180
 SCREEN_DPI = 96
@@ -51,7 +52,7 @@ class Page:
         self._about += [(name, str(value)) for name, value in (("Configuration", configuration), ("Seed", seed))
                         if value is not None]
         self._about += [(name, str(value)) for name, value in (about or {}).items()]
-        self._verdict = None
+        self._verdict, self._figures = None, 0
         self._lead, self._sections = [], []
         self._parts = self._lead
 
@@ -115,11 +116,19 @@ class Page:
                             "numeric": numeric, "marked": set(marked)})
 
     def figure(self, figure, caption="", alt=""):
-        """A matplotlib figure, drawn into the page. alt : what it shows, for those who cannot see it."""
-        source = picture(figure)
-        width = round(figure.get_size_inches()[0] * SCREEN_DPI)
-        self._parts.append({"kind": "figure", "source": source, "caption": caption, "alt": alt or caption,
-                            "width": width})
+        """A matplotlib figure, drawn into the page: a vector drawing that zooms, and one for narrow windows.
+
+        A very large one is a picture of pixels. alt : what it shows, for those who cannot see it.
+        """
+        self._figures += 1
+        wide = drawing(figure, f"microstage{self._figures}")
+        part = {"kind": "figure", "caption": caption, "alt": alt or caption, "wide": Markup(wide), "narrow": "",
+                "width": round(figure.get_size_inches()[0] * SCREEN_DPI), "source": None}
+        if len(wide) > LARGEST_SVG:
+            part |= {"wide": "", "source": picture(figure)}
+        elif fits_narrow(figure):
+            part["narrow"] = Markup(drawing(figure, f"microstage{self._figures}n", narrow=True))
+        self._parts.append(part)
 
     @contextmanager
     def details(self, title):
@@ -135,7 +144,7 @@ class Page:
     def html(self):
         """The page as text."""
         environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
-        environment.globals["style"] = Markup(STYLE)
+        environment.globals |= {"style": Markup(STYLE), "script": Markup(SCRIPT)}
         template = environment.from_string(PAGE)
         return template.render(title=self.title, subtitle=self.subtitle, verdict=self._verdict, lead=self._lead,
                                sections=self._sections, about=self._about)
@@ -151,24 +160,10 @@ class Page:
 
 
 def picture(figure):
-    """A matplotlib figure as a data address: a drawing if small, pixels if large.
-
-    The same figure always gives the same bytes.
-    """
-    drawing = _saved(figure, "svg", metadata={"Date": None, "Creator": None})
-    if len(drawing) <= LARGEST_SVG:
-        return "data:image/svg+xml;base64," + base64.b64encode(drawing).decode()
-    pixels = _saved(figure, "png", dpi=PICTURE_DPI, metadata={"Software": None})
-    return "data:image/png;base64," + base64.b64encode(pixels).decode()
-
-
-def _saved(figure, kind, **options):
-    """Bytes of a figure in a format."""
-    from matplotlib import rc_context  # half a second that pages without figures need not wait
+    """A matplotlib figure as pixels in a data address. The same figure always gives the same bytes."""
     out = io.BytesIO()
-    with rc_context({"svg.hashsalt": "microstage", "svg.fonttype": "path"}):
-        figure.savefig(out, format=kind, **options)
-    return out.getvalue()
+    figure.savefig(out, format="png", dpi=PICTURE_DPI, metadata={"Software": None})
+    return "data:image/png;base64," + base64.b64encode(out.getvalue()).decode()
 
 
 def _cell(value):

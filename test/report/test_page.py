@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.report.drawing_file import drawing
 from microstage_ros.report.page import LARGEST_SVG, Page, picture
 from microstage_ros.report.plots import new_figure, plot_signal
 
@@ -66,12 +67,32 @@ def test_whole_well_formed_and_self_contained():
     assert not checker.open
     assert not re.search(r"(?:src|href)=\"(?!data:|#)", text)
     assert "http" not in re.sub(r"data:[^\"]+", "", text)
-    images = [attributes for tag, attributes in checker.seen if tag == "img"]
-    assert images[0]["alt"] == "A triangle" and images[0]["src"].startswith("data:image/svg+xml;base64,")
+    plots = [attributes for tag, attributes in checker.seen if attributes.get("class") == "plot both"]
+    assert plots[0]["aria-label"] == "A triangle" and sum(tag == "svg" for tag, _ in checker.seen) == 2
+
+
+def test_names_in_drawings_are_unique_and_colours_follow_the_scheme():
+    page = Page("T")
+    page.figure(small_figure())
+    page.figure(small_figure())
+    text = page.html()
+    names = re.findall(r' id="([^"]+)"', text)
+    assert len(names) == len(set(names)) and all(f"#{name}" in text for name in names)
+    drawings = "".join(re.findall(r"<svg.*?</svg>", text, flags=re.DOTALL))
+    assert "var(--ink)" in drawings and "var(--data-blue)" in drawings and "#1d2329" not in drawings and "font-family" not in drawings
+    assert ">A title</text>" in drawings and "prefers-color-scheme: dark" in text
+
+
+def test_the_narrow_form_keeps_the_figure():
+    figure = small_figure()
+    wide, size = drawing(figure, "a"), tuple(figure.get_size_inches())
+    narrow = drawing(figure, "a", narrow=True)
+    widths = [float(re.search(r'viewBox="0 0 ([0-9.]+)', text)[1]) for text in (wide, narrow)]
+    assert widths[1] < 0.5 * widths[0] and tuple(figure.get_size_inches()) == size and drawing(figure, "a") == wide
 
 
 def test_it_says_what_it_was_given():
-    text = html.unescape(re.sub(r"<style>.*?</style>|<[^>]*>", " ", full_page(), flags=re.DOTALL))
+    text = html.unescape(re.sub(r"<style>.*?</style>|<script>.*?</script>|<svg.*?</svg>|<[^>]*>", " ", full_page(), flags=re.DOTALL))
     for words in ("A <title>", "simulated", "It is fine & well.", "Nothing to do.", "120 nm", "paper: 160 nm", "Words <b>.",
                   "A table", "A figure", "one", "./microstage demo", "Deep.", "config/axis.yaml", "microstage_ros 0.1.0",
                   "a.csv"):
@@ -89,8 +110,10 @@ def test_large_drawings_become_pictures():
     figure, axes = new_figure()
     for seed in range(8):
         plot_signal(axes, np.arange(100_000), np.random.default_rng(seed).normal(size=100_000))
-    assert picture(figure).startswith("data:image/png;base64,")
-    assert len(picture(small_figure())) < LARGEST_SVG * 4 / 3 + 100
+    page = Page("T")
+    page.figure(figure)
+    assert picture(figure).startswith("data:image/png;base64,") and picture(figure) in page.html()
+    assert len(drawing(small_figure(), "a")) < LARGEST_SVG / 10
 
 
 def test_it_is_written_and_bad_input_is_told(tmp_path):
