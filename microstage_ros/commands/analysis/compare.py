@@ -11,12 +11,12 @@ from rich.table import Table
 
 from microstage_ros import __version__
 from microstage_ros.commands import answer
+from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
 from microstage_ros.control.evaluation import comparison
 from microstage_ros.files import complete_folder, keep_earlier, write_text
 from microstage_ros.hardware.simulated import machine_for
-from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.report.comparison import comparison_page, comparison_tables
@@ -27,7 +27,7 @@ DEFAULT_AXIS = str(config_file("axis.yaml"))
 def main(argv=None):
     """Run the command. Returns 0; raises InputError for bad input."""
     arguments = _parse(argv)
-    axis = load_axis(arguments.axis)
+    axis = read_axis(arguments.axis)
     if arguments.machine:
         axis = axis.simulated_on(machine_for(axis, arguments.machine))
     if axis.choices["drive.type"] != "voltage_motor":

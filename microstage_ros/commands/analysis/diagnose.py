@@ -6,13 +6,13 @@ import pathlib
 import sys
 
 from microstage_ros.commands import answer
+from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
 from microstage_ros.diagnosis.batch import Case, cases_of, diagnose_files, diagnose_many, diagnose_series
 from microstage_ros.diagnosis.fleet import is_address
 from microstage_ros.diagnosis.report.page import headline
 from microstage_ros.files import keep_earlier, missing, write_text
-from microstage_ros.model.axis_file import load_axis
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.report.plots import quantity
 
@@ -42,7 +42,7 @@ def main(argv=None):
         return _each(arguments)
     case = Case("", arguments.axis, tuple(arguments.records), tuple(arguments.holdout), tuple(arguments.baseline),
                 arguments.out, arguments.seed)
-    load_axis(case.axis)      # a bad axis file is told before long work begins, and so is a missing record
+    read_axis(case.axis)      # a bad axis file is told before long work begins, and so is a missing record
     for path in (*case.records, *case.holdout, *case.baseline):
         if not is_address(path) and not pathlib.Path(path).exists():
             raise missing(path, "a record: .mcap, bag folder, .csv[.gz|.xz]")

@@ -5,13 +5,13 @@ import pathlib
 
 from microstage_ros import __version__
 from microstage_ros.commands import answer
+from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
 from microstage_ros.files import keep_earlier, missing
 from microstage_ros.identification.intake import take_in
-from microstage_ros.identification.page import identification_page, shown
+from microstage_ros.identification.page import identification_page, people
 from microstage_ros.identification.pipeline import identify
-from microstage_ros.model.axis_file import load_axis
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records import read_record
 
@@ -46,8 +46,8 @@ def main(argv=None):
     if arguments.blocks is not None and not 1 <= arguments.blocks <= 8:
         raise InputError("--blocks", arguments.blocks, "a whole number from 1 to 8")
     keep_earlier("--out", [out, out.with_suffix(".html")], arguments.force)
-    axis = load_axis(arguments.axis)
-    target = load_axis(arguments.into) if arguments.into else axis
+    axis = read_axis(arguments.axis)
+    target = read_axis(arguments.into) if arguments.into else axis
     warnings = []
     for path in arguments.records:
         if not pathlib.Path(path).exists():
@@ -78,8 +78,7 @@ def tell(result, out, warnings=()):
         print(f"warning: {warning}")
     for estimate in result.estimates.values():
         if estimate.determined:
-            spread = "" if estimate.stderr is None else f" ± {shown(estimate.stderr, 2)}"
-            print(f"  {estimate.key}: {shown(estimate.value)}{spread} {estimate.unit}")
+            print(f"  {estimate.key}: {people(estimate.value, estimate.unit, estimate.stderr)}")
     for estimate in result.estimates.values():
         if not estimate.determined:
             print(f"  {estimate.key}: {estimate.remark}")

@@ -11,6 +11,7 @@ from rich.table import Table
 
 from microstage_ros import __version__
 from microstage_ros.commands import answer
+from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
 from microstage_ros.control.laws.registry import LAWS
@@ -18,7 +19,6 @@ from microstage_ros.control.robustness import campaign
 from microstage_ros.control.robustness.conditions import Condition, conditions, random_machine
 from microstage_ros.files import write_text
 from microstage_ros.hardware.simulated import machine_for
-from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
 
@@ -28,7 +28,7 @@ DEFAULT_AXIS = str(config_file("axis.yaml"))
 def main(argv=None):
     """Run the command. Returns 0, or 1 if a run failed; raises InputError for bad input."""
     arguments = _parse(argv)
-    axis = load_axis(arguments.axis)
+    axis = read_axis(arguments.axis)
     law = arguments.law or axis.controller.get("type", "none")
     if law not in LAWS or law == "none":
         raise InputError("--law", law, "one of " + ", ".join(name for name in LAWS if name != "none"))

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from microstage_ros.commands import answer
+from microstage_ros.commands.axis import warn
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
 from microstage_ros.control.runs.coarse_fine import coarse_fine_record
@@ -35,6 +36,8 @@ def main(argv=None):
     keep_earlier("--out", [arguments.out], arguments.force)
     axis, run = load_machine(arguments.axis), load_run(arguments.run)
     both = isinstance(axis, CoarseFine)
+    if not both:
+        warn(axis)
     if both and arguments.machine:
         raise InputError("--machine", arguments.machine, f"nothing: {arguments.axis} has two components")
     machine = machine_for(axis, arguments.machine) if arguments.machine else None

@@ -5,12 +5,12 @@ from rich.table import Table
 
 from microstage_ros import __version__
 from microstage_ros.commands import answer
+from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
 from microstage_ros.control.tuning import tuning
 from microstage_ros.control.tuning.margins import MARGIN_HEADS, margin_rows
 from microstage_ros.files import keep_earlier
-from microstage_ros.model.axis_file import load_axis
 from microstage_ros.quantities.errors import InputError
 
 TYPES = ("pid", "pid_feedforward", "self_tuning", "self_tuning_feedforward")
@@ -33,7 +33,7 @@ def main(argv=None):
         raise InputError("--evaluations", arguments.evaluations, "0 or more")
     if arguments.out:
         keep_earlier("--out", [arguments.out], arguments.force)
-    axis, console = load_axis(arguments.axis), Console()
+    axis, console = read_axis(arguments.axis), Console()
     console.width = max(console.width, 110)  # the table of margins is wide
     if arguments.response:
         return _shape(arguments, axis)

@@ -5,9 +5,9 @@ import sys
 from pathlib import Path
 
 from microstage_ros.commands.__main__ import which_ros
+from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.backend import add_backend, chosen_backend
 from microstage_ros.commands.parser import Parser
-from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
 
@@ -30,7 +30,7 @@ def main(argv=None):
         raise InputError("--seed", arguments.seed, "a whole number from 0 to 4294967295")
     if arguments.record and Path(arguments.record).exists():
         raise InputError("--record", arguments.record, "a folder that does not exist yet")
-    axis = load_axis(arguments.axis or config_file("axis.yaml"))
+    axis = read_axis(arguments.axis or config_file("axis.yaml"))
     backend = chosen_backend(arguments, axis)
     arguments.mode = backend.mode_or(arguments.mode)
     return _run(arguments, backend, axis)

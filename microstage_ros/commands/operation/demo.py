@@ -8,9 +8,9 @@ import yaml
 
 from microstage_ros import __version__
 from microstage_ros.commands.__main__ import which_ros
+from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.backend import add_backend, chosen_backend
 from microstage_ros.commands.parser import Parser
-from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
 
@@ -39,7 +39,7 @@ def main(argv=None):
     arguments = parser.parse_args(argv)
     if not 0 <= arguments.seed < 2**32:
         raise InputError("--seed", arguments.seed, "a whole number from 0 to 4294967295")
-    axis = load_axis(arguments.axis or config_file("axis.yaml"))
+    axis = read_axis(arguments.axis or config_file("axis.yaml"))
     out = _place(arguments.out)
     return _run(arguments, axis, out, chosen_backend(arguments, axis))
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from microstage_ros.commands.__main__ import which_ros
+from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.backend import add_backend, chosen_backend
 from microstage_ros.commands.parser import Parser
 from microstage_ros.control.runs.run_file import load_run
-from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
 
@@ -33,7 +33,7 @@ def main(argv=None):
                         help="simulated time (default where the backend is simulated), or wall clock")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of a simulated axis (default 1)")
     arguments = parser.parse_args(argv)
-    axis = load_axis(arguments.axis or config_file("axis.yaml"))
+    axis = read_axis(arguments.axis or config_file("axis.yaml"))
     out = Path(arguments.out)
     if (out / "bag").exists():
         raise InputError("--out", arguments.out, "a folder without a bag of an earlier run")

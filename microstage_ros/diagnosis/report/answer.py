@@ -11,6 +11,7 @@ from microstage_ros.diagnosis.report.experiment import separating_run
 from microstage_ros.diagnosis.report.extended import write_extended
 from microstage_ros.diagnosis.report.page import write_page
 from microstage_ros.diagnosis.report.wording import sentence_of
+from microstage_ros.diagnosis.report.within_range import within_range
 from microstage_ros.files import complete_folder
 
 FORMAT = 1
@@ -22,6 +23,7 @@ def write_answer(diagnosis, axis, folder, sources):
     ``sources``: {"records": [...], "holdout": [...], "baseline": [...]} names of what was read.
     The files appear together when all are complete. Raises InputError if the folder cannot be written.
     """
+    diagnosis = within_range(diagnosis, axis)
     with complete_folder(folder) as folder:
         experiments = _write_experiments(diagnosis, axis, folder)
         report = report_fields(diagnosis, experiments, axis, sources)

@@ -1,12 +1,8 @@
 """Figures of a diagnosis: curves of a residual, and how strongly it goes with each coordinate."""
 
-import re
-
 import numpy as np
 
-from microstage_ros.report.plots import COLOURS, new_figure, plot_signal, scale_of
-
-PREFIXED = ("m", "s", "V", "A", "N", "N m", "m/s", "rad", "rad/s", "Hz")
+from microstage_ros.report.plots import COLOURS, new_figure, plot_signal, readable
 
 BEFORE, AFTER = COLOURS["orange"], COLOURS["blue"]
 MORE = (BEFORE, AFTER, COLOURS["green"], COLOURS["pink"], COLOURS["black"])
@@ -18,8 +14,8 @@ def curves(picture):
     """matplotlib figure of a `Picture`."""
     figure, axes = new_figure(height=3.0)
     every = list(picture.curves.values())
-    across, x_label = _readable(picture.x_label, [curve[0] for curve in every])
-    up, y_label = _readable(picture.y_label, [curve[1] for curve in every])
+    across, x_label = readable(picture.x_label, [curve[0] for curve in every])
+    up, y_label = readable(picture.y_label, [curve[1] for curve in every])
     for colour, (label, curve) in zip(MORE, picture.curves.items()):
         x, y = across * np.asarray(curve[0], float), up * np.asarray(curve[1], float)
         marker = {"marker": "o", "ms": 3} if len(x) <= FEW else {}
@@ -34,17 +30,14 @@ def curves(picture):
     return figure
 
 
-def _readable(label, values):
-    """Factor and label with a prefix before the unit in brackets: ``position [m]`` as 1e6, ``position [µm]``."""
-    found = re.search(r"\[([^\]]+)\]", label)
-    if not found or found[1] not in PREFIXED:
-        return 1.0, label
-    factor, unit = scale_of(np.concatenate([np.ravel(v) for v in values]), found[1])
-    return factor, label.replace(found[0], f"[{unit}]")
-
-
 def strengths(findings):
     """matplotlib figure of `Finding`s: statistic over threshold, before and after, a pair of bars for each."""
+    strongest = {}                 # several looks at one coordinate: the one that shows most
+    for finding in findings:
+        known = strongest.setdefault((finding.coordinate, finding.channel), finding)
+        if finding.statistic / max(finding.threshold, 1e-300) > known.statistic / max(known.threshold, 1e-300):
+            strongest[finding.coordinate, finding.channel] = finding
+    findings = list(strongest.values())
     figure, axes = new_figure(height=0.9 + 0.34 * len(findings))
     place = np.arange(len(findings))[::-1]
     largest = 1.0

@@ -63,11 +63,22 @@ def _more(report):
 
 
 def _key_figures(gain):
+    """What stands out of the noise, before and after: the residuals themselves may differ in the last digit only."""
     unit = gain["unit"]
-    low, high = (quantity(v, unit) for v in gain["ci95"])
-    return [("Residual before", quantity(gain["before"], unit), "axis file as given, held-out records"),
-            ("Residual after", quantity(gain["after"], unit), f"with the causes; 95 %: {low} … {high}"),
-            ("Noise", quantity(gain["floor"], unit), "no model can go below")]
+    low, high = (quantity(v, unit, 4) for v in gain["ci95"])
+    cards = [("Beyond the noise before", quantity(_beyond(gain, "before"), unit), f"axis file as given; {quantity(gain['before'], unit, 4)} with the noise"),
+             ("Beyond the noise after", quantity(_beyond(gain, "after"), unit),
+              f"with the causes; {quantity(gain['after'], unit, 4)} with the noise, 95 %: {low} … {high}"),
+             ("Noise", quantity(gain["floor"], unit), "no model can go below")]
+    removed = _removed(gain)
+    return cards if removed is None else [*cards, ("Taken away", f"{removed:.0%}", "of the mean square beyond the noise, held-out records")]
+
+
+def _beyond(gain, when):
+    """Rms beyond the noise floor; None where a number is missing."""
+    if gain[when] is None or gain["floor"] is None:
+        return None
+    return max(gain[when] ** 2 - gain["floor"] ** 2, 0.0) ** 0.5
 
 
 def _removed(gain):
@@ -88,7 +99,7 @@ def _picture(page, picture):
 def _causes(page, causes):
     page.section("Causes that are sure")
     rows = [(name_of(cause["id"]), cause["sentence"], f"{cause['share']:.0%}",
-             quantity(cause["gain"]["before"], cause["gain"]["unit"]), quantity(cause["gain"]["after"], cause["gain"]["unit"]))
+             quantity(cause["gain"]["before"], cause["gain"]["unit"], 4), quantity(cause["gain"]["after"], cause["gain"]["unit"], 4))
             for cause in causes]
     page.table(("cause", "what it does", "share", "residual before", "after"), rows,
                "Share: of what stood out of the noise on held-out records. Residuals: rms there, without and with the cause.")

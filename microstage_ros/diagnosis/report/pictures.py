@@ -10,7 +10,9 @@ from microstage_ros.model.effects import REGISTRY
 BINS = 60
 FOLDED_BINS = 180   # a ripple has up to some twenty cycles per turn
 STRETCH = 0.15   # s
+COURSE = 2.0     # s: of a record shown in time
 MOVES = 2.0e-5   # m/s: slower is rest
+ENOUGH = 400     # samples in each direction for a curve of its own
 LABELS = {"position": "position [m]", "velocity": "velocity [m/s]", "time": "time [s]",
           "signal period": "position within a signal period [m]", "motor turns": "travel within two turns of the motor [m]"}
 FOLDED = ("signal period", "motor turns")   # what repeats too often to be seen along the stroke
@@ -21,7 +23,7 @@ Y_LABELS = {"torque": "torque needed beyond the model [N m]", "windup": "stage a
 
 def pictures_of(collection, evidences, choices, left):
     """One `Picture` per cause and channel on the first held-out record, and one per coordinate that is left."""
-    pictures = []
+    pictures = course_pictures(collection, evidences, choices)
     for choice in choices:
         for channel in sorted({form.channel for form in choice.forms}):
             coordinate = REGISTRY[choice.effect].shows_against
@@ -53,6 +55,26 @@ def drift_picture(prepared):
                    Y_LABELS["position"], curves, "thermal_drift")
 
 
+def course_pictures(collection, evidences, choices):
+    """Torque in time over a stretch of the first held-out record: measured, by the axis file, with the causes.
+
+    The stretch is the one over which the causes change the model most; none without a cause in that channel.
+    """
+    forms = [form for choice in choices for form in choice.forms if form.channel == "torque"]
+    if not forms:
+        return []
+    one = collection.channels["held"][0]["torque"]
+    beta, _, _ = evidences.learn["torque"].fit(Evidences._keys("torque", choices))
+    change = np.concatenate([form.columns(one, collection.frame) for form in forms], axis=1) @ beta
+    rows = max(int(COURSE / (one.time[1] - one.time[0])), 2)
+    sums = np.convolve((change - change.mean()) ** 2, np.ones(min(rows, len(change))), "valid")
+    part = slice(int(np.argmax(sums)), int(np.argmax(sums)) + rows)
+    model = one.torque - one.residual
+    curves = {"measured": (one.time[part], one.torque[part]), "axis file": (one.time[part], model[part]),
+              "with the causes": (one.time[part], (model + change)[part])}
+    return [Picture("course-torque-time", "measurement and model in time", LABELS["time"], "torque of friction and loads [N m]", curves)]
+
+
 def _picture(collection, evidences, choices, choice, channel, coordinate):
     one = collection.channels["held"][0][channel]
     residual, model = np.array(one.residual), np.zeros(len(one.residual))
@@ -73,12 +95,26 @@ def _picture(collection, evidences, choices, choice, channel, coordinate):
         moving = np.abs(one.speed) > MOVES
         x, residual, model = x[moving], residual[moving], model[moving]
     bins = FOLDED_BINS if coordinate in FOLDED else BINS
-    curves = {"measured": _binned(x, residual - residual.mean(), bins)}
     name = choice.effect if choice else ""
-    if choice:
-        curves["model with the cause"] = _binned(x, model - model.mean(), bins)[:2]
+    residual, model = residual - residual.mean(), model - model.mean()
+    curves = {}
+    for way, rows in _directions(one.speed if coordinate != "motor turns" else one.speed[moving], coordinate):
+        curves["measured" + way] = _binned(x[rows], residual[rows], bins)
+        if choice:
+            curves["model with the cause" + way] = _binned(x[rows], model[rows], bins)[:2]
     title = f"{name or 'what is left'}: residual against {coordinate}"
     return Picture(f"{name or 'left'}-{channel}-{coordinate}", title, LABELS[coordinate], Y_LABELS[channel], curves, name)
+
+
+def _directions(speed, coordinate):
+    """Rows to be shown together: by direction of motion along the stroke or a turn, else all.
+
+    Friction turns its sign with the direction: what both have in common cancels where they are pooled.
+    """
+    ways = (", forward", speed > MOVES), (", backward", speed < -MOVES)
+    if coordinate in ("velocity", "time") or min(np.count_nonzero(rows) for _, rows in ways) < ENOUGH:
+        return [("", slice(None))]
+    return ways
 
 
 def _across(one, choice, channel, coordinate, drive):

@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from microstage_ros.quantities.errors import InputError
+
 OWN = (
     ("stage.mass", 0.005), ("contacts.guideway.viscous", 0.02), ("contacts.guideway.coulomb", 0.02),
     ("contacts.guideway.static", 0.02), ("contacts.actuator.viscous", 0.02), ("contacts.actuator.coulomb", 0.02),
@@ -148,7 +150,12 @@ def _step(loop, model, columns, residual, rows, low, high):
     move = solve(columns[rows], -residual[rows])
     for _ in range(4):
         moved = model.at(np.clip(theta + move, low, high))
-        after = loop.residual(moved.extended)
+        try:
+            extended = moved.extended
+        except InputError:  # beyond what an effect can be
+            move = 0.3 * move
+            continue
+        after = loop.residual(extended)
         if float(np.sum(after[rows] ** 2)) < before:
             return moved, after
         move = 0.3 * move
