@@ -80,7 +80,7 @@ def test_bad_input_is_one_line_and_status_2(arguments, told, tmp_path, capsys, m
 
 
 def test_a_scheduler_that_is_not_there_is_told(healthy, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("microstage_ros.diagnosis.batch.PATIENCE", "1s")
+    monkeypatch.setattr("microstage_ros.diagnosis.fleet.PATIENCE", "1s")
     status = main(["diagnose", "--axis", str(AXIS), str(healthy / "one"), "--each", "--scheduler", "tcp://127.0.0.1:9",
                    "--out", str(tmp_path)])
     assert status == 2 and "--scheduler" in capsys.readouterr().err
