@@ -19,7 +19,6 @@ from microstage_ros.diagnosis.selection.calibration import calibrate, write_cali
 from microstage_ros.diagnosis.validation import campaign
 from microstage_ros.files import write_text
 from microstage_ros.metrology.rates import rate
-from microstage_ros.model.axis_file import load_axis
 from microstage_ros.model.effects import REGISTRY
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
