@@ -23,7 +23,9 @@ def diagnose_logs(baseline, now, description, seed=0):
     ----------
     baseline, now : lists of `Log` (one file each). description : `LogDescription`. seed : written into the result.
 
-    Raises InputError if nothing can be compared: no condition, no motion, no signal in common.
+    Raises
+    ------
+    InputError : nothing can be compared: no condition, no motion, no signal in common.
     """
     prepared = prepare(baseline, now, description)
     groups, channels, stroke, top, sharp, notes = prepared

@@ -53,11 +53,11 @@ def _collect(vectors, name, value):
 def read_mcap(path, topic=""):
     """`Table` of one topic of an MCAP bag: joint states, trajectory-controller states, or any message of scalars.
 
+    Columns are ``joint.position``, ``joint.velocity``, ``joint.effort`` and the like, with ``time`` from the header's stamp.
+
     Parameters
     ----------
     topic : its name, or an empty string: the one with joint states, else the one with the most messages.
-
-    Columns are ``joint.position``, ``joint.velocity``, ``joint.effort`` and the like, with ``time`` from the header's stamp.
     """
     from mcap.exceptions import McapError
     from mcap.reader import make_reader
