@@ -16,6 +16,7 @@ COVERED = 0.85              # share of the rows that must lie in cells which bot
 STEADY = STATES.index("steady")
 HARMONICS = 60              # highest harmonic of the turn
 SLOWEST = 0.4               # cycles per sample up to which a ripple can be read
+PHASES = 512                # parts of a turn that rows are gathered in before their harmonics are taken
 LOW_ORDERS = 2              # harmonics that count as once per turn; the others make the second group
 LEAST_ROWS = 40             # moving rows of one direction in a repetition for an amplitude
 
@@ -163,8 +164,8 @@ def _amplitudes(rows, own, left, slot, mean, turn):
                 r = _detrended(m.x[use], left[use])
                 orders = _orders(m, use, turn, rows.log.period)
                 if len(orders):
-                    phase = 2.0 * np.pi / turn * m.x[use]
-                    c = np.array([2.0 * np.mean(r * np.exp(-1j * k * phase)) for k in orders])
+                    bins = np.floor(np.mod(m.x[use] / turn, 1.0) * PHASES).astype(int) % PHASES
+                    c = 2.0 * np.fft.fft(np.bincount(bins, r, PHASES))[orders] / len(r) / np.sinc(orders / PHASES)
                     power = np.maximum(np.abs(c) ** 2 - 4.0 * np.var(r) / len(r), 0.0)
                     spectrum[(int(code), direction)] = (orders, np.abs(c))
                     low = orders <= LOW_ORDERS
