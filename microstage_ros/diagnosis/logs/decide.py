@@ -14,7 +14,7 @@ from scipy.stats import t as t_law
 
 from microstage_ros.diagnosis.logs.effects import RARER, SIGNATURES
 
-LEVEL = np.log(7e-4)       # log p below which an effect is named (some twenty are tried)
+LEVEL = np.log(1e-3)       # log p below which an effect is named (some twenty are tried)
 RIVAL = 3.0                # difference of log p within which another effect explains as much (odds of 20)
 BEAM = 4                   # first causes that are followed up
 PRICE = 8.0                # log likelihood that a further cause must bring beyond its sizes
@@ -27,8 +27,8 @@ WHOLE = np.log(1e-5)       # log p below which the difference as a whole stands 
 #: Largest size (of `Size.value`) that is told as visible; beyond it an effect counts as not visible in these signals.
 LARGEST = {"level": 0.6, "viscous": 0.8, "quadratic": 0.8, "moving": 0.5, "constant": 0.8, "spring": 0.8, "waves": 0.8, "inertia": 1.0,
            "breakaway": 0.6, "friction in error": 0.8, "viscous in error": 0.8, "force in error": 0.8, "waves in error": 0.8, "lost motion": 3.0, "speed": 3.0, "acceleration": 3.0, "place": 2.0, "creep": 1.0, "gain": 0.6, "load": 3.0,
-           "dead zone": 0.8, "resistive": 0.8, "ripple": 0.6, "ripple high": 0.6, "rough": 1.2}
-POSITIVE = {"backlash", "rising_static_friction", "presliding_creep", "floor_vibration", "sampling_jitter", "screw_pitch_error",
+           "dead zone": 0.8, "resistive": 0.8, "ripple": 0.6, "ripple high": 0.6, "rough": 1.8}
+POSITIVE = {"torque_ripple+", "backlash", "rising_static_friction", "presliding_creep", "floor_vibration", "sampling_jitter", "screw_pitch_error",
             "amplifier_deadband", "transport_delay", "actuator_lag"}
 #: Wider forms of an effect: friction that differs in one place; friction that a loop without integrator shows at rest too.
 LOCAL = {"position_dependent_friction": ("bumps",), "friction_level_change": ("friction in error", "lost motion")}
@@ -124,7 +124,8 @@ def effects_of(channels, only=None):
             continue
         block, names = _block(channels, signature, placed)
         amplitudes = []
-        for channel, wanted in signature.amplitudes:
+        wanted_of = [("error", w) if effect == "torque_ripple" and "effort" not in channels else (c, w) for c, w in signature.amplitudes]
+        for channel, wanted in wanted_of:
             if channel in channels:
                 coordinates = channels[channel]
                 base, _, which = wanted.partition(" ")
@@ -143,7 +144,16 @@ def effects_of(channels, only=None):
                 if effect != "friction_level_change" or "effort" not in channels else None
             if wide is not None:
                 effects[effect + "+"], parts[effect + "+"] = wide, list(LOCAL[effect])
+        if effect == "torque_ripple" and "effort" in channels:
+            coordinates = channels["effort"]
+            own = (coordinates.kind == "rough") & (coordinates.direction != 0)
+            if own.any():
+                out = np.zeros((total, 1))
+                out[offsets["effort"] + np.flatnonzero(own), 0] = 1.0
+                effects[effect + "+"], parts[effect + "+"] = out, ["rough"]
         blocks = [b for b in (block, *(a for _, a in amplitudes)) if b is not None]
+        if not blocks and effect + "+" in effects:
+            effects[effect], parts[effect] = effects.pop(effect + "+"), parts.pop(effect + "+")
         if blocks:
             effects[effect], parts[effect] = np.hstack(blocks), [*names, *(n for n, _ in amplitudes)]
     return effects, parts
@@ -262,7 +272,7 @@ def _tried(problem, forms, beside, taken):
 
 def acceptable(problem, name, beside):
     """Whether the fitted size has a sense: some effects only grow."""
-    if plain(name) not in POSITIVE:
+    if plain(name) not in POSITIVE and name not in POSITIVE:
         return True
     sizes = problem.taken([*beside, name])[1]
     return bool(sizes[-problem.white[name].shape[1]] > 0.0)
@@ -278,8 +288,11 @@ def _backward(problem, chosen):
     return kept
 
 
-def visibility(problem):
-    """{id: (visible, smallest detectable size, column name, largest usual size)} of every effect that has columns."""
+def visibility(problem, largest_of=None):
+    """{id: (visible, smallest detectable size, column name, largest usual size)} of every effect that has columns.
+
+    ``largest_of``: usual sizes by column beyond those of `LARGEST`, where a quantity of another kind bounds them.
+    """
     out = {}
     for name, white in problem.white.items():
         if name.endswith("+"):
@@ -288,7 +301,7 @@ def visibility(problem):
         size = float(t_law.isf(0.5 * np.exp(LEVEL), problem.dof)) / np.sqrt(max(info, 1e-300))
         size *= np.sqrt(max(problem.inflation.get(name, 1.0), 1.0))
         part = problem.parts[name][0]
-        largest = LARGEST.get(part, 0.8)
+        largest = max(LARGEST.get(part, 0.8), (largest_of or {}).get(part, 0.0))
         out[name] = (bool(size < largest), size, part, largest)
     return out
 

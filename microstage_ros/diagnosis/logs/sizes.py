@@ -60,6 +60,8 @@ def parameters_of(name, parts, beta, covariance, context, shown):
         if first == "bumps":
             return {"amplitude": _of_bumps(beta, covariance)}
         return {"amplitude": _of_waves(beta, covariance, parts)}
+    if name == "torque_ripple" and first == "rough":
+        return {"roughness_factor": Parameter(math.exp(b), math.exp(b) * s, "1")}
     if name in ("torque_ripple", "screw_pitch_error"):
         k = int(np.argmax(np.abs(beta)))
         out = {("amplitude_m" if name == "screw_pitch_error" else "amplitude"): Parameter(float(beta[k]) * scale, float(sigma[k]) * scale, unit)}
@@ -79,7 +81,7 @@ def parameters_of(name, parts, beta, covariance, context, shown):
         sharp = context.top_acceleration
         return {"error_per_acceleration": Parameter(b * scale / sharp, s * scale / sharp, "s²")}
     if name == "scale_error":
-        return {"relative": Parameter(2.0 * b * scale / stroke, 2.0 * s * scale / stroke, "1")}
+        return {"relative": Parameter(-2.0 * b * scale / stroke, 2.0 * s * scale / stroke, "1")}   # a reading too long lessens the error
     if name in ("floor_vibration", "sampling_jitter"):
         return {"roughness_factor": Parameter(math.exp(b), math.exp(b) * s, "1")}
     if name == "presliding_creep":

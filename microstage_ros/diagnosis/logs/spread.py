@@ -16,7 +16,7 @@ ROUNDS = 6
 #: Usual healthy standard deviations of a mode, relative to the channel's scale: (repetition, state of assembly).
 #: Calibrated on the machine states of published logs (docs/logs.md) and held by `microstage log --examine`.
 USUAL = {
-    "level": (0.010, 0.035), "moving": (0.010, 0.025), "viscous": (0.008, 0.030), "inertia": (0.010, 0.030), "start": (0.020, 0.060),
+    "level": (0.010, 0.030), "moving": (0.010, 0.025), "viscous": (0.008, 0.030), "inertia": (0.010, 0.030), "start": (0.020, 0.060),
     "brake": (0.020, 0.060), "spring": (0.005, 0.015), "waves": (0.005, 0.025), "waves of force": (0.005, 0.015),
     "lost motion": (0.010, 0.020), "speed": (0.005, 0.030), "acceleration": (0.010, 0.060), "place": (0.004, 0.030),
     "creep": (0.005, 0.010), "gain": (0.003, 0.010), "constant": (0.005, 0.020), "resistive": (0.004, 0.015), "offset": (1.0, 1.0),
@@ -31,7 +31,7 @@ MODES = {
     "voltage": ("gain", "constant", "resistive"),
 }
 #: A mode of its own per cell at rest: what friction holds there is open, a magnitude at rest less so.
-REST = {"effort": (0.10, 0.20), "magnitude": (0.02, 0.04), "error": (0.02, 0.04), "voltage": (0.05, 0.05)}
+REST = {"effort": (0.10, 0.20), "magnitude": (0.03, 0.08), "error": (0.02, 0.04), "voltage": (0.05, 0.05)}
 AMPLITUDE = {"ripple": (0.003, 0.010, 0.10, 0.25), "ripple high": (0.003, 0.010, 0.10, 0.20), "rough": (0.06, 0.25, 0.0, 0.0)}
 PATTERN = 0.012           # of the scale: what assembly changes in single cells beyond the modes
 SHIFTED = 0.05            # of the scale: what one constant per repetition may be, where repetitions still agree
@@ -145,6 +145,8 @@ def _modes(coordinates):
             sigma = sigma if kind == "settled" else (2.0 * sigma[0], 2.0 * sigma[1])
         elif kind in AMPLITUDE:
             least_r, least_a, share_r, share_a = AMPLITUDE[kind]
+            if channel == "error" and kind != "rough":      # a loop turns what assembly does to the force into more of it
+                least_a, share_a = 3.0 * least_a, 2.0 * share_a
             sigma = (least_r + share_r * usual[kind], least_a + share_a * usual[kind])
         else:
             continue

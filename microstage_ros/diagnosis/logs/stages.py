@@ -19,13 +19,14 @@ class Stage:
     """One problem with its answer: the drive's effort (and voltage), or the following error.
 
     ``coordinates``, ``spreads``: {channel: …}; ``only``: ids that are looked for here, None for all; ``free``: names of columns that
-    the error may follow without a cause of its own.
+    the error may follow without a cause of its own; ``largest``: usual sizes by column (`decide.visibility`).
     """
 
     coordinates: dict
     spreads: dict
     only: tuple = None
     free: tuple = ()
+    largest: dict = dataclasses.field(default_factory=dict)
     problem: object = None
     seen: dict = dataclasses.field(default_factory=dict)
     chosen: list = dataclasses.field(default_factory=list)
@@ -37,7 +38,7 @@ class Stage:
         """Choose causes; keep none that explain too little of what stands out. Returns a sentence, or an empty one."""
         self.problem = build(self)
         calibrate(self)
-        self.seen = decide.visibility(self.problem)
+        self.seen = decide.visibility(self.problem, self.largest)
         visible = {name for name, entry in self.seen.items() if entry[0]}
         self.chosen = decide.choose(self.problem, visible, open_sign)
         self.whole, self.share = decide.stands_out(self.problem, self.chosen)

@@ -13,6 +13,7 @@ from microstage_ros.diagnosis.logs.stages import build, stages_of
 from microstage_ros.diagnosis.report.wording import sentence_of
 from microstage_ros.diagnosis.result import Cause, Diagnosis, Finding, Gain, OverallGain, Rivals
 
+LATE_S, GAP = 0.02, 0.005  # s, and share of the stroke: sizes that are told as visible if they would be found
 FEW = 6                    # repetitions of the baseline below which thresholds are called wide
 
 
@@ -21,6 +22,8 @@ def answer(reduced, spreads, groups, context, notes, open_sign, seed):
     stages = stages_of(reduced, spreads)
     changed = False
     for stage in stages:
+        if "error" in stage.coordinates:
+            stage.largest = largest_in_error(context)
         if changed:
             stage.free = FORCED
             stage.only = tuple(name for name in stage.only if name not in FOLLOWING)
@@ -49,6 +52,13 @@ def answer(reduced, spreads, groups, context, notes, open_sign, seed):
     diagnosis = Diagnosis(verdict, tuple(causes), tuple(rivals), gain, findings, (), tuple(notes), seed)
     evidence = {"reduced": reduced, "spreads": spreads, "stages": stages, "groups": groups}
     return LogDiagnosis(diagnosis, seen, hidden_effects(seen, context), healthy_table(context, spreads), evidence, context)
+
+
+def largest_in_error(context):
+    """Usual largest sizes in the following error, relative to its rms: a delay of `LATE_S`, lost motion of `GAP` of the stroke."""
+    scale = max(context.scale("error"), 1e-300)
+    of_place = GAP * context.stroke / scale
+    return {"speed": LATE_S * context.top_speed / scale, **dict.fromkeys(("lost motion", "load", "place", "acceleration", "creep"), of_place)}
 
 
 def told(cause):

@@ -147,7 +147,8 @@ def with_effect(machine, effect, rng, strength=1.0):
         return machine.changed(gain=factor), {"factor": 1.0 / factor}, {}
     if effect == "floor_vibration":
         return machine, {}, {"vibration": k * rng.uniform(3.0, 10.0)}
-    return machine, {"relative": sign * k * rng.uniform(0.002, 0.01)}, {"scale": sign * k * 0.004}
+    relative = sign * k * rng.uniform(0.002, 0.01)
+    return machine, {"relative": relative}, {"scale": relative}
 
 
 def draw_case(number, seed, kind="mixed", effect="", signals="", strength=1.0):
