@@ -17,6 +17,8 @@ STEADY = STATES.index("steady")
 HARMONICS = 60              # highest harmonic of the turn
 SLOWEST = 0.4               # cycles per sample up to which a ripple can be read
 PHASES = 512                # parts of a turn that rows are gathered in before their harmonics are taken
+SHIFTED = 0.05              # of the scale: what one constant per repetition may be, where repetitions still agree
+FREE = 30.0                 # of the scale: standard deviation of a level that cannot be compared
 LOW_ORDERS = 2              # harmonics that count as once per turn; the others make the second group
 LEAST_ROWS = 40             # moving rows of one direction in a repetition for an amplitude
 
@@ -28,8 +30,8 @@ class Coordinates:
     ``baseline``, ``now``: arrays (repetitions, K). ``group_baseline``, ``group_now``: number of the file of each repetition.
     ``condition``: code per coordinate. ``kind``: per coordinate: state name, ``ripple``, ``ripple high`` or ``rough``.
     ``direction``, ``place``: per coordinate. ``columns``: name → (K, k) array of every effect.
-    ``count``: rows per coordinate and repetition, on average. ``shifted``: (K, m) basis of levels that were shifted afterwards;
-    ``shifted_within``: whether the constants change within a repetition.
+    ``count``: rows per coordinate and repetition, on average. ``shifted``: (K, m) what levels that were shifted afterwards
+    may differ by, in standard deviations.
     """
 
     channel: object
@@ -45,7 +47,6 @@ class Coordinates:
     count: np.ndarray
     shifted: np.ndarray
     spectrum: dict
-    shifted_within: bool = True
 
 
 def cell_keys(rows, stroke, places, top):
@@ -133,6 +134,8 @@ def reduce(channel, baseline, now, cells, places, stroke, top, columns_of, turn)
                 weights += np.bincount(slot[good], minlength=len(cells))
             for number in np.unique(rows.repetition):
                 own = good & (rows.repetition == number)
+                if not own.any():
+                    continue
                 count = np.bincount(slot[own], minlength=len(cells))
                 mean = np.bincount(slot[own], left[own], len(cells)) / np.where(count > 0, count, np.nan)
                 vectors.append(mean)
@@ -214,24 +217,30 @@ def _assembled(channel, cells, sides, sums, weights, shifted, spectra):
     pick = lambda extra: extra[1][:, [extra[0].index(key) for key in common]] if common else np.zeros((len(extra[1]), 0))
     condition, state, direction, _, place = unpack(cells)
     kinds = np.array([*(STATES[s] for s in state), *(key[1] for key in common)], dtype=object)
-    basis = _range_of(shifted, len(cells))
+    basis = np.hstack([_range_of(shifted, condition == code) for code in np.unique(condition)] or [np.zeros((len(cells), 0))])
     columns = {name: np.concatenate([total / np.maximum(weights, 1)[:, None], np.zeros((len(common), total.shape[1]))])
                for name, total in sums.items()}
     return Coordinates(
         channel, np.hstack([base, pick(extra_base)]), np.hstack([now, pick(extra_now)]), groups_base, groups_now,
         np.array([*condition, *(key[0] for key in common)], int), kinds, np.array([*direction, *(key[2] for key in common)], float),
         np.array([*place, *([0] * len(common))], int), columns, np.concatenate([counts.mean(axis=0), np.full(len(common), np.nan)]),
-        np.concatenate([basis, np.zeros((len(common), basis.shape[1]))]), _mean_spectrum(spectra),
-        any(w.shape[1] > 1 for w in shifted))
+        np.concatenate([basis, np.zeros((len(common), basis.shape[1]))]), _mean_spectrum(spectra))
 
 
-def _range_of(shifted, size):
-    """Basis of what the shifts span, shape (K, m)."""
-    if not shifted:
+def _range_of(shifted, own):
+    """What the shifts span in the cells ``own`` (K,) of one condition, each direction times its standard deviation: (K, m).
+
+    Constants that change within a repetition make levels incomparable (`FREE`); one constant per repetition, where repetitions still
+    agree, is `SHIFTED` of the scale.
+    """
+    size = len(own)
+    parts = [w * own[:, None] for w in shifted]
+    parts = [w[:, np.abs(w).max(axis=0) > 0.0] for w in parts if np.abs(w * own[:, None]).max(initial=0.0) > 0.0]
+    if not parts:
         return np.zeros((size, 0))
-    total = sum(w @ w.T for w in shifted) / len(shifted)
-    values, vectors = np.linalg.eigh(total)
-    return vectors[:, values > 0.02 * values[-1]]
+    values, vectors = np.linalg.eigh(sum(w @ w.T for w in parts) / len(parts))
+    within = any(w.shape[1] > 1 for w in parts)
+    return vectors[:, values > 0.02 * values[-1]] * (FREE if within else SHIFTED * np.sqrt(own.sum()))
 
 
 def _mean_spectrum(spectra):

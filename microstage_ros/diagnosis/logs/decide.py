@@ -12,7 +12,7 @@ import numpy as np
 from scipy.stats import f as f_law
 from scipy.stats import t as t_law
 
-from microstage_ros.diagnosis.logs.effects import RARER, SIGNATURES
+from microstage_ros.diagnosis.logs.effects import ALSO, RARER, SIGNATURES
 
 LEVEL = np.log(1e-3)       # log p below which an effect is named (some twenty are tried)
 RIVAL = 3.0                # difference of log p within which another effect explains as much (odds of 20)
@@ -215,6 +215,7 @@ def choose(problem, visible, open_sign=False):
                 found.setdefault(plain(name), value)
         choice.rivals = list(found)[:4]
         choice.log_p = own
+        choice.rivals += [name for name in ALSO.get(plain(choice.name), ()) if name not in choice.rivals and name not in [plain(b) for b in beside]]
         if open_sign:
             swap = {"friction_level_change": "gravity_tilt", "gravity_tilt": "friction_level_change"}.get(plain(choice.name))
             if swap and swap not in choice.rivals and swap not in [plain(b) for b in beside]:

@@ -84,6 +84,8 @@ SEPARATE = {
 FORCED = ("level", "level transient", "viscous", "speed transient", "force in error", "inertia", "start", "brake", "waves", "spring", "breakaway")
 #: Effects on the error that a changed effort brings with it and that are therefore not looked for beside one.
 FOLLOWING = ("backlash", "drive_compliance", "sampling_jitter", "screw_pitch_error", "presliding_creep", "actuator_lag")
+#: What a trace in the error beside an unchanged effort may as well be, although the effort does not prove it.
+ALSO = {"actuator_lag": ("payload_change",), "drive_compliance": ("backlash",), "presliding_creep": ("backlash",)}
 #: How much rarer than the commonest causes an effect is taken to be, as log odds: what decides between names that fit alike.
 #: An opinion, not a measurement: frequencies of causes differ between shops.
 RARER = {"viscous_change": 1.0, "nonlinear_viscous": 1.5, "amplifier_gain": 2.0, "cable_spring": 1.0, "presliding_creep": 2.0, "actuator_lag": 2.0,

@@ -34,8 +34,6 @@ MODES = {
 REST = {"effort": (0.10, 0.20), "magnitude": (0.03, 0.08), "error": (0.02, 0.04), "voltage": (0.05, 0.05)}
 AMPLITUDE = {"ripple": (0.003, 0.010, 0.10, 0.25), "ripple high": (0.003, 0.010, 0.10, 0.20), "rough": (0.06, 0.25, 0.0, 0.0)}
 PATTERN = 0.012           # of the scale: what assembly changes in single cells beyond the modes
-SHIFTED = 0.05            # of the scale: what one constant per repetition may be, where repetitions still agree
-FREE = 30.0               # standard deviation of a level that cannot be compared
 
 
 @dataclasses.dataclass
@@ -70,10 +68,7 @@ class Spread:
             share = np.array([1.0 + 1.0 / max(self.groups.get(int(c), 1), 1) for c in coordinates.condition])
             total = total + ((self.modes * self.assembly) @ self.modes.T + np.diag(_pattern(coordinates))) * np.sqrt(np.outer(share, share))
         free = coordinates.shifted
-        if not free.shape[1]:
-            return total
-        size = FREE if coordinates.shifted_within else SHIFTED * np.sqrt(len(free))
-        return total + size**2 * free @ free.T
+        return total + free @ free.T if free.shape[1] else total
 
 
 def _pattern(coordinates):

@@ -5,8 +5,10 @@ import dataclasses
 import numpy as np
 
 from microstage_ros.diagnosis.logs import decide, spread
+from microstage_ros.diagnosis.logs.coordinates import FREE
 from microstage_ros.diagnosis.logs.effects import SIGNATURES
 
+TELLING = 0.1              # of the information on an effect that a repetition left out must have to judge its spread
 PRIOR_LOO = 4.0            # weight, in repetitions, of "the spread is as learned" against the repetitions left out
 #: Shares of a change that a column misses at steady speed, and at starts and stops, where friction is not yet that of sliding.
 #: Calibrated: `microstage log --examine`, machines of four friction laws.
@@ -38,7 +40,9 @@ class Stage:
         """Choose causes; keep none that explain too little of what stands out. Returns a sentence, or an empty one."""
         self.problem = build(self)
         calibrate(self)
-        self.seen = decide.visibility(self.problem, self.largest)
+        quiet = build(self, form=False)        # what would show does not depend on how large a change there is
+        quiet.inflation = self.problem.inflation
+        self.seen = decide.visibility(quiet, self.largest)
         visible = {name for name, entry in self.seen.items() if entry[0]}
         self.chosen = decide.choose(self.problem, visible, open_sign)
         self.whole, self.share = decide.stands_out(self.problem, self.chosen)
@@ -74,11 +78,11 @@ def stages_of(reduced, spreads):
     return stages
 
 
-def build(stage, now=None, base=None, assembly=True):
+def build(stage, now=None, base=None, assembly=True, form=True):
     """`Problem` of the mean of now against the mean of the baseline.
 
     ``now``, ``base``: {channel: vectors (repetitions, K)} in place of those of the stage; ``assembly``: whether the two sides may be
-    different states of assembly.
+    different states of assembly; ``form``: whether what columns miss of the change itself counts as noise.
     """
     differences, blocks, where, kinds = [], [], [], []
     for name, coordinates in stage.coordinates.items():
@@ -92,11 +96,12 @@ def build(stage, now=None, base=None, assembly=True):
         c = stage.spreads[name].covariance(coordinates, number_now, number_base, assembly)
         for column in stage.free:
             for free in coordinates.columns.get(column, np.zeros((len(d), 0))).T:
-                c = c + spread.FREE**2 * np.outer(free, free)
-        c = c + np.diag(form_error(coordinates, np.nan_to_num(d)))
+                c = c + FREE**2 * np.outer(free, free)
+        if form:
+            c = c + np.diag(form_error(coordinates, np.nan_to_num(d)))
         c[~good, :] = 0.0
         c[:, ~good] = 0.0
-        c[~good, ~good] = spread.FREE**2
+        c[~good, ~good] = FREE**2
         differences.append(np.nan_to_num(d))
         blocks.append(c)
         where += [name] * len(d)
@@ -139,6 +144,8 @@ def calibrate(stage):
         single = build(stage, {n: r.baseline[[left]] for n, r in stage.coordinates.items()},
                        {n: r.baseline[others] for n, r in stage.coordinates.items()}, assembly=across)
         for name in ratios:
+            if np.sum(single.white[name] ** 2) < TELLING * np.sum(problem.white[name] ** 2):
+                continue           # this repetition says next to nothing of the effect
             ratios[name].append(single.taken([name])[0] / single.white[name].shape[1])
         whole.append(single.whole / len(single.difference))
     for name, values in ratios.items():

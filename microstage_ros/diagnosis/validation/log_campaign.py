@@ -110,7 +110,7 @@ def visibility_table(outcomes):
 def line(outcome):
     """One case in one line."""
     opened = "".join(f" ({' | '.join(ids)})" for ids in outcome.rivals)
-    return (f"{outcome.number:4d} {'+'.join(outcome.truth) or 'healthy':40s} {outcome.signals:26s} {outcome.rate:6g} Hz {outcome.runs:3d} runs "
+    return (f"{outcome.number:4d} {'+'.join(outcome.truth) or 'healthy':40s} {outcome.signals:26s} {outcome.rate:6g} Hz {outcome.runs:3d} runs {'seen' if outcome.visible else 'blind' if outcome.truth else '':5s} "
             f"{outcome.result:11s} {outcome.verdict:16s} {', '.join(outcome.named)}{opened} {outcome.seconds:.1f} s"
             + "".join(f" [{c[1]} {c[4]:.3g} ± {c[5]:.2g}, truth {c[3]:.3g}]" for c in outcome.covered))
 

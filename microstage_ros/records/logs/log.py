@@ -82,6 +82,8 @@ def read_log(path, description: LogDescription):
     time = _time(table, description, path)
     signals, unit, notes_q = _signals(table, description, path)
     piece, kept, more = quality.pieces_of(time, description.cycle_restarts)
+    if len(time) and piece[-1] + 1 > 0.3 * len(time):
+        raise InputError(f"{path}: time", f"{piece[-1]} steps back or gaps in {len(time)} rows", "time that advances; see time.column and time.unit")
     notes += more
     shift = None
     effort = description.effort
