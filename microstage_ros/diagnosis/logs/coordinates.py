@@ -162,7 +162,7 @@ def _amplitudes(rows, own, left, slot, mean, turn):
             if use.sum() < LEAST_ROWS:
                 continue
             r = fluctuation[use]
-            found[(int(code), "rough", direction)] = float(0.5 * np.log(np.mean(np.diff(r) ** 2) + 1e-14))
+            found[(int(code), "rough", direction)] = float(0.5 * np.log(np.mean(np.diff(r, 2) ** 2) + 1e-14))
             if turn:
                 r = _detrended(m.x[use], left[use])
                 orders = _orders(m, use, turn, rows.log.period)
@@ -177,7 +177,7 @@ def _amplitudes(rows, own, left, slot, mean, turn):
                         found[(int(code), "ripple high", direction)] = float(np.sqrt(power[~low].sum()))
         still = here & (m.state == STATES.index("settled"))
         if still.sum() >= LEAST_ROWS:
-            found[(int(code), "rough", 0)] = float(0.5 * np.log(np.mean(np.diff(fluctuation[still]) ** 2) + 1e-14))
+            found[(int(code), "rough", 0)] = float(0.5 * np.log(np.mean(np.diff(fluctuation[still], 2) ** 2) + 1e-14))
     return found, spectrum
 
 
