@@ -7,10 +7,13 @@ from pathlib import Path
 import yaml
 
 from microstage_ros import __version__
+from microstage_ros.commands import answer
 from microstage_ros.commands.__main__ import which_ros
 from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.backend import add_backend, chosen_backend
 from microstage_ros.commands.parser import Parser
+from microstage_ros.commands.progress import progress
+from microstage_ros.files import write_text
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
 
@@ -84,7 +87,8 @@ def _run(arguments, axis, out, backend):
              "controller": arguments.controller or axis.controller["type"], "tolerance_m": TOLERANCE,
              "settle_time_s": SETTLE_TIME, "ros": which_ros(), "simulated": backend.simulated, "backend": backend.name,
              "instrument": "interferometer" if backend.instruments else "encoder", "period_s": axis.value("period")}
-    (out / "moves.json").write_text(json.dumps({"run": facts, "moves": results}, indent=1), encoding="utf-8")
+    write_text(out / "moves.json", json.dumps({"run": facts, "moves": results}, indent=1))
+    answer.state(run=facts, moves=results, report=str(out / "report.html"), bag=str(out / "bag"))
     rows = accuracy_rows(results)
     print_table(rows, facts)
     write_report(out / "report.html", out / "bag", rows, results, facts)
@@ -98,28 +102,28 @@ def _run(arguments, axis, out, backend):
 def _make_moves(arguments, axis, out, moves, backend):
     """Start the cell, make the moves, stop it. Returns one dict per measured move."""
     import rclpy
-    from rich.console import Console
-    from rich.progress import Progress
 
     from microstage_ros.ros.client import AxisClient
     from microstage_ros.ros.launching.cell_processes import NODES, CellProcesses
+    from microstage_ros.ros.launching.ownership import free_namespace
 
+    namespace = free_namespace()
+    if namespace != "/axis":
+        print(f"/axis is in use; this demo is {namespace}", file=sys.stderr)
     out.mkdir(parents=True, exist_ok=True)
     rclpy.init()
-    node = rclpy.create_node("demo", namespace="/axis")
-    console = Console(stderr=True)
-    with CellProcesses("/axis", backend.nodes(NODES), cell_parameters(arguments, axis, out, backend), logs=out / "logs") as cell, \
-            Progress(console=console, disable=not sys.stderr.isatty(), transient=True) as progress:
+    node = rclpy.create_node("demo", namespace=namespace)
+    with CellProcesses(namespace, backend.nodes(NODES), cell_parameters(arguments, axis, out, backend), logs=out / "logs") as cell, \
+            progress("moves", len(moves)) as bar:
         cell.activate(node)
-        axis_client = AxisClient("/axis", node)
-        task = progress.add_task("moves", total=len(moves))
+        axis_client = AxisClient(namespace, node)
         results = []
         for target, measured in moves:
             cell.check()
             result = axis_client.move(target, tolerance=TOLERANCE, settle_time=SETTLE_TIME, timeout=MOVE_TIMEOUT)
             if measured:
                 results.append(move_facts(target, result))
-            progress.advance(task)
+            bar.advance()
         if backend.mode == "lockstep":
             axis_client.wait_until_still()  # so that every run of one seed ends in the same control period
         cell.deactivate(node)

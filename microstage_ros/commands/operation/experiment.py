@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from microstage_ros.commands import answer
 from microstage_ros.commands.__main__ import which_ros
 from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.backend import add_backend, chosen_backend
@@ -84,6 +85,7 @@ def _run(arguments, out, reference, axis, backend):
         return 1
     finally:
         rclpy.try_shutdown()
+    answer.state(bag=str(out / "bag"), periods=len(reference))
     print(f"{out / 'bag'}: the record ({len(reference)} control periods of program)")
     return 0
 

@@ -23,7 +23,7 @@ from microstage_ros.commands.project import toolchain
 
 OLDEST, NEWEST = (3, 10), (3, 14)
 MOST_SILENT = 1800
-"""Longest time [s] for one step."""
+"""Longest time [s] for which a step may write nothing into its log."""
 
 
 class Failure(Exception):
@@ -225,7 +225,7 @@ def _build(root, venv, build, sourced, tools, folder):
     arguments = [f"-DPython3_EXECUTABLE={python}", *tools.generator]
     if not tools.headers:
         arguments += _fetched_headers(folder, environment)
-    _step("interfaces", ["colcon", "--log-base", str(folder / "log"), "build", "--base-paths", str(root / "msg_defs"),
+    _step("interfaces", ["colcon", "--log-base", str(folder / "log"), "build", "--event-handlers", "console_direct+", "--base-paths", str(root / "msg_defs"),
                          "--build-base", str(folder / "build"), "--install-base", str(folder / "install"),
                          "--cmake-args", *arguments], build, environment)
 
@@ -261,7 +261,7 @@ def _step(what, command, build, environment=None):
                 if live:
                     left = f", about {usual - passed:.0f} s left" if usual and usual > passed + 1 else ""
                     print(f"\r\033[K  {what}: {passed:3.0f} s{left}  {_last_line(log, start)}", end="", file=sys.stderr, flush=True)
-                if passed > MOST_SILENT:
+                if time.time() - log.stat().st_mtime > MOST_SILENT:
                     process.kill()
                 time.sleep(0.2)
         except BaseException:

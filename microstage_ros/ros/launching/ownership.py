@@ -90,6 +90,22 @@ class Ownership:
             self._file = None
 
 
+def free_namespace(wanted="/axis", others=("/demo", *(f"/demo_{number}" for number in range(2, 100)))):
+    """``wanted`` if no process of this machine owns an axis of that name, else the first of the others that is free.
+
+    Raises `InputError`, which names the owner of ``wanted``, if all are taken.
+    """
+    refused = None
+    for name in (wanted, *others):
+        try:
+            Ownership("cell", name, ("driver",)).release()
+        except InputError as error:
+            refused = refused or error
+        else:
+            return name
+    raise refused
+
+
 def owner(path):
     """Host, process, since, command of who holds a lock; None if nobody does."""
     try:

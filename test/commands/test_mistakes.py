@@ -1,0 +1,153 @@
+"""Typical mistakes on the command line: each one clear line and status 2, and nothing that was there is lost."""
+
+import re
+
+import pytest
+
+from microstage_ros.commands.__main__ import main
+from microstage_ros.places import config_file
+
+AXIS = str(config_file("axis.yaml"))
+RUN = "controller: {type: pid}\nprogram: [{move_to_m: 1.0e-5, dwell_s: 0.01}]\n"
+RECORD = "t_s,encoder_m,reference_m,voltage_V\n" + "".join(f"{k * 1e-4:.4f},0,0,0\n" for k in range(20))
+
+
+def changed(pattern, text):
+    """The shipped axis file with one place changed."""
+    new, count = re.subn(pattern, text, config_file("axis.yaml").read_text(encoding="utf-8"), count=1)
+    assert count == 1
+    return new
+
+
+FILES = {
+    "axis.yaml": lambda: config_file("axis.yaml").read_text(encoding="utf-8"),
+    "run.yaml": lambda: RUN,
+    "rec.csv": lambda: RECORD,
+    "earlier.csv": lambda: "earlier\n",
+    "earlier.yaml": lambda: "earlier: 1\n",
+    "answer/report.json": lambda: "{}\n",
+    "empty.csv": lambda: "",
+    "semicolon.csv": lambda: RECORD.replace(",", ";"),
+    "strange.csv": lambda: RECORD.replace("voltage_V", "Voltage"),
+    "letters.csv": lambda: RECORD.replace("0.0003,0", "0.0003,abc"),
+    "jumps.csv": lambda: RECORD.replace("0.0010,", "0.0030,"),
+    "noheader.csv": lambda: RECORD.split("\n", 1)[1],
+    "picture.csv": lambda: "\x89PNG\x00\x01",
+    "plain.csv.gz": lambda: RECORD,
+    "tabs.yaml": lambda: "controller:\n\t- {type: pid}\n",
+    "list.yaml": lambda: "- 1\n- 2\n",
+    "unit.yaml": lambda: changed(r"pitch: \{value: 2.0e-3, unit: m,", "pitch: {value: 2.0, unit: mm,"),
+    "nounit.yaml": lambda: changed(r"pitch: \{value: 2.0e-3, unit: m,", "pitch: {value: 2.0e-3,"),
+    "word.yaml": lambda: changed(r"mass: \{value: 3.06", "mass: {value: heavy"),
+    "minus.yaml": lambda: changed(r"mass: \{value: 3.06", "mass: {value: -3.06"),
+    "nopitch.yaml": lambda: changed(r"  pitch: [^\n]*\n", ""),
+    "typo.yaml": lambda: changed("pitch:", "pich:"),
+    "law.yaml": lambda: changed("law: maxwell_slip", "law: maxwell"),
+    "controller.yaml": lambda: RUN.replace("pid", "pdi"),
+    "effect.yaml": lambda: RUN + "effects: {backlsh: {width_rad: 0.01}}\n",
+    "size.yaml": lambda: RUN + "effects: {backlash: {width_rad: -1.0}}\n",
+    "far.yaml": lambda: RUN.replace("1.0e-5", ".nan"),
+    "noprogram.yaml": lambda: "controller: {type: pid}\n",
+    "nofile.yaml": lambda: "controller: {type: pid}\nprogram: [{reference_file: nowhere.csv}]\n",
+    "targets.txt": lambda: "10um\nten\n",
+}
+
+SIMULATE = ["simulate", "--axis", "axis.yaml", "--run", "run.yaml", "--out", "o.csv"]
+
+
+def simulate(**other):
+    """The words of a simulation with some of them changed."""
+    words = {"axis": "axis.yaml", "run": "run.yaml", "out": "o.csv", **other}
+    return ["simulate", *(part for name, value in words.items() for part in (f"--{name}", value))]
+
+
+MISTAKES = {
+    "a command that there is not": (["simulte"], "did you mean simulate?"),
+    "no command": (["--axis", "axis.yaml"], "there is no command"),
+    "an option that there is not": ([*SIMULATE, "--sed", "1"], "did you mean --seed?"),
+    "an option without its value": (["simulate", "--axis"], "expected one argument"),
+    "a required option left out": (["simulate", "--axis", "axis.yaml"], "required: --run, --out"),
+    "a word too many": ([*SIMULATE, "more"], "unexpected words: more"),
+    "a seed that is no number": (simulate(seed="one"), "invalid int value: 'one'"),
+    "a seed below zero": (simulate(seed="-1"), "--seed: got -1"),
+    "a length with a wrong unit": (["move", "--to", "10xm"], "expected a length"),
+    "a length with a comma": (["move", "--to", "1,5um"], "expected a length"),
+    "no target": (["move"], "one of the arguments --to --by --targets is required"),
+    "two kinds of target": (["move", "--to", "1um", "--by", "1um"], "not allowed with argument"),
+    "a tolerance of nothing": (["move", "--to", "1um", "--tolerance", "0"], "a length above 0"),
+    "a time below zero": (["move", "--to", "1um", "--timeout", "-3"], "a time above 0"),
+    "a file of targets that is not there": (["move", "--targets", "target.txt"], "file not found"),
+    "a file of targets with a word": (["move", "--targets", "targets.txt"], "line 2: got 'ten'"),
+    "an axis file that is not there": (simulate(axis="axs.yaml"), "axs.yaml: file not found"),
+    "an axis file that is a folder": (simulate(axis="answer"), "is a directory"),
+    "an axis file that is a record": (simulate(axis="rec.csv"), "rec.csv"),
+    "a unit that is not SI": (simulate(axis="unit.yaml"), "transmission.pitch"),
+    "a unit left out": (simulate(axis="nounit.yaml"), "transmission.pitch"),
+    "a word for a number": (simulate(axis="word.yaml"), "stage.mass"),
+    "a mass below zero": (simulate(axis="minus.yaml"), "stage.mass"),
+    "a number left out": (simulate(axis="nopitch.yaml"), "transmission.pitch"),
+    "a key with a slip": (simulate(axis="typo.yaml"), "pich"),
+    "a law that there is not": (simulate(axis="law.yaml"), "contacts.guideway.law"),
+    "a run file that is not there": (simulate(run="r.yaml"), "r.yaml: file not found"),
+    "a run file with tabs": (simulate(run="tabs.yaml"), "valid YAML"),
+    "a run file that is a list": (simulate(run="list.yaml"), "list.yaml"),
+    "a controller that there is not": (simulate(run="controller.yaml"), "'pdi'"),
+    "an effect that there is not": (simulate(run="effect.yaml"), "backlsh"),
+    "an effect of an impossible size": (simulate(run="size.yaml"), "width_rad"),
+    "a target that is no number": (simulate(run="far.yaml"), "move_to_m"),
+    "a run file without a program": (simulate(run="noprogram.yaml"), "program"),
+    "a reference file that is not there": (simulate(run="nofile.yaml"), "nowhere.csv"),
+    "a record's name with a wrong ending": (simulate(out="o.txt"), "a file name ending in"),
+    "earlier results in the way": (simulate(out="earlier.csv"), "exists already; expected a new name, or --force"),
+    "an earlier axis file in the way": (["identify", "--axis", "axis.yaml", "rec.csv", "--out", "earlier.yaml"], "--force"),
+    "an earlier answer in the way": (["diagnose", "--axis", "axis.yaml", "rec.csv", "--out", "answer"], "--force"),
+    "a record that is not there": (["diagnose", "--axis", "axis.yaml", "rec1.csv", "--out", "new"], "rec1.csv: file not found"),
+    "an empty record": (["identify", "--axis", "axis.yaml", "empty.csv", "--out", "n.yaml"], "an empty file"),
+    "a record with semicolons": (["identify", "--axis", "axis.yaml", "semicolon.csv", "--out", "n.yaml"], "separated by commas"),
+    "a record with a strange column": (["identify", "--axis", "axis.yaml", "strange.csv", "--out", "n.yaml"], "Voltage"),
+    "a record with letters": (["identify", "--axis", "axis.yaml", "letters.csv", "--out", "n.yaml"], "line 5, field encoder_m"),
+    "a record whose time jumps": (["identify", "--axis", "axis.yaml", "jumps.csv", "--out", "n.yaml"], "line"),
+    "a record without a header": (["identify", "--axis", "axis.yaml", "noheader.csv", "--out", "n.yaml"], "names of the columns"),
+    "a picture for a record": (["identify", "--axis", "axis.yaml", "picture.csv", "--out", "n.yaml"], "picture.csv"),
+    "a plain file called compressed": (["identify", "--axis", "axis.yaml", "plain.csv.gz", "--out", "n.yaml"], "gz bytes"),
+    "a page for an axis file": (["identify", "--axis", "axis.yaml", "rec.csv", "--out", "n.html"], "ending in .yaml"),
+    "a bag that is not there": (["replay", "nowhere"], "file not found"),
+    "a rate of nothing": (["replay", "nowhere", "--rate", "0"], "--rate"),
+    "a namespace without its slash": (["cell", "--namespace", "axis"], "begins with a slash"),
+    "a backend that there is not": (["cell", "--backend", "simulatd"], "simulatd"),
+    "a topic left out": (["topic", "echo"], "the name of a topic"),
+    "a shell that there is not": (["completion", "tcsh"], "invalid choice: 'tcsh'"),
+    "a controller for tune that there is not": (["tune", "--axis", "axis.yaml", "--type", "pidd"], "did you mean pid?"),
+    "no cases": (["campaign", "--cases", "0"], "1 or more"),
+}
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder with the files that the mistakes name."""
+    for name, text in FILES.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text(), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def contents(folder):
+    """{file: its bytes} below a folder."""
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_is_one_line_and_status_2_and_nothing_is_lost(name, folder, capsys):
+    words, said = MISTAKES[name]
+    before = contents(folder)
+    status = main(words)
+    shown = capsys.readouterr()
+    assert status == 2, shown.err
+    assert said in shown.err and "Traceback" not in shown.err
+    assert len([line for line in shown.err.splitlines() if not line.startswith("warning: ")]) == 1, shown.err
+    assert contents(folder) == before
+
+
+def test_there_are_forty_and_more():
+    assert len(MISTAKES) >= 40
