@@ -19,6 +19,7 @@ LISTED = {
         "recover": "make a bag whole again that was cut off or damaged",
         "experiment": "a run file's program on the live cell, recorded for identify",
         "replay": "play a bag back onto its topics",
+        "watch": "is the axis still the machine that it was: scores against its own healthy spread",
         "topic": "list topics, show their messages, measure their rates",
     },
     "analysis": {

@@ -1,0 +1,83 @@
+"""The history of an axis's health in one SQLite file: healthy windows to judge by, and every window that was judged."""
+
+import json
+import sqlite3
+
+from microstage_ros import __version__
+from microstage_ros.monitoring.health import Reference
+from microstage_ros.quantities.errors import InputError
+
+TABLES = """
+CREATE TABLE IF NOT EXISTS facts (name TEXT PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS healthy (id INTEGER PRIMARY KEY, time REAL, source TEXT, traits TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS health (time REAL, source TEXT, channel TEXT, score REAL, trait TEXT, alarm INTEGER, since REAL);
+CREATE INDEX IF NOT EXISTS health_time ON health (time);
+"""
+
+
+class Store:
+    """A history file. Use as a context manager.
+
+    Parameters
+    ----------
+    path : of the file, made if it is not there; ``":memory:"`` keeps nothing.
+    axis : name of the axis; a file of another axis is refused. window_s : length of a window [s], as it was when begun.
+
+    Raises
+    ------
+    InputError : a file that is no history, or that of another axis or window.
+    """
+
+    def __init__(self, path, axis, window_s):
+        self.path, self._axis, self._window = str(path), axis, float(window_s)
+        try:
+            self._base = sqlite3.connect(self.path, isolation_level=None)
+            self._base.executescript(TABLES)
+        except sqlite3.Error as error:
+            raise InputError(self.path, str(error), "a history file of watch, or a new file in an existing folder") from None
+        self._agree({"axis": axis, "window_s": self._window})
+        self._base.execute("INSERT OR REPLACE INTO facts VALUES ('version', ?)", (json.dumps(__version__),))
+
+    def _agree(self, facts):
+        for name, value in facts.items():
+            row = self._base.execute("SELECT value FROM facts WHERE name = ?", (name,)).fetchone()
+            if row is None:
+                self._base.execute("INSERT INTO facts VALUES (?, ?)", (name, json.dumps(value)))
+            elif json.loads(row[0]) != value:
+                self._base.close()
+                raise InputError(f"{self.path}: {name}", value, f"{json.loads(row[0])}, as the history was begun")
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self.close()
+
+    def add_healthy(self, time, source, traits):
+        """Keep one healthy window's traits {(channel, trait): size}."""
+        text = json.dumps([[channel, trait, size] for (channel, trait), size in sorted(traits.items())])
+        self._base.execute("INSERT INTO healthy (time, source, traits) VALUES (?, ?, ?)", (time, source, text))
+
+    def healthy(self):
+        """List of the healthy windows' traits."""
+        rows = self._base.execute("SELECT traits FROM healthy ORDER BY id").fetchall()
+        return [{(channel, trait): size for channel, trait, size in json.loads(text)} for (text,) in rows]
+
+    def reference(self):
+        """`Reference` of the healthy windows; InputError while there are too few."""
+        return Reference.of(self.healthy(), self._window)
+
+    def add_health(self, time, source, health):
+        """Keep what was said of one window, {channel: `ChannelHealth`}."""
+        self._base.executemany("INSERT INTO health VALUES (?, ?, ?, ?, ?, ?, ?)", [
+            (time, source, channel, h.score, h.trait, int(h.alarm), h.since) for channel, h in health.items()])
+
+    def history(self, channel=None):
+        """Rows (time, source, channel, score, trait, alarm, since), oldest first."""
+        if channel is None:
+            return self._base.execute("SELECT * FROM health ORDER BY time, rowid").fetchall()
+        return self._base.execute("SELECT * FROM health WHERE channel = ? ORDER BY time, rowid", (channel,)).fetchall()
+
+    def close(self):
+        """Close the file; everything is in it already."""
+        self._base.close()

@@ -1,0 +1,36 @@
+"""The history outlives the process, and belongs to one axis."""
+
+import pytest
+
+from microstage_ros.monitoring.health import ChannelHealth
+from microstage_ros.monitoring.store import Store
+from microstage_ros.quantities.errors import InputError
+
+
+def test_what_is_kept_is_there_again(tmp_path):
+    path = tmp_path / "health.sqlite"
+    with Store(path, "left", 20.0) as store:
+        for number in range(9):
+            store.add_healthy(20.0 * number, "rec", {("torque", "level"): 0.01 * (-1) ** number})
+        store.add_health(200.0, "rec", {"torque": ChannelHealth(1.2, "level", True, 180.0)})
+    with Store(path, "left", 20.0) as store:
+        reference = store.reference()
+        assert reference.windows == 9 and set(reference.spread) == {("torque", "level")}
+        assert store.history("torque") == [(200.0, "rec", "torque", 1.2, "level", 1, 180.0)]
+        assert store.history("windup") == []
+
+
+@pytest.mark.parametrize("axis, window_s, words", [("right", 20.0, "axis"), ("left", 10.0, "window_s")])
+def test_another_axis_or_window_is_refused(tmp_path, axis, window_s, words):
+    Store(tmp_path / "health.sqlite", "left", 20.0).close()
+    with pytest.raises(InputError, match=words):
+        Store(tmp_path / "health.sqlite", axis, window_s)
+
+
+def test_a_file_that_is_no_history_is_refused(tmp_path):
+    path = tmp_path / "notes.txt"
+    path.write_text("no database, but long enough to be mistaken for one\n" * 40)
+    with pytest.raises(InputError, match="notes.txt"):
+        Store(path, "left", 20.0)
+    with pytest.raises(InputError, match="nowhere"):
+        Store(tmp_path / "nowhere" / "health.sqlite", "left", 20.0)
