@@ -24,7 +24,8 @@ def main(argv=None):
         f"{IN_A_ROW} windows in a row."))
     parser.add_argument("records", nargs="*", metavar="RECORD", help="records to judge, the oldest first; none: watch a running axis")
     parser.add_argument("--axis", required=True, metavar="FILE", help="axis file that the machine is compared with")
-    parser.add_argument("--baseline", nargs="+", default=[], metavar="RECORD", help="records of the healthy axis to learn its spread from")
+    parser.add_argument("--baseline", action="append", default=[], metavar="RECORD",
+                        help="a record of the healthy axis to learn its spread from; may be given again")
     parser.add_argument("--healthy", type=int, default=20, metavar="N",
                         help="without --baseline: so many first windows count as healthy (default 20)")
     parser.add_argument("--window", type=units.duration, default=DEFAULT_WINDOW, metavar="TIME", help="length of a window (default 20s)")

@@ -1,0 +1,55 @@
+"""The watch from end to end on simulated records: silent on a healthy axis, an alarm where friction rises."""
+
+import json
+
+import pytest
+
+from microstage_ros.commands.__main__ import run
+from microstage_ros.diagnosis.validation.simulated_records import Hidden, make_case
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.monitoring.store import Store
+from microstage_ros.places import config_file
+from microstage_ros.records import write_record
+
+AXIS = str(config_file("axis.yaml"))
+
+
+@pytest.fixture(scope="module")
+def records(tmp_path_factory):
+    """{name: file}: two healthy records, one more, and one of the axis with half as much friction again."""
+    folder, axis = tmp_path_factory.mktemp("watch"), load_axis(AXIS)
+    worn = Hidden("worn", ("friction_level_change",), {"friction_level_change": {"factor": 1.5}})
+    made = {"one": make_case(axis, Hidden("healthy"), 31)[2][0], "two": make_case(axis, Hidden("healthy"), 32)[2][0],
+            "three": make_case(axis, Hidden("healthy"), 33)[2][0], "worn": make_case(axis, worn, 34)[0][0]}
+    for name, record in made.items():
+        write_record(record, folder / f"{name}.csv")
+    return {name: str(folder / f"{name}.csv") for name in made}
+
+
+def answer_of(capsys, *arguments):
+    """Status and JSON of the command."""
+    capsys.readouterr()
+    status = run("watch", ["--axis", AXIS, "--window", "5s", "--json", *arguments])
+    return status, json.loads(capsys.readouterr().out)
+
+
+def test_friction_that_rose_is_an_alarm_and_health_is_none(records, capsys, tmp_path):
+    base = ["--baseline", records["one"], "--baseline", records["two"]]
+    status, quiet = answer_of(capsys, *base, records["three"])
+    assert status == 0 and quiet["alarms"] == [] and quiet["windows"] >= 4 and quiet["healthy_windows"] >= 8
+    store = tmp_path / "history.sqlite"
+    status, found = answer_of(capsys, *base, "--store", str(store), records["three"], records["worn"])
+    assert status == 0 and "torque" in {alarm["channel"] for alarm in found["alarms"]}
+    alarm = next(alarm for alarm in found["alarms"] if alarm["channel"] == "torque")
+    assert alarm["record"] == records["worn"] and alarm["trait"] in ("friction_level_change", "viscous_change")
+    with Store(store, load_axis(AXIS).name, 5.0) as history:
+        assert len(history.healthy()) == found["healthy_windows"] and len(history.history("torque")) == found["windows"]
+
+
+def test_bad_input_is_one_line_with_status_2(records, capsys, tmp_path):
+    for arguments, words in ((["nowhere.csv"], "nowhere.csv"), (["--healthy", "3", records["one"]], "--healthy"),
+                             ([records["one"]], "windows"), (["--false-alarms", "0", "--baseline", records["one"], "--baseline", records["two"], records["three"]],
+                                                             "false alarms")):
+        assert run("watch", ["--axis", AXIS, "--window", "5s", *arguments]) == 2
+        said = capsys.readouterr().err
+        assert words in said and len(said.strip().splitlines()) == 1

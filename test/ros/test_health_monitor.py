@@ -1,0 +1,64 @@
+"""health_monitor beside a cell: it learns, publishes `health`, and diagnoses what it saw."""
+
+import json
+from pathlib import Path
+
+import pytest
+from microstage_msgs.action import Investigate
+from microstage_msgs.msg import Health
+from rclpy.action import ActionClient
+from ros_support import ros_node, spin_until
+
+from microstage_ros.ros.client import AxisClient
+from microstage_ros.ros.launching.cell_processes import CellProcesses
+from microstage_ros.ros.transport.topics import LATCHED
+
+NODES = ("axis_driver", "str_controller", "move_server", "health_monitor")
+FAST = {"window": 2.0, "healthy_windows": 8}
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("health")
+    parameters = {"axis_driver": {"seed": 3, "command_timeout_lockstep_s": 60.0}, "health_monitor": {**FAST, "directory": str(folder / "found")}}
+    with ros_node() as node, CellProcesses("/axis", NODES, parameters, logs=folder / "logs") as cell:
+        cell.activate(node)
+        yield node, AxisClient("/axis", node, wait=60.0), folder
+
+
+def test_it_learns_watches_and_investigates(running):
+    node, client, folder = running
+    heard = []
+    node.create_subscription(Health, "/axis/health", heard.append, LATCHED)
+    place = 0.0
+    for _ in range(200):
+        place = 4.0e-3 - place
+        client.move(place, max_velocity=4.0e-3, settle_time=0.02, timeout=20.0)
+        if heard and heard[-1].state == Health.STATE_WATCHING:
+            break
+    last = heard[-1]
+    assert last.state == Health.STATE_WATCHING and last.healthy_windows == 8 and set(last.channel) >= {"torque", "windup"}
+    assert not any(last.alarm) and all(0.0 <= score < 1.0 for score in last.score)
+    assert [h.state for h in heard][0] == Health.STATE_LEARNING
+    action = ActionClient(node, Investigate, "/axis/investigate")
+    spin_until(node, action.server_is_ready)
+    sent = action.send_goal_async(Investigate.Goal(travel_min=-1.0e-3, travel_max=1.0e-3, duration=1.0, seed=5, directory=str(folder / "report")))
+    spin_until(node, sent.done)
+    found = sent.result().get_result_async()
+    spin_until(node, found.done, 240.0)
+    result = found.result().result
+    assert result.done or "windows of motion" in result.message, result.message
+    if result.done:
+        report = json.loads(Path(result.report).read_text(encoding="utf-8"))
+        assert report["verdict"] == result.verdict
+
+
+def test_limits_beyond_the_axis_are_refused_with_the_reason(running):
+    node = running[0]
+    action = ActionClient(node, Investigate, "/axis/investigate")
+    spin_until(node, action.server_is_ready)
+    sent = action.send_goal_async(Investigate.Goal(travel_min=-1.0, travel_max=1.0))
+    spin_until(node, sent.done)
+    found = sent.result().get_result_async()
+    spin_until(node, found.done)
+    assert not found.result().result.done and "travel_min" in found.result().result.message
