@@ -53,13 +53,13 @@ class OutputGuard:
         """Of the watchdog's process."""
         return None if self._process is None else self._process.pid
 
-    def start(self, outside_stop=None, wait=2.0):
+    def start(self, outside_stop=None, wait=20.0):
         """Start the watchdog and wait until it watches.
 
         Parameters
         ----------
         outside_stop : what `SafetyMembers.outside_stop` gives, None for the shared output alone.
-        wait : longest wait [s].
+        wait : longest wait [s]; nothing is energised before it watches, so a busy host may take its time.
 
         Returns
         -------
