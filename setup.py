@@ -7,7 +7,10 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 PACKAGE = "microstage_ros"
-NODES = ["axis_driver", "str_controller", "gms_observer", "interferometer_logger", "move_server", "bag_recorder", "health_monitor"]
+NODES = [
+    "axis_driver", "str_controller", "gms_observer", "interferometer_logger", "move_server", "bag_recorder",
+    "health_monitor",
+]
 
 
 def commands():

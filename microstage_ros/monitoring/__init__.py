@@ -1,1 +1,4 @@
-"""Watching an axis: is it still the machine that it was? Sizes per window of motion, judged against its own healthy spread."""
+"""Watching an axis: is it still the machine that it was, judged against its own healthy spread.
+
+Sizes per window of motion (`traits`), scores and alarms (`health`), a history (`store`).
+"""

@@ -18,8 +18,10 @@ from scipy.stats import norm, t
 
 from microstage_ros.quantities.errors import InputError
 
-MONTH = 30.0 * 86400.0      # s of motion
-LEAST_WINDOWS = 8           # healthy windows below which a spread is no spread: t at 7 degrees of freedom is wide enough as it is
+MONTH = 30.0 * 86400.0  # s of motion
+LEAST_WINDOWS = (
+    8  # healthy windows below which a spread is no spread: t at 7 degrees of freedom is wide enough as it is
+)
 IN_A_ROW = 2
 
 
@@ -40,7 +42,11 @@ class Reference:
         InputError : fewer than `LEAST_WINDOWS`, or windows that share no trait.
         """
         if len(windows) < LEAST_WINDOWS:
-            raise InputError("watch: healthy windows", len(windows), f"at least {LEAST_WINDOWS} windows of {window_s:g} s of healthy motion")
+            raise InputError(
+                "watch: healthy windows",
+                len(windows),
+                f"at least {LEAST_WINDOWS} windows of {window_s:g} s of healthy motion",
+            )
         shared = set.intersection(*(set(window) for window in windows))
         if not shared:
             raise InputError("watch: healthy windows", "no residual channel in common", "records with the same columns")
@@ -51,7 +57,7 @@ class Reference:
         return cls(spread, len(windows), float(window_s))
 
     def limit(self, per_month):
-        """z*: the normal quantile that one trait of one window may reach, for ``per_month`` false alarms in a month of motion."""
+        """z*: the quantile that a trait of one window may reach, for ``per_month`` false alarms in a month of motion."""
         tests = MONTH / self.window_s * len(self.spread)
         return float(norm.isf(min(per_month / tests, 0.5) / 2.0))
 
@@ -66,18 +72,25 @@ class Reference:
 
 
 def _log_tail(value, freedom):
-    """ln P(T > value) of Student's t, also where the probability is below what a float holds: ln(I_x(ν/2, 1/2) / 2) with
-    x = ν/(ν + t²) by DLMF 8.17.8."""
+    """Logarithm of P(T > value) of Student's t, also where the probability is below what a float holds.
+
+    ln(I_x(ν/2, 1/2) / 2) with x = ν/(ν + t²), by DLMF 8.17.8.
+    """
     half, squared = freedom / 2.0, value * value
     inside, outside = freedom / (freedom + squared), squared / (freedom + squared)
     if outside < 0.1:
         return float(t.logsf(value, freedom))
-    return float(half * math.log(inside) + 0.5 * math.log(outside) - math.log(2.0 * half) - betaln(half, 0.5)
-                 + math.log(hyp2f1(half + 0.5, 1.0, half + 1.0, inside)))
+    return float(
+        half * math.log(inside)
+        + 0.5 * math.log(outside)
+        - math.log(2.0 * half)
+        - betaln(half, 0.5)
+        + math.log(hyp2f1(half + 0.5, 1.0, half + 1.0, inside))
+    )
 
 
 def _normal_quantile(log_tail):
-    """z with ln P(Z > z) = log_tail, also where the probability itself is no number any more."""
+    """Z with ln P(Z > z) = log_tail, also where the probability itself is no number any more."""
     if log_tail > -700.0:
         return float(norm.isf(math.exp(log_tail)))
     return math.sqrt(-2.0 * log_tail)
@@ -85,7 +98,7 @@ def _normal_quantile(log_tail):
 
 @dataclasses.dataclass(frozen=True)
 class ChannelHealth:
-    """One channel after one window: ``score`` [1], the ``trait`` that gave it, ``alarm``, and ``since`` when [s] (NaN: never)."""
+    """A channel after a window: ``score`` [1], the ``trait`` behind it, ``alarm``, ``since`` when [s] (NaN: never)."""
 
     score: float
     trait: str

@@ -9,8 +9,13 @@ from microstage_ros.diagnosis.report.answer import write_answer
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records import read_record
 
-LENGTHS = (1.0e-5, 1.5e-4, 1.0e-3, 5.0e-3)      # m: pre-sliding, breakaway, sliding, as the records of the validation have them
-SPEEDS = (1.0e-4, 4.0e-4, 8.0e-4, 2.1e-3)       # m/s: over the Stribeck curve of the shipped axis
+LENGTHS = (
+    1.0e-5,
+    1.5e-4,
+    1.0e-3,
+    5.0e-3,
+)  # m: pre-sliding, breakaway, sliding, as the records of the validation have them
+SPEEDS = (1.0e-4, 4.0e-4, 8.0e-4, 2.1e-3)  # m/s: over the Stribeck curve of the shipped axis
 LEAST_WINDOWS = 2
 
 
@@ -34,7 +39,11 @@ class Limits:
             return None
         least, most = axis.value("travel.minimum"), axis.value("travel.maximum")
         if not least <= low < high <= most:
-            raise InputError("investigate: travel_min, travel_max", (low, high), f"two places between {least:g} and {most:g} m, the smaller first")
+            raise InputError(
+                "investigate: travel_min, travel_max",
+                (low, high),
+                f"two places between {least:g} and {most:g} m, the smaller first",
+            )
         if high - low < LENGTHS[0]:
             raise InputError("investigate: travel_max", high, f"at least {LENGTHS[0]:g} m above travel_min")
         own = axis.value("drive.voltage_limit")
@@ -44,7 +53,7 @@ class Limits:
 
 
 def targets(limits, seed):
-    """(target [m], largest speed [m/s]) of one move after the other, without end: out and back by all lengths that fit."""
+    """(target [m], largest speed [m/s]) of move after move, without end: out and back by all lengths that fit."""
     generator = np.random.default_rng([int(seed), 7])
     fitting = [length for length in LENGTHS if length <= limits.high - limits.low]
     while True:
@@ -57,7 +66,7 @@ def targets(limits, seed):
 
 
 def diagnose_windows(axis, windows, baseline, out, seed):
-    """Diagnose windows (`Record`), the last of them held out, and write the answer into ``out``. Returns report.json's mapping.
+    """Diagnose windows (`Record`), the last one held out; write into ``out``, return report.json's mapping.
 
     Parameters
     ----------
@@ -68,7 +77,11 @@ def diagnose_windows(axis, windows, baseline, out, seed):
     InputError : fewer than `LEAST_WINDOWS` windows.
     """
     if len(windows) < LEAST_WINDOWS:
-        raise InputError("investigate: windows of motion", len(windows), f"at least {LEAST_WINDOWS}; let the axis move, or give limits for moves")
+        raise InputError(
+            "investigate: windows of motion",
+            len(windows),
+            f"at least {LEAST_WINDOWS}; let the axis move, or give limits for moves",
+        )
     healthy = [read_record(name) for name in baseline]
     found = diagnose_records(axis, windows[:-1], windows[-1:], healthy, seed)
     sources = {"records": [w.source for w in windows[:-1]], "holdout": [windows[-1].source], "baseline": list(baseline)}

@@ -10,7 +10,8 @@ from microstage_ros.quantities.errors import InputError
 TABLES = """
 CREATE TABLE IF NOT EXISTS facts (name TEXT PRIMARY KEY, value TEXT NOT NULL);
 CREATE TABLE IF NOT EXISTS healthy (id INTEGER PRIMARY KEY, time REAL, source TEXT, traits TEXT NOT NULL);
-CREATE TABLE IF NOT EXISTS health (time REAL, source TEXT, channel TEXT, score REAL, trait TEXT, alarm INTEGER, since REAL);
+CREATE TABLE IF NOT EXISTS health (
+    time REAL, source TEXT, channel TEXT, score REAL, trait TEXT, alarm INTEGER, since REAL);
 CREATE INDEX IF NOT EXISTS health_time ON health (time);
 """
 
@@ -34,7 +35,9 @@ class Store:
             self._base = sqlite3.connect(self.path, isolation_level=None)
             self._base.executescript(TABLES)
         except sqlite3.Error as error:
-            raise InputError(self.path, str(error), "a history file of watch, or a new file in an existing folder") from None
+            raise InputError(
+                self.path, str(error), "a history file of watch, or a new file in an existing folder"
+            ) from None
         self._agree({"axis": axis, "window_s": self._window})
         self._base.execute("INSERT OR REPLACE INTO facts VALUES ('version', ?)", (json.dumps(__version__),))
 
@@ -69,8 +72,10 @@ class Store:
 
     def add_health(self, time, source, health):
         """Keep what was said of one window, {channel: `ChannelHealth`}."""
-        self._base.executemany("INSERT INTO health VALUES (?, ?, ?, ?, ?, ?, ?)", [
-            (time, source, channel, h.score, h.trait, int(h.alarm), h.since) for channel, h in health.items()])
+        self._base.executemany(
+            "INSERT INTO health VALUES (?, ?, ?, ?, ?, ?, ?)",
+            [(time, source, channel, h.score, h.trait, int(h.alarm), h.since) for channel, h in health.items()],
+        )
 
     def history(self, channel=None):
         """Rows (time, source, channel, score, trait, alarm, since), oldest first."""

@@ -13,7 +13,12 @@ from microstage_ros.diagnosis.residuals.collection import Collection
 
 SCATTER = "scatter"
 WATCHED = {
-    "torque": (("friction_level_change", ""), ("viscous_change", ""), ("gravity_tilt", ""), ("direction_asymmetry", "")),
+    "torque": (
+        ("friction_level_change", ""),
+        ("viscous_change", ""),
+        ("gravity_tilt", ""),
+        ("direction_asymmetry", ""),
+    ),
     "windup": (("amplifier_offset", ""), ("amplifier_gain", ""), ("drive_compliance", "")),
     "resonance": (("payload_change", "1.25"), ("drive_compliance", "0.8")),
     "position": (("scale_error", ""), ("thermal_drift", "linear")),

@@ -1,8 +1,8 @@
 """The watch examined on simulated axes: false alarms on healthy ones, and how soon an effect that sets in is noticed.
 
-Each axis is simulated with its own seed through programmes of scans, moves and sines (`diagnosis.validation.simulated_records`),
-under fixed controllers that the watch is not told. It learns from its first windows; then either nothing changes, or an
-effect is there from one window on.
+Each axis is simulated with its own seed through programmes of scans, moves and sines
+(`diagnosis.validation.simulated_records`), under fixed controllers that the watch is not told. It learns
+from its first windows; then either nothing changes, or an effect is there from one window on.
 """
 
 import dataclasses
@@ -21,12 +21,12 @@ EFFECTS = {
     "payload_change": {"mass_kg": 2.0},
 }
 """What sets in, each of a size that matters to the machine's work."""
-EXAMINED_WINDOW = 5.0   # s: the programmes are some 28 s long, and one window should not hold all of them
+EXAMINED_WINDOW = 5.0  # s: the programmes are some 28 s long, and one window should not hold all of them
 
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """One axis: what set in (empty: nothing), windows judged after that, windows until the alarm (None: no alarm), false alarm before."""
+    """One axis: what set in (empty: nothing), windows judged, windows to the alarm (None: none), its trait."""
 
     effect: str
     windows: int
@@ -64,5 +64,8 @@ def table(outcomes):
     for effect in sorted({o.effect for o in outcomes}):
         own = [o for o in outcomes if o.effect == effect]
         delays = sorted(o.delay for o in own if o.delay is not None)
-        rows[effect or "healthy"] = {"noticed": rate(len(delays), len(own)), "windows": delays[len(delays) // 2] if delays else None}
+        rows[effect or "healthy"] = {
+            "noticed": rate(len(delays), len(own)),
+            "windows": delays[len(delays) // 2] if delays else None,
+        }
     return rows

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-LEAST_TRAVEL = 1.0e-4   # m of path: a window that hardly moves says nothing of friction or drive
-STEP = 0.01             # s between the positions that make the path, so that rounding is no travel
-DEFAULT_WINDOW = 20.0   # s: the time length of the shipped axis's random friction
+LEAST_TRAVEL = 1.0e-4  # m of path: a window that hardly moves says nothing of friction or drive
+STEP = 0.01  # s between the positions that make the path, so that rounding is no travel
+DEFAULT_WINDOW = 20.0  # s: the time length of the shipped axis's random friction
 
 
 def windows_of(record, window_s):

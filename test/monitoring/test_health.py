@@ -59,7 +59,9 @@ def test_far_beyond_what_a_probability_can_hold_the_score_still_grows():
     assert np.isfinite(scores).all() and (np.diff(scores) > 0.0).all()
 
 
-@pytest.mark.parametrize("windows, words", [([{}] * 7, "healthy windows"), ([{("a", "b"): 1.0}] * 8 + [{("c", "d"): 1.0}], "in common")])
+@pytest.mark.parametrize(
+    "windows, words", [([{}] * 7, "healthy windows"), ([{("a", "b"): 1.0}] * 8 + [{("c", "d"): 1.0}], "in common")]
+)
 def test_too_little_to_learn_from_is_refused(windows, words):
     with pytest.raises(InputError, match=words):
         Reference.of(windows, 20.0)

@@ -27,8 +27,15 @@ def test_moves_stay_between_the_limits_and_use_every_length_that_fits(axis):
     assert Limits.of(axis, 0.0, 0.0, 0.0) is None
 
 
-@pytest.mark.parametrize("low, high, voltage, words", [
-    (-1.0, 0.0, 0.0, "travel"), (1e-3, -1e-3, 0.0, "travel"), (0.0, 1e-6, 0.0, "travel_max"), (0.0, 1e-3, 99.0, "voltage_max")])
+@pytest.mark.parametrize(
+    "low, high, voltage, words",
+    [
+        (-1.0, 0.0, 0.0, "travel"),
+        (1e-3, -1e-3, 0.0, "travel"),
+        (0.0, 1e-6, 0.0, "travel_max"),
+        (0.0, 1e-3, 99.0, "voltage_max"),
+    ],
+)
 def test_limits_beyond_the_axis_are_refused(axis, low, high, voltage, words):
     with pytest.raises(InputError, match=words):
         Limits.of(axis, low, high, voltage)

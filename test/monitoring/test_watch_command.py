@@ -19,8 +19,12 @@ def records(tmp_path_factory):
     """{name: file}: two healthy records, one more, and one of the axis with half as much friction again."""
     folder, axis = tmp_path_factory.mktemp("watch"), load_axis(AXIS)
     worn = Hidden("worn", ("friction_level_change",), {"friction_level_change": {"factor": 1.5}})
-    made = {"one": make_case(axis, Hidden("healthy"), 31)[2][0], "two": make_case(axis, Hidden("healthy"), 32)[2][0],
-            "three": make_case(axis, Hidden("healthy"), 33)[2][0], "worn": make_case(axis, worn, 34)[0][0]}
+    made = {
+        "one": make_case(axis, Hidden("healthy"), 31)[2][0],
+        "two": make_case(axis, Hidden("healthy"), 32)[2][0],
+        "three": make_case(axis, Hidden("healthy"), 33)[2][0],
+        "worn": make_case(axis, worn, 34)[0][0],
+    }
     for name, record in made.items():
         write_record(record, folder / f"{name}.csv")
     return {name: str(folder / f"{name}.csv") for name in made}
@@ -47,9 +51,15 @@ def test_friction_that_rose_is_an_alarm_and_health_is_none(records, capsys, tmp_
 
 
 def test_bad_input_is_one_line_with_status_2(records, capsys, tmp_path):
-    for arguments, words in ((["nowhere.csv"], "nowhere.csv"), (["--healthy", "3", records["one"]], "--healthy"),
-                             ([records["one"]], "windows"), (["--false-alarms", "0", "--baseline", records["one"], "--baseline", records["two"], records["three"]],
-                                                             "false alarms")):
+    for arguments, words in (
+        (["nowhere.csv"], "nowhere.csv"),
+        (["--healthy", "3", records["one"]], "--healthy"),
+        ([records["one"]], "windows"),
+        (
+            ["--false-alarms", "0", "--baseline", records["one"], "--baseline", records["two"], records["three"]],
+            "false alarms",
+        ),
+    ):
         assert run("watch", ["--axis", AXIS, "--window", "5s", *arguments]) == 2
         said = capsys.readouterr().err
         assert words in said and len(said.strip().splitlines()) == 1

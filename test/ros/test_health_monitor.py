@@ -3,12 +3,14 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from microstage_msgs.action import Investigate
-from microstage_msgs.msg import Health
+from microstage_msgs.msg import ControllerState, Health
 from rclpy.action import ActionClient
 from ros_support import ros_node, spin_until
 
+from microstage_ros.diagnosis.result import VERDICTS
 from microstage_ros.ros.client import AxisClient
 from microstage_ros.ros.launching.cell_processes import CellProcesses
 from microstage_ros.ros.transport.topics import LATCHED
@@ -20,7 +22,10 @@ FAST = {"window": 2.0, "healthy_windows": 8}
 @pytest.fixture(scope="module")
 def running(tmp_path_factory):
     folder = tmp_path_factory.mktemp("health")
-    parameters = {"axis_driver": {"seed": 3, "command_timeout_lockstep_s": 60.0}, "health_monitor": {**FAST, "directory": str(folder / "found")}}
+    parameters = {
+        "axis_driver": {"seed": 3, "command_timeout_lockstep_s": 60.0},
+        "health_monitor": {**FAST, "directory": str(folder / "found")},
+    }
     with ros_node() as node, CellProcesses("/axis", NODES, parameters, logs=folder / "logs") as cell:
         cell.activate(node)
         yield node, AxisClient("/axis", node, wait=60.0), folder
@@ -37,28 +42,42 @@ def test_it_learns_watches_and_investigates(running):
         if heard and heard[-1].state == Health.STATE_WATCHING:
             break
     last = heard[-1]
-    assert last.state == Health.STATE_WATCHING and last.healthy_windows == 8 and set(last.channel) >= {"torque", "windup"}
+    assert (
+        last.state == Health.STATE_WATCHING and last.healthy_windows == 8 and set(last.channel) >= {"torque", "windup"}
+    )
     assert not any(last.alarm) and all(0.0 <= score < 1.0 for score in last.score)
     assert [h.state for h in heard][0] == Health.STATE_LEARNING
-    action = ActionClient(node, Investigate, "/axis/investigate")
-    spin_until(node, action.server_is_ready)
-    sent = action.send_goal_async(Investigate.Goal(travel_min=-1.0e-3, travel_max=1.0e-3, duration=1.0, seed=5, directory=str(folder / "report")))
-    spin_until(node, sent.done)
-    found = sent.result().get_result_async()
-    spin_until(node, found.done, 240.0)
-    result = found.result().result
-    assert result.done or "windows of motion" in result.message, result.message
-    if result.done:
-        report = json.loads(Path(result.report).read_text(encoding="utf-8"))
-        assert report["verdict"] == result.verdict
+    result = investigate(node, directory=str(folder / "report"))
+    assert result.done and result.verdict in VERDICTS, result.message
+    report = json.loads(Path(result.report).read_text(encoding="utf-8"))
+    assert report["verdict"] == result.verdict and [cause["id"] for cause in report["causes"]] == list(result.cause)
+
+
+def test_it_moves_within_the_limits_it_was_given(running):
+    node, client, _ = running
+    places = []
+    node.create_subscription(ControllerState, "/axis/controller_state", lambda m: places.append(m.reference), 1000)
+    client.move(0.0)
+    places.clear()
+    result = investigate(node, travel_min=-5.0e-4, travel_max=5.0e-4, duration=1.0, seed=5)
+    assert "moves between" in result.message or "windows of motion" in result.message, result.message
+    assert (
+        len(places) > 100 and min(places) >= -5.0e-4 - 1e-9 and max(places) <= 5.0e-4 + 1e-9 and np.ptp(places) > 1.0e-5
+    )
 
 
 def test_limits_beyond_the_axis_are_refused_with_the_reason(running):
-    node = running[0]
+    result = investigate(running[0], travel_min=-1.0, travel_max=1.0)
+    assert not result.done and "travel_min" in result.message
+
+
+def investigate(node, **goal):
+    """Result of the action for a goal."""
     action = ActionClient(node, Investigate, "/axis/investigate")
     spin_until(node, action.server_is_ready)
-    sent = action.send_goal_async(Investigate.Goal(travel_min=-1.0, travel_max=1.0))
+    sent = action.send_goal_async(Investigate.Goal(**goal))
     spin_until(node, sent.done)
     found = sent.result().get_result_async()
-    spin_until(node, found.done)
-    assert not found.result().result.done and "travel_min" in found.result().result.message
+    spin_until(node, found.done, 240.0)
+    action.destroy()
+    return found.result().result

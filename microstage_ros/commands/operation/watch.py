@@ -18,22 +18,49 @@ from microstage_ros.records import read_record
 
 def main(argv=None):
     """Run the command. Returns 0 whether there was an alarm or not; raises InputError for bad input."""
-    parser = Parser(prog="microstage watch", description=(
-        "Watches an axis. With records: judges them in the order given, which is to be that of time. Without: runs the "
-        "node health_monitor beside a cell until interrupted. A score of 1 is the threshold; an alarm takes "
-        f"{IN_A_ROW} windows in a row."))
-    parser.add_argument("records", nargs="*", metavar="RECORD", help="records to judge, the oldest first; none: watch a running axis")
+    parser = Parser(
+        prog="microstage watch",
+        description=(
+            "Watches an axis. With records: judges them in the order given, which is to be that of time. Without: runs the "
+            "node health_monitor beside a cell until interrupted. A score of 1 is the threshold; an alarm takes "
+            f"{IN_A_ROW} windows in a row."
+        ),
+    )
+    parser.add_argument(
+        "records", nargs="*", metavar="RECORD", help="records to judge, the oldest first; none: watch a running axis"
+    )
     parser.add_argument("--axis", required=True, metavar="FILE", help="axis file that the machine is compared with")
-    parser.add_argument("--baseline", action="append", default=[], metavar="RECORD",
-                        help="a record of the healthy axis to learn its spread from; may be given again")
-    parser.add_argument("--healthy", type=int, default=20, metavar="N",
-                        help="without --baseline: so many first windows count as healthy (default 20)")
-    parser.add_argument("--window", type=units.duration, default=DEFAULT_WINDOW, metavar="TIME", help="length of a window (default 20s)")
-    parser.add_argument("--false-alarms", type=float, default=1.0, metavar="N", help="accepted per month of motion (default 1)")
-    parser.add_argument("--store", metavar="FILE", help="history file (SQLite): healthy windows and every score are kept there")
+    parser.add_argument(
+        "--baseline",
+        action="append",
+        default=[],
+        metavar="RECORD",
+        help="a record of the healthy axis to learn its spread from; may be given again",
+    )
+    parser.add_argument(
+        "--healthy",
+        type=int,
+        default=20,
+        metavar="N",
+        help="without --baseline: so many first windows count as healthy (default 20)",
+    )
+    parser.add_argument(
+        "--window", type=units.duration, default=DEFAULT_WINDOW, metavar="TIME", help="length of a window (default 20s)"
+    )
+    parser.add_argument(
+        "--false-alarms", type=float, default=1.0, metavar="N", help="accepted per month of motion (default 1)"
+    )
+    parser.add_argument(
+        "--store", metavar="FILE", help="history file (SQLite): healthy windows and every score are kept there"
+    )
     parser.add_argument("--namespace", default="/axis", metavar="NS", help="of the running axis (default /axis)")
-    parser.add_argument("--examine", type=int, metavar="N", help="no records: simulate N axes of this kind, healthy and with effects that "
-                                                                 "set in, and tell how many alarms are false and how soon the others come")
+    parser.add_argument(
+        "--examine",
+        type=int,
+        metavar="N",
+        help="no records: simulate N axes of this kind, healthy and with effects that "
+        "set in, and tell how many alarms are false and how soon the others come",
+    )
     parser.add_argument("--seed", type=int, default=1, help="of the examination (default 1)")
     arguments = parser.parse_args(argv)
     if arguments.healthy < LEAST_WINDOWS:
@@ -57,7 +84,9 @@ def _judge_records(arguments, machine, store):
             for time, window in windows_of(read_record(name), arguments.window):
                 traits = machine.traits(window)
                 if watch is None:
-                    if len(store.healthy()) < (LEAST_WINDOWS if arguments.baseline or arguments.store else arguments.healthy):
+                    if len(store.healthy()) < (
+                        LEAST_WINDOWS if arguments.baseline or arguments.store else arguments.healthy
+                    ):
                         store.add_healthy(time, name, traits)
                         continue
                     watch = Watch(store.reference(), arguments.false_alarms)
@@ -68,7 +97,9 @@ def _judge_records(arguments, machine, store):
                 _say_window(name, time, health, alarms)
             bar.advance()
     if watch is None:
-        raise InputError("watch: windows", len(store.healthy()), "records with more windows of motion than --healthy, or --baseline")
+        raise InputError(
+            "watch: windows", len(store.healthy()), "records with more windows of motion than --healthy, or --baseline"
+        )
     _say_end(judged, alarms, watch)
     return 0
 
@@ -82,27 +113,45 @@ def _learn(paths, machine, store, window_s):
 
 def _say_reference(watch):
     r = watch.reference
-    print(f"healthy: {r.windows} windows of {r.window_s:g} s, {len(r.spread)} traits; threshold {watch.limit:.2f} standard deviations "
-          f"for {watch.per_month:g} false alarms in a month of motion"
-          + (f" (few windows: with {r.windows} the threshold is wide)" if r.windows < 30 else ""))
+    print(
+        f"healthy: {r.windows} windows of {r.window_s:g} s, {len(r.spread)} traits; threshold {watch.limit:.2f} standard deviations "
+        f"for {watch.per_month:g} false alarms in a month of motion"
+        + (f" (few windows: with {r.windows} the threshold is wide)" if r.windows < 30 else "")
+    )
 
 
 def _say_window(name, time, health, alarms):
     """One line for a window, and one more where an alarm begins."""
     worst = max(health, key=lambda channel: health[channel].score)
-    print(f"{name} {time:9.1f} s  " + "  ".join(f"{channel} {h.score:.2f}" for channel, h in sorted(health.items()))
-          + f"   largest: {worst}, {health[worst].trait}")
+    print(
+        f"{name} {time:9.1f} s  "
+        + "  ".join(f"{channel} {h.score:.2f}" for channel, h in sorted(health.items()))
+        + f"   largest: {worst}, {health[worst].trait}"
+    )
     for channel, h in health.items():
         if h.alarm and channel not in alarms:
-            alarms[channel] = {"channel": channel, "trait": h.trait, "score": h.score, "record": name, "since_s": h.since}
+            alarms[channel] = {
+                "channel": channel,
+                "trait": h.trait,
+                "score": h.score,
+                "record": name,
+                "since_s": h.since,
+            }
             print(f"ALARM  {channel}: {h.trait}, since {h.since:.1f} s; `microstage diagnose` names the cause")
 
 
 def _say_end(judged, alarms, watch):
     print(f"{judged} windows judged, {'no alarm' if not alarms else 'alarm in ' + ', '.join(sorted(alarms))}")
-    answer.state(windows=judged, alarms=list(alarms.values()), healthy_windows=watch.reference.windows, threshold=watch.limit,
-                 window_s=watch.reference.window_s, false_alarms_per_month=watch.per_month, made_by=__version__,
-                 channels=sorted({channel for channel, _ in watch.reference.spread}))
+    answer.state(
+        windows=judged,
+        alarms=list(alarms.values()),
+        healthy_windows=watch.reference.windows,
+        threshold=watch.limit,
+        window_s=watch.reference.window_s,
+        false_alarms_per_month=watch.per_month,
+        made_by=__version__,
+        channels=sorted({channel for channel, _ in watch.reference.spread}),
+    )
 
 
 def _examine(axis, arguments):
@@ -113,7 +162,16 @@ def _examine(axis, arguments):
     with progress("examining", total=arguments.examine * (len(EFFECTS) + 1)) as bar:
         for seed in range(arguments.seed, arguments.seed + arguments.examine):
             for effect in ("", *EFFECTS):
-                outcomes.append(examine(axis, effect, seed, arguments.healthy, window_s=EXAMINED_WINDOW, per_month=arguments.false_alarms))
+                outcomes.append(
+                    examine(
+                        axis,
+                        effect,
+                        seed,
+                        arguments.healthy,
+                        window_s=EXAMINED_WINDOW,
+                        per_month=arguments.false_alarms,
+                    )
+                )
                 bar.advance()
     rows = table(outcomes)
     print(f"{'':24}{'alarms of axes (95 %)':32}windows until the alarm, median")
@@ -121,10 +179,24 @@ def _examine(axis, arguments):
         print(f"{name:24}{row['noticed']!s:32}{row['windows'] if row['windows'] is not None else '-'}")
     healthy = [o for o in outcomes if not o.effect]
     motion = sum(o.windows if o.delay is None else o.delay for o in healthy) * EXAMINED_WINDOW
-    print(f"healthy motion examined: {motion:.0f} s, {sum(o.delay is not None for o in healthy)} false alarms; windows of {EXAMINED_WINDOW:g} s")
-    answer.state(seed=arguments.seed, axes=arguments.examine, window_s=EXAMINED_WINDOW, healthy_motion_s=motion, rows={
-        name: {"alarms": row["noticed"].hits, "axes": row["noticed"].cases, "ci95": [row["noticed"].low, row["noticed"].high],
-               "windows": row["windows"]} for name, row in rows.items()})
+    print(
+        f"healthy motion examined: {motion:.0f} s, {sum(o.delay is not None for o in healthy)} false alarms; windows of {EXAMINED_WINDOW:g} s"
+    )
+    answer.state(
+        seed=arguments.seed,
+        axes=arguments.examine,
+        window_s=EXAMINED_WINDOW,
+        healthy_motion_s=motion,
+        rows={
+            name: {
+                "alarms": row["noticed"].hits,
+                "axes": row["noticed"].cases,
+                "ci95": [row["noticed"].low, row["noticed"].high],
+                "windows": row["windows"],
+            }
+            for name, row in rows.items()
+        },
+    )
     return 0
 
 
@@ -132,9 +204,17 @@ def _live(arguments):
     """Run the node beside a cell until interrupted. Returns its exit status."""
     from microstage_ros.ros.nodes.health_monitor import main as run
 
-    parameters = {"axis_file": arguments.axis, "window": float(arguments.window), "healthy_windows": arguments.healthy,
-                  "false_alarms_per_month": arguments.false_alarms, "store": arguments.store or "",
-                  "baseline": ",".join(arguments.baseline)}
-    words = [f"{name}:={value if not isinstance(value, str) else repr(value)}" for name, value in parameters.items()
-             if not (isinstance(value, float) and math.isnan(value))]
+    parameters = {
+        "axis_file": arguments.axis,
+        "window": float(arguments.window),
+        "healthy_windows": arguments.healthy,
+        "false_alarms_per_month": arguments.false_alarms,
+        "store": arguments.store or "",
+        "baseline": ",".join(arguments.baseline),
+    }
+    words = [
+        f"{name}:={value if not isinstance(value, str) else repr(value)}"
+        for name, value in parameters.items()
+        if not (isinstance(value, float) and math.isnan(value))
+    ]
     return run(["--ros-args", "-r", f"__ns:={arguments.namespace}", *(part for word in words for part in ("-p", word))])

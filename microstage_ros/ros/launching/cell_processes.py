@@ -46,7 +46,9 @@ class CellFailure(RuntimeError):
 
 
 PAIR = ("axis_driver", "str_controller")
-PATIENT = ("gms_observer", "interferometer_logger", "bag_recorder")
+BYSTANDERS = ("health_monitor",)
+"""Nodes that grant no credit: they take what they can get of the stream, and the axis does not wait for them."""
+PATIENT = ("gms_observer", "interferometer_logger", "bag_recorder", "health_monitor")
 """Nodes that may be late, and give way to those that may not."""
 
 
@@ -72,7 +74,7 @@ def started_parameters(nodes, given):
     ----------
     nodes : names that are started. given : node name (or ``"*"`` for all that have it) to parameters.
     """
-    followers = [name for name in nodes if name != "axis_driver"]
+    followers = [name for name in nodes if name not in ("axis_driver", *BYSTANDERS)]
     own = places(nodes, given.get("axis_driver", {}).get("mode", "lockstep"))
     if "axis_driver" in own:
         own["axis_driver"]["followers"] = followers or [""]

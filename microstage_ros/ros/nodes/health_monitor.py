@@ -36,10 +36,10 @@ from microstage_ros.ros.transport.blocks import Stream
 from microstage_ros.ros.transport.codec import Codec, stamps_ns
 from microstage_ros.ros.transport.servo_path import make_servo_path
 
-WAIT = 0.05        # s, longest sleep between two looks at the stream
-LOOK = 0.5         # s, between two looks for senders without blocks
-KEPT = 12          # windows kept as records for an investigation
-MOVE_TIME = 30.0   # s, longest wait for one move's result
+WAIT = 0.05  # s, longest sleep between two looks at the stream
+LOOK = 0.5  # s, between two looks for senders without blocks
+KEPT = 12  # windows kept as records for an investigation
+MOVE_TIME = 30.0  # s, longest wait for one move's result
 
 
 class HealthMonitor(Node):
@@ -50,7 +50,9 @@ class HealthMonitor(Node):
         p = self.parameters = Parameters(self, "health_monitor")
         self._axis = load_axis(p.axis_file or config_file("axis.yaml"))
         self._machine, self._period = Machine(self._axis), self._axis.value("period")
-        self._store = Store(p.store or ":memory:", self._axis.name, p.window)  # used by the judging thread alone, once it runs
+        self._store = Store(
+            p.store or ":memory:", self._axis.name, p.window
+        )  # used by the judging thread alone, once it runs
         self._store.close()
         self._rows, self._codec = round(p.window / self._period) + 1, Codec("AxisState")
         servo = self._servo = make_servo_path(self)
@@ -63,8 +65,14 @@ class HealthMonitor(Node):
         self._health = self.create_publisher(Health, topics.HEALTH, topics.LATCHED)
         self.create_service(Trigger, topics.RESET_HEALTH, self._reset, callback_group=group)
         self._move = ActionClient(self, MoveTo, topics.MOVE_TO, callback_group=group)
-        self._action = ActionServer(self, Investigate, topics.INVESTIGATE, self._investigate, callback_group=group,
-                                    cancel_callback=lambda goal: CancelResponse.ACCEPT)
+        self._action = ActionServer(
+            self,
+            Investigate,
+            topics.INVESTIGATE,
+            self._investigate,
+            callback_group=group,
+            cancel_callback=lambda goal: CancelResponse.ACCEPT,
+        )
         self._judging = threading.Thread(target=self._judge_all, name="judging", daemon=True)
         self._judging.start()
 
@@ -84,7 +92,9 @@ class HealthMonitor(Node):
     def _add(self, states):
         """Add states to the window; one that is interrupted or not active begins anew."""
         sequence = states["sequence"].astype(np.int64)
-        before = np.concatenate(([self._pending[-1]["sequence"][-1].astype(np.int64) if self._pending else sequence[0] - 1], sequence[:-1]))
+        before = np.concatenate(
+            ([self._pending[-1]["sequence"][-1].astype(np.int64) if self._pending else sequence[0] - 1], sequence[:-1])
+        )
         active = (states["status"] & AxisState.STATUS_ACTIVE) > 0
         if not (active.all() and (sequence == before + 1).all()):
             self._pending, self._count = [], 0
@@ -94,8 +104,10 @@ class HealthMonitor(Node):
         self._count += len(states)
         if self._count >= self._rows:
             every = np.concatenate(self._pending)
-            self._windows.put((int(stamps_ns(every[self._rows - 1:self._rows])[0]), every[:self._rows]))
-            self._pending, self._count = ([every[self._rows:]], self._count - self._rows) if self._count > self._rows else ([], 0)
+            self._windows.put((int(stamps_ns(every[self._rows - 1 : self._rows])[0]), every[: self._rows]))
+            self._pending, self._count = (
+                ([every[self._rows :]], self._count - self._rows) if self._count > self._rows else ([], 0)
+            )
 
     def _record(self, states):
         """The record of one window: the command of a row is what the next state says was held."""
@@ -139,12 +151,20 @@ class HealthMonitor(Node):
 
     def _publish(self, stamp, health, healthy):
         p, names = self.parameters, sorted(health)
-        message = Health(healthy_windows=healthy, window=p.window, false_alarms_per_month=p.false_alarms_per_month,
-                         channel=names, trait=[health[n].trait for n in names], score=[health[n].score for n in names],
-                         alarm=[health[n].alarm for n in names], since=[health[n].since for n in names])
+        message = Health(
+            healthy_windows=healthy,
+            window=p.window,
+            false_alarms_per_month=p.false_alarms_per_month,
+            channel=names,
+            trait=[health[n].trait for n in names],
+            score=[health[n].score for n in names],
+            alarm=[health[n].alarm for n in names],
+            since=[health[n].since for n in names],
+        )
         message.header.stamp = Time(sec=stamp // 10**9, nanosec=stamp % 10**9)
-        message.state = Health.STATE_LEARNING if self._watch is None else \
-            Health.STATE_ALARM if any(message.alarm) else Health.STATE_WATCHING
+        message.state = (
+            Health.STATE_LEARNING if not names else Health.STATE_ALARM if any(message.alarm) else Health.STATE_WATCHING
+        )
         self._health.publish(message)
 
     def _reset(self, _, response):
@@ -197,7 +217,11 @@ class HealthMonitor(Node):
     def _make_moves(self, goal, limits, request):
         """Moves within the limits until the time is over. Returns what was done, in words; raises InputError if none was."""
         if not self._move.wait_for_server(5.0):
-            raise InputError("investigate", "no move server answers", "a running cell, or no limits of travel: then the last windows are used")
+            raise InputError(
+                "investigate",
+                "no move server answers",
+                "a running cell, or no limits of travel: then the last windows are used",
+            )
         self._largest, made, began = 0.0, 0, time.monotonic()
         for target, velocity in targets(limits, request.seed):
             spent = time.monotonic() - began
@@ -205,7 +229,9 @@ class HealthMonitor(Node):
                 break
             self._tell(goal, "moving", min(spent / request.duration, 1.0))
             if not self._one_move(target, velocity, limits):
-                return f"{made} moves; ended: the command reached {self._largest:.3g} V, more than {limits.voltage:.3g} V"
+                return (
+                    f"{made} moves; ended: the command reached {self._largest:.3g} V, more than {limits.voltage:.3g} V"
+                )
             made += 1
         return f"{made} moves between {limits.low:g} m and {limits.high:g} m, largest command {self._largest:.3g} V"
 
