@@ -29,12 +29,12 @@ def _executables():
 def test_every_command_and_node_is_listed_everywhere():
     """The table of commands, the files, the executables of the package."""
     from microstage_ros.commands import COMMANDS, module_of
-    from microstage_ros.ros.launching.cell_processes import NODES
+    from microstage_ros.ros.launching.cell_processes import BYSTANDERS, NODES
 
     made = _executables()
-    assert set(made) == {*COMMANDS, *NODES}
+    assert set(made) == {*COMMANDS, *NODES, *BYSTANDERS}
     for name in COMMANDS:
         assert (ROOT / (module_of(name).replace(".", "/") + ".py")).exists(), name
-    for name in NODES:
+    for name in (*NODES, *BYSTANDERS):
         assert (ROOT / "microstage_ros" / "ros" / "nodes" / f"{name}.py").exists()
         assert (ROOT / "config" / f"{name}.yaml").exists()
