@@ -321,3 +321,15 @@ def test_overall_gain_interval():
     gain = judge.overall_gain(Ledger(400.0, 100.0, 90.0, 100), ["hold"])
     assert (gain.before, gain.after, gain.floor) == (2.0, 1.0, pytest.approx(math.sqrt(0.9)))
     assert gain.ci95 == (pytest.approx(1.0 - 1.96 / math.sqrt(200.0)), pytest.approx(1.0 + 1.96 / math.sqrt(200.0)))
+
+
+def test_more_friction_alone_is_no_payload():
+    """A mass moves the resonance, too: where no resonance is seen (behind a gap), or it says another mass, none is named."""
+    world = resonant(3.0)
+    both = selection.best_forms(world.evidences, "payload_change", [])
+    assert {form.channel for form in both.choice.forms} == {"resonance", "torque"}
+    assert selection.acceptable(world.evidences, both, [])
+    torque = Choice("payload_change", tuple(form for form in both.choice.forms if form.channel == "torque"))
+    assert not selection.acceptable(world.evidences, Trial(torque, both.gain, 1, both.held), [])
+    apart = resonant(3.0, payload=0.1)      # half a kilogram in the resonance
+    assert not selection.acceptable(apart.evidences, selection.best_forms(apart.evidences, "payload_change", []), [])

@@ -64,7 +64,17 @@ def find_known(groups, drive):
         if train is not None:
             known = dataclasses.replace(known, train=train)
             prepared = known.prepare(groups, drive, prepared)
+            prepared, known = _slow_behind(groups, prepared, drive, known)
     return prepared, known
+
+
+def _slow_behind(groups, prepared, drive, known):
+    """The slow amplifier judged anew where the drive train, whose swing looks like a lag of it, is told by now."""
+    slow = find_slowness(prepared, drive) if known.slow is not None else None
+    if slow is None:
+        return prepared, known
+    known = dataclasses.replace(known, slow=slow)
+    return known.prepare(groups, drive, prepared), known
 
 
 def _far_train(prepared, drive):

@@ -131,14 +131,14 @@ def acceptable(evidences, trial, choices):
 
 
 def _masses_agree(evidences, choice, choices):
-    """A payload shows in friction and in resonance with the same mass, or it is none."""
+    """A payload shows in friction and in resonance with the same mass, or it is none: more friction alone is no mass."""
     if choice.effect == "cable_spring":  # a force without friction's balance knowing of it is none
         return any(form.channel == "torque" for form in choice.forms)
     if choice.effect != "payload_change":
         return True
     masses = {form.channel: sizes_of(evidences, choice, choices, form)[0]["mass_kg"][:2] for form in choice.forms}
     if not {"torque", "resonance"} <= set(masses):
-        return "torque" in masses
+        return False
     (friction, stderr), (resonance, _) = masses["torque"], masses["resonance"]
     return abs(friction) > 3.0 * stderr and 0.4 < resonance / friction < 2.5
 
