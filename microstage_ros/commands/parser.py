@@ -125,12 +125,12 @@ def _nearest_choice(message):
     return message.replace("unrecognized arguments:", "unexpected words:")
 
 
-def parser_of(main):
-    """The `Parser` of a command's ``main``, without running the command; None where it has none."""
+def parser_of(main, words=()):
+    """The `Parser` of a command's ``main`` for these words, without running the command; None where it has none."""
     global _describing
     _describing = True
     try:
-        main([])
+        main(list(words))
     except Described as found:
         return found.parser
     finally:
