@@ -12,7 +12,7 @@ from microstage_ros.identification.pipeline import identify
 from microstage_ros.model.actuators import ACTUATORS, actuator_of
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.quantities.errors import InputError
-from microstage_ros.records import read_record
+from microstage_ros.records import read_record, write_record
 from microstage_ros.records.csv_file import write_csv
 
 AXES = Path(__file__).resolve().parents[2] / "config" / "axes"
@@ -37,7 +37,11 @@ def test_shipped_controller_brings_the_stage_there(name, tmp_path):
     again = read_record(tmp_path / "r.csv")
     assert np.allclose(again[command.column], record[command.column], atol=1e-9)
     assert ("current_A" in again.columns) == actuator_of(axis).measures_current
+    write_record(record, tmp_path / "r.mcap")
+    bag = read_record(tmp_path / "r.mcap")
+    assert np.allclose(bag[command.column][:-1], record[command.column][:-1], atol=1e-12)
     if command.unit != "V":
+        assert "voltage_V" not in bag.columns
         assert "voltage_V" not in again.columns and again.metadata["command"]["unit"] == command.unit
 
 

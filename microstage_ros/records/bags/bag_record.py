@@ -12,9 +12,12 @@ import json
 from pathlib import Path
 
 import numpy as np
+import yaml
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 import microstage_ros
+from microstage_ros.model.actuators import BY_NAME
+from microstage_ros.quantities.command import COMMANDS, FORCE, VOLTAGE, command_of
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.bags.bag_reader import Bag
 from microstage_ros.records.bags.bag_writer import BagWriter
@@ -104,6 +107,9 @@ def bag_to_record(path, namespace=None):
     held = _by_period(rows, sequence - first - 1, states["applied_voltage"])
     columns["voltage_V"] = np.where(np.isnan(held), columns.get("voltage_V", held), held)
     columns = {name: values for name, values in columns.items() if name == "encoder_m" or not np.isnan(values).all()}
+    command = _command(bag.custom_data)
+    names = {VOLTAGE.column: command.column, VOLTAGE.disturbance: command.disturbance}
+    columns = {names.get(name, name): values for name, values in columns.items()}
     metadata = {name: metadata_value(text) for name, text in bag.custom_data.items()}
     return Record(period_s, {"t_s": np.arange(rows) * period_s, **columns}, str(path), metadata)
 
@@ -113,15 +119,21 @@ def record_to_bag(record, path, namespace=NAMESPACE):
 
     Parameters
     ----------
-    record : with `voltage_V`; a record of forces belongs into a CSV file.
+    record : with a command, of whatever unit; a record of forces belongs into a CSV file.
     path : a folder to make, or a file ending in `.mcap`.
 
     Raises
     ------
     InputError : no voltage, or the place cannot be written.
     """
-    if "voltage_V" not in record.columns:
+    command = command_of(record.columns)
+    if command is None or command is FORCE:
         raise InputError(f"{path}: column voltage_V", "missing", "a record of voltages; forces go into a .csv file")
+    if command is not VOLTAGE:         # the messages' fields keep their names, the metadata says what they hold
+        renamed = {command.column: VOLTAGE.column, command.disturbance: VOLTAGE.disturbance}
+        told = {"column": command.column, "quantity": command.quantity, "unit": command.unit}
+        record = Record(record.period_s, {renamed.get(name, name): values for name, values in record.columns.items()}, record.source,
+                        {**record.metadata, "command": told})
     topics = [topic for topic in FIELDS if topic in ("state", "command") or _any(record, topic)]
     custom_data = {name: value if isinstance(value, str) else json.dumps(value, default=str)
                    for name, value in record.metadata.items()}
@@ -134,6 +146,19 @@ def record_to_bag(record, path, namespace=NAMESPACE):
             times = np.round(record["t_s"][rows] * 1e9).astype(np.int64)
             for topic in topics:
                 bag.write_block(channels[topic], times, _messages(record, topic, layouts[topic], rows, times))
+
+
+def _command(custom_data):
+    """The `Command` that a bag's field ``voltage`` holds: as its metadata or its axis file says, volts if neither does."""
+    told = metadata_value(custom_data.get("command", "null"))
+    column = told.get("column") if isinstance(told, dict) else None
+    if column is None and "axis_file" in custom_data:
+        try:
+            drive = yaml.safe_load(custom_data["axis_file"])["drive"]["type"]
+        except (yaml.YAMLError, KeyError, TypeError):
+            drive = None
+        column = BY_NAME[drive].command.column if isinstance(drive, str) and drive in BY_NAME else None
+    return next((command for command in COMMANDS if command.column == column), VOLTAGE)
 
 
 def _any(record, topic):

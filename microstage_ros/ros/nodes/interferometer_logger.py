@@ -1,6 +1,6 @@
 """interferometer_logger: corrected positions with their uncertainty; the physics is `metrology.interferometer`.
 
-Follows the instrument (of a simulated axis: topic `simulation`), publishes `interferometer`. The air comes from
+Follows the instrument (of a simulated axis: topic `simulation`; a real one: `instrument_topic`), publishes `interferometer`. The air comes from
 the instrument's weather station or from `air_temperature`, `air_pressure`, `air_humidity`.
 """
 
@@ -17,6 +17,7 @@ from microstage_ros.quantities.errors import InputError
 from microstage_ros.ros.launching.parameters import Parameters
 from microstage_ros.ros.launching.process import run_node
 from microstage_ros.ros.loops.follower import Follower
+from microstage_ros.ros.loops.instrument_topic import InstrumentTopic
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.blocks import Outlet
 from microstage_ros.ros.transport.codec import Codec, stamps_ns
@@ -36,8 +37,14 @@ class InterferometerLogger(Node):
         self._codec = Codec("InterferometerReading")
         servo = make_servo_path(self)
         self._outlet = Outlet(self, servo, InterferometerReading, topics.INTERFEROMETER)
-        self.loop = Follower(self, servo, SimulationTruth, topics.SIMULATION, p.window, self._take, self._outlet,
-                             p.expected_followers).loop
+        if p.instrument == "topic":
+            if p.air == "instrument" and not p.air_compensated:
+                raise InputError("interferometer_logger: parameter air", p.air, "topics, or air_compensated: true, since readings that come "
+                                                                                "by topic bring no air with them")
+            self.loop = InstrumentTopic(self, p.instrument_topic, p.instrument_scale, self._take, self._outlet).loop
+        else:
+            self.loop = Follower(self, servo, SimulationTruth, topics.SIMULATION, p.window, self._take, self._outlet,
+                                 p.expected_followers).loop
         if p.air == "topics":
             for kind, topic, field in ((Temperature, topics.AIR_TEMPERATURE, "temperature"),
                                        (FluidPressure, topics.AIR_PRESSURE, "fluid_pressure"),
@@ -69,6 +76,8 @@ class InterferometerLogger(Node):
     def _corrected(self, counted, air):
         """Positions [m] from what the instrument counts, and their uncertainty [m]: the budget now and then."""
         p = self.parameters
+        if p.instrument == "topic" and p.air == "instrument":     # the instrument corrects, and tells neither air nor budget
+            return counted, np.full(len(counted), p.expanded_uncertainty)
         if self._zeroed is None:
             self._zeroed = _first(air)
             self._setup = Interferometer(assumed_index=float(refractive_index(self._zeroed)), dead_path_m=p.dead_path,
