@@ -37,6 +37,7 @@ LISTED = {
         "test": "all the tests",
         "bench": "the project's own benchmarks",
         "figures": "the documentation's tables of figures, measured anew and stamped",
+        "faults": "the fault campaign: processes killed and stopped, hostile messages and files; what was noticed, how soon",
         "mutation": "do the tests notice when the code is wrong: small faults put in one by one",
         "shell": "a shell, or one program, in the environment of the nodes",
         "completion": "a script that completes commands and options in bash, zsh, fish",

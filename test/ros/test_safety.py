@@ -198,3 +198,48 @@ def test_the_lock_is_named_by_domain_and_namespace(monkeypatch, tmp_path):
     assert path.name == "7-left+stage.cell" and owner(path) is None
     path.write_text(json.dumps({"host": "x"}))
     assert owner(path) is None  # nobody holds it
+
+
+def test_a_stranger_is_not_heard(tmp_path):
+    """Malformed and foreign messages on every topic of the servo path: the axis goes on as if nobody had spoken."""
+    import rclpy
+    from microstage_ros.ros.benchmarks.hostile_trial import flood_a_cell
+
+    with own_domain():
+        rclpy.init()
+        try:
+            facts = flood_a_cell(3000, 5)
+        finally:
+            rclpy.try_shutdown()
+    assert facts["sent"] == 3000 and not facts["fell_short"]
+
+
+def test_the_operator_is_answered(tmp_path):
+    from microstage_ros.ros.operator import Operator
+
+    with running_cell(tmp_path, "lockstep") as (cell, node, client, heard, _), Operator("/axis", node) as axis:
+        assert client.move(1e-5, timeout=20.0).reached
+        status = axis.status()
+        assert status.driver.active and status.driver.watched and status.driver.commander == "/axis/str_controller"
+        assert abs(status.position - 1e-5) < 1e-6 and status.lifecycle == "active"
+        jog = axis.jog(1e-3, 0.2)
+        assert jog.accepted and abs(jog.target - 2.1e-4) < 1e-6
+        assert not axis.jog(1.0, 0.2).accepted and not axis.jog(1e-3, 1e9).accepted
+        assert axis.hold()[0] and axis.home()[0]
+        stopped = axis.stop()
+        assert stopped[0] and "voltage is zero" in stopped[1]
+        assert axis.status().driver.fault == AxisState.FAULT_STOPPED and axis.status().voltage == 0.0
+        assert not axis.home()[0]
+        assert axis.reset()[1].startswith("was: stopped")
+        spin_until(node, lambda: not heard[-1].fault)
+        assert client.move(0.0, timeout=20.0).reached
+
+
+def test_late_listeners_hear(tmp_path):
+    from microstage_msgs.msg import ControllerState, SimulationTruth
+
+    with running_cell(tmp_path, "lockstep") as (cell, node, client, _, __):
+        found = {}
+        for kind, topic in ((ControllerState, "/axis/controller_state"), (SimulationTruth, "/axis/simulation")):
+            node.create_subscription(kind, topic, lambda message, topic=topic: found.setdefault(topic, message), 10)
+        spin_until(node, lambda: len(found) == 2, 20.0)

@@ -1,5 +1,6 @@
 """`metadata.yaml` of a rosbag2 folder, version 9, as ROS 2 Jazzy writes it."""
 
+from collections import Counter
 from dataclasses import dataclass
 
 import yaml
@@ -81,6 +82,33 @@ def metadata_of(file_name, topics, counts, start_ns, end_ns, custom_data, ros_di
         "custom_data": dict(custom_data) or None,
         "ros_distro": ros_distro,
     }
+
+
+def metadata_of_files(parts, ros_distro="jazzy"):
+    """Metadata of a bag of several files.
+
+    Parameters
+    ----------
+    parts : (file name, (topics, counts, start_ns, end_ns, custom_data)) in the order of the files.
+    ros_distro : name of the ROS 2 distribution.
+
+    Returns
+    -------
+    dict
+        As `bag_metadata.metadata_of`, with an entry in ``files`` for each.
+    """
+    named, counted, custom, files = {}, Counter(), {}, []
+    for name, (topics, counts, start, end, values) in parts:
+        custom |= values
+        for topic in topics:
+            number = named.setdefault(topic.name, topic).channel
+            counted[number] += counts.get(topic.channel, 0)
+        files.append(metadata_of(name, topics, counts, start, end, {}, ros_distro)["files"][0])
+    starts = [part[2] for _, part in parts if part[2] is not None]
+    ends = [part[3] for _, part in parts if part[3] is not None]
+    whole = metadata_of(parts[0][0], list(named.values()), counted, min(starts, default=None), max(ends, default=None), custom, ros_distro)
+    whole["relative_file_paths"], whole["files"] = [name for name, _ in parts], files
+    return whole
 
 
 def folder_text(information):

@@ -19,6 +19,7 @@ from microstage_ros.records.bags.bag_metadata import (
     as_text,
     folder_text,
     metadata_of,
+    metadata_of_files,
     qos_text,
 )
 from microstage_ros.records.bags.chunk import HEAD_BYTES, OpenChunk
@@ -43,6 +44,8 @@ class BagWriter:
     custom_data : name to text that goes into the bag beside the messages: parameters, version,
         seed, axis file.  `microstage_ros` (the version) is added; the attribute of this name takes
         more until the bag is closed.
+    split_bytes : a file that has grown so large is closed and the next one begun (a folder only); 0: never.
+    keep_files : at most so many files; the oldest goes when another begins; 0: all are kept.
     compression : `zstd` (level 1, 23 bytes for a servo message of 98), `lz4` (33 bytes, half the
         effort) or an empty string.
     ros_distro : goes into the folder's metadata.
@@ -52,8 +55,10 @@ class BagWriter:
     InputError : the place exists or cannot be written.
     """
 
-    def __init__(self, path, custom_data=None, compression="zstd", ros_distro="jazzy"):
+    def __init__(self, path, custom_data=None, compression="zstd", ros_distro="jazzy", split_bytes=0, keep_files=0):
         path = Path(path)
+        self._split_bytes, self._keep_files, self._compression = split_bytes, keep_files, compression
+        self._earlier, self._channels = [], []
         self.folder = None if path.suffix == ".mcap" else path
         self.file = path if self.folder is None else path / f"{path.name}_0.mcap"
         self.custom_data = {"microstage_ros": __version__, **(custom_data or {})}
@@ -108,6 +113,7 @@ class BagWriter:
         metadata = {"offered_qos_profiles": qos_text(info.qos), "topic_type_hash": info.hash}
         channel = Channel(id=number, topic=topic, message_encoding="cdr", metadata=metadata, schema_id=number)
         self._sink.add_channel(schema, channel)
+        self._channels.append((schema, channel))
         self.topics.append(info)
         return number
 
@@ -154,6 +160,32 @@ class BagWriter:
             if len(self._chunk) + record > CHUNK_BYTES:
                 self._close_chunk()
 
+    def hand_over(self):
+        """Close the chunk in hand; what is in it survives this process a moment later."""
+        self._close_chunk()
+        if self._split_bytes and self.folder is not None and self._sink.place > self._split_bytes:
+            self._next_file()
+
+    def _next_file(self):
+        """Close the file and begin the next one of the folder."""
+        self._close_file()
+        self._earlier.append((self.file.name, self._part()))
+        number = int(self.file.stem.rpartition("_")[2]) + 1
+        if self._keep_files and len(self._earlier) >= self._keep_files:
+            oldest, _ = self._earlier.pop(0)
+            (self.folder / oldest).unlink(missing_ok=True)
+        self.file = self.folder / f"{self.folder.name}_{number}.mcap"
+        self._sink = McapSink(self.file, open_file(self.file), self._compression)
+        self._sink.add_metadata(CUSTOM_DATA, _texts(self.custom_data))
+        for schema, channel in self._channels:
+            self._sink.add_channel(schema, channel)
+        self._write_metadata()
+
+    def _part(self):
+        """What `metadata_of_files` needs of the file in hand."""
+        sink = self._sink
+        return list(self.topics), dict(sink.counts), sink.start_time, sink.end_time, _texts(self.custom_data)
+
     def flush(self):
         """Close the chunk in hand and wait until the disk has it; call it when messages are rare."""
         self._close_chunk()
@@ -170,14 +202,17 @@ class BagWriter:
             return
         self._closed = True
         try:
+            self._close_file()
+        finally:
+            self._write_metadata()
+
+    def _close_file(self):
+        try:
             self.flush()  # the metadata counts what is written
             self._sink.add_metadata("rosbag2", {"serialized_metadata": as_text(self._metadata())})
         except BagStopped:
             pass  # told below, after the metadata of what was kept is written
-        try:
-            self._sink.close()
-        finally:
-            self._write_metadata()
+        self._sink.close()
 
     def _close_chunk(self):
         if len(self._chunk):
@@ -186,6 +221,8 @@ class BagWriter:
 
     def _metadata(self):
         sink = self._sink
+        if self._earlier:
+            return metadata_of_files([*self._earlier, (self.file.name, self._part())], self._ros_distro)
         return metadata_of(self.file.name, self.topics, sink.counts, sink.start_time, sink.end_time,
                            _texts(self.custom_data), self._ros_distro)
 

@@ -19,6 +19,7 @@ from microstage_ros.records.bags.bag_metadata import (
     as_text,
     folder_text,
     metadata_of,
+    metadata_of_files,
 )
 from microstage_ros.records.bags.mcap_sink import McapSink, open_file
 from microstage_ros.records.bags.mcap_source import LARGEST_CHUNK, McapSource
@@ -109,7 +110,7 @@ def recover(path):
 
     Raises
     ------
-    InputError : no bag, or nothing in it can be read.
+    InputError : no bag.
     """
     path = Path(path)
     if not path.exists():
@@ -144,9 +145,7 @@ def _recover_file(file):
         counts.update({channel: len(rows) for channel, rows in entries.items() if channel in channels})
     found.messages = sum(counts.values())
     found.topics = {channels[number].topic: count for number, count in sorted(counts.items())}
-    found.whole = not source.cut_off and not source.bad and _closed(file)
-    if not source.good and not found.whole:
-        raise InputError(file, "no chunk that can be read", "a bag with at least one whole chunk (a second of messages)")
+    found.whole = not source.cut_off and not source.bad and _closed(file, source.good)
     span = [(chunk.start, chunk.end) for chunk, _, _ in source.good]
     start, end = min((s for s, _ in span), default=None), max((e for _, e in span), default=None)
     topics = [TopicInfo(number, channel.topic, schemas[channel.schema_id].name, dict(channel.metadata).get("topic_type_hash", ""),
@@ -157,12 +156,19 @@ def _recover_file(file):
     return found, part
 
 
-def _closed(file):
-    """True if the closing part is there and can be read."""
+def _closed(file, good):
+    """True if the closing part is there, can be read, and its index is that of the messages themselves."""
     try:
-        return McapSource(file).cut_off is False
-    except InputError:
+        source = McapSource(file)
+        told = {chunk.data: source.entries(chunk) for chunk in source.chunks}
+    except (InputError, McapError, ValueError, IndexError, OverflowError):
         return False
+    return not source.cut_off and set(told) == {chunk.data for chunk, _, _ in good} and all(
+        _same(told[chunk.data], entries) for chunk, _, entries in good)
+
+
+def _same(told, found):
+    return set(told) == set(found) and all(told[channel].tolist() == found[channel].tolist() for channel in found)
 
 
 def _write_anew(file, source, channels, schemas, part):
@@ -206,30 +212,3 @@ def _profiles(channel):
 def _write_metadata(folder, parts):
     """The folder's `metadata.yaml`, for one or several files."""
     (folder / "metadata.yaml").write_text(folder_text(metadata_of_files(parts)), encoding="utf-8")
-
-
-def metadata_of_files(parts, ros_distro="jazzy"):
-    """Metadata of a bag of several files.
-
-    Parameters
-    ----------
-    parts : (file name, (topics, counts, start_ns, end_ns, custom_data)) in the order of the files.
-    ros_distro : name of the ROS 2 distribution.
-
-    Returns
-    -------
-    dict
-        As `bag_metadata.metadata_of`, with an entry in ``files`` for each.
-    """
-    named, counted, custom, files = {}, Counter(), {}, []
-    for name, (topics, counts, start, end, values) in parts:
-        custom |= values
-        for topic in topics:
-            number = named.setdefault(topic.name, topic).channel
-            counted[number] += counts.get(topic.channel, 0)
-        files.append(metadata_of(name, topics, counts, start, end, {}, ros_distro)["files"][0])
-    starts = [part[2] for _, part in parts if part[2] is not None]
-    ends = [part[3] for _, part in parts if part[3] is not None]
-    whole = metadata_of(parts[0][0], list(named.values()), counted, min(starts, default=None), max(ends, default=None), custom, ros_distro)
-    whole["relative_file_paths"], whole["files"] = [name for name, _ in parts], files
-    return whole

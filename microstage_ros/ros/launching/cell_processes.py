@@ -214,12 +214,12 @@ class CellProcesses:
         within : longest time [s] for all together; None: `STOP_WAIT` for each.
         """
         end = None if within is None else time.monotonic() + within
-        ranks = {"axis_driver": 0, "bag_recorder": 2}
+        ranks = {"axis_driver": 0, "bag_recorder": 2 if end is None else 1}  # a recorder waits until nothing comes
         for rank in range(3):
             names = [name for name in self.processes if ranks.get(name, 1) == rank]
             for name in names:
                 self._ask_to_stop(name)
-            share = None if end is None else (end - time.monotonic()) / (3 - rank)
+            share = None if end is None else (end - time.monotonic()) * (0.3 if rank == 0 else 1.0)
             until = time.monotonic() + (STOP_WAIT if share is None else max(share, 0.05))
             for name in names:
                 self._await(self.processes.pop(name), max(until - time.monotonic(), 0.01))

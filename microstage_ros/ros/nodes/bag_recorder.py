@@ -112,7 +112,8 @@ class BagRecorder(Node):
         p = self.parameters = Parameters(self, "bag_recorder")
         path = Path(p.directory or f"runs/{datetime.now():%Y%m%d-%H%M%S}")
         self._bag = BagWriter(path, _run(p.run) | {"version": __version__},
-                              compression="" if p.compression == "none" else p.compression)
+                              compression="" if p.compression == "none" else p.compression,
+                              split_bytes=p.split_mb * 1_000_000, keep_files=p.keep_files)
         self._servo = make_servo_path(self)
         self._granter = Granter(self)
         self._collector = ParameterCollector(self)
@@ -135,7 +136,9 @@ class BagRecorder(Node):
         self.get_logger().info(f"recording to {self._bag.file}")
         while running():
             try:
-                if not self._drain():
+                if self._drain():
+                    self._bag.hand_over()  # so that a kill loses a tenth of a second and no more
+                else:
                     self._wait()
             except BagStopped as error:
                 self.get_logger().fatal(f"recording stopped: {error}")

@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 
+from microstage_ros.numerics.compiled import kind_of
 from microstage_ros.ros.transport.c_calls import INFO_WORDS, Space, load_libraries, take_from
 from microstage_ros.ros.transport.identity import ANYBODY, process_of_message
 from microstage_ros.ros.transport.servo_path import Reader
@@ -43,7 +44,7 @@ class CheckedReader:
         if self._direct:
             load_libraries()
             self._space, self._info = Space(largest or size), np.zeros(INFO_WORDS, np.int64)
-            take_from(0, self._space.address, self._info)  # compiled before anybody waits; no subscription, nothing taken
+            take_from.compile((kind_of(0), kind_of(0), kind_of(self._info)))  # before anybody waits for it
 
     @property
     def publishers(self):

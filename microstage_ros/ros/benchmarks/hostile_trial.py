@@ -1,0 +1,47 @@
+"""A running cell under a flood of messages from a stranger: it must go on as if nobody had spoken."""
+
+import tempfile
+import time
+from pathlib import Path
+
+import rclpy
+
+from microstage_ros.ros.benchmarks.hostile_messages import flood
+from microstage_ros.ros.client import AxisClient
+from microstage_ros.ros.launching.cell_processes import NODES, CellProcesses
+
+WITHOUT_RECORDER = tuple(name for name in NODES if name != "bag_recorder")
+
+
+def flood_a_cell(count, seed):
+    """Send ``count`` messages to a lockstep cell, move before and after; the facts as plain data."""
+    with tempfile.TemporaryDirectory(prefix="microstage_flood_") as folder:
+        node = rclpy.create_node("cell_starter", namespace="/axis")
+        stranger_node = rclpy.create_node("stranger", namespace="/axis", context=_another_context())
+        try:
+            with CellProcesses("/axis", WITHOUT_RECORDER, {"axis_driver": {"rate_limit": 1.0}}, logs=folder) as cell:
+                cell.activate(node)
+                client = AxisClient("/axis", node, wait=60.0)
+                before = client.move(1e-5, timeout=20.0).reached
+                began = time.monotonic()
+                stranger = flood(stranger_node, count, seed, lambda: rclpy.spin_once(node, timeout_sec=0.0))
+                took = time.monotonic() - began
+                ended = [name for name, process in cell.processes.items() if process.poll() is not None]
+                after = not ended and client.move(-1e-5, timeout=20.0).reached
+            said = [path.name for path in Path(folder).glob("*.log") if "Traceback" in path.read_text(encoding="utf-8", errors="replace")]
+        finally:
+            stranger_node.destroy_node()
+            node.destroy_node()
+    short = [text for text, bad in ((f"ended: {', '.join(ended)}", ended), ("no move before", not before),
+                                    ("no move after", not after), (f"traceback of {', '.join(said)}", said)) if bad]
+    return {"sent": stranger.sent, "refused_by_the_middleware": stranger.refused, "seconds": round(took, 2),
+            "moved_before": bool(before), "moved_after": bool(after), "fell_short": "; ".join(short)}
+
+
+def _another_context():
+    """A context of its own: another participant, as another process would have."""
+    from rclpy.context import Context
+
+    context = Context()
+    rclpy.init(context=context)
+    return context
