@@ -8,6 +8,7 @@ from rosbags.rosbag2 import Reader
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.bags.bag_reader import Bag
 from microstage_ros.records.bags.bag_writer import BagWriter
+from microstage_ros.records.bags.mcap_source import McapSource
 from microstage_ros.records.bags.recovery import DAMAGED, recover
 
 
@@ -18,8 +19,8 @@ def written(path, count=4000, close=True, **options):
     for first in range(0, count, 500):
         rows, _, times = servo_rows(500, first)
         bag.write_block(channel, times, rows)
+        bag.flush()
         bag.hand_over()
-    bag.flush()
     if close:
         bag.close()
     return bag
@@ -59,7 +60,7 @@ def test_a_whole_bag_stays_as_it_is(tmp_path):
 def test_a_damaged_chunk_is_left_out(tmp_path):
     bag = written(tmp_path / "bag")
     raw = bytearray(bag.file.read_bytes())
-    raw[len(raw) // 3] ^= 64
+    raw[McapSource(bag.file).chunks[2].data[0] + 20] ^= 64
     bag.file.write_bytes(raw)
     done = recover(tmp_path / "bag")[0]
     assert done.lost_chunks == 1 and done.messages == count(tmp_path / "bag") == opened_by_others(tmp_path / "bag") == 3500

@@ -27,13 +27,14 @@ def flood_a_cell(count, seed):
                 stranger = flood(stranger_node, count, seed, lambda: rclpy.spin_once(node, timeout_sec=0.0))
                 took = time.monotonic() - began
                 ended = [name for name, process in cell.processes.items() if process.poll() is not None]
-                after = not ended and client.move(-1e-5, timeout=20.0).reached
+                last = None if ended else client.move(-1e-5, timeout=20.0)
+                after = last is not None and last.reached
             said = [path.name for path in Path(folder).glob("*.log") if "Traceback" in path.read_text(encoding="utf-8", errors="replace")]
         finally:
             stranger_node.destroy_node()
             node.destroy_node()
     short = [text for text, bad in ((f"ended: {', '.join(ended)}", ended), ("no move before", not before),
-                                    ("no move after", not after), (f"traceback of {', '.join(said)}", said)) if bad]
+                                    (f"no move after ({last.message if last else chr(45)})", not after), (f"traceback of {', '.join(said)}", said)) if bad]
     return {"sent": stranger.sent, "refused_by_the_middleware": stranger.refused, "seconds": round(took, 2),
             "moved_before": bool(before), "moved_after": bool(after), "fell_short": "; ".join(short)}
 

@@ -35,7 +35,7 @@ from microstage_ros.ros.transport.blocks import Sender
 from microstage_ros.ros.transport.checked import CheckedReader
 from microstage_ros.ros.transport.codec import Codec
 from microstage_ros.ros.transport.credit import CreditReader, Ledger
-from microstage_ros.ros.transport.identity import Holder
+from microstage_ros.ros.transport.identity import Holder, Names
 from microstage_ros.ros.transport.requests import Requests
 from microstage_ros.ros.transport.response_times import ResponseTimes
 from microstage_ros.ros.transport.servo_path import FastServoPath, make_servo_path, reader_qos
@@ -90,7 +90,8 @@ class AxisDriver(DriverPeriods, DriverRequests, LifecycleNode):
         side = make_servo_path(self) if quick else servo
         self._requests, self._quick = Requests(servo.semaphore.post_now if quick else lambda: None), None
         granted = CheckedReader(side.reader(Credit, topics.CREDIT, reader_qos(1000, reliable=True)), 8, largest=CREDIT_BYTES)
-        self._credits = CreditReader(granted, self.ledger, self._on_credit, self._present)
+        self._credits = CreditReader(granted, self.ledger, self._on_credit, self._present,
+                                     Names(self, topics.CREDIT))
         self._commands = servo.reader(VoltageCommand, topics.COMMAND, reader_qos(100, reliable=False))
         self._checked = CheckedReader(self._commands, Codec("VoltageCommand").size, self.holder, passes_on=False)
         self._command_readers = (self._commands,)

@@ -58,10 +58,12 @@ class CreditReader:
     Parameters
     ----------
     reader : `checked.CheckedReader` of the topic. ledger : `Ledger`. raised : called with the limit when it has changed.
-    present : called for the number of the present control period.
+    present : called for the number of the present control period. named : called with a name and the numbers of a process
+        (`identity.process_of`): is it that of the node of this name.
     """
 
-    def __init__(self, reader, ledger, raised=lambda limit: None, present=lambda: -1):
+    def __init__(self, reader, ledger, raised=lambda limit: None, present=lambda: -1, named=lambda name, sender: True):
+        ledger.named = named
         self.reader, self._ledger, self._raised, self._present = reader, ledger, raised, present
         self._lock, self.malformed = threading.Lock(), 0
 
@@ -101,6 +103,7 @@ class Ledger:
         self._until = {name: -1 for name in self._expected}
         self._heard = {name: time.monotonic() for name in self._until}
         self._sender = {}
+        self.named = lambda name, sender: True
         self.foreign = 0
         self.limit = min(self._until.values(), default=UNLIMITED)
 
@@ -108,6 +111,9 @@ class Ledger:
         """Enter one credit from the process ``sender``; ``present``: number of the present control period."""
         name, until, now = credit.follower, credit.until, time.monotonic()
         if name not in self._expected or not 0 <= until <= UNLIMITED:
+            self.foreign += 1
+            return
+        if self._sender.get(name) != sender and not self.named(name, sender):
             self.foreign += 1
             return
         before = self._sender.get(name, sender)

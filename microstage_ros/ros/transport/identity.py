@@ -7,6 +7,8 @@ endpoint of that name gets nowhere, whatever it claims to be. Without DDS securi
 forge the bytes on the wire (docs/safety.md).
 """
 
+import time
+
 import numpy as np
 
 from microstage_ros.ros.transport.c_calls import GID_AT, HALF
@@ -32,6 +34,29 @@ def process_of(gid):
 def process_of_message(info):
     """As `process_of`, from the words that `c_calls.take_from` has filled."""
     return int(info[GID_AT]), int(info[GID_AT + 1]) & HALF
+
+
+class Names:
+    """Which process belongs to the node of which name, as the graph tells; asked at most every `AGAIN_S`.
+
+    Parameters
+    ----------
+    node : rclpy node that looks. topic : on which they publish.
+    """
+
+    AGAIN_S = 0.1
+
+    def __init__(self, node, topic):
+        self._holder, self._found, self._at = Holder(node, topic), {}, -1.0
+        self._prefix = f"{node.get_namespace().rstrip('/')}/"
+
+    def __call__(self, name, sender):
+        """True if ``sender`` is the process of the node ``name`` of the own namespace; where nobody can tell, too."""
+        if sender == ANYBODY:
+            return True
+        if time.monotonic() - self._at > self.AGAIN_S:
+            self._at, self._found = time.monotonic(), self._holder.publishers()
+        return self._found.get(sender) == self._prefix + name
 
 
 class Holder:
@@ -69,19 +94,20 @@ class Holder:
         return {numbers: name for numbers, name in found.items() if numbers != mine}
 
     def look_beyond(self):
-        """As `look`, when the holder has been silent: another takes its place, if there is one."""
+        """As `look`, when the holder has been silent: another of an expected name takes its place, if there is one."""
         found = self.publishers()
         others = {numbers: name for numbers, name in found.items() if numbers != tuple(self.words.tolist())}
-        choice = self._first(others)
+        choice = self._first(others, strictly=True)
         if choice != ANYBODY:
             self.take(others, choice)
         return self.look()
 
-    def _first(self, found):
-        """Whom to take of ``found``: the only one with an expected name, or the only one at all where none has it."""
+    def _first(self, found, strictly=False):
+        """Whom to take of ``found``: the only one with an expected name, or the only one at all where none has it; the
+        latter not if ``strictly``."""
         own = {f"{self._node.get_namespace().rstrip('/')}/{name}" for name in self._names}
         named = {numbers: name for numbers, name in found.items() if name in own}
-        choice = named or found
+        choice = named if strictly and own else named or found
         return next(iter(choice)) if len(choice) == 1 else ANYBODY
 
     def take(self, found, numbers):
