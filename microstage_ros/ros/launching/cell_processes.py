@@ -115,7 +115,7 @@ class CellProcesses:
         self._folder = tempfile.TemporaryDirectory(prefix="microstage_")
         if self._logs:
             self._logs.mkdir(parents=True, exist_ok=True)
-        self._forked = ForkedNodes([self._node(name) for name in self.nodes], self._log("fork_server"))
+        self._forked = ForkedNodes([self._node(name) for name in self.nodes], self._log("fork_server"), self._folder.name)
         self.processes = dict(self._forked.processes)
 
     def _log(self, name):

@@ -2,15 +2,40 @@
 
 import json
 import os
+import secrets
 import socket
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 GRACE = 30.0
 """Longest time [s] that the server is given to end itself and its children; it kills what still runs after
 `fork_server.GRACE`, which is shorter."""
 ENVIRONMENT = {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+
+
+PROFILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
+SHARED = "<kind>AUTOMATIC</kind>"
+
+
+def own_memory(folder):
+    """Environment in which nodes share memory with each other alone.
+
+    Messages of a process outside go through the ordinary transports: one that writes into shared memory faster than it is
+    read can make a reader of it deaf to everybody.
+    """
+    given = next((os.environ[name] for name in PROFILES if os.environ.get(name)), None)
+    if folder is None or given is None:
+        return {}
+    try:
+        text = Path(given).read_text(encoding="utf-8")
+    except OSError:
+        return {}
+    number = secrets.randbelow(65_000) + 1
+    path = Path(folder) / "fastdds.xml"
+    path.write_text(text.replace(SHARED, f"{SHARED}<domain_ids><domainId>{number}</domainId></domain_ids>"), encoding="utf-8")
+    return dict.fromkeys(PROFILES, str(path))
 
 
 class ForkedNodes:
@@ -19,19 +44,19 @@ class ForkedNodes:
     Parameters
     ----------
     nodes : dicts ``name``, ``arguments`` (command line), ``log`` (file for what it prints, None: our own output).
-    log : file for what the server itself prints.
+    log : file for what the server itself prints. folder : for a profile of their own, None: the one of this environment.
 
     Attributes
     ----------
     processes : name to `NodeProcess`.
     """
 
-    def __init__(self, nodes, log=None):
+    def __init__(self, nodes, log=None, folder=None):
         self._link, other = socket.socketpair()
         output = open(log, "wb") if log else None
         self._server = subprocess.Popen(
             [sys.executable, "-m", "microstage_ros.ros.launching.fork_server", str(other.fileno())], pass_fds=[other.fileno()],
-            stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True, env={**os.environ, **ENVIRONMENT})
+            stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True, env={**os.environ, **ENVIRONMENT, **own_memory(folder)})
         other.close()
         if output:
             output.close()
