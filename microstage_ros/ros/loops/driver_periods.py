@@ -110,6 +110,7 @@ class DriverPeriods:
             self._enable(True)
             if not self._lockstep:
                 self.guard.arm()
+        self._tell()
 
     def _enable(self, on):
         """The drive's enable output, where the backend has one; told only when it changes."""
