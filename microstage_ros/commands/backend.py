@@ -81,14 +81,20 @@ def load_options(path):
     return found or {}
 
 
-def chosen_backend(arguments, axis):
-    """`ChosenBackend` of the parsed options; the class is made once, not opened, to see that it can be."""
+def backend_options(arguments):
+    """The options of the backend from the parsed ``--backend-options`` and ``--machine``. Raises `InputError`."""
     options = load_options(arguments.backend_options)
     machine = getattr(arguments, "machine", None)
     if machine and arguments.backend != SIMULATED:
         raise InputError("--machine", machine, f"the backend {SIMULATED}: {arguments.backend} has a machine of its own")
     if machine:
         options = {**options, "machine": str(Path(machine).resolve())}
+    return options
+
+
+def chosen_backend(arguments, axis):
+    """`ChosenBackend` of the parsed options; the class is made once, not opened, to see that it can be."""
+    options = backend_options(arguments)
     if arguments.backend == SIMULATED and not options:
         return ChosenBackend()
     made = make_hardware(arguments.backend, Setup(axis, getattr(arguments, "seed", 0), options))

@@ -38,6 +38,7 @@ WINDUP_EDGE = 50.0  # band of the acceleration that winds the drive train up [Hz
 LEAST_COUNTS = 4  # travel about a row, in counts over a tenth of a second, that counts as motion
 BLOCK = 1.0  # residuals hang together over about this time [s]
 MOST_LEFT = 0.5  # of the torque: beyond it the record is not of such an axis
+EXPONENTS = (0.1, 5.0)  # that an axis file may hold
 EXPERIMENT = "the actuator's own experiments (slow reversals, constant speeds) would"
 
 
@@ -109,7 +110,7 @@ def _axis_numbers(vector, axis, inertia):
     values = {
         **base, "coulomb": coulomb, "static": coulomb + drop,
         "stribeck_velocity": base["stribeck_velocity"] * math.exp(vector[2]),
-        "stribeck_exponent": base["stribeck_exponent"] * math.exp(vector[3]),
+        "stribeck_exponent": min(max(base["stribeck_exponent"] * math.exp(vector[3]), EXPONENTS[0]), EXPONENTS[1]),
         "viscous": max(base["viscous"], 1e-9) * math.exp(vector[4]),
         "stiffness": tuple(np.asarray(base["stiffness"]) * math.exp(vector[5])),
     }

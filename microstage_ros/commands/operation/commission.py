@@ -7,7 +7,8 @@ from pathlib import Path
 
 import yaml
 
-from microstage_ros.commands.backend import add_backend, load_options
+from microstage_ros.commands import answer
+from microstage_ros.commands.backend import add_backend, backend_options
 from microstage_ros.commands.parser import Parser
 from microstage_ros.quantities.errors import InputError
 
@@ -38,7 +39,7 @@ def main(argv=None):
     from microstage_ros.hardware import make_hardware
     from microstage_ros.hardware.protocol import Setup
 
-    sketch, options = load_sketch(arguments.axis), load_options(arguments.backend_options)
+    sketch, options = load_sketch(arguments.axis), backend_options(arguments)
     backend = make_hardware(arguments.backend, Setup(sketch.axis, arguments.seed, options))
     identity = f"{Path(arguments.axis).read_text(encoding='utf-8')}\n{arguments.backend}\n{yaml.safe_dump(options)}\n{arguments.seed}"
     store = Store(arguments.out, identity)
@@ -60,7 +61,7 @@ def _ask(axis, name):
 def _run(arguments, sketch, backend, store):
     from microstage_ros.commissioning.machine import Machine
     from microstage_ros.commissioning.procedure import Outcome, commission
-    from microstage_ros.commissioning.report import write_answer
+    from microstage_ros.commissioning.report import report_tree, write_answer
     from microstage_ros.hardware.protocol import HardwareError
 
     if store.resumed:
@@ -83,6 +84,7 @@ def _run(arguments, sketch, backend, store):
         outcome = Outcome(says=f"the hardware reported: {error}")
     provenance = {"sketch": str(arguments.axis), "backend": arguments.backend, "seed": arguments.seed}
     write_answer(outcome, machine, Path(arguments.out), provenance)
+    answer.state(**report_tree(outcome, machine), out=str(arguments.out))
     _tell(outcome, machine, Path(arguments.out))
     return 0 if outcome.verdict == "ready" else REFUSED
 
