@@ -17,6 +17,9 @@ from scipy.signal import lfilter
 from microstage_ros.diagnosis.logs.motion import Motion
 from microstage_ros.records.logs.log import Log
 
+BRAKE = 3               # index of braking in `motion.STATES`
+SIGN_ROUNDS = 4         # of sign and fit in turn
+SIGN_GAIN = 0.8         # of the mean square with the direction as sign, below which the signed effort is believed
 RIDGE = 1e-3            # of the columns' mean squares: numerical, keeps collinear columns small
 MOST_ROWS = 200_000     # rows that a healthy model is fitted to
 MEMORIES = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)   # s, time constants of the loop that are tried
@@ -41,6 +44,7 @@ class Channel:
     ``name`` effort, error or voltage; ``unit``; ``signed``. ``models``: condition code → coefficients of `base_columns`;
     ``scale``: condition code → size in ``unit`` that changes are told against (the friction level; the error's rms);
     ``stderr``: condition code → standard errors. ``kind``: the quantity. ``memory``: time constant of the error's high-pass [s].
+    ``signs``: condition code → (constant, level, viscous, inertia) of the signed effort behind a magnitude.
     """
 
     name: str
@@ -51,6 +55,7 @@ class Channel:
     stderr: dict = dataclasses.field(default_factory=dict)
     scale: dict = dataclasses.field(default_factory=dict)
     memory: float = 0.1
+    signs: dict = dataclasses.field(default_factory=dict)
 
     def values(self, rows):
         """Signal of this channel for the rows of a log, shape (n,); NaN where there is none."""
@@ -64,10 +69,19 @@ class Channel:
         return signals["reference_velocity"] - signals["velocity"]
 
     def orientation(self, rows):
-        """What turns a signed column into this channel's: 1, or for a magnitude the direction of motion (1 at rest)."""
+        """What turns a signed column into this channel's: 1, or for a magnitude the sign of the effort behind it (1 at rest).
+
+        That is the direction of motion, but where braking needs more than friction gives.
+        """
+        m = rows.motion
         if self.signed:
             return np.ones(len(rows.log))
-        return np.where(rows.motion.direction == 0.0, 1.0, rows.motion.direction)
+        out = np.where(m.direction == 0.0, 1.0, m.direction)
+        for code, (constant, level, viscous, inertia) in self.signs.items():
+            own = (rows.condition == code) & (m.direction != 0.0)
+            effort = constant + level * m.direction[own] + viscous * m.speed[own] + inertia * m.acceleration[own]
+            out[own] = np.where(effort >= 0.0, 1.0, -1.0)
+        return out
 
     def predicted(self, rows):
         """The healthy model's value, shape (n,)."""
@@ -131,7 +145,36 @@ def fit_models(channel, baseline):
             channel.memory = memory
             left[memory] = _fit(channel, baseline)
         channel.memory = min(left, key=left.get)
+    if channel.name == "effort" and not channel.signed:
+        channel.signs = _signs(channel, baseline)
     _fit(channel, baseline)
+
+
+def _signs(channel, baseline):
+    """Signed effort behind a magnitude, per condition, where it fits the baseline better than the direction of motion does."""
+    found = {}
+    for code in sorted({int(c) for rows in baseline for c in np.unique(rows.condition) if c >= 0}):
+        parts = [(np.stack([np.ones(len(rows.log)), rows.motion.direction, rows.motion.speed, rows.motion.acceleration], axis=1)[own],
+                  channel.values(rows)[own], rows.motion.state[own])
+                 for rows in baseline for own in [(rows.condition == code) & (rows.motion.direction != 0.0)] if own.any()]
+        columns, y, state = (np.concatenate([p[k] for p in parts]) for k in range(3))
+        good = np.isfinite(y)
+        step = max(1, int(good.sum() // MOST_ROWS))
+        columns, y, state = columns[good][::step], y[good][::step], state[good][::step]
+        pushing = state != BRAKE
+        if pushing.sum() < 20 or (~pushing).sum() < 10:
+            continue
+        scaled = columns / np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-300)
+        fit = lambda turned, rows_used: np.linalg.lstsq((scaled * turned[:, None])[rows_used], y[rows_used], rcond=None)[0]
+        turned = columns[:, 1].copy()
+        plain = float(np.mean((y - scaled @ fit(turned, slice(None)) * turned) ** 2))
+        beta = fit(turned, pushing)
+        for _ in range(SIGN_ROUNDS):
+            turned = np.where(scaled @ beta >= 0.0, 1.0, -1.0)
+            beta = fit(turned, slice(None))
+        if float(np.mean((y - scaled @ beta * turned) ** 2)) < SIGN_GAIN * plain:
+            found[code] = tuple(beta / np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-300))
+    return found
 
 
 def _fit(channel, baseline):
