@@ -9,7 +9,7 @@ import dataclasses
 import numpy as np
 
 PRICE = 3.0                # times log n, per change point
-LEAST = 2                  # points on either side of a change
+LEAST = 1                  # points on either side of a change
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,7 +100,7 @@ def change_points(values, errors):
 def _best_split(values, weight):
     """(place, twice the gain in log likelihood) of the best split into two means, or None."""
     n = len(values)
-    if n < 2 * LEAST:
+    if n < 2:
         return None
     total = np.sum(weight)
     gains = np.full(n, -np.inf)
