@@ -37,7 +37,7 @@ def main(argv=None):
                                      arguments.strength, arguments.effect, arguments.world)
     outcomes = []
     with progress("examining", len(examined)) as bar:
-        for outcome in campaign.run(examined, arguments.jobs):
+        for outcome in campaign.run(examined, arguments.jobs, arguments.scheduler):
             outcomes.append(outcome)
             bar.advance()
             if arguments.verbose:
@@ -60,6 +60,7 @@ def _parse(argv):
     parser.add_argument("--cases", type=int, default=27, metavar="N", help="number of cases (default 27)")
     parser.add_argument("--seed", type=int, default=1, metavar="S", help="of everything drawn (default 1)")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes (default 1)")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="hand the cases to this Dask scheduler, tcp://host:port (docs/logs.md)")
     parser.add_argument("--kind", default="mixed", choices=("mixed", *campaign.KINDS), help="what to hide (default mixed)")
     parser.add_argument("--effect", default="", metavar="ID", help="always hide this effect")
     parser.add_argument("--strength", type=float, default=1.0, metavar="X", help="factor on all sizes (default 1)")

@@ -12,6 +12,7 @@ import time
 import numpy as np
 
 from microstage_ros.diagnosis.batch import diagnose_records, on_cores
+from microstage_ros.diagnosis.fleet import on_cluster
 from microstage_ros.diagnosis.validation import fault_injection as hidden
 from microstage_ros.diagnosis.validation import second_world, simulated_records
 from microstage_ros.diagnosis.validation.simulated_records import Hidden
@@ -130,9 +131,16 @@ def covered(causes, truth):
                 yield f"{cause.id}.{name}", bool(abs(error) <= 1.96 * number.stderr)
 
 
-def run(examined, jobs):
-    """Outcomes as they end."""
-    if jobs <= 1:
+def run(examined, jobs, scheduler=None):
+    """Outcomes as they end, from ``jobs`` processes or from the workers of a Dask ``scheduler``.
+
+    Raises InputError if the scheduler cannot be used. A case whose worker died twice is left out.
+    """
+    if scheduler:
+        for _, outcome in on_cluster(examined, examine, scheduler):
+            if not isinstance(outcome, Exception):
+                yield outcome
+    elif jobs <= 1:
         yield from map(examine, examined)
     else:
         for _, outcome in on_cores(examined, examine, jobs):
