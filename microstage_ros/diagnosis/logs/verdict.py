@@ -14,6 +14,7 @@ from microstage_ros.diagnosis.report.wording import sentence_of
 from microstage_ros.diagnosis.result import Cause, Diagnosis, Finding, Gain, OverallGain, Rivals
 
 LATE_S, GAP = 0.02, 0.005  # s, and share of the stroke: sizes that are told as visible if they would be found
+FORM_SIZE = 0.04           # of a size, by which its form's misfit may mislead it; calibrated: `microstage log --examine`, coverage of the intervals
 FEW = 6                    # repetitions of the baseline below which thresholds are called wide
 
 
@@ -97,7 +98,8 @@ def _cause(stage, choice, context, parts):
     inflation = max(problem.inflation.get(choice.name, 1.0), 1.0) * widening(problem.dof) ** 2
     effect = decide.plain(choice.name)
     channel = str(problem.where[np.argmax(np.abs(problem.effects[choice.name]).max(axis=1))])
-    parameters = parameters_of(effect, problem.parts[choice.name], beta[own], covariance[own, own] * inflation, context, channel)
+    spread_of = covariance[own, own] * inflation + np.diag((FORM_SIZE * beta[own]) ** 2)
+    parameters = parameters_of(effect, problem.parts[choice.name], beta[own], spread_of, context, channel)
     probability = float(np.clip(1.0 - math.exp(max(choice.log_p, -30.0)) * len(SIGNATURES), 0.0, 1.0))
     share, before, after = parts.get(choice.name, (0.0, 0.0, 0.0))
     return Cause(effect, parameters, {}, probability, share, Gain(before, after, "1"), channel)
