@@ -27,7 +27,8 @@ class NoAnswer(RuntimeError):
 def live_axes(node):
     """Namespaces, sorted, of the axes whose move server is known to ``node``'s graph."""
     ending = f"/{topics.MOVE_TO}/_action/send_goal"
-    return sorted({name.removesuffix(ending) or "/" for name, _ in node.get_service_names_and_types() if name.endswith(ending)})
+    return sorted({name.removesuffix(ending) or "/" for name, _ in node.get_service_names_and_types()
+                   if name.endswith(ending) and node.count_services(name)})  # a client alone is in the graph too
 
 
 class AxisClient:
