@@ -24,6 +24,9 @@ UNKNOWN = 9.0
 REQUIRED = ("period", "travel.minimum", "travel.maximum", "drive.voltage_limit", "sensors.encoder.resolution")
 """Leaves without which nothing may move; of a screw also its gear ratio and pitch."""
 
+DRIVES = ("voltage_motor", "force")
+"""Kinds of drive that the steps are written for: a voltage goes out to both."""
+
 EXACT = (*REQUIRED, "drive.dac_range", "drive.dac_bits", "transmission.gear_ratio", "transmission.pitch")
 """Leaves that are taken as they are."""
 
@@ -65,6 +68,8 @@ def sketch_from_dict(tree, place="sketch"):
     tree = _without_tolerances(tree, "", tolerance, place)
     given = frozenset(_leaves(tree))
     drive, transmission = (_choice(tree, section, place) for section in ("drive", "transmission"))
+    if drive not in DRIVES:
+        raise InputError(f"{place}: drive.type", drive, "one of " + ", ".join(DRIVES) + " (others cannot be commissioned yet)")
     required = REQUIRED + (("transmission.gear_ratio", "transmission.pitch") if transmission == "screw" else ())
     for key in required:
         if key not in given:

@@ -62,5 +62,12 @@ def test_a_force_drive():
     assert sketch_from_dict(tree).axis.value("stage.mass") > 0.0
 
 
+def test_a_drive_that_cannot_be_commissioned_is_said():
+    tree = least()
+    tree["drive"]["type"] = "stepper"
+    with pytest.raises(InputError, match="drive.type.*voltage_motor, force"):
+        sketch_from_dict(tree)
+
+
 def test_a_whole_axis_file_is_a_sketch():
     assert load_sketch(config_file("axis.yaml")).axis.controller == {"type": "self_tuning"}
