@@ -215,7 +215,7 @@ def choose(problem, visible, open_sign=False):
                 found.setdefault(plain(name), value)
         choice.rivals = list(found)[:4]
         choice.log_p = own
-        choice.rivals += [name for name in ALSO.get(plain(choice.name), ()) if name not in choice.rivals and name not in [plain(b) for b in beside]]
+        choice.rivals += [name for name in ALSO.get(choice.name, ALSO.get(plain(choice.name), ())) if name not in choice.rivals and name not in [plain(b) for b in beside]]
         if open_sign:
             swap = {"friction_level_change": "gravity_tilt", "gravity_tilt": "friction_level_change"}.get(plain(choice.name))
             if swap and swap not in choice.rivals and swap not in [plain(b) for b in beside]:

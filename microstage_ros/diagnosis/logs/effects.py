@@ -73,6 +73,8 @@ SEPARATE = {
     frozenset(("friction_level_change", "direction_asymmetry")): "the sign of the current",
     frozenset(("friction_level_change", "amplifier_gain")): "the same move at twice the acceleration: a gain scales inertia and friction alike",
     frozenset(("payload_change", "rising_static_friction")): "the same move after dwells of 0.1 s, 1 s and 10 s: mass does not know the dwell",
+    frozenset(("torque_ripple", "floor_vibration")): "a log of ten rows or more per turn, and some seconds at rest with the motor off: what ripples with "
+                                                   "the turn stops with it, what comes from outside does not",
     frozenset(("backlash", "friction_level_change")): "the drive's current: friction needs more of it, lost motion does not",
     frozenset(("backlash", "drive_compliance")): "the same reversal under two loads: a gap is of one width, a soft drive gives in proportion",
     frozenset(("transport_delay", "viscous_change")): "the drive's current: viscous friction needs more of it, a delay does not",
@@ -83,9 +85,9 @@ SEPARATE = {
 #: Columns of the error that a changed force moves, whatever the loop: free where the effort has changed.
 FORCED = ("level", "level transient", "viscous", "speed transient", "force in error", "inertia", "start", "brake", "waves", "spring", "breakaway")
 #: Effects on the error that a changed effort brings with it and that are therefore not looked for beside one.
-FOLLOWING = ("backlash", "drive_compliance", "sampling_jitter", "screw_pitch_error", "presliding_creep", "actuator_lag")
+FOLLOWING = ("backlash", "floor_vibration", "drive_compliance", "sampling_jitter", "screw_pitch_error", "presliding_creep", "actuator_lag")
 #: What a trace in the error beside an unchanged effort may as well be, although the effort does not prove it.
-ALSO = {"actuator_lag": ("payload_change",), "drive_compliance": ("backlash",), "presliding_creep": ("backlash",)}
+ALSO = {"torque_ripple+": ("floor_vibration",), "actuator_lag": ("payload_change",), "drive_compliance": ("backlash",), "presliding_creep": ("backlash",)}
 #: How much rarer than the commonest causes an effect is taken to be, as log odds: what decides between names that fit alike.
 #: An opinion, not a measurement: frequencies of causes differ between shops.
 RARER = {"viscous_change": 1.0, "nonlinear_viscous": 1.5, "amplifier_gain": 2.0, "cable_spring": 1.0, "presliding_creep": 2.0, "actuator_lag": 2.0,
