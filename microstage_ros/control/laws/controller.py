@@ -74,6 +74,11 @@ def controller_parameters(type_name, axis, gains, period=None, place="controller
         adaptation.take_logarithms(record["adaptation"])
     if "observer" in law.parts:
         observer_law.design_motion(record["observer"], record["feedforward"], period)
+    if "supervision" in law.parts:
+        own = {**design.designed_gains("self_tuning", record["feedforward"], period), **shipped_gains("self_tuning", axis, period)}
+        fill(record["encoder_pid"], laws.LAWS["self_tuning"].parts["pid"], own, place)
+        fill(record["encoder_adaptation"], laws.LAWS["self_tuning"].parts["adaptation"], own, place)
+        adaptation.take_logarithms(record["encoder_adaptation"])
     if "nctf" in law.parts:
         nctf.fill_trajectory(record["nctf"], record["feedforward"])
     return record

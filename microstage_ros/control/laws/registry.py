@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from microstage_ros.control.feedforward import axis as feedforward
-from microstage_ros.control.laws import adaptation, cascade, nctf, pid
+from microstage_ros.control.laws import adaptation, cascade, nctf, pid, supervision
+from microstage_ros.control.laws.gains import record_type
 from microstage_ros.control.observer import flexible_mode as swing
 from microstage_ros.control.observer import gap_crossing
 from microstage_ros.control.observer import law as observer_law
@@ -42,7 +43,7 @@ LAWS = {
         SELF_TUNING_OBSERVER,
         {
             "pid": pid.GAINS, "adaptation": adaptation.GAINS, "feedforward": feedforward.GAINS,
-            "observer": observer_law.GAINS,
+            "observer": observer_law.GAINS, "supervision": supervision.GAINS,
         },
     ),
     "nctf": Law(NCTF, {"nctf": nctf.GAINS}),
@@ -60,6 +61,10 @@ PARAMETERS = np.dtype([
     ("observer", observer_law.PARAMETERS),
     ("nctf", nctf.PARAMETERS),
     ("cascade", cascade.PARAMETERS),
+    ("supervision", record_type(supervision.GAINS)),
+    ("encoder_pid", pid.PARAMETERS),  # of the encoder-only law that the observer law hands over to
+    ("encoder_adaptation", adaptation.PARAMETERS),
+    ("unstable", "i8"),  # 1: the observer law is unstable on the axis file's own model
 ])
 
 #: What a law remembers from one period to the next. `pid` holds error, terms and gains for every law.
@@ -74,6 +79,9 @@ STATE = np.dtype([
     ("observer", observer_law.STATE_FIELDS),
     ("cascade", cascade.STATE_FIELDS),
     ("crossing", gap_crossing.FIELDS),
+    ("supervision", supervision.FIELDS),
+    ("encoder_pid", pid.STATE_FIELDS),
+    ("encoder_adaptation", adaptation.STATE_FIELDS),
 ])
 
 
@@ -93,6 +101,10 @@ def controller_reset(parameters, state, voltage):
     pid.pid_reset(parameters.pid, state.pid, voltage)
     if parameters.kind in (SELF_TUNING, SELF_TUNING_FEEDFORWARD, SELF_TUNING_OBSERVER):
         adaptation.adaptation_reset(parameters.adaptation, state.adaptation, state.pid)
+    if parameters.kind == SELF_TUNING_OBSERVER:
+        pid.pid_reset(parameters.encoder_pid, state.encoder_pid, voltage)
+        adaptation.adaptation_reset(parameters.encoder_adaptation, state.encoder_adaptation, state.encoder_pid)
+        supervision.supervision_reset(parameters.supervision, state.supervision, parameters.unstable)
     observer_law.observer_reset(parameters.observer, state.observer)
     gap_crossing.crossing_reset(state.crossing)
 
@@ -105,6 +117,8 @@ def controller_start(state, reference, encoder):
     state.pid.previous_encoder = encoder
     state.pid.previous_reference = reference
     cascade.cascade_reset(state.cascade, encoder)
+    state.encoder_pid.previous_encoder = encoder
+    state.encoder_pid.previous_reference = reference
     feedforward.feedforward_reset(state.feedforward, reference)
     observer_law.observer_start(state.observer, encoder)
 
@@ -163,12 +177,52 @@ def dispatch(parameters, state, reference, encoder, current):
 
 @compiled
 def observed_step(parameters, state, reference, encoder, current):
-    """Self-tuning PID on the observer's motion, fed forward at its level, through lost motion where there is any."""
-    pid.pid_motion(parameters.pid, state.pid, parameters.period, reference, encoder)
-    observer_law.observer_step(
-        parameters.observer, parameters.feedforward, state.observer, parameters.period, encoder, state.voltage, current
-    )
-    return regulate(parameters, state, reference)
+    """Self-tuning PID on the observer's motion, fed forward at its level, through lost motion where there is any.
+
+    While `supervision` says that the model does not hold, the encoder-only self-tuning PID in its place.
+    """
+    period, rule, watched, observer = parameters.period, parameters.supervision, state.supervision, state.observer
+    pid.pid_motion(parameters.pid, state.pid, period, reference, encoder)
+    observer_law.observer_step(parameters.observer, parameters.feedforward, observer, period, encoder, state.voltage, current)
+    if rule.supervised == 0.0:
+        return regulate(parameters, state, reference)
+    pid.pid_motion(parameters.encoder_pid, state.encoder_pid, period, reference, encoder)
+    supervision.watch_error(rule, watched, state.encoder_pid.error, state.encoder_pid.reference_velocity, period)
+    if watched.law == supervision.OBSERVER:
+        reason = supervision.sign_of_trouble(rule, watched, observer.position_test, observer.speed_test, observer.voltage_noise, period)
+        if reason == supervision.NOTHING:
+            return regulate(parameters, state, reference)
+        supervision.hand_over(rule, watched, reason)
+        go_on_from(parameters.encoder_pid, state.encoder_pid, state.voltage)
+    elif supervision.may_return(rule, watched, observer.position_test, observer.speed_test, observer.voltage_noise):
+        supervision.hand_back(watched)
+        voltage = regulate(parameters, state, reference)
+        state.pid.integral += (state.voltage - voltage) / observer.applied[0]
+        return state.voltage
+    return encoder_only_step(parameters, state, reference)
+
+
+@compiled
+def go_on_from(p, s, voltage):
+    """Set the integral of ``s`` so that its output continues from ``voltage`` [V]."""
+    wanted = p.derivative_on_reference * s.reference_velocity
+    s.integral = voltage - s.kp * s.error + s.kd * (s.velocity - wanted)
+
+
+@compiled
+def encoder_only_step(parameters, state, reference):
+    """The encoder-only law, and what the observer law needs to take over again: its model along the reference, no crossing."""
+    seldom()
+    period, model, own, shown = parameters.period, parameters.feedforward, state.encoder_pid, state.pid
+    feedforward.feedforward_step(model, state.feedforward, period, reference, state.observer.level, 1.0, 0.0)
+    gap_crossing.crossing_reset(state.crossing)
+    adaptation.adaptation_step(parameters.encoder_adaptation, state.encoder_adaptation, parameters.encoder_pid, own, period)
+    voltage = pid.pid_output(parameters.encoder_pid, own, period, parameters.voltage_limit, 0.0)
+    state.feed_forward = 0.0
+    state.observer.stood = state.supervision.stood
+    shown.kp, shown.ki, shown.kd, shown.integral, shown.error = own.kp, own.ki, own.kd, own.integral, own.error
+    shown.proportional_term, shown.derivative_term, shown.saturated = own.proportional_term, own.derivative_term, own.saturated
+    return voltage
 
 
 @compiled

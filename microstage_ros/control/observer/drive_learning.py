@@ -5,13 +5,14 @@ warms up, the amplifier has a gain and a zero, the motor constant spreads. Encod
 motion, so what they disagree on tells (compiled parts of `observer_law`).
 """
 
+import math
 
 from microstage_ros.control.observer.motion_filter import along_motion
 from microstage_ros.numerics.compiled import compiled
 
 JOLT_TIME = 1e-2  # s, for which a jolt is remembered
 JOLTED = 5.0  # doubts in the encoder beyond which something goes on that is not the drive (backlash, a jolt)
-LAGS = 4  # voltage delays told apart, in periods
+LAGS = 12  # voltage delays told apart, in periods
 EXCITED = 1e-6  # V^2, mean square of voltage steps that tells the delay: 1 mV rms
 TOLD = 2.0  # doubts in the voltage that its rms steps are beyond when they tell of another delay
 LAG_LEAST = 0.3  # share of the current's steps that follow the voltage of another delay at least
@@ -26,6 +27,10 @@ SLACK, ZERO_SLACK = 0.05, 1e-2  # 1, V, up to which it does not
 STRAY_TIME, LONG_TIME = 5e-3, 0.1  # s, memory of a position that stays beside the encoder, at rest and in motion
 ASTRAY, LONG_ASTRAY = 0.8, 1.5  # doubts in the encoder by which it may
 STOOD = 0.3  # s, for which the reference stands when the axis is surely at rest
+NOISE_TIME = 0.3  # s, memory of the noise in the voltage behind the back-EMF
+OUTLIER = 9.0  # variances, at which a square is cut: a change of the drive is no noise
+NOISE_DOUBT = 2.1  # doubt in that voltage over its noise, as in the shipped figures: the filter's own model is not exact either
+WORTH = 3e-3  # A, noise of the current at which the voltage tells the force as well
 GAIN_SPREAD = 1.0  # standard deviation of gain over former gain after a change
 ZERO_SPREAD = 0.03  # V, of the amplifier's zero after a change
 
@@ -80,18 +85,42 @@ def drive_changed(p, model, s, period, drop):
     expected = voltage_variance(model, s, drop - s.drop, s.v - s.speed, 0.0)
     compare_voltage(model, s, drop)
     now, step = s.unexplained, s.unexplained - before
-    doubt = max(SURE * SURE * p.voltage_noise * p.voltage_noise, RARE * RARE * s.restless) + unsettled * unsettled
+    doubt = max(SURE * SURE * s.voltage_noise * s.voltage_noise, RARE * RARE * s.restless) + unsettled * unsettled
     sudden = step * step > doubt + SURE * SURE * expected
     beyond = now * now > doubt + SURE * SURE * voltage_variance(model, s, drop, s.v, 1.0)
     s.since += period
     if sudden and beyond and (s.steady > STEADY_TIME or s.changes > 0 and s.since < 3.5 * period):
         s.steady = 0.0
         return True
+    learn_noise(p, s, step, period)
     steady = now * now < doubt and s.jolt < JOLTED * p.encoder_noise
     s.steady = s.steady + period if steady else 0.0
     memory = RESTLESS_TIME if s.changes > 0 else min(RESTLESS_TIME, s.since)
     s.restless += period / max(memory, period) * (step * step - s.restless)
     return False
+
+
+@compiled
+def learn_noise(p, s, step, period):
+    """Noise of the voltage behind the back-EMF, from a ``step`` [V] of what is unexplained: a model's error changes slowly, noise does not."""
+    square = min(0.5 * step * step, OUTLIER * s.noise_variance)
+    s.noise_variance += period / NOISE_TIME * (square - s.noise_variance)
+    s.voltage_noise = max(p.voltage_noise, NOISE_DOUBT * math.sqrt(s.noise_variance))
+
+
+@compiled
+def weighed_current(p, model, s, current):
+    """Current [A] for the driving force: the measured one as far as it is worth more than what voltage and speed say.
+
+    Its noise is what was found beyond the amplifier's, over R; both are weighed by their variances.
+    """
+    excess = s.voltage_noise * s.voltage_noise - p.voltage_noise * p.voltage_noise
+    if excess <= 0.0:
+        return current
+    noise = excess / (NOISE_DOUBT * NOISE_DOUBT * model.resistance * model.resistance)
+    motion = s.learned[1] + s.learned[2] * model.volts_per_velocity * s.v
+    expected = (s.voltages[s.lag] - motion) / (model.resistance * s.learned[0])
+    return expected + WORTH * WORTH / (WORTH * WORTH + noise) * (current - expected)
 
 
 @compiled
@@ -109,7 +138,7 @@ def relearn(p, model, s, drop):
     s.strayed = 0.0
     for k in range(3):
         s.of_speed[k] = direct_effect(model, s, drop, k)
-    noise = p.voltage_noise / model.volts_per_velocity
+    noise = s.voltage_noise / model.volts_per_velocity
     take_in(s, s.of_speed, s.of_position, speed_innovation(model, s, drop), noise * noise)
     bound_learned(p, s)
 
@@ -127,7 +156,7 @@ def apply_learned(p, s, period):
     At once after a change; else, while all is steady, to within what sliding one way for long leads the learned one astray.
     """
     fresh = s.changes > 0 and s.since < STEADY_TIME
-    share = min(period / APPLY_TIME, 1.0) * trust_in_speed(p, s.restless) if s.steady > STEADY_TIME else 0.0
+    share = min(period / APPLY_TIME, 1.0) * trust_in_speed(s, s.restless) if s.steady > STEADY_TIME else 0.0
     for k in range(3):
         off = s.learned[k] - s.applied[k]
         slack = ZERO_SLACK if k == 1 else SLACK
@@ -164,7 +193,7 @@ def find_lag(p, model, s, step):
     change = s.voltages[0] - s.voltages[1]
     s.excitation += 0.01 * (change * change - s.excitation)
     restored = s.changes == 0 or s.since > STEADY_TIME  # what a change of the drive shakes says nothing of the delay
-    told = s.excitation > TOLD * TOLD * p.voltage_noise * p.voltage_noise
+    told = s.excitation > TOLD * TOLD * s.voltage_noise * s.voltage_noise
     if not told or best == s.lag or not restored or s.answers[best] * model.resistance * s.learned[0] < LAG_LEAST * s.excitation:
         return False
     s.lag = best
@@ -185,7 +214,7 @@ def learn_drive(p, model, s, period, drop, position, speed):
     innovations are known multiples of that error. Takes the learned part out of x, v, d.
     """
     noise_x = p.encoder_noise * p.encoder_noise
-    noise_v = p.voltage_noise / model.volts_per_velocity
+    noise_v = s.voltage_noise / model.volts_per_velocity
     noise_v *= noise_v
     # while the encoder is far beyond its noise, something else is going on (backlash, a jolt): learn less
     s.jolt = max(abs(position), s.jolt * (1.0 - min(period / JOLT_TIME, 1.0)))
@@ -259,16 +288,16 @@ def take_in(s, along, other, innovation, noise):
 
 
 @compiled
-def trust_in_speed(p, variance):
+def trust_in_speed(s, variance):
     """1 if the back-EMF is as good as the amplifier's noise, towards 0 while R and zero are not known: `voltage_variance`."""
-    noise = p.voltage_noise * p.voltage_noise
+    noise = s.voltage_noise * s.voltage_noise
     return noise / (noise + variance)
 
 
 @compiled
-def speed_variance(p, model, variance):
-    """Variance [m^2/s^2] of the back-EMF's speed: the amplifier's noise and ``variance`` [V^2] of `voltage_variance`."""
-    return (p.voltage_noise * p.voltage_noise + variance) / (model.volts_per_velocity * model.volts_per_velocity)
+def speed_variance(s, model, variance):
+    """Variance [m^2/s^2] of the back-EMF's speed: the noise that was found and ``variance`` [V^2] of `voltage_variance`."""
+    return (s.voltage_noise * s.voltage_noise + variance) / (model.volts_per_velocity * model.volts_per_velocity)
 
 
 @compiled

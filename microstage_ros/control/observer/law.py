@@ -25,6 +25,7 @@ from microstage_ros.control.observer import flexible_mode as swing
 from microstage_ros.control.observer import friction_level, lost_motion, motion_filter
 from microstage_ros.control.observer.drive_learning import (
     LAGS,
+    NOISE_DOUBT,
     apply_learned,
     compare_voltage,
     drive_changed,
@@ -38,8 +39,10 @@ from microstage_ros.control.observer.drive_learning import (
     speed_variance,
     trust_in_speed,
     voltage_variance,
+    weighed_current,
 )
 from microstage_ros.control.observer.lost_motion import TOUCHING
+from microstage_ros.model.friction.curve import COULOMB
 from microstage_ros.model.sensors.current import sensed_transient
 from microstage_ros.numerics.compiled import compiled
 
@@ -65,6 +68,9 @@ GAINS = (
     Gain("search_rate", "1/s", 0.0, 1e6, 250.0, "speed through it over what the stage has fallen behind, 2 / k"),
     *swing.GAINS,
 )
+REPEATED = 0.2  # doubts in the encoder that the axis moves within a period when readings cannot repeat
+TEST_TIME = 2e-2  # s, over which innovations are averaged
+PULL = 0.2  # of the actuator's Coulomb friction, that the current overcomes where the motor moves at all: else it is a dead band
 APART_GAIN = 0.3  # of the speed while apart, where the encoder says nothing of the motor and friction changes fast
 PARAMETERS = record_type(GAINS, [("motion_gain", "f8", (3, 2)), ("transient", "f8"), *swing.PARAMETERS])
 BLOCK_STATE = feedforward.BLOCK_STATE
@@ -74,6 +80,7 @@ STATE_FIELDS = [
     ("d", "f8"),  # m/s^2, unexplained deceleration
     ("screw", "f8"),  # m, stage position plus wind-up
     ("current", "f8"),  # A, of the period before
+    ("read", "f8"),  # m, encoder of the period before
     ("acceleration", "f8"),  # m/s^2, of the period before
     ("learned", "f8", 3),  # R over nominal [1], zero of the amplifier [V], back-EMF over nominal [1]
     ("learned_covariance", "f8", (3, 3)),  # of their errors; the upper triangle is kept
@@ -85,6 +92,9 @@ STATE_FIELDS = [
     ("since", "f8"),  # s, since the start or the last change of the drive
     ("restless", "f8"),  # V^2, mean square of its steps
     ("changes", "i8"),  # of the drive
+    ("noise_variance", "f8"),  # V^2, found in the voltage behind the back-EMF
+    ("voltage_noise", "f8"),  # V, doubt in it that is counted with
+    ("force_current", "f8"),  # A, that the force of the period before was taken from
     ("jolt", "f8"),  # m, largest innovation of the position of late
     ("stood", "f8"),  # s, for which the reference has stood, if that is known
     ("strayed", "f8"),  # m, mean innovation of the position
@@ -100,6 +110,8 @@ STATE_FIELDS = [
     ("actuator_friction", "f8"),  # N m at the motor shaft, by the law
     ("guideway_friction", "f8"),  # N
     ("noise", "f8"),  # m^2, running variance of the innovation
+    ("position_test", "f8"),  # 1, mean square of the position's innovation over the expected
+    ("speed_test", "f8"),  # 1, the same of the speed's
     *friction_level.FIELDS,
     *motion_filter.FIELDS,
     *swing.FIELDS,
@@ -114,6 +126,7 @@ def observer_reset(p, s):
     s.d = 0.0
     s.swing, s.swing_rate = 0.0, 0.0
     s.current = 0.0
+    s.read = math.nan
     s.acceleration = 0.0
     forget_drive(p, s)
     s.applied[:] = s.learned
@@ -127,6 +140,9 @@ def observer_reset(p, s):
     s.since = 0.0
     s.restless = 0.0
     s.changes = 0
+    s.voltage_noise = p.voltage_noise
+    s.noise_variance = (p.voltage_noise / NOISE_DOUBT) ** 2
+    s.force_current = 0.0
     for j in range(LAGS):
         s.voltages[j] = 0.0
         s.answers[j] = 0.0
@@ -134,6 +150,8 @@ def observer_reset(p, s):
     s.actuator_friction = 0.0
     s.guideway_friction = 0.0
     s.noise = 0.0
+    s.position_test = 1.0
+    s.speed_test = 1.0
     friction_level.level_reset(p, s)
     lost_motion.lost_motion_reset(p, s)
     motion_filter.forget_motion(s)
@@ -220,13 +238,18 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         keep_voltage(s, voltage)
         rest = p.transient
         part = model.settling / period - rest / (1.0 - rest)
-        force = model.force_per_ampere * (current + part * (s.current - current))
+        used = weighed_current(p, model, s, current)
+        force = model.force_per_ampere * (used + part * (s.force_current - used))
+        s.force_current = used
         # within the period the current falls as the back-EMF rises: before its end it is above the newest value
         fall = model.force_per_ampere * model.volts_per_velocity / model.resistance
     elif model.force_per_ampere > 0.0:
         force = model.force_per_ampere * (voltage - model.volts_per_velocity * s.v) / model.resistance
     else:
         force = voltage / model.volts_per_force
+    # a sample that was lost stands as the one before; a moving axis does not repeat both readings
+    lost = encoder == s.read and current == s.current and abs(s.v) * period > REPEATED * p.encoder_noise
+    s.read = encoder
     before = s.v
     motion_filter.linearise(model, s)
     parts = motion_filter.parts_of(period)
@@ -236,6 +259,9 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         s.acceleration = (s.v - start) * parts / period
     s.acceleration = (s.v - before) / period
     swing.follow_swing(p, s)
+    if lost and s.contact == TOUCHING:
+        motion_filter.widen(p, s, period)
+        return
     encoder -= s.swing
     speed, drop, doubt = 0.0, 0.0, 0.0
     if senses:
@@ -257,19 +283,28 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         lost_motion.watch_lead(s, period, encoder, motor_speed, speed)
         if s.contact == TOUCHING:
             force = s.guideway_friction + model.offset_force + model.mass * s.acceleration
-            if lost_motion.watch_contact(p, s, force, model.guideway[0], math.sqrt(doubt) / model.volts_per_velocity):
+            pulls = abs(drop) > PULL * model.volts_per_torque * model.actuator[COULOMB]
+            if lost_motion.watch_contact(p, s, force, model.guideway[0], math.sqrt(doubt) / model.volts_per_velocity, pulls):
                 forget_drive(p, s)
         elif lost_motion.cross(p, s, period, position):
             forget_drive(p, s)
         position = encoder - s.x
     if s.contact != TOUCHING:
-        correct_apart(p, model, s, period, position, speed + steady_measure(p, s) * s.v, trust_in_speed(p, doubt))
+        correct_apart(p, model, s, period, position, speed + steady_measure(p, s) * s.v, trust_in_speed(s, doubt))
         compare_voltage(model, s, drop)
         motion_filter.forget_motion(s)
         s.swing, s.swing_rate = 0.0, 0.0
         return
     motion_filter.widen(p, s, period)
-    motion_filter.take_readings(p, s, speed_variance(p, model, doubt) if senses else math.inf)
+    variance = speed_variance(s, model, doubt) if senses else math.inf
+    share = min(period / TEST_TIME, 1.0)
+    expected = s.covariance[0, 0] + p.encoder_noise * p.encoder_noise
+    beyond = position * position / expected if s.gap == 0.0 else 1.0  # a gap that was found explains more than the filter knows
+    s.position_test += share * (beyond - s.position_test)
+    if senses:
+        beyond = speed * speed / (s.covariance[1, 1] + variance) if s.gap == 0.0 else 1.0
+        s.speed_test += share * (beyond - s.speed_test)
+    motion_filter.take_readings(p, s, variance)
     correct(s, position, speed)
     if senses:
         learn_drive(p, model, s, period, drop, position, speed)

@@ -105,8 +105,10 @@ def watch_lead(s, period, encoder, motor_speed, surprise):
 
 
 @compiled
-def watch_contact(p, s, force, scale, doubt):
+def watch_contact(p, s, force, scale, doubt, pulls):
     """Open the contact where it opens: ``force`` [N] through the drive, its ``scale`` [N], ``doubt`` [m/s] in the speed.
+
+    ``pulls``: the current moves the motor against its friction.
 
     True if what was learned of the drive is void, since its motor moved and the stage did not.
     """
@@ -130,7 +132,7 @@ def watch_contact(p, s, force, scale, doubt):
     size = abs(s.lead)
     calm = s.calm > QUIET_TIME or s.ever == 0
     stands = abs(s.followed) < 0.2 * size and s.lead * s.side <= 0.0
-    if p.widest_gap > 0.0 and calm and stands and doubt < KNOWN and size > NOTICED + 5.0 * doubt * LEAD_TIME:
+    if p.widest_gap > 0.0 and calm and stands and pulls and doubt < KNOWN and size > NOTICED + 5.0 * doubt * LEAD_TIME:
         open_contact(s, 1.0 if s.lead > 0.0 else -1.0, max(size, abs(s.total)))
         return s.ever == 0
     return False

@@ -1,0 +1,159 @@
+"""Whether the observer law may go on: swings, a rest beside the target, innovations; and the way to the encoder-only law and back.
+
+The observer law leans on its model of the drive. Three signs say that the model does not hold:
+
+* a limit cycle: half waves of the error (encoder alone, without its slow part) beyond `swing`, each within `half_wave` of
+  the one before: more than `swings` in a row for `cycle_time`, since a motor that rattles in a gap finds its contact by
+  then, or half as many beyond `large_swing`. Noise does not alternate so regularly, and a move gives one or two;
+* the axis rests beside its target: beyond `beside` for `beside_time` while the reference stands;
+* innovations: the mean square of the position's and of the speed's innovation over what the filter expects stays beyond
+  `position_test` or `speed_test` for `test_time`, or the current has been noisier than `loudest` for twice that (normalised innovation squared; Bar-Shalom, Li, Kirubarajan,
+  "Estimation with Applications to Tracking and Navigation", Wiley 2001, section 5.4).
+
+Then the encoder-only self-tuning law goes on from the voltage that was last given. It hands back once the axis has rested
+at its target and the innovations have been consistent for `calm_time`, not before `trial_time` has passed, and
+`patience` times that after every further hand-over. For `probation` after that, and at the start, at rest, one error beyond
+`trial_error` ends the trial.
+"""
+
+from microstage_ros.control.laws.gains import Gain
+from microstage_ros.numerics.compiled import compiled
+
+GAINS = (
+    Gain("supervised", "1", 0.0, 1.0, 1.0, "0: the observer law is never left"),
+    Gain("swing", "m", 1e-9, 1.0, 1.5e-7, "half wave of the error that counts as a swing"),
+    Gain("swings", "1", 1.0, 1e6, 10.0, "of them in a row that are a limit cycle"),
+    Gain("cycle_time", "s", 0.0, 100.0, 0.5, "for which they last"),
+    Gain("large_swing", "m", 1e-9, 1.0, 1.0e-5, "half wave beyond which half as many are"),
+    Gain("half_wave", "s", 1e-4, 10.0, 4e-2, "longest half wave of it"),
+    Gain("beside", "m", 1e-9, 1.0, 1.5e-7, "error at rest that is no rest at the target"),
+    Gain("beside_time", "s", 1e-3, 100.0, 0.25, "for which it lasts"),
+    Gain("position_test", "1", 1.0, 1e9, 30.0, "mean square of the position's innovation over the expected"),
+    Gain("speed_test", "1", 1.0, 1e9, 30.0, "the same of the speed's"),
+    Gain("loudest", "V", 1e-6, 10.0, 5e-2, "doubt in the voltage behind the back-EMF beyond which the current is worth nothing"),
+    Gain("test_time", "s", 1e-3, 100.0, 0.5, "for which either lasts"),
+    Gain("calm_time", "s", 1e-3, 100.0, 0.1, "at rest and consistent before the observer law is tried again"),
+    Gain("trial_time", "s", 1e-3, 1e6, 2.0, "before the first trial"),
+    Gain("probation", "s", 0.0, 100.0, 1.0, "length of a trial"),
+    Gain("trial_error", "m", 1e-9, 1.0, 1.5e-7, "error at rest that ends it"),
+    Gain("patience", "1", 1.0, 1e3, 16.0, "by which the time to the next trial grows with every hand-over"),
+)
+OBSERVER, ENCODER_ONLY = range(2)
+NOTHING, SWINGS, BESIDE, INNOVATIONS, START_CHECK = range(5)
+#: What is said of a hand-over, by its number.
+REASONS = ("", "limit cycle", "rests beside its target", "innovations beyond what the filter expects", "unstable on the axis file's own model")
+SMOOTH_TIME, SLOW_TIME = 5e-4, 2e-2  # s, of the error's fast part
+STILL_TIME = 0.05  # s, for which the reference has stood when a rest is judged
+AT_TARGET = 6e-8  # m, error of the encoder's smoothed reading that is a rest at the target
+FIELDS = [
+    ("law", "i8"),  # OBSERVER or ENCODER_ONLY
+    ("reason", "i8"),  # of the last hand-over
+    ("handovers", "i8"),
+    ("since", "f8"),  # s, since the last change of the law
+    ("wait", "f8"),  # s, before the next trial
+    ("smooth", "f8"),  # m, error without noise
+    ("slow", "f8"),  # m, its slow part
+    ("peak", "f8"),  # m, largest fast error since its sign changed
+    ("half", "f8"),  # s, since then
+    ("swings", "i8"),  # in a row
+    ("swinging", "f8"),  # s, since the first of them
+    ("deaf", "f8"),  # s, for which the current was too noisy
+    ("stood", "f8"),  # s, for which the reference has
+    ("beside", "f8"),  # s, for which the axis has rested beside its target
+    ("doubted", "f8"),  # s, for which innovations were too large
+    ("calm", "f8"),  # s, at rest at the target and consistent
+]
+
+
+@compiled
+def supervision_reset(p, s, unstable):
+    """The observer law, unless the start's check said that it is ``unstable`` (1)."""
+    s.law = ENCODER_ONLY if unstable != 0 else OBSERVER
+    s.reason = START_CHECK if unstable != 0 else NOTHING
+    s.handovers = 0
+    s.since = 0.0
+    s.wait = p.trial_time
+    s.smooth = 0.0
+    s.slow = 0.0
+    s.peak = 0.0
+    s.half = 0.0
+    s.swings = 0
+    s.swinging = 0.0
+    s.deaf = 0.0
+    s.stood = 0.0
+    s.beside = 0.0
+    s.doubted = 0.0
+    s.calm = 0.0
+
+
+@compiled
+def watch_error(p, s, error, reference_speed, period):
+    """One period of the encoder's ``error`` [m]: swings in a row, rest beside the target."""
+    s.since += period
+    s.smooth += min(period / SMOOTH_TIME, 1.0) * (error - s.smooth)
+    s.slow += min(period / SLOW_TIME, 1.0) * (s.smooth - s.slow)
+    fast = s.smooth - s.slow
+    s.half += period
+    s.swinging = s.swinging + period if s.swings > 0 else 0.0
+    if s.half > p.half_wave:
+        s.swings = 0
+    if fast * s.peak < 0.0:
+        s.swings = s.swings + 1 if abs(s.peak) > p.swing else 0
+        s.peak = fast
+        s.half = 0.0
+    elif abs(fast) > abs(s.peak):
+        s.peak = fast
+    s.stood = s.stood + period if reference_speed == 0.0 else 0.0
+    rests = s.stood > STILL_TIME
+    s.beside = s.beside + period if rests and abs(s.slow) > p.beside else 0.0
+    s.calm = s.calm + period if rests and abs(s.slow) < AT_TARGET and s.swings == 0 else 0.0
+
+
+@compiled
+def sign_of_trouble(p, s, position_test, speed_test, noise, period):
+    """Why the observer law may not go on, `NOTHING` if it may; tests: normalised innovations squared [1]; ``noise`` [V]."""
+    doubted = position_test > p.position_test or speed_test > p.speed_test
+    s.doubted = s.doubted + period if doubted else 0.0
+    s.deaf = s.deaf + period if noise > p.loudest else 0.0
+    if s.swings > p.swings and s.swinging > p.cycle_time or abs(s.peak) > p.large_swing and 2 * s.swings > p.swings:
+        return SWINGS
+    if s.handovers > 0 and s.since < p.probation and s.stood > s.since and abs(s.smooth) > p.trial_error:
+        return SWINGS
+    if s.beside > p.beside_time:
+        return BESIDE
+    if s.doubted > p.test_time or s.deaf > 2.0 * p.test_time:
+        return INNOVATIONS
+    return NOTHING
+
+
+@compiled
+def hand_over(p, s, reason):
+    """The encoder-only law from now on."""
+    s.law = ENCODER_ONLY
+    s.reason = reason
+    s.handovers += 1
+    if s.handovers > 1:
+        s.wait *= p.patience
+    s.since = 0.0
+    s.swings = 0
+    s.beside = 0.0
+    s.doubted = 0.0
+    s.calm = 0.0
+
+
+@compiled
+def may_return(p, s, position_test, speed_test, noise):
+    """Whether the observer law is to be tried again."""
+    if position_test > p.position_test or speed_test > p.speed_test or noise > p.loudest:
+        s.calm = 0.0
+    return s.reason != START_CHECK and s.since > s.wait and s.calm > p.calm_time
+
+
+@compiled
+def hand_back(s):
+    """The observer law from now on."""
+    s.law = OBSERVER
+    s.since = 0.0
+    s.swings = 0
+    s.beside = 0.0
+    s.doubted = 0.0
