@@ -18,7 +18,7 @@ from microstage_ros.control.laws import registry as laws
 from microstage_ros.control.laws.gains import check_gain, fill
 from microstage_ros.control.laws.pid import pid_change
 from microstage_ros.control.observer import law as observer_law
-from microstage_ros.control.tuning import design
+from microstage_ros.control.tuning import design, start_check
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.numerics.compiled import compiled
 from microstage_ros.quantities.errors import InputError
@@ -43,6 +43,9 @@ class ControllerState(NamedTuple):
     feed_forward_term: float
     saturated: bool
     mode: str
+    law: int = 0  # `supervision.OBSERVER` (the law itself) or `supervision.ENCODER_ONLY`
+    law_reason: int = 0  # of the last hand-over, place in `supervision.REASONS`
+    handovers: int = 0
 
 
 def gain_list(type_name):
@@ -79,9 +82,21 @@ def controller_parameters(type_name, axis, gains, period=None, place="controller
         fill(record["encoder_pid"], laws.LAWS["self_tuning"].parts["pid"], own, place)
         fill(record["encoder_adaptation"], laws.LAWS["self_tuning"].parts["adaptation"], own, place)
         adaptation.take_logarithms(record["encoder_adaptation"])
+        _check_start(axis, record, period)
     if "nctf" in law.parts:
         nctf.fill_trajectory(record["nctf"], record["feedforward"])
     return record
+
+
+def _check_start(axis, record, period):
+    """No observer law on a model of its own that it does not hold: it starts with the encoder-only law, from gains that hold the model."""
+    if not record["supervision"]["supervised"] or not float(record["feedforward"]["force_per_ampere"]) > 0.0:
+        return
+    axis = axis if axis.value("period") == period else axis.with_values({"period": period}, source="derived")
+    record["unstable"] = int(not start_check.observer_is_stable(axis, record))
+    if record["unstable"]:
+        gains = {name: float(record["encoder_pid"][name]) for name in record["encoder_pid"].dtype.names}
+        record["encoder_adaptation"]["start"], record["encoder_filter"] = start_check.held_start(axis, gains, period)
 
 
 def shipped_gains(type_name, axis, period):
@@ -142,6 +157,14 @@ class Controller:
         """Parameters and memory as arrays of one, for a loop in compiled code (`laws.controller_step`)."""
         return self._parameters, self._memory
 
+    @property
+    def start_remark(self):
+        """What the check before the start found, one sentence; empty if the law starts as asked for."""
+        if not self.parameters["unstable"]:
+            return ""
+        return (f"{self.type} is unstable on the axis file's own model: started with the encoder-only self-tuning law, "
+                f"at {float(self.parameters['encoder_adaptation']['start']):.2g} of its gains")
+
     def reset(self, voltage=0.0):
         """Forget everything; the first output continues from ``voltage`` [V] (a bumpless start)."""
         laws.controller_reset(self.parameters, self.memory, float(voltage))
@@ -178,6 +201,7 @@ class Controller:
             float(pid["kp"]), float(pid["ki"]), float(pid["kd"]),
             float(pid["proportional_term"]), float(pid["integral"]), float(pid["derivative_term"]),
             float(self.memory["feed_forward"]), bool(pid["saturated"]), self.type,
+            *(int(self.memory["supervision"][name]) for name in ("law", "reason", "handovers")),
         )
 
 

@@ -64,6 +64,7 @@ PARAMETERS = np.dtype([
     ("supervision", record_type(supervision.GAINS)),
     ("encoder_pid", pid.PARAMETERS),  # of the encoder-only law that the observer law hands over to
     ("encoder_adaptation", adaptation.PARAMETERS),
+    ("encoder_filter", "f8"),  # factor on its filter time at the start, where the observer law is unstable
     ("unstable", "i8"),  # 1: the observer law is unstable on the axis file's own model
 ])
 
@@ -104,6 +105,11 @@ def controller_reset(parameters, state, voltage):
     if parameters.kind == SELF_TUNING_OBSERVER:
         pid.pid_reset(parameters.encoder_pid, state.encoder_pid, voltage)
         adaptation.adaptation_reset(parameters.encoder_adaptation, state.encoder_adaptation, state.encoder_pid)
+        if parameters.unstable != 0:
+            own = state.encoder_adaptation
+            own.log_filter = math.log(parameters.encoder_filter)
+            own.ceiling = own.damping_ceiling = math.log(parameters.encoder_adaptation.start) + 0.1
+            state.encoder_pid.filter_time *= parameters.encoder_filter
         supervision.supervision_reset(parameters.supervision, state.supervision, parameters.unstable)
     observer_law.observer_reset(parameters.observer, state.observer)
     gap_crossing.crossing_reset(state.crossing)

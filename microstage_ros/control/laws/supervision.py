@@ -7,7 +7,7 @@ The observer law leans on its model of the drive. Three signs say that the model
   then, or half as many beyond `large_swing`. Noise does not alternate so regularly, and a move gives one or two;
 * the axis rests beside its target: beyond `beside` for `beside_time` while the reference stands;
 * innovations: the mean square of the position's and of the speed's innovation over what the filter expects stays beyond
-  `position_test` or `speed_test` for `test_time`, or the current has been noisier than `loudest` for twice that (normalised innovation squared; Bar-Shalom, Li, Kirubarajan,
+  `position_test` or `speed_test` for `test_time`, or the current has been noisier than `loudest` as long (normalised innovation squared; Bar-Shalom, Li, Kirubarajan,
   "Estimation with Applications to Tracking and Navigation", Wiley 2001, section 5.4).
 
 Then the encoder-only self-tuning law goes on from the voltage that was last given. It hands back once the axis has rested
@@ -21,9 +21,9 @@ from microstage_ros.numerics.compiled import compiled
 
 GAINS = (
     Gain("supervised", "1", 0.0, 1.0, 1.0, "0: the observer law is never left"),
-    Gain("swing", "m", 1e-9, 1.0, 1.5e-7, "half wave of the error that counts as a swing"),
+    Gain("swing", "m", 1e-9, 1.0, 3.0e-7, "half wave of the error that counts as a swing"),
     Gain("swings", "1", 1.0, 1e6, 10.0, "of them in a row that are a limit cycle"),
-    Gain("cycle_time", "s", 0.0, 100.0, 0.5, "for which they last"),
+    Gain("cycle_time", "s", 0.0, 100.0, 0.9, "for which they last"),
     Gain("large_swing", "m", 1e-9, 1.0, 1.0e-5, "half wave beyond which half as many are"),
     Gain("half_wave", "s", 1e-4, 10.0, 4e-2, "longest half wave of it"),
     Gain("beside", "m", 1e-9, 1.0, 1.5e-7, "error at rest that is no rest at the target"),
@@ -31,7 +31,7 @@ GAINS = (
     Gain("position_test", "1", 1.0, 1e9, 30.0, "mean square of the position's innovation over the expected"),
     Gain("speed_test", "1", 1.0, 1e9, 30.0, "the same of the speed's"),
     Gain("loudest", "V", 1e-6, 10.0, 5e-2, "doubt in the voltage behind the back-EMF beyond which the current is worth nothing"),
-    Gain("test_time", "s", 1e-3, 100.0, 0.5, "for which either lasts"),
+    Gain("test_time", "s", 1e-3, 100.0, 1.0, "for which either lasts"),
     Gain("calm_time", "s", 1e-3, 100.0, 0.1, "at rest and consistent before the observer law is tried again"),
     Gain("trial_time", "s", 1e-3, 1e6, 2.0, "before the first trial"),
     Gain("probation", "s", 0.0, 100.0, 1.0, "length of a trial"),
@@ -121,7 +121,7 @@ def sign_of_trouble(p, s, position_test, speed_test, noise, period):
         return SWINGS
     if s.beside > p.beside_time:
         return BESIDE
-    if s.doubted > p.test_time or s.deaf > 2.0 * p.test_time:
+    if s.doubted > p.test_time or s.deaf > p.test_time:
         return INNOVATIONS
     return NOTHING
 

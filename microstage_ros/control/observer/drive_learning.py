@@ -28,6 +28,7 @@ STRAY_TIME, LONG_TIME = 5e-3, 0.1  # s, memory of a position that stays beside t
 ASTRAY, LONG_ASTRAY = 0.8, 1.5  # doubts in the encoder by which it may
 STOOD = 0.3  # s, for which the reference stands when the axis is surely at rest
 NOISE_TIME = 0.3  # s, memory of the noise in the voltage behind the back-EMF
+FIRST_TIME = 1e-2  # s, shortest memory of it, at the start
 OUTLIER = 9.0  # variances, at which a square is cut: a change of the drive is no noise
 NOISE_DOUBT = 2.1  # doubt in that voltage over its noise, as in the shipped figures: the filter's own model is not exact either
 WORTH = 3e-3  # A, noise of the current at which the voltage tells the force as well
@@ -102,9 +103,17 @@ def drive_changed(p, model, s, period, drop):
 
 @compiled
 def learn_noise(p, s, step, period):
-    """Noise of the voltage behind the back-EMF, from a ``step`` [V] of what is unexplained: a model's error changes slowly, noise does not."""
-    square = min(0.5 * step * step, OUTLIER * s.noise_variance)
-    s.noise_variance += period / NOISE_TIME * (square - s.noise_variance)
+    """Noise of the voltage behind the back-EMF, from a ``step`` [V] of what is unexplained.
+
+    Two steps in a row, e_n - e_(n-1) and e_(n-1) - e_(n-2), have the mean product -sigma^2 if e is white; a model's error,
+    which changes slowly, or once, adds nothing to it.
+    """
+    s.running += period
+    most, least = OUTLIER * s.noise_variance, (p.voltage_noise / NOISE_DOUBT) ** 2
+    square = min(max(-step * s.last_step, -most), most)
+    s.last_step = step
+    s.noise_variance += period / min(max(s.running, FIRST_TIME), NOISE_TIME) * (square - s.noise_variance)
+    s.noise_variance = max(s.noise_variance, least)
     s.voltage_noise = max(p.voltage_noise, NOISE_DOUBT * math.sqrt(s.noise_variance))
 
 

@@ -94,6 +94,8 @@ STATE_FIELDS = [
     ("changes", "i8"),  # of the drive
     ("noise_variance", "f8"),  # V^2, found in the voltage behind the back-EMF
     ("voltage_noise", "f8"),  # V, doubt in it that is counted with
+    ("last_step", "f8"),  # V, of what is unexplained, a period before
+    ("running", "f8"),  # s, since the start
     ("force_current", "f8"),  # A, that the force of the period before was taken from
     ("jolt", "f8"),  # m, largest innovation of the position of late
     ("stood", "f8"),  # s, for which the reference has stood, if that is known
@@ -143,6 +145,8 @@ def observer_reset(p, s):
     s.voltage_noise = p.voltage_noise
     s.noise_variance = (p.voltage_noise / NOISE_DOUBT) ** 2
     s.force_current = 0.0
+    s.running = 0.0
+    s.last_step = 0.0
     for j in range(LAGS):
         s.voltages[j] = 0.0
         s.answers[j] = 0.0

@@ -13,6 +13,7 @@ from microstage_msgs.srv import FollowReference
 from rclpy.node import Node
 
 from microstage_ros.control.laws.controller import make_controller
+from microstage_ros.control.laws.supervision import REASONS
 from microstage_ros.control.trajectories.reference_player import ReferencePlayer
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.model.top_speed import top_speed
@@ -48,6 +49,8 @@ class StrController(Node):
         law = p.controller or self.axis.controller.get("type", "none")
         self.controller = make_controller(law, self.axis, **_gains(p.gains))
         _load(self.controller)
+        if self.controller.start_remark:
+            self.get_logger().warning(self.controller.start_remark)
         self.player = ReferencePlayer(self.axis.value("period"), p.stop_time_s, top_speed(self.axis))
         self._unpack_state = Codec("AxisState").unpack
         self._pack_command, self._pack_inside = Codec("VoltageCommand").pack_as, Codec("ControllerState").pack_as
@@ -74,6 +77,8 @@ class StrController(Node):
                                        self._holder.words)
         on_stop(self._requests.interrupt)
         self.create_subscription(DriverStatus, topics.DRIVER_STATUS, self._on_status, topics.LATCHED)
+        self._said = 0
+        self.create_timer(0.5, self._say_hand_over)
 
     def loop(self):
         """The servo loop: plain states in compiled code, all others here."""
@@ -137,7 +142,7 @@ class StrController(Node):
             self._insides.send(sequence, self._pack_inside(
                 raw, sequence, position, reference, s.error, s.proportional_gain, s.integral_gain,
                 s.derivative_gain, s.proportional_term, s.integral_term, s.derivative_term, s.feed_forward_term,
-                s.voltage, mode, s.saturated))
+                s.voltage, mode, s.saturated, s.law, s.law_reason, s.handovers))
         if (sequence + 1) % max(self._block // 2, 1) == 0:
             self._insides.flush()
         if (sequence + 1) % self._block == 0:
@@ -157,6 +162,13 @@ class StrController(Node):
             self._holder.look_beyond()
         else:
             self._holder.look()
+
+    def _say_hand_over(self):
+        """One line in the log for every hand-over of the observer law."""
+        state = self.controller.state
+        if state.handovers != self._said:
+            self._said = state.handovers
+            self.get_logger().warning(f"the encoder-only law took over ({REASONS[state.law_reason]}), {state.handovers} times since the start")
 
     def _in_loop(self, action):
         """Do something to player or law between two periods."""

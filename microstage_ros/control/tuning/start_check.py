@@ -1,0 +1,96 @@
+"""Before a start: is the law stable on the axis file's own model, and on machines that the file does not rule out?
+
+The eigenvalues of the sampled loop in every regime of `linear_loop.regime_slopes` say it, for the numbers of the file and
+for each of `DOUBTED` moved by twice its standard uncertainty, a tenth at least. Where the observer
+law is not, the encoder-only self-tuning law starts, from gains that are stable with `GAIN_ROOM` to spare.
+"""
+
+import numpy as np
+
+from microstage_ros.control.observer.flexible_mode import held
+from microstage_ros.control.tuning.linear_loop import (
+    OBSERVER_STATES,
+    PID_STATES,
+    cut_loop,
+    linear_matrices,
+    observer_step,
+    pid_step,
+    regime_slopes,
+)
+from microstage_ros.quantities.errors import InputError
+
+DOUBTED = ("stage.mass", "transmission.stiffness", "drive.rotor_inertia")
+UNCERTAINTIES, LEAST_DOUBT = 2.0, 0.1  # by which each is moved, and the least share of it: no file is exact
+GAIN_ROOM = 1.4  # factor on all gains under which the encoder-only law must be stable
+LOWER, STEPS = 0.75, 14  # of the gains with every step, and the most steps: to a fortieth
+FILTERS = (1.0, 2.0, 3.2)  # times the filter time that are tried
+_found = {}  # by the numbers that it follows from: a campaign asks the same thousands of times
+CREEPING = "sliding, 1 um/s"  # where the axis itself is unstable, and blocks that stick again bound what follows
+
+
+def doubted_axes(axis):
+    """The axis, and the same with each doubted number moved by its uncertainty up and down, a list of `Axis`."""
+    found = [axis]
+    for key in DOUBTED:
+        if axis.has(key):
+            value, stderr = axis.value(key), axis.quantity(key).stderr or 0.0
+            doubt = max(UNCERTAINTIES * float(stderr), LEAST_DOUBT * value)
+            moved = (max(value + sign * doubt, 0.1 * value) for sign in (-1.0, 1.0))
+            found += [axis.with_values({key: number}, source="derived") for number in moved]
+    return found
+
+
+def observer_is_stable(axis, parameters):
+    """Whether the observer law, its parameter record given, is stable in every regime of every one of `doubted_axes`."""
+    key = parameters.tobytes() + repr([axis.quantity(name) for name in DOUBTED if axis.has(name)]).encode()
+    if key not in _found:
+        _found[key] = _observer_is_stable(axis, parameters)
+    return _found[key]
+
+
+def _observer_is_stable(axis, parameters):
+    period = float(parameters["period"])
+    return all(
+        _settles(*_sampled(each, actuator, guideway, period), observer_step(parameters, *slopes), OBSERVER_STATES)
+        for each in doubted_axes(axis) for name, actuator, guideway, slopes in regime_slopes(each) if name != CREEPING
+    )
+
+
+def pid_is_stable(axis, gains, period, room=GAIN_ROOM):
+    """Whether PID ``gains`` on the encoder, and ``room`` times them, are stable in every regime but creeping."""
+    return _pid_settles(_plants(axis, period), gains, period, room)
+
+
+def held_start(axis, gains, period):
+    """(factor on the gains, factor on the filter time) from which the encoder-only self-tuning law holds the axis at its start.
+
+    The largest factor of a grid for which the PID ``gains`` times it are stable with `GAIN_ROOM`, then the shortest filter.
+    Raises `InputError` if there is none.
+    """
+    plants = _plants(axis, period)
+    for lower in LOWER ** np.arange(STEPS):
+        for longer in FILTERS:
+            changed = {**gains, "proportional": gains["proportional"] * lower, "filter_time": gains["filter_time"] * longer}
+            if _pid_settles(plants, changed, period, GAIN_ROOM):
+                return float(lower), longer
+    raise InputError(f"{axis.place}: controller", gains["proportional"], "a machine that a PID law can hold: none is stable on its model")
+
+
+def _plants(axis, period):
+    return [_sampled(axis, actuator, guideway, period) for name, actuator, guideway, _ in regime_slopes(axis) if name != CREEPING]
+
+
+def _pid_settles(plants, gains, period, room):
+    return all(_settles(a, b, c[:1], pid_step({**gains, "proportional": factor * gains["proportional"]}, period), PID_STATES)
+               for factor in (1.0, room) for a, b, c in plants)
+
+
+def _sampled(axis, actuator, guideway, period):
+    a, b, c = linear_matrices(axis, actuator, guideway)
+    return *held(a, b, period), c
+
+
+def _settles(a, b, c, step, size):
+    """Whether the closed loop of plant (a, b, c) and law settles."""
+    loop, entry, row = cut_loop(a, b, c, step, size)
+    return bool(np.abs(np.linalg.eigvals(loop + entry @ row)).max() < 1.0 - 1e-9)

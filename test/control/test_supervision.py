@@ -1,0 +1,123 @@
+"""The observer law is left when its model does not hold, without a bump, and comes back; no start without a check."""
+
+import numpy as np
+import pytest
+
+from microstage_ros.control.laws import pid, registry, supervision
+from microstage_ros.control.laws.controller import controller_parameters, make_controller
+from microstage_ros.control.observer import drive_learning
+from microstage_ros.control.runs.closed_loop import TRACE, run_loop
+from microstage_ros.control.trajectories.profiles import jerk_limited_move
+from microstage_ros.control.tuning import start_check
+from microstage_ros.control.tuning.margins import controller_margins, pid_margins
+from microstage_ros.quantities.errors import InputError
+from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
+
+LAW = "self_tuning_observer"
+REFERENCE = np.concatenate([np.zeros(2000), jerk_limited_move(0.0, 1e-5, 1e-4), np.full(20000, 1e-5)])
+
+
+def ride(axis, machine, noise=None, seed=0, piece=1, reference=REFERENCE, **gains):
+    """Trace and the controller's memory after every ``piece`` periods."""
+    plant, controller = make_plant(machine, noise or NoiseSpec()), make_controller(LAW, axis, **gains)
+    state, work, readings = new_state(plant, seed, friction="random"), new_work(plant), new_readings()
+    trace, seen = np.empty((len(reference), len(TRACE))), []
+    for start in range(0, len(reference), piece):
+        rows = slice(start, start + piece)
+        none = np.zeros(len(reference[rows]))
+        run_loop(plant, state, work, readings, controller.parameters, controller.memory, reference[rows], none, none, trace[rows])
+        seen.append(controller.memory.copy())
+    return trace, seen
+
+
+def test_on_the_machine_of_its_file_the_observer_law_is_never_left(axis):
+    for seed in range(4):
+        trace, seen = ride(axis, axis, seed=seed, piece=len(REFERENCE))
+        assert seen[-1]["supervision"]["handovers"] == 0 and seen[-1]["supervision"]["law"] == supervision.OBSERVER
+
+
+def test_a_limit_cycle_is_noticed_left_without_a_bump_and_ended(axis):
+    """Ten times the mass: unsupervised it swings by some 30 um for ever."""
+    heavy = axis.with_values({"stage.mass": 10 * 3.06})
+    trace, seen = ride(axis, heavy)
+    laws = np.array([int(memory["supervision"]["law"]) for memory in seen])
+    first = int(np.flatnonzero(laws == supervision.ENCODER_ONLY)[0])
+    assert first * 1e-4 < 1.2 and seen[first]["supervision"]["reason"] in (supervision.SWINGS, supervision.INNOVATIONS)
+    steps = np.abs(np.diff(trace[:, TRACE.index("voltage_V")]))
+    assert steps[first - 1] <= 1.5 * steps[max(first - 200, 0) : first - 1].max()
+    stage = trace[:, TRACE.index("stage_m")]
+    assert np.ptp(stage[-5000:]) < 5e-8 and abs(stage[-5000:].mean() - 1e-5) < 5e-8
+    unsupervised, _ = ride(axis, heavy, piece=len(REFERENCE), supervised=0.0)
+    assert np.ptp(unsupervised[-5000:, TRACE.index("stage_m")]) > 1e-5
+
+
+def test_a_hand_over_goes_on_from_the_last_voltage():
+    gains, state = np.zeros(1, pid.PARAMETERS)[0], np.zeros(1, np.dtype(pid.STATE_FIELDS))[0]
+    for name, value in dict(proportional=4e5, integral_time=0.01, derivative_time=0.003, filter_time=1e-3, derivative_on_reference=1.0).items():
+        gains[name] = value
+    pid.pid_reset(gains, state, 0.0)
+    state["error"], state["velocity"], state["reference_velocity"] = 3e-7, 2e-5, 1e-5
+    registry.go_on_from(gains, state, 0.123)
+    assert pid.pid_output(gains, state, 1e-4, 6.0, 0.0) == pytest.approx(0.123 + state["ki"] * 1e-4 * 3e-7, abs=1e-12)
+
+
+def test_noise_is_told_from_a_models_error(axis):
+    """White noise of the voltage is found to a tenth; a slow error of hundred times its size hardly counts."""
+    controller = make_controller(LAW, axis)
+    parameters, memory = controller.parameters["observer"], controller.memory["observer"]
+    generator, before = np.random.default_rng(1), 0.0
+    for n in range(20000):
+        now = 8e-3 * generator.standard_normal() + 0.8 * np.sin(2 * np.pi * 1.0 * n * 1e-4)
+        drive_learning.learn_noise(parameters, memory, now - before, 1e-4)
+        before = now
+    assert float(memory["voltage_noise"]) == pytest.approx(drive_learning.NOISE_DOUBT * 8e-3, rel=0.12)
+
+
+@pytest.mark.parametrize("noise", [1e-3, 3e-3])
+def test_with_a_bad_current_it_is_no_worse_than_without(axis, noise):
+    """Worst of three seeds, sine of 10 um at 0.5 Hz: the encoder-only law, which needs no current, has 84 nm."""
+    from microstage_ros.control.evaluation.trials import sine_trial
+
+    peaks = {law: max(sine_trial(axis, law, {}, 1e-5, 0.5, seed, noise={"current_A": noise}).peak for seed in range(3))
+             for law in (LAW, "self_tuning")}
+    assert peaks[LAW] < peaks["self_tuning"]
+
+
+def test_lost_samples_are_not_taken_for_readings(axis):
+    from microstage_ros.control.evaluation.trials import step_trial
+
+    trial = step_trial(axis, LAW, {}, 1e-3, 0, 2, effects={"sampling_jitter": {"lost_fraction": 0.05}})
+    assert np.abs(trial.errors).max() < 2e-8 and trial.overshoot.max() < 5e-8
+
+
+def test_an_axis_file_on_whose_model_the_law_is_unstable_starts_with_one_that_holds(axis):
+    heavy = axis.with_values({"stage.mass": 6 * 3.06})
+    controller = make_controller(LAW, heavy)
+    assert controller.parameters["unstable"] == 1 and "unstable" in controller.start_remark
+    assert controller.state.law == supervision.ENCODER_ONLY and controller.state.law_reason == supervision.START_CHECK
+    tuned = {name: float(controller.parameters["encoder_pid"][name]) for name in controller.parameters["encoder_pid"].dtype.names}
+    start, longer = start_check.held_start(heavy, tuned, 1e-4)
+    assert float(controller.memory["encoder_pid"]["kp"]) == pytest.approx(start * tuned["proportional"])
+    gains = {**tuned, "proportional": start * tuned["proportional"], "filter_time": longer * tuned["filter_time"]}
+    for margins in pid_margins(heavy, gains):
+        if margins.regime != start_check.CREEPING:
+            assert margins.stable and margins.gain_db >= 20 * np.log10(start_check.GAIN_ROOM) - 0.1
+    assert not make_controller(LAW, axis).start_remark
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0, 2.0, 6.0, 10.0])
+def test_the_check_says_what_the_margins_say(axis, factor):
+    """Without doubt in the numbers, eigenvalues and the library's margins agree on what is stable."""
+    machine = axis.with_values({"stage.mass": factor * 3.06})
+    parameters = controller_parameters(LAW, machine, {"supervised": 0.0})
+    said = all(m.stable for m in controller_margins(machine, parameters) if m.regime != start_check.CREEPING)
+    doubted, start_check.doubted_axes = start_check.doubted_axes, lambda axis: [axis]
+    try:
+        assert start_check._observer_is_stable(machine, parameters) == said
+    finally:
+        start_check.doubted_axes = doubted
+
+
+def test_a_machine_that_no_gains_hold_is_refused(axis):
+    with pytest.raises(InputError, match="none is stable"):
+        start_check.held_start(axis, {"proportional": 1e13, "integral_time": 1e-5, "derivative_time": 1e-3, "filter_time": 1e-3}, 1e-4)
