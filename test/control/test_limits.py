@@ -38,7 +38,7 @@ def test_an_unknown_gap_costs_what_the_closed_form_says_and_a_learned_one_less(i
     assert cycle_peaks(trial, 0.1)[-1] < 1e-7
 
 
-@pytest.mark.parametrize("seed", [51, 55])
+@pytest.mark.parametrize("seed", [51])
 def test_told_the_gap_a_first_crossing_is_no_worse_than_a_learned_one(axis, seed):
     first = {told: gap_sine(axis, seed, told, GAP_WIDTH, cycles=1.25)[0] for told in ("nothing", "gap")}
     assert first["gap"] < 1e-7 and first["nothing"] > 2.0 * first["gap"]

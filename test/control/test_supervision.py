@@ -37,8 +37,8 @@ def test_on_the_machine_of_its_file_the_observer_law_is_never_left(axis):
 
 
 def test_a_limit_cycle_is_noticed_left_without_a_bump_and_ended(axis):
-    """Ten times the mass: unsupervised it swings by some 30 um for ever."""
-    heavy = axis.with_values({"stage.mass": 10 * 3.06})
+    """Three times the mass on a third of the stiffness: unsupervised it swings by some 30 um for ever."""
+    heavy = axis.with_values({"stage.mass": 3 * 3.06, "transmission.stiffness": 4e6})
     trace, seen = ride(axis, heavy)
     laws = np.array([int(memory["supervision"]["law"]) for memory in seen])
     first = int(np.flatnonzero(laws == supervision.ENCODER_ONLY)[0])
@@ -73,14 +73,14 @@ def test_noise_is_told_from_a_models_error(axis):
     assert float(memory["voltage_noise"]) == pytest.approx(drive_learning.NOISE_DOUBT * 8e-3, rel=0.12)
 
 
-@pytest.mark.parametrize("noise", [1e-3, 3e-3])
+@pytest.mark.parametrize("noise", [1e-3, 5e-3])
 def test_with_a_bad_current_it_is_no_worse_than_without(axis, noise):
-    """Worst of three seeds, sine of 10 um at 0.5 Hz: the encoder-only law, which needs no current, has 84 nm."""
+    """Rms, worst of three seeds, of a sine of 10 um at 0.5 Hz; the encoder-only law needs no current."""
     from microstage_ros.control.evaluation.trials import sine_trial
 
-    peaks = {law: max(sine_trial(axis, law, {}, 1e-5, 0.5, seed, noise={"current_A": noise}).peak for seed in range(3))
-             for law in (LAW, "self_tuning")}
-    assert peaks[LAW] < peaks["self_tuning"]
+    rms = {law: max(sine_trial(axis, law, {}, 1e-5, 0.5, seed, noise={"current_A": noise}).rms for seed in range(3))
+           for law in (LAW, "self_tuning")}
+    assert rms[LAW] < rms["self_tuning"]
 
 
 def test_lost_samples_are_not_taken_for_readings(axis):

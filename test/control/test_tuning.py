@@ -109,7 +109,7 @@ def facts_of(folder):
 def test_a_document_without_the_end_of_a_table_is_refused(tmp_path):
     (tmp_path / "doc.md").write_text("<!-- compare: A -->\n| a |\n")
     with pytest.raises(InputError, match="doc.md: .*compare: A.*no <!-- end -->"):
-        compare_command._update(tmp_path / "doc.md", [("A", ["a"], [["1"]], "")])
+        compare_command.update_tables(tmp_path / "doc.md", [("A", ["a"], [["1"]], "")])
 
 
 def test_within_twice_the_nominal_peak_is_told_with_its_limit():

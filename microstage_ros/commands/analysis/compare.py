@@ -47,7 +47,7 @@ def main(argv=None):
         (folder / "tables.md").write_text("\n".join(_markdown(*table) for table in tables))
     answer.state(**facts)
     for document in arguments.update:
-        _update(pathlib.Path(document), tables)
+        update_tables(pathlib.Path(document), tables)
     _show(tables)
     print(pathlib.Path(arguments.out) / "report.html")
     return 0
@@ -99,11 +99,11 @@ def _body(header, rows, remark):
     return "\n".join([*lines, "", *([*textwrap.wrap(remark, 118), ""] if remark else [])])
 
 
-def _update(path, tables):
-    """Replace the tables of a Markdown file that stand between <!-- compare: TITLE --> and <!-- end -->."""
+def update_tables(path, tables, command="compare"):
+    """Replace the tables of a Markdown file that stand between <!-- COMMAND: TITLE --> and <!-- end -->."""
     text = path.read_text()
     for title, *table in tables:
-        mark = f"<!-- compare: {title} -->"
+        mark = f"<!-- {command}: {title} -->"
         before, found, after = text.partition(mark)
         if found:
             _, end, rest = after.partition("<!-- end -->")

@@ -5,12 +5,14 @@ import os
 import pathlib
 import shlex
 
+import numpy as np
 import yaml
 from rich.console import Console
 from rich.table import Table
 
 from microstage_ros import __version__
 from microstage_ros.commands import answer
+from microstage_ros.commands.analysis.compare import update_tables
 from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
@@ -40,6 +42,9 @@ def main(argv=None):
         outcomes = campaign.campaign(axis, chosen, seeds, law, arguments.jobs, lambda done: bar.advance())
     rows = campaign.summary(outcomes)
     _show(rows, law, arguments)
+    title = f"{law}, {f'{arguments.random} random machines within {arguments.factor:g}' if arguments.random else 'conditions'}"
+    for document in arguments.update:
+        update_tables(pathlib.Path(document), [(title, *_document(rows, arguments))], "robustness")
     failures = [o for o in outcomes if o.fault]
     folder = pathlib.Path(arguments.out) if arguments.out else None
     for outcome in failures:
@@ -68,6 +73,8 @@ def _parse(argv):
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the first run (default 0)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="threads (default all cores)")
     parser.add_argument("--out", metavar="DIR", help="write machine and run file of every failure, for simulate")
+    parser.add_argument("--update", nargs="+", default=[], metavar="FILE",
+                        help="Markdown files whose table between <!-- robustness: TITLE --> and <!-- end --> is to be replaced")
     parser.add_argument("--list", action="store_true", help="print the names of the conditions and do nothing")
     arguments = parser.parse_args(argv)
     for name in ("seeds", "jobs"):
@@ -129,9 +136,28 @@ def _again(arguments, axis, condition, outcome, law, folder):
                        "--seed", str(outcome.seed), "--out", str(place / "record.csv")])
 
 
+HEADS = ["condition", "failed", "> 5 um", "swings", "off", "largest (um)", "sine (nm)", "settled (nm)", "swing (nm)", "off (nm)"]
+
+
+def _document(rows, arguments):
+    """(header, rows, remark) of the table for a document: conditions one by one, random machines as quantiles."""
+    total = sum(row["runs"] for row in rows)
+    counts = ", ".join(f"{sum(row[key] for row in rows)} {words}" for key, words in (
+        ("failed", "failed"), ("beyond", "beyond 5 um"), ("swinging", "swing at rest"), ("off", "rest beside their target")))
+    remark = f"Worst of {arguments.seeds} seeds. Of {total} runs {counts}."
+    if not arguments.random:
+        return ["condition", "failed", *HEADS[5:]], [
+            [row["condition"], f"{row['failed']} of {row['runs']}" if row["failed"] else "–", f"{row['largest'] * 1e6:.3g}",
+             *(f"{row[name] * 1e9:.3g}" for name in ("sine", "settled", "swing", "left"))] for row in rows], remark
+    found = []
+    for words, share in (("median", 0.5), ("90 %", 0.9), ("worst", 1.0)):
+        figures = [np.quantile([row[name] for row in rows], share) for name in ("largest", "sine", "settled", "swing", "left")]
+        found.append([words, f"{figures[0] * 1e6:.3g}", *(f"{figure * 1e9:.3g}" for figure in figures[1:])])
+    return ["over the machines", *HEADS[5:]], found, remark
+
+
 def _show(rows, law, arguments):
-    heads = ["condition", "failed", "> 5 um", "swings", "off", "largest (um)", "sine (nm)", "settled (nm)", "swing (nm)", "off (nm)"]
-    table = Table(*heads, title=f"{law}: worst of {arguments.seeds} seeds")
+    table = Table(*HEADS, title=f"{law}: worst of {arguments.seeds} seeds")
     for row in rows:
         counts = [f"{row[name]} of {row['runs']}" if row[name] else "–" for name in ("failed", "beyond", "swinging", "off")]
         table.add_row(row["condition"], *counts, f"{row['largest'] * 1e6:.3g}",

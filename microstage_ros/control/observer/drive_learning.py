@@ -12,7 +12,7 @@ from microstage_ros.numerics.compiled import compiled
 
 JOLT_TIME = 1e-2  # s, for which a jolt is remembered
 JOLTED = 5.0  # doubts in the encoder beyond which something goes on that is not the drive (backlash, a jolt)
-LAGS = 12  # voltage delays told apart, in periods
+LAGS = 4  # voltage delays told apart, in periods
 EXCITED = 1e-6  # V^2, mean square of voltage steps that tells the delay: 1 mV rms
 TOLD = 2.0  # doubts in the voltage that its rms steps are beyond when they tell of another delay
 LAG_LEAST = 0.3  # share of the current's steps that follow the voltage of another delay at least
@@ -30,7 +30,7 @@ STOOD = 0.3  # s, for which the reference stands when the axis is surely at rest
 NOISE_TIME = 0.3  # s, memory of the noise in the voltage behind the back-EMF
 FIRST_TIME = 1e-2  # s, shortest memory of it, at the start
 OUTLIER = 9.0  # variances, at which a square is cut: a change of the drive is no noise
-NOISE_DOUBT = 2.1  # doubt in that voltage over its noise, as in the shipped figures: the filter's own model is not exact either
+NOISE_DOUBT = 1.95  # doubt in that voltage over its noise, as in the shipped figures: the filter's own model is not exact either
 WORTH = 3e-3  # A, noise of the current at which the voltage tells the force as well
 GAIN_SPREAD = 1.0  # standard deviation of gain over former gain after a change
 ZERO_SPREAD = 0.03  # V, of the amplifier's zero after a change
@@ -86,7 +86,7 @@ def drive_changed(p, model, s, period, drop):
     expected = voltage_variance(model, s, drop - s.drop, s.v - s.speed, 0.0)
     compare_voltage(model, s, drop)
     now, step = s.unexplained, s.unexplained - before
-    doubt = max(SURE * SURE * s.voltage_noise * s.voltage_noise, RARE * RARE * s.restless) + unsettled * unsettled
+    doubt = max(SURE * SURE * p.voltage_noise * p.voltage_noise, RARE * RARE * s.restless) + unsettled * unsettled
     sudden = step * step > doubt + SURE * SURE * expected
     beyond = now * now > doubt + SURE * SURE * voltage_variance(model, s, drop, s.v, 1.0)
     s.since += period
@@ -147,7 +147,7 @@ def relearn(p, model, s, drop):
     s.strayed = 0.0
     for k in range(3):
         s.of_speed[k] = direct_effect(model, s, drop, k)
-    noise = s.voltage_noise / model.volts_per_velocity
+    noise = p.voltage_noise / model.volts_per_velocity
     take_in(s, s.of_speed, s.of_position, speed_innovation(model, s, drop), noise * noise)
     bound_learned(p, s)
 
@@ -202,7 +202,7 @@ def find_lag(p, model, s, step):
     change = s.voltages[0] - s.voltages[1]
     s.excitation += 0.01 * (change * change - s.excitation)
     restored = s.changes == 0 or s.since > STEADY_TIME  # what a change of the drive shakes says nothing of the delay
-    told = s.excitation > TOLD * TOLD * s.voltage_noise * s.voltage_noise
+    told = s.excitation > TOLD * TOLD * p.voltage_noise * p.voltage_noise
     if not told or best == s.lag or not restored or s.answers[best] * model.resistance * s.learned[0] < LAG_LEAST * s.excitation:
         return False
     s.lag = best
