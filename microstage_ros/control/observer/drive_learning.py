@@ -31,6 +31,7 @@ NOISE_TIME = 0.3  # s, memory of the noise in the voltage behind the back-EMF
 FIRST_TIME = 1e-2  # s, shortest memory of it, at the start
 OUTLIER = 9.0  # variances, at which a square is cut: a change of the drive is no noise
 NOISE_DOUBT = 1.95  # doubt in that voltage over its noise, as in the shipped figures: the filter's own model is not exact either
+LOUD = 3.0  # times the shipped doubt, beyond which the found one also says what a sudden change is
 WORTH = 3e-3  # A, noise of the current at which the voltage tells the force as well
 GAIN_SPREAD = 1.0  # standard deviation of gain over former gain after a change
 ZERO_SPREAD = 0.03  # V, of the amplifier's zero after a change
@@ -86,7 +87,8 @@ def drive_changed(p, model, s, period, drop):
     expected = voltage_variance(model, s, drop - s.drop, s.v - s.speed, 0.0)
     compare_voltage(model, s, drop)
     now, step = s.unexplained, s.unexplained - before
-    doubt = max(SURE * SURE * p.voltage_noise * p.voltage_noise, RARE * RARE * s.restless) + unsettled * unsettled
+    noise = s.voltage_noise if s.voltage_noise > LOUD * p.voltage_noise else p.voltage_noise
+    doubt = max(SURE * SURE * noise * noise, RARE * RARE * s.restless) + unsettled * unsettled
     sudden = step * step > doubt + SURE * SURE * expected
     beyond = now * now > doubt + SURE * SURE * voltage_variance(model, s, drop, s.v, 1.0)
     s.since += period
