@@ -27,7 +27,7 @@ SYSTEMATIC = {
 }
 """Relative standard uncertainty beside that of the records' scatter: friction differs by place and time, sensors are not
 ideal, the model's friction law is not the machine's. Calibrated on machines within a factor of two of the shipped axis, as
-the root mean square of what was off (test/commissioning/campaign.py --machines 8, seeds 1 to 8)."""
+the root mean square of what was off (test/commissioning/campaign.py --machines 6, seeds 1 to 6)."""
 
 
 def identified(records, axis, sketch, found, response, seed):

@@ -128,7 +128,7 @@ def test_a_child_that_ignores_the_stop_is_killed(monkeypatch):
     ours.close()
     previous = signal.signal(signal.SIGCHLD, lambda *_: wakened[1].send(b"x"))
     try:
-        server._go_on(wakened[0])
+        server._go_on(wakened, lambda node: None)
     finally:
         signal.signal(signal.SIGCHLD, previous)
         deaf.returncode = 0

@@ -38,7 +38,7 @@ def _replay(bag, arguments):
         if not senders:
             raise InputError(str(arguments.bag), ", ".join(bag.topics) or "no topics", "a topic whose type is installed")
         time.sleep(arguments.delay)
-        with progress("replaying", sum(bag.topics[name].count for name in senders)) as bar:
+        with progress("replaying", total=bag.end_ns - bag.start_ns if bag.start_ns is not None else 0) as bar:
             count = _play(bag, senders, arguments.rate, bar)
         answer.state(messages=count, topics=sorted(senders))
         print(f"{count} messages on {len(senders)} topics")
@@ -102,5 +102,5 @@ def _play(bag, senders, rate, bar):
             time.sleep(rest)
         senders[topic].publish(raw)
         count += 1
-        bar.advance()
+        bar.reach(time_ns - first)
     return count

@@ -1,4 +1,4 @@
-"""Before a start: is the law stable on the axis file's own model, and on machines that the file does not rule out?
+"""Before a start: whether the law is stable on the axis file's own model, and on machines that the file does not rule out.
 
 The eigenvalues of the sampled loop in every regime of `linear_loop.regime_slopes` say it, for the numbers of the file and
 for each of `DOUBTED` moved by twice its standard uncertainty, a tenth at least. Where the observer

@@ -27,6 +27,7 @@ ONE_PHASE = 0.7      # rad: the phase of one direction of one record from the me
 SDE_RANGE = (4.0e-7, 6.0e-5)       # m, of the encoder's signal periods
 RIPPLE_RANGE = (4.0e-6, 2.5e-4)    # m
 SLOW = 2001          # periods: courses in time slower than this are no matter of the encoder's periods
+STRETCH = 1.0e-3     # m: speed, and with it the whitening's gain, changes from move to move, so one line has sides this close
 SNAP = 4.0e-3        # relative distance from a whole or half number of cycles per turn that is none
 
 
@@ -126,14 +127,16 @@ def _ripples(collection):
 
 def _bound_to_the_place(collection, found):
     """Those cycles per turn whose ripple has one phase in both directions of every learning record, and holds enough."""
-    kept = []
+    kept, sides = [], 2.0 * np.pi * collection.frame.drive.lever / STRETCH
     for n in found:
+        if any(abs(n - k) < sides for k in kept):
+            continue
         form = _both_directions(n)
         fits = [gather(channels["torque"], [form], collection.frame, spreads=collection.spreads).fit([form.key])
                 for channels in collection.channels["learn"]]
         phases = np.concatenate([np.exp(1j * np.arctan2(beta[1::2], beta[::2])) for beta, _, _ in fits])
         apart = np.abs(np.angle(phases / phases.mean()))
-        if sum(gain for *_, gain in fits) > REAL and apart.max() < ONE_PHASE and _new(n, kept):
+        if sum(gain for *_, gain in fits) > REAL and apart.max() < ONE_PHASE:
             kept.append(n)
     return kept
 
