@@ -242,7 +242,7 @@ def pd_step(p, base, period, limit, reference, encoder):
     return min(max(base.proportional_term + base.derivative_term, -limit), limit)
 '''},
     "edits": {"control/laws/registry.py": [
-        ("import adaptation, cascade, nctf, pid\n", "import adaptation, cascade, nctf, pd, pid\n"),
+        ("import adaptation, cascade, nctf, pid, supervision\n", "import adaptation, cascade, nctf, pd, pid, supervision\n"),
         ("    \"cascade\": Law(CASCADE, {\"cascade\": cascade.GAINS}),\n",
          "    \"cascade\": Law(CASCADE, {\"cascade\": cascade.GAINS}),\n    \"pd\": Law(100, {\"pd\": pd.GAINS}),\n"),
         ("    (\"cascade\", cascade.PARAMETERS),\n", "    (\"cascade\", cascade.PARAMETERS),\n    (\"pd\", pd.PARAMETERS),\n"),
