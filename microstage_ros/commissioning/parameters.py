@@ -26,8 +26,8 @@ SYSTEMATIC = {
     "variability.relative": 0.2, "variability.travel_share": 0.25, "variability.travel_length": 0.6,
 }
 """Relative standard uncertainty beside that of the records' scatter: friction differs by place and time, sensors are not
-ideal, the model's friction law is not the machine's. Calibrated on machines within a factor of two of the shipped axis, as
-the root mean square of what was off (test/commissioning/campaign.py --machines 6, seeds 1 to 6)."""
+ideal, the model's friction law is not the machine's. Set by hand from what was off on six machines
+(test/commissioning/campaign.py --machines 6, seeds 1 to 6); no command writes them yet."""
 
 
 def identified(records, axis, sketch, found, response, seed):
