@@ -42,10 +42,11 @@ def running_cell(tmp_path, mode="paced", nodes=WITHOUT_RECORDER, supervised=Fals
 
 
 def begin_move(client, target=2e-2, **options):
-    """A long move; its handle and the future of its result."""
+    """A long move that has begun; its handle and the future of its result."""
     goal = MoveTo.Goal(target=target, **{"max_velocity": 1e-3, "timeout": 60.0, **options})
-    sent = client._action.send_goal_async(goal)
-    spin_until(client.node, sent.done)
+    under_way = []
+    sent = client._action.send_goal_async(goal, feedback_callback=under_way.append)
+    spin_until(client.node, lambda: under_way, 30.0)  # accepted is not begun: on a loaded machine a fault may come between
     return sent.result(), sent.result().get_result_async()
 
 

@@ -243,8 +243,9 @@ class MoveServer(MoveRequests, MoveResults, Node):
         if status is None:
             raise Refused(RESULT.CODE_REFUSED, "no driver: nobody publishes driver_status")
         if not status.active:
-            why = f"fault: {status.message}" if status.fault else "its lifecycle state"
-            raise Refused(RESULT.CODE_REFUSED, f"the driver is not active ({why})")
+            if status.fault:  # also where it came between the goal's acceptance and its begin
+                raise Refused(RESULT.CODE_FAULT, f"the driver is not active (fault: {status.message})")
+            raise Refused(RESULT.CODE_REFUSED, "the driver is not active (its lifecycle state)")
         check_move(request.target, request.tolerance, request.settle_time, request.timeout,
                    (status.minimum, status.maximum))
         for name in ("max_velocity", "max_acceleration", "max_jerk"):
