@@ -72,6 +72,8 @@ def fill_inside(message, state, n, reference, mode, memory):
     message["proportional_term"], message["integral_term"] = pid.proportional_term, pid.integral
     message["derivative_term"], message["feedforward_term"] = pid.derivative_term, memory.feed_forward
     message["voltage"], message["mode"], message["saturated"] = memory.voltage, mode, pid.saturated != 0
+    watched = memory.supervision
+    message["law"], message["law_reason"], message["handovers"] = watched.law, watched.reason, watched.handovers
 
 
 @compiled

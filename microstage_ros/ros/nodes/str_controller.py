@@ -142,7 +142,7 @@ class StrController(Node):
             self._insides.send(sequence, self._pack_inside(
                 raw, sequence, position, reference, s.error, s.proportional_gain, s.integral_gain,
                 s.derivative_gain, s.proportional_term, s.integral_term, s.derivative_term, s.feed_forward_term,
-                s.voltage, mode, s.saturated))
+                s.voltage, mode, s.saturated, s.law, s.law_reason, s.handovers))
         if (sequence + 1) % max(self._block // 2, 1) == 0:
             self._insides.flush()
         if (sequence + 1) % self._block == 0:
