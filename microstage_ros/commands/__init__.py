@@ -16,11 +16,13 @@ LISTED = {
         "reset": "forget a latched fault",
         "home": "go to the zero of the axis",
         "jog": "a constant speed for a while, then hold",
-        "recover": "make a bag whole again that was cut off or damaged",
         "experiment": "a run file's program on the live cell, recorded for identify",
-        "replay": "play a bag back onto its topics",
         "watch": "is the axis still the machine that it was: scores against its own healthy spread",
+    },
+    "messages": {
         "topic": "list topics, show their messages, measure their rates",
+        "replay": "play a bag back onto its topics",
+        "recover": "make a bag whole again that was cut off or damaged",
     },
     "analysis": {
         "simulate": "one run of the model, no ROS",

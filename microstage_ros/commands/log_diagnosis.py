@@ -9,9 +9,9 @@ from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
 from microstage_ros.diagnosis.logs.case import diagnose_logs
-from microstage_ros.diagnosis.logs.page import headline
-from microstage_ros.diagnosis.logs.report import write_log_answer
-from microstage_ros.diagnosis.logs.trend import diagnose_over_time, write_trend
+from microstage_ros.diagnosis.logs.report.page import headline
+from microstage_ros.diagnosis.logs.report.answer import write_log_answer
+from microstage_ros.diagnosis.logs.report.trend import diagnose_over_time, write_trend
 from microstage_ros.files import keep_earlier, missing
 from microstage_ros.records.logs import load_description, read_log
 

@@ -5,17 +5,17 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from microstage_ros.commissioning import proof
-from microstage_ros.commissioning.closed_loop import LOOSE, Loop, programme, stroke
+from microstage_ros.commissioning.experiments import proof
+from microstage_ros.commissioning.experiments.closed_loop import LOOSE, Loop, programme, stroke
 from microstage_ros.commissioning.findings import Check, Refused, Stopped, refused
-from microstage_ros.commissioning.first_motion import first_motion
-from microstage_ros.commissioning.frequency_response import measured_margins
-from microstage_ros.commissioning.known import known_axis
-from microstage_ros.commissioning.law_choice import DRAWS, choose_law, soft_gains
-from microstage_ros.commissioning.machine import LONGEST
-from microstage_ros.commissioning.open_loop import Strokes, fit_strokes, scale_check, sliding_response, strokes
-from microstage_ros.commissioning.parameters import draws, identified, slope_of
-from microstage_ros.commissioning.plant_fit import fit_plant, resonance_of
+from microstage_ros.commissioning.experiments.first_motion import first_motion
+from microstage_ros.commissioning.estimation.frequency_response import measured_margins
+from microstage_ros.commissioning.estimation.known import known_axis
+from microstage_ros.commissioning.design.law_choice import DRAWS, choose_law, soft_gains
+from microstage_ros.commissioning.experiments.machine import LONGEST
+from microstage_ros.commissioning.experiments.open_loop import Strokes, fit_strokes, scale_check, sliding_response, strokes
+from microstage_ros.commissioning.estimation.parameters import draws, identified, slope_of
+from microstage_ros.commissioning.estimation.plant_fit import fit_plant, resonance_of
 
 LEAST_RESONANCE = 0.45  # of the sketched one: stiffness half and mass twice give 0.5
 MOST_DELAY = 2.5  # periods

@@ -6,7 +6,7 @@ import numpy as np
 
 from microstage_ros import __version__
 from microstage_ros.commissioning.findings import CHECKS
-from microstage_ros.commissioning.frequency_response import write_responses
+from microstage_ros.commissioning.estimation.frequency_response import write_responses
 from microstage_ros.commissioning.store import write_json
 from microstage_ros.report.page import Page
 from microstage_ros.report.plots import COLOURS, new_figure

@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from microstage_ros.commands.operation.replay import message_class_of  # noqa: E402
+from microstage_ros.commands.messages.replay import message_class_of  # noqa: E402
 
 
 def test_a_declared_message_is_found():

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from machines import FAULTS, Machine, random_axis
 
-from microstage_ros.commissioning.machine import Machine as Hand
+from microstage_ros.commissioning.experiments.machine import Machine as Hand
 from microstage_ros.commissioning.procedure import commission
 from microstage_ros.commissioning.report import report_tree, write_answer
 from microstage_ros.commissioning.sketch import load_sketch

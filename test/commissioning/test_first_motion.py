@@ -6,9 +6,9 @@ import pytest
 from machines import Machine, random_axis
 
 from microstage_ros.commissioning.findings import Refused
-from microstage_ros.commissioning.first_motion import first_motion
-from microstage_ros.commissioning.machine import Machine as Hand
-from microstage_ros.commissioning.open_loop import strokes
+from microstage_ros.commissioning.experiments.first_motion import first_motion
+from microstage_ros.commissioning.experiments.machine import Machine as Hand
+from microstage_ros.commissioning.experiments.open_loop import strokes
 from microstage_ros.commissioning.sketch import load_sketch
 from microstage_ros.hardware import make_hardware
 from microstage_ros.hardware.protocol import Setup

@@ -6,12 +6,13 @@ import control
 import numpy as np
 import pytest
 
-from microstage_ros.commissioning import loop_shaping, proof
-from microstage_ros.commissioning.closed_loop import Loop
-from microstage_ros.commissioning.frequency_response import Response, measured_margins, multi_sine, responses, write_responses
-from microstage_ros.commissioning.machine import Machine
-from microstage_ros.commissioning.open_loop import Strokes
-from microstage_ros.commissioning.plant_fit import fit_plant, held_response, resonance_of
+from microstage_ros.commissioning.design import loop_shaping
+from microstage_ros.commissioning.experiments import proof
+from microstage_ros.commissioning.experiments.closed_loop import Loop
+from microstage_ros.commissioning.estimation.frequency_response import Response, measured_margins, multi_sine, responses, write_responses
+from microstage_ros.commissioning.experiments.machine import Machine
+from microstage_ros.commissioning.experiments.open_loop import Strokes
+from microstage_ros.commissioning.estimation.plant_fit import fit_plant, held_response, resonance_of
 from microstage_ros.control.laws.controller import controller_parameters
 from microstage_ros.control.tuning.margins import loop_margins, loop_of, pid_transfer, regimes
 from microstage_ros.hardware import make_hardware

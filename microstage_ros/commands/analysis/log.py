@@ -9,7 +9,7 @@ import yaml
 from microstage_ros.commands import answer
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
-from microstage_ros.diagnosis.logs.motion import STATES, motion_of, tops
+from microstage_ros.diagnosis.logs.preprocessing.motion import STATES, motion_of, tops
 from microstage_ros.files import complete_folder, keep_earlier, write_text
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.logs.description import description_of

@@ -67,7 +67,7 @@ def _save(arguments, axis, gains, **more):
 
 def _shape(arguments, axis):
     """Gains on a measured response."""
-    from microstage_ros.commissioning import loop_shaping
+    from microstage_ros.commissioning.design import loop_shaping
     from microstage_ros.control.laws.controller import controller_parameters
 
     response = loop_shaping.read_response(arguments.response)
@@ -107,7 +107,7 @@ def _margins(m):
 
 def _export(gains, axis):
     """The gains as other controllers write them."""
-    from microstage_ros.commissioning.loop_shaping import exported
+    from microstage_ros.commissioning.design.loop_shaping import exported
 
     print("as other controllers write them:")
     for name, lines, convention in exported(gains, axis):

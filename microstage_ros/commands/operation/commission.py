@@ -59,7 +59,7 @@ def _ask(axis, name):
 
 
 def _run(arguments, sketch, backend, store):
-    from microstage_ros.commissioning.machine import Machine
+    from microstage_ros.commissioning.experiments.machine import Machine
     from microstage_ros.commissioning.procedure import Outcome, commission
     from microstage_ros.commissioning.report import report_tree, write_answer
     from microstage_ros.hardware.protocol import HardwareError

@@ -2,15 +2,15 @@
 
 import numpy as np
 
-from microstage_ros.diagnosis.logs import channels as channel_module
-from microstage_ros.diagnosis.logs import coordinates as reduction
-from microstage_ros.diagnosis.logs import spread
-from microstage_ros.diagnosis.logs.context import Context
-from microstage_ros.diagnosis.logs.effects import columns_of
-from microstage_ros.diagnosis.logs.motion import motion_of, tops
-from microstage_ros.diagnosis.logs.repeats import repetitions
-from microstage_ros.diagnosis.logs.turn import turn_of
-from microstage_ros.diagnosis.logs.verdict import answer
+from microstage_ros.diagnosis.logs.preprocessing import channels as channel_module
+from microstage_ros.diagnosis.logs.preprocessing import coordinates as reduction
+from microstage_ros.diagnosis.logs.preprocessing import spread
+from microstage_ros.diagnosis.logs.selection.context import Context
+from microstage_ros.diagnosis.logs.selection.effects import columns_of
+from microstage_ros.diagnosis.logs.preprocessing.motion import motion_of, tops
+from microstage_ros.diagnosis.logs.preprocessing.repeats import repetitions
+from microstage_ros.diagnosis.logs.preprocessing.turn import turn_of
+from microstage_ros.diagnosis.logs.selection.verdict import answer
 from microstage_ros.quantities.errors import InputError
 
 LEAST_ROWS = 40            # samples of a channel in the baseline

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from microstage_ros.diagnosis.logs.case import diagnose_logs
-from microstage_ros.diagnosis.logs.course import change_points
-from microstage_ros.diagnosis.logs.sizes import widening
+from microstage_ros.diagnosis.logs.selection.course import change_points
+from microstage_ros.diagnosis.logs.selection.sizes import widening
 from microstage_ros.diagnosis.validation import foreign_machine as machines
 from microstage_ros.diagnosis.validation import log_campaign, simulated_logs
 

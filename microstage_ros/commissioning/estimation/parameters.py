@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from microstage_ros.commissioning.known import ratio_of
-from microstage_ros.commissioning.plant_fit import fit_plant
+from microstage_ros.commissioning.estimation.known import ratio_of
+from microstage_ros.commissioning.estimation.plant_fit import fit_plant
+from microstage_ros.commissioning.estimation.smoothing import smoothed
 from microstage_ros.identification.estimators.estimate import Estimate
 from microstage_ros.identification.intake import take_in
 from microstage_ros.identification.pipeline import identify
@@ -124,8 +125,6 @@ def _drive_train(axis, sketch, fit, estimates):
 
 def _with_current(record, axis):
     """The record with the current that voltage and speed stand for, with the sketch's resistance."""
-    from microstage_ros.commissioning.open_loop import smoothed
-
     _, speed, _ = smoothed(record, record.period_s)
     back = axis.value("drive.back_emf") * speed / ratio_of(axis)
     current = (np.append(0.0, record["voltage_V"][:-1]) - back) / axis.value("drive.resistance")

@@ -5,10 +5,11 @@ import json
 import math
 
 from microstage_ros import __version__
-from microstage_ros.diagnosis.logs import case, pictures
-from microstage_ros.diagnosis.logs import course as course_module
-from microstage_ros.diagnosis.logs.page import headline, size_of
-from microstage_ros.diagnosis.logs.report import report_fields
+from microstage_ros.diagnosis.logs import case
+from microstage_ros.diagnosis.logs.report import pictures
+from microstage_ros.diagnosis.logs.selection import course as course_module
+from microstage_ros.diagnosis.logs.report.page import headline, size_of
+from microstage_ros.diagnosis.logs.report.answer import report_fields
 from microstage_ros.diagnosis.report.wording import advice_for, name_of
 from microstage_ros.files import complete_folder
 from microstage_ros.report.page import Page

@@ -5,8 +5,8 @@ import math
 
 import numpy as np
 
-from microstage_ros.diagnosis.logs.channels import base_names
-from microstage_ros.diagnosis.logs.effects import NEVER, SIGNATURES
+from microstage_ros.diagnosis.logs.preprocessing.channels import base_names
+from microstage_ros.diagnosis.logs.selection.effects import NEVER, SIGNATURES
 from microstage_ros.diagnosis.result import Diagnosis
 
 SAID = 2.0                 # of the level: a detectable size beyond it says no more than "not visible"

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from microstage_ros.diagnosis.logs.coordinates import STEADY, cell_keys
-from microstage_ros.diagnosis.logs.effects import columns_of
-from microstage_ros.diagnosis.logs.motion import STATES
+from microstage_ros.diagnosis.logs.preprocessing.coordinates import STEADY, cell_keys
+from microstage_ros.diagnosis.logs.selection.effects import columns_of
+from microstage_ros.diagnosis.logs.preprocessing.motion import STATES
 from microstage_ros.report.plots import COLOURS, new_figure, plot_signal, scale_of
 
 BASE, NOW, MODEL = COLOURS["grey"], COLOURS["orange"], COLOURS["blue"]

@@ -9,7 +9,7 @@ import dataclasses
 
 import numpy as np
 
-from microstage_ros.diagnosis.logs.motion import STATES
+from microstage_ros.diagnosis.logs.preprocessing.motion import STATES
 
 PLACES = (12, 6, 3, 1)      # parts of the stroke that are tried, the finest that the logs fill
 COVERED = 0.85              # share of the rows that must lie in cells which both sides have

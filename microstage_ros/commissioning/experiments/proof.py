@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from microstage_ros.commissioning.closed_loop import LOOSE
+from microstage_ros.commissioning.experiments.closed_loop import LOOSE
 from microstage_ros.commissioning.findings import refused
-from microstage_ros.commissioning.frequency_response import multi_sine, responses
+from microstage_ros.commissioning.estimation.frequency_response import multi_sine, responses
 from microstage_ros.control.trajectories.profiles import jerk_limited_move, sine
 from microstage_ros.metrology.repeatability import repeatability
 
@@ -66,7 +66,7 @@ def loop_in_motion(loop, found, seed, keep):
         records.append(record)
         if count >= 1:
             parts.append(_part(record, first, first + int(count) * made.rows + 1))
-    from microstage_ros.commissioning.first_motion import joined
+    from microstage_ros.commissioning.experiments.first_motion import joined
 
     keep("response_in_motion", joined(records))
     return responses(parts, made, period, "sliding") if parts else (None, None)
@@ -82,7 +82,7 @@ def _part(record, start, stop):
 
 def moves(loop, keep):
     """Repeated moves from one place to each target and back. Returns (rows of report.json, largest swing at rest [m])."""
-    from microstage_ros.commissioning.first_motion import joined
+    from microstage_ros.commissioning.experiments.first_motion import joined
 
     machine, records, rows, swing = loop.machine, [], [], 0.0
     start = machine.position

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.stats import f as f_law
 from scipy.stats import t as t_law
 
-from microstage_ros.diagnosis.logs.effects import ALSO, RARER, SIGNATURES
+from microstage_ros.diagnosis.logs.selection.effects import ALSO, RARER, SIGNATURES
 
 LEVEL = np.log(1e-3)       # log p below which an effect is named (some twenty are tried)
 RIVAL = 3.0                # difference of log p within which another effect explains as much (odds of 20)

@@ -8,11 +8,11 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from microstage_ros.commissioning.findings import Check, refused
-from microstage_ros.commissioning.first_motion import joined
-from microstage_ros.commissioning.frequency_response import multi_sine, responses
+from microstage_ros.commissioning.experiments.first_motion import joined
+from microstage_ros.commissioning.estimation.frequency_response import multi_sine, responses
+from microstage_ros.commissioning.estimation.smoothing import SMOOTH, smoothed, window_rows
 
 STROKE, SHARE = 1.5e-4, 0.02  # of the first strokes: metres, and share of the travel
-SMOOTH = 4e-3  # s, of the polynomial that gives speed and acceleration
 SCALES = (0.25, 1.0, 4.0)
 DOUBT = 2.0  # chi-square by which a wrong scale must explain the strokes better
 LEAST_SPREAD = 0.15
@@ -69,19 +69,10 @@ def _stroke(machine, centre, reach, voltage, longest):
     return machine.run(np.full(rows, machine.position), lambda n, x, i: voltage, until=lambda n, x, i: sign * (x - centre) > reach)
 
 
-def smoothed(record, period):
-    """(position, speed, acceleration) by a local polynomial over `SMOOTH`, each of shape (n,)."""
-    window = max(int(SMOOTH / period) | 1, 7)
-    x = record["encoder_m"]
-    rows = np.arange(len(x))
-    x = np.interp(rows, rows[np.isfinite(x)], x[np.isfinite(x)])
-    return tuple(savgol_filter(x, window, 3, deriv=k, delta=period) for k in range(3))
-
-
 def fit_strokes(record, sketch, first, period):
     """`Strokes` by least squares of the voltage balance (and of the torque balance, with a current)."""
     _, v, a = smoothed(record, period)
-    u = savgol_filter(np.append(record["voltage_V"][:1], record["voltage_V"][:-1]), max(int(SMOOTH / period) | 1, 7), 3)
+    u = savgol_filter(np.append(record["voltage_V"][:1], record["voltage_V"][:-1]), window_rows(period), 3)
     fast = np.abs(v) > 0.15 * np.abs(v).max()
     cut = slice(int(SMOOTH / period) + 1, -int(SMOOTH / period) - 1)
     keep = np.zeros(len(v), bool)
@@ -92,7 +83,7 @@ def fit_strokes(record, sketch, first, period):
         inertia, friction, viscous, offset = np.linalg.lstsq(np.column_stack([a, sign, v, ones]), u, rcond=None)[0]
         resistance = sketch.axis.value("drive.resistance") if sketch.axis.has("drive.resistance") else math.nan
         return Strokes(resistance, float(viscous), float(inertia), float(friction), float(offset), 0.0, False, float(np.abs(v).max()))
-    i = savgol_filter(np.nan_to_num(record["current_A"]), max(int(SMOOTH / period) | 1, 7), 3)[keep]
+    i = savgol_filter(np.nan_to_num(record["current_A"]), window_rows(period), 3)[keep]
     resistance, emf, offset = np.linalg.lstsq(np.column_stack([i, v, ones]), u, rcond=None)[0]
     inertia, friction, viscous, zero = np.linalg.lstsq(np.column_stack([a, sign, v, ones]), i, rcond=None)[0]
     return Strokes(float(resistance), float(emf), float(inertia * resistance), float(friction * resistance),

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from microstage_ros.commissioning.findings import Refused, refused
-from microstage_ros.commissioning.law_choice import slower
+from microstage_ros.commissioning.design.law_choice import slower
 from microstage_ros.control.laws.controller import Controller, controller_parameters
 from microstage_ros.control.trajectories.profiles import MotionLimits, jerk_limited_move
 
@@ -186,7 +186,7 @@ def stroke(loop, keep, longest=40.0):
     records = []
     for place in (high, low, start):
         records.append(_slower_if_need_be(loop, place, speed))
-    from microstage_ros.commissioning.first_motion import joined
+    from microstage_ros.commissioning.experiments.first_motion import joined
 
     record = joined(records)
     keep("stroke", record)

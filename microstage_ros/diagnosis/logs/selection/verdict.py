@@ -5,11 +5,12 @@ import math
 import numpy as np
 from scipy.stats import f as f_law
 
-from microstage_ros.diagnosis.logs import decide, spread
-from microstage_ros.diagnosis.logs.context import LogDiagnosis, healthy_table, hidden_effects
-from microstage_ros.diagnosis.logs.effects import FOLLOWING, FORCED, SIGNATURES, separation
-from microstage_ros.diagnosis.logs.sizes import parameters_of, widening
-from microstage_ros.diagnosis.logs.stages import build, stages_of
+from microstage_ros.diagnosis.logs.selection import decide
+from microstage_ros.diagnosis.logs.preprocessing import spread
+from microstage_ros.diagnosis.logs.selection.context import LogDiagnosis, healthy_table, hidden_effects
+from microstage_ros.diagnosis.logs.selection.effects import FOLLOWING, FORCED, SIGNATURES, separation
+from microstage_ros.diagnosis.logs.selection.sizes import parameters_of, widening
+from microstage_ros.diagnosis.logs.selection.stages import build, stages_of
 from microstage_ros.diagnosis.report.wording import sentence_of
 from microstage_ros.diagnosis.result import Cause, Diagnosis, Finding, Gain, OverallGain, Rivals
 

@@ -8,8 +8,8 @@ import dataclasses
 
 import numpy as np
 
-from microstage_ros.diagnosis.logs.channels import high_pass
-from microstage_ros.diagnosis.logs.motion import STATES
+from microstage_ros.diagnosis.logs.preprocessing.channels import high_pass
+from microstage_ros.diagnosis.logs.preprocessing.motion import STATES
 
 WAVES = 4               # half waves of friction along the stroke
 BUMPS = 8               # hat functions for what is local

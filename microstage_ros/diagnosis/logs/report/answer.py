@@ -4,8 +4,8 @@ import json
 import math
 
 from microstage_ros import __version__
-from microstage_ros.diagnosis.logs import course as course_module
-from microstage_ros.diagnosis.logs.page import write_page
+from microstage_ros.diagnosis.logs.selection import course as course_module
+from microstage_ros.diagnosis.logs.report.page import write_page
 from microstage_ros.diagnosis.report.answer import FORMAT
 from microstage_ros.diagnosis.report.extended import write_extended
 from microstage_ros.diagnosis.report.wording import sentence_of

@@ -14,7 +14,7 @@ import dataclasses
 import numpy as np
 from scipy.signal import lfilter
 
-from microstage_ros.diagnosis.logs.motion import Motion
+from microstage_ros.diagnosis.logs.preprocessing.motion import Motion
 from microstage_ros.records.logs.log import Log
 
 BRAKE = 3               # index of braking in `motion.STATES`

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from microstage_ros.commissioning.frequency_response import MeasuredMargins, Response, measured_margins
-from microstage_ros.commissioning.law_choice import slower
+from microstage_ros.commissioning.estimation.frequency_response import MeasuredMargins, Response, measured_margins
+from microstage_ros.commissioning.design.law_choice import slower
 from microstage_ros.control.tuning.margins import pid_transfer
 from microstage_ros.files import unreadable
 from microstage_ros.quantities.errors import InputError

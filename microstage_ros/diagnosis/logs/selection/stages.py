@@ -4,9 +4,10 @@ import dataclasses
 
 import numpy as np
 
-from microstage_ros.diagnosis.logs import decide, spread
-from microstage_ros.diagnosis.logs.coordinates import FREE
-from microstage_ros.diagnosis.logs.effects import SIGNATURES
+from microstage_ros.diagnosis.logs.selection import decide
+from microstage_ros.diagnosis.logs.preprocessing import spread
+from microstage_ros.diagnosis.logs.preprocessing.coordinates import FREE
+from microstage_ros.diagnosis.logs.selection.effects import SIGNATURES
 
 TELLING = 0.1              # of the information on an effect that a repetition left out must have to judge its spread
 PRIOR_LOO = 4.0            # weight, in repetitions, of "the spread is as learned" against the repetitions left out

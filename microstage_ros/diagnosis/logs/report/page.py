@@ -1,7 +1,7 @@
 """The page that a technician reads: what changed, how much, since when, how sure, what else, what to look at, what would decide."""
 
-from microstage_ros.diagnosis.logs import course as course_module
-from microstage_ros.diagnosis.logs import pictures
+from microstage_ros.diagnosis.logs.selection import course as course_module
+from microstage_ros.diagnosis.logs.report import pictures
 from microstage_ros.diagnosis.report.wording import TONES, advice_for, name_of
 from microstage_ros.report.page import Page
 from microstage_ros.report.plots import quantity

@@ -6,7 +6,7 @@ import time
 import yaml
 
 from microstage_ros.commands import answer, units
-from microstage_ros.commands.operation.replay import message_class_of
+from microstage_ros.commands.messages.replay import message_class_of
 from microstage_ros.commands.parser import Parser, nearest
 from microstage_ros.quantities.errors import InputError
 

@@ -1,0 +1,1 @@
+"""Commands for topics and bags: list, show, measure, play back, make whole again."""
