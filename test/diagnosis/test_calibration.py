@@ -110,3 +110,28 @@ def test_the_worlds_are_the_campaigns():
     assert set(campaign.WORLDS) == {"first", "second"} and campaign.WORLDS["second"] is second_world.make_case
     assert campaign.examinations(2, 1, "axis.yaml", world="second")[0].world == "second"
     assert Hidden("x").effects == {}
+
+
+def test_a_campaign_goes_on_where_it_was_left(monkeypatch, tmp_path):
+    """With --resume only the missing cases are run, and a file of other settings is refused."""
+    asked = []
+
+    def examine(one):
+        asked.append(one.number)
+        if len(asked) == 3:
+            raise KeyboardInterrupt
+        return outcome(one.number, (("a", 0.9, 100.0, 0.5, True),))
+
+    monkeypatch.setattr(campaign, "examine", examine)
+    file = str(tmp_path / "cases.json")
+    command = ["--kind", "single", "--seed", "7", "--json", file, "--resume", "--cases"]
+    with pytest.raises(KeyboardInterrupt):
+        main([*command, "4"])
+    assert len(json.loads((tmp_path / "cases.json").read_text())["cases"]) == 2      # written case by case
+    main([*command, "4"])
+    assert asked == [0, 1, 2, 2, 3]
+    assert [case["number"] for case in json.loads((tmp_path / "cases.json").read_text())["cases"]] == [0, 1, 2, 3]
+    with pytest.raises(InputError, match="seed"):
+        main([*command, "4", "--seed", "8"])
+    with pytest.raises(InputError, match="--json FILE"):
+        main(["--resume"])

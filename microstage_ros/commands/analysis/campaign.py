@@ -35,17 +35,21 @@ def main(argv=None):
     arguments = _parse(argv)
     examined = campaign.examinations(arguments.cases, arguments.seed, str(arguments.axis), arguments.kind,
                                      arguments.strength, arguments.effect, arguments.world)
-    outcomes = []
+    outcomes = _resumed(arguments)
+    finished = {outcome.number for outcome in outcomes}
+    examined = [one for one in examined if one.number not in finished]
     with progress("examining", len(examined)) as bar:
         for outcome in campaign.run(examined, arguments.jobs, arguments.scheduler):
             outcomes.append(outcome)
             bar.advance()
+            if arguments.resume:
+                _write(arguments, outcomes)
             if arguments.verbose:
                 print(_line(outcome), flush=True)
     outcomes.sort(key=lambda outcome: outcome.number)
     outcomes += [outcome for path in arguments.earlier for outcome in _earlier(path)]
     counts, medians = campaign.scores(outcomes)
-    _give(arguments, outcomes, counts, medians)
+    _give(arguments, outcomes)
     if arguments.calibrate:
         told = [(evidence, share, right) for o in outcomes for _, _, evidence, share, right in o.told]
         words = " ".join(["./microstage campaign", *(sys.argv[1:] if argv is None else argv)])
@@ -71,11 +75,15 @@ def _parse(argv):
                         "these cases give; with --from, of those")
     parser.add_argument("--from", dest="earlier", nargs="+", type=pathlib.Path, default=[], metavar="JSON",
                         help="count the cases of earlier campaigns (their --json files) too")
+    parser.add_argument("--resume", action="store_true", help="with --json FILE: run only the cases that FILE lacks, and write it after "
+                        "every case")
     parser.add_argument("--verbose", action="store_true", help="a line per case")
     arguments = parser.parse_args(argv)
     for name, value, least in (("--cases", arguments.cases, 0 if arguments.earlier else 1), ("--jobs", arguments.jobs, 1), ("--seed", arguments.seed, 0)):
         if value < least:
             raise InputError(name, value, f"{least} or more")
+    if arguments.resume and not isinstance(arguments.json, str):
+        raise InputError("--resume", "no file", "--json FILE, which holds the cases examined so far")
     if not arguments.strength > 0.0:
         raise InputError("--strength", arguments.strength, "a factor above 0")
     if arguments.effect and arguments.effect not in REGISTRY:
@@ -84,16 +92,35 @@ def _parse(argv):
     return arguments
 
 
-def _earlier(path):
+def _settings(arguments):
+    """What must be the same for two runs to be parts of one campaign."""
+    return {"seed": arguments.seed, "axis": str(arguments.axis), "kind": arguments.kind, "strength": arguments.strength,
+            "effect": arguments.effect, "world": arguments.world}
+
+
+def _resumed(arguments):
+    """Outcomes that the --json file holds already, with --resume; [] where there is no such file yet."""
+    path = pathlib.Path(arguments.json) if arguments.resume else None
+    if path is None or not path.exists():
+        return []
+    outcomes = _earlier(path, "--resume")
+    tree = json.loads(path.read_text(encoding="utf-8"))
+    for name, value in _settings(arguments).items():
+        if tree.get(name) != value:
+            raise InputError(f"--resume {path}: {name}", value, f"{tree.get(name)!r}, with which its cases were made")
+    return outcomes
+
+
+def _earlier(path, option="--from"):
     """Outcomes of an earlier campaign's JSON file."""
     try:
         cases = json.loads(path.read_text(encoding="utf-8"))["cases"]
         fields = {field.name for field in dataclasses.fields(campaign.Outcome)}
         return [campaign.Outcome(**{key: _tuples(value) for key, value in case.items() if key in fields}) for case in cases]
     except OSError as error:
-        raise InputError(f"--from {path}", error.strerror, "the --json file of a campaign") from None
+        raise InputError(f"{option} {path}", error.strerror, "the --json file of a campaign") from None
     except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"--from {path}", str(error)[:80], "the --json file of a campaign of this version") from None
+        raise InputError(f"{option} {path}", str(error)[:80], "the --json file of a campaign of this version") from None
 
 
 def _tuples(value):
@@ -108,15 +135,22 @@ def _line(outcome):
     return f"{outcome.number:4d} {outcome.name:32s} {outcome.verdict:17s}{', '.join(outcome.named)}{opened}{way} {outcome.seconds:.0f} s {outcome.error}"
 
 
-def _give(arguments, outcomes, counts, medians):
-    tree = {"version": __version__, "seed": arguments.seed, "axis": str(arguments.axis), "kind": arguments.kind,
-            "strength": arguments.strength, "figures": {name: list(pair) for name, pair in counts.items()},
+def _tree(arguments, outcomes):
+    counts, medians = campaign.scores(outcomes)
+    return {"version": __version__, **_settings(arguments), "figures": {name: list(pair) for name, pair in counts.items()},
             "medians": {name: _plain(value) for name, value in medians.items()},
             "confusion": campaign.confusion(outcomes),
             "cases": [{key: _plain(value) for key, value in dataclasses.asdict(outcome).items()} for outcome in outcomes]}
-    answer.state(**tree)
-    if isinstance(arguments.json, str):
-        write_text(arguments.json, json.dumps(tree, indent=1, ensure_ascii=False) + "\n")
+
+
+def _give(arguments, outcomes):
+    answer.state(**_tree(arguments, outcomes))
+    if isinstance(arguments.json, str) and not arguments.resume:
+        _write(arguments, outcomes)
+
+
+def _write(arguments, outcomes):
+    write_text(arguments.json, json.dumps(_tree(arguments, outcomes), indent=1, ensure_ascii=False) + "\n")
 
 
 def _plain(value):

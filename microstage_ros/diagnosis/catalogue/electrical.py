@@ -64,14 +64,14 @@ def windup_compliance(channel, frame):
 def drive_compliance(factor):
     """Wind-up and resonance with K_c × factor, minus nominal; β = 1 at this factor."""
     def columns(channel, frame):
-        return channel.mean(channel.predict(stiffness=factor) - channel.predict())[:, None]
+        return channel.change(stiffness=factor)[:, None]
     return columns
 
 
 def payload_resonance(factor):
     """Mass and guideway load × factor, minus nominal; β = 1 at this factor."""
     def columns(channel, frame):
-        return channel.mean(channel.predict(mass=factor, load=factor) - channel.predict())[:, None]
+        return channel.change(mass=factor, load=factor)[:, None]
     return columns
 
 

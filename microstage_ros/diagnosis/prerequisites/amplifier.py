@@ -51,17 +51,17 @@ def find_slowness(prepared, drive):
     if "command" not in fast.names:
         return None
     forms = _candidates(fast)
-    learn = fast.gather("command", [*forms, GAIN], "learn")
+    learn = fast.growing("command", [GAIN], "learn")
     trials, strongest = [], 0.0
     for form in forms:
-        beta, _, gain = learn.fit([form.key])
+        beta, _, gain = learn.alone(form).fit([form.key])
         strongest = max(strongest, gain)
         if form.accept(beta):
             trials.append((gain, form, float(beta[0])))
     best = {effect: max((t for t in trials if t[1].effect == effect), key=lambda t: t[0], default=None)
             for effect in ("transport_delay", "actuator_lag")}
     period = prepared["learn"][0].period
-    refined = [_refine(fast, trial, period) for trial in best.values() if trial and trial[0] > LEAST_GAIN]
+    refined = [_refine(learn, trial, period) for trial in best.values() if trial and trial[0] > LEAST_GAIN]
     refined = sorted((r for r in refined if r is not None), key=lambda r: -r[0])
     if not refined or refined[0][2] < LEAST_TIME:
         return None
@@ -111,14 +111,14 @@ def _form(effect, time, period):
     return delay_form(time / period, period, anyway=True) if effect == "transport_delay" else lag_form(time, anyway=True)
 
 
-def _refine(fast, trial, period):
+def _refine(learn, trial, period):
     """(gain, effect, time, stderr) at the time where β = 1 explains most."""
     _, form, beta = trial
     start = float(form.variant) * (period if form.effect == "transport_delay" else 1.0)
 
     def loss(time):
         one = _form(form.effect, float(time), period)
-        return -fast.gather("command", [one, GAIN], "learn").reduction([one.key], np.ones(1))
+        return -learn.alone(one).reduction([one.key], np.ones(1))
 
     if form.effect == "transport_delay" and start >= period:
         # within a period the winding makes much of a little: a narrow optimum beside a broad one

@@ -98,20 +98,20 @@ def _mass_form(learn, train):
 
 def _left_with_mass(channel, factor):
     """χ² of one record with the mass, and the guideway's load, times this factor."""
-    left = channel.residual - channel.mean(channel.predict(mass=factor, load=factor) - channel.predict())
+    left = channel.residual - channel.change(mass=factor, load=factor)
     return float((channel.whiten(left[:, None])[0] ** 2).sum())
 
 
 def compliance_and_damping(stiffness, damping):
     """Wind-up and resonance with K_c and D_c times these factors, minus nominal; β = 1 at these."""
     def columns(channel, frame):
-        return channel.mean(channel.predict(stiffness, damping) - channel.predict())[:, None]
+        return channel.change(stiffness, damping)[:, None]
     return columns
 
 
 def _left(channel, stiffness, damping):
     """χ² of one record with these factors."""
-    left = channel.residual - channel.mean(channel.predict(stiffness, damping) - channel.predict())
+    left = channel.residual - channel.change(stiffness, damping)
     return float((channel.whiten(left[:, None])[0] ** 2).sum())
 
 

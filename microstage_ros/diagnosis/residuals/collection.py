@@ -12,6 +12,7 @@ from microstage_ros.diagnosis.preprocessing.threads import side_by_side
 from microstage_ros.diagnosis.residuals.command import Command
 from microstage_ros.diagnosis.residuals.evidence import gather
 from microstage_ros.diagnosis.residuals.evidence_set import Evidences
+from microstage_ros.diagnosis.residuals.growing import Growing
 from microstage_ros.diagnosis.residuals.mechanical import Mechanical, fit_spreads, stated_spreads
 from microstage_ros.diagnosis.residuals.position import Position
 from microstage_ros.diagnosis.residuals.resonance import Resonance
@@ -40,17 +41,25 @@ class Collection:
 
     def gather(self, channel, forms, group):
         """`Evidence` of one channel for some forms, summed over the records of a group; None if there are none."""
-        noise = {"spreads": self.spreads} if channel == "torque" else {}
         records = [record[channel] for record in self.channels[group] if channel in record]
-        parts = side_by_side(lambda one: gather(one, forms, self.frame, SYSTEMATIC.get(channel), **noise), records)
+        parts = side_by_side(lambda one: gather(one, forms, self.frame, SYSTEMATIC.get(channel), **self._noise(channel)), records)
         return functools.reduce(operator.add, parts) if parts else None
+
+    def growing(self, channel, forms, group):
+        """The same as a `Growing`, which gathers a form when it is asked for."""
+        records = [record[channel] for record in self.channels[group] if channel in record]
+        return Growing(records, forms, self.frame, SYSTEMATIC.get(channel), **self._noise(channel)) if records else None
+
+    def _noise(self, channel):
+        return {"spreads": self.spreads} if channel == "torque" else {}
 
     def evidences(self, forms=FORMS):
         """`Evidences` over all channels that learning and held-out records share."""
         sums = {group: {} for group in GROUPS}
         for name in sorted(self.names):
             for group in GROUPS:
-                evidence = self.gather(name, [form for form in forms if form.channel == name], group)
+                how = self.gather if group == "learn" else self.growing
+                evidence = how(name, [form for form in forms if form.channel == name], group)
                 if evidence is not None:
                     sums[group][name] = evidence
         scatter = {name: _scatter(sums["base"].get(name)) for name in self.names}

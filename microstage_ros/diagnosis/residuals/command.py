@@ -33,7 +33,11 @@ class Command:
         return matrix - uniform_filter1d(matrix, WINDOW, axis=0, mode="nearest")
 
     def whiten(self, matrix):
-        """Unit-variance columns (n, k), and 0."""
-        white = self.fast(matrix) / self.noise
+        """Unit-variance columns (n, k), the first of them the residual, and 0."""
+        white, _ = self.whiten_columns(matrix)
         white[:, 0] = np.clip(white[:, 0], -30.0, 30.0)
         return white, 0.0
+
+    def whiten_columns(self, matrix):
+        """The same of columns among which the residual is not."""
+        return self.fast(matrix) / self.noise, 0.0

@@ -6,9 +6,9 @@
 
 import numpy as np
 from scipy.ndimage import median_filter, uniform_filter1d
-from scipy.signal import lfilter
 
 from microstage_ros.diagnosis.preprocessing.preparation import reading_noise, stage_filter
+from microstage_ros.numerics.compiled import compiled
 
 BLOCK = 5
 WINDOW = 21          # blocks: slower parts belong to the wind-up channel
@@ -25,7 +25,8 @@ class Resonance:
         p = prepared
         self.time, self.position, self.speed = (self.mean(v) for v in (p.time, p.position, p.speed))
         self.force = p.guideway + drive.guideway.viscous * p.stage_speed
-        self.residual = self.mean(p.stage - p.stage[0] - self.predict())
+        self._nominal = self.predict()
+        self.residual = self.mean(p.stage - p.stage[0]) - self._nominal
         self.noise = reading_noise(p.stage) / np.sqrt(BLOCK)
         self.weight = self._weight()
 
@@ -35,11 +36,15 @@ class Resonance:
         return values[:rows].reshape(-1, BLOCK, *values.shape[1:]).mean(axis=1)
 
     def predict(self, stiffness=1.0, damping=1.0, mass=1.0, load=1.0):
-        """Stage position from the motor's [m], shape (n,), with factors on K_c, D_c, m and the guideway force."""
+        """Stage position from the motor's [m], in block means, with factors on K_c, D_c, m and the guideway force."""
         factors = {"stiffness": stiffness, "damping": damping, "mass": mass}
         b, a = stage_filter(self.drive, self.prepared.period, **factors)
         g, _ = stage_filter(self.drive, self.prepared.period, **factors, force=True)
-        return lfilter(b, a, self.prepared.travel) - lfilter(g, a, load * self.force)
+        return _passed_on(self.prepared.travel, self.force, b, -load * g, a, BLOCK)
+
+    def change(self, stiffness=1.0, damping=1.0, mass=1.0, load=1.0):
+        """`predict` with these factors less `predict` without any."""
+        return self.predict(stiffness, damping, mass, load) - self._nominal
 
     def _weight(self):
         """One over the local size of the whitened residual where that is well above the noise.
@@ -61,3 +66,20 @@ class Resonance:
     def whiten(self, matrix):
         """Unit-variance columns (blocks, k), and 0."""
         return self._fast(matrix) / self.noise * self.weight[:, None], 0.0
+
+
+@compiled
+def _passed_on(travel, force, b, g, a, block):
+    """Means over blocks of (b(z) travel + g(z) force) / a(z), second order, from rest, in transposed direct form II."""
+    out = np.empty(travel.size // block)
+    first, second = 0.0, 0.0
+    for k in range(out.size):
+        total = 0.0
+        for i in range(k * block, (k + 1) * block):
+            x, f = travel[i], force[i]
+            y = b[0] * x + g[0] * f + first
+            first = b[1] * x + g[1] * f - a[1] * y + second
+            second = b[2] * x + g[2] * f - a[2] * y
+            total += y
+        out[k] = total / block
+    return out

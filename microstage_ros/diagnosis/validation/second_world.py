@@ -9,6 +9,7 @@ stiffness, limit and Stribeck curve of the file.
 """
 
 import dataclasses
+import math
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from microstage_ros.control.trajectories import profiles
 from microstage_ros.diagnosis.validation.simulated_records import CHUNK, SEEN, Hidden
 from microstage_ros.model.axis_file import axis_from_dict
 from microstage_ros.model.friction.contact import blocks_of
+from microstage_ros.numerics.compiled import compiled
 from microstage_ros.records import Record
 from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
 
@@ -104,19 +106,22 @@ def _record(axis, hidden, own, seed, name):
     plant = make_plant(axis, noise=own.noise, effects=hidden.effects)
     plant["varies"] = 1
     state = new_state(plant, seed=int(generator.integers(2**31)), position=float(reference[0]), friction="random")
-    vary = _variation(plant, own, generator)
+    vary = _variation(own, generator)
     gains = {"proportional": own.proportional} if own.controller != "self_tuning" else {}
     controller, idle = make_controller(own.controller, axis, **gains), make_controller("none", axis)
     work, readings, zero = new_work(plant), new_readings(), np.zeros(len(reference))
     trace = np.empty((len(reference), len(TRACE)))
-    edges = sorted({0, len(reference), *off, *range(0, len(reference), CHUNK)})
+    edges = sorted({0, len(reference), *off, *(range(0, len(reference), CHUNK) if hidden.change else ())})
     for start, stop in zip(edges, edges[1:]):
-        vary(plant, state, start * period)
-        if hidden.change:
-            hidden.change(plant, state, start * period)
         used = idle if off[0] <= start < off[1] else controller
         part = slice(start, stop)
-        run_loop(plant, state, work, readings, used.parameters, used.memory, reference[part], zero[part], zero[part], trace[part])
+        loop = (plant, state, work, readings, used.parameters, used.memory, reference[part], zero[part], trace[part])
+        if hidden.change:      # from Python only
+            _vary(plant, state, vary, start * period)
+            hidden.change(plant, state, start * period)
+            run_loop(*loop[:-2], zero[part], *loop[-2:])
+        else:
+            _run_varied(*loop, vary, start, period)
     columns = {"t_s": np.arange(len(reference)) * period, "reference_m": reference}
     columns |= {key: trace[:, TRACE.index(key)].copy() for key in SEEN}
     columns |= surroundings(trace)
@@ -125,22 +130,38 @@ def _record(axis, hidden, own, seed, name):
     return Record(period, columns, f"{hidden.name}/{name}", {"seed": seed, "machine": own.law})
 
 
-def _variation(plant, own, generator):
-    """``change(plant, state, time)``: the friction's profile along the stroke and its jumps in time."""
-    levels = {name: float(plant[name]["level"]) for name in ("actuator", "guideway")}
+def _variation(own, generator):
+    """What `_run_varied` needs of the friction's variation: waves along the stroke (k, 3), moments of its jumps [s], their
+    heights, and the factor that stands in the plant."""
     times = np.cumsum(generator.exponential(own.jump_every, 400))
     heights = own.jump * generator.uniform(-np.sqrt(3.0), np.sqrt(3.0), len(times) + 1)
-    now = {"factor": 1.0}
+    return np.array(own.profile), times, heights, np.ones(1)
 
-    def change(plant, state, time):
-        x = float(state["x"])
-        here = sum(size * np.sin(number * x + phase) for number, phase, size in own.profile)
-        factor = max(1.0 + here + heights[int(np.searchsorted(times, time))], 0.5)
-        for name in levels:     # relative to what stands there: what is hidden may have changed the level, too
-            plant[name]["level"] *= factor / now["factor"]
-        now["factor"] = factor
 
-    return change
+@compiled
+def _vary(plant, state, vary, time):
+    """Set the friction's factor for this place and time."""
+    waves, times, heights, now = vary
+    x, here = state.x, 0.0
+    for k in range(len(waves)):
+        here += waves[k, 2] * math.sin(waves[k, 0] * x + waves[k, 1])
+    factor = max(1.0 + here + heights[np.searchsorted(times, time)], 0.5)
+    # relative to what stands there: what is hidden may have changed the level, too
+    plant.actuator.level *= factor / now[0]
+    plant.guideway.level *= factor / now[0]
+    now[0] = factor
+
+
+@compiled
+def _run_varied(plant, state, work, readings, parameters, memory, reference, zero, trace, vary, first, period):
+    """`run_loop` over rows of a record that begin at row ``first``; every `CHUNK` periods the friction's factor is set anew."""
+    start = 0
+    while start < len(reference):
+        stop = min(start + CHUNK - (first + start) % CHUNK, len(reference))
+        _vary(plant, state, vary, (first + start) * period)
+        run_loop(plant, state, work, readings, parameters, memory, reference[start:stop], zero[start:stop], zero[start:stop],
+                 trace[start:stop])
+        start = stop
 
 
 def program(generator, home, period):

@@ -1,0 +1,101 @@
+"""Evidence that is gathered form by form, as forms are asked for.
+
+Of held-out and baseline records the selection asks for few of the catalogue's forms: only those that are the best of their
+effect on the learning records. Each costs a replay of the record, so none is replayed before it is needed.
+"""
+
+import numpy as np
+import scipy.linalg
+
+from microstage_ros.diagnosis.residuals.evidence import Evidence
+
+
+class Growing(Evidence):
+    """`Evidence` of one channel over some records whose matrix holds the forms asked for so far.
+
+    Parameters
+    ----------
+    channels : the channel of each record.
+    forms : those that may be asked for, and `Form` of the model's own errors among them.
+    frame : `Frame` of the case.
+    systematic : {form key: standard deviation} as in `evidence.gather`.
+    noise : of the channel's whitening.
+    """
+
+    def __init__(self, channels, forms, frame, systematic=None, **noise):
+        self._forms = {form.key: form for form in forms}
+        systematic = {key: spread for key, spread in (systematic or {}).items() if key in self._forms}
+        own = [self._forms[key] for key in systematic]
+        spreads = np.concatenate([np.atleast_1d(systematic[form.key]) for form in own]) if own else np.zeros(0)
+        self._records = [_Record(channel, own, spreads, frame, noise) for channel in channels]
+        matrix = np.array([[sum(record.matrix[0][0] for record in self._records)]])
+        priors = {form.key: form.prior for form in forms if form.prior}
+        super().__init__(matrix, {}, sum(record.rows for record in self._records), priors)
+
+    def indices(self, keys):
+        """Rows of the matrix that belong to these forms, which are gathered now if they were not before."""
+        for key in keys:
+            if key not in self.where:
+                blocks = [record.take(self._forms[key]) for record in self._records]
+                at = len(self.matrix)
+                new = sum(blocks)                                  # (width, all columns so far and these)
+                self.where[key] = slice(at, at + len(new))
+                self.matrix = np.block([[self.matrix, new[:, :at].T], [new]])
+        return super().indices(keys)
+
+    def alone(self, form):
+        """`Evidence` of the residual and one form, which is not kept."""
+        blocks = [record.with_form(form) for record in self._records]
+        return Evidence(sum(blocks), {form.key: slice(1, len(blocks[0]))}, self.rows, self.priors)
+
+
+class _Record:
+    """White columns of one record, free of its nuisance and of the model's own errors.
+
+    Marginalising over sizes N(0, spread²) of columns S takes the inner product a'b to a'b − a'S (S'S + 1/spread²)⁻¹ S'b.
+    """
+
+    def __init__(self, channel, own, spreads, frame, noise):
+        self._channel, self._frame, self._noise = channel, frame, noise
+        nuisance = channel.nuisance() if hasattr(channel, "nuisance") else None
+        pieces = [channel.residual[:, None], *(form.columns(channel, frame) for form in own)]
+        count = 0 if nuisance is None else nuisance.shape[1]
+        if count:
+            pieces.append(nuisance)
+        white = channel.whiten(np.concatenate(pieces, axis=1), **noise)[0]
+        self._nuisance = np.linalg.qr(white[:, white.shape[1] - count:])[0] if count else None
+        white = self._free(white[:, :white.shape[1] - count])
+        self.rows = len(white) - count
+        self._errors = np.ascontiguousarray(white[:, 1:])
+        inner = np.diag(1.0 / spreads**2) + self._errors.T @ self._errors
+        self._scale = np.sqrt(np.diag(inner))
+        self._factor = scipy.linalg.cho_factor(inner / np.outer(self._scale, self._scale)) if len(spreads) else None
+        residual = white[:, :1]
+        self._columns = [residual]
+        self.matrix = residual.T @ self._spared(residual)
+
+    def _free(self, white):
+        return white if self._nuisance is None else white - self._nuisance @ (self._nuisance.T @ white)
+
+    def _spared(self, white):
+        """The columns b − S (S'S + 1/spread²)⁻¹ S'b."""
+        if self._factor is None:
+            return white
+        sizes = scipy.linalg.cho_solve(self._factor, self._errors.T @ white / self._scale[:, None]) / self._scale[:, None]
+        return white - self._errors @ sizes
+
+    def _white(self, form):
+        whiten = getattr(self._channel, "whiten_columns", self._channel.whiten)
+        return self._free(whiten(form.columns(self._channel, self._frame), **self._noise)[0])
+
+    def take(self, form):
+        """Inner products (width, columns so far + width) of one more form's columns, which are kept."""
+        white = self._white(form)
+        self._columns.append(white)
+        spared = self._spared(white)
+        return np.concatenate([spared.T @ column for column in self._columns], axis=1)
+
+    def with_form(self, form):
+        """Matrix of the residual and a form's columns."""
+        white = np.concatenate([self._columns[0], self._white(form)], axis=1)
+        return white.T @ self._spared(white)
