@@ -109,18 +109,19 @@ def _tied(axis, estimates):
 def _drive_train(axis, sketch, fit, estimates):
     """Stiffness and damping by the measured resonance, for the mass that the axis file has: their ratio to it is what shows."""
     mass = sketch.spread("stage.mass")
-    values, spreads = {}, {}
+    values, spreads, given = {}, {}, {}
     for key, unit in (("transmission.stiffness", "N/m"), ("transmission.damping", "N s/m")):
         relative = math.hypot(fit.relative[key], mass)
         value = fit.values[key]
         values[key], spreads[key] = value, relative * value
+        given[key] = fit.relative[key] * value  # for the file's mass: so the resonance is as well known as it was measured
         why = "" if relative < WELL else "only its ratio to the mass shows, in the resonance; weighing the stage would tell both"
         estimates[key] = Estimate(key, value, unit, spreads[key], value * math.exp(-1.96 * relative), value * math.exp(1.96 * relative),
                                   relative < WELL, "response in sliding", why)
     error = fit.resonance_error * fit.resonance
     estimates["resonance of the drive train"] = Estimate("resonance of the drive train", fit.resonance, "Hz", error, fit.resonance - 1.96 * error,
                                                          fit.resonance + 1.96 * error, True, "response in sliding")
-    return axis.with_values(values, source="identified", stderr=spreads)
+    return axis.with_values(values, source="identified", stderr=given)
 
 
 def _with_current(record, axis):
@@ -142,16 +143,26 @@ def draws(axis, estimates, count, seed):
     """Axes drawn from the posterior: every determined number independent and log-normal about its value."""
     rng = np.random.default_rng(seed)
     known = [e for e in estimates.values() if e.determined and axis.has(e.key) and e.stderr is not None and not isinstance(e.value, list)
-             and axis.value(e.key) > 0.0 and not e.key.startswith(("variability", "sensors"))]
-    stiff = axis.has("transmission.stiffness")
+             and axis.value(e.key) > 0.0 and not e.key.startswith(("variability", "sensors", "transmission"))]
+    train = _drive_train_doubt(axis, estimates)
     found = []
     for _ in range(count):
         values = {e.key: axis.value(e.key) * math.exp(rng.standard_normal() * min(float(e.stderr) / abs(float(e.value)), 0.5)) for e in known}
         if "contacts.actuator.static" in values and "contacts.actuator.coulomb" in values:
             values["contacts.actuator.static"] = max(values["contacts.actuator.static"], 1.01 * values["contacts.actuator.coulomb"])
-        if stiff and "transmission.stiffness" not in values:
-            relative = (axis.quantity("transmission.stiffness").stderr or 0.0) / axis.value("transmission.stiffness")
-            common = math.exp(rng.standard_normal() * min(relative, 0.5))  # the ratio to the mass is known, the mass is not
-            values |= {key: axis.value(key) * common for key in ("transmission.stiffness", "transmission.damping", "stage.mass")}
+        if train is not None:
+            common, ratio = (math.exp(rng.standard_normal() * part) for part in train)
+            values["stage.mass"] = axis.value("stage.mass") * common
+            values |= {key: axis.value(key) * common * ratio for key in ("transmission.stiffness", "transmission.damping")}
         found.append(axis.with_values(values, source="estimate"))
     return found
+
+
+def _drive_train_doubt(axis, estimates):
+    """Standard deviations (logarithms) of the mass, and of stiffness over mass, which the resonance tells; None without a resonance."""
+    whole = estimates.get("transmission.stiffness")
+    if whole is None or not axis.has("transmission.stiffness"):
+        return None
+    ratio = (axis.quantity("transmission.stiffness").stderr or 0.0) / axis.value("transmission.stiffness")
+    both = float(whole.stderr) / float(whole.value)
+    return min(math.sqrt(max(both**2 - ratio**2, 0.0)), 0.5), min(ratio, 0.5)
