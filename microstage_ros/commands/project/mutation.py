@@ -24,16 +24,17 @@ from microstage_ros.metrology.rates import rate
 from microstage_ros.places import SOURCE
 from microstage_ros.quantities.errors import InputError
 
+BY_HAND = ("test/diagnosis/test_judge.py", "test/diagnosis/test_judge_margins.py")
 AREAS = {
     "hardware": (["microstage_ros/hardware"], ["test/hardware"]),
-    "judge": (["microstage_ros/diagnosis/selection/judge*.py"], ["test/diagnosis"]),
-    "selection": (["microstage_ros/diagnosis/selection"], ["test/diagnosis"]),
+    "judge": (["microstage_ros/diagnosis/selection/judge*.py"], [*BY_HAND, "test/diagnosis"]),
+    "selection": (["microstage_ros/diagnosis/selection"], [*BY_HAND, "test/diagnosis/test_calibration.py", "test/diagnosis"]),
     "diagnosis": (["microstage_ros/diagnosis"], ["test/diagnosis"]),
     "control": (["microstage_ros/control"], ["test/control"]),
     "records": (["microstage_ros/records"], ["test/records"]),
     "ros": (["microstage_ros/ros"], ["test/ros"]),
 }
-"""Part of the project to (what is mutated, the tests that should notice)."""
+"""Part of the project to (what is mutated, the tests that should notice: the quick ones first, the first failure ends a run)."""
 OPERATORS = (
     "ReplaceBinaryOperator_Add_Sub",
     "ReplaceBinaryOperator_Sub_Add",

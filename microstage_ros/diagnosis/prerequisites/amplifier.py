@@ -9,7 +9,7 @@ from microstage_ros.diagnosis.catalogue.command import FORMS, delay_form, delaye
 from microstage_ros.diagnosis.residuals.collection import Collection
 
 GAIN = next(form for form in FORMS if not form.named)
-LEAST_GAIN = 60.0
+LEAST_GAIN = 60.0   # χ²; derived: one size reaches it by chance in 10⁻¹⁴ of the cases
 LEAST_TIME = 4.0e-6      # s: a few hundredths of a period are a matter of stamps
 LAG_ERROR = 0.05         # share of a lag that gain and lag cannot tell apart above 1 kHz
 DELAY_ERROR = 0.02       # of a period: next to a whole one, what is left of it hardly shows

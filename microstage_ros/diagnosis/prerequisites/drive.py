@@ -9,7 +9,7 @@ from microstage_ros.model.friction.contact import OTHER_LAWS, blocks_of, law_val
 from microstage_ros.model.friction.registry import law_named
 from microstage_ros.quantities.errors import InputError
 
-NO_FRICTION = 1.0e-12      # N: limit of a contact without friction; a nanometre of the drive train is 10⁻² N
+NO_FRICTION = 1.0e-12   # N: limit of a contact without friction; derived: 10⁻¹⁰ of what winds the drive train up by a nanometre, 10⁻² N
 FAST_ATTRACTION = 1.0e6   # 1/s, in limits: a law without an attraction parameter slips at its limit at once
 
 

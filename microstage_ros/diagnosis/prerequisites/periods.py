@@ -17,7 +17,7 @@ from microstage_ros.diagnosis.catalogue.form import Form
 from microstage_ros.diagnosis.preprocessing.preparation import triangle
 from microstage_ros.diagnosis.residuals.evidence import gather
 
-CHANCE = 1.0e-6      # that the strongest of all lines is none
+CHANCE = 1.0e-6   # that the strongest of all lines is none; derived: as `selection.LEVEL`, over all lines at once
 BESIDE = 3001        # frequencies from whose median a line must stand out; short scans make lines wide
 LEAST_SPEED = 2.0e-5 # m/s: at rest nothing is told about a period
 MOST = 8             # lines looked for

@@ -13,8 +13,8 @@ from microstage_ros.diagnosis.residuals.position import course_columns
 
 LEFT_OUT = 0.5     # s, predicted from what is on both sides
 FOLDS = 3
-MEANS = 40         # blocks of the position channel in a mean of 20 ms,
-SAMPLES = 200      # and samples in one
+MEANS = 40   # blocks of the position channel in a mean of 20 ms; derived: half a millisecond each,
+SAMPLES = 200   # and samples in one; derived: at 10 kHz
 TOLD = 0.7         # share of what moves that the course must tell
 ABOVE_BASE = 3.0   # times the baseline's course
 LEAST = 2.0e-9     # m rms

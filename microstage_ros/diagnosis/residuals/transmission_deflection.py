@@ -18,7 +18,7 @@ BLOCK = 200
 SPREAD = 1.0e-2      # m: the walk as a first-order process so wide that it forgets nothing
 READING = 1.0e-9     # m: mean of a block that does not move
 EDGE = 0.5           # share of a sudden change that a block's mean may miss
-LEAST_NOISE = 1.0e-5 # V of an amplifier whose axis file states no noise: a thirtieth of a 16-bit converter's step
+LEAST_NOISE = 1.0e-5 # V of an amplifier whose axis file states no noise: derived: a thirtieth of a 16-bit converter's step over ±10 V
 WIDER = 1.7          # times the stated walk that the records may show before it is no noise any more
 
 

@@ -9,7 +9,7 @@ from microstage_ros.diagnosis.catalogue.form import Form
 from microstage_ros.diagnosis.residuals.evidence_set import Choice
 
 STEPS = (0.08, 0.03, 0.015)   # of the size's logarithm
-MOST_MOVES = 5                # with one step, while the best size lies at the end of those tried
+MOST_MOVES = 5   # with one step, while the best size lies at the end of those tried; derived: 5 · 2 steps of 8 % reach a factor of 2.2
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,7 +8,7 @@ from scipy.stats import chi2
 from microstage_ros.diagnosis.catalogue import CONTAINS, WIDER
 from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, Trial
 
-LEVEL = math.log(1e-6)       # of one candidate; some hundred compete
+LEVEL = math.log(1e-6)   # of one candidate; derived: some hundred candidates at 10⁻⁶ name a cause of a healthy axis by chance in 10⁻⁴ of the cases
 HELD_SHARE = 0.1            # of the gain expected on held-out records that must arrive
 DOMINANCE = 0.5              # of the gain of a stronger name that does not stand, below which a weaker one is not taken
 ONE_RESONANCE = 0.35          # share of the gain of payload and soft drive that the payload alone must reach on the coarse grid
@@ -23,7 +23,7 @@ MINOR_BESIDE = {"rising_static_friction": 0.25, "presliding_creep": 0.25, "nonli
                 "position_dependent_friction": 0.08}
 RESONANT = ("payload_change", "drive_compliance")
 ALIKE = 0.9                  # share of a soft drive's gain in resonance and wind-up from which a payload explains them as well
-SURE = 4.0                   # standard errors
+SURE = 4.0   # standard errors; derived: a chance of 6·10⁻⁵ on both sides
 FRICTIONS = ("friction_level_change", "viscous_change")
 CLEARLY_LESS = 0.5           # of the other's mean
 

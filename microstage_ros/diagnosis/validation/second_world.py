@@ -68,9 +68,11 @@ def make_case(axis, hidden, seed, friction=0.04, law=None):
     hidden : `simulated_records.Hidden`.
     seed : of everything drawn.
     friction : relative standard deviation of the friction's variation.
-    law : friction law of the machine's actuator, one of `LAWS`; None draws one.
+    law : friction law of the machine's actuator, one of `LAWS`; None draws one (the first where pre-sliding creep is hidden).
     """
     own = habits(np.random.default_rng([seed, 77]), friction)
+    if law is None and "presliding_creep" in hidden.effects:    # creep is a matter of blocks, which not every law has
+        law = LAWS[0]
     own = own if law is None else dataclasses.replace(own, law=law)
     machine = machine_of(axis, own)
     records = [_record(machine, hidden if name != "base" else Hidden("healthy"), own, [seed, 78, number], name)

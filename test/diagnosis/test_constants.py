@@ -1,0 +1,50 @@
+"""Numbers of the diagnosis without provenance may only become fewer.
+
+A constant says in its comment where it comes from: ``source:`` (physical), ``derived:`` (the formula) or ``calibrated by:``
+(the command that writes it). What says none of these is a judgement, and a number inside a function is nothing at all.
+"""
+
+import ast
+import pathlib
+import re
+
+import pytest
+
+import microstage_ros.diagnosis
+
+FOLDER = pathlib.Path(microstage_ros.diagnosis.__file__).parent
+SAYS = re.compile(r"\b(source|derived|calibrated by):")
+PLAIN = (0, 1, 2, 3, 0.5)      # of formulas: halves, squares, differences
+MOST = {"selection": (27, 33), "prerequisites": (66, 61), "residuals": (18, 43)}
+"""Package to the most (constants without provenance, unnamed numbers in functions) that it may hold."""
+
+
+def is_number(node):
+    return isinstance(node, ast.Constant) and isinstance(node.value, (int, float)) and not isinstance(node.value, bool) and node.value not in PLAIN
+
+
+def counts(source):
+    """(constants without provenance, unnamed numbers in functions) of a module's source."""
+    tree, lines = ast.parse(source), source.splitlines()
+    named = unnamed = 0
+    for node in tree.body:
+        if isinstance(node, (ast.Assign, ast.AnnAssign)):
+            before = lines[node.lineno - 2] if node.lineno > 1 and lines[node.lineno - 2].startswith("#") else ""
+            comment = " ".join([before, *lines[node.lineno - 1:node.end_lineno]])
+            named += any(map(is_number, ast.walk(node))) and not SAYS.search(comment)
+        elif isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+            unnamed += sum(map(is_number, ast.walk(node)))
+    return named, unnamed
+
+
+def test_what_counts():
+    source = "A = 5.0   # source: a book\n#: derived: 2 pi\nB = 6.28\nC = 7\nD = 1.0\n\n\ndef f(x):\n    return 2.0 * x + 17.0\n"
+    assert counts(source) == (1, 1)
+
+
+@pytest.mark.parametrize("package", MOST)
+def test_numbers_without_provenance_become_fewer(package):
+    found = [counts(path.read_text(encoding="utf-8")) for path in (FOLDER / package).rglob("*.py")]
+    named, unnamed = (sum(column) for column in zip(*found))
+    most = MOST[package]
+    assert named <= most[0] and unnamed <= most[1], f"({named}, {unnamed}) where at most {most} are allowed: give the new numbers a provenance"
