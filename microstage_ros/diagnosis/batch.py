@@ -93,7 +93,7 @@ def diagnose_records(axis, records, holdout, baseline, seed, progress=None, jobs
     file. The answer is then ``unexplained``, with that size in its notes.
     """
     try:
-        if actuator_of(axis).estimated(axis, "diagnose") == "force":
+        if actuator_of(axis).estimated(axis, "diagnose") != "motor":
             return diagnose_force_axis(axis, records, holdout, baseline, seed, progress, jobs)
         return diagnose_case(axis, records, holdout, baseline, seed)
     except InputError as error:

@@ -42,11 +42,11 @@ class CommandGate:
 
     Parameters
     ----------
-    limit : voltage limit [V]. clock_ns : the monotonic clock.
+    limit : largest command [unit]. clock_ns : the monotonic clock. unit : of the command, for the messages.
     """
 
-    def __init__(self, limit, clock_ns=time.monotonic_ns):
-        self.limit = float(limit)
+    def __init__(self, limit, clock_ns=time.monotonic_ns, unit="V"):
+        self.limit, self.unit = float(limit), unit
         self.period = -1
         self.active = False
         self.last = -1
@@ -77,7 +77,7 @@ class CommandGate:
             return False
         if not self.active:
             if not self.period - STALE < sequence <= self.period:
-                self.trip("command_inactive", f"a command of {voltage!r} V came while the driver was not active")
+                self.trip("command_inactive", f"a command of {voltage!r} {self.unit} came while the driver was not active")
             return False
         if sequence > self.period:
             self.trip("command_sequence", f"a command answered period {sequence}, the present one is {self.period}")
@@ -89,7 +89,7 @@ class CommandGate:
                 self.reordered += 1
             return False
         if not math.isfinite(voltage):
-            self.trip("command_not_finite", f"a command of {voltage!r} V for period {sequence}")
+            self.trip("command_not_finite", f"a command of {voltage!r} {self.unit} for period {sequence}")
             return False
         if sequence == self.period:
             self.answered += 1

@@ -20,6 +20,7 @@ import math
 import numpy as np
 
 from microstage_ros.hardware.command_gate import FAULTS
+from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.top_speed import top_speed
 from microstage_ros.numerics.compiled import compiled
 
@@ -44,8 +45,8 @@ _ABSENT, _TRAVEL, _JUMP, _VELOCITY, _CURRENT, _FOLLOWING, _FROZEN, _MOTOR, _RATE
     "voltage_rate"))
 BOUNDS = {"travel": ("", "m"), "encoder_jump": ("jump", "m in one period"), "velocity": ("velocity", "m/s"),
           "current": ("current", "A"), "following_error": ("following", "m"), "encoder_motor": ("motor_gap", "m"),
-          "voltage_rate": ("voltage_step", "V in one period")}
-"""Fault to the limit that was breached, and its unit."""
+          "voltage_rate": ("voltage_step", "{} in one period")}
+"""Fault to the limit that was breached, and its unit; ``{}``: that of the command."""
 
 
 @compiled
@@ -102,7 +103,7 @@ def new_limits(axis, travel, given):
     Parameters
     ----------
     axis : `model.axis_file.Axis`. travel : lowest and highest encoder reading [m].
-    given : ``velocity`` [m/s], ``current`` [A], ``following_error`` [m], ``encoder_motor`` [m], ``voltage_rate`` [V/s]; 0 or
+    given : ``velocity`` [m/s], ``current`` [A], ``following_error`` [m], ``encoder_motor`` [m], ``voltage_rate`` [V/s, or the command's unit]; 0 or
         left out: derived from the voltage limit for the first two, none for the last.
 
     Returns
@@ -111,15 +112,16 @@ def new_limits(axis, travel, given):
     """
     period, limits, memory = axis.value("period"), np.zeros(1, LIMITS), np.zeros(1, MEMORY)
     limits.view("f8")[:] = math.inf
-    voltage = _known(axis, "drive.voltage_limit")
+    actuator = actuator_of(axis)
+    turning = math.nan if actuator.holds_position else actuator.command_limit(axis)   # what holds a position may stand still under command
     gear, pitch = _known(axis, "transmission.gear_ratio"), _known(axis, "transmission.pitch")
     travel_per_radian = pitch / (2.0 * math.pi * gear)
-    highest = voltage / _known(axis, "drive.resistance")
+    highest = _known(axis, "drive.current_limit", _known(axis, "drive.voltage_limit") / _known(axis, "drive.resistance"))
     values = {
         "low": travel[0], "high": travel[1], "velocity": given.get("velocity") or top_speed(axis),
         "current": given.get("current") or _or_none(CURRENT_MARGIN * highest),
         "following": given.get("following_error") or math.inf,
-        "frozen_voltage": _or_none(FROZEN_SHARE * voltage), "frozen_periods": max(FROZEN_S / period, 10.0),
+        "frozen_voltage": _or_none(FROZEN_SHARE * turning), "frozen_periods": max(FROZEN_S / period, 10.0),
         "motor_travel": travel_per_radian, "motor_gap": given.get("encoder_motor") or math.inf,
         "voltage_step": (given.get("voltage_rate") or math.inf) * period, "period": period,
         "blend": min(period / SMOOTHING_S, 1.0)}
@@ -135,7 +137,7 @@ def begin_anew(memory):
     memory["begun"], memory["reference"] = 0.0, math.nan
 
 
-def in_words(code, limits, memory):
+def in_words(code, limits, memory, command_unit="V"):
     """The fault's name, and what was read against which bound."""
     name, found, limit = FAULTS[code], memory[0], limits[0]
     if name == "travel":
@@ -143,9 +145,10 @@ def in_words(code, limits, memory):
     if name == "encoder_absent":
         return name, "the encoder gives no number"
     if name == "encoder_frozen":
-        return name, (f"the encoder has not changed by one count for {found['still'] * limit['period']:.3g} s at {found['voltage']:.3g} V "
-                      f"(bound: {limit['frozen_periods'] * limit['period']:.3g} s above {limit['frozen_voltage']:.3g} V)")
+        return name, (f"the encoder has not changed by one count for {found['still'] * limit['period']:.3g} s at {found['voltage']:.3g} {command_unit} "
+                      f"(bound: {limit['frozen_periods'] * limit['period']:.3g} s above {limit['frozen_voltage']:.3g} {command_unit})")
     field, unit = BOUNDS[name]
+    unit = unit.format(command_unit)
     value = {"encoder_jump": found["velocity"], "velocity": found["velocity"], "current": found["current"],
              "following_error": found["reference"] - found["position"]}.get(name)
     says = "" if value is None else f"{value:.6g} {unit}, "

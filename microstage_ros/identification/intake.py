@@ -51,6 +51,9 @@ def _drive(record, axis):
         for name in ("voltage_V", "current_A"):
             if name not in record:
                 raise InputError(f"{record.source}: column {name}", "missing", f"{name}, since {axis.place} has a voltage-driven motor")
+    elif actuator.holds_position and actuator.command.column not in record:
+        raise InputError(f"{record.source}: column {actuator.command.column}", "missing",
+                         f"{actuator.command.column}, since {axis.place} has a drive of type {actuator.name}")
     elif "force_N" not in record and actuator.command.column not in record:
         raise InputError(f"{record.source}: column {actuator.command.column}", "missing",
                          f"{actuator.command.column} or force_N, since {axis.place} is driven by a force")

@@ -11,6 +11,7 @@ from microstage_ros.identification.estimators.guideway import elastic_slope, ext
 from microstage_ros.identification.estimators.intervals import bootstrap
 from microstage_ros.identification.estimators.inverse_dynamics import KEYS, identify_force_axis
 from microstage_ros.identification.estimators.motor import cross_check, identify_motor
+from microstage_ros.identification.estimators.position_drive import identify_position_drive
 from microstage_ros.identification.estimators.stribeck import stribeck_curve
 from microstage_ros.identification.estimators.variability import identify_variability, position_locked_share
 from microstage_ros.identification.signals import motor_signals
@@ -49,7 +50,10 @@ def identify(records, axis, seed=0, progress=lambda text: None, blocks=None, ref
     -------
     `Identification`. Raises InputError for records from which this machine cannot be identified.
     """
-    if actuator_of(axis).estimated(axis, "identify") == "force":
+    estimation = actuator_of(axis).estimated(axis, "identify")
+    if estimation == "position":
+        return identify_position_drive(list(records), axis)
+    if estimation == "force":
         if axis.law("guideway").startswith("coulomb_viscous"):
             return _force_axis(list(records), axis, refine)
         return identify_guideway(records, axis, seed, progress, blocks)

@@ -1,13 +1,18 @@
-"""How fast an axis can be: what its voltage limit brings about without load."""
+"""How fast an axis can be: what its command limit brings about without load."""
 
 import math
+
+from microstage_ros.model.actuators import actuator_of
+from microstage_ros.model.actuators.actuator import UNKNOWN_TOP_SPEED
 
 MARGIN = 1.3
 """Above that speed, for a motor that is better than its data sheet."""
 
 
 def top_speed(axis):
-    """Highest speed of the stage [m/s]: ``MARGIN u / k_e p / (2 pi g)``; infinity for an axis whose data do not say.
+    """Highest speed of the stage [m/s]: ``MARGIN u / k_e p / (2 pi g)`` of a voltage-driven motor, infinity where nothing says.
+
+    Of any other drive it is ``MARGIN`` times what its `Actuator.feed_forward` says.
 
     Parameters
     ----------
@@ -16,6 +21,7 @@ def top_speed(axis):
     """
     keys = ("drive.voltage_limit", "drive.back_emf", "transmission.pitch", "transmission.gear_ratio")
     if not all(axis.has(key) for key in keys):
-        return math.inf
+        speed = actuator_of(axis).feed_forward(axis)["top_speed"]
+        return MARGIN * speed if speed < UNKNOWN_TOP_SPEED else math.inf
     voltage, back_emf, pitch, gear = (float(axis.value(key)) for key in keys)
     return MARGIN * voltage / back_emf * pitch / (2.0 * math.pi * gear)

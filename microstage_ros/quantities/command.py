@@ -20,6 +20,10 @@ class Command(NamedTuple):
     column: str
     disturbance: str
 
+    def as_dict(self) -> dict[str, str]:
+        """What a record's or a bag's metadata says of it, under the key ``command``."""
+        return {"column": self.column, "quantity": self.quantity, "unit": self.unit}
+
 
 VOLTAGE = Command("voltage", "V", "volts", "voltage_V", "disturbance_V")
 FORCE = Command("force", "N", "newtons", "force_N", "disturbance_N")

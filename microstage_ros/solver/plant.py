@@ -241,6 +241,8 @@ def _fill_sensors(plant, axis):
     plant["position_sensor"] = sensor.number
     sensor.fill(plant, axis)
     if not actuator_of(axis).measures_current:
+        if actuator_of(axis).holds_position:     # its first-order state is no current: the reading is NaN
+            plant["senses_current"], plant["current_offset"] = 1, math.nan
         return
     offset, span, bits, bandwidth, skew = (
         axis.value(f"sensors.current.{key}") for key in ("offset", "range", "bits", "bandwidth", "skew"))

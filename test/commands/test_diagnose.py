@@ -13,7 +13,7 @@ from microstage_ros.diagnosis.validation import campaign
 from microstage_ros.diagnosis.validation import fault_injection as hidden
 from microstage_ros.diagnosis.validation.campaign import Outcome
 from microstage_ros.model.axis_file import load_axis
-from microstage_ros.model.effects import REGISTRY, check_effects
+from microstage_ros.model.effects import check_effects, effects_of
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records import Record, write_record
 from microstage_ros.solver.plant import make_plant
@@ -87,9 +87,10 @@ def test_a_scheduler_that_is_not_there_is_told(healthy, tmp_path, capsys, monkey
 
 
 def test_a_campaign_goes_through_the_catalogue_and_every_draw_is_an_effect():
-    examined = campaign.examinations(len(REGISTRY), 5, str(ROOT / "config/axis.yaml"), "single")
+    names = effects_of(load_axis(ROOT / "config/axis.yaml"))
+    examined = campaign.examinations(len(names), 5, str(ROOT / "config/axis.yaml"), "single")
     drawn = [campaign.draw(one)[0] for one in examined]
-    assert {what.ids[0] for what in drawn} == set(REGISTRY)
+    assert {what.ids[0] for what in drawn} == set(names)
     for what in drawn:
         check_effects(what.effects)
     again = campaign.draw(examined[3])[0]

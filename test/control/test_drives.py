@@ -72,12 +72,25 @@ def test_mass_and_friction_are_identified_from_records(name, mass):
     assert found["contacts.guideway.coulomb"].value == pytest.approx(friction, rel=0.05)
 
 
-@pytest.mark.parametrize("name", ["stepper", "piezo"])
-def test_drives_without_a_model_of_their_records_are_refused_in_one_line(name):
-    axis = load_axis(AXES / f"{name}.yaml")
-    record = _run(axis, [{"move_to_m": MOVES[name][0], "dwell_s": 1.0}])
-    with pytest.raises(InputError, match="drive.type.*identify has a model of"):
+def test_a_stepper_is_not_identified_and_one_line_says_why():
+    axis = load_axis(AXES / "stepper.yaml")
+    record = _run(axis, [{"move_to_m": MOVES["stepper"][0], "dwell_s": 1.0}])
+    with pytest.raises(InputError, match="drive.type: got 'stepper'.*goes where its angle says"):
         identify([record], axis)
+
+
+def test_a_piezo_is_identified_from_a_loop_although_the_file_is_far_off():
+    """Truth: the shipped file. The file that is given has 15 % less stroke, a third less hysteresis, a quarter more creep."""
+    axis = load_axis(AXES / "piezo.yaml")
+    program = [{"move_to_m": way, "dwell_s": rest} for way, rest in ((5e-6, 0.4), (-5e-6, 0.4), (2e-6, 0.2), (-3e-6, 0.6))]
+    wrong = axis.with_values({"drive.displacement_per_volt": 1.2e-7, "drive.hysteresis_weight": [0.02] * 6, "drive.creep_gain": [0.01] * 3})
+    found = identify([_run(axis, program)], wrong).estimates
+    assert set(found) == set(actuator_of(axis).identified) and all(estimate.determined for estimate in found.values())
+    for key, estimate in found.items():
+        truth, value, stderr = (np.ravel(v) for v in (axis.value(key), estimate.value, estimate.stderr))
+        assert np.all(np.abs(value - truth) < 5 * stderr + 1e-3 * truth), key
+    again = identify([_run(axis, program)], wrong).to_axis(wrong)
+    assert again.value("drive.creep_gain") == pytest.approx(axis.value("drive.creep_gain"), rel=0.01)
 
 
 def test_every_actuator_has_an_axis_file():

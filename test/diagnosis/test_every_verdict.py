@@ -19,7 +19,7 @@ from microstage_ros.diagnosis.case import diagnose_case
 from microstage_ros.diagnosis.validation import fault_injection
 from microstage_ros.diagnosis.validation.simulated_records import Hidden, make_case
 from microstage_ros.model.axis_file import load_axis
-from microstage_ros.model.effects import REGISTRY
+from microstage_ros.model.effects import effects_of
 from microstage_ros.places import config_file
 from microstage_ros.records import write_record
 
@@ -49,7 +49,7 @@ def test_effects_of_fresh_seeds_are_named(axis):
     generator = np.random.default_rng(SEED)
     hits = []
     for number in range(CASES):
-        name = str(generator.choice(sorted(REGISTRY)))
+        name = str(generator.choice(effects_of(axis)))
         hidden = fault_injection.one(name, generator)
         records, holdout, baseline = make_case(axis, hidden, [SEED, number], generator.uniform(0.02, 0.06))
         answer = diagnose_case(axis, records, holdout, baseline)

@@ -5,7 +5,7 @@ import pytest
 
 from microstage_ros.control.runs.run_file import NOISES, run_from_dict
 from microstage_ros.control.runs.simulate import simulate
-from microstage_ros.model.effects import REGISTRY
+from microstage_ros.model.effects import REGISTRY, effects_of
 from microstage_ros.model.sensors.readings import read_sensors
 from microstage_ros.solver.open_loop import respond
 from microstage_ros.solver.plant import new_readings, new_state
@@ -25,8 +25,8 @@ def sliding_friction(quiet, volts, **effects):
     return steady(quiet, volts, **effects)["torque_friction"]
 
 
-def test_catalogue_is_complete():
-    assert set(REGISTRY) == set("""direction_asymmetry position_dependent_friction rising_static_friction frictional_lag
+def test_catalogue_is_complete(axis):
+    assert set(effects_of(axis)) == set("""direction_asymmetry position_dependent_friction rising_static_friction frictional_lag
         presliding_creep viscous_change nonlinear_viscous friction_level_change backlash drive_compliance
         screw_pitch_error torque_ripple payload_change gravity_tilt cable_spring amplifier_offset amplifier_deadband
         amplifier_gain resistance_rise transport_delay actuator_lag sampling_jitter encoder_sde scale_error

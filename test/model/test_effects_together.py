@@ -7,7 +7,7 @@ import pytest
 
 from microstage_ros.control.runs.run_file import run_from_dict
 from microstage_ros.model.axis_file import load_axis
-from microstage_ros.model.effects import REGISTRY
+from microstage_ros.model.effects import effects_of
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.solver.open_loop import respond
 from microstage_ros.solver.plant import NoiseSpec, make_plant
@@ -33,7 +33,7 @@ EVERY = {
 
 
 def test_all_effects_at_once_still_run(axis):
-    assert set(EVERY) == set(REGISTRY)
+    assert set(EVERY) == set(effects_of(axis))
     r = respond(make_plant(axis, NoiseSpec(), EVERY), np.repeat([1.0, -1.0, 0.3], 1500), friction="random")
     assert all(np.all(np.isfinite(column)) for column in r.values()) and np.ptp(r["x"]) > 1e-5
 
@@ -55,7 +55,7 @@ def test_in_every_pair_each_effect_still_shows(axis):
         assert not np.array_equal(both, alone[one]) and not np.array_equal(both, alone[other]), (one, other)
 
 
-@pytest.mark.parametrize("name", sorted(REGISTRY))
+@pytest.mark.parametrize("name", sorted(EVERY))
 def test_an_effect_is_the_same_from_axis_file_and_run_file(axis, tmp_path, name):
     axis.with_effects({name: EVERY[name]}).save(tmp_path / "axis.yaml")
     tree = {"program": [{"move_to_m": 1e-6}], "effects": {name: EVERY[name]}}

@@ -89,5 +89,5 @@ def simulated_record(axis, run, seed=0, machine=None, progress=None, **more):
         metadata["machine"] = machine.as_dict()
     command = actuator_of(axis).command
     if command is not VOLTAGE:
-        metadata["command"] = {"column": command.column, "quantity": command.quantity, "unit": command.unit}
+        metadata["command"] = command.as_dict()
     return Record(float(columns["t_s"][1] - columns["t_s"][0]), columns, run.place, metadata)

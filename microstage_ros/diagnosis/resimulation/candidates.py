@@ -1,82 +1,51 @@
-"""What a force-driven axis may lack: effects of the catalogue as candidates of a re-simulation.
+"""What a re-simulated axis may lack: effects of the catalogue as candidates.
 
-A candidate has *sizes*, which are zero where the effect is absent and enter nearly linearly, and
-*shapes* (a speed, an exponent), tried on a short grid before they are fitted. Several forms of one
-effect compete; effects that a re-simulation sees alike are listed as look-alikes by the judge.
+A candidate (`model.effects.resimulated.Candidate`) has *sizes*, which are zero where the effect is absent and enter nearly
+linearly, and *shapes* (a speed, an exponent), tried on a short grid before they are fitted. Several forms of one
+effect compete; effects that a re-simulation sees alike are listed as look-alikes by the judge. Effects of one kind of drive
+or sensor bring their candidates along (`Effect.resimulated`); a drive that is commanded with a position has no others
+but the timing: friction and loads hardly move it.
 """
 
-import itertools
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from microstage_ros.model.actuators import actuator_of
+from microstage_ros.model.effects import REGISTRY
 from microstage_ros.model.effects.drive import GRAVITY
+from microstage_ros.model.effects.resimulated import Candidate, Fitted
 
 SPLINE_POINTS = 6              # support points of a friction profile along the stroke
 HARMONICS = (1, 2, 3)          # of the screw turn
 
 
-@dataclass(frozen=True)
-class Fitted:
-    """One fitted number: name in the effect, unit, a typical step, bounds."""
-
-    name: str
-    unit: str
-    step: float
-    low: float = -math.inf
-    high: float = math.inf
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """One form of one effect.
-
-    Attributes
-    ----------
-    id : the effect's word. form : this form in plain words.
-    sizes, shapes : tuples of `Fitted`. grid : values to try for each shape.
-    effect : function (values of sizes and shapes, one sequence) → the effect's section in an axis file.
-    sentence : function (values) → one sentence for a technician.
-    """
-
-    id: str
-    form: str
-    sizes: tuple
-    effect: object
-    sentence: object
-    shapes: tuple = ()
-    grid: tuple = ()
-    stands_for: tuple = ()         # own parameters of the axis that would take its place if they were free,
-    of: float = 1.0                # and the size of what it changes
-
-    @property
-    def fitted(self):
-        """All fitted numbers, sizes first."""
-        return self.sizes + self.shapes
-
-    def starts(self):
-        """Combinations of shape values to start from."""
-        return [np.array(shape, float) for shape in itertools.product(*self.grid)]
-
-
 def candidates(axis, parts):
     """All candidates for an axis and its records (list of `closed_loop.Measured`)."""
+    brought = [candidate for effect in REGISTRY.values() if effect.acts_on(axis) for candidate in effect.resimulated(axis, parts)]
+    if actuator_of(axis).holds_position:
+        found = [*brought, *_timing(axis.value("period"))]
+    else:
+        found = [*_of_forces(axis, parts), *brought]
+    return [candidate for candidate in found if candidate.id not in axis.effects]
+
+
+def _of_forces(axis, parts):
     contact = "guideway" if axis.law("guideway") != "none" else "actuator"
     friction = axis.value(f"contacts.{contact}.coulomb") if axis.has(f"contacts.{contact}.coulomb") else _typical(parts)
     position = np.concatenate([part.position for part in parts])
     low, high = float(position.min()), float(position.max())
     top_speed = max(float(np.abs(np.diff(part.position)).max()) for part in parts) / axis.value("period")
-    found = [
+    return [
         *_friction(contact, friction, top_speed), *_position(contact, low, high, axis), _cable(friction, low, high),
         *_drive(axis, friction), *_timing(axis.value("period")),
     ]
-    return [candidate for candidate in found if candidate.id not in axis.effects]
 
 
 def own_candidates(axis):
     """Effects that only move a number the axis file has: mass, viscosity, level of friction, offset, gain."""
+    if actuator_of(axis).holds_position:
+        return []
     contact = "guideway" if axis.law("guideway") != "none" else "actuator"
     key, gain, mass = f"contacts.{contact}", actuator_of(axis).force_per_command(axis), axis.value("stage.mass")
     viscous, level = (f"{key}.viscous",), tuple(f"{key}.{leaf}" for leaf in ("coulomb", "static") if axis.has(f"{key}.{leaf}"))

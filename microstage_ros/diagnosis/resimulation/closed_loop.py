@@ -21,6 +21,8 @@ from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new
 LAW_MISMATCH = 0.05            # share of the command that the controller of the axis file may leave unexplained
 HOMING_TRIES = 12              # places of the turn tried first: four per cycle of the third harmonic
 START_ROWS = 10                # rows from which the speed at the start is taken
+COUNTS = ("sensors.encoder.resolution", "sensors.encoder.bits", "drive.dac_bits", "drive.command_bits")
+NOISES = 3.0                   # standard deviations of the sensor within which a start is that of the reference
 ENCODER, VOLTAGE = TRACE.index("encoder_m"), TRACE.index("voltage_V")
 
 
@@ -50,7 +52,7 @@ def measured(record, axis):
     controller does not produce from the record's own reference and encoder.
     """
     actuator = actuator_of(axis)
-    period, gain, command = axis.value("period"), actuator.force_per_command(axis), actuator.command
+    period, gain, command = axis.value("period"), actuator.judged(axis)[0], actuator.command
     if abs(record.period_s / period - 1.0) > 1e-3:
         raise InputError(f"{record.source}: t_s", record.period_s, f"rows {period:g} s apart, the period of {axis.place}")
     for name in ("encoder_m", "reference_m"):
@@ -59,13 +61,26 @@ def measured(record, axis):
     _no_gaps(record, name)
     voltage = record[name] if name == command.column else record["force_N"] / gain
     added = np.nan_to_num(record[command.disturbance]) if command.disturbance in record else np.zeros(len(record))
-    slope = np.polyfit(np.arange(START_ROWS) * period, record["encoder_m"][:START_ROWS], 2)
-    law = _law_residual(axis, record, voltage - added, float(slope[1]))
+    start, speed = _start(record, axis)
+    law = _law_residual(axis, record, voltage - added, speed)
     if law > LAW_MISMATCH * np.std(voltage):
         raise InputError(f"{axis.place}: controller", axis.controller,
                          f"the controller that gave {name} of {record.source} (it leaves {law:.3g} {command.unit} rms unexplained)")
     return Measured(record.source, np.arange(len(record)) * period, record["reference_m"], record["encoder_m"], gain * voltage,
-                    added, float(record["encoder_m"][0]), float(slope[1]), gain * law)
+                    added, start, speed, gain * law)
+
+
+def _start(record, axis):
+    """(position [m], speed [m/s]) at the first row.
+
+    A drive that holds a position is at rest where the reference is; it stands on the reference if the sensor says so within
+    its noise, since the noise of a start would stay in its history.
+    """
+    first, reference = record["encoder_m"][:START_ROWS], record["reference_m"][:START_ROWS]
+    if actuator_of(axis).holds_position and np.ptp(reference) == 0.0:
+        place, noise = float(first.mean()), axis.value("sensors.encoder.noise")
+        return (float(reference[0]) if abs(place - reference[0]) <= NOISES * noise else place), 0.0
+    return float(first[0]), float(np.polyfit(np.arange(START_ROWS) * axis.value("period"), first, 2)[1])
 
 
 def _no_gaps(record, name):
@@ -151,7 +166,7 @@ class ClosedLoop:
             part = self.parts[k]
 
             def left(shift, part=part):
-                force = actuator_of(axis).force_per_command(axis) * self._trace(turned(axis, float(shift)), part)[:, VOLTAGE]
+                force = actuator_of(axis).judged(axis)[0] * self._trace(turned(axis, float(shift)), part)[:, VOLTAGE]
                 return float(np.sum((part.force - force) ** 2))
 
             tried = np.arange(HOMING_TRIES) * pitch / HOMING_TRIES
@@ -171,12 +186,24 @@ class ClosedLoop:
     def simulate(self, axis):
         """Force [N] and position [m] of the model, each of shape (rows,)."""
         trace = np.concatenate([self._trace(turned(axis, shift), part) for shift, part in zip(self.shifts, self.parts)])
-        return actuator_of(axis).force_per_command(axis) * trace[:, VOLTAGE], trace[:, ENCODER]
+        return actuator_of(axis).judged(axis)[0] * trace[:, VOLTAGE], trace[:, ENCODER]
+
+    def stated_noise(self, axis):
+        """Rms of what the noise that the axis file states makes of the command, through the model's own loop [as `Actuator.judged`].
+
+        Drive, sensor and random friction as the file has them, each record once with a seed of its own, against none.
+        """
+        made = [self._trace(axis, part, seed=k + 1)[:, VOLTAGE] - self._trace(axis, part)[:, VOLTAGE] for k, part in enumerate(self.parts)]
+        return actuator_of(axis).judged(axis)[0] * float(np.sqrt(np.mean(np.concatenate(made) ** 2)))
 
     @staticmethod
-    def _trace(axis, part):
-        plant = make_plant(axis.with_values({"sensors.encoder.resolution": 0.0}), noise=NoiseSpec.none())
-        state = new_state(plant, position=part.position_at_start, speed=part.speed_at_start)
+    def _trace(axis, part, seed=None):
+        """Re-simulation of one record, without counts and noise where no ``seed`` is given."""
+        if seed is None:
+            plant = make_plant(axis.with_values({key: 0 for key in COUNTS if axis.has(key)}), noise=NoiseSpec.none())
+        else:
+            plant = make_plant(axis)
+        state = new_state(plant, seed=seed or 0, position=part.position_at_start, speed=part.speed_at_start)
         controller = _primed(axis, part.position_at_start, part.speed_at_start)
         trace = np.empty((len(part), len(TRACE)))
         run_loop(plant, state, new_work(plant), new_readings(), controller.parameters, controller.memory, part.reference,

@@ -1,4 +1,4 @@
-"""The diagnosis of a force-driven axis, from records to the answer."""
+"""The diagnosis of an axis by re-simulation, from records to the answer: its command is a force at the stage, or a position."""
 
 import math
 
@@ -18,10 +18,11 @@ from microstage_ros.diagnosis.resimulation.folds import (
 )
 from microstage_ros.diagnosis.resimulation.selection import AT_THE_FLOOR, Selector
 from microstage_ros.diagnosis.result import Cause, Diagnosis, Gain, OverallGain, Parameter, Rivals
+from microstage_ros.model.actuators import actuator_of
 from microstage_ros.quantities.errors import InputError
 
 OPEN = 0.1                     # share of a cause with rivals from which the whole verdict is open
-METRIC = "measured minus simulated force in closed loop, rms on time not fitted on"
+METRIC = "measured minus simulated {} in closed loop, rms on time not fitted on"
 
 
 def diagnose_force_axis(axis, records, holdout=(), baseline=(), seed=0, progress=None, jobs=1):
@@ -29,7 +30,7 @@ def diagnose_force_axis(axis, records, holdout=(), baseline=(), seed=0, progress
 
     Parameters
     ----------
-    axis : `Axis` whose command is a force at the stage, with the controller that was in the loop.
+    axis : `Axis` whose command is a force at the stage, or sets a position, with the controller that was in the loop.
     records, holdout, baseline : lists of `Record`. Without ``holdout`` some of every record's time is
         held back (see `folds`). ``baseline`` (the axis while the model was right) re-identifies the axis's own numbers first.
     seed : of thresholds and intervals.
@@ -49,6 +50,9 @@ def diagnose_force_axis(axis, records, holdout=(), baseline=(), seed=0, progress
     loop = ClosedLoop(parts, jobs)
     loop.home(axis, every=True)
     floor = max(noise_floor(parts, folds.period_rows, loop.residual(axis)), healthy)
+    if not baseline:
+        floor = max(floor, loop.stated_noise(axis))
+    floor = math.hypot(floor, actuator_of(axis).judged(axis)[0] * actuator_of(axis).command_step(axis) / math.sqrt(12.0))
     selector = Selector(loop, folds, axis.value("period"), floor, progress)
     learnt = parts[: len(records)]
     selection = selector.select(Model.of(axis), own_candidates(axis), candidates(axis, learnt))
@@ -64,13 +68,14 @@ def _on_baseline(axis, baseline):
 
 def _answer(axis, parts, folds, loop, selection, floor, records, holdout, seed):
     period, last = axis.value("period"), selection.final
+    _, unit, quantity = actuator_of(axis).judged(axis)
     before, after = (math.sqrt(mean_square(stage.residual, folds.held)) for stage in (selection.given, last))
     shares, alone = _shares(selection, folds.held, floor)
     errors = standard_errors(last.columns[folds.learn], last.residual[folds.learn], int(BLOCK_S / period))
     causes, rivals, provisional, open_share = [], [], {}, 0.0
     for position, cause in enumerate(last.model.chosen):
         found = _cause(cause, _errors_of(last.model, errors, position), shares[cause.candidate.id],
-                       Gain(alone[cause.candidate.id], after, "N"))
+                       Gain(alone[cause.candidate.id], after, unit), quantity)
         alike = selection.rivals.get(found.id, [])
         if alike:
             ids = (found.id, *alike)
@@ -82,14 +87,14 @@ def _answer(axis, parts, folds, loop, selection, floor, records, holdout, seed):
     causes.sort(key=lambda cause: -cause.share)
     own = np.flatnonzero(folds.held)
     coordinates = pictures.coordinates(parts, axis, own)
-    found = pictures.findings(coordinates, selection.given.residual[own], last.residual[own], seed)
+    found = pictures.findings(coordinates, selection.given.residual[own], last.residual[own], seed, quantity)
     block = max(int(BLOCK_S / period), 1)
-    gain = OverallGain(METRIC, "N", _held_names(records, holdout, parts, folds.period_rows), before, after, floor,
+    gain = OverallGain(METRIC.format(quantity), unit, _held_names(records, holdout, parts, folds.period_rows), before, after, floor,
                        bootstrap_interval(last.residual[own], block, seed))
     names = [cause.candidate.id for cause in last.model.chosen]
     return Diagnosis(
         _verdict(causes, rivals, open_share, before, after, floor, found), tuple(causes), tuple(rivals), gain, found,
-        pictures.pictures(coordinates, selection.given.residual[own], last.residual[own], names, folds.period_rows),
+        pictures.pictures(coordinates, selection.given.residual[own], last.residual[own], names, folds.period_rows, (quantity, unit)),
         _notes(selection, folds, loop, before, after, own), seed, _identified(last.model, errors), provisional,
         turning_effects(last.model.extended),
     )
@@ -114,13 +119,13 @@ def _errors_of(model, errors, position):
     return errors[first: first + len(model.chosen[position].values)]
 
 
-def _cause(chosen, errors, share, gain):
+def _cause(chosen, errors, share, gain, channel):
     """`Cause` of one chosen candidate."""
     candidate = chosen.candidate
     parameters = {fitted.name: Parameter(float(value), float(error), fitted.unit)
                   for fitted, value, error in zip(candidate.fitted, chosen.values, errors)}
     z = max(abs(value) / max(error, 1e-300) for value, error in zip(chosen.values, errors[: len(candidate.sizes)]))
-    return Cause(candidate.id, parameters, chosen.effect, float(math.erf(z / math.sqrt(2.0))), share, gain, "force",
+    return Cause(candidate.id, parameters, chosen.effect, float(math.erf(z / math.sqrt(2.0))), share, gain, channel,
                  candidate.sentence(chosen.values))
 
 
@@ -153,8 +158,12 @@ def _identified(model, errors):
 
 
 def _notes(selection, folds, loop, before, after, held):
+    axis = selection.given.model.axis
+    _, unit, quantity = actuator_of(axis).judged(axis)
     own = math.sqrt(mean_square(selection.own.residual, folds.held))
-    notes = [f"Fitting the axis file's own numbers again, without any cause, gives {own:.3g} N ({before:.3g} N as given)."]
+    notes = [f"Fitting the axis file's own numbers again, without any cause, gives {own:.3g} {unit} ({before:.3g} {unit} as given)."]
+    if actuator_of(axis).holds_position:
+        notes = [f"The command sets the position; the model in closed loop asks for another {quantity} by {before:.3g} {unit} as given."]
     if folds.period_rows:
         notes.append("The motion repeats itself: causes were also tested on parts of the motion left out in every "
                      "repetition, and the noise floor is what differs between repetitions.")

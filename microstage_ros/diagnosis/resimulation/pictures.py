@@ -2,10 +2,12 @@
 
 import numpy as np
 
+from microstage_ros.model.effects import REGISTRY
 from microstage_ros.diagnosis.result import Finding, Picture
 
 BINS = 24
 CURVE_BINS = 60
+SHOWS = tuple((effect.shows_against, name) for name, effect in REGISTRY.items() if effect.drives or effect.sensors)
 SHIFTS = 60                    # circular shifts that set a coordinate's threshold
 SHOWN = 600                    # points of a curve
 SEEN_SPEED = 0.02              # share of the top speed below which a direction is not told
@@ -35,7 +37,7 @@ def _smooth(values, width):
     return np.convolve(values, np.ones(width) / width, "same")
 
 
-def findings(coordinates, before, after, seed):
+def findings(coordinates, before, after, seed, quantity="force"):
     """`Finding` for every coordinate: share of the residual's variance that its bins carry.
 
     The threshold is the largest share over circular shifts of the residual against the coordinate, so it
@@ -48,7 +50,7 @@ def findings(coordinates, before, after, seed):
         shifts = generator.integers(len(values) // 10, len(values), SHIFTS)
         threshold = max(_share(bins, np.roll(before, shift)) for shift in shifts)
         left = _share(bins, after) * min(float(np.var(after) / np.var(before)), 1.0)
-        found.append(Finding("force", name, _share(bins, before), threshold, left))
+        found.append(Finding(quantity, name, _share(bins, before), threshold, left))
     return tuple(sorted(found, key=lambda finding: finding.threshold / max(finding.statistic, 1e-12)))
 
 
@@ -63,20 +65,21 @@ def _share(bins, residual):
     return float(np.sum(count * (mean - residual.mean()) ** 2) / max(np.sum((residual - residual.mean()) ** 2), 1e-300))
 
 
-def pictures(coordinates, before, after, causes, period_rows):
-    """Pictures of the residual before and after, the most telling first."""
-    shown = [_over_time(coordinates["time"][0], before, after, period_rows)]
+def pictures(coordinates, before, after, causes, period_rows, judged=("force", "N")):
+    """Pictures of the residual before and after, the most telling first; ``judged``: its quantity and unit."""
+    quantity, unit = judged[0].capitalize(), judged[1]
+    shown = [_over_time(coordinates["time"][0], before, after, period_rows, quantity, unit)]
     for name, cause in (("velocity", "direction_asymmetry"), ("velocity", "nonlinear_viscous"),
                         ("position", "position_dependent_friction"), ("position", "cable_spring"),
-                        ("screw turn", "torque_ripple"), ("acceleration", "actuator_lag")):
-        if cause in causes and f"Force over {name}" not in [picture.title for picture in shown]:
-            shown.append(_binned(name, coordinates[name], before, after, cause))
+                        ("screw turn", "torque_ripple"), ("acceleration", "actuator_lag"), *SHOWS):
+        if cause in causes and f"{quantity} over {name}" not in [picture.title for picture in shown]:
+            shown.append(_binned(name, coordinates[name], before, after, cause, quantity, unit))
     if len(shown) == 1:
-        shown += [_binned(name, coordinates[name], before, after, "") for name in ("velocity", "position")]
+        shown += [_binned(name, coordinates[name], before, after, "", quantity, unit) for name in ("velocity", "position")]
     return tuple(shown)
 
 
-def _over_time(time, before, after, period_rows):
+def _over_time(time, before, after, period_rows, quantity, unit):
     rows = min(period_rows or len(time), len(time))
     block = max(rows // SHOWN, 1)
     rows -= rows % block
@@ -84,11 +87,11 @@ def _over_time(time, before, after, period_rows):
     def thin(values):
         return values[:rows].reshape(-1, block).mean(axis=1)
 
-    return Picture("time", "Force over time, measured minus simulated", "time [s]", "measured − model [N]",
+    return Picture("time", f"{quantity} over time, measured minus simulated", "time [s]", f"measured − model [{unit}]",
                    {"axis file": (thin(time), thin(before)), "with the causes": (thin(time), thin(after))})
 
 
-def _binned(name, coordinate, before, after, cause):
+def _binned(name, coordinate, before, after, cause, quantity, unit):
     """Mean residual in even bins of a coordinate; bins that hold next to nothing are left out."""
     values, label = coordinate
     bins = np.minimum(((values - values.min()) / max(np.ptp(values), 1e-300) * CURVE_BINS).astype(int), CURVE_BINS - 1)
@@ -97,4 +100,4 @@ def _binned(name, coordinate, before, after, cause):
     x = (np.bincount(bins, values, minlength=CURVE_BINS)[kept]) / count[kept]
     curves = {text: (x, np.bincount(bins, residual, minlength=CURVE_BINS)[kept] / count[kept])
               for text, residual in (("axis file", before), ("with the causes", after))}
-    return Picture(name.replace(" ", "_"), f"Force over {name}", label, "measured − model [N], mean", curves, cause)
+    return Picture(name.replace(" ", "_"), f"{quantity} over {name}", label, f"measured − model [{unit}], mean", curves, cause)

@@ -27,6 +27,7 @@ CERTAIN = 4.0                  # size over standard error; with about 15 candida
 LOOK_ALIKE = 0.15              # rivals differ in gain by less than this share of it
 REPLACED = 0.3                 # and gain less than this share of it on top of the chosen one
 AT_THE_FLOOR = 1.25            # residual over noise up to which there is nothing to explain
+RULED_OUT = 4.0                # times the mean square of a cause that leaves no more than noise: what leaves more is no rival of it
 REFITTED = 3                   # candidates fitted at every step
 
 
@@ -121,7 +122,7 @@ class Selector:
             rivals[best.last.candidate.id] = self.look_alikes(best, trials, now)
             homes = len(self.loop.parts) > 1 and turning_effects(best.model.extended)
             now = self.refit(best.model) if homes else self.stage(best.model, best.residual)
-            self.progress(f"{best.last.candidate.id}: {np.sqrt(best.time):.3g} N on time left out")
+            self.progress(f"{best.last.candidate.id}: {np.sqrt(best.time):.3g} on time left out")
         return now
 
     def trials(self, now, pool):
@@ -184,11 +185,15 @@ class Selector:
         return float(np.max(np.abs(trial.last.values[:sizes]) / np.maximum(errors[first: first + sizes], 1e-300)))
 
     def look_alikes(self, best, trials, now):
-        """Other effects that gain as much as the best one and nothing on top of it."""
-        gain, found = now.time - best.time, []
+        """Other effects that gain as much as the best one and nothing on top of it.
+
+        Where the best one leaves nothing but noise, an effect that leaves much more than that is none of them.
+        """
+        gain, found, noise = now.time - best.time, [], (AT_THE_FLOOR * self.floor) ** 2
+        most = RULED_OUT * noise if best.time <= noise else np.inf
         for trial in trials:
             candidate = trial.last.candidate
-            if candidate.id == best.last.candidate.id or now.time - trial.time < (1 - LOOK_ALIKE) * gain:
+            if candidate.id == best.last.candidate.id or now.time - trial.time < (1 - LOOK_ALIKE) * gain or trial.time > most:
                 continue
             shape = trial.last.values[len(candidate.sizes):]
             both = np.hstack([best.columns, self.size_columns(best, candidate, shape)])

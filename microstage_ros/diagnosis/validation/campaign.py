@@ -17,7 +17,7 @@ from microstage_ros.diagnosis.validation import fault_injection as hidden
 from microstage_ros.diagnosis.validation import second_world, simulated_records
 from microstage_ros.diagnosis.validation.simulated_records import Hidden
 from microstage_ros.model.axis_file import load_axis
-from microstage_ros.model.effects import REGISTRY
+from microstage_ros.model.effects import effects_of
 
 KINDS = ("single", "healthy", "two", "outside")
 SHARES = (0.55, 0.15, 0.15, 0.15)          # of the kinds among mixed cases
@@ -79,7 +79,7 @@ def examinations(count, seed, axis, kind="mixed", strength=1.0, effect="", world
 def draw(examination):
     """(`Hidden`, friction) of a case."""
     generator = np.random.default_rng([examination.seed, 1, examination.number])
-    names = sorted(REGISTRY)
+    names = effects_of(load_axis(examination.axis))
     turn = np.random.default_rng([examination.seed, 2, examination.number // len(names)]).permutation(names)
     name = examination.effect or str(turn[examination.number % len(names)])
     friction = float(generator.uniform(*FRICTION))

@@ -16,6 +16,9 @@ from microstage_ros.quantities.command import VOLTAGE
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.quantities.spec import Spec
 
+UNKNOWN_TOP_SPEED = 10.0
+"""Of an axis whose data do not limit its speed [m/s]."""
+
 LINEAR = ("inductance", "resistance", "electrical_input", "back_emf", "torque_constant", "direct", "motor_damping")
 """Fields of a plant that hold L, R, b, K_E, k_M, g, D."""
 
@@ -31,7 +34,8 @@ class Actuator:
     measures_current : whether the drive has a current sensor. holds_position : whether the command sets a position
         (stepper, piezo) and not a force. laws : control laws that can drive it, None: all.
     estimation : what its records are identified and diagnosed by: ``motor`` (voltage and current), ``force`` (the command
-        is a force at the stage), None: nothing yet.
+        is a force at the stage), ``position`` (the command sets a position), None: nothing yet.
+    identified : keys that `identify` scales where ``estimation`` is ``position``.
     shape : compiled function (plant, state, u) -> u, or None. torque : compiled (plant, state, theta, omega) -> N m, or None.
     """
 
@@ -44,6 +48,7 @@ class Actuator:
     holds_position = False
     laws: tuple[str, ...] | None = None
     estimation: str | None = None
+    identified: tuple[str, ...] = ()
     shape: Callable | None = None
     torque: Callable | None = None
 
@@ -56,6 +61,12 @@ class Actuator:
     def converter(cls, axis):
         """(range of the converter [unit of the command], its bits; 0: not quantised)."""
         return axis.value("drive.dac_range"), axis.value("drive.dac_bits")
+
+    @classmethod
+    def command_step(cls, axis):
+        """Smallest step of the command that the drive obeys [unit of the command]; 0: any."""
+        span, bits = cls.converter(axis)
+        return 2.0 * span / 2.0**bits if bits else 0.0
 
     @classmethod
     def fill(cls, plant, axis):
@@ -96,6 +107,13 @@ class Actuator:
     def force_per_command(cls, axis):
         """Force on the stage per unit of the command, at rest [N per unit]; InputError where the command sets no force."""
         raise InputError(f"{axis.place}: drive.type", cls.name, "a drive whose command is a force at the stage")
+
+    @classmethod
+    def judged(cls, axis):
+        """(factor, unit, quantity) in which a re-simulated command is compared with the recorded one: a force, or the command itself."""
+        if cls.holds_position:
+            return 1.0, cls.command.unit, cls.command.quantity
+        return cls.force_per_command(axis), "N", "force"
 
     @classmethod
     def reflected_mass(cls, axis):

@@ -8,7 +8,7 @@ B: bandwidth of the current loop. Where ``supply_voltage`` is given the amplifie
 
 import math
 
-from microstage_ros.model.actuators.actuator import Actuator, lever
+from microstage_ros.model.actuators.actuator import UNKNOWN_TOP_SPEED, Actuator, lever
 from microstage_ros.numerics.compiled import internal
 from microstage_ros.quantities.command import TORQUE
 from microstage_ros.quantities.errors import InputError
@@ -80,7 +80,7 @@ class CurrentMotor(Actuator):
         return {
             "volts_per_torque": 1.0, "volts_per_force": ratio, "rotor": inertia / ratio, "force_per_torque": 1.0 / ratio,
             "moving_mass": axis.value("stage.mass") + inertia / ratio**2,
-            "top_speed": supply / emf * ratio if supply > 0.0 and emf > 0.0 else 10.0,
+            "top_speed": supply / emf * ratio if supply > 0.0 and emf > 0.0 else UNKNOWN_TOP_SPEED,
         }
 
     @classmethod

@@ -5,7 +5,7 @@
 Commanded with the voltage at the amplifier's input [V], as the published data of such axes are.
 """
 
-from microstage_ros.model.actuators.actuator import Actuator, lever
+from microstage_ros.model.actuators.actuator import UNKNOWN_TOP_SPEED, Actuator, lever
 from microstage_ros.quantities.spec import Spec, not_negative, positive
 
 
@@ -41,7 +41,7 @@ class Force(Actuator):
             "moving_mass": axis.value("stage.mass"),
             "volts_per_force": per_force,
             "volts_per_torque": per_force * gear / ratio,
-            "top_speed": 10.0,
+            "top_speed": UNKNOWN_TOP_SPEED,
         }
 
     @classmethod

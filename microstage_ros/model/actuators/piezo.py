@@ -10,7 +10,7 @@ a period, before the amplifier's lag 1/(2πB). The command u is counted from the
 
 import math
 
-from microstage_ros.model.actuators.actuator import Actuator, lever
+from microstage_ros.model.actuators.actuator import UNKNOWN_TOP_SPEED, Actuator, lever
 from microstage_ros.numerics.compiled import internal
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.quantities.spec import Spec, not_negative, positive
@@ -45,6 +45,8 @@ class Piezo(Actuator):
     transmissions = ("rigid",)
     measures_current = False
     holds_position = True
+    estimation = "position"
+    identified = ("drive.displacement_per_volt", "drive.hysteresis_weight", "drive.creep_gain")
     laws = ("none", "pid", "pid_feedforward")
     parameters = {
         "voltage_limit": positive("V", "amplifier output is clipped to ± this about its bias"),
@@ -116,6 +118,6 @@ class Piezo(Actuator):
         _, _, ratio = lever(axis)
         return {
             "volts_per_position": (stack + flexure) / (stack * axis.value("drive.displacement_per_volt") * wide),
-            "force_per_torque": 1.0 / ratio, "moving_mass": axis.value("stage.mass"), "top_speed": 10.0,
+            "force_per_torque": 1.0 / ratio, "moving_mass": axis.value("stage.mass"), "top_speed": UNKNOWN_TOP_SPEED,
             "integral_rate": SHARE * axis.value("stage.flexure_damping") / axis.value("stage.mass"),
         }

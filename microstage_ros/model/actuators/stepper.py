@@ -19,7 +19,7 @@ from microstage_ros.quantities.spec import Spec, not_negative, positive
 FINE = 0.05             # largest angle of the rotor's own oscillation per chunk of the compiled step [rad]
 SPARE = 1.2             # the field may be commanded beyond the travel by this factor
 SHARE = 0.25            # of the damping rate D/J that integral control may use
-HOLDING, POLES, DETENT, MICROSTEP, STEPS = range(5)
+HOLDING, POLES, DETENT, MICROSTEP, STEPS, LOST, LOST_AT, LOST_WITHIN = range(8)
 
 
 @internal
@@ -28,7 +28,10 @@ def _field(plant, state, u):
     p = plant.drive_parameters
     steps = round(u / p[MICROSTEP]) - state.drive[0]
     state.drive[0] += min(max(steps, -p[STEPS]), p[STEPS])
-    return state.drive[0] * p[MICROSTEP]
+    behind = 0.0
+    if p[LOST] != 0.0 and state.time > p[LOST_AT]:       # an effect: pulses that the driver has lost
+        behind = round(p[LOST] * min((state.time - p[LOST_AT]) / p[LOST_WITHIN], 1.0))
+    return (state.drive[0] - behind) * p[MICROSTEP]
 
 
 @internal
@@ -45,6 +48,7 @@ class Stepper(Actuator):
     command = ANGLE
     measures_current = False
     holds_position = True
+    estimation = "position"
     laws = ("none", "pid", "pid_feedforward")
     parameters = {
         "full_steps": Spec("1", 4, 4000, "full steps per turn"),
@@ -69,6 +73,11 @@ class Stepper(Actuator):
     def converter(cls, axis):
         """Not quantised: the microsteps do that."""
         return cls.command_limit(axis), 0
+
+    @classmethod
+    def command_step(cls, axis):
+        """A microstep [rad]."""
+        return cls.microstep(axis)
 
     @classmethod
     def microstep(cls, axis):

@@ -5,7 +5,7 @@
 Commanded with the voltage at the amplifier's output, clipped to ± ``voltage_limit``, rounded by the converter.
 """
 
-from microstage_ros.model.actuators.actuator import Actuator, lever
+from microstage_ros.model.actuators.actuator import UNKNOWN_TOP_SPEED, Actuator, lever
 from microstage_ros.quantities.spec import Spec, not_negative, positive
 
 
@@ -46,7 +46,7 @@ class VoltageMotor(Actuator):
             "volts_per_force": per_torque * ratio / gear,
             "volts_per_velocity": per_velocity,
             "rotor": per_torque * inertia * gear / ratio,
-            "top_speed": cls.command_limit(axis) / per_velocity if per_velocity > 0.0 else 10.0,
+            "top_speed": cls.command_limit(axis) / per_velocity if per_velocity > 0.0 else UNKNOWN_TOP_SPEED,
             "resistance": axis.value("drive.resistance"),
             "settling": axis.value("drive.inductance") / axis.value("drive.resistance"),
             "current_bandwidth": axis.value("sensors.current.bandwidth"),

@@ -4,15 +4,20 @@ An effect is one class (`effect.Effect`) with all that is known of it; its docst
 file beside these and its name in `FILES`: simulation, checks, diagnosis, reports and campaigns have it from there.
 """
 
-from microstage_ros.model.effects import drive, electrical, environment, friction, sensing
+from microstage_ros.model.effects import drive, electrical, environment, friction, piezo, position_sensors, sensing, stepper, voice_coil
 from microstage_ros.model.plant_record import EXTRA, EXTRAS
 from microstage_ros.quantities.errors import InputError
 
-FILES = (friction, drive, electrical, sensing, environment)
+FILES = (friction, drive, electrical, sensing, environment, voice_coil, stepper, piezo, position_sensors)
 REGISTRY = {effect.id: effect for file in FILES for effect in file.EFFECTS}
 WITH_FORCE = tuple(effect for effect in REGISTRY.values() if effect.force is not None)
 if len(WITH_FORCE) > EXTRAS:
     raise ImportError(f"{len(WITH_FORCE)} effects with a force of their own; plant_record.EXTRAS has room for {EXTRAS}")
+
+
+def effects_of(axis):
+    """Ids of the effects that an axis with this drive and position sensor can have, sorted."""
+    return sorted(name for name, effect in REGISTRY.items() if effect.acts_on(axis))
 
 
 def check_effects(effects, place="effects"):

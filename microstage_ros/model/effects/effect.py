@@ -2,6 +2,7 @@
 
 import math
 
+from microstage_ros.model.sensors import position_sensor_of
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.quantities.spec import Spec, check_all
 
@@ -37,6 +38,7 @@ class Effect:
     forms : how it shows in the residual channels, each a `signature.Form`, where `diagnosis.catalogue` has none for it.
     within : nameless shapes (``generic:…``) that hold it: what they explain beyond it is not this effect.
     contained_in : wider effects that contain it and so always fit as well: no rivals of it.
+    drives, sensors : types of drives and of position sensors that it is of; empty: any.
     force : compiled ``force(parameters, x, v, t)`` → N on the stage, or None. ``parameters`` are the values in the order of
         `parameters` (at most `plant_record.EXTRA`), x [m], v [m/s], t [s]: a force of its own on the stage needs no
         other line in the solver.
@@ -51,6 +53,8 @@ class Effect:
     within: tuple = ()
     contained_in: tuple = ()
     force = None
+    drives: tuple[str, ...] = ()
+    sensors: tuple[str, ...] = ()
     parameters: dict = {}
     on_contact = False
     needs: tuple | None = None
@@ -79,6 +83,17 @@ class Effect:
         if not has(plant[p["contact"]] if cls.on_contact else plant):
             place = f"effects: {cls.id}"
             raise InputError(f"{place}.contact" if cls.on_contact else place, p["contact"] if cls.on_contact else p, words)
+
+    @classmethod
+    def resimulated(cls, axis, parts):
+        """Forms as `resimulated.Candidate` where records are judged by re-simulation; ``parts``: what was measured."""
+        return ()
+
+    @classmethod
+    def acts_on(cls, axis):
+        """Whether the axis has a drive and a position sensor of the kinds that the effect is of."""
+        return ((not cls.drives or axis.choices["drive.type"] in cls.drives)
+                and (not cls.sensors or position_sensor_of(axis).name in cls.sensors))
 
     @classmethod
     def draw(cls, generator, strength):

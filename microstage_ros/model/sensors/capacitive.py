@@ -14,7 +14,9 @@ from microstage_ros.model.sensors.position import PositionSensor, filter_weights
 from microstage_ros.numerics.compiled import internal
 from microstage_ros.numerics.random import normal
 from microstage_ros.quantities.errors import InputError
-from microstage_ros.quantities.spec import Spec, not_negative, positive
+from microstage_ros.quantities.spec import Spec, any_number, not_negative, positive
+
+DRIFT = 7               # place in ``plant.sensor_parameters``
 
 
 @internal
@@ -25,7 +27,7 @@ def _read(plant, state, y):
     a2 = min((p[6] / gap) ** 2, 1.0)
     tilted = 2.0 * (1.0 - math.sqrt(1.0 - a2)) / a2 if a2 > 1e-6 else 1.0 + 0.25 * a2
     y = p[0] - p[0] * (1.0 + p[1]) / (p[0] / gap * tilted + p[1])
-    y = first_order(state, y, p[2], p[3])
+    y = first_order(state, y, p[2], p[3]) + p[DRIFT] * state.time
     if plant.encoder_noise > 0.0:
         y += plant.encoder_noise * normal(state.random)
     if p[5] > 0.0:
@@ -44,6 +46,7 @@ class Capacitive(PositionSensor):
         "tilt": Spec("rad", 0.0, 0.1, "tilt α between the plates", default=0.0),
         "radius": not_negative("m", "radius ϱ of the sensing plate", default=0.0),
         "bandwidth": not_negative("Hz", "bandwidth of the electronics; 0 means no filter", default=0.0),
+        "drift": any_number("m/s", "drift of the zero", default=0.0),
         "bits": Spec("1", 0, 32, "converter width over ± range; 0 means not quantised", default=0),
     }
     read = _read
@@ -51,10 +54,11 @@ class Capacitive(PositionSensor):
     @classmethod
     def fill(cls, plant, axis):
         """Gap, stray, filter, range, converter step, tilt times radius."""
-        gap, span, stray, tilt, radius, band, bits = (axis.value(f"sensors.encoder.{key}") for key in (
-            "gap", "range", "stray", "tilt", "radius", "bandwidth", "bits"))
+        gap, span, stray, tilt, radius, band, drift, bits = (axis.value(f"sensors.encoder.{key}") for key in (
+            "gap", "range", "stray", "tilt", "radius", "bandwidth", "drift", "bits"))
         if not tilt * radius + span < gap:
             raise InputError(f"{axis.place}: sensors.encoder.range", span,
                              f"less than gap − tilt · radius = {gap - tilt * radius:g} m: the plates would touch")
         step = 2.0 * span / 2.0**bits if bits else 0.0
-        plant["sensor_parameters"][:7] = gap, stray, *filter_weights(float(plant["period"]), band), span, step, tilt * radius
+        numbers = gap, stray, *filter_weights(float(plant["period"]), band), span, step, tilt * radius, drift
+        plant["sensor_parameters"][: len(numbers)] = numbers

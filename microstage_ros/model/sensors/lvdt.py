@@ -15,6 +15,7 @@ from microstage_ros.numerics.compiled import internal
 from microstage_ros.numerics.random import normal
 from microstage_ros.quantities.spec import Spec, any_number, not_negative, positive
 
+NONLINEARITY, DRIFT = 1, 4        # places in ``plant.sensor_parameters``
 PEAK = 1.5 * math.sqrt(3.0)     # of 1/(ξ − ξ³)
 
 

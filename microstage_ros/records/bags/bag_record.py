@@ -131,9 +131,8 @@ def record_to_bag(record, path, namespace=NAMESPACE):
         raise InputError(f"{path}: column voltage_V", "missing", "a record of voltages; forces go into a .csv file")
     if command is not VOLTAGE:         # the messages' fields keep their names, the metadata says what they hold
         renamed = {command.column: VOLTAGE.column, command.disturbance: VOLTAGE.disturbance}
-        told = {"column": command.column, "quantity": command.quantity, "unit": command.unit}
         record = Record(record.period_s, {renamed.get(name, name): values for name, values in record.columns.items()}, record.source,
-                        {**record.metadata, "command": told})
+                        {**record.metadata, "command": command.as_dict()})
     topics = [topic for topic in FIELDS if topic in ("state", "command") or _any(record, topic)]
     custom_data = {name: value if isinstance(value, str) else json.dumps(value, default=str)
                    for name, value in record.metadata.items()}

@@ -1,10 +1,13 @@
 """The parameters of every node of an axis, asked for over their services while a bag is recorded."""
 
+import json
 from pathlib import Path
 
 import rclpy.parameter
 from rclpy.parameter_client import AsyncParameterClient
 
+from microstage_ros.model.actuators import actuator_of
+from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 
 
@@ -38,11 +41,13 @@ class ParameterCollector:
             lambda f: self.found.__setitem__(full, _values(names, f.result().values)))
 
     def run_facts(self):
-        """Seed and axis file of the run, from the driver's parameters."""
+        """Seed, axis file and kind of command of the run, from the driver's parameters."""
         for name, values in self.found.items():
             if name.endswith("/axis_driver"):
                 path = Path(values["axis_file"] or config_file("axis.yaml"))
-                return {"seed": str(values["seed"]), "axis_file": path.read_text(encoding="utf-8")}
+                command = actuator_of(load_axis(path)).command
+                return {"seed": str(values["seed"]), "axis_file": path.read_text(encoding="utf-8"),
+                        "command": json.dumps(command.as_dict())}
         return {}
 
 

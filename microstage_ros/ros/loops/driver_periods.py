@@ -169,7 +169,7 @@ class DriverPeriods:
         self.sequence = n = self.sequence + 1
         self._time_ns = time_ns
         if code and gate.fault == "none":
-            gate.trip(*in_words(code, self.limits, self.memory))
+            gate.trip(*in_words(code, self.limits, self.memory, gate.unit))
         zeroed = gate.active and not self._lockstep and gate.silent_s + self.period > self._hold_s
         status = self._constant_status | (zeroed and _ZEROED) | (gate.active and _ACTIVE) | (gate.saturated and _SATURATED) | (late and _LATE) \
             | (gate.fault != "none" and _FAULT)
@@ -180,7 +180,7 @@ class DriverPeriods:
     def _write(self, voltage):
         low, high = self._switches
         if low and voltage < 0.0 or high and voltage > 0.0:
-            self.gate.trip("limit_switch", f"{voltage:.3g} V towards the {'lower' if low else 'upper'} limit switch, which is actuated")
+            self.gate.trip("limit_switch", f"{voltage:.3g} {self.gate.unit} towards the {'lower' if low else 'upper'} limit switch, which is actuated")
             voltage = 0.0
         try:
             self.hardware.write(voltage)

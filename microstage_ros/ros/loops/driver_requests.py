@@ -14,6 +14,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from std_srvs.srv import Trigger
 
 from microstage_ros.hardware.command_gate import FAULTS
+from microstage_ros.model.actuators import actuator_of
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.identity import ANYBODY
 
@@ -99,16 +100,20 @@ class DriverRequests:
     def _serve_take_over(self, request, response):
         found = self.holder.publishers()
         wanted = [numbers for numbers, name in found.items() if name == request.node and numbers != ANYBODY]
-        moving = abs(float(self.memory["velocity"][0])) > MOVING_M_S or abs(self.gate.voltage) > AT_REST_V
+        moving = abs(float(self.memory["velocity"][0])) > MOVING_M_S or self._pushes()
         if self.gate.active and self.gate.fault == "none" and moving:
-            response.message = (f"refused: the axis moves ({float(self.memory['velocity'][0]):.3g} m/s) or has voltage "
-                                f"({self.gate.voltage:.3g} V); stop it first")
+            response.message = (f"refused: the axis moves ({float(self.memory['velocity'][0]):.3g} m/s) or is commanded "
+                                f"({self.gate.voltage:.3g} {self.gate.unit}); stop it first")
         elif len(wanted) != 1:
             response.message = f"node: got {request.node!r}, expected one of {', '.join(sorted(found.values())) or 'nobody publishes'}"
         else:
             self._requests.ask(lambda: self.holder.take(found, wanted[0]))
             response.accepted, response.message = True, f"{request.node} commands from now on"
         return response
+
+    def _pushes(self):
+        """Whether the command in force moves a stage that stands still; one that sets a position does not."""
+        return not actuator_of(self.axis).holds_position and abs(self.gate.voltage) > AT_REST_V
 
     def _serve_status(self, request, response):
         gate, quick = self.gate, self._quick

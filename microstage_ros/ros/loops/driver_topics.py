@@ -62,8 +62,10 @@ class DriverTopics:
             self._air = [node.create_publisher(kind, topic, topics.SLOW) for kind, topic in (
                 (Temperature, topics.AIR_TEMPERATURE), (FluidPressure, topics.AIR_PRESSURE),
                 (RelativeHumidity, topics.AIR_HUMIDITY))]
+        actuator = actuator_of(axis)
         self._limits = {"period": axis.value("period"), "minimum": axis.value("travel.minimum"),
-                        "maximum": axis.value("travel.maximum"), "voltage_limit": actuator_of(axis).command_limit(axis)}
+                        "maximum": axis.value("travel.maximum"), "voltage_limit": actuator.command_limit(axis),
+                        "command_quantity": actuator.command.quantity, "command_unit": actuator.command.unit}
 
     def missing_readers(self, absent):
         """What is missing for the first period, in words, empty if nothing; ``absent``: names without credit."""

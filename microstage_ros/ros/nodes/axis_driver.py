@@ -69,7 +69,8 @@ class AxisDriver(DriverPeriods, DriverRequests, LifecycleNode):
         self._travel = (self.axis.value("travel.minimum") - TRAVEL_MARGIN,
                         self.axis.value("travel.maximum") + TRAVEL_MARGIN)
         self._lockstep = p.mode == "lockstep"
-        self.gate = CommandGate(actuator_of(self.axis).command_limit(self.axis))
+        actuator = actuator_of(self.axis)
+        self.gate = CommandGate(actuator.command_limit(self.axis), unit=actuator.command.unit)
         self._hold_s = max(p.command_hold_s, HOLD_PERIODS * self.period)
         self.limits, self.memory = new_limits(self.axis, self._travel, {
             name: getattr(p, f"limit_{name}") for name in ("velocity", "current", "following_error", "encoder_motor", "voltage_rate")})
