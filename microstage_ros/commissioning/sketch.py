@@ -11,6 +11,7 @@ from pathlib import Path
 
 import yaml
 
+from microstage_ros.model.actuators import BY_NAME
 from microstage_ros.model.axis_file import axis_from_dict, load_axis
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
@@ -69,7 +70,7 @@ def sketch_from_dict(tree, place="sketch"):
     given = frozenset(_leaves(tree))
     drive, transmission = (_choice(tree, section, place) for section in ("drive", "transmission"))
     if drive not in DRIVES:
-        raise InputError(f"{place}: drive.type", drive, "one of " + ", ".join(DRIVES) + " (others cannot be commissioned yet)")
+        raise InputError(f"{place}: drive.type", drive, _instead(drive))
     required = REQUIRED + (("transmission.gear_ratio", "transmission.pitch") if transmission == "screw" else ())
     for key in required:
         if key not in given:
@@ -84,6 +85,18 @@ def sketch_from_dict(tree, place="sketch"):
         elif key not in given:
             tolerance[key] = UNKNOWN
     return Sketch(axis, {**{key: USUAL for key in axis.quantities}, **tolerance}, given)
+
+
+def _instead(drive):
+    """What a person does whose drive the steps of commissioning are not written for."""
+    known = "one of " + ", ".join(DRIVES)
+    if drive not in BY_NAME:
+        return f"{known}, the drives that can be commissioned"
+    actuator = BY_NAME[drive]
+    by_hand = "; its numbers come from the data sheet and, with records, from identify" if actuator.estimation != "position" or actuator.identified \
+        else "; its numbers come from the data sheet"
+    return (f"{known}: the steps of commissioning raise a voltage from zero until the stage moves, and a {drive} is commanded with "
+            f"{actuator.command.quantity} [{actuator.command.unit}]{' that sets a position' if actuator.holds_position else ''}{by_hand}")
 
 
 def _choice(tree, section, place):
