@@ -93,10 +93,10 @@ def _instead(drive):
     if drive not in BY_NAME:
         return f"{known}, the drives that can be commissioned"
     actuator = BY_NAME[drive]
-    by_hand = "; its numbers come from the data sheet and, with records, from identify" if actuator.estimation != "position" or actuator.identified \
-        else "; its numbers come from the data sheet"
-    return (f"{known}: the steps of commissioning raise a voltage from zero until the stage moves, and a {drive} is commanded with "
-            f"{actuator.command.quantity} [{actuator.command.unit}]{' that sets a position' if actuator.holds_position else ''}{by_hand}")
+    sets = ", which sets a position" if actuator.holds_position else ""
+    records = " and, from records, of identify" if actuator.estimation != "position" or actuator.identified else ""
+    return (f"{known}: commissioning has steps for these two only. A {drive} is commanded with {actuator.command.quantity} "
+            f"[{actuator.command.unit}]{sets}: write its axis file with the numbers of the data sheet{records}")
 
 
 def _choice(tree, section, place):
