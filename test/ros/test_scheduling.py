@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 
@@ -35,3 +36,23 @@ def test_bare_machine_counts_every_period():
     found = json.loads(done.stdout)
     assert 0.0 < found["in_time"] <= found["within_two"] <= 1.0
     assert found["rate"] > 0.0
+
+
+SPINS = """
+import os
+from microstage_ros.ros.transport.scheduling import bound_real_time
+bound_real_time(0.3)
+try:
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+except PermissionError:
+    raise SystemExit(77)
+while True:
+    pass
+"""
+
+
+def test_the_kernel_ends_a_real_time_thread_that_turns_for_ever():
+    done = subprocess.run([sys.executable, "-c", SPINS], timeout=60.0)
+    if done.returncode == 77:
+        pytest.skip("real-time priorities are not permitted here")
+    assert done.returncode == -signal.SIGKILL

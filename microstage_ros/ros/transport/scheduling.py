@@ -2,6 +2,7 @@
 
 import ctypes
 import os
+import resource
 import time
 from pathlib import Path
 
@@ -55,6 +56,14 @@ POLICIES = {"normal": os.SCHED_OTHER, "batch": os.SCHED_BATCH, "real_time": os.S
 HIGHEST = -20
 """Rank among normal threads."""
 
+LONGEST_UNBROKEN_S = 3.0
+"""Longest processor time [s] that a real-time thread may take without waiting for anything; then the kernel ends the process.
+
+A thread of the middleware that reads shared memory can turn for ever after the writer was killed in the middle of a write.
+At a real-time priority it would starve the servo loop of its own process, which then could not even be asked to stop, and
+everything else on that processor. A loop that works waits in every period, and loading compiled code takes tenths of a second.
+"""
+
 
 def take_place(logger, cpus, scheduling="normal", priority=0):
     """Put the servo loop on ``cpus`` (None: anywhere), under a scheduling of `POLICIES`.
@@ -64,6 +73,8 @@ def take_place(logger, cpus, scheduling="normal", priority=0):
     processors, if there are any; and a thread that is woken does not take the processor from the one that woke it in
     the middle of its work. Under `normal` the whole process keeps to ``cpus``.
     """
+    if scheduling == "real_time":
+        bound_real_time()
     rest = set() if cpus is None else cpus if scheduling == "normal" else _ALLOWED - cpus
     rank = os.sched_param(priority if scheduling == "real_time" else 0)
     for thread in map(int, os.listdir("/proc/self/task")):
@@ -82,6 +93,14 @@ def take_place(logger, cpus, scheduling="normal", priority=0):
             return
         except ProcessLookupError:  # a thread that ended meanwhile
             continue
+
+
+def bound_real_time(seconds=LONGEST_UNBROKEN_S):
+    """Have the kernel end this process once a real-time thread of it has run for ``seconds`` without a wait (RLIMIT_RTTIME)."""
+    limit = int(seconds * 1e6)
+    _, hard = resource.getrlimit(resource.RLIMIT_RTTIME)
+    if hard == resource.RLIM_INFINITY or limit < hard:
+        resource.setrlimit(resource.RLIMIT_RTTIME, (limit, limit))
 
 
 def _carries_messages(thread):
