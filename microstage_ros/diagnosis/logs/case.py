@@ -45,7 +45,8 @@ def diagnose_logs(baseline, now, description, seed=0):
         if name == "effort" or not spectra:
             spectra = reduced[name].spectrum
     codes = sorted({int(c) for r in groups["now"] for c in np.unique(r.condition) if c >= 0})
-    context = Context(channels, description.facts, abs(stroke[1] - stroke[0]), top, sharp, groups["baseline"][0].log.place_unit, codes, spectra)
+    context = Context(channels, description.facts, abs(stroke[1] - stroke[0]), top, sharp, groups["baseline"][0].log.place_unit, codes, spectra,
+                      description.position_at)
     open_sign, ratio = channel_module.sign_is_open(channels["effort"], groups["baseline"]) if "effort" in channels else (False, 1.0)
     if open_sign:
         notes.append("The current has no sign, and the logs do not tell whether friction or a constant force is the larger: the two may change places.")

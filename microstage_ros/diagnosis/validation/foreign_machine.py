@@ -68,7 +68,7 @@ def run(reference, dt, p, law, controller, noise_seed):
         top = level * profile * side * (1.0 + (stribeck + extra) * math.exp(-(v / vs) ** 2))
         if law == 1 or law == 2:
             stiff = level / 2e-5
-            g = top if law == 1 else level * profile * side
+            g = top if law == 1 else level * profile * side * (1.0 + extra * math.exp(-(v / vs) ** 2))
             zdot = v - abs(v) * stiff * z / max(g, 1e-9)
             z += zdot * dt
             z = min(max(z, -g / stiff), g / stiff)

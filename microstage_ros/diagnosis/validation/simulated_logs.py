@@ -176,7 +176,7 @@ def draw_case(number, seed, kind="mixed", effect="", signals="", strength=1.0):
     now = [_file(faulty, int(rng.choice([1, 3, 5])), cycles, rng, degrade, extra, "now")]
     description = description_of({"time": {"column": "t", "unit": "s"}, **{
         q: {"column": q, "unit": {"current": "A", "torque": "N m", "velocity": "m/s"}.get(q, "m"), **({} if degrade["signed"] or q != "current" else {"signed": False})}
-        for q in SIGNALS[name][0]}, "run": ["run"], "lead": {"value": machine.values["lead"], "unit": "m"}}, f"case {number}")
+        for q in SIGNALS[name][0]}, "run": ["run"], "position_at": "load" if degrade["load_side"] else "motor", "lead": {"value": machine.values["lead"], "unit": "m"}}, f"case {number}")
     return LogCase(number, truth, sizes, name, rate, runs, files, apart, machine, tuple(baseline), tuple(now), description, degrade["gain"])
 
 

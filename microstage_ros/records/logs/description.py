@@ -27,8 +27,10 @@ FACTS = {"lead": ("length",), "gear_ratio": ("ratio",), "counts_per_turn": ("cou
          "torque_constant": ("torque constant",), "resistance": ("resistance",), "cogging_per_turn": ("ratio",)}
 EFFORTS = ("current", "torque", "force", "voltage")
 FORMATS = ("csv", "table", "mat", "mcap")
-OPTIONS = ("format", "separator", "skip_rows", "sampling_hz", "condition", "run", "cycle_restarts", "topic", "name")
+OPTIONS = ("format", "separator", "skip_rows", "sampling_hz", "condition", "run", "cycle_restarts", "position_at", "topic", "name")
 KEYS = (*OPTIONS, *QUANTITIES, *FACTS)
+#: Where the position is read: before the transmission or behind it. What the transmission does shows only behind it.
+SIDES = ("motor", "load")
 ENTRY = ("column", "unit", "sign", "signed", "offset")
 
 
@@ -65,6 +67,7 @@ class LogDescription:
     condition: tuple = ()
     run: tuple = ()
     cycle_restarts: bool = False
+    position_at: str = ""
     topic: str = ""
     name: str = ""
 
@@ -147,7 +150,10 @@ def _options(options, place):
     restarts = options.get("cycle_restarts", False)
     if not isinstance(restarts, bool):
         raise InputError(f"{place}: cycle_restarts", restarts, "true or false")
-    return {**checked, "skip_rows": rows, "sampling_hz": None if rate is None else float(rate), "cycle_restarts": restarts,
+    side = options.get("position_at", "")
+    if side and side not in SIDES:
+        raise InputError(f"{place}: position_at", side, "motor or load: where the position is read")
+    return {**checked, "position_at": side, "skip_rows": rows, "sampling_hz": None if rate is None else float(rate), "cycle_restarts": restarts,
             "topic": str(options.get("topic", "")), "name": str(options.get("name", ""))}
 
 

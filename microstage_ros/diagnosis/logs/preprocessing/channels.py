@@ -1,8 +1,8 @@
 """Residual channels of a log: what the signals allow, each with the healthy model that its baseline gives.
 
 effort   force, torque, current or voltage:  y = c + F sgn v + B v + M a + k x (+ a level of its own at rest)
-error    following error (or speed error):   the same form in metres, and how a loop with an integrator answers a step of
-         friction: sgn v and v passed through a high-pass of the loop's own time constant
+error    following error (or speed error):   the same form in metres through the loop: a force passes a low-pass, and where the
+         loop has an integrator a high-pass (E/F = s / ((s + 1/T1)(s + 1/T2)) for P position with PI speed), fitted to the baseline
 voltage  u − R i − K v, where voltage and current are both there
 
 A magnitude |y| is that of a signed effort whose sign is the direction of motion (friction outweighs the constant force): its
@@ -22,7 +22,9 @@ SIGN_ROUNDS = 4         # of sign and fit in turn
 SIGN_GAIN = 0.8         # of the mean square with the direction as sign, below which the signed effort is believed
 RIDGE = 1e-3            # of the columns' mean squares: numerical, keeps collinear columns small
 MOST_ROWS = 200_000     # rows that a healthy model is fitted to
-MEMORIES = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)   # s, time constants of the loop that are tried
+MEMORIES = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)   # s, time constants of the loop's integrator that are tried
+LAGS = (0.0, 0.007, 0.02, 0.05, 0.1)   # s, time constants of the loop's low-pass that are tried
+FIRST_LAG = 0.02         # s, while the integrator's is looked for
 LEAST_LEVEL = 0.1       # of the moving rms: the smallest scale that changes are told against
 
 
@@ -43,7 +45,8 @@ class Channel:
 
     ``name`` effort, error or voltage; ``unit``; ``signed``. ``models``: condition code → coefficients of `base_columns`;
     ``scale``: condition code → size in ``unit`` that changes are told against (the friction level; the error's rms);
-    ``stderr``: condition code → standard errors. ``kind``: the quantity. ``memory``: time constant of the error's high-pass [s].
+    ``stderr``: condition code → standard errors. ``kind``: the quantity. ``memory``, ``lag``: time constants of the
+    error's high-pass and low-pass [s].
     ``signs``: condition code → (constant, level, viscous, inertia) of the signed effort behind a magnitude.
     """
 
@@ -55,6 +58,7 @@ class Channel:
     stderr: dict = dataclasses.field(default_factory=dict)
     scale: dict = dataclasses.field(default_factory=dict)
     memory: float = 0.1
+    lag: float = 0.0
     signs: dict = dataclasses.field(default_factory=dict)
 
     def values(self, rows):
@@ -112,7 +116,7 @@ def base_names(channel):
     if channel.name == "voltage":
         return ("constant", "resistance", "per speed")
     names = ("constant", "level", "viscous", "inertia", "spring", "rest", "rest after motion")
-    return (*names, "level transient", "viscous transient") if channel.name == "error" else names
+    return (*names, "level transient", "viscous transient", "inertia transient") if channel.name == "error" else names
 
 
 def base_columns(channel, rows):
@@ -124,9 +128,12 @@ def base_columns(channel, rows):
     still = (m.direction == 0.0).astype(float)
     moving = 1.0 - still
     x = m.x if m.absolute else np.zeros(len(m.x))
-    columns = [moving, m.direction, m.speed * moving, m.acceleration * moving, x * moving, still, still * m.last]
+    forced = [m.direction, m.speed * moving, m.acceleration * moving]
     if channel.name == "error":
-        columns += [high_pass(m.direction, channel.memory, rows.log.period), high_pass(m.speed, channel.memory, rows.log.period)]
+        forced = [low_pass(force, channel.lag, rows.log.period) for force in forced]
+    columns = [moving, *forced, x * moving, still, still * m.last]
+    if channel.name == "error":
+        columns += [high_pass(force, channel.memory, rows.log.period) for force in forced]
     columns = np.stack(columns, axis=1)
     return columns * channel.orientation(rows)[:, None]
 
@@ -137,17 +144,38 @@ def high_pass(values, memory, period):
     return lfilter([share, -share], [1.0, -share], values)
 
 
+def low_pass(values, lag, period):
+    """First-order low-pass of time constant ``lag`` [s], at rest at its first value."""
+    if lag <= 0.0:
+        return values
+    share = period / (lag + period)
+    return lfilter([share], [1.0, share - 1.0], values, zi=[(1.0 - share) * values[0]])[0]
+
+
+def through_loop(channel, rows, force):
+    """What a force of the baseline's friction level times ``force`` (n,) makes of the error, in the channel's unit, shape (n,)."""
+    models = np.array([channel.models.get(int(c), np.zeros(len(base_names(channel)))) for c in range(int(rows.condition.max()) + 1)])
+    own = models[np.maximum(rows.condition, 0)]
+    passed = low_pass(force, channel.lag, rows.log.period)
+    return own[:, 1] * passed + own[:, 7] * high_pass(passed, channel.memory, rows.log.period)
+
+
 def fit_models(channel, baseline):
     """Fit the healthy model per condition to the baseline; fills ``models``, ``stderr``, ``scale`` and the error's ``memory``."""
     if channel.name == "error":
-        left = {}
-        for memory in MEMORIES:
-            channel.memory = memory
-            left[memory] = _fit(channel, baseline)
-        channel.memory = min(left, key=left.get)
+        channel.lag = FIRST_LAG
+        channel.memory = min(MEMORIES, key=lambda memory: _left(channel, baseline, memory=memory))
+        channel.lag = min(LAGS, key=lambda lag: _left(channel, baseline, lag=lag))
     if channel.name == "effort" and not channel.signed:
         channel.signs = _signs(channel, baseline)
     _fit(channel, baseline)
+
+
+def _left(channel, baseline, **constants):
+    """Mean square that a fit with other time constants leaves."""
+    for name, value in constants.items():
+        setattr(channel, name, value)
+    return _fit(channel, baseline)
 
 
 def _signs(channel, baseline):

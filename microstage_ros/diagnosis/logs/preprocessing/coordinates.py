@@ -9,6 +9,7 @@ import dataclasses
 
 import numpy as np
 
+from microstage_ros.diagnosis.logs.preprocessing.breakaway import breakaways
 from microstage_ros.diagnosis.logs.preprocessing.motion import STATES
 
 PLACES = (12, 6, 3, 1)      # parts of the stroke that are tried, the finest that the logs fill
@@ -28,10 +29,11 @@ class Coordinates:
     """All repetitions of one channel as vectors of K coordinates, relative to the channel's scale.
 
     ``baseline``, ``now``: arrays (repetitions, K). ``group_baseline``, ``group_now``: number of the file of each repetition.
-    ``condition``: code per coordinate. ``kind``: per coordinate: state name, ``ripple``, ``ripple high`` or ``rough``.
+    ``condition``: code per coordinate. ``kind``: per coordinate: state name, ``ripple``, ``ripple high``, ``breakaway`` or ``rough``.
     ``direction``, ``place``: per coordinate. ``columns``: name → (K, k) array of every effect.
     ``count``: rows per coordinate and repetition, on average. ``shifted``: (K, m) what levels that were shifted afterwards
-    may differ by, in standard deviations.
+    may differ by, in standard deviations. ``grown``: (K,) variance of one repetition's mean by which faster fluctuations of now exceed
+    those of the baseline.
     """
 
     channel: object
@@ -47,6 +49,7 @@ class Coordinates:
     count: np.ndarray
     shifted: np.ndarray
     spectrum: dict
+    grown: np.ndarray
 
 
 def cell_keys(rows, stroke, places, top):
@@ -116,7 +119,7 @@ def reduce(channel, baseline, now, cells, places, stroke, top, columns_of, turn)
     """`Coordinates` of one channel; ``columns_of(channel, rows)`` → {name: (n, k)} of effects in the channel's unit."""
     sides, spectra = [], []
     sums, weights = {}, np.zeros(len(cells))
-    shifted = []
+    shifted, decades, fluctuations = [], {}, {}
     for side in (baseline, now):
         vectors, groups, extras, counts = [], [], [], []
         for rows in side:
@@ -127,6 +130,7 @@ def reduce(channel, baseline, now, cells, places, stroke, top, columns_of, turn)
             scale = np.array([channel.scale.get(int(c), 1.0) for c in range(int(rows.condition.max()) + 1)] or [1.0])[np.maximum(rows.condition, 0)]
             left = (y - channel.predicted(rows)) / scale
             good = (slot >= 0) & np.isfinite(left)
+            _add(fluctuations, side is now, *_fluctuation(left, np.where(good, slot, -1), len(cells)))
             if side is now:
                 for name, columns in columns_of(channel, rows).items():
                     part = np.stack([np.bincount(slot[good], c[good] / scale[good], len(cells)) for c in columns.T], axis=1)
@@ -142,12 +146,15 @@ def reduce(channel, baseline, now, cells, places, stroke, top, columns_of, turn)
                 counts.append(count)
                 groups.append(rows.group)
                 extra, spectrum = _amplitudes(rows, own, left, slot, mean, turn)
+                for key, (peak, grown) in breakaways(rows, rows.repetition == number, y / scale, channel.signed).items():
+                    extra[key] = peak
+                    decades.setdefault(key, []).append(grown)
                 extras.append(extra)
                 spectra.append((side is now, spectrum))
                 if rows.log.shift is not None and channel.name == "effort":
                     shifted.append(_shift_columns(rows, own, slot, len(cells)))
         sides.append((np.array(vectors), np.array(groups), _aligned(extras), np.array(counts)))
-    return _assembled(channel, cells, sides, sums, weights, shifted, spectra)
+    return _assembled(channel, cells, sides, sums, weights, shifted, spectra, decades, _growth(fluctuations))
 
 
 def _amplitudes(rows, own, left, slot, mean, turn):
@@ -181,6 +188,25 @@ def _amplitudes(rows, own, left, slot, mean, turn):
     return found, spectrum
 
 
+def _fluctuation(left, slot, size):
+    """Sum and number, per cell, of the variance of white noise that second differences within the cell tell of: two arrays (size,)."""
+    inside = (slot[1:-1] >= 0) & (slot[1:-1] == slot[:-2]) & (slot[1:-1] == slot[2:])
+    square = (left[2:] - 2.0 * left[1:-1] + left[:-2])[inside] ** 2 / 6.0
+    return np.bincount(slot[1:-1][inside], square, size), np.bincount(slot[1:-1][inside], minlength=size)
+
+
+def _add(totals, key, power, number):
+    """Add the sums of one file to those of its side."""
+    before = totals.get(key, (0.0, 0))
+    totals[key] = (before[0] + power, before[1] + number)
+
+
+def _growth(fluctuations):
+    """Variance per row by which now fluctuates more than the baseline, per cell (size,)."""
+    base, now = ((power + 1e-300) / np.maximum(number, 1) for power, number in (fluctuations[False], fluctuations[True]))
+    return np.maximum(now - base, 0.0)
+
+
 def _detrended(x, values):
     """Values less a cubic of the place: ripple is told from what is slow along the stroke, not from cells narrower than a turn."""
     u = (x - x.mean()) / max(float(np.std(x)), 1e-300)
@@ -211,7 +237,7 @@ def _shift_columns(rows, own, slot, size):
     return np.stack([np.bincount(slot[own], classes == c, size) / np.maximum(count, 1) for c in np.unique(classes)], axis=1)
 
 
-def _assembled(channel, cells, sides, sums, weights, shifted, spectra):
+def _assembled(channel, cells, sides, sums, weights, shifted, spectra, decades, growth):
     (base, groups_base, extra_base, counts), (now, groups_now, extra_now, _) = sides
     common = [key for key in extra_base[0] if key in extra_now[0]]
     pick = lambda extra: extra[1][:, [extra[0].index(key) for key in common]] if common else np.zeros((len(extra[1]), 0))
@@ -220,11 +246,13 @@ def _assembled(channel, cells, sides, sums, weights, shifted, spectra):
     basis = np.hstack([_range_of(shifted, condition == code) for code in np.unique(condition)] or [np.zeros((len(cells), 0))])
     columns = {name: np.concatenate([total / np.maximum(weights, 1)[:, None], np.zeros((len(common), total.shape[1]))])
                for name, total in sums.items()}
+    columns["breakaway"] = np.concatenate([np.zeros(len(cells)), [np.mean(decades.get(key, [0.0])) for key in common]])[:, None]
     return Coordinates(
         channel, np.hstack([base, pick(extra_base)]), np.hstack([now, pick(extra_now)]), groups_base, groups_now,
         np.array([*condition, *(key[0] for key in common)], int), kinds, np.array([*direction, *(key[2] for key in common)], float),
         np.array([*place, *([0] * len(common))], int), columns, np.concatenate([counts.mean(axis=0), np.full(len(common), np.nan)]),
-        np.concatenate([basis, np.zeros((len(common), basis.shape[1]))]), _mean_spectrum(spectra))
+        np.concatenate([basis, np.zeros((len(common), basis.shape[1]))]), _mean_spectrum(spectra),
+        np.concatenate([growth / np.maximum(counts.mean(axis=0), 1.0), np.zeros(len(common))]))
 
 
 def _range_of(shifted, own):

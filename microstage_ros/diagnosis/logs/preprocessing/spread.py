@@ -21,18 +21,19 @@ USUAL = {
     "lost motion": (0.010, 0.020), "speed": (0.005, 0.030), "acceleration": (0.010, 0.060), "place": (0.004, 0.030),
     "creep": (0.005, 0.010), "gain": (0.003, 0.010), "constant": (0.005, 0.020), "resistive": (0.004, 0.015), "offset": (1.0, 1.0),
     "turn": (0.004, 0.010), "turn of friction": (0.004, 0.010),      # and the ripple itself, for its phase is another after assembly
-    "level transient": (0.010, 0.040), "speed transient": (0.010, 0.040),
+    "level transient": (0.010, 0.040), "speed transient": (0.010, 0.040), "force in error": (0.010, 0.025),
 }
 MODES = {
     "effort": ("level", "moving", "viscous", "inertia", "start", "brake", "spring", "waves", "waves of force", "turn",
                "turn of friction"),
-    "error": ("level", "level transient", "speed transient", "lost motion", "speed", "acceleration", "start", "brake", "place", "waves", "creep", "offset", "turn",
+    "error": ("level", "level transient", "speed transient", "force in error", "lost motion", "speed", "acceleration", "start", "brake", "place", "waves", "creep", "offset", "turn",
               "turn of friction"),
     "voltage": ("gain", "constant", "resistive"),
 }
 #: A mode of its own per cell at rest: what friction holds there is open, a magnitude at rest less so.
 REST = {"effort": (0.10, 0.20), "magnitude": (0.03, 0.08), "error": (0.02, 0.04), "voltage": (0.05, 0.05)}
-AMPLITUDE = {"ripple": (0.003, 0.010, 0.10, 0.25), "ripple high": (0.003, 0.010, 0.10, 0.20), "rough": (0.06, 0.25, 0.0, 0.0)}
+AMPLITUDE = {"ripple": (0.003, 0.010, 0.10, 0.25), "ripple high": (0.003, 0.010, 0.10, 0.20), "rough": (0.06, 0.25, 0.0, 0.0),
+             "breakaway": (0.02, 0.05, 0.05, 0.15)}
 PATTERN = 0.012           # of the scale: what assembly changes in single cells beyond the modes
 
 

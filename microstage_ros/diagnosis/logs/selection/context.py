@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from microstage_ros.diagnosis.logs.preprocessing.channels import base_names
-from microstage_ros.diagnosis.logs.selection.effects import NEVER, SIGNATURES
+from microstage_ros.diagnosis.logs.selection.effects import BEHIND, BEHIND_NEED, NEVER, SIGNATURES
 from microstage_ros.diagnosis.result import Diagnosis
 
 SAID = 2.0                 # of the level: a detectable size beyond it says no more than "not visible"
@@ -24,6 +24,7 @@ class Context:
     place_unit: str
     codes: list
     spectra: dict
+    position_at: str = ""
 
     def scale(self, channel):
         """Mean scale of a channel over the conditions, in its unit."""
@@ -79,6 +80,9 @@ def hidden_effects(seen, context):
     for name, signature in SIGNATURES.items():
         if name in seen and seen[name][0]:
             continue
+        if name in BEHIND and context.position_at == "motor":
+            out[name] = BEHIND_NEED
+            continue
         if name in seen:
             _, size, part, largest = seen[name]
             from_size = f"not below {size:.0%} of the {'friction' if signature.effort else 'error'} level in these logs; " if size < SAID else ""
@@ -117,7 +121,8 @@ def healthy_table(context, spreads):
         units = {"constant": channel.unit, "level": channel.unit, "viscous": f"{channel.unit} s/{context.place_unit}",
                  "inertia": f"{channel.unit} s²/{context.place_unit}", "spring": f"{channel.unit}/{context.place_unit}",
                  "rest": channel.unit, "rest after motion": channel.unit, "level transient": channel.unit,
-                 "viscous transient": f"{channel.unit} s/{context.place_unit}", "resistance": "ohm", "per speed": f"V s/{context.place_unit}"}
+                 "viscous transient": f"{channel.unit} s/{context.place_unit}",
+                 "inertia transient": f"{channel.unit} s²/{context.place_unit}", "resistance": "ohm", "per speed": f"V s/{context.place_unit}"}
         for code in context.codes:
             for k, label in enumerate(base_names(channel)):
                 value, error = float(channel.models[code][k]), float(channel.stderr[code][k])

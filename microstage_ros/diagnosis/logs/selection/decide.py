@@ -26,7 +26,8 @@ MOSTLY = 0.7               # share from which on little more is to be explained
 WHOLE = np.log(1e-5)       # log p below which the difference as a whole stands out
 #: Largest size (of `Size.value`) that is told as visible; beyond it an effect counts as not visible in these signals.
 LARGEST = {"level": 0.6, "viscous": 0.8, "quadratic": 0.8, "moving": 0.5, "constant": 0.8, "spring": 0.8, "waves": 0.8, "inertia": 1.0,
-           "breakaway": 0.6, "friction in error": 0.8, "viscous in error": 0.8, "force in error": 0.8, "waves in error": 0.8, "lost motion": 3.0, "speed": 3.0, "acceleration": 3.0, "place": 2.0, "creep": 1.0, "gain": 0.6, "load": 3.0,
+           "breakaway": 0.6, **{f"{name} in error": 0.8 for name in ("friction", "viscous", "quadratic", "asymmetry", "constant", "spring", "waves", "inertia")},
+           "lost motion": 3.0, "speed": 3.0, "acceleration": 3.0, "place": 2.0, "creep": 1.0, "gain": 0.6, "load": 3.0,
            "dead zone": 0.8, "resistive": 0.8, "ripple": 0.6, "ripple high": 0.6, "rough": 1.8}
 POSITIVE = {"torque_ripple+", "backlash", "rising_static_friction", "presliding_creep", "floor_vibration", "sampling_jitter", "screw_pitch_error",
             "amplifier_deadband", "transport_delay", "actuator_lag"}
@@ -98,8 +99,9 @@ def log_sf(ratio, k, dof):
     return value if np.isfinite(value) else -0.5 * dof * np.log1p(k * ratio / dof)
 
 
-def effects_of(channels, only=None):
-    """{id: (K, k)} and {id: column names} for stacked coordinates; ``channels``: {name: Coordinates}; ``only``: ids, or None for all.
+def effects_of(channels, only=None, without=()):
+    """{id: (K, k)} and {id: column names} for stacked coordinates; ``channels``: {name: Coordinates}; ``only``: ids, or None for all;
+    ``without``: ids that are left out.
 
     A trace in fluctuations with and without motion comes in a wider form too (``id+``).
     """
@@ -120,7 +122,7 @@ def effects_of(channels, only=None):
         return out
 
     for effect, signature in SIGNATURES.items():
-        if only is not None and effect not in only:
+        if (only is not None and effect not in only) or effect in without:
             continue
         block, names = _block(channels, signature, placed)
         amplitudes = []
@@ -202,7 +204,7 @@ def choose(problem, visible, open_sign=False):
     with fewest causes is kept, so that two effects which make up for each other's misfit do not replace a single true one.
     """
     forms = candidates(problem, visible)
-    starts = [entry for entry in _tried(problem, forms, [], set()) if entry[0] < LEVEL][:BEAM]
+    starts = [entry for entry in _tried(problem, forms, [], set()) if _alone(problem, entry, []) < LEVEL][:BEAM]
     sets = [_complete(problem, forms, start) for start in starts]
     chosen = max(sets, key=lambda s: _worth(problem, s), default=[])
     for choice in chosen:
@@ -234,11 +236,16 @@ def _complete(problem, forms, start):
     while len(chosen) < MOST:
         beside = [c.name for c in chosen]
         tried = _tried(problem, forms, beside, {plain(b) for b in beside})
-        tried = [entry for entry in tried if entry[0] < LEVEL and _holds(problem, entry[1], beside)]
+        tried = [entry for entry in tried if _alone(problem, entry, beside) < LEVEL and _holds(problem, entry[1], beside)]
         if not tried:
             break
         chosen.append(Choice(tried[0][1], tried[0][0], []))
     return _backward(problem, chosen)
+
+
+def _alone(problem, entry, beside):
+    """log p of an entry of `_tried` without what its rarity costs: how rare a cause is does not make a change less of one."""
+    return problem.log_p(entry[1], beside) + (WIDER_FORM if entry[1].endswith("+") else 0.0)
 
 
 def _holds(problem, name, beside):

@@ -8,7 +8,7 @@ import dataclasses
 
 import numpy as np
 
-from microstage_ros.diagnosis.logs.preprocessing.channels import high_pass
+from microstage_ros.diagnosis.logs.preprocessing.channels import high_pass, low_pass, through_loop
 from microstage_ros.diagnosis.logs.preprocessing.motion import STATES
 
 WAVES = 4               # half waves of friction along the stroke
@@ -33,13 +33,13 @@ class Signature:
 SIGNATURES = {
     "friction_level_change": Signature(effort=("level",), error=("friction in error",)),
     "viscous_change": Signature(effort=("viscous",), error=("viscous in error",)),
-    "nonlinear_viscous": Signature(effort=("quadratic",), error=("quadratic",)),
-    "direction_asymmetry": Signature(effort=("moving",), error=("force in error",)),
-    "gravity_tilt": Signature(effort=("constant",), error=("force in error",)),
-    "cable_spring": Signature(effort=("spring",), error=("spring",)),
-    "position_dependent_friction": Signature(effort=("waves",), error=("waves", "waves in error")),
+    "nonlinear_viscous": Signature(effort=("quadratic",), error=("quadratic in error",)),
+    "direction_asymmetry": Signature(effort=("moving",), error=("asymmetry in error",)),
+    "gravity_tilt": Signature(effort=("constant",), error=("constant in error",)),
+    "cable_spring": Signature(effort=("spring",), error=("spring in error",)),
+    "position_dependent_friction": Signature(effort=("waves",), error=("waves in error",)),
     "torque_ripple": Signature(amplitudes=(("effort", "ripple"), ("effort", "ripple high"))),
-    "payload_change": Signature(effort=("inertia",), error=("inertia",)),
+    "payload_change": Signature(effort=("inertia",), error=("inertia in error",)),
     "rising_static_friction": Signature(effort=("breakaway",), error=("breakaway",)),
     "backlash": Signature(error=("lost motion",)),
     "drive_compliance": Signature(error=("load",)),
@@ -62,6 +62,9 @@ NEVER = {
     "thermal_drift": "a second, independent reading of the position",
     "refractive_index": "an interferometer beside the encoder, with air temperature and pressure",
 }
+#: What the transmission does shows only where the position is read behind it.
+BEHIND = ("backlash", "drive_compliance", "screw_pitch_error")
+BEHIND_NEED = "the position read at the moved part; here it is read at the motor"
 #: What separates two names, for a person: signal or move.
 SEPARATE = {
     frozenset(("friction_level_change", "viscous_change")): "the same move at two speeds, at least a factor 3 apart",
@@ -73,6 +76,7 @@ SEPARATE = {
     frozenset(("friction_level_change", "direction_asymmetry")): "the sign of the current",
     frozenset(("friction_level_change", "amplifier_gain")): "the same move at twice the acceleration: a gain scales inertia and friction alike",
     frozenset(("payload_change", "rising_static_friction")): "the same move after dwells of 0.1 s, 1 s and 10 s: mass does not know the dwell",
+    frozenset(("torque_ripple", "rising_static_friction")): "the same move after dwells of 0.1 s, 1 s and 10 s: ripple does not know the dwell",
     frozenset(("torque_ripple", "floor_vibration")): "a log of ten rows or more per turn, and some seconds at rest with the motor off: what ripples with "
                                                    "the turn stops with it, what comes from outside does not",
     frozenset(("backlash", "friction_level_change")): "the drive's current: friction needs more of it, lost motion does not",
@@ -83,11 +87,12 @@ SEPARATE = {
     frozenset(("resistance_rise", "friction_level_change")): "the motor's current beside its voltage",
 }
 #: Columns of the error that a changed force moves, whatever the loop: free where the effort has changed.
-FORCED = ("level", "level transient", "viscous", "speed transient", "force in error", "inertia", "start", "brake", "waves", "spring", "breakaway")
+FORCED = ("level", "level transient", "viscous", "speed transient", "force in error", "inertia", "start", "brake", "waves", "spring")
 #: Effects on the error that a changed effort brings with it and that are therefore not looked for beside one.
 FOLLOWING = ("backlash", "floor_vibration", "drive_compliance", "sampling_jitter", "screw_pitch_error", "presliding_creep", "actuator_lag")
 #: What a trace in the error beside an unchanged effort may as well be, although the effort does not prove it.
-ALSO = {"torque_ripple+": ("floor_vibration",), "actuator_lag": ("payload_change",), "drive_compliance": ("backlash",), "presliding_creep": ("backlash",)}
+ALSO = {"torque_ripple+": ("floor_vibration",), "actuator_lag": ("payload_change",), "drive_compliance": ("backlash",), "presliding_creep": ("backlash",),
+        "rising_static_friction": ("torque_ripple",)}
 #: How much rarer than the commonest causes an effect is taken to be, as log odds: what decides between names that fit alike.
 #: An opinion, not a measurement: frequencies of causes differ between shops.
 RARER = {"viscous_change": 1.0, "nonlinear_viscous": 1.5, "amplifier_gain": 2.0, "cable_spring": 1.0, "presliding_creep": 2.0, "actuator_lag": 2.0,
@@ -131,7 +136,6 @@ def columns_of(stroke, turn=0.0):
         found["moving"] = (unit * moving)[:, None]
         found["constant"] = (unit * (moving if not channel.signed else 1.0))[:, None]
         found["inertia"] = (unit * m.acceleration / sharp * moving)[:, None]
-        found["breakaway"] = (unit * s * (m.state == START) * (m.dwell > 0.0) * np.log10(1.0 + m.dwell / DWELL))[:, None]
         found["start"] = (unit * s * (m.state == START))[:, None]
         found["brake"] = (unit * s * (m.state == STATES.index("brake")))[:, None]
         if m.absolute:
@@ -153,16 +157,19 @@ def columns_of(stroke, turn=0.0):
             found["resistive"] = electric[:, None]
         else:
             found["gain"] = channel.predicted(rows)[:, None]
-            passed = {name: high_pass(v, channel.memory, rows.log.period) for name, v in (("s", s), ("v", m.speed / top), ("m", moving))}
-            models = np.array([channel.models.get(int(c), np.zeros(9)) for c in range(int(rows.condition.max()) + 1)])[np.maximum(rows.condition, 0)]
+            slow = {name: low_pass(v, channel.lag, rows.log.period) for name, v in (("s", s), ("v", m.speed / top), ("m", moving))}
+            passed = {name: high_pass(v, channel.memory, rows.log.period) for name, v in slow.items()}
             found["level transient"] = (scale * passed["s"])[:, None]
             found["speed transient"] = (scale * passed["v"])[:, None]
-            found["friction in error"] = (models[:, 1] * s + models[:, 7] * passed["s"])[:, None]
             found["force in error"] = np.stack([scale * moving, scale * passed["m"]], axis=1)
-            found["viscous in error"] = np.stack([scale * m.speed / top * moving, scale * passed["v"]], axis=1)
+            forces = {"friction": s, "viscous": m.speed / top * moving, "quadratic": m.speed * np.abs(m.speed) / top**2, "asymmetry": moving,
+                      "constant": np.ones(len(s)), "inertia": m.acceleration / sharp * moving}
             if m.absolute:
-                shapes = found["waves"] / scale.clip(1e-300)[:, None]
-                found["waves in error"] = np.stack([scale * high_pass(w, channel.memory, rows.log.period) for w in shapes.T], axis=1)
+                forces["spring"] = 2.0 * u - 1.0
+            for name, force in forces.items():
+                found[f"{name} in error"] = through_loop(channel, rows, force)[:, None]
+            if m.absolute:
+                found["waves in error"] = np.stack([through_loop(channel, rows, s * np.cos(np.pi * k * u)) for k in range(1, WAVES + 1)], axis=1)
             found["lost motion"] = (scale * m.last)[:, None]
             found["speed"] = (scale * m.speed / top)[:, None]
             found["acceleration"] = (scale * m.acceleration / sharp)[:, None]

@@ -9,6 +9,7 @@ from microstage_ros.diagnosis.logs.preprocessing import spread
 from microstage_ros.diagnosis.logs.preprocessing.coordinates import FREE
 from microstage_ros.diagnosis.logs.selection.effects import SIGNATURES
 
+PEAK = 2.0                 # standard deviations by which the largest of some twenty samples exceeds their mean
 TELLING = 0.1              # of the information on an effect that a repetition left out must have to judge its spread
 PRIOR_LOO = 4.0            # weight, in repetitions, of "the spread is as learned" against the repetitions left out
 #: Shares of a change that a column misses at steady speed, and at starts and stops, where friction is not yet that of sliding.
@@ -21,13 +22,14 @@ MOST_LEFT_OUT = 30         # repetitions that are left out in turn
 class Stage:
     """One problem with its answer: the drive's effort (and voltage), or the following error.
 
-    ``coordinates``, ``spreads``: {channel: …}; ``only``: ids that are looked for here, None for all; ``free``: names of columns that
+    ``coordinates``, ``spreads``: {channel: …}; ``only``: ids that are looked for here, None for all; ``without``: ids that are not; ``free``: names of columns that
     the error may follow without a cause of its own; ``largest``: usual sizes by column (`decide.visibility`).
     """
 
     coordinates: dict
     spreads: dict
     only: tuple = None
+    without: tuple = ()
     free: tuple = ()
     largest: dict = dataclasses.field(default_factory=dict)
     problem: object = None
@@ -66,16 +68,28 @@ def form_error(coordinates, difference):
     at_speed, at_change = (float(np.mean(difference[own] ** 2)) if own.any() else 0.0 for own in (steady, changing))
     of_steady = steadily**2 * (at_speed + at_change)       # a start rings on into the steady part
     of_change = starting**2 * max(at_speed, 0.5 * at_change)
-    return np.select([steady, changing], [of_steady, of_change], 0.0)
+    return np.select([steady, changing, kinds == "breakaway"], [of_steady, of_change, of_change + _of_peaks(coordinates, difference)], 0.0)
 
 
-def stages_of(reduced, spreads):
+def _of_peaks(coordinates, difference):
+    """Variance of a peak by what else makes peaks: ripple of another amplitude, and noise of another size."""
+    kinds = coordinates.kind.astype(str)
+    ripple = np.isin(kinds, ("ripple", "ripple high"))
+    rough = (kinds == "rough") & (coordinates.direction != 0.0)
+    noise = 0.0
+    if rough.any():
+        level = np.exp(np.nanmean(coordinates.baseline[:, rough])) / np.sqrt(6.0)      # of a second difference of white noise
+        noise = PEAK * level * (np.exp(np.mean(difference[rough])) - 1.0)
+    return (float(np.sum(difference[ripple] ** 2)) if ripple.any() else 0.0) + float(noise) ** 2
+
+
+def stages_of(reduced, spreads, without=()):
     """The stages that the channels allow, in order: the effort first, for what it shows the error follows."""
     strong = {n: c for n, c in reduced.items() if n != "error"}
-    stages = [Stage(strong, {n: spreads[n] for n in strong})] if strong else []
+    stages = [Stage(strong, {n: spreads[n] for n in strong}, without=without)] if strong else []
     if "error" in reduced:
         only = tuple(n for n, s in SIGNATURES.items() if not s.effort and (s.error or any(c == "error" for c, _ in s.amplitudes))) if strong else None
-        stages.append(Stage({"error": reduced["error"]}, {"error": spreads["error"]}, only))
+        stages.append(Stage({"error": reduced["error"]}, {"error": spreads["error"]}, only, without))
     return stages
 
 
@@ -98,6 +112,8 @@ def build(stage, now=None, base=None, assembly=True, form=True):
         for column in stage.free:
             for free in coordinates.columns.get(column, np.zeros((len(d), 0))).T:
                 c = c + FREE**2 * np.outer(free, free)
+        if now is None:
+            c = c + np.diag(coordinates.grown / np.maximum([number_now.get(int(code), 1) for code in coordinates.condition], 1))
         if form:
             c = c + np.diag(form_error(coordinates, np.nan_to_num(d)))
         c[~good, :] = 0.0
@@ -112,7 +128,7 @@ def build(stage, now=None, base=None, assembly=True, form=True):
     for block in blocks:
         covariance[at: at + len(block), at: at + len(block)] = block
         at += len(block)
-    effects, parts = decide.effects_of(stage.coordinates, stage.only)
+    effects, parts = decide.effects_of(stage.coordinates, stage.only, stage.without)
     return decide.Problem(np.concatenate(differences), covariance, effects, parts, np.array(where), np.array(kinds, dtype=object),
                           _dof(next(iter(stage.spreads.values()))))
 

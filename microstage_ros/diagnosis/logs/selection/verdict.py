@@ -5,10 +5,10 @@ import math
 import numpy as np
 from scipy.stats import f as f_law
 
-from microstage_ros.diagnosis.logs.selection import decide
 from microstage_ros.diagnosis.logs.preprocessing import spread
+from microstage_ros.diagnosis.logs.selection import decide
 from microstage_ros.diagnosis.logs.selection.context import LogDiagnosis, healthy_table, hidden_effects
-from microstage_ros.diagnosis.logs.selection.effects import FOLLOWING, FORCED, SIGNATURES, separation
+from microstage_ros.diagnosis.logs.selection.effects import BEHIND, FOLLOWING, FORCED, SIGNATURES, separation
 from microstage_ros.diagnosis.logs.selection.sizes import parameters_of, widening
 from microstage_ros.diagnosis.logs.selection.stages import build, stages_of
 from microstage_ros.diagnosis.report.wording import sentence_of
@@ -21,14 +21,14 @@ FEW = 6                    # repetitions of the baseline below which thresholds 
 
 def answer(reduced, spreads, groups, context, notes, open_sign, seed):
     """`LogDiagnosis` of reduced channels: stages solved in order, the effort first, then what the error shows beside it."""
-    stages = stages_of(reduced, spreads)
+    stages = stages_of(reduced, spreads, BEHIND if context.position_at == "motor" else ())
     changed = False
     for stage in stages:
         if "error" in stage.coordinates:
             stage.largest = largest_in_error(context)
         if changed:
             stage.free = FORCED
-            stage.only = tuple(name for name in stage.only if name not in FOLLOWING)
+            stage.without += FOLLOWING
         said = stage.solve(open_sign)
         notes += [said] if said else []
         changed = changed or bool(stage.chosen) or stage.whole < decide.WHOLE
