@@ -2,7 +2,7 @@
 
     m dv/dt = u − F_friction(v, x, z) − F_const − k_s (x − x_mid) − F_ripple sin(2π n x / lead + φ)
 
-with one of four friction laws (Coulomb with Stribeck drop and viscosity; LuGre; Dahl; a power law of the speed), one of three
+the force u late by the lag of an amplifier where it has one, with one of four friction laws (Coulomb with Stribeck drop and viscosity; LuGre; Dahl; a power law of the speed), one of three
 controllers (P position with PI speed; PID; P position with P speed and friction feed-forward), one of four profiles (trapezoid,
 S-curve, sine, steps of random targets). It shares no code with `solver`, so that no figure rests on one simulator alone.
 """
@@ -29,12 +29,12 @@ def run(reference, dt, p, law, controller, noise_seed):
     x, v, z, integral = reference[0], 0.0, 0.0, 0.0
     out = np.zeros((n, 4))
     (m, level, stribeck, vs, viscous, asym, const, spring, middle, half, wave1, wave2, bump, bump_at, bump_width, ripple, order,
-     phase, ripple2, order2, lead, rise, kp, kv, ki, ff, gain, gap, delay, jitter_level, walk, quad) = (
+     phase, ripple2, order2, lead, rise, kp, kv, ki, ff, gain, gap, delay, jitter_level, walk, quad, lag, memory) = (
         p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8], p[9], p[10], p[11], p[12], p[13], p[14], p[15], p[16],
-        p[17], p[18], p[19], p[20], p[21], p[22], p[23], p[24], p[25], p[26], p[27], p[28], p[29], p[30], p[31])
+        p[17], p[18], p[19], p[20], p[21], p[22], p[23], p[24], p[25], p[26], p[27], p[28], p[29], p[30], p[31], p[32], p[33])
     stage, last_ref, rest, random_level, extra = x, reference[0], 0.0, 0.0, 0.0
     late = int(round(delay / dt))
-    previous = 0.0
+    previous, acting, slow = 0.0, 0.0, 0.0
     for k in range(n):
         r = reference[k]
         seen = r if late == 0 else reference[max(k - late, 0)]
@@ -53,6 +53,8 @@ def run(reference, dt, p, law, controller, noise_seed):
         else:
             s_ref = math.tanh(vr / max(vs, 1e-9))
             u = kv * (kp * e + vr - v) + ff * level * s_ref + ff * m * min(max(ar, -50.0), 50.0)
+        acting = u if lag <= 0.0 else acting + (u - acting) * dt / (lag + dt)
+        slow = v if memory <= 0.0 else slow + (v - slow) * dt / (memory + dt)
         w = (x - middle) / half
         profile = 1.0 + wave1 * math.cos(math.pi * (w + 1.0) * 0.5) + wave2 * math.sin(math.pi * w)
         profile += bump * math.exp(-0.5 * ((x - bump_at) / bump_width) ** 2)
@@ -65,20 +67,20 @@ def run(reference, dt, p, law, controller, noise_seed):
             rest = 0.0
         extra = rise * math.log10(1.0 + rest / 0.05)
         side = 1.0 + asym * (1.0 if v > 0 else -1.0)
-        top = level * profile * side * (1.0 + (stribeck + extra) * math.exp(-(v / vs) ** 2))
+        top = level * profile * side * (1.0 + (stribeck + extra) * math.exp(-(slow / vs) ** 2))
         if law == 1 or law == 2:
             stiff = level / 2e-5
             g = top if law == 1 else level * profile * side * (1.0 + extra * math.exp(-(v / vs) ** 2))
             zdot = v - abs(v) * stiff * z / max(g, 1e-9)
             z += zdot * dt
             z = min(max(z, -g / stiff), g / stiff)
-            friction = stiff * z + (2.0 * math.sqrt(stiff * m) * 0.3) * zdot * math.exp(-(v / vs) ** 2) + viscous * v
+            friction = stiff * z + (2.0 * math.sqrt(stiff * m) * 0.3) * zdot * math.exp(-(v / vs) ** 2) + viscous * slow
         elif law == 3:
             friction = top * math.tanh(v / (0.05 * vs)) + viscous * v * (abs(v) / (10.0 * vs) + 1e-9) ** -0.3
         else:
-            friction = top * math.tanh(v / (0.05 * vs)) + viscous * v
+            friction = top * math.tanh(v / (0.05 * vs)) + viscous * slow
         friction += quad * v * abs(v)
-        force = gain * u - const - spring * (x - middle)
+        force = gain * acting - const - spring * (x - middle)
         force -= ripple * math.sin(2 * math.pi * order * x / lead + phase) + ripple2 * math.sin(2 * math.pi * order2 * x / lead + 1.7 * phase)
         v_new = v + (force - friction) / m * dt
         if law == 0 or law == 3:

@@ -58,8 +58,13 @@ def run(cases, seed=1, kind="mixed", effect="", strength=1.0):
         found = result.diagnosis
         yield Outcome(number, tuple(map(str, case.truth)), case.signals, case.rate, case.runs, case.files, case.reassembled, found.verdict,
                       tuple(c.id for c in found.causes), tuple(r.ids for r in found.rivals),
-                      tuple(t for t in map(str, case.truth) if result.visibility.get(t, (False,))[0]), _covered(case, found),
+                      visible_truth(case, result), _covered(case, found),
                       time.monotonic() - began)
+
+
+def visible_truth(case, result):
+    """Hidden effects that the diagnosis holds visible in these signals, and that this machine's signals carry at all."""
+    return tuple(t for t in map(str, case.truth) if result.visibility.get(t, (False,))[0] and t not in case.absent)
 
 
 def _covered(case, found):

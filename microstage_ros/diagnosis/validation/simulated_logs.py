@@ -15,7 +15,10 @@ from microstage_ros.records.logs.log import Log
 #: effect → (parameters drawn, how); sizes relative to the friction level F unless the name says otherwise.
 EFFECTS = ("friction_level_change", "viscous_change", "direction_asymmetry", "gravity_tilt", "cable_spring",
            "position_dependent_friction", "torque_ripple", "payload_change", "rising_static_friction", "backlash", "transport_delay",
-           "floor_vibration", "amplifier_gain", "scale_error", "nonlinear_viscous")
+           "floor_vibration", "amplifier_gain", "scale_error", "nonlinear_viscous", "drive_compliance", "screw_pitch_error", "actuator_lag",
+           "presliding_creep", "sampling_jitter", "amplifier_offset", "amplifier_deadband", "resistance_rise", "frictional_lag", "encoder_sde",
+           "thermal_drift", "refractive_index")
+PRESENT = 0.05             # of the friction level
 #: Sets of signals: names of what is logged, and whether the effort has its sign.
 SIGNALS = {
     "reference position current": (("reference", "position", "current"), True),
@@ -24,6 +27,8 @@ SIGNALS = {
     "speed torque": (("velocity", "torque"), True),
     "position current": (("position", "current"), True),
     "position |current|": (("position", "current"), False),
+    "position current voltage": (("position", "current", "voltage"), True),
+    "reference position voltage": (("reference", "position", "voltage"), True),
 }
 
 
@@ -45,7 +50,7 @@ class Machine:
         """Parameters in the order of `foreign_machine.run`."""
         names = ("m", "level", "stribeck", "vs", "viscous", "asym", "const", "spring", "middle", "half", "wave1", "wave2", "bump", "bump_at",
                  "bump_width", "ripple", "order", "phase", "ripple2", "order2", "lead", "rise", "kp", "kv", "ki", "ff", "gain", "gap",
-                 "delay", "jitter_level", "walk", "quad")
+                 "delay", "jitter_level", "walk", "quad", "lag", "memory")
         return np.array([float(self.values[name]) for name in names])
 
     def changed(self, **changes):
@@ -55,7 +60,10 @@ class Machine:
 
 @dataclasses.dataclass(frozen=True)
 class LogCase:
-    """One drawn case: the logs, what LOG.yaml says, and the truth."""
+    """One drawn case: the logs, what LOG.yaml says, and the truth.
+
+    ``absent``: effects that move no signal of this machine by more than `PRESENT` (a break-away that presliding swallows).
+    """
 
     number: int
     truth: tuple
@@ -70,6 +78,7 @@ class LogCase:
     now: tuple
     description: object
     effort_factor: float = 1.0
+    absent: tuple = ()
 
 
 def draw_machine(rng):
@@ -89,7 +98,7 @@ def draw_machine(rng):
               "bump_at": 0.5 * stroke, "bump_width": 0.05 * stroke, "ripple": level * rng.uniform(0.0, 0.08), "order": float(rng.choice([1, 2, 4, 7])),
               "phase": rng.uniform(0, 6.28), "ripple2": level * rng.uniform(0.0, 0.04), "order2": 1.0, "lead": lead, "rise": 0.0,
               "kp": bandwidth / 6.0, "kv": m * bandwidth, "ki": bandwidth / 8.0, "ff": rng.uniform(0.7, 1.0), "gain": 1.0, "gap": 0.0,
-              "delay": 0.0, "jitter_level": 0.0, "walk": rng.uniform(0.0, 0.03), "quad": 0.0}
+              "delay": 0.0, "jitter_level": 0.0, "walk": rng.uniform(0.0, 0.03), "quad": 0.0, "lag": 0.0, "memory": 0.0}
     return Machine(str(rng.choice(machines.LAWS)), controller, profile, values, 0.0, stroke, top, sharp, rng.uniform(0.2, 1.5))
 
 
@@ -147,8 +156,42 @@ def with_effect(machine, effect, rng, strength=1.0):
         return machine.changed(gain=factor), {"factor": 1.0 / factor}, {}
     if effect == "floor_vibration":
         return machine, {}, {"vibration": k * rng.uniform(3.0, 10.0)}
-    relative = sign * k * rng.uniform(0.002, 0.01)
-    return machine, {"relative": relative}, {"scale": relative}
+    if effect == "scale_error":
+        relative = sign * k * rng.uniform(0.002, 0.01)
+        return machine, {"relative": relative}, {"scale": relative}
+    return _in_the_loop(machine, effect, rng, k) or _in_the_readings(machine, effect, rng, k, sign)
+
+
+def _in_the_loop(machine, effect, rng, k):
+    """Effects that only some loops and samplings show."""
+    if effect == "actuator_lag":
+        return machine.changed(lag=k * rng.uniform(0.15, 0.5) * machine.values["m"] / machine.values["kv"]), {}, {}
+    if effect == "frictional_lag":
+        return machine.changed(memory=k * rng.uniform(0.01, 0.05)), {}, {}
+    return None
+
+
+def _in_the_readings(machine, effect, rng, k, sign):
+    """Effects behind the motor's encoder, in the amplifier behind its force loop, and in what is read and when."""
+    size = k * rng.uniform(0.0005, 0.003) * machine.high
+    if effect == "drive_compliance":
+        return machine, {}, {"softness": k * rng.uniform(0.001, 0.005) * machine.high / machine.values["level"]}
+    if effect == "screw_pitch_error":
+        return machine, {"amplitude_m": size}, {"pitch": size, "pitch_phase": rng.uniform(0.0, 6.28)}
+    if effect == "presliding_creep":
+        return machine, {"amplitude_m": size}, {"creep": size}
+    if effect == "sampling_jitter":
+        return machine, {}, {"jitter": k * rng.uniform(0.1, 0.4)}
+    if effect == "encoder_sde":
+        return machine, {}, {"sde": k * rng.uniform(0.05e-6, 0.3e-6)}
+    share = k * rng.uniform(0.1, 0.4)
+    if effect == "amplifier_offset":
+        return machine, {"offset_V": sign * share}, {"offset": sign * share}
+    if effect == "amplifier_deadband":
+        return machine, {"half_width_V": share}, {"dead": share}
+    if effect == "resistance_rise":
+        return machine, {"initial": share}, {"warm": share}
+    return machine, {}, {}          # thermal_drift, refractive_index: a loop closed on its own reading shows nothing
 
 
 def draw_case(number, seed, kind="mixed", effect="", signals="", strength=1.0):
@@ -163,9 +206,11 @@ def draw_case(number, seed, kind="mixed", effect="", signals="", strength=1.0):
     runs, files = int(rng.choice([3, 5, 8, 15])), int(rng.choice([1, 1, 2, 4]))
     apart = bool(rng.uniform() < 0.5)
     degrade = _degrade(rng, machine, name, rate)
-    sizes, extra, faulty = {}, {}, reassembled(machine, rng) if apart else machine
+    sizes, extra, faulty, absent = {}, {}, reassembled(machine, rng) if apart else machine, []
     for one in truth:
+        before = faulty
         faulty, size, more = with_effect(faulty, one, rng, strength)
+        absent += [str(one)] if not more and not _moves(before, faulty, degrade) else []
         sizes[one] = size
         extra |= more
     cycles = 2 if machine.profile != "random" else 3
@@ -175,9 +220,22 @@ def draw_case(number, seed, kind="mixed", effect="", signals="", strength=1.0):
         baseline.append(_file(state, max(runs // files, 2), cycles, rng, degrade, {}, f"baseline_{k}"))
     now = [_file(faulty, int(rng.choice([1, 3, 5])), cycles, rng, degrade, extra, "now")]
     description = description_of({"time": {"column": "t", "unit": "s"}, **{
-        q: {"column": q, "unit": {"current": "A", "torque": "N m", "velocity": "m/s"}.get(q, "m"), **({} if degrade["signed"] or q != "current" else {"signed": False})}
+        q: {"column": q, "unit": {"current": "A", "torque": "N m", "velocity": "m/s", "voltage": "V"}.get(q, "m"), **({} if degrade["signed"] or q != "current" else {"signed": False})}
         for q in SIGNALS[name][0]}, "run": ["run"], "position_at": "load" if degrade["load_side"] else "motor", "lead": {"value": machine.values["lead"], "unit": "m"}}, f"case {number}")
-    return LogCase(number, truth, sizes, name, rate, runs, files, apart, machine, tuple(baseline), tuple(now), description, degrade["gain"])
+    return LogCase(number, truth, sizes, name, rate, runs, files, apart, machine, tuple(baseline), tuple(now), description, degrade["gain"], tuple(absent))
+
+
+def _moves(before, after, degrade):
+    """Whether a change of the machine moves what is logged: effort by `PRESENT` of the level, place by its noise, all else alike."""
+    step, outs = max(int(round(1.0 / degrade["rate"] / machines.DT)), 1), []
+    for machine in (before, after):
+        rng = np.random.default_rng(7)
+        reference = machines.reference_of(machine.profile, machine.low, machine.high, machine.top, machine.sharp, machine.dwell, 2, rng)
+        out = machines.run(reference, machines.DT, machine.vector(), machines.LAWS.index(machine.law), machines.CONTROLLERS.index(machine.controller), 3)
+        window = max(step // 2, 1)
+        outs.append((np.convolve(out[:, 2], np.ones(window) / window, mode="same")[::step], out[::step, 3 if degrade["load_side"] else 0]))
+    effort, place = (float(np.abs(b - a).max()) for a, b in zip(*outs))
+    return effort > PRESENT * before.values["level"] or place > degrade["place_noise"]
 
 
 def _degrade(rng, machine, name, rate):
@@ -186,7 +244,7 @@ def _degrade(rng, machine, name, rate):
     return {"names": SIGNALS[name][0], "signed": SIGNALS[name][1], "rate": rate, "gain": 10 ** rng.uniform(-1.5, 0.5) / level,
             "noise": rng.uniform(0.01, 0.08) * level, "quantum": rng.choice([0.0, 0.01, 0.03]) * level,
             "place_noise": machine.high * 10 ** rng.uniform(-5.0, -3.7), "run": rng.uniform(0.003, 0.015), "load_side": bool(rng.uniform() < 0.5),
-            "temperature": rng.uniform(0.0, 0.02)}
+            "temperature": rng.uniform(0.0, 0.02), "ohmic": rng.uniform(0.4, 1.0)}
 
 
 def _file(machine, runs, cycles, rng, degrade, extra, source):
@@ -203,23 +261,60 @@ def _file(machine, runs, cycles, rng, degrade, extra, source):
         effort = np.convolve(out[:, 2], np.ones(window) / window, mode="same")[rows]
         effort = effort + rng.normal(0, degrade["noise"], len(rows))
         place = out[rows, 3] if degrade["load_side"] else out[rows, 0]
-        if "vibration" in extra:
-            place = place + extra["vibration"] * degrade["place_noise"] * np.sin(2 * np.pi * 0.31 * degrade["rate"] * rows * machines.DT)
-        if "scale" in extra:
-            place = place + extra["scale"] * (place - machine.values["middle"])
+        place = _read(place, out, reference, rows, machine, degrade, extra, rng)
         place = place + rng.normal(0, degrade["place_noise"], len(rows))
         if degrade["quantum"]:
             effort = np.round(effort / degrade["quantum"]) * degrade["quantum"]
         parts.append((rows * machines.DT, reference[rows], place, out[rows, 1] + rng.normal(0, 0.005 * machine.top, len(rows)), effort * degrade["gain"],
-                      np.full(len(rows), run)))
-    time, reference, place, speed, effort, run = (np.concatenate(c) for c in zip(*parts))
+                      np.full(len(rows), run), effort))
+    time, reference, place, speed, effort, run, force = (np.concatenate(c) for c in zip(*parts))
     every = {"reference": reference, "position": place, "following_error": reference - place, "velocity": speed,
-             "current": effort if degrade["signed"] else np.abs(effort), "torque": effort}
+             "current": effort if degrade["signed"] else np.abs(effort), "torque": effort, "voltage": _voltage(machine, force, speed, degrade, extra, rng)}
+    if "voltage" in degrade["names"]:
+        every["current"] = effort * machine.values["gain"]      # behind the amplifier: what flows, not what was asked for
     signals = {name: every[name] for name in degrade["names"]}
     if "following_error" in signals and "position" not in signals:
         signals["position"] = signals["reference"] - signals["following_error"]
     if {"reference", "position"} <= set(signals) and "following_error" not in signals:
         signals["following_error"] = signals["reference"] - signals["position"]
-    kind = next((n for n in ("torque", "current") if n in signals), "")
+    kind = next((n for n in ("torque", "current", "voltage") if n in signals), "")
     return Log(source, time, signals, run.copy(), run, np.zeros(len(time), int), [(float(r),) for r in range(runs)], [()], None, "m", kind,
-               {"torque": "N m", "current": "A"}.get(kind, ""), degrade["signed"], {"lead": machine.values["lead"]}, [], step * machines.DT)
+               {"torque": "N m", "current": "A", "voltage": "V"}.get(kind, ""), degrade["signed"], {"lead": machine.values["lead"]}, [], step * machines.DT)
+
+
+def _read(place, out, reference, rows, machine, degrade, extra, rng):
+    """The position as the log has it at ``rows``: with what lies between motor and stage, and with errors of the reading."""
+    values = machine.values
+    if "vibration" in extra:
+        place = place + extra["vibration"] * degrade["place_noise"] * np.sin(2 * np.pi * 0.31 * degrade["rate"] * rows * machines.DT)
+    if "scale" in extra:
+        place = place + extra["scale"] * (place - values["middle"])
+    if "jitter" in extra:
+        late = rng.normal(0, extra["jitter"] / degrade["rate"], len(rows))
+        place = place + late * out[rows, 1]
+    if "sde" in extra:
+        place = place + extra["sde"] * np.sin(2 * np.pi * place / 20e-6)
+    if not degrade["load_side"]:
+        return place
+    if "softness" in extra:
+        place = place - extra["softness"] * out[rows, 2]
+    if "pitch" in extra:
+        place = place + extra["pitch"] * np.sin(2 * np.pi * place / values["lead"] + extra["pitch_phase"])
+    if "creep" in extra:
+        moving = np.abs(np.gradient(reference, machines.DT)) > 1e-3 * machine.top
+        index = np.arange(len(reference))
+        last = np.maximum.accumulate(np.where(moving, index, 0))
+        way = np.sign(reference[last] - reference[np.maximum(last - 20, 0)])
+        place = place + (extra["creep"] * way * np.log1p((index - last) * machines.DT / 0.05))[rows]
+    return place
+
+
+def _voltage(machine, force, speed, degrade, extra, rng):
+    """Voltage of the amplifier behind a force of the motor: 1 V of resistance and of back-EMF together at the friction level and top speed.
+
+    u = (R i + K v) / gain + offset + dead zone sgn i, the force loop being faster than the log; one volt is the usual level.
+    """
+    ohmic = degrade["ohmic"] * force / machine.values["level"] * machine.values["gain"]
+    induced = (1.0 - degrade["ohmic"]) * speed / machine.top
+    out = (ohmic * (1.0 + extra.get("warm", 0.0)) + induced) / machine.values["gain"] + extra.get("offset", 0.0) + extra.get("dead", 0.0) * np.sign(ohmic)
+    return out + rng.normal(0, 0.003, len(force))

@@ -7,6 +7,7 @@ from microstage_ros.diagnosis.logs.preprocessing.motion import STATES, STILL
 START = STATES.index("start")
 AROUND_S = 0.05         # s, before and after the beginning of motion, in which the peak is looked for
 SMOOTH_S = 0.004        # s, mean over which the peak is taken: single samples are noise
+MOST_STARTS = 60        # of a log, that an effect's trace is taken at
 DWELL_S = 0.05          # s, at which rising static friction begins to grow (default of the effect)
 
 
@@ -28,6 +29,29 @@ def breakaways(rows, own, values, signed):
 
     ``own`` (n,) rows of one repetition; ``values`` (n,) the channel relative to its scale; ``signed``: whether it turns with the motion.
     """
+    found = {}
+    for key, entries in _peaks(rows, own, values, signed).items():
+        found[key] = tuple(np.mean(entries, axis=0))
+    return found
+
+
+def trace(rows, columns, scale, signed):
+    """{(condition, "breakaway", direction): (k,)}: what columns (n, k) of an effect put into the peak over the mean of the start.
+
+    Taken as the column where motion begins less its mean over the start, relative to ``scale`` (n,); magnitudes are turned already.
+    """
+    m, out = rows.motion, {}
+    for k in starts_of(m)[:MOST_STARTS]:
+        stop = k + int(np.argmax(np.append(m.state[k:k + 100_000] != START, True)))
+        if stop == k:
+            continue
+        part = (columns[k] - columns[k:stop].mean(axis=0)) * (m.direction[k] if signed else 1.0) / scale[k]
+        out.setdefault((int(rows.condition[k]), "breakaway", int(m.direction[k])), []).append(part)
+    return {key: np.mean(parts, axis=0) for key, parts in out.items()}
+
+
+def _peaks(rows, own, values, signed):
+    """{key: list of (peak, decades)} over the starts of one repetition."""
     m, period = rows.motion, rows.log.period
     reach, width = max(2, int(round(AROUND_S / period))), max(1, int(round(SMOOTH_S / period)))
     gathered = {}
@@ -46,4 +70,4 @@ def breakaways(rows, own, values, signed):
         decades = np.log10(1.0 + m.dwell[k] / DWELL_S) * resolved(m, period)
         key = (int(rows.condition[k]), "breakaway", int(m.direction[k]))
         gathered.setdefault(key, []).append((float(smooth.max() - start.mean()), decades))
-    return {key: tuple(np.mean(entries, axis=0)) for key, entries in gathered.items()}
+    return gathered

@@ -139,9 +139,9 @@ def base_columns(channel, rows):
 
 
 def high_pass(values, memory, period):
-    """First-order high-pass of a signal: what a loop with an integrator of time constant ``memory`` [s] leaves of it."""
+    """First-order high-pass of a signal, settled at its first value: what an integrator of time constant ``memory`` [s] leaves of it."""
     share = memory / (memory + period)
-    return lfilter([share, -share], [1.0, -share], values)
+    return lfilter([share, -share], [1.0, -share], values - values[0])
 
 
 def low_pass(values, lag, period):

@@ -9,7 +9,7 @@ import dataclasses
 
 import numpy as np
 
-from microstage_ros.diagnosis.logs.preprocessing.breakaway import breakaways
+from microstage_ros.diagnosis.logs.preprocessing.breakaway import breakaways, trace
 from microstage_ros.diagnosis.logs.preprocessing.motion import STATES
 
 PLACES = (12, 6, 3, 1)      # parts of the stroke that are tried, the finest that the logs fill
@@ -119,7 +119,7 @@ def reduce(channel, baseline, now, cells, places, stroke, top, columns_of, turn)
     """`Coordinates` of one channel; ``columns_of(channel, rows)`` → {name: (n, k)} of effects in the channel's unit."""
     sides, spectra = [], []
     sums, weights = {}, np.zeros(len(cells))
-    shifted, decades, fluctuations = [], {}, {}
+    shifted, decades, fluctuations, traces = [], {}, {}, {}
     for side in (baseline, now):
         vectors, groups, extras, counts = [], [], [], []
         for rows in side:
@@ -135,6 +135,7 @@ def reduce(channel, baseline, now, cells, places, stroke, top, columns_of, turn)
                 for name, columns in columns_of(channel, rows).items():
                     part = np.stack([np.bincount(slot[good], c[good] / scale[good], len(cells)) for c in columns.T], axis=1)
                     sums[name] = sums.get(name, 0.0) + part
+                    traces.setdefault(name, []).append(trace(rows, columns, scale, channel.signed))
                 weights += np.bincount(slot[good], minlength=len(cells))
             for number in np.unique(rows.repetition):
                 own = good & (rows.repetition == number)
@@ -154,7 +155,7 @@ def reduce(channel, baseline, now, cells, places, stroke, top, columns_of, turn)
                 if rows.log.shift is not None and channel.name == "effort":
                     shifted.append(_shift_columns(rows, own, slot, len(cells)))
         sides.append((np.array(vectors), np.array(groups), _aligned(extras), np.array(counts)))
-    return _assembled(channel, cells, sides, sums, weights, shifted, spectra, decades, _growth(fluctuations))
+    return _assembled(channel, cells, sides, sums, weights, shifted, spectra, (decades, traces), _growth(fluctuations))
 
 
 def _amplitudes(rows, own, left, slot, mean, turn):
@@ -237,14 +238,15 @@ def _shift_columns(rows, own, slot, size):
     return np.stack([np.bincount(slot[own], classes == c, size) / np.maximum(count, 1) for c in np.unique(classes)], axis=1)
 
 
-def _assembled(channel, cells, sides, sums, weights, shifted, spectra, decades, growth):
+def _assembled(channel, cells, sides, sums, weights, shifted, spectra, starts, growth):
     (base, groups_base, extra_base, counts), (now, groups_now, extra_now, _) = sides
     common = [key for key in extra_base[0] if key in extra_now[0]]
     pick = lambda extra: extra[1][:, [extra[0].index(key) for key in common]] if common else np.zeros((len(extra[1]), 0))
     condition, state, direction, _, place = unpack(cells)
     kinds = np.array([*(STATES[s] for s in state), *(key[1] for key in common)], dtype=object)
     basis = np.hstack([_range_of(shifted, condition == code) for code in np.unique(condition)] or [np.zeros((len(cells), 0))])
-    columns = {name: np.concatenate([total / np.maximum(weights, 1)[:, None], np.zeros((len(common), total.shape[1]))])
+    decades, traces = starts
+    columns = {name: np.concatenate([total / np.maximum(weights, 1)[:, None], _at_starts(traces[name], common, total.shape[1])])
                for name, total in sums.items()}
     columns["breakaway"] = np.concatenate([np.zeros(len(cells)), [np.mean(decades.get(key, [0.0])) for key in common]])[:, None]
     return Coordinates(
@@ -253,6 +255,16 @@ def _assembled(channel, cells, sides, sums, weights, shifted, spectra, decades, 
         np.array([*place, *([0] * len(common))], int), columns, np.concatenate([counts.mean(axis=0), np.full(len(common), np.nan)]),
         np.concatenate([basis, np.zeros((len(common), basis.shape[1]))]), _mean_spectrum(spectra),
         np.concatenate([growth / np.maximum(counts.mean(axis=0), 1.0), np.zeros(len(common))]))
+
+
+def _at_starts(traces, keys, width):
+    """Columns of an effect at the coordinates of amplitudes, (len(keys), width): zero but for break-aways."""
+    out = np.zeros((len(keys), width))
+    for k, key in enumerate(keys):
+        met = [trace[key] for trace in traces if key in trace]
+        if met:
+            out[k] = np.mean(met, axis=0)
+    return out
 
 
 def _range_of(shifted, own):

@@ -32,6 +32,7 @@ MODES = {
 }
 #: A mode of its own per cell at rest: what friction holds there is open, a magnitude at rest less so.
 REST = {"effort": (0.10, 0.20), "magnitude": (0.03, 0.08), "error": (0.02, 0.04), "voltage": (0.05, 0.05)}
+HOLD = (0.03, 0.15)       # of the error's rms: where within its friction an axis comes to rest
 AMPLITUDE = {"ripple": (0.003, 0.010, 0.10, 0.25), "ripple high": (0.003, 0.010, 0.10, 0.20), "rough": (0.06, 0.25, 0.0, 0.0),
              "breakaway": (0.02, 0.05, 0.05, 0.15)}
 PATTERN = 0.012           # of the scale: what assembly changes in single cells beyond the modes
@@ -150,6 +151,13 @@ def _modes(coordinates):
         names.append(kind)
         repetition.append(sigma[0])
         assembly.append(sigma[1])
+    for direction in np.unique(coordinates.direction) if channel == "error" else ():
+        held = np.isin(coordinates.kind.astype(str), ("rest", "settled")) & (coordinates.direction == direction)
+        if held.any():
+            columns.append(held.astype(float))
+            names.append("hold")
+            repetition.append(HOLD[0])
+            assembly.append(HOLD[1])
     return np.array(columns).T.reshape(size, len(columns)), names, np.array(repetition), np.array(assembly)
 
 

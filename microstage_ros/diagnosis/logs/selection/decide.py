@@ -29,14 +29,21 @@ LARGEST = {"level": 0.6, "viscous": 0.8, "quadratic": 0.8, "moving": 0.5, "const
            "breakaway": 0.6, **{f"{name} in error": 0.8 for name in ("friction", "viscous", "quadratic", "asymmetry", "constant", "spring", "waves", "inertia")},
            "lost motion": 3.0, "speed": 3.0, "acceleration": 3.0, "place": 2.0, "creep": 1.0, "gain": 0.6, "load": 3.0,
            "dead zone": 0.8, "resistive": 0.8, "ripple": 0.6, "ripple high": 0.6, "rough": 1.8}
-POSITIVE = {"torque_ripple+", "backlash", "rising_static_friction", "presliding_creep", "floor_vibration", "sampling_jitter", "screw_pitch_error",
+POSITIVE = {"torque_ripple+", "backlash", "rising_static_friction", "floor_vibration", "sampling_jitter", "screw_pitch_error",
             "amplifier_deadband", "transport_delay", "actuator_lag"}
+NEGATIVE = {"presliding_creep"}      # on in the direction of motion, which lessens the error
 #: Wider forms of an effect: friction that differs in one place; friction that a loop without integrator shows at rest too.
 LOCAL = {"position_dependent_friction": ("bumps",), "friction_level_change": ("friction in error", "lost motion")}
-FAMILY = ({"friction_level_change", "viscous_change", "nonlinear_viscous", "amplifier_gain"}, {"gravity_tilt", "direction_asymmetry"},
-          {"backlash", "friction_level_change", "drive_compliance", "transport_delay"})
+FAMILY = ({"friction_level_change", "viscous_change", "nonlinear_viscous", "amplifier_gain", "amplifier_deadband", "resistance_rise"},
+          {"cable_spring", "payload_change"}, {"gravity_tilt", "direction_asymmetry"},
+          {"amplifier_gain", "payload_change"}, {"backlash", "friction_level_change", "drive_compliance", "transport_delay"})
 WIDER_FORM = 2.0           # log odds against a wider form of an effect
 FAMILY_RIVAL = 6.0         # the margin within a family, whose forms are the least exact
+#: What a cause brings with it, and is no further cause: fluctuations beside ripple.
+BRINGS = {"torque_ripple": ("sampling_jitter", "floor_vibration", "screw_pitch_error")}
+MOST_RIVALS = 6
+MISSED = 0.1               # share of effects of the detectable size that go unseen (ISO 11843: capability of detection)
+ORDERLESS = 0.7            # largest log roughness told as visible for a ripple that the sampling does not resolve
 #: Effects that hold another one as a special case and so always fit as well: no rivals of it.
 WIDER = {"friction_level_change": ("position_dependent_friction",), "cable_spring": (), "viscous_change": ("nonlinear_viscous",)}
 
@@ -197,8 +204,10 @@ def candidates(problem, visible):
     return found
 
 
-def choose(problem, visible, open_sign=False):
+def choose(problem, visible, open_sign=False, possible=None, also=None):
     """Causes, the strongest first, each with its rivals. ``visible``: ids that these signals can show.
+
+    ``possible``: ids that may be rivals, though only unusual sizes of them would be seen; ``also``: further rivals by name.
 
     The first cause is tried with each of the `BEAM` most significant effects; of the sets that follow, the one that takes most
     with fewest causes is kept, so that two effects which make up for each other's misfit do not replace a single true one.
@@ -211,13 +220,14 @@ def choose(problem, visible, open_sign=False):
         beside = [c.name for c in chosen if c is not choice]
         own = problem.log_p(choice.name, beside) + RARER.get(plain(choice.name), 0.0)
         wider = WIDER.get(plain(choice.name), ())
-        found = {}
-        for value, name in _tried(problem, forms, beside, {plain(b) for b in beside}):
+        found, also = {}, also or {}
+        for value, name in _tried(problem, candidates(problem, possible or visible), beside, {plain(b) for b in beside}):
             if plain(name) != plain(choice.name) and plain(name) not in wider and value < own + _margin(name, choice.name) and value < 0.5 * LEVEL:
                 found.setdefault(plain(name), value)
-        choice.rivals = list(found)[:4]
+        choice.rivals = list(found)[:MOST_RIVALS]
         choice.log_p = own
-        choice.rivals += [name for name in ALSO.get(choice.name, ALSO.get(plain(choice.name), ())) if name not in choice.rivals and name not in [plain(b) for b in beside]]
+        choice.rivals += [name for name in (*ALSO.get(choice.name, ALSO.get(plain(choice.name), ())), *also.get(plain(choice.name), ()))
+                          if name not in choice.rivals and name not in [plain(b) for b in beside]]
         if open_sign:
             swap = {"friction_level_change": "gravity_tilt", "gravity_tilt": "friction_level_change"}.get(plain(choice.name))
             if swap and swap not in choice.rivals and swap not in [plain(b) for b in beside]:
@@ -269,8 +279,9 @@ def _worth(problem, chosen):
 def _tried(problem, forms, beside, taken):
     """(log p, form) of every acceptable effect beside these, the most significant first."""
     out = []
+    brought = {one for cause in taken for one in BRINGS.get(cause, ())}
     for name in forms:
-        if plain(name) in taken:
+        if plain(name) in taken or plain(name) in brought:
             continue
         value = problem.log_p(name, beside)
         if acceptable(problem, name, beside):
@@ -280,10 +291,10 @@ def _tried(problem, forms, beside, taken):
 
 def acceptable(problem, name, beside):
     """Whether the fitted size has a sense: some effects only grow."""
-    if plain(name) not in POSITIVE and name not in POSITIVE:
+    if plain(name) not in POSITIVE and name not in POSITIVE and plain(name) not in NEGATIVE:
         return True
     sizes = problem.taken([*beside, name])[1]
-    return bool(sizes[-problem.white[name].shape[1]] > 0.0)
+    return bool(sizes[-problem.white[name].shape[1]] * (-1.0 if plain(name) in NEGATIVE else 1.0) > 0.0)
 
 
 def _backward(problem, chosen):
@@ -299,17 +310,20 @@ def _backward(problem, chosen):
 def visibility(problem, largest_of=None):
     """{id: (visible, smallest detectable size, column name, largest usual size)} of every effect that has columns.
 
-    ``largest_of``: usual sizes by column beyond those of `LARGEST`, where a quantity of another kind bounds them.
+    The size is that which is found nine times of ten. ``largest_of``: usual sizes by column in place of those of `LARGEST`, where a
+    quantity of another kind bounds them.
     """
     out = {}
     for name, white in problem.white.items():
         if name.endswith("+"):
             continue
         info = float(np.max((white**2).sum(axis=0)))
-        size = float(t_law.isf(0.5 * np.exp(LEVEL), problem.dof)) / np.sqrt(max(info, 1e-300))
+        size = float(t_law.isf(0.5 * np.exp(LEVEL), problem.dof) + t_law.isf(MISSED, problem.dof)) / np.sqrt(max(info, 1e-300))
         size *= np.sqrt(max(problem.inflation.get(name, 1.0), 1.0))
         part = problem.parts[name][0]
-        largest = max(LARGEST.get(part, 0.8), (largest_of or {}).get(part, 0.0))
+        largest = (largest_of or {}).get(part, LARGEST.get(part, 0.8))
+        if name == "torque_ripple" and "ripple high" not in problem.parts[name]:
+            largest = ORDERLESS if part == "rough" else 0.0       # fewer than ten rows per turn: most cogging is of higher order
         out[name] = (bool(size < largest), size, part, largest)
     return out
 

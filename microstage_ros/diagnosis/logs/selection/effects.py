@@ -77,6 +77,12 @@ SEPARATE = {
     frozenset(("friction_level_change", "amplifier_gain")): "the same move at twice the acceleration: a gain scales inertia and friction alike",
     frozenset(("payload_change", "rising_static_friction")): "the same move after dwells of 0.1 s, 1 s and 10 s: mass does not know the dwell",
     frozenset(("torque_ripple", "rising_static_friction")): "the same move after dwells of 0.1 s, 1 s and 10 s: ripple does not know the dwell",
+    frozenset(("torque_ripple", "screw_pitch_error")): "set point, motor current and the motor's own position together: a force shows in the current, an "
+                                                     "uneven lead in the difference of the positions",
+    frozenset(("payload_change", "drive_compliance")): "the set point, or the motor's own position beside the load's",
+    frozenset(("payload_change", "backlash")): "the set point, or the motor's own position beside the load's",
+    frozenset(("payload_change", "cable_spring")): "the same stroke at half the speed: inertia needs a quarter, a spring as much as before",
+    frozenset(("friction_level_change", "amplifier_deadband")): "the motor's current beside its voltage",
     frozenset(("torque_ripple", "floor_vibration")): "a log of ten rows or more per turn, and some seconds at rest with the motor off: what ripples with "
                                                    "the turn stops with it, what comes from outside does not",
     frozenset(("backlash", "friction_level_change")): "the drive's current: friction needs more of it, lost motion does not",
@@ -93,6 +99,9 @@ FOLLOWING = ("backlash", "floor_vibration", "drive_compliance", "sampling_jitter
 #: What a trace in the error beside an unchanged effort may as well be, although the effort does not prove it.
 ALSO = {"torque_ripple+": ("floor_vibration",), "actuator_lag": ("payload_change",), "drive_compliance": ("backlash",), "presliding_creep": ("backlash",),
         "rising_static_friction": ("torque_ripple",)}
+#: The same where no effort is logged, and where the motion itself is known from the reading alone.
+WITHOUT_EFFORT = {"torque_ripple": ("screw_pitch_error",), "screw_pitch_error": ("torque_ripple",)}
+FROM_READING = {"payload_change": ("drive_compliance", "backlash"), "torque_ripple": ("screw_pitch_error", "sampling_jitter")}
 #: How much rarer than the commonest causes an effect is taken to be, as log odds: what decides between names that fit alike.
 #: An opinion, not a measurement: frequencies of causes differ between shops.
 RARER = {"viscous_change": 1.0, "nonlinear_viscous": 1.5, "amplifier_gain": 2.0, "cable_spring": 1.0, "presliding_creep": 2.0, "actuator_lag": 2.0,
@@ -168,10 +177,11 @@ def columns_of(stroke, turn=0.0):
                 forces["spring"] = 2.0 * u - 1.0
             for name, force in forces.items():
                 found[f"{name} in error"] = through_loop(channel, rows, force)[:, None]
+            found["constant in error"] *= moving[:, None]       # at rest friction may hold it
             if m.absolute:
                 found["waves in error"] = np.stack([through_loop(channel, rows, s * np.cos(np.pi * k * u)) for k in range(1, WAVES + 1)], axis=1)
             found["lost motion"] = (scale * m.last)[:, None]
-            found["speed"] = (scale * m.speed / top)[:, None]
+            found["speed"] = (scale * m.speed / top * moving)[:, None]
             found["acceleration"] = (scale * m.acceleration / sharp)[:, None]
             found["creep"] = (scale * still * m.last * np.log1p(m.since / DWELL))[:, None]
             found["load"] = (scale * (s + m.acceleration / sharp))[:, None]

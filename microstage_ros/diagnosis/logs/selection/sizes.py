@@ -85,7 +85,7 @@ def parameters_of(name, parts, beta, covariance, context, shown):
     if name in ("floor_vibration", "sampling_jitter"):
         return {"roughness_factor": Parameter(math.exp(b), math.exp(b) * s, "1")}
     if name == "presliding_creep":
-        return {"amplitude_m": Parameter(b * scale, s * scale, unit)}
+        return {"amplitude_m": Parameter(-b * scale, s * scale, unit)}       # on in the direction of motion lessens the error
     return {"relative_change": Parameter(b, s, "1")}
 
 

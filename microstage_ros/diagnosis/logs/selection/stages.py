@@ -9,6 +9,7 @@ from microstage_ros.diagnosis.logs.preprocessing import spread
 from microstage_ros.diagnosis.logs.preprocessing.coordinates import FREE
 from microstage_ros.diagnosis.logs.selection.effects import SIGNATURES
 
+UNUSUAL = 4.0              # times the usual largest size, up to which an effect counts as a rival
 PEAK = 2.0                 # standard deviations by which the largest of some twenty samples exceeds their mean
 TELLING = 0.1              # of the information on an effect that a repetition left out must have to judge its spread
 PRIOR_LOO = 4.0            # weight, in repetitions, of "the spread is as learned" against the repetitions left out
@@ -22,7 +23,7 @@ MOST_LEFT_OUT = 30         # repetitions that are left out in turn
 class Stage:
     """One problem with its answer: the drive's effort (and voltage), or the following error.
 
-    ``coordinates``, ``spreads``: {channel: …}; ``only``: ids that are looked for here, None for all; ``without``: ids that are not; ``free``: names of columns that
+    ``coordinates``, ``spreads``: {channel: …}; ``only``: ids that are looked for here, None for all; ``without``: ids that are not; ``also``: rivals by nature of these signals; ``free``: names of columns that
     the error may follow without a cause of its own; ``largest``: usual sizes by column (`decide.visibility`).
     """
 
@@ -30,6 +31,7 @@ class Stage:
     spreads: dict
     only: tuple = None
     without: tuple = ()
+    also: dict = dataclasses.field(default_factory=dict)
     free: tuple = ()
     largest: dict = dataclasses.field(default_factory=dict)
     problem: object = None
@@ -47,7 +49,8 @@ class Stage:
         quiet.inflation = self.problem.inflation
         self.seen = decide.visibility(quiet, self.largest)
         visible = {name for name, entry in self.seen.items() if entry[0]}
-        self.chosen = decide.choose(self.problem, visible, open_sign)
+        possible = {name for name, entry in self.seen.items() if entry[1] < UNUSUAL * entry[3]}
+        self.chosen = decide.choose(self.problem, visible, open_sign, possible, self.also)
         self.whole, self.share = decide.stands_out(self.problem, self.chosen)
         said = ""
         if self.chosen and self.share < decide.EXPLAINED and self.whole < decide.WHOLE and self.chosen[0].log_p > decide.BEYOND_DOUBT:

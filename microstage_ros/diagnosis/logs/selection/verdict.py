@@ -8,13 +8,15 @@ from scipy.stats import f as f_law
 from microstage_ros.diagnosis.logs.preprocessing import spread
 from microstage_ros.diagnosis.logs.selection import decide
 from microstage_ros.diagnosis.logs.selection.context import LogDiagnosis, healthy_table, hidden_effects
-from microstage_ros.diagnosis.logs.selection.effects import BEHIND, FOLLOWING, FORCED, SIGNATURES, separation
+from microstage_ros.diagnosis.logs.selection.effects import BEHIND, FOLLOWING, FORCED, FROM_READING, SIGNATURES, WITHOUT_EFFORT, separation
 from microstage_ros.diagnosis.logs.selection.sizes import parameters_of, widening
 from microstage_ros.diagnosis.logs.selection.stages import build, stages_of
 from microstage_ros.diagnosis.report.wording import sentence_of
 from microstage_ros.diagnosis.result import Cause, Diagnosis, Finding, Gain, OverallGain, Rivals
 
 LATE_S, GAP = 0.02, 0.005  # s, and share of the stroke: sizes that are told as visible if they would be found
+CREEP = 0.001              # of the stroke: creep at rest that is told as usual
+LAG_S, LOOP_S = 0.002, 0.05   # s: a lag of the amplifier that is told as usual, and the position loop's time constant that it acts through
 FORM_SIZE = 0.04           # of a size, by which its form's misfit may mislead it; calibrated: `microstage log --examine`, coverage of the intervals
 FEW = 6                    # repetitions of the baseline below which thresholds are called wide
 
@@ -23,9 +25,13 @@ def answer(reduced, spreads, groups, context, notes, open_sign, seed):
     """`LogDiagnosis` of reduced channels: stages solved in order, the effort first, then what the error shows beside it."""
     stages = stages_of(reduced, spreads, BEHIND if context.position_at == "motor" else ())
     changed = False
+    signals = groups["baseline"][0].log.signals
     for stage in stages:
-        if "error" in stage.coordinates:
-            stage.largest = largest_in_error(context)
+        if "effort" not in context.channels:
+            stage.also = WITHOUT_EFFORT
+        elif "reference" not in signals and context.position_at != "motor" and "error" not in stage.coordinates:
+            stage.also = FROM_READING
+        stage.largest = largest_in_error(context) if "error" in stage.coordinates else largest_in_effort(context)
         if changed:
             stage.free = FORCED
             stage.without += FOLLOWING
@@ -60,7 +66,18 @@ def largest_in_error(context):
     """Usual largest sizes in the following error, relative to its rms: a delay of `LATE_S`, lost motion of `GAP` of the stroke."""
     scale = max(context.scale("error"), 1e-300)
     of_place = GAP * context.stroke / scale
-    return {"speed": LATE_S * context.top_speed / scale, **dict.fromkeys(("lost motion", "load", "place", "acceleration", "creep"), of_place)}
+    usual = {"speed": LATE_S * context.top_speed / scale, **dict.fromkeys(("lost motion", "load", "place", "acceleration", "creep"), of_place)}
+    usual = {name: max(value, decide.LARGEST[name]) for name, value in usual.items()}
+    return {**usual, "creep": CREEP * context.stroke / scale, "acceleration": LAG_S * LOOP_S * context.top_acceleration / scale}
+
+
+def largest_in_effort(context):
+    """Usual largest sizes in the effort, relative to its level: a mass of twice the baseline's, as far as that is known."""
+    channel = context.channels.get("effort")
+    if channel is None:
+        return {}
+    shares = [(abs(channel.models[c][3]) + 2.0 * channel.stderr[c][3]) * context.top_acceleration / channel.scale[c] for c in context.codes if c in channel.models]
+    return {"inertia": min(float(np.mean(shares)), decide.LARGEST["inertia"])} if shares else {}
 
 
 def told(cause):
