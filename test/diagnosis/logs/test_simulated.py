@@ -28,7 +28,7 @@ def logs_of(machine, runs=6, signals="reference position current", seed=3, rate=
     rng = np.random.default_rng(seed)
     names, signed = simulated_logs.SIGNALS[signals]
     degrade = {"names": names, "signed": signed, "rate": rate, "gain": 0.02, "noise": 1.0, "quantum": 0.0, "place_noise": 2e-6, "run": 0.005, "load_side": True,
-               "temperature": 0.01}
+               "temperature": 0.01, "ohmic": 0.7}
     return simulated_logs._file(machine, runs, 2, rng, degrade, {}, f"log_{seed}")
 
 
@@ -115,3 +115,28 @@ def test_the_simulated_axis_obeys_newton():
 
 def test_few_repetitions_widen_intervals():
     assert widening(3) == pytest.approx(3.182 / 1.96, rel=1e-3) and widening(1e6) == pytest.approx(1.0, rel=1e-3)
+
+
+def test_a_peak_after_a_rest_is_rising_static_friction_or_an_unresolved_ripple():
+    causes, rivals = told(diagnosed({"rise": 0.8}))
+    assert "rising_static_friction" in causes + rivals, (causes, rivals)
+
+
+def test_what_lies_behind_the_motor_is_not_looked_for_at_the_motor():
+    description = dataclasses.replace(describe("reference position current"), position_at="motor")
+    healthy, faulty = machine_with(), machine_with(gap=2e-4)
+    result = diagnose_logs([logs_of(healthy)], [logs_of(faulty, seed=9)], description)
+    causes, rivals = told(result)
+    assert not {"backlash", "drive_compliance", "screw_pitch_error"} & {*causes, *rivals}
+    assert "moved part" in result.hidden["backlash"]
+
+
+def test_every_effect_of_the_catalogue_is_examined():
+    from microstage_ros.diagnosis.logs.selection.effects import NEVER, SIGNATURES
+    assert set(simulated_logs.EFFECTS) == {*NEVER, *SIGNATURES}
+
+
+def test_an_effect_that_moves_no_signal_is_no_truth():
+    degrade = {"rate": 250.0, "load_side": True, "place_noise": 2e-6}
+    assert not simulated_logs._moves(machine_with(), machine_with(), degrade)
+    assert simulated_logs._moves(machine_with(), machine_with(level=90.0), degrade)

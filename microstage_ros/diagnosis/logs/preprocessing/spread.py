@@ -10,11 +10,12 @@ import dataclasses
 
 import numpy as np
 
-PRIOR_REPETITIONS = 3.0   # weight of the usual figures, in repetitions; calibrated: `microstage log --examine`
+PRIOR_REPETITIONS = 3.0   # weight of the usual figures, in repetitions; a judgement
 PRIOR_GROUPS = 4.0        # the same, in states of assembly
 ROUNDS = 6
 #: Usual healthy standard deviations of a mode, relative to the channel's scale: (repetition, state of assembly).
-#: Calibrated on the machine states of published logs (docs/logs.md) and held by `microstage log --examine`.
+#: A judgement from the machine states of published logs (docs/logs.md), as are the figures below; no command writes them. What they
+#: cost and save, `microstage log --examine` measures: false alarms, effects found, intervals that hold.
 USUAL = {
     "level": (0.010, 0.030), "moving": (0.010, 0.025), "viscous": (0.008, 0.030), "inertia": (0.010, 0.030), "start": (0.020, 0.060),
     "brake": (0.020, 0.060), "spring": (0.005, 0.015), "waves": (0.005, 0.025), "waves of force": (0.005, 0.015),

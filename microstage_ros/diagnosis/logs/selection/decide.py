@@ -204,15 +204,15 @@ def candidates(problem, visible):
     return found
 
 
-def choose(problem, visible, open_sign=False, possible=None, also=None):
-    """Causes, the strongest first, each with its rivals. ``visible``: ids that these signals can show.
+def choose(problem, possible, open_sign=False, also=None):
+    """Causes, the strongest first, each with its rivals. ``possible``: ids that these signals can show, if only in unusual sizes.
 
-    ``possible``: ids that may be rivals, though only unusual sizes of them would be seen; ``also``: further rivals by name.
+    ``also``: further rivals by name.
 
     The first cause is tried with each of the `BEAM` most significant effects; of the sets that follow, the one that takes most
     with fewest causes is kept, so that two effects which make up for each other's misfit do not replace a single true one.
     """
-    forms = candidates(problem, visible)
+    forms = candidates(problem, possible)
     starts = [entry for entry in _tried(problem, forms, [], set()) if _alone(problem, entry, []) < LEVEL][:BEAM]
     sets = [_complete(problem, forms, start) for start in starts]
     chosen = max(sets, key=lambda s: _worth(problem, s), default=[])
@@ -221,7 +221,7 @@ def choose(problem, visible, open_sign=False, possible=None, also=None):
         own = problem.log_p(choice.name, beside) + RARER.get(plain(choice.name), 0.0)
         wider = WIDER.get(plain(choice.name), ())
         found, also = {}, also or {}
-        for value, name in _tried(problem, candidates(problem, possible or visible), beside, {plain(b) for b in beside}):
+        for value, name in _tried(problem, forms, beside, {plain(b) for b in beside}):
             if plain(name) != plain(choice.name) and plain(name) not in wider and value < own + _margin(name, choice.name) and value < 0.5 * LEVEL:
                 found.setdefault(plain(name), value)
         choice.rivals = list(found)[:MOST_RIVALS]
@@ -323,8 +323,10 @@ def visibility(problem, largest_of=None):
         part = problem.parts[name][0]
         largest = (largest_of or {}).get(part, LARGEST.get(part, 0.8))
         if name == "torque_ripple" and "ripple high" not in problem.parts[name]:
-            largest = ORDERLESS if part == "rough" else 0.0       # fewer than ten rows per turn: most cogging is of higher order
-        out[name] = (bool(size < largest), size, part, largest)
+            largest = ORDERLESS if part == "rough" else largest
+        # fewer than ten rows per turn: most cogging is of higher order and would not show
+        unresolved = name == "torque_ripple" and part == "ripple" and "ripple high" not in problem.parts[name]
+        out[name] = (bool(size < largest) and not unresolved, size, part, largest)
     return out
 
 

@@ -9,12 +9,12 @@ from microstage_ros.diagnosis.logs.preprocessing import spread
 from microstage_ros.diagnosis.logs.preprocessing.coordinates import FREE
 from microstage_ros.diagnosis.logs.selection.effects import SIGNATURES
 
-UNUSUAL = 4.0              # times the usual largest size, up to which an effect counts as a rival
+UNUSUAL = 4.0              # times the usual largest size, up to which an effect may be named: a size is no reason to doubt it
 PEAK = 2.0                 # standard deviations by which the largest of some twenty samples exceeds their mean
 TELLING = 0.1              # of the information on an effect that a repetition left out must have to judge its spread
 PRIOR_LOO = 4.0            # weight, in repetitions, of "the spread is as learned" against the repetitions left out
 #: Shares of a change that a column misses at steady speed, and at starts and stops, where friction is not yet that of sliding.
-#: Calibrated: `microstage log --examine`, machines of four friction laws.
+#: A judgement, held by `microstage log --examine` on machines of four friction laws.
 FORM = {"effort": (0.08, 0.35), "voltage": (0.08, 0.35), "error": (0.15, 0.6)}
 MOST_LEFT_OUT = 30         # repetitions that are left out in turn
 
@@ -48,9 +48,8 @@ class Stage:
         quiet = build(self, form=False)        # what would show does not depend on how large a change there is
         quiet.inflation = self.problem.inflation
         self.seen = decide.visibility(quiet, self.largest)
-        visible = {name for name, entry in self.seen.items() if entry[0]}
         possible = {name for name, entry in self.seen.items() if entry[1] < UNUSUAL * entry[3]}
-        self.chosen = decide.choose(self.problem, visible, open_sign, possible, self.also)
+        self.chosen = decide.choose(self.problem, possible, open_sign, self.also)
         self.whole, self.share = decide.stands_out(self.problem, self.chosen)
         said = ""
         if self.chosen and self.share < decide.EXPLAINED and self.whole < decide.WHOLE and self.chosen[0].log_p > decide.BEYOND_DOUBT:

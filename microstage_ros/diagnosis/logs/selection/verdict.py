@@ -17,7 +17,7 @@ from microstage_ros.diagnosis.result import Cause, Diagnosis, Finding, Gain, Ove
 LATE_S, GAP = 0.02, 0.005  # s, and share of the stroke: sizes that are told as visible if they would be found
 CREEP = 0.001              # of the stroke: creep at rest that is told as usual
 LAG_S, LOOP_S = 0.002, 0.05   # s: a lag of the amplifier that is told as usual, and the position loop's time constant that it acts through
-FORM_SIZE = 0.04           # of a size, by which its form's misfit may mislead it; calibrated: `microstage log --examine`, coverage of the intervals
+FORM_SIZE = 0.04           # of a size, by which its form's misfit may mislead it; a judgement, held by the coverage that `log --examine` measures
 FEW = 6                    # repetitions of the baseline below which thresholds are called wide
 
 
