@@ -251,7 +251,7 @@ def _candidates(law, gains, axis, drawn):
 def _tried(loop, first, found, seed, progress, keep):
     progress(f"loop of {loop.law}, measured at rest and in motion")
     keep("hold", loop.settle())
-    rest = proof.loop_at_rest(loop, first.breakaway, seed, keep)
     motion = proof.loop_in_motion(loop, found, seed, keep)
+    rest = proof.loop_at_rest(loop, first.breakaway, seed, keep)
     progress(f"moves of 1 to 1000 µm and a slow sine under {loop.law}")
     return Tried(loop, rest, motion, *proof.prove(loop, keep))

@@ -11,14 +11,19 @@ import time
 from pathlib import Path
 
 from machines import FAULTS, Machine, random_axis
+from scipy.stats import beta
 
 from microstage_ros.commissioning.experiments.machine import Machine as Hand
 from microstage_ros.commissioning.procedure import commission
 from microstage_ros.commissioning.report import report_tree, write_answer
 from microstage_ros.commissioning.sketch import load_sketch
 from microstage_ros.commissioning.store import Store
+from microstage_ros.control.laws.controller import controller_parameters
+from microstage_ros.control.tuning.margins import controller_margins
+from microstage_ros.control.tuning.tuning import GUARDED
 from microstage_ros.hardware import make_hardware
 from microstage_ros.hardware.protocol import Setup
+from microstage_ros.model.axis_file import axis_from_dict
 from microstage_ros.places import config_file
 
 EXPECTED = {"motor_polarity": "polarity", "encoder_polarity": "polarity", "current_polarity": "current_polarity", "encoder_dead": "encoder_dead",
@@ -49,8 +54,36 @@ def one(sketch, fault, seed, folder, truth=None, period=None):
     return {"fault": fault, "seed": seed, "got": got, "right": got == EXPECTED[fault], "says": outcome.says, "law": outcome.law,
             "time_s": hand.time, "cpu_s": time.process_time() - begun, "range_m": [machine.lowest, machine.highest],
             "within": machine.lowest >= sketch.axis.value("travel.minimum") and machine.highest <= sketch.axis.value("travel.maximum"),
+            "wrong_m": machine.wrong, "wrong_s": machine.wrong_time, "true_margins": true_margins(outcome, truth), "law_of_friction": truth.law("actuator"),
             "voltage_V": machine.most_voltage, "moves": outcome.moves, "sine_m": outcome.sine, "held": hits,
             "report": report_tree(outcome, hand)["margins"], "remarks": outcome.remarks[-2:]}
+
+
+def true_margins(outcome, truth):
+    """[phase margin in degrees, gain margin in dB] of the law that was taken on the linearised true machine, sliding at 1 mm/s; None without one."""
+    if outcome.axis is None or not outcome.law or outcome.verdict != "ready":
+        return None
+    found = controller_margins(truth, controller_parameters(outcome.law, outcome.axis, {}))
+    return None if found is None else next([m.phase_deg, m.gain_db] for m in found if m.regime == GUARDED[1])
+
+
+def interval(hits, count):
+    """Clopper-Pearson's 95 % interval of a rate."""
+    low = beta.ppf(0.025, hits, count - hits + 1) if hits else 0.0
+    high = beta.ppf(0.975, hits + 1, count - hits) if hits < count else 1.0
+    return f"{hits} of {count} ({low:.0%} to {high:.0%})"
+
+
+def other_friction(truth, law):
+    """The machine with another friction law at the actuator, of the same sliding curve (and slope from rest, for LuGre)."""
+    tree = truth.as_dict()
+    contact = tree["contacts"]["actuator"]
+    kept = {name: contact[name] for name in ("static", "coulomb", "stribeck_velocity", "stribeck_exponent", "viscous")}
+    if law == "lugre":
+        kept["stiffness"] = {**contact["stiffness"], "value": float(sum(contact["stiffness"]["value"]))}
+        kept["damping"] = {"value": 1e-4, "unit": "N m s/rad", "source": "estimate"}
+    tree["contacts"]["actuator"] = {"law": law, **kept}
+    return axis_from_dict(tree, law)
 
 
 def main():
@@ -59,15 +92,18 @@ def main():
     parser.add_argument("--machines", type=int, default=10)
     parser.add_argument("--first", type=int, default=1)
     parser.add_argument("--faults", nargs="*", default=[], choices=[*FAULTS, "all"], metavar="NAME", help=", ".join(FAULTS))
+    parser.add_argument("--repeats", type=int, default=1, help="machines per kind of fault")
+    parser.add_argument("--friction", default="", choices=("", "lugre", "coulomb_viscous_stribeck"), help="law of the machines' actuators (default: the sketch's)")
     parser.add_argument("--out", default="")
     arguments = parser.parse_args()
     sketch = load_sketch(config_file("axis.yaml"))
-    todo = [(fault, 1 + k) for k, fault in enumerate(FAULTS) if fault in arguments.faults or "all" in arguments.faults]
+    todo = [(fault, 1 + k + 100 * n) for n in range(arguments.repeats) for k, fault in enumerate(FAULTS) if fault in arguments.faults or "all" in arguments.faults]
     todo += [("", seed) for seed in range(arguments.first, arguments.first + arguments.machines)]
     rows = []
     for fault, seed in todo:
         with tempfile.TemporaryDirectory() as folder:
-            rows.append(one(sketch, fault, seed, Path(arguments.out + ".d") / f"{fault}{seed}" if arguments.out else Path(folder)))
+            truth = other_friction(random_axis(sketch.axis, seed), arguments.friction) if arguments.friction else None
+            rows.append(one(sketch, fault, seed, Path(arguments.out + ".d") / f"{fault}{seed}" if arguments.out else Path(folder), truth))
         row = rows[-1]
         held = sum(row["held"].values()), len(row["held"])
         print(f"{row['fault'] or 'healthy':16s} {row['seed']:3d} {'ok ' if row['right'] else 'NOT'} {row['got']:16s} {row['law']:22s} {row['time_s']:6.1f} s "
@@ -75,8 +111,24 @@ def main():
               f"{'' if row['within'] else 'BEYOND'} {row['says'][:100]} {row['remarks']}", flush=True)
         if arguments.out:
             Path(arguments.out).write_text(json.dumps(rows, default=str))
-    right = sum(row["right"] for row in rows)
-    print(f"{right} of {len(rows)} as expected")
+    summary(rows)
+
+
+def summary(rows):
+    """The rates, each with its interval."""
+    print(interval(sum(row["right"] for row in rows), len(rows)), "as expected")
+    held = [hit for row in rows for hit in row["held"].values()]
+    if held:
+        print("intervals that held the truth:", interval(sum(held), len(held)))
+    wrong = [row for row in rows if row["fault"] in ("motor_polarity", "encoder_polarity", "encoder_dead", "encoder_frozen")]
+    if wrong:
+        print(f"wrong motion: at most {max(row['wrong_m'] for row in wrong) * 1e6:.2f} µm, {max(row['wrong_s'] for row in wrong):.3f} s; beyond 10 µm and 0.1 s: "
+              f"{sum(row['wrong_m'] > 1e-5 and row['wrong_s'] > 0.1 for row in wrong)} of {len(wrong)}")
+    pairs = [(row["report"], row["true_margins"]) for row in rows if row["true_margins"] and row["report"]["phase_deg"] is not None]
+    close = [abs(a["phase_deg"] - b[0]) <= 3.0 and (a["gain_dB"] is None or abs(a["gain_dB"] - b[1]) <= 1.0) for a, b in pairs]
+    if pairs:
+        print("margins within 3° and 1 dB:", interval(sum(close), len(close)))
+    print("beyond travel or voltage:", sum(not row["within"] for row in rows), "longest:", f"{max(row['time_s'] for row in rows):.0f} s of machine time")
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ import numpy as np
 from microstage_ros.commissioning.experiments.closed_loop import LOOSE
 from microstage_ros.commissioning.findings import refused
 from microstage_ros.commissioning.estimation.frequency_response import multi_sine, responses
+from microstage_ros.control.observer.drive_learning import NOISE_DOUBT
 from microstage_ros.control.trajectories.profiles import jerk_limited_move, sine
 from microstage_ros.metrology.repeatability import repeatability
 
@@ -16,24 +17,30 @@ DWELL, JUDGED = 0.3, 0.1  # rest after a move, and its last part over which the 
 BAND_COUNTS, BAND = 2.0, 5e-8  # settled: within so many counts, or metres
 SINE = {"amplitude": 1e-5, "frequency": 0.1, "cycles": 1.0}
 SWING = 6e-7  # peak to peak in the judged part that is an oscillation [m]
-VOLT_SHARE = {"self_tuning_observer": 0.01}  # rms of what is added in motion, of the voltage of the base motion
-REST_SMALL = {"self_tuning_observer": 0.06}
-"""The observer law learns: what is added must stay small for it, or the loop that is measured is another one (measured with
-shares of 0.01 to 0.35 on the shipped axis: at 0.01 the loop is the linearised one, at 0.03 its gains have fallen by half)."""
+LEARNING = "self_tuning_observer"
+QUIET, FLAT = 0.2, 100.0
+"""The observer law learns how noisy the voltage behind the back-EMF is, from its steps between periods, and gives way where it
+is noisier than its doubt: a loud multi-sine measures another loop. What is added has steps of at most ``QUIET`` of the noise that
+the doubt stands for: lines of one size up to ``FLAT`` [Hz], and from there falling with 1/f, so that slow lines cost nothing of it."""
 USUAL_SHARE = 0.35
 REST_SHARE = 0.25  # of breakaway, rms of the voltage added at rest
 SLIDE_SPEED = 1e-3  # m/s
 LINES, REST_PERIODS, SLIDES = 60, 20, 6
+QUIET_SLIDES, LEARNT = 16, 6  # of the observer law, and the first of them that are not counted
 
 
 def loop_at_rest(loop, breakaway, seed, keep):
-    """(plant, loop) responses while the law holds still."""
+    """(plant, loop) responses while the law holds still; a law that learns goes on with what it knows."""
     machine = loop.machine
-    made = multi_sine(machine.period, 5.0, 0.42 / machine.period, lambda f: 1.0, seed, LINES)
-    made = _scaled(made, REST_SMALL.get(loop.law, REST_SHARE) * breakaway / np.sqrt(np.mean(made.signal**2)))
+    most = REST_SHARE * breakaway
+    if loop.law == LEARNING:
+        made = _quiet(loop, 5.0, most, seed)
+    else:
+        made = multi_sine(machine.period, 5.0, 0.42 / machine.period, lambda f: 1.0, seed, LINES)
+        made = _scaled(made, most / np.sqrt(np.mean(made.signal**2)))
     settle = machine.periods(0.3)
     extra = np.concatenate([np.zeros(settle), made.times(REST_PERIODS + 1), made.signal[:1]])
-    record = loop.follow(np.full(len(extra), machine.position), extra)
+    record = loop.follow(np.full(len(extra), machine.position), extra, fresh=loop.law != LEARNING)
     keep("response_at_rest", record)
     first = settle + made.rows
     return responses([_part(record, first, first + REST_PERIODS * made.rows + 1)], made, machine.period, "rest")
@@ -46,11 +53,15 @@ def loop_in_motion(loop, found, seed, keep):
     length = min(2.5e-3, 0.1 * machine.stroke)
     period = machine.period
     corner = found.volts_per_speed / max(found.inertia, 1e-12) / (2.0 * math.pi)
-    made = multi_sine(period, max(5.0, 4.0 * speed / length), 0.42 / period, lambda f: math.sqrt(1.0 + (f / corner) ** 2), seed, LINES)
-    volts = VOLT_SHARE.get(loop.law, USUAL_SHARE) * (found.friction + found.volts_per_speed * speed)
-    made = _scaled(made, min(volts / np.sqrt(np.mean(made.signal**2)), 0.4 * machine.limit / np.abs(made.signal).max()))
+    lowest, volts = max(5.0, 4.0 * speed / length), USUAL_SHARE * (found.friction + found.volts_per_speed * speed)
+    if loop.law == LEARNING:
+        made = _quiet(loop, lowest, volts, seed)
+    else:
+        made = multi_sine(period, lowest, 0.42 / period, lambda f: math.sqrt(1.0 + (f / corner) ** 2), seed, LINES)
+        made = _scaled(made, min(volts / np.sqrt(np.mean(made.signal**2)), 0.4 * machine.limit / np.abs(made.signal).max()))
     centre, parts, records = machine.position, [], []
-    for number in range(SLIDES):
+    learning = loop.law == LEARNING  # it goes on from slide to slide, and is measured once it knows the drive
+    for number in range(QUIET_SLIDES if learning else SLIDES):
         move = jerk_limited_move(machine.position, centre + (length if number % 2 == 0 else 0.0), period, loop.limits(speed))
         steady = np.flatnonzero(np.abs(np.abs(np.diff(move)) / period - speed) < 1e-3 * speed)
         if len(steady) < made.rows * 2:
@@ -62,14 +73,25 @@ def loop_in_motion(loop, found, seed, keep):
         lead = min(first, made.rows)
         extra[first - lead:first] = made.signal[-lead:]
         record = loop.follow(np.append(move, np.full(machine.periods(0.1), move[-1])),
-                             np.append(extra, np.zeros(machine.periods(0.1))), error=LOOSE)
+                             np.append(extra, np.zeros(machine.periods(0.1))), error=LOOSE, fresh=not learning or number == 0, go_on=learning)
         records.append(record)
-        if count >= 1:
+        if count >= 1 and (not learning or number >= LEARNT):
             parts.append(_part(record, first, first + int(count) * made.rows + 1))
+    if learning:
+        machine.rest(0.0)
     from microstage_ros.commissioning.experiments.first_motion import joined
 
     keep("response_in_motion", joined(records))
     return responses(parts, made, period, "sliding") if parts else (None, None)
+
+
+def _quiet(loop, lowest, most, seed):
+    """`MultiSine` that the observer law does not take for noise: see `QUIET`; ``most``: rms [V]."""
+    period = loop.machine.period
+    made = multi_sine(period, lowest, 0.42 / period, lambda f: min(1.0, FLAT / f), seed, LINES)
+    allowed = QUIET * float(loop.controller.parameters["observer"]["voltage_noise"]) / NOISE_DOUBT
+    steps = np.sqrt(np.mean(np.diff(made.times(2)) ** 2))
+    return _scaled(made, min(allowed / steps, most / np.sqrt(np.mean(made.signal**2))))
 
 
 def _scaled(made, factor):
