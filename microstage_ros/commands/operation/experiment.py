@@ -1,4 +1,4 @@
-"""``experiment``: a run file's closed-loop program on the live cell, recorded to a bag that `identify` reads."""
+"""``experiment``: a run file's closed-loop program on a cell, its own or one that runs, recorded to a bag that `identify` reads."""
 
 import sys
 import time
@@ -18,14 +18,15 @@ from microstage_ros.quantities.errors import InputError
 LEAD_IN = 0.05  # rest before the program [s]
 ANSWER = 20.0  # longest wait for the controller's answer [s]
 STALLED = 30.0  # no state for so long: the cell has stopped [s]
+GROWN = 6  # sizes of the bag that have been seen when it grows
 LONGEST = 120.0  # seconds of program: one request carries all its positions
 
 
 def main(argv=None):
     """Run the command. Returns 0, 1 if a process failed; raises InputError for bad input."""
     parser = Parser(prog="microstage experiment", description=(
-        "Starts the nodes of an axis, plays the reference of a run file (moves, scans, sines) through the controller's "
-        "service follow_reference, and records everything; the bag is a record for identify and diagnose."))
+        "Starts the nodes of an axis, or with --running joins those that are there, plays the reference of a run file (moves, scans, "
+        "sines) through the controller's service follow_reference, and records everything; the bag is a record for identify and diagnose."))
     parser.add_argument("--run", required=True, metavar="FILE", help="run file with a closed-loop program, up to two minutes")
     parser.add_argument("--axis", metavar="FILE", help="axis file (default: the shipped config/axis.yaml)")
     parser.add_argument("--out", required=True, metavar="DIR", help="folder for the bag and the nodes' logs")
@@ -33,12 +34,18 @@ def main(argv=None):
     parser.add_argument("--mode", choices=("lockstep", "paced"),
                         help="simulated time (default where the backend is simulated), or wall clock")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of a simulated axis (default 1)")
+    parser.add_argument("--running", action="store_true", help="on the cell that runs already, lockstep or paced; --axis is its axis file")
+    parser.add_argument("--namespace", default="/axis", metavar="NS", help="of the axis (default /axis)")
     arguments = parser.parse_args(argv)
+    if not arguments.namespace.startswith("/"):
+        raise InputError("--namespace", arguments.namespace, "a name that begins with a slash, such as /axis")
     axis = read_axis(arguments.axis or config_file("axis.yaml"))
     out = Path(arguments.out)
     if (out / "bag").exists():
         raise InputError("--out", arguments.out, "a folder without a bag of an earlier run")
     reference = reference_of(load_run(arguments.run), axis)
+    if arguments.running:
+        return _join(arguments, out, reference, axis)
     backend = chosen_backend(arguments, axis)
     arguments.mode = backend.mode_or(arguments.mode)
     return _run(arguments, out, reference, axis, backend)
@@ -73,9 +80,9 @@ def _run(arguments, out, reference, axis, backend):
     print(f"{which_ros()}\n{backend.words(axis.name, arguments.seed)}", file=sys.stderr)
     out.mkdir(parents=True, exist_ok=True)
     rclpy.init()
-    node = rclpy.create_node("experiment", namespace="/axis")
+    node = rclpy.create_node("experiment", namespace=arguments.namespace)
     try:
-        with CellProcesses("/axis", backend.nodes(n for n in NODES if n != "move_server"), parameters, out / "logs") as cell:
+        with CellProcesses(arguments.namespace, backend.nodes(n for n in NODES if n != "move_server"), parameters, out / "logs") as cell:
             player = _Player(node, cell, axis.value("period"))
             cell.activate(node)
             player.play(reference)
@@ -85,9 +92,50 @@ def _run(arguments, out, reference, axis, backend):
         return 1
     finally:
         rclpy.try_shutdown()
+    return _said(out, reference)
+
+
+def _said(out, reference):
     answer.state(bag=str(out / "bag"), periods=len(reference))
     print(f"{out / 'bag'}: the record ({len(reference)} control periods of program)")
     return 0
+
+
+def _join(arguments, out, reference, axis):
+    """On the cell that runs: only a recorder is started, beside it, and nothing is stopped but that."""
+    import rclpy
+
+    from microstage_ros.ros.launching.cell_processes import CellFailure, CellProcesses
+
+    parameters = {"bag_recorder": {"directory": str((out / "bag").resolve()), "run": Path(arguments.run).read_text(encoding="utf-8"), "log_time": "stamp"}}
+    print(f"{which_ros()}\nThe cell that runs in {arguments.namespace}.", file=sys.stderr)
+    out.mkdir(parents=True, exist_ok=True)
+    rclpy.init()
+    node = rclpy.create_node("experiment", namespace=arguments.namespace)
+    try:
+        with CellProcesses(arguments.namespace, ("bag_recorder",), parameters, out / "logs", beside="experiment") as recorder:
+            player = _Player(node, recorder, axis.value("period"))
+            player.meet(arguments.namespace)
+            _until_recorded(player, out / "bag")
+            player.play(reference)
+    except CellFailure as failure:
+        print(failure, file=sys.stderr)
+        return 1
+    finally:
+        rclpy.try_shutdown()
+    return _said(out, reference)
+
+
+def _until_recorded(player, folder):
+    """Wait until the bag grows: before that, the recorder has not found the axis."""
+    from microstage_ros.ros.launching.cell_processes import CellFailure
+
+    sizes, end = set(), time.monotonic() + STALLED
+    while len(sizes) < GROWN:
+        player.turn()
+        sizes |= {sum(file.stat().st_size for file in folder.glob("*"))} - {0}
+        if time.monotonic() > end:
+            raise CellFailure(f"the recorder heard nothing of the axis for {STALLED:g} s")
 
 
 class _Player:
@@ -107,7 +155,8 @@ class _Player:
     def _hear(self, state):
         self._state, self._heard = state, time.monotonic()
 
-    def _turn(self):
+    def turn(self):
+        """A moment for the node; raises CellFailure where a process has ended or nothing is heard."""
         import rclpy
 
         from microstage_ros.ros.launching.cell_processes import CellFailure
@@ -117,12 +166,22 @@ class _Player:
         if time.monotonic() - self._heard > STALLED:
             raise CellFailure(f"no state of the controller for {STALLED:g} s")
 
+    def meet(self, namespace):
+        """Wait for the controller of a cell that runs. Raises CellFailure where there is none."""
+        from microstage_ros.ros.launching.cell_processes import CellFailure
+
+        end = time.monotonic() + ANSWER
+        while self._state is None or not self._service.service_is_ready():
+            self.turn()
+            if time.monotonic() > end:
+                raise CellFailure(f"no axis runs in {namespace}: start one with ./microstage cell")
+
     def _ask(self, positions):
         from microstage_ros.ros.launching.cell_processes import CellFailure
 
         answer, end = self._service.call_async(self._request(positions=positions.tolist())), time.monotonic() + ANSWER
         while not answer.done():
-            self._turn()
+            self.turn()
             if time.monotonic() > end:
                 raise CellFailure(f"the controller gave no answer within {ANSWER:g} s")
         if not answer.result().accepted:
@@ -131,14 +190,14 @@ class _Player:
 
     def _wait(self, sequence):
         while self._state is None or self._state.sequence < sequence:
-            self._turn()
+            self.turn()
 
     def play(self, reference):
         """From where the reference stands to the program's first place, rest, then the program [m]."""
         from microstage_ros.control.trajectories.profiles import jerk_limited_move
 
         while self._state is None or not self._service.service_is_ready():
-            self._turn()
+            self.turn()
         first = float(reference[0])
         self._wait(self._ask(jerk_limited_move(self._state.reference, first, self._period)))
         rest = np.full(int(LEAD_IN / self._period), first)

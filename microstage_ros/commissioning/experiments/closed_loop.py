@@ -236,8 +236,6 @@ def programme(loop, centre):
 
     segments = [
         {"move_to_m": at(1e-3), "dwell_s": 0.2}, {"move_to_m": at(0.0), "dwell_s": 0.2},
-        {"scan": {"to_m": at(6e-5), "speed_m_s": min(2e-5, fast)}}, {"scan": {"to_m": at(0.0), "speed_m_s": min(2e-5, fast)}},
-        {"scan": {"to_m": at(1.2e-4), "speed_m_s": min(5e-5, fast)}}, {"scan": {"to_m": at(0.0), "speed_m_s": min(5e-5, fast)}},
         {"scan": {"to_m": at(2e-4), "speed_m_s": min(1e-4, fast)}}, {"scan": {"to_m": at(0.0), "speed_m_s": min(1e-4, fast)}},
         {"scan": {"to_m": at(2e-3), "speed_m_s": min(1e-3, fast)}}, {"scan": {"to_m": at(0.0), "speed_m_s": min(1e-3, fast)}},
         {"sine": {"amplitude_m": 5e-5 * size, "frequency_hz": 0.5, "cycles": 2}},

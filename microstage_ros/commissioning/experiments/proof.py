@@ -18,10 +18,10 @@ BAND_COUNTS, BAND = 2.0, 5e-8  # settled: within so many counts, or metres
 SINE = {"amplitude": 1e-5, "frequency": 0.1, "cycles": 1.0}
 SWING = 6e-7  # peak to peak in the judged part that is an oscillation [m]
 LEARNING = "self_tuning_observer"
-QUIET, FLAT = 0.2, 100.0
+QUIET, FLAT, FAST = 0.2, 100.0, 1e-4
 """The observer law learns how noisy the voltage behind the back-EMF is, from its steps between periods, and gives way where it
 is noisier than its doubt: a loud multi-sine measures another loop. What is added has steps of at most ``QUIET`` of the noise that
-the doubt stands for: lines of one size up to ``FLAT`` [Hz], and from there falling with 1/f, so that slow lines cost nothing of it."""
+the doubt stands for (more at longer periods than ``FAST`` [s], where a minute holds fewer of them): lines of one size up to ``FLAT`` [Hz], and from there falling with 1/f, so that slow lines cost nothing of it."""
 USUAL_SHARE = 0.35
 REST_SHARE = 0.25  # of breakaway, rms of the voltage added at rest
 SLIDE_SPEED = 1e-3  # m/s
@@ -89,7 +89,7 @@ def _quiet(loop, lowest, most, seed):
     """`MultiSine` that the observer law does not take for noise: see `QUIET`; ``most``: rms [V]."""
     period = loop.machine.period
     made = multi_sine(period, lowest, 0.42 / period, lambda f: min(1.0, FLAT / f), seed, LINES)
-    allowed = QUIET * float(loop.controller.parameters["observer"]["voltage_noise"]) / NOISE_DOUBT
+    allowed = QUIET * max(period / FAST, 1.0) * float(loop.controller.parameters["observer"]["voltage_noise"]) / NOISE_DOUBT
     steps = np.sqrt(np.mean(np.diff(made.times(2)) ** 2))
     return _scaled(made, min(allowed / steps, most / np.sqrt(np.mean(made.signal**2))))
 

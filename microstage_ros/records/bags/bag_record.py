@@ -45,6 +45,7 @@ ROWS_AT_ONCE = 5000
 PERIOD_TOLERANCE = 2e-3
 """How far the mean period of a clock may be from the nominal one, relative."""
 
+FIRST_ROWS = 10  # that may lack a reference while a cell starts
 MOST_ROWS = 10**10
 
 
@@ -107,11 +108,21 @@ def bag_to_record(path, namespace=None):
     held = _by_period(rows, sequence - first - 1, states["applied_voltage"])
     columns["voltage_V"] = np.where(np.isnan(held), columns.get("voltage_V", held), held)
     columns = {name: values for name, values in columns.items() if name == "encoder_m" or not np.isnan(values).all()}
+    columns = _without_lead(columns)
+    rows = len(columns["encoder_m"])
     command = _command(bag.custom_data)
     names = {VOLTAGE.column: command.column, VOLTAGE.disturbance: command.disturbance}
     columns = {names.get(name, name): values for name, values in columns.items()}
     metadata = {name: metadata_value(text) for name, text in bag.custom_data.items()}
     return Record(period_s, {"t_s": np.arange(rows) * period_s, **columns}, str(path), metadata)
+
+
+def _without_lead(columns):
+    """The columns from the first row with a reference on, where a recorder that joined a running cell heard of the controller later."""
+    if "reference_m" not in columns:
+        return columns
+    lead = int(np.argmax(np.isfinite(columns["reference_m"])))
+    return columns if lead <= FIRST_ROWS else {name: values[lead:] for name, values in columns.items()}
 
 
 def record_to_bag(record, path, namespace=NAMESPACE):

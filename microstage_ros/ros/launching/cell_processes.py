@@ -91,10 +91,11 @@ class CellProcesses:
     ----------
     namespace : of the axis, beginning with a slash. nodes : which to start. parameters : node name to parameters.
     logs : folder for what the processes print, one file each; None: to this process's own output.
+    beside : they join a cell that another process owns, under names that begin with this word and an underscore.
     """
 
-    def __init__(self, namespace="/axis", nodes=NODES, parameters=None, logs=None):
-        self.namespace, self.nodes = namespace, nodes
+    def __init__(self, namespace="/axis", nodes=NODES, parameters=None, logs=None, beside=""):
+        self.namespace, self.nodes, self._beside = namespace, nodes, beside
         self._parameters = started_parameters(nodes, parameters or {})
         self._logs = None if logs is None else Path(logs)
         self._directory = self._parameters.get("bag_recorder", {}).get("directory", "")
@@ -111,7 +112,8 @@ class CellProcesses:
 
     def start(self):
         """Start every node. Raises `InputError` if another process owns an axis of this name."""
-        self._owned = Ownership("cell", self.namespace, ("driver",) if "axis_driver" in self.nodes else ())
+        if not self._beside:
+            self._owned = Ownership("cell", self.namespace, ("driver",) if "axis_driver" in self.nodes else ())
         self._folder = tempfile.TemporaryDirectory(prefix="microstage_")
         if self._logs:
             self._logs.mkdir(parents=True, exist_ok=True)
@@ -123,7 +125,7 @@ class CellProcesses:
 
     def _node(self, name):
         """What the fork server must know of a node."""
-        arguments = ["--ros-args", "-r", f"__ns:={self.namespace}"]
+        arguments = ["--ros-args", "-r", f"__ns:={self.namespace}"] + (["-r", f"__node:={self._beside}_{name}"] if self._beside else [])
         if self._parameters[name]:
             path = Path(self._folder.name) / f"{name}.yaml"
             path.write_text(yaml.safe_dump({"/**": {"ros__parameters": self._parameters[name]}}), encoding="utf-8")
