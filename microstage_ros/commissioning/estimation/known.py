@@ -41,9 +41,7 @@ def known_axis(sketch, found, fit=None):
     values |= _friction(axis, found.friction * emf / resistance, ratio)
     if axis.has("contacts.actuator.viscous") and found.has_current:
         viscous = found.viscous * emf / resistance * ratio * axis.value("transmission.gear_ratio")
-        # the strokes are slow: below the Stribeck velocity the slope is not the viscous one
-        sketched, factor = axis.value("contacts.actuator.viscous"), 1.0 + sketch.tolerance["contacts.actuator.viscous"]
-        values["contacts.actuator.viscous"] = min(max(viscous, sketched / factor), sketched * factor)
+        values["contacts.actuator.viscous"] = max(viscous, 0.1 * axis.value("contacts.actuator.viscous"))
     return axis.with_values(values, source="estimate")
 
 

@@ -13,6 +13,8 @@ from microstage_ros.identification.intake import take_in
 from microstage_ros.identification.pipeline import identify
 from microstage_ros.quantities.errors import InputError
 
+FITTED = tuple(f"contacts.actuator.{name}" for name in ("coulomb", "static", "stribeck_velocity", "viscous"))
+FAR = math.log(10.0)  # from its first value; the bounds are at a factor of twelve
 TIED = 0.01  # how far a DC motor's torque constant may be from its back-EMF constant (iron losses, temperature between the two)
 WELL = 0.25  # relative standard deviation below which a number counts as determined
 VOLTS_ONLY = ("drive.resistance", "drive.back_emf", "drive.inductance", "drive.torque_constant", "drive.rotor_inertia",
@@ -43,6 +45,8 @@ def identified(records, axis, sketch, found, response, seed):
     try:
         taken = [take_in(_with_current(r, axis) if current_free else _force(r, axis), axis)[0] for r in records]
         result = identify(iter(taken), axis, seed)
+        if _far(result, axis):
+            result = identify(iter(taken), result.to_axis(axis), seed)
     except InputError as error:
         return axis, {}, [f"The records were not explained by the model ({error}); the numbers of the first measurements stay."]
     estimates = dict(result.estimates)
@@ -65,6 +69,14 @@ def identified(records, axis, sketch, found, response, seed):
     widened = {key: _widened(e) for key, e in estimates.items()}
     spreads = {key: e.stderr for key, e in widened.items() if e.determined and axis.has(key) and key in SYSTEMATIC}
     return axis.with_values({key: axis.value(key) for key in spreads}, source="identified", stderr=spreads), widened, list(result.remarks)
+
+
+def _far(result, axis):
+    """Whether the fit ended near the bounds about its first values: strokes slower than the Stribeck velocity tell little of the
+    viscous torque, and what its bound holds back goes into the Coulomb torque.
+    """
+    found = [(result.estimates[key].value, axis.value(key)) for key in FITTED if key in result.estimates and axis.has(key)]
+    return any(value > 0.0 and first > 0.0 and abs(math.log(value / first)) > FAR for value, first in found)
 
 
 def slope_of(axis, found):
