@@ -95,7 +95,7 @@ def test_a_campaign_goes_through_the_catalogue_and_every_draw_is_an_effect():
         check_effects(what.effects)
     again = campaign.draw(examined[3])[0]
     assert again.effects == drawn[3].effects
-    assert campaign.draw(campaign.examinations(4, 6, "", "single")[3])[0].effects != drawn[3].effects
+    assert campaign.draw(campaign.examinations(4, 6, str(ROOT / "config/axis.yaml"), "single")[3])[0].effects != drawn[3].effects
 
 
 @pytest.mark.parametrize("kind", sorted(hidden.OUTSIDE))

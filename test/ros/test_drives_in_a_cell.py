@@ -13,6 +13,7 @@ from microstage_ros.model.axis_file import load_axis
 from microstage_ros.records import read_record
 from microstage_ros.ros.client import AxisClient
 from microstage_ros.ros.launching.cell_processes import CellProcesses
+from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.topics import LATCHED
 
 AXES = Path(__file__).resolve().parents[2] / "config" / "axes"
@@ -37,7 +38,7 @@ def test_a_move_in_the_unit_of_the_drive(name, tmp_path):
         spin_until(node, lambda: seen)
         assert (seen[-1].command_quantity, seen[-1].command_unit) == (command.quantity, command.unit)
         assert seen[-1].voltage_limit == pytest.approx(actuator_of(axis).command_limit(axis))
-        status = ask(node, GetStatus, "/axis/axis_driver/status", GetStatus.Request())
+        status = ask(node, GetStatus, topics.STATUS, GetStatus.Request())
         assert status.driver.command_unit == command.unit
         cell.deactivate(node)
     record = read_record(tmp_path / "bag")
