@@ -8,6 +8,7 @@ from microstage_ros.model.actuators import actuator_of
 from microstage_ros.quantities.command import COLUMNS
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.checks import check_record
+from microstage_ros.signals.rows import bridged, longest_gap
 
 SHORTEST = 1.0  # seconds of record that are of any use
 LONGEST_GAP = 5  # missing samples in a row that are bridged by a straight line
@@ -70,15 +71,6 @@ def _saturation(record, axis):
                          f"a record that stays under {limit:g} {command.unit} nine tenths of the time; slower moves would")
 
 
-def longest_gap(values):
-    """(first row, length) of the longest run of missing samples; (0, 0) where none is missing."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], ~np.isfinite(values), [False]]).astype(int))).reshape(-1, 2)
-    if not len(edges):
-        return 0, 0
-    start, stop = edges[np.argmax(edges[:, 1] - edges[:, 0])]
-    return int(start), int(stop - start)
-
-
 def _bridge(record, name):
     """Column with short gaps bridged; InputError for a long one, with its row."""
     values = record[name]
@@ -86,5 +78,4 @@ def _bridge(record, name):
     if length > LONGEST_GAP:
         raise InputError(f"{record.source}: column {name}, row {start + 1}", f"{length} samples missing in a row",
                          f"gaps of {LONGEST_GAP} samples at most; cut the record there")
-    rows, seen = np.arange(len(values)), np.isfinite(values)
-    return values if seen.all() else np.interp(rows, rows[seen], values[seen])
+    return bridged(values)

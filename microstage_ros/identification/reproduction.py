@@ -17,9 +17,10 @@ from microstage_ros.identification.estimators.stribeck import NAMES, stribeck_cu
 from microstage_ros.identification.estimators.virgin_curve import Blocks
 from microstage_ros.identification.page import identification_page
 from microstage_ros.identification.pipeline import identify
-from microstage_ros.identification.signals import motor_signals, screw_ratio
+from microstage_ros.identification.signals import motor_signals
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.model.friction.contact import blocks_of
+from microstage_ros.model.transmission import screw_ratio
 from microstage_ros.places import config_file, share
 from microstage_ros.report.plots import COLOURS, new_figure
 

@@ -4,13 +4,14 @@ Everything is referred to the shaft and the output as the axis file's actuator c
 the motor [N m], angle φ and speed ω_r of the gearhead's output [rad, rad/s].
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from microstage_ros.model.transmission import screw_ratio
 from microstage_ros.numerics.filters import low_pass
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.signals.current import centred_current
 
 SLOPE_SPAN = 2e-3  # slopes of the reference are taken over this time [s]: files write it with few digits
 CURRENT_EXPERIMENT = "record the motor current: without it friction and back EMF are one"
@@ -40,11 +41,6 @@ class MotorSignals:
         return np.gradient(low_pass(self.angle, edge, self.period), self.period)
 
 
-def screw_ratio(axis):
-    """r = p / 2π [m/rad]."""
-    return axis.value("transmission.pitch") / (2.0 * math.pi)
-
-
 def motor_signals(record, axis):
     """`MotorSignals` of a record of a voltage-driven motor. Raises InputError without a current column."""
     if "current_A" not in record:
@@ -59,17 +55,6 @@ def motor_signals(record, axis):
     torque = axis.value("drive.torque_constant") * centred_current(current, lag)
     return MotorSignals(record.source, record.period_s, angle, record["reference_m"] / ratio, record["voltage_V"],
                         current, torque, resolution, "motor_angle_rad" in record)
-
-
-def centred_current(current, lag):
-    """Current about the instant of each reading [A], shape (n,).
-
-    The current read at the end of a period is the one that flowed through it, but for its settling in
-    ``lag`` = L / (R T) periods; the mean of the periods before and after a reading is
-    ½ [(1 − ε) i(n+1) + i(n) + ε i(n−1)]. Without this the torque would be 28 µs early against the motion.
-    """
-    after, before = np.append(current[1:], current[-1]), np.append(current[0], current[:-1])
-    return 0.5 * ((1.0 - lag) * after + current + lag * before)
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,11 @@ from microstage_ros.identification.estimators.acceleration import balance_edge, 
 from microstage_ros.identification.estimators.actuator import slip_displacement
 from microstage_ros.identification.estimators.estimate import Curve, Estimate, Identification, from_interval
 from microstage_ros.identification.estimators.intervals import block_covariance, correlation
-from microstage_ros.identification.signals import screw_ratio
 from microstage_ros.model.friction.contact import blocks_of, limit_of
 from microstage_ros.model.friction.positions import maxwell_slip_force
 from microstage_ros.model.friction.registry import law_named, run_law
 from microstage_ros.numerics.filters import low_pass
+from microstage_ros.model.transmission import screw_ratio
 from microstage_ros.quantities.errors import InputError
 
 PARAMETERS = ("coulomb", "drop", "stribeck_velocity", "stribeck_exponent", "viscous", "stiffness", "inertia", "offset")

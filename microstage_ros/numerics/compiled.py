@@ -23,8 +23,9 @@ if _hidden:
 
 PACKAGE = pathlib.Path(__file__).resolve().parent.parent
 _MODEL = ("numerics", "model", "solver")
-PACKAGES_BELOW = {**dict.fromkeys(_MODEL, _MODEL), "control": (*_MODEL, "control"), "hardware": (*_MODEL, "hardware"),
-                  "ros": (*_MODEL, "control", "hardware", "ros")}
+PACKAGES_BELOW = {**dict.fromkeys(_MODEL, _MODEL), "signals": (*_MODEL, "signals"),
+                  "control": (*_MODEL, "signals", "control"), "hardware": (*_MODEL, "hardware"),
+                  "ros": (*_MODEL, "signals", "control", "hardware", "ros")}
 """Packages whose compiled code a package's own may call; of any other package: all."""
 
 

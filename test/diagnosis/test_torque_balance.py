@@ -8,7 +8,8 @@ from scipy.integrate import solve_ivp
 
 from microstage_ros.diagnosis.catalogue import forms_of
 from microstage_ros.diagnosis.preprocessing.motion import load_kernel
-from microstage_ros.diagnosis.preprocessing.preparation import between_readings, prepare
+from microstage_ros.diagnosis.preprocessing.preparation import prepare
+from microstage_ros.signals.current import between_readings
 from microstage_ros.diagnosis.prerequisites.drive import drive_of
 from microstage_ros.diagnosis.residuals.mechanical import Mechanical
 from microstage_ros.diagnosis.validation import simulated_records as cases

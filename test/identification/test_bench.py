@@ -9,7 +9,8 @@ from microstage_ros.identification.estimators.actuator import extract
 from microstage_ros.identification.estimators.guideway import elastic_slope, extract_loading
 from microstage_ros.identification.estimators.virgin_curve import Blocks, identify_blocks
 from microstage_ros.identification.pipeline import identify
-from microstage_ros.identification.signals import motor_signals, screw_ratio
+from microstage_ros.identification.signals import motor_signals
+from microstage_ros.model.transmission import screw_ratio
 from microstage_ros.model.friction.contact import blocks_of
 from microstage_ros.quantities.errors import InputError
 

@@ -8,12 +8,12 @@ from microstage_ros.identification import experiments
 from microstage_ros.identification.estimators.acceleration import identify_attraction, identify_inertia
 from microstage_ros.identification.estimators.motor import cross_check, identify_motor, speed_by_voltage
 from microstage_ros.identification.signals import (
-    centred_current,
     motor_signals,
     screw_ratio,
     steady_windows,
     window_means,
 )
+from microstage_ros.signals.current import centred_current
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import pytest
 from microstage_ros.commands.operation.experiment import reference_of
 from microstage_ros.control.runs.run_file import load_run
 from microstage_ros.identification import experiments
-from microstage_ros.identification.signals import screw_ratio
+from microstage_ros.model.transmission import screw_ratio
 from microstage_ros.quantities.errors import InputError
 from test.identification.conftest import ROOT
 

@@ -14,6 +14,7 @@ from microstage_ros.commissioning.estimation.frequency_response import MeasuredM
 from microstage_ros.commissioning.design.law_choice import slower
 from microstage_ros.control.tuning.margins import pid_transfer
 from microstage_ros.files import unreadable
+from microstage_ros.model.transmission import motor_ratio
 from microstage_ros.quantities.errors import InputError
 
 NEEDED = ("frequency_Hz", "magnitude", "phase_deg")
@@ -174,7 +175,7 @@ def exported(gains, axis):
          "machine units mm: V per mm, V per mm s, V s per mm; output in V; Dgain on the error's derivative"),
     ]
     if axis.choices["drive.type"] == "voltage_motor":
-        ratio = axis.value("transmission.pitch") / (2.0 * math.pi) / axis.value("transmission.gear_ratio")
+        ratio = motor_ratio(axis)
         resistance, emf = axis.value("drive.resistance"), axis.value("drive.back_emf")
         damping = kd + emf / ratio  # in volts per stage speed: what a current loop takes away has to be given back
         to = ratio / resistance

@@ -1,16 +1,12 @@
 """The axis as far as it is known: the sketch with what the first measurements gave."""
 
-import math
 
 import numpy as np
 
+from microstage_ros.model.transmission import motor_ratio
+
 FRICTION = ("contacts.actuator.static", "contacts.actuator.coulomb", "contacts.guideway.static", "contacts.guideway.coulomb")
 LIMITS = (0.05, 20.0)  # factors on the sketched friction
-
-
-def ratio_of(axis):
-    """Travel per motor angle [m/rad] of a voltage-driven motor."""
-    return axis.value("transmission.pitch") / (2.0 * math.pi) / axis.value("transmission.gear_ratio")
 
 
 def known_axis(sketch, found, fit=None):
@@ -29,7 +25,7 @@ def known_axis(sketch, found, fit=None):
         force = found.friction * axis.value("drive.gain")
         values |= _friction(axis, force)
         return axis.with_values(values, source="estimate")
-    ratio, resistance = ratio_of(axis), found.resistance
+    ratio, resistance = motor_ratio(axis), found.resistance
     emf = max(found.volts_per_speed, 1e-9) * ratio
     if not found.has_current:  # the viscous part of the friction cannot be told from back-EMF
         emf = min(emf, axis.value("drive.back_emf") * (1.0 + sketch.tolerance["drive.back_emf"]))

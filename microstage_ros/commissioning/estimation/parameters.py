@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from microstage_ros.commissioning.estimation.known import ratio_of
 from microstage_ros.commissioning.estimation.plant_fit import fit_plant
 from microstage_ros.commissioning.estimation.smoothing import smoothed
 from microstage_ros.identification.estimators.estimate import Estimate
 from microstage_ros.identification.intake import take_in
 from microstage_ros.identification.pipeline import identify
+from microstage_ros.model.transmission import motor_ratio
 from microstage_ros.quantities.errors import InputError
 
 FITTED = tuple(f"contacts.actuator.{name}" for name in ("coulomb", "static", "stribeck_velocity", "viscous"))
@@ -139,7 +139,7 @@ def _drive_train(axis, sketch, fit, estimates):
 def _with_current(record, axis):
     """The record with the current that voltage and speed stand for, with the sketch's resistance."""
     _, speed, _ = smoothed(record, record.period_s)
-    back = axis.value("drive.back_emf") * speed / ratio_of(axis)
+    back = axis.value("drive.back_emf") * speed / motor_ratio(axis)
     current = (np.append(0.0, record["voltage_V"][:-1]) - back) / axis.value("drive.resistance")
     return replace(record, columns={**record.columns, "current_A": current})
 

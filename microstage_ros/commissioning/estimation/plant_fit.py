@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
+from microstage_ros.model.transmission import motor_ratio
+
 NAMES = ("drive.rotor_inertia", "drive.back_emf", "transmission.stiffness", "transmission.damping")
 GRID = 24  # starting values of the resonance
 SPAN = (0.15, 3.5)  # of the sketched resonance
@@ -38,7 +40,7 @@ def held_response(axis, values, frequency, period, slope, delay):
         return hold * axis.value("drive.gain") / (mass * s * s + slope * s)
     needed = ("drive.resistance", "drive.inductance", "stage.mass", *NAMES)
     get = {**{key: axis.value(key) for key in needed if axis.has(key)}, **values}
-    q = axis.value("transmission.pitch") / (2.0 * math.pi) / axis.value("transmission.gear_ratio")
+    q = motor_ratio(axis)
     emf = get["drive.back_emf"]
     torque = emf
     impedance = get["drive.resistance"] + s * get["drive.inductance"]
@@ -62,7 +64,7 @@ def resonance_of(axis, values=None):
     def get(key):
         return values.get(key, axis.value(key))
 
-    q = axis.value("transmission.pitch") / (2.0 * math.pi) / axis.value("transmission.gear_ratio")
+    q = motor_ratio(axis)
     reduced = 1.0 / (1.0 / get("stage.mass") + q * q / get("drive.rotor_inertia"))
     return math.sqrt(get("transmission.stiffness") / reduced) / (2.0 * math.pi)
 

@@ -1,7 +1,8 @@
 """Position, speed and acceleration of a record by a local cubic polynomial (Savitzky, Golay, Analytical Chemistry 36 (1964))."""
 
-import numpy as np
 from scipy.signal import savgol_filter
+
+from microstage_ros.signals.rows import bridged
 
 SMOOTH = 4e-3  # s, length of the polynomial
 
@@ -13,7 +14,5 @@ def window_rows(period):
 
 def smoothed(record, period):
     """(position [m], speed [m/s], acceleration [m/s^2]) over `SMOOTH`, each of shape (n,); missing readings are interpolated."""
-    x = record["encoder_m"]
-    rows = np.arange(len(x))
-    x = np.interp(rows, rows[np.isfinite(x)], x[np.isfinite(x)])
+    x = bridged(record["encoder_m"])
     return tuple(savgol_filter(x, window_rows(period), 3, deriv=k, delta=period) for k in range(3))

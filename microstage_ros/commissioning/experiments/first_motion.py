@@ -12,6 +12,7 @@ import numpy as np
 
 from microstage_ros.commissioning.findings import Check, refused
 from microstage_ros.control.laws.controller import controller_parameters
+from microstage_ros.model.transmission import motor_ratio
 
 PULSE, REST = 0.04, 0.04  # s
 RISE = 1.2  # from one level to the next
@@ -127,7 +128,7 @@ class Pulses:
         axis = sketch.axis
         self._turning = None
         if axis.choices["drive.type"] == "voltage_motor":
-            ratio = axis.value("transmission.pitch") / (2.0 * math.pi) / axis.value("transmission.gear_ratio")
+            ratio = motor_ratio(axis)
             self._turning = ratio / axis.value("drive.back_emf") * machine.period  # metres per volt of drop in one period
 
     def one(self, voltage):

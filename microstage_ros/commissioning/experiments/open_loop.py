@@ -11,6 +11,8 @@ from microstage_ros.commissioning.findings import Check, refused
 from microstage_ros.commissioning.experiments.first_motion import joined
 from microstage_ros.commissioning.estimation.frequency_response import multi_sine, responses
 from microstage_ros.commissioning.estimation.smoothing import SMOOTH, smoothed, window_rows
+from microstage_ros.signals.rows import of_row_before
+from microstage_ros.model.transmission import motor_ratio
 
 STROKE, SHARE = 1.5e-4, 0.02  # of the first strokes: metres, and share of the travel
 SCALES = (0.25, 1.0, 4.0)
@@ -72,7 +74,7 @@ def _stroke(machine, centre, reach, voltage, longest):
 def fit_strokes(record, sketch, first, period):
     """`Strokes` by least squares of the voltage balance (and of the torque balance, with a current)."""
     _, v, a = smoothed(record, period)
-    u = savgol_filter(np.append(record["voltage_V"][:1], record["voltage_V"][:-1]), window_rows(period), 3)
+    u = savgol_filter(of_row_before(record["voltage_V"]), window_rows(period), 3)
     fast = np.abs(v) > 0.15 * np.abs(v).max()
     cut = slice(int(SMOOTH / period) + 1, -int(SMOOTH / period) - 1)
     keep = np.zeros(len(v), bool)
@@ -96,7 +98,7 @@ def scale_check(found, sketch):
     axis = sketch.axis
     if axis.choices["drive.type"] != "voltage_motor":
         return Check("encoder_scale", True, math.nan, "1", "not checked: this drive has no back-EMF to hold the encoder against")
-    ratio = axis.value("transmission.pitch") / (2.0 * math.pi) / axis.value("transmission.gear_ratio")
+    ratio = motor_ratio(axis)
     emf, resistance = axis.value("drive.back_emf"), axis.value("drive.resistance")
     mass = axis.value("stage.mass")
     reflected = axis.value("drive.rotor_inertia") + ratio * ratio * mass

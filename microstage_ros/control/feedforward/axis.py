@@ -20,6 +20,7 @@ from microstage_ros.model.friction import generalised_maxwell_slip
 from microstage_ros.model.friction.blocks import COUNT, STIFFNESS
 from microstage_ros.model.friction.contact import blocks_of, limit_of
 from microstage_ros.model.friction.curve import SLIDING, pack_curve, sliding_limit, viscous_force
+from microstage_ros.model.transmission import screw_ratio
 from microstage_ros.numerics.compiled import compiled
 
 GAINS = (
@@ -98,7 +99,7 @@ def packed_contact(axis, contact):
 
 def fill_model(record, axis):
     """Write the axis's numbers into the model fields of a parameter record."""
-    ratio = axis.value("transmission.pitch") / (2 * math.pi)
+    ratio = screw_ratio(axis)
     record["screw_ratio"] = ratio
     record["mass"] = axis.value("stage.mass")
     record["offset_force"] = axis.value("stage.offset_force")

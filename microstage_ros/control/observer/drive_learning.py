@@ -9,6 +9,7 @@ import math
 
 from microstage_ros.control.observer.motion_filter import along_motion
 from microstage_ros.numerics.compiled import compiled
+from microstage_ros.signals.current import settled
 
 JOLT_TIME = 1e-2  # s, for which a jolt is remembered
 JOLTED = 5.0  # doubts in the encoder beyond which something goes on that is not the drive (backlash, a jolt)
@@ -214,7 +215,7 @@ def find_lag(p, model, s, step):
 @compiled
 def settled_drop(p, model, s, current):
     """R i [V] by the nominal R, of the current at the end of the period without its last transient."""
-    return model.resistance * ((current - p.transient * s.current) / (1.0 - p.transient))
+    return model.resistance * settled(current, s.current, p.transient)
 
 
 @compiled

@@ -3,7 +3,6 @@
 Linearised, every sticking block of a contact is a spring and every slipping one nothing, see `margins`.
 """
 
-import math
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from microstage_ros.control.feedforward.axis import packed_contact
 from microstage_ros.control.observer import friction_level, motion_filter
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.friction.curve import stribeck_slope
+from microstage_ros.model.transmission import screw_ratio
 from microstage_ros.solver.plant import NoiseSpec, make_plant
 
 #: Speeds [m/s] at which sliding is linearised: creeping (steepest fall of the Stribeck curve) and moving.
@@ -79,7 +79,7 @@ def regime_slopes(axis):
     Slopes are (stiffness, damping). Pre-sliding: all blocks stick. Sliding: at each of `SLIDING_SPEEDS`.
     """
     contacts = {name: packed_contact(axis, name) for name in ("actuator", "guideway")}
-    screw = axis.value("transmission.pitch") / (2 * math.pi)
+    screw = screw_ratio(axis)
     per_torque = axis.value("transmission.gear_ratio") / screw
 
     def contact(name, speed):

@@ -4,6 +4,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from microstage_ros.diagnosis.catalogue.form import Form
+from microstage_ros.signals.rows import of_row_before
 
 DELAYS = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 20.0)   # periods
 LAGS = (15e-6, 40e-6, 80e-6, 150e-6, 300e-6, 600e-6, 1.2e-3, 3e-3)   # s
@@ -17,7 +18,7 @@ def delayed(command, periods, winding):
     """
     whole, part = int(periods), periods - int(periods)
     early = np.concatenate([np.full(whole, command[0]), command[: len(command) - whole]])
-    late = np.concatenate([early[:1], early[:-1]])
+    late = of_row_before(early)
     a, b = np.exp(-winding), np.exp(-(1.0 - part) * winding)
     old = (b - a) / (1.0 - a)
     return (1.0 - old) * early + old * late

@@ -13,6 +13,9 @@ from microstage_ros.diagnosis.preprocessing.friction_replay import replay
 from microstage_ros.diagnosis.preprocessing.gap_replay import stage_behind_gap
 from microstage_ros.diagnosis.preprocessing.motion import smooth_motion
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.signals.current import between_readings, settled_current
+from microstage_ros.signals.rows import bridged, of_row_before
+from microstage_ros.signals.travel import motor_travel
 
 LEAST_ROWS = 5000
 FUSION = 41           # periods over which the position reading corrects the motor's travel
@@ -95,7 +98,7 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None):
         columns["current_A"] = columns["current_A"] - drive.current_offset
     rounded = np.round(columns["voltage_V"] / drive.converter_step) * drive.converter_step
     rounded = np.clip(rounded, -drive.voltage_limit, drive.voltage_limit)
-    answered = commanded = np.concatenate([rounded[:1], rounded[:-1]])
+    answered = commanded = of_row_before(rounded)
     off = (rounded == 0.0) & (answered == 0.0)
     if amplifier is not None:
         answered = amplifier(answered, period)
@@ -105,7 +108,7 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None):
         stage = stage - course
     if "current_A" in columns:
         current = columns["current_A"]
-        settled = (current - keep * np.concatenate([current[:1], current[:-1]])) / (1.0 - keep)
+        settled = settled_current(current, keep)
         angle = motor_travel(answered, settled, drive, period)
     else:
         angle = triangle(stage, 61)
@@ -126,7 +129,7 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None):
         motor = angle + triangle(stage + guideway / drive.stiffness - carried, FUSION)
     motion = smooth_motion(motor, settled, drive, period, MOTOR_NOISE)
     load = motion.load + np.roll(between_readings(settled, current, motion.speed, drive, period), -1)
-    load = 0.5 * (load + np.concatenate([load[:1], load[:-1]]))  # of the periods on both sides of a reading
+    load = 0.5 * (load + of_row_before(load))  # of the periods on both sides of a reading
     screw_speed = motion.speed / drive.radius
     actuator, stuck = replay(drive.actuator, screw_speed, period)
     air = {name: _filled(record[name], name)[0] for name in
@@ -154,39 +157,7 @@ def _filled(values, place):
     missing = ~np.isfinite(values)
     if missing.mean() > 0.5:
         raise InputError(place, f"{100 * missing.mean():.0f} % missing", "at least half of the samples")
-    if not missing.any():
-        return np.asarray(values, float), missing
-    rows = np.arange(len(values))
-    return np.interp(rows, rows[~missing], values[~missing]), missing
-
-
-def motor_travel(answered, settled, drive, period):
-    """Motor angle by integrating the back-EMF, in metres of stage, shape (n,).
-
-    K_E Δθ = T (u − R i_s). The settled current belongs to the speed of L/R before the reading, not of half
-    a period before it, so the sum leads by T/2 − L/R; that is taken back by interpolation.
-    """
-    travel = drive.lever * np.cumsum(period * (answered - drive.resistance * settled) / drive.back_emf)
-    lead = 0.5 - drive.inductance / drive.resistance / period
-    return travel - lead * np.diff(travel, prepend=travel[0])
-
-
-def between_readings(settled, current, speed, drive, period):
-    """Torque of the motor in the mean over each period beyond k_M i_s, shape (n,) [N m].
-
-    A controller's voltage stands still for a period T while the motor's speed does not, so the current is a saw-tooth
-    and is read at its tips. With τ = L/R, a = exp(−T/τ), angular acceleration ω', and the voltage held::
-
-        mean i − i_s = (i_0 − i_s) (1 − a) τ/T + (K_E/R) T ω' (1/(1 − a) − 1/2 − τ/T)
-
-    (R i + L di/dt = u − K_E ω solved over one period; i_0 is the reading before). It is 0.4 % of the
-    torque that turns the shipped axis's rotor, nearly half of what the stage's inertia takes.
-    """
-    share = drive.inductance / drive.resistance / period
-    keep = np.exp(-1.0 / share)
-    turning = np.gradient(speed, period) / drive.lever
-    ramp = drive.back_emf / drive.resistance * period * (1.0 / (1.0 - keep) - 0.5 - share) * turning
-    return drive.torque_constant * ((np.concatenate([current[:1], current[:-1]]) - settled) * (1.0 - keep) * share + ramp)
+    return bridged(values), missing
 
 
 @functools.lru_cache(maxsize=256)

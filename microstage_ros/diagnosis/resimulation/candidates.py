@@ -15,6 +15,7 @@ from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.effects import REGISTRY
 from microstage_ros.model.effects.drive import GRAVITY
 from microstage_ros.model.effects.resimulated import Candidate, Fitted
+from microstage_ros.model.transmission import motor_ratio
 
 SPLINE_POINTS = 6              # support points of a friction profile along the stroke
 HARMONICS = (1, 2, 3)          # of the screw turn
@@ -144,7 +145,7 @@ def _position(contact, low, high, axis):
 
 def _ripple(axis, harmonics):
     """Force of the motor that repeats with the turn of the screw: p holds sine and cosine force by harmonic [N]."""
-    ratio = axis.value("transmission.pitch") / (2 * math.pi) / axis.value("transmission.gear_ratio")
+    ratio = motor_ratio(axis)
 
     def effect(p):
         pairs = np.reshape(p, (-1, 2))

@@ -15,6 +15,7 @@ from scipy.optimize import minimize_scalar
 from microstage_ros.identification.estimators.estimate import Estimate, Identification, from_interval
 from microstage_ros.identification.estimators.intervals import block_covariance, profile_interval
 from microstage_ros.model.friction.registry import law_named, run_law
+from microstage_ros.model.transmission import motor_ratio
 from microstage_ros.numerics.filters import low_pass
 
 NOISE_SHARE = 0.02  # inertial torque that the angle's resolution may feign, of the static torque
@@ -98,7 +99,7 @@ def friction_along(signals, axis, attraction=None, level=1.0):
 
 def total_inertia_of(axis):
     """Inertia at the motor shaft [kg m²]: the rotor and the reflected stage."""
-    ratio = axis.value("transmission.pitch") / (2.0 * math.pi) / axis.value("transmission.gear_ratio")
+    ratio = motor_ratio(axis)
     return axis.value("drive.rotor_inertia") + axis.value("stage.mass") * ratio**2
 
 

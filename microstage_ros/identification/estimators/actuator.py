@@ -11,6 +11,7 @@ import numpy as np
 from microstage_ros.identification.estimators.acceleration import total_inertia_of
 from microstage_ros.identification.estimators.virgin_curve import loading_from_samples
 from microstage_ros.identification.signals import MotorSignals, reversals, steady_windows, window_means
+from microstage_ros.model.transmission import screw_ratio
 from microstage_ros.numerics.filters import low_pass
 
 QUASI_STATIC = 0.03  # a branch is slow if its speed is below this share of the Stribeck velocity
@@ -119,7 +120,7 @@ def steady_series(signals, axis, travel_step, load=None):
     ndarray, shape (n, 6): speed [rad/s], torque [N m], travel [m], time [s], position [m], 1 at a new run.
     Travel counts every movement of the record, in the windows and between them.
     """
-    ratio = axis.value("transmission.pitch") / (2.0 * np.pi)
+    ratio = screw_ratio(axis)
     torque = signals.torque if load is None else signals.torque - load
     travel = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(signals.reference)))]) * ratio
     slip, rows = slip_displacement(axis), []

@@ -9,9 +9,9 @@ The linear part of every actuator has one form, with the amplifier's output u_a 
 functions of the class, both optional: ``shape`` (once per period: command → u_a) and ``torque`` (in every chunk).
 """
 
-import math
 from collections.abc import Callable
 
+from microstage_ros.model.transmission import screw_ratio
 from microstage_ros.quantities.command import VOLTAGE
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.quantities.spec import Spec
@@ -152,5 +152,5 @@ class Actuator:
 
 def lever(axis):
     """(r, N, r/N): metres per radian of the screw, gear ratio, metres per radian of the motor."""
-    ratio, gear = axis.value("transmission.pitch") / (2 * math.pi), axis.value("transmission.gear_ratio")
+    ratio, gear = screw_ratio(axis), axis.value("transmission.gear_ratio")
     return ratio, gear, ratio / gear

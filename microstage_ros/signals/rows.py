@@ -1,0 +1,34 @@
+"""Rows before and after, and missing samples: arrays of shape (n,), one entry per control period."""
+
+import numpy as np
+
+
+def of_row_before(values: np.ndarray) -> np.ndarray:
+    """Entry n − 1 in row n, the first entry twice; shape (n,). The command that the reading of each row answers."""
+    return np.concatenate([values[:1], values[:-1]])
+
+
+def of_row_after(values: np.ndarray) -> np.ndarray:
+    """Entry n + 1 in row n, the last entry twice; shape (n,)."""
+    return np.concatenate([values[1:], values[-1:]])
+
+
+def longest_gap(values: np.ndarray) -> tuple[int, int]:
+    """(first row, number of rows) of the longest run of missing samples; (0, 0) where none is missing."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], ~np.isfinite(values), [False]]).astype(int))).reshape(-1, 2)
+    if not len(edges):
+        return 0, 0
+    start, stop = edges[np.argmax(edges[:, 1] - edges[:, 0])]
+    return int(start), int(stop - start)
+
+
+def bridged(values: np.ndarray) -> np.ndarray:
+    """Missing samples (no finite number) on the straight line between their neighbours; shape (n,).
+
+    At least one has to be finite.
+    """
+    seen = np.isfinite(values)
+    if seen.all():
+        return np.asarray(values, float)
+    rows = np.arange(len(values))
+    return np.interp(rows, rows[seen], values[seen])
