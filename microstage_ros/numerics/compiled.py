@@ -108,7 +108,7 @@ def internal(function=None, **options):
     return compiled(function, no_cpython_wrapper=True, **options)
 
 
-def woven(function):
+def always_inlined(function):
     """`internal`, written into its caller after types are found: a loop's every period, without the price of a call."""
     return internal(function, forceinline=True)
 
@@ -165,7 +165,7 @@ kind_of = numba.typeof
 
 
 @intrinsic
-def seldom(typingctx):
+def not_inlined(typingctx):
     """Written first in a function that runs seldom: it stays a call, and its text is not copied into every caller."""
     def build(context, builder, signature, arguments):
         builder.function.attributes.add("noinline")
@@ -174,7 +174,7 @@ def seldom(typingctx):
     return numba.types.void(), build
 
 
-def inlined(function):
+def inlined_before_typing(function):
     """`internal`, written into its caller before types are found: what every period runs through, of few callers."""
     return internal(function, inline="always")
 
@@ -192,8 +192,8 @@ def dispatch(name, functions, arguments, otherwise):
     -------
     compiled function; it is not cached by itself, but within every cached function that calls it.
     """
-    lines = [f"def {name}(kind, {arguments}):", "    seldom()"]
-    names = {"seldom": seldom}
+    lines = [f"def {name}(kind, {arguments}):", "    not_inlined()"]
+    names = {"not_inlined": not_inlined}
     for kind, function in enumerate(functions):
         if function is not None:
             names[f"f{kind}"] = function

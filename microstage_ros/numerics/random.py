@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from microstage_ros.numerics.compiled import compiled, internal, seldom
+from microstage_ros.numerics.compiled import compiled, internal, not_inlined
 
 LAYERS = 128
 TAIL = 3.442619855899          # right end of the base layer
@@ -72,7 +72,7 @@ def normal(s):
 @internal
 def _rare_normal(s, i, u):
     """`normal` outside the inner rectangle of layer i (one draw in eighty)."""
-    seldom()
+    not_inlined()
     while True:
         if i == 0:
             x = -math.log(1.0 - uniform(s)) / TAIL

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from microstage_ros.model.plant_record import DELAY
-from microstage_ros.numerics.compiled import inlined, internal
+from microstage_ros.numerics.compiled import inlined_before_typing, internal
 from microstage_ros.numerics.random import normal
 from microstage_ros.solver.linear_core import TICKS
 from microstage_ros.solver.vectors import fused
@@ -13,7 +13,7 @@ from microstage_ros.solver.vectors import fused
 REBUILD = 2e-4                 # relative change of the resistance that remakes the matrices
 
 
-@inlined
+@inlined_before_typing
 def amplifier_output(plant, state, voltage):
     """u_a = clip(gain · dead(DAC(u) + offset) + noise): V at the motor, or N on a force-driven stage."""
     u = min(max(voltage, -plant.dac_range), plant.dac_range)

@@ -15,7 +15,7 @@ import numpy as np
 
 from microstage_ros.model.friction.curve import stribeck_curve
 from microstage_ros.model.plant_record import BLOCKS, CELLS, OCTAVES
-from microstage_ros.numerics.compiled import compiled, inlined, internal, seldom
+from microstage_ros.numerics.compiled import compiled, inlined_before_typing, internal, not_inlined
 from microstage_ros.solver.vectors import fused
 
 LOWEST_OCTAVE = -18
@@ -58,14 +58,14 @@ def limit(contact, w):
 @internal
 def _limit_beyond_table(contact, w):
     """`limit` where there is no drop, or a speed so low that the curve is a line, or so high that it has ended."""
-    seldom()
+    not_inlined()
     low = contact.velocity * 2.0**LOWEST_OCTAVE
     if contact.drops == 0 or w > low:
         return contact.coulomb
     return contact.static + (contact.sliding[0, 0] - contact.static) * (w / low)
 
 
-@inlined
+@inlined_before_typing
 def limit_and_slopes(contact, w):
     """s(w) as `limit`, 1/s, d(1/s)/dw and (d²(1/s)/dw²)/2 of the cubic pieces that w lies on; without factors, for w > 0."""
     bits = np.float64(w).view(np.int64)
@@ -77,7 +77,7 @@ def limit_and_slopes(contact, w):
     return cubics(d, contact.sliding[cell])
 
 
-@inlined
+@inlined_before_typing
 def cubics(d, c):
     """What `limit_and_slopes` returns, of the cubic pieces ``c`` (s, then 1/s) at d."""
     square = d * d
@@ -87,7 +87,7 @@ def cubics(d, c):
     return s, fused(square, high, fused(d, c[5], c[4])), fused(d, c[6] + bend, c[5]), bend
 
 
-@inlined
+@inlined_before_typing
 def direction_factor(contact, w):
     """1 ± asymmetry, by the direction of motion."""
     return 1.0 + contact.asymmetry if w > 0.0 else 1.0 - contact.asymmetry
@@ -104,7 +104,7 @@ def _flush(contact, c):
     c.stretch = 0.0
 
 
-@inlined
+@inlined_before_typing
 def stuck_force(c):
     """Sum of the sticking blocks' forces."""
     return fused(c.stuck_stiffness, c.stretch, c.stuck_weight_force)
@@ -113,7 +113,7 @@ def stuck_force(c):
 @compiled
 def regroup(contact, c):
     """Recompute from the blocks: their sums and the mode's mask; nothing is known to be free of events."""
-    seldom()
+    not_inlined()
     _flush(contact, c)
     force, stiffness, mask = 0.0, 0.0, 0
     for j in range(contact.blocks):
@@ -124,7 +124,7 @@ def regroup(contact, c):
     c.stuck_weight_force, c.stuck_stiffness, c.mask, c.guard = force, stiffness, mask, -1.0
 
 
-@inlined
+@inlined_before_typing
 def crosses(contact, c, travel, w):
     """Whether after ``travel`` a sticking block has reached its limit at velocity w."""
     stretch = c.stretch + travel
@@ -139,7 +139,7 @@ def _reaches(contact, c, travel, w):
 
     The direction is that of the travel: the velocity may have changed sign at the very end.
     """
-    seldom()
+    not_inlined()
     _flush(contact, c)
     sign = 1.0 if travel > 0.0 else -1.0
     top = c.factor * direction_factor(contact, sign) * limit(contact, w)
@@ -160,7 +160,7 @@ def _reaches(contact, c, travel, w):
 @internal
 def stick_all(contact, c):
     """The velocity changed sign: every block sticks with the force it has."""
-    seldom()
+    not_inlined()
     _flush(contact, c)
     for j in range(contact.blocks):
         if c.stuck[j] == 0.0:
@@ -176,7 +176,7 @@ def stick_all(contact, c):
 @internal
 def release(contact, c, travel, w):
     """Let every sticking block slip that the last ``travel`` brought to its limit; it joins the common slip force."""
-    seldom()
+    not_inlined()
     _flush(contact, c)
     sign = 1.0 if travel > 0.0 else -1.0
     top = c.factor * direction_factor(contact, sign) * limit(contact, w)
@@ -203,7 +203,7 @@ def _join(contact, c, j, sign, top):
     c.slip_force, c.slip_weight, c.slip_offset, c.direction = mean, before + weight, 1.0, sign
 
 
-@inlined
+@inlined_before_typing
 def block_force(c):
     """Σ F_j of all blocks, with sign, or the force of the contact's other law; without the viscous part."""
     return stuck_force(c) + c.direction * c.slip_weight * c.slip_force + c.law_force

@@ -1,7 +1,7 @@
 """What the actuators put into the compiled step beside its linear part (`model.actuators.actuator`)."""
 
 from microstage_ros.model.actuators import ACTUATORS
-from microstage_ros.numerics.compiled import dispatch, internal, seldom
+from microstage_ros.numerics.compiled import dispatch, internal, not_inlined
 
 REBUILD = 2e-4                 # relative change of the force constant that remakes the matrices
 
@@ -12,7 +12,7 @@ _torque = dispatch("torque_of", [a.torque for a in ACTUATORS], "plant, state, th
 @internal
 def shape_command(plant, state, work, u):
     """The actuator's answer to this period's amplifier output ``u``; matrices of another force constant are dropped."""
-    seldom()
+    not_inlined()
     u = _shape(plant.drive, plant, state, u)
     if abs(state.constant_change - work.constant_change) > REBUILD:
         work.key[:] = -1
@@ -24,5 +24,5 @@ def shape_command(plant, state, work, u):
 @internal
 def drive_torque(plant, state, theta, omega):
     """Torque of the actuator that is not linear [N m], at motor angle ``theta`` and speed ``omega``."""
-    seldom()
+    not_inlined()
     return _torque(plant.drive, plant, state, theta, omega)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from microstage_ros.numerics.compiled import inlined, internal, seldom, woven
+from microstage_ros.numerics.compiled import inlined_before_typing, internal, not_inlined, always_inlined
 from microstage_ros.solver.contact import crosses, direction_factor, limit, limit_and_slopes
 from microstage_ros.solver.linear_core import O_I, O_OMEGA, O_OMEGA_MID, O_THETA, O_V, O_X, T1, T2
 from microstage_ros.solver.slip import (
@@ -25,7 +25,7 @@ from microstage_ros.solver.slip import (
 from microstage_ros.solver.vectors import add_columns, fused, mode_rows
 
 BEND = 2e-3                    # largest second difference of s(w) over a chunk, of the static limit
-QUIET, LOOKED, EVENT, COARSE = (np.int64(k) for k in range(4))       # what came of a period; not literals, or numba would compile for each
+EVENT_FREE, LOOKED, EVENT, COARSE = (np.int64(k) for k in range(4))       # what came of a period; not literals, or numba would compile for each
 
 
 class Moving(NamedTuple):
@@ -66,14 +66,14 @@ class Held(NamedTuple):
     guide_direction: float
 
 
-@inlined
+@inlined_before_typing
 def moving_of(state):
     """`Moving` of a state."""
     a, g = state.actuator, state.guideway
     return Moving(state.current, state.omega, state.theta, state.v, state.x, a.stretch, g.stretch, a.slip_force, a.slip_change, a.slip_offset)
 
 
-@inlined
+@inlined_before_typing
 def held_of(plant, state, slot):
     """`Held` of a state whose mode's matrices are in ``slot``."""
     a, g = state.actuator, state.guideway
@@ -87,7 +87,7 @@ def held_of(plant, state, slot):
         g.direction if g.slip_weight > 0.0 else 0.0)
 
 
-@inlined
+@inlined_before_typing
 def slip_of(plant, state):
     """(slip_level, pace, guide_slip) of `Held`: what changes with the factors on the limits, beside the guards."""
     a, g = state.actuator, state.guideway
@@ -95,7 +95,7 @@ def slip_of(plant, state):
     return level, plant.actuator.attraction * plant.period / level, g.direction * g.slip_weight * g.slip_force
 
 
-@inlined
+@inlined_before_typing
 def _bounds(c):
     """(ahead, behind, guard) of a contact; without sticking blocks there is nothing to guard."""
     if c.mask == 0:
@@ -103,14 +103,14 @@ def _bounds(c):
     return c.ahead, c.behind, c.guard
 
 
-@inlined
+@inlined_before_typing
 def guard_of(c):
     """Speed below which a contact need not be looked at."""
     return c.guard if c.mask != 0 else np.inf
 
 
-@inlined
-def give(state, moving):
+@inlined_before_typing
+def write_state(state, moving):
     """`Moving` back into the state it was taken from."""
     a, g = state.actuator, state.guideway
     state.current, state.omega, state.theta, state.v, state.x = moving.current, moving.omega, moving.theta, moving.v, moving.x
@@ -121,7 +121,7 @@ def give(state, moving):
     a.slip_force, a.slip_change, a.slip_offset = moving.slip_force, moving.slip_change, moving.slip_offset
 
 
-@woven
+@always_inlined
 def try_period(plant, state, work, moving, held, u):
     """A period with the amplifier at ``u``: (`Moving` after it, QUIET); LOOKED if ``held`` must be taken anew.
 
@@ -152,7 +152,7 @@ def try_period(plant, state, work, moving, held, u):
         offset = forgotten(offset * fade)
     turned, moved = rows[O_THETA] * plant.per_gear, rows[O_X]
     a_stretch, g_stretch = moving.a_stretch + turned, moving.g_stretch + moved
-    found = QUIET
+    found = EVENT_FREE
     if rows[O_OMEGA] * held.direction < 0.0 or rows[O_V] * held.guide_direction < 0.0:
         return moving, EVENT
     if not ((a_stretch < held.a_ahead or turned <= 0.0) and (-a_stretch < held.a_behind or turned >= 0.0)
@@ -176,7 +176,7 @@ def slip_level(contact, c, w):
 @internal
 def far(plant, c, omega0, omega_mid, omega1, f0, h):
     """`relax` at the actuator, and whether the limit bends too much over the chunk for it."""
-    seldom()
+    not_inlined()
     a = plant.actuator
     s0, s_mid = slip_level(a, c, omega0 * plant.per_gear), slip_level(a, c, omega_mid * plant.per_gear)
     s1 = slip_level(a, c, omega1 * plant.per_gear)
@@ -187,7 +187,7 @@ def far(plant, c, omega0, omega_mid, omega1, f0, h):
 @internal
 def _look(plant, state, a_stretch, g_stretch, turned, w, moved, v):
     """EVENT if a sticking block comes to its limit in a period with these travels and velocities at its end, else LOOKED."""
-    seldom()
+    not_inlined()
     a, g = state.actuator, state.guideway
     if a.mask != 0:
         a.stretch = a_stretch

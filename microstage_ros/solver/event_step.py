@@ -12,7 +12,7 @@ import numpy as np
 
 from microstage_ros.model.effects.forces import effect_force
 from microstage_ros.model.plant_record import LEVELS, SLOTS
-from microstage_ros.numerics.compiled import compiled, inlined, internal, seldom
+from microstage_ros.numerics.compiled import compiled, inlined_before_typing, internal, not_inlined
 from microstage_ros.solver.contact import (
     crosses,
     direction_factor,
@@ -58,7 +58,7 @@ COUNT = 2.0 ** np.arange(LEVELS)          # chunks of a level in a period
 SHARE = 0.5 ** np.arange(LEVELS)          # length of a level's chunk, of the period
 
 
-@inlined
+@inlined_before_typing
 def slot_of(plant, state, work):
     """Slot of the present mode, as it was left; looked up only if the matrices were dropped."""
     if work.slot < 0:
@@ -69,7 +69,7 @@ def slot_of(plant, state, work):
 @internal
 def _mode(plant, state, work):
     """Slot of the matrices of the present mode, made if it is new."""
-    seldom()
+    not_inlined()
     ca, cg = state.actuator, state.guideway
     side = 1 if state.side != 0 else 0
     key = ca.mask | (cg.mask << 8) | (side << 16)
@@ -91,7 +91,7 @@ def _mode(plant, state, work):
 @internal
 def walk(plant, state, work, u, start, end, level):
     """Walk from tick ``start`` to tick ``end`` of the period with the amplifier at ``u``, beginning at ``level``."""
-    seldom()
+    not_inlined()
     slot = slot_of(plant, state, work)
     base = plant.base_level
     position = start
@@ -123,7 +123,7 @@ def walk(plant, state, work, u, start, end, level):
 @internal
 def _switch(plant, state, work):
     """Carry out the events that the finest chunk ended on."""
-    seldom()
+    not_inlined()
     a, g, ca, cg = plant.actuator, plant.guideway, state.actuator, state.guideway
     if ca.slip_weight > 0.0 and state.omega * ca.direction < 0.0:
         stick_all(a, ca)
@@ -177,7 +177,7 @@ def _chunk(plant, state, work, u, slot, level):
     return EVENT_AT_END if event else DONE
 
 
-@inlined
+@inlined_before_typing
 def _slip(plant, state, rows, f0, grow, h, level):
     """(what `corrections` gives, slip force at the end, decay of its offsets, too COARSE) of a chunk whose ``rows`` were guessed."""
     a, ca, omega0 = plant.actuator, state.actuator, state.omega
@@ -209,7 +209,7 @@ def _guide_slip(plant, c, v0, v1, h):
     return force, fade
 
 
-@inlined
+@inlined_before_typing
 def _steady_forces(plant, state, h):
     """(torque at the motor, force at the stage) that do not depend on the slip, about the chunk's middle."""
     torque, force = -stuck_force(state.actuator), plant.push - stuck_force(state.guideway)
@@ -223,7 +223,7 @@ def _steady_forces(plant, state, h):
 @internal
 def _other_forces(plant, state, h):
     """Torque and force of the drive train with backlash or errors of the lead, of cables, and of what is smooth."""
-    seldom()
+    not_inlined()
     torque, force = 0.0, 0.0
     if plant.rigid == 0 and state.side != 0:
         d = plant.ratio * state.theta - state.x - 0.5 * plant.gap * state.side
@@ -271,7 +271,7 @@ def _beyond_viscous(contact, w):
     return force + (size if w > 0.0 else -size)
 
 
-@inlined
+@inlined_before_typing
 def _event(plant, state, rows):
     """Whether the tried chunk holds an event: a reversal in slip, a block at its limit, the gap's edge."""
     ca, cg = state.actuator, state.guideway
@@ -290,7 +290,7 @@ def _event(plant, state, rows):
     return False
 
 
-@inlined
+@inlined_before_typing
 def _accept(plant, state, work, rows, f1, gained, fade, h, level):
     """Take the tried chunk: new state, stretched blocks, relaxed slip force, which ``gained`` so much."""
     a, g, ca, cg = plant.actuator, plant.guideway, state.actuator, state.guideway
@@ -319,7 +319,7 @@ def _accept(plant, state, work, rows, f1, gained, fade, h, level):
 @internal
 def _follow(plant, state, h):
     """Let lagging limits follow the velocities, and a guideway's slip force its limit."""
-    seldom()
+    not_inlined()
     a, g, ca, cg = plant.actuator, plant.guideway, state.actuator, state.guideway
     if a.lag > 0.0:
         ca.lagged += (abs(state.omega) * plant.per_gear - ca.lagged) * (1.0 - decay(h / a.lag))

@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from microstage_ros.model.plant_record import INPUTS, LAW_WORK, LEVELS, OUTPUTS, WORK
-from microstage_ros.numerics.compiled import compiled, internal, seldom
+from microstage_ros.numerics.compiled import compiled, internal, not_inlined
 from microstage_ros.solver.vectors import add_row, mix_rows
 
 TICKS = 1 << (LEVELS - 1)
@@ -98,7 +98,7 @@ def _system(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, cha
 @internal
 def _times(x, y, scale, out):
     """Out = scale · y x (rows and columns exchanged), of the states' rows of y."""
-    seldom()
+    not_inlined()
     for j in range(_SIZE):
         mix_rows(out, j, scale * x[j, 0], scale * x[j, 1], scale * x[j, 2], scale * x[j, 3], scale * x[j, 4], y)
 
@@ -106,7 +106,7 @@ def _times(x, y, scale, out):
 @internal
 def _horner(x, a, scale, out):
     """Out = 1 + scale · x a; what a does to the inputs (u constant, torque a chain of three, force of two) is known."""
-    seldom()
+    not_inlined()
     _times(a, x, scale, out)
     for j in (7, 8, 10):
         add_row(out, j, scale, x, j - 1)
@@ -117,7 +117,7 @@ def _horner(x, a, scale, out):
 @internal
 def _exponential(a, h, result, spare):
     """The states' part of exp(a h) into ``result``: scaled until the norm is below 1/16, Taylor to order 8, squared back."""
-    seldom()
+    not_inlined()
     norm = 0.0
     for i in range(_STATES):       # in units of time of 1/PACE, so that speeds and positions weigh alike
         row = abs(a[0, i]) + abs(a[1, i]) + abs(a[3, i]) + (abs(a[2, i]) + abs(a[4, i])) / PACE
@@ -142,7 +142,7 @@ def _exponential(a, h, result, spare):
 @internal
 def _square(e, h, out):
     """Out = exp(2 a h) of e = exp(a h)."""
-    seldom()
+    not_inlined()
     _times(e, e, 1.0, out)
     for j in range(_STATES, _SIZE):
         add_row(out, j, 1.0, e, j)
@@ -154,7 +154,7 @@ def _square(e, h, out):
 @internal
 def _write_level(e, half, h, plant, inertia, out):
     """Pick the used parts of the exponentials over h and h/2 into one level's matrix, in SI units."""
-    seldom()
+    not_inlined()
     rigid, ratio = plant.rigid == 1, plant.ratio
     per_inertia, per_h = 1.0 / inertia, 1.0 / h
     push = ratio * per_inertia if rigid else 1.0 / (plant.mass * ratio)

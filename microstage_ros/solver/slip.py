@@ -16,7 +16,7 @@ What it leaves out is of the order of (G ε)²; up to `NEAR` it shows nowhere in
 
 import math
 
-from microstage_ros.numerics.compiled import compiled, inlined, internal
+from microstage_ros.numerics.compiled import compiled, inlined_before_typing, internal
 from microstage_ros.solver.vectors import fused
 
 SERIES_END = 0.5
@@ -32,7 +32,7 @@ def decay(g):
     return math.exp(-g)
 
 
-@inlined
+@inlined_before_typing
 def decay_series(g):
     """`decay` below `SERIES_END`."""
     square = g * g
@@ -40,7 +40,7 @@ def decay_series(g):
     return fused(square, fused(square, high, fused(g, -1 / 6, 0.5)), 1.0 - g)
 
 
-@inlined
+@inlined_before_typing
 def forgotten(offset):
     """``offset``, or 0 when nothing is left of it: it would end as the smallest of all numbers, with which processors are slow."""
     return offset if offset > LEAST_OFFSET else 0.0
@@ -68,7 +68,7 @@ def near(g, f0, s0):
     return near_with(g, decay(0.5 * g), f0, s0)
 
 
-@inlined
+@inlined_before_typing
 def near_with(g, half, f0, s0):
     """`near`, E = exp(−G/2) given."""
     g_half = 0.5 * g
@@ -81,13 +81,13 @@ def near_with(g, half, f0, s0):
     return mid, eight, part * fused(s0, rise, e * half), end, 2.0 * half * eight, -4.0 * part * end, fade
 
 
-@inlined
+@inlined_before_typing
 def change_of_rate(s, slope, bend, turn):
     """(k1, k2) of ε = k1 Δω + k2 Δω², from s, d(1/s)/dw, (d²(1/s)/dw²)/2 and dw/dω."""
     return s * slope * turn, s * bend * (turn * turn)
 
 
-@inlined
+@inlined_before_typing
 def corrections_near(course, pull, f0, grow):
     """`corrections` for `near`'s six numbers ``course``, each as (at ε = 0, its derivatives by ε_m and ε_1)."""
     mid, mid_m, mid_1, end, end_m, end_1 = course
@@ -96,19 +96,19 @@ def corrections_near(course, pull, f0, grow):
     return linear, square
 
 
-@inlined
+@inlined_before_typing
 def change(k1, k2, turned):
     """ε after a change of ω by ``turned``, see `change_of_rate`."""
     return turned * fused(k2, turned, k1)
 
 
-@inlined
+@inlined_before_typing
 def with_change(parts, by_mid, by_end):
     """A number given as (at ε = 0, its derivatives by ε_m and ε_1), at these ε."""
     return fused(parts[1], by_mid, fused(parts[2], by_end, parts[0]))
 
 
-@inlined
+@inlined_before_typing
 def corrections(pull, f0, f_mid, f1, grow):
     """What the parabola of the slip's torque pull·f through f0, f_mid, f1 adds to pull·(f0 + grow t/h): of t/h, of (t/h)²."""
     return pull * (fused(4.0, f_mid, -f1) - fused(3.0, f0, grow)), pull * (fused(-4.0, f_mid, 2.0 * f0) + 2.0 * f1)

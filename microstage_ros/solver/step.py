@@ -5,11 +5,11 @@ A period without an event is one small matrix product and the slip's few product
 
 import numpy as np
 
-from microstage_ros.numerics.compiled import compiled, inlined, internal, seldom, woven
+from microstage_ros.numerics.compiled import compiled, inlined_before_typing, internal, not_inlined, always_inlined
 from microstage_ros.solver.amplifier import amplifier_output, delayed_output, lag_output, warm_up
 from microstage_ros.solver.contact import block_force
 from microstage_ros.solver.drive import shape_command
-from microstage_ros.solver.event_free import COARSE, EVENT, LOOKED, QUIET, give, held_of, moving_of, try_period
+from microstage_ros.solver.event_free import COARSE, EVENT, LOOKED, EVENT_FREE, write_state, held_of, moving_of, try_period
 from microstage_ros.solver.event_step import slot_of, walk
 from microstage_ros.solver.linear_core import TICKS
 from microstage_ros.solver.variability import vary_now, waited
@@ -23,37 +23,37 @@ def advance(plant, state, work, voltage):
 
     ``plant``: record `PLANT`; ``state``: record `STATE`, changed in place; ``work``: see `linear_core.new_work`.
     """
-    moving, held = take(plant, state, work)
-    moving, held = glide(plant, state, work, moving, held, voltage)
-    give(state, moving)
+    moving, held = read_state(plant, state, work)
+    moving, held = advance_in_registers(plant, state, work, moving, held, voltage)
+    write_state(state, moving)
 
 
-@inlined
-def take(plant, state, work):
-    """(`quiet.Moving`, `quiet.Held`) of a state, for `glide`."""
+@inlined_before_typing
+def read_state(plant, state, work):
+    """(`event_free.Moving`, `event_free.Held`) of a state, for `advance_in_registers`."""
     return moving_of(state), held_of(plant, state, slot_of(plant, state, work))
 
 
-@woven
-def glide(plant, state, work, moving, held, voltage):
-    """`advance` on what `take` gave; returns the same a period later. `quiet.give` brings the state up to date."""
+@always_inlined
+def advance_in_registers(plant, state, work, moving, held, voltage):
+    """`advance` on what `read_state` gave; returns the same a period later. `event_free.write_state` brings the state up to date."""
     u = amplifier_output(plant, state, voltage)
     if plant.varies == 1 and waited(plant, state, moving.v):
-        give(state, moving)
+        write_state(state, moving)
         vary_now(plant, state)
-        moving, held = take(plant, state, work)
+        moving, held = read_state(plant, state, work)
     after, found = moving, EVENT
     if plant.quick == 1:
         state.voltage = u
         after, found = try_period(plant, state, work, moving, held, u)
-    if found == QUIET:
+    if found == EVENT_FREE:
         moving = after
     elif found == LOOKED:
         moving, held = after, held_of(plant, state, held.slot)
     else:
-        give(state, after)
+        write_state(state, after)
         _other_period(plant, state, work, u, found)
-        moving, held = take(plant, state, work)
+        moving, held = read_state(plant, state, work)
     state.time += plant.period
     state.periods += 1
     return moving, held
@@ -62,11 +62,11 @@ def glide(plant, state, work, moving, held, voltage):
 @internal
 def quick_period(plant, state, work, u):
     """`advance` of a plant that is ``quick``, from the amplifier's output on."""
-    seldom()
+    not_inlined()
     state.voltage = u
-    moving, held = take(plant, state, work)
+    moving, held = read_state(plant, state, work)
     after, found = try_period(plant, state, work, moving, held, u)
-    give(state, after)
+    write_state(state, after)
     if found == EVENT or found == COARSE:
         _other_period(plant, state, work, u, found)
 
@@ -74,7 +74,7 @@ def quick_period(plant, state, work, u):
 @internal
 def _other_period(plant, state, work, u, found):
     """A period that is not quiet; ``found``: what `try_period` said of it, if it was tried."""
-    seldom()
+    not_inlined()
     if plant.quick == 1:
         start = found - found                # not a literal: numba would compile once more for it
         walk(plant, state, work, u, start, start + TICKS, start + (found == EVENT))
@@ -85,7 +85,7 @@ def _other_period(plant, state, work, u, found):
 @internal
 def _advance_pieces(plant, state, work, u):
     """A period whose voltage changes inside it (delay, lag), or that is always walked in parts."""
-    seldom()
+    not_inlined()
     if plant.shaped == 1:
         u = shape_command(plant, state, work, u)
     late, split, pieces = u, 0, 1

@@ -8,7 +8,7 @@ stage has moved by a small part of the length or a small part of the time has pa
 import math
 
 from microstage_ros.model.plant_record import PROFILE
-from microstage_ros.numerics.compiled import compiled, inlined, internal, seldom
+from microstage_ros.numerics.compiled import compiled, inlined_before_typing, internal, not_inlined
 from microstage_ros.numerics.random import normal
 from microstage_ros.solver.contact import regroup
 from microstage_ros.solver.slip import decay
@@ -24,7 +24,7 @@ def vary(plant, state):
         vary_now(plant, state)
 
 
-@inlined
+@inlined_before_typing
 def waited(plant, state, v):
     """Count the coming period at stage velocity v; whether `vary_now` is to be called."""
     state.random_travel += abs(plant.period * v)
@@ -36,7 +36,7 @@ def waited(plant, state, v):
 @internal
 def vary_now(plant, state):
     """`vary` when something has changed."""
-    seldom()
+    not_inlined()
     travel, wait = 0.0, 0.0
     if state.random_travel > plant.random_travel_step:
         travel, state.random_travel = state.random_travel, 0.0
@@ -67,7 +67,7 @@ def _vary_contact(plant, contact, c, state, by_travel, by_time):
         c.guard = -1.0
 
 
-@inlined
+@inlined_before_typing
 def _pace(step):
     """(what is kept, share of chance) of an Ornstein–Uhlenbeck process a ``step`` (in its own length) later, exact in law."""
     if step == 0.0:
@@ -76,7 +76,7 @@ def _pace(step):
     return keep, math.sqrt(1.0 - keep * keep)
 
 
-@inlined
+@inlined_before_typing
 def _random_walk(plant, contact, c, state, by_travel, by_time):
     """Advance q by the paces of its two processes, each where it has one."""
     if by_travel[1] > 0.0:
@@ -89,7 +89,7 @@ def _random_walk(plant, contact, c, state, by_travel, by_time):
 @internal
 def _profile(contact, x):
     """Factor of the limits at stage position x."""
-    seldom()
+    not_inlined()
     factor = 1.0
     for k in range(contact.ripples):
         factor += contact.ripple_amplitude[k] * math.sin(contact.ripple_number[k] * x + contact.ripple_phase[k])
@@ -104,7 +104,7 @@ def _profile(contact, x):
 @internal
 def _age(plant, contact, c, moved):
     """Relative growth of the limits by dwell; travel wipes it out."""
-    seldom()
+    not_inlined()
     if contact.aging_rate == 0.0:
         return 0.0
     if c.mask != 0 or contact.law > 0:        # without blocks nothing says what sticks: travel alone tells
@@ -118,7 +118,7 @@ def _age(plant, contact, c, moved):
 @internal
 def _creep(contact, c, period, moved):
     """Flow of the sticking blocks over one period, see `effects.friction.PreslidingCreep`."""
-    seldom()
+    not_inlined()
     regroup(contact, c)
     flow = contact.creep_amplitude * period / (c.held + contact.creep_time)
     c.held = (c.held + period) * math.exp(-moved / contact.creep_release)

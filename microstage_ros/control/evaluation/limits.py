@@ -86,7 +86,7 @@ def run_told_contact(plant, state, work, readings, parameters, memory, reference
         side = state.side if state.side != 0 else side
         ahead = side * (reference[n] - memory.reference) < 0.0  # the reference leads the other way
         if o.contact == lost_motion.TOUCHING and side != 0 and side * slack < 0.5 * plant.gap - LEFT and ahead:
-            o.side, o.sure = side, 1
+            o.side, o.confirmed = side, 1
             lost_motion.open_contact(o, -1.0 * side, 0.0)
         if o.contact != lost_motion.TOUCHING:
             o.travel, o.v = 0.5 * plant.gap + o.toward * slack, plant.ratio * state.omega

@@ -17,7 +17,7 @@ from microstage_ros.control.observer import gap_crossing
 from microstage_ros.control.observer import law as observer_law
 from microstage_ros.control.observer.drive_learning import drive_voltage
 from microstage_ros.control.observer.lost_motion import TOUCHING
-from microstage_ros.numerics.compiled import compiled, seldom, woven
+from microstage_ros.numerics.compiled import compiled, not_inlined, always_inlined
 from microstage_ros.quantities.errors import InputError
 
 NONE, PID, SELF_TUNING, CASCADE, PID_FEEDFORWARD, SELF_TUNING_FEEDFORWARD, NCTF, SELF_TUNING_OBSERVER = range(8)
@@ -118,7 +118,7 @@ def controller_reset(parameters, state, voltage):
 @compiled
 def controller_start(state, reference, encoder):
     """First period after a reset: the axis is taken to rest where the encoder [m] says."""
-    seldom()
+    not_inlined()
     state.started = 1
     state.pid.previous_encoder = encoder
     state.pid.previous_reference = reference
@@ -129,7 +129,7 @@ def controller_start(state, reference, encoder):
     observer_law.observer_start(state.observer, encoder)
 
 
-@woven
+@always_inlined
 def controller_step(parameters, state, reference, encoder, current):
     """One control period of the law ``parameters.kind``.
 
@@ -153,7 +153,7 @@ def controller_step(parameters, state, reference, encoder, current):
 @compiled
 def dispatch(parameters, state, reference, encoder, current):
     """The branch of `controller_step` for each kind of law."""
-    seldom()
+    not_inlined()
     kind = parameters.kind
     period = parameters.period
     limit = parameters.voltage_limit
@@ -218,14 +218,14 @@ def go_on_from(p, s, voltage):
 @compiled
 def encoder_only_step(parameters, state, reference):
     """The encoder-only law, and what the observer law needs to take over again: its model along the reference, no crossing."""
-    seldom()
+    not_inlined()
     period, model, own, shown = parameters.period, parameters.feedforward, state.encoder_pid, state.pid
     feedforward.feedforward_step(model, state.feedforward, period, reference, state.observer.level, 1.0, 0.0)
     gap_crossing.crossing_reset(state.crossing)
     adaptation.adaptation_step(parameters.encoder_adaptation, state.encoder_adaptation, parameters.encoder_pid, own, period)
     voltage = pid.pid_output(parameters.encoder_pid, own, period, parameters.voltage_limit, 0.0)
     state.feed_forward = 0.0
-    state.observer.stood = state.supervision.stood
+    state.observer.rest_time_s = state.supervision.rest_time_s
     shown.kp, shown.ki, shown.kd, shown.integral, shown.error = own.kp, own.ki, own.kd, own.integral, own.error
     shown.proportional_term, shown.derivative_term, shown.saturated = own.proportional_term, own.derivative_term, own.saturated
     return voltage
@@ -236,7 +236,7 @@ def regulate(parameters, state, reference):
     """What `observed_step` does with the motion, level and contact that stand in ``state.observer``."""
     period, model, observer, crossing = parameters.period, parameters.feedforward, state.observer, state.crossing
     speed = state.pid.reference_velocity
-    observer.stood = observer.stood + period if speed == 0.0 else 0.0
+    observer.rest_time_s = observer.rest_time_s + period if speed == 0.0 else 0.0
     state.pid.velocity = observer.v
     state.pid.error = gap_crossing.cross_step(
         crossing, parameters.observer, observer, period,
@@ -247,12 +247,12 @@ def regulate(parameters, state, reference):
         model, state.feedforward, period, reference, observer.level, 1.0, crossing.offset_speed
     )
     integral = state.pid.integral
-    apart = observer.contact != TOUCHING
-    if not apart:
+    in_gap = observer.contact != TOUCHING
+    if not in_gap:
         adaptation.adaptation_step(parameters.adaptation, state.adaptation, parameters.pid, state.pid, period)
     limit = parameters.voltage_limit
     voltage = pid.pid_output(parameters.pid, state.pid, period, limit / max(observer.applied[0], 1.0), state.feed_forward)
-    if apart:
+    if in_gap:
         state.pid.integral = integral
     motion = model.volts_per_velocity * state.pid.reference_velocity
     return min(max(drive_voltage(observer, voltage - motion, motion), -limit), limit)

@@ -58,7 +58,7 @@ FIELDS = [
     ("swings", "i8"),  # in a row
     ("swinging", "f8"),  # s, since the first of them
     ("deaf", "f8"),  # s, for which the current was too noisy
-    ("stood", "f8"),  # s, for which the reference has
+    ("rest_time_s", "f8"),  # s, for which the reference has
     ("beside", "f8"),  # s, for which the axis has rested beside its target
     ("doubted", "f8"),  # s, for which innovations were too large
     ("calm", "f8"),  # s, at rest at the target and consistent
@@ -80,7 +80,7 @@ def supervision_reset(p, s, unstable):
     s.swings = 0
     s.swinging = 0.0
     s.deaf = 0.0
-    s.stood = 0.0
+    s.rest_time_s = 0.0
     s.beside = 0.0
     s.doubted = 0.0
     s.calm = 0.0
@@ -103,8 +103,8 @@ def watch_error(p, s, error, reference_speed, period):
         s.half = 0.0
     elif abs(fast) > abs(s.peak):
         s.peak = fast
-    s.stood = s.stood + period if reference_speed == 0.0 else 0.0
-    rests = s.stood > STILL_TIME
+    s.rest_time_s = s.rest_time_s + period if reference_speed == 0.0 else 0.0
+    rests = s.rest_time_s > STILL_TIME
     s.beside = s.beside + period if rests and abs(s.slow) > p.beside else 0.0
     s.calm = s.calm + period if rests and abs(s.slow) < AT_TARGET and s.swings == 0 else 0.0
 
@@ -117,7 +117,7 @@ def sign_of_trouble(p, s, position_test, speed_test, noise, period):
     s.deaf = s.deaf + period if noise > p.loudest else 0.0
     if s.swings > p.swings and s.swinging > p.cycle_time or abs(s.peak) > p.large_swing and 2 * s.swings > p.swings:
         return SWINGS
-    if s.handovers > 0 and s.since < p.probation and s.stood > s.since and abs(s.smooth) > p.trial_error:
+    if s.handovers > 0 and s.since < p.probation and s.rest_time_s > s.since and abs(s.smooth) > p.trial_error:
         return SWINGS
     if s.beside > p.beside_time:
         return BESIDE

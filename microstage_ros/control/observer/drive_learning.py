@@ -11,14 +11,14 @@ from microstage_ros.control.observer.motion_filter import along_motion
 from microstage_ros.numerics.compiled import compiled
 from microstage_ros.signals.current import settled
 
-JOLT_TIME = 1e-2  # s, for which a jolt is remembered
-JOLTED = 5.0  # doubts in the encoder beyond which something goes on that is not the drive (backlash, a jolt)
+PEAK_TIME = 1e-2  # s, memory of the largest innovation of the position
+PEAK_LIMIT = 5.0  # doubts in the encoder beyond which something goes on that is not the drive (backlash, an impact)
 LAGS = 4  # voltage delays told apart, in periods
 EXCITED = 1e-6  # V^2, mean square of voltage steps that tells the delay: 1 mV rms
-TOLD = 2.0  # doubts in the voltage that its rms steps are beyond when they tell of another delay
+LAG_LIMIT = 2.0  # doubts in the voltage that its rms steps are beyond when they tell of another delay
 LAG_LEAST = 0.3  # share of the current's steps that follow the voltage of another delay at least
-LAG_SURE = 0.8  # share of the current's steps that follow the voltage of one delay, once that is sure
-SURE = 4.0  # doubts in the voltage that a step of it is beyond when the drive has changed
+LAG_CONFIRMED = 0.8  # share of the current's steps that follow the voltage of one delay, once that is sure
+CHANGE_LIMIT = 4.0  # doubts in the voltage that a step of it is beyond when the drive has changed
 RARE = 6.0  # and rms steps of late
 WINDING = 0.1  # share of a change of voltage that the current may follow in another way
 RESTLESS_TIME = 0.1  # s, memory of these
@@ -27,7 +27,7 @@ APPLY_TIME = 0.1  # s, in which the controller follows what is learned
 SLACK, ZERO_SLACK = 0.05, 1e-2  # 1, V, up to which it does not
 STRAY_TIME, LONG_TIME = 5e-3, 0.1  # s, memory of a position that stays beside the encoder, at rest and in motion
 ASTRAY, LONG_ASTRAY = 0.8, 1.5  # doubts in the encoder by which it may
-STOOD = 0.3  # s, for which the reference stands when the axis is surely at rest
+REST_TIME = 0.3  # s, for which the reference stands when the axis is surely at rest
 NOISE_TIME = 0.3  # s, memory of the noise in the voltage behind the back-EMF
 FIRST_TIME = 1e-2  # s, shortest memory of it, at the start
 OUTLIER = 9.0  # variances, at which a square is cut: a change of the drive is no noise
@@ -49,7 +49,7 @@ def forget_drive(p, s):
     s.learned_covariance[1, 1] = p.zero_spread * p.zero_spread
     s.learned_covariance[2, 2] = p.emf_spread * p.emf_spread
     s.shift[:] = 0.0
-    s.jolt = 0.0
+    s.innovation_peak_m = 0.0
     s.strayed = 0.0
 
 
@@ -82,22 +82,22 @@ def drive_changed(p, model, s, period, drop):
     Nothing but the drive itself can do that: a force on the motor takes many periods, since it has to turn the rotor first.
     """
     low, high = min(s.voltages), max(s.voltages)
-    sure = s.answers[s.lag] * model.resistance * s.learned[0] > LAG_SURE * s.excitation and s.excitation > EXCITED
-    unsettled = (WINDING if sure else 1.0) * (high - low)
+    confirmed = s.answers[s.lag] * model.resistance * s.learned[0] > LAG_CONFIRMED * s.excitation and s.excitation > EXCITED
+    unsettled = (WINDING if confirmed else 1.0) * (high - low)
     before = s.unexplained
     expected = voltage_variance(model, s, drop - s.drop, s.v - s.speed, 0.0)
     compare_voltage(model, s, drop)
     now, step = s.unexplained, s.unexplained - before
     noise = s.voltage_noise if s.voltage_noise > LOUD * p.voltage_noise else p.voltage_noise
-    doubt = max(SURE * SURE * noise * noise, RARE * RARE * s.restless) + unsettled * unsettled
-    sudden = step * step > doubt + SURE * SURE * expected
-    beyond = now * now > doubt + SURE * SURE * voltage_variance(model, s, drop, s.v, 1.0)
+    doubt = max(CHANGE_LIMIT * CHANGE_LIMIT * noise * noise, RARE * RARE * s.restless) + unsettled * unsettled
+    sudden = step * step > doubt + CHANGE_LIMIT * CHANGE_LIMIT * expected
+    beyond = now * now > doubt + CHANGE_LIMIT * CHANGE_LIMIT * voltage_variance(model, s, drop, s.v, 1.0)
     s.since += period
     if sudden and beyond and (s.steady > STEADY_TIME or s.changes > 0 and s.since < 3.5 * period):
         s.steady = 0.0
         return True
     learn_noise(p, s, step, period)
-    steady = now * now < doubt and s.jolt < JOLTED * p.encoder_noise
+    steady = now * now < doubt and s.innovation_peak_m < PEAK_LIMIT * p.encoder_noise
     s.steady = s.steady + period if steady else 0.0
     memory = RESTLESS_TIME if s.changes > 0 else min(RESTLESS_TIME, s.since)
     s.restless += period / max(memory, period) * (step * step - s.restless)
@@ -146,7 +146,7 @@ def relearn(p, model, s, drop):
             s.learned_covariance[k, j] += GAIN_SPREAD * GAIN_SPREAD * s.learned[k] * s.learned[j]
     s.learned_covariance[1, 1] += ZERO_SPREAD * ZERO_SPREAD
     s.shift[:] = 0.0
-    s.jolt = 0.0
+    s.innovation_peak_m = 0.0
     s.strayed = 0.0
     for k in range(3):
         s.of_speed[k] = direct_effect(model, s, drop, k)
@@ -205,7 +205,7 @@ def find_lag(p, model, s, step):
     change = s.voltages[0] - s.voltages[1]
     s.excitation += 0.01 * (change * change - s.excitation)
     restored = s.changes == 0 or s.since > STEADY_TIME  # what a change of the drive shakes says nothing of the delay
-    told = s.excitation > TOLD * TOLD * p.voltage_noise * p.voltage_noise
+    told = s.excitation > LAG_LIMIT * LAG_LIMIT * p.voltage_noise * p.voltage_noise
     if not told or best == s.lag or not restored or s.answers[best] * model.resistance * s.learned[0] < LAG_LEAST * s.excitation:
         return False
     s.lag = best
@@ -228,9 +228,9 @@ def learn_drive(p, model, s, period, drop, position, speed):
     noise_x = p.encoder_noise * p.encoder_noise
     noise_v = s.voltage_noise / model.volts_per_velocity
     noise_v *= noise_v
-    # while the encoder is far beyond its noise, something else is going on (backlash, a jolt): learn less
-    s.jolt = max(abs(position), s.jolt * (1.0 - min(period / JOLT_TIME, 1.0)))
-    doubt = max(1.0, s.jolt / (JOLTED * p.encoder_noise))
+    # while the encoder is far beyond its noise, something else is going on (backlash, an impact): learn less
+    s.innovation_peak_m = max(abs(position), s.innovation_peak_m * (1.0 - min(period / PEAK_TIME, 1.0)))
+    doubt = max(1.0, s.innovation_peak_m / (PEAK_LIMIT * p.encoder_noise))
     noise_x *= doubt * doubt
     noise_v *= doubt * doubt
     doubt_drive(p, s, period, position)
@@ -250,7 +250,7 @@ def doubt_drive(p, s, period, position):
     Noise has no mean: the innovation ``position`` [m], averaged, lies within a count of zero as long as the drive is known. In
     motion it takes longer to say, since a gap that opens looks the same until it is noticed.
     """
-    rests = s.stood > STOOD
+    rests = s.rest_time_s > REST_TIME
     memory, bound = (STRAY_TIME, ASTRAY) if rests else (LONG_TIME, LONG_ASTRAY)
     s.strayed += min(period / memory, 1.0) * (position - s.strayed)
     beyond = abs(s.strayed) / p.encoder_noise - bound

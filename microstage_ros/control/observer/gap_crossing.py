@@ -27,7 +27,7 @@ CATCH_UP = 120.0  # 1/s, rate at which the stage is led to the reference
 GENTLE = 2e-5  # m/s, most that this may take
 CHASE, FAST = 300.0, 1e-4  # 1/s and at most m/s, at which the drive follows a stage that was thrown ahead, and looks for one faster than the reference
 BUMPLESS_TIME = 4e-3  # s
-SHORT, SURE = 4e-8, 1.5  # m, and standard deviations of the gap, by which the path ends before the contact: no error along it throws the stage
+SHORT, GAP_MARGIN = 4e-8, 1.5  # m, and standard deviations of the gap, by which the path ends before the contact: no error along it throws the stage
 APPROACH = 4e-6  # m/s, over the rest
 WAIT_TIME = 0.05  # s, in which a stage that is ahead is led back if the reference does not come
 FIELDS = [
@@ -66,7 +66,7 @@ def begin(c, s, speed, acceleration, period):
     c.path = c.start
     c.path_speed = c.start_speed
     c.arrived = 0
-    c.short = SHORT + SURE * math.sqrt(s.gap_variance)
+    c.short = SHORT + GAP_MARGIN * math.sqrt(s.gap_variance)
     length = max(s.gap - c.short - c.start, 1e-9)
     c.duration = max(math.sqrt(5.77 * length / acceleration), 5.0 * period)
 

@@ -71,7 +71,7 @@ GAINS = (
 REPEATED = 0.2  # doubts in the encoder that the axis moves within a period when readings cannot repeat
 TEST_TIME = 2e-2  # s, over which innovations are averaged
 PULL = 0.2  # of the actuator's Coulomb friction, that the current overcomes where the motor moves at all: else it is a dead band
-APART_GAIN = 0.3  # of the speed while apart, where the encoder says nothing of the motor and friction changes fast
+GAP_GAIN = 0.3  # of the speed while apart, where the encoder says nothing of the motor and friction changes fast
 PARAMETERS = record_type(GAINS, [("motion_gain", "f8", (3, 2)), ("transient", "f8"), *swing.PARAMETERS])
 BLOCK_STATE = feedforward.BLOCK_STATE
 STATE_FIELDS = [
@@ -97,8 +97,8 @@ STATE_FIELDS = [
     ("last_step", "f8"),  # V, of what is unexplained, a period before
     ("running", "f8"),  # s, since the start
     ("force_current", "f8"),  # A, that the force of the period before was taken from
-    ("jolt", "f8"),  # m, largest innovation of the position of late
-    ("stood", "f8"),  # s, for which the reference has stood, if that is known
+    ("innovation_peak_m", "f8"),  # m, largest innovation of the position of late
+    ("rest_time_s", "f8"),  # s, for which the reference has stood, if that is known
     ("strayed", "f8"),  # m, mean innovation of the position
     ("of_position", "f8", 3),  # change of the position's innovation per unit error of what is learned
     ("of_speed", "f8", 3),
@@ -133,7 +133,7 @@ def observer_reset(p, s):
     forget_drive(p, s)
     s.applied[:] = s.learned
     s.excitation = 0.0
-    s.stood = 0.0
+    s.rest_time_s = 0.0
     s.lag = 0
     s.unexplained = 0.0
     s.drop = 0.0
@@ -223,9 +223,9 @@ def steady_measure(p, s):
 
 
 @compiled
-def correct_apart(p, model, s, period, position, speed, trust):
+def correct_in_gap(p, model, s, period, position, speed, trust):
     """`correct` while drive and stage are apart: the speed tells of the motor, the position of the stage."""
-    s.v += trust * max(p.motion_gain[1, 1], APART_GAIN) * speed
+    s.v += trust * max(p.motion_gain[1, 1], GAP_GAIN) * speed
     s.d += trust * p.motion_gain[2, 1] * speed
     step = 0.05 * position
     s.x += step
@@ -294,7 +294,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
             forget_drive(p, s)
         position = encoder - s.x
     if s.contact != TOUCHING:
-        correct_apart(p, model, s, period, position, speed + steady_measure(p, s) * s.v, trust_in_speed(s, doubt))
+        correct_in_gap(p, model, s, period, position, speed + steady_measure(p, s) * s.v, trust_in_speed(s, doubt))
         compare_voltage(model, s, drop)
         motion_filter.forget_motion(s)
         s.swing, s.swing_rate = 0.0, 0.0

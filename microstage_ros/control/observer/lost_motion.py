@@ -16,7 +16,7 @@ counted in the nominal back-EMF: a constant error of that is learned with the ga
 
 from microstage_ros.numerics.compiled import compiled
 
-TOUCHING, APART = range(2)
+TOUCHING, IN_GAP = range(2)
 LEAD_TIME = 15e-3  # s, memory of the lead
 SMOOTH_TIME = 2.5e-3  # s, of its filter
 MEAN_TIME = 0.1  # s, of its mean
@@ -26,7 +26,7 @@ PUSHED = 2.5e-8  # m, by which a pushed stage shows
 NOTICED = 1.4e-7  # m, by which a motor goes on alone in a gap that is not known
 KNOWN = 2e-6  # m/s, doubt in the motor's speed up to which it tells of a gap
 SURPRISE = 1.5e-5  # m/s, of the speed, that tells of another drive instead
-QUIET_TIME = 2e-2  # s
+SETTLED_TIME = 2e-2  # s
 SLOW = 8e-5  # m/s; a faster motor is not watched, its crossings take no time
 UNLOADED = 0.35  # share of the guideways' limit below which the contact may open
 CHANGE = 2e-8  # m, standard deviation of the gap from one crossing to the next
@@ -37,7 +37,7 @@ LANDING, GIVEN_UP = 8e-3, 16e-3  # s, that a contact takes to count at least and
 NEAR = 5e-8  # m, by which the drive may be off the stage before the latter
 UNSEEN = 4e-8  # m, doubt in where a contact opened that was noticed late
 FIELDS = [
-    ("contact", "i8"),  # TOUCHING or APART
+    ("contact", "i8"),  # TOUCHING or IN_GAP
     ("side", "f8"),  # that the drive touches or touched last: +1 pushes forward, -1 backward, 0 not known
     ("toward", "f8"),  # direction of a crossing
     ("arrived", "i8"),  # 1 once the drive is taken to be on the other side
@@ -54,11 +54,11 @@ FIELDS = [
     ("arrival_stage", "f8"),  # m
     ("before", "f8"),  # m, encoder of the period before
     ("push", "f8"),  # m, by which the stage is ahead of where it stood
-    ("quiet", "f8"),  # s, in which the motor was not ahead
-    ("sure", "i8"),  # 1 once this contact has been quiet under load
-    ("landed", "i8"),  # 1 from the end of a search until the contact is sure
+    ("settled_time_s", "f8"),  # s, in which the motor was not ahead
+    ("confirmed", "i8"),  # 1 once this contact has been at rest under load
+    ("landed", "i8"),  # 1 from the end of a search until the contact is confirmed
     ("calm", "f8"),  # s, without surprise in the speed
-    ("ever", "i8"),  # 1 once any contact was sure
+    ("ever", "i8"),  # 1 once any contact was confirmed
     ("total", "f8"),  # m, lead with a long memory
 ]
 
@@ -76,8 +76,8 @@ def lost_motion_reset(p, s):
     s.lead = 0.0
     s.mean_lead = 0.0
     s.followed = 0.0
-    s.quiet = 0.0
-    s.sure = 0
+    s.settled_time_s = 0.0
+    s.confirmed = 0
     s.ever = 0
     s.landed = 0
     s.calm = 0.0
@@ -97,7 +97,7 @@ def watch_lead(s, period, encoder, motor_speed, surprise):
     s.raw_lead += motor_speed * period - step - fade * s.raw_lead
     s.total += motor_speed * period - step - period / TOTAL_TIME * s.total
     s.followed += step - fade * s.followed
-    s.quiet = s.quiet + period if abs(s.lead - s.mean_lead) < 3e-8 else 0.0
+    s.settled_time_s = s.settled_time_s + period if abs(s.lead - s.mean_lead) < 3e-8 else 0.0
     s.lead += min(period / SMOOTH_TIME, 1.0) * (s.raw_lead - s.lead)
     s.stage += min(period / STAGE_TIME, 1.0) * (encoder - s.stage)
     if s.contact == TOUCHING and abs(s.lead - s.mean_lead) < 5e-8:
@@ -112,9 +112,9 @@ def watch_contact(p, s, force, scale, doubt, pulls):
 
     True if what was learned of the drive is void, since its motor moved and the stage did not.
     """
-    if s.quiet > QUIET_TIME and abs(force) > UNLOADED * scale:
+    if s.settled_time_s > SETTLED_TIME and abs(force) > UNLOADED * scale:
         s.side = 1.0 if force > 0.0 else -1.0
-        s.sure = 1
+        s.confirmed = 1
         s.ever = 1
         if s.landed == 1:
             s.landed = 0
@@ -125,12 +125,12 @@ def watch_contact(p, s, force, scale, doubt, pulls):
         # a contact opens while the stage is led back, not when it was thrown ahead
         lead = -(s.lead - s.mean_lead) * s.side
         led = s.followed * s.side < 0.0 and s.v * s.side < 0.0
-        if s.sure == 1 and led and lead > p.least_lead and force * s.side < UNLOADED * scale:
+        if s.confirmed == 1 and led and lead > p.least_lead and force * s.side < UNLOADED * scale:
             s.gap_variance += CHANGE * CHANGE
             open_contact(s, -s.side, lead + abs(s.v) * SMOOTH_TIME)
         return False
     size = abs(s.lead)
-    calm = s.calm > QUIET_TIME or s.ever == 0
+    calm = s.calm > SETTLED_TIME or s.ever == 0
     stands = abs(s.followed) < 0.2 * size and s.lead * s.side <= 0.0
     if p.widest_gap > 0.0 and calm and stands and pulls and doubt < KNOWN and size > NOTICED + 5.0 * doubt * LEAD_TIME:
         open_contact(s, 1.0 if s.lead > 0.0 else -1.0, max(size, abs(s.total)))
@@ -141,9 +141,9 @@ def watch_contact(p, s, force, scale, doubt, pulls):
 @compiled
 def open_contact(s, toward, travel):
     """The drive leaves the stage, which stands."""
-    if s.sure == 0:
+    if s.confirmed == 0:
         s.side = 0.0
-    s.contact = APART
+    s.contact = IN_GAP
     s.toward = toward
     s.travel = travel
     s.arrived = 0
@@ -211,8 +211,8 @@ def settle(s, side):
     s.side = side
     s.raw_lead = s.mean_lead
     s.lead = s.mean_lead
-    s.quiet = 0.0
-    s.sure = 0
+    s.settled_time_s = 0.0
+    s.confirmed = 0
     s.total = 0.0
     s.screw += s.stage - s.x
     s.x = s.stage

@@ -10,8 +10,8 @@ import numpy as np
 from microstage_ros.control.laws import registry as laws
 from microstage_ros.model.sensors.readings import read_sensors, sense_plainly
 from microstage_ros.numerics.compiled import compiled, internal
-from microstage_ros.solver.event_free import give
-from microstage_ros.solver.step import glide, note_friction, take
+from microstage_ros.solver.event_free import write_state
+from microstage_ros.solver.step import advance_in_registers, note_friction, read_state
 
 #: Columns of a trace, in order.
 TRACE = (
@@ -48,10 +48,10 @@ def _record(plant, state, readings, voltage, row):
 @compiled
 def run_loop(plant, state, work, readings, parameters, memory, reference, open_loop, disturbance, trace):
     """Run one axis over all rows of ``reference`` [m]; fills ``trace`` (rows, len(TRACE)), or no rows if it has none."""
-    moving, held = take(plant, state, work)
+    moving, held = read_state(plant, state, work)
     for n in range(len(reference)):
         if plant.sensing == 1:
-            give(state, moving)
+            write_state(state, moving)
             read_sensors(plant, state, readings)
             encoder, current = readings.encoder, readings.current
         else:
@@ -59,10 +59,10 @@ def run_loop(plant, state, work, readings, parameters, memory, reference, open_l
         voltage = laws.controller_step(parameters, memory, reference[n], encoder, current)
         voltage += open_loop[n] + disturbance[n]
         if n < len(trace):
-            give(state, moving)
+            write_state(state, moving)
             _record(plant, state, readings, voltage, trace[n])
-        moving, held = glide(plant, state, work, moving, held, voltage)
-    give(state, moving)
+        moving, held = advance_in_registers(plant, state, work, moving, held, voltage)
+    write_state(state, moving)
 
 
 def surroundings(trace):

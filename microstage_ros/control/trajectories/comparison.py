@@ -47,9 +47,9 @@ class EncoderComparison:
         if not self._bound:
             return ""
         for sequence in [number for number in self._light if number in self._encoder]:
-            apart = self._encoder.pop(sequence) - self._light.pop(sequence)
-            self._first = apart if self._first is None else self._first
-            self._last = apart - self._first
+            difference = self._encoder.pop(sequence) - self._light.pop(sequence)
+            self._first = difference if self._first is None else self._first
+            self._last = difference - self._first
             self._beyond = self._beyond + 1 if not abs(self._last) <= self._bound else 0
         if self._beyond < IN_A_ROW or self.told:
             return ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from microstage_ros.numerics.compiled import inlined
+from microstage_ros.numerics.compiled import inlined_before_typing
 from microstage_ros.quantities.spec import Spec
 
 STARTED, BEFORE, FILTERED = 13, 14, 15
@@ -32,7 +32,7 @@ class PositionSensor:
         """Write the sensor's numbers into ``plant['sensor_parameters']``."""
 
 
-@inlined
+@inlined_before_typing
 def first_order(state, y, fade, share):
     """Output of a first-order filter whose input went straight from the value a period before to ``y``.
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from microstage_ros.model.sensors import POSITION_SENSORS
-from microstage_ros.numerics.compiled import compiled, dispatch, inlined, internal, seldom, woven
+from microstage_ros.numerics.compiled import compiled, dispatch, inlined_before_typing, internal, not_inlined, always_inlined
 from microstage_ros.numerics.random import normal, uniform
 
 AIR_TEMPERATURE, AIR_PRESSURE, AIR_HUMIDITY, STAGE_TEMPERATURE = 293.15, 101325.0, 0.5, 293.15
@@ -18,7 +18,7 @@ def read_sensors(plant, state, readings):
     sense(plant, state, readings)
 
 
-@woven
+@always_inlined
 def sense(plant, state, readings):
     """`read_sensors`, for the few loops that run many periods."""
     if plant.sensing == 1:
@@ -28,7 +28,7 @@ def sense(plant, state, readings):
         sense_plainly(plant, state, readings, state.x, state.current, state.theta)
 
 
-@inlined
+@inlined_before_typing
 def sense_plainly(plant, state, readings, x, current, theta):
     """`read_sensors` where no effect acts on them, of an axis at this position, current and motor angle; returns encoder and current."""
     encoder = _counted(plant, state, interpolated(plant, x, x))
@@ -50,11 +50,11 @@ _read = dispatch("read_position", [sensor.read for sensor in POSITION_SENSORS], 
 @internal
 def sensed_position(plant, state, y):
     """Reading [m] of a position sensor that is no incremental encoder, at position ``y`` [m]; its noise included."""
-    seldom()
+    not_inlined()
     return _read(plant.position_sensor, plant, state, y)
 
 
-@inlined
+@inlined_before_typing
 def _counted(plant, state, y):
     """Position y [m] with the sensor's noise, in whole counts."""
     if plant.position_sensor > 0:
@@ -66,7 +66,7 @@ def _counted(plant, state, y):
     return y
 
 
-@inlined
+@inlined_before_typing
 def interpolated(plant, x, y):
     """Reading y [m] at the place x [m] of the scale, with the encoder's own error of interpolation."""
     if plant.interpolates == 1:
@@ -76,7 +76,7 @@ def interpolated(plant, x, y):
     return y
 
 
-@inlined
+@inlined_before_typing
 def sensed_current(plant, state, current):
     """Reading [A] of the current's sensor: first-order filter, sampled before the encoder, offset, noise, converter.
 
@@ -100,7 +100,7 @@ def sensed_current(plant, state, current):
 @internal
 def _disturbed_sensors(plant, state, readings):
     """`read_sensors` with all that effects do to it."""
-    seldom()
+    not_inlined()
     t = state.time
     shake = _vibration(plant, t)
     readings.encoder, readings.current = _encoder_and_current(plant, state, shake)
@@ -138,7 +138,7 @@ def _vibration(plant, t):
 
 @internal
 def _surroundings(plant, t, readings):
-    seldom()
+    not_inlined()
     swing = math.sin(2.0 * math.pi * t / plant.air_swing_time)
     readings.air_temperature = AIR_TEMPERATURE + plant.air_temperature_rate * t + plant.air_temperature_swing * swing
     readings.air_pressure = AIR_PRESSURE + plant.air_pressure_rate * t + plant.air_pressure_swing * swing
@@ -152,7 +152,7 @@ def _surroundings(plant, t, readings):
 @internal
 def _drift(plant, t, readings):
     """Interferometer − x: expansion of parts and, if the air is not compensated, its index [m]."""
-    seldom()
+    not_inlined()
     drift = plant.drift_rate * t + plant.drift_expansion * (readings.stage_temperature - STAGE_TEMPERATURE)
     if plant.drift_amplitude != 0.0:
         drift += plant.drift_amplitude * (1.0 - math.exp(-t / plant.drift_time))

@@ -10,11 +10,11 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from microstage_ros.model.plant_record import INPUTS
-from microstage_ros.numerics.compiled import compiled, inlined, internal, seldom, woven
+from microstage_ros.numerics.compiled import compiled, inlined_before_typing, internal, not_inlined, always_inlined
 from microstage_ros.numerics.random import normal
 from microstage_ros.solver.contact import ENTRIES, FRACTION_BITS, START_MASK, cubics
 from microstage_ros.solver.ensembles.lanes import LANES, choose, lanes_set, load, nearest, store, table_pieces
-from microstage_ros.solver.event_free import Moving, give, guard_of, slip_of
+from microstage_ros.solver.event_free import Moving, write_state, guard_of, slip_of
 from microstage_ros.solver.linear_core import (
     F0,
     O_I,
@@ -45,7 +45,7 @@ from microstage_ros.solver.slip import (
     near_with,
     with_change,
 )
-from microstage_ros.solver.step import glide, quick_period, take
+from microstage_ros.solver.step import advance_in_registers, quick_period, read_state
 from microstage_ros.solver.variability import vary_now
 from microstage_ros.solver.vectors import fused
 
@@ -102,12 +102,12 @@ def run_share(plants, states, works, space, voltage):
 
 @internal
 def _run_alone(plant, state, work, voltage):
-    seldom()
+    not_inlined()
     forget(work)
-    moving, held = take(plant, state, work)
+    moving, held = read_state(plant, state, work)
     for n in range(voltage.size):
-        moving, held = glide(plant, state, work, moving, held, voltage[n])
-    give(state, moving)
+        moving, held = advance_in_registers(plant, state, work, moving, held, voltage[n])
+    write_state(state, moving)
 
 
 @internal
@@ -121,7 +121,7 @@ def _may_share(plants):
 
 @internal
 def _run_group(plants, states, works, space, voltage):
-    seldom()
+    not_inlined()
     numbers, matrix, tables = space
     rows, columns, places = numbers.ctypes.data, matrix.ctypes.data, tables.ctypes.data
     numbers[:] = 0.0
@@ -166,7 +166,7 @@ def _run_group(plants, states, works, space, voltage):
 @internal
 def _periods_alone(plants, states, works, numbers, matrix, which):
     """The period of the lanes ``which`` (bit k: lane k), whose states are as at its start."""
-    seldom()
+    not_inlined()
     for k in range(len(plants)):
         if (which >> k) & 1:
             quick_period(plants[k], states[k], works[k], numbers[VOLTAGE, k])
@@ -187,8 +187,8 @@ def _take_plant(plant, numbers, k):
 @internal
 def _take(plant, state, work, numbers, matrix, k):
     """The state and its mode's matrix of a whole period into lane k."""
-    seldom()
-    moving, held = take(plant, state, work)
+    not_inlined()
+    moving, held = read_state(plant, state, work)
     numbers[CURRENT, k], numbers[SPEED, k], numbers[STAGE_SPEED, k] = moving.current, moving.omega, moving.v
     numbers[THETA, k], numbers[X, k] = moving.theta, moving.x
     numbers[A_STRETCH, k], numbers[G_STRETCH, k] = moving.a_stretch, moving.g_stretch
@@ -209,7 +209,7 @@ def _take(plant, state, work, numbers, matrix, k):
 @internal
 def _vary_lanes(plants, states, works, numbers, which):
     """Random friction a step on, of the lanes ``which`` (bit k: lane k)."""
-    seldom()
+    not_inlined()
     for k in range(len(plants)):
         if (which >> k) & 1:
             state = states[k]
@@ -223,16 +223,16 @@ def _vary_lanes(plants, states, works, numbers, which):
 @internal
 def _give(states, numbers, which):
     """The lanes ``which`` (bit k: lane k) back into their states."""
-    seldom()
+    not_inlined()
     for k in range(len(states)):
         if (which >> k) & 1:
             states[k].voltage = numbers[VOLTAGE, k]
-            give(states[k], Moving(
+            write_state(states[k], Moving(
                 numbers[CURRENT, k], numbers[SPEED, k], numbers[THETA, k], numbers[STAGE_SPEED, k], numbers[X, k],
                 numbers[A_STRETCH, k], numbers[G_STRETCH, k], numbers[SLIP_FORCE, k], numbers[SLIP_CHANGE, k], numbers[SLIP_OFFSET, k]))
 
 
-@woven
+@always_inlined
 def _waited(numbers):
     """`variability.waited`: the lanes that are due, bit k: lane k."""
     travel = load(numbers, RANDOM_TRAVEL) + abs(load(numbers, PERIOD) * load(numbers, STAGE_SPEED))
@@ -242,7 +242,7 @@ def _waited(numbers):
     return lanes_set((travel > load(numbers, TRAVEL_STEP)) | (wait > load(numbers, TIME_STEP)))
 
 
-@woven
+@always_inlined
 def _period(numbers, matrix, tables, voltage):
     """One period of all lanes: (rows, slip force, decay of its offsets, lanes that are not quiet: bit k, lane k)."""
     u = _amplified(numbers, voltage)
@@ -260,13 +260,13 @@ def _period(numbers, matrix, tables, voltage):
     return rows, f1, fade, rough
 
 
-@inlined
+@inlined_before_typing
 def _stuck_force(numbers, force, stiffness, stretch):
     """`contact.stuck_force`."""
     return fused(load(numbers, stiffness), load(numbers, stretch), load(numbers, force))
 
 
-@inlined
+@inlined_before_typing
 def _amplified(numbers, voltage):
     """`amplifier.amplifier_output`."""
     span, quantum, limit = load(numbers, DAC_RANGE), load(numbers, QUANTUM), load(numbers, LIMIT)
@@ -278,13 +278,13 @@ def _amplified(numbers, voltage):
     return u
 
 
-@inlined
+@inlined_before_typing
 def _clipped(u, limit):
     low = choose(limit > u, u, limit)
     return choose(-limit < low, low, -limit)
 
 
-@inlined
+@inlined_before_typing
 def _rows(matrix, i, omega, v, u, t0, t1, f0):
     """`vectors.mode_rows`."""
     return (
@@ -294,21 +294,21 @@ def _rows(matrix, i, omega, v, u, t0, t1, f0):
     )
 
 
-@inlined
+@inlined_before_typing
 def _row(matrix, row, i, omega, v, u, t0, t1, f0):
     state = fused(_at(matrix, V, row), v, fused(_at(matrix, OMEGA, row), omega, _at(matrix, I, row) * i))
     driven = fused(_at(matrix, T0, row), t0, fused(_at(matrix, F0, row), f0, _at(matrix, T1, row) * t1))
     return fused(_at(matrix, U, row), u, state + driven)
 
 
-@inlined
+@inlined_before_typing
 def _at(matrix, column, row):
     return load(matrix, column * ROWS + row)
 
 
-@inlined
+@inlined_before_typing
 def _slip(numbers, matrix, tables, rows, omega0, direction, pull, f0, grow):
-    """(rows, lanes that `slip.near` holds for, slip force at the end, decay of the offsets), as in `quiet.try_period`."""
+    """(rows, lanes that `slip.near` holds for, slip force at the end, decay of the offsets), as in `event_free.try_period`."""
     pieces = table_pieces(tables, abs(omega0) * load(numbers, PER_GEAR), FRACTION_BITS, START_MASK, ENTRIES)
     s, per_s, slope, bend = cubics(pieces[1], pieces[2:])
     level = load(numbers, SLIP_LEVEL)
@@ -332,14 +332,14 @@ def _slip(numbers, matrix, tables, rows, omega0, direction, pull, f0, grow):
     )
 
 
-@inlined
+@inlined_before_typing
 def _corrected(matrix, row, rows, d1, d2):
     return fused(_at(matrix, T2, row), d2, fused(_at(matrix, T1, row), d1, rows[row]))
 
 
-@inlined
+@inlined_before_typing
 def _no_event(numbers, rows):
-    """Lanes without a reversal in slip and, for certain, without a block at its limit; see `quiet.try_period`."""
+    """Lanes without a reversal in slip and, for certain, without a block at its limit; see `event_free.try_period`."""
     on = rows[O_OMEGA] * load(numbers, DIRECTION) >= 0.0
     on = on & (rows[O_V] * load(numbers, GUIDE_DIRECTION) >= 0.0)
     turned, moved = _stretched(numbers, rows)
@@ -348,15 +348,15 @@ def _no_event(numbers, rows):
     return on & (abs(rows[O_OMEGA]) * load(numbers, PER_GEAR) < load(numbers, A_GUARD)) & (abs(rows[O_V]) < load(numbers, G_GUARD))
 
 
-@inlined
+@inlined_before_typing
 def _stretched(numbers, rows):
     """Stretch of the sticking blocks of both contacts after the period."""
     return load(numbers, A_STRETCH) + rows[O_THETA] * load(numbers, PER_GEAR), load(numbers, G_STRETCH) + rows[O_X]
 
 
-@inlined
+@inlined_before_typing
 def _keep(numbers, rows, f1, fade):
-    """What `quiet.try_period` returns, kept."""
+    """What `event_free.try_period` returns, kept."""
     f0 = load(numbers, SLIP_FORCE)
     turned, moved = _stretched(numbers, rows)
     store(numbers, CURRENT, rows[O_I])
