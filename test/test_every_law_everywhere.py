@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from microstage_ros.control.laws.registry import LAWS as CONTROLLERS
-from microstage_ros.control.observer.observer import FrictionObserver
+from microstage_ros.control.friction_observer import FrictionObserver
 from microstage_ros.control.runs.run_file import run_from_dict
 from microstage_ros.control.runs.simulate import simulate, simulated_record
 from microstage_ros.control.tuning.margins import regimes

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from microstage_ros.control.evaluation.trials import step_trial
+from microstage_ros.control.runs.trials import step_trial
 from microstage_ros.control.laws import adaptation
 from microstage_ros.control.laws.controller import make_controller
 

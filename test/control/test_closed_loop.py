@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from microstage_ros.control.evaluation.trials import gain_jump_trial, sine_trial, step_trial
+from microstage_ros.control.runs.trials import gain_jump_trial, sine_trial, step_trial
 from microstage_ros.control.laws.controller import make_controller
 from microstage_ros.control.laws.registry import LAWS
 from microstage_ros.control.runs.closed_loop import TRACE, run_loop

@@ -5,7 +5,7 @@ import pytest
 
 from microstage_ros.control.laws.controller import make_controller
 from microstage_ros.control.observer import drive_learning
-from microstage_ros.control.observer.observer import FrictionObserver
+from microstage_ros.control.friction_observer import FrictionObserver
 from microstage_ros.control.runs.closed_loop import TRACE, run_loop
 from microstage_ros.control.trajectories.profiles import sine
 from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work

@@ -6,7 +6,7 @@ from scipy.linalg import solve_discrete_are
 
 from microstage_ros.control.evaluation.least_error import least_error, sliding_loop
 from microstage_ros.control.evaluation.limits import GAP_WIDTH, gap_sine, informed_sine
-from microstage_ros.control.evaluation.trials import cycle_peaks, sine_trial
+from microstage_ros.control.runs.trials import cycle_peaks, sine_trial
 from microstage_ros.control.laws.controller import make_controller
 from microstage_ros.control.observer.lost_motion import NOTICED
 

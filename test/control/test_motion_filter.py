@@ -6,8 +6,8 @@ from scipy.linalg import expm, solve_discrete_are
 
 from microstage_ros.control.feedforward import axis as feedforward
 from microstage_ros.control.observer import motion_filter
-from microstage_ros.control.observer.observer import FrictionObserver
-from microstage_ros.control.tuning.linear_loop import sliding_slope
+from microstage_ros.control.friction_observer import FrictionObserver
+from microstage_ros.control.design.linear_loop import sliding_slope
 from microstage_ros.numerics.compiled import compiled
 
 

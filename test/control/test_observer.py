@@ -6,7 +6,7 @@ import pytest
 from microstage_ros.control.evaluation.observer_trial import level_jump_trial
 from microstage_ros.control.feedforward import axis as feedforward
 from microstage_ros.control.laws.controller import make_controller
-from microstage_ros.control.observer.observer import FrictionObserver
+from microstage_ros.control.friction_observer import FrictionObserver
 from microstage_ros.model.friction.curve import viscous_force
 from microstage_ros.model.friction.generalised_maxwell_slip import stretch
 from microstage_ros.quantities.errors import InputError

@@ -8,7 +8,7 @@ from microstage_ros.control.laws.controller import controller_parameters, make_c
 from microstage_ros.control.observer import drive_learning
 from microstage_ros.control.runs.closed_loop import TRACE, run_loop
 from microstage_ros.control.trajectories.profiles import jerk_limited_move
-from microstage_ros.control.tuning import start_check
+from microstage_ros.control.design import start_check
 from microstage_ros.control.tuning.margins import controller_margins, pid_margins
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
@@ -76,7 +76,7 @@ def test_noise_is_told_from_a_models_error(axis):
 @pytest.mark.parametrize("noise", [1e-3])
 def test_with_a_bad_current_it_is_no_worse_than_without(axis, noise):
     """Rms, worst of three seeds, of a sine of 10 um at 0.5 Hz; the encoder-only law needs no current."""
-    from microstage_ros.control.evaluation.trials import sine_trial
+    from microstage_ros.control.runs.trials import sine_trial
 
     rms = {law: max(sine_trial(axis, law, {}, 1e-5, 0.5, seed, noise={"current_A": noise}).rms for seed in range(3))
            for law in (LAW, "self_tuning")}
@@ -84,7 +84,7 @@ def test_with_a_bad_current_it_is_no_worse_than_without(axis, noise):
 
 
 def test_lost_samples_are_not_taken_for_readings(axis):
-    from microstage_ros.control.evaluation.trials import step_trial
+    from microstage_ros.control.runs.trials import step_trial
 
     trial = step_trial(axis, LAW, {}, 1e-3, 0, 2, effects={"sampling_jitter": {"lost_fraction": 0.05}})
     assert np.abs(trial.errors).max() < 2e-8 and trial.overshoot.max() < 5e-8

@@ -6,8 +6,8 @@ from scipy.linalg import expm, solve_discrete_are
 
 from microstage_ros.control.feedforward import axis as feedforward
 from microstage_ros.control.observer import flexible_mode as swing
-from microstage_ros.control.observer.observer import FrictionObserver
-from microstage_ros.control.tuning.design import observer_gains
+from microstage_ros.control.friction_observer import FrictionObserver
+from microstage_ros.control.design.rules import observer_gains
 from microstage_ros.solver.plant import NoiseSpec
 
 

@@ -11,7 +11,7 @@ from microstage_ros.commands.analysis import simulate as simulate_command
 from microstage_ros.commands.analysis import tune as tune_command
 from microstage_ros.control.evaluation import comparison
 from microstage_ros.control.evaluation import reference_controllers as yardsticks
-from microstage_ros.control.evaluation.trials import sine_trial
+from microstage_ros.control.runs.trials import sine_trial
 from microstage_ros.control.laws.controller import make_controller
 from microstage_ros.control.tuning import tuning
 from microstage_ros.control.tuning.margins import Margins

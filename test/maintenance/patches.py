@@ -221,7 +221,7 @@ CONTROLLER = {
     "new": {"control/laws/pd.py": '''
 """Proportional-derivative law: U = K_P (reference − x) − K_D v, v a backward difference."""
 
-from microstage_ros.control.laws.gains import Gain, record_type
+from microstage_ros.control.gains import Gain, record_type
 from microstage_ros.numerics.compiled import compiled
 
 GAINS = (

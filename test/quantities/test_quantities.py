@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from microstage_ros.control.laws.gains import Gain, check_gain
+from microstage_ros.control.gains import Gain, check_gain
 from microstage_ros.model.effects.effect import Parameter
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.quantities.quantity import Quantity, quantity_from

@@ -19,7 +19,7 @@ from microstage_ros.control.evaluation.reference_controllers import (
     stress_limits,
     weak_start,
 )
-from microstage_ros.control.evaluation.trials import cycle_peaks, gain_jump_trial, sine_trial, step_trial, trial
+from microstage_ros.control.runs.trials import cycle_peaks, gain_jump_trial, sine_trial, step_trial, trial
 from microstage_ros.control.laws.controller import controller_parameters
 from microstage_ros.control.tuning.margins import controller_margins
 from microstage_ros.control.tuning.tuning import GUARDED

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from microstage_ros.control.evaluation.trials import jump_trace, trial
+from microstage_ros.control.runs.trials import jump_trace, trial
 from microstage_ros.control.observer import law as observer_law
-from microstage_ros.control.observer import observer
+from microstage_ros.control import friction_observer as observer
 from microstage_ros.control.runs.closed_loop import TRACE
 from microstage_ros.control.trajectories.profiles import sine
 from microstage_ros.numerics.compiled import compiled

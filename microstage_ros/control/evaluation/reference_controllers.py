@@ -7,7 +7,7 @@ Searches and judgement use different friction seeds.
 
 import numpy as np
 
-from microstage_ros.control.evaluation.trials import sine_trial, step_trial
+from microstage_ros.control.runs.trials import sine_trial, step_trial
 from microstage_ros.control.laws.controller import controller_parameters
 from microstage_ros.control.tuning.margins import pid_margins
 from microstage_ros.control.tuning.tuning import SEARCHED, allowed_overshoot, guarded, search

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from microstage_ros.control.laws.gains import Gain, record_type
+from microstage_ros.control.gains import Gain, record_type
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.friction import generalised_maxwell_slip
 from microstage_ros.model.friction.blocks import COUNT, STIFFNESS

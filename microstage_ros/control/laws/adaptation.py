@@ -35,7 +35,7 @@ Robust law. The same three products drive the logarithms of the gains, after the
 
 import math
 
-from microstage_ros.control.laws.gains import Gain, record_type
+from microstage_ros.control.gains import Gain, record_type
 from microstage_ros.control.laws.pid import pid_change
 from microstage_ros.numerics.compiled import compiled
 

@@ -6,7 +6,7 @@ Source of the form: EMPS data set (Janot, Gautier, Brunot 2019): position gain 1
 243.45 V/(m/s), output within +-10 V.
 """
 
-from microstage_ros.control.laws.gains import Gain, record_type
+from microstage_ros.control.gains import Gain, record_type
 from microstage_ros.numerics.compiled import compiled
 
 GAINS = (

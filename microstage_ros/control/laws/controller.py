@@ -15,10 +15,11 @@ import numpy as np
 from microstage_ros.control.feedforward import axis as feedforward
 from microstage_ros.control.laws import adaptation, nctf
 from microstage_ros.control.laws import registry as laws
-from microstage_ros.control.laws.gains import check_gain, fill
+from microstage_ros.control.gains import check_gain, fill
 from microstage_ros.control.laws.pid import pid_change
 from microstage_ros.control.observer import law as observer_law
-from microstage_ros.control.tuning import design, start_check
+from microstage_ros.control.design import start_check
+from microstage_ros.control.design import rules as design
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.numerics.compiled import compiled
 from microstage_ros.quantities.errors import InputError
@@ -57,7 +58,7 @@ def controller_parameters(type_name, axis, gains, period=None, place="controller
     """The parameter record (numpy structured scalar `laws.PARAMETERS`) of one controller.
 
     ``gains`` not given come from the axis file's ``controller:`` section where it was tuned for this period,
-    else from the rules of `control.tuning.design`, else from the law's defaults. Raises `InputError` with name,
+    else from the rules of `control.design.rules`, else from the law's defaults. Raises `InputError` with name,
     value and range.
     """
     law = laws.law(type_name, f"{place}.type")

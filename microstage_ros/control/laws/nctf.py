@@ -16,7 +16,7 @@ resolution reported).
 
 import numpy as np
 
-from microstage_ros.control.laws.gains import Gain, record_type
+from microstage_ros.control.gains import Gain, record_type
 from microstage_ros.numerics.compiled import compiled
 
 GAINS = (

@@ -15,7 +15,7 @@ feedback; the damping sign is -. Beyond the printed form:
 Example: ``make_controller("pid", axis, proportional=6e5, integral_time=0.01, derivative_time=0.004)``.
 """
 
-from microstage_ros.control.laws.gains import Gain, record_type
+from microstage_ros.control.gains import Gain, record_type
 from microstage_ros.numerics.compiled import compiled
 from microstage_ros.solver.vectors import fused
 

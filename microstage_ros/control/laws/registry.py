@@ -11,7 +11,7 @@ import numpy as np
 
 from microstage_ros.control.feedforward import axis as feedforward
 from microstage_ros.control.laws import adaptation, cascade, nctf, pid, supervision
-from microstage_ros.control.laws.gains import record_type
+from microstage_ros.control.gains import record_type
 from microstage_ros.control.observer import flexible_mode as swing
 from microstage_ros.control.observer import gap_crossing
 from microstage_ros.control.observer import law as observer_law

@@ -16,7 +16,7 @@ at its target and the innovations have been consistent for `calm_time`, not befo
 `trial_error` ends the trial.
 """
 
-from microstage_ros.control.laws.gains import Gain
+from microstage_ros.control.gains import Gain
 from microstage_ros.numerics.compiled import compiled
 
 GAINS = (

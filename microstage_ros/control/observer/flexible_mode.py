@@ -16,7 +16,7 @@ Its gains on x and v are the PID's K_P and K_D; those on w and w' over K_P are `
 
 import numpy as np
 
-from microstage_ros.control.laws.gains import Gain
+from microstage_ros.control.gains import Gain
 from microstage_ros.control.observer.motion_filter import curve_slope, riccati
 from microstage_ros.model.friction.curve import STRIBECK_VELOCITY
 from microstage_ros.numerics.compiled import compiled

@@ -20,7 +20,7 @@ import math
 
 from microstage_ros.control.feedforward import axis as feedforward
 from microstage_ros.control.feedforward.axis import friction_along
-from microstage_ros.control.laws.gains import Gain, record_type
+from microstage_ros.control.gains import Gain, record_type
 from microstage_ros.control.observer import flexible_mode as swing
 from microstage_ros.control.observer import friction_level, lost_motion, motion_filter
 from microstage_ros.control.observer.drive_learning import (

@@ -15,7 +15,7 @@ import control
 import numpy as np
 
 from microstage_ros.control.laws import registry as laws
-from microstage_ros.control.tuning.linear_loop import (
+from microstage_ros.control.design.linear_loop import (
     OBSERVER_STATES,
     cut_loop,
     linear_matrices,

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from microstage_ros.control.evaluation.trials import sine_trial, step_trial
+from microstage_ros.control.runs.trials import sine_trial, step_trial
 from microstage_ros.control.laws.controller import controller_parameters
 from microstage_ros.control.tuning.margins import controller_margins, pid_margins
 from microstage_ros.model.sensors.readings import read_sensors

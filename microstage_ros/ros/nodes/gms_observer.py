@@ -1,4 +1,4 @@
-"""gms_observer: friction of both contacts from encoder, voltage and current; the law is `control.observer.observer`.
+"""gms_observer: friction of both contacts from encoder, voltage and current; the law is `control.friction_observer`.
 
 Follows `state`, publishes `friction`, decimated.
 """
@@ -9,7 +9,7 @@ import numpy as np
 from microstage_msgs.msg import AxisState, FrictionState
 from rclpy.node import Node
 
-from microstage_ros.control.observer.observer import FrictionObserver
+from microstage_ros.control.friction_observer import FrictionObserver
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 from microstage_ros.ros.launching.parameters import Parameters, yaml_mapping

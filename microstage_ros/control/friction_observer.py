@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from microstage_ros.control.feedforward import axis as feedforward
-from microstage_ros.control.laws.gains import fill
+from microstage_ros.control.gains import fill
 from microstage_ros.control.observer import law
-from microstage_ros.control.tuning.design import observer_gains
+from microstage_ros.control.design.rules import observer_gains
 from microstage_ros.numerics.compiled import compiled
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.solver.period import as_array

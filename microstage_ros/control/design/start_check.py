@@ -8,7 +8,7 @@ law is not, the encoder-only self-tuning law starts, from gains that are stable 
 import numpy as np
 
 from microstage_ros.control.observer.flexible_mode import held
-from microstage_ros.control.tuning.linear_loop import (
+from microstage_ros.control.design.linear_loop import (
     OBSERVER_STATES,
     PID_STATES,
     cut_loop,
