@@ -222,32 +222,32 @@ CONTROLLER = {
 """Proportional-derivative law: U = K_P (reference − x) − K_D v, v a backward difference."""
 
 from microstage_ros.control.gains import Gain, record_type
+from microstage_ros.control.laws.law import Law, Part
 from microstage_ros.numerics.compiled import compiled
 
 GAINS = (
     Gain("proportional", "V/m", 0.0, 1e9, 1.0e5, "K_P"),
     Gain("derivative", "V s/m", 0.0, 1e7, 30.0, "K_D"),
 )
-PARAMETERS = record_type(GAINS)
 
 
 @compiled
-def pd_step(p, base, period, limit, reference, encoder):
-    """Output [V] within +-limit; ``base`` keeps the terms for those who publish them."""
+def pd_step(parameters, state, reference, encoder, current):
+    """Output [V] within the limit; ``state.pid`` keeps the terms for those who publish them."""
+    p, base, limit = parameters.pd, state.pid, parameters.voltage_limit
     base.error = reference - encoder
-    base.velocity = (encoder - base.previous_encoder) / period
+    base.velocity = (encoder - base.previous_encoder) / parameters.period
     base.previous_encoder = encoder
     base.proportional_term = p.proportional * base.error
     base.derivative_term = -p.derivative * base.velocity
     return min(max(base.proportional_term + base.derivative_term, -limit), limit)
+
+
+LAWS = (Law("pd", {"pd": Part(GAINS, record_type(GAINS))}, pd_step),)
 '''},
     "edits": {"control/laws/registry.py": [
-        ("import adaptation, cascade, nctf, pid, supervision\n", "import adaptation, cascade, nctf, pd, pid, supervision\n"),
-        ("    \"cascade\": Law(CASCADE, {\"cascade\": cascade.GAINS}),\n",
-         "    \"cascade\": Law(CASCADE, {\"cascade\": cascade.GAINS}),\n    \"pd\": Law(100, {\"pd\": pd.GAINS}),\n"),
-        ("    (\"cascade\", cascade.PARAMETERS),\n", "    (\"cascade\", cascade.PARAMETERS),\n    (\"pd\", pd.PARAMETERS),\n"),
-        ("    if kind == CASCADE:\n",
-         "    if kind == 100:\n        return pd.pd_step(parameters.pd, state.pid, period, limit, reference, encoder)\n    if kind == CASCADE:\n"),
+        ("import cascade, nctf, none, pid,", "import cascade, nctf, none, pd, pid,"),
+        ("nctf, cascade)\n", "nctf, cascade, pd)\n"),
     ]},
 }
 

@@ -111,22 +111,19 @@ def position_gains(model, period):
     }
 
 
-def designed_gains(type_name, model, period):
-    """Gains by rule for a type of controller; {} for those that have no rule."""
-    if float(model["volts_per_position"]) > 0.0 and type_name != "none":
-        return position_gains(model, period)
-    if type_name == "self_tuning_observer":
-        return observer_gains(model, period)
-    if type_name == "nctf":
-        return nctf_gains(model, period)
-    if type_name in ("none", "cascade"):
-        return {}
-    gains = encoder_gains(model, period)
-    if type_name in ("pid_feedforward", "self_tuning_feedforward"):
-        gains["friction_share"] = FRICTION_SHARE
-    if type_name in ("self_tuning", "self_tuning_feedforward"):
-        gains |= self_tuning_gains(period, fed_forward=type_name == "self_tuning_feedforward")
-    return gains
+def fed_forward_gains(model, period):
+    """`encoder_gains` with the share of the friction that is fed forward."""
+    return {**encoder_gains(model, period), "friction_share": FRICTION_SHARE}
+
+
+def self_tuning_encoder_gains(model, period):
+    """`encoder_gains` with how far they may be tuned."""
+    return {**encoder_gains(model, period), **self_tuning_gains(period, fed_forward=False)}
+
+
+def fed_forward_self_tuning_gains(model, period):
+    """`fed_forward_gains` with how far they may be tuned."""
+    return {**fed_forward_gains(model, period), **self_tuning_gains(period, fed_forward=True)}
 
 
 def self_tuning_gains(period, fed_forward):

@@ -34,7 +34,7 @@ def observe(plant, state, readings, parameters, memory, reference):
     """A period of the observer law up to its regulator, for the ``reference`` [m] of now."""
     sense(plant, state, readings)
     if memory.started == 0:
-        laws.controller_start(memory, reference, readings.encoder)
+        laws.controller_start(parameters, memory, reference, readings.encoder)
     pid.pid_motion(parameters.pid, memory.pid, parameters.period, reference, readings.encoder)
     observer_law.observer_step(
         parameters.observer, parameters.feedforward, memory.observer, parameters.period, readings.encoder, memory.voltage,

@@ -7,6 +7,7 @@ Source of the form: EMPS data set (Janot, Gautier, Brunot 2019): position gain 1
 """
 
 from microstage_ros.control.gains import Gain, record_type
+from microstage_ros.control.laws.law import Law, Part
 from microstage_ros.numerics.compiled import compiled
 
 GAINS = (
@@ -41,3 +42,18 @@ def cascade_step(p, s, base, period, limit, reference, encoder):
     output = min(max(wanted, -limit), limit)
     base.saturated = 0 if wanted == output else 1
     return output
+
+
+@compiled
+def law_start(parameters, state, reference, encoder):
+    """`cascade_reset` on the records of a controller."""
+    cascade_reset(state.cascade, encoder)
+
+
+@compiled
+def law_step(parameters, state, reference, encoder, current):
+    """`cascade_step` on the records of a controller."""
+    return cascade_step(parameters.cascade, state.cascade, state.pid, parameters.period, parameters.voltage_limit, reference, encoder)
+
+
+LAWS = (Law("cascade", {"cascade": Part(GAINS, PARAMETERS, STATE_FIELDS)}, law_step, start=law_start),)

@@ -12,14 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from microstage_ros.control.design import rules, start_check
 from microstage_ros.control.feedforward import axis as feedforward
-from microstage_ros.control.laws import adaptation, nctf
-from microstage_ros.control.laws import registry as laws
 from microstage_ros.control.gains import check_gain, fill
+from microstage_ros.control.laws import adaptation
+from microstage_ros.control.laws import registry as laws
 from microstage_ros.control.laws.pid import pid_change
-from microstage_ros.control.observer import law as observer_law
-from microstage_ros.control.design import start_check
-from microstage_ros.control.design import rules as design
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.numerics.compiled import compiled
 from microstage_ros.quantities.errors import InputError
@@ -51,7 +49,7 @@ class ControllerState(NamedTuple):
 
 def gain_list(type_name):
     """The `Gain` entries (name, unit, range, default, meaning) that a type of controller accepts."""
-    return [gain for part in laws.law(type_name).parts.values() for gain in part]
+    return [gain for part in laws.law(type_name).parts.values() for gain in part.gains]
 
 
 def controller_parameters(type_name, axis, gains, period=None, place="controller"):
@@ -66,27 +64,35 @@ def controller_parameters(type_name, axis, gains, period=None, place="controller
     _known_gains(type_name, gains, place)
     period = float(axis.value("period") if period is None else period)
     record = np.zeros(1, laws.PARAMETERS)[0]
-    record["kind"] = law.kind
+    record["kind"] = laws.KINDS[type_name]
     record["period"] = period
     record["voltage_limit"] = actuator_of(axis).command_limit(axis)
     feedforward.fill_model(record["feedforward"], axis)
-    designed = design.designed_gains(type_name, record["feedforward"], period)
-    values = {**designed, **shipped_gains(type_name, axis, period), **gains}
-    for part, entries in law.parts.items():
-        fill(record[part], entries, values, place)
-    if "adaptation" in law.parts:
-        adaptation.take_logarithms(record["adaptation"])
-    if "observer" in law.parts:
-        observer_law.design_motion(record["observer"], record["feedforward"], period)
+    values = {**designed_gains(type_name, record["feedforward"], period), **shipped_gains(type_name, axis, period), **gains}
+    _fill_parts(record, law, values, place)
     if "supervision" in law.parts:
-        own = {**design.designed_gains("self_tuning", record["feedforward"], period), **shipped_gains("self_tuning", axis, period)}
-        fill(record["encoder_pid"], laws.LAWS["self_tuning"].parts["pid"], own, place)
-        fill(record["encoder_adaptation"], laws.LAWS["self_tuning"].parts["adaptation"], own, place)
+        own = {**designed_gains("self_tuning", record["feedforward"], period), **shipped_gains("self_tuning", axis, period)}
+        for part, entry in laws.LAWS["self_tuning"].parts.items():
+            fill(record[f"encoder_{part}"], entry.gains, own, place)
         adaptation.take_logarithms(record["encoder_adaptation"])
         _check_start(axis, record, period)
-    if "nctf" in law.parts:
-        nctf.fill_trajectory(record["nctf"], record["feedforward"])
     return record
+
+
+def designed_gains(type_name, model, period):
+    """Gains by rule for a type of controller at a ``period`` [s]; {} for those that have no rule."""
+    law = laws.law(type_name)
+    if float(model["volts_per_position"]) > 0.0 and law.parts:
+        return rules.position_gains(model, period)
+    return law.rules(model, period) if law.rules else {}
+
+
+def _fill_parts(record, law, values, place):
+    for part, entry in law.parts.items():
+        if entry.gains:
+            fill(record[part], entry.gains, values, place)
+    if law.complete:
+        law.complete(record)
 
 
 def _check_start(axis, record, period):
@@ -177,7 +183,7 @@ class Controller:
     def change(self, **gains):
         """Change gains while it runs, without a jump of the output; `InputError` for a bad one."""
         parts = laws.law(self.type).parts
-        known = {gain.name: (part, gain) for part, entries in parts.items() for gain in entries}
+        known = {gain.name: (part, gain) for part, entry in parts.items() for gain in entry.gains}
         checked = {}
         for name, value in gains.items():
             if name not in known:

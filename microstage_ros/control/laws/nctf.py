@@ -16,7 +16,9 @@ resolution reported).
 
 import numpy as np
 
+from microstage_ros.control.design import rules
 from microstage_ros.control.gains import Gain, record_type
+from microstage_ros.control.laws.law import Law, Part
 from microstage_ros.numerics.compiled import compiled
 
 GAINS = (
@@ -88,3 +90,17 @@ def nctf_step(p, base, period, limit, reference, encoder):
     if base.saturated == 0 or (wanted - output) * step <= 0.0:
         base.integral = min(max(base.integral + step, -limit), limit)
     return output
+
+
+@compiled
+def law_step(parameters, state, reference, encoder, current):
+    """`nctf_step` on the records of a controller."""
+    return nctf_step(parameters.nctf, state.pid, parameters.period, parameters.voltage_limit, reference, encoder)
+
+
+def complete(record):
+    """Tabulate the trajectory of the nominal axis."""
+    fill_trajectory(record["nctf"], record["feedforward"])
+
+
+LAWS = (Law("nctf", {"nctf": Part(GAINS, PARAMETERS)}, law_step, rules=rules.nctf_gains, complete=complete),)

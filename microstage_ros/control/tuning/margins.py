@@ -112,9 +112,10 @@ def pid_margins(axis, gains, delay=0):
 
 def controller_margins(axis, parameters):
     """`Margins` of a controller (its parameter record) in every regime; None for a law without linear form."""
-    if parameters["kind"] in (laws.NONE, laws.NCTF, laws.CASCADE):
+    loop = laws.LAWS[laws.NAMES[parameters["kind"]]].loop
+    if not loop:
         return None
-    if parameters["kind"] != laws.SELF_TUNING_OBSERVER or not float(parameters["feedforward"]["force_per_ampere"]) > 0.0:
+    if loop != "observer" or not float(parameters["feedforward"]["force_per_ampere"]) > 0.0:
         return pid_margins(axis, {name: float(parameters["pid"][name]) for name in parameters["pid"].dtype.names})
     period = float(parameters["period"])
     return [

@@ -1,0 +1,143 @@
+"""The self-tuning PID on the friction observer's motion, supervised, with the encoder-only self-tuning PID in reserve."""
+
+import math
+
+from microstage_ros.control.design import rules
+from microstage_ros.control.feedforward import axis as feedforward
+from microstage_ros.control.gains import record_type
+from microstage_ros.control.laws import adaptation, pid, supervision
+from microstage_ros.control.laws.law import Law, Part
+from microstage_ros.control.laws.pid_feedforward import FEEDFORWARD, PID
+from microstage_ros.control.laws.self_tuning import ADAPTATION, self_tuning_reset
+from microstage_ros.control.observer import flexible_mode as swing
+from microstage_ros.control.observer import gap_crossing
+from microstage_ros.control.observer import law as observer_law
+from microstage_ros.control.observer.drive_learning import drive_voltage
+from microstage_ros.control.observer.lost_motion import TOUCHING
+from microstage_ros.numerics.compiled import compiled, not_inlined
+
+PARTS = {
+    "pid": PID, "adaptation": ADAPTATION, "feedforward": FEEDFORWARD,
+    "observer": Part(observer_law.GAINS, observer_law.PARAMETERS, observer_law.STATE_FIELDS),
+    "supervision": Part(supervision.GAINS, record_type(supervision.GAINS), supervision.FIELDS),
+    "crossing": Part(state=gap_crossing.FIELDS),
+    "encoder_pid": Part((), pid.PARAMETERS, pid.STATE_FIELDS),   # of the encoder-only law that the observer law hands over to
+    "encoder_adaptation": Part((), adaptation.PARAMETERS, adaptation.STATE_FIELDS),
+    "encoder_filter": Part((), "f8"),   # factor on its filter time at the start, where the observer law is unstable
+    "unstable": Part((), "i8"),         # 1: the observer law is unstable on the axis file's own model
+}
+
+
+@compiled
+def observed_reset(parameters, state, voltage):
+    """Forget everything; the encoder-only law continues from ``voltage`` [V] as well."""
+    self_tuning_reset(parameters, state, voltage)
+    pid.pid_reset(parameters.encoder_pid, state.encoder_pid, voltage)
+    adaptation.adaptation_reset(parameters.encoder_adaptation, state.encoder_adaptation, state.encoder_pid)
+    if parameters.unstable != 0:
+        own = state.encoder_adaptation
+        own.log_filter = math.log(parameters.encoder_filter)
+        own.ceiling = own.damping_ceiling = math.log(parameters.encoder_adaptation.start) + 0.1
+        state.encoder_pid.filter_time *= parameters.encoder_filter
+    supervision.supervision_reset(parameters.supervision, state.supervision, parameters.unstable)
+    observer_law.observer_reset(parameters.observer, state.observer)
+    gap_crossing.crossing_reset(state.crossing)
+
+
+@compiled
+def observed_start(parameters, state, reference, encoder):
+    """The axis is taken to rest where the encoder [m] says, for both laws."""
+    state.encoder_pid.previous_encoder = encoder
+    state.encoder_pid.previous_reference = reference
+    feedforward.feedforward_reset(state.feedforward, reference)
+    observer_law.observer_start(state.observer, encoder)
+
+
+@compiled
+def observed_step(parameters, state, reference, encoder, current):
+    """Self-tuning PID on the observer's motion, fed forward at its level, through lost motion where there is any.
+
+    While `supervision` says that the model does not hold, the encoder-only self-tuning PID in its place.
+    """
+    not_inlined()
+    period, rule, watched, observer = parameters.period, parameters.supervision, state.supervision, state.observer
+    pid.pid_motion(parameters.pid, state.pid, period, reference, encoder)
+    observer_law.observer_step(parameters.observer, parameters.feedforward, observer, period, encoder, state.voltage, current)
+    if rule.supervised == 0.0:
+        return regulate(parameters, state, reference)
+    pid.pid_motion(parameters.encoder_pid, state.encoder_pid, period, reference, encoder)
+    supervision.watch_error(rule, watched, state.encoder_pid.error, state.encoder_pid.reference_velocity, period)
+    if watched.law == supervision.OBSERVER:
+        reason = supervision.sign_of_trouble(rule, watched, observer.position_test, observer.speed_test, observer.voltage_noise, period)
+        if reason == supervision.NOTHING:
+            return regulate(parameters, state, reference)
+        supervision.hand_over(rule, watched, reason)
+        go_on_from(parameters.encoder_pid, state.encoder_pid, state.voltage)
+    elif supervision.may_return(rule, watched, observer.position_test, observer.speed_test, observer.voltage_noise):
+        supervision.hand_back(watched)
+        voltage = regulate(parameters, state, reference)
+        state.pid.integral += (state.voltage - voltage) / observer.applied[0]
+        return state.voltage
+    return encoder_only_step(parameters, state, reference)
+
+
+@compiled
+def go_on_from(p, s, voltage):
+    """Set the integral of ``s`` so that its output continues from ``voltage`` [V]."""
+    wanted = p.derivative_on_reference * s.reference_velocity
+    s.integral = voltage - s.kp * s.error + s.kd * (s.velocity - wanted)
+
+
+@compiled
+def encoder_only_step(parameters, state, reference):
+    """The encoder-only law, and what the observer law needs to take over again: its model along the reference, no crossing."""
+    not_inlined()
+    period, model, own, shown = parameters.period, parameters.feedforward, state.encoder_pid, state.pid
+    feedforward.feedforward_step(model, state.feedforward, period, reference, state.observer.level, 1.0, 0.0)
+    gap_crossing.crossing_reset(state.crossing)
+    adaptation.adaptation_step(parameters.encoder_adaptation, state.encoder_adaptation, parameters.encoder_pid, own, period)
+    voltage = pid.pid_output(parameters.encoder_pid, own, period, parameters.voltage_limit, 0.0)
+    state.feed_forward = 0.0
+    state.observer.rest_time_s = state.supervision.rest_time_s
+    shown.kp, shown.ki, shown.kd, shown.integral, shown.error = own.kp, own.ki, own.kd, own.integral, own.error
+    shown.proportional_term, shown.derivative_term, shown.saturated = own.proportional_term, own.derivative_term, own.saturated
+    return voltage
+
+
+@compiled
+def regulate(parameters, state, reference):
+    """What `observed_step` does with the motion, level and contact that stand in ``state.observer``."""
+    period, model, observer, crossing = parameters.period, parameters.feedforward, state.observer, state.crossing
+    speed = state.pid.reference_velocity
+    observer.rest_time_s = observer.rest_time_s + period if speed == 0.0 else 0.0
+    state.pid.velocity = observer.v
+    state.pid.error = gap_crossing.cross_step(
+        crossing, parameters.observer, observer, period,
+        reference - observer.x - swing.read_swing(parameters.observer, observer), speed,
+    )
+    state.pid.reference_velocity = speed + crossing.held_speed
+    state.feed_forward = feedforward.feedforward_step(
+        model, state.feedforward, period, reference, observer.level, 1.0, crossing.offset_speed
+    )
+    integral = state.pid.integral
+    in_gap = observer.contact != TOUCHING
+    if not in_gap:
+        adaptation.adaptation_step(parameters.adaptation, state.adaptation, parameters.pid, state.pid, period)
+    limit = parameters.voltage_limit
+    voltage = pid.pid_output(parameters.pid, state.pid, period, limit / max(observer.applied[0], 1.0), state.feed_forward)
+    if in_gap:
+        state.pid.integral = integral
+    motion = model.volts_per_velocity * state.pid.reference_velocity
+    return min(max(drive_voltage(observer, voltage - motion, motion), -limit), limit)
+
+
+def complete(record):
+    """Fill the logarithms of the gains, and the observer's own gains from model and noise."""
+    adaptation.take_logarithms(record["adaptation"])
+    observer_law.design_motion(record["observer"], record["feedforward"], float(record["period"]))
+
+
+LAWS = (
+    Law("self_tuning_observer", PARTS, observed_step, observed_reset, observed_start, rules=rules.observer_gains,
+        complete=complete, loop="observer"),
+)
