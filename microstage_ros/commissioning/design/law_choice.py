@@ -2,8 +2,8 @@
 
 import math
 
+from microstage_ros.control.design.rules import OBSERVER_PERIOD
 from microstage_ros.control.laws.controller import controller_parameters
-from microstage_ros.control.tuning import design
 from microstage_ros.control.tuning.margins import controller_margins, pid_margins
 from microstage_ros.control.tuning.tuning import GUARDED
 
@@ -50,7 +50,7 @@ def observer_gains(axis, drawn):
     rule = controller_parameters(OBSERVER, axis, {})
     pid = {name: float(rule["pid"][name]) for name in rule["pid"].dtype.names}
     doubt = float(rule["observer"]["voltage_noise"])
-    held = axis.value("period") > design.OBSERVER_PERIOD  # gains on the stage's swing too, that are designed together
+    held = axis.value("period") > OBSERVER_PERIOD  # gains on the stage's swing too, that are designed together
     best = {}, -1.0, OBSERVER_STEPS[0]
     for step in OBSERVER_STEPS:
         if held and step[0] != 1.0:
