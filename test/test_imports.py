@@ -1,5 +1,6 @@
 """The arrows between the packages (``.importlinter``)."""
 
+import ast
 import shutil
 import subprocess
 import sys
@@ -17,6 +18,37 @@ def test_packages_import_only_what_is_below_them():
     done = subprocess.run([str(linter) if linter.exists() else "lint-imports", "--no-cache"], cwd=ROOT,
                           capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def _names(module):
+    """Names that a module binds anywhere."""
+    found = set()
+    for node in ast.walk(ast.parse(module.read_text(encoding="utf-8"))):
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+            found.add(node.name)
+        elif isinstance(node, ast.Name):
+            found.add(node.id)
+        elif isinstance(node, (ast.Import, ast.ImportFrom)):
+            found |= {(alias.asname or alias.name).split(".")[0] for alias in node.names}
+    return found
+
+
+def test_every_import_inside_a_function_finds_its_module_and_name():
+    """A module that moved is missed by those who import it late, and only when they do."""
+    wrong, known = [], {}
+    for folder in ("microstage_ros", "test", "launch", "docs"):
+        for path in (ROOT / folder).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if not (isinstance(node, ast.ImportFrom) and (node.module or "").startswith("microstage_ros")):
+                    continue
+                place = ROOT / node.module.replace(".", "/")
+                module = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
+                if module not in known:
+                    known[module] = _names(module) if module.exists() else set()
+                for alias in node.names:
+                    there = alias.name in known[module] or (place / alias.name).is_dir() or (place / f"{alias.name}.py").exists()
+                    wrong += [] if there else [f"{path.relative_to(ROOT)}:{node.lineno}: {node.module}.{alias.name}"]
+    assert not wrong
 
 
 def _executables():
