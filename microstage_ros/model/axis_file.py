@@ -1,7 +1,7 @@
 """Axis files: the numbers of one machine, each with its unit and where it comes from.
 
-A leaf is ``{value, unit, source, stderr?, tolerance?}`` (`quantities.quantity`); ``type``, ``law``, ``reading`` and ``name`` are words;
-``effects`` and ``controller`` are sections of their own (see `model.effects` and `control`).
+A leaf is ``{value, unit, source, stderr?, tolerance?}`` (`quantities.quantity`); ``type``, ``law``, ``reading`` and
+``name`` are words; ``effects`` and ``controller`` are sections of their own (see `model.effects` and `control`).
 Everything is SI. Unknown keys, missing units and values out of range are refused with the file,
 the key and the value.
 """
@@ -91,7 +91,8 @@ class Axis:
 
     def simulated_on(self, machine):
         """A copy for a controller whose simulated machine is the `Axis` ``machine``."""
-        copied = Axis(self.name, self.choices, self.quantities, self.effects, self.controller, self.provenance, self.place)
+        copied = Axis(self.name, self.choices, self.quantities, self.effects, self.controller, self.provenance,
+                      self.place)
         copied.machine = machine
         return copied
 
@@ -142,7 +143,8 @@ def axis_from_dict(tree, place="axis"):
         if section not in FREE_SECTIONS:
             _collect(body, section, choices, leaves, place)
     specs = schema.leaf_specs(choices, place)
-    quantities = {key: quantity_from(leaf, _known(key, specs, place), f"{place}: {key}") for key, leaf in leaves.items()}
+    quantities = {key: quantity_from(leaf, _known(key, specs, place), f"{place}: {key}") for key,
+                  leaf in leaves.items()}
     for key in choices:
         if key.split(".")[-1] not in WORDS:
             raise InputError(f"{place}: {key}", choices[key], "a leaf {value, unit, source}")
@@ -180,7 +182,8 @@ def _check_lists(axis):
             continue
         k, alpha = axis.value(f"{key}.stiffness"), axis.value(f"{key}.weight")
         if len(k) != len(alpha) or not 1 <= len(k) <= 8:
-            raise InputError(f"{axis.place}: {key}.weight", len(alpha), f"as many weights as stiffnesses ({len(k)}), 1 … 8")
+            raise InputError(f"{axis.place}: {key}.weight", len(alpha),
+                             f"as many weights as stiffnesses ({len(k)}), 1 … 8")
         reading = axis.choices.get(f"{key}.reading", "blocks")
         if reading not in schema.READINGS:
             raise InputError(f"{axis.place}: {key}.reading", reading, "one of " + ", ".join(schema.READINGS))

@@ -67,7 +67,9 @@ def load_machine(path):
     coarse, fine = (load_axis(path.parent / str(parts[name])) for name in COMPONENTS)
     actuator = actuator_of(fine)
     if not actuator.holds_position or actuator.command is not VOLTAGE:
-        raise InputError(f"{fine.place}: drive.type", actuator.name, "a drive in volts that holds a position, such as piezo, on top")
+        raise InputError(f"{fine.place}: drive.type", actuator.name,
+                         "a drive in volts that holds a position, such as piezo, on top")
     if abs(fine.value("period") / coarse.value("period") - 1.0) > 1e-9:
-        raise InputError(f"{fine.place}: period", fine.value("period"), f"{coarse.value('period'):g} s, as in {coarse.place}")
+        raise InputError(f"{fine.place}: period", fine.value("period"),
+                         f"{coarse.value('period'):g} s, as in {coarse.place}")
     return CoarseFine(str(tree.get("name", path)), coarse, fine)

@@ -49,7 +49,8 @@ CONTACT = np.dtype([
     ("profile_low", f8), ("profile_high", f8),              # its range of stage positions
     ("ripple_amplitude", f8, RIPPLES), ("ripple_number", f8, RIPPLES), ("ripple_phase", f8, RIPPLES),
     ("ripples", i8),               # limits × (1 + Σ A sin(number x + phase))
-    ("first_cell", i8), ("sliding", f8, (OCTAVES * CELLS, 8)),     # cubic pieces of s(w) and 1/s(w), see `contact.sliding_table`
+    # cubic pieces of s(w) and 1/s(w), see `contact.sliding_table`
+    ("first_cell", i8), ("sliding", f8, (OCTAVES * CELLS, 8)),
 ])
 
 #: One machine.
@@ -73,7 +74,8 @@ PLANT = np.dtype([
     ("lead_slope", f8),                        # cumulative error, relative
     ("cog_amplitude", f8, RIPPLES), ("cog_number", f8, RIPPLES), ("cog_phase", f8, RIPPLES), ("cogs", i8),
     ("push", f8), ("cable", f8), ("anchor", f8),
-    ("extra", f8, (EXTRAS, EXTRA)), ("extra_on", i8, EXTRAS),    # forces of effects of their own, see `effects.WITH_FORCE`
+    # forces of effects of their own, see `effects.WITH_FORCE`
+    ("extra", f8, (EXTRAS, EXTRA)), ("extra_on", i8, EXTRAS),
     ("smooth", i8),                            # 1: a smooth extra force acts on the stage or the motor
     ("simple", i8),                            # 1: a period may be one chunk under one voltage
     ("plain", i8),                             # 1: no extra force and no backlash
@@ -83,15 +85,19 @@ PLANT = np.dtype([
     ("electrical", i8),                        # 1: dead zone, delay, lag, warming or amplifier noise
     # random friction
     ("random_length", f8), ("random_time", f8), ("random_share", f8), ("random_clip", f8),
-    ("random_share_root", f8), ("random_rest_root", f8),        # √share of the travel's part, √(1 − share) of the time's
+    # √share of the travel's part, √(1 − share) of the time's
+    ("random_share_root", f8), ("random_rest_root", f8),
     ("random_travel_step", f8), ("random_time_step", f8),       # travel and time after which q is advanced
     # sensors
-    ("encoder_count", f8), ("per_count", f8), ("encoder_noise", f8), ("current_noise", f8), ("interferometer_noise", f8),
-    ("interpolates", i8), ("signal_number", f8), ("interpolation", f8, 2),      # 1: the encoder has an error of interpolation of its own
+    ("encoder_count", f8), ("per_count", f8), ("encoder_noise", f8), ("current_noise", f8),
+    ("interferometer_noise", f8),
+    # 1: the encoder has an error of interpolation of its own
+    ("interpolates", i8), ("signal_number", f8), ("interpolation", f8, 2),
     ("senses_current", i8),                    # 1: the current's sensor is not ideal, see `readings.sensed_current`
     ("current_filter", f8, 3), ("current_sample", f8, 3),
     ("current_offset", f8), ("current_range", f8), ("current_quantum", f8), ("per_current_quantum", f8),
-    ("position_sensor", i8), ("sensor_parameters", f8, SENSOR),            # number of the position's sensor, its own numbers
+    # number of the position's sensor, its own numbers
+    ("position_sensor", i8), ("sensor_parameters", f8, SENSOR),
     ("late", f8), ("jitter", f8), ("lost", f8),
     ("sde_number", f8), ("sde_amplitude", f8, 3), ("sde_phase", f8, 3), ("scale", f8),
     ("drift_amplitude", f8), ("drift_time", f8), ("drift_rate", f8), ("drift_expansion", f8),
@@ -102,7 +108,8 @@ PLANT = np.dtype([
     ("sensing", i8),                           # 1: an effect acts on what the sensors say
     # actuator: its number, whether it shapes the command and pulls with a torque that is not linear, its own numbers
     ("drive", i8), ("shaped", i8), ("pulls", i8), ("drive_parameters", f8, DRIVE),
-    ("flexure", f8), ("flexure_damping", f8),  # spring and damper between stage and ground [N/m, N s/m], zero force at x = 0
+    # spring and damper between stage and ground [N/m, N s/m], zero force at x = 0
+    ("flexure", f8), ("flexure_damping", f8),
 ])
 
 #: State of one contact.
@@ -119,7 +126,8 @@ CONTACT_STATE = np.dtype([
     ("law_state", f8, LAW), ("law_force", f8), ("law_before", f8), # of another law: state, force now and a chunk ago
     ("mask", i8),                  # bit j: block j sticks
     ("stretch", f8),               # travel not yet added to the sticking blocks' forces
-    # stretch that brings no sticking block to its limit below this speed, while the limit factor is no smaller than this
+    # stretch that brings no sticking block to its limit below this speed, while the limit factor is no smaller than
+    # this
     ("ahead", f8), ("behind", f8), ("guard", f8), ("least_factor", f8),
     ("factor", f8),                # limit factor of this period
     ("q_travel", f8), ("q_time", f8), ("q", f8),

@@ -39,7 +39,8 @@ USUAL = {
     "sensors.encoder.signal_period": Usual(1e-7, 1e-3, "scales"),
     "variability.relative": Usual(0.0, 0.5, "friction, a standard deviation of up to a half"),
 }
-ZERO_MEANS_NONE = ("sensors.encoder.resolution", "sensors.encoder.noise", "transmission.damping", "variability.relative")
+ZERO_MEANS_NONE = ("sensors.encoder.resolution", "sensors.encoder.noise", "transmission.damping",
+                   "variability.relative")
 SAME_CONSTANTS = 0.25
 """Largest relative difference of K_E [V s/rad] and K_T [N m/A]: one number for an ideal DC machine; windings and iron
 losses leave some per cent."""
@@ -49,7 +50,10 @@ STROKE = Usual(1e-6, 20.0, "stages, 1 µm to 20 m")
 
 
 def implausible(axis: Axis) -> list[str]:
-    """One sentence per unlikely number of an `Axis`: file and line, key, value, usual range. Empty for a likely axis."""
+    """One sentence per unlikely number of an `Axis`: file and line, key, value, usual range.
+
+    Empty for a likely axis.
+    """
     lines = _lines_of(axis.place)
     found = []
 

@@ -16,7 +16,8 @@ def top_speed(axis):
 
     Parameters
     ----------
-    axis : `model.axis_file.Axis`, with u the voltage limit [V], k_e the back-EMF constant [V s/rad], p the pitch [m], g the
+    axis : `model.axis_file.Axis`, with u the voltage limit [V], k_e the back-EMF constant [V s/rad], p the pitch [m], g
+    the
         gear ratio.
     """
     keys = ("drive.voltage_limit", "drive.back_emf", "transmission.pitch", "transmission.gear_ratio")

@@ -29,9 +29,10 @@ FACTOR_MARGIN = 0.01                      # fall of a random limit factor that n
 def sliding_table(static, coulomb, velocity, exponent):
     """(first cell, cubic pieces) of s(w) = F_C + (F_s − F_C) exp(−(w/V)^δ) and of 1/s(w), on CELLS cells per octave.
 
-    The pieces, shape (OCTAVES·CELLS, 8), are the coefficients of 1, d, d², d³ of s, then those of 1/s; d is the speed beyond
-    the cell's lower edge (through Chebyshev nodes). Cell and d are read off the bits of w, so a look-up costs no logarithm.
-    The cells begin about V·2^-18; below, s is a straight line. Relative error below 2e-8 (2e-6 on that line).
+    The pieces, shape (OCTAVES·CELLS, 8), are the coefficients of 1, d, d², d³ of s, then those of 1/s; d is the speed
+    beyond the cell's lower edge (through Chebyshev nodes). Cell and d are read off the bits of w, so a look-up costs no
+    logarithm. The cells begin about V·2^-18; below, s is a straight line. Relative error below 2e-8 (2e-6 on that
+    line).
     """
     lowest = math.floor(math.log2(velocity)) + LOWEST_OCTAVE
     octave = 2.0 ** (lowest + np.repeat(np.arange(OCTAVES), CELLS))
@@ -67,7 +68,10 @@ def _limit_beyond_table(contact, w):
 
 @inlined_before_typing
 def limit_and_slopes(contact, w):
-    """s(w) as `limit`, 1/s, d(1/s)/dw and (d²(1/s)/dw²)/2 of the cubic pieces that w lies on; without factors, for w > 0."""
+    """s(w) as `limit`, 1/s, d(1/s)/dw and (d²(1/s)/dw²)/2 of the cubic pieces that w lies on.
+
+    Without factors, for w > 0.
+    """
     bits = np.float64(w).view(np.int64)
     cell = np.uint64((bits >> FRACTION_BITS) - contact.first_cell)
     if cell >= ENTRIES:

@@ -1,7 +1,8 @@
 """A quiet period: one chunk, no event, of a plant that is ``quick``.
 
-What such periods change is carried from one to the next as plain numbers (`Moving`), beside what they leave as it is (`Held`), so
-that a loop of many keeps them in registers; a period that is not quiet is done by `step` on the state, from which both are taken anew.
+What such periods change is carried from one to the next as plain numbers (`Moving`), beside what they leave as it is
+(`Held`), so that a loop of many keeps them in registers; a period that is not quiet is done by `step` on the state,
+from which both are taken anew.
 """
 
 from typing import NamedTuple
@@ -25,7 +26,8 @@ from microstage_ros.solver.slip import (
 from microstage_ros.solver.vectors import add_columns, fused, mode_rows
 
 BEND = 2e-3                    # largest second difference of s(w) over a chunk, of the static limit
-EVENT_FREE, LOOKED, EVENT, COARSE = (np.int64(k) for k in range(4))       # what came of a period; not literals, or numba would compile for each
+# what came of a period; not literals, or numba would compile for each
+EVENT_FREE, LOOKED, EVENT, COARSE = (np.int64(k) for k in range(4))
 
 
 class Moving(NamedTuple):
@@ -70,7 +72,8 @@ class Held(NamedTuple):
 def moving_of(state):
     """`Moving` of a state."""
     a, g = state.actuator, state.guideway
-    return Moving(state.current, state.omega, state.theta, state.v, state.x, a.stretch, g.stretch, a.slip_force, a.slip_change, a.slip_offset)
+    return Moving(state.current, state.omega, state.theta, state.v, state.x, a.stretch, g.stretch, a.slip_force,
+                  a.slip_change, a.slip_offset)
 
 
 @inlined_before_typing
@@ -82,8 +85,10 @@ def held_of(plant, state, slot):
     direction = a.direction if a.slip_weight > 0.0 else 0.0
     level, pace, guide_slip = slip_of(plant, state)
     return Held(
-        slot, a.stuck_weight_force, a.stuck_stiffness, a_ahead, a_behind, a_guard, g.stuck_weight_force, g.stuck_stiffness,
-        g_ahead, g_behind, g_guard, -direction * a.slip_weight, direction, direction * plant.per_gear, level, pace, guide_slip,
+        slot, a.stuck_weight_force, a.stuck_stiffness, a_ahead, a_behind, a_guard, g.stuck_weight_force,
+        g.stuck_stiffness,
+        g_ahead, g_behind, g_guard, -direction * a.slip_weight, direction, direction * plant.per_gear, level, pace,
+        guide_slip,
         g.direction if g.slip_weight > 0.0 else 0.0)
 
 
@@ -132,7 +137,8 @@ def try_period(plant, state, work, moving, held, u):
     spring = plant.stiffness * (plant.ratio * moving.theta - moving.x)
     torque = -fused(held.a_stiffness, moving.a_stretch, held.a_force) - plant.ratio * spring
     push = (plant.push - fused(held.g_stiffness, moving.g_stretch, held.g_force) + spring) - held.guide_slip
-    rows = mode_rows(m, slot, whole, moving.current, omega0, moving.v, u, torque + pull * f0, pull * moving.slip_change, push)
+    rows = mode_rows(m, slot, whole, moving.current, omega0, moving.v, u, torque + pull * f0, pull * moving.slip_change,
+                     push)
     f1, offset = f0, moving.slip_offset
     if held.direction != 0.0:
         s, per_s, slope, bend = limit_and_slopes(plant.actuator, abs(omega0) * plant.per_gear)
@@ -142,9 +148,12 @@ def try_period(plant, state, work, moving, held, u):
         to_mid, to_end, reach = rows[O_OMEGA_MID] - omega0, rows[O_OMEGA] - omega0, NEAR * abs(omega0)
         if abs(to_mid) <= reach and abs(to_end) <= reach:
             by_mid, by_end = change(k1, k2, to_mid), change(k1, k2, to_end)
-            d1, d2, f1 = with_change(linear, by_mid, by_end), with_change(square, by_mid, by_end), with_change((end, end_m, end_1), by_mid, by_end)
+            d1, d2, f1 = with_change(linear, by_mid, by_end), with_change(square, by_mid,
+                                                                          by_end), with_change((end, end_m, end_1),
+                                                                                               by_mid, by_end)
         else:
-            f_mid, f1, fade, bent = far(plant, state.actuator, omega0, rows[O_OMEGA_MID], rows[O_OMEGA], f0, plant.period)
+            f_mid, f1, fade, bent = far(plant, state.actuator, omega0, rows[O_OMEGA_MID], rows[O_OMEGA], f0,
+                                        plant.period)
             if bent:
                 return moving, COARSE
             d1, d2 = corrections(pull, f0, f_mid, f1, moving.slip_change)
@@ -158,12 +167,15 @@ def try_period(plant, state, work, moving, held, u):
     if not ((a_stretch < held.a_ahead or turned <= 0.0) and (-a_stretch < held.a_behind or turned >= 0.0)
             and (g_stretch < held.g_ahead or moved <= 0.0) and (-g_stretch < held.g_behind or moved >= 0.0)
             and abs(rows[O_OMEGA]) * plant.per_gear < held.a_guard and abs(rows[O_V]) < held.g_guard):
-        found = _look(plant, state, moving.a_stretch, moving.g_stretch, turned, rows[O_OMEGA] * plant.per_gear, moved, rows[O_V])
+        found = _look(plant, state, moving.a_stretch, moving.g_stretch, turned, rows[O_OMEGA] * plant.per_gear, moved,
+                      rows[O_V])
         if found == EVENT:
-            return Moving(moving.current, omega0, moving.theta, moving.v, moving.x, state.actuator.stretch, state.guideway.stretch,
+            return Moving(moving.current, omega0, moving.theta, moving.v, moving.x, state.actuator.stretch,
+                          state.guideway.stretch,
                           f0, moving.slip_change, moving.slip_offset), EVENT
         a_stretch, g_stretch = state.actuator.stretch + turned, state.guideway.stretch + moved
-    return Moving(rows[O_I], rows[O_OMEGA], moving.theta + rows[O_THETA], rows[O_V], moving.x + rows[O_X], a_stretch, g_stretch,
+    return Moving(rows[O_I], rows[O_OMEGA], moving.theta + rows[O_THETA], rows[O_V], moving.x + rows[O_X], a_stretch,
+                  g_stretch,
                   f1, f1 - f0, offset), found
 
 

@@ -82,7 +82,8 @@ def _mode(plant, state, work):
         damp_g = g.viscous + (g.stick_damping if cg.slip_weight == 0.0 else 0.0)
         if math.isnan(work.resistance):
             work.resistance = plant.resistance * (1.0 + state.heat)
-        build_mode(plant, ca.stuck_stiffness, damp_a, cg.stuck_stiffness + plant.flexure, damp_g + plant.flexure_damping, side,
+        build_mode(plant, ca.stuck_stiffness, damp_a, cg.stuck_stiffness + plant.flexure,
+                   damp_g + plant.flexure_damping, side,
                    work.resistance, work.constant_change, work.matrix[slot])
         work.key[slot] = key
     return slot

@@ -80,7 +80,8 @@ def _system(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, cha
     else:
         k, d = plant.stiffness * in_contact, plant.damping * in_contact
         k_motor, d_motor = ratio * ratio * k / inertia, ratio * ratio * d / inertia
-        a[1, 1], a[2, 1], a[3, 1], a[4, 1] = -damp_a / gear / inertia - d_motor, -stiff_a / gear / inertia - k_motor, d_motor, k_motor
+        a[1, 1], a[2, 1], a[3, 1], a[4,
+                                     1] = -damp_a / gear / inertia - d_motor, -stiff_a / gear / inertia - k_motor, d_motor, k_motor
         a[1, 3], a[2, 3], a[3, 3], a[4, 3] = d / mass, k / mass, -(d + damp_g) / mass, -(k + stiff_g) / mass
         a[9, 3] = 1.0
         a[3, 4] = 1.0
@@ -159,13 +160,16 @@ def _write_level(e, half, h, plant, inertia, out):
     per_inertia, per_h = 1.0 / inertia, 1.0 / h
     push = ratio * per_inertia if rigid else 1.0 / (plant.mass * ratio)
     v, x = (1, 2) if rigid else (3, 4)
-    units = (1.0, 1.0, 0.0 if rigid else 1.0 / ratio, 1.0, per_inertia, per_inertia * per_h, 2.0 * per_inertia * per_h * per_h,
+    units = (1.0, 1.0, 0.0 if rigid else 1.0 / ratio, 1.0, per_inertia, per_inertia * per_h,
+             2.0 * per_inertia * per_h * per_h,
              push, push * per_h)
     for column in range(INPUTS):
         source, unit = _SOURCES[column], units[column]
         metres = unit * ratio
-        out[column, O_I], out[column, O_OMEGA], out[column, O_THETA] = unit * e[source, 0], unit * e[source, 1], unit * e[source, 2]
-        out[column, O_V], out[column, O_X], out[column, O_OMEGA_MID] = metres * e[source, v], metres * e[source, x], unit * half[source, 1]
+        out[column, O_I], out[column, O_OMEGA], out[column, O_THETA] = unit * e[source, 0], unit * e[source,
+                                                                                                     1], unit * e[source, 2]
+        out[column, O_V], out[column, O_X], out[column, O_OMEGA_MID] = metres * e[source, v], metres * e[source,
+                                                                                                         x], unit * half[source, 1]
 
 
 @compiled

@@ -9,7 +9,8 @@ from microstage_ros.solver.plant import new_readings, new_state, new_work
 from microstage_ros.solver.step import advance_in_registers, note_friction, read_state
 
 #: Columns of a trace, each as at the start of its period.
-COLUMNS = ("x", "v", "theta", "omega", "current", "torque_friction", "guide_friction", "encoder", "read_current", "interferometer")
+COLUMNS = ("x", "v", "theta", "omega", "current", "torque_friction", "guide_friction", "encoder", "read_current",
+           "interferometer")
 
 
 @compiled

@@ -21,7 +21,8 @@ from microstage_ros.solver.variability import TIME_STEP, TRAVEL_STEP
 
 LAW_LEVEL = 4                  # chunks of T/16 for laws that are not made of blocks
 #: Fields of a plant by which an effect acts on the readings.
-SENSING = ("late", "jitter", "lost", "sde_amplitude", "scale", "drift_amplitude", "drift_rate", "drift_expansion", "air_temperature_rate",
+SENSING = ("late", "jitter", "lost", "sde_amplitude", "scale", "drift_amplitude", "drift_rate", "drift_expansion",
+           "air_temperature_rate",
            "air_pressure_rate", "air_temperature_swing", "air_pressure_swing", "lines", "stage_temperature_rise")
 BRISTLE = 100.0                # Coulomb contact: natural frequency of its bristle times the control period
 
@@ -74,7 +75,8 @@ def make_plant(axis, noise=None, effects=None):
     apply_effects(plant, merged)
     _set_flags(plant)
     if plant["delay"] > 60 * plant["period"]:
-        raise InputError("effects: transport_delay.delay_s", float(plant["delay"]), f"at most 60 periods ({60 * plant['period']:g} s)")
+        raise InputError("effects: transport_delay.delay_s", float(plant["delay"]),
+                         f"at most 60 periods ({60 * plant['period']:g} s)")
     return plant
 
 
@@ -126,7 +128,8 @@ def _set_flags(plant):
     plant["varies"] = int(plant["modulated"] or has_random_friction(plant))
     extra = plant["smooth"] or plant["leads"] or plant["lead_slope"] or plant["cable"] or plant["gap"] or plant["rigid"] or plant["flexure"]
     plant["plain"] = int(not extra)
-    plant["random_share_root"], plant["random_rest_root"] = math.sqrt(plant["random_share"]), math.sqrt(1.0 - plant["random_share"])
+    plant["random_share_root"], plant["random_rest_root"] = math.sqrt(plant["random_share"]), math.sqrt(1.0
+                                                                                                        - plant["random_share"])
     plant["rate"] = 1.0 / plant["period"]
     plant["simple"] = int(not plant["electrical"] and not plant["shaped"] and plant["base_level"] == 0)
     plant["sensing"] = int(any(np.any(plant[name]) for name in SENSING))
@@ -198,9 +201,12 @@ def _fill_contact(contact, axis, name, inertia, period):
         contact["static"] = contact["coulomb"] = axis.value(f"{key}.static")
     if axis.has(f"{key}.stribeck_velocity"):
         contact["drops"], contact["static"] = 1, axis.value(f"{key}.static")
-        for field, leaf in (("coulomb", "coulomb"), ("velocity", "stribeck_velocity"), ("exponent", "stribeck_exponent")):
+        for field, leaf in (("coulomb", "coulomb"), ("velocity", "stribeck_velocity"),
+                            ("exponent", "stribeck_exponent")):
             contact[field] = axis.value(f"{key}.{leaf}")
-        contact["first_cell"], contact["sliding"] = sliding_table(*(float(contact[k]) for k in ("static", "coulomb", "velocity", "exponent")))
+        contact["first_cell"], contact["sliding"] = sliding_table(*(float(contact[k])
+                                                                    for k in ("static", "coulomb", "velocity",
+                                                                              "exponent")))
     if axis.has(f"{key}.attraction"):
         contact["attraction"] = axis.value(f"{key}.attraction")
 
@@ -217,7 +223,8 @@ def _fill_noise(plant, axis, noise):
     for name in ("actuator", "guideway"):
         plant[name]["random"] = relative if plant[name]["blocks"] or plant[name]["law"] else 0.0
     for field in ("length", "time"):
-        plant[f"random_{field}"] = axis.value("variability.travel_length" if field == "length" else "variability.time_length")
+        plant[f"random_{field}"] = axis.value("variability.travel_length" if field == "length"
+                                              else "variability.time_length")
     plant["random_travel_step"] = TRAVEL_STEP * plant["random_length"]
     plant["random_time_step"] = TIME_STEP * plant["random_time"]
     plant["random_share"], plant["random_clip"] = axis.value("variability.travel_share"), axis.value("variability.clip")
@@ -247,9 +254,11 @@ def _fill_sensors(plant, axis):
     offset, span, bits, bandwidth, skew = (
         axis.value(f"sensors.current.{key}") for key in ("offset", "range", "bits", "bandwidth", "skew"))
     if bits and not span:
-        raise InputError(f"{axis.place}: sensors.current.range", span, "the converter's range in A, where bits are given")
+        raise InputError(f"{axis.place}: sensors.current.range", span,
+                         "the converter's range in A, where bits are given")
     if not skew < plant["period"]:
-        raise InputError(f"{axis.place}: sensors.current.skew", skew, f"less than a period ({float(plant['period']):g} s)")
+        raise InputError(f"{axis.place}: sensors.current.skew", skew,
+                         f"less than a period ({float(plant['period']):g} s)")
     plant["current_offset"], plant["current_range"] = offset, span
     plant["current_quantum"] = 2.0 * span / 2.0**bits if bits else 0.0
     plant["per_current_quantum"] = 1.0 / plant["current_quantum"] if bits else 0.0

@@ -91,8 +91,10 @@ def change_of_rate(s, slope, bend, turn):
 def corrections_near(course, pull, f0, grow):
     """`corrections` for `near`'s six numbers ``course``, each as (at ε = 0, its derivatives by ε_m and ε_1)."""
     mid, mid_m, mid_1, end, end_m, end_1 = course
-    linear = pull * (fused(4.0, mid, -end) - fused(3.0, f0, grow)), pull * fused(4.0, mid_m, -end_m), pull * fused(4.0, mid_1, -end_1)
-    square = pull * (fused(-4.0, mid, 2.0 * f0) + 2.0 * end), pull * fused(-4.0, mid_m, 2.0 * end_m), pull * fused(-4.0, mid_1, 2.0 * end_1)
+    linear = pull * (fused(4.0, mid, -end)
+                     - fused(3.0, f0, grow)), pull * fused(4.0, mid_m, -end_m), pull * fused(4.0, mid_1, -end_1)
+    square = pull * (fused(-4.0, mid, 2.0 * f0) + 2.0
+                     * end), pull * fused(-4.0, mid_m, 2.0 * end_m), pull * fused(-4.0, mid_1, 2.0 * end_1)
     return linear, square
 
 

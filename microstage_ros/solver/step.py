@@ -1,6 +1,7 @@
 """The compiled step: one control period of the axis, exact between friction events.
 
-A period without an event is one small matrix product and the slip's few products (`quiet`); any other is walked in chunks (`walk`).
+A period without an event is one small matrix product and the slip's few products (`quiet`); any other is walked in
+chunks (`walk`).
 """
 
 import numpy as np
@@ -36,7 +37,10 @@ def read_state(plant, state, work):
 
 @always_inlined
 def advance_in_registers(plant, state, work, moving, held, voltage):
-    """`advance` on what `read_state` gave; returns the same a period later. `event_free.write_state` brings the state up to date."""
+    """`advance` on what `read_state` gave.
+
+    Returns the same a period later. `event_free.write_state` brings the state up to date.
+    """
     u = amplifier_output(plant, state, voltage)
     if plant.varies == 1 and waited(plant, state, moving.v):
         write_state(state, moving)

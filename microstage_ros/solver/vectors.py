@@ -1,7 +1,8 @@
 """Fused multiply-adds, and the product of a mode's matrix with its inputs made of them, eight rows at a time.
 
-Numba's own loops leave these short sums scalar, so they are put together here from vectors of four numbers. A fused multiply-add rounds once on every machine (one without it computes the same bits,
-slowly), so a seed gives the same run everywhere.
+Numba's own loops leave these short sums scalar, so they are put together here from vectors of four numbers. A fused
+multiply-add rounds once on every machine (one without it computes the same bits, slowly), so a seed gives the same run
+everywhere.
 """
 
 from llvmlite import ir
@@ -30,7 +31,8 @@ class Lanes(types.Type):
 @register_default(Lanes)
 class _LanesModel(PrimitiveModel):
     def __init__(self, dmm, fe_type):
-        element = ir.DoubleType() if fe_type.element == types.float64 else ir.IntType(64)      # a mask: all ones or all zeros
+        # a mask: all ones or all zeros
+        element = ir.DoubleType() if fe_type.element == types.float64 else ir.IntType(64)
         super().__init__(dmm, fe_type, ir.VectorType(element, AXES))
 
 
@@ -41,7 +43,8 @@ def lanes_of(builder, value):
     """A vector with ``value`` in the lane of every axis."""
     kind = ir.VectorType(ir.DoubleType(), AXES)
     vector = builder.insert_element(ir.Constant(kind, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
-    return builder.shuffle_vector(vector, ir.Constant(kind, ir.Undefined), ir.Constant(ir.VectorType(ir.IntType(32), AXES), [0] * AXES))
+    return builder.shuffle_vector(vector, ir.Constant(kind, ir.Undefined),
+                                  ir.Constant(ir.VectorType(ir.IntType(32), AXES), [0] * AXES))
 
 
 @intrinsic
@@ -132,7 +135,8 @@ def _write_row(builder, target, row, sums):
 def _parts(builder, start, row):
     """Pointers to the vectors of a row."""
     first = builder.mul(row, ir.Constant(ir.IntType(64), OUTPUTS))
-    places = [builder.gep(start, [builder.add(first, ir.Constant(ir.IntType(64), part * LANES))]) for part in range(_PARTS)]
+    places = [builder.gep(start, [builder.add(first, ir.Constant(ir.IntType(64), part * LANES))])
+              for part in range(_PARTS)]
     return [builder.bitcast(at, _VECTOR.as_pointer()) for at in places]
 
 
@@ -152,7 +156,8 @@ def _add(builder, start, sums, columns):
         if isinstance(column, int):
             column = ir.Constant(ir.IntType(64), column)
         spread = _spread(builder, value)
-        sums = [builder.call(fused, [builder.load(at, align=8), spread, total]) for at, total in zip(_parts(builder, start, column), sums)]
+        sums = [builder.call(fused, [builder.load(at, align=8), spread, total]) for at,
+                total in zip(_parts(builder, start, column), sums)]
     return sums
 
 

@@ -59,7 +59,8 @@ class CurrentMotor(Actuator):
         """A supply needs a winding."""
         super().check(axis)
         if axis.value("drive.supply_voltage") > 0.0 and not axis.value("drive.resistance") > 0.0:
-            raise InputError(f"{axis.place}: drive.resistance", axis.value("drive.resistance"), "the winding's ohms, where supply_voltage is given")
+            raise InputError(f"{axis.place}: drive.resistance", axis.value("drive.resistance"),
+                             "the winding's ohms, where supply_voltage is given")
 
     @classmethod
     def fill(cls, plant, axis):
@@ -78,7 +79,8 @@ class CurrentMotor(Actuator):
         _, _, ratio = lever(axis)
         inertia, supply, emf = (axis.value(f"drive.{key}") for key in ("rotor_inertia", "supply_voltage", "back_emf"))
         return {
-            "volts_per_torque": 1.0, "volts_per_force": ratio, "rotor": inertia / ratio, "force_per_torque": 1.0 / ratio,
+            "volts_per_torque": 1.0, "volts_per_force": ratio, "rotor": inertia / ratio,
+            "force_per_torque": 1.0 / ratio,
             "moving_mass": axis.value("stage.mass") + inertia / ratio**2,
             "top_speed": supply / emf * ratio if supply > 0.0 and emf > 0.0 else UNKNOWN_TOP_SPEED,
         }

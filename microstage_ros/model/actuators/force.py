@@ -19,7 +19,8 @@ class Force(Actuator):
         "voltage_limit": positive("V", "command is clipped to ± this"),
         "dac_range": positive("V", "converter spans ± this", default=10.0),
         "dac_bits": Spec("1", 0, 32, "converter width; 0 means not quantised", default=0),
-        "noise": not_negative("V", "standard deviation of the command that the amplifier adds, held over a period", default=1.0e-3),
+        "noise": not_negative("V", "standard deviation of the command that the amplifier adds, held over a period",
+                              default=1.0e-3),
         "gain": positive("N/V", "force on the stage per volt of command"),
     }
 

@@ -67,7 +67,8 @@ class Piezo(Actuator):
     def check(cls, axis):
         """Lists of one length, no longer than the record holds."""
         super().check(axis)
-        for one, other, most in (("hysteresis_radius", "hysteresis_weight", PLAYS), ("creep_gain", "creep_time", CREEPS)):
+        for one, other, most in (("hysteresis_radius", "hysteresis_weight", PLAYS),
+                                 ("creep_gain", "creep_time", CREEPS)):
             count = len(axis.value(f"drive.{one}"))
             if count != len(axis.value(f"drive.{other}")) or count > most:
                 raise InputError(f"{axis.place}: drive.{other}", len(axis.value(f"drive.{other}")),
@@ -75,7 +76,10 @@ class Piezo(Actuator):
 
     @classmethod
     def fill(cls, plant, axis):
-        """I stands for the amplifier's voltage: L = 1/2πB, R = b = 1, k_M = k_s d; the stack's stiffness beside the flexure's."""
+        """I stands for the amplifier's voltage: L = 1/2πB, R = b = 1, k_M = k_s d.
+
+        The stack's stiffness beside the flexure's.
+        """
         stiffness = axis.value("drive.stack_stiffness")
         plant["inductance"], plant["resistance"] = 1.0 / (2 * math.pi * axis.value("drive.bandwidth")), 1.0
         plant["electrical_input"] = 1.0

@@ -57,7 +57,8 @@ class Stepper(Actuator):
         "detent_torque": not_negative("N m", "torque T_D of the magnets without current", default=0.0),
         "rotor_inertia": positive("kg m^2", "all rotating parts, at the motor shaft"),
         "damping": not_negative("N m s/rad", "viscous damping D at the rotor", default=0.0),
-        "pulse_rate": positive("Hz", "most microsteps per second; at most one full step per control period", default=2.0e4),
+        "pulse_rate": positive("Hz", "most microsteps per second; at most one full step per control period",
+                               default=2.0e4),
         "noise": not_negative("rad", "standard deviation of the command, held over a period", default=0.0),
     }
     shape = _field

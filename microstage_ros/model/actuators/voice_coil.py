@@ -35,7 +35,8 @@ class VoiceCoil(Actuator):
         "noise": not_negative("V", "standard deviation of the amplifier's output, held over a period", default=1.0e-3),
         "resistance": positive("ohm", "coil resistance R"),
         "inductance": positive("H", "coil inductance L"),
-        "force_constant": positive("N/A", "force constant K_0 at x = 0; the back-EMF constant in V s/m is the same number"),
+        "force_constant": positive("N/A",
+                                   "force constant K_0 at x = 0; the back-EMF constant in V s/m is the same number"),
         "force_constant_slope": any_number("1/m", "a of K(x)", default=0.0),
         "force_constant_curvature": any_number("1/m^2", "b of K(x)", default=0.0),
     }
@@ -54,7 +55,8 @@ class VoiceCoil(Actuator):
         ends = [axis.value("travel.minimum"), axis.value("travel.maximum")]
         least = min(cls.constant(axis, x) for x in ends)
         if not least > LEAST * axis.value("drive.force_constant"):
-            raise InputError(f"{axis.place}: drive.force_constant_curvature", axis.value("drive.force_constant_curvature"),
+            raise InputError(f"{axis.place}: drive.force_constant_curvature",
+                             axis.value("drive.force_constant_curvature"),
                              f"a force constant above {LEAST:.0%} of force_constant at both ends of the travel")
 
     @classmethod
@@ -74,8 +76,10 @@ class VoiceCoil(Actuator):
         _, _, ratio = lever(axis)
         return {
             "volts_per_force": resistance / constant, "volts_per_torque": resistance / constant / ratio,
-            "volts_per_velocity": constant, "resistance": resistance, "settling": axis.value("drive.inductance") / resistance,
-            "current_bandwidth": axis.value("sensors.current.bandwidth"), "current_skew": axis.value("sensors.current.skew"),
+            "volts_per_velocity": constant, "resistance": resistance,
+            "settling": axis.value("drive.inductance") / resistance,
+            "current_bandwidth": axis.value("sensors.current.bandwidth"),
+            "current_skew": axis.value("sensors.current.skew"),
             "force_per_torque": 1.0 / ratio, "force_per_ampere": constant, "moving_mass": axis.value("stage.mass"),
             "top_speed": cls.command_limit(axis) / constant,
         }
@@ -89,5 +93,6 @@ class VoiceCoil(Actuator):
     def command_as_force(cls, axis, record):
         """K(x) i [N]: from the measured current, since the back-EMF takes its part of the voltage."""
         if "current_A" not in record:
-            raise InputError(f"{record.source}: column current_A", "missing", f"current_A, since {axis.place} has a voice coil")
+            raise InputError(f"{record.source}: column current_A", "missing",
+                             f"current_A, since {axis.place} has a voice coil")
         return cls.constant(axis, record["encoder_m"]) * record["current_A"]

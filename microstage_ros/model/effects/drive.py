@@ -52,7 +52,8 @@ class DriveCompliance(Effect):
 
     @classmethod
     def draw(cls, generator, strength):
-        return {"stiffness_factor": 1.0 / (1.0 + generator.uniform(4.0, 30.0) * strength), "damping_factor": float(np.exp(generator.uniform(-0.7, 0.7)))}
+        return {"stiffness_factor": 1.0 / (1.0 + generator.uniform(4.0, 30.0) * strength),
+                "damping_factor": float(np.exp(generator.uniform(-0.7, 0.7)))}
 
     @classmethod
     def apply(cls, plant, p):
@@ -119,7 +120,8 @@ class TorqueRipple(Effect):
     def draw(cls, generator, strength):
         """One to three terms, whole or half cycles per turn, the first the largest."""
         count = int(generator.integers(1, 4))
-        cycles = generator.choice(np.concatenate([np.arange(1, 13), [0.5, 1.5, 2.5, 14, 16, 18, 24]]), count, replace=False)
+        cycles = generator.choice(np.concatenate([np.arange(1, 13), [0.5, 1.5, 2.5, 14, 16, 18, 24]]), count,
+                                  replace=False)
         sizes = generator.uniform(8e-6, 3e-5) * strength * np.array([1.0, 0.5, 0.3])[:count]
         return {"amplitude_Nm": sizes.tolist(), "cycles_per_turn": cycles.tolist(),
                 "phase_rad": generator.uniform(0, 6.28, count).tolist()}
@@ -190,7 +192,8 @@ class CableSpring(Effect):
 
     @classmethod
     def draw(cls, generator, strength):
-        return {"stiffness_N_m": generator.uniform(250.0, 1500.0) * strength, "anchor_m": either_sign(generator, 0, 2e-3)}
+        return {"stiffness_N_m": generator.uniform(250.0, 1500.0) * strength,
+                "anchor_m": either_sign(generator, 0, 2e-3)}
 
     @classmethod
     def apply(cls, plant, p):

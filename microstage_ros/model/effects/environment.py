@@ -32,7 +32,8 @@ class ThermalDrift(Effect):
     def draw(cls, generator, strength):
         """An exponential that every record repeats, or a smooth course of every record's own."""
         if generator.uniform() < 0.5:
-            return {"amplitude_m": either_sign(generator, 1e-7 * strength, 6e-7 * strength), "time_s": generator.uniform(3.0, 15.0)}
+            return {"amplitude_m": either_sign(generator, 1e-7 * strength, 6e-7 * strength),
+                    "time_s": generator.uniform(3.0, 15.0)}
         size = generator.uniform(8e-8, 4e-7) * strength
 
         def after(columns, records):
@@ -74,7 +75,8 @@ class RefractiveIndex(Effect):
 
     @classmethod
     def draw(cls, generator, strength):
-        return {"path_m": generator.uniform(0.2, 0.6), "temperature_swing_K": generator.uniform(0.5, 2.0) * strength, "pressure_swing_Pa": generator.uniform(50.0, 300.0) * strength}
+        return {"path_m": generator.uniform(0.2, 0.6), "temperature_swing_K": generator.uniform(0.5, 2.0) * strength,
+                "pressure_swing_Pa": generator.uniform(50.0, 300.0) * strength}
 
     @classmethod
     def apply(cls, plant, p):
@@ -106,7 +108,8 @@ class FloorVibration(Effect):
 
     @classmethod
     def draw(cls, generator, strength):
-        return {"frequencies_hz": [generator.uniform(15, 90)], "amplitudes_m": [generator.uniform(4e-8, 2e-7) * strength]}
+        return {"frequencies_hz": [generator.uniform(15, 90)],
+                "amplitudes_m": [generator.uniform(4e-8, 2e-7) * strength]}
 
     @classmethod
     def apply(cls, plant, p):

@@ -102,7 +102,8 @@ class PositionDependentFriction(Effect):
             grid = np.linspace(x[0], x[-1], PROFILE + 1)
             from scipy.interpolate import CubicSpline  # most of a second that a node without profile need not wait
 
-            contact["profile"] = np.maximum(CubicSpline(x, factor)(grid), 0.02) if len(x) > 2 else np.interp(grid, x, factor)
+            contact["profile"] = np.maximum(CubicSpline(x, factor)(grid), 0.02) if len(x) > 2 else np.interp(grid, x,
+                                                                                                             factor)
             contact["profile_low"], contact["profile_high"], contact["profiled"] = x[0], x[-1], 1
 
 
@@ -236,7 +237,8 @@ class NonlinearViscous(Effect):
     parameters = {
         "coefficient": Parameter("N m/(rad/s)^n or N/(m/s)^n", "coefficient, of the contact's own units", None),
         "exponent": Parameter("1", "exponent n", 2.0, 0.1, 4.0),
-        "saturation_speed": Parameter("rad/s or m/s", "speed V at which the growth ends; 0: it does not end", 0.0, 0.0, 1e6),
+        "saturation_speed": Parameter("rad/s or m/s", "speed V at which the growth ends; 0: it does not end", 0.0, 0.0,
+                                      1e6),
     }
 
     @classmethod
@@ -244,7 +246,8 @@ class NonlinearViscous(Effect):
         """A power of the speed, or in every third case a growth that ends."""
         if generator.uniform() < 0.67:
             return {"coefficient": generator.uniform(1.5e-5, 4e-5) * strength, "exponent": generator.uniform(1.7, 2.3)}
-        return {"coefficient": generator.uniform(2e-4, 6e-4) * strength, "exponent": 1.0, "saturation_speed": generator.uniform(0.8, 3.0)}
+        return {"coefficient": generator.uniform(2e-4, 6e-4) * strength, "exponent": 1.0,
+                "saturation_speed": generator.uniform(0.8, 3.0)}
 
     @classmethod
     def apply(cls, plant, p):

@@ -60,7 +60,8 @@ class EncoderSde(Effect):
         """A usual signal period, or any."""
         period = float(generator.choice([20e-6, 10e-6, 4e-6, 2e-6]) if generator.uniform() < 0.5 else np.exp(
             generator.uniform(*np.log([0.8e-6, 4e-5]))))
-        return {"period_m": period, "amplitude1_m": generator.uniform(1e-8, 5e-8) * strength, "phase1_rad": generator.uniform(0, 6.28),
+        return {"period_m": period, "amplitude1_m": generator.uniform(1e-8, 5e-8) * strength,
+                "phase1_rad": generator.uniform(0, 6.28),
                 "amplitude2_m": generator.uniform(0, 1e-8) * strength}
 
     @classmethod

@@ -69,4 +69,5 @@ def wave(beta, covariance):
     along = np.array([s, c]) / max(amplitude, 1e-300)
     across = np.array([-c, s]) / max(amplitude, 1e-300)
     sigma = float(np.sqrt(along @ covariance @ along))
-    return amplitude, sigma, float(np.arctan2(c, s)), float(np.sqrt(across @ covariance @ across) / max(amplitude, 1e-300))
+    return amplitude, sigma, float(np.arctan2(c, s)), float(np.sqrt(across @ covariance @ across)
+                                                            / max(amplitude, 1e-300))

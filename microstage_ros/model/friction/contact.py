@@ -11,9 +11,11 @@ from microstage_ros.model.friction.blocks import blocks_from_segment_slopes
 from microstage_ros.model.friction.equivalent import equivalent_blocks
 from microstage_ros.model.friction.registry import LAWS, law_named
 
-RIGID_SLIP = 1.0e-9           # m of travel within which the one block of Coulomb friction gives way: a twenty-fifth of a count
+# m of travel within which the one block of Coulomb friction gives way: a twenty-fifth of a count
+RIGID_SLIP = 1.0e-9
 OTHER_LAWS = tuple(law.name for law in LAWS if law.family == "own")
-RIGID_LAWS = tuple(name for law in LAWS if law.family == "rigid" for name in (law.name, *getattr(law.file, "BESIDE", {})))
+RIGID_LAWS = tuple(name for law in LAWS if law.family == "rigid"
+                   for name in (law.name, *getattr(law.file, "BESIDE", {})))
 BLOCK_LAWS = tuple(law.name for law in LAWS if "weight" in law.file.PARAMETERS)    # a virgin curve tells their blocks
 
 
@@ -38,7 +40,10 @@ def blocks_of(axis, name):
 
 
 def limit_of(axis, name):
-    """Largest friction of a contact at the start of sliding, F_s; the Coulomb level where a law has no other [N m or N]."""
+    """Largest friction of a contact at the start of sliding, F_s.
+
+    The Coulomb level where a law has no other [N m or N].
+    """
     static = f"contacts.{name}.static"
     return axis.value(static if axis.has(static) else f"contacts.{name}.coulomb")
 

@@ -2,7 +2,8 @@
 
 What is built on blocks (feed-forward, observer, the replays of the diagnosis) knows every law by them. A law made of
 blocks keeps its own. Of any other the virgin curve F(x) is run slowly, and chords are laid through it at the shares
-`SHARES` of its limit; a concave polygon with slopes K_1 > K_2 > … and break points x_j is the virgin curve of the blocks
+`SHARES` of its limit; a concave polygon with slopes K_1 > K_2 > … and break points x_j is the virgin curve of the
+blocks
 
     k_j = K_j − K_{j+1},   α_j = k_j x_j / F_s
 
@@ -14,7 +15,8 @@ import numpy
 
 from microstage_ros.model.friction.registry import law_named, run_law
 
-SHARES = (0.0, 0.35, 0.6, 0.78, 0.9, 0.97, 0.995)  # of the limit, ends of the chords: six blocks of the eight there may be
+# of the limit, ends of the chords: six blocks of the eight there may be
+SHARES = (0.0, 0.35, 0.6, 0.78, 0.9, 0.97, 0.995)
 POINTS = 4000
 LONGEST = 12.0      # lengths F_s/k after which an exponential approach is there to 6 · 10⁻⁶
 QUASI_STATIC = 1e-6  # s⁻¹, of that length: so slow that no damping and no speed dependence shows

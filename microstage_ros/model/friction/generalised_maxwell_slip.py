@@ -46,7 +46,8 @@ SAYS = {
 
 def pack(values):
     """Own entries of the packed law, from a mapping of `PARAMETERS`."""
-    return [*pack_blocks(values["stiffness"], values["weight"]), values["attraction"], float(values.get("passive", 0.0))]
+    return [*pack_blocks(values["stiffness"], values["weight"]), values["attraction"],
+            float(values.get("passive", 0.0))]
 
 
 def state_size(packed):

@@ -47,7 +47,8 @@ SAYS = {
 
 def pack(values):
     """Own entries of the packed law, from a mapping of `PARAMETERS`."""
-    return [*pack_blocks(values["stiffness"], values["weight"]), *(values[key] for key in ("creep_velocity", "sharpness", "hardening"))]
+    return [*pack_blocks(values["stiffness"], values["weight"]),
+            *(values[key] for key in ("creep_velocity", "sharpness", "hardening"))]
 
 
 def state_size(packed):

@@ -5,8 +5,9 @@ A new law is one file and its name in ``FILES``. The file holds ``TITLE``, ``PAR
 ``stored_energy``; where they apply, ``SAYS`` (what the paper says that it shows) and ``EXAMPLE`` (own parameters on the
 paper's contact, where the paper gives none). Axis files, simulation, feed-forward, observer, diagnosis and the table of
 laws know the law from there.
-``FAMILY`` is ``blocks`` (Maxwell-slip blocks: the solver's own), ``rigid`` (a static map: the solver holds the body at rest by a stiff
-bristle) or ``own`` (the solver carries the law's own step). Motion is prescribed: velocity in, force out.
+``FAMILY`` is ``blocks`` (Maxwell-slip blocks: the solver's own), ``rigid`` (a static map: the solver holds the body at
+rest by a stiff bristle) or ``own`` (the solver carries the law's own step). Motion is prescribed: velocity in, force
+out.
 
 >>> law = law_named("dahl")
 >>> packed = law.pack({"stiffness": 1e6, "static": 0.9})
@@ -34,7 +35,8 @@ from microstage_ros.numerics.compiled import compiled
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.quantities.spec import check_all
 
-FILES = (coulomb_viscous_stribeck, dahl, lugre, elasto_plastic, leuven, hsieh_pan, maxwell_slip, generalised_maxwell_slip)
+FILES = (coulomb_viscous_stribeck, dahl, lugre, elasto_plastic, leuven, hsieh_pan, maxwell_slip,
+         generalised_maxwell_slip)
 CURVE_KEYS = tuple(SLIDING)
 NEGATIVE = "_negative"  # suffix of a curve parameter that holds for motion in the negative direction only
 
@@ -76,7 +78,8 @@ class Law:
 
         Parameters
         ----------
-        values : the keys of `curve.SLIDING` (``static`` is required; with the suffix ``_negative`` for motion in the negative
+        values : the keys of `curve.SLIDING` (``static`` is required; with the suffix ``_negative`` for motion in the
+        negative
             direction, where that differs) and those of the law's own parameters; units F and q are the caller's.
 
         Raises
@@ -151,8 +154,8 @@ for _law in reversed(LAWS):
     stretch_law = _door(_law.number, _law.file.stretch, stretch_law)
 """``stretch_law(law, parameters, state, direction, speed_start, speed_end, duration, limit_factor)`` → force [F].
 
-Carries ``state`` over a stretch of motion in one direction; the force is without its viscous part. ``law`` is a number of ``LAWS``;
-``direction`` −1, 0 (at rest) or 1; the speeds are >= 0 [q/s] and linear in time over ``duration`` [s].
+Carries ``state`` over a stretch of motion in one direction; the force is without its viscous part. ``law`` is a number
+of ``LAWS``; ``direction`` −1, 0 (at rest) or 1; the speeds are >= 0 [q/s] and linear in time over ``duration`` [s].
 """
 
 

@@ -1,4 +1,7 @@
-"""An incremental encoder: y = q · round((x + noise) / q), see `readings`; its own error of interpolation where it has one."""
+"""An incremental encoder: y = q · round((x + noise) / q), see `readings`.
+
+Its own error of interpolation where it has one.
+"""
 
 from microstage_ros.model.sensors.position import PositionSensor
 

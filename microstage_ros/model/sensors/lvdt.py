@@ -2,8 +2,8 @@
 
     reading = filter[ x + n R (3√3/2) (ξ − ξ³) ] + d t + noise,    ξ = x/R, |reading| ≤ R
 
-R: range; n: nonlinearity, the largest departure from the straight line through zero and both ends, over R; the filter is
-the demodulator's first-order lag 1/(2πB); d: drift of the zero. The converter spans ± R.
+R: range; n: nonlinearity, the largest departure from the straight line through zero and both ends, over R; the filter
+is the demodulator's first-order lag 1/(2πB); d: drift of the zero. The converter spans ± R.
 """
 
 import math

@@ -30,7 +30,10 @@ def sense(plant, state, readings):
 
 @inlined_before_typing
 def sense_plainly(plant, state, readings, x, current, theta):
-    """`read_sensors` where no effect acts on them, of an axis at this position, current and motor angle; returns encoder and current."""
+    """`read_sensors` where no effect acts on them, of an axis at this position, current and motor angle.
+
+    Returns encoder and current.
+    """
     encoder = _counted(plant, state, interpolated(plant, x, x))
     current = sensed_current(plant, state, current)
     interferometer = x
@@ -80,7 +83,8 @@ def interpolated(plant, x, y):
 def sensed_current(plant, state, current):
     """Reading [A] of the current's sensor: first-order filter, sampled before the encoder, offset, noise, converter.
 
-    The filter is followed in closed form for a current that approaches a held voltage's with L/R (`solver.plant.current_filter`).
+    The filter is followed in closed form for a current that approaches a held voltage's with L/R
+    (`solver.plant.current_filter`).
     """
     if plant.senses_current == 1:
         now, before, filtered = current, state.current_before, state.filtered_current
@@ -157,6 +161,7 @@ def _drift(plant, t, readings):
     if plant.drift_amplitude != 0.0:
         drift += plant.drift_amplitude * (1.0 - math.exp(-t / plant.drift_time))
     if plant.air_compensated == 0:
-        index = PER_KELVIN * (readings.air_temperature - AIR_TEMPERATURE) + PER_PASCAL * (readings.air_pressure - AIR_PRESSURE)
+        index = PER_KELVIN * (readings.air_temperature - AIR_TEMPERATURE) + PER_PASCAL * (readings.air_pressure
+                                                                                          - AIR_PRESSURE)
         drift += index * plant.air_path
     return drift

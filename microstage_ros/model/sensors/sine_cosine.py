@@ -2,9 +2,9 @@
 
     s = o_s + (1 + g) sin(φ + δ) + n_s,   c = o_c + cos φ + n_c,   φ = 2π x/p,   reading = p/(2π) · (atan2(s, c) + 2π k)
 
-To first order the interpolation error is p/(2π) [o_s cos φ − o_c sin φ + (g/2) sin 2φ + (δ/2)(1 + cos 2φ)]: offsets make
-one cycle per signal period, amplitude and phase two (P. L. M. Heydemann, Applied Optics 20, 1981). The periods k are
-counted without error.
+To first order the interpolation error is p/(2π) [o_s cos φ − o_c sin φ + (g/2) sin 2φ + (δ/2)(1 + cos 2φ)]: offsets
+make one cycle per signal period, amplitude and phase two (P. L. M. Heydemann, Applied Optics 20, 1981). The periods k
+are counted without error.
 """
 
 import math
@@ -41,7 +41,8 @@ class SineCosine(PositionSensor):
     parameters = {
         "offset_sine": any_number("1", "offset o_s of the sine signal, of its amplitude", default=0.0),
         "offset_cosine": any_number("1", "offset o_c of the cosine signal, of its amplitude", default=0.0),
-        "amplitude_error": Spec("1", -0.9, 10.0, "g: amplitude of the sine over that of the cosine, less 1", default=0.0),
+        "amplitude_error": Spec("1", -0.9, 10.0, "g: amplitude of the sine over that of the cosine, less 1",
+                                default=0.0),
         "phase_error": Spec("rad", -1.0, 1.0, "δ: how much the signals differ from a quarter period", default=0.0),
         "signal_noise": not_negative("1", "standard deviation of each signal, of its amplitude", default=0.0),
         "bits": Spec("1", 0, 32, "width of each converter over ± 1.25 amplitudes; 0 means not quantised", default=0),

@@ -15,13 +15,15 @@ class Equations:
 
     def __init__(self, plant):
         self.p = {name: float(plant[name]) for name in (
-            "period", "resistance", "inductance", "back_emf", "torque_constant", "inertia", "gear", "ratio", "stiffness", "damping", "mass")}
+            "period", "resistance", "inductance", "back_emf", "torque_constant", "inertia", "gear", "ratio",
+            "stiffness", "damping", "mass")}
         self.contacts = []
         for name in ("actuator", "guideway"):
             c = plant[name]
             n = int(c["blocks"])
             self.contacts.append({
-                "k": (c["kappa"] * c["weight"])[:n].copy(), "alpha": c["weight"][:n].copy(), "static": float(c["static"]),
+                "k": (c["kappa"] * c["weight"])[:n].copy(), "alpha": c["weight"][:n].copy(),
+                "static": float(c["static"]),
                 "coulomb": float(c["coulomb"]), "velocity": float(c["velocity"]), "exponent": float(c["exponent"]),
                 "attraction": float(c["attraction"]), "viscous": float(c["viscous"]), "drops": bool(c["drops"])})
         self.size = 5 + sum(len(c["k"]) for c in self.contacts)
@@ -86,7 +88,8 @@ def solve_with_scipy(equations, voltage, method, rtol):
     period, scale = equations.p["period"], sizes(equations)
     z, x = np.zeros(equations.size), []
     for u in voltage:
-        z = solve_ivp(lambda t, y: equations.rates(y, u), (0.0, period), z, method=method, rtol=rtol, atol=scale * rtol).y[:, -1]
+        z = solve_ivp(lambda t, y: equations.rates(y, u), (0.0, period), z, method=method, rtol=rtol,
+                      atol=scale * rtol).y[:, -1]
         x.append(z[4])
     return np.array(x)
 

@@ -76,7 +76,8 @@ def noisy_row(axis, periods=100_000):
     voltage = RIDES["sliding"](np.arange(periods) * plant["period"])
     run = lambda: run_open_loop(plant, new_state(plant), work, readings, voltage, trace)
     run()
-    return {"name": "step with all noise, sensors read", "value": best_of(run) / periods * NANOSECONDS, "unit": "ns/period"}
+    return {"name": "step with all noise, sensors read", "value": best_of(run) / periods * NANOSECONDS,
+            "unit": "ns/period"}
 
 
 def ensemble_row(axis, axes=1000, periods=2000, noise=None):
@@ -86,7 +87,8 @@ def ensemble_row(axis, axes=1000, periods=2000, noise=None):
     plants, states, rested = np.zeros(axes, PLANT), np.zeros(axes, STATE), np.zeros(axes, STATE)
     for k in range(axes):
         factor = 1.0 + 0.2 * k / axes
-        plants[k] = make_plant(axis.with_values({"drive.resistance": 3.41 * factor, "contacts.actuator.static": 219e-6 * factor}), noise)
+        plants[k] = make_plant(axis.with_values({"drive.resistance": 3.41 * factor,
+                                                 "contacts.actuator.static": 219e-6 * factor}), noise)
     voltage = RIDES["sliding"](np.arange(periods) * plants[0]["period"])
 
     def run():
@@ -96,7 +98,8 @@ def ensemble_row(axis, axes=1000, periods=2000, noise=None):
     rested[:] = new_state(plants[0])
     run()
     words = ", all noise" if noise.friction_relative is None else ""
-    return {"name": f"ensemble of {axes} different axes, {threads} threads{words}", "value": best_of(run, 8) / periods / axes * NANOSECONDS,
+    return {"name": f"ensemble of {axes} different axes, {threads} threads{words}",
+            "value": best_of(run, 8) / periods / axes * NANOSECONDS,
             "unit": "ns/(axis period)"}
 
 
@@ -114,13 +117,16 @@ def peer_rows(axis, periods=100, repeats=5):
     scale = sizes(equations)
     solvers = {
         "this solver": lambda: respond(plant, np.append(voltage, 0.0))["x"][1:],
-        "peer: Dormand–Prince compiled with numba, rtol 1e-6": lambda: solve_compiled(equations, voltage, dormand_prince, 1e-6, scale),
-        "peer: Runge–Kutta 4 compiled with numba, 1 µs": lambda: solve_compiled(equations, voltage, runge_kutta, 100, scale),
+        "peer: Dormand–Prince compiled with numba, rtol 1e-6": lambda: solve_compiled(equations, voltage,
+                                                                                      dormand_prince, 1e-6, scale),
+        "peer: Runge–Kutta 4 compiled with numba, 1 µs": lambda: solve_compiled(equations, voltage, runge_kutta, 100,
+                                                                                scale),
         "peer: SUNDIALS CVODE (C), rtol 1e-6": lambda: solve_with_sundials(equations, voltage, 1e-6, scale),
         "peer: scipy LSODA, rtol 1e-5": lambda: solve_with_scipy(equations, voltage, "LSODA", 1e-5),
         "peer: scipy Radau, rtol 1e-6": lambda: solve_with_scipy(equations, voltage, "Radau", 1e-6),
         "peer: numpy Runge–Kutta 4, 1 µs": lambda: solve_with_runge_kutta(equations, voltage, 100),
-        "peer: plain Python Runge–Kutta 4, 1 µs": lambda: solve_with_runge_kutta(equations, voltage, 100, plain_python=True),
+        "peer: plain Python Runge–Kutta 4, 1 µs": lambda: solve_with_runge_kutta(equations, voltage, 100,
+                                                                                 plain_python=True),
     }
     for name, solve in solvers.items():
         row = {"name": f"{periods} periods, {name}", "value": math.nan, "unit": "ns/period"}
@@ -158,7 +164,8 @@ def start_rows():
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for name in ("first call, compiling", "first call, cached"):
-            result = subprocess.run([sys.executable, "-c", program, str(config_file("axis.yaml"))], capture_output=True, text=True,
+            result = subprocess.run([sys.executable, "-c", program, str(config_file("axis.yaml"))], capture_output=True,
+                                    text=True,
                                     check=True, env={**os.environ, "MICROSTAGE_CACHE": folder})
             rows.append({"name": name, "value": float(result.stdout), "unit": "s"})
     return rows

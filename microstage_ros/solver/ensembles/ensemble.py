@@ -1,8 +1,9 @@
 """Axes stepped side by side, one per lane of a processor's vector: the quiet periods of an ensemble.
 
-The chain from speed to slip force to speed leaves a processor waiting most of a period; in lanes the axes share the wait.
-A period that is quiet, one chunk without an event, is done for all lanes at once by the formulas of `step`. An axis with an event in it
-does that period alone (`step.quick_period`). Either way its result is, to the bit, what it would be by itself.
+The chain from speed to slip force to speed leaves a processor waiting most of a period; in lanes the axes share the
+wait. A period that is quiet, one chunk without an event, is done for all lanes at once by the formulas of `step`. An
+axis with an event in it does that period alone (`step.quick_period`). Either way its result is, to the bit, what it
+would be by itself.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -56,13 +57,15 @@ NUMBERS = (
     "current", "omega", "v", "theta", "x", "time", "voltage",
     "a_force", "a_stiffness", "a_stretch", "a_ahead", "a_behind", "a_guard",
     "g_force", "g_stiffness", "g_stretch", "g_ahead", "g_behind", "g_guard",
-    "slip_force", "slip_change", "slip_offset", "pull", "direction", "turn", "slip_level", "pace", "guide_slip", "guide_direction",
+    "slip_force", "slip_change", "slip_offset", "pull", "direction", "turn", "slip_level", "pace", "guide_slip",
+    "guide_direction",
     "random_travel", "random_wait", "random_travel_step", "random_time_step",
     "period", "ratio", "per_gear", "spring", "push",
     "dac_range", "quantum", "per_quantum", "amplifier_offset", "gain", "limit", "noise",
 )
 (CURRENT, SPEED, STAGE_SPEED, THETA, X, TIME, VOLTAGE,
- A_FORCE, A_STIFFNESS, A_STRETCH, A_AHEAD, A_BEHIND, A_GUARD, G_FORCE, G_STIFFNESS, G_STRETCH, G_AHEAD, G_BEHIND, G_GUARD,
+ A_FORCE, A_STIFFNESS, A_STRETCH, A_AHEAD, A_BEHIND, A_GUARD, G_FORCE, G_STIFFNESS, G_STRETCH, G_AHEAD, G_BEHIND,
+ G_GUARD,
  SLIP_FORCE, SLIP_CHANGE, SLIP_OFFSET, PULL, DIRECTION, TURN, SLIP_LEVEL, PACE, GUIDE_SLIP, GUIDE_DIRECTION,
  RANDOM_TRAVEL, RANDOM_WAIT, TRAVEL_STEP, TIME_STEP,
  PERIOD, RATIO, PER_GEAR, SPRING, PUSH,
@@ -134,7 +137,8 @@ def _run_group(plants, states, works, space, voltage):
         forget(works[k])
         tables[0, k], tables[1, k] = plant.actuator.sliding.ctypes.data, plant.actuator.first_cell
         _take_plant(plant, numbers, k)
-        numbers[TIME, k], numbers[RANDOM_TRAVEL, k], numbers[RANDOM_WAIT, k] = states[k].time, states[k].random_travel, states[k].random_wait
+        numbers[TIME, k], numbers[RANDOM_TRAVEL, k], numbers[RANDOM_WAIT,
+                                                             k] = states[k].time, states[k].random_travel, states[k].random_wait
         _take(plant, states[k], works[k], numbers, matrix, k)
         noisy |= plant.amplifier_noise > 0.0
         varies |= plant.varies == 1
@@ -180,7 +184,8 @@ def _take_plant(plant, numbers, k):
     numbers[TRAVEL_STEP, k] = plant.random_travel_step if plant.varies == 1 else np.inf
     numbers[TIME_STEP, k] = plant.random_time_step if plant.varies == 1 else np.inf
     numbers[SPRING, k], numbers[PUSH, k] = plant.stiffness, plant.push
-    numbers[DAC_RANGE, k], numbers[QUANTUM, k], numbers[PER_QUANTUM, k] = plant.dac_range, plant.quantum, plant.per_quantum
+    numbers[DAC_RANGE, k], numbers[QUANTUM, k], numbers[PER_QUANTUM,
+                                                        k] = plant.dac_range, plant.quantum, plant.per_quantum
     numbers[OFFSET, k], numbers[GAIN, k], numbers[LIMIT, k] = plant.amplifier_offset, plant.gain, plant.limit
 
 
@@ -192,7 +197,8 @@ def _take(plant, state, work, numbers, matrix, k):
     numbers[CURRENT, k], numbers[SPEED, k], numbers[STAGE_SPEED, k] = moving.current, moving.omega, moving.v
     numbers[THETA, k], numbers[X, k] = moving.theta, moving.x
     numbers[A_STRETCH, k], numbers[G_STRETCH, k] = moving.a_stretch, moving.g_stretch
-    numbers[SLIP_FORCE, k], numbers[SLIP_CHANGE, k], numbers[SLIP_OFFSET, k] = moving.slip_force, moving.slip_change, moving.slip_offset
+    numbers[SLIP_FORCE, k], numbers[SLIP_CHANGE, k], numbers[SLIP_OFFSET,
+                                                             k] = moving.slip_force, moving.slip_change, moving.slip_offset
     numbers[PULL, k], numbers[DIRECTION, k], numbers[TURN, k] = held.pull, held.direction, held.turn
     numbers[GUIDE_DIRECTION, k] = held.guide_direction
     numbers[A_FORCE, k], numbers[A_STIFFNESS, k], numbers[A_AHEAD, k], numbers[A_BEHIND, k] = (
@@ -229,7 +235,8 @@ def _give(states, numbers, which):
             states[k].voltage = numbers[VOLTAGE, k]
             write_state(states[k], Moving(
                 numbers[CURRENT, k], numbers[SPEED, k], numbers[THETA, k], numbers[STAGE_SPEED, k], numbers[X, k],
-                numbers[A_STRETCH, k], numbers[G_STRETCH, k], numbers[SLIP_FORCE, k], numbers[SLIP_CHANGE, k], numbers[SLIP_OFFSET, k]))
+                numbers[A_STRETCH, k], numbers[G_STRETCH, k], numbers[SLIP_FORCE, k], numbers[SLIP_CHANGE, k],
+                numbers[SLIP_OFFSET, k]))
 
 
 @always_inlined
@@ -251,7 +258,8 @@ def _period(numbers, matrix, tables, voltage):
     pull, f0 = load(numbers, PULL), load(numbers, SLIP_FORCE)
     grow = load(numbers, SLIP_CHANGE)
     t0 = (-_stuck_force(numbers, A_FORCE, A_STIFFNESS, A_STRETCH) - load(numbers, RATIO) * spring) + pull * f0
-    push = (load(numbers, PUSH) - _stuck_force(numbers, G_FORCE, G_STIFFNESS, G_STRETCH) + spring) - load(numbers, GUIDE_SLIP)
+    push = (load(numbers, PUSH) - _stuck_force(numbers, G_FORCE, G_STIFFNESS, G_STRETCH) + spring) - load(numbers,
+                                                                                                          GUIDE_SLIP)
     rows = _rows(matrix, load(numbers, CURRENT), omega0, v0, u, t0, pull * grow, push)
     quiet, f1, fade = direction == direction, f0, load(numbers, SLIP_OFFSET)
     if lanes_set(direction == 0.0) != ALL:
@@ -318,7 +326,8 @@ def _slip(numbers, matrix, tables, rows, omega0, direction, pull, f0, grow):
     to_mid, to_end, reach = rows[O_OMEGA_MID] - omega0, rows[O_OMEGA] - omega0, NEAR * abs(omega0)
     by_mid, by_end = change(k1, k2, to_mid), change(k1, k2, to_end)
     linear, square = corrections_near(course[:6], pull, f0, grow)
-    d1, d2, f1 = with_change(linear, by_mid, by_end), with_change(square, by_mid, by_end), with_change(course[3:6], by_mid, by_end)
+    d1, d2, f1 = with_change(linear, by_mid, by_end), with_change(square, by_mid, by_end), with_change(course[3:6],
+                                                                                                       by_mid, by_end)
     slips = ~(direction == 0.0)
     near = pieces[0] & (0.5 * g < SERIES_END) & (abs(to_mid) <= reach) & (abs(to_end) <= reach)
     d1, d2 = choose(slips, d1, 0.0), choose(slips, d2, 0.0)
@@ -326,7 +335,8 @@ def _slip(numbers, matrix, tables, rows, omega0, direction, pull, f0, grow):
     less = offset * course[6]
     less = choose(less > LEAST_OFFSET, less, 0.0)      # `slip.forgotten`
     return (
-        (_corrected(matrix, O_I, rows, d1, d2), _corrected(matrix, O_OMEGA, rows, d1, d2), _corrected(matrix, O_THETA, rows, d1, d2),
+        (_corrected(matrix, O_I, rows, d1, d2), _corrected(matrix, O_OMEGA, rows, d1, d2),
+         _corrected(matrix, O_THETA, rows, d1, d2),
          _corrected(matrix, O_V, rows, d1, d2), _corrected(matrix, O_X, rows, d1, d2), rows[O_OMEGA_MID]),
         near | ~slips, choose(slips, f1, f0), choose(slips, less, offset),
     )
@@ -343,9 +353,14 @@ def _no_event(numbers, rows):
     on = rows[O_OMEGA] * load(numbers, DIRECTION) >= 0.0
     on = on & (rows[O_V] * load(numbers, GUIDE_DIRECTION) >= 0.0)
     turned, moved = _stretched(numbers, rows)
-    on = on & ((turned < load(numbers, A_AHEAD)) | (rows[O_THETA] <= 0.0)) & ((-turned < load(numbers, A_BEHIND)) | (rows[O_THETA] >= 0.0))
-    on = on & ((moved < load(numbers, G_AHEAD)) | (rows[O_X] <= 0.0)) & ((-moved < load(numbers, G_BEHIND)) | (rows[O_X] >= 0.0))
-    return on & (abs(rows[O_OMEGA]) * load(numbers, PER_GEAR) < load(numbers, A_GUARD)) & (abs(rows[O_V]) < load(numbers, G_GUARD))
+    on = on & ((turned < load(numbers, A_AHEAD)) | (rows[O_THETA] <= 0.0)) & ((-turned
+                                                                               < load(numbers,
+                                                                                      A_BEHIND)) | (rows[O_THETA]
+                                                                                                    >= 0.0))
+    on = on & ((moved < load(numbers, G_AHEAD)) | (rows[O_X] <= 0.0)) & ((-moved < load(numbers, G_BEHIND)) | (rows[O_X]
+                                                                                                               >= 0.0))
+    return on & (abs(rows[O_OMEGA]) * load(numbers, PER_GEAR) < load(numbers, A_GUARD)) & (abs(rows[O_V])
+                                                                                           < load(numbers, G_GUARD))
 
 
 @inlined_before_typing

@@ -1,7 +1,7 @@
 """Several axes at once: a number per lane of a processor's vector, for compiled code.
 
-A value of type `LANES_TYPE` holds `LANES` float64; + − · / and comparisons act lane by lane, with a plain number in every
-lane. A comparison gives a mask: &, |, ~, `any_lane`, `choose`. Every lane computes the bits that a float64 would.
+A value of type `LANES_TYPE` holds `LANES` float64; + − · / and comparisons act lane by lane, with a plain number in
+every lane. A comparison gives a mask: &, |, ~, `any_lane`, `choose`. Every lane computes the bits that a float64 would.
 """
 
 import operator
@@ -71,11 +71,14 @@ def _call(name):
     return build
 
 
-for _function, _build in ((operator.add, ir.IRBuilder.fadd), (operator.sub, ir.IRBuilder.fsub), (operator.mul, ir.IRBuilder.fmul),
+for _function, _build in ((operator.add, ir.IRBuilder.fadd), (operator.sub, ir.IRBuilder.fsub),
+                          (operator.mul, ir.IRBuilder.fmul),
                           (operator.truediv, ir.IRBuilder.fdiv)):
     _binary(_function, LANES_TYPE, _build)
-for _function, _sign in ((operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">="), (operator.eq, "==")):
-    _binary(_function, MASK_TYPE, lambda builder, a, b, sign=_sign: builder.sext(builder.fcmp_ordered(sign, a, b), _WORDS))
+for _function, _sign in ((operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">="),
+                         (operator.eq, "==")):
+    _binary(_function, MASK_TYPE, lambda builder, a, b,
+            sign=_sign: builder.sext(builder.fcmp_ordered(sign, a, b), _WORDS))
 _of_masks(operator.and_, ir.IRBuilder.and_)
 _of_masks(operator.or_, ir.IRBuilder.or_)
 _of_masks(operator.invert, ir.IRBuilder.not_)
@@ -102,7 +105,9 @@ def nearest(typingctx, a):
 @intrinsic
 def choose(typingctx, mask, a, b):
     """A where the mask is set, b elsewhere."""
-    return LANES_TYPE(MASK_TYPE, LANES_TYPE, LANES_TYPE), lambda context, builder, sig, args: builder.select(_truth(builder, args[0]), *args[1:])
+    return LANES_TYPE(MASK_TYPE, LANES_TYPE,
+                      LANES_TYPE), lambda context, builder, sig, args: builder.select(_truth(builder, args[0]),
+                                                                                      *args[1:])
 
 
 @intrinsic
@@ -142,12 +147,14 @@ def _place(builder, start, row):
 def table_pieces(typingctx, tables, w, shift, mask, entries):
     """Of each lane's own table: (inside, d, c_0 … c_7), see `contact.sliding_table`.
 
-    ``tables``: address of int64 (2, LANES), the tables' addresses and first cells; w > 0: speeds; ``shift``, ``mask``, ``entries``:
-    how cell and lower edge are read off a speed's bits, and the number of cells. Where w is on no cell, the first is taken.
+    ``tables``: address of int64 (2, LANES), the tables' addresses and first cells; w > 0: speeds; ``shift``, ``mask``,
+    ``entries``: how cell and lower edge are read off a speed's bits, and the number of cells. Where w is on no cell,
+    the first is taken.
     """
     def build(context, builder, sig, args):
         tables, w = args[:2]
-        base, first = (builder.load(builder.bitcast(_place(builder, tables, ir.Constant(_WORD, k)), _WORDS.as_pointer()), align=8) for k in (0, 1))
+        base, first = (builder.load(builder.bitcast(_place(builder, tables, ir.Constant(_WORD, k)),
+                                                    _WORDS.as_pointer()), align=8) for k in (0, 1))
         shift, mask, entries = (_spread_word(builder, word) for word in args[2:])
         bits = builder.bitcast(w, _WORDS)
         cell = builder.sub(builder.lshr(bits, shift), first)
@@ -155,14 +162,16 @@ def table_pieces(typingctx, tables, w, shift, mask, entries):
         cell = builder.select(inside, cell, ir.Constant(_WORDS, [0] * LANES))
         d = builder.fsub(w, builder.bitcast(builder.and_(bits, mask), _NUMBERS))
         address = builder.add(base, builder.mul(cell, ir.Constant(_WORDS, [64] * LANES)))
-        rows = [builder.inttoptr(builder.extract_element(address, ir.Constant(ir.IntType(32), k)), _QUAD.as_pointer()) for k in range(LANES)]
+        rows = [builder.inttoptr(builder.extract_element(address, ir.Constant(ir.IntType(32), k)), _QUAD.as_pointer())
+                for k in range(LANES)]
         columns = []
         for half in range(2):
             quads = [builder.load(builder.gep(row, [ir.Constant(_WORD, half)]), align=8) for row in rows]
             columns += _turned(builder, quads)
         return context.make_tuple(builder, sig.return_type, [builder.sext(inside, _WORDS), d, *columns])
 
-    return types.Tuple([MASK_TYPE] + [LANES_TYPE] * 9)(types.intp, LANES_TYPE, types.int64, types.int64, types.int64), build
+    return types.Tuple([MASK_TYPE] + [LANES_TYPE] * 9)(types.intp, LANES_TYPE, types.int64, types.int64,
+                                                       types.int64), build
 
 
 def _turned(builder, quads):
@@ -179,7 +188,8 @@ def _turned_four(builder, quads):
     even_high, odd_high = (_shuffled(builder, c, d, order) for order in ((0, 4, 2, 6), (1, 5, 3, 7)))
     first, last = (0, 1, 4, 5), (2, 3, 6, 7)
     return [_shuffled(builder, low, high, order) for low, high, order in (
-        (even_low, even_high, first), (odd_low, odd_high, first), (even_low, even_high, last), (odd_low, odd_high, last))]
+        (even_low, even_high, first), (odd_low, odd_high, first), (even_low, even_high, last),
+        (odd_low, odd_high, last))]
 
 
 def _shuffled(builder, a, b, order):
