@@ -14,8 +14,14 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "microstage_ros"
 MOST_LINES = 400
 MOST_FILES = 15
+MOST_COLUMNS = 120
+#: Longer lines that there still are, by package; a number may only fall.
+LONG_LINES = {
+    "commands": 192, "commissioning": 150, "control": 181, "diagnosis": 515, "hardware": 83, "identification": 100, "model": 18,
+    "numerics": 1, "records": 79, "report": 86, "ros": 145, "solver": 27,
+}
 #: Public docstrings that carry each of these; a change may raise a number here, never lower it.
-AT_LEAST = {"shape": 245, "unit": 500, "errors": 200, "source": 62}
+AT_LEAST = {"shape": 256, "unit": 530, "errors": 205, "source": 63}
 CARRIES = {
     "shape": r"\(\w+,\)|\(\w+, \w+\)|\bshape\b",
     "unit": r"\[[^\]\s][^\]]*\]|\bSI\b|\((?:m|s|V|A|N|K|Pa|rad|Hz|kg)\)",
@@ -46,6 +52,12 @@ def test_no_file_is_too_long():
     long = {str(path.relative_to(ROOT)): count for path in PACKAGE.rglob("*.py")
             if (count := len(path.read_text(encoding="utf-8").splitlines())) > MOST_LINES}
     assert not long
+
+
+def test_lines_are_no_longer_than_agreed():
+    long = collections.Counter(path.relative_to(PACKAGE).parts[0] for path in PACKAGE.rglob("*.py")
+                               for line in path.read_text(encoding="utf-8").splitlines() if len(line) > MOST_COLUMNS)
+    assert not {package: count for package, count in long.items() if count > LONG_LINES.get(package, 0)}
 
 
 def test_no_folder_holds_too_many_files():

@@ -143,8 +143,8 @@ def axis_from_dict(tree, place="axis"):
         if section not in FREE_SECTIONS:
             _collect(body, section, choices, leaves, place)
     specs = schema.leaf_specs(choices, place)
-    quantities = {key: quantity_from(leaf, _known(key, specs, place), f"{place}: {key}") for key,
-                  leaf in leaves.items()}
+    quantities = {key: quantity_from(leaf, _known(key, specs, place), f"{place}: {key}")
+                  for key, leaf in leaves.items()}
     for key in choices:
         if key.split(".")[-1] not in WORDS:
             raise InputError(f"{place}: {key}", choices[key], "a leaf {value, unit, source}")

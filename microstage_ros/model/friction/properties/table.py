@@ -31,8 +31,8 @@ class Statement:
     shown: bool
 
 
-STATEMENTS = tuple(Statement(law.name, row, shown) for law in LAWS for row,
-                   shown in getattr(law.file, "SAYS", {}).items())
+STATEMENTS = tuple(Statement(law.name, row, shown) for law in LAWS
+                   for row, shown in getattr(law.file, "SAYS", {}).items())
 
 
 def measure(progress=iter):
