@@ -49,7 +49,7 @@ def stored_energy(parameters, state):
 '''},
     "edits": {"model/friction/registry.py": [
         ("    elasto_plastic,\n    generalised", "    elasto_plastic,\n    exponential,\n    generalised"),
-        ("maxwell_slip, generalised_maxwell_slip)", "maxwell_slip, generalised_maxwell_slip, exponential)"),
+        ("maxwell_slip,\n         generalised_maxwell_slip)", "maxwell_slip,\n         generalised_maxwell_slip, exponential)"),
     ]},
 }
 
