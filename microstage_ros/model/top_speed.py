@@ -17,8 +17,7 @@ def top_speed(axis):
     Parameters
     ----------
     axis : `model.axis_file.Axis`, with u the voltage limit [V], k_e the back-EMF constant [V s/rad], p the pitch [m], g
-    the
-        gear ratio.
+        the gear ratio.
     """
     keys = ("drive.voltage_limit", "drive.back_emf", "transmission.pitch", "transmission.gear_ratio")
     if not all(axis.has(key) for key in keys):

@@ -50,8 +50,7 @@ def pack_curve(values):
     Parameters
     ----------
     values : {name: number} of `SLIDING`; ``static`` is required, ``coulomb`` is at most ``static`` and the same where
-    it is
-        missing; a missing Stribeck velocity or exponent is 1, a missing viscous part 0.
+        it is missing; a missing Stribeck velocity or exponent is 1, a missing viscous part 0.
 
     Raises
     ------

@@ -79,7 +79,7 @@ class Law:
         Parameters
         ----------
         values : the keys of `curve.SLIDING` (``static`` is required; with the suffix ``_negative`` for motion in the
-        negative
+            negative
             direction, where that differs) and those of the law's own parameters; units F and q are the caller's.
 
         Raises

@@ -32,7 +32,7 @@ def sensed_transient(period, settling, bandwidth, skew):
     Parameters
     ----------
     period, settling : as above [s]. bandwidth : [Hz]. skew : time by which the current is sampled before the period's
-    end [s].
+        end [s].
     """
     return 1.0 - _parts(period - skew, settling, bandwidth)[0]
 
