@@ -17,6 +17,7 @@ import numpy as np
 from microstage_ros.diagnosis.resimulation.closed_loop import turning_effects
 from microstage_ros.diagnosis.resimulation.fit import BLOCK_S, fit, jacobian, standard_errors
 from microstage_ros.diagnosis.resimulation.folds import left_out_residual, mean_square
+from microstage_ros.diagnosis.selection.stepwise import forward
 
 SMALLEST_GAIN = 0.02           # of the mean square that is there: causes below it are not worth a name
 SMALLEST_SHARE = 0.01          # of what stood out of the noise when the selection began: the same, seen from there
@@ -61,6 +62,37 @@ class Selection:
     final: Stage
     without: dict
     rivals: dict
+
+
+@dataclass(frozen=True)
+class _Forward:
+    """One pool of candidates of a `Selector` as a `stepwise.ResidualModel`; its state is the last `Stage`."""
+
+    selector: "Selector"
+    rivals: dict
+    pool: list
+    smallest: float
+
+    def count(self, now):
+        """Causes so far."""
+        return len(now.model.chosen)
+
+    def trials(self, now):
+        """See `Selector.trials`."""
+        return self.selector.trials(now, self.pool)
+
+    def first_standing(self, trials, now):
+        """The best trial that pays."""
+        return next((trial for trial in trials if self.selector.pays(trial, now, self.smallest)), None)
+
+    def extended(self, now, winner, trials):
+        """The winner's stage, its look-alikes noted; what repeats with the turn is found anew where there are several records."""
+        own, name = self.selector, winner.last.candidate.id
+        self.rivals[name] = own.look_alikes(winner, trials, now)
+        homes = len(own.loop.parts) > 1 and turning_effects(winner.model.extended)
+        after = own.refit(winner.model) if homes else own.stage(winner.model, winner.residual)
+        own.progress(f"{name}: {np.sqrt(winner.time):.3g} on time left out")
+        return after
 
 
 class Selector:
@@ -113,17 +145,7 @@ class Selector:
 
     def forward(self, now, rivals, pool, smallest):
         """Add causes from the pool as long as they pay; fills ``rivals``, returns the last `Stage`."""
-        while len(now.model.chosen) < LARGEST_COUNT:
-            trials = self.trials(now, pool)
-            paying = [trial for trial in trials if self.pays(trial, now, smallest)]
-            if not paying:
-                break
-            best = paying[0]
-            rivals[best.last.candidate.id] = self.look_alikes(best, trials, now)
-            homes = len(self.loop.parts) > 1 and turning_effects(best.model.extended)
-            now = self.refit(best.model) if homes else self.stage(best.model, best.residual)
-            self.progress(f"{best.last.candidate.id}: {np.sqrt(best.time):.3g} on time left out")
-        return now
+        return forward(_Forward(self, rivals, pool, smallest), now, LARGEST_COUNT)[0]
 
     def trials(self, now, pool):
         """Stages with one candidate more, the best screened ones fitted; best first by time left out.

@@ -7,6 +7,7 @@ from scipy.stats import chi2
 
 from microstage_ros.diagnosis.catalogue import CONTAINS, WIDER
 from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, Trial
+from microstage_ros.diagnosis.selection.stepwise import forward
 
 LEVEL = math.log(1e-6)   # of one candidate; derived: some hundred candidates at 10⁻⁶ name a cause of a healthy axis by chance in 10⁻⁴ of the cases
 HELD_SHARE = 0.1            # of the gain expected on held-out records that must arrive
@@ -177,21 +178,37 @@ def _splinter(evidences, trial, choices):
     return True
 
 
-def select(evidences, effects, most=4):
-    """Forward, then backward: the list of `Choice`, and the trials of the last round that lost."""
-    choices, lost = [], []
-    while len(choices) < most:
+class _Balance:
+    """The evidence of all channels as a `stepwise.ResidualModel`; its state is the list of `Choice`."""
+
+    def __init__(self, evidences, effects):
+        self.evidences, self.effects = evidences, effects
+
+    def count(self, choices):
+        """Causes so far."""
+        return len(choices)
+
+    def trials(self, choices):
+        """Every effect that is not taken yet in its best form, the strongest first."""
         taken = {c.effect for c in choices}
-        trials = [best_forms(evidences, effect, choices) for effect in effects if effect not in taken]
+        trials = [best_forms(self.evidences, effect, choices) for effect in self.effects if effect not in taken]
         trials = sorted((t for t in trials if t is not None), key=lambda t: t.log_p)
         # log p underflows for large gains: then the gain itself decides
         trials.sort(key=lambda t: -(t.gain - 2 * t.sizes) if t.gain > 500 else -min(t.gain - 2 * t.sizes, 500))
-        winner = _first_acceptable(evidences, trials, choices)
-        if winner is None:
-            break
-        choices.append(_simpler(evidences, winner, trials, choices).choice)
-        choices = prune(evidences, choices)
-        lost = trials
+        return trials
+
+    def first_standing(self, trials, choices):
+        """See `_first_acceptable`."""
+        return _first_acceptable(self.evidences, trials, choices)
+
+    def extended(self, choices, winner, trials):
+        """With the winner, or the simpler effect that it contains; pruned."""
+        return prune(self.evidences, [*choices, _simpler(self.evidences, winner, trials, choices).choice])
+
+
+def select(evidences, effects, most=4):
+    """Forward, then backward: the list of `Choice`, and the trials of the last round that lost."""
+    choices, lost = forward(_Balance(evidences, effects), [], most)
     choices = mass_or_stiffness(evidences, _one_resonance(evidences, choices))
     best = level_or_viscous(evidences, choices)
     if best is not None:

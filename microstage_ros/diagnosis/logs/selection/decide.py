@@ -13,6 +13,7 @@ from scipy.stats import f as f_law
 from scipy.stats import t as t_law
 
 from microstage_ros.diagnosis.logs.selection.effects import ALSO, RARER, SIGNATURES
+from microstage_ros.diagnosis.selection.stepwise import forward
 
 LEVEL = np.log(1e-3)       # log p below which an effect is named (some twenty are tried)
 RIVAL = 3.0                # difference of log p within which another effect explains as much (odds of 20)
@@ -242,15 +243,35 @@ def _margin(one, other):
 
 def _complete(problem, forms, start):
     """Forward from one first cause, then backward."""
-    chosen = [Choice(start[1], start[0], [])]
-    while len(chosen) < MOST:
-        beside = [c.name for c in chosen]
-        tried = _tried(problem, forms, beside, {plain(b) for b in beside})
-        tried = [entry for entry in tried if _alone(problem, entry, beside) < LEVEL and _holds(problem, entry[1], beside)]
-        if not tried:
-            break
-        chosen.append(Choice(tried[0][1], tried[0][0], []))
+    chosen, _ = forward(_Difference(problem, forms), [Choice(start[1], start[0], [])], MOST)
     return _backward(problem, chosen)
+
+
+@dataclasses.dataclass
+class _Difference:
+    """The difference of a `Problem` as a `stepwise.ResidualModel`; its state is the list of `Choice`, a trial (log p, form)."""
+
+    problem: Problem
+    forms: list
+
+    def count(self, chosen):
+        """Causes so far."""
+        return len(chosen)
+
+    def trials(self, chosen):
+        """See `_tried`."""
+        beside = [c.name for c in chosen]
+        return _tried(self.problem, self.forms, beside, {plain(b) for b in beside})
+
+    def first_standing(self, trials, chosen):
+        """The most significant one that takes enough beside the others."""
+        beside = [c.name for c in chosen]
+        return next((entry for entry in trials
+                     if _alone(self.problem, entry, beside) < LEVEL and _holds(self.problem, entry[1], beside)), None)
+
+    def extended(self, chosen, winner, trials):
+        """With the winner."""
+        return [*chosen, Choice(winner[1], winner[0], [])]
 
 
 def _alone(problem, entry, beside):
