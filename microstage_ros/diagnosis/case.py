@@ -36,8 +36,8 @@ SLOW_SHARE = {"windup": 0.01, "resonance": 0.01, "torque": 0.002}
 RATTLE_SHARE = {"windup": 0.01, "resonance": 0.01, "torque": 0.05}
 SOFT_SHARE = {"windup": 0.02, "torque": 0.001}    # beside a drive train far from the model's, which swings
 #: What a loop that swings on a soft drive feigns in the torque: shapes of the friction over speed and rest. They must hold this
-#: share; in the one case tried with a drive ten times as soft, another simulator's programme left 0.12.
-SWUNG = ("nonlinear_viscous", "rising_static_friction", "presliding_creep", "frictional_lag")
+#: share; in two cases with drives ten and twenty times as soft, programmes of other simulators left 0.12 (of the viscosity: nine times too much).
+SWUNG = ("nonlinear_viscous", "rising_static_friction", "presliding_creep", "frictional_lag", "viscous_change")
 SWUNG_SHARE = {"torque": 0.25}
 SLOW_IN_TIME = ("thermal_drift", "refractive_index")   # what a course of every record's own leaves no room for
 GENERIC = tuple(form for form in FORMS if not form.named)
