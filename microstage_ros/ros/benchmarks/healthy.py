@@ -17,6 +17,7 @@ import rclpy
 from microstage_msgs.action import MoveTo
 from microstage_msgs.msg import DriverStatus, ServoTiming
 
+from microstage_ros.ros.benchmarks.trial_cell import NAMESPACE, cell_parameters
 from microstage_ros.ros.client import AxisClient
 from microstage_ros.ros.launching.cell_processes import NODES, CellFailure, CellProcesses
 from microstage_ros.ros.launching.supervision import Supervisor
@@ -61,7 +62,7 @@ class Healthy:
 
     Parameters
     ----------
-    seconds : of wall clock. mode : paced or lockstep. seed : of the axis and of the targets. tell : called with the facts
+    seconds : of wall clock. mode : of `trial_cell.PERIODS`. seed : of the axis and of the targets. tell : called with the facts
         so far, now and then.
     """
 
@@ -73,7 +74,7 @@ class Healthy:
     def run(self):
         """Run it; the facts as plain data."""
         with tempfile.TemporaryDirectory(prefix="microstage_healthy_") as folder:
-            node = rclpy.create_node("healthy", namespace="/faults")
+            node = rclpy.create_node("healthy", namespace=NAMESPACE)
             try:
                 node.create_subscription(DriverStatus, topics.DRIVER_STATUS, self._on_status, topics.LATCHED)
                 node.create_subscription(ServoTiming, topics.TIMING, self._on_timing, 10)
@@ -89,13 +90,11 @@ class Healthy:
         self._timing = [self._timing[0] if self._timing else timing, timing]
 
     def _watched(self, node, folder):
-        parameters = {"axis_driver": {"mode": self._mode, "seed": self._seed},
-                      "bag_recorder": {"directory": str(folder / "bag"), "split_mb": 50, "keep_files": 4,
-                                       "log_time": "stamp" if self._mode == "lockstep" else "arrival"}}
-        with CellProcesses("/faults", NODES, parameters, logs=folder / "logs") as cell:
+        parameters = cell_parameters(self._mode, folder, rate_limit=0.0, seed=self._seed, split_mb=50, keep_files=4)
+        with CellProcesses(NAMESPACE, NODES, parameters, logs=folder / "logs") as cell:
             supervisor = Supervisor(cell, node, tell=lambda text: None)
             cell.activate(node)
-            client = AxisClient("/faults", node, wait=60.0)
+            client = AxisClient(NAMESPACE, node, wait=60.0)
             pids = {name: process.pid for name, process in cell.processes.items()}
             began = time.monotonic()
             self._go_through(node, client, supervisor, pids, began)
