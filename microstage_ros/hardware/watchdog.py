@@ -72,7 +72,10 @@ class Watch:
         """The driver is gone."""
         now = time.monotonic_ns()
         self.set(DIED, now)
-        self.take(now)
+        if self.word(TAKEN):  # taken before, and when is worth keeping
+            self._stop()
+        else:
+            self.take(now)
 
 
 def outside_stop(text):

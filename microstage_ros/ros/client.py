@@ -10,7 +10,7 @@ import time
 
 import rclpy
 from microstage_msgs.action import MoveTo
-from microstage_msgs.msg import ControllerState
+from microstage_msgs.msg import CellStatus, ControllerState
 from microstage_msgs.srv import Statistics
 from rclpy.action import ActionClient
 from sensor_msgs.msg import JointState
@@ -18,6 +18,7 @@ from sensor_msgs.msg import JointState
 from microstage_ros.ros.transport import topics
 
 ASK_AGAIN = 2.0
+MOVE_SERVER = "move_server"
 
 
 class NoAnswer(RuntimeError):
@@ -53,7 +54,9 @@ class AxisClient:
         self._prefix = namespace.rstrip("/") + "/"
         self._action = ActionClient(self.node, MoveTo, self._prefix + topics.MOVE_TO)
         self._statistics = self.node.create_client(Statistics, self._prefix + topics.STATISTICS)
-        self._wait_for_server(wait)
+        self._cell = None
+        self._processes = self.node.create_subscription(CellStatus, self._prefix + topics.CELL_STATUS, self._on_cell_status, topics.LATCHED)
+        self.wait_for_server(wait)
 
     def __enter__(self):
         return self
@@ -61,8 +64,28 @@ class AxisClient:
     def __exit__(self, *error):
         self.close()
 
-    def _wait_for_server(self, wait):
-        """Until the server has answered once: then both sides know each other."""
+    def _on_cell_status(self, status):
+        self._cell = status
+
+    @property
+    def server_started(self):
+        """Number of the move server's process, how often it was started again, how it is; None where nobody tells."""
+        if self._cell is None or MOVE_SERVER not in self._cell.names:
+            return None
+        place = list(self._cell.names).index(MOVE_SERVER)
+        return int(self._cell.processes[place]), int(self._cell.restarts[place]), int(self._cell.states[place])
+
+    def server_lost(self, before):
+        """Why a goal that was sent when `server_started` was ``before`` is not answered any more, in words; empty if it is."""
+        now = self.server_started
+        if now is None or not before or not before[0] or (
+                now[:2] == before[:2] and now[2] not in (CellStatus.STATE_STOPPED, CellStatus.STATE_ENDED)):
+            return ""
+        how = "is stopped by a signal" if now[2] == CellStatus.STATE_STOPPED else "has ended"
+        return f"{self._prefix}{topics.MOVE_TO}: the move server {how}; the move's result is lost, and the axis stops and holds"
+
+    def wait_for_server(self, wait):
+        """Until the server has answered once: then both sides know each other. Raises `NoAnswer`."""
         began = time.monotonic()
         while not (self._action.server_is_ready() and self._statistics.service_is_ready()):
             rclpy.spin_once(self.node, timeout_sec=0.05)
@@ -84,6 +107,10 @@ class AxisClient:
                 raise NoAnswer(f"{self._prefix}: no answer within {wait:.0f} s")
         return future.result()
 
+    def send(self, goal, feedback=None):
+        """Send a goal, `MoveTo.Goal`; the future of its handle. ``feedback``: called with each feedback."""
+        return self._action.send_goal_async(goal, feedback_callback=lambda m: feedback and feedback(m.feedback))
+
     def move(self, target, feedback=None, cancel=None, wait=600.0, **options):
         """One move to ``target`` [m]. Returns the result of the action MoveTo.
 
@@ -93,12 +120,15 @@ class AxisClient:
         options : fields of the goal: max_velocity, tolerance, settle_time, timeout, ...
         """
         goal = MoveTo.Goal(target=float(target), **{name: float(value) for name, value in options.items()})
-        sent = self._action.send_goal_async(goal, feedback_callback=lambda m: feedback and feedback(m.feedback))
-        handle = self._result(sent, 15.0)
+        before = self.server_started
+        handle = self._result(self.send(goal, feedback), 15.0)
         result = handle.get_result_async()
         end, cancelled = time.monotonic() + wait, False
         while not result.done():
             rclpy.spin_once(self.node, timeout_sec=0.02)
+            lost = self.server_lost(before)
+            if lost and not result.done():
+                raise NoAnswer(lost)
             if cancel is not None and not cancelled and cancel():
                 cancelled = True
                 handle.cancel_goal_async()
@@ -144,5 +174,6 @@ class AxisClient:
         """Let go of the server."""
         self._action.destroy()
         self.node.destroy_client(self._statistics)
+        self.node.destroy_subscription(self._processes)
         if self._own:
             self.node.destroy_node()

@@ -33,6 +33,7 @@ from mcap.records import (
 from microstage_ros import __version__
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.bags.chunk import chunk_bytes, index_bytes
+from microstage_ros.records.bags.chunk_log import ChunkLog
 
 MAGIC = b"\x89MCAP0\r\n"
 COMPRESSORS = {"zstd": lambda: zstandard.ZstdCompressor(level=1).compress,
@@ -69,7 +70,7 @@ class McapSink:
         self._compress = COMPRESSORS[compression]()
         self._file = file
         self._place = 0
-        self._chunks, self._metadata = [], []
+        self._chunks, self._metadata = ChunkLog(), []
         self._schemas, self._channels = [], []
         self._queue: queue.Queue = queue.Queue(WAITING_CHUNKS)
         try:
@@ -143,6 +144,7 @@ class McapSink:
                 self._queue.task_done()
             if job is None:
                 self._file.close()
+                self._chunks.close()
                 return
 
     def _put(self, raw):
@@ -178,23 +180,17 @@ class McapSink:
             message_index_offsets=offsets, message_index_length=place - self._place - len(raw),
             compression=self.compression, compressed_size=packed, uncompressed_size=len(chunk.records))
         self._put(b"".join([raw, *indexes]))
-        self._chunks.append((entry, {channel: len(entries) for channel, entries in index.items()}))
-        self._note(*self._chunks[-1])
-
-    def _note(self, entry, counts):
-        """Add a chunk that is in the file to the counts and the times."""
+        counts = {channel: len(entries) for channel, entries in index.items()}
+        self._chunks.append(_bytes_of(entry), [entry.chunk_start_offset, list(counts.items()), self.start_time, self.end_time])
         self.counts.update(counts)
-        times = [entry.message_start_time, entry.message_end_time, self.start_time, self.end_time]
-        times = [time for time in times if time is not None]
-        self.start_time, self.end_time = min(times), max(times)
+        self.start_time = start if self.start_time is None else min(start, self.start_time)
+        self.end_time = end if self.end_time is None else max(end, self.end_time)
 
     def _give_up_last_chunk(self):
         """Make the place of the last whole chunk free again."""
-        self._place = self._chunks.pop()[0].chunk_start_offset
+        self._place, counts, self.start_time, self.end_time = self._chunks.pop()
         self._metadata = [index for index in self._metadata if index.offset < self._place]
-        self.counts, self.start_time, self.end_time = Counter(), None, None
-        for entry, counts in self._chunks:
-            self._note(entry, counts)
+        self.counts -= Counter(dict(counts))
 
     def _stop(self, error):
         """Close the file as well as the disk allows after a failed write, and remember why."""
@@ -206,7 +202,7 @@ class McapSink:
                 self._put(self._closing())
                 return
             except OSError:
-                if not self._chunks:
+                if not len(self._chunks):
                     return
                 self._give_up_last_chunk()
 
@@ -214,13 +210,13 @@ class McapSink:
         """Everything after the data: summary, offsets, footer."""
         groups = [(Opcode.SCHEMA, self._schemas), (Opcode.CHANNEL, self._channels),
                   (Opcode.STATISTICS, [self._statistics()]),
-                  (Opcode.CHUNK_INDEX, [entry for entry, _ in self._chunks]),
+                  (Opcode.CHUNK_INDEX, self._chunks),
                   (Opcode.METADATA_INDEX, self._metadata)]
         data_end = _bytes_of(DataEnd(0))
         summary_start = self._place + len(data_end)
         summary, offsets = b"", b""
         for opcode, records in groups:
-            part = b"".join(_bytes_of(record) for record in records)
+            part = records.records() if records is self._chunks else b"".join(_bytes_of(record) for record in records)
             offsets += _bytes_of(SummaryOffset(opcode, summary_start + len(summary), len(part))) if part else b""
             summary += part
         offset_start = summary_start + len(summary)

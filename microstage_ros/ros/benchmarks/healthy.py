@@ -1,4 +1,4 @@
-"""Healthy running: a real cell of six nodes, moves now and then, nothing injected. Does it trip, does any process grow?
+"""Healthy running: a real cell of six nodes that moves now and then, nothing injected: does it trip, does a process grow.
 
 Paced, the wall clock matters: time for which the host kept the driver from its processor is counted by the driver and told
 apart. In lockstep as many control periods go by as the machine can do. What every process holds (memory, open files,

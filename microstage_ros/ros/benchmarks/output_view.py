@@ -21,9 +21,14 @@ class OutputView:
     Raises
     ------
     LookupError : that process has no shared output.
+
+    Attributes
+    ----------
+    zero_ns : when the voltage went to zero, as `zero_after` found it last [ns of the monotonic clock].
     """
 
     def __init__(self, pid):
+        self.zero_ns = 0
         for descriptor in os.listdir(f"/proc/{pid}/fd"):
             path = f"/proc/{pid}/fd/{descriptor}"
             try:
@@ -49,6 +54,11 @@ class OutputView:
         return self._word(BEAT)
 
     @property
+    def watchdog_died_ns(self):
+        """When the watchdog heard of the driver's death, 0 if it did not [ns]."""
+        return self._word(DIED)
+
+    @property
     def by_watchdog(self):
         """True if the watchdog took the voltage away."""
         return self._word(TAKEN) > 0
@@ -62,4 +72,5 @@ class OutputView:
             time.sleep(2e-4)
         moments = [self._word(place) for place in (TAKEN, DIED, ZEROED)]
         later = [moment for moment in moments if moment >= self.commanded_ns]
-        return (min(later) - self.commanded_ns) * 1e-9 if later else 0.0
+        self.zero_ns = min(later) if later else self.commanded_ns
+        return (self.zero_ns - self.commanded_ns) * 1e-9

@@ -132,6 +132,16 @@ class CellProcesses:
             arguments += ["--params-file", str(path)]
         return {"name": name, "arguments": arguments, "log": self._log(name)}
 
+    @property
+    def server_pid(self):
+        """Number of the process that starts the nodes."""
+        return self._forked.server_pid
+
+    @property
+    def server_status(self):
+        """Exit status of the process that starts the nodes, None while it runs."""
+        return self._forked.server_status
+
     def check(self):
         """Raise `CellFailure` if a process has ended."""
         for name, process in self.processes.items():
@@ -153,6 +163,7 @@ class CellProcesses:
         if not Path(log).exists():  # the server failed before it began any node
             log = self._log("fork_server")
         lines = Path(log).read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        lines = [line for line in lines if not line.startswith(" ")]  # of a warning or a traceback the line that says what it is
         return f": {lines[-1]}" if lines else ""
 
     def activate(self, node):
@@ -220,7 +231,7 @@ class CellProcesses:
         for rank in range(3):
             names = [name for name in self.processes if ranks.get(name, 1) == rank]
             for name in names:
-                self._ask_to_stop(name)
+                self._ask_to_stop(name, signal.SIGINT if end is None else signal.SIGTERM)
             share = None if end is None else (end - time.monotonic()) * (0.3 if rank == 0 else 1.0)
             until = time.monotonic() + (STOP_WAIT if share is None else max(share, 0.05))
             for name in names:
@@ -237,10 +248,10 @@ class CellProcesses:
         self._ask_to_stop(name)
         return self._await(self.processes.pop(name), STOP_WAIT)
 
-    def _ask_to_stop(self, name):
+    def _ask_to_stop(self, name, number=signal.SIGINT):
         process = self.processes[name]
         if process.poll() is None:
-            process.send_signal(signal.SIGINT)
+            process.send_signal(number)
             process.send_signal(signal.SIGCONT)  # to one that is stopped by a signal
 
     @staticmethod

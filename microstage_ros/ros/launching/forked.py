@@ -3,6 +3,8 @@
 import json
 import os
 import secrets
+import select
+import signal
 import socket
 import subprocess
 import sys
@@ -12,6 +14,12 @@ from pathlib import Path
 GRACE = 30.0
 """Longest time [s] that the server is given to end itself and its children; it kills what still runs after
 `fork_server.GRACE`, which is shorter."""
+SERVER_TELLS_S = 0.2
+"""So long [s] the server takes at most to tell that a process has ended, unless it is stopped itself."""
+
+UNKNOWN = 1
+"""Taken for the exit status that it never told."""
+
 ENVIRONMENT = {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 
@@ -48,7 +56,7 @@ class ForkedNodes:
 
     Attributes
     ----------
-    processes : name to `NodeProcess`.
+    processes : name to `NodeProcess`. server_status : exit status of the server, None while it runs.
     """
 
     def __init__(self, nodes, log=None, folder=None):
@@ -60,12 +68,20 @@ class ForkedNodes:
         other.close()
         if output:
             output.close()
-        self._text = b""
+        self._text, self.server_status = b"", None
         self.processes = {node["name"]: NodeProcess(self) for node in nodes}
         self._link.sendall(json.dumps(nodes).encode() + b"\n")
 
+    @property
+    def server_pid(self):
+        """Number of the server's process."""
+        return self._server.pid
+
     def listen(self, timeout):
         """Enter what the server tells, waiting at most ``timeout`` [s] for it."""
+        if self.server_status is not None:
+            time.sleep(min(timeout, 0.01))
+            return
         self._link.settimeout(max(timeout, 1e-3))
         try:
             more = self._link.recv(65536)
@@ -79,19 +95,21 @@ class ForkedNodes:
         *lines, self._text = (self._text + more).split(b"\n")
         for line in map(json.loads, lines):
             process = self.processes[line.pop("name")]
-            process.told_pid = line.get("pid", process.told_pid)
+            process.began(line.get("pid", process.told_pid))
             process.returncode = line.get("status", process.returncode)
             process.stopped = line.get("stopped", process.stopped) and process.returncode is None
 
     def _ended(self):
-        """The server is gone, and with it its children."""
-        status = self._server.wait()
+        """The server is gone, and its children have been told to end by the system."""
+        self.server_status = self._server.wait()
         for process in self.processes.values():
-            if process.returncode is None:
-                process.returncode = status or 1
+            if process.returncode is None and not process.can_be_watched:
+                process.returncode = self.server_status or UNKNOWN
 
     def send(self, process, number):
-        """A signal to a child."""
+        """A signal to a child: directly, since the server may be stopped, or through it while the number is not known."""
+        if process.signal_directly(number):
+            return
         name = next(name for name, its in self.processes.items() if its is process)
         try:
             self._link.sendall(json.dumps({"name": name, "signal": int(number)}).encode() + b"\n")
@@ -100,6 +118,7 @@ class ForkedNodes:
 
     def start_again(self, node):
         """Start a node that has ended; its new `NodeProcess`."""
+        self.processes[node["name"]].forget()
         process = self.processes[node["name"]] = NodeProcess(self)
         try:
             self._link.sendall(json.dumps({"start": node}).encode() + b"\n")
@@ -109,12 +128,15 @@ class ForkedNodes:
 
     def close(self):
         """Let the server go; whatever still runs, it stops, within `GRACE`."""
-        self._link.close()
         try:
+            self._server.send_signal(signal.SIGCONT)  # it may have been stopped by a signal
+            self._link.close()
             self._server.wait(GRACE)
         except subprocess.TimeoutExpired:
             self._server.kill()  # its children get SIGTERM from the system when it dies
             self._server.wait()
+        for process in self.processes.values():
+            process.forget()
 
 
 class NodeProcess:
@@ -122,6 +144,42 @@ class NodeProcess:
 
     def __init__(self, owner):
         self._owner, self.told_pid, self.returncode, self.stopped = owner, None, None, False
+        self._handle = None
+
+    def began(self, pid):
+        """It has this number now."""
+        if pid is not None and pid != self.told_pid:
+            self.told_pid = pid
+            try:
+                self._handle = os.pidfd_open(pid)  # means this process for ever, also when the number is given anew
+            except (OSError, AttributeError):
+                self._handle = None
+
+    def signal_directly(self, number):
+        """Send a signal without the server; False if that is not possible here."""
+        if self._handle is None:
+            return False
+        try:
+            signal.pidfd_send_signal(self._handle, number)
+        except ProcessLookupError:
+            pass  # it has ended, and its status is on the way
+        return True
+
+    @property
+    def can_be_watched(self):
+        """True if its end is seen without the server."""
+        return self._handle is not None
+
+    @property
+    def has_ended(self):
+        """True once it is gone, whether or not the server has told its status."""
+        return self.returncode is not None or (self._handle is not None and bool(select.select([self._handle], [], [], 0.0)[0]))
+
+    def forget(self):
+        """Let go of it."""
+        if self._handle is not None:
+            os.close(self._handle)
+            self._handle = None
 
     @property
     def pid(self):
@@ -134,13 +192,19 @@ class NodeProcess:
         """Exit status, None while it runs."""
         if self.returncode is None:
             self._owner.listen(0.0)
+            if self.returncode is None and self.has_ended:
+                self._owner.listen(SERVER_TELLS_S)
+                self.returncode = UNKNOWN if self.returncode is None else self.returncode
         return self.returncode
 
     def wait(self, timeout=None):
         """Exit status, once it has ended. Raises `subprocess.TimeoutExpired`."""
         end = None if timeout is None else time.monotonic() + timeout
         while self.returncode is None:
-            self._owner.listen(0.5 if end is None else max(end - time.monotonic(), 0.0))
+            self._owner.listen(0.5 if end is None else max(min(end - time.monotonic(), SERVER_TELLS_S), 0.0))
+            if self.returncode is None and self.has_ended:
+                self._owner.listen(SERVER_TELLS_S)
+                self.returncode = UNKNOWN if self.returncode is None else self.returncode
             if self.returncode is None and end is not None and time.monotonic() >= end:
                 raise subprocess.TimeoutExpired("node", timeout)
         return self.returncode
@@ -151,6 +215,4 @@ class NodeProcess:
 
     def kill(self):
         """End it at once."""
-        import signal
-
         self.send_signal(signal.SIGKILL)

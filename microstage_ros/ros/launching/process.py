@@ -24,13 +24,15 @@ SWITCH_INTERVAL = 1e-4
 STOPPING = (signal.SIGINT, signal.SIGTERM)
 URGENT = signal.SIGUSR1
 
-ACKNOWLEDGED = 5.0
-"""Longest wait [s] at the end until every reader has what was sent to it."""
+ACKNOWLEDGED = {signal.SIGINT: 5.0, signal.SIGTERM: 0.3}
+"""Longest wait [s] at the end until every reader has what was sent to it, by the signal that asked to stop: a reader that
+was killed never has it, and who sends SIGTERM is in a hurry."""
 
 LAST_RESORT = 10.0
 """A process that has been asked to stop and is still there after so long [s] ends at once, whatever it waits for."""
 
 _stop = threading.Event()
+_asked = {"number": signal.SIGINT}
 _told_to_stop, _told_of_urgency = [], []
 
 
@@ -66,6 +68,7 @@ def _wait_for_signal(ours, theirs):
         if URGENT in heard:
             for call in _told_of_urgency:
                 call()
+    _asked["number"] = signal.SIGTERM if signal.SIGTERM in heard else signal.SIGINT
     _stop.set()
     for call in _told_to_stop:
         call()
@@ -123,7 +126,7 @@ def _leave_garbage_alone():
 
 def _wait_for_readers(node):
     """Until reliable readers have acknowledged all that was sent, within `ACKNOWLEDGED`."""
-    end = time.monotonic() + ACKNOWLEDGED
+    end = time.monotonic() + ACKNOWLEDGED[_asked["number"]]
     for publisher in node.publishers:
         if publisher.topic_name.endswith(f"/{CREDIT}"):  # nobody begins a period any more, and the driver may be gone
             continue

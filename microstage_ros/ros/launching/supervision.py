@@ -46,6 +46,10 @@ class Supervisor:
     def look(self):
         """See who has ended or stands still; start again what may be. Raises `CellFailure` where the axis cannot go on."""
         missing = []
+        if self._cell.server_status is not None:
+            says = f"the process that starts the nodes ended {_how(self._cell.server_status)}, and with it all nodes"
+            self._publish(says)
+            raise CellFailure(f"{says}: the axis stands still at zero volts")
         for name, process in list(self._cell.processes.items()):
             status = process.poll()
             if status is not None:
@@ -57,7 +61,7 @@ class Supervisor:
         self._publish("; ".join(missing))
 
     def _ended(self, name, process, status):
-        how = f"by signal {-status}" if status < 0 else f"with status {status}"
+        how = _how(status)
         if name not in RESTARTED:
             self._publish(f"{name} ended {how}")
             self._trip.call_async(self._trip_request(fault=self._fault, message=f"{name} ended {how}"))
@@ -79,9 +83,11 @@ class Supervisor:
     def _publish(self, missing):
         """Say how everything is, when it has changed."""
         kind, processes = self._message, self._cell.processes
-        states = [kind.STATE_ENDED if process.returncode is not None else kind.STATE_STOPPED if process.stopped
+        all_gone = self._cell.server_status is not None
+        states = [kind.STATE_ENDED if all_gone or process.returncode is not None else kind.STATE_STOPPED if process.stopped
                   else kind.STATE_RUNNING for process in processes.values()]
-        found = (tuple(processes), tuple(states), missing)
+        numbers = [process.told_pid or 0 for process in processes.values()]
+        found = (tuple(processes), tuple(states), tuple(numbers), missing)
         if found == self._told:
             return
         self._told = found
@@ -90,8 +96,12 @@ class Supervisor:
         since.sec, since.nanosec = divmod(self._since, 1_000_000_000)
         self._publisher.publish(kind(
             stamp=stamp, since=since, host=socket.gethostname(), process=os.getpid(), names=list(processes), states=states,
-            processes=[process.told_pid or 0 for process in processes.values()],
+            processes=numbers,
             restarts=[len(self._restarts.get(name, ())) for name in processes], message=missing))
+
+
+def _how(status):
+    return f"by signal {-status}" if status < 0 else f"with status {status}"
 
 
 def run_until_interrupted(supervisor, spin, every=0.05):

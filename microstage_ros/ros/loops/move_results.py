@@ -14,6 +14,38 @@ SILENT = 0.5
 RESULT = MoveTo.Result
 
 
+class Readings:
+    """The last readings of the interferometer; written by one thread, read by others. All memory is taken at the start.
+
+    Parameters
+    ----------
+    most : so many are kept.
+
+    Attributes
+    ----------
+    latest : control period of the last one, -1 before the first.
+    """
+
+    def __init__(self, most=100_000):
+        self._sequence, self._position = np.full(most, -1), np.full(most, np.nan)
+        self._next, self.latest = 0, -1
+
+    def extend(self, sequences, positions):
+        """Add readings: control periods and positions [m], arrays of one length."""
+        if not len(sequences):
+            return
+        sequences, positions = sequences[-len(self._sequence):], positions[-len(self._sequence):]
+        if sequences[0] < self.latest:  # the driver began anew
+            self._sequence[:] = -1
+        places = (self._next + np.arange(len(sequences))) % len(self._sequence)
+        self._position[places], self._sequence[places] = positions, sequences
+        self._next, self.latest = int(places[-1]) + 1, int(sequences[-1])
+
+    def between(self, first, last):
+        """Positions [m] read in the periods from ``first`` to ``last``."""
+        return self._position[(self._sequence >= first) & (self._sequence <= last)]
+
+
 class MoveResults:
     """Results of `MoveServer`; the attributes are the node's."""
 
@@ -36,10 +68,10 @@ class MoveResults:
             return math.nan
         first, last = move.window
         until = time.monotonic() + (INTERFEROMETER_WAIT if self._status.lockstep else SILENT)
-        while (not self._readings or self._readings[-1][0] < last) and time.monotonic() < until:
+        while self._readings.latest < last and time.monotonic() < until:
             time.sleep(0.002)
-        found = [position for sequence, position in list(self._readings) if first <= sequence <= last]
-        return float(np.mean(found)) - move.target if found else math.nan
+        found = self._readings.between(first, last)
+        return float(np.mean(found)) - move.target if len(found) else math.nan
 
     def _serve_statistics(self, request, response):
         from microstage_ros.metrology.repeatability import repeatability  # scipy.stats takes a second to load

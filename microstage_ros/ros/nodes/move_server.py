@@ -9,8 +9,8 @@ import math
 import sys
 import threading
 import time
-from collections import deque
 
+import numpy as np
 from microstage_msgs.action import MoveTo
 from microstage_msgs.msg import AxisState, CellStatus, ControllerState, DriverStatus, InterferometerReading
 from microstage_msgs.srv import FollowReference, Statistics, Trip
@@ -26,7 +26,7 @@ from microstage_ros.quantities.errors import InputError
 from microstage_ros.ros.launching.parameters import Parameters
 from microstage_ros.ros.launching.process import run_node, running
 from microstage_ros.ros.loops.move_requests import MoveRequests
-from microstage_ros.ros.loops.move_results import RESULT, SILENT, MoveResults
+from microstage_ros.ros.loops.move_results import RESULT, SILENT, MoveResults, Readings
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.blocks import Stream
 from microstage_ros.ros.transport.checked import MOST
@@ -63,11 +63,11 @@ class MoveServer(MoveRequests, MoveResults, Node):
         self._latest, self._stale, self._heard = None, -1, time.monotonic()
         self._cell_says, self._granted_window = "", 0
         self._comparison = EncoderComparison(self.parameters.limit_interferometer)
-        self._move, self._repeated = None, 0.0
+        self._move, self._repeated, self._inherited = None, 0.0, False
         self._numbered = self._newest_goal = 0
         self._numbers = {}
         self._held_since, self._talking = None, False
-        self._readings = deque(maxlen=100_000)
+        self._readings = Readings()
         self._errors = {}
         self._granter = Granter(self)
         servo = self._servo = make_servo_path(self)
@@ -93,9 +93,9 @@ class MoveServer(MoveRequests, MoveResults, Node):
         while running():
             self._servo.wait(self._inside.readers + self._interferometer.readers, WAIT)
             while (rows := self._interferometer.take()) is not None:
-                readings = self._reading_codec.array(rows)[["sequence", "position"]].tolist()
-                self._readings.extend(readings)
-                self._comparison.add_interferometer(readings)
+                readings = self._reading_codec.array(rows)
+                self._readings.extend(readings["sequence"].astype(np.int64), readings["position"])
+                self._comparison.add_interferometer(readings[["sequence", "position"]].tolist())
             while (rows := self._inside.take()) is not None:
                 with self._changed:
                     self._heard = time.monotonic()
@@ -106,6 +106,7 @@ class MoveServer(MoveRequests, MoveResults, Node):
                     self._granter.tell()
                     self._changed.notify_all()
             self._keep_credit_alive()
+            self._end_inherited_move()
             self._compare()
             if time.monotonic() - looked > LOOK:
                 looked = time.monotonic()
@@ -118,6 +119,13 @@ class MoveServer(MoveRequests, MoveResults, Node):
         if says:
             self.get_logger().error(says)
             self._trip.call_async(Trip.Request(fault=AxisState.FAULT_ENCODER_INTERFEROMETER, message=says))
+
+    def _end_inherited_move(self):
+        """A reference that moves when this process begins belongs to one that is gone: nobody waits for it, so it stops."""
+        if self._inherited and self._follow.service_is_ready():
+            self._inherited = False
+            self.get_logger().warning("the axis was moving for a move server that is gone: it stops and holds")
+            self._follow.call_async(FollowReference.Request())
 
     def _on_cell_status(self, status):
         """Who started the processes says which of them are missing."""
@@ -133,6 +141,7 @@ class MoveServer(MoveRequests, MoveResults, Node):
             self._granter.forget()
         elif before < 0 and self._granter.until >= 0 and sequence > self._granter.until:  # this process began anew
             self._granter.until = sequence + 2 * self.parameters.window + 2
+        self._inherited = self._inherited or (before < 0 and mode == ControllerState.MODE_MOVING)
         self._latest = (sequence, position, reference, mode)
         if self._move is not None and not self._move.done:
             self._move.update(sequence, position)
