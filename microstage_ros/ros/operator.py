@@ -37,7 +37,7 @@ class Operator:
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self._prefix = namespace.rstrip("/") + "/"
         self.node = rclpy.create_node("operator", namespace=namespace) if self._own else node
-        self._cell = None
+        self._cell, self._clients = None, {}
         self._subscription = self.node.create_subscription(CellStatus, self._prefix + topics.CELL_STATUS, self._hear, topics.LATCHED)
 
     def __enter__(self):
@@ -51,20 +51,18 @@ class Operator:
 
     def _ask(self, kind, name, request):
         """The answer of a service. Raises `NoAnswer`."""
-        client = self.node.create_client(kind, self._prefix + name)
-        end = time.monotonic() + self._wait
-        try:
-            while not client.service_is_ready():
-                self._turn(end, f"no axis at {self._prefix.rstrip('/')}: nobody serves {self._prefix}{name}")
-            while True:
-                asked, answer = time.monotonic(), client.call_async(request)
-                while not answer.done() and time.monotonic() < asked + ASK_AGAIN:
-                    self._turn(end, f"{self._prefix}{name}: no answer within {self._wait:g} s")
-                if answer.done():
-                    self.took = time.monotonic() - asked
-                    return answer.result()
-        finally:
-            self.node.destroy_client(client)
+        if name not in self._clients:
+            self._clients[name] = self.node.create_client(kind, self._prefix + name)
+        client, end = self._clients[name], time.monotonic() + self._wait
+        while not client.service_is_ready():
+            self._turn(end, f"no axis at {self._prefix.rstrip('/')}: nobody serves {self._prefix}{name}")
+        while True:
+            asked, answer = time.monotonic(), client.call_async(request)
+            while not answer.done() and time.monotonic() < asked + ASK_AGAIN:
+                self._turn(end, f"{self._prefix}{name}: no answer within {self._wait:g} s")
+            if answer.done():
+                self.took = time.monotonic() - asked
+                return answer.result()
 
     def _turn(self, end, complaint):
         if time.monotonic() > end:
@@ -108,6 +106,9 @@ class Operator:
 
     def close(self):
         """Let go."""
+        for client in self._clients.values():
+            self.node.destroy_client(client)
+        self._clients = {}
         self.node.destroy_subscription(self._subscription)
         if self._own:
             self.node.destroy_node()

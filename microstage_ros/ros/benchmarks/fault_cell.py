@@ -94,8 +94,8 @@ class FaultCell:
             facts |= self._stood_still(began_ns)
         elif what == "stop":
             self._pass_time(max(began + STOPPED_FOR_S - time.monotonic(), 0.0))
-        facts["says"] = self._says
         facts |= self._repaired(name, what, pid)
+        facts["says"] = self._says
         if not still:
             facts["faulted"] = next((status.message for status in self._statuses[heard:] if status.fault), "")
             facts["went_on"] = not facts["faulted"] and self._view.commanded_ns > before
@@ -155,6 +155,7 @@ class FaultCell:
                 if driver.fault:
                     self._operator.reset()
                 self._pass_time(0.05)
+            self._says = self._says or f"not usable within {REPAIR_S:g} s"
         except NoAnswer as error:
             self._says = self._says or str(error)
         self.usable = False
