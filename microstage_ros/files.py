@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.quantities.yaml_text import yaml_tree
 
 PARTIAL = ".partial"
 """End of the name of what is not complete yet."""
@@ -47,6 +48,26 @@ def unreadable(path, error, expected):
     if error.errno not in (errno.ENOENT, errno.ENOTDIR):
         return FileProblem(path, (error.strerror or str(error)).lower(), expected)
     return missing(path, expected)
+
+
+def read_yaml(path, expected):
+    """Plain data of a YAML file (`quantities.yaml_text`).
+
+    Parameters
+    ----------
+    path : of the file. expected : what it should be, such as "an axis file".
+
+    Raises
+    ------
+    FileProblem : it cannot be read. InputError : it is no YAML.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise unreadable(path, error, expected) from None
+    except UnicodeDecodeError as error:
+        raise InputError(str(path), " ".join(str(error).split())[:160], "valid YAML") from None
+    return yaml_tree(text, str(path))
 
 
 def missing(path, expected):

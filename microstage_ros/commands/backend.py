@@ -5,7 +5,7 @@ from pathlib import Path
 
 import yaml
 
-from microstage_ros.files import unreadable
+from microstage_ros.files import read_yaml
 from microstage_ros.hardware import BACKENDS, make_hardware
 from microstage_ros.hardware.protocol import Setup
 from microstage_ros.quantities.errors import InputError
@@ -70,12 +70,7 @@ def load_options(path):
     """The mapping in a file of backend options; empty without a file. Raises `InputError`."""
     if not path:
         return {}
-    try:
-        found = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise unreadable(path, error, "a YAML file of backend options") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(str(path), " ".join(str(error).split())[:160], "valid YAML") from None
+    found = read_yaml(path, "a YAML file of backend options")
     if found is not None and not isinstance(found, dict):
         raise InputError(str(path), found, "a mapping of option names to values")
     return found or {}

@@ -9,8 +9,7 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-import yaml
-
+from microstage_ros.files import read_yaml
 from microstage_ros.model.actuators import BY_NAME
 from microstage_ros.model.axis_file import axis_from_dict, load_axis
 from microstage_ros.places import config_file
@@ -52,13 +51,7 @@ class Sketch:
 
 def load_sketch(path):
     """Read a sketch. Raises InputError: file, key, value, what would be right."""
-    try:
-        tree = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(str(path), error.strerror, "a readable axis file") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(str(path), " ".join(str(error).split())[:160], "valid YAML") from None
-    return sketch_from_dict(tree, str(path))
+    return sketch_from_dict(read_yaml(path, "an axis file"), str(path))
 
 
 def sketch_from_dict(tree, place="sketch"):

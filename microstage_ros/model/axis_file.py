@@ -11,7 +11,7 @@ import pathlib
 
 import yaml
 
-from microstage_ros.files import unreadable, write_text
+from microstage_ros.files import read_yaml, write_text
 from microstage_ros.model import schema
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.quantities.quantity import Quantity, quantity_from
@@ -120,12 +120,7 @@ class Axis:
 def load_axis(path):
     """Read and check an axis file. Returns `Axis`; raises InputError (file: key, value, expected)."""
     path = pathlib.Path(path)
-    try:
-        tree = yaml.safe_load(path.read_text())
-    except OSError as error:
-        raise unreadable(path, error, "an axis file") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(str(path), " ".join(str(error).split())[:160], "valid YAML") from None
+    tree = read_yaml(path, "an axis file")
     return axis_from_dict(tree, str(path))
 
 

@@ -10,11 +10,10 @@ The fine stage moves relative to the coarse one. Its drive has to hold a positio
 import pathlib
 from dataclasses import dataclass
 
-import yaml
 
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.axis_file import FORMAT, Axis, axis_from_dict, load_axis
-from microstage_ros.files import unreadable
+from microstage_ros.files import read_yaml
 from microstage_ros.quantities.command import VOLTAGE
 from microstage_ros.quantities.errors import InputError
 
@@ -48,12 +47,7 @@ def load_machine(path):
     InputError : a file that cannot be read, or two components that do not fit each other.
     """
     path = pathlib.Path(path)
-    try:
-        tree = yaml.safe_load(path.read_text())
-    except OSError as error:
-        raise unreadable(path, error, "an axis file") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(str(path), " ".join(str(error).split())[:160], "valid YAML") from None
+    tree = read_yaml(path, "an axis file")
     if not isinstance(tree, dict) or "components" not in tree:
         return axis_from_dict(tree, str(path))
     for key in tree:

@@ -21,6 +21,7 @@ from microstage_ros.control.laws.pid import pid_change
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.numerics.compiled import compiled
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.quantities.spec import Spec
 from microstage_ros.solver.period import as_array
 
 
@@ -45,6 +46,8 @@ class ControllerState(NamedTuple):
     law: int = 0  # `supervision.OBSERVER` (the law itself) or `supervision.ENCODER_ONLY`
     law_reason: int = 0  # of the last hand-over, place in `supervision.REASONS`
     handovers: int = 0
+
+TUNED = Spec("s", 1e-6, 1.0, "control period for which the gains were tuned")
 
 
 def gain_list(type_name):
@@ -114,7 +117,7 @@ def shipped_gains(type_name, axis, period):
     """
     place = f"{axis.place}: controller"
     section = dict(axis.controller)
-    tuned = section.pop("tuned_period", axis.value("period"))
+    tuned = TUNED.check(section.pop("tuned_period", axis.value("period")), f"{place}.tuned_period")
     own_type = section.pop("type", None)
     nested = {name: value for name, value in section.items() if isinstance(value, dict)}
     for name in nested:
@@ -123,7 +126,7 @@ def shipped_gains(type_name, axis, period):
     if own_type == type_name:
         gains |= {name: value for name, value in section.items() if name not in nested}
     _known_gains(type_name, gains, place)
-    return gains if abs(period / float(tuned) - 1) < 0.01 else {}
+    return gains if abs(period / tuned - 1) < 0.01 else {}
 
 
 def _known_gains(type_name, gains, place):

@@ -23,15 +23,17 @@ import pathlib
 from dataclasses import dataclass, field
 
 import numpy as np
-import yaml
 
 from microstage_ros.control.laws import registry as laws
 from microstage_ros.control.trajectories import profiles
-from microstage_ros.files import unreadable
+from microstage_ros.files import read_yaml
 from microstage_ros.model.effects import check_effects
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.quantities.spec import Spec
 from microstage_ros.records.csv_file import read_csv
+
+MOST_PERIODS = 100_000_000
+"""Of a program, together: three hours at 10 kHz."""
 
 NOISES = ("encoder_m", "voltage_V", "current_A", "interferometer_m", "friction_relative")
 SECTIONS = ("period_s", "controller", "noise", "effects", "program", "limits", "start", "start_m")
@@ -81,12 +83,17 @@ class Run:
         Returns a dict: ``reference`` [m], ``disturbance`` [V], ``open_loop`` [V], and ``start`` [m].
         """
         parts = {"reference": [], "disturbance": [], "open_loop": []}
-        position, start = self.start_m, self.start_m
+        position, start, total = self.start_m, self.start_m, 0
         for number, segment in enumerate(self.program, 1):
+            dwell = segment.get("dwell_s", 0.0) / period
+            if total + dwell > MOST_PERIODS:
+                raise InputError(f"{self.place}: program[{number}].dwell_s", segment.get("dwell_s", 0.0),
+                                 f"a program of at most {MOST_PERIODS:g} control periods")
             rows = _segment_rows(segment, position or 0.0, period, self.limits, self.folder)
             if position is None:
                 position = start = float(rows["reference"][0]) if "reference" in rows else 0.0
             length = len(next(iter(rows.values())))
+            total += length
             rows.setdefault("reference", np.full(length, position))
             for name, pieces in parts.items():
                 pieces.append(np.asarray(rows.get(name, np.zeros(length)), float))
@@ -97,12 +104,7 @@ class Run:
 def load_run(path):
     """Read and check a run file. Returns `Run`; raises `InputError` (file: key, value, expected)."""
     path = pathlib.Path(path)
-    try:
-        tree = yaml.safe_load(path.read_text())
-    except OSError as error:
-        raise unreadable(path, error, "a run file") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(str(path), " ".join(str(error).split())[:160], "valid YAML") from None
+    tree = read_yaml(path, "a run file")
     return run_from_dict(tree, str(path), path.parent)
 
 

@@ -27,6 +27,19 @@ LEAST = 1e-15
 a profile over it underflows."""
 
 
+MOST = 30_000_000
+"""Samples of one motion: 50 min at 10 kHz. Its arithmetic takes about a hundred bytes for each."""
+
+
+def _times(total, period):
+    """Moments of the samples [s], from 0 to ``total`` or just beyond. Raises `InputError` if they are too many."""
+    count = total / period
+    if not count < MOST:
+        raise InputError("motion", f"{total:.3g} s, which are {count:.3g} control periods",
+                         f"a faster motion, of at most {MOST:g} control periods")
+    return np.arange(math.ceil(count * (1 - 1e-12)) + 1) * period
+
+
 def check_limits(limits, place="limits"):
     """Refuse limits that are not positive and finite (`InputError`)."""
     for name, value in limits._asdict().items():
@@ -75,7 +88,7 @@ def jerk_limited_move(start, target, period, limits=DEFAULT_LIMITS):
     durations = np.array([t_j, t_a, t_j, t_v, t_j, t_a, t_j])
     jerks = jerk * np.array([1, 0, -1, 0, -1, 0, 1])
     total = durations.sum()
-    times = np.arange(math.ceil(total / period * (1 - 1e-12)) + 1) * period
+    times = _times(total, period)
     travelled = _piecewise_cubic(np.minimum(times, total), durations, jerks)
     reference = start + math.copysign(1.0, target - start) * np.minimum(travelled, distance)
     reference[-1] = target
@@ -118,7 +131,7 @@ def sine(centre, amplitude, frequency, cycles, period, limits=DEFAULT_LIMITS):
     # the half-cosine ramp of the rate has its steepest slope pi/2 times the mean one
     ramp = min(max(0.01 / frequency, math.pi / 2 * amplitude * rate / limits.acceleration), 0.5 * cycles / frequency)
     total = cycles / frequency + ramp
-    times = np.minimum(np.arange(math.ceil(total / period * (1 - 1e-12)) + 1) * period, total)
+    times = np.minimum(_times(total, period), total)
     reference = centre + amplitude * np.sin(_phase(times, total, ramp, rate))
     reference[-1] = centre + amplitude * math.sin(2 * math.pi * cycles)
     return reference

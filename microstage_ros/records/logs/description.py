@@ -6,10 +6,9 @@ Every key is checked here, once; a wrong one is refused with the file, the key, 
 import dataclasses
 import difflib
 import math
-from pathlib import Path
 
-import yaml
 
+from microstage_ros.files import read_yaml
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.logs.units import unit_of
 
@@ -79,13 +78,7 @@ class LogDescription:
 
 def load_description(path):
     """Read and check a LOG.yaml. Raises InputError with file, key, value and what would be right."""
-    try:
-        tree = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(path, error.strerror, "a LOG.yaml; `microstage log FILE` proposes one") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(path, " ".join(str(error).split())[:120], "YAML") from None
-    return description_of(tree, str(path))
+    return description_of(read_yaml(path, "a LOG.yaml; `microstage log FILE` proposes one"), str(path))
 
 
 def description_of(tree, place):

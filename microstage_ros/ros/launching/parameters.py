@@ -13,6 +13,7 @@ from rclpy.parameter import Parameter
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.quantities.spec import INF, Spec
+from microstage_ros.quantities.yaml_text import yaml_tree
 
 LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast where PyYAML was built with it
 TYPES = {"string": str, "integer": int, "double": float, "bool": bool, "string_array": list}
@@ -118,10 +119,7 @@ class Parameters:
 
 def yaml_mapping(place, text, example):
     """The mapping that a text parameter holds as YAML. Raises `InputError`, which shows ``example``."""
-    try:
-        found = yaml.safe_load(text) or {}
-    except yaml.YAMLError as error:
-        raise InputError(place, text, f"YAML such as {example} ({error})") from None
+    found = yaml_tree(text, place, f"YAML such as {example}") or {}
     if not isinstance(found, dict):
         raise InputError(place, text, f"YAML such as {example}")
     return found

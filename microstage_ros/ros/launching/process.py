@@ -76,6 +76,16 @@ def _wait_for_signal(ours, theirs):
     os._exit(1)
 
 
+def started(arguments, context=None):
+    """`rclpy.init` that hears no signals. Raises `InputError` for arguments or a parameter file that are none."""
+    try:
+        rclpy.init(args=arguments, context=context, signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as error:  # noqa: BLE001 - rclpy's own classes are private
+        says = " ".join(str(error).split())
+        raise InputError("ROS arguments", says[:300] or type(error).__name__,
+                         "names, remappings and a parameter file that ROS 2 understands") from None
+
+
 def run_node(make, arguments=None, threads=1):
     """Make a node, serve it, run its `loop` until the process is asked to stop. Returns the exit status.
 
@@ -89,9 +99,9 @@ def run_node(make, arguments=None, threads=1):
     threads : of the executor; more than one where callbacks wait for each other.
     """
     _hear_signals()
-    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     sys.setswitchinterval(SWITCH_INTERVAL)
     try:
+        started(arguments)
         node = make()
         cpus = processors(node.parameters.cpus)
     except InputError as error:
