@@ -5,6 +5,7 @@ next fault comes. It ends where the axis cannot go on (driver, controller or the
 """
 
 import os
+import resource
 import signal
 import time
 from pathlib import Path
@@ -23,6 +24,9 @@ from microstage_ros.ros.launching.cell_processes import NODES, QUICK, CellFailur
 from microstage_ros.ros.launching.supervision import RESTARTED, STOPPED_S, Supervisor
 from microstage_ros.ros.operator import Operator
 from microstage_ros.ros.transport import topics
+
+ROOM = 30_000
+"""Bytes that a bag may still grow when the disk is full: files of the recorder can then be no longer."""
 
 SIGNALS = {"kill": signal.SIGKILL, "stop": signal.SIGSTOP}
 PROCESSES = (*NODES, "watchdog", "fork_server")
@@ -82,10 +86,10 @@ class FaultCell:
             self._await(lambda: abs(self._view.volts) > ENOUGH_V, 5.0)
         pid, before = self._pid(name), self._view.commanded_ns
         heard, lost_before, self._says = len(self._statuses), self._client.server_started, ""
-        if name == "bag_recorder" and what == "kill":
+        if name == "bag_recorder" and what == "kill" and self._bag_folders():
             self._killed_recorders[self._bag_folders()[-1]] = time.time()
         began, began_ns = time.monotonic(), time.monotonic_ns()
-        os.kill(pid, SIGNALS[what])
+        self._do(pid, what)
         still = (name, what) in STILL
         answered = self._await(lambda: result.done() or self._client.server_lost(lost_before), ANSWER_S + 0.5,
                                stop=lambda: not still and name != "move_server")  # a dead server's client has to notice
@@ -101,6 +105,14 @@ class FaultCell:
             facts["went_on"] = not facts["faulted"] and self._view.commanded_ns > before
         facts["must_answer"] = still or name == "move_server"
         return facts
+
+    def _do(self, pid, what):
+        """The fault itself."""
+        if what in SIGNALS:
+            os.kill(pid, SIGNALS[what])
+            return
+        largest = max((path.stat().st_size for path in self._bag_folders()[-1].glob("*.mcap")), default=0)
+        resource.prlimit(pid, resource.RLIMIT_FSIZE, (largest + ROOM, resource.RLIM_INFINITY))
 
     def _stood_still(self, began_ns):
         """Zero volts, when, and that they stay."""

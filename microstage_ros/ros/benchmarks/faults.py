@@ -33,6 +33,7 @@ def planned(trials, seed, modes=tuple(PERIODS)):
     """What is done: (mode, process, fault), each combination as often as the others, mode by mode."""
     chance = random.Random(seed)
     every = [(mode, name, what) for mode in modes for name in PROCESSES for what in SIGNALS]
+    every += [(mode, "bag_recorder", "disk_full") for mode in modes]
     plan = []
     while len(plan) < trials:
         chance.shuffle(every)

@@ -5,8 +5,11 @@ import time
 from pathlib import Path
 
 import rclpy
+from rclpy.context import Context
+from rclpy.signals import SignalHandlerOptions
 
 from microstage_ros.ros.benchmarks.hostile_messages import flood
+from microstage_ros.ros.benchmarks.trial_cell import NAMESPACE
 from microstage_ros.ros.client import AxisClient
 from microstage_ros.ros.launching.cell_processes import NODES, CellProcesses
 
@@ -16,12 +19,12 @@ WITHOUT_RECORDER = tuple(name for name in NODES if name != "bag_recorder")
 def flood_a_cell(count, seed):
     """Send ``count`` messages to a lockstep cell, move before and after; the facts as plain data."""
     with tempfile.TemporaryDirectory(prefix="microstage_flood_") as folder:
-        node = rclpy.create_node("cell_starter", namespace="/axis")
-        stranger_node = rclpy.create_node("stranger", namespace="/axis", context=_another_context())
+        node = rclpy.create_node("cell_starter", namespace=NAMESPACE)
+        stranger_node = rclpy.create_node("stranger", namespace=NAMESPACE, context=another_context())
         try:
-            with CellProcesses("/axis", WITHOUT_RECORDER, {"axis_driver": {"rate_limit": 1.0}}, logs=folder) as cell:
+            with CellProcesses(NAMESPACE, WITHOUT_RECORDER, {"axis_driver": {"rate_limit": 1.0}}, logs=folder) as cell:
                 cell.activate(node)
-                client = AxisClient("/axis", node, wait=60.0)
+                client = AxisClient(NAMESPACE, node, wait=60.0)
                 before = client.move(1e-5, timeout=20.0).reached
                 began = time.monotonic()
                 stranger = flood(stranger_node, count, seed, lambda: rclpy.spin_once(node, timeout_sec=0.0))
@@ -39,10 +42,8 @@ def flood_a_cell(count, seed):
             "moved_before": bool(before), "moved_after": bool(after), "fell_short": "; ".join(short)}
 
 
-def _another_context():
+def another_context():
     """A context of its own: another participant, as another process would have."""
-    from rclpy.context import Context
-
     context = Context()
-    rclpy.init(context=context)
+    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
     return context
