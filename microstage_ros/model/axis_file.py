@@ -136,7 +136,7 @@ def axis_from_dict(tree, place="axis"):
     choices, leaves = {}, {}
     for section, body in tree.items():
         if section not in FREE_SECTIONS:
-            _collect(body, section, choices, leaves, place)
+            _collect(body, str(section), choices, leaves, place)
     specs = schema.leaf_specs(choices, place)
     quantities = {key: quantity_from(leaf, _known(key, specs, place), f"{place}: {key}")
                   for key, leaf in leaves.items()}

@@ -50,7 +50,7 @@ def quantity_from(leaf: Mapping[str, Any], spec: Spec, place: str) -> Quantity:
     """
     unknown = set(leaf) - set(KEYS)
     if unknown:
-        raise InputError(place, sorted(unknown)[0], "only " + ", ".join(KEYS))
+        raise InputError(place, sorted(unknown, key=str)[0], "only " + ", ".join(KEYS))
     if leaf.get("unit") != spec.unit:
         raise InputError(f"{place}: unit", leaf.get("unit"), repr(spec.unit))
     if leaf.get("source") not in SOURCES:
