@@ -82,17 +82,17 @@ def leaf_specs(choices, place):
     specs = dict(GENERAL)
     for key, table in CHOICES.items():
         chosen = choices.get(key)
-        if chosen not in table:
+        if not isinstance(chosen, str) or chosen not in table:
             raise InputError(f"{place}: {key}", chosen, "one of " + ", ".join(table))
         room = key.split(".")[0]
         specs.update({f"{room}.{name}": spec for name, spec in table[chosen].items()})
     sensor = choices.get(SENSOR_KEY, POSITION_SENSORS[0].name)
-    if sensor not in SENSORS_BY_NAME:
+    if not isinstance(sensor, str) or sensor not in SENSORS_BY_NAME:
         raise InputError(f"{place}: {SENSOR_KEY}", sensor, "one of " + ", ".join(SENSORS_BY_NAME))
     specs.update({f"sensors.encoder.{name}": spec for name, spec in SENSORS_BY_NAME[sensor].parameters.items()})
     for contact, angular in ANGULAR.items():
         law = choices.get(f"contacts.{contact}.law", "none")
-        if law not in CONTACT_LAWS:
+        if not isinstance(law, str) or law not in CONTACT_LAWS:
             raise InputError(f"{place}: contacts.{contact}.law", law, "one of " + ", ".join(CONTACT_LAWS))
         for name, spec in CONTACT_LAWS[law].items():
             if not angular:

@@ -46,7 +46,7 @@ law_step = dispatch("law_step", [law.step for law in LAWS.values()], "parameters
 
 def law(type_name: str, place: str = "controller.type") -> Law:
     """The `Law` of that name; `InputError` with the known names otherwise."""
-    if type_name not in LAWS:
+    if not isinstance(type_name, str) or type_name not in LAWS:
         raise InputError(place, type_name, "one of " + ", ".join(LAWS))
     return LAWS[type_name]
 

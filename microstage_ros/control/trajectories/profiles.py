@@ -22,6 +22,9 @@ class MotionLimits(NamedTuple):
 
 DEFAULT_LIMITS = MotionLimits()
 
+SLOWEST, FASTEST = 1e-12, 1e9
+"""Of each limit; beyond them the arithmetic of a profile runs over."""
+
 LEAST = 1e-15
 """A shorter distance [m] is none: it is below the resolution of a number of the size of the travel, and the arithmetic of
 a profile over it underflows."""
@@ -43,8 +46,8 @@ def _times(total, period):
 def check_limits(limits, place="limits"):
     """Refuse limits that are not positive and finite (`InputError`)."""
     for name, value in limits._asdict().items():
-        if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
-            raise InputError(f"{place}.{name}", value, "a positive number in m/s, m/s^2 or m/s^3")
+        if not (isinstance(value, (int, float)) and SLOWEST <= value <= FASTEST):
+            raise InputError(f"{place}.{name}", value, f"a positive number, {SLOWEST:g} to {FASTEST:g} m/s, m/s^2 or m/s^3")
 
 
 def move_times(distance, limits):

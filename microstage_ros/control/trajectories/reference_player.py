@@ -81,6 +81,8 @@ class ReferencePlayer:
         InputError : positions not finite, a step at the joint, another plan under way, a period that has passed.
         """
         positions = np.asarray(positions, float)
+        if not len(positions):
+            raise InputError("reference", "no position", "one position per control period")
         if not np.isfinite(positions).all():
             bad = int(np.flatnonzero(~np.isfinite(positions))[0])
             raise InputError(f"reference, position {bad}", float(positions[bad]), "finite positions in m")
