@@ -1,0 +1,121 @@
+"""The watchdog's process: the voltage goes when commands stop, when the driver hangs and when it is gone, and not before."""
+
+import os
+import signal
+import struct
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from microstage_ros.hardware import watchdog
+from microstage_ros.hardware.output_guard import OutputGuard
+from microstage_ros.hardware.watchdog import BEAT, BYTES, LIMIT, TAKEN, TAKEN_COUNT, VOLTS, Watch
+
+LIMIT_S = 0.05
+
+
+def wait(condition, seconds=10.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.002)
+
+
+@pytest.fixture
+def guard():
+    made = OutputGuard(LIMIT_S)
+    assert made.start()
+    yield made
+    made.close()
+
+
+def test_a_look_in_time_and_a_look_too_late():
+    memory, stopped = bytearray(BYTES), []
+    watch = Watch(memory, lambda: stopped.append(1))
+    assert watch.look() == watchdog.LONGEST  # not armed
+    now = time.monotonic_ns()
+    watch.set(LIMIT, 10**9)
+    watch.set(BEAT, now)
+    struct.pack_into("<d", memory, 8 * VOLTS, 1.5)
+    assert 0.0 < watch.look() <= watchdog.LONGEST and not stopped
+    watch.set(BEAT, now - 2 * 10**9)
+    watch.look()
+    assert stopped == [1] and struct.unpack_from("<d", memory, 8 * VOLTS)[0] == 0.0 and watch.word(TAKEN) and watch.word(TAKEN_COUNT) == 1
+    at = watch.word(TAKEN)
+    watch.look()
+    watch.died()  # when it was taken first stays known; a machine's outside stop is called once more
+    assert watch.word(TAKEN) == at and watch.word(TAKEN_COUNT) == 1 and len(stopped) == 2
+
+
+def test_the_loop_that_has_gone_to_zero_itself_is_left_alone():
+    memory = bytearray(BYTES)
+    watch = Watch(memory)
+    watch.set(LIMIT, 1)
+    watch.look()
+    assert watch.word(TAKEN) == 0
+
+
+def test_commands_stop(guard):
+    guard.arm()
+    guard.put(1.0)
+    for _ in range(5):
+        guard.commanded(time.monotonic_ns())
+        time.sleep(LIMIT_S / 5)
+    wait(lambda: guard.taken)
+    assert guard.volts[VOLTS] == 0.0 and guard.taken_after >= LIMIT_S and guard.taken_count >= 1
+    guard.give_back()
+    assert not guard.taken and guard.volts[VOLTS] == 0.0
+
+
+def test_disarmed_it_waits(guard):
+    guard.put(1.0)
+    guard.disarm()
+    time.sleep(4 * LIMIT_S)
+    assert guard.volts[VOLTS] == 1.0 and not guard.taken
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_watchdog_that_does_not_watch_is_replaced(guard, number):
+    first = guard.pid
+    assert guard.renew() and guard.pid == first
+    os.kill(first, number)
+    wait(lambda: not guard.watching)
+    wait(lambda: guard.renew())
+    assert guard.pid != first and guard.restarts >= 1
+
+
+def test_it_outlives_signals_and_ends_with_the_driver(guard):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        os.kill(guard.pid, number)
+    time.sleep(0.2)
+    assert guard.watching
+
+
+DRIVER = """
+import sys, time
+from microstage_ros.hardware.output_guard import OutputGuard
+guard = OutputGuard(0.0)
+assert guard.start(("{module}:take", {{"path": sys.argv[1]}}) if len(sys.argv) > 1 else None)
+guard.put(1.25)
+print(guard.pid, flush=True)
+time.sleep(60)
+"""
+MODULE = "from pathlib import Path\ndef take(path):\n    Path(path).write_text('zero')\n"
+
+
+def test_the_death_of_the_driver_takes_the_voltage_of_a_machine_away(tmp_path):
+    (tmp_path / "my_card.py").write_text(MODULE)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])}
+    driver = subprocess.Popen([sys.executable, "-c", DRIVER.format(module="my_card"), str(tmp_path / "told")], env=environment,
+                              stdout=subprocess.PIPE, text=True)
+    try:
+        watchdog_pid = int(driver.stdout.readline())
+        assert not (tmp_path / "told").exists()
+    finally:
+        driver.kill()
+        driver.communicate()
+    wait(lambda: (tmp_path / "told").exists() and (tmp_path / "told").read_text() == "zero")
+    wait(lambda: not Path(f"/proc/{watchdog_pid}").exists() or "Z" in Path(f"/proc/{watchdog_pid}/stat").read_text().rsplit(")", 1)[1].split()[0])
