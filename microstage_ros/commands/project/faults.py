@@ -1,4 +1,4 @@
-"""``faults``: the fault campaign on a real cell of the simulated axis."""
+"""``faults``: the fault campaign on real cells of the simulated axis, and healthy running."""
 
 import json
 import os
@@ -6,7 +6,11 @@ import sys
 
 from microstage_ros.commands import answer
 from microstage_ros.commands.parser import Parser
+from microstage_ros.commands.progress import progress
 from microstage_ros.quantities.errors import InputError
+
+MODES = ("paced_1kHz", "paced_10kHz", "lockstep")
+COUNTS = {"trials": 51, "messages": 2000, "files": 500, "commands": 2000, "cycles": 0}
 
 
 def main(argv=None):
@@ -14,15 +18,28 @@ def main(argv=None):
     parser = Parser(prog="microstage faults", description=(
         "Starts cells of the simulated axis, kills and stops their processes at random while the axis moves, and measures from "
         "outside: was it noticed, how long after the last valid command the voltage was zero, was every action answered, is "
-        "anything left behind, does every bag open. Fails if a figure falls short."))
-    parser.add_argument("--trials", type=int, default=36, metavar="N", help="kills and stops (default 36: each process, mode and fault once)")
-    parser.add_argument("--messages", type=int, default=2000, metavar="N", help="malformed messages from a stranger (default 2000)")
-    parser.add_argument("--files", type=int, default=200, metavar="N", help="bags truncated and bit-flipped (default 200)")
+        "anything left behind, does every bag open. Then messages and files that are none, commands delayed, reordered, replayed "
+        "and doubled, a full disk, the clock set back, a second owner. Fails if a figure falls short."))
+    parser.add_argument("--trials", type=int, metavar="N", help="kills, stops and full disks (default 51: each process, mode and fault once)")
+    parser.add_argument("--messages", type=int, metavar="N", help="malformed messages from a stranger to a running cell (default 2000)")
+    parser.add_argument("--files", type=int, metavar="N", help="files of all kinds truncated, bit-flipped, with bad values (default 500)")
+    parser.add_argument("--commands", type=int, metavar="N", help="periods with disturbed commands (default 2000)")
+    parser.add_argument("--healthy", type=float, metavar="SECONDS", help="instead of faults: healthy running so long, with what every process holds")
+    parser.add_argument("--cycles", type=int, metavar="N", help="instead of faults: so many cycles of the compiled loop without ROS, its memory and latency")
+    parser.add_argument("--mode", choices=MODES, help="only this one (default: all; of --healthy paced_1kHz)")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of everything random (default 1)")
+    parser.add_argument("--verbose", action="store_true", help="a line of JSON per trial on standard error")
     arguments = parser.parse_args(argv)
-    for name in ("trials", "messages", "files"):
-        if not 0 <= getattr(arguments, name) <= 10**7:
-            raise InputError(f"--{name}", getattr(arguments, name), "0 to 10000000")
+    for name in COUNTS:
+        value = getattr(arguments, name)
+        if value is not None and not 0 <= value <= 10**9:
+            raise InputError(f"--{name}", value, "0 to 1000000000")
+    if arguments.healthy is not None and not 1.0 <= arguments.healthy <= 1e6:
+        raise InputError("--healthy", arguments.healthy, "1 to 1000000 s")
+    asked = [name for name in COUNTS if getattr(arguments, name) is not None]
+    for name in COUNTS:  # who asks for one part gets this part
+        default = 0 if asked or arguments.healthy is not None else COUNTS[name]
+        setattr(arguments, name, default if getattr(arguments, name) is None else getattr(arguments, name))
     return _run(arguments)
 
 
@@ -30,30 +47,89 @@ def _run(arguments):
     import rclpy
     from rclpy.signals import SignalHandlerOptions
 
-    from microstage_ros.ros.benchmarks.faults import campaign, judged
-    from microstage_ros.ros.benchmarks.hostile_files import damage_bags
-    from microstage_ros.ros.benchmarks.hostile_trial import flood_a_cell
-
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-
-    def tell(facts):
-        print(json.dumps(facts), file=sys.stderr, flush=True)
-
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    found, short = {}, []
     try:
-        figures, short = judged(campaign(arguments.trials, arguments.seed, tell))
-        messages = flood_a_cell(arguments.messages, arguments.seed) if arguments.messages else None
+        for name, part in PARTS.items():
+            if not getattr(arguments, name):
+                continue
+            facts, falls = part(arguments)
+            found[name] = facts
+            short += [f"{name}: {text}" for text in falls]
     finally:
         rclpy.try_shutdown()
-    files = damage_bags(arguments.files, arguments.seed) if arguments.files else None
-    if messages and messages["fell_short"]:
-        short.append(f"malformed messages: {messages['fell_short']}")
-    if files and files["fell_short"]:
-        short.append(f"malformed files: {files['fell_short']}")
-    answer.state(seed=arguments.seed, processes=figures, messages=messages, files=files, fell_short=short)
-    for name, value in figures.items():
-        print(f"{name}: {value}")
-    for name, facts in (("messages", messages), ("files", files)):
-        print(f"{name}: {facts}")
+    answer.state(seed=arguments.seed, **found, fell_short=short)
+    for name, facts in found.items():
+        print(f"{name}:")
+        for key, value in facts.items():
+            print(f"  {key}: {value}")
     print("every figure kept" if not short else "fell short: " + "; ".join(short))
     return 1 if short else 0
+
+
+def _teller(arguments, bar):
+    def tell(facts):
+        bar.advance("process" in facts)
+        if arguments.verbose:
+            print(json.dumps(facts), file=sys.stderr, flush=True)
+    return tell
+
+
+def _trials(arguments):
+    from microstage_ros.ros.benchmarks.faults import campaign, judged
+
+    modes = (arguments.mode,) if arguments.mode else MODES
+    with progress("killing and stopping", arguments.trials) as bar:
+        figures, short = judged(*campaign(arguments.trials, arguments.seed, _teller(arguments, bar), modes))
+    return figures, short
+
+
+def _one(facts):
+    return facts, [facts["fell_short"]] if facts["fell_short"] else []
+
+
+def _messages(arguments):
+    from microstage_ros.ros.benchmarks.hostile_trial import flood_a_cell
+
+    return _one(flood_a_cell(arguments.messages, arguments.seed))
+
+
+def _files(arguments):
+    from microstage_ros.ros.benchmarks.hostile_files import SHARE, damage_files
+
+    with progress("damaging files", len(SHARE)) as bar:
+        found = damage_files(arguments.files, arguments.seed, lambda kind, facts: bar.advance())
+    total = {name: sum(facts.get(name, 0) for facts in found.values()) for name in ("files", "refused", "bad_values", "bad_values_accepted")}
+    return {**total, **found}, [f"{kind}: {facts['fell_short']}" for kind, facts in found.items() if facts["fell_short"]]
+
+
+def _commands(arguments):
+    from microstage_ros.ros.benchmarks.disturbed_commands import disturb
+    from microstage_ros.ros.benchmarks.surroundings import surround
+
+    disturbed, around = disturb(arguments.commands, arguments.seed), surround(arguments.mode or "lockstep")
+    return {"disturbed": disturbed, "surroundings": around}, [facts["fell_short"] for facts in (disturbed, around) if facts["fell_short"]]
+
+
+def _healthy(arguments):
+    from microstage_ros.ros.benchmarks.healthy import Healthy
+
+    def tell(facts):
+        bar.reach(facts["seconds"])
+        if arguments.verbose and facts["seconds"] % 60 < 5:
+            print(json.dumps(facts), file=sys.stderr, flush=True)
+
+    with progress("running", round(arguments.healthy)) as bar:
+        return _one(Healthy(arguments.healthy, arguments.mode or "paced_1kHz", arguments.seed, tell).run())
+
+
+def _cycles(arguments):
+    from microstage_ros.ros.benchmarks.bare_loop import run_cycles
+
+    with progress("running", 100) as bar:
+        return _one(run_cycles(arguments.cycles, arguments.seed, lambda share: bar.reach(round(100 * share))))
+
+
+PARTS = {"trials": _trials, "messages": _messages, "files": _files, "commands": _commands, "healthy": _healthy, "cycles": _cycles}
+"""Option to what does it: (arguments) to facts and what falls short."""
