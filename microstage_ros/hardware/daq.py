@@ -14,11 +14,13 @@ from microstage_ros.hardware.protocol import HardwareError, Reading
 from microstage_ros.quantities.errors import InputError
 
 OPTIONS = {"output": None, "counter": None, "current_input": None, "ampere_per_volt": 1.0, "sample_clock": None, "samples_per_period": 4,
-           "watchdog": True}
+           "watchdog": True, "enable_line": None, "e_stop_line": None, "limit_lines": None}
 """Options with their defaults: ``output`` (``Dev1/ao0``), ``counter`` (``Dev1/ctr0``), ``current_input`` (``Dev1/ai0``, optional) and
 ``ampere_per_volt`` [A/V] of its sensor; ``sample_clock``: terminal that clocks the counter (default: the clock of the analog
 input, ``/Dev1/ai/SampleClock``, which needs ``current_input``; a counter has no clock of its own); ``samples_per_period``;
-``watchdog``: arm the card's own, where it has one."""
+``watchdog``: arm the card's own, where it has one; ``enable_line`` (``Dev1/port0/line0``): digital output, high enables the drive;
+``e_stop_line``: digital input, low is pressed or a broken wire; ``limit_lines``: two digital inputs, lower and upper end, low is
+actuated."""
 
 SPAN = 2.0  # of the input buffer [s]
 
@@ -42,6 +44,9 @@ class DaqCard:
         for name in ("output", "counter"):
             if not isinstance(self._options[name], str):
                 raise InputError(f"DAQ card: option {name}", self._options[name], "a channel such as Dev1/ao0 or Dev1/ctr0")
+        lines = self._options["limit_lines"]
+        if lines is not None and (not isinstance(lines, list) or len(lines) != 2):
+            raise InputError("DAQ card: option limit_lines", lines, "two lines, [Dev1/port0/line2, Dev1/port0/line3]")
         if not isinstance(self._options["samples_per_period"], int) or self._options["samples_per_period"] < 1:
             raise InputError("DAQ card: option samples_per_period", self._options["samples_per_period"], "a whole number from 1")
         self._range = setup.axis.value("drive.dac_range")
@@ -60,6 +65,7 @@ class DaqCard:
         try:
             self._output(nidaqmx)
             self._inputs(nidaqmx)
+            self._lines(nidaqmx)
         except Exception as error:  # the vendor's errors, and a driver that is not installed, are of many kinds
             self.close()
             raise HardwareError(" ".join(str(error).split())) from None
@@ -68,6 +74,33 @@ class DaqCard:
         task = self._tasks["output"] = nidaqmx.Task()
         task.ao_channels.add_ao_voltage_chan(self._options["output"], min_val=-self._range, max_val=self._range)
         task.write(0.0, auto_start=True)
+
+    def _lines(self, nidaqmx):
+        """Digital lines of the safety chain, where there are any; the drive is not enabled."""
+        wanted = {"enable": self._options["enable_line"], "e_stop": self._options["e_stop_line"],
+                  "lower": (self._options["limit_lines"] or (None, None))[0], "upper": (self._options["limit_lines"] or (None, None))[1]}
+        for name, line in wanted.items():
+            if line is None:
+                continue
+            task = self._tasks[name] = nidaqmx.Task()
+            if name == "enable":
+                task.do_channels.add_do_chan(line)
+                task.write(False, auto_start=True)
+            else:
+                task.di_channels.add_di_chan(line)
+
+    def enable(self, on):
+        """The drive's enable output, where there is one."""
+        if "enable" in self._tasks:
+            self._call("enable", "write", bool(on))
+
+    def e_stop(self):
+        """True while the line of the emergency stop is low; False where there is none."""
+        return "e_stop" in self._tasks and not self._call("e_stop", "read")
+
+    def limit_switches(self):
+        """True for each end whose line is low; False where there is none."""
+        return tuple(name in self._tasks and not self._call(name, "read") for name in ("lower", "upper"))
 
     def _inputs(self, nidaqmx):
         """Counter and analog input on one sample clock; the analog input is started last, since its clock drives both."""
@@ -151,6 +184,8 @@ class DaqCard:
         try:
             if "output" in tasks:
                 tasks["output"].write(0.0)
+            if "enable" in tasks:
+                tasks["enable"].write(False)
         except Exception as error:
             raise HardwareError(" ".join(str(error).split())) from error
         finally:

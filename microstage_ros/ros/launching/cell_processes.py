@@ -52,6 +52,10 @@ PATIENT = ("gms_observer", "interferometer_logger", "bag_recorder", "health_moni
 """Nodes that may be late, and give way to those that may not."""
 
 
+CONTROLLER_PRIORITY = 19
+"""Real-time priority, below that of the driver (its parameter ``real_time_priority``)."""
+
+
 def places(nodes, mode):
     """Parameters ``cpus`` and ``scheduling``: driver and controller on one processor, the others on the rest.
 
@@ -63,7 +67,8 @@ def places(nodes, mode):
         return {name: {} for name in nodes}
     rest = ",".join(map(str, allowed[:-1]))
     hot = {"cpus": str(allowed[-1]), "scheduling": "batch" if mode == "lockstep" else "real_time"}
-    return {name: dict(hot) if name in PAIR else {"cpus": rest, **({"nice": 10} if name in PATIENT else {})}
+    lower = {"str_controller": {"real_time_priority": CONTROLLER_PRIORITY}}  # the driver keeps time although it hangs
+    return {name: {**hot, **lower.get(name, {})} if name in PAIR else {"cpus": rest, **({"nice": 10} if name in PATIENT else {})}
             for name in nodes}
 
 

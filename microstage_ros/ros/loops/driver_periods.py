@@ -77,17 +77,19 @@ class DriverPeriods:
         self._due = None
         begin_anew(self.memory[0])
         self._write(0.0)
+        self._arm_card(True)
         self._enable(True)
         if not self._lockstep:
             self.guard.arm()
         self._tell()
-        return True
+        return self.gate.fault == "none"
 
     def _deactivate(self):
         self.gate.deactivate()
         self.guard.disarm()
         self._write(0.0)
         self._enable(False)
+        self._arm_card(False)
         self._tell()
 
     def _shut(self):
@@ -107,6 +109,7 @@ class DriverPeriods:
         begin_anew(self.memory[0])
         self._due = None
         if self.gate.active:
+            self._arm_card(True)
             self._enable(True)
             if not self._lockstep:
                 self.guard.arm()
@@ -118,6 +121,14 @@ class DriverPeriods:
             self._enabled = on
             try:
                 self._safety["enable"](on)
+            except HardwareError as error:
+                self.gate.trip("hardware", str(error))
+
+    def _arm_card(self, on):
+        """The card's own watchdog, where the backend has one: armed while the driver is active and writes in every period."""
+        if "watchdog" in self._safety:
+            try:
+                self._safety["watchdog"](self._card_watchdog_s if on else 0.0)
             except HardwareError as error:
                 self.gate.trip("hardware", str(error))
 

@@ -80,8 +80,9 @@ class AxisDriver(DriverPeriods, DriverRequests, LifecycleNode):
         self._stop_from_outside, self._configured = None, False
         self.host_stops, self.host_stopped = 0, 0.0
         self.sequence, self.overruns, self._time_ns, self._due, self._told = -1, 0, 0, None, None
-        setup = Setup(self.axis, p.seed, yaml_mapping("axis_driver: backend_options", p.backend_options, "{position: 0.0}"))
-        self.hardware = make_hardware(p.backend, setup)
+        options = yaml_mapping("axis_driver: backend_options", p.backend_options, "{position: 0.0}")
+        self._card_watchdog_s = options.get("watchdog_s", self._hold_s + WATCHDOG_LATER_S)
+        self.hardware = make_hardware(p.backend, Setup(self.axis, p.seed, options))
         if p.mode == "lockstep" and not self.hardware.simulated:
             raise InputError("axis_driver: parameter mode", p.mode, f"paced: backend {p.backend} has its own time")
         self._safety, self._enabled, self._switches = safety_members(self.hardware), False, (False, False)
