@@ -4,6 +4,7 @@
     ros2 launch microstage_ros cell.launch.py backend:=my_package.my_card:Card backend_options:=card.yaml mode:=paced axis_file:=mine.yaml
 """
 
+import os
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -54,4 +55,5 @@ def generate_launch_description():
     return LaunchDescription([
         *declared, SetEnvironmentVariable("FASTRTPS_DEFAULT_PROFILES_FILE", str(profile)),
         SetEnvironmentVariable("FASTDDS_DEFAULT_PROFILES_FILE", str(profile)),
-        SetEnvironmentVariable("RMW_FASTRTPS_USE_QOS_FROM_XML", "1"), OpaqueFunction(function=nodes)])
+        SetEnvironmentVariable("RMW_FASTRTPS_USE_QOS_FROM_XML", "1"),
+        SetEnvironmentVariable("ROS_AUTOMATIC_DISCOVERY_RANGE", os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")), OpaqueFunction(function=nodes)])

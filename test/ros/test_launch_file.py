@@ -58,3 +58,13 @@ def test_the_description_applies_the_profile(launch_file):
     for name in ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE"):
         assert Path(texts[name]).is_file()
     assert texts["RMW_FASTRTPS_USE_QOS_FROM_XML"] == "1"
+
+
+def test_discovery_keeps_to_this_computer_unless_told(launch_file, monkeypatch):
+    for given in ("LOCALHOST", "SUBNET"):
+        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", given)
+        texts = {made.values[0]: made.values[1] for made in launch_file.generate_launch_description().values[0] if len(made.values) == 2}
+        assert texts["ROS_AUTOMATIC_DISCOVERY_RANGE"] == given
+    monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE")
+    texts = {made.values[0]: made.values[1] for made in launch_file.generate_launch_description().values[0] if len(made.values) == 2}
+    assert texts["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"

@@ -15,6 +15,7 @@ import yaml
 
 from microstage_ros.ros.launching.forked import ForkedNodes
 from microstage_ros.ros.launching.ownership import Ownership
+from microstage_ros.ros.launching.shared_memory import remove_left_behind
 
 NODES = ("axis_driver", "str_controller", "gms_observer", "interferometer_logger", "move_server", "bag_recorder")
 """All nodes of an axis, in the order in which they are started."""
@@ -119,6 +120,7 @@ class CellProcesses:
         """Start every node. Raises `InputError` if another process owns an axis of this name."""
         if not self._beside:
             self._owned = Ownership("cell", self.namespace, ("driver",) if "axis_driver" in self.nodes else ())
+        remove_left_behind()
         self._folder = tempfile.TemporaryDirectory(prefix="microstage_")
         if self._logs:
             self._logs.mkdir(parents=True, exist_ok=True)

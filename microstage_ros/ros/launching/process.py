@@ -14,6 +14,7 @@ from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, Si
 from rclpy.signals import SignalHandlerOptions
 
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.ros.launching.shared_memory import remember
 from microstage_ros.ros.transport.scheduling import processors, take_place
 from microstage_ros.ros.transport.servo_path import RCLError
 from microstage_ros.ros.transport.topics import CREDIT
@@ -34,6 +35,7 @@ LAST_RESORT = 10.0
 _stop = threading.Event()
 _asked = {"number": signal.SIGINT}
 _told_to_stop, _told_of_urgency = [], []
+_noted: list = []
 
 
 def running():
@@ -113,6 +115,7 @@ def run_node(make, arguments=None, threads=1):
     executor.add_node(node)
     thread = threading.Thread(target=_serve, args=(executor, node.get_logger()), daemon=True)
     thread.start()
+    threading.Thread(target=lambda: _noted.append(remember(node)), daemon=True).start()
     p = node.parameters
     os.nice(getattr(p, "nice", 0))
     take_place(node.get_logger(), cpus, getattr(p, "scheduling", "normal"), getattr(p, "real_time_priority", 0))
@@ -124,6 +127,8 @@ def run_node(make, arguments=None, threads=1):
         _wait_for_readers(node)
         thread.join(timeout=2.0)
         rclpy.try_shutdown()
+        for note in filter(None, _noted):
+            note.unlink(missing_ok=True)
     return 0
 
 

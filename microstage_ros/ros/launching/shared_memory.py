@@ -1,0 +1,65 @@
+"""Shared memory that killed nodes have left behind: found by what each node wrote down while it lived, and removed.
+
+The middleware keeps one file per writer in ``/dev/shm``, named by the 12 bytes that are the same for all endpoints of a process.
+A process that ends removes its files; one that is killed does not. Every node of this project writes its bytes into a file of
+its own beside the locks (`ownership.folder`). Whoever starts a cell looks which of these processes are dead and removes their
+files, and no others.
+"""
+
+import os
+import time
+from pathlib import Path
+
+from microstage_ros.ros.launching.ownership import folder
+
+PLACE = Path("/dev/shm")
+ENDING = ".memory"
+WAIT_S = 2.0
+"""Longest wait for the own endpoint to appear in the graph."""
+
+
+def _began(pid):
+    """When a process began, in ticks since the start of the computer: with its number it means this process alone."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace").rsplit(")", 1)[1].split()[19]
+    except OSError:
+        return ""
+
+
+def remember(node):
+    """Write down which shared memory is this process's; the file, None if that cannot be told here."""
+    topic = next((publisher.topic_name for publisher in node.publishers if publisher.topic_name.startswith(node.get_namespace())), None)
+    end = time.monotonic() + WAIT_S
+    while topic is not None and PLACE.is_dir() and time.monotonic() < end:
+        for info in node.get_publishers_info_by_topic(topic):
+            if info.node_name == node.get_name() and info.node_namespace == node.get_namespace():
+                prefix = ".".join(f"{byte:02x}" for byte in info.endpoint_gid[:12])
+                path = folder() / f"{os.getpid()}{ENDING}"
+                try:
+                    path.write_text(f"{os.getpid()} {_began(os.getpid())} {prefix}\n", encoding="ascii")
+                except OSError:
+                    return None
+                return path
+        time.sleep(0.02)
+    return None
+
+
+def remove_left_behind():
+    """Remove the shared memory of our dead processes; how many files."""
+    count = 0
+    for note in folder().glob(f"*{ENDING}"):
+        try:
+            pid, began, prefix = note.read_text(encoding="ascii").split()
+        except (OSError, ValueError):
+            note.unlink(missing_ok=True)
+            continue
+        if _began(int(pid)) == began:
+            continue
+        for path in PLACE.glob(f"fast_datasharing_{prefix}_*"):
+            try:
+                path.unlink()
+                count += 1
+            except OSError:
+                continue
+        note.unlink(missing_ok=True)
+    return count
