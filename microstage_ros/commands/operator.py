@@ -2,14 +2,14 @@
 
 import sys
 
-from microstage_ros.commands import answer
+from microstage_ros.commands import answer, units
 from microstage_ros.commands.parser import Parser
 
 
 def operator_parser(name, description):
     """A parser with ``--namespace``."""
     parser = Parser(prog=f"microstage {name}", description=description)
-    parser.add_argument("--namespace", default="/axis", metavar="NS", help="of the axis (default /axis)")
+    parser.add_argument("--namespace", type=units.namespace, default="/axis", metavar="NS", help="of the axis (default /axis)")
     return parser
 
 

@@ -25,6 +25,13 @@ def _read(text, units, what, example):
     return value * units[unit] if unit else value
 
 
+def namespace(text):
+    """The namespace of an axis, as ROS 2 allows it: ``/axis``, ``/left/stage``."""
+    if not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", text) or len(text) > 100 or "__" in text:
+        raise argparse.ArgumentTypeError(f"got {text!r}, expected a name that begins with a slash, of letters, digits and _, such as /axis")
+    return text
+
+
 def length(text):
     """A length [m]: ``1e-5``, ``10um``, ``10 µm``, ``-0.5mm``."""
     return _read(text, LENGTHS, "a length", "10um, -0.5mm or 1e-5 (metres)")

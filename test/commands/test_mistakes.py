@@ -8,7 +8,7 @@ from microstage_ros.commands.__main__ import main
 from microstage_ros.places import config_file
 
 AXIS = str(config_file("axis.yaml"))
-RUN = "controller: {type: pid}\nprogram: [{move_to_m: 1.0e-5, dwell_s: 0.01}]\n"
+RUN = "controller: {type: pid}\nprogram:\n  - {move_to_m: 1.0e-5, dwell_s: 0.01}\n"
 RECORD = "t_s,encoder_m,reference_m,voltage_V\n" + "".join(f"{k * 1e-4:.4f},0,0,0\n" for k in range(20))
 
 
@@ -49,6 +49,10 @@ FILES = {
     "far.yaml": lambda: RUN.replace("1.0e-5", ".nan"),
     "noprogram.yaml": lambda: "controller: {type: pid}\n",
     "nofile.yaml": lambda: "controller: {type: pid}\nprogram: [{reference_file: nowhere.csv}]\n",
+    "sixty.yaml": lambda: RUN + "  - {sine: {amplitude_m: 1.0e-6, frequency_hz: 1.0, cycles: 12:30:45}}\n",
+    "twice.yaml": lambda: RUN + "controller: {type: self_tuning}\n",
+    "long.yaml": lambda: RUN.replace("0.01", "1.0e+6"),
+    "slow.yaml": lambda: RUN.replace("dwell_s: 0.01", "velocity_m_s: 1.0e-9, acceleration_m_s2: 1.0e-6"),
     "targets.txt": lambda: "10um\nten\n",
 }
 
@@ -114,6 +118,12 @@ MISTAKES = {
     "a bag that is not there": (["replay", "nowhere"], "file not found"),
     "a rate of nothing": (["replay", "nowhere", "--rate", "0"], "--rate"),
     "a namespace without its slash": (["cell", "--namespace", "axis"], "begins with a slash"),
+    "a namespace with a space": (["cell", "--namespace", "/le ft"], "such as /axis"),
+    "a namespace of a command with a space": (["stop", "--namespace", "/le ft"], "such as /axis"),
+    "a number of cycles to the base of sixty": (simulate(run="sixty.yaml"), "'12:30:45'"),
+    "a key that stands twice": (simulate(run="twice.yaml"), "stands twice"),
+    "a dwell of thirty years": (simulate(run="long.yaml"), "control periods"),
+    "a motion of thirty years": (simulate(run="slow.yaml"), "control periods"),
     "a backend that there is not": (["cell", "--backend", "simulatd"], "simulatd"),
     "a topic left out": (["topic", "echo"], "the name of a topic"),
     "a shell that there is not": (["completion", "tcsh"], "invalid choice: 'tcsh'"),

@@ -4,6 +4,7 @@ import signal
 import sys
 from pathlib import Path
 
+from microstage_ros.commands import units
 from microstage_ros.commands.__main__ import which_ros
 from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.backend import add_backend, chosen_backend
@@ -16,7 +17,7 @@ def main(argv=None):
     """Run the command. Returns 0 when interrupted, 1 if a process ended by itself."""
     parser = Parser(prog="microstage cell", description="Start the nodes of an axis; Ctrl-C stops them.")
     parser.add_argument("--axis", metavar="FILE", help="axis file (default: the shipped config/axis.yaml)")
-    parser.add_argument("--namespace", default="/axis", metavar="NS", help="of the nodes (default /axis)")
+    parser.add_argument("--namespace", type=units.namespace, default="/axis", metavar="NS", help="of the nodes (default /axis)")
     add_backend(parser)
     parser.add_argument("--mode", choices=("lockstep", "paced"),
                         help="simulated time no faster than real time (default where the backend is simulated), or wall clock")
@@ -24,8 +25,6 @@ def main(argv=None):
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the simulated axis (default 1)")
     parser.add_argument("--record", metavar="DIR", help="record everything into this bag folder")
     arguments = parser.parse_args(argv)
-    if not arguments.namespace.startswith("/"):
-        raise InputError("--namespace", arguments.namespace, "a name that begins with a slash, such as /axis")
     if not 0 <= arguments.seed < 2**32:
         raise InputError("--seed", arguments.seed, "a whole number from 0 to 4294967295")
     if arguments.record and Path(arguments.record).exists():

@@ -27,7 +27,7 @@ def main(argv=None):
     place.add_argument("--targets", metavar="FILE", help="a target per line; # begins a comment")
     parser.add_argument("--repeat", type=int, default=1, metavar="N", help="all targets so many times (default 1)")
     parser.add_argument("--dwell", type=units.duration, default=0.0, metavar="TIME", help="rest between two moves (default none)")
-    parser.add_argument("--namespace", default="/axis", metavar="NS", help="of the axis (default /axis)")
+    parser.add_argument("--namespace", type=units.namespace, default="/axis", metavar="NS", help="of the axis (default /axis)")
     parser.add_argument("--tolerance", type=units.positive_length, default=5e-8, metavar="LENGTH", help="half width that counts as reached (default 50nm)")
     parser.add_argument("--speed", type=units.speed, default=0.0, metavar="SPEED", help="largest speed (default: that of the axis)")
     parser.add_argument("--timeout", type=units.duration, default=10.0, metavar="TIME", help="from start to settled (default 10s)")

@@ -53,7 +53,7 @@ def main(argv=None):
     parser.add_argument(
         "--store", metavar="FILE", help="history file (SQLite): healthy windows and every score are kept there"
     )
-    parser.add_argument("--namespace", default="/axis", metavar="NS", help="of the running axis (default /axis)")
+    parser.add_argument("--namespace", type=units.namespace, default="/axis", metavar="NS", help="of the running axis (default /axis)")
     parser.add_argument(
         "--examine",
         type=int,
