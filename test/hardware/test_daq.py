@@ -165,3 +165,34 @@ def test_bad_options(options, words):
 def test_without_the_vendors_driver_it_says_so():
     with pytest.raises(HardwareError):
         card().open()
+
+
+def test_the_lines_of_the_safety_chain(log, monkeypatch):
+    from nidaqmx.task.collections import DIChannelCollection, DOChannelCollection
+
+    made = Task.__init__
+
+    def with_lines(self, new_task_name=""):
+        made(self, new_task_name)
+        self.do_channels, self.di_channels = (Checked(kind, self.name, Task.log) for kind in (DOChannelCollection, DIChannelCollection))
+
+    monkeypatch.setattr(Task, "__init__", with_lines)
+    without = card()
+    without.open()
+    without.enable(True)
+    assert not without.e_stop() and without.limit_switches() == (False, False)
+    daq = card(enable_line="Dev1/port0/line0", e_stop_line="Dev1/port0/line1", limit_lines=["Dev1/port0/line2", "Dev1/port0/line3"])
+    log.clear()
+    daq.open()
+    lines = [entry[2][0] for entry in log if entry[1] in ("add_do_chan", "add_di_chan")]
+    assert lines == [f"Dev1/port0/line{k}" for k in range(4)]
+    assert [entry[2] for entry in log if entry[1] == "write"][-1] == (False,)  # not enabled at first
+    daq.enable(True)
+    assert log[-1][1:3] == ("write", (True,))
+    assert not daq.e_stop() and daq.limit_switches() == (False, False)  # the stand-in reads 0.25, which is high
+    monkeypatch.setattr(Task, "read", lambda self: False)
+    assert daq.e_stop() and daq.limit_switches() == (True, True)
+    daq.close()
+    assert [entry[2] for entry in log if entry[1] == "write"][-2:] == [(0.0,), (False,)]
+    with pytest.raises(InputError, match="limit_lines"):
+        card(limit_lines="Dev1/port0/line2")
