@@ -135,6 +135,9 @@ class Reader:
         while line.startswith("./microstage cell") and "is active" not in output.read_text(encoding="utf-8"):
             assert process.poll() is None and time.monotonic() < began + 120, f"{line}\n{output.read_text(encoding='utf-8')}"
             time.sleep(0.1)
+        while not line.startswith("./microstage cell") and not output.stat().st_size and time.monotonic() < began + 10:
+            assert process.poll() is None, line
+            time.sleep(0.1)  # it shows that it runs
         self.said.append(f"{time.monotonic() - began:6.1f} s  {line} &")
 
     def _python(self, block):
