@@ -115,8 +115,8 @@ class MagnetPull(Effect):
 EFFECTS = (MagnetPull,)
 '''},
     "edits": {"model/effects/__init__.py": [
-        ("import drive, electrical, environment, friction, sensing", "import drive, electrical, environment, friction, magnet, sensing"),
-        ("FILES = (friction, drive, electrical, sensing, environment)", "FILES = (friction, drive, electrical, sensing, environment, magnet)"),
+        ("environment, friction, piezo,", "environment, friction, magnet, piezo,"),
+        ("piezo, position_sensors)\n", "piezo, position_sensors, magnet)\n"),
     ]},
 }
 
