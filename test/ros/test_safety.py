@@ -23,6 +23,9 @@ from microstage_ros.ros.transport.topics import LATCHED
 MOST_S = 0.25
 """Here other tests have the processors too: an order of magnitude, not the figure that `faults` measures."""
 
+GRANTED = 3000
+"""More periods than a move server grants ahead, idle or not."""
+
 WITHOUT_RECORDER = tuple(name for name in NODES if name != "bag_recorder")
 
 
@@ -235,6 +238,20 @@ def test_the_operator_is_answered(tmp_path):
         assert axis.reset()[1].startswith("was: stopped")
         spin_until(node, lambda: not heard[-1].fault)
         assert client.move(0.0, timeout=20.0).reached
+
+
+def test_a_lockstep_cell_goes_on_after_a_long_fault(tmp_path):
+    """The driver counts periods while a fault is latched; they pass what followers had granted."""
+    from microstage_ros.ros.operator import Operator
+
+    with running_cell(tmp_path, "lockstep") as (cell, node, client, heard, _), Operator("/axis", node) as axis:
+        assert axis.stop()[0]
+        began = axis.status().driver.sequence
+        spin_until(node, lambda: axis.status().driver.sequence > began + GRANTED)
+        assert axis.reset()[0]
+        spin_until(node, lambda: not heard[-1].fault)
+        assert axis.home()[0]
+        assert client.move(1e-5, timeout=20.0).reached
 
 
 def test_late_listeners_hear(tmp_path):

@@ -184,8 +184,8 @@ class MoveServer(MoveRequests, MoveResults, Node):
             if status.active and not (self._status and self._status.active):
                 # where the reference stands now is known from the first period after this
                 self._stale = status.sequence if status.sequence > 0 else -1
-                if self._granter.until >= 0:
-                    self._granter.grant(self._granter.until + self.parameters.window)
+                if self._granter.until >= 0:  # a driver with a fault went on counting without credit, perhaps past all that was granted
+                    self._granter.grant(max(self._granter.until, self._stale) + self.parameters.window)
             self._status = status
             self._changed.notify_all()
 
