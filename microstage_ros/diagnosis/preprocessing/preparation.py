@@ -21,6 +21,8 @@ LEAST_ROWS = 5000
 FUSION = 41           # periods over which the position reading corrects the motor's travel
 GAP_FUSION = 1001     # the same where the stage may rattle in a gap
 TRAVEL_NOISE = 2.0e-8 # m: the back-EMF's travel is trusted below some 200 Hz, current and inertia above
+LEAST_COUNT = 1.0e-11 # m; derived: a thousandth of the finest count of such encoders, and far above the last bits of a double
+ALL_COUNTS = 0.99     # share of the changes that must be whole multiples; derived: chance makes 0.04 of them
 MOTOR_NOISE = 2.0e-9  # m, of the motor's position after that
 
 
@@ -39,6 +41,7 @@ class Prepared:
     ``lost`` marks samples that repeat the one before or were missing;
     ``stage``: the position reading nearest to the truth, the interferometer (less a slow course of its own) if there is one,
     else the encoder;
+    ``count``: the step of the encoder's reading [m], 0 where it shows none;
     ``behind``: how far the stage is ahead of the motor by the replay through a gap, or None without a gap.
     """
 
@@ -68,6 +71,7 @@ class Prepared:
     air: dict
     stage: np.ndarray
     behind: np.ndarray = None
+    count: float = 0.0
 
 
 def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None):
@@ -142,7 +146,18 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None):
         actuator=actuator, stuck=stuck, guideway=guideway,
         lost=lost, off=off,
         has_current="current_A" in columns, air=air, stage=stage, behind=carried - travel if gap > 0.0 else None,
+        count=count_of(record["encoder_m"]),
     )
+
+
+def count_of(reading):
+    """Step [m] of which all changes of a reading (n,) [m] are multiples, as it is of a counting encoder; 0 if there is none."""
+    steps = np.abs(np.diff(reading))
+    steps = steps[steps > LEAST_COUNT]      # nothing where a reading is missing
+    if not len(steps):
+        return 0.0
+    multiple = steps / steps.min()
+    return float(steps.min()) if np.mean(np.abs(multiple - np.round(multiple)) < 0.02) > ALL_COUNTS else 0.0
 
 
 def reading_noise(reading):

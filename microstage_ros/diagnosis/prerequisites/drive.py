@@ -69,6 +69,8 @@ class Drive:
     signal_period: float = 1.0e-5
     interpolation: tuple = ()
     interpolation_cosine: tuple = ()
+    encoder_resolution: float = 0.0
+    encoder_noise: float = 0.0
     current_offset: float = 0.0
     amplifier_noise: float = 0.0
     variability: "Variability" = None
@@ -106,6 +108,7 @@ def drive_of(axis):
         voltage_limit=value("drive.voltage_limit"),
         actuator=_contact(axis, "actuator"), guideway=_contact(axis, "guideway"),
         signal_period=value("sensors.encoder.signal_period"), interpolation=tuple(value("sensors.encoder.interpolation_error")),
+        encoder_resolution=value("sensors.encoder.resolution"), encoder_noise=value("sensors.encoder.noise"),
         current_offset=value("sensors.current.offset"), amplifier_noise=value("drive.noise"),
         variability=Variability(*(value(f"variability.{key}") for key in ("relative", "travel_length", "time_length", "travel_share"))),
     )

@@ -1,8 +1,11 @@
 """Encoder against interferometer: residual = interferometer − encoder [m], in means over half a millisecond.
 
 Neither friction nor drive can enter. Noise: white, and the rounding of the encoder, which repeats
-while the stage rests (a slow process that some tens of nanometres of travel renew).
+while the stage rests (a slow process that about a count of travel renews). How large it is follows from the count that the
+record shows and from the encoder's noise: only noise makes a mean of counts tell more than the nearest count.
 """
+
+import math
 
 import numpy as np
 
@@ -11,14 +14,32 @@ from microstage_ros.diagnosis.preprocessing.preparation import reading_noise
 from microstage_ros.diagnosis.preprocessing.whitening import whiten_states
 
 BLOCK = 5
-ROUNDING = 1.5e-9   # m, standard deviation of what rounding leaves in a mean at rest
-RENEWAL = 2.0e-8    # m of travel
+LEAST_ROUNDING = 1.5e-9   # m, of what rounding leaves in a mean at rest: what the shipped encoder leaves, by `rounding_left` and `UNSURE`
+UNSURE = 2.0        # times what the stated noise leaves: an encoder quieter than its file says leaves more
+RENEWAL = 0.8       # counts of travel
+LEAST_RENEWAL = 2.0e-8    # m
 PIECE = 2.5         # s between the knots of a record's own course of drift
 
 
 def course_columns(time):
     """Splines in time that make a course of drift, shape (rows, k)."""
     return splines(time, 0.0, float(time[-1]), max(round(float(time[-1]) / PIECE), 2))
+
+
+def rounding_left(count, noise):
+    """Standard deviation [m] of what rounding to counts leaves in a mean over many readings of one place.
+
+    Mean of round((x + n)/q) q − x over Gaussian n of standard deviation σ: Σₖ (−1)ᵏ q/(π k) e^(−2π²k²σ²/q²) sin(2πk x/q),
+    of which the root mean square over x is taken (Widrow and Kollár, Quantization Noise, 2008); q/√12 without noise.
+
+    Parameters
+    ----------
+    count : q [m]. noise : σ of one reading [m].
+    """
+    if not count > 0.0:
+        return 0.0
+    order = np.arange(1, 200)
+    return float(math.sqrt(np.sum((count / (math.pi * order)) ** 2 / 2.0 * np.exp(-4.0 * (math.pi * order * noise / count) ** 2))))
 
 
 class Position:
@@ -35,6 +56,9 @@ class Position:
         self.residual = self.mean(difference)
         self.residual -= np.median(self.residual)
         self.scatter = max(reading_noise(difference), 1e-10) / np.sqrt(BLOCK)
+        count = prepared.count or drive.encoder_resolution
+        self.rounding = max(UNSURE * rounding_left(count, drive.encoder_noise), LEAST_ROUNDING)
+        self.renewal = max(RENEWAL * count, LEAST_RENEWAL)
 
     def mean(self, values):
         """Block means of a signal of shape (n,) or (n, k)."""
@@ -48,6 +72,6 @@ class Position:
     def whiten(self, matrix):
         """Unit-variance innovations of (blocks, k), and Σ ln S."""
         step = np.abs(self.speed) * BLOCK * self.prepared.period
-        keeps = np.exp(-step / RENEWAL - BLOCK * self.prepared.period / 10.0)[:, None]
+        keeps = np.exp(-step / self.renewal - BLOCK * self.prepared.period / 10.0)[:, None]
         white = np.full(len(self.residual), self.scatter**2)
-        return whiten_states(matrix, np.ones((len(step), 1)), keeps, (ROUNDING,), white)
+        return whiten_states(matrix, np.ones((len(step), 1)), keeps, (self.rounding,), white)
