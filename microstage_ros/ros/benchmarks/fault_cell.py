@@ -179,14 +179,15 @@ class FaultCell:
         begun = []
         for _ in range(3):  # a move server that has just begun may refuse: the driver is not heard yet
             begun.clear()
-            sent = self._client.send(MoveTo.Goal(target=self._direction * FARTHEST, max_velocity=1e-3, timeout=60.0), begun.append)
-            result = []
-            sent.add_done_callback(lambda handle, result=result: result.append(handle.result().get_result_async()))
-            self._await(lambda: begun or (result and result[0].done()), 10.0)
-            if begun and not result[0].done():
-                return result[0]
+            sent, result = self._client.send(MoveTo.Goal(target=self._direction * FARTHEST, max_velocity=1e-3, timeout=60.0), begun.append), None
+            self._await(sent.done, 10.0)
+            if sent.done():
+                result = sent.result().get_result_async()
+                self._await(lambda result=result: begun or result.done(), 10.0)
+                if begun and not result.done():
+                    return result
             self._pass_time(0.2)
-        raise NoAnswer("no move begins" + (f": {result[0].result().result.message}" if result and result[0].done() else ""))
+        raise NoAnswer("no move begins" + (f": {result.result().result.message}" if result is not None and result.done() else ""))
 
     # --- waiting, as the process that started the cell does ------------------------------------------------------
 

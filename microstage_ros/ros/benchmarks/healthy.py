@@ -122,14 +122,18 @@ class Healthy:
                 moved = now
                 self._move = client._action.send_goal_async(MoveTo.Goal(
                     target=self._chance.uniform(-FARTHEST, FARTHEST), tolerance=1e-6, timeout=20.0))
-                self._move.add_done_callback(self._accepted)
+            self._follow_move()
 
-    def _accepted(self, handle):
-        handle.result().get_result_async().add_done_callback(self._done)
-
-    def _done(self, result):
-        code, self._move = result.result().result.code, None
-        self._codes[int(code)] = self._codes.get(int(code), 0) + 1
+    def _follow_move(self):
+        """The goal that was sent, then its result; nothing is left to be called later, when the client is gone."""
+        if self._move is None or not self._move.done():
+            return
+        found = self._move.result()
+        if hasattr(found, "get_result_async"):
+            self._move = found.get_result_async()
+            return
+        code, self._move = int(found.result.code), None
+        self._codes[code] = self._codes.get(code, 0) + 1
 
     @property
     def _periods(self):
