@@ -133,6 +133,8 @@ class CellProcesses:
     def _node(self, name):
         """What the fork server must know of a node."""
         arguments = ["--ros-args", "-r", f"__ns:={self.namespace}"] + (["-r", f"__node:={self._beside}_{name}"] if self._beside else [])
+        if os.environ.get("ROS_SECURITY_ENABLE") == "true":
+            arguments += ["--enclave", f"{self.namespace}/{name}"]
         if self._parameters[name]:
             path = Path(self._folder.name) / f"{name}.yaml"
             path.write_text(yaml.safe_dump({"/**": {"ros__parameters": self._parameters[name]}}), encoding="utf-8")
@@ -233,22 +235,39 @@ class CellProcesses:
         ----------
         within : longest time [s] for all together; None: `STOP_WAIT` for each.
         """
-        end = None if within is None else time.monotonic() + within
-        ranks = {"axis_driver": 0, "bag_recorder": 2 if end is None else 1}  # a recorder waits until nothing comes
-        for rank in range(3):
-            names = [name for name in self.processes if ranks.get(name, 1) == rank]
-            for name in names:
-                self._ask_to_stop(name, signal.SIGINT if end is None else signal.SIGTERM)
-            share = None if end is None else (end - time.monotonic()) * (0.3 if rank == 0 else 1.0)
-            until = time.monotonic() + (STOP_WAIT if share is None else max(share, 0.05))
-            for name in names:
-                self._await(self.processes.pop(name), max(until - time.monotonic(), 0.01))
+        if within is None:
+            ranks = {"axis_driver": 0, "bag_recorder": 2}  # a recorder waits until nothing comes
+            for rank in range(3):
+                names = [name for name in self.processes if ranks.get(name, 1) == rank]
+                for name in names:
+                    self._ask_to_stop(name, signal.SIGINT)
+                for name in names:
+                    self._await(self.processes.pop(name), STOP_WAIT)
+        else:
+            self._stop_quickly(time.monotonic() + within)
         if self._forked:
             self._forked.close()
         if self._folder:
             self._folder.cleanup()
         if self._owned:
             self._owned.release()
+
+    def _stop_quickly(self, end):
+        """Ask all at once, the driver first; end at ``end`` those that are still there."""
+        for name in sorted(self.processes, key=lambda name: name != "axis_driver"):
+            self._ask_to_stop(name, signal.SIGTERM)
+        processes = list(self.processes.values())
+        self.processes.clear()
+        for process in processes:
+            try:
+                process.wait(max(end - time.monotonic(), 0.0))
+            except subprocess.TimeoutExpired:
+                continue
+        for process in processes:
+            if process.poll() is None:
+                process.kill()
+        for process in processes:
+            process.wait()
 
     def stop_one(self, name):
         """Ask one process to stop and wait for it. Returns its exit status."""

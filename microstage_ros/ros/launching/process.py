@@ -106,7 +106,7 @@ def run_node(make, arguments=None, threads=1):
         started(arguments)
         node = make()
         cpus = processors(node.parameters.cpus)
-    except InputError as error:
+    except (InputError, RCLError) as error:  # the second: security asked for and not there, and the like
         print(" ".join(str(error).split()), file=sys.stderr)
         rclpy.try_shutdown()
         return 2
