@@ -13,8 +13,18 @@ tested against the signatures of the package ``nidaqmx``.
 from microstage_ros.hardware.protocol import HardwareError, Reading
 from microstage_ros.quantities.errors import InputError
 
-OPTIONS = {"output": None, "counter": None, "current_input": None, "ampere_per_volt": 1.0, "sample_clock": None, "samples_per_period": 4,
-           "watchdog": True, "enable_line": None, "e_stop_line": None, "limit_lines": None}
+OPTIONS = {
+    "output": None,
+    "counter": None,
+    "current_input": None,
+    "ampere_per_volt": 1.0,
+    "sample_clock": None,
+    "samples_per_period": 4,
+    "watchdog": True,
+    "enable_line": None,
+    "e_stop_line": None,
+    "limit_lines": None,
+}
 """Options with their defaults: ``output`` (``Dev1/ao0``), ``counter`` (``Dev1/ctr0``), ``current_input`` (``Dev1/ai0``, optional) and
 ``ampere_per_volt`` [A/V] of its sensor; ``sample_clock``: terminal that clocks the counter (default: the clock of the analog
 input, ``/Dev1/ai/SampleClock``, which needs ``current_input``; a counter has no clock of its own); ``samples_per_period``;
@@ -43,12 +53,16 @@ class DaqCard:
         self._options = {**OPTIONS, **given}
         for name in ("output", "counter"):
             if not isinstance(self._options[name], str):
-                raise InputError(f"DAQ card: option {name}", self._options[name], "a channel such as Dev1/ao0 or Dev1/ctr0")
+                raise InputError(
+                    f"DAQ card: option {name}", self._options[name], "a channel such as Dev1/ao0 or Dev1/ctr0"
+                )
         lines = self._options["limit_lines"]
         if lines is not None and (not isinstance(lines, list) or len(lines) != 2):
             raise InputError("DAQ card: option limit_lines", lines, "two lines, [Dev1/port0/line2, Dev1/port0/line3]")
         if not isinstance(self._options["samples_per_period"], int) or self._options["samples_per_period"] < 1:
-            raise InputError("DAQ card: option samples_per_period", self._options["samples_per_period"], "a whole number from 1")
+            raise InputError(
+                "DAQ card: option samples_per_period", self._options["samples_per_period"], "a whole number from 1"
+            )
         self._range = setup.axis.value("drive.dac_range")
         self._count = setup.axis.value("sensors.encoder.resolution")
         self._rate = self._options["samples_per_period"] / setup.axis.value("period")
@@ -60,8 +74,10 @@ class DaqCard:
         try:
             import nidaqmx
         except ImportError:
-            raise HardwareError("the DAQ backend needs the package nidaqmx (pip install nidaqmx) and the vendor's "
-                                "driver; backend 'simulated' needs neither") from None
+            raise HardwareError(
+                "the DAQ backend needs the package nidaqmx (pip install nidaqmx) and the vendor's "
+                "driver; backend 'simulated' needs neither"
+            ) from None
         try:
             self._output(nidaqmx)
             self._inputs(nidaqmx)
@@ -77,8 +93,12 @@ class DaqCard:
 
     def _lines(self, nidaqmx):
         """Digital lines of the safety chain, where there are any; the drive is not enabled."""
-        wanted = {"enable": self._options["enable_line"], "e_stop": self._options["e_stop_line"],
-                  "lower": (self._options["limit_lines"] or (None, None))[0], "upper": (self._options["limit_lines"] or (None, None))[1]}
+        wanted = {
+            "enable": self._options["enable_line"],
+            "e_stop": self._options["e_stop_line"],
+            "lower": (self._options["limit_lines"] or (None, None))[0],
+            "upper": (self._options["limit_lines"] or (None, None))[1],
+        }
         for name, line in wanted.items():
             if line is None:
                 continue
@@ -108,7 +128,9 @@ class DaqCard:
 
         counter = self._tasks["counter"] = nidaqmx.Task()
         # four counts per signal period: the card counts edges of both tracks
-        counter.ci_channels.add_ci_lin_encoder_chan(self._options["counter"], decoding_type=EncoderType.X_4, dist_per_pulse=4 * self._count)
+        counter.ci_channels.add_ci_lin_encoder_chan(
+            self._options["counter"], decoding_type=EncoderType.X_4, dist_per_pulse=4 * self._count
+        )
         clocked, source = [counter], self._clock()
         if self._options["current_input"] is not None:
             current = self._tasks["current"] = nidaqmx.Task()
@@ -119,8 +141,12 @@ class DaqCard:
             if source is None:
                 break
             own = task is not counter
-            task.timing.cfg_samp_clk_timing(self._rate, source="" if own else source, sample_mode=AcquisitionType.CONTINUOUS,
-                                            samps_per_chan=samples)
+            task.timing.cfg_samp_clk_timing(
+                self._rate,
+                source="" if own else source,
+                sample_mode=AcquisitionType.CONTINUOUS,
+                samps_per_chan=samples,
+            )
             task.in_stream.overwrite = OverwriteMode.OVERWRITE_UNREAD_SAMPLES
             task.in_stream.relative_to = ReadRelativeTo.MOST_RECENT_SAMPLE
             task.in_stream.offset = -1
@@ -166,7 +192,9 @@ class DaqCard:
             from nidaqmx.system.watchdog import AOExpirationState, WatchdogTask
 
             task = WatchdogTask(self._options["output"].split("/")[0], timeout=seconds)
-            task.cfg_watchdog_ao_expir_states([AOExpirationState(self._options["output"], 0.0, WatchdogAOExpirState.VOLTAGE)])
+            task.cfg_watchdog_ao_expir_states(
+                [AOExpirationState(self._options["output"], 0.0, WatchdogAOExpirState.VOLTAGE)]
+            )
             task.start()
             self._watchdog, self.watchdog_armed = task, True
         except Exception:  # a card without one says so in an error of its own

@@ -1,8 +1,8 @@
 """A client of one axis: three verbs for programs and tests.
 
-    with AxisClient("/axis") as axis:
-        result = axis.move(1e-5)
-        print(result.reached, result.final_error)
+with AxisClient("/axis") as axis:
+    result = axis.move(1e-5)
+    print(result.reached, result.final_error)
 """
 
 import math
@@ -28,8 +28,13 @@ class NoAnswer(RuntimeError):
 def live_axes(node):
     """Namespaces, sorted, of the axes whose move server is known to ``node``'s graph."""
     ending = f"/{topics.MOVE_TO}/_action/send_goal"
-    return sorted({name.removesuffix(ending) or "/" for name, _ in node.get_service_names_and_types()
-                   if name.endswith(ending) and node.count_services(name)})  # a client alone is in the graph too
+    return sorted(
+        {
+            name.removesuffix(ending) or "/"
+            for name, _ in node.get_service_names_and_types()
+            if name.endswith(ending) and node.count_services(name)
+        }
+    )  # a client alone is in the graph too
 
 
 class AxisClient:
@@ -55,7 +60,9 @@ class AxisClient:
         self._action = ActionClient(self.node, MoveTo, self._prefix + topics.MOVE_TO)
         self._statistics = self.node.create_client(Statistics, self._prefix + topics.STATISTICS)
         self._cell = None
-        self._processes = self.node.create_subscription(CellStatus, self._prefix + topics.CELL_STATUS, self._on_cell_status, topics.LATCHED)
+        self._processes = self.node.create_subscription(
+            CellStatus, self._prefix + topics.CELL_STATUS, self._on_cell_status, topics.LATCHED
+        )
         self.wait_for_server(wait)
 
     def __enter__(self):
@@ -78,8 +85,12 @@ class AxisClient:
     def server_lost(self, before):
         """Why a goal that was sent when `server_started` was ``before`` is not answered any more, in words; empty if it is."""
         now = self.server_started
-        if now is None or not before or not before[0] or (
-                now[:2] == before[:2] and now[2] not in (CellStatus.STATE_STOPPED, CellStatus.STATE_ENDED)):
+        if (
+            now is None
+            or not before
+            or not before[0]
+            or (now[:2] == before[:2] and now[2] not in (CellStatus.STATE_STOPPED, CellStatus.STATE_ENDED))
+        ):
             return ""
         how = "is stopped by a signal" if now[2] == CellStatus.STATE_STOPPED else "has ended"
         return f"{self._prefix}{topics.MOVE_TO}: the move server {how}; the move's result is lost, and the axis stops and holds"
@@ -92,7 +103,9 @@ class AxisClient:
             waited, found = time.monotonic() - began, live_axes(self.node)
             here = self._prefix.rstrip("/") or "/"
             if waited > wait or (waited > min(wait, self._sought) and here not in found):
-                others = f"live axes: {', '.join(found)}" if found else "no axis is live; ./microstage cell starts one"
+                others = (
+                    f"live axes: {', '.join(found)}" if found else "no axis is live; ./microstage cell starts one"
+                )
                 raise NoAnswer(f"no axis at {here} ({others})")
         self.statistics()
 
@@ -139,16 +152,26 @@ class AxisClient:
     def reference(self, wait=5.0):
         """Where the set point of the axis stands [m]; its position where no controller state arrives. Raises `NoAnswer`."""
         heard = {}
-        states = self.node.create_subscription(ControllerState, self._prefix + topics.CONTROLLER_STATE,
-                                               lambda state: heard.setdefault("reference", state.reference), 10)
-        joints = self.node.create_subscription(JointState, self._prefix + topics.JOINT_STATES,
-                                               lambda state: heard.setdefault("position", state.position[0]), 10)
+        states = self.node.create_subscription(
+            ControllerState,
+            self._prefix + topics.CONTROLLER_STATE,
+            lambda state: heard.setdefault("reference", state.reference),
+            10,
+        )
+        joints = self.node.create_subscription(
+            JointState,
+            self._prefix + topics.JOINT_STATES,
+            lambda state: heard.setdefault("position", state.position[0]),
+            10,
+        )
         end = time.monotonic() + wait
         try:
             while "reference" not in heard and not ("position" in heard and time.monotonic() > end - 0.8 * wait):
                 rclpy.spin_once(self.node, timeout_sec=0.05)
                 if time.monotonic() > end:
-                    raise NoAnswer(f"{self._prefix}: no state within {wait:.0f} s, so a target relative to it has no meaning")
+                    raise NoAnswer(
+                        f"{self._prefix}: no state within {wait:.0f} s, so a target relative to it has no meaning"
+                    )
         finally:
             for reader in (states, joints):
                 self.node.destroy_subscription(reader)
@@ -156,15 +179,18 @@ class AxisClient:
 
     def statistics(self, reset=False):
         """Rows of `AccuracyRow` of the moves so far."""
+
         def ask():
             return self._statistics.call_async(Statistics.Request(reset=reset))
+
         return self._result(ask(), 20.0, ask).rows
 
     def wait_until_still(self, quiet=0.5, wait=30.0):
         """Until simulated time stands still (`pause_s` of the move server): no state for ``quiet`` [s]."""
         heard = [time.monotonic()]
-        watch = self.node.create_subscription(ControllerState, self._prefix + topics.CONTROLLER_STATE,
-                                              lambda _: heard.append(time.monotonic()), 10)
+        watch = self.node.create_subscription(
+            ControllerState, self._prefix + topics.CONTROLLER_STATE, lambda _: heard.append(time.monotonic()), 10
+        )
         end = time.monotonic() + wait
         while time.monotonic() - heard[-1] < quiet and time.monotonic() < end:
             rclpy.spin_once(self.node, timeout_sec=0.05)

@@ -15,17 +15,46 @@ COUNTS = {"trials": 51, "messages": 2000, "files": 500, "commands": 2000, "cycle
 
 def main(argv=None):
     """Run the command. Returns 0 if every figure is kept, 1 if one falls short."""
-    parser = Parser(prog="microstage faults", description=(
-        "Starts cells of the simulated axis, kills and stops their processes at random while the axis moves, and measures from "
-        "outside: was it noticed, how long after the last valid command the voltage was zero, was every action answered, is "
-        "anything left behind, does every bag open. Then messages and files that are none, commands delayed, reordered, replayed "
-        "and doubled, a full disk, the clock set back, a second owner. Fails if a figure falls short."))
-    parser.add_argument("--trials", type=int, metavar="N", help="kills, stops and full disks (default 51: each process, mode and fault once)")
-    parser.add_argument("--messages", type=int, metavar="N", help="malformed messages from a stranger to a running cell (default 2000)")
-    parser.add_argument("--files", type=int, metavar="N", help="files of all kinds truncated, bit-flipped, with bad values (default 500)")
+    parser = Parser(
+        prog="microstage faults",
+        description=(
+            "Starts cells of the simulated axis, kills and stops their processes at random while the axis moves, and measures from "
+            "outside: was it noticed, how long after the last valid command the voltage was zero, was every action answered, is "
+            "anything left behind, does every bag open. Then messages and files that are none, commands delayed, reordered, replayed "
+            "and doubled, a full disk, the clock set back, a second owner. Fails if a figure falls short."
+        ),
+    )
+    parser.add_argument(
+        "--trials",
+        type=int,
+        metavar="N",
+        help="kills, stops and full disks (default 51: each process, mode and fault once)",
+    )
+    parser.add_argument(
+        "--messages",
+        type=int,
+        metavar="N",
+        help="malformed messages from a stranger to a running cell (default 2000)",
+    )
+    parser.add_argument(
+        "--files",
+        type=int,
+        metavar="N",
+        help="files of all kinds truncated, bit-flipped, with bad values (default 500)",
+    )
     parser.add_argument("--commands", type=int, metavar="N", help="periods with disturbed commands (default 2000)")
-    parser.add_argument("--healthy", type=float, metavar="SECONDS", help="instead of faults: healthy running so long, with what every process holds")
-    parser.add_argument("--cycles", type=int, metavar="N", help="instead of faults: so many cycles of the compiled loop without ROS, its memory and latency")
+    parser.add_argument(
+        "--healthy",
+        type=float,
+        metavar="SECONDS",
+        help="instead of faults: healthy running so long, with what every process holds",
+    )
+    parser.add_argument(
+        "--cycles",
+        type=int,
+        metavar="N",
+        help="instead of faults: so many cycles of the compiled loop without ROS, its memory and latency",
+    )
     parser.add_argument("--mode", choices=MODES, help="only this one (default: all; of --healthy paced_1kHz)")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of everything random (default 1)")
     parser.add_argument("--verbose", action="store_true", help="a line of JSON per trial on standard error")
@@ -73,6 +102,7 @@ def _teller(arguments, bar):
         bar.advance("process" in facts)
         if arguments.verbose:
             print(json.dumps(facts), file=sys.stderr, flush=True)
+
     return tell
 
 
@@ -100,8 +130,13 @@ def _files(arguments):
 
     with progress("damaging files", len(SHARE)) as bar:
         found = damage_files(arguments.files, arguments.seed, lambda kind, facts: bar.advance())
-    total = {name: sum(facts.get(name, 0) for facts in found.values()) for name in ("files", "refused", "bad_values", "bad_values_accepted")}
-    return {**total, **found}, [f"{kind}: {facts['fell_short']}" for kind, facts in found.items() if facts["fell_short"]]
+    total = {
+        name: sum(facts.get(name, 0) for facts in found.values())
+        for name in ("files", "refused", "bad_values", "bad_values_accepted")
+    }
+    return {**total, **found}, [
+        f"{kind}: {facts['fell_short']}" for kind, facts in found.items() if facts["fell_short"]
+    ]
 
 
 def _commands(arguments):
@@ -109,7 +144,9 @@ def _commands(arguments):
     from microstage_ros.ros.benchmarks.surroundings import surround
 
     disturbed, around = disturb(arguments.commands, arguments.seed), surround(arguments.mode or "lockstep")
-    return {"disturbed": disturbed, "surroundings": around}, [facts["fell_short"] for facts in (disturbed, around) if facts["fell_short"]]
+    return {"disturbed": disturbed, "surroundings": around}, [
+        facts["fell_short"] for facts in (disturbed, around) if facts["fell_short"]
+    ]
 
 
 def _healthy(arguments):
@@ -131,5 +168,12 @@ def _cycles(arguments):
         return _one(run_cycles(arguments.cycles, arguments.seed, lambda share: bar.reach(round(100 * share))))
 
 
-PARTS = {"trials": _trials, "messages": _messages, "files": _files, "commands": _commands, "healthy": _healthy, "cycles": _cycles}
+PARTS = {
+    "trials": _trials,
+    "messages": _messages,
+    "files": _files,
+    "commands": _commands,
+    "healthy": _healthy,
+    "cycles": _cycles,
+}
 """Option to what does it: (arguments) to facts and what falls short."""

@@ -62,7 +62,14 @@ def run_cycles(count, seed, tell=lambda share: None):
     law = make_controller(axis.controller.get("type", "self_tuning"), axis).arrays
     travel = axis.value("travel.minimum") - MARGIN, axis.value("travel.maximum") + MARGIN
     limits, memory = new_limits(axis, travel, {})
-    fixed = axis.value("period"), actuator_of(axis).command_limit(axis), tuple(hardware.own_arrays), tuple(law), limits, memory
+    fixed = (
+        axis.value("period"),
+        actuator_of(axis).command_limit(axis),
+        tuple(hardware.own_arrays),
+        tuple(law),
+        limits,
+        memory,
+    )
     run(10, 0, *fixed)  # compiled now
     part, rows, times, done, code = max(count // PARTS, 1), [], [], 10, 0
     while done < count and not code:
@@ -75,8 +82,20 @@ def run_cycles(count, seed, tell=lambda share: None):
     fifth = max(len(rows) // 5, 1)
     grown = (np.median(rows[-fifth:], axis=0) - np.median(rows[:fifth], axis=0)).astype(int).tolist()
     early, late = float(np.median(times[:fifth])), float(np.median(times[-fifth:]))
-    short = [text for text, bad in ((f"a limit was breached: {in_words(code, limits, memory) if code else ''}", code),
-                                    (f"grew by {dict(zip(HELD, grown))}", grown[0] > MOST_GROWTH or grown[1] > 0 or grown[2] > 0),
-                                    (f"a cycle takes {late / early:.2f} times as long", late > SLOWER * early)) if bad]
-    return {"cycles": done, "seconds": round(sum(times) * part, 1), "cycle_first_fifth_s": early, "cycle_last_fifth_s": late,
-            "growth": dict(zip(HELD, grown)), "fell_short": "; ".join(short)}
+    short = [
+        text
+        for text, bad in (
+            (f"a limit was breached: {in_words(code, limits, memory) if code else ''}", code),
+            (f"grew by {dict(zip(HELD, grown))}", grown[0] > MOST_GROWTH or grown[1] > 0 or grown[2] > 0),
+            (f"a cycle takes {late / early:.2f} times as long", late > SLOWER * early),
+        )
+        if bad
+    ]
+    return {
+        "cycles": done,
+        "seconds": round(sum(times) * part, 1),
+        "cycle_first_fifth_s": early,
+        "cycle_last_fifth_s": late,
+        "growth": dict(zip(HELD, grown)),
+        "fell_short": "; ".join(short),
+    }

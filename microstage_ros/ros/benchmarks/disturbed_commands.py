@@ -40,7 +40,9 @@ class Commander:
         node.create_subscription(AxisState, topics.STATE, self._answer, 1000)
 
     def _send(self, sequence, voltage, publisher=None):
-        (publisher or self.publisher).publish(VoltageCommand(sequence=sequence, voltage=voltage, sender=VoltageCommand.SENDER_MANUAL))
+        (publisher or self.publisher).publish(
+            VoltageCommand(sequence=sequence, voltage=voltage, sender=VoltageCommand.SENDER_MANUAL)
+        )
 
     def _answer(self, state):
         volts = round(state.applied_voltage, 6)
@@ -81,8 +83,15 @@ def disturb(count, seed):
             load_axis(config_file("axis.yaml")).with_values({"period": PERIOD}, source="estimate").save(axis)
             commander = Commander(node, stranger, seed)
             node.create_subscription(ServoTiming, topics.TIMING, told.append, 10)
-            parameters = {"axis_driver": {"mode": "paced", "axis_file": axis, "expected_subscribers": 1, "followers": [""],
-                                          "command_timeout_s": 5.0}}
+            parameters = {
+                "axis_driver": {
+                    "mode": "paced",
+                    "axis_file": axis,
+                    "expected_subscribers": 1,
+                    "followers": [""],
+                    "command_timeout_s": 5.0,
+                }
+            }
             with CellProcesses(NAMESPACE, ("axis_driver",), parameters, logs=folder) as cell:
                 cell.activate(node)
                 end = time.monotonic() + 20.0 + 5.0 * count * PERIOD
@@ -99,10 +108,24 @@ def disturb(count, seed):
 
 def _facts(commander, timing, count):
     wrong = sum(number for volts, number in commander.applied.items() if volts not in (0.0, GOOD))
-    facts = {"periods_answered": sum(commander.counts.values()), "sent_by_way": commander.counts, "applied_V": {
-        str(volts): number for volts, number in commander.applied.items()}, "wrongly_obeyed": wrong, **{
-        name: getattr(timing, name) for name in ("answered", "late", "lost", "duplicated", "reordered", "foreign")}, "faults": sorted(commander.faults)}
-    short = [text for text, bad in (
-        (f"{wrong} periods with a voltage that nobody may apply", wrong), (f"faults {sorted(commander.faults)}", commander.faults),
-        ("not all were sent", facts["periods_answered"] < count), ("none was counted", not (timing.duplicated and timing.reordered and timing.foreign))) if bad]
+    facts = {
+        "periods_answered": sum(commander.counts.values()),
+        "sent_by_way": commander.counts,
+        "applied_V": {str(volts): number for volts, number in commander.applied.items()},
+        "wrongly_obeyed": wrong,
+        **{
+            name: getattr(timing, name) for name in ("answered", "late", "lost", "duplicated", "reordered", "foreign")
+        },
+        "faults": sorted(commander.faults),
+    }
+    short = [
+        text
+        for text, bad in (
+            (f"{wrong} periods with a voltage that nobody may apply", wrong),
+            (f"faults {sorted(commander.faults)}", commander.faults),
+            ("not all were sent", facts["periods_answered"] < count),
+            ("none was counted", not (timing.duplicated and timing.reordered and timing.foreign)),
+        )
+        if bad
+    ]
     return facts | {"fell_short": "; ".join(short)}

@@ -91,8 +91,11 @@ class FaultCell:
         began, began_ns = time.monotonic(), time.monotonic_ns()
         self._do(pid, what)
         still = (name, what) in STILL
-        answered = self._await(lambda: result.done() or self._client.server_lost(lost_before), ANSWER_S + 0.5,
-                               stop=lambda: not still and name != "move_server")  # a dead server's client has to notice
+        answered = self._await(
+            lambda: result.done() or self._client.server_lost(lost_before),
+            ANSWER_S + 0.5,
+            stop=lambda: not still and name != "move_server",
+        )  # a dead server's client has to notice
         facts["answered_s"] = round(answered, 4) if answered is not None else None
         if still:
             facts |= self._stood_still(began_ns)
@@ -119,7 +122,11 @@ class FaultCell:
         if not self._paced:  # simulated time stands still: no period is driven without its command
             return {"zero_after_s": None, "kept_away_s": 0.0, "stays": True}
         after = self._view.zero_after(2.0)
-        kept = self._witness.kept_away(min(self._view.commanded_ns, began_ns), max(self._view.zero_ns, began_ns)) if after else 0.0
+        kept = (
+            self._witness.kept_away(min(self._view.commanded_ns, began_ns), max(self._view.zero_ns, began_ns))
+            if after
+            else 0.0
+        )
         end, stays = time.monotonic() + 0.15, after is not None
         while time.monotonic() < end and stays:
             stays = self._view.volts == 0.0
@@ -179,7 +186,12 @@ class FaultCell:
         begun = []
         for _ in range(3):  # a move server that has just begun may refuse: the driver is not heard yet
             begun.clear()
-            sent, result = self._client.send(MoveTo.Goal(target=self._direction * FARTHEST, max_velocity=1e-3, timeout=60.0), begun.append), None
+            sent, result = (
+                self._client.send(
+                    MoveTo.Goal(target=self._direction * FARTHEST, max_velocity=1e-3, timeout=60.0), begun.append
+                ),
+                None,
+            )
             self._await(sent.done, 10.0)
             if sent.done():
                 result = sent.result().get_result_async()
@@ -187,7 +199,9 @@ class FaultCell:
                 if begun and not result.done():
                     return result
             self._pass_time(0.2)
-        raise NoAnswer("no move begins" + (f": {result.result().result.message}" if result is not None and result.done() else ""))
+        raise NoAnswer(
+            "no move begins" + (f": {result.result().result.message}" if result is not None and result.done() else "")
+        )
 
     # --- waiting, as the process that started the cell does ------------------------------------------------------
 
@@ -245,8 +259,17 @@ class FaultCell:
             self._operator.close()
             self._client.close()
         self._node.destroy_node()
-        return {"mode": self.mode, "stop_s": round(took, 3), "orphans": len(orphans), **self._bags(), "tracebacks": [
-            path.name for path in (self._folder / "logs").glob("*.log") if "Traceback" in path.read_text(encoding="utf-8", errors="replace")]}
+        return {
+            "mode": self.mode,
+            "stop_s": round(took, 3),
+            "orphans": len(orphans),
+            **self._bags(),
+            "tracebacks": [
+                path.name
+                for path in (self._folder / "logs").glob("*.log")
+                if "Traceback" in path.read_text(encoding="utf-8", errors="replace")
+            ],
+        }
 
     def _bag_folders(self):
         return sorted(self._folder.glob("bag*"), key=lambda path: path.stat().st_mtime)
@@ -266,9 +289,17 @@ class FaultCell:
                 found.setdefault("says", []).append(" ".join(str(error).split())[:200])
                 continue
             if folder in self._killed_recorders and self._paced:
-                last = max((time_ns for _, time_ns, _ in bag.raw_messages(
-                    [f"{NAMESPACE}/state"], start=round((self._killed_recorders[folder] - 1.0) * 1e9))), default=0)
-                found["last_state_age_s"].append(round(self._killed_recorders[folder] - last * 1e-9, 4))
+                last = max(
+                    (
+                        time_ns
+                        for _, time_ns, _ in bag.raw_messages(
+                            [f"{NAMESPACE}/state"], start=round((self._killed_recorders[folder] - 1.0) * 1e9)
+                        )
+                    ),
+                    default=None,
+                )
+                if last is not None:  # else it was killed before its first state
+                    found["last_state_age_s"].append(round(self._killed_recorders[folder] - last * 1e-9, 4))
         return found
 
 
@@ -290,7 +321,10 @@ def children(pid, word):
 def alive(pid):
     """True while a process is there."""
     try:
-        return Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace").rsplit(")", 1)[1].split()[0] not in "ZX"
+        return (
+            Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace").rsplit(")", 1)[1].split()[0]
+            not in "ZX"
+        )
     except OSError:
         return False
 

@@ -85,8 +85,14 @@ def campaign(trials, seed, tell=lambda facts: None, modes=tuple(PERIODS)):
 
 def _close(cell, folder, ends, tell):
     facts = cell.close()
-    facts["logs"] = {} if not facts["tracebacks"] else {
-        name: (Path(folder) / "logs" / name).read_text(encoding="utf-8", errors="replace")[-2000:] for name in facts["tracebacks"]}
+    facts["logs"] = (
+        {}
+        if not facts["tracebacks"]
+        else {
+            name: (Path(folder) / "logs" / name).read_text(encoding="utf-8", errors="replace")[-2000:]
+            for name in facts["tracebacks"]
+        }
+    )
     ends.append(facts)
     tell(facts)
     shutil.rmtree(folder, ignore_errors=True)
@@ -115,28 +121,56 @@ def judged(done, ends):
     moving = [facts for facts in run if not facts.get("stays", False) and "went_on" in facts]
     ages = sorted(age for facts in ends for age in facts["last_state_age_s"])
     figures = {
-        "injected": len(run), "not_run": len(done) - len(run), "cells": len(ends),
+        "injected": len(run),
+        "not_run": len(done) - len(run),
+        "cells": len(ends),
         "noticed": sum(facts["noticed"] for facts in run),
-        "had_to_stand_still": sum("stays" in facts for facts in run), "stood_still": sum(facts.get("stays", False) for facts in run),
-        "had_to_go_on": len(moving), "went_on": sum(facts["went_on"] for facts in moving),
-        "had_to_be_repaired": sum("repaired" in facts for facts in run), "repaired": sum(facts.get("repaired", False) for facts in run),
-        "time_to_zero_measured": len(times), "time_to_zero_median_s": _median(times), "time_to_zero_worst_s": _worst(times),
-        "time_to_zero_worst_without_the_host_s": _worst(own), "later_than_bound": len(late), "of_these_while_the_host_stopped": len(by_host),
-        "actions_to_be_answered": len(answering), "answered_within_1s": sum(answer <= ANSWER_S for answer in answers),
-        "answer_median_s": _median(answers), "answer_worst_s": _worst(answers),
-        "orphans": sum(facts["orphans"] for facts in ends), "stop_median_s": _median(sorted(facts["stop_s"] for facts in ends)),
+        "had_to_stand_still": sum("stays" in facts for facts in run),
+        "stood_still": sum(facts.get("stays", False) for facts in run),
+        "had_to_go_on": len(moving),
+        "went_on": sum(facts["went_on"] for facts in moving),
+        "had_to_be_repaired": sum("repaired" in facts for facts in run),
+        "repaired": sum(facts.get("repaired", False) for facts in run),
+        "time_to_zero_measured": len(times),
+        "time_to_zero_median_s": _median(times),
+        "time_to_zero_worst_s": _worst(times),
+        "time_to_zero_worst_without_the_host_s": _worst(own),
+        "later_than_bound": len(late),
+        "of_these_while_the_host_stopped": len(by_host),
+        "actions_to_be_answered": len(answering),
+        "answered_within_1s": sum(answer <= ANSWER_S for answer in answers),
+        "answer_median_s": _median(answers),
+        "answer_worst_s": _worst(answers),
+        "orphans": sum(facts["orphans"] for facts in ends),
+        "stop_median_s": _median(sorted(facts["stop_s"] for facts in ends)),
         "stop_worst_s": _worst([facts["stop_s"] for facts in ends]),
-        **{name: sum(facts[name] for facts in ends) for name in ("bags_whole", "bags_recovered", "bags_unreadable", "messages")},
-        "last_state_age_worst_s": _worst(ages), "recorders_killed": len(ages), "tracebacks": sum(len(facts["tracebacks"]) for facts in ends)}
-    short = [f"{figures[wanted] - figures[found]} of {figures[wanted]}: not {found.replace('_', ' ')}" for wanted, found in (
-        ("injected", "noticed"), ("had_to_stand_still", "stood_still"), ("had_to_go_on", "went_on"), ("had_to_be_repaired", "repaired"),
-        ("actions_to_be_answered", "answered_within_1s")) if figures[found] < figures[wanted]]
+        **{
+            name: sum(facts[name] for facts in ends)
+            for name in ("bags_whole", "bags_recovered", "bags_unreadable", "messages")
+        },
+        "last_state_age_worst_s": _worst(ages),
+        "recorders_killed": len(ages),
+        "tracebacks": sum(len(facts["tracebacks"]) for facts in ends),
+    }
+    short = [
+        f"{figures[wanted] - figures[found]} of {figures[wanted]}: not {found.replace('_', ' ')}"
+        for wanted, found in (
+            ("injected", "noticed"),
+            ("had_to_stand_still", "stood_still"),
+            ("had_to_go_on", "went_on"),
+            ("had_to_be_repaired", "repaired"),
+            ("actions_to_be_answered", "answered_within_1s"),
+        )
+        if figures[found] < figures[wanted]
+    ]
     if len(late) > len(by_host):
         short.append(f"{len(late) - len(by_host)} later than {BOUND_S * 1e3:g} ms at zero volts")
     for name, bound in (("stop_worst_s", STOP_S), ("last_state_age_worst_s", LAST_STATE_S)):
         if (figures[name] or 0.0) > bound:
             short.append(f"{name} {figures[name]:.3g}, at most {bound:g}")
-    short += [f"{figures[name]} {name}" for name in ("orphans", "bags_unreadable", "not_run", "tracebacks") if figures[name]]
+    short += [
+        f"{figures[name]} {name}" for name in ("orphans", "bags_unreadable", "not_run", "tracebacks") if figures[name]
+    ]
     return figures, short
 
 

@@ -41,7 +41,11 @@ HELD = ("memory_bytes", "files", "threads")
 def held(pid):
     """What a process holds: bytes of memory that are its own, open files, threads."""
     shared = Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()
-    return ((int(shared[1]) - int(shared[2])) * PAGE, len(os.listdir(f"/proc/{pid}/fd")), len(os.listdir(f"/proc/{pid}/task")))
+    return (
+        (int(shared[1]) - int(shared[2])) * PAGE,
+        len(os.listdir(f"/proc/{pid}/fd")),
+        len(os.listdir(f"/proc/{pid}/task")),
+    )
 
 
 def growth(rows):
@@ -99,8 +103,11 @@ class Healthy:
             began = time.monotonic()
             self._go_through(node, client, supervisor, pids, began)
             seconds = time.monotonic() - began
-            noisy = [path.name for path in (folder / "logs").glob("*.log")
-                     if "Traceback" in path.read_text(encoding="utf-8", errors="replace")]
+            noisy = [
+                path.name
+                for path in (folder / "logs").glob("*.log")
+                if "Traceback" in path.read_text(encoding="utf-8", errors="replace")
+            ]
         return self._facts(seconds, noisy)
 
     def _go_through(self, node, client, supervisor, pids, began):
@@ -117,11 +124,19 @@ class Healthy:
                 looked = now
                 for name, pid in pids.items():
                     self._looks.setdefault(name, []).append((now - began, *held(pid)))
-                self._tell({"seconds": round(now - began), "periods": self._periods, "moves": dict(self._codes), "faults": self._faults})
+                self._tell(
+                    {
+                        "seconds": round(now - began),
+                        "periods": self._periods,
+                        "moves": dict(self._codes),
+                        "faults": self._faults,
+                    }
+                )
             if now - moved > MOVE_EVERY_S and self._move is None:
                 moved = now
-                self._move = client._action.send_goal_async(MoveTo.Goal(
-                    target=self._chance.uniform(-FARTHEST, FARTHEST), tolerance=1e-6, timeout=20.0))
+                self._move = client._action.send_goal_async(
+                    MoveTo.Goal(target=self._chance.uniform(-FARTHEST, FARTHEST), tolerance=1e-6, timeout=20.0)
+                )
             self._follow_move()
 
     def _follow_move(self):
@@ -141,19 +156,53 @@ class Healthy:
 
     def _facts(self, seconds, noisy):
         first, last = self._timing or (ServoTiming(), ServoTiming())
-        counted = {name: getattr(last, name) - getattr(first, name) for name in (
-            "answered", "late", "lost", "overruns", "zeroed", "taken_away", "host_stops", "host_stopped", "foreign", "malformed")}
+        counted = {
+            name: getattr(last, name) - getattr(first, name)
+            for name in (
+                "answered",
+                "late",
+                "lost",
+                "overruns",
+                "zeroed",
+                "taken_away",
+                "host_stops",
+                "host_stopped",
+                "foreign",
+                "malformed",
+            )
+        }
         grown = {}
         for name, rows in self._looks.items():
             table = np.array(rows)
-            grown[name] = growth(table[table[:, 0] >= min(SETTLED * seconds, WARM_S), 1:]) | {"memory_at_the_end": int(table[-1, 1])}
+            grown[name] = growth(table[table[:, 0] >= min(SETTLED * seconds, WARM_S), 1:]) | {
+                "memory_at_the_end": int(table[-1, 1])
+            }
         worst = {what: max((facts[what] for facts in grown.values()), default=0) for what in HELD}
-        short = [text for text, bad in (
-            (f"tripped: {self._faults[0] if self._faults else ''}", self._faults), (self._ended, self._ended),
-            (f"a traceback of {', '.join(noisy)}", noisy), (f"memory grew by {worst['memory_bytes']} bytes", worst["memory_bytes"] > MOST_GROWTH),
-            (f"{worst['files']} files, {worst['threads']} threads more", worst["files"] > 0 or worst["threads"] > 0)) if bad]
-        return {"mode": self._mode, "seconds": round(seconds, 1), "periods": self._periods, "trips": len(self._faults), **counted,
-                "response_median_s": last.response_median, "response_p9999_s": last.response_p9999,
-                "response_maximum_s": last.response_maximum,
-                "moves_by_code": {str(code): count for code, count in sorted(self._codes.items())}, "growth": grown, "worst_growth": worst,
-                "fell_short": "; ".join(short)}
+        short = [
+            text
+            for text, bad in (
+                (f"tripped: {self._faults[0] if self._faults else ''}", self._faults),
+                (self._ended, self._ended),
+                (f"a traceback of {', '.join(noisy)}", noisy),
+                (f"memory grew by {worst['memory_bytes']} bytes", worst["memory_bytes"] > MOST_GROWTH),
+                (
+                    f"{worst['files']} files, {worst['threads']} threads more",
+                    worst["files"] > 0 or worst["threads"] > 0,
+                ),
+            )
+            if bad
+        ]
+        return {
+            "mode": self._mode,
+            "seconds": round(seconds, 1),
+            "periods": self._periods,
+            "trips": len(self._faults),
+            **counted,
+            "response_median_s": last.response_median,
+            "response_p9999_s": last.response_p9999,
+            "response_maximum_s": last.response_maximum,
+            "moves_by_code": {str(code): count for code, count in sorted(self._codes.items())},
+            "growth": grown,
+            "worst_growth": worst,
+            "fell_short": "; ".join(short),
+        }

@@ -43,8 +43,21 @@ program:
 """
 LOG = "time: {column: t, unit: s}\nposition: {column: x, unit: mm}\ncurrent: {column: i, unit: A}\n"
 PARAMETERS = "/**:\n  ros__parameters:\n    window: 100\n    idle_window: 1000\n    driver_timeout_s: 5.0\n    max_velocity: 0.004\n"
-BAD_VALUES = (".nan", ".inf", "-.inf", "1e999", "heavy", "[1, 2]", "{}", "12:30:45", "2020-13-45", "!!python/object:x {}", "&a [*a]",
-              "9" * 5000, "[" * 3000)
+BAD_VALUES = (
+    ".nan",
+    ".inf",
+    "-.inf",
+    "1e999",
+    "heavy",
+    "[1, 2]",
+    "{}",
+    "12:30:45",
+    "2020-13-45",
+    "!!python/object:x {}",
+    "&a [*a]",
+    "9" * 5000,
+    "[" * 3000,
+)
 """In the place of a number: never a number."""
 
 WRONG_SHARE = 0.4
@@ -53,11 +66,15 @@ BAD_CELLS = ("inf", "abc", "1,2", "1e999", "\0", "--1", "0x10")
 
 
 def _csv_text(rows=400):
-    return "t_s,encoder_m,reference_m,voltage_V\n" + "".join(f"{k * 1e-4:.4f},{1e-9 * k:.3e},0,0.5\n" for k in range(rows))
+    return "t_s,encoder_m,reference_m,voltage_V\n" + "".join(
+        f"{k * 1e-4:.4f},{1e-9 * k:.3e},0,0.5\n" for k in range(rows)
+    )
 
 
 def _table_text(rows=400):
-    return "t,x,i\n" + "".join(f"{0.01 * k:.3f},{np.sin(0.01 * k):.6f},{0.3 * np.cos(0.01 * k):.6f}\n" for k in range(rows))
+    return "t,x,i\n" + "".join(
+        f"{0.01 * k:.3f},{np.sin(0.01 * k):.6f},{0.3 * np.cos(0.01 * k):.6f}\n" for k in range(rows)
+    )
 
 
 def _read_log(path):
@@ -69,7 +86,10 @@ def _read_log(path):
 def _read_axis(path):
     """With the controllers that are in it: their gains are looked at when they are made."""
     axis = load_axis(path)
-    for law in {axis.controller.get("type", "self_tuning"), *(name for name, gains in axis.controller.items() if isinstance(gains, dict))}:
+    for law in {
+        axis.controller.get("type", "self_tuning"),
+        *(name for name, gains in axis.controller.items() if isinstance(gains, dict)),
+    }:
         make_controller(law, axis)
 
 
@@ -78,7 +98,9 @@ def _read_parameters(path):
     context = Context()
     try:
         started(["--ros-args", "--params-file", str(path)], context)
-        node = rclpy.create_node("move_server", namespace="/files", context=context, start_parameter_services=False, enable_rosout=False)
+        node = rclpy.create_node(
+            "move_server", namespace="/files", context=context, start_parameter_services=False, enable_rosout=False
+        )
         try:
             Parameters(node, "move_server")
         finally:
@@ -117,7 +139,15 @@ def damage_files(count, seed, tell=lambda kind, facts: None):
 def damage_texts(kind, count, seed):
     """Damage a text file ``count`` times and read it; the facts as plain data."""
     chance, (ending, text, read) = random.Random(f"{kind} {seed}"), KINDS[kind]
-    facts = {"files": count, "read": 0, "refused": 0, "bad_values": 0, "bad_values_accepted": 0, "longest_s": 0.0, "fell_short": ""}
+    facts = {
+        "files": count,
+        "read": 0,
+        "refused": 0,
+        "bad_values": 0,
+        "bad_values_accepted": 0,
+        "longest_s": 0.0,
+        "fell_short": "",
+    }
     whole = text().encode()
     with tempfile.TemporaryDirectory(prefix="microstage_files_") as folder:
         path = Path(folder) / f"bad{ending}"
@@ -134,13 +164,17 @@ def damage_texts(kind, count, seed):
                 facts["read"] += 1
                 if wrong and kind not in TOLERANT:
                     facts["bad_values_accepted"] += 1
-                    facts["fell_short"] = facts["fell_short"] or f"file {k} of seed {seed} was accepted: {_difference(whole, raw)}"
+                    facts["fell_short"] = (
+                        facts["fell_short"] or f"file {k} of seed {seed} was accepted: {_difference(whole, raw)}"
+                    )
             except InputError as error:
                 facts["refused"] += 1
                 if "\n" in str(error):
                     facts["fell_short"] = f"file {k} of seed {seed}: more than a line"
             except Exception as error:  # noqa: BLE001 - exactly this must not happen
-                facts["fell_short"] = f"file {k} of seed {seed}: {type(error).__name__}: {error}: {_difference(whole, raw)}"[:400]
+                facts["fell_short"] = (
+                    f"file {k} of seed {seed}: {type(error).__name__}: {error}: {_difference(whole, raw)}"[:400]
+                )
             _note_time(facts, began)
     return _judged(facts)
 
@@ -159,7 +193,7 @@ def _judged(facts):
 
 def _difference(whole, raw):
     first = next((k for k, (a, b) in enumerate(zip(whole, raw)) if a != b), min(len(whole), len(raw)))
-    return repr(raw[max(first - 30, 0):first + 50])[:200]
+    return repr(raw[max(first - 30, 0) : first + 50])[:200]
 
 
 def _with_bad_value(whole, chance, ending):
@@ -172,17 +206,23 @@ def _with_bad_value(whole, chance, ending):
         cells[chance.randrange(len(cells))] = chance.choice(BAD_CELLS)
         lines[number] = ",".join(cells)
         return "\n".join(lines).encode()
-    places = [match for match in re.finditer(r"(?<=[:] )-?\d[\d.]*(?:[eE][-+]?\d+)?(?=[,}\n])", text) if not _in_comment(text, match.start())]
+    places = [
+        match
+        for match in re.finditer(r"(?<=[:] )-?\d[\d.]*(?:[eE][-+]?\d+)?(?=[,}\n])", text)
+        if not _in_comment(text, match.start())
+    ]
     if not places:  # a file without numbers: one of its words
         places = list(re.finditer(r"(?<=unit: )\w+", text))
         at = chance.choice(places)
-        return (text[:at.start()] + chance.choice(("furlong", ".nan", "[1, 2]", "{}", "~")) + text[at.end():]).encode()
+        return (
+            text[: at.start()] + chance.choice(("furlong", ".nan", "[1, 2]", "{}", "~")) + text[at.end() :]
+        ).encode()
     at = chance.choice(places)
-    return (text[:at.start()] + chance.choice(BAD_VALUES) + text[at.end():]).encode()
+    return (text[: at.start()] + chance.choice(BAD_VALUES) + text[at.end() :]).encode()
 
 
 def _in_comment(text, place):
-    line = text[text.rfind("\n", 0, place) + 1:place]
+    line = text[text.rfind("\n", 0, place) + 1 : place]
     return "#" in line or "stderr" in line.rsplit(",", 1)[-1] or "'" in line or '"' in line
 
 
@@ -190,10 +230,10 @@ def _damaged(whole, chance):
     raw = bytearray(whole)
     kind = chance.randrange(4)
     if kind == 0:
-        return bytes(raw[:chance.randrange(len(raw))])
+        return bytes(raw[: chance.randrange(len(raw))])
     if kind == 1:  # a stretch twice, or somewhere else
         first = chance.randrange(len(raw))
-        part = raw[first:first + chance.randrange(200)]
+        part = raw[first : first + chance.randrange(200)]
         place = chance.randrange(len(raw))
         return bytes(raw[:place] + part + raw[place:])
     for _ in range(chance.choice((1, 1, 8, 64))):
@@ -204,7 +244,15 @@ def _damaged(whole, chance):
 def damage_bags(count, seed):
     """Damage a bag ``count`` times, read and recover each; the facts as plain data."""
     chance = random.Random(seed)
-    facts = {"files": count, "read": 0, "refused": 0, "recovered": 0, "messages_kept": 0, "longest_s": 0.0, "fell_short": ""}
+    facts = {
+        "files": count,
+        "read": 0,
+        "refused": 0,
+        "recovered": 0,
+        "messages_kept": 0,
+        "longest_s": 0.0,
+        "fell_short": "",
+    }
     with tempfile.TemporaryDirectory(prefix="microstage_files_") as folder:
         good = Path(folder) / "good.mcap"
         _good_bag(good)
@@ -230,8 +278,10 @@ def _good_bag(path):
     with BagWriter(path) as bag:
         channel = bag.add_channel("/axis/command", installed_definition("microstage_msgs/msg/VoltageCommand"))
         for first in range(0, MESSAGES, 500):
-            part = rows[first:first + 500]
-            bag.write_block(channel, np.arange(first, first + len(part)) * 1_000_000, part.view(np.uint8).reshape(len(part), -1))
+            part = rows[first : first + 500]
+            bag.write_block(
+                channel, np.arange(first, first + len(part)) * 1_000_000, part.view(np.uint8).reshape(len(part), -1)
+            )
             bag.flush()
 
 

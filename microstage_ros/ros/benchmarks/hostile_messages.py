@@ -3,13 +3,25 @@
 import random
 import struct
 
-from microstage_msgs.msg import AxisState, ControllerState, Credit, InterferometerReading, MessageBlock, VoltageCommand
+from microstage_msgs.msg import (
+    AxisState,
+    ControllerState,
+    Credit,
+    InterferometerReading,
+    MessageBlock,
+    VoltageCommand,
+)
 
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.codec import ENCAPSULATION
 
-KINDS = {topics.STATE: AxisState, topics.COMMAND: VoltageCommand, topics.CONTROLLER_STATE: ControllerState,
-         topics.INTERFEROMETER: InterferometerReading, topics.CREDIT: Credit}
+KINDS = {
+    topics.STATE: AxisState,
+    topics.COMMAND: VoltageCommand,
+    topics.CONTROLLER_STATE: ControllerState,
+    topics.INTERFEROMETER: InterferometerReading,
+    topics.CREDIT: Credit,
+}
 BLOCKED = (topics.STATE, topics.COMMAND, topics.CONTROLLER_STATE, topics.INTERFEROMETER, topics.SIMULATION)
 NODES = ("axis_driver", "str_controller", "gms_observer", "move_server")
 NUMBERS = (0, 1, 2**31, 2**62, 2**63, 2**63 + 5, 2**64 - 1)
@@ -37,16 +49,20 @@ class Stranger:
         try:
             if choice == 0:
                 publisher = chance.choice([*self._single.values(), *self._blocks.values()])
-                publisher.publish(ENCAPSULATION[:chance.randrange(5)] + chance.randbytes(chance.randrange(120)))
+                publisher.publish(ENCAPSULATION[: chance.randrange(5)] + chance.randbytes(chance.randrange(120)))
             elif choice == 1:
                 length = chance.randrange(200)
                 raw = chance.randbytes(length)
-                head = struct.pack("<4sQII", ENCAPSULATION, chance.choice(NUMBERS), chance.choice((0, 7, length, 2**32 - 1)), length)
+                head = struct.pack(
+                    "<4sQII", ENCAPSULATION, chance.choice(NUMBERS), chance.choice((0, 7, length, 2**32 - 1)), length
+                )
                 chance.choice(list(self._blocks.values())).publish(head + raw)
             elif choice == 2:
                 self._number(chance)
             else:
-                self._single[topics.CREDIT].publish(Credit(follower=chance.choice((*NODES, "x", "")), until=chance.choice(NUMBERS)))
+                self._single[topics.CREDIT].publish(
+                    Credit(follower=chance.choice((*NODES, "x", "")), until=chance.choice(NUMBERS))
+                )
         except Exception:  # noqa: BLE001 - rclpy's own error has no public class
             self.refused += 1
         self.sent += 1

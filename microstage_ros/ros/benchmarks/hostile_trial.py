@@ -5,6 +5,7 @@ import time
 from pathlib import Path
 
 import rclpy
+from microstage_msgs.msg import ServoTiming
 from rclpy.context import Context
 from rclpy.signals import SignalHandlerOptions
 
@@ -12,6 +13,7 @@ from microstage_ros.ros.benchmarks.hostile_messages import flood
 from microstage_ros.ros.benchmarks.trial_cell import NAMESPACE
 from microstage_ros.ros.client import AxisClient
 from microstage_ros.ros.launching.cell_processes import NODES, CellProcesses
+from microstage_ros.ros.transport import topics
 
 WITHOUT_RECORDER = tuple(name for name in NODES if name != "bag_recorder")
 
@@ -22,9 +24,13 @@ def flood_a_cell(count, seed):
         node = rclpy.create_node("cell_starter", namespace=NAMESPACE)
         stranger_node = rclpy.create_node("stranger", namespace=NAMESPACE, context=another_context())
         try:
-            with CellProcesses(NAMESPACE, WITHOUT_RECORDER, {"axis_driver": {"rate_limit": 1.0}}, logs=folder) as cell:
+            with CellProcesses(
+                NAMESPACE, WITHOUT_RECORDER, {"axis_driver": {"rate_limit": 1.0}}, logs=folder
+            ) as cell:
                 cell.activate(node)
                 client = AxisClient(NAMESPACE, node, wait=60.0)
+                told = []
+                node.create_subscription(ServoTiming, topics.TIMING, told.append, 10)
                 before = client.move(1e-5, timeout=20.0).reached
                 began = time.monotonic()
                 stranger = flood(stranger_node, count, seed, lambda: rclpy.spin_once(node, timeout_sec=0.0))
@@ -32,14 +38,37 @@ def flood_a_cell(count, seed):
                 ended = [name for name, process in cell.processes.items() if process.poll() is not None]
                 last = None if ended else client.move(-1e-5, timeout=20.0)
                 after = last is not None and last.reached
-            said = [path.name for path in Path(folder).glob("*.log") if "Traceback" in path.read_text(encoding="utf-8", errors="replace")]
+                end = time.monotonic() + 1.5
+                while time.monotonic() < end:
+                    rclpy.spin_once(node, timeout_sec=0.05)
+            said = [
+                path.name
+                for path in Path(folder).glob("*.log")
+                if "Traceback" in path.read_text(encoding="utf-8", errors="replace")
+            ]
         finally:
             stranger_node.destroy_node()
             node.destroy_node()
-    short = [text for text, bad in ((f"ended: {', '.join(ended)}", ended), ("no move before", not before),
-                                    (f"no move after ({last.message if last else chr(45)})", not after), (f"traceback of {', '.join(said)}", said)) if bad]
-    return {"sent": stranger.sent, "refused_by_the_middleware": stranger.refused, "seconds": round(took, 2),
-            "moved_before": bool(before), "moved_after": bool(after), "fell_short": "; ".join(short)}
+    short = [
+        text
+        for text, bad in (
+            (f"ended: {', '.join(ended)}", ended),
+            ("no move before", not before),
+            (f"no move after ({last.message if last else chr(45)})", not after),
+            (f"traceback of {', '.join(said)}", said),
+        )
+        if bad
+    ]
+    heard = {name: getattr(told[-1], name) if told else None for name in ("foreign", "malformed")}
+    return {
+        "sent": stranger.sent,
+        "refused_by_the_driver": heard,
+        "refused_by_the_middleware": stranger.refused,
+        "seconds": round(took, 2),
+        "moved_before": bool(before),
+        "moved_after": bool(after),
+        "fell_short": "; ".join(short),
+    }
 
 
 def another_context():

@@ -62,11 +62,20 @@ def bench_paced(seconds):
 
 def bare_machine(when):
     """The bounds of `ros.benchmarks.bare_machine`."""
-    done = subprocess.run([sys.executable, "-m", "microstage_ros.ros.benchmarks.bare_machine", str(SHORT)], check=True,
-                          stdout=subprocess.PIPE)
+    done = subprocess.run(
+        [sys.executable, "-m", "microstage_ros.ros.benchmarks.bare_machine", str(SHORT)],
+        check=True,
+        stdout=subprocess.PIPE,
+    )
     found = json.loads(done.stdout)
-    return [row(f"no ROS, 50 µs of work, {when}: {words}", found[key], unit) for key, words, unit in (
-        ("rate", "periods", "1/s"), ("in_time", "done within the period", "1"), ("within_two", "done within two", "1"))]
+    return [
+        row(f"no ROS, 50 µs of work, {when}: {words}", found[key], unit)
+        for key, words, unit in (
+            ("rate", "periods", "1/s"),
+            ("in_time", "done within the period", "1"),
+            ("within_two", "done within two", "1"),
+        )
+    ]
 
 
 def row(name, value, unit, note="", **peer):
@@ -77,10 +86,14 @@ def row(name, value, unit, note="", **peer):
 def start(node, nodes):
     """Wall clock from starting the processes to the first command."""
     heard = []
-    watch = node.create_subscription(VoltageCommand, f"/bench/{topics.COMMAND}", lambda _: heard.append(time.monotonic()), 10)
+    watch = node.create_subscription(
+        VoltageCommand, f"/bench/{topics.COMMAND}", lambda _: heard.append(time.monotonic()), 10
+    )
     with tempfile.TemporaryDirectory() as folder:
         began = time.monotonic()
-        with CellProcesses("/bench", nodes, {"bag_recorder": {"directory": f"{folder}/bag"}}, Path(folder) / "logs") as cell:
+        with CellProcesses(
+            "/bench", nodes, {"bag_recorder": {"directory": f"{folder}/bag"}}, Path(folder) / "logs"
+        ) as cell:
             cell.activate(node)
             _spin(node, lambda: heard)
             cell.deactivate(node)
@@ -101,8 +114,12 @@ def lockstep(node, nodes, seconds, moving=False):
             parameters["move_server"] = {"idle_window": MOVING_WINDOW}
         first, last, wall, shares = _observed(node, nodes, parameters, seconds, Path(folder))
     rate = (last.periods - first.periods) / wall
-    return [row(f"{name}: times real time", rate * 1e-4, "1"), row(f"{name}: periods", rate, "1/s"),
-            *_responses(name, last), *_shares(name, shares)]
+    return [
+        row(f"{name}: times real time", rate * 1e-4, "1"),
+        row(f"{name}: periods", rate, "1/s"),
+        *_responses(name, last),
+        *_shares(name, shares),
+    ]
 
 
 def paced(node, nodes, seconds, period):
@@ -112,24 +129,41 @@ def paced(node, nodes, seconds, period):
         axis = load_axis(config_file("axis.yaml")).with_values({"period": period}, source="estimate")
         axis.save(f"{folder}/axis.yaml")
         file = {"axis_file": f"{folder}/axis.yaml"}
-        parameters = {"axis_driver": {"mode": "paced", "command_timeout_s": 10.0, **file},
-                      "str_controller": file, "gms_observer": file,
-                      "bag_recorder": {"directory": f"{folder}/bag", "log_time": "arrival"}}
+        parameters = {
+            "axis_driver": {"mode": "paced", "command_timeout_s": 10.0, **file},
+            "str_controller": file,
+            "gms_observer": file,
+            "bag_recorder": {"directory": f"{folder}/bag", "log_time": "arrival"},
+        }
         first, last, wall, shares = _observed(node, nodes, parameters, seconds, Path(folder))
         recorded = yaml.safe_load((Path(folder) / "bag" / "metadata.yaml").read_text(encoding="utf-8"))
     periods = last.periods - first.periods
     missing = recorded["rosbag2_bagfile_information"]["custom_data"]["missing_messages"]
-    return [row(f"{name}: periods", periods / wall, "1/s"),
-            row(f"{name}: answered within the period", (last.answered - first.answered) / periods, "1"),
-            row(f"{name}: answered within two periods", _within(first, last, 2 * period), "1", note="by the histogram's bins"),
-            row(f"{name}: overruns", last.overruns - first.overruns, "1", note=f"of {periods} periods"),
-            row(f"{name}: messages missing in the bag", sum(yaml.safe_load(missing).values()), "1"),
-            *_responses(name, last), *_shares(name, shares)]
+    return [
+        row(f"{name}: periods", periods / wall, "1/s"),
+        row(f"{name}: answered within the period", (last.answered - first.answered) / periods, "1"),
+        row(
+            f"{name}: answered within two periods",
+            _within(first, last, 2 * period),
+            "1",
+            note="by the histogram's bins",
+        ),
+        row(f"{name}: overruns", last.overruns - first.overruns, "1", note=f"of {periods} periods"),
+        row(f"{name}: messages missing in the bag", sum(yaml.safe_load(missing).values()), "1"),
+        *_responses(name, last),
+        *_shares(name, shares),
+    ]
 
 
 def _responses(name, timing):
-    return [row(f"{name}: response, {words}", value, "s") for words, value in (
-        ("median", timing.response_median), ("99 %", timing.response_p99), ("99.99 %", timing.response_p9999))]
+    return [
+        row(f"{name}: response, {words}", value, "s")
+        for words, value in (
+            ("median", timing.response_median),
+            ("99 %", timing.response_p99),
+            ("99.99 %", timing.response_p9999),
+        )
+    ]
 
 
 def _within(first, last, longest):
@@ -141,15 +175,23 @@ def _within(first, last, longest):
 
 def _shares(name, shares):
     """One row for each process: cores, and of them the loop, the threads that bring it messages, all others."""
-    return [row(f"{name}: {process}", sum(parts), "cores", note="loop {:.2f}, messages {:.2f}, other threads {:.2f}".format(*parts))
-            for process, parts in shares.items()]
+    return [
+        row(
+            f"{name}: {process}",
+            sum(parts),
+            "cores",
+            note="loop {:.2f}, messages {:.2f}, other threads {:.2f}".format(*parts),
+        )
+        for process, parts in shares.items()
+    ]
 
 
 def _observed(node, nodes, parameters, seconds, folder):
     """First and last timing message over ``seconds``, the wall clock between, and the cores each process took."""
     heard = []
-    watch = node.create_subscription(ServoTiming, f"/bench/{topics.TIMING}",
-                                     lambda m: heard.append((time.monotonic(), m)), 10)
+    watch = node.create_subscription(
+        ServoTiming, f"/bench/{topics.TIMING}", lambda m: heard.append((time.monotonic(), m)), 10
+    )
     with CellProcesses("/bench", nodes, parameters, folder / "logs") as cell:
         cell.activate(node)
         _spin(node, lambda: len(heard) > 1 and heard[-1][1].periods > 1)
@@ -186,9 +228,14 @@ def round_trips(node):
     """State there, command back, between two processes and nothing else; the peer is rclpy's own executor."""
     ours, theirs = _round_trip_times(node, "waitset"), _round_trip_times(node, "executor")
     peer = "SingleThreadedExecutor"
-    return [row(f"round trip of a state and its command: {words}", of(ours), unit, peer=peer, peer_value=of(theirs))
-            for words, of, unit in (("rate", lambda t: 1.0 / t.mean(), "1/s"), ("median", np.median, "s"),
-                                    ("99 %", lambda t: np.quantile(t, 0.99), "s"))]
+    return [
+        row(f"round trip of a state and its command: {words}", of(ours), unit, peer=peer, peer_value=of(theirs))
+        for words, of, unit in (
+            ("rate", lambda t: 1.0 / t.mean(), "1/s"),
+            ("median", np.median, "s"),
+            ("99 %", lambda t: np.quantile(t, 0.99), "s"),
+        )
+    ]
 
 
 def _round_trip_times(node, way):

@@ -66,8 +66,11 @@ def surround(mode="paced_1kHz"):
                 facts["moved_after"] = bool(client.move(1e-5, timeout=20.0, tolerance=1e-6).reached)
                 cell.check()
             facts["messages"] = sum(1 for _ in Bag(Path(folder) / "bag").raw_messages([f"{NAMESPACE}/state"]))
-            facts["tracebacks"] = [path.name for path in (Path(folder) / "logs").glob("*.log")
-                                   if "Traceback" in path.read_text(encoding="utf-8", errors="replace")]
+            facts["tracebacks"] = [
+                path.name
+                for path in (Path(folder) / "logs").glob("*.log")
+                if "Traceback" in path.read_text(encoding="utf-8", errors="replace")
+            ]
         finally:
             node.destroy_node()
     facts["faults"] = [status.message for status in statuses if status.fault]
@@ -81,8 +84,13 @@ def surround(mode="paced_1kHz"):
 def _second_owner(short):
     """A second start on the same namespace; what it says."""
     began = time.monotonic()
-    done = subprocess.run([sys.executable, "-m", "microstage_ros.commands", "cell", "--namespace", NAMESPACE], capture_output=True,
-                          text=True, timeout=120, check=False)
+    done = subprocess.run(
+        [sys.executable, "-m", "microstage_ros.commands", "cell", "--namespace", NAMESPACE],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
     says = (done.stderr.strip().splitlines() or [""])[-1]
     if done.returncode != 2 or f"process {os.getpid()}" not in says or "Traceback" in done.stderr:
         short.append(f"a second owner was not refused: {says}")

@@ -23,7 +23,18 @@ def cell_parameters(mode, folder, rate_limit=1.0, seed=1, **recorder):
     axis, lockstep = Path(folder) / "axis.yaml", mode == "lockstep"
     load_axis(config_file("axis.yaml")).with_values({"period": PERIODS[mode]}, source="estimate").save(axis)
     file = {"axis_file": str(axis)}
-    return {"axis_driver": {"mode": "lockstep" if lockstep else "paced", "rate_limit": rate_limit if lockstep else 0.0, "seed": seed,
-                            **file},
-            "str_controller": file, "gms_observer": file,
-            "bag_recorder": {"directory": str(Path(folder) / "bag"), "log_time": "stamp" if lockstep else "arrival", **recorder}}
+    return {
+        "axis_driver": {
+            "mode": "lockstep" if lockstep else "paced",
+            "rate_limit": rate_limit if lockstep else 0.0,
+            "seed": seed,
+            **file,
+        },
+        "str_controller": file,
+        "gms_observer": file,
+        "bag_recorder": {
+            "directory": str(Path(folder) / "bag"),
+            "log_time": "stamp" if lockstep else "arrival",
+            **recorder,
+        },
+    }

@@ -52,8 +52,11 @@ class Witness:
         for processor in sorted(os.sched_getaffinity(0)):
             descriptor = os.memfd_create("microstage_witness", 0)
             os.ftruncate(descriptor, BYTES)
-            process = subprocess.Popen([sys.executable, "-S", "-E", __file__, str(descriptor), str(processor)],
-                                       pass_fds=[descriptor], stdin=subprocess.DEVNULL)
+            process = subprocess.Popen(
+                [sys.executable, "-S", "-E", __file__, str(descriptor), str(processor)],
+                pass_fds=[descriptor],
+                stdin=subprocess.DEVNULL,
+            )
             self._all.append((process, mmap.mmap(descriptor, BYTES, prot=mmap.PROT_READ)))
             os.close(descriptor)
 

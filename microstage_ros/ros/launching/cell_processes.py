@@ -1,7 +1,7 @@
 """Starting and stopping the processes of one axis, where no ROS launch system is: one process per node.
 
-    with CellProcesses(namespace="/axis", parameters={"axis_driver": {"seed": 1}}) as cell:
-        cell.activate(node)          # an rclpy node of the caller that nobody spins, for the driver's lifecycle
+with CellProcesses(namespace="/axis", parameters={"axis_driver": {"seed": 1}}) as cell:
+    cell.activate(node)          # an rclpy node of the caller that nobody spins, for the driver's lifecycle
 """
 
 import os
@@ -69,8 +69,12 @@ def places(nodes, mode):
     rest = ",".join(map(str, allowed[:-1]))
     hot = {"cpus": str(allowed[-1]), "scheduling": "batch" if mode == "lockstep" else "real_time"}
     lower = {"str_controller": {"real_time_priority": CONTROLLER_PRIORITY}}  # the driver keeps time although it hangs
-    return {name: {**hot, **lower.get(name, {})} if name in PAIR else {"cpus": rest, **({"nice": 10} if name in PATIENT else {})}
-            for name in nodes}
+    return {
+        name: {**hot, **lower.get(name, {})}
+        if name in PAIR
+        else {"cpus": rest, **({"nice": 10} if name in PATIENT else {})}
+        for name in nodes
+    }
 
 
 def started_parameters(nodes, given):
@@ -124,7 +128,9 @@ class CellProcesses:
         self._folder = tempfile.TemporaryDirectory(prefix="microstage_")
         if self._logs:
             self._logs.mkdir(parents=True, exist_ok=True)
-        self._forked = ForkedNodes([self._node(name) for name in self.nodes], self._log("fork_server"), self._folder.name)
+        self._forked = ForkedNodes(
+            [self._node(name) for name in self.nodes], self._log("fork_server"), self._folder.name
+        )
         self.processes = dict(self._forked.processes)
 
     def _log(self, name):
@@ -132,7 +138,9 @@ class CellProcesses:
 
     def _node(self, name):
         """What the fork server must know of a node."""
-        arguments = ["--ros-args", "-r", f"__ns:={self.namespace}"] + (["-r", f"__node:={self._beside}_{name}"] if self._beside else [])
+        arguments = ["--ros-args", "-r", f"__ns:={self.namespace}"] + (
+            ["-r", f"__node:={self._beside}_{name}"] if self._beside else []
+        )
         if os.environ.get("ROS_SECURITY_ENABLE") == "true":
             arguments += ["--enclave", f"{self.namespace}/{name}"]
         if self._parameters[name]:
@@ -172,7 +180,9 @@ class CellProcesses:
         if not Path(log).exists():  # the server failed before it began any node
             log = self._log("fork_server")
         lines = Path(log).read_text(encoding="utf-8", errors="replace").strip().splitlines()
-        lines = [line for line in lines if not line.startswith(" ")]  # of a warning or a traceback the line that says what it is
+        lines = [
+            line for line in lines if not line.startswith(" ")
+        ]  # of a warning or a traceback the line that says what it is
         return f": {lines[-1]}" if lines else ""
 
     def activate(self, node):
@@ -214,7 +224,11 @@ class CellProcesses:
                     if seen.done() and not refused:  # it answers, and has not done it
                         asked.append(change.call_async(request))
                     patience = min(2.0 * patience, LONGEST_PATIENCE)
-                    seen, again, looked_after = look.call_async(GetState.Request()), time.monotonic() + patience, refused
+                    seen, again, looked_after = (
+                        look.call_async(GetState.Request()),
+                        time.monotonic() + patience,
+                        refused,
+                    )
         finally:
             node.destroy_client(change)
             node.destroy_client(look)

@@ -194,8 +194,13 @@ def why_not_forked(tracing):
 
 def _load_message_types():
     """Load what every child would load for the types of messages that it knows."""
-    kinds = {value for module in list(sys.modules.values()) if getattr(module, "__name__", "").startswith((PACKAGE, "rclpy."))
-             for value in list(vars(module).values()) if hasattr(type(value), "__import_type_support__")}
+    kinds = {
+        value
+        for module in list(sys.modules.values())
+        if getattr(module, "__name__", "").startswith((PACKAGE, "rclpy."))
+        for value in list(vars(module).values())
+        if hasattr(type(value), "__import_type_support__")
+    }
     for kind in kinds:
         type(kind).__import_type_support__()
 
@@ -222,8 +227,13 @@ def _become(node, module):
 def _start_alone(node):
     """A process of its own from the start. Returns its number."""
     log = open(node["log"], "wb") if node["log"] else None
-    process = subprocess.Popen([sys.executable, "-m", f"{PACKAGE}.{node['name']}", *node["arguments"]],
-                               stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True)
+    process = subprocess.Popen(
+        [sys.executable, "-m", f"{PACKAGE}.{node['name']}", *node["arguments"]],
+        stdin=subprocess.DEVNULL,
+        stdout=log,
+        stderr=log,
+        start_new_session=True,
+    )
     process.returncode = 0  # we wait for all children alike
     return process.pid
 

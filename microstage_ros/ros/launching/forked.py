@@ -42,7 +42,9 @@ def own_memory(folder):
         return {}
     number = secrets.randbelow(65_000) + 1
     path = Path(folder) / "fastdds.xml"
-    path.write_text(text.replace(SHARED, f"{SHARED}<domain_ids><domainId>{number}</domainId></domain_ids>"), encoding="utf-8")
+    path.write_text(
+        text.replace(SHARED, f"{SHARED}<domain_ids><domainId>{number}</domainId></domain_ids>"), encoding="utf-8"
+    )
     return dict.fromkeys(PROFILES, str(path))
 
 
@@ -63,8 +65,14 @@ class ForkedNodes:
         self._link, other = socket.socketpair()
         output = open(log, "wb") if log else None
         self._server = subprocess.Popen(
-            [sys.executable, "-m", "microstage_ros.ros.launching.fork_server", str(other.fileno())], pass_fds=[other.fileno()],
-            stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True, env={**os.environ, **ENVIRONMENT, **own_memory(folder)})
+            [sys.executable, "-m", "microstage_ros.ros.launching.fork_server", str(other.fileno())],
+            pass_fds=[other.fileno()],
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=output,
+            start_new_session=True,
+            env={**os.environ, **ENVIRONMENT, **own_memory(folder)},
+        )
         other.close()
         if output:
             output.close()
@@ -175,7 +183,9 @@ class NodeProcess:
     @property
     def has_ended(self):
         """True once it is gone, whether or not the server has told its status."""
-        return self.returncode is not None or (self._handle is not None and bool(select.select([self._handle], [], [], 0.0)[0]))
+        return self.returncode is not None or (
+            self._handle is not None and bool(select.select([self._handle], [], [], 0.0)[0])
+        )
 
     def forget(self):
         """Let go of it."""

@@ -21,8 +21,15 @@ from microstage_ros.quantities.errors import InputError
 
 DAYS = 3650
 ALL_NODES = {"publish": ["/rosout", "/parameter_events"], "subscribe": ["/parameter_events", "/clock"]}
-PARAMETER_SERVICES = ("describe_parameters", "get_parameter_types", "get_parameters", "list_parameters", "set_parameters",
-                      "set_parameters_atomically", "get_type_description")
+PARAMETER_SERVICES = (
+    "describe_parameters",
+    "get_parameter_types",
+    "get_parameters",
+    "list_parameters",
+    "set_parameters",
+    "set_parameters_atomically",
+    "get_type_description",
+)
 KINDS = ("publish", "subscribe", "serve", "call", "act", "ask")
 ACTION_SERVICES, ACTION_TOPICS = ("send_goal", "cancel_goal", "get_result"), ("feedback", "status")
 GRAPH = "ros_discovery_info"
@@ -98,16 +105,32 @@ def permissions(namespace, node, rules, domain):
 
 def governance(domain):
     """The governance document: nobody without a certificate, everything signed and encrypted, every topic under control."""
+
     def element(name, text, depth):
         return f"{'  ' * depth}<{name}>{text}</{name}>\n"
 
-    domain_rules = "".join(element(name, text, 3) for name, text in (
-        ("allow_unauthenticated_participants", "false"), ("enable_join_access_control", "true"), ("discovery_protection_kind", "ENCRYPT"),
-        ("liveliness_protection_kind", "ENCRYPT"), ("rtps_protection_kind", "SIGN")))
-    topic_rules = "".join(element(name, text, 5) for name, text in (
-        ("topic_expression", "*"), ("enable_discovery_protection", "true"), ("enable_liveliness_protection", "true"),
-        ("enable_read_access_control", "true"), ("enable_write_access_control", "true"), ("metadata_protection_kind", "ENCRYPT"),
-        ("data_protection_kind", "ENCRYPT")))
+    domain_rules = "".join(
+        element(name, text, 3)
+        for name, text in (
+            ("allow_unauthenticated_participants", "false"),
+            ("enable_join_access_control", "true"),
+            ("discovery_protection_kind", "ENCRYPT"),
+            ("liveliness_protection_kind", "ENCRYPT"),
+            ("rtps_protection_kind", "SIGN"),
+        )
+    )
+    topic_rules = "".join(
+        element(name, text, 5)
+        for name, text in (
+            ("topic_expression", "*"),
+            ("enable_discovery_protection", "true"),
+            ("enable_liveliness_protection", "true"),
+            ("enable_read_access_control", "true"),
+            ("enable_write_access_control", "true"),
+            ("metadata_protection_kind", "ENCRYPT"),
+            ("data_protection_kind", "ENCRYPT"),
+        )
+    )
     return f"""<?xml version="1.0" encoding="UTF-8"?>
 <dds xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"
      xsi:noNamespaceSchemaLocation="http://www.omg.org/spec/DDS-SECURITY/20170901/omg_shared_ca_governance.xsd">
@@ -134,7 +157,9 @@ class Keystore:
 
     def __init__(self, folder, namespace, domain):
         self.folder, self._namespace, self._domain = Path(folder), namespace, domain
-        self._public, self._private, self._enclaves = (self.folder / name for name in ("public", "private", "enclaves"))
+        self._public, self._private, self._enclaves = (
+            self.folder / name for name in ("public", "private", "enclaves")
+        )
 
     def make(self):
         """Make what is missing; the names of the enclaves. An authority that is there already goes on signing.
@@ -151,8 +176,22 @@ class Keystore:
         key, certificate = self._private / "ca.key.pem", self._public / "ca.cert.pem"
         if not key.exists():
             _key(key)
-            _openssl("req", "-x509", "-new", "-key", key, "-sha256", "-days", str(DAYS), "-subj", "/CN=microstage authority",
-                     "-addext", "keyUsage=critical,keyCertSign,cRLSign,digitalSignature", "-out", certificate)
+            _openssl(
+                "req",
+                "-x509",
+                "-new",
+                "-key",
+                key,
+                "-sha256",
+                "-days",
+                str(DAYS),
+                "-subj",
+                "/CN=microstage authority",
+                "-addext",
+                "keyUsage=critical,keyCertSign,cRLSign,digitalSignature",
+                "-out",
+                certificate,
+            )
         for kind in ("identity_ca", "permissions_ca"):
             _link(self._private / f"{kind}.key.pem", key)
             _link(self._public / f"{kind}.cert.pem", certificate)
@@ -171,8 +210,24 @@ class Keystore:
             _key(folder / "key.pem")
             escaped = name.replace("/", "\\/")
             _openssl("req", "-new", "-key", folder / "key.pem", "-sha256", "-subj", f"/CN={escaped}", "-out", request)
-            _openssl("x509", "-req", "-in", request, "-CA", self._public / "ca.cert.pem", "-CAkey", self._private / "ca.key.pem",
-                     "-CAcreateserial", "-CAserial", self._private / "ca.serial", "-days", str(DAYS), "-sha256", "-out", folder / "cert.pem")
+            _openssl(
+                "x509",
+                "-req",
+                "-in",
+                request,
+                "-CA",
+                self._public / "ca.cert.pem",
+                "-CAkey",
+                self._private / "ca.key.pem",
+                "-CAcreateserial",
+                "-CAserial",
+                self._private / "ca.serial",
+                "-days",
+                str(DAYS),
+                "-sha256",
+                "-out",
+                folder / "cert.pem",
+            )
             request.unlink()
         self._sign(permissions(self._namespace, node, rules, self._domain), folder / "permissions")
         return name
@@ -181,8 +236,19 @@ class Keystore:
         """A document and its signed form, clear text with a detached signature (S/MIME)."""
         document = path.with_suffix(".xml")
         document.write_text(text, encoding="utf-8")
-        _openssl("smime", "-sign", "-text", "-in", document, "-out", path.with_suffix(".p7s"), "-signer", self._public / "ca.cert.pem",
-                 "-inkey", self._private / "ca.key.pem")
+        _openssl(
+            "smime",
+            "-sign",
+            "-text",
+            "-in",
+            document,
+            "-out",
+            path.with_suffix(".p7s"),
+            "-signer",
+            self._public / "ca.cert.pem",
+            "-inkey",
+            self._private / "ca.key.pem",
+        )
 
 
 def _key(path):
@@ -196,6 +262,8 @@ def _link(path, target):
 
 
 def _openssl(*words):
-    done = subprocess.run(["openssl", *map(str, words)], capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL)
+    done = subprocess.run(
+        ["openssl", *map(str, words)], capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL
+    )
     if done.returncode:
         raise InputError(f"openssl {words[0]}", " ".join(done.stderr.split())[-300:], "openssl 1.1.1 or later")

@@ -84,8 +84,11 @@ def started(arguments, context=None):
         rclpy.init(args=arguments, context=context, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # noqa: BLE001 - rclpy's own classes are private
         says = " ".join(str(error).split())
-        raise InputError("ROS arguments", says[:300] or type(error).__name__,
-                         "names, remappings and a parameter file that ROS 2 understands") from None
+        raise InputError(
+            "ROS arguments",
+            says[:300] or type(error).__name__,
+            "names, remappings and a parameter file that ROS 2 understands",
+        ) from None
 
 
 def run_node(make, arguments=None, threads=1):

@@ -28,7 +28,14 @@ def _began(pid):
 
 def remember(node):
     """Write down which shared memory is this process's; the file, None if that cannot be told here."""
-    topic = next((publisher.topic_name for publisher in node.publishers if publisher.topic_name.startswith(node.get_namespace())), None)
+    topic = next(
+        (
+            publisher.topic_name
+            for publisher in node.publishers
+            if publisher.topic_name.startswith(node.get_namespace())
+        ),
+        None,
+    )
     end = time.monotonic() + WAIT_S
     while topic is not None and PLACE.is_dir() and time.monotonic() < end:
         for info in node.get_publishers_info_by_topic(topic):

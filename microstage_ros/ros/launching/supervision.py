@@ -69,7 +69,9 @@ class Supervisor:
         ends = [time.monotonic(), *(at for at in self._restarts[name] if time.monotonic() - at < WITHIN_S)]
         self._restarts[name] = ends
         if len(ends) > MOST_RESTARTS:
-            raise CellFailure(f"{name} ended {len(ends)} times in {WITHIN_S:.0f} s, the last time {how}{self._cell.last_words(name)}")
+            raise CellFailure(
+                f"{name} ended {len(ends)} times in {WITHIN_S:.0f} s, the last time {how}{self._cell.last_words(name)}"
+            )
         self._tell(f"{name} ended {how}; started again")
         self._cell.restart(name)
         return f"{name} ended {how} and is started again"
@@ -84,8 +86,14 @@ class Supervisor:
         """Say how everything is, when it has changed."""
         kind, processes = self._message, self._cell.processes
         all_gone = self._cell.server_status is not None
-        states = [kind.STATE_ENDED if all_gone or process.returncode is not None else kind.STATE_STOPPED if process.stopped
-                  else kind.STATE_RUNNING for process in processes.values()]
+        states = [
+            kind.STATE_ENDED
+            if all_gone or process.returncode is not None
+            else kind.STATE_STOPPED
+            if process.stopped
+            else kind.STATE_RUNNING
+            for process in processes.values()
+        ]
         numbers = [process.told_pid or 0 for process in processes.values()]
         found = (tuple(processes), tuple(states), tuple(numbers), missing)
         if found == self._told:
@@ -94,10 +102,19 @@ class Supervisor:
         stamp, since = kind().stamp, kind().since
         stamp.sec, stamp.nanosec = divmod(time.time_ns(), 1_000_000_000)
         since.sec, since.nanosec = divmod(self._since, 1_000_000_000)
-        self._publisher.publish(kind(
-            stamp=stamp, since=since, host=socket.gethostname(), process=os.getpid(), names=list(processes), states=states,
-            processes=numbers,
-            restarts=[len(self._restarts.get(name, ())) for name in processes], message=missing))
+        self._publisher.publish(
+            kind(
+                stamp=stamp,
+                since=since,
+                host=socket.gethostname(),
+                process=os.getpid(),
+                names=list(processes),
+                states=states,
+                processes=numbers,
+                restarts=[len(self._restarts.get(name, ())) for name in processes],
+                message=missing,
+            )
+        )
 
 
 def _how(status):

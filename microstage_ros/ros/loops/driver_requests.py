@@ -31,9 +31,14 @@ class DriverRequests:
         """Offer the services."""
         group = ReentrantCallbackGroup()
         self._since = time.time_ns()
-        for kind, name, answer in ((Trigger, topics.STOP, self._serve_stop), (Trigger, topics.RESET_FAULT, self._serve_reset),
-                                   (Trigger, topics.RESET, self._serve_reset), (Trip, topics.TRIP, self._serve_trip),
-                                   (GetStatus, topics.STATUS, self._serve_status), (TakeOver, topics.TAKE_OVER, self._serve_take_over)):
+        for kind, name, answer in (
+            (Trigger, topics.STOP, self._serve_stop),
+            (Trigger, topics.RESET_FAULT, self._serve_reset),
+            (Trigger, topics.RESET, self._serve_reset),
+            (Trip, topics.TRIP, self._serve_trip),
+            (GetStatus, topics.STATUS, self._serve_status),
+            (TakeOver, topics.TAKE_OVER, self._serve_take_over),
+        ):
             self.create_service(kind, name, answer, callback_group=group)
         self._answer_bad_transitions()
 
@@ -48,7 +53,9 @@ class DriverRequests:
             try:
                 return answer(request, response)
             except Exception as error:  # noqa: BLE001 - rclpy's own class of error is private
-                self.get_logger().error(f"lifecycle transition {request.transition.label or request.transition.id} refused: {error}")
+                self.get_logger().error(
+                    f"lifecycle transition {request.transition.label or request.transition.id} refused: {error}"
+                )
                 response.success = False
                 return response
 
@@ -68,13 +75,19 @@ class DriverRequests:
     def _serve_stop(self, request, response):
         first = self.stop_now() or self.gate.fault == "stopped"
         response.success = True
-        response.message = "the voltage is zero" + ("" if first else f"; fault {self.gate.fault} was latched before") + "; reset lets the axis go on"
+        response.message = (
+            "the voltage is zero"
+            + ("" if first else f"; fault {self.gate.fault} was latched before")
+            + "; reset lets the axis go on"
+        )
         return response
 
     def _serve_trip(self, request, response):
         name = FAULTS[request.fault] if 0 < request.fault < len(FAULTS) else ""
         response.success = bool(name) and self._requests.ask(lambda: self._trip(name, request.message[:500]))
-        response.message = "" if response.success else f"fault {self.gate.fault} was latched before" if name else "no such fault"
+        response.message = (
+            "" if response.success else f"fault {self.gate.fault} was latched before" if name else "no such fault"
+        )
         return response
 
     def _serve_reset(self, request, response):
@@ -102,8 +115,10 @@ class DriverRequests:
         wanted = [numbers for numbers, name in found.items() if name == request.node and numbers != ANYBODY]
         moving = abs(float(self.memory["velocity"][0])) > MOVING_M_S or self._pushes()
         if self.gate.active and self.gate.fault == "none" and moving:
-            response.message = (f"refused: the axis moves ({float(self.memory['velocity'][0]):.3g} m/s) or is commanded "
-                                f"({self.gate.voltage:.3g} {self.gate.unit}); stop it first")
+            response.message = (
+                f"refused: the axis moves ({float(self.memory['velocity'][0]):.3g} m/s) or is commanded "
+                f"({self.gate.voltage:.3g} {self.gate.unit}); stop it first"
+            )
         elif len(wanted) != 1:
             response.message = f"node: got {request.node!r}, expected one of {', '.join(sorted(found.values())) or 'nobody publishes'}"
         else:
@@ -117,14 +132,19 @@ class DriverRequests:
 
     def _serve_status(self, request, response):
         gate, quick = self.gate, self._quick
-        response.driver = self.topics.status_message(self._time_ns, max(self.sequence, quick.sequence if quick else 0), gate,
-                                                     self.hardware.simulated)
+        response.driver = self.topics.status_message(
+            self._time_ns, max(self.sequence, quick.sequence if quick else 0), gate, self.hardware.simulated
+        )
         response.position = float(self.memory["position"][0])
         response.voltage = float(self.guard.volts[0])
         response.lifecycle = self._state_machine.current_state[1]
-        response.summary = (f"fault {gate.fault}: {gate.message}; the voltage is zero" if gate.fault != "none" else
-                            f"active, commanded by {self.holder.name or 'nobody'}" if gate.active else
-                            f"{response.lifecycle}, the voltage is zero")
+        response.summary = (
+            f"fault {gate.fault}: {gate.message}; the voltage is zero"
+            if gate.fault != "none"
+            else f"active, commanded by {self.holder.name or 'nobody'}"
+            if gate.active
+            else f"{response.lifecycle}, the voltage is zero"
+        )
         return response
 
     def _watch_the_watchdog(self):

@@ -93,7 +93,10 @@ class HealthMonitor(Node):
         """Add states to the window; one that is interrupted or not active begins anew."""
         sequence = states["sequence"].astype(np.int64)
         before = np.concatenate(
-            ([self._pending[-1]["sequence"][-1].astype(np.int64) if self._pending else sequence[0] - 1], sequence[:-1])
+            (
+                [self._pending[-1]["sequence"][-1].astype(np.int64) if self._pending else sequence[0] - 1],
+                sequence[:-1],
+            )
         )
         active = (states["status"] & AxisState.STATUS_ACTIVE) > 0
         if not (active.all() and (sequence == before + 1).all()):
@@ -163,7 +166,11 @@ class HealthMonitor(Node):
         )
         message.header.stamp = Time(sec=stamp // 10**9, nanosec=stamp % 10**9)
         message.state = (
-            Health.STATE_LEARNING if not names else Health.STATE_ALARM if any(message.alarm) else Health.STATE_WATCHING
+            Health.STATE_LEARNING
+            if not names
+            else Health.STATE_ALARM
+            if any(message.alarm)
+            else Health.STATE_WATCHING
         )
         self._health.publish(message)
 
@@ -229,9 +236,7 @@ class HealthMonitor(Node):
                 break
             self._tell(goal, "moving", min(spent / request.duration, 1.0))
             if not self._one_move(target, velocity, limits):
-                return (
-                    f"{made} moves; ended: the command reached {self._largest:.3g} V, more than {limits.voltage:.3g} V"
-                )
+                return f"{made} moves; ended: the command reached {self._largest:.3g} V, more than {limits.voltage:.3g} V"
             made += 1
         return f"{made} moves between {limits.low:g} m and {limits.high:g} m, largest command {self._largest:.3g} V"
 

@@ -39,26 +39,47 @@ class InterferometerLogger(Node):
         self._outlet = Outlet(self, servo, InterferometerReading, topics.INTERFEROMETER)
         if p.instrument == "topic":
             if p.air == "instrument" and not p.air_compensated:
-                raise InputError("interferometer_logger: parameter air", p.air, "topics, or air_compensated: true, since readings that come "
-                                                                                "by topic bring no air with them")
+                raise InputError(
+                    "interferometer_logger: parameter air",
+                    p.air,
+                    "topics, or air_compensated: true, since readings that come by topic bring no air with them",
+                )
             self.loop = InstrumentTopic(self, p.instrument_topic, p.instrument_scale, self._take, self._outlet).loop
         else:
-            self.loop = Follower(self, servo, SimulationTruth, topics.SIMULATION, p.window, self._take, self._outlet,
-                                 p.expected_followers).loop
+            self.loop = Follower(
+                self,
+                servo,
+                SimulationTruth,
+                topics.SIMULATION,
+                p.window,
+                self._take,
+                self._outlet,
+                p.expected_followers,
+            ).loop
         if p.air == "topics":
-            for kind, topic, field in ((Temperature, topics.AIR_TEMPERATURE, "temperature"),
-                                       (FluidPressure, topics.AIR_PRESSURE, "fluid_pressure"),
-                                       (RelativeHumidity, topics.AIR_HUMIDITY, "relative_humidity")):
-                self.create_subscription(kind, topic, lambda message, field=field: self._measured.__setitem__(
-                    field, getattr(message, field)), topics.SLOW)
+            for kind, topic, field in (
+                (Temperature, topics.AIR_TEMPERATURE, "temperature"),
+                (FluidPressure, topics.AIR_PRESSURE, "fluid_pressure"),
+                (RelativeHumidity, topics.AIR_HUMIDITY, "relative_humidity"),
+            ):
+                self.create_subscription(
+                    kind,
+                    topic,
+                    lambda message, field=field: self._measured.__setitem__(field, getattr(message, field)),
+                    topics.SLOW,
+                )
 
     def _take(self, seen):
         air = Air(*(seen[name] for name in ("air_temperature", "air_pressure", "air_humidity")))
         if self.parameters.air == "topics":
             if len(self._measured) < 3:
                 return  # no position without the air it was measured in
-            air = Air(*(np.full(len(seen), self._measured[name]) for name in ("temperature", "fluid_pressure",
-                                                                              "relative_humidity")))
+            air = Air(
+                *(
+                    np.full(len(seen), self._measured[name])
+                    for name in ("temperature", "fluid_pressure", "relative_humidity")
+                )
+            )
         counted = seen["interferometer_position"]
         try:
             position, uncertainty = self._corrected(counted, air)
@@ -67,21 +88,30 @@ class InterferometerLogger(Node):
             return
         messages = self._codec.blank(stamps_ns(seen))
         for name, values in (
-                ("sequence", seen["sequence"]), ("position", position), ("expanded_uncertainty", uncertainty),
-                ("air_temperature", air.temperature_K), ("air_pressure", air.pressure_Pa), ("air_humidity", air.humidity),
-                ("stage_temperature", seen["stage_temperature"]), ("correction", position - counted)):
+            ("sequence", seen["sequence"]),
+            ("position", position),
+            ("expanded_uncertainty", uncertainty),
+            ("air_temperature", air.temperature_K),
+            ("air_pressure", air.pressure_Pa),
+            ("air_humidity", air.humidity),
+            ("stage_temperature", seen["stage_temperature"]),
+            ("correction", position - counted),
+        ):
             messages[name] = values
         self._outlet.send_all(messages)
 
     def _corrected(self, counted, air):
         """Positions [m] from what the instrument counts, and their uncertainty [m]: the budget now and then."""
         p = self.parameters
-        if p.instrument == "topic" and p.air == "instrument":     # the instrument corrects, and tells neither air nor budget
+        if (
+            p.instrument == "topic" and p.air == "instrument"
+        ):  # the instrument corrects, and tells neither air nor budget
             return counted, np.full(len(counted), p.expanded_uncertainty)
         if self._zeroed is None:
             self._zeroed = _first(air)
-            self._setup = Interferometer(assumed_index=float(refractive_index(self._zeroed)), dead_path_m=p.dead_path,
-                                         noise_m=p.noise)
+            self._setup = Interferometer(
+                assumed_index=float(refractive_index(self._zeroed)), dead_path_m=p.dead_path, noise_m=p.noise
+            )
         position = counted if p.air_compensated else correct(counted, air, self._zeroed, self._setup)
         uncertainty = np.full(len(counted), self._uncertainty)
         for k in range(-self._count % p.budget_every, len(counted), p.budget_every):

@@ -90,7 +90,7 @@ class Outlet:
                 self.send_single(row.tobytes())
         most = BLOCK_BYTES // self._codec.size
         for first in range(0, len(rows), most):
-            self._send_rows(int(messages["sequence"][first]), rows[first:first + most])
+            self._send_rows(int(messages["sequence"][first]), rows[first : first + most])
 
     def _send_rows(self, first, rows):
         """Send one block, uint8 of shape (n, size)."""
@@ -178,8 +178,12 @@ class Stream:
         self._node, self._servo, self._kind, self._topic = node, servo, kind, topic
         self._size, names = Codec(kind.__name__).size, SENDERS.get(topic, ())
         self._holder, self._single_holder = Holder(node, BLOCKS + topic, names), Holder(node, topic, names)
-        self._blocks = CheckedReader(servo.reader(MessageBlock, BLOCKS + topic, reader_qos(BLOCK_DEPTH, reliable=True)), HEAD.size,
-                                     self._holder, HEAD.size + BLOCK_BYTES)
+        self._blocks = CheckedReader(
+            servo.reader(MessageBlock, BLOCKS + topic, reader_qos(BLOCK_DEPTH, reliable=True)),
+            HEAD.size,
+            self._holder,
+            HEAD.size + BLOCK_BYTES,
+        )
         self.malformed = 0
         self._single, self._suspects, self._left = None, set(), None
         self.readers = (self._blocks.reader,)
@@ -222,8 +226,12 @@ class Stream:
         seen_twice, self._suspects = blockless & self._suspects, blockless  # its blocks may be found a moment later
         if not seen_twice:
             return False
-        self._single = CheckedReader(self._servo.reader(self._kind, self._topic, reader_qos(DEPTH, reliable=True)), self._size,
-                                     self._single_holder, self._size + WORD)
+        self._single = CheckedReader(
+            self._servo.reader(self._kind, self._topic, reader_qos(DEPTH, reliable=True)),
+            self._size,
+            self._single_holder,
+            self._size + WORD,
+        )
         self.readers = (self._blocks.reader, self._single.reader)
         return True
 

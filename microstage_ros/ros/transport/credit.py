@@ -62,7 +62,9 @@ class CreditReader:
         (`identity.process_of`): is it that of the node of this name.
     """
 
-    def __init__(self, reader, ledger, raised=lambda limit: None, present=lambda: -1, named=lambda name, sender: True):
+    def __init__(
+        self, reader, ledger, raised=lambda limit: None, present=lambda: -1, named=lambda name, sender: True
+    ):
         ledger.named = named
         self.reader, self._ledger, self._raised, self._present = reader, ledger, raised, present
         self._lock, self.malformed = threading.Lock(), 0
@@ -140,8 +142,9 @@ class Ledger:
     def drop_silent(self, timeout):
         """Forget those that hold the axis up and have been silent for ``timeout`` [s]; returns their names."""
         now = time.monotonic()
-        silent = [name for name, until in self._until.items()
-                  if until == self.limit and now - self._heard[name] > timeout]
+        silent = [
+            name for name, until in self._until.items() if until == self.limit and now - self._heard[name] > timeout
+        ]
         for name in silent:
             self.drop(name)
         return silent
