@@ -1,7 +1,14 @@
 """The mutation command: a weak test lets mutants live, a strict one does not; what it takes is checked."""
 
+import contextlib
 import importlib.util
 import json
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
 
 import pytest
 
@@ -54,3 +61,69 @@ def test_a_mutant_that_the_tests_notice(tmp_path):
 def test_bad_input_is_one_line(arguments, words):
     with pytest.raises(InputError, match=words):
         mutation.main(arguments)
+
+
+def _ended(pid, within=20.0):
+    """Whether a process is gone (or a zombie that nobody has fetched) within so many seconds."""
+    until = time.monotonic() + within
+    while time.monotonic() < until:
+        try:
+            with open(f"/proc/{pid}/stat", encoding="utf-8") as file:
+                if file.read().rpartition(")")[2].split()[0] == "Z":
+                    return True
+        except (FileNotFoundError, ProcessLookupError):
+            return True
+        time.sleep(0.05)
+    return False
+
+
+def _number(path, within=60.0):
+    until = time.monotonic() + within
+    while time.monotonic() < until:
+        with contextlib.suppress(FileNotFoundError, ValueError):
+            return int(path.read_text(encoding="utf-8"))
+        time.sleep(0.05)
+    raise AssertionError(f"{path}: nobody wrote it")
+
+
+@pytest.fixture
+def forking(tmp_path):
+    """A folder with a test that forks what never ends, waits, and writes the number of the fork."""
+    (tmp_path / "test_forks.py").write_text(textwrap.dedent(f"""
+        import os, pathlib, time
+
+        def test_forks():
+            child = os.fork()
+            while child == 0:
+                time.sleep(0.1)
+            pathlib.Path({str(tmp_path / "fork")!r}).write_text(str(child))
+            time.sleep(600)
+        """), encoding="utf-8")
+    return tmp_path
+
+
+def test_what_a_slow_mutant_forked_ends_with_it(forking):
+    assert mutation._run(str(forking), ["test_forks.py"], slow=20.0) == (None, "")
+    assert _ended(_number(forking / "fork"))
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_workers_end_when_their_parent_is_stopped_or_killed(forking, how):
+    program = textwrap.dedent(f"""
+        import multiprocessing, os, pathlib
+        from microstage_ros.commands.project import mutation
+        if __name__ == "__main__":
+            with multiprocessing.get_context("spawn").Pool(1, mutation._ends_with, (os.getpid(),)) as pool:
+                pathlib.Path({str(forking / "worker")!r}).write_text(str(pool._pool[0].pid))
+                pool.apply(mutation._run, ({str(forking)!r}, ["test_forks.py"]))
+        """)
+    (forking / "parent.py").write_text(program, encoding="utf-8")
+    parent = subprocess.Popen([sys.executable, str(forking / "parent.py")], stderr=subprocess.DEVNULL)
+    try:
+        worker, fork = _number(forking / "worker"), _number(forking / "fork")
+        os.kill(parent.pid, how)
+        parent.wait(30.0)
+        assert _ended(worker) and _ended(fork)
+    finally:
+        parent.kill()
+        parent.wait()

@@ -76,7 +76,8 @@ def test_effects_of_a_kind_are_offered_to_that_kind_only():
 
 @pytest.mark.parametrize("word", sorted(name for name, effect in REGISTRY.items() if effect.drives or effect.sensors))
 def test_a_drawn_effect_moves_the_machine_and_is_refused_elsewhere(word):
-    """A drawn size changes where the stage goes under one and the same program; the shipped axis refuses it in one line."""
+    """A drawn size changes where the stage goes under one and the same program, or what a tight loop commands to hold it
+    there (a creeping stack stays within a few nanometres of its target); the shipped axis refuses it in one line."""
     effect = REGISTRY[word]
     name = next(name for name in PROGRAMS if effect.acts_on(load_axis(AXES / f"{name}.yaml")))
     axis = load_axis(AXES / f"{name}.yaml")
@@ -84,6 +85,7 @@ def test_a_drawn_effect_moves_the_machine_and_is_refused_elsewhere(word):
     program = {"program": PROGRAMS[name][:1], "effects": {word: drawn}}
     changed = simulated_record(axis, run_from_dict(program), 1)
     healthy = simulated_record(axis, run_from_dict({"program": PROGRAMS[name][:1]}), 1)
-    assert np.abs(changed["stage_m"] - healthy["stage_m"]).max() > 5e-9
+    moved = np.abs(changed["stage_m"] - healthy["stage_m"]).max()
+    assert moved > 5e-9 or np.abs(changed["voltage_V"] - healthy["voltage_V"]).max() > 1e-2 * np.ptp(healthy["voltage_V"])
     with pytest.raises(InputError, match=f"effects: {word}"):
         make_plant(load_axis(AXES.parent / "axis.yaml"), effects={word: drawn})

@@ -4,12 +4,15 @@ Each mutant changes one place of one file: an operator, a comparison, a number, 
 The tests of that part are run on it; a mutant on which they all pass has survived. Runs in copies of the checkout.
 """
 
+import contextlib
+import ctypes
 import json
 import multiprocessing
 import os
 import pathlib
 import random
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -65,6 +68,13 @@ OPERATORS = (
     "ZeroIterationForLoop",
 )
 """Faults that a person might make; what only ever raises a TypeError (``+`` to ``|``) would flatter the rate."""
+PR_SET_PDEATHSIG = 1  # of prctl(2): the signal that a process gets when its parent ends
+WITH_ITS_PARENT = f"""\
+import ctypes, runpy, signal, sys
+ctypes.CDLL(None).prctl({PR_SET_PDEATHSIG}, signal.SIGKILL)
+del sys.argv[0]
+runpy.run_module("pytest", run_name="__main__", alter_sys=True)
+"""
 SLOWEST = 5.0  # times the unchanged tests' time, after which a mutant counts as noticed (it hangs)
 
 
@@ -153,7 +163,7 @@ def _examine(items, tests, jobs):
             copies.put(_copy(pathlib.Path(folder) / str(number)))
         slow = SLOWEST * _unchanged(folder, tests) + 5.0
         work = [(copies, item, tests, slow) for item in items]
-        with multiprocessing.get_context("spawn").Pool(max(jobs, 1)) as pool:
+        with multiprocessing.get_context("spawn").Pool(max(jobs, 1), _ends_with, (os.getpid(),)) as pool:
             results = pool.imap(_one, work)
             return list(
                 track(results, "mutants", total=len(items), console=Console(stderr=True, quiet=not sys.stderr.isatty()))
@@ -190,19 +200,44 @@ def _command(folder, tests):
         "MICROSTAGE_ROOT": folder,
         "PYTHONDONTWRITEBYTECODE": "1",
     }
-    return [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests], environment
+    arguments = ["pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
+    return [sys.executable, "-c", WITH_ITS_PARENT, *arguments], environment
+
+
+def _ends_with(parent):
+    """In a worker: when its parent ends, however it does, so does the worker, and with it what it runs."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that ``finally`` is reached
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+    if os.getppid() != parent:  # it ended before
+        sys.exit(1)
+
+
+def _run(copy, tests, slow=None):
+    """(exit status, output) of the tests in a copy; (None, "") after ``slow`` seconds. What they started ends with them."""
+    command, environment = _command(copy, tests)
+    process = subprocess.Popen(
+        command, cwd=copy, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
+    )
+    try:
+        output = process.communicate(timeout=slow)[0]
+        return process.returncode, output
+    except subprocess.TimeoutExpired:
+        return None, ""
+    finally:
+        with contextlib.suppress(ProcessLookupError):  # a mutant may fork what never ends
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
 
 
 def _unchanged(folder, tests):
     """Time of the tests on the unchanged code [s]; InputError if they fail."""
     copy = str(pathlib.Path(folder) / "0")
     for _ in range(2):  # the first run fills the cache of compiled code
-        command, environment = _command(copy, tests)
         began = time.monotonic()
-        done = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True, check=False)
-        if done.returncode:
+        status, output = _run(copy, tests)
+        if status:
             raise InputError(
-                "mutation: --tests", " ".join(tests), "tests that pass on the unchanged code: " + done.stdout[-300:]
+                "mutation: --tests", " ".join(tests), "tests that pass on the unchanged code: " + output[-300:]
             )
     return time.monotonic() - began
 
@@ -220,14 +255,7 @@ def _one(work):
             if after is None:
                 return item, "no mutant", ""
             changed = [line for line in after.splitlines() if line not in set(before.splitlines())]
-            command, environment = _command(copy, tests)
-            try:
-                done = subprocess.run(
-                    command, cwd=copy, env=environment, capture_output=True, timeout=slow, check=False
-                )
-                outcome = "survived" if done.returncode == 0 else "noticed"
-            except subprocess.TimeoutExpired:
-                outcome = "noticed"
+            outcome = "survived" if _run(copy, tests, slow)[0] == 0 else "noticed"
         return item, outcome, " / ".join(line.strip() for line in changed[:2])
     finally:
         copies.put(copy)
