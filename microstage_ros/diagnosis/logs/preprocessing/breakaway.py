@@ -24,14 +24,14 @@ def resolved(motion, period):
     return min(1.0, (lasts + SMOOTH_S) / period)
 
 
-def breakaways(rows, own, values, signed):
-    """{(condition, "breakaway", direction): (peak over the mean of the start, decades of dwell that the sampling keeps)}.
+def breakaways(rows, values, signed):
+    """{repetition: {(condition, "breakaway", direction): (peak over the mean of the start, decades of dwell that the sampling keeps)}}.
 
-    ``own`` (n,) rows of one repetition; ``values`` (n,) the channel relative to its scale; ``signed``: whether it turns with the motion.
+    ``values`` (n,) the channel relative to its scale; ``signed``: whether it turns with the motion.
     """
     found = {}
-    for key, entries in _peaks(rows, own, values, signed).items():
-        found[key] = tuple(np.mean(entries, axis=0))
+    for (number, *key), entries in _peaks(rows, values, signed).items():
+        found.setdefault(number, {})[tuple(key)] = tuple(np.mean(entries, axis=0))
     return found
 
 
@@ -50,14 +50,12 @@ def trace(rows, columns, scale, signed):
     return {key: np.mean(parts, axis=0) for key, parts in out.items()}
 
 
-def _peaks(rows, own, values, signed):
-    """{key: list of (peak, decades)} over the starts of one repetition."""
+def _peaks(rows, values, signed):
+    """{(repetition, *key): list of (peak, decades)} over all starts."""
     m, period = rows.motion, rows.log.period
     reach, width = max(2, int(round(AROUND_S / period))), max(1, int(round(SMOOTH_S / period)))
     gathered = {}
     for k in starts_of(m):
-        if not own[k]:
-            continue
         window = slice(max(k - reach, 0), min(k + reach + 1, len(values)))
         inside = rows.log.piece[window] == rows.log.piece[k]
         ahead = slice(k, min(k + 20 * reach, len(values)))
@@ -68,6 +66,6 @@ def _peaks(rows, own, values, signed):
             continue
         smooth = np.convolve(turned, np.ones(width) / width, mode="valid") if width > 1 else turned
         decades = np.log10(1.0 + m.dwell[k] / DWELL_S) * resolved(m, period)
-        key = (int(rows.condition[k]), "breakaway", int(m.direction[k]))
+        key = (int(rows.repetition[k]), int(rows.condition[k]), "breakaway", int(m.direction[k]))
         gathered.setdefault(key, []).append((float(smooth.max() - start.mean()), decades))
     return gathered

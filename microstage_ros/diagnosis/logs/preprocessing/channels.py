@@ -93,6 +93,8 @@ class Channel:
         out = np.zeros(len(rows.log))
         for code, coefficients in self.models.items():
             own = rows.condition == code
+            if own.all():
+                return columns @ coefficients
             out[own] = columns[own] @ coefficients
         return out
 
@@ -134,8 +136,10 @@ def base_columns(channel, rows):
     columns = [moving, *forced, x * moving, still, still * m.last]
     if channel.name == "error":
         columns += [high_pass(force, channel.memory, rows.log.period) for force in forced]
-    columns = np.stack(columns, axis=1)
-    return columns * channel.orientation(rows)[:, None]
+    if not channel.signed:
+        turned = channel.orientation(rows)
+        columns = [column * turned for column in columns]
+    return np.stack(columns).T           # by columns in memory: a log may have millions of rows
 
 
 def high_pass(values, memory, period):
@@ -210,12 +214,7 @@ def _fit(channel, baseline):
     total = 0.0
     codes = sorted({int(c) for rows in baseline for c in np.unique(rows.condition) if c >= 0})
     for code in codes:
-        parts = [(base_columns(channel, rows)[own], channel.values(rows)[own], rows.motion.direction[own], rows.log.shift is not None)
-                 for rows in baseline for own in [rows.condition == code] if own.any()]
-        columns, y, direction = (np.concatenate([p[k] for p in parts]) for k in range(3))
-        good = np.isfinite(y)
-        step = max(1, int(good.sum() // MOST_ROWS))
-        columns, y, direction = columns[good][::step], y[good][::step], direction[good][::step]
+        columns, y, direction, shifted = _fitted_rows(channel, baseline, code)
         size = np.sqrt(np.mean(columns**2, axis=0))
         used = np.where(size > 0.0, size, 1.0)
         scaled = columns / used
@@ -226,8 +225,20 @@ def _fit(channel, baseline):
         covariance = np.linalg.inv(gram) * max(np.var(left), 1e-300)
         channel.models[code] = np.where(size > 0.0, beta / used, 0.0)
         channel.stderr[code] = np.sqrt(np.diag(covariance)) / used
-        channel.scale[code] = _scale(channel, channel.models[code], y, direction, any(p[3] for p in parts), columns)
+        channel.scale[code] = _scale(channel, channel.models[code], y, direction, shifted, columns)
     return total
+
+
+def _fitted_rows(channel, baseline, code):
+    """Columns (n, k), values (n,), direction (n,) of at most about `MOST_ROWS` rows of one condition, and whether levels were shifted."""
+    good = [np.flatnonzero((rows.condition == code) & np.isfinite(channel.values(rows))) for rows in baseline]
+    step = max(1, sum(map(len, good)) // MOST_ROWS)
+    before = np.cumsum([0, *map(len, good)])
+    kept = [index[-first % step:: step] for index, first in zip(good, before)]
+    parts = [(base_columns(channel, rows)[index], channel.values(rows)[index], rows.motion.direction[index])
+             for rows, index in zip(baseline, kept) if len(index)]
+    columns, y, direction = (np.concatenate([p[k] for p in parts]) for k in range(3))
+    return columns, y, direction, any(rows.log.shift is not None for rows in baseline if (rows.condition == code).any())
 
 
 def _scale(channel, model, y, direction, shifted, columns):

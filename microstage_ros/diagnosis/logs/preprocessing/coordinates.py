@@ -137,45 +137,57 @@ def reduce(channel, baseline, now, cells, places, stroke, top, columns_of, turn)
                     sums[name] = sums.get(name, 0.0) + part
                     traces.setdefault(name, []).append(trace(rows, columns, scale, channel.signed))
                 weights += np.bincount(slot[good], minlength=len(cells))
-            for number in np.unique(rows.repetition):
-                own = good & (rows.repetition == number)
+            peaks = breakaways(rows, y / scale, channel.signed)
+            for number, part in stretches_of(rows.repetition):
+                own = good[part] & (rows.repetition[part] == number)
                 if not own.any():
                     continue
-                count = np.bincount(slot[own], minlength=len(cells))
-                mean = np.bincount(slot[own], left[own], len(cells)) / np.where(count > 0, count, np.nan)
+                count = np.bincount(slot[part][own], minlength=len(cells))
+                mean = np.bincount(slot[part][own], left[part][own], len(cells)) / np.where(count > 0, count, np.nan)
                 vectors.append(mean)
                 counts.append(count)
                 groups.append(rows.group)
-                extra, spectrum = _amplitudes(rows, own, left, slot, mean, turn)
-                for key, (peak, grown) in breakaways(rows, rows.repetition == number, y / scale, channel.signed).items():
+                extra, spectrum = _amplitudes(rows, part, own, left[part], slot[part], mean, turn)
+                for key, (peak, grown) in peaks.get(number, {}).items():
                     extra[key] = peak
                     decades.setdefault(key, []).append(grown)
                 extras.append(extra)
                 spectra.append((side is now, spectrum))
                 if rows.log.shift is not None and channel.name == "effort":
-                    shifted.append(_shift_columns(rows, own, slot, len(cells)))
+                    shifted.append(_shift_columns(rows.log.shift[part][own], slot[part][own], len(cells)))
         sides.append((np.array(vectors), np.array(groups), _aligned(extras), np.array(counts)))
     return _assembled(channel, cells, sides, sums, weights, shifted, spectra, (decades, traces), _growth(fluctuations))
 
 
-def _amplitudes(rows, own, left, slot, mean, turn):
-    """Amplitudes of ripple by direction and roughness by state of one repetition: {(condition, kind, direction): value}."""
+def stretches_of(repetition):
+    """Pairs (number, slice from its first row to its last) of every repetition: a log of a million rows may have hundreds."""
+    numbers, first = np.unique(repetition, return_index=True)
+    last = len(repetition) - np.unique(repetition[::-1], return_index=True)[1]
+    return [(int(number), slice(int(a), int(b))) for number, a, b in zip(numbers, first, last)]
+
+
+def _amplitudes(rows, part, own, left, slot, mean, turn):
+    """Amplitudes of ripple by direction and roughness by state of one repetition: {(condition, kind, direction): value}.
+
+    ``part``: slice of its rows; ``own``, ``left``, ``slot`` are of that slice.
+    """
     m, found, spectrum = rows.motion, {}, {}
+    condition, state, directions, x = rows.condition[part], m.state[part], m.direction[part], m.x[part]
     inside = own & (slot >= 0)
     fluctuation = np.where(inside, left - np.nan_to_num(mean)[np.maximum(slot, 0)], 0.0)
-    for code in np.unique(rows.condition[inside]):
-        here = inside & (rows.condition == code)
+    for code in np.unique(condition[inside]):
+        here = inside & (condition == code)
         for direction in (-1, 1):
-            use = here & (m.state == STEADY) & (m.direction == direction)
+            use = here & (state == STEADY) & (directions == direction)
             if use.sum() < LEAST_ROWS:
                 continue
             r = fluctuation[use]
             found[(int(code), "rough", direction)] = float(0.5 * np.log(np.mean(np.diff(r, 2) ** 2) + 1e-14))
             if turn:
-                r = _detrended(m.x[use], left[use])
-                orders = _orders(m, use, turn, rows.log.period)
+                r = _detrended(x[use], left[use])
+                orders = _orders(m.speed[part][use], turn, rows.log.period)
                 if len(orders):
-                    bins = np.floor(np.mod(m.x[use] / turn, 1.0) * PHASES).astype(int) % PHASES
+                    bins = np.floor(np.mod(x[use] / turn, 1.0) * PHASES).astype(int) % PHASES
                     c = 2.0 * np.fft.fft(np.bincount(bins, r, PHASES))[orders] / len(r) / np.sinc(orders / PHASES)
                     power = np.maximum(np.abs(c) ** 2 - 4.0 * np.var(r) / len(r), 0.0)
                     spectrum[(int(code), direction)] = (orders, np.abs(c))
@@ -183,7 +195,7 @@ def _amplitudes(rows, own, left, slot, mean, turn):
                     found[(int(code), "ripple", direction)] = float(np.sqrt(power[low].sum()))
                     if (~low).any():
                         found[(int(code), "ripple high", direction)] = float(np.sqrt(power[~low].sum()))
-        still = here & (m.state == STATES.index("settled"))
+        still = here & (state == STATES.index("settled"))
         if still.sum() >= LEAST_ROWS:
             found[(int(code), "rough", 0)] = float(0.5 * np.log(np.mean(np.diff(fluctuation[still], 2) ** 2) + 1e-14))
     return found, spectrum
@@ -215,13 +227,13 @@ def _detrended(x, values):
     return values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
 
 
-def _orders(motion, use, turn, period):
+def _orders(speed, turn, period):
     """Harmonics of the turn that the sampling resolves and of which the repetition sees one and a half periods or more."""
-    travel = np.abs(motion.speed[use])
-    speed = float(np.median(travel))
+    travel = np.abs(speed)
+    usual = float(np.median(travel))
     if float(np.sum(travel) * period) < 1.5 * turn:
         return np.array([], int)
-    highest = int(min(HARMONICS, SLOWEST * turn / max(speed * period, 1e-300)))
+    highest = int(min(HARMONICS, SLOWEST * turn / max(usual * period, 1e-300)))
     return np.arange(1, highest + 1)
 
 
@@ -231,11 +243,10 @@ def _aligned(extras):
     return keys, np.array([[extra.get(key, np.nan) for key in keys] for extra in extras]).reshape(len(extras), len(keys))
 
 
-def _shift_columns(rows, own, slot, size):
+def _shift_columns(classes, slot, size):
     """Share of every cell's rows that has each of the constants of a shifted level: (K, classes)."""
-    classes = rows.log.shift[own]
-    count = np.bincount(slot[own], minlength=size)
-    return np.stack([np.bincount(slot[own], classes == c, size) / np.maximum(count, 1) for c in np.unique(classes)], axis=1)
+    count = np.bincount(slot, minlength=size)
+    return np.stack([np.bincount(slot, classes == c, size) / np.maximum(count, 1) for c in np.unique(classes)], axis=1)
 
 
 def _assembled(channel, cells, sides, sums, weights, shifted, spectra, starts, growth):

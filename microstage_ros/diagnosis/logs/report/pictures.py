@@ -72,7 +72,7 @@ def _cell_means(result, name, values):
     total, count = np.zeros(len(cells)), np.zeros(len(cells))
     for rows in result.evidence["groups"]["now"]:
         slot, good = _slots(result, rows)
-        scale = np.array([reduced.channel.scale.get(int(c), 1.0) for c in rows.condition])
+        scale = np.array([reduced.channel.scale.get(c, 1.0) for c in range(int(rows.condition.max()) + 1)] or [1.0])[np.maximum(rows.condition, 0)]
         total += np.bincount(slot[good], (values(reduced.channel, rows) / scale)[good], len(cells))
         count += np.bincount(slot[good], minlength=len(cells))
     return total / np.maximum(count, 1)
