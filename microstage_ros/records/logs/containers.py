@@ -14,12 +14,13 @@ def read_mat(path):
     Raises InputError for version 7.3 (HDF5), which scipy does not read, and for files without vectors.
     """
     from scipy.io import loadmat
+    from scipy.io.matlab import MatReadError
 
     try:
         raw = loadmat(path, squeeze_me=True, struct_as_record=False)
     except NotImplementedError:
         raise InputError(path, "a MATLAB file of version 7.3", "save it with `save(name, '-v7')`, or export CSV") from None
-    except (OSError, ValueError, TypeError) as error:
+    except (OSError, ValueError, TypeError, MatReadError) as error:
         raise InputError(path, " ".join(str(error).split())[:80], "a MATLAB file") from None
     vectors = {}
     for name, value in raw.items():

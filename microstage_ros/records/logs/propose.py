@@ -14,18 +14,19 @@ from microstage_ros.records.logs.units import known_unit
 
 #: Quantity → pattern of column names, in the order in which they are tried.
 NAMES = (
-    ("time", r"^(time|t|timestamp|stamp|zeit|seconds)$|^time\b|_time$"),
+    ("time", r"(^|[._/])(time|t|timestamp|stamp|zeit|seconds)$|^time\b|_time$"),
     ("following_error", r"(following|f|pos|position|tracking|lag|contour).{0,3}(error|err|diff|dev)|ferror|f-error|posdiff|schlepp|^error$|lag$"),
     ("reference_velocity", r"(ref|set|cmd|command|target|demand|desired).{0,12}(vel|speed|velo)|(vel|speed|velo)\w*.{0,3}(ref|set|cmd|command|demand)"),
     ("velocity", r"vel|speed|rpm|drehzahl"),
-    ("reference", r"set.?p|reference|^ref|cmd|command|target|demand|soll|desired"),
-    ("position", r"pos|actual|\bact|feedback|\bfb|encoder|\benc|\brbv\b|\.rbv|\bist\b|^x$|angle"),
-    ("current", r"curr|^iq\b|\biq\b|^i$|strom|\bamp|_a$|:cur"),
+    ("reference", r"set.?p|reference|(?<![a-z])ref|pos.?ref|input_pos|control.?pos|cmd|command|target|demand|soll|desired"),
+    ("position", r"pos|actual|\bact|feedback|\bfb|encoder|\benc|rbv\b|\bist\b|^x$|angle"),
+    ("current", r"curr|(?<![a-z])iq(?![a-z])|^i$|strom|\bamp|(?<![._]d)_a$|:cur"),
     ("torque", r"torq|moment|effort"),
     ("force", r"force|kraft"),
     ("voltage", r"volt|^u$|_v$"),
 )
 RUNS, CONDITIONS = r"^(run|repeat|repetition|cycle|trial)s?$", r"^(load|profile|payload|recipe|program|gear|mode)$"
+TURNS = r"servo_(stats|control|command)\.|(pos|vel)_estimate"      # moteus, ODrive: turns, turns/s (their references)
 GUESSED = {"time": "s", "current": "A", "torque": "%", "force": "N", "voltage": "V"}
 
 
@@ -68,7 +69,7 @@ def _may_be(quantity, name, table):
     told = known_unit(table.units.get(name, "")) if table.units.get(name) else None
     if told is not None and told[0] not in QUANTITIES[quantity]:
         return False
-    return quantity not in ("reference", "position") or not re.search(r"torq|curr|volt|force|veloc|speed|\brpm\b", name.lower())
+    return quantity not in ("reference", "position") or not re.search(r"torq|curr|volt|force|veloc|speed|\brpm\b|(?<![a-z])i[dq](?![a-z])", name.lower())
 
 
 def _unit(quantity, name, table, reasons):
@@ -76,6 +77,9 @@ def _unit(quantity, name, table, reasons):
     told = table.units.get(name)
     if told and known_unit(told):
         return told
+    if table.kind.startswith("MCAP") and quantity in ("position", "velocity", "torque"):
+        reasons[f"{quantity}.unit"] = "a guess: ROS messages are in SI, of a slide or of a turning joint"
+        return {"position": "m", "velocity": "m/s", "torque": "N m"}[quantity]
     if quantity in GUESSED:
         unit = GUESSED[quantity]
         if quantity == "time":
@@ -85,7 +89,9 @@ def _unit(quantity, name, table, reasons):
     span = float(np.nanmax(table.columns[name]) - np.nanmin(table.columns[name]))
     unit = "m" if span < 2.0 else "mm"
     turning = [float(np.nanmedian(np.abs(v))) for n, v in table.columns.items() if v.dtype.kind == "f" and re.search(r"vel|speed", n.lower())]
-    if "rad" in name.lower() or any(abs(v / (2.0 * np.pi) - round(v / (2.0 * np.pi))) < 1e-4 and v > 1.0 for v in turning):
+    if any(re.search(TURNS, n.lower()) for n in table.columns):
+        unit = "turn"
+    elif "rad" in name.lower() or any(abs(v / (2.0 * np.pi) - round(v / (2.0 * np.pi))) < 1e-4 and v > 1.0 for v in turning):
         unit = "rad"              # a speed of so many turns a second, to four digits
     if quantity in ("velocity", "reference_velocity"):
         unit = "rpm" if "rpm" in name.lower() or span > 400 else f"{unit}/s"

@@ -119,7 +119,7 @@ def _twincat(text, path):
         name = name if name not in columns else f"{name} ({k + 1})"
         columns[name] = values if own is main or np.array_equal(own, main, equal_nan=True) else _at(own, values, main)
         if k < len(units) and units[k]:
-            told[name] = units[k]
+            told[name] = units[k].split(" (")[0]        # 'mm (Length)'
     if len(main) > 1:
         step = float(np.median(np.diff(main)))
     return Table(columns, told, "TwinCAT Scope export", step, notes)
