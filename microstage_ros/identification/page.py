@@ -4,7 +4,8 @@ import numpy as np
 
 from microstage_ros.identification.estimators.estimate import DETERMINED_HALF_WIDTH
 from microstage_ros.report.page import Page
-from microstage_ros.report.plots import COLOURS, new_figure, quantity, readable
+from microstage_ros.quantities.readable import quantity
+from microstage_ros.report.plots import COLOURS, new_figure, readable
 
 MOST_POINTS = 3000
 
@@ -52,7 +53,12 @@ def _row(estimate, axis):
     if estimate.low is not None:
         lows, highs = np.atleast_1d(estimate.low), np.atleast_1d(estimate.high)
         interval = "; ".join(f"{quantity(low, estimate.unit, 4)} … {quantity(high, estimate.unit, 4)}" for low, high in zip(lows, highs))
-    return [estimate.key, people(estimate.value, estimate.unit, estimate.stderr), interval, before, estimate.method]
+    return [estimate.key, in_words(estimate), interval, before, estimate.method]
+
+
+def in_words(estimate):
+    """What an `Estimate` that is determined says: its number, or that it is an offset too small to matter."""
+    return estimate.remark or people(estimate.value, estimate.unit, estimate.stderr)
 
 
 def people(value, unit, stderr=None):

@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 
 from microstage_ros.identification.estimators.acceleration import balance_edge, law_parameters, total_inertia_of
 from microstage_ros.identification.estimators.actuator import slip_displacement
-from microstage_ros.identification.estimators.estimate import Curve, Estimate, Identification, from_interval
+from microstage_ros.identification.estimators.estimate import Curve, Estimate, Identification, from_interval, narrow
 from microstage_ros.identification.estimators.intervals import block_covariance, correlation
 from microstage_ros.model.friction.contact import blocks_of, limit_of
 from microstage_ros.model.friction.positions import maxwell_slip_force
@@ -24,6 +24,7 @@ from microstage_ros.model.friction.registry import law_named, run_law
 from microstage_ros.numerics.filters import low_pass
 from microstage_ros.model.transmission import screw_ratio
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.quantities.readable import quantity
 
 PARAMETERS = ("coulomb", "drop", "stribeck_velocity", "stribeck_exponent", "viscous", "stiffness", "inertia", "offset")
 PRIOR = np.array([1.0, 1.0, 1.0, 0.15, 1.0, 1.0, 1.0, 1.0])
@@ -226,12 +227,12 @@ def _report(result, vector, free, covariance, axis, inertia, held):
             if not told[index]:
                 estimate = replace(estimate, determined=False, remark=f"not determined by these records (they hardly narrow it); {EXPERIMENT}")
             result.add(estimate)
-    if 5 not in held and told[5]:
-        stiffness = np.asarray(values["stiffness"])
-        spreads = (stiffness * spread[5])
+    stiffness = np.asarray(values["stiffness"])
+    spreads = stiffness * spread[5]
+    if 5 not in held and told[5] and narrow(stiffness, stiffness - 1.96 * spreads, stiffness + 1.96 * spreads):
         result.add(Estimate("contacts.actuator.stiffness", stiffness.tolist(), "N m/rad", spreads.tolist(), (stiffness - 1.96 * spreads).tolist(),
                             (stiffness + 1.96 * spreads).tolist(), method="torque balance: the axis file's blocks times one factor"))
     if abs(offset) > max(3.0 * axis.value("contacts.actuator.coulomb") * spread[7], 0.02 * values["coulomb"]):
-        result.remarks.append(f"A constant torque of {offset * 1e6:.3g} µNm: an amplifier or current zero, a tilt or a pulling cable; "
+        result.remarks.append(f"A constant torque of {quantity(offset, 'N m')}: an amplifier or current zero, a tilt or a pulling cable; "
                               "`diagnose` tells them apart.")
     result.correlations.append((tuple(PARAMETERS[i] for i in free), correlation(covariance)))

@@ -7,6 +7,8 @@ from cycler import cycler
 from matplotlib import rcParams
 from matplotlib.figure import Figure
 
+from microstage_ros.quantities.readable import PREFIXES, exponent_of
+
 COLOURS = {"blue": "#0072B2", "orange": "#D55E00", "green": "#009E73", "pink": "#CC79A7", "sky": "#56B4E9",
            "yellow": "#E69F00", "black": "#1d2329", "grey": "#8a949e"}
 """The colours of Okabe and Ito, distinguishable with any colour vision."""
@@ -23,10 +25,6 @@ LOOK = {
 FULL_WIDTH_INCH = 9.5
 POINTS = 1600
 """Points that a line across the page can show, smallest and largest of each."""
-
-PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
-TAKES_PREFIX = re.compile(r"(?!kg|1|dB)[A-Za-zΩ]+(?![\^²³\w])")
-"""Units that a prefix may stand before: not kg, not areas, not pure numbers."""
 
 
 def new_figure(rows=1, columns=1, height=2.6, width=FULL_WIDTH_INCH, **options):
@@ -91,7 +89,7 @@ def scale_of(values, unit):
     """
     finite = np.abs(np.asarray(values, dtype=float))
     finite = finite[np.isfinite(finite)]
-    exponent = _exponent(float(finite.max()) if finite.size else 0.0)
+    exponent = exponent_of(float(finite.max()) if finite.size else 0.0)
     return 10.0**-exponent, PREFIXES[exponent] + unit
 
 
@@ -111,40 +109,3 @@ def readable(label, values):
         return 1.0, label
     factor, unit = scale_of(np.concatenate([np.ravel(v) for v in values]), found[1])
     return factor, label.replace(found[0], f"[{unit}]")
-
-
-def _exponent(size):
-    """Multiple of three for a number of this size."""
-    if size == 0.0 or not np.isfinite(size):
-        return 0
-    return int(np.clip(3 * np.floor(np.log10(size * (1 + 1e-9)) / 3), -15, 9))
-
-
-def quantity(value, unit, digits=3, stderr=None):
-    """A value with unit as people write it: `160 nm`, `17.0 ± 0.5 mrad`, a dash for no value.
-
-    Parameters
-    ----------
-    value, stderr : in `unit`, SI; digits : significant ones, where no stderr tells how many.
-    """
-    if value is None or not np.isfinite(value):
-        return "–"
-    exponent = _exponent(max(abs(value), stderr or 0.0)) if TAKES_PREFIX.match(unit) else 0
-    name = "" if unit in ("", "1") else f" {PREFIXES[exponent]}{unit}"
-    scaled = value / 10.0**exponent
-    if not stderr or not np.isfinite(stderr):
-        return _plain(scaled, digits) + name
-    spread = stderr / 10.0**exponent
-    if spread < 1e-4 or spread >= 1e6:
-        return f"{_plain(scaled, 4)} ± {_plain(spread, 2)}{name}"
-    decimals = max(0, 1 - int(np.floor(np.log10(spread) + 1e-9)))
-    return f"{scaled:.{decimals}f} ± {spread:.{decimals}f}{name}".replace("-", "−")
-
-
-def _plain(value, digits):
-    """A number with so many significant digits and no exponent where that is readable."""
-    if value == 0:
-        return "0"
-    decimals = digits - 1 - int(f"{value:.{digits - 1}e}".partition("e")[2])
-    text = f"{value:.{max(decimals, 0)}f}" if -4 < decimals < 9 else f"{value:.{digits - 1}e}"
-    return re.sub(r"e([+-])0*", r"e\1", text).replace("e+", "e").replace("-", "−")

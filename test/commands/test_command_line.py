@@ -72,11 +72,11 @@ def test_demo_keeps_earlier_runs(tmp_path, monkeypatch):
     from microstage_ros.commands.operation.demo import _place
 
     monkeypatch.chdir(tmp_path)
-    assert str(_place(None)) == "demo"
+    assert str(_place(None, False)) == "demo"
     (tmp_path / "demo" / "bag").mkdir(parents=True)
-    assert str(_place(None)) == "demo-2"
-    with pytest.raises(InputError, match="earlier run"):
-        _place("demo")
+    assert str(_place(None, False)) == "demo-2"
+    with pytest.raises(InputError, match="--force"):
+        _place("demo", False)
 
 
 def test_demo_program_is_the_papers():

@@ -10,6 +10,7 @@
 
 import os
 import re
+import resource
 import shlex
 import signal
 import subprocess
@@ -86,6 +87,12 @@ def stays(line):
     return line.startswith("./microstage cell") or "until interrupted" in line
 
 
+def processor_time():
+    """What the processes that were started and have ended took of the processor [s]."""
+    spent = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return spent.ru_utime + spent.ru_stime
+
+
 class Reader:
     """Someone who tries a page: runs its blocks in ``folder``, one after the other.
 
@@ -119,10 +126,10 @@ class Reader:
             self._python(block)
 
     def _do(self, line):
-        began = time.monotonic()
+        began, spent = time.monotonic(), processor_time()
         done = subprocess.run(["bash", "-c", line], cwd=self.folder, env=self.environment, capture_output=True, text=True,
                               timeout=600, check=False, stdin=subprocess.DEVNULL)
-        self.said.append(f"{time.monotonic() - began:6.1f} s  {line}")
+        self.said.append(f"{time.monotonic() - began:6.1f} s ({processor_time() - spent:5.1f} of the processor)  {line}")
         assert done.returncode == 0, f"{line}: status {done.returncode}\n{done.stdout[-2000:]}\n{done.stderr[-3000:]}"
         assert "Traceback" not in done.stderr, done.stderr
 

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from microstage_ros.report.plots import decimate, quantity, scale_of
+from microstage_ros.quantities.readable import quantity
+from microstage_ros.report.plots import decimate, scale_of
 
 
 @settings(max_examples=60, deadline=None)

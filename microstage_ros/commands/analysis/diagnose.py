@@ -14,7 +14,7 @@ from microstage_ros.diagnosis.fleet import is_address
 from microstage_ros.diagnosis.report.page import headline
 from microstage_ros.files import keep_earlier, missing, write_text
 from microstage_ros.quantities.errors import InputError
-from microstage_ros.report.plots import quantity
+from microstage_ros.quantities.readable import quantity
 
 DESCRIPTION = """\
 Compares measured records with the model of an axis file, names the physical cause of what differs, and writes

@@ -10,7 +10,7 @@ from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
 from microstage_ros.files import keep_earlier, missing
 from microstage_ros.identification.intake import take_in
-from microstage_ros.identification.page import identification_page, people
+from microstage_ros.identification.page import identification_page, in_words
 from microstage_ros.identification.pipeline import identify
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records import read_record
@@ -78,7 +78,7 @@ def tell(result, out, warnings=()):
         print(f"warning: {warning}")
     for estimate in result.estimates.values():
         if estimate.determined:
-            print(f"  {estimate.key}: {people(estimate.value, estimate.unit, estimate.stderr)}")
+            print(f"  {estimate.key}: {in_words(estimate)}")
     for estimate in result.estimates.values():
         if not estimate.determined:
             print(f"  {estimate.key}: {estimate.remark}")

@@ -1,7 +1,10 @@
 """``cell``: the nodes of an axis, left running until interrupted."""
 
+import os
+import shutil
 import signal
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 
 from microstage_ros.commands import units
@@ -9,6 +12,7 @@ from microstage_ros.commands.__main__ import which_ros
 from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.backend import add_backend, chosen_backend
 from microstage_ros.commands.parser import Parser
+from microstage_ros.files import keep_earlier
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
 
@@ -24,18 +28,46 @@ def main(argv=None):
     parser.add_argument("--controller", metavar="NAME", help="control law (default: that of the axis file)")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the simulated axis (default 1)")
     parser.add_argument("--record", metavar="DIR", help="record everything into this bag folder")
+    parser.add_force()
     arguments = parser.parse_args(argv)
     if not 0 <= arguments.seed < 2**32:
         raise InputError("--seed", arguments.seed, "a whole number from 0 to 4294967295")
-    if arguments.record and Path(arguments.record).exists():
-        raise InputError("--record", arguments.record, "a folder that does not exist yet")
+    if arguments.record:
+        keep_earlier("--record", [arguments.record], arguments.force)
+        if Path(arguments.record).exists() and not is_bag(arguments.record):
+            raise InputError("--record", arguments.record, "a folder that does not exist yet, or one that holds nothing but a bag")
     axis = read_axis(arguments.axis or config_file("axis.yaml"))
     backend = chosen_backend(arguments, axis)
     arguments.mode = backend.mode_or(arguments.mode)
-    return _run(arguments, backend, axis)
+    with earlier_aside(arguments.record) as done:
+        return _run(arguments, backend, axis, done)
 
 
-def _run(arguments, backend, machine):
+def is_bag(folder):
+    """Whether a folder holds a bag and nothing else, so that ``--force`` may replace it."""
+    folder = Path(folder)
+    return folder.is_dir() and not folder.is_symlink() and all(
+        entry.name == "metadata.yaml" or entry.suffix == ".mcap" for entry in folder.iterdir())
+
+
+@contextmanager
+def earlier_aside(folder):
+    """An earlier bag lies aside until the function that this gives is called: then it goes; else it comes back."""
+    folder = Path(folder) if folder else None
+    if folder is None or not folder.exists():
+        yield lambda: None
+        return
+    aside = folder.with_name(f".{folder.name}.{os.getpid()}.earlier")
+    os.replace(folder, aside)
+    try:
+        yield lambda: shutil.rmtree(aside)
+    finally:
+        if aside.exists():
+            shutil.rmtree(folder, ignore_errors=True)
+            os.replace(aside, folder)
+
+
+def _run(arguments, backend, machine, recording):
     from microstage_ros.ros.launching.cell_processes import NODES, QUICK, CellFailure, CellProcesses
     from microstage_ros.ros.launching.supervision import Supervisor, run_until_interrupted
 
@@ -62,6 +94,7 @@ def _run(arguments, backend, machine):
             node = rclpy.create_node("cell", namespace=arguments.namespace)
             supervisor = Supervisor(cell, node)
             cell.activate(node)
+            recording()
             what = "simulated" if backend.simulated else backend.name
             print(f"{arguments.namespace} is active ({len(nodes)} nodes, {arguments.mode}, {what}). "
                   f"In another terminal: ./microstage move --to 1e-5. Ctrl-C stops it.", flush=True)

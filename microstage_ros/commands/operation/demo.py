@@ -13,7 +13,7 @@ from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.backend import add_backend, chosen_backend
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
-from microstage_ros.files import write_text
+from microstage_ros.files import complete_folder, keep_earlier, write_text
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
 
@@ -39,20 +39,23 @@ def main(argv=None):
     parser.add_argument("--controller", metavar="NAME", help="control law (default: that of the axis file)")
     add_backend(parser)
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of every random number (default 1)")
+    parser.add_force()
     arguments = parser.parse_args(argv)
     if not 0 <= arguments.seed < 2**32:
         raise InputError("--seed", arguments.seed, "a whole number from 0 to 4294967295")
     axis = read_axis(arguments.axis or config_file("axis.yaml"))
-    out = _place(arguments.out)
+    out = _place(arguments.out, arguments.force)
     return _run(arguments, axis, out, chosen_backend(arguments, axis))
 
 
-def _place(given):
-    """A folder that no earlier run has used."""
+RESULTS = ("bag", "moves.json", "report.html")
+
+
+def _place(given, force):
+    """A folder that no earlier run has used, unless it is to be replaced."""
     if given:
         out = Path(given)
-        if (out / "bag").exists():
-            raise InputError("--out", given, "a folder without a bag of an earlier run")
+        keep_earlier("--out", [out / name for name in RESULTS], force)
         return out
     number, out = 1, Path("demo")
     while out.exists():
@@ -70,36 +73,45 @@ def program(repeats):
 def _run(arguments, axis, out, backend):
     import rclpy
 
-    from microstage_ros.commands.operation.demo_report import accuracy_rows, print_table, write_report
     from microstage_ros.ros.client import NoAnswer
     from microstage_ros.ros.launching.cell_processes import CellFailure
 
     print(f"{which_ros()}\n{backend.words(axis.name, arguments.seed)}", file=sys.stderr)
     moves = program(QUICK_REPEATS if arguments.quick else REPEATS)
-    try:
-        results = _make_moves(arguments, axis, out, moves, backend)
-    except (CellFailure, NoAnswer) as failure:
-        print(f"{failure}; what the nodes said is in {out / 'logs'}", file=sys.stderr)
-        return 1
-    finally:
-        rclpy.try_shutdown()
-    facts = {"version": __version__, "axis": axis.name, "seed": arguments.seed,
-             "controller": arguments.controller or axis.controller["type"], "tolerance_m": TOLERANCE,
-             "settle_time_s": SETTLE_TIME, "ros": which_ros(), "simulated": backend.simulated, "backend": backend.name,
-             "instrument": "interferometer" if backend.instruments else "encoder", "period_s": axis.value("period")}
-    write_text(out / "moves.json", json.dumps({"run": facts, "moves": results}, indent=1))
-    answer.state(run=facts, moves=results, report=str(out / "report.html"), bag=str(out / "bag"))
-    rows = accuracy_rows(results)
-    print_table(rows, facts)
-    write_report(out / "report.html", out / "bag", rows, results, facts)
-    print(f"{out / 'report.html'}: the report; {out / 'bag'}: the bag")
-    failed = [move["target_m"] for move in results if not move["reached"]]
+    with complete_folder(out) as folder:
+        try:
+            results = _make_moves(arguments, axis, out, folder, moves, backend)
+        except (CellFailure, NoAnswer) as failure:  # the bag as far as it goes is kept: it may show why
+            says = f"{failure}; what the nodes said is in {out / 'logs'}"
+            answer.state(error={"place": "demo", "says": says})
+            print(says, file=sys.stderr)
+            return 1
+        finally:
+            rclpy.try_shutdown()
+        failed = _write(arguments, axis, out, folder, results, backend)
     if failed:
         print(f"{len(failed)} of {len(results)} moves did not settle", file=sys.stderr)
     return 1 if failed else 0
 
 
-def _make_moves(arguments, axis, out, moves, backend):
+def _write(arguments, axis, out, folder, results, backend):
+    """Moves and report into ``folder``, the table to the terminal. Returns the targets that were not reached."""
+    from microstage_ros.commands.operation.demo_report import accuracy_rows, print_table, write_report
+
+    facts = {"version": __version__, "axis": axis.name, "seed": arguments.seed,
+             "controller": arguments.controller or axis.controller["type"], "tolerance_m": TOLERANCE,
+             "settle_time_s": SETTLE_TIME, "ros": which_ros(), "simulated": backend.simulated, "backend": backend.name,
+             "instrument": "interferometer" if backend.instruments else "encoder", "period_s": axis.value("period")}
+    write_text(folder / "moves.json", json.dumps({"run": facts, "moves": results}, indent=1))
+    answer.state(run=facts, moves=results, report=str(out / "report.html"), bag=str(out / "bag"))
+    rows = accuracy_rows(results)
+    print_table(rows, facts)
+    write_report(folder / "report.html", folder / "bag", rows, results, facts)
+    print(f"{out / 'report.html'}: the report; {out / 'bag'}: the bag")
+    return [move["target_m"] for move in results if not move["reached"]]
+
+
+def _make_moves(arguments, axis, out, folder, moves, backend):
     """Start the cell, make the moves, stop it. Returns one dict per measured move."""
     import rclpy
 
@@ -113,7 +125,7 @@ def _make_moves(arguments, axis, out, moves, backend):
     out.mkdir(parents=True, exist_ok=True)
     rclpy.init()
     node = rclpy.create_node("demo", namespace=namespace)
-    with CellProcesses(namespace, backend.nodes(NODES), cell_parameters(arguments, axis, out, backend), logs=out / "logs") as cell, \
+    with CellProcesses(namespace, backend.nodes(NODES), cell_parameters(arguments, axis, folder, backend), logs=out / "logs") as cell, \
             progress("moves", len(moves)) as bar:
         cell.activate(node)
         axis_client = AxisClient(namespace, node)

@@ -5,7 +5,8 @@ import numpy as np
 from microstage_ros.metrology.repeatability import repeatability
 from microstage_ros.records.bags.bag import read_bag
 from microstage_ros.report.page import Page
-from microstage_ros.report.plots import COLOURS, new_figure, plot_signal, quantity
+from microstage_ros.quantities.readable import quantity
+from microstage_ros.report.plots import COLOURS, new_figure, plot_signal
 
 PAPER_4S = {1e-6: 173e-9, 1e-5: 160e-9, 1e-4: 219e-9, 1e-3: 255e-9}
 """Accuracy and precision 4s of the paper's Table 4 [m]."""

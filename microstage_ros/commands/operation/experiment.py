@@ -12,6 +12,7 @@ from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.backend import add_backend, chosen_backend
 from microstage_ros.commands.parser import Parser
 from microstage_ros.control.runs.run_file import load_run
+from microstage_ros.files import complete_folder, keep_earlier
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
 
@@ -36,19 +37,20 @@ def main(argv=None):
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of a simulated axis (default 1)")
     parser.add_argument("--running", action="store_true", help="on the cell that runs already, lockstep or paced; --axis is its axis file")
     parser.add_argument("--namespace", default="/axis", metavar="NS", help="of the axis (default /axis)")
+    parser.add_force()
     arguments = parser.parse_args(argv)
     if not arguments.namespace.startswith("/"):
         raise InputError("--namespace", arguments.namespace, "a name that begins with a slash, such as /axis")
     axis = read_axis(arguments.axis or config_file("axis.yaml"))
     out = Path(arguments.out)
-    if (out / "bag").exists():
-        raise InputError("--out", arguments.out, "a folder without a bag of an earlier run")
+    keep_earlier("--out", [out / "bag"], arguments.force)
     reference = reference_of(load_run(arguments.run), axis)
-    if arguments.running:
-        return _join(arguments, out, reference, axis)
-    backend = chosen_backend(arguments, axis)
-    arguments.mode = backend.mode_or(arguments.mode)
-    return _run(arguments, out, reference, axis, backend)
+    backend = None if arguments.running else chosen_backend(arguments, axis)
+    if backend:
+        arguments.mode = backend.mode_or(arguments.mode)
+    with complete_folder(out) as folder:
+        status = _run(arguments, out, folder, reference, axis, backend) if backend else _join(arguments, out, folder, reference, axis)
+    return status or _said(out, reference)
 
 
 def reference_of(run, axis):
@@ -68,14 +70,14 @@ def reference_of(run, axis):
     return reference
 
 
-def _run(arguments, out, reference, axis, backend):
+def _run(arguments, out, folder, reference, axis, backend):
     import rclpy
 
     from microstage_ros.ros.launching.cell_processes import NODES, CellFailure, CellProcesses
 
     file = {"axis_file": str(Path(arguments.axis).resolve())} if arguments.axis else {}
     parameters = {"axis_driver": {"mode": arguments.mode, "seed": arguments.seed, **file, **backend.driver_parameters}, "str_controller": file, "gms_observer": file,
-                  "bag_recorder": {"directory": str((out / "bag").resolve()), "run": Path(arguments.run).read_text(encoding="utf-8"),
+                  "bag_recorder": {"directory": str((folder / "bag").resolve()), "run": Path(arguments.run).read_text(encoding="utf-8"),
                                    "log_time": "stamp" if arguments.mode == "lockstep" else "arrival"}}
     print(f"{which_ros()}\n{backend.words(axis.name, arguments.seed)}", file=sys.stderr)
     out.mkdir(parents=True, exist_ok=True)
@@ -88,11 +90,16 @@ def _run(arguments, out, reference, axis, backend):
             player.play(reference)
             cell.deactivate(node)
     except CellFailure as failure:
-        print(f"{failure}; what the nodes said is in {out / 'logs'}", file=sys.stderr)
-        return 1
+        return _failed(f"{failure}; what the nodes said is in {out / 'logs'}")
     finally:
         rclpy.try_shutdown()
-    return _said(out, reference)
+    return 0
+
+
+def _failed(says):
+    answer.state(error={"place": "experiment", "says": says})
+    print(says, file=sys.stderr)
+    return 1
 
 
 def _said(out, reference):
@@ -101,13 +108,13 @@ def _said(out, reference):
     return 0
 
 
-def _join(arguments, out, reference, axis):
+def _join(arguments, out, folder, reference, axis):
     """On the cell that runs: only a recorder is started, beside it, and nothing is stopped but that."""
     import rclpy
 
     from microstage_ros.ros.launching.cell_processes import CellFailure, CellProcesses
 
-    parameters = {"bag_recorder": {"directory": str((out / "bag").resolve()), "run": Path(arguments.run).read_text(encoding="utf-8"), "log_time": "stamp"}}
+    parameters = {"bag_recorder": {"directory": str((folder / "bag").resolve()), "run": Path(arguments.run).read_text(encoding="utf-8"), "log_time": "stamp"}}
     print(f"{which_ros()}\nThe cell that runs in {arguments.namespace}.", file=sys.stderr)
     out.mkdir(parents=True, exist_ok=True)
     rclpy.init()
@@ -116,14 +123,13 @@ def _join(arguments, out, reference, axis):
         with CellProcesses(arguments.namespace, ("bag_recorder",), parameters, out / "logs", beside="experiment") as recorder:
             player = _Player(node, recorder, axis.value("period"))
             player.meet(arguments.namespace)
-            _until_recorded(player, out / "bag")
+            _until_recorded(player, folder / "bag")
             player.play(reference)
     except CellFailure as failure:
-        print(failure, file=sys.stderr)
-        return 1
+        return _failed(str(failure))
     finally:
         rclpy.try_shutdown()
-    return _said(out, reference)
+    return 0
 
 
 def _until_recorded(player, folder):

@@ -7,7 +7,7 @@ Takes the mapping of report.json for every number, so that page and file cannot 
 from microstage_ros.diagnosis.report.drawing import curves, strengths
 from microstage_ros.diagnosis.report.wording import TONES, VERDICTS, advice_for, name_of
 from microstage_ros.report.page import Page
-from microstage_ros.report.plots import quantity
+from microstage_ros.quantities.readable import quantity
 
 STRONGEST = 2                  # coordinates named where no cause fits
 SHOWN_SOURCES = 4              # file names listed in the footer

@@ -1,7 +1,7 @@
 """A diagnosis in a technician's words: names and remedies of the effects (each effect owns its own), verdicts, sizes."""
 
 from microstage_ros.model.effects import REGISTRY
-from microstage_ros.report.plots import quantity
+from microstage_ros.quantities.readable import quantity
 
 MOST = 3                       # sizes told in a sentence
 SUFFIXES = ("_rad", "_m", "_s", "_kg", "_N_m", "_Nm", "_V", "_hz", "_N", "_K", "_Pa", "_m_s")

@@ -12,11 +12,12 @@ import math
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from microstage_ros.identification.estimators.estimate import Estimate, Identification, from_interval
+from microstage_ros.identification.estimators.estimate import Estimate, Identification, from_interval, in_short
 from microstage_ros.identification.estimators.intervals import block_covariance, profile_interval
 from microstage_ros.model.friction.registry import law_named, run_law
 from microstage_ros.model.transmission import motor_ratio
 from microstage_ros.numerics.filters import low_pass
+from microstage_ros.quantities.readable import quantity
 
 NOISE_SHARE = 0.02  # inertial torque that the angle's resolution may feign, of the static torque
 SMEAR = 0.003  # of the inertia: what the low-pass carries over from the friction's step at a reversal
@@ -63,9 +64,8 @@ def identify_inertia(signals, axis):
     reflected = total_inertia_of(axis) - axis.value("drive.rotor_inertia")
     result.add(from_interval("drive.rotor_inertia", values[0] - reflected, spread[0], "kg m^2",
                              method="least squares, block sandwich", experiment=INERTIA_EXPERIMENT))
-    result.remarks.append(f"Fast sliding: level {values[1] * 1e6:.4g} ± {1.96 * spread[1] * 1e6:.2g} µNm, "
-                          f"slope {values[2] * 1e6:.4g} ± {1.96 * spread[2] * 1e6:.2g} µNm s/rad, "
-                          f"constant torque {values[3] * 1e6:.3g} ± {1.96 * spread[3] * 1e6:.2g} µNm.")
+    result.remarks.append(f"Fast sliding: level {in_short(values[1], spread[1], 'N m')}, slope {in_short(values[2], spread[2], 'N m s/rad')}, "
+                          f"constant torque {in_short(values[3], spread[3], 'N m')}.")
     return result
 
 
@@ -142,9 +142,10 @@ def identify_attraction(signals, axis):
     if axis.value("contacts.actuator.coulomb") / math.exp(best) < signals[0].period:
         high = math.inf  # a lag of less than a period is none that these rows can show
     if not (np.isfinite(low) and np.isfinite(high)):
-        bound = f"above {math.exp(low):.2g}" if np.isfinite(low) else f"below {math.exp(high):.2g}" if np.isfinite(high) else "anything"
+        bound = (f"above {quantity(math.exp(low), 'N m/s')}" if np.isfinite(low) else
+                 f"below {quantity(math.exp(high), 'N m/s')}" if np.isfinite(high) else "anything")
         result.add(Estimate(key, axis.value(key), "N m/s", low=math.exp(low), high=math.exp(high), determined=False, method="profile likelihood",
-                            remark=f"not determined by these records (95 %: {bound} N m/s); {ATTRACTION_EXPERIMENT}"))
+                            remark=f"not determined by these records (95 %: {bound}); {ATTRACTION_EXPERIMENT}"))
     else:
         spread = math.exp(best) * (high - low) / 3.92
         result.add(from_interval(key, math.exp(best), spread, "N m/s", math.exp(low), math.exp(high), "profile likelihood", ATTRACTION_EXPERIMENT))

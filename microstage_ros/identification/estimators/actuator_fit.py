@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from microstage_ros.identification.estimators.estimate import Curve, Estimate, Identification, from_interval
+from microstage_ros.identification.estimators.estimate import Curve, Estimate, Identification, from_interval, narrow
 from microstage_ros.identification.estimators.intervals import bootstrap, correlation
 from microstage_ros.identification.estimators.stribeck import NAMES, fit_stribeck, point_spread, stribeck_curve
 from microstage_ros.identification.estimators.virgin_curve import (
@@ -15,6 +15,7 @@ from microstage_ros.identification.estimators.virgin_curve import (
     mean_curve,
 )
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.quantities.readable import interval, quantity
 
 UNITS = ("N m", "N m", "rad/s", "1", "N m s/rad")
 FEWEST_REPEATS = 4  # below, scatter between repeats says nothing
@@ -90,7 +91,7 @@ def identify_sliding(features, seed, contact="actuator", resamples=RESAMPLES):
         except InputError:
             continue
         pooled = pooled or fit
-        rows += [(name, NAMES[i], UNITS[i], f"{fit[0][i]:.5g}", f"{fit[2][i]:.5g} … {fit[3][i]:.5g}") for i in range(5)]
+        rows += [(name, NAMES[i], quantity(fit[0][i], UNITS[i], 4), interval(fit[2][i], fit[3][i], UNITS[i], 4)) for i in range(5)]
     values, stderr, low, high, covariance = pooled
     for i, key in enumerate(keys):
         result.add(from_interval(key, values[i], stderr[i], UNITS[i], low[i], high[i],
@@ -103,7 +104,7 @@ def identify_sliding(features, seed, contact="actuator", resamples=RESAMPLES):
         result.remarks.append(f"Sliding friction of {len(np.unique(repeat))} repeats: the intervals hold for this place and time; "
                               "at another the friction differs by its variability.")
     result.correlations.append((tuple(keys), correlation(covariance)))
-    result.tables.append(("Stribeck curve by direction (Table 2)", ("direction", "parameter", "unit", "value", "95 %"), rows))
+    result.tables.append(("Stribeck curve by direction (Table 2)", ("direction", "parameter", "value", "95 %"), rows))
     result.curves.append(_sliding_curve(speed, friction, values, covariance))
     return result
 
@@ -176,7 +177,9 @@ def identify_presliding(loadings, repeat, seed, contact="actuator", units=("N m/
     for key, part, unit in zip(keys, parts, (units[0], "1", units[2])):
         pick = [array[part].tolist() for array in (values, stderr, low, high)]
         pick = [p[0] for p in pick] if part.stop - part.start == 1 else pick
-        result.add(Estimate(key, pick[0], unit, *pick[1:], method="bootstrap over repeats"))
+        told = narrow(pick[0], *pick[2:])
+        result.add(Estimate(key, pick[0], unit, *pick[1:], determined=told, method="bootstrap over repeats",
+                            remark="" if told else f"not determined by these records (their repeats differ too much); {experiment}"))
     _tables(result, contact, blocks, values, low, high, errors, units, reading)
     how = "chosen by the data" if errors else "as asked"
     result.remarks.append(f"{contact}: {size} blocks ({how}); repeats differ by {np.std(factors):.1%} (standard deviation).")
@@ -192,12 +195,12 @@ def identify_presliding(loadings, repeat, seed, contact="actuator", units=("N m/
 def _tables(result, contact, blocks, values, low, high, errors, units, reading):
     size = len(blocks.stiffness)
     slopes, shares = blocks.segments()
-    rows = [(j + 1, f"{blocks.stiffness[j]:.5g}", f"{blocks.weight[j]:.4f}", f"{blocks.slip_displacement[j]:.4g}",
-             f"{slopes[j]:.5g}", f"{shares[j]:.4f}", f"{low[j]:.4g} … {high[j]:.4g}", f"{low[size + j]:.3f} … {high[size + j]:.3f}")
+    rows = [(j + 1, quantity(blocks.stiffness[j], units[0], 4), f"{blocks.weight[j]:.4f}", quantity(blocks.slip_displacement[j], units[1], 4),
+             quantity(slopes[j], units[0], 4), f"{shares[j]:.4f}", interval(low[j], high[j], units[0], 4), f"{low[size + j]:.3f} … {high[size + j]:.3f}")
             for j in range(size)]
-    header = ("block", f"k [{units[0]}]", "α", f"slips at [{units[1]}]", f"segment slope K [{units[0]}]", "segment share",
+    header = ("block", "k", "α", "slips at", "segment slope K", "segment share",
               f"95 % of {'k' if reading == 'blocks' else 'K'}", "95 % of the weight")
     result.tables.append((f"Maxwell-slip blocks of the {contact}, both readings of the paper's tables", header, rows))
     if errors:
-        result.tables.append((f"Number of blocks of the {contact}", ("blocks", f"held-out rms [{units[2]}]"),
-                              [(n, f"{e:.4g}") for n, e in errors.items()]))
+        result.tables.append((f"Number of blocks of the {contact}", ("blocks", "held-out rms"),
+                              [(n, quantity(e, units[2], 4)) for n, e in errors.items()]))

@@ -4,6 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from microstage_ros.quantities.readable import interval, quantity
+
 DETERMINED_HALF_WIDTH = 0.5
 """A parameter counts as determined when the half width of its 95 % interval is below this share of
 its value: beyond it not even the first digit stands."""
@@ -21,7 +23,7 @@ class Estimate:
     stderr : standard uncertainty, same shape as `value`.
     low, high : 95 % interval, same shape as `value`; an end that the records leave open is infinite.
     determined : False if these records do not tell the parameter; then `remark` says why and which
-        experiment would.
+        experiment would. Of an offset that is determined as too small to matter it says so.
     method : where the interval comes from (bootstrap over repeats, profile likelihood, ...).
     """
 
@@ -95,8 +97,27 @@ class Identification:
 SIGNED = ("offset", "constant torque")  # what may be below zero; all else is a size
 
 
+def narrow(value, low, high, floor=0.0):
+    """The rule by which a parameter counts as determined: half width of the 95 % interval against max(|value|, floor).
+
+    Parameters
+    ----------
+    value, low, high : numbers, or arrays of one shape: of a list every number has to be determined.
+    """
+    half_width = 0.5 * (np.asarray(high, dtype=float) - np.asarray(low, dtype=float))
+    return bool(np.all(np.isfinite(half_width) & (half_width <= DETERMINED_HALF_WIDTH * np.maximum(np.abs(value), floor))))
+
+
+def in_short(value, stderr, unit):
+    """A number beside the estimates for a sentence: ``10.6 ± 0.4 µN m`` (95 %), or that it is not determined."""
+    half = 1.96 * float(stderr)
+    if narrow(value, value - half, value + half):
+        return f"{quantity(float(value), unit, 3, half)} (95 %)"
+    return f"not determined (95 %: {interval(value - half, value + half, unit)})"
+
+
 def from_interval(key, value, stderr, unit, low=None, high=None, method="", experiment="", floor=0.0):
-    """An `Estimate` that is determined if its interval is narrow against its value.
+    """An `Estimate` that is determined if `narrow` says so.
 
     `low`, `high` default to value ± 1.96 stderr. `floor` is the size below which a value does not
     matter (an offset of nothing is still a result): the half width is held against max(|value|, floor).
@@ -105,8 +126,9 @@ def from_interval(key, value, stderr, unit, low=None, high=None, method="", expe
     """
     low = value - 1.96 * stderr if low is None else low
     high = value + 1.96 * stderr if high is None else high
-    half_width = 0.5 * (high - low)
-    determined = bool(np.isfinite(half_width) and half_width <= DETERMINED_HALF_WIDTH * max(abs(value), floor))
-    determined &= value > 0.0 or any(word in key for word in SIGNED)
-    remark = "" if determined else f"not determined by these records (95 %: {low:.3g} … {high:.3g} {unit}); {experiment}"
+    offset = any(word in key for word in SIGNED)
+    determined = narrow(value, low, high, floor) and bool(value > 0.0 or offset)
+    remark = "" if determined else f"not determined by these records (95 %: {interval(low, high, unit)}); {experiment}"
+    if determined and offset and low <= 0.0 <= high:
+        remark = f"indistinguishable from 0 (95 %: {interval(low, high, unit)})"
     return Estimate(key, float(value), unit, float(stderr), float(low), float(high), determined, method, remark)

@@ -127,7 +127,8 @@ def identify_variability(deviation, travel, time, restart):
         low, high = _profile(likelihood, best, i)
         spread = (high - low) / 3.92 if np.isfinite(high - low) else np.inf
         result.add(from_interval(key, natural[i], spread, UNITS[i], low, high, "profile likelihood", EXPERIMENTS[i]))
-    result.remarks.append(f"Friction varies by {natural[0]:.1%} (standard deviation); noise of one sample {natural[4]:.2%}.")
+    if result.estimates[KEYS[0]].determined:
+        result.remarks.append(f"Friction varies by {natural[0]:.1%} (standard deviation); noise of one sample {natural[4]:.2%}.")
     return result
 
 

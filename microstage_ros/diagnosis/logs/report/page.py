@@ -4,7 +4,7 @@ from microstage_ros.diagnosis.logs.selection import course as course_module
 from microstage_ros.diagnosis.logs.report import pictures
 from microstage_ros.diagnosis.report.wording import TONES, advice_for, name_of
 from microstage_ros.report.page import Page
-from microstage_ros.report.plots import quantity
+from microstage_ros.quantities.readable import quantity
 
 SHOWN = 4
 VERDICTS = {

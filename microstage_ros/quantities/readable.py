@@ -1,0 +1,58 @@
+"""Numbers with their units as people read them: prefixes for exponents, digits as the uncertainty lets stand."""
+
+import math
+import re
+
+PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+TAKES_PREFIX = re.compile(r"(?!kg|1|dB)[A-Za-zΩ]+(?![\^²³\w])")
+"""Units that a prefix may stand before: not kg, not areas, not pure numbers."""
+
+
+def exponent_of(size):
+    """Multiple of three for a number of this size."""
+    if size == 0.0 or not math.isfinite(size):
+        return 0
+    return min(max(3 * math.floor(math.log10(size * (1 + 1e-9)) / 3), -15), 9)
+
+
+def quantity(value, unit, digits=3, stderr=None):
+    """A value with unit as people write it: `160 nm`, `17.0 ± 0.5 mrad`, a dash for no value.
+
+    Parameters
+    ----------
+    value, stderr : in `unit`, SI; digits : significant ones, where no stderr tells how many.
+    """
+    if value is None or not math.isfinite(value):
+        return "–"
+    exponent = exponent_of(max(abs(value), stderr or 0.0)) if TAKES_PREFIX.match(unit) else 0
+    name = "" if unit in ("", "1") else f" {PREFIXES[exponent]}{unit}"
+    scaled = value / 10.0**exponent
+    if not stderr or not math.isfinite(stderr):
+        return _plain(scaled, digits) + name
+    spread = stderr / 10.0**exponent
+    if spread < 1e-4 or spread >= 1e6:
+        return f"{_plain(scaled, 4)} ± {_plain(spread, 2)}{name}"
+    decimals = max(0, 1 - math.floor(math.log10(spread) + 1e-9))
+    return f"{scaled:.{decimals}f} ± {spread:.{decimals}f}{name}".replace("-", "−")
+
+
+def _plain(value, digits):
+    """A number with so many significant digits and no exponent where that is readable."""
+    if value == 0:
+        return "0"
+    decimals = digits - 1 - int(f"{value:.{digits - 1}e}".partition("e")[2])
+    text = f"{value:.{max(decimals, 0)}f}" if -4 < decimals < 9 else f"{value:.{digits - 1}e}"
+    return re.sub(r"e([+-])0*", r"e\1", text).replace("e+", "e").replace("-", "−")
+
+
+def interval(low, high, unit, digits=3):
+    """Both ends of an interval with one prefix: ``−0.678 … −0.502 mH``; an open end is a dash.
+
+    Parameters
+    ----------
+    low, high : in `unit`, SI; may be infinite. digits : significant ones of each end.
+    """
+    ends = [abs(end) for end in (low, high) if math.isfinite(end)]
+    exponent = exponent_of(max(ends, default=0.0)) if TAKES_PREFIX.match(unit) else 0
+    texts = [_plain(end / 10.0**exponent, digits) if math.isfinite(end) else "–" for end in (low, high)]
+    return f"{texts[0]} … {texts[1]}" + ("" if unit in ("", "1") else f" {PREFIXES[exponent]}{unit}")
