@@ -8,14 +8,14 @@ TAKES_PREFIX = re.compile(r"(?!kg|1|dB)[A-Za-zΩ]+(?![\^²³\w])")
 """Units that a prefix may stand before: not kg, not areas, not pure numbers."""
 
 
-def exponent_of(size):
+def exponent_of(size: float) -> int:
     """Multiple of three for a number of this size."""
     if size == 0.0 or not math.isfinite(size):
         return 0
     return min(max(3 * math.floor(math.log10(size * (1 + 1e-9)) / 3), -15), 9)
 
 
-def quantity(value, unit, digits=3, stderr=None):
+def quantity(value: float | None, unit: str, digits: int = 3, stderr: float | None = None) -> str:
     """A value with unit as people write it: `160 nm`, `17.0 ± 0.5 mrad`, a dash for no value.
 
     Parameters
@@ -36,7 +36,7 @@ def quantity(value, unit, digits=3, stderr=None):
     return f"{scaled:.{decimals}f} ± {spread:.{decimals}f}{name}".replace("-", "−")
 
 
-def _plain(value, digits):
+def _plain(value: float, digits: int) -> str:
     """A number with so many significant digits and no exponent where that is readable."""
     if value == 0:
         return "0"
@@ -45,7 +45,7 @@ def _plain(value, digits):
     return re.sub(r"e([+-])0*", r"e\1", text).replace("e+", "e").replace("-", "−")
 
 
-def interval(low, high, unit, digits=3):
+def interval(low: float, high: float, unit: str, digits: int = 3) -> str:
     """Both ends of an interval with one prefix: ``−0.678 … −0.502 mH``; an open end is a dash.
 
     Parameters
