@@ -26,6 +26,8 @@ from microstage_ros.records import write_record
 SEED = int(os.environ.get("MICROSTAGE_SEED") or secrets.randbelow(2**31))
 CASES = int(os.environ.get("MICROSTAGE_FRESH_CASES", "3"))
 HEALTHY_RATE = 0.96      # of clear single effects named first: what docs/diagnosis.md claims at least
+NAMELESS_RATE = 0.75     # of what no catalogue holds that gets no name, and
+NOTICED_RATE = 0.75      # that ends `unexplained`: 20 of 21 in the campaign bound both at 0.76 from below (docs/diagnosis.md)
 CHANCE = 1.0e-4
 
 
@@ -58,6 +60,20 @@ def test_effects_of_fresh_seeds_are_named(axis):
         print(f"  {name}: {answer.verdict} {named} open {open_ones}")
         hits.append(named[:1] == [name] or name in open_ones)
     assert sum(hits) >= least(CASES)
+
+
+def test_what_no_catalogue_holds_gets_no_name(axis):
+    """All kinds of it, with seeds drawn afresh. So few cases with so wide a bound assert no more than that not all are named."""
+    print(f"MICROSTAGE_SEED={SEED}")
+    said = {}
+    for number, kind in enumerate(sorted(fault_injection.OUTSIDE)):
+        generator = np.random.default_rng([SEED, 99, number])
+        hidden = fault_injection.outside(kind, generator)
+        answer = diagnose_case(axis, *make_case(axis, hidden, [SEED, 100, number], generator.uniform(0.02, 0.06)))
+        said[kind] = (answer.verdict, [cause.id for cause in answer.causes])
+        print(f"  {kind}: {said[kind]}")
+    assert sum(not named for _, named in said.values()) >= least(len(said), NAMELESS_RATE)
+    assert sum(verdict == "unexplained" for verdict, _ in said.values()) >= least(len(said), NOTICED_RATE)
 
 
 def test_a_nameless_force_beside_an_encoder_error_is_only_partly_explained(axis):
