@@ -14,10 +14,11 @@ from microstage_ros.diagnosis.preprocessing.preparation import reading_noise
 from microstage_ros.diagnosis.preprocessing.whitening import whiten_states
 
 BLOCK = 5
-LEAST_ROUNDING = 1.5e-9   # m, of what rounding leaves in a mean at rest: what the shipped encoder leaves, by `rounding_left` and `UNSURE`
+LEAST_ROUNDING = 1.5e-9   # m, in a mean at rest; derived: UNSURE · `rounding_left` (25 nm, 8 nm) of the shipped encoder
 UNSURE = 2.0        # times what the stated noise leaves: an encoder quieter than its file says leaves more
 RENEWAL = 0.8       # counts of travel
-LEAST_RENEWAL = 2.0e-8    # m
+LEAST_RENEWAL = 2.0e-8    # m; derived: RENEWAL · 25 nm
+ORDERS = 200        # of the series; derived: the rest is 0.0015 of the sum's root even without noise
 PIECE = 2.5         # s between the knots of a record's own course of drift
 
 
@@ -38,8 +39,8 @@ def rounding_left(count, noise):
     """
     if not count > 0.0:
         return 0.0
-    order = np.arange(1, 200)
-    return float(math.sqrt(np.sum((count / (math.pi * order)) ** 2 / 2.0 * np.exp(-4.0 * (math.pi * order * noise / count) ** 2))))
+    order = np.arange(1, ORDERS)
+    return float(math.sqrt(np.sum((count / (math.pi * order)) ** 2 / 2.0 * np.exp(-((2.0 * math.pi * order * noise / count) ** 2)))))
 
 
 class Position:
