@@ -53,15 +53,12 @@ def processors(text):
 
 
 POLICIES = {"normal": os.SCHED_OTHER, "batch": os.SCHED_BATCH, "real_time": os.SCHED_FIFO}
-LONGEST_RUN_US = 200_000, 400_000
-"""A real-time thread that runs so long [us] without ever waiting hangs: the system ends its process (SIGXCPU, then SIGKILL)
-before it keeps the processor from everybody. The watchdog takes the voltage away long before."""
-
 HIGHEST = -20
 """Rank among normal threads."""
 
-LONGEST_UNBROKEN_S = 3.0
-"""Longest processor time [s] that a real-time thread may take without waiting for anything; then the kernel ends the process.
+LONGEST_UNBROKEN_S = 1.0
+"""Longest processor time [s] that a real-time thread may take without waiting for anything; then the kernel ends the process
+(SIGXCPU, and SIGKILL after as long again). The watchdog takes the voltage away long before.
 
 A thread of the middleware that reads shared memory can turn for ever after the writer was killed in the middle of a write.
 At a real-time priority it would starve the servo loop of its own process, which then could not even be asked to stop, and
@@ -80,8 +77,6 @@ def take_place(logger, cpus, scheduling="normal", priority=0):
     if scheduling == "real_time":
         bound_real_time()
     rest = set() if cpus is None else cpus if scheduling == "normal" else _ALLOWED - cpus
-    if scheduling == "real_time":
-        resource.setrlimit(resource.RLIMIT_RTTIME, LONGEST_RUN_US)
     rank = os.sched_param(priority if scheduling == "real_time" else 0)
     for thread in map(int, os.listdir("/proc/self/task")):
         try:
@@ -103,10 +98,10 @@ def take_place(logger, cpus, scheduling="normal", priority=0):
 
 def bound_real_time(seconds=LONGEST_UNBROKEN_S):
     """Have the kernel end this process once a real-time thread of it has run for ``seconds`` without a wait (RLIMIT_RTTIME)."""
-    limit = int(seconds * 1e6)
-    _, hard = resource.getrlimit(resource.RLIMIT_RTTIME)
-    if hard == resource.RLIM_INFINITY or limit < hard:
-        resource.setrlimit(resource.RLIMIT_RTTIME, (limit, limit))
+    soft = int(seconds * 1e6)
+    _, most = resource.getrlimit(resource.RLIMIT_RTTIME)
+    hard = 2 * soft if most == resource.RLIM_INFINITY else min(2 * soft, most)
+    resource.setrlimit(resource.RLIMIT_RTTIME, (min(soft, hard), hard))
 
 
 def _carries_messages(thread):
