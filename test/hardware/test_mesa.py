@@ -37,7 +37,7 @@ class Emulated:
         self.port = int(self._process.stdout.readline())
 
     def backend(self, **options):
-        return make_hardware("mesa", Setup(AXIS, 1, {"host": "127.0.0.1", "port": self.port, "watchdog_s": 0.5, "wait_share": 200.0, **options}))
+        return make_hardware("mesa", Setup(AXIS, 1, {"host": "127.0.0.1", "port": self.port, "watchdog_s": 0.5, "wait_share": 200.0, "patience_s": 10.0, **options}))
 
     def end(self):
         if self._process.poll() is None:

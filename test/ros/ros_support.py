@@ -56,6 +56,14 @@ def ros_node(name="tester", namespace="/axis"):
             rclpy.try_shutdown()
 
 
+@contextmanager
+def real_time_place():
+    """The processor that paced cells pin their loops to: one test at a time, else two real-time loops starve each other."""
+    with open(Path(tempfile.gettempdir()) / "microstage_test_real_time", "w", encoding="ascii") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
 def spin_until(node, condition, seconds=60.0):
     """Serve ``node`` until ``condition()``; fails after ``seconds``."""
     import rclpy

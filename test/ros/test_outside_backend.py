@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 import rclpy
 from microstage_msgs.msg import DriverStatus
-from ros_support import own_domain, spin_until
+from ros_support import own_domain, real_time_place, spin_until
 
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
@@ -41,7 +41,7 @@ def test_the_cell_drives_it(tmp_path, simulated):
         axis = axis.with_values({"period": 2e-3}).with_controller({"type": "self_tuning_observer"})
     axis.save(tmp_path / "axis.yaml")
     (tmp_path / "options.yaml").write_text("position: 2.0e-5\n")
-    with own_domain():
+    with own_domain(), real_time_place():
         environment = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
         process = subprocess.Popen(
             [sys.executable, "-m", "microstage_ros.commands", "cell", "--axis", str(tmp_path / "axis.yaml"), "--backend",
@@ -82,7 +82,7 @@ def test_the_cell_over_the_wire_to_an_emulated_card(tmp_path):
          "--clock", "1e-3"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     port = int(emulator.stdout.readline())
     (tmp_path / "options.yaml").write_text(f"{{host: 127.0.0.1, port: {port}, watchdog_s: 0.2, wait_share: 20.0}}\n")
-    with own_domain():
+    with own_domain(), real_time_place():
         process = subprocess.Popen(
             [sys.executable, "-m", "microstage_ros.commands", "cell", "--axis", str(tmp_path / "axis.yaml"), "--backend", "mesa",
              "--backend-options", str(tmp_path / "options.yaml")], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

@@ -6,13 +6,13 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import pytest
 from microstage_msgs.action import MoveTo
 from microstage_msgs.msg import AxisState, DriverStatus
-from ros_support import own_domain, ros_node, spin_until
+from ros_support import own_domain, real_time_place, ros_node, spin_until
 
 from microstage_ros.ros.benchmarks.output_view import OutputView
 from microstage_ros.ros.client import AxisClient
@@ -34,7 +34,7 @@ def running_cell(tmp_path, mode="paced", nodes=WITHOUT_RECORDER, supervised=Fals
     """A cell that holds a position with some voltage: cell, node, client, statuses heard."""
     parameters = {"axis_driver": {"mode": mode, "rate_limit": 1.0 if mode == "lockstep" else 0.0, **driver},
                   "bag_recorder": {"directory": str(tmp_path / "bag")}}
-    with ros_node() as node:
+    with ros_node() as node, real_time_place() if mode == "paced" else nullcontext():
         heard = []
         node.create_subscription(DriverStatus, "/axis/driver_status", heard.append, LATCHED)
         with CellProcesses("/axis", nodes, parameters, logs=tmp_path / "logs") as cell:

@@ -17,12 +17,13 @@ from microstage_ros.quantities.errors import InputError
 
 OPTIONS = {
     "host": "192.168.1.121", "port": PORT, "encoder": 0, "output": 0, "full_scale": 10.0, "pwm_hz": 24e3, "pwm_mode": "up_down",
-    "direction": 1, "counts_direction": 1, "position": 0.0, "watchdog_s": 5e-3, "wait_share": 0.8, "filter": True,
+    "direction": 1, "counts_direction": 1, "position": 0.0, "watchdog_s": 5e-3, "wait_share": 0.8, "filter": True, "patience_s": 0.2,
     "current_encoder": None, "current_zero_hz": 0.0, "current_A_per_hz": 0.0,
 }
 """Options with their defaults. ``encoder``, ``output``: instances. ``full_scale``: volts at the amplifier for full output.
 ``direction``, ``counts_direction``: 1 or -1. ``position``: of the stage at `open` [m]. ``watchdog_s``: the card cuts the output
-after so long without a write. ``wait_share``: of the period, for the answer. ``current_encoder``: instance in up/down mode
+after so long without a write. ``wait_share``: of the period, for the answer. ``patience_s``: for an answer
+while the card is set up [s]. ``current_encoder``: instance in up/down mode
 that counts a voltage-to-frequency converter (THCAD), with its frequency at no current and amperes per hertz."""
 
 MODES = {"pwm_dir": 0, "up_down": 2, "pdm": 3, "offset": 0}
@@ -65,7 +66,7 @@ class MesaCard:
                 raise InputError(f"Mesa card: option {name}", self.options[name], "1 or -1")
         if self.options["pwm_mode"] not in MODES:
             raise InputError("Mesa card: option pwm_mode", self.options["pwm_mode"], "one of " + ", ".join(MODES))
-        for name in ("full_scale", "pwm_hz", "watchdog_s", "wait_share"):
+        for name in ("full_scale", "pwm_hz", "watchdog_s", "wait_share", "patience_s"):
             if isinstance(self.options[name], bool) or not isinstance(self.options[name], (int, float)) or not self.options[name] > 0.0:
                 raise InputError(f"Mesa card: option {name}", self.options[name], "a number above 0")
 
@@ -73,7 +74,7 @@ class MesaCard:
 
     def open(self):
         """Find the card, set it up with the output at zero volts, arm the watchdog. Raises `HardwareError`."""
-        self._link = Link(str(self.options["host"]), int(self.options["port"]))
+        self._link = Link(str(self.options["host"]), int(self.options["port"]), float(self.options["patience_s"]))
         try:
             self.layout = layout = hm.discover(self._link)
             self._watchdog = layout.module(hm.WATCHDOG)
