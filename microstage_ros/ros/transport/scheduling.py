@@ -56,6 +56,10 @@ POLICIES = {"normal": os.SCHED_OTHER, "batch": os.SCHED_BATCH, "real_time": os.S
 HIGHEST = -20
 """Rank among normal threads."""
 
+DELIVERY_PRIORITY = 10
+"""Highest real-time priority of the middleware's threads, below that of every servo loop: such a thread turns while a message
+is half written. If it ranked as high as the loop that writes the message, on the same processor, neither would ever go on."""
+
 LONGEST_UNBROKEN_S = 1.0
 """Longest processor time [s] that a real-time thread may take without waiting for anything; then the kernel ends the process
 (SIGXCPU, and SIGKILL after as long again). The watchdog takes the voltage away long before.
@@ -77,7 +81,7 @@ def take_place(logger, cpus, scheduling="normal", priority=0):
     if scheduling == "real_time":
         bound_real_time()
     rest = set() if cpus is None else cpus if scheduling == "normal" else _ALLOWED - cpus
-    rank = os.sched_param(priority if scheduling == "real_time" else 0)
+    own = priority if scheduling == "real_time" else 0
     for thread in map(int, os.listdir("/proc/self/task")):
         try:
             hot = thread == os.getpid() or _carries_messages(thread)
@@ -86,7 +90,8 @@ def take_place(logger, cpus, scheduling="normal", priority=0):
             if not hot:
                 continue
             if scheduling != "normal":
-                os.sched_setscheduler(thread, POLICIES[scheduling], rank)
+                rank = own if thread == os.getpid() else min(own, DELIVERY_PRIORITY)
+                os.sched_setscheduler(thread, POLICIES[scheduling], os.sched_param(rank))
             if scheduling == "real_time":  # for the moments when it is a normal thread
                 os.setpriority(os.PRIO_PROCESS, thread, HIGHEST)
         except PermissionError:
