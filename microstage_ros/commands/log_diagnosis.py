@@ -1,18 +1,20 @@
 """``diagnose --log``: logs of other people's machines."""
 
 import argparse
-import dataclasses
+import json
 import pathlib
 
 from microstage_ros.commands import answer
 from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
+from microstage_ros.diagnosis.logs.batch import cases_of_logs, diagnose_many_logs, with_axis
 from microstage_ros.diagnosis.logs.case import diagnose_logs
 from microstage_ros.diagnosis.logs.report.page import headline
 from microstage_ros.diagnosis.logs.report.answer import write_log_answer
 from microstage_ros.diagnosis.logs.report.trend import diagnose_over_time, write_trend
-from microstage_ros.files import keep_earlier, missing
+from microstage_ros.files import keep_earlier, missing, write_text
+from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.logs import load_description, read_log
 
 DESCRIPTION = """\
@@ -22,12 +24,24 @@ machine is needed: it is learned from the baseline, with its spread from run to 
 
 With --over-time every NOW file is one point of a course, in the order given: the sizes with their intervals, and where
 they change.
+
+With --each every NOW is a folder with the logs of one machine.
 """
 
 
 def main(argv):
     """Run ``diagnose --log``. Returns 0; raises InputError for bad input."""
     arguments = parser().parse_args(argv)
+    if arguments.jobs < 1:
+        raise InputError("--jobs", arguments.jobs, "1 or more processes")
+    if arguments.each:
+        if arguments.over_time:
+            raise InputError("--over-time", "together with --each", "one of the two")
+        return _each(arguments)
+    if not arguments.baseline:
+        raise InputError("--baseline", None, "logs of the machine while it was healthy")
+    if arguments.scheduler:
+        raise InputError("--scheduler", arguments.scheduler, "with --each: one machine is diagnosed by one process")
     description = load_description(arguments.log)
     axis = read_axis(arguments.axis) if arguments.axis else None
     if axis is not None:
@@ -60,27 +74,42 @@ def parser():
     """The options of ``diagnose --log``."""
     found = Parser(prog="microstage diagnose", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter)
     found.add_argument("--log", required=True, metavar="LOG.yaml", help="what the columns of the files mean")
-    found.add_argument("--baseline", nargs="+", required=True, metavar="FILE", help="logs of the machine while it was healthy")
+    found.add_argument("--baseline", nargs="+", default=[], metavar="FILE", help="logs of the machine while it was healthy")
     found.add_argument("--axis", metavar="FILE", help="axis file, for lead, gear ratio and mass, and for extended.yaml")
     found.add_argument("records", nargs="+", metavar="NOW", help="logs to examine")
     found.add_argument("--out", required=True, metavar="DIR", help="folder for the answer")
     found.add_argument("--over-time", action="store_true", help="every NOW file is a point of a course; writes trend.json and report.html")
     found.add_argument("--seed", type=int, default=0, metavar="N", help="written into the answer")
-    found.add_argument("--jobs", type=int, default=1, metavar="N", help=argparse.SUPPRESS)
+    found.add_argument("--each", action="store_true", help="every NOW is a folder with the logs of one machine (base* its baseline, else "
+                       "--baseline; LOG.yaml and axis.yaml in place of those given); answers go to DIR/NAME and DIR/summary.json")
+    found.add_argument("--jobs", type=int, default=1, metavar="N", help="with --each: processes on this machine (default 1)")
+    found.add_argument("--scheduler", metavar="ADDRESS", help="with --each: hand the work to this Dask scheduler, tcp://host:port")
     found.add_force()
     return found
 
 
-def with_axis(description, axis):
-    """The description with those facts of an axis file that LOG.yaml does not give itself."""
-    facts = dict(description.facts)
-    for fact, key in (("lead", "transmission.pitch"), ("gear_ratio", "transmission.gear_ratio"), ("mass", "stage.mass"),
-                      ("torque_constant", "drive.torque_constant"), ("resistance", "drive.resistance")):
-        try:
-            facts.setdefault(fact, float(axis.value(key)))
-        except (KeyError, ValueError):
-            continue
-    return dataclasses.replace(description, facts=facts)
+def _each(arguments):
+    """Many machines: one line per machine as it ends, a summary file that is whole after every case."""
+    cases = cases_of_logs(arguments.records, arguments.log, arguments.baseline, arguments.axis, arguments.out, arguments.seed)
+    summary = pathlib.Path(arguments.out) / "summary.json"
+    keep_earlier("--out", [summary], arguments.force)
+    rows = []
+    with progress("diagnosing", len(cases)) as bar:
+        for case, report in diagnose_many_logs(cases, arguments.jobs, arguments.scheduler):
+            bar.advance()
+            row = _row(case, report)
+            rows = sorted([*rows, row], key=lambda one: one["case"])
+            write_text(summary, json.dumps(rows, indent=1, ensure_ascii=False) + "\n")
+            print(f"{case.name}: {row.get('error') or row['headline']}", flush=True)
+    answer.state(cases=rows, summary=str(summary))
+    return 1 if any("error" in row for row in rows) else 0
+
+
+def _row(case, report):
+    if isinstance(report, Exception):
+        return {"case": case.name, "error": str(report) if isinstance(report, InputError) else f"{type(report).__name__}: {report}"}
+    return {"case": case.name, "verdict": report["verdict"], "causes": [cause["id"] for cause in report["causes"]],
+            "rivals": [rivals["ids"] for rivals in report["rivals"]], "headline": headline(report)}
 
 
 def tell(report, folder):

@@ -7,6 +7,7 @@ come back with the report. A case whose worker dies is tried again on another; w
 
 import contextlib
 import dataclasses
+import functools
 import os
 import pathlib
 import tempfile
@@ -67,6 +68,20 @@ def on_cluster(cases, work, scheduler):
         workers = max(sum(client.ncores().values()), 1)
         yield from as_they_end(iter(cases), lambda case: client.submit(work, case, pure=False, retries=2), AHEAD * workers,
                                lambda running: wait(list(running), return_when="FIRST_COMPLETED").done)
+
+
+def in_order(function, items, scheduler):
+    """``function`` of every item, in order, from the workers of a Dask scheduler. Raises the first error that a case ends with."""
+    found = {}
+    for (number, _), outcome in on_cluster(enumerate(items), functools.partial(_of_second, function), scheduler):
+        if isinstance(outcome, Exception):
+            raise outcome
+        found[number] = outcome
+    return [found[number] for number in range(len(found))]
+
+
+def _of_second(function, pair):
+    return function(pair[1])
 
 
 def _client(scheduler):

@@ -1,5 +1,6 @@
 """``compare``: the paper's Fig. 10, Fig. 11 and Table 4, for every controller."""
 
+import functools
 import json
 import os
 import pathlib
@@ -15,6 +16,7 @@ from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
 from microstage_ros.control.evaluation import comparison
+from microstage_ros.diagnosis.fleet import in_order
 from microstage_ros.files import complete_folder, keep_earlier, write_text
 from microstage_ros.hardware.simulated import machine_for
 from microstage_ros.places import config_file
@@ -37,7 +39,8 @@ def main(argv=None):
         extent = extent._replace(seeds=arguments.seeds)
     keep_earlier("--out", [pathlib.Path(arguments.out) / "comparison.json"], arguments.force)
     with progress("comparing", remembered=f"compare {extent} {len(arguments.controllers)} {arguments.jobs}") as bar:
-        result = comparison.compare(axis, extent, arguments.controllers, arguments.jobs, bar.say)
+        result = comparison.compare(axis, extent, arguments.controllers, arguments.jobs, bar.say,
+                                    functools.partial(in_order, scheduler=arguments.scheduler) if arguments.scheduler else None)
     page = comparison_page(result, comparison.PAPER_4S, comparison.PAPER_SINE, arguments.axis, f"0 … {extent.seeds - 1}")
     facts = {"version": __version__, "axis": axis.as_dict(), "seeds": extent.seeds, **_plain(result)}
     tables = comparison_tables(result, comparison.PAPER_4S, comparison.PAPER_SINE)
@@ -63,6 +66,7 @@ def _parse(argv):
                         help="controllers to compare (default all: %(default)s)")
     parser.add_argument("--seeds", type=int, metavar="N", help="friction seeds (default 20, quick 3)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="threads (default all cores)")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="hand the runs to this Dask scheduler, tcp://host:port (docs/logs.md)")
     parser.add_argument("--update", nargs="+", default=[], metavar="FILE",
                         help="Markdown files whose tables between <!-- compare: TITLE --> and <!-- end --> are to be replaced")
     parser.add_argument("--quick", action="store_true", help="few seeds, moves and searches")

@@ -1,5 +1,6 @@
 """``robustness``: a law on machines that it was not given: conditions, random machines, seeds; what failed and how to see it."""
 
+import functools
 import json
 import os
 import pathlib
@@ -19,6 +20,7 @@ from microstage_ros.commands.progress import progress
 from microstage_ros.control.laws.registry import LAWS
 from microstage_ros.control.robustness import campaign
 from microstage_ros.control.robustness.conditions import Condition, conditions, random_machine
+from microstage_ros.diagnosis.fleet import in_order
 from microstage_ros.files import write_text
 from microstage_ros.hardware.simulated import machine_for
 from microstage_ros.places import config_file
@@ -39,7 +41,8 @@ def main(argv=None):
         return 0
     chosen, seeds = _chosen(arguments, axis), [arguments.seed + n for n in range(arguments.seeds)]
     with progress(law, total=len(chosen) * len(seeds)) as bar:
-        outcomes = campaign.campaign(axis, chosen, seeds, law, arguments.jobs, lambda done: bar.advance())
+        outcomes = campaign.campaign(axis, chosen, seeds, law, arguments.jobs, lambda done: bar.advance(),
+                                     each=functools.partial(in_order, scheduler=arguments.scheduler) if arguments.scheduler else None)
     rows = campaign.summary(outcomes)
     _show(rows, law, arguments)
     title = f"{law}, {f'{arguments.random} random machines within {arguments.factor:g}' if arguments.random else 'conditions'}"
@@ -72,6 +75,7 @@ def _parse(argv):
     parser.add_argument("--seeds", type=int, default=5, metavar="N", help="runs of each (default 5)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the first run (default 0)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="threads (default all cores)")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="hand the runs to this Dask scheduler, tcp://host:port (docs/logs.md)")
     parser.add_argument("--out", metavar="DIR", help="write machine and run file of every failure, for simulate")
     parser.add_argument("--update", nargs="+", default=[], metavar="FILE",
                         help="Markdown files whose table between <!-- robustness: TITLE --> and <!-- end --> is to be replaced")

@@ -71,19 +71,25 @@ QUICK = Extent(3, 5, 8, ((1e-6, 1.0), (1e-5, 0.3), (1e-4, 1.0)), 4)
 class Bench:
     """The axis, the threads and the progress of one comparison."""
 
-    def __init__(self, axis, extent, jobs=1, progress=None):
-        self.axis, self.extent, self.jobs = axis, extent, jobs
+    def __init__(self, axis, extent, jobs=1, progress=None, elsewhere=None):
+        self.axis, self.extent, self.jobs, self.elsewhere = axis, extent, jobs, elsewhere
         self.progress = progress or (lambda text: None)
 
+    def __getstate__(self):
+        """What other computers need of it: neither the progress nor themselves."""
+        return {"axis": self.axis, "extent": self.extent, "jobs": 1, "elsewhere": None, "progress": None}
+
     def each(self, function, items):
-        """``function`` of every item, on ``jobs`` threads (the loops release the interpreter), in order."""
+        """``function`` of every item, on ``jobs`` threads (the loops release the interpreter) or, with ``elsewhere``, on other computers, in order."""
+        if self.elsewhere:
+            return self.elsewhere(function, items)
         with ThreadPoolExecutor(self.jobs) as pool:
             return list(pool.map(function, items))
 
 
-def compare(axis, extent=Extent(), controllers=CONTROLLERS, jobs=1, progress=None):
+def compare(axis, extent=Extent(), controllers=CONTROLLERS, jobs=1, progress=None, elsewhere=None):
     """Run the whole comparison. Returns plain data: numbers in SI, and the curves of Figs. 10 and 11."""
-    bench = Bench(axis, extent, jobs, progress)
+    bench = Bench(axis, extent, jobs, progress, elsewhere)
     result = {"controllers": list(controllers), "seeds": extent.seeds, "moves": extent.moves}
     result["tracking"] = tracking(bench, controllers)
     result["positioning"] = positioning(bench, controllers)

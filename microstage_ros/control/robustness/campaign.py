@@ -4,6 +4,7 @@ One run: two sines, twenty moves of 1 to 1000 um, six seconds at rest. A run fai
 by a swing of more than `SWING` peak to peak in the last second, or by a mean error beyond `LEFT` there.
 """
 
+import functools
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
@@ -68,11 +69,14 @@ def examine(axis, condition, seed, law, gains=None):
                    float(np.ptp(rest)), float(abs(rest.mean())), float(np.abs(error[ends]).max()) if len(ends) else 0.0)
 
 
-def campaign(axis, chosen, seeds, law, jobs=1, progress=None, gains=None):
+def campaign(axis, chosen, seeds, law, jobs=1, progress=None, gains=None, each=None):
     """`Outcome` of every condition and seed, in order.
 
     ``chosen`` : `conditions.Condition` list. ``seeds`` : of the runs. ``progress`` is called with the number done.
+    ``each`` : function (function, items) → results in order, in place of ``jobs`` threads: other computers.
     """
+    if each:
+        return each(functools.partial(_one, axis, law, gains), [(condition, seed) for condition in chosen for seed in seeds])
     work, done = [(condition, seed) for condition in chosen for seed in seeds], [0]
 
     def one(job):
@@ -84,6 +88,10 @@ def campaign(axis, chosen, seeds, law, jobs=1, progress=None, gains=None):
 
     with ThreadPoolExecutor(jobs) as pool:
         return list(pool.map(one, work))
+
+
+def _one(axis, law, gains, job):
+    return examine(axis, *job, law, gains)
 
 
 def summary(outcomes):
