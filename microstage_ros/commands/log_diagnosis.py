@@ -41,7 +41,7 @@ def main(argv):
     if not arguments.baseline:
         raise InputError("--baseline", None, "logs of the machine while it was healthy")
     if arguments.scheduler:
-        raise InputError("--scheduler", arguments.scheduler, "with --each: one machine is diagnosed by one process")
+        raise InputError("--scheduler", arguments.scheduler, "--each: a machine has one process")
     description = load_description(arguments.log)
     axis = read_axis(arguments.axis) if arguments.axis else None
     if axis is not None:
@@ -82,7 +82,7 @@ def parser():
     found.add_argument("--seed", type=int, default=0, metavar="N", help="written into the answer")
     found.add_argument("--each", action="store_true", help="every NOW is a folder with the logs of one machine (base* its baseline, else "
                        "--baseline; LOG.yaml and axis.yaml in place of those given); answers go to DIR/NAME and DIR/summary.json")
-    found.add_argument("--jobs", type=int, default=1, metavar="N", help="with --each: processes on this machine (default 1)")
+    found.add_argument("--jobs", type=int, default=1, metavar="N", help="with --each: processes here (default 1)")
     found.add_argument("--scheduler", metavar="ADDRESS", help="with --each: hand the work to this Dask scheduler, tcp://host:port")
     found.add_force()
     return found
@@ -90,7 +90,8 @@ def parser():
 
 def _each(arguments):
     """Many machines: one line per machine as it ends, a summary file that is whole after every case."""
-    cases = cases_of_logs(arguments.records, arguments.log, arguments.baseline, arguments.axis, arguments.out, arguments.seed)
+    cases = cases_of_logs(arguments.records, arguments.log, arguments.baseline, arguments.axis,
+                          arguments.out, arguments.seed)
     summary = pathlib.Path(arguments.out) / "summary.json"
     keep_earlier("--out", [summary], arguments.force)
     rows = []
@@ -107,9 +108,10 @@ def _each(arguments):
 
 def _row(case, report):
     if isinstance(report, Exception):
-        return {"case": case.name, "error": str(report) if isinstance(report, InputError) else f"{type(report).__name__}: {report}"}
-    return {"case": case.name, "verdict": report["verdict"], "causes": [cause["id"] for cause in report["causes"]],
-            "rivals": [rivals["ids"] for rivals in report["rivals"]], "headline": headline(report)}
+        plain = isinstance(report, InputError)
+        return {"case": case.name, "error": str(report) if plain else f"{type(report).__name__}: {report}"}
+    return {"case": case.name, "verdict": report["verdict"], "causes": [one["id"] for one in report["causes"]],
+            "rivals": [one["ids"] for one in report["rivals"]], "headline": headline(report)}
 
 
 def tell(report, folder):

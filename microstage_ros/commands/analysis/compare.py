@@ -66,7 +66,7 @@ def _parse(argv):
                         help="controllers to compare (default all: %(default)s)")
     parser.add_argument("--seeds", type=int, metavar="N", help="friction seeds (default 20, quick 3)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="threads (default all cores)")
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="hand the runs to this Dask scheduler, tcp://host:port (docs/logs.md)")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="hand the runs to this Dask scheduler, tcp://host:port")
     parser.add_argument("--update", nargs="+", default=[], metavar="FILE",
                         help="Markdown files whose tables between <!-- compare: TITLE --> and <!-- end --> are to be replaced")
     parser.add_argument("--quick", action="store_true", help="few seeds, moves and searches")

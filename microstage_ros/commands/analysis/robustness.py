@@ -40,9 +40,9 @@ def main(argv=None):
         print("\n".join(condition.name for condition in conditions(axis)))
         return 0
     chosen, seeds = _chosen(arguments, axis), [arguments.seed + n for n in range(arguments.seeds)]
+    each = functools.partial(in_order, scheduler=arguments.scheduler) if arguments.scheduler else None
     with progress(law, total=len(chosen) * len(seeds)) as bar:
-        outcomes = campaign.campaign(axis, chosen, seeds, law, arguments.jobs, lambda done: bar.advance(),
-                                     each=functools.partial(in_order, scheduler=arguments.scheduler) if arguments.scheduler else None)
+        outcomes = campaign.campaign(axis, chosen, seeds, law, arguments.jobs, lambda done: bar.advance(), each=each)
     rows = campaign.summary(outcomes)
     _show(rows, law, arguments)
     title = f"{law}, {f'{arguments.random} random machines within {arguments.factor:g}' if arguments.random else 'conditions'}"
@@ -75,7 +75,7 @@ def _parse(argv):
     parser.add_argument("--seeds", type=int, default=5, metavar="N", help="runs of each (default 5)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the first run (default 0)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="threads (default all cores)")
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="hand the runs to this Dask scheduler, tcp://host:port (docs/logs.md)")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="hand the runs to this Dask scheduler, tcp://host:port")
     parser.add_argument("--out", metavar="DIR", help="write machine and run file of every failure, for simulate")
     parser.add_argument("--update", nargs="+", default=[], metavar="FILE",
                         help="Markdown files whose table between <!-- robustness: TITLE --> and <!-- end --> is to be replaced")

@@ -18,7 +18,8 @@ NAMES = (
     ("following_error", r"(following|f|pos|position|tracking|lag|contour).{0,3}(error|err|diff|dev)|ferror|f-error|posdiff|schlepp|^error$|lag$"),
     ("reference_velocity", r"(ref|set|cmd|command|target|demand|desired).{0,12}(vel|speed|velo)|(vel|speed|velo)\w*.{0,3}(ref|set|cmd|command|demand)"),
     ("velocity", r"vel|speed|rpm|drehzahl"),
-    ("reference", r"set.?p|reference|(?<![a-z])ref|pos.?ref|input_pos|control.?pos|cmd|command|target|demand|soll|desired"),
+    ("reference", r"set.?p|reference|(?<![a-z])ref|pos.?ref|input_pos|control.?pos|cmd|command"
+                  r"|target|demand|soll|desired"),
     ("position", r"pos|actual|\bact|feedback|\bfb|encoder|\benc|rbv\b|\bist\b|^x$|angle"),
     ("current", r"curr|(?<![a-z])iq(?![a-z])|^i$|strom|\bamp|(?<![._]d)_a$|:cur"),
     ("torque", r"torq|moment|effort"),
@@ -69,7 +70,8 @@ def _may_be(quantity, name, table):
     told = known_unit(table.units.get(name, "")) if table.units.get(name) else None
     if told is not None and told[0] not in QUANTITIES[quantity]:
         return False
-    return quantity not in ("reference", "position") or not re.search(r"torq|curr|volt|force|veloc|speed|\brpm\b|(?<![a-z])i[dq](?![a-z])", name.lower())
+    other = r"torq|curr|volt|force|veloc|speed|\brpm\b|(?<![a-z])i[dq](?![a-z])"
+    return quantity not in ("reference", "position") or not re.search(other, name.lower())
 
 
 def _unit(quantity, name, table, reasons):

@@ -93,7 +93,7 @@ def test_each_folder_is_a_machine(machines, tmp_path, capsys, monkeypatch):
 
 @pytest.mark.parametrize("words, says", [
     (["m0"], "--baseline"), (["--each", "nowhere"], "not a folder"), (["--each", "m0", "--over-time"], "one of the two"),
-    (["--baseline", "m0/base1.csv", "--scheduler", "tcp://127.0.0.1:9", "m0/now.csv"], "with --each")])
+    (["--baseline", "m0/base1.csv", "--scheduler", "tcp://127.0.0.1:9", "m0/now.csv"], "--each")])
 def test_wrong_words_are_one_line(machines, tmp_path, monkeypatch, words, says):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=says):
