@@ -1,7 +1,10 @@
 """``recover``: a bag whose recorder was killed, or that was damaged, made whole again."""
 
+from pathlib import Path
+
 from microstage_ros.commands import answer
 from microstage_ros.commands.parser import Parser
+from microstage_ros.files import missing
 from microstage_ros.records.bags.recovery import DAMAGED, recover
 
 
@@ -12,6 +15,8 @@ def main(argv=None):
         f"and told; the file as it was found stays beside it (name ends in {DAMAGED})."))
     parser.add_argument("bag", metavar="BAG", help="an MCAP file or a rosbag2 folder")
     arguments = parser.parse_args(argv)
+    if not Path(arguments.bag).exists():
+        raise missing(arguments.bag, "an MCAP file or a rosbag2 folder")
     done = recover(arguments.bag)
     answer.state(files=[{"file": str(one.file), "whole": one.whole, "messages": one.messages, "chunks": one.chunks,
                          "lost_chunks": one.lost_chunks, "lost_bytes": one.lost_bytes, "topics": one.topics} for one in done])

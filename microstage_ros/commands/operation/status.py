@@ -12,7 +12,8 @@ STATES = {0: "starting", 1: "running", 2: "stopped by a signal", 3: "ended", 4: 
 
 def main(argv=None):
     """Run the command. Returns 0 if the axis is active and without fault, 1 otherwise."""
-    parser = operator_parser("status", "Says how an axis is: position, voltage, fault, who commands, its processes.")
+    parser = operator_parser("status", "Says how an axis is: position, voltage, fault, who commands, its nodes.")
+    parser.add_argument("--processes", action="store_true", help="one line for every node, with the number of its process")
     return _run(parser.parse_args(argv))
 
 
@@ -26,6 +27,7 @@ def _run(arguments):
             cell = axis.processes()
             answered = axis.took
     except NoAnswer as error:
+        answer.state(success=False, message=str(error))
         print(error, file=sys.stderr)
         return 1
     driver = found.driver
@@ -40,10 +42,19 @@ def _run(arguments):
     since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(driver.since.sec))
     print(f"{arguments.namespace}: {found.summary}")
     print(f"  {found.position * 1e6:.3f} µm, {found.voltage:.3g} {unit}; {'lockstep' if driver.lockstep else 'paced'}, backend {driver.backend}")
-    print(f"  driver: {driver.host}, process {driver.process}, since {since}; watchdog {'there' if driver.watched else 'missing'}")
-    for name, facts in processes.items():
-        again = f", started again {facts['restarts']} times" if facts["restarts"] else ""
-        print(f"  {name}: {facts['state']}, process {facts['process']}{again}")
+    print(f"  driver on {driver.host} since {since}; watchdog {'there' if driver.watched else 'missing'}")
+    _print_nodes(processes, arguments.processes)
     if cell is not None and cell.message:
         print(f"  missing: {cell.message}")
     return 0 if driver.active and not driver.fault else 1
+
+
+def _print_nodes(processes, every):
+    """Nodes that run in one line; a line of its own for whatever is not as it was started, or for ``every`` node."""
+    well = [name for name, facts in processes.items() if facts["state"] == STATES[1] and not facts["restarts"] and not every]
+    if well:
+        print(f"  running: {', '.join(well)}")
+    for name, facts in processes.items():
+        if name not in well:
+            again = f", started again {facts['restarts']} times" if facts["restarts"] else ""
+            print(f"  {name}: {facts['state']}{again}" + (f", process {facts['process']}" if every else ""))
