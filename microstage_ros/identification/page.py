@@ -4,7 +4,7 @@ import numpy as np
 
 from microstage_ros.identification.estimators.estimate import DETERMINED_HALF_WIDTH
 from microstage_ros.report.page import Page
-from microstage_ros.quantities.readable import quantity
+from microstage_ros.quantities.readable import interval, quantity
 from microstage_ros.report.plots import COLOURS, new_figure, readable
 
 MOST_POINTS = 3000
@@ -49,11 +49,11 @@ def identification_page(result, axis, records, seed, warnings=()):
 
 def _row(estimate, axis):
     before = people(axis.value(estimate.key), estimate.unit) if axis.has(estimate.key) else None
-    interval = None
+    between = None
     if estimate.low is not None:
         lows, highs = np.atleast_1d(estimate.low), np.atleast_1d(estimate.high)
-        interval = "; ".join(f"{quantity(low, estimate.unit, 4)} … {quantity(high, estimate.unit, 4)}" for low, high in zip(lows, highs))
-    return [estimate.key, in_words(estimate), interval, before, estimate.method]
+        between = "; ".join(interval(low, high, estimate.unit, 4) for low, high in zip(lows, highs))
+    return [estimate.key, in_words(estimate), between, before, estimate.method]
 
 
 def in_words(estimate):

@@ -46,7 +46,7 @@ def _plain(value: float, digits: int) -> str:
 
 
 def interval(low: float, high: float, unit: str, digits: int = 3) -> str:
-    """Both ends of an interval with one prefix: ``−0.678 … −0.502 mH``; an open end is a dash.
+    """Both ends of an interval with one prefix: ``−0.678 … −0.502 mH``; with one end open ``above 2.00 mm``.
 
     Parameters
     ----------
@@ -54,5 +54,10 @@ def interval(low: float, high: float, unit: str, digits: int = 3) -> str:
     """
     ends = [abs(end) for end in (low, high) if math.isfinite(end)]
     exponent = exponent_of(max(ends, default=0.0)) if TAKES_PREFIX.match(unit) else 0
-    texts = [_plain(end / 10.0**exponent, digits) if math.isfinite(end) else "–" for end in (low, high)]
-    return f"{texts[0]} … {texts[1]}" + ("" if unit in ("", "1") else f" {PREFIXES[exponent]}{unit}")
+    name = "" if unit in ("", "1") else f" {PREFIXES[exponent]}{unit}"
+    if not ends:
+        return "anything"
+    texts = [_plain(end / 10.0**exponent, digits) for end in (low, high) if math.isfinite(end)]
+    if len(texts) == 1:
+        return f"{'above' if math.isfinite(low) else 'below'} {texts[0]}{name}"
+    return f"{texts[0]} … {texts[1]}{name}"

@@ -76,7 +76,7 @@ def tracking_figure(result):
 def moves_figure(result):
     """Fig. 11: approach to the target for every distance and controller, to a quarter of the way or 1 um from it."""
     distances = list(next(iter(result["positioning"].values())))
-    figure, axes = new_figure(rows=2, columns=2)
+    figure, axes = new_figure(rows=len(distances), columns=1, height=1.8)
     for ax, distance in zip(np.ravel(axes), distances):
         band = min(0.25 * distance, 1e-6)
         for kind in result["controllers"]:
@@ -88,8 +88,8 @@ def moves_figure(result):
         plot_signal(ax, 1e3 * curve["t"][shown], reference, color="black", linestyle=":", linewidth=0.8, label="reference")
         ax.set_ylim(-1e9 * band, 1e9 * band)
         ax.set_title(f"{distance * 1e6:g} µm", fontsize="small", loc="left")
-        ax.set_xlabel("time (ms)")
-        ax.set_ylabel("from the target (nm)")
+        ax.set_ylabel("from the\ntarget (nm)")
+    np.ravel(axes)[-1].set_xlabel("time (ms)")
     np.ravel(axes)[0].legend(fontsize="x-small", loc="upper right")
     return figure
 

@@ -25,7 +25,7 @@ def over_stroke(result, name):
     fitted = _fitted(result, name)
     code = coordinates.condition[steady][0]
     scale = channel.scale[int(code)]
-    figure, axes = new_figure(1, 2, height=2.9, sharey=True)
+    figure, axes = new_figure(2, 1, height=2.0, sharex=True)
     across, place_unit = scale_of([low, high], result.context.place_unit)
     up, unit = scale_of(scale * (np.abs(level).max() + 0.1), channel.unit)
     for axis, direction, title in zip(axes, (1, -1), ("forward", "back")):
@@ -47,9 +47,9 @@ def over_stroke(result, name):
         if fitted is not None:
             axis.plot(x, fold(base + fitted), color=MODEL, ls="--", label="baseline with the causes")
         axis.set_title(title)
-        axis.set_xlabel(f"place [{place_unit}]")
-    axes[0].set_ylabel(f"{_label(channel)} [{unit}]")
-    axes[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.08), ncols=3)
+        axis.set_ylabel(f"{_label(channel)} [{unit}]")
+    axes[-1].set_xlabel(f"place [{place_unit}]")
+    axes[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.16), ncols=3)
     return figure
 
 
@@ -169,14 +169,14 @@ def ripple(result):
     keys = [key for key in spectra if key[0] and (False, *key[1:]) in spectra and len(spectra[key][0]) == len(spectra[(False, *key[1:])][0])]
     if not keys:
         return None
-    figure, axes = new_figure(1, len(keys[:2]), height=2.4, sharey=True, squeeze=False)
-    for axis, key in zip(axes[0], keys[:2]):
+    figure, axes = new_figure(len(keys[:2]), 1, height=1.8, sharex=True, squeeze=False)
+    for axis, key in zip(axes[:, 0], keys[:2]):
         orders, now = spectra[key]
         _, before = spectra[(False, *key[1:])]
         axis.bar(orders - 0.2, 100 * before, 0.4, color=BASE, label="baseline")
         axis.bar(orders + 0.2, 100 * now, 0.4, color=NOW, label="now")
         axis.set_title("forward" if key[2] > 0 else "back")
-        axis.set_xlabel("cycles per turn")
-    axes[0][0].set_ylabel("amplitude [% of the level]")
+        axis.set_ylabel("amplitude [% of\nthe level]")
+    axes[-1][0].set_xlabel("cycles per turn")
     axes[0][0].legend(loc="upper right")
     return figure
