@@ -5,6 +5,8 @@ import sys
 from microstage_ros.commands import answer
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.model.plausibility import implausible
+from microstage_ros.places import config_file
+from microstage_ros.quantities.yaml_text import yaml_tree
 
 
 def read_axis(path):
@@ -21,3 +23,11 @@ def warn(axis):
         print(f"warning: {warning}", file=sys.stderr)
     if warnings:
         answer.state(warnings=warnings)
+
+
+def add_controller(parser):
+    """Add ``--controller`` to a parser: one of the laws that the node knows (its parameter file lists them)."""
+    place = config_file("str_controller.yaml")
+    laws = [law for law in yaml_tree(place.read_text(encoding="utf-8"), str(place))["controller"]["one_of"] if law]
+    parser.add_argument("--controller", choices=laws, metavar="NAME",
+                        help=f"control law, one of {', '.join(laws)} (default: that of the axis file)")

@@ -128,6 +128,27 @@ MISTAKES = {
     "a topic left out": (["topic", "echo"], "the name of a topic"),
     "a shell that there is not": (["completion", "tcsh"], "invalid choice: 'tcsh'"),
     "a controller for tune that there is not": (["tune", "--axis", "axis.yaml", "--type", "pidd"], "did you mean pid?"),
+    "a law for a cell that there is not": (["cell", "--controller", "self_tunning"], "did you mean self_tuning?"),
+    "a law for the demo that there is not": (["demo", "--controller", "pdi"], "did you mean pid?"),
+    "a speed that is a length": (["jog", "--speed", "1mm"], "such as 0.5mm/s"),
+    "a speed in a word": (["jog", "--speed", "fast"], "such as 0.5mm/s"),
+    "a jog without its speed": (["jog"], "required: --speed"),
+    "a move at no speed": (["move", "--to", "1um", "--speed", "0"], "a speed above 0"),
+    "no repeats": (["move", "--to", "1um", "--repeat", "0"], "1 or more"),
+    "an empty target": (["move", "--to", ""], "expected a length"),
+    "a step with a digit too many": (["move", "--by", "5nm5"], "expected a length"),
+    "a mode that there is not": (["cell", "--mode", "fast"], "choose from 'lockstep', 'paced'"),
+    "a verb with a slip": (["topic", "ecko"], "did you mean echo?"),
+    "a run file for a bag": (["replay", "run.yaml"], "expected an MCAP file"),
+    "a run file to recover": (["recover", "run.yaml"], "expected an MCAP file"),
+    "a bag to recover that is not there": (["recover", "no.mcap"], "file not found"),
+    "a run file for a log": (["log", "run.yaml", "--out", "x"], "rows of numbers"),
+    "a run file for an axis file": (simulate(axis="run.yaml"), "run.yaml: format"),
+    "an axis file for a run file": (simulate(run="axis.yaml"), "'unknown key'"),
+    "an axis file for an experiment": (["experiment", "--run", "axis.yaml", "--out", "e"], "'unknown key'"),
+    "no records": (["identify", "--axis", "axis.yaml", "--out", "n.yaml"], "required: RECORD"),
+    "too many blocks": (["identify", "--axis", "axis.yaml", "rec.csv", "--blocks", "99", "--out", "n.yaml"], "from 1 to 8"),
+    "a seed of the demo below zero": (["demo", "--seed", "-1"], "--seed: got -1"),
     "no cases": (["campaign", "--cases", "0"], "1 or more"),
 }
 
@@ -160,4 +181,4 @@ def test_a_mistake_is_one_line_and_status_2_and_nothing_is_lost(name, folder, ca
 
 
 def test_there_are_forty_and_more():
-    assert len(MISTAKES) >= 40
+    assert len(MISTAKES) >= 75

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from microstage_ros.commands import units
 from microstage_ros.commands.__main__ import which_ros
-from microstage_ros.commands.axis import read_axis
+from microstage_ros.commands.axis import add_controller, read_axis
 from microstage_ros.commands.backend import add_backend, chosen_backend
 from microstage_ros.commands.parser import Parser
 from microstage_ros.files import keep_earlier
@@ -25,7 +25,7 @@ def main(argv=None):
     add_backend(parser)
     parser.add_argument("--mode", choices=("lockstep", "paced"),
                         help="simulated time no faster than real time (default where the backend is simulated), or wall clock")
-    parser.add_argument("--controller", metavar="NAME", help="control law (default: that of the axis file)")
+    add_controller(parser)
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the simulated axis (default 1)")
     parser.add_argument("--record", metavar="DIR", help="record everything into this bag folder")
     parser.add_force()

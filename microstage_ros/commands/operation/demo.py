@@ -9,7 +9,7 @@ import yaml
 from microstage_ros import __version__
 from microstage_ros.commands import answer
 from microstage_ros.commands.__main__ import which_ros
-from microstage_ros.commands.axis import read_axis
+from microstage_ros.commands.axis import add_controller, read_axis
 from microstage_ros.commands.backend import add_backend, chosen_backend
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
@@ -36,7 +36,7 @@ def main(argv=None):
     parser.add_argument("--out", metavar="DIR", help="folder for bag and report (default demo, demo-2, ...)")
     parser.add_argument("--quick", action="store_true", help=f"{QUICK_REPEATS} repeats in place of {REPEATS}: under a minute")
     parser.add_argument("--axis", metavar="FILE", help="axis file (default: the shipped config/axis.yaml)")
-    parser.add_argument("--controller", metavar="NAME", help="control law (default: that of the axis file)")
+    add_controller(parser)
     add_backend(parser)
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of every random number (default 1)")
     parser.add_force()
