@@ -98,7 +98,7 @@ class FaultCell:
         )  # a dead server's client has to notice
         facts["answered_s"] = round(answered, 4) if answered is not None else None
         if still:
-            facts |= self._stood_still(began_ns)
+            facts |= self._rested(began_ns)
         elif what == "stop":
             self._pass_time(max(began + STOPPED_FOR_S - time.monotonic(), 0.0))
         facts |= self._repaired(name, what, pid)
@@ -117,7 +117,7 @@ class FaultCell:
         largest = max((path.stat().st_size for path in self._bag_folders()[-1].glob("*.mcap")), default=0)
         resource.prlimit(pid, resource.RLIMIT_FSIZE, (largest + ROOM, resource.RLIM_INFINITY))
 
-    def _stood_still(self, began_ns):
+    def _rested(self, began_ns):
         """Zero volts, when, and that they stay."""
         if not self._paced:  # simulated time stands still: no period is driven without its command
             return {"zero_after_s": None, "kept_away_s": 0.0, "stays": True}

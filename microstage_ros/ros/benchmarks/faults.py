@@ -126,7 +126,7 @@ def judged(done, ends):
         "cells": len(ends),
         "noticed": sum(facts["noticed"] for facts in run),
         "had_to_stand_still": sum("stays" in facts for facts in run),
-        "stood_still": sum(facts.get("stays", False) for facts in run),
+        "rested": sum(facts.get("stays", False) for facts in run),
         "had_to_go_on": len(moving),
         "went_on": sum(facts["went_on"] for facts in moving),
         "had_to_be_repaired": sum("repaired" in facts for facts in run),
@@ -156,7 +156,7 @@ def judged(done, ends):
         f"{figures[wanted] - figures[found]} of {figures[wanted]}: not {found.replace('_', ' ')}"
         for wanted, found in (
             ("injected", "noticed"),
-            ("had_to_stand_still", "stood_still"),
+            ("had_to_stand_still", "rested"),
             ("had_to_go_on", "went_on"),
             ("had_to_be_repaired", "repaired"),
             ("actions_to_be_answered", "answered_within_1s"),

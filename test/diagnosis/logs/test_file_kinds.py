@@ -1,10 +1,9 @@
 """Every kind of file that drives and controllers write: `log FILE` proposes a LOG.yaml that `diagnose --log` accepts.
 
-Header lines as their sources describe them: EPOS Studio data recorder (the export of the lead-screw data set of Mablekos-Alexiou et al.);
-TwinCAT Scope (exports of version 3.4.3145.3 in the tests of CagtayFabry/pytcs); halscope (LinuxCNC, src/hal/utils/scope_files.c:
-``Sampling period is %i ns``, then ``label %+.14f`` per channel); camonitor (EPICS base, modules/ca/src/tools: name, stamp, value, alarm);
-ODrive (capture of a property list: a column per property, named by its path); moteus (fields of ``servo_stats``, mjbots/moteus utils);
-MATLAB level 5 (scipy.io); MCAP with sensor_msgs/JointState.
+Header lines read at their source: TwinCAT Scope (exports of version 3.4.3145.3 in the tests of CagtayFabry/pytcs); halscope (LinuxCNC, src/hal/utils/scope_files.c:
+``Sampling period is %i ns``, then ``label %+.14f`` per channel); moteus (names of fields, mjbots/moteus utils). Laid out from
+descriptions, not checked against a file of the maker's: EPOS Studio data recorder, camonitor (name, stamp, value, alarm), ODrive (a column
+per property, named by its path), the header line of moteus. By the library that writes them: MATLAB level 5 (scipy.io); MCAP with sensor_msgs/JointState.
 """
 
 import json
