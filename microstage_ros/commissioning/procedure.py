@@ -12,6 +12,7 @@ from microstage_ros.commissioning.experiments.first_motion import first_motion
 from microstage_ros.commissioning.estimation.frequency_response import measured_margins
 from microstage_ros.commissioning.estimation.known import known_axis
 from microstage_ros.commissioning.design.law_choice import DRAWS, choose_law, soft_gains
+from microstage_ros.commissioning.experiments.dead_encoder import EncoderWatch
 from microstage_ros.commissioning.experiments.machine import LONGEST
 from microstage_ros.commissioning.experiments.open_loop import Strokes, fit_strokes, scale_check, sliding_response, strokes
 from microstage_ros.commissioning.estimation.parameters import draws, identified, slope_of
@@ -124,7 +125,7 @@ def _open_loop(outcome, machine, sketch, store, first, seed, progress, keep, pat
         store.finish("strokes", asdict(found), [paths["strokes"]])
     assert isinstance(found, Strokes)
     if found.has_current and sketch.axis.choices["drive.type"] == "voltage_motor":
-        machine.constants = (found.resistance, max(found.volts_per_speed, 1e-9))
+        machine.watch = EncoderWatch(machine.period, found.resistance, max(found.volts_per_speed, 1e-9), machine.current_offset)
     machine.top_speed = machine.limit / max(found.volts_per_speed, 1e-9)
     axis = known_axis(sketch, found)
     progress("frequency response, sliding, before any loop is closed")

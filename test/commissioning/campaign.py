@@ -10,6 +10,7 @@ import tempfile
 import time
 from pathlib import Path
 
+import numpy as np
 from machines import FAULTS, Machine, random_axis
 from scipy.stats import beta
 
@@ -39,7 +40,7 @@ def one(sketch, fault, seed, folder, truth=None, period=None):
         truth = truth.with_values(values, source="estimate")
     folder.mkdir(parents=True, exist_ok=True)
     truth.save(folder / "truth.yaml")
-    options = {"truth": str(folder / "truth.yaml"), "fault": fault, "frozen_after": 20000 + 37777 * seed}
+    options = {"truth": str(folder / "truth.yaml"), "fault": fault, "frozen_after": frozen_after(seed)}
     backend = make_hardware("machines:Machine", Setup(sketch.axis, seed, options))
     backend.open()
     hand = Hand(backend, sketch.axis)
@@ -54,9 +55,14 @@ def one(sketch, fault, seed, folder, truth=None, period=None):
     return {"fault": fault, "seed": seed, "got": got, "right": got == EXPECTED[fault], "says": outcome.says, "law": outcome.law,
             "time_s": hand.time, "cpu_s": time.process_time() - begun, "range_m": [machine.lowest, machine.highest],
             "within": machine.lowest >= sketch.axis.value("travel.minimum") and machine.highest <= sketch.axis.value("travel.maximum"),
-            "wrong_m": machine.wrong, "wrong_s": machine.wrong_time, "true_margins": true_margins(outcome, truth), "law_of_friction": truth.law("actuator"),
+            "wrong_m": machine.wrong, "wrong_s": machine.wrong_time, "wrong_run_s": machine.wrong_run, "true_margins": true_margins(outcome, truth), "law_of_friction": truth.law("actuator"),
             "voltage_V": machine.most_voltage, "moves": outcome.moves, "sine_m": outcome.sine, "held": hits,
             "report": report_tree(outcome, hand)["margins"], "remarks": outcome.remarks[-2:]}
+
+
+def frozen_after(seed):
+    """Reading after which the encoder freezes: 1 to 140 s into the commissioning at 10 kHz, which lasts longer."""
+    return int(np.random.default_rng((seed, 7)).uniform(1e4, 1.4e6))
 
 
 def true_margins(outcome, truth):
@@ -122,8 +128,9 @@ def summary(rows):
         print("intervals that held the truth:", interval(sum(held), len(held)))
     wrong = [row for row in rows if row["fault"] in ("motor_polarity", "encoder_polarity", "encoder_dead", "encoder_frozen")]
     if wrong:
-        print(f"wrong motion: at most {max(row['wrong_m'] for row in wrong) * 1e6:.2f} µm, {max(row['wrong_s'] for row in wrong):.3f} s; beyond 10 µm and 0.1 s: "
-              f"{sum(row['wrong_m'] > 1e-5 and row['wrong_s'] > 0.1 for row in wrong)} of {len(wrong)}")
+        print(f"wrong motion: at most {max(row['wrong_m'] for row in wrong) * 1e6:.2f} µm, {max(row['wrong_s'] for row in wrong):.3f} s in all and {max(row['wrong_run_s'] for row in wrong):.3f} s "
+              f"in one go faster than 10 µm/s; beyond 10 µm: {sum(row['wrong_m'] > 1e-5 for row in wrong)}, beyond 0.1 s in all: {sum(row['wrong_s'] > 0.1 for row in wrong)}, "
+              f"in one go: {sum(row['wrong_run_s'] > 0.1 for row in wrong)} of {len(wrong)}")
     pairs = [(row["report"], row["true_margins"]) for row in rows if row["true_margins"] and row["report"]["phase_deg"] is not None]
     close = [abs(a["phase_deg"] - b[0]) <= 3.0 and (a["gain_dB"] is None or abs(a["gain_dB"] - b[1]) <= 1.0) for a, b in pairs]
     if pairs:

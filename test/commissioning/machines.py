@@ -19,7 +19,7 @@ FAULTS = ("motor_polarity", "encoder_polarity", "current_polarity", "encoder_dea
 class Machine:
     """A simulated axis that nobody was told of. Options: ``truth`` (axis file), ``fault``, ``noise``, ``position``.
 
-    ``wrong`` [m] and ``wrong_time`` [s]: way from where a fault of polarity or a dead encoder began, and time beyond 10 µm/s since.
+    ``wrong`` [m] and ``wrong_time`` [s]: way from where a fault of polarity or a dead encoder began, and time beyond 10 µm/s since; ``wrong_run`` [s]: in one go.
     """
 
     simulated = True
@@ -39,7 +39,7 @@ class Machine:
         self._readings = deque()
         self.highest = self.lowest = 0.0
         self.most_voltage, self.reads = 0.0, 0
-        self.wrong, self.wrong_time, self._wrong_from = 0.0, 0.0, None
+        self.wrong, self.wrong_time, self.wrong_run, self._run, self._wrong_from = 0.0, 0.0, 0.0, 0.0, None
         Machine.made.append(self)
 
     def open(self):
@@ -67,7 +67,8 @@ class Machine:
         if self.fault in ("motor_polarity", "encoder_polarity", "encoder_dead") or (self.fault == "encoder_frozen" and self.reads > self.frozen_after):
             self._wrong_from = x if self._wrong_from is None else self._wrong_from
             self.wrong = max(self.wrong, abs(x - self._wrong_from))
-            self.wrong_time += self.axis.value("period") if abs(float(state["v"])) > 1e-5 else 0.0
+            self._run = self._run + self.axis.value("period") if abs(float(state["v"])) > 1e-5 else 0.0
+            self.wrong_run, self.wrong_time = max(self.wrong_run, self._run), self.wrong_time + (self.axis.value("period") if self._run else 0.0)
         return self._faulty(reading)
 
     def _faulty(self, reading):

@@ -154,20 +154,29 @@ class Loop:
     def _retreat(self, sign):
         """Whether the encoder shows the stage moving back at moderate voltages, for a tenth of a second at most."""
         machine = self.machine
-        constants, machine.constants = machine.constants, None  # a drive train that unwinds is no dead encoder
-        way = max(5e-6, 50.0 * machine.count)
+        way, watch, before = max(5e-6, 50.0 * machine.count), machine.watch, machine.last
+        usual = watch.unseen if watch is not None else ()
         try:
             start = machine.position
-            machine.rest(0.03)
-            for factor in (2.0, 3.0, 4.5):
-                volts = sign * min(factor * max(self._sliding, 0.01 * machine.limit), machine.limit)
-                machine.run(np.full(machine.periods(0.03, 10), start), lambda n, x, i, v=volts: v,
-                            until=lambda n, x, i: sign * (x - start) > way)
-                if sign * (machine.position - start) > 0.5 * way:
-                    return True
+            machine.watch = None  # the motor runs out, and winds the train up where the stage is blocked
+            after, machine.watch = machine.rest(0.03), watch
+            if watch is not None:  # a drive train that unwinds is no dead encoder; one that has unwound is
+                wound = self._wound_up(before, after)
+                watch.unseen = tuple(wound + each for each in usual)
+            stage = machine.periods(0.03, 10)
+            volts = [sign * min(factor * max(self._sliding, 0.01 * machine.limit), machine.limit) for factor in (2.0, 3.0, 4.5)]
+            machine.run(np.full(3 * stage, start), lambda n, x, i: volts[n // stage], until=lambda n, x, i: sign * (x - start) > way)
+            return sign * (machine.position - start) > 0.5 * way
         finally:
-            machine.constants = constants
-        return False
+            machine.watch = watch
+            if watch is not None:
+                watch.unseen = usual
+
+    def _wound_up(self, *records):
+        """Way [m at the stage] that the drive train is wound up at most at the end of records: what the motor has turned while the encoder stood."""
+        x, u, i = (np.concatenate([record[name] for record in records]) for name in ("encoder_m", "voltage_V", "current_A"))
+        gone = np.flatnonzero(np.abs(x - x[-1]) > 4.0 * self.machine.count)
+        return self.machine.watch.turned_at_most(u, i, int(gone[-1]) if len(gone) else 0)
 
 
 def stroke(loop, keep, longest=40.0):

@@ -15,7 +15,7 @@ from microstage_ros.records.record import Record
 
 LOOK = 0.01  # time between two looks at the last stretch of the run [s]
 MOST_SILENT = 5  # readings in a row without a number
-UNSEEN = 3e-6  # motion by the back-EMF that the encoder does not show [m]
+STILL = 0.001  # on one count: looked at then [s]
 LONGEST = 290.0  # of machine time [s]
 JUMP = 3.0  # times the speed at the voltage limit that no encoder can show
 SPIN = 2e-4  # the last part of a wait that is spun [s]
@@ -31,8 +31,7 @@ class Machine:
     Attributes
     ----------
     travel : window [m] that the encoder may not leave. position : last reading [m]. rows : periods so far.
-    constants : (resistance [ohm], volts per speed at the stage [V s/m]) once they are known; they let the current
-        tell a dead encoder in motion.
+    watch : `EncoderWatch` once there are motor constants: the current tells a dead encoder in motion. None without.
     used : greatest and least position [m] and greatest voltage [V] so far.
     """
 
@@ -47,7 +46,7 @@ class Machine:
         self.travel = (low + margin, high - margin)
         self.count = max(axis.value("sensors.encoder.resolution"), 1e-12)
         self.position, self.rows, self.started = math.nan, 0, False
-        self.constants, self.top_speed, self.time_offset, self.delay = None, math.inf, 0.0, 0
+        self.watch, self.top_speed, self.time_offset, self.delay = None, math.inf, 0.0, 0
         self.noise, self.current_offset, self.last, self.failed = 0.0, 0.0, None, None
         self.used = {"travel_min_m": math.inf, "travel_max_m": -math.inf, "voltage_max_V": 0.0}
 
@@ -87,7 +86,10 @@ class Machine:
         extra = None if disturbance is None else np.asarray(disturbance, float).tolist()
         wanted, limit, look = np.asarray(reference, float).tolist(), self.limit, self.periods(LOOK, 10)
         jump = JUMP * min(self.top_speed, 1e3) * self.period + 40.0 * self.count
-        silent, n, self.ended, before, planned = 0, 0, "rows", self.position, False
+        silent, n, self.ended, before, planned, same = 0, 0, "rows", self.position, False, 0
+        watch, still = self.watch, self.periods(STILL, 10)
+        if watch is not None:
+            watch.begin()
         try:
             for n in range(rows):
                 if self._paced:
@@ -105,6 +107,7 @@ class Machine:
                     silent = 0
                 if not low <= x <= high:
                     self._beyond(x, window)
+                same = same + 1 if x == before else 0
                 before = x
                 u = command(n, x, i)
                 if extra is not None:
@@ -120,7 +123,12 @@ class Machine:
                     self.ended = "until"
                     break
                 if n % look == look - 1:
-                    self._look(table, n, look)
+                    self._look(table, n)
+                if watch is not None:
+                    if same and same % still == 0:
+                        watch.still(table[3], table[1], n, same)
+                    if n % look == look - 1:
+                        watch.look(table[0], table[3], table[1], n)
             planned = self.ended == "rows"
         except HardwareError as problem:
             raise Stopped(f"the hardware reported: {problem}") from problem
@@ -175,8 +183,8 @@ class Machine:
         while time.perf_counter() < self._due:
             pass
 
-    def _look(self, table, n, look):
-        """Refuse an encoder that does not count over the last stretch while the motor turns; stop on the outside's signals."""
+    def _look(self, table, n):
+        """Stop on the outside's signals."""
         if "e_stop" in self._members and self._members["e_stop"]():
             raise Stopped("the emergency stop is pressed")
         if "limit_switches" in self._members:
@@ -184,16 +192,6 @@ class Machine:
             if any(pressed):
                 raise refused("end_stop", self.position if n < 1 else float(table[0, n]), "m", f"the {'lower' if pressed[0] else 'upper'} limit "
                               "switch is actuated inside the travel of the sketch")
-        part = table[:, n - look + 1:n + 1]
-        moved = part[0, -1] - part[0, 0]
-        if self.constants is not None:
-            resistance, volts_per_speed = self.constants
-            drop = part[3, :-1] - resistance * (part[1, 1:] - self.current_offset)
-            turned = float(np.nansum(drop)) / volts_per_speed * self.period
-            if abs(turned - moved) > UNSEEN + 0.35 * abs(turned) + 0.05 * np.abs(part[3]).max() / volts_per_speed * LOOK \
-                    and abs(moved) < 0.4 * abs(turned):
-                raise refused("encoder_dead", moved, "m", f"the motor turned as for {turned * 1e6:.3g} µm (by its back-EMF) while the "
-                              f"encoder showed {moved * 1e6:.3g} µm")
 
     def _note(self, table):
         if np.isfinite(table[0]).any():

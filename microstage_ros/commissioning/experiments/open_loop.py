@@ -5,19 +5,21 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from microstage_ros.commissioning.findings import Check, refused
+from microstage_ros.commissioning.experiments.dead_encoder import EncoderWatch
 from microstage_ros.commissioning.experiments.first_motion import joined
 from microstage_ros.commissioning.estimation.frequency_response import multi_sine, responses
-from microstage_ros.commissioning.estimation.smoothing import SMOOTH, smoothed, window_rows
+from microstage_ros.commissioning.estimation.plant_fit import resonance_of
+from microstage_ros.commissioning.estimation.smoothing import SMOOTH, smoothed
+from microstage_ros.control.laws.controller import controller_parameters
 from microstage_ros.signals.rows import of_row_before
 from microstage_ros.model.transmission import motor_ratio
 
 STROKE, SHARE = 1.5e-4, 0.02  # of the first strokes: metres, and share of the travel
-SCALES = (0.25, 1.0, 4.0)
-DOUBT = 2.0  # chi-square by which a wrong scale must explain the strokes better
-LEAST_SPREAD = 0.15
+LONGEST_WINDOW = 0.03  # of the low-pass of the strokes [s]
+EMF_DOUBT = 0.05  # of the logarithm: a magnet loses 0.2 % per kelvin, and the strokes tell the back-EMF within 1 %
+INERTIA_DOUBT = 0.3  # of the logarithm: friction that changes as the stage gathers speed counts as inertia
 SLIDE_SPEED, SLIDE_SHARE, TOP_SHARE = 3e-3, 0.12, 0.25  # of the base motion: m/s, of the travel, of the speed at the limit
 PASSES, LOWEST, HIGHEST = 6, 5.0, 1200.0  # base motions; Hz
 
@@ -45,6 +47,9 @@ class Strokes:
 
 def strokes(machine, sketch, first, keep):
     """Strokes to and fro by constant voltages. Returns (`Strokes`, `Check` of the scale). Raises Refused."""
+    if first.has_current and sketch.axis.choices["drive.type"] == "voltage_motor":
+        most = sketch.axis.value("drive.back_emf") * (1.0 + sketch.tolerance["drive.back_emf"]) / motor_ratio(sketch.axis)
+        machine.watch = EncoderWatch(machine.period, first.resistance, most, machine.current_offset, rough=True)
     reach = min(STROKE, SHARE * machine.stroke)
     centre, parts = machine.position, []
     level = 1.6 * first.breakaway
@@ -72,55 +77,78 @@ def _stroke(machine, centre, reach, voltage, longest):
 
 
 def fit_strokes(record, sketch, first, period):
-    """`Strokes` by least squares of the voltage balance (and of the torque balance, with a current)."""
-    _, v, a = smoothed(record, period)
-    u = savgol_filter(of_row_before(record["voltage_V"]), window_rows(period), 3)
-    fast = np.abs(v) > 0.15 * np.abs(v).max()
-    cut = slice(int(SMOOTH / period) + 1, -int(SMOOTH / period) - 1)
-    keep = np.zeros(len(v), bool)
-    keep[cut] = fast[cut]
-    v, a, u = v[keep], a[keep], u[keep]
-    ones, sign = np.ones(len(v)), np.sign(v)
+    """`Strokes` by least squares of the voltage balance (and of the torque balance, with a current).
+
+    Both sides of each balance pass the same low-pass, which leaves the balance as it is. It is longer than the drive train
+    swings: while it swings, motor and stage have different accelerations, and the inertia would come out up to three times too low.
+    """
+    x, v, _ = smoothed(record, period)
+    window = np.hanning(_long_rows(sketch.axis, period) + 2)[1:-1]
+    window /= window.sum()
+
+    def low(values):
+        return np.convolve(values, window, "valid")
+
+    rows = np.gradient(x, period)
+    speed = low(rows)
+    fast = np.abs(speed) > 0.15 * np.abs(speed).max()
+    u = low(of_row_before(record["voltage_V"]))[fast]
+    motion = np.column_stack([low(c)[fast] for c in (np.gradient(rows, period), np.sign(v), rows, np.ones(len(v)))])
+    top = float(np.abs(speed).max())
     if not first.has_current:
-        inertia, friction, viscous, offset = np.linalg.lstsq(np.column_stack([a, sign, v, ones]), u, rcond=None)[0]
+        inertia, friction, viscous, offset = np.linalg.lstsq(motion, u, rcond=None)[0]
         resistance = sketch.axis.value("drive.resistance") if sketch.axis.has("drive.resistance") else math.nan
-        return Strokes(resistance, float(viscous), float(inertia), float(friction), float(offset), 0.0, False, float(np.abs(v).max()))
-    i = savgol_filter(np.nan_to_num(record["current_A"]), window_rows(period), 3)[keep]
-    resistance, emf, offset = np.linalg.lstsq(np.column_stack([i, v, ones]), u, rcond=None)[0]
-    inertia, friction, viscous, zero = np.linalg.lstsq(np.column_stack([a, sign, v, ones]), i, rcond=None)[0]
+        return Strokes(resistance, float(viscous), float(inertia), float(friction), float(offset), 0.0, False, top)
+    i = low(np.nan_to_num(record["current_A"]))[fast]
+    resistance, emf, offset = np.linalg.lstsq(np.column_stack([i, motion[:, 2], motion[:, 3]]), u, rcond=None)[0]
+    inertia, friction, viscous, zero = np.linalg.lstsq(motion, i, rcond=None)[0]
     return Strokes(float(resistance), float(emf), float(inertia * resistance), float(friction * resistance),
-                   float(offset + zero * resistance), float(viscous * resistance), True, float(np.abs(v).max()))
+                   float(offset + zero * resistance), float(viscous * resistance), True, top)
+
+
+def _long_rows(axis, period):
+    """Rows of a Hann window whose first zero, 2 over its length, lies at a third of the sketched resonance."""
+    expected = resonance_of(axis)
+    length = min(max(6.0 / expected, SMOOTH), LONGEST_WINDOW) if math.isfinite(expected) else SMOOTH
+    return max(int(length / period) | 1, 7)
 
 
 def scale_check(found, sketch):
-    """Does the encoder count as the motor turns? With k = K_E and J as sketched, within their tolerances, a scale c of the
-    encoder shows in the back-EMF per encoder speed (k c) and in the current per encoder acceleration (J c / k)."""
+    """Check that the encoder counts as the motor turns.
+
+    A scale c of the encoder divides the back-EMF per encoder speed, k/c, and twice what is left of the inertia when that is
+    multiplied in, J/c². Each gives an interval of ln c: the sketch's tolerances as bounds, and the doubt of the measurement.
+    Refused is what lies in both, where that does not hold ln c = 0.
+    """
     axis = sketch.axis
     if axis.choices["drive.type"] != "voltage_motor":
         return Check("encoder_scale", True, math.nan, "1", "not checked: this drive has no back-EMF to hold the encoder against")
     ratio = motor_ratio(axis)
-    emf, resistance = axis.value("drive.back_emf"), axis.value("drive.resistance")
-    mass = axis.value("stage.mass")
-    reflected = axis.value("drive.rotor_inertia") + ratio * ratio * mass
+    emf, resistance = axis.value("drive.back_emf") / ratio, axis.value("drive.resistance")
+    rotor, load = axis.value("drive.rotor_inertia"), ratio * ratio * axis.value("stage.mass")
     known = found.resistance if found.has_current else resistance
-    back = math.log(max(found.volts_per_speed, 1e-12) / (emf / ratio))
-    torque = math.log(max(found.inertia, 1e-12) / (known * reflected / (axis.value("drive.torque_constant") * ratio)))
-    spread = {key: max(sketch.spread(key), LEAST_SPREAD) for key in ("drive.back_emf", "drive.rotor_inertia", "drive.resistance")}
-    both = math.hypot(spread["drive.rotor_inertia"], 0.0 if found.has_current else spread["drive.resistance"])
-
-    def doubt(scale):
-        shift = math.log(scale)
-        return ((back - shift) / spread["drive.back_emf"]) ** 2 + ((back + torque - 2.0 * shift) / both) ** 2
-
-    doubts = {scale: doubt(scale) for scale in SCALES}
-    best = min(doubts, key=doubts.get)
-    seen = math.exp((back / spread["drive.back_emf"] ** 2 + 2.0 * (back + torque) / both**2)
-                    / (1.0 / spread["drive.back_emf"] ** 2 + 4.0 / both**2))
-    if best != 1.0 and doubts[1.0] - doubts[best] > DOUBT and spread["drive.back_emf"] < 1.0:
-        few = "few" if best > 1.0 else "many"
-        raise refused("encoder_scale", 1.0 / seen, "1", f"the encoder counts {1.0 / seen:.2g} times what the motor's back-EMF and inertia say: "
-                      f"four times too {few} (decoding of the tracks: 1, 2 or 4 edges; resolution, pitch or gear in the sketch)")
-    return Check("encoder_scale", True, 1.0 / seen, "1", f"the encoder counts {1.0 / seen:.2g} times what back-EMF and inertia of the sketch say")
+    back = math.log(max(found.volts_per_speed, 1e-12) / emf)
+    turned = back + math.log(max(found.inertia, 1e-12) * axis.value("drive.torque_constant") * ratio / (known * (rotor + load)))
+    factor = {key: 1.0 + sketch.tolerance[key] for key in ("drive.back_emf", "drive.rotor_inertia", "stage.mass", "drive.resistance")}
+    viscous = blind = 0.0
+    if not found.has_current:  # what is seen as back-EMF has the viscous friction in it, the inertia the sketched resistance
+        all_volts = float(controller_parameters("pid_feedforward", axis, {})["feedforward"]["volts_per_velocity"])
+        viscous, blind = max(all_volts / emf - 1.0, 0.0), math.log(factor["drive.resistance"])
+        viscous *= factor["drive.back_emf"] * factor["drive.resistance"] * (1.0 + sketch.tolerance.get("contacts.actuator.viscous", 1.0))
+    k = -math.log(factor["drive.back_emf"]) - EMF_DOUBT, math.log(factor["drive.back_emf"] + viscous) + EMF_DOUBT
+    inertia = (math.log((rotor / factor["drive.rotor_inertia"] + load / factor["stage.mass"]) / (rotor + load)) - INERTIA_DOUBT - blind,
+               math.log((rotor * factor["drive.rotor_inertia"] + load * factor["stage.mass"]) / (rotor + load)) + INERTIA_DOUBT + blind + viscous)
+    low, high = max(k[0] - back, 0.5 * (inertia[0] - turned)), min(k[1] - back, 0.5 * (inertia[1] - turned))
+    seen = math.exp(-back)
+    if low > high:
+        return Check("encoder_scale", True, seen, "1", f"the encoder counts {seen:.2g} times what the sketched back-EMF says, and {math.exp(-0.5 * turned):.2g} times "
+                     "what the sketched inertia says: no scale explains both, one of them is beyond its tolerance")
+    seen = math.exp(0.5 * (low + high))
+    if low > 0.0 or high < 0.0:
+        held = next((f"four times too {word}" for scale, word in ((4.0, "many"), (0.25, "few")) if low <= math.log(scale) <= high), "a wrong scale")
+        raise refused("encoder_scale", seen, "1", f"the encoder counts {seen:.2g} times ({math.exp(low):.2g} to {math.exp(high):.2g}) what the motor's back-EMF and "
+                      f"inertia say: {held} (decoding of the tracks: 1, 2 or 4 edges; resolution, pitch or gear in the sketch)")
+    return Check("encoder_scale", True, seen, "1", f"the encoder counts {math.exp(low):.2g} to {math.exp(high):.2g} times what back-EMF and inertia of the sketch say")
 
 
 def slide_speed(machine, found):
