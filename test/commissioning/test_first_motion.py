@@ -12,15 +12,16 @@ from microstage_ros.commissioning.experiments.open_loop import strokes
 from microstage_ros.commissioning.sketch import load_sketch
 from microstage_ros.hardware import make_hardware
 from microstage_ros.hardware.protocol import Setup
+from microstage_ros.model.transmission import motor_ratio
 from microstage_ros.places import config_file
 
 SKETCH = load_sketch(config_file("axis.yaml"))
 
 
-def begun(tmp_path, fault="", seed=1):
+def begun(tmp_path, fault="", seed=1, **options):
     """A machine in hand, on a truth within a factor of two of the sketch."""
     random_axis(SKETCH.axis, seed).save(tmp_path / "truth.yaml")
-    backend = make_hardware("machines:Machine", Setup(SKETCH.axis, seed, {"truth": str(tmp_path / "truth.yaml"), "fault": fault}))
+    backend = make_hardware("machines:Machine", Setup(SKETCH.axis, seed, {"truth": str(tmp_path / "truth.yaml"), "fault": fault, **options}))
     backend.open()
     hand = Hand(backend, SKETCH.axis)
     hand.begin()
@@ -61,6 +62,31 @@ def test_an_encoder_that_counts_wrong(tmp_path, fault):
         strokes(hand, SKETCH, first, kept)
     assert caught.value.check.id == "encoder_scale"
     assert Machine.made[-1].highest - Machine.made[-1].lowest < 2e-3
+
+
+def test_a_soft_drive_train_is_no_wrong_scale(tmp_path):
+    """Its swing at 180 Hz is as long as the strokes' acceleration: the inertia has to come out all the same."""
+    hand = begun(tmp_path, seed=28)
+    first, _ = first_motion(hand, SKETCH, kept)
+    found, check = strokes(hand, SKETCH, first, kept)
+    truth = Machine.made[-1].axis
+    ratio = motor_ratio(truth)
+    inertia = truth.value("drive.rotor_inertia") + ratio**2 * truth.value("stage.mass")
+    assert check.passed
+    assert found.inertia * truth.value("drive.torque_constant") * ratio / truth.value("drive.resistance") == pytest.approx(inertia, rel=0.25)
+    assert found.volts_per_speed * ratio == pytest.approx(truth.value("drive.back_emf"), rel=0.01)
+
+
+@pytest.mark.parametrize("after", [30000, 50000])
+def test_an_encoder_that_freezes_in_motion(tmp_path, after):
+    """Found by the back-EMF before the stage has gone 10 µm."""
+    hand = begun(tmp_path, "encoder_frozen", seed=5, frozen_after=after)
+    first, _ = first_motion(hand, SKETCH, kept)
+    with pytest.raises(Refused) as caught:
+        strokes(hand, SKETCH, first, kept)
+    machine = Machine.made[-1]
+    assert caught.value.check.id == "encoder_dead" and machine._voltage == 0.0
+    assert machine.wrong < 1e-5 and machine.wrong_time < 0.1
 
 
 @pytest.mark.parametrize("fault", ["no_current", "zero_current"])

@@ -12,13 +12,10 @@ SOFTER, SOFTEST = 0.9, 0.4  # of the bandwidth: from one trial to the next, and 
 SLIDING = GUARDED[1]
 LEAST_PHASE, LEAST_GAIN = 25.0, 4.5  # degrees, dB
 OBSERVER = "self_tuning_observer"
-OBSERVER_STEPS = ((1.0, 1.0), (1.0, 2.0), (0.8, 2.0), (0.8, 3.0), (0.8, 4.0), (0.65, 1.0), (0.65, 2.0), (0.65, 4.0),
-                  (0.5, 0.5), (0.4, 0.5), (0.3, 0.5))
+OBSERVER_STEPS = ((1.0, 1.0), (1.0, 2.0), (0.8, 2.0), (0.8, 3.0), (0.8, 4.0), (0.65, 1.0), (0.65, 2.0), (0.65, 4.0))
 """(share of the bandwidth, factor on the doubt in the back-EMF) of the observer law's trials, what costs least first: the
 back-EMF makes its loop fast and takes the margins, the encoder is slower and leaves them. On four simulated machines the moves'
-4s stayed as it was down to 0.8 of the bandwidth with 4 times the doubt; 0.65 cost up to a factor of three, 0.5 of eight.
-The last three are for a soft, hardly damped drive train: the encoder lies behind it, the back-EMF before it, so that there less doubt in
-the back-EMF steadies the loop."""
+4s stayed as it was down to 0.8 of the bandwidth with 4 times the doubt; 0.65 cost up to a factor of three, 0.5 of eight."""
 OBSERVER_PHASE, OBSERVER_GAIN = 20.0, 2.0  # degrees, dB, that end the trials
 BARE = 0.25  # of both, below which the law is not taken
 

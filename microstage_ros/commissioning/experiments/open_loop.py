@@ -19,6 +19,7 @@ from microstage_ros.model.transmission import motor_ratio
 STROKE, SHARE = 1.5e-4, 0.02  # of the first strokes: metres, and share of the travel
 LONGEST_WINDOW = 0.03  # of the low-pass of the strokes [s]
 EMF_DOUBT = 0.05  # of the logarithm: a magnet loses 0.2 % per kelvin, and the strokes tell the back-EMF within 1 %
+LEAST_SCALE = 0.5 * math.log(2.0)  # of the logarithm: edges are counted wrong by two or four
 INERTIA_DOUBT = 0.3  # of the logarithm: friction that changes as the stage gathers speed counts as inertia
 SLIDE_SPEED, SLIDE_SHARE, TOP_SHARE = 3e-3, 0.12, 0.25  # of the base motion: m/s, of the travel, of the speed at the limit
 PASSES, LOWEST, HIGHEST = 6, 5.0, 1200.0  # base motions; Hz
@@ -118,7 +119,7 @@ def scale_check(found, sketch):
 
     A scale c of the encoder divides the back-EMF per encoder speed, k/c, and twice what is left of the inertia when that is
     multiplied in, J/c². Each gives an interval of ln c: the sketch's tolerances as bounds, and the doubt of the measurement.
-    Refused is what lies in both, where that does not hold ln c = 0.
+    Refused is what lies in both, where all of it is nearer to a factor of two than to one.
     """
     axis = sketch.axis
     if axis.choices["drive.type"] != "voltage_motor":
@@ -144,7 +145,7 @@ def scale_check(found, sketch):
         return Check("encoder_scale", True, seen, "1", f"the encoder counts {seen:.2g} times what the sketched back-EMF says, and {math.exp(-0.5 * turned):.2g} times "
                      "what the sketched inertia says: no scale explains both, one of them is beyond its tolerance")
     seen = math.exp(0.5 * (low + high))
-    if low > 0.0 or high < 0.0:
+    if low > LEAST_SCALE or high < -LEAST_SCALE:
         held = next((f"four times too {word}" for scale, word in ((4.0, "many"), (0.25, "few")) if low <= math.log(scale) <= high), "a wrong scale")
         raise refused("encoder_scale", seen, "1", f"the encoder counts {seen:.2g} times ({math.exp(low):.2g} to {math.exp(high):.2g}) what the motor's back-EMF and "
                       f"inertia say: {held} (decoding of the tracks: 1, 2 or 4 edges; resolution, pitch or gear in the sketch)")
