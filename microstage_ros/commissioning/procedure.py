@@ -14,7 +14,7 @@ from microstage_ros.commissioning.estimation.known import known_axis
 from microstage_ros.commissioning.design.law_choice import DRAWS, choose_law, soft_gains
 from microstage_ros.commissioning.experiments.dead_encoder import EncoderWatch
 from microstage_ros.commissioning.experiments.machine import LONGEST
-from microstage_ros.commissioning.experiments.open_loop import Strokes, fit_strokes, scale_check, sliding_response, strokes
+from microstage_ros.commissioning.experiments.open_loop import Strokes, fit_strokes, scale_check, sliding_response, strokes, strokes_below_swing
 from microstage_ros.commissioning.estimation.parameters import draws, identified, slope_of
 from microstage_ros.commissioning.estimation.plant_fit import fit_plant, resonance_of
 
@@ -117,8 +117,9 @@ def _open_loop(outcome, machine, sketch, store, first, seed, progress, keep, pat
     progress("strokes: motor constants, inertia, friction, scale of the encoder")
     done = store.done("strokes")
     if done is not None:
-        found = fit_strokes(store.records_of("strokes")[0], sketch, first, machine.period)
-        outcome.check(scale_check(found, sketch))
+        record = store.records_of("strokes")[0]
+        found = fit_strokes(record, sketch, first, machine.period)
+        outcome.check(scale_check(strokes_below_swing(record, sketch, first, machine.period), sketch))
     else:
         found, check = strokes(machine, sketch, first, keep)
         outcome.check(check)

@@ -5,13 +5,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import savgol_filter
 
 from microstage_ros.commissioning.findings import Check, refused
 from microstage_ros.commissioning.experiments.dead_encoder import EncoderWatch
 from microstage_ros.commissioning.experiments.first_motion import joined
 from microstage_ros.commissioning.estimation.frequency_response import multi_sine, responses
 from microstage_ros.commissioning.estimation.plant_fit import resonance_of
-from microstage_ros.commissioning.estimation.smoothing import SMOOTH, smoothed
+from microstage_ros.commissioning.estimation.smoothing import SMOOTH, smoothed, window_rows
 from microstage_ros.control.laws.controller import controller_parameters
 from microstage_ros.signals.rows import of_row_before
 from microstage_ros.model.transmission import motor_ratio
@@ -68,7 +69,7 @@ def strokes(machine, sketch, first, keep):
     record = joined(parts)
     keep("strokes", record)
     found = fit_strokes(record, sketch, first, machine.period)
-    return found, scale_check(found, sketch)
+    return found, scale_check(strokes_below_swing(record, sketch, first, machine.period), sketch)
 
 
 def _stroke(machine, centre, reach, voltage, longest):
@@ -78,7 +79,28 @@ def _stroke(machine, centre, reach, voltage, longest):
 
 
 def fit_strokes(record, sketch, first, period):
-    """`Strokes` by least squares of the voltage balance (and of the torque balance, with a current).
+    """`Strokes` by least squares of the voltage balance (and of the torque balance, with a current)."""
+    _, v, a = smoothed(record, period)
+    u = savgol_filter(of_row_before(record["voltage_V"]), window_rows(period), 3)
+    fast = np.abs(v) > 0.15 * np.abs(v).max()
+    cut = slice(int(SMOOTH / period) + 1, -int(SMOOTH / period) - 1)
+    keep = np.zeros(len(v), bool)
+    keep[cut] = fast[cut]
+    v, a, u = v[keep], a[keep], u[keep]
+    ones, sign = np.ones(len(v)), np.sign(v)
+    if not first.has_current:
+        inertia, friction, viscous, offset = np.linalg.lstsq(np.column_stack([a, sign, v, ones]), u, rcond=None)[0]
+        resistance = sketch.axis.value("drive.resistance") if sketch.axis.has("drive.resistance") else math.nan
+        return Strokes(resistance, float(viscous), float(inertia), float(friction), float(offset), 0.0, False, float(np.abs(v).max()))
+    i = savgol_filter(np.nan_to_num(record["current_A"]), window_rows(period), 3)[keep]
+    resistance, emf, offset = np.linalg.lstsq(np.column_stack([i, v, ones]), u, rcond=None)[0]
+    inertia, friction, viscous, zero = np.linalg.lstsq(np.column_stack([a, sign, v, ones]), i, rcond=None)[0]
+    return Strokes(float(resistance), float(emf), float(inertia * resistance), float(friction * resistance),
+                   float(offset + zero * resistance), float(viscous * resistance), True, float(np.abs(v).max()))
+
+
+def strokes_below_swing(record, sketch, first, period):
+    """`Strokes` as `fit_strokes` has them, told below the swing of the drive train: for the scale of the encoder.
 
     Both sides of each balance pass the same low-pass, which leaves the balance as it is. It is longer than the drive train
     swings: while it swings, motor and stage have different accelerations, and the inertia would come out up to three times too low.
