@@ -126,7 +126,7 @@ class FrictionObserver:
         """`FrictionEstimate` of arrays, one entry for each memory in ``s`` (`advance_all`)."""
         model = self.model
         to_force = float(model["force_per_torque"])
-        unexplained = float(model["moving_mass"]) * s["d"]
+        unexplained = float(model["moving_mass"]) * s["inertia"] * s["d"]
         # all but the guideways' share of what is unexplained is put down to the actuator
         torque = s["actuator_friction"] + (unexplained / to_force if model["has_actuator"] else 0.0)
         guide = s["guideway_friction"] + (0.0 if model["has_actuator"] else unexplained)

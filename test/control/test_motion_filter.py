@@ -15,7 +15,7 @@ from microstage_ros.numerics.compiled import compiled
 def settle(p, s, period, variance, count):
     for _ in range(count):
         motion_filter.widen(p, s, period)
-        motion_filter.take_readings(p, s, variance)
+        motion_filter.take_readings(s, variance)
 
 
 @compiled

@@ -24,6 +24,7 @@ from microstage_ros.diagnosis.fleet import in_order
 from microstage_ros.files import write_text
 from microstage_ros.hardware.simulated import machine_for
 from microstage_ros.places import config_file
+from microstage_ros.metrology.rates import rate
 from microstage_ros.quantities.errors import InputError
 
 DEFAULT_AXIS = str(config_file("axis.yaml"))
@@ -53,7 +54,7 @@ def main(argv=None):
     for outcome in failures:
         condition = next(c for c in chosen if c.name == outcome.condition)
         print(f"{outcome.condition}, seed {outcome.seed}: {outcome.fault}\n  {_again(arguments, axis, condition, outcome, law, folder)}")
-    print(f"{len(failures)} of {len(outcomes)} runs failed")
+    print(f"{len(failures)} of {len(outcomes)} runs failed; {_of_machines(rows)}")
     facts = {"version": __version__, "axis": axis.as_dict(), "law": law, "seeds": seeds, "failed": len(failures), "conditions": rows,
              "runs": [{**o._asdict(), "fault": o.fault} for o in outcomes]}
     answer.state(**facts)
@@ -140,6 +141,18 @@ def _again(arguments, axis, condition, outcome, law, folder):
                        "--seed", str(outcome.seed), "--out", str(place / "record.csv")])
 
 
+def _of_machines(rows):
+    """Sentence: on how many of the machines a run failed, did not rest, with the exact 95 % intervals (Clopper and Pearson 1934).
+
+    Runs of one machine are no independent trials; machines drawn at random are.
+    """
+    parts = []
+    for words, keys in (("failed", ("failed",)), ("swung or rested beside the target", ("swinging", "off"))):
+        count = sum(any(row[key] for key in keys) for row in rows)
+        parts.append(f"machines that {words}: {rate(count, len(rows))}")
+    return ", ".join(parts) + ", 95 % intervals"
+
+
 HEADS = ["condition", "failed", "> 5 um", "swings", "off", "largest (um)", "sine (nm)", "settled (nm)", "swing (nm)", "off (nm)"]
 
 
@@ -148,7 +161,7 @@ def _document(rows, arguments):
     total = sum(row["runs"] for row in rows)
     counts = ", ".join(f"{sum(row[key] for row in rows)} {words}" for key, words in (
         ("failed", "failed"), ("beyond", "beyond 5 um"), ("swinging", "swing at rest"), ("off", "rest beside their target")))
-    remark = f"Worst of {arguments.seeds} seeds. Of {total} runs {counts}."
+    remark = f"Worst of {arguments.seeds} seeds. Of {total} runs {counts}; {_of_machines(rows)}."
     if not arguments.random:
         return ["condition", "failed", *HEADS[5:]], [
             [row["condition"], f"{row['failed']} of {row['runs']}" if row["failed"] else "–", f"{row['largest'] * 1e6:.3g}",

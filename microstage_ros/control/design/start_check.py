@@ -1,8 +1,9 @@
 """Before a start: whether the law is stable on the axis file's own model, and on machines that the file does not rule out.
 
 The eigenvalues of the sampled loop in every regime of `linear_loop.regime_slopes` say it, for the numbers of the file and
-for each of `DOUBTED` moved by twice its standard uncertainty, a tenth at least. Where the observer
-law is not, the encoder-only self-tuning law starts, from gains that are stable with `GAIN_ROOM` to spare.
+for each of `DOUBTED` moved by twice its standard uncertainty, a tenth at least. The observer law starts with the first of
+`START_DOUBTS` in encoder and voltage that holds all of them. Where there is none, the encoder-only self-tuning law starts, from gains that are stable with
+`GAIN_ROOM` to spare.
 """
 
 import numpy as np
@@ -23,6 +24,8 @@ DOUBTED = ("stage.mass", "transmission.stiffness", "drive.rotor_inertia")
 UNCERTAINTIES, LEAST_DOUBT = 2.0, 0.1  # by which each is moved, and the least share of it: no file is exact
 GAIN_ROOM = 1.4  # factor on all gains under which the encoder-only law must be stable
 LOWER, STEPS = 0.75, 14  # of the gains with every step, and the most steps: to a fortieth
+#: Doubts in encoder and voltage over the shipped ones, in the order in which they are tried.
+START_DOUBTS = ((1.0, 1.0), (1.5, 1.0), (2.0, 1.0), (3.0, 1.0), (4.0, 1.0), (4.0, 2.0), (6.0, 2.0), (8.0, 4.0))
 FILTERS = (1.0, 2.0, 3.2)  # times the filter time that are tried
 _found = {}  # by the numbers that it follows from: a campaign asks the same thousands of times
 CREEPING = "sliding, 1 um/s"  # where the axis itself is unstable, and blocks that stick again bound what follows
@@ -38,6 +41,19 @@ def doubted_axes(axis):
             moved = (max(value + sign * doubt, 0.1 * value) for sign in (-1.0, 1.0))
             found += [axis.with_values({key: number}, source="derived") for number in moved]
     return found
+
+
+def stable_doubts(axis, parameters):
+    """The first of `START_DOUBTS` with which the observer law holds every one of `doubted_axes`, None if there is none.
+
+    ``parameters`` : the law's record, which is left as it is.
+    """
+    tried = parameters.copy()
+    for doubts in START_DOUBTS:
+        tried["observer"]["encoder_doubt"], tried["observer"]["voltage_doubt"] = doubts
+        if observer_is_stable(axis, tried):
+            return doubts
+    return None
 
 
 def observer_is_stable(axis, parameters):

@@ -168,10 +168,10 @@ def feedforward_reset(s, reference):
 
 
 @compiled
-def feedforward_step(p, s, period, reference, actuator_level, guideway_level, offset_speed):
+def feedforward_step(p, s, period, reference, actuator_level, guideway_level, offset_speed, inertia):
     """Feed-forward voltage [V] for the new reference sample [m]; levels scale the friction limits [1].
 
-    ``offset_speed`` [m/s]: what the motor is to go faster than the stage.
+    ``offset_speed`` [m/s]: what the motor is to go faster than the stage; ``inertia`` [1]: of all that moves, over the file's.
     """
     velocity = min(max((reference - s.reference) / period, -p.top_speed), p.top_speed)
     acceleration = (velocity - s.velocity) / period
@@ -191,8 +191,8 @@ def feedforward_step(p, s, period, reference, actuator_level, guideway_level, of
     s.screw = screw
     s.screw_velocity = screw_velocity
     friction = p.volts_per_torque * s.actuator_friction + p.volts_per_force * (s.guideway_friction + p.offset_force)
-    motion = (p.volts_per_force * p.mass + p.rotor) * acceleration + p.volts_per_velocity * velocity
-    motion += p.rotor * (offset_speed - s.offset_speed) / period + p.volts_per_velocity * offset_speed
+    motion = inertia * (p.volts_per_force * p.mass + p.rotor) * acceleration + p.volts_per_velocity * velocity
+    motion += inertia * p.rotor * (offset_speed - s.offset_speed) / period + p.volts_per_velocity * offset_speed
     s.offset_speed = offset_speed
     s.friction = friction
     return p.friction_share * friction + p.motion_share * motion + p.volts_per_position * screw

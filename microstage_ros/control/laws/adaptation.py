@@ -30,7 +30,10 @@ Robust law. The same three products drive the logarithms of the gains, after the
   counts in full everywhere, for that is a gap being crossed, where a slow integral is what helps. Below `joint` the
   ceiling of K_I falls twice as far, and so does what is fed forward; K_I comes up again while reference and error stand
   still, so that a move ends at its target. None falls below its least, and all rise at `recovery`, slowly, so that an axis
-  whose limit was found stays near it.
+  whose limit was found stays near it;
+* where the reference stands and swings go on all the same, `HUSHED` in a row, K_P and K_D fade with each further one, below
+  every floor, until friction holds the axis: without them the loop is an axis that rests, led to its target by K_I alone. They
+  are back as soon as the reference moves.
 """
 
 import math
@@ -74,6 +77,9 @@ GAINS = (
 )
 SLOWLY = 0.04  # of `back_off`, below `prompt`
 FILTERED = 0.7  # of the logarithm of a raised K_D, by which the filter grows: what K_D passes on of noise and resonance hardly grows
+HUSHED = 40  # swings in a row at rest, from which on K_P and K_D fade there
+LEAST_HUSH = math.log(0.01)  # of K_P and K_D
+BACK_TIME = 1e-3  # s, in which they grow e-fold once the reference moves
 STANDING = math.log(1.5)  # of K_I ahead of K_P on a lowered ceiling, where the axis stands
 LOGGED = (
     "prompt", "joint", "filter_ceiling", "soft_proportional", "soft_integral", "soft_damping", "floor", "least_ceiling",
@@ -99,6 +105,8 @@ STATE_FIELDS = [
     ("log_ki", "f8"),
     ("log_kd", "f8"),
     ("calm", "f8"),  # 0: in motion, 1: at rest
+    ("rest_swings", "i8"),  # in a row, since the reference stands
+    ("hush", "f8"),  # logarithm of what they leave of K_P and K_D
 ]
 
 
@@ -126,6 +134,8 @@ def adaptation_reset(p, s, pid_s):
     s.log_filter = 0.0
     s.calm = 0.0
     s.more_share = 0.0
+    s.rest_swings = 0
+    s.hush = 0.0
     s.log_kp = math.log(p.start)
     s.log_ki = s.log_kp
     s.log_kd = s.log_kp
@@ -162,9 +172,10 @@ def adapt_robust(p, s, error, speed, period):
     s.log_kp += rate * s.filtered * s.filtered
     s.log_ki += rate * max(s.filtered * s.leaky, 0.0)
     s.log_kd += rate * s.filtered * s.slope
-    watch_swings(p, s, error, period)
     long = 10.0 * p.time_unit
     still = abs(speed) * long < p.dead_band
+    watch_swings(p, s, error, period)
+    hush(p, s, still, period)
     project(p, s, still, still and s.since > long)
 
 
@@ -187,6 +198,18 @@ def watch_swings(p, s, error, period):
         s.since = 0.0
     elif abs(fast) > abs(s.peak):
         s.peak = fast
+
+
+@compiled
+def hush(p, s, still, period):
+    """Let K_P and K_D fade while swings go on though the reference is ``still``; called after `watch_swings`."""
+    if not still:
+        s.rest_swings = 0
+        s.hush = min(s.hush + period / BACK_TIME, 0.0)
+    elif s.since == 0.0:
+        s.rest_swings = s.rest_swings + 1 if s.swings > 0 else 0
+        if s.rest_swings > HUSHED:
+            s.hush = max(s.hush - p.back_off, LEAST_HUSH)
 
 
 @compiled
@@ -261,8 +284,8 @@ def come_to_rest(p, s, pid_s, period):
 
 
 @compiled
-def adaptation_step(p, s, pid_p, pid_s, period):
-    """Tune the gains of ``pid_s`` from its newest error, without a jump of the output."""
+def adaptation_step(p, s, pid_p, pid_s, period, scale):
+    """Tune the gains of ``pid_s`` from its newest error, without a jump of the output; ``scale`` [1] of the tuned ones."""
     if p.raw > 0.5:
         up, ui, ud = adapt_raw(p, s, pid_s.error, period)
         pid_change(pid_p, pid_s, pid_s.kp + up, pid_s.ki + ui, pid_s.kd + ud)
@@ -271,8 +294,9 @@ def adaptation_step(p, s, pid_p, pid_s, period):
         adapt_robust(p, s, pid_s.error, pid_s.reference_velocity, period)
     pid_s.filter_time = pid_p.filter_time * math.exp(max(s.log_filter, FILTERED * p.follow * s.log_kd, 0.0))
     come_to_rest(p, s, pid_s, period)
-    share = 1.0 - s.calm * (1.0 - p.calm_gain)
-    kp = share * pid_p.proportional * math.exp(s.log_kp)
+    share = scale * (1.0 - s.calm * (1.0 - p.calm_gain))
+    quiet = math.exp(s.hush) if s.hush < 0.0 else 1.0
+    kp = quiet * share * pid_p.proportional * math.exp(s.log_kp)
     ki = share * pid_p.proportional / pid_p.integral_time * math.exp(s.log_ki)
-    kd = share * (1.0 - s.calm * (1.0 - p.calm_damping)) * pid_p.proportional * pid_p.derivative_time * math.exp(s.log_kd)
+    kd = quiet * share * (1.0 - s.calm * (1.0 - p.calm_damping)) * pid_p.proportional * pid_p.derivative_time * math.exp(s.log_kd)
     pid_change(pid_p, pid_s, kp, ki, kd)

@@ -78,7 +78,7 @@ def controller_parameters(type_name, axis, gains, period=None, place="controller
         for part, entry in laws.LAWS["self_tuning"].parts.items():
             fill(record[f"encoder_{part}"], entry.gains, own, place)
         adaptation.take_logarithms(record["encoder_adaptation"])
-        _check_start(axis, record, period)
+        _check_start(axis, record, period, gains)
     return record
 
 
@@ -98,12 +98,17 @@ def _fill_parts(record, law, values, place):
         law.complete(record)
 
 
-def _check_start(axis, record, period):
-    """No observer law on a model of its own that it does not hold: it starts with the encoder-only law, from gains that hold the model."""
+def _check_start(axis, record, period, gains):
+    """Doubts with which the observer law holds its own model; where none does, the encoder-only law starts, from gains that hold it."""
     if not record["supervision"]["supervised"] or not float(record["feedforward"]["force_per_ampere"]) > 0.0:
         return
     axis = axis if axis.value("period") == period else axis.with_values({"period": period}, source="derived")
-    record["unstable"] = int(not start_check.observer_is_stable(axis, record))
+    if {"encoder_doubt", "voltage_doubt"} & set(gains):
+        record["unstable"] = int(not start_check.observer_is_stable(axis, record))
+    else:
+        doubts = start_check.stable_doubts(axis, record)
+        record["unstable"] = int(doubts is None)
+        record["observer"]["encoder_doubt"], record["observer"]["voltage_doubt"] = doubts or start_check.START_DOUBTS[0]
     if record["unstable"]:
         gains = {name: float(record["encoder_pid"][name]) for name in record["encoder_pid"].dtype.names}
         record["encoder_adaptation"]["start"], record["encoder_filter"] = start_check.held_start(axis, gains, period)

@@ -10,7 +10,7 @@ from microstage_ros.control.laws.law import Law, Part
 from microstage_ros.control.laws.pid_feedforward import FEEDFORWARD, PID
 from microstage_ros.control.laws.self_tuning import ADAPTATION, self_tuning_reset
 from microstage_ros.control.observer import flexible_mode as swing
-from microstage_ros.control.observer import gap_crossing
+from microstage_ros.control.observer import gap_crossing, lost_motion
 from microstage_ros.control.observer import law as observer_law
 from microstage_ros.control.observer.drive_learning import drive_voltage
 from microstage_ros.control.observer.lost_motion import TOUCHING
@@ -62,18 +62,22 @@ def observed_step(parameters, state, reference, encoder, current):
     not_inlined()
     period, rule, watched, observer = parameters.period, parameters.supervision, state.supervision, state.observer
     pid.pid_motion(parameters.pid, state.pid, period, reference, encoder)
+    observer.drives = 1 if watched.law == supervision.OBSERVER else 0
     observer_law.observer_step(parameters.observer, parameters.feedforward, observer, period, encoder, state.voltage, current)
     if rule.supervised == 0.0:
         return regulate(parameters, state, reference)
     pid.pid_motion(parameters.encoder_pid, state.encoder_pid, period, reference, encoder)
-    supervision.watch_error(rule, watched, state.encoder_pid.error, state.encoder_pid.reference_velocity, period)
+    supervision.watch_error(rule, watched, state.encoder_pid.error, state.encoder_pid.reference_velocity, observer.contact != TOUCHING, period)
+    found = observer.voltage_noise / observer.voltage_factor  # without the doubt that is added to it
     if watched.law == supervision.OBSERVER:
-        reason = supervision.sign_of_trouble(rule, watched, observer.position_test, observer.speed_test, observer.voltage_noise, period)
+        reason = supervision.sign_of_trouble(rule, watched, observer.position_test, observer.speed_test, found, period)
         if reason == supervision.NOTHING:
             return regulate(parameters, state, reference)
         supervision.hand_over(rule, watched, reason)
         go_on_from(parameters.encoder_pid, state.encoder_pid, state.voltage)
-    elif supervision.may_return(rule, watched, observer.position_test, observer.speed_test, observer.voltage_noise):
+        if observer.contact != TOUCHING:
+            lost_motion.settle(observer, 0.0)
+    elif supervision.may_return(rule, watched, observer.position_test, observer.speed_test, found, period):
         supervision.hand_back(watched)
         voltage = regulate(parameters, state, reference)
         state.pid.integral += (state.voltage - voltage) / observer.applied[0]
@@ -93,9 +97,9 @@ def encoder_only_step(parameters, state, reference):
     """The encoder-only law, and what the observer law needs to take over again: its model along the reference, no crossing."""
     not_inlined()
     period, model, own, shown = parameters.period, parameters.feedforward, state.encoder_pid, state.pid
-    feedforward.feedforward_step(model, state.feedforward, period, reference, state.observer.level, 1.0, 0.0)
+    feedforward.feedforward_step(model, state.feedforward, period, reference, state.observer.level, 1.0, 0.0, state.observer.inertia)
     gap_crossing.crossing_reset(state.crossing)
-    adaptation.adaptation_step(parameters.encoder_adaptation, state.encoder_adaptation, parameters.encoder_pid, own, period)
+    adaptation.adaptation_step(parameters.encoder_adaptation, state.encoder_adaptation, parameters.encoder_pid, own, period, 1.0)
     voltage = pid.pid_output(parameters.encoder_pid, own, period, parameters.voltage_limit, 0.0)
     state.feed_forward = 0.0
     state.observer.rest_time_s = state.supervision.rest_time_s
@@ -117,12 +121,12 @@ def regulate(parameters, state, reference):
     )
     state.pid.reference_velocity = speed + crossing.held_speed
     state.feed_forward = feedforward.feedforward_step(
-        model, state.feedforward, period, reference, observer.level, 1.0, crossing.offset_speed
+        model, state.feedforward, period, reference, observer.level, 1.0, crossing.offset_speed, observer.inertia
     )
     integral = state.pid.integral
     in_gap = observer.contact != TOUCHING
     if not in_gap:
-        adaptation.adaptation_step(parameters.adaptation, state.adaptation, parameters.pid, state.pid, period)
+        adaptation.adaptation_step(parameters.adaptation, state.adaptation, parameters.pid, state.pid, period, observer.inertia)
     limit = parameters.voltage_limit
     voltage = pid.pid_output(parameters.pid, state.pid, period, limit / max(observer.applied[0], 1.0), state.feed_forward)
     if in_gap:

@@ -4,15 +4,17 @@ The observer law leans on its model of the drive. Three signs say that the model
 
 * a limit cycle: half waves of the error (encoder alone, without its slow part) beyond `swing`, each within `half_wave` of
   the one before: more than `swings` in a row for `cycle_time`, since a motor that rattles in a gap finds its contact by
-  then, or half as many beyond `large_swing`. Noise does not alternate so regularly, and a move gives one or two;
-* the axis rests beside its target: beyond `beside` for `beside_time` while the reference stands;
+  then, and the observer its doubts (`observer.source_doubt`), or at once beyond `large_swing`. Noise does not alternate so regularly, and a move gives one or two;
+* the axis rests beside its target: beyond `beside` for `beside_time` while the reference stands, or the error's size, averaged
+  over `REST_TIME`, is beyond `rest_error` there: a swing that is too slow or too small for the first sign;
 * innovations: the mean square of the position's and of the speed's innovation over what the filter expects stays beyond
-  `position_test` or `speed_test` for `test_time`, or the current has been noisier than `loudest` as long (normalised innovation squared; Bar-Shalom, Li, Kirubarajan,
+  `position_test` or `speed_test` for `test_time`; or the error is beyond `lost` for `lost_time` while drive and stage are taken to be apart, which
+  no crossing of a gap takes; or the current has been noisier than `loudest` as long (normalised innovation squared; Bar-Shalom, Li, Kirubarajan,
   "Estimation with Applications to Tracking and Navigation", Wiley 2001, section 5.4).
 
 Then the encoder-only self-tuning law goes on from the voltage that was last given. It hands back once the axis has rested
-at its target and the innovations have been consistent for `calm_time`, not before `trial_time` has passed, and
-`patience` times that after every further hand-over. For `probation` after that, and at the start, at rest, one error beyond
+at its target and the innovations have been consistent for `calm_time`, and for `proof_time` of motion since they last were not,
+not before `trial_time` has passed, and `patience` times that after every further hand-over. For `probation` after that, and at the start, at rest, one error beyond
 `trial_error` ends the trial.
 """
 
@@ -24,10 +26,14 @@ GAINS = (
     Gain("swing", "m", 1e-9, 1.0, 3.0e-7, "half wave of the error that counts as a swing"),
     Gain("swings", "1", 1.0, 1e6, 10.0, "of them in a row that are a limit cycle"),
     Gain("cycle_time", "s", 0.0, 100.0, 0.9, "for which they last"),
-    Gain("large_swing", "m", 1e-9, 1.0, 1.0e-5, "half wave beyond which half as many are"),
+    Gain("large_swing", "m", 1e-9, 1.0, 1.0e-5, "half wave beyond which they are at once"),
     Gain("half_wave", "s", 1e-4, 10.0, 4e-2, "longest half wave of it"),
     Gain("beside", "m", 1e-9, 1.0, 1.5e-7, "error at rest that is no rest at the target"),
     Gain("beside_time", "s", 1e-3, 100.0, 0.25, "for which it lasts"),
+    Gain("rest_error", "m", 1e-9, 1.0, 1.0e-7, "mean size of the error at rest that is no rest"),
+    Gain("lost", "m", 1e-9, 1.0, 1.2e-5, "error while drive and stage are apart that no gap explains"),
+    Gain("lost_time", "s", 0.0, 100.0, 5e-3, "for which it lasts"),
+    Gain("proof_time", "s", 0.0, 100.0, 0.05, "of motion, consistent, before the observer law is tried again"),
     Gain("position_test", "1", 1.0, 1e9, 30.0, "mean square of the position's innovation over the expected"),
     Gain("speed_test", "1", 1.0, 1e9, 30.0, "the same of the speed's"),
     Gain("loudest", "V", 1e-6, 10.0, 5e-2, "doubt in the voltage behind the back-EMF beyond which the current is worth nothing"),
@@ -44,6 +50,7 @@ NOTHING, SWINGS, BESIDE, INNOVATIONS, START_CHECK = range(5)
 REASONS = ("", "limit cycle", "rests beside its target", "innovations beyond what the filter expects", "unstable on the axis file's own model")
 SMOOTH_TIME, SLOW_TIME = 5e-4, 2e-2  # s, of the error's fast part
 STILL_TIME = 0.05  # s, for which the reference has stood when a rest is judged
+REST_TIME, SETTLED_TIME = 0.5, 1.0  # s, over which a rest is averaged, and after which it is one: a gap may still be searched before
 AT_TARGET = 6e-8  # m, error of the encoder's smoothed reading that is a rest at the target
 FIELDS = [
     ("law", "i8"),  # OBSERVER or ENCODER_ONLY
@@ -61,6 +68,9 @@ FIELDS = [
     ("rest_time_s", "f8"),  # s, for which the reference has
     ("beside", "f8"),  # s, for which the axis has rested beside its target
     ("doubted", "f8"),  # s, for which innovations were too large
+    ("rest_size", "f8"),  # m, mean size of the error at rest
+    ("lost", "f8"),  # s, for which the error has been too large while apart
+    ("proved", "f8"),  # s, of motion with consistent innovations
     ("calm", "f8"),  # s, at rest at the target and consistent
 ]
 
@@ -83,12 +93,15 @@ def supervision_reset(p, s, unstable):
     s.rest_time_s = 0.0
     s.beside = 0.0
     s.doubted = 0.0
+    s.rest_size = 0.0
+    s.lost = 0.0
+    s.proved = 0.0
     s.calm = 0.0
 
 
 @compiled
-def watch_error(p, s, error, reference_speed, period):
-    """One period of the encoder's ``error`` [m]: swings in a row, rest beside the target."""
+def watch_error(p, s, error, reference_speed, apart, period):
+    """One period of the encoder's ``error`` [m]: swings in a row, rest beside the target; ``apart``: drive and stage are taken to be."""
     s.since += period
     s.smooth += min(period / SMOOTH_TIME, 1.0) * (error - s.smooth)
     s.slow += min(period / SLOW_TIME, 1.0) * (s.smooth - s.slow)
@@ -104,6 +117,11 @@ def watch_error(p, s, error, reference_speed, period):
     elif abs(fast) > abs(s.peak):
         s.peak = fast
     s.rest_time_s = s.rest_time_s + period if reference_speed == 0.0 else 0.0
+    s.lost = s.lost + period if apart and abs(error) > p.lost else 0.0
+    if s.rest_time_s > SETTLED_TIME:
+        s.rest_size += period / REST_TIME * (abs(s.smooth) - s.rest_size)
+    else:
+        s.rest_size = 0.0
     rests = s.rest_time_s > STILL_TIME
     s.beside = s.beside + period if rests and abs(s.slow) > p.beside else 0.0
     s.calm = s.calm + period if rests and abs(s.slow) < AT_TARGET and s.swings == 0 else 0.0
@@ -115,13 +133,13 @@ def sign_of_trouble(p, s, position_test, speed_test, noise, period):
     doubted = position_test > p.position_test or speed_test > p.speed_test
     s.doubted = s.doubted + period if doubted else 0.0
     s.deaf = s.deaf + period if noise > p.loudest else 0.0
-    if s.swings > p.swings and s.swinging > p.cycle_time or abs(s.peak) > p.large_swing and 2 * s.swings > p.swings:
+    if s.swings > p.swings and s.swinging > p.cycle_time or abs(s.peak) > p.large_swing and s.swings > p.swings:
         return SWINGS
     if s.handovers > 0 and s.since < p.probation and s.rest_time_s > s.since and abs(s.smooth) > p.trial_error:
         return SWINGS
-    if s.beside > p.beside_time:
+    if s.beside > p.beside_time or s.rest_size > p.rest_error:
         return BESIDE
-    if s.doubted > p.test_time or s.deaf > p.test_time:
+    if s.lost > p.lost_time or s.doubted > p.test_time or s.deaf > p.test_time:
         return INNOVATIONS
     return NOTHING
 
@@ -138,15 +156,21 @@ def hand_over(p, s, reason):
     s.swings = 0
     s.beside = 0.0
     s.doubted = 0.0
+    s.rest_size = 0.0
+    s.lost = 0.0
+    s.proved = 0.0
     s.calm = 0.0
 
 
 @compiled
-def may_return(p, s, position_test, speed_test, noise):
+def may_return(p, s, position_test, speed_test, noise, period):
     """Whether the observer law is to be tried again."""
     if position_test > p.position_test or speed_test > p.speed_test or noise > p.loudest:
         s.calm = 0.0
-    return s.reason != START_CHECK and s.since > s.wait and s.calm > p.calm_time
+        s.proved = 0.0
+    elif s.rest_time_s == 0.0:
+        s.proved += period
+    return s.reason != START_CHECK and s.since > s.wait and s.calm > p.calm_time and s.proved > p.proof_time
 
 
 @compiled
@@ -157,3 +181,4 @@ def hand_back(s):
     s.swings = 0
     s.beside = 0.0
     s.doubted = 0.0
+    s.rest_size = 0.0

@@ -88,7 +88,8 @@ def drive_changed(p, model, s, period, drop):
     expected = voltage_variance(model, s, drop - s.drop, s.v - s.speed, 0.0)
     compare_voltage(model, s, drop)
     now, step = s.unexplained, s.unexplained - before
-    noise = s.voltage_noise if s.voltage_noise > LOUD * p.voltage_noise else p.voltage_noise
+    shipped = s.voltage_factor * p.voltage_noise
+    noise = s.voltage_noise if s.voltage_noise > LOUD * shipped else shipped
     doubt = max(CHANGE_LIMIT * CHANGE_LIMIT * noise * noise, RARE * RARE * s.restless) + unsettled * unsettled
     sudden = step * step > doubt + CHANGE_LIMIT * CHANGE_LIMIT * expected
     beyond = now * now > doubt + CHANGE_LIMIT * CHANGE_LIMIT * voltage_variance(model, s, drop, s.v, 1.0)
@@ -97,7 +98,7 @@ def drive_changed(p, model, s, period, drop):
         s.steady = 0.0
         return True
     learn_noise(p, s, step, period)
-    steady = now * now < doubt and s.innovation_peak_m < PEAK_LIMIT * p.encoder_noise
+    steady = now * now < doubt and s.innovation_peak_m < PEAK_LIMIT * s.encoder_noise
     s.steady = s.steady + period if steady else 0.0
     memory = RESTLESS_TIME if s.changes > 0 else min(RESTLESS_TIME, s.since)
     s.restless += period / max(memory, period) * (step * step - s.restless)
@@ -117,7 +118,7 @@ def learn_noise(p, s, step, period):
     s.last_step = step
     s.noise_variance += period / min(max(s.running, FIRST_TIME), NOISE_TIME) * (square - s.noise_variance)
     s.noise_variance = max(s.noise_variance, least)
-    s.voltage_noise = max(p.voltage_noise, NOISE_DOUBT * math.sqrt(s.noise_variance))
+    s.voltage_noise = s.voltage_factor * max(p.voltage_noise, NOISE_DOUBT * math.sqrt(s.noise_variance))
 
 
 @compiled
@@ -126,7 +127,8 @@ def weighed_current(p, model, s, current):
 
     Its noise is what was found beyond the amplifier's, over R; both are weighed by their variances.
     """
-    excess = s.voltage_noise * s.voltage_noise - p.voltage_noise * p.voltage_noise
+    found = s.voltage_noise / s.voltage_factor
+    excess = found * found - p.voltage_noise * p.voltage_noise
     if excess <= 0.0:
         return current
     noise = excess / (NOISE_DOUBT * NOISE_DOUBT * model.resistance * model.resistance)
@@ -225,12 +227,12 @@ def learn_drive(p, model, s, period, drop, position, speed):
     Friedland's two-stage filter: ``shift`` is how far a wrong R (or zero) has led x, v and d astray, so both
     innovations are known multiples of that error. Takes the learned part out of x, v, d.
     """
-    noise_x = p.encoder_noise * p.encoder_noise
+    noise_x = s.encoder_noise * s.encoder_noise
     noise_v = s.voltage_noise / model.volts_per_velocity
     noise_v *= noise_v
     # while the encoder is far beyond its noise, something else is going on (backlash, an impact): learn less
     s.innovation_peak_m = max(abs(position), s.innovation_peak_m * (1.0 - min(period / PEAK_TIME, 1.0)))
-    doubt = max(1.0, s.innovation_peak_m / (PEAK_LIMIT * p.encoder_noise))
+    doubt = max(1.0, s.innovation_peak_m / (PEAK_LIMIT * s.encoder_noise))
     noise_x *= doubt * doubt
     noise_v *= doubt * doubt
     doubt_drive(p, s, period, position)
@@ -253,7 +255,7 @@ def doubt_drive(p, s, period, position):
     rests = s.rest_time_s > REST_TIME
     memory, bound = (STRAY_TIME, ASTRAY) if rests else (LONG_TIME, LONG_ASTRAY)
     s.strayed += min(period / memory, 1.0) * (position - s.strayed)
-    beyond = abs(s.strayed) / p.encoder_noise - bound
+    beyond = abs(s.strayed) / s.encoder_noise - bound
     if beyond > 0.0:
         part = min(beyond, 1.0) * period / memory
         s.learned_covariance[0, 0] += part * p.resistance_spread * p.resistance_spread

@@ -60,7 +60,7 @@ def absorb(model, s, period):
             stiffness += law[11 + j]
     if stiffness == 0.0:
         return
-    torque = model.moving_mass * s.d / model.force_per_torque * min(period / ABSORB_TIME, 1.0)
+    torque = model.moving_mass * s.inertia * s.d / model.force_per_torque * min(period / ABSORB_TIME, 1.0)
     taken = 0.0
     for j in range(count):
         if blocks[count + j] == 0.0:
@@ -69,7 +69,7 @@ def absorb(model, s, period):
             blocks[j] = min(max(before + torque * law[11 + j] / stiffness, -limit), limit)
             taken += blocks[j] - before
     s.actuator_friction += taken
-    s.d -= taken * model.force_per_torque / model.moving_mass
+    s.d -= taken * model.force_per_torque / (model.moving_mass * s.inertia)
 
 
 @compiled
@@ -86,10 +86,10 @@ def learn_level(p, model, s, period):
     doubt = p.force_noise / max(s.slipping, 0.1) ** 6
     noise = doubt * doubt * FORCE_TIME / period
     gain = s.variance * s.sensitivity / (s.sensitivity * s.sensitivity * s.variance + noise)
-    residual = model.moving_mass * s.d
+    residual = model.moving_mass * s.inertia * s.d
     change = gain * residual
     level = min(max(s.level + change, 0.1), 10.0)
-    s.d -= (level - s.level) * s.sensitivity / model.moving_mass
+    s.d -= (level - s.level) * s.sensitivity / (model.moving_mass * s.inertia)
     s.level = level
     s.variance *= 1.0 - gain * s.sensitivity
     if s.slipping > 0.9:

@@ -22,7 +22,7 @@ from microstage_ros.control.feedforward import axis as feedforward
 from microstage_ros.control.feedforward.axis import friction_along
 from microstage_ros.control.gains import Gain, record_type
 from microstage_ros.control.observer import flexible_mode as swing
-from microstage_ros.control.observer import friction_level, lost_motion, motion_filter
+from microstage_ros.control.observer import friction_level, inertia, lost_motion, motion_filter, source_doubt
 from microstage_ros.control.observer.drive_learning import (
     LAGS,
     NOISE_DOUBT,
@@ -49,6 +49,8 @@ from microstage_ros.numerics.compiled import compiled
 GAINS = (
     Gain("encoder_noise", "m", 1e-12, 1e-3, 1.8e-8, "doubt in one encoder value: noise, rounding and more"),
     Gain("voltage_noise", "V", 1e-6, 10.0, 2.3e-3, "doubt in the voltage behind the back-EMF: noise of the amplifier and more"),
+    Gain("encoder_doubt", "1", 1.0, 100.0, 1.0, "doubt in the encoder at the start, over `encoder_noise`: a stage that swings is no reading of the screw"),
+    Gain("voltage_doubt", "1", 1.0, 100.0, 1.0, "the same of the voltage"),
     Gain("acceleration_noise", "m/s^2/rtHz", 1e-12, 1e3, 6.0e-5, "density of what moves the axis unmodelled"),
     Gain("friction_drift", "m/s^3/rtHz", 1e-12, 1e6, 4.0e-3, "density of the random walk of d"),
     Gain("resistance_spread", "1", 0.0, 1.0, 0.1, "standard deviation of R over nominal before anything is learned"),
@@ -115,6 +117,9 @@ STATE_FIELDS = [
     ("position_test", "f8"),  # 1, mean square of the position's innovation over the expected
     ("speed_test", "f8"),  # 1, the same of the speed's
     *friction_level.FIELDS,
+    *source_doubt.FIELDS,
+    *inertia.FIELDS,
+    ("net_force", "f8"),  # N, that accelerated the axis in the newest period
     *motion_filter.FIELDS,
     *swing.FIELDS,
     *lost_motion.FIELDS,
@@ -142,7 +147,11 @@ def observer_reset(p, s):
     s.since = 0.0
     s.restless = 0.0
     s.changes = 0
-    s.voltage_noise = p.voltage_noise
+    source_doubt.doubt_reset(p, s)
+    inertia.inertia_reset(s)
+    s.drives = 1
+    s.net_force = 0.0
+    s.voltage_noise = p.voltage_doubt * p.voltage_noise
     s.noise_variance = (p.voltage_noise / NOISE_DOUBT) ** 2
     s.force_current = 0.0
     s.running = 0.0
@@ -179,7 +188,9 @@ def predict(model, s, period, force):
     touching = s.contact == TOUCHING
     load = s.guideway_friction + model.offset_force if touching else 0.0
     friction = model.force_per_torque * s.actuator_friction + load
-    pull = ((force - friction) / model.moving_mass - s.d) * period
+    mass = model.moving_mass * s.inertia
+    pull = ((force - friction) / mass - s.d) * period
+    s.net_force = force - friction
     mean = s.v + 0.5 * pull
     s.v += pull
     velocity = mean
@@ -198,7 +209,7 @@ def predict(model, s, period, force):
             model.actuator, s.actuator, velocity / model.screw_ratio, period, s.level
         )
     after = model.force_per_torque * s.actuator_friction + load
-    s.v -= 0.5 * (after - friction) / model.moving_mass * period
+    s.v -= 0.5 * (after - friction) / mass * period
 
 
 @compiled
@@ -253,6 +264,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         force = voltage / model.volts_per_force
     # a sample that was lost stands as the one before; a moving axis does not repeat both readings
     lost = encoder == s.read and current == s.current and abs(s.v) * period > REPEATED * p.encoder_noise
+    moved = 0.0 if math.isnan(s.read) else encoder - s.read
     s.read = encoder
     before = s.v
     motion_filter.linearise(model, s)
@@ -280,6 +292,8 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         apply_learned(p, s, period)
         speed = speed_innovation(model, s, drop)
         doubt = voltage_variance(model, s, drop, s.v, 1.0)
+        doubtful = s.contact != TOUCHING or s.gap > 0.0 or s.waves > source_doubt.SWINGS
+        inertia.learn_inertia(s, period, s.net_force / model.moving_mass, moved / period, doubtful)
         s.current = current
     position = encoder - s.x
     if senses:
@@ -302,13 +316,18 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     motion_filter.widen(p, s, period)
     variance = speed_variance(s, model, doubt) if senses else math.inf
     share = min(period / TEST_TIME, 1.0)
-    expected = s.covariance[0, 0] + p.encoder_noise * p.encoder_noise
+    expected = s.covariance[0, 0] + s.encoder_noise * s.encoder_noise
     beyond = position * position / expected if s.gap == 0.0 else 1.0  # a gap that was found explains more than the filter knows
     s.position_test += share * (beyond - s.position_test)
     if senses:
         beyond = speed * speed / (s.covariance[1, 1] + variance) if s.gap == 0.0 else 1.0
         s.speed_test += share * (beyond - s.speed_test)
-    motion_filter.take_readings(p, s, variance)
+    if s.gap > 0.0:
+        source_doubt.doubt_reset(p, s)  # a rattle in a gap that was not known yet says nothing of the sources, nor of the inertia
+        inertia.inertia_reset(s)
+    elif senses:
+        source_doubt.weigh_sources(p, s, period, position)
+    motion_filter.take_readings(s, variance)
     correct(s, position, speed)
     if senses:
         learn_drive(p, model, s, period, drop, position, speed)

@@ -78,7 +78,7 @@ def linearise(model, s):
             stiffness += law[11 + j]
         else:
             share += law[11 + count + j]
-    scale = model.force_per_torque / (model.screw_ratio * model.moving_mass)
+    scale = model.force_per_torque / (model.screw_ratio * model.moving_mass * s.inertia)
     s.stiffness = STIFFNESS_SHARE * scale * stiffness
     s.slope = scale * curve_slope(law, s.v / model.screw_ratio, share * s.level)
 
@@ -116,10 +116,10 @@ def widen(p, s, period):
 
 
 @compiled
-def take_readings(p, s, speed_variance):
+def take_readings(s, speed_variance):
     """Gain of both readings, and the covariance after them; ``speed_variance`` [m^2/s^2], infinite: no speed is known."""
     c = s.covariance
-    part = 1.0 / (c[0, 0] + p.encoder_noise * p.encoder_noise)
+    part = 1.0 / (c[0, 0] + s.encoder_noise * s.encoder_noise)
     g0, g1, g2 = part * c[0, 0], part * c[0, 1], part * c[0, 2]
     c[2, 2] -= g2 * c[0, 2]
     c[1, 2] -= g1 * c[0, 2]
@@ -160,8 +160,8 @@ def steady_gain(record, model, period, stiffness=0.0, slope=0.0):
     P C' (C P C' + R)^-1 of the filtered estimate, by the discrete Riccati equation in scaled units.
     """
     a, q = motion_matrices(record, period, stiffness, slope)
-    speed = float(record["voltage_noise"]) / max(float(model["volts_per_velocity"]), 1e-9)
-    noise = np.array([float(record["encoder_noise"]), speed])
+    speed = float(record["voltage_doubt"]) * float(record["voltage_noise"]) / max(float(model["volts_per_velocity"]), 1e-9)
+    noise = np.array([float(record["encoder_doubt"]) * float(record["encoder_noise"]), speed])
     scale = np.array([noise[0], noise[0] * 1e2, noise[0] * 1e4])
     s, inverse, n = np.diag(scale), np.diag(1 / scale), np.diag(1 / noise)
     cs = n @ np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]) @ s

@@ -1,0 +1,86 @@
+"""How far encoder and back-EMF are trusted as readings of one mass, learned from swings of the loop (compiled parts of `observer_law`).
+
+The motion filter takes the axis for one mass. Beyond the drive train's resonance the encoder reads the stage, which swings on
+its own, and with a heavy stage or a soft drive the loop that believes it swings too. The back-EMF lies on this side of the
+resonance, but leans on a voltage that may come late. Where the loop swings, one of the two is believed too much:
+
+    swing: a half wave of the position's innovation (without its slow part) beyond `WAVE` doubts, shorter than `HALF_WAVE`
+
+Every swing after the second in a row that is no smaller than the one before (`DECAY`) raises a doubt by `STEP`: that of the encoder where the mean square innovation of the
+position, over what the filter expects, is more than `MECHANICAL` times that of the speed, that of the voltage where it is less
+than `ELECTRICAL` times that, both in between. A doubt falls back at
+`FADE`, slowly, so that a machine whose doubt was found stays near it. The doubts at the start are those that hold the axis
+file's own model (`tuning.start_check`).
+"""
+
+from microstage_ros.numerics.compiled import compiled
+
+SMOOTH_TIME, SLOW_TIME = 5e-4, 2e-2  # s, of the innovation's fast part
+WAVE = 3.5  # shipped doubts in the encoder
+HALF_WAVE = 2e-2  # s; slower ones are friction's or a gap's
+SWINGS = 2  # in a row, that noise or a jolt may make
+DECAY = 0.95  # of the half wave before: a swing that dies away is left alone
+LATE_STEP = 2.0  # of the doubt in a voltage that comes late
+STEP = 1.4  # of a doubt with every further one
+MOST_ENCODER, MOST_VOLTAGE = 8.0, 12.0  # times the shipped doubts: beyond, friction that falls with speed is seen too late
+MECHANICAL, ELECTRICAL = 3.0, 0.7  # heavy stages and soft drives show 5 to 20, late voltages 0.03 to 0.7, a slow amplifier 1 to 2
+FADE = 1e-2  # 1/s, of the logarithm
+FIELDS = [
+    ("encoder_factor", "f8"),  # doubt in the encoder over the shipped one
+    ("voltage_factor", "f8"),  # doubt in the voltage behind the back-EMF, over what its noise asks for
+    ("encoder_noise", "f8"),  # m, doubt in the encoder that is counted with
+    ("wave_smooth", "f8"),  # m, innovation without noise
+    ("wave_slow", "f8"),  # m, its slow part
+    ("wave_peak", "f8"),  # m, largest fast innovation since its sign changed
+    ("wave_before", "f8"),  # m, size of the half wave before
+    ("wave_time", "f8"),  # s, since then
+    ("waves", "i8"),  # in a row
+    ("drives", "i8"),  # 1: the law that regulates leans on this observer; swings under another one say nothing
+]
+
+
+@compiled
+def doubt_reset(p, s):
+    """The doubts of the start."""
+    s.encoder_factor = p.encoder_doubt
+    s.voltage_factor = p.voltage_doubt
+    s.encoder_noise = p.encoder_doubt * p.encoder_noise
+    s.wave_smooth = 0.0
+    s.wave_slow = 0.0
+    s.wave_peak = 0.0
+    s.wave_before = 0.0
+    s.wave_time = 0.0
+    s.waves = 0
+
+
+@compiled
+def weigh_sources(p, s, period, position):
+    """One period of the innovation ``position`` [m]."""
+    s.wave_smooth += min(period / SMOOTH_TIME, 1.0) * (position - s.wave_smooth)
+    s.wave_slow += min(period / SLOW_TIME, 1.0) * (s.wave_smooth - s.wave_slow)
+    fast = s.wave_smooth - s.wave_slow
+    s.wave_time += period
+    if s.wave_time > HALF_WAVE:
+        s.waves = 0
+    if fast * s.wave_peak < 0.0:
+        s.waves = s.waves + 1 if abs(s.wave_peak) > WAVE * p.encoder_noise else 0
+        if s.drives == 1 and s.waves > SWINGS and abs(s.wave_peak) > DECAY * s.wave_before:
+            doubt_more(p, s)
+        s.wave_before = abs(s.wave_peak)
+        s.wave_peak = fast
+        s.wave_time = 0.0
+    elif abs(fast) > abs(s.wave_peak):
+        s.wave_peak = fast
+    s.encoder_factor = max(s.encoder_factor * (1.0 - FADE * period), p.encoder_doubt)
+    s.voltage_factor = max(s.voltage_factor * (1.0 - FADE * period), p.voltage_doubt)
+    s.encoder_noise = s.encoder_factor * p.encoder_noise
+
+
+@compiled
+def doubt_more(p, s):
+    """Answer one swing."""
+    late = s.position_test < ELECTRICAL * s.speed_test
+    if not late:
+        s.encoder_factor = min(STEP * s.encoder_factor, max(MOST_ENCODER, p.encoder_doubt))
+    if s.position_test < MECHANICAL * s.speed_test:
+        s.voltage_factor = min((LATE_STEP if late else STEP) * s.voltage_factor, max(MOST_VOLTAGE, p.voltage_doubt))
