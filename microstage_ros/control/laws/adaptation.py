@@ -158,7 +158,7 @@ def adapt_raw(p, s, error, period):
 
 
 @compiled
-def adapt_robust(p, s, error, speed, period):
+def adapt_robust(p, s, error, speed, period, fades):
     """One period of the robust law on the logarithms of the gains in ``s``; ``speed`` [m/s] of the reference."""
     outside = max(abs(error) - p.dead_band, 0.0) * (1.0 if error > 0.0 else -1.0)
     share = min(period / (0.1 * p.time_unit), 1.0)
@@ -175,7 +175,7 @@ def adapt_robust(p, s, error, speed, period):
     long = 10.0 * p.time_unit
     still = abs(speed) * long < p.dead_band
     watch_swings(p, s, error, period)
-    hush(p, s, still, period)
+    hush(p, s, still and fades, period)
     project(p, s, still, still and s.since > long)
 
 
@@ -284,14 +284,17 @@ def come_to_rest(p, s, pid_s, period):
 
 
 @compiled
-def adaptation_step(p, s, pid_p, pid_s, period, scale):
-    """Tune the gains of ``pid_s`` from its newest error, without a jump of the output; ``scale`` [1] of the tuned ones."""
+def adaptation_step(p, s, pid_p, pid_s, period, scale, fades):
+    """Tune the gains of ``pid_s`` from its newest error, without a jump of the output.
+
+    ``scale`` [1] of the tuned ones; ``fades``: whether swings at rest let them fade (not those in a gap, which a motor has to get out of).
+    """
     if p.raw > 0.5:
         up, ui, ud = adapt_raw(p, s, pid_s.error, period)
         pid_change(pid_p, pid_s, pid_s.kp + up, pid_s.ki + ui, pid_s.kd + ud)
         return
     if pid_s.saturated == 0:
-        adapt_robust(p, s, pid_s.error, pid_s.reference_velocity, period)
+        adapt_robust(p, s, pid_s.error, pid_s.reference_velocity, period, fades)
     pid_s.filter_time = pid_p.filter_time * math.exp(max(s.log_filter, FILTERED * p.follow * s.log_kd, 0.0))
     come_to_rest(p, s, pid_s, period)
     share = scale * (1.0 - s.calm * (1.0 - p.calm_gain))

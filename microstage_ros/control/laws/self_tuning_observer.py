@@ -10,7 +10,7 @@ from microstage_ros.control.laws.law import Law, Part
 from microstage_ros.control.laws.pid_feedforward import FEEDFORWARD, PID
 from microstage_ros.control.laws.self_tuning import ADAPTATION, self_tuning_reset
 from microstage_ros.control.observer import flexible_mode as swing
-from microstage_ros.control.observer import gap_crossing, lost_motion
+from microstage_ros.control.observer import gap_crossing, lost_motion, source_doubt
 from microstage_ros.control.observer import law as observer_law
 from microstage_ros.control.observer.drive_learning import drive_voltage
 from microstage_ros.control.observer.lost_motion import TOUCHING
@@ -99,7 +99,8 @@ def encoder_only_step(parameters, state, reference):
     period, model, own, shown = parameters.period, parameters.feedforward, state.encoder_pid, state.pid
     feedforward.feedforward_step(model, state.feedforward, period, reference, state.observer.level, 1.0, 0.0, state.observer.inertia)
     gap_crossing.crossing_reset(state.crossing)
-    adaptation.adaptation_step(parameters.encoder_adaptation, state.encoder_adaptation, parameters.encoder_pid, own, period, 1.0)
+    suspected = source_doubt.lost_motion_suspected(state.observer)
+    adaptation.adaptation_step(parameters.encoder_adaptation, state.encoder_adaptation, parameters.encoder_pid, own, period, 1.0, not suspected)
     voltage = pid.pid_output(parameters.encoder_pid, own, period, parameters.voltage_limit, 0.0)
     state.feed_forward = 0.0
     state.observer.rest_time_s = state.supervision.rest_time_s
@@ -126,7 +127,7 @@ def regulate(parameters, state, reference):
     integral = state.pid.integral
     in_gap = observer.contact != TOUCHING
     if not in_gap:
-        adaptation.adaptation_step(parameters.adaptation, state.adaptation, parameters.pid, state.pid, period, observer.inertia)
+        adaptation.adaptation_step(parameters.adaptation, state.adaptation, parameters.pid, state.pid, period, observer.inertia, not source_doubt.lost_motion_suspected(observer))
     limit = parameters.voltage_limit
     voltage = pid.pid_output(parameters.pid, state.pid, period, limit / max(observer.applied[0], 1.0), state.feed_forward)
     if in_gap:

@@ -292,7 +292,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         apply_learned(p, s, period)
         speed = speed_innovation(model, s, drop)
         doubt = voltage_variance(model, s, drop, s.v, 1.0)
-        doubtful = s.contact != TOUCHING or s.gap > 0.0 or s.waves > source_doubt.SWINGS
+        doubtful = s.contact != TOUCHING or source_doubt.lost_motion_suspected(s) or s.waves > source_doubt.SWINGS
         inertia.learn_inertia(s, period, s.net_force / model.moving_mass, moved / period, doubtful)
         s.current = current
     position = encoder - s.x
@@ -323,10 +323,11 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         beyond = speed * speed / (s.covariance[1, 1] + variance) if s.gap == 0.0 else 1.0
         s.speed_test += share * (beyond - s.speed_test)
     if s.gap > 0.0:
-        source_doubt.doubt_reset(p, s)  # a rattle in a gap that was not known yet says nothing of the sources, nor of the inertia
-        inertia.inertia_reset(s)
+        source_doubt.doubt_reset(p, s)
     elif senses:
         source_doubt.weigh_sources(p, s, period, position)
+    if source_doubt.lost_motion_suspected(s):
+        inertia.inertia_reset(s)  # what a rattle taught of it before it was seen to be one
     motion_filter.take_readings(s, variance)
     correct(s, position, speed)
     if senses:

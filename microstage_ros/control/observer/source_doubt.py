@@ -10,7 +10,12 @@ Every swing after the second in a row that is no smaller than the one before (`D
 position, over what the filter expects, is more than `MECHANICAL` times that of the speed, that of the voltage where it is less
 than `ELECTRICAL` times that, both in between. A doubt falls back at
 `FADE`, slowly, so that a machine whose doubt was found stays near it. The doubts at the start are those that hold the axis
-file's own model (`tuning.start_check`).
+file's own model (`design.start_check`).
+
+A motor that rattles in a gap of the drive makes such swings too, but they begin at the size of the gap, where a loop that is no
+longer stable swings up from the noise and the wind-up of the drive bounds its swings. So mechanical ones beyond `RATTLE` say that lost motion is suspected
+(`lost_motion_suspected`): both doubts go back to those of the start, and for `SUSPECTED_TIME` no mechanical swing raises one, the
+inertia is not learned and gains do not fade at rest.
 """
 
 from microstage_ros.numerics.compiled import compiled
@@ -24,6 +29,8 @@ LATE_STEP = 2.0  # of the doubt in a voltage that comes late
 STEP = 1.4  # of a doubt with every further one
 MOST_ENCODER, MOST_VOLTAGE = 8.0, 12.0  # times the shipped doubts: beyond, friction that falls with speed is seen too late
 MECHANICAL, ELECTRICAL = 3.0, 0.7  # heavy stages and soft drives show 5 to 20, late voltages 0.03 to 0.7, a slow amplifier 1 to 2
+RATTLE = 1e-6  # m; a gap of 0.5 degrees at the motor makes 1.1 to 2.7 um, ten times the mass 0.3, a payload on a soft drive 0.7
+SUSPECTED_TIME = 10.0  # s, since the last rattle
 FADE = 1e-2  # 1/s, of the logarithm
 FIELDS = [
     ("encoder_factor", "f8"),  # doubt in the encoder over the shipped one
@@ -35,6 +42,7 @@ FIELDS = [
     ("wave_before", "f8"),  # m, size of the half wave before
     ("wave_time", "f8"),  # s, since then
     ("waves", "i8"),  # in a row
+    ("suspected", "f8"),  # s, for which lost motion stays suspected
     ("drives", "i8"),  # 1: the law that regulates leans on this observer; swings under another one say nothing
 ]
 
@@ -51,6 +59,13 @@ def doubt_reset(p, s):
     s.wave_before = 0.0
     s.wave_time = 0.0
     s.waves = 0
+    s.suspected = 0.0
+
+
+@compiled
+def lost_motion_suspected(s):
+    """Whether drive and stage rattle in a gap, known or not: then swings and accelerations say nothing of one mass."""
+    return s.gap > 0.0 or s.suspected > 0.0
 
 
 @compiled
@@ -60,6 +75,7 @@ def weigh_sources(p, s, period, position):
     s.wave_slow += min(period / SLOW_TIME, 1.0) * (s.wave_smooth - s.wave_slow)
     fast = s.wave_smooth - s.wave_slow
     s.wave_time += period
+    s.suspected = max(s.suspected - period, 0.0)
     if s.wave_time > HALF_WAVE:
         s.waves = 0
     if fast * s.wave_peak < 0.0:
@@ -80,6 +96,11 @@ def weigh_sources(p, s, period, position):
 def doubt_more(p, s):
     """Answer one swing."""
     late = s.position_test < ELECTRICAL * s.speed_test
+    if not late and abs(s.wave_peak) > RATTLE:
+        s.encoder_factor, s.voltage_factor = p.encoder_doubt, p.voltage_doubt
+        s.suspected = SUSPECTED_TIME
+    if not late and s.suspected > 0.0:
+        return
     if not late:
         s.encoder_factor = min(STEP * s.encoder_factor, max(MOST_ENCODER, p.encoder_doubt))
     if s.position_test < MECHANICAL * s.speed_test:
