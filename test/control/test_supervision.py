@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from microstage_ros.control.laws import pid, registry, supervision
+from microstage_ros.control.laws import pid, self_tuning_observer, supervision
 from microstage_ros.control.laws.controller import controller_parameters, make_controller
 from microstage_ros.control.observer import drive_learning
 from microstage_ros.control.runs.closed_loop import TRACE, run_loop
@@ -83,7 +83,7 @@ def test_a_hand_over_goes_on_from_the_last_voltage():
         gains[name] = value
     pid.pid_reset(gains, state, 0.0)
     state["error"], state["velocity"], state["reference_velocity"] = 3e-7, 2e-5, 1e-5
-    registry.go_on_from(gains, state, 0.123)
+    self_tuning_observer.go_on_from(gains, state, 0.123)
     assert pid.pid_output(gains, state, 1e-4, 6.0, 0.0) == pytest.approx(0.123 + state["ki"] * 1e-4 * 3e-7, abs=1e-12)
 
 

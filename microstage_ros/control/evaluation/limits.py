@@ -12,6 +12,7 @@ import numpy as np
 from microstage_ros.control.evaluation.least_error import least_error
 from microstage_ros.control.laws import pid
 from microstage_ros.control.laws import registry as laws
+from microstage_ros.control.laws import self_tuning_observer
 from microstage_ros.control.laws.controller import make_controller
 from microstage_ros.control.observer import law as observer_law
 from microstage_ros.control.observer import lost_motion
@@ -54,7 +55,7 @@ def run_informed(plant, state, work, readings, parameters, memory, reference, po
             observer.x = state.x - observer.swing
         if speed:
             observer.v = plant.ratio * state.omega
-        memory.voltage = laws.regulate(parameters, memory, reference[n])
+        memory.voltage = self_tuning_observer.regulate(parameters, memory, reference[n])
         observer.x, observer.v = x, v
         advance(plant, state, work, memory.voltage)
 
@@ -93,7 +94,7 @@ def run_told_contact(plant, state, work, readings, parameters, memory, reference
             if state.side == o.toward:
                 lost_motion.settle(o, o.toward)
         memory.reference = reference[n]
-        memory.voltage = laws.regulate(parameters, memory, reference[n])
+        memory.voltage = self_tuning_observer.regulate(parameters, memory, reference[n])
         advance(plant, state, work, memory.voltage)
 
 

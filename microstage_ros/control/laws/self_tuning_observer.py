@@ -99,8 +99,7 @@ def encoder_only_step(parameters, state, reference):
     period, model, own, shown = parameters.period, parameters.feedforward, state.encoder_pid, state.pid
     feedforward.feedforward_step(model, state.feedforward, period, reference, state.observer.level, 1.0, 0.0, state.observer.inertia)
     gap_crossing.crossing_reset(state.crossing)
-    suspected = source_doubt.lost_motion_suspected(state.observer)
-    adaptation.adaptation_step(parameters.encoder_adaptation, state.encoder_adaptation, parameters.encoder_pid, own, period, 1.0, not suspected)
+    adaptation.adaptation_step(parameters.encoder_adaptation, state.encoder_adaptation, parameters.encoder_pid, own, period, 1.0, True)
     voltage = pid.pid_output(parameters.encoder_pid, own, period, parameters.voltage_limit, 0.0)
     state.feed_forward = 0.0
     state.observer.rest_time_s = state.supervision.rest_time_s

@@ -15,7 +15,7 @@ file's own model (`design.start_check`).
 A motor that rattles in a gap of the drive makes such swings too, but they begin at the size of the gap, where a loop that is no
 longer stable swings up from the noise and the wind-up of the drive bounds its swings. So mechanical ones beyond `RATTLE` say that lost motion is suspected
 (`lost_motion_suspected`): both doubts go back to those of the start, and for `SUSPECTED_TIME` no mechanical swing raises one, the
-inertia is not learned and gains do not fade at rest.
+inertia is not learned and the gains do not fade at rest.
 """
 
 from microstage_ros.numerics.compiled import compiled
