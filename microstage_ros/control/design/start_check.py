@@ -1,9 +1,9 @@
 """Before a start: whether the law is stable on the axis file's own model, and on machines that the file does not rule out.
 
-The eigenvalues of the sampled loop in every regime of `linear_loop.regime_slopes` say it, for the numbers of the file and
-for each of `DOUBTED` moved by twice its standard uncertainty, a tenth at least. The observer law starts with the first of
-`START_DOUBTS` in encoder and voltage that holds all of them. Where there is none, the encoder-only self-tuning law starts, from gains that are stable with
-`GAIN_ROOM` to spare.
+The eigenvalues of the sampled loop in every regime of `linear_loop.regime_slopes` say it, for the numbers of the file
+and for each of `DOUBTED` moved by twice its standard uncertainty, a tenth at least. The observer law starts with the
+first of `START_DOUBTS` in encoder and voltage that holds all of them. Where there is none, the encoder-only
+self-tuning law starts, from gains that are stable with `GAIN_ROOM` to spare.
 """
 
 import numpy as np
@@ -80,8 +80,8 @@ def pid_is_stable(axis, gains, period, room=GAIN_ROOM):
 def held_start(axis, gains, period):
     """(factor on the gains, factor on the filter time) from which the encoder-only self-tuning law holds the axis at its start.
 
-    The largest factor of a grid for which the PID ``gains`` times it are stable with `GAIN_ROOM`, then the shortest filter.
-    Raises `InputError` if there is none.
+    The largest factor of a grid for which the PID ``gains`` times it are stable with `GAIN_ROOM`, then the shortest
+    filter. Raises `InputError` if there is none.
     """
     plants = _plants(axis, period)
     for lower in LOWER ** np.arange(STEPS):

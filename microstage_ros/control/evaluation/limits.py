@@ -76,7 +76,8 @@ def informed_sine(axis, seed, told="both", period=None, amplitude=1e-5, frequenc
 def run_told_contact(plant, state, work, readings, parameters, memory, reference, stage):
     """The loop of `closed_loop` whose observer is told of lost motion what the simulator knows; fills ``stage`` [m].
 
-    That is the gap, the moment at which the contact opens and at which it closes, and the motor's way and speed between.
+    That is the gap, the moment at which the contact opens and at which it closes, and the motor's way and speed
+    between.
     """
     o, side = memory.observer, state.side
     for n in range(len(reference)):

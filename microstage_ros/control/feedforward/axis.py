@@ -75,9 +75,9 @@ FAST_ATTRACTION = 1e6  # 1/s, in limits: a slip that follows its limit at once
 def packed_contact(axis, contact):
     """Friction law of a contact as a packed generalised Maxwell-slip law, shape (WIDTH,), or None.
 
-    Every law becomes the blocks of `model.friction.contact.blocks_of`; one without an attraction parameter slips at its limit
-    at once, one without a Stribeck drop has none. Units are those of the axis file: N m and rad at the actuator
-    (angle of the screw), N and m at the guideway.
+    Every law becomes the blocks of `model.friction.contact.blocks_of`; one without an attraction parameter slips at
+    its limit at once, one without a Stribeck drop has none. Units are those of the axis file: N m and rad at the
+    actuator (angle of the screw), N and m at the guideway.
     """
     law = axis.law(contact)
     if law == "none":
@@ -171,7 +171,8 @@ def feedforward_reset(s, reference):
 def feedforward_step(p, s, period, reference, actuator_level, guideway_level, offset_speed, inertia):
     """Feed-forward voltage [V] for the new reference sample [m]; levels scale the friction limits [1].
 
-    ``offset_speed`` [m/s]: what the motor is to go faster than the stage; ``inertia`` [1]: of all that moves, over the file's.
+    ``offset_speed`` [m/s]: what the motor is to go faster than the stage; ``inertia`` [1]: of all that moves, over the
+    file's.
     """
     velocity = min(max((reference - s.reference) / period, -p.top_speed), p.top_speed)
     acceleration = (velocity - s.velocity) / period

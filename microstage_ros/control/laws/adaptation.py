@@ -17,23 +17,23 @@ Robust law. The same three products drive the logarithms of the gains, after the
   size of the move;
 * S forgets with 10 tau and only e S > 0 counts: an error that persists raises K_I, an overshoot does not
   make it collapse;
-* the gains stay between `floor` and a ceiling times the tuned ones (`ceiling`, `integral_ceiling`, `damping_ceiling`), K_I at
-  most `spread` times ahead of K_P, K_D not behind K_P, nor behind a raised K_I by more than `follow` allows; a raised K_D
-  brings a longer filter. That is beyond the tuned margins, and stands only as long as nothing swings;
+* the gains stay between `floor` and a ceiling times the tuned ones (`ceiling`, `integral_ceiling`, `damping_ceiling`),
+  K_I at most `spread` times ahead of K_P, K_D not behind K_P, nor behind a raised K_I by more than `follow` allows; a
+  raised K_D brings a longer filter. That is beyond the tuned margins, and stands only as long as nothing swings;
 * the set shrinks where the axis says so. A swing is a half wave of the error's fast part beyond
   `alternation`, shorter than 10 tau; the fifth in a row and every later one is answered. Swings faster than
-  tau / 2 are those of a resonance: a longer filter of the derivative first, up to `filter_ceiling`, and with it lower ceilings
-  (`soft_...`): on a loaded or soft axis it is K_I that lets a creeping stage hunt, so where friction is fed forward, the
-  feed-forward takes over from it (`soft_share`). Then less K_D (by `damping_share`). Every other answer lowers the ceilings of K_P and K_I by `back_off`; slow swings, of
-  stick-slip or backlash, keep their damping. Below `prompt` it takes many more swings, so that one jolt of a
-  lightly damped axis, which rings down by itself, does not cost more gain than it has to; a swing beyond `large`
-  counts in full everywhere, for that is a gap being crossed, where a slow integral is what helps. Below `joint` the
-  ceiling of K_I falls twice as far, and so does what is fed forward; K_I comes up again while reference and error stand
-  still, so that a move ends at its target. None falls below its least, and all rise at `recovery`, slowly, so that an axis
-  whose limit was found stays near it;
-* where the reference stands and swings go on all the same, `HUSHED` in a row, K_P and K_D fade with each further one, below
-  every floor, until friction holds the axis: without them the loop is an axis that rests, led to its target by K_I alone. They
-  are back as soon as the reference moves.
+  tau / 2 are those of a resonance: a longer filter of the derivative first, up to `filter_ceiling`, and with it lower
+  ceilings (`soft_...`): on a loaded or soft axis it is K_I that lets a creeping stage hunt, so where friction is fed
+  forward, the feed-forward takes over from it (`soft_share`). Then less K_D (by `damping_share`). Every other answer
+  lowers the ceilings of K_P and K_I by `back_off`; slow swings, of stick-slip or backlash, keep their damping. Below
+  `prompt` it takes many more swings, so that one jolt of a lightly damped axis, which rings down by itself, does not
+  cost more gain than it has to; a swing beyond `large` counts in full everywhere, for that is a gap being crossed,
+  where a slow integral is what helps. Below `joint` the ceiling of K_I falls twice as far, and so does what is fed
+  forward; K_I comes up again while reference and error stand still, so that a move ends at its target. None falls
+  below its least, and all rise at `recovery`, slowly, so that an axis whose limit was found stays near it;
+* where the reference stands and swings go on all the same, `HUSHED` in a row, K_P and K_D fade with each further one,
+  below every floor, until friction holds the axis: without them the loop is an axis that rests, led to its target by
+  K_I alone. They are back as soon as the reference moves.
 """
 
 import math
@@ -287,7 +287,8 @@ def come_to_rest(p, s, pid_s, period):
 def adaptation_step(p, s, pid_p, pid_s, period, scale, fades):
     """Tune the gains of ``pid_s`` from its newest error, without a jump of the output.
 
-    ``scale`` [1] of the tuned ones; ``fades``: whether swings at rest let them fade (not those in a gap, which a motor has to get out of).
+    ``scale`` [1] of the tuned ones; ``fades``: whether swings at rest let them fade (not those in a gap, which a motor
+    has to get out of).
     """
     if p.raw > 0.5:
         up, ui, ud = adapt_raw(p, s, pid_s.error, period)

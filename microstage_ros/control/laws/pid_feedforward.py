@@ -1,6 +1,7 @@
 """The PID, and the PID with the voltage that the axis's own model needs along the reference.
 
-U = PID(e) + U_ff(reference), where U_ff holds inertia, back-EMF and a share of the friction (`control.feedforward.axis`).
+U = PID(e) + U_ff(reference), where U_ff holds inertia, back-EMF and a share of the friction
+(`control.feedforward.axis`).
 """
 
 from microstage_ros.control.design import rules

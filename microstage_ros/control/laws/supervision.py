@@ -2,20 +2,22 @@
 
 The observer law leans on its model of the drive. Three signs say that the model does not hold:
 
-* a limit cycle: half waves of the error (encoder alone, without its slow part) beyond `swing`, each within `half_wave` of
-  the one before: more than `swings` in a row for `cycle_time`, since a motor that rattles in a gap finds its contact by
-  then, and the observer its doubts (`observer.source_doubt`), or at once beyond `large_swing`. Noise does not alternate so regularly, and a move gives one or two;
-* the axis rests beside its target: beyond `beside` for `beside_time` while the reference stands, or the error's size, averaged
-  over `REST_TIME`, is beyond `rest_error` there: a swing that is too slow or too small for the first sign;
+* a limit cycle: half waves of the error (encoder alone, without its slow part) beyond `swing`, each within `half_wave`
+  of the one before: more than `swings` in a row for `cycle_time`, since a motor that rattles in a gap finds its
+  contact by then, and the observer its doubts (`observer.source_doubt`), or at once beyond `large_swing`. Noise does
+  not alternate so regularly, and a move gives one or two;
+* the axis rests beside its target: beyond `beside` for `beside_time` while the reference stands, or the error's size,
+  averaged over `REST_TIME`, is beyond `rest_error` there: a swing that is too slow or too small for the first sign;
 * innovations: the mean square of the position's and of the speed's innovation over what the filter expects stays beyond
-  `position_test` or `speed_test` for `test_time`; or the error is beyond `lost` for `lost_time` while drive and stage are taken to be apart, which
-  no crossing of a gap takes; or the current has been noisier than `loudest` as long (normalised innovation squared; Bar-Shalom, Li, Kirubarajan,
-  "Estimation with Applications to Tracking and Navigation", Wiley 2001, section 5.4).
+  `position_test` or `speed_test` for `test_time`; or the error is beyond `lost` for `lost_time` while drive and stage
+  are taken to be apart, which no crossing of a gap takes; or the current has been noisier than `loudest` as long
+  (normalised innovation squared; Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and
+  Navigation", Wiley 2001, section 5.4).
 
-Then the encoder-only self-tuning law goes on from the voltage that was last given. It hands back once the axis has rested
-at its target and the innovations have been consistent for `calm_time`, and for `proof_time` of motion since they last were not,
-not before `trial_time` has passed, and `patience` times that after every further hand-over. For `probation` after that, and at the start, at rest, one error beyond
-`trial_error` ends the trial.
+Then the encoder-only self-tuning law goes on from the voltage that was last given. It hands back once the axis has
+rested at its target and the innovations have been consistent for `calm_time`, and for `proof_time` of motion since
+they last were not, not before `trial_time` has passed, and `patience` times that after every further hand-over. For
+`probation` after that, and at the start, at rest, one error beyond `trial_error` ends the trial.
 """
 
 from microstage_ros.control.gains import Gain

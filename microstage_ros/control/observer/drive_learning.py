@@ -79,7 +79,8 @@ def compare_voltage(model, s, drop):
 def drive_changed(p, model, s, period, drop):
     """Whether current and speed call for another voltage than the applied one all of a sudden.
 
-    Nothing but the drive itself can do that: a force on the motor takes many periods, since it has to turn the rotor first.
+    Nothing but the drive itself can do that: a force on the motor takes many periods, since it has to turn the rotor
+    first.
     """
     low, high = min(s.voltages), max(s.voltages)
     confirmed = s.answers[s.lag] * model.resistance * s.learned[0] > LAG_CONFIRMED * s.excitation and s.excitation > EXCITED
@@ -109,8 +110,8 @@ def drive_changed(p, model, s, period, drop):
 def learn_noise(p, s, step, period):
     """Noise of the voltage behind the back-EMF, from a ``step`` [V] of what is unexplained.
 
-    Two steps in a row, e_n - e_(n-1) and e_(n-1) - e_(n-2), have the mean product -sigma^2 if e is white; a model's error,
-    which changes slowly, or once, adds nothing to it.
+    Two steps in a row, e_n - e_(n-1) and e_(n-1) - e_(n-2), have the mean product -sigma^2 if e is white; a model's
+    error, which changes slowly, or once, adds nothing to it.
     """
     s.running += period
     most, least = OUTLIER * s.noise_variance, (p.voltage_noise / NOISE_DOUBT) ** 2
@@ -167,7 +168,8 @@ def direct_effect(model, s, drop, k):
 def apply_learned(p, s, period):
     """Let the drive that the controller counts with follow the learned one.
 
-    At once after a change; else, while all is steady, to within what sliding one way for long leads the learned one astray.
+    At once after a change; else, while all is steady, to within what sliding one way for long leads the learned one
+    astray.
     """
     fresh = s.changes > 0 and s.since < STEADY_TIME
     share = min(period / APPLY_TIME, 1.0) * trust_in_speed(s, s.restless) if s.steady > STEADY_TIME else 0.0
@@ -197,7 +199,8 @@ def bound_learned(p, s):
 def find_lag(p, model, s, step):
     """Which past voltage the current follows, from its newest ``step`` [A]. True if it is another one than before.
 
-    At rest the loop's steps of voltage are no larger than the amplifier's noise, and any delay may seem to fit for a while.
+    At rest the loop's steps of voltage are no larger than the amplifier's noise, and any delay may seem to fit for a
+    while.
     """
     best = s.lag
     for j in range(LAGS):
@@ -249,8 +252,8 @@ def learn_drive(p, model, s, period, drop, position, speed):
 def doubt_drive(p, s, period, position):
     """While the estimated position stays beside the encoder, R or zero have changed by too little to be noticed at once.
 
-    Noise has no mean: the innovation ``position`` [m], averaged, lies within a count of zero as long as the drive is known. In
-    motion it takes longer to say, since a gap that opens looks the same until it is noticed.
+    Noise has no mean: the innovation ``position`` [m], averaged, lies within a count of zero as long as the drive is
+    known. In motion it takes longer to say, since a gap that opens looks the same until it is noticed.
     """
     rests = s.rest_time_s > REST_TIME
     memory, bound = (STRAY_TIME, ASTRAY) if rests else (LONG_TIME, LONG_ASTRAY)

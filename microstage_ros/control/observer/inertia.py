@@ -1,14 +1,15 @@
 """The moving inertia as the observer learns it (compiled parts of `observer_law`).
 
-What drives the axis beyond its friction, over the file's moving mass M, is known from the current and the friction laws, and
-the acceleration that follows from the encoder (not from the back-EMF, which a voltage that comes late leads astray). Through the
-same filter of second order,
+What drives the axis beyond its friction, over the file's moving mass M, is known from the current and the friction
+laws, and the acceleration that follows from the encoder (not from the back-EMF, which a voltage that comes late leads
+astray). Through the same filter of second order,
 
     a = rho n,      n = (F - friction) / M,      rho = M / M_true
 
-and a scalar Kalman filter learns rho with its variance, while nothing swings. Only strong accelerations tell: at n below `LEAST` the friction's level,
-which varies by some percent, is as large as what is sought. Noise is counted as `CORRELATED` samples long. The regulator, the
-feed-forward and the observer's own prediction follow beyond `SLACK`, within `APPLY_TIME`, so that nothing jumps.
+and a scalar Kalman filter learns rho with its variance, while nothing swings. Only strong accelerations tell: at n
+below `LEAST` the friction's level, which varies by some percent, is as large as what is sought. Noise is counted as
+`CORRELATED` samples long. The regulator, the feed-forward and the observer's own prediction follow beyond `SLACK`,
+within `APPLY_TIME`, so that nothing jumps.
 """
 
 import math

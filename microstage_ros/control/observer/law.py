@@ -7,11 +7,11 @@ free of the encoder's counts and of the drive train's resonance. The axis is one
     encoder = x + n_x,      (u - R i_end - o) / (K_E N/r) = v + n_v
 
 with the friction laws of the axis file run along the estimated motion, l the level of the actuator's limits
-and d what is left (a random walk). x, v and d follow a Kalman filter (`motion_filter`), the stage's swing is `swing`'s. The back-
-EMF matters: below the Stribeck velocity friction falls by 34 uNm per rad/s at the motor, so speed errors of a
-model driven by the current alone grow e-fold in 3 ms. Its R, zero o
-and constant are learned (`learn_drive`) from what encoder and back-EMF disagree on, and the delay of the voltage, in whole periods, from which past
-voltage the current answers to.
+and d what is left (a random walk). x, v and d follow a Kalman filter (`motion_filter`), the stage's swing is
+`swing`'s. The back- EMF matters: below the Stribeck velocity friction falls by 34 uNm per rad/s at the motor, so speed
+errors of a model driven by the current alone grow e-fold in 3 ms. Its R, zero o and constant are learned
+(`learn_drive`) from what encoder and back-EMF disagree on, and the delay of the voltage, in whole periods, from which
+past voltage the current answers to.
 
 What d says of the friction's level is `friction_level`'s.
 """
@@ -341,7 +341,8 @@ def observer_step(p, model, s, period, encoder, voltage, current):
 def design_motion(record, model, period):
     """What follows from an observer's gains, its axis and the period.
 
-    ``motion_gain`` of a free mass; ``transient``, what is left after a period of a transient of the current; the swing's matrix.
+    ``motion_gain`` of a free mass; ``transient``, what is left after a period of a transient of the current; the
+    swing's matrix.
     """
     settling = float(model["settling"])
     record["transient"] = 0.0

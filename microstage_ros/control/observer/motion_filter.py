@@ -7,8 +7,8 @@ the motion obeys
 
 Sliding below the Stribeck velocity c < 0: errors grow e-fold in 3 ms, and the gain has to catch them. Where blocks
 stick they hold the axis. But a block lets go within a doubt of the place, which no slope of a curve says, and the stage
-swings beyond the drive train: `STIFFNESS_SHARE` of the stiffness is counted on. Simon, "Optimal State Estimation", Wiley 2006,
-ch. 13.2; the two readings are taken in one after the other (ch. 6.1), which needs no inverse of a matrix.
+swings beyond the drive train: `STIFFNESS_SHARE` of the stiffness is counted on. Simon, "Optimal State Estimation",
+Wiley 2006, ch. 13.2; the two readings are taken in one after the other (ch. 6.1), which needs no inverse of a matrix.
 """
 
 import math

@@ -1,21 +1,23 @@
 """How far encoder and back-EMF are trusted as readings of one mass, learned from swings of the loop (compiled parts of `observer_law`).
 
-The motion filter takes the axis for one mass. Beyond the drive train's resonance the encoder reads the stage, which swings on
-its own, and with a heavy stage or a soft drive the loop that believes it swings too. The back-EMF lies on this side of the
-resonance, but leans on a voltage that may come late. Where the loop swings, one of the two is believed too much:
+The motion filter takes the axis for one mass. Beyond the drive train's resonance the encoder reads the stage, which
+swings on its own, and with a heavy stage or a soft drive the loop that believes it swings too. The back-EMF lies on
+this side of the resonance, but leans on a voltage that may come late. Where the loop swings, one of the two is
+believed too much:
 
-    swing: a half wave of the position's innovation (without its slow part) beyond `WAVE` doubts, shorter than `HALF_WAVE`
+    swing: a half wave of the position's innovation (without its slow part) beyond `WAVE` doubts, shorter than
+    `HALF_WAVE`
 
-Every swing after the second in a row that is no smaller than the one before (`DECAY`) raises a doubt by `STEP`: that of the encoder where the mean square innovation of the
-position, over what the filter expects, is more than `MECHANICAL` times that of the speed, that of the voltage where it is less
-than `ELECTRICAL` times that, both in between. A doubt falls back at
-`FADE`, slowly, so that a machine whose doubt was found stays near it. The doubts at the start are those that hold the axis
-file's own model (`design.start_check`).
+Every swing after the second in a row that is no smaller than the one before (`DECAY`) raises a doubt by `STEP`: that
+of the encoder where the mean square innovation of the position, over what the filter expects, is more than
+`MECHANICAL` times that of the speed, that of the voltage where it is less than `ELECTRICAL` times that, both in
+between. A doubt falls back at `FADE`, slowly, so that a machine whose doubt was found stays near it. The doubts at the
+start are those that hold the axis file's own model (`design.start_check`).
 
-A motor that rattles in a gap of the drive makes such swings too, but they begin at the size of the gap, where a loop that is no
-longer stable swings up from the noise and the wind-up of the drive bounds its swings. So mechanical ones beyond `RATTLE` say that lost motion is suspected
-(`lost_motion_suspected`): both doubts go back to those of the start, and for `SUSPECTED_TIME` no mechanical swing raises one, the
-inertia is not learned and the gains do not fade at rest.
+A motor that rattles in a gap of the drive makes such swings too, but they begin at the size of the gap, where a loop
+that is no longer stable swings up from the noise and the wind-up of the drive bounds its swings. So mechanical ones
+beyond `RATTLE` say that lost motion is suspected (`lost_motion_suspected`): both doubts go back to those of the start,
+and for `SUSPECTED_TIME` no mechanical swing raises one, the inertia is not learned and the gains do not fade at rest.
 """
 
 from microstage_ros.numerics.compiled import compiled
