@@ -102,8 +102,8 @@ def supervision_reset(p, s, unstable):
 
 
 @compiled
-def watch_error(p, s, error, reference_speed, apart, period):
-    """One period of the encoder's ``error`` [m]: swings in a row, rest beside the target; ``apart``: drive and stage are taken to be."""
+def watch_error(p, s, error, reference_speed, in_gap, period):
+    """One period of the encoder's ``error`` [m]: swings in a row, rest beside the target; ``in_gap``: drive and stage are taken to be apart."""
     s.since += period
     s.smooth += min(period / SMOOTH_TIME, 1.0) * (error - s.smooth)
     s.slow += min(period / SLOW_TIME, 1.0) * (s.smooth - s.slow)
@@ -119,7 +119,7 @@ def watch_error(p, s, error, reference_speed, apart, period):
     elif abs(fast) > abs(s.peak):
         s.peak = fast
     s.rest_time_s = s.rest_time_s + period if reference_speed == 0.0 else 0.0
-    s.lost = s.lost + period if apart and abs(error) > p.lost else 0.0
+    s.lost = s.lost + period if in_gap and abs(error) > p.lost else 0.0
     if s.rest_time_s > SETTLED_TIME:
         s.rest_size += period / REST_TIME * (abs(s.smooth) - s.rest_size)
     else:

@@ -31,7 +31,7 @@ FIELDS = [
     ("inertia", "f8"),  # 1, moving mass over the file's, as it is counted with
     ("net", "f8", 2),  # m/s^2, n filtered once and twice
     ("stage_speed", "f8", 2),  # m/s, of the encoder, filtered once and twice
-    ("told", "f8"),  # s, for which both have been told undisturbed
+    ("filtered_s", "f8"),  # s, for which both have been told undisturbed
 ]
 
 
@@ -43,7 +43,7 @@ def inertia_reset(s):
     s.inertia = 1.0
     s.net[:] = 0.0
     s.stage_speed[:] = 0.0
-    s.told = 0.0
+    s.filtered_s = 0.0
 
 
 @compiled
@@ -56,8 +56,8 @@ def learn_inertia(s, period, net, speed, lost):
     s.stage_speed[1] += share * (s.stage_speed[0] - s.stage_speed[1])
     s.stage_speed[0] += share * (speed - s.stage_speed[0])
     driven = s.net[1]
-    s.told = 0.0 if lost else s.told + period
-    if s.told > 5.0 * FILTER_TIME and abs(driven) > LEAST:
+    s.filtered_s = 0.0 if lost else s.filtered_s + period
+    if s.filtered_s > 5.0 * FILTER_TIME and abs(driven) > LEAST:
         noise = (NOISE * NOISE + RELATIVE * RELATIVE * driven * driven) * max(CORRELATED / period, 1.0)
         gain = s.rho_variance * driven / (driven * driven * s.rho_variance + noise)
         s.rho = min(max(s.rho + gain * (slope - s.rho * driven), 1.0 / HIGHEST), 1.0 / LOWEST)
