@@ -142,7 +142,7 @@ def _again(arguments, axis, condition, outcome, law, folder):
 
 
 def _of_machines(rows):
-    """Sentence: on how many machines a run failed or did not rest, with exact 95 % intervals (Clopper and Pearson 1934).
+    """Sentence: on how many machines a run failed or did not rest, exact 95 % intervals (Clopper and Pearson 1934).
 
     Runs of one machine are no independent trials; machines drawn at random are.
     """
