@@ -46,6 +46,7 @@ PERIOD_TOLERANCE = 2e-3
 """How far the mean period of a clock may be from the nominal one, relative."""
 
 FIRST_ROWS = 10  # that may lack a reference while a cell starts
+LAST_ROWS = 1000  # that may lack one where a recorder left a running cell: states come sooner than the commands that answer them
 MOST_ROWS = 10**10
 
 
@@ -108,7 +109,7 @@ def bag_to_record(path, namespace=None):
     held = _by_period(rows, sequence - first - 1, states["applied_voltage"])
     columns["voltage_V"] = np.where(np.isnan(held), columns.get("voltage_V", held), held)
     columns = {name: values for name, values in columns.items() if name == "encoder_m" or not np.isnan(values).all()}
-    columns = _without_lead(columns)
+    columns = _where_commanded(columns)
     rows = len(columns["encoder_m"])
     command = _command(bag.custom_data)
     names = {VOLTAGE.column: command.column, VOLTAGE.disturbance: command.disturbance}
@@ -117,12 +118,15 @@ def bag_to_record(path, namespace=None):
     return Record(period_s, {"t_s": np.arange(rows) * period_s, **columns}, str(path), metadata)
 
 
-def _without_lead(columns):
-    """The columns from the first row with a reference on, where a recorder that joined a running cell heard of the controller later."""
+def _where_commanded(columns):
+    """The columns from the first row with a reference on, where a recorder that joined a running cell heard of the controller later,
+    and up to the last one, where it left before the commands came that answer its last states."""
     if "reference_m" not in columns:
         return columns
-    lead = int(np.argmax(np.isfinite(columns["reference_m"])))
-    return columns if lead <= FIRST_ROWS else {name: values[lead:] for name, values in columns.items()}
+    known = np.isfinite(columns["reference_m"])
+    lead, lag = int(np.argmax(known)), int(np.argmax(known[::-1]))
+    first, last = lead if lead > FIRST_ROWS else 0, len(known) - (lag if FIRST_ROWS < lag <= LAST_ROWS else 0)
+    return {name: values[first:last] for name, values in columns.items()}
 
 
 def record_to_bag(record, path, namespace=NAMESPACE):
