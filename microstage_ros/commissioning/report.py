@@ -19,23 +19,44 @@ def report_tree(outcome, machine):
     checks = sorted(outcome.checks.values(), key=lambda c: CHECKS.index(c.id))
     margins = outcome.margins
     tree = {
-        "format": 1, "verdict": outcome.verdict, "says": outcome.says,
+        "format": 1,
+        "verdict": outcome.verdict,
+        "says": outcome.says,
         "checks": [c.as_dict() for c in checks],
-        "parameters": {key: {"value": e.value, "stderr": e.stderr, "unit": e.unit, "determined": e.determined,
-                             **({"low": e.low, "high": e.high} if e.determined else {"why": e.remark})}
-                       for key, e in outcome.estimates.items()},
-        "margins": {"phase_deg": margins.phase_deg if margins else math.nan, "gain_dB": margins.gain_dB if margins else math.nan,
-                    "measured": margins is not None},
-        "moves": outcome.moves, "slow_sine_m": outcome.sine,
+        "parameters": {
+            key: {
+                "value": e.value,
+                "stderr": e.stderr,
+                "unit": e.unit,
+                "determined": e.determined,
+                **({"low": e.low, "high": e.high} if e.determined else {"why": e.remark}),
+            }
+            for key, e in outcome.estimates.items()
+        },
+        "margins": {
+            "phase_deg": margins.phase_deg if margins else math.nan,
+            "gain_dB": margins.gain_dB if margins else math.nan,
+            "measured": margins is not None,
+        },
+        "moves": outcome.moves,
+        "slow_sine_m": outcome.sine,
         "used": {"time_s": machine.time, **machine.used},
-        "controller": outcome.law, "remarks": outcome.remarks, "version": __version__,
+        "controller": outcome.law,
+        "remarks": outcome.remarks,
+        "version": __version__,
         "axis": "axis.yaml" if outcome.axis is not None else None,
     }
     if margins:
         rest = outcome.rest_margins
-        tree["margins"] |= {"phase_stderr_deg": margins.phase_error_deg, "gain_stderr_dB": margins.gain_error_dB,
-                            "crossover_Hz": margins.crossover_Hz, "sensitivity": margins.sensitivity,
-                            "rest": {"phase_deg": rest.phase_deg, "gain_dB": rest.gain_dB, "crossover_Hz": rest.crossover_Hz} if rest else None}
+        tree["margins"] |= {
+            "phase_stderr_deg": margins.phase_error_deg,
+            "gain_stderr_dB": margins.gain_error_dB,
+            "crossover_Hz": margins.crossover_Hz,
+            "sensitivity": margins.sensitivity,
+            "rest": {"phase_deg": rest.phase_deg, "gain_dB": rest.gain_dB, "crossover_Hz": rest.crossover_Hz}
+            if rest
+            else None,
+        }
     return plain(tree)
 
 
@@ -66,41 +87,78 @@ def write_answer(outcome, machine, folder, provenance):
 
 def page(outcome, machine, provenance):
     """The page a person reads."""
-    made = Page("Commissioning", machine.axis.name, configuration=provenance.get("sketch"), seed=provenance.get("seed"),
-                about={"Backend": provenance.get("backend", "")})
+    made = Page(
+        "Commissioning",
+        machine.axis.name,
+        configuration=provenance.get("sketch"),
+        seed=provenance.get("seed"),
+        about={"Backend": provenance.get("backend", "")},
+    )
     what = {"ready": "Ready.", "refused": "Refused.", "stopped": "Stopped before the end."}[outcome.verdict]
     made.verdict(f"{what} {outcome.says}", TONE[outcome.verdict], "The machine is at zero volts.")
     if outcome.moves:
-        made.key_figures([(f"4s at {row['target_m'] * 1e6:g} µm", f"{row['four_s_m'] * 1e9:.0f} nm", f"bias {row['bias_m'] * 1e9:+.0f} nm")
-                          for row in outcome.moves])
+        made.key_figures(
+            [
+                (
+                    f"4s at {row['target_m'] * 1e6:g} µm",
+                    f"{row['four_s_m'] * 1e9:.0f} nm",
+                    f"bias {row['bias_m'] * 1e9:+.0f} nm",
+                )
+                for row in outcome.moves
+            ]
+        )
     made.section("Checks")
-    rows = [(c.id, "passed" if c.passed else "FAILED", c.value, c.unit, c.says)
-            for c in sorted(outcome.checks.values(), key=lambda c: CHECKS.index(c.id))]
-    made.table(("check", "", "value", "unit", "what it says"), rows, marked=[k for k, row in enumerate(rows) if row[1] == "FAILED"])
+    rows = [
+        (c.id, "passed" if c.passed else "FAILED", c.value, c.unit, c.says)
+        for c in sorted(outcome.checks.values(), key=lambda c: CHECKS.index(c.id))
+    ]
+    made.table(
+        ("check", "", "value", "unit", "what it says"),
+        rows,
+        marked=[k for k, row in enumerate(rows) if row[1] == "FAILED"],
+    )
     if outcome.estimates:
         _parameters(made, outcome)
     if outcome.responses:
         made.section("Frequency response")
-        made.figure(_bode(outcome.responses), "Measured responses; bands of two standard deviations; lines below a coherence of 0.5 are left out.",
-                    "Magnitude and phase against frequency")
+        made.figure(
+            _bode(outcome.responses),
+            "Measured responses; bands of two standard deviations; lines below a coherence of 0.5 are left out.",
+            "Magnitude and phase against frequency",
+        )
         if outcome.margins:
             m = outcome.margins
-            made.text(f"Loop in motion, measured: phase margin {m.phase_deg:.1f}° ± {2 * m.phase_error_deg:.1f}°, gain margin {m.gain_dB:.1f} dB ± "
-                      f"{2 * m.gain_error_dB:.1f} dB, crossover {m.crossover_Hz:.0f} Hz, largest sensitivity {m.sensitivity:.2g}.")
+            made.text(
+                f"Loop in motion, measured: phase margin {m.phase_deg:.1f}° ± {2 * m.phase_error_deg:.1f}°, gain margin {m.gain_dB:.1f} dB ± "
+                f"{2 * m.gain_error_dB:.1f} dB, crossover {m.crossover_Hz:.0f} Hz, largest sensitivity {m.sensitivity:.2g}."
+            )
     if outcome.along is not None:
         made.section("Along the travel")
         made.figure(_along(outcome.along), "Mean voltage at constant speed, by direction.", "Voltage against position")
     if outcome.moves:
         made.section("Moves")
-        made.table(("target [µm]", "n", "bias [nm]", "4s [nm]", "95 % interval [nm]", "settling, median [ms]"), [
-            (f"{row['target_m'] * 1e6:g}", row["n"], f"{row['bias_m'] * 1e9:+.1f}", f"{row['four_s_m'] * 1e9:.1f}",
-             "{:.0f} to {:.0f}".format(*(1e9 * v for v in row["four_s_interval_m"])), f"{row['settling_s'] * 1e3:.0f}") for row in outcome.moves],
-            "Unidirectional approaches, errors by the encoder, mean over the last 0.1 s at rest.")
+        made.table(
+            ("target [µm]", "n", "bias [nm]", "4s [nm]", "95 % interval [nm]", "settling, median [ms]"),
+            [
+                (
+                    f"{row['target_m'] * 1e6:g}",
+                    row["n"],
+                    f"{row['bias_m'] * 1e9:+.1f}",
+                    f"{row['four_s_m'] * 1e9:.1f}",
+                    "{:.0f} to {:.0f}".format(*(1e9 * v for v in row["four_s_interval_m"])),
+                    f"{row['settling_s'] * 1e3:.0f}",
+                )
+                for row in outcome.moves
+            ],
+            "Unidirectional approaches, errors by the encoder, mean over the last 0.1 s at rest.",
+        )
         made.text(f"Slow sine of ±10 µm at 0.1 Hz: largest error {outcome.sine * 1e9:.0f} nm.")
     made.section("What was used")
     used = machine.used
-    made.text(f"{machine.time:.0f} s of machine time; encoder from {used['travel_min_m'] * 1e3:.4g} to {used['travel_max_m'] * 1e3:.4g} mm; "
-              f"at most {used['voltage_max_V']:.3g} V.")
+    made.text(
+        f"{machine.time:.0f} s of machine time; encoder from {used['travel_min_m'] * 1e3:.4g} to {used['travel_max_m'] * 1e3:.4g} mm; "
+        f"at most {used['voltage_max_V']:.3g} V."
+    )
     if outcome.remarks:
         made.list(outcome.remarks)
     made.note("Signed: ______________________   Date: ______________")
@@ -110,9 +168,19 @@ def page(outcome, machine, provenance):
 def _parameters(made, outcome):
     made.section("Parameters")
     told = [e for e in outcome.estimates.values() if e.determined]
-    made.table(("parameter", "value", "standard uncertainty", "unit"), [
-        (e.key, "; ".join(f"{v:.5g}" for v in np.atleast_1d(e.value)), "" if e.stderr is None else "; ".join(f"{v:.2g}" for v in np.atleast_1d(e.stderr)),
-         e.unit) for e in told], "Determined by the records")
+    made.table(
+        ("parameter", "value", "standard uncertainty", "unit"),
+        [
+            (
+                e.key,
+                "; ".join(f"{v:.5g}" for v in np.atleast_1d(e.value)),
+                "" if e.stderr is None else "; ".join(f"{v:.2g}" for v in np.atleast_1d(e.stderr)),
+                e.unit,
+            )
+            for e in told
+        ],
+        "Determined by the records",
+    )
     open_ones = [(e.key, e.remark) for e in outcome.estimates.values() if not e.determined]
     if open_ones:
         made.table(("parameter", "why not, and what would tell it"), open_ones, "Not determined")
@@ -125,7 +193,13 @@ def _bode(found):
         size = np.abs(r.value) * (1e6 if r.what == "plant" else 1.0)
         label = f"{r.what}, {r.condition}" + (" [µm/V]" if r.what == "plant" else "")
         top.loglog(r.frequency, size, color=COLOURS[colour], label=label)
-        top.fill_between(r.frequency, size * (1 - 2 * np.minimum(r.relative, 0.45)), size * (1 + 2 * r.relative), color=COLOURS[colour], alpha=0.25)
+        top.fill_between(
+            r.frequency,
+            size * (1 - 2 * np.minimum(r.relative, 0.45)),
+            size * (1 + 2 * r.relative),
+            color=COLOURS[colour],
+            alpha=0.25,
+        )
         phase = np.degrees(np.unwrap(np.angle(r.value)))
         bottom.semilogx(r.frequency, phase, color=COLOURS[colour])
         band = 2 * np.degrees(r.relative)

@@ -34,7 +34,7 @@ class OutsideBackend:
             raise
         except Exception as error:  # noqa: BLE001 - code from outside
             raise InputError("backend", name, f"a class that can be made with one Setup(axis, seed, options) "
-                             f"({_told(error)})") from error
+                             f"({_words(error)})") from error
         missing = [call for call in CALLS if not callable(getattr(self._inner, call, None))]
         missing += ["simulated"] * (not isinstance(getattr(self._inner, "simulated", None), (bool, int)))
         if missing:
@@ -54,7 +54,7 @@ class OutsideBackend:
         except HardwareError:
             raise
         except Exception as error:  # noqa: BLE001 - code from outside: whatever it raises, the voltage must go to zero
-            raise HardwareError(f"read(): {_told(error)}") from error
+            raise HardwareError(f"read(): {_words(error)}") from error
         if type(found) is Reading and type(found[0]) is float and type(found[1]) is float and type(found[2]) is float:
             return found  # nothing to bring into form, as in most periods
         try:
@@ -69,7 +69,7 @@ class OutsideBackend:
         except HardwareError:
             raise
         except Exception as error:  # noqa: BLE001 - code from outside: whatever it raises, the voltage must go to zero
-            raise HardwareError(f"write(): {_told(error)}") from error
+            raise HardwareError(f"write(): {_words(error)}") from error
 
     def close(self):
         """Voltage to zero, let go. Raises `HardwareError`."""
@@ -92,7 +92,7 @@ class OutsideBackend:
         except HardwareError:
             raise
         except Exception as error:  # noqa: BLE001 - code from outside: whatever it raises, the voltage must go to zero
-            raise HardwareError(f"{name}(): {_told(error)}") from error
+            raise HardwareError(f"{name}(): {_words(error)}") from error
 
 
 def as_reading(found):
@@ -105,5 +105,5 @@ def as_reading(found):
     return Reading(*values[:len(Reading._fields)])
 
 
-def _told(error):
+def _words(error):
     return f"{type(error).__name__}: {' '.join(str(error).split()) or 'no reason given'}"

@@ -1,11 +1,15 @@
 """The axis as far as it is known: the sketch with what the first measurements gave."""
 
-
 import numpy as np
 
 from microstage_ros.model.transmission import motor_ratio
 
-FRICTION = ("contacts.actuator.static", "contacts.actuator.coulomb", "contacts.guideway.static", "contacts.guideway.coulomb")
+FRICTION = (
+    "contacts.actuator.static",
+    "contacts.actuator.coulomb",
+    "contacts.guideway.static",
+    "contacts.guideway.coulomb",
+)
 LIMITS = (0.05, 20.0)  # factors on the sketched friction
 
 
@@ -30,8 +34,12 @@ def known_axis(sketch, found, fit=None):
     if not found.has_current:  # the viscous part of the friction cannot be told from back-EMF
         emf = min(emf, axis.value("drive.back_emf") * (1.0 + sketch.tolerance["drive.back_emf"]))
     inertia = found.inertia * emf * ratio / resistance - ratio * ratio * axis.value("stage.mass")
-    values = {"drive.resistance": resistance, "drive.back_emf": emf, "drive.torque_constant": emf,
-              "drive.rotor_inertia": max(inertia, 0.05 * axis.value("drive.rotor_inertia"))}
+    values = {
+        "drive.resistance": resistance,
+        "drive.back_emf": emf,
+        "drive.torque_constant": emf,
+        "drive.rotor_inertia": max(inertia, 0.05 * axis.value("drive.rotor_inertia")),
+    }
     if fit is not None and axis.choices["transmission.type"] != "rigid":
         values |= {key: fit.values[key] for key in ("transmission.stiffness", "transmission.damping")}
     values |= _friction(axis, found.friction * emf / resistance, ratio)
@@ -43,8 +51,11 @@ def known_axis(sketch, found, fit=None):
 
 def _friction(axis, level, ratio=None):
     """Friction limits scaled so that sliding takes ``level`` [N m at the motor; N for a force drive]."""
-    at_motor = axis.value("contacts.actuator.coulomb") if axis.has("contacts.actuator.coulomb") else (
-        axis.value("contacts.actuator.static") if axis.has("contacts.actuator.static") else 0.0)
+    at_motor = (
+        axis.value("contacts.actuator.coulomb")
+        if axis.has("contacts.actuator.coulomb")
+        else (axis.value("contacts.actuator.static") if axis.has("contacts.actuator.static") else 0.0)
+    )
     at_stage = next((axis.value(key) for key in FRICTION[:1:-1] if axis.has(key)), 0.0)
     expected = at_motor + (at_stage * ratio if ratio else at_stage)
     factor = float(np.clip(level / max(expected, 1e-12), *LIMITS))

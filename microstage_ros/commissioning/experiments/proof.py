@@ -18,15 +18,15 @@ BAND_COUNTS, BAND = 2.0, 5e-8  # settled: within so many counts, or metres
 SINE = {"amplitude": 1e-5, "frequency": 0.1, "cycles": 1.0}
 SWING = 6e-7  # peak to peak in the judged part that is an oscillation [m]
 LEARNING = "self_tuning_observer"
-QUIET, FLAT, FAST = 0.2, 100.0, 1e-4
+STEP_SHARE, FLAT, FAST = 0.2, 100.0, 1e-4
 """The observer law learns how noisy the voltage behind the back-EMF is, from its steps between periods, and gives way where it
-is noisier than its doubt: a loud multi-sine measures another loop. What is added has steps of at most ``QUIET`` of the noise that
+is noisier than its doubt: a loud multi-sine measures another loop. What is added has steps of at most ``STEP_SHARE`` of the noise that
 the doubt stands for (more at longer periods than ``FAST`` [s], where a minute holds fewer of them): lines of one size up to ``FLAT`` [Hz], and from there falling with 1/f, so that slow lines cost nothing of it."""
 USUAL_SHARE = 0.35
 REST_SHARE = 0.25  # of breakaway, rms of the voltage added at rest
 SLIDE_SPEED = 1e-3  # m/s
 LINES, REST_PERIODS, SLIDES = 60, 20, 6
-QUIET_SLIDES, LEARNT = 16, 6  # of the observer law, and the first of them that are not counted
+LEARNING_SLIDES, LEARNT = 16, 6  # of the observer law, and the first of them that are not counted
 
 
 def loop_at_rest(loop, breakaway, seed, keep):
@@ -34,7 +34,7 @@ def loop_at_rest(loop, breakaway, seed, keep):
     machine = loop.machine
     most = REST_SHARE * breakaway
     if loop.law == LEARNING:
-        made = _quiet(loop, 5.0, most, seed)
+        made = _unnoticed(loop, 5.0, most, seed)
     else:
         made = multi_sine(machine.period, 5.0, 0.42 / machine.period, lambda f: 1.0, seed, LINES)
         made = _scaled(made, most / np.sqrt(np.mean(made.signal**2)))
@@ -55,13 +55,13 @@ def loop_in_motion(loop, found, seed, keep):
     corner = found.volts_per_speed / max(found.inertia, 1e-12) / (2.0 * math.pi)
     lowest, volts = max(5.0, 4.0 * speed / length), USUAL_SHARE * (found.friction + found.volts_per_speed * speed)
     if loop.law == LEARNING:
-        made = _quiet(loop, lowest, volts, seed)
+        made = _unnoticed(loop, lowest, volts, seed)
     else:
         made = multi_sine(period, lowest, 0.42 / period, lambda f: math.sqrt(1.0 + (f / corner) ** 2), seed, LINES)
         made = _scaled(made, min(volts / np.sqrt(np.mean(made.signal**2)), 0.4 * machine.limit / np.abs(made.signal).max()))
     centre, parts, records = machine.position, [], []
     learning = loop.law == LEARNING  # it goes on from slide to slide, and is measured once it knows the drive
-    for number in range(QUIET_SLIDES if learning else SLIDES):
+    for number in range(LEARNING_SLIDES if learning else SLIDES):
         move = jerk_limited_move(machine.position, centre + (length if number % 2 == 0 else 0.0), period, loop.limits(speed))
         steady = np.flatnonzero(np.abs(np.abs(np.diff(move)) / period - speed) < 1e-3 * speed)
         if len(steady) < made.rows * 2:
@@ -85,11 +85,11 @@ def loop_in_motion(loop, found, seed, keep):
     return responses(parts, made, period, "sliding") if parts else (None, None)
 
 
-def _quiet(loop, lowest, most, seed):
-    """`MultiSine` that the observer law does not take for noise: see `QUIET`; ``most``: rms [V]."""
+def _unnoticed(loop, lowest, most, seed):
+    """`MultiSine` that the observer law does not take for noise: see `STEP_SHARE`; ``most``: rms [V]."""
     period = loop.machine.period
     made = multi_sine(period, lowest, 0.42 / period, lambda f: min(1.0, FLAT / f), seed, LINES)
-    allowed = QUIET * max(period / FAST, 1.0) * float(loop.controller.parameters["observer"]["voltage_noise"]) / NOISE_DOUBT
+    allowed = STEP_SHARE * max(period / FAST, 1.0) * float(loop.controller.parameters["observer"]["voltage_noise"]) / NOISE_DOUBT
     steps = np.sqrt(np.mean(np.diff(made.times(2)) ** 2))
     return _scaled(made, min(allowed / steps, most / np.sqrt(np.mean(made.signal**2))))
 

@@ -177,9 +177,9 @@ def identify_presliding(loadings, repeat, seed, contact="actuator", units=("N m/
     for key, part, unit in zip(keys, parts, (units[0], "1", units[2])):
         pick = [array[part].tolist() for array in (values, stderr, low, high)]
         pick = [p[0] for p in pick] if part.stop - part.start == 1 else pick
-        told = narrow(pick[0], *pick[2:])
-        result.add(Estimate(key, pick[0], unit, *pick[1:], determined=told, method="bootstrap over repeats",
-                            remark="" if told else f"not determined by these records (their repeats differ too much); {experiment}"))
+        determined = narrow(pick[0], *pick[2:])
+        result.add(Estimate(key, pick[0], unit, *pick[1:], determined=determined, method="bootstrap over repeats",
+                            remark="" if determined else f"not determined by these records (their repeats differ too much); {experiment}"))
     _tables(result, contact, blocks, values, low, high, errors, units, reading)
     how = "chosen by the data" if errors else "as asked"
     result.remarks.append(f"{contact}: {size} blocks ({how}); repeats differ by {np.std(factors):.1%} (standard deviation).")

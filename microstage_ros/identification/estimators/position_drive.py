@@ -18,7 +18,7 @@ from microstage_ros.solver.plant import NoiseSpec, make_plant
 
 BLOCK_S = 0.1                   # the error hangs together over about this time [s]
 LEAST, MOST = 0.05, 20.0        # factors that are tried
-TOLD = 0.5                      # a factor is told by the records if its 95 % interval is no wider than ± this share
+DETERMINED_SHARE = 0.5                      # a factor is told by the records if its 95 % interval is no wider than ± this share
 SHOWN = 4000                    # points of the curve
 EXPERIMENT = "slow loops over several strokes, and steps held for ten times the longest creep time, would"
 
@@ -91,10 +91,10 @@ def _error(axis, record, actuator):
 
 def _estimate(axis, key, factor, stderr):
     half = 1.96 * stderr
-    told = bool(np.isfinite(half) and half <= TOLD * factor)
+    determined = bool(np.isfinite(half) and half <= DETERMINED_SHARE * factor)
     value, spread, low, high = (scaled(axis, key, f) for f in (factor, stderr, factor - half, factor + half))
-    remark = "" if told else f"not determined by these records (factor {factor:.3g} ± {half:.2g}); {EXPERIMENT}"
-    return Estimate(key, value, axis.quantity(key).unit, spread, low, high, told, f"open-loop output error, block sandwich ({LEVEL:.0%})", remark)
+    remark = "" if determined else f"not determined by these records (factor {factor:.3g} ± {half:.2g}); {EXPERIMENT}"
+    return Estimate(key, value, axis.quantity(key).unit, spread, low, high, determined, f"open-loop output error, block sandwich ({LEVEL:.0%})", remark)
 
 
 def _curve(record, axis, actuator):

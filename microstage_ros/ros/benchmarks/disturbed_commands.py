@@ -76,13 +76,13 @@ def disturb(count, seed):
     """About ``count`` commands to one paced driver; the facts as plain data."""
     node = rclpy.create_node("str_controller", namespace=NAMESPACE)
     stranger = rclpy.create_node("stranger", namespace=NAMESPACE, context=another_context())
-    told = []
+    timings = []
     try:
         with tempfile.TemporaryDirectory(prefix="microstage_disturbed_") as folder:
             axis = f"{folder}/axis.yaml"
             load_axis(config_file("axis.yaml")).with_values({"period": PERIOD}, source="estimate").save(axis)
             commander = Commander(node, stranger, seed)
-            node.create_subscription(ServoTiming, topics.TIMING, told.append, 10)
+            node.create_subscription(ServoTiming, topics.TIMING, timings.append, 10)
             parameters = {
                 "axis_driver": {
                     "mode": "paced",
@@ -103,7 +103,7 @@ def disturb(count, seed):
     finally:
         stranger.destroy_node()
         node.destroy_node()
-    return _facts(commander, told[-1] if told else ServoTiming(), count)
+    return _facts(commander, timings[-1] if timings else ServoTiming(), count)
 
 
 def _facts(commander, timing, count):

@@ -29,8 +29,8 @@ def flood_a_cell(count, seed):
             ) as cell:
                 cell.activate(node)
                 client = AxisClient(NAMESPACE, node, wait=60.0)
-                told = []
-                node.create_subscription(ServoTiming, topics.TIMING, told.append, 10)
+                timings = []
+                node.create_subscription(ServoTiming, topics.TIMING, timings.append, 10)
                 before = client.move(1e-5, timeout=20.0).reached
                 began = time.monotonic()
                 stranger = flood(stranger_node, count, seed, lambda: rclpy.spin_once(node, timeout_sec=0.0))
@@ -59,7 +59,7 @@ def flood_a_cell(count, seed):
         )
         if bad
     ]
-    heard = {name: getattr(told[-1], name) if told else None for name in ("foreign", "malformed")}
+    heard = {name: getattr(timings[-1], name) if timings else None for name in ("foreign", "malformed")}
     return {
         "sent": stranger.sent,
         "refused_by_the_driver": heard,
