@@ -1,6 +1,7 @@
 """The parameters of every node of an axis, asked for over their services while a bag is recorded."""
 
 import json
+import time
 from pathlib import Path
 
 import rclpy.parameter
@@ -11,8 +12,12 @@ from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 
 
+ASK_AGAIN_S = 2.0
+"""An answer that has not come after so long [s] was lost, as happens while processes discover each other."""
+
+
 class ParameterCollector:
-    """Asks every node once.
+    """Asks every node until it has answered.
 
     Attributes
     ----------
@@ -21,23 +26,25 @@ class ParameterCollector:
 
     def __init__(self, node):
         self._node = node
-        self._asked = {}
+        self._asked, self._clients = {}, {}
         self.found = {node.get_fully_qualified_name(): {name: p.value for name, p in node._parameters.items()}}
 
     def look(self, prefix):
         """Ask nodes below ``prefix`` that have not been asked."""
         for name, namespace in self._node.get_node_names_and_namespaces():
             full = f"{namespace.rstrip('/')}/{name}"
-            if full.startswith(prefix) and full not in self._asked and full not in self.found:
-                client = self._asked[full] = AsyncParameterClient(self._node, full)
-                if client.services_are_ready():
-                    client.list_parameters([], 10).add_done_callback(lambda f, full=full: self._listed(full, f))
-                else:
-                    del self._asked[full]
+            if not full.startswith(prefix) or full in self.found or time.monotonic() - self._asked.get(full, -ASK_AGAIN_S) < ASK_AGAIN_S:
+                continue
+            if full not in self._clients:
+                self._clients[full] = AsyncParameterClient(self._node, full)
+            client = self._clients[full]
+            if client.services_are_ready():
+                self._asked[full] = time.monotonic()
+                client.list_parameters([], 10).add_done_callback(lambda f, full=full: self._listed(full, f))
 
     def _listed(self, full, future):
         names = future.result().result.names
-        self._asked[full].get_parameters(names).add_done_callback(
+        self._clients[full].get_parameters(names).add_done_callback(
             lambda f: self.found.__setitem__(full, _values(names, f.result().values)))
 
     def run_facts(self):
