@@ -92,7 +92,7 @@ PLANT = np.dtype([
     ("encoder_count", f8), ("per_count", f8), ("encoder_noise", f8), ("current_noise", f8),
     ("interferometer_noise", f8),
     # 1: the encoder has an error of interpolation of its own
-    ("interpolates", i8), ("signal_number", f8), ("interpolation", f8, 2),
+    ("interpolates", i8), ("signal_number", f8), ("signals_per_metre", f8), ("interpolation", f8, 2),
     ("senses_current", i8),                    # 1: the current's sensor is not ideal, see `readings.sensed_current`
     ("current_filter", f8, 3), ("current_sample", f8, 3),
     ("current_offset", f8), ("current_range", f8), ("current_quantum", f8), ("per_current_quantum", f8),

@@ -166,6 +166,15 @@ kind_of = numba.typeof
 
 
 @intrinsic
+def fused(typingctx, a, b, c):
+    """A b + c of three numbers, rounded once on every machine."""
+    def build(context, builder, signature, arguments):
+        return builder.fma(*arguments)
+
+    return numba.types.float64(numba.types.float64, numba.types.float64, numba.types.float64), build
+
+
+@intrinsic
 def not_inlined(typingctx):
     """Written first in a function that runs seldom: it stays a call, and its text is not copied into every caller."""
     def build(context, builder, signature, arguments):

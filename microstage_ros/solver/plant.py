@@ -243,6 +243,7 @@ def _fill_sensors(plant, axis):
     if len(error) > 2:
         raise InputError(f"{axis.place}: sensors.encoder.interpolation_error", len(error), "at most two amplitudes")
     plant["interpolation"][: len(error)], plant["interpolates"] = error, int(np.any(error))
+    plant["signals_per_metre"] = 1.0 / axis.value("sensors.encoder.signal_period")
     plant["signal_number"] = 2 * math.pi / axis.value("sensors.encoder.signal_period")
     sensor = position_sensor_of(axis)
     plant["position_sensor"] = sensor.number

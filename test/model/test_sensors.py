@@ -53,6 +53,17 @@ def test_interpolation_error_repeats_with_the_signal_period_and_adds_to_the_effe
         assert readings["encoder"] - x == pytest.approx(1.5e-8 * np.sin(phase) + 2.5e-9 * np.sin(2 * phase), abs=1e-15)
 
 
+def test_interpolation_error_is_that_of_the_librarys_sine_to_the_last_bit_of_a_metre_and_below(axis):
+    plant = make_plant(axis.with_values({"sensors.encoder.resolution": 0.0}), NoiseSpec.none())
+    readings, state = new_readings(), new_state(plant)
+    for x in np.random.default_rng(4).uniform(-2e-2, 2e-2, 300):
+        state["x"] = x
+        read_sensors(plant, state, readings)
+        phase = 2 * np.pi * x / 1e-5
+        expected = x + (5e-9 * np.sin(phase) + 2.5e-9 * np.sin(2 * phase))
+        assert abs(readings["encoder"] - expected) <= 2.0 * np.spacing(abs(x))
+
+
 def test_a_run_replaces_the_axis_files_noise(axis):
     own, given = make_plant(axis), make_plant(axis, NoiseSpec(current_A=0.0, encoder_m=1e-9))
     assert own["current_noise"] == axis.value("sensors.current.noise") and own["encoder_noise"] == 8e-9

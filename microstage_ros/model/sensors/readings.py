@@ -7,6 +7,7 @@ import numpy as np
 from microstage_ros.model.sensors import POSITION_SENSORS
 from microstage_ros.numerics.compiled import compiled, dispatch, inlined_before_typing, internal, not_inlined, always_inlined
 from microstage_ros.numerics.random import normal, uniform
+from microstage_ros.numerics.turns import sine_and_cosine
 
 AIR_TEMPERATURE, AIR_PRESSURE, AIR_HUMIDITY, STAGE_TEMPERATURE = 293.15, 101325.0, 0.5, 293.15
 PER_KELVIN, PER_PASCAL = -0.93e-6, 2.7e-9      # first-order terms of the index of air
@@ -73,9 +74,8 @@ def _counted(plant, state, y):
 def interpolated(plant, x, y):
     """Reading y [m] at the place x [m] of the scale, with the encoder's own error of interpolation."""
     if plant.interpolates == 1:
-        angle = plant.signal_number * x
-        wave = math.sin(angle)
-        y += wave * (plant.interpolation[0] + 2.0 * plant.interpolation[1] * math.cos(angle))
+        sine, cosine = sine_and_cosine(plant.signals_per_metre * x)
+        y += sine * (plant.interpolation[0] + 2.0 * plant.interpolation[1] * cosine)
     return y
 
 
