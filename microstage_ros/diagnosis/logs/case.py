@@ -80,8 +80,9 @@ def prepare(baseline, now, description):
         for number, log in enumerate(side):
             motion = motion_of(log, top, sharp)
             codes = np.array([order.get(label, -1) for label in log.conditions])[log.condition]
-            rows.append(channel_module.Rows(log, motion, repetitions(log, motion, description, len(side)), codes, number))
-            notes += [f"{log.source}: {note}" for note in log.notes]
+            numbers, regrouped = repetitions(log, motion, description, len(side))
+            rows.append(channel_module.Rows(log, motion, numbers, codes, number))
+            notes += [f"{log.source}: {note}" for note in (*log.notes, regrouped) if note]
         groups[name] = rows
     channels = {c.name: c for c in channel_module.channels_of(baseline[0])}
     for name, channel in list(channels.items()):

@@ -13,6 +13,9 @@ from microstage_ros.diagnosis.logs.preprocessing.breakaway import breakaways, tr
 from microstage_ros.diagnosis.logs.preprocessing.motion import STATES
 
 PLACES = (12, 6, 3, 1)      # parts of the stroke that are tried, the finest that the logs fill
+OFTEN = (0.75, 0.5)         # of the repetitions (baseline, now) that fill a cell
+AT_TIMES = (0.25, 0.1)      # the same where repetitions differ among themselves
+KEYS = 1 << 40              # above every cell's key: repetition and key in one number
 COVERED = 0.85              # share of the rows that must lie in cells which both sides have
 STEADY = STATES.index("steady")
 HARMONICS = 60              # highest harmonic of the turn
@@ -86,33 +89,56 @@ def stroke_of(everything):
 
 
 def choose_cells(baseline, now, stroke, top):
-    """(number of places, cells that both sides fill): the finest division that the logs fill."""
+    """(number of places, cells that both sides fill, share of the rows of now in them): the finest division that the logs fill.
+
+    Cells that most repetitions fill, or, where repetitions differ (one slow, one fast), those that enough of them fill.
+    """
+    fine = [[_filled_cells(rows, stroke, top) for rows in side] for side in (baseline, now)]
+    tried = PLACES if all(r.motion.absolute for r in [*baseline, *now]) else (1,)
+    usual = _cells(fine, tried, OFTEN)
+    if usual[2] >= COVERED:
+        return usual
+    more = _cells(fine, tried, AT_TIMES)
+    return more if more[2] > usual[2] + 0.1 else usual
+
+
+def _filled_cells(rows, stroke, top):
+    """Cells of the finest division by repetition in one log, and the number of rows in each: two int arrays, repetition and key packed in one."""
+    keys = cell_keys(rows, stroke, PLACES[0], top)
+    inside = keys >= 0
+    return np.unique(rows.repetition[inside].astype(np.int64) * KEYS + keys[inside], return_counts=True)
+
+
+def _coarser(fine, places):
+    """{cell: repetitions that fill it}, {cell: rows in it} of a side at a coarser division of the stroke."""
+    met, rows_in = {}, {}
+    for packed, number in fine:
+        repetition, keys = packed // KEYS, packed % KEYS
+        keys = keys - keys % 16 + (keys % 16) * places // PLACES[0]
+        pairs, at = np.unique(repetition * KEYS + keys, return_inverse=True)
+        for pair, count in zip((pairs % KEYS).tolist(), np.bincount(at, number).astype(int).tolist()):
+            if count >= 2:
+                met[pair] = met.get(pair, 0) + 1
+                rows_in[pair] = rows_in.get(pair, 0) + count
+    return met, rows_in
+
+
+def _cells(fine, tried, least):
+    """`choose_cells` with cells that these shares of the repetitions (baseline, now) fill; ``fine``: see `_filled_cells`, by side and log."""
     best = None
-    absolute = all(r.motion.absolute for r in [*baseline, *now])
-    for places in PLACES if absolute else (1,):
-        sides = []
-        for side in (baseline, now):
-            met, reps, rows_in = {}, 0, {}
-            for rows in side:
-                keys = cell_keys(rows, stroke, places, top)
-                pairs, counts = np.unique(np.stack([rows.repetition, keys]), axis=1, return_counts=True)
-                reps += len(np.unique(rows.repetition))
-                for key, count in zip(pairs[1], counts):
-                    if key >= 0 and count >= 2:
-                        met[key] = met.get(key, 0) + 1
-                        rows_in[key] = rows_in.get(key, 0) + int(count)
-            sides.append((met, rows_in))
-        codes = {key: unpack(np.array([key]))[0][0] for key in {*sides[0][0], *sides[1][0]}}
+    for places in tried:
+        sides = [_coarser(side, places) for side in fine]
+        codes = {key: int(unpack(np.array([key]))[0][0]) for key in {*sides[0][0], *sides[1][0]}}
         shares = [{code: max((m for k, m in met.items() if codes[k] == code), default=1) for code in set(codes.values())}
                   for met, _ in sides]
-        kept = sorted(key for key in sides[0][0] if sides[0][0][key] >= 0.75 * shares[0][codes[key]]
-                      and sides[1][0].get(key, 0) >= 0.5 * shares[1][codes[key]])
+        kept = sorted(key for key in sides[0][0] if sides[0][0][key] >= least[0] * shares[0][codes[key]]
+                      and sides[1][0].get(key, 0) >= least[1] * shares[1][codes[key]])
         covered = sum(sides[1][1][k] for k in kept) / max(sum(sides[1][1].values()), 1)
         if best is None or covered > best[2] + 0.1:
-            best = (places, kept, covered)
+            best = (places, np.array(kept, int), covered)
         if covered >= COVERED:
             return places, np.array(kept, int), covered
-    return best[0], np.array(best[1], int), best[2]
+    return best
 
 
 def reduce(channel, baseline, now, cells, places, stroke, top, columns_of, turn):

@@ -9,6 +9,7 @@ from microstage_ros.quantities.errors import InputError
 
 STILL = 0.03            # share of the usual top speed below which an axis counts as at rest
 ACCELERATING = 0.25     # share of the usual top acceleration above which a row belongs to start or braking
+CUT = 0.2               # share of the top speed with which a motion that the log shows from its start cannot begin
 STATES = ("rest", "start", "steady", "brake", "settled")
 SMOOTH_S = 0.02         # s, window of the derivative of a measured position
 SMOOTH_TWICE_S = 0.08   # s, of the derivative of a measured speed: noise grows with the square of the rate
@@ -171,6 +172,8 @@ def motion_of(log, top_speed, top_acceleration):
     pushing = a * direction
     limit = ACCELERATING * max(top_acceleration, 1e-300)
     early = since < np.maximum(2.5 * log.period, np.minimum(0.08 * took, 0.5))
+    cut = new_piece & (np.abs(v[first]) > CUT * max(top_speed, 1e-300))     # the log begins within a motion: that is no start of one
+    early &= ~cut[number]
     state[moving & ((pushing > limit) | early)] = STATES.index("start")
     state[moving & (pushing < -limit) & ~early] = STATES.index("brake")
     state[~moving] = STATES.index("settled")

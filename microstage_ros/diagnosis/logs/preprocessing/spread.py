@@ -57,14 +57,13 @@ class Spread:
     dof_repetition: float
     dof_assembly: float
 
-    def covariance(self, coordinates, now, base=None, assembly=True):
+    def covariance(self, coordinates, now, base, assembly=True):
         """Covariance (K, K) of the difference of two means.
 
-        ``now``, ``base``: {condition: repetitions behind each mean}; ``assembly``: whether the two may be different states of assembly.
+        ``now``, ``base``: repetitions behind each coordinate's mean (K,); ``assembly``: whether the two may be different states of assembly.
         """
-        base = self.repetitions if base is None else base
         same = coordinates.condition[:, None] == coordinates.condition[None, :]
-        count = np.array([1.0 / max(now.get(int(c), 1), 1) + 1.0 / max(base.get(int(c), 1), 1) for c in coordinates.condition])
+        count = 1.0 / np.maximum(now, 1) + 1.0 / np.maximum(base, 1)
         within = (self.modes * self.repetition) @ self.modes.T + np.diag(self.noise)
         total = within * same * np.sqrt(np.outer(count, count))
         if assembly:

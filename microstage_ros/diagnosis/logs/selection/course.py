@@ -37,7 +37,7 @@ def course_of(stage, name, groups, per_file=False):
     at = 0
     for channel, coordinates in stage.coordinates.items():
         size = len(coordinates.kind)
-        only = {int(c): 2 for c in np.unique(coordinates.condition)}
+        only = np.full(size, 2)
         within[at: at + size, at: at + size] = spreads[channel].covariance(coordinates, only, only, assembly=False)
         at += size
     x = problem.effects[name]

@@ -33,8 +33,12 @@ LARGEST = {"level": 0.6, "viscous": 0.8, "quadratic": 0.8, "moving": 0.5, "const
 POSITIVE = {"torque_ripple+", "backlash", "rising_static_friction", "floor_vibration", "sampling_jitter", "screw_pitch_error",
             "amplifier_deadband", "transport_delay", "actuator_lag"}
 NEGATIVE = {"presliding_creep"}      # on in the direction of motion, which lessens the error
-#: Wider forms of an effect: friction that differs in one place; friction that a loop without integrator shows at rest too.
+#: Wider or other forms of an effect: friction that differs in one place; friction that a loop without integrator shows at rest too.
 LOCAL = {"position_dependent_friction": ("bumps",), "friction_level_change": ("friction in error", "lost motion")}
+#: The same where an effort is logged: friction whose part in proportion to the speed has stayed as it was.
+OF_EFFORT = {"friction_level_change": ("dead zone",)}
+#: Wider forms that hold a uniform change too, and the effect whose it is.
+UNIFORM = {"position_dependent_friction+": "friction_level_change"}
 FAMILY = ({"friction_level_change", "viscous_change", "nonlinear_viscous", "amplifier_gain", "amplifier_deadband", "resistance_rise"},
           {"cable_spring", "payload_change"}, {"gravity_tilt", "direction_asymmetry"},
           {"amplifier_gain", "payload_change"}, {"backlash", "friction_level_change", "drive_compliance", "transport_delay"})
@@ -150,10 +154,10 @@ def effects_of(channels, only=None, without=()):
                 effects[effect + "+"], parts[effect + "+"] = np.hstack([a for _, a in amplitudes]), ["rough", "rough"]
             amplitudes = amplitudes[:1] if len(amplitudes) == 2 else []
         if effect in LOCAL and block is not None:
-            wide = placed("effort" if "effort" in channels else "error", LOCAL[effect]) \
-                if effect != "friction_level_change" or "effort" not in channels else None
+            other = OF_EFFORT.get(effect, LOCAL[effect]) if "effort" in channels else LOCAL[effect]
+            wide = placed("effort" if "effort" in channels else "error", other)
             if wide is not None:
-                effects[effect + "+"], parts[effect + "+"] = wide, list(LOCAL[effect])
+                effects[effect + "+"], parts[effect + "+"] = wide, list(other)
         if effect == "torque_ripple" and "effort" in channels:
             coordinates = channels["effort"]
             own = (coordinates.kind == "rough") & (coordinates.direction != 0)
@@ -311,7 +315,10 @@ def _tried(problem, forms, beside, taken):
 
 
 def acceptable(problem, name, beside):
-    """Whether the fitted size has a sense: some effects only grow."""
+    """Whether the fitted size has a sense: some effects only grow, and a wider form must show more than the uniform change it holds."""
+    uniform = UNIFORM.get(name)
+    if uniform in problem.effects and uniform not in [plain(b) for b in beside] and problem.log_p(name, [*beside, uniform]) > LEVEL:
+        return False
     if plain(name) not in POSITIVE and name not in POSITIVE and plain(name) not in NEGATIVE:
         return True
     sizes = problem.taken([*beside, name])[1]

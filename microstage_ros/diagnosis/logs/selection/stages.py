@@ -105,9 +105,7 @@ def build(stage, now=None, base=None, assembly=True, form=True):
     for name, coordinates in stage.coordinates.items():
         vectors_now = coordinates.now if now is None else now[name]
         vectors_base = coordinates.baseline if base is None else base[name]
-        codes = np.unique(coordinates.condition)
-        number_now, number_base = ({int(c): int(np.isfinite(v[:, coordinates.condition == c]).any(axis=1).sum()) for c in codes}
-                                   for v in (vectors_now, vectors_base))
+        number_now, number_base = (np.isfinite(v).sum(axis=0) for v in (vectors_now, vectors_base))
         d = spread.mean_of(vectors_now)[0] - spread.mean_of(vectors_base)[0]
         good = np.isfinite(d)
         c = stage.spreads[name].covariance(coordinates, number_now, number_base, assembly)
@@ -115,7 +113,7 @@ def build(stage, now=None, base=None, assembly=True, form=True):
             for free in coordinates.columns.get(column, np.zeros((len(d), 0))).T:
                 c = c + FREE**2 * np.outer(free, free)
         if now is None:
-            c = c + np.diag(coordinates.grown / np.maximum([number_now.get(int(code), 1) for code in coordinates.condition], 1))
+            c = c + np.diag(coordinates.grown / np.maximum(number_now, 1))
         if form:
             c = c + np.diag(form_error(coordinates, np.nan_to_num(d)))
         c[~good, :] = 0.0
