@@ -7,7 +7,7 @@ from microstage_ros.diagnosis.logs.preprocessing import coordinates as reduction
 from microstage_ros.diagnosis.logs.preprocessing import spread
 from microstage_ros.diagnosis.logs.selection.context import Context
 from microstage_ros.diagnosis.logs.selection.effects import columns_of
-from microstage_ros.diagnosis.logs.preprocessing.motion import motion_of, tops
+from microstage_ros.diagnosis.logs.preprocessing.motion import MOST_LATE, lag_of, motion_of, tops
 from microstage_ros.diagnosis.logs.preprocessing.repeats import repetitions
 from microstage_ros.diagnosis.logs.preprocessing.turn import turn_of
 from microstage_ros.diagnosis.logs.selection.verdict import answer
@@ -53,7 +53,7 @@ def diagnose_logs(baseline, now, description, seed=0):
     if any(r.log.shift is not None for side in groups.values() for r in side):
         notes.append("Levels of the effort were shifted after the recording; only its shape within stretches of one constant is compared.")
     result = answer(reduced, spreads, groups, context, notes, open_sign, seed)
-    result.evidence |= {"cells": places_cells[1], "places": places_cells[0], "stroke": stroke, "turn": turn}
+    result.evidence |= {"cells": places_cells[1], "places": places_cells[0], "stroke": stroke, "turn": turn, "compared": places_cells[2]}
     return result
 
 
@@ -74,11 +74,12 @@ def prepare(baseline, now, description):
     top, sharp = tops(baseline)
     if not top > 0.0:
         raise InputError("--baseline", "no motion", "logs in which the axis moves")
-    groups = {}
+    groups, usual = {}, float(np.median([lag_of(log) for log in baseline]))
     for name, side in (("baseline", baseline), ("now", now)):
         rows = []
         for number, log in enumerate(side):
-            motion = motion_of(log, top, sharp)
+            lag = lag_of(log) - usual if name == "now" else 0.0
+            motion = motion_of(log, top, sharp, lag if abs(lag) < MOST_LATE else 0.0)
             codes = np.array([order.get(label, -1) for label in log.conditions])[log.condition]
             numbers, regrouped = repetitions(log, motion, description, len(side))
             rows.append(channel_module.Rows(log, motion, numbers, codes, number))

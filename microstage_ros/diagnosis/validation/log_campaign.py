@@ -9,6 +9,7 @@ import time
 
 from microstage_ros import __version__
 from microstage_ros.diagnosis.logs.case import diagnose_logs
+from microstage_ros.diagnosis.validation import carried
 from microstage_ros.diagnosis.validation.simulated_logs import EFFECTS, SIGNALS, draw_case
 from microstage_ros.files import write_text
 from microstage_ros.metrology.rates import rate
@@ -18,7 +19,11 @@ __all__ = ["EFFECTS", "run", "scores", "sentences", "line", "visibility_table", 
 
 @dataclasses.dataclass
 class Outcome:
-    """What was hidden in one case and what was said. ``covered``: (effect, parameter, truth inside the 95 % interval)."""
+    """What was hidden in one case and what was said.
+
+    ``visible``: hidden effects that the signals carry (`carried`); ``declared``: those that the diagnosis says these signals show;
+    ``distance``: change of the signals by each hidden effect, in standard deviations of the healthy scatter. ``covered``: (effect, parameter, truth inside the 95 % interval, …).
+    """
 
     number: int
     truth: tuple
@@ -31,6 +36,8 @@ class Outcome:
     named: tuple
     rivals: tuple
     visible: tuple
+    declared: tuple
+    distance: tuple
     covered: tuple
     seconds: float
 
@@ -55,27 +62,26 @@ def run(cases, seed=1, kind="mixed", effect="", strength=1.0):
         case = draw_case(number, seed, kind, effect, strength=strength)
         began = time.monotonic()
         result = diagnose_logs(list(case.baseline), list(case.now), case.description, seed)
-        found = result.diagnosis
+        found, seconds = result.diagnosis, time.monotonic() - began
+        sizes = [(step[0], carried.distance(case, k)) for k, step in enumerate(case.steps)]
         yield Outcome(number, tuple(map(str, case.truth)), case.signals, case.rate, case.runs, case.files, case.reassembled, found.verdict,
                       tuple(c.id for c in found.causes), tuple(r.ids for r in found.rivals),
-                      visible_truth(case, result), _covered(case, found),
-                      time.monotonic() - began)
+                      tuple(name for name, size in sizes if size > carried.LIMIT), tuple(n for n, _ in sizes if result.visibility.get(n, (False,))[0]),
+                      tuple(round(size, 2) for _, size in sizes), _covered(case, result), seconds)
 
 
-def visible_truth(case, result):
-    """Hidden effects that the diagnosis holds visible in these signals, and that this machine's signals carry at all."""
-    return tuple(t for t in map(str, case.truth) if result.visibility.get(t, (False,))[0] and t not in case.absent)
-
-
-def _covered(case, found):
-    """Whether the 95 % intervals of rightly named sizes hold the truth."""
+def _covered(case, result):
+    """Whether the 95 % intervals of the hidden effects' sizes hold the truth, where these are named or among the rivals."""
     out = []
-    for cause in found.causes:
-        for name, value in case.sizes.get(cause.id, {}).items():
-            p = cause.parameters.get(name)
-            if p is not None:
-                factor = case.effort_factor if name in ("force", "stiffness", "coefficient", "coefficient_change") else 1.0
-                out.append((cause.id, name, bool(abs(p.value - value * factor) <= 1.96 * p.stderr), float(value * factor), float(p.value), float(p.stderr)))
+    told = [(cause.id, cause.parameters) for cause in result.diagnosis.causes]
+    told += [(name, parameters) for group in result.rival_sizes for name, parameters in group.items()]
+    for effect, parameters in told:
+        for name, value in case.sizes.get(effect, {}).items():
+            p = parameters.get(name)
+            of_force = name in ("force", "stiffness", "coefficient", "coefficient_change")
+            if p is not None and not (of_force and p.unit.startswith("m")):      # of an error in metres, no force
+                factor = case.effort_factor if of_force else 1.0
+                out.append((effect, name, bool(abs(p.value - value * factor) <= 1.96 * p.stderr), float(value * factor), float(p.value), float(p.stderr)))
     return tuple(out)
 
 
@@ -84,12 +90,14 @@ def scores(outcomes):
     healthy = [o for o in outcomes if not o.truth]
     seen = [o for o in outcomes if o.truth and o.visible]
     hidden = [o for o in outcomes if o.truth and not o.visible]
+    both = [o for o in seen if o.declared]
     covered = [c for o in outcomes for c in o.covered]
     sets = {
         "healthy machines left in peace": (sum(o.result == "quiet" for o in healthy), len(healthy)),
         "visible: right name first, or a rival": (sum(o.result in ("right", "rival") for o in seen), len(seen)),
         "visible: right name without rival": (sum(o.result == "right" for o in seen), len(seen)),
         "visible: wrong name": (sum(o.result == "wrong" for o in seen), len(seen)),
+        "visible and declared so: right name first, or a rival": (sum(o.result in ("right", "rival") for o in both), len(both)),
         "hidden: no wrong name": (sum(o.result != "wrong" for o in hidden), len(hidden)),
         "95 % intervals that hold the truth": (sum(c[2] for c in covered), len(covered)),
     }
@@ -116,6 +124,7 @@ def line(outcome):
     """One case in one line."""
     opened = "".join(f" ({' | '.join(ids)})" for ids in outcome.rivals)
     return (f"{outcome.number:4d} {'+'.join(outcome.truth) or 'healthy':40s} {outcome.signals:26s} {outcome.rate:6g} Hz {outcome.runs:3d} runs {'seen' if outcome.visible else 'blind' if outcome.truth else '':5s} "
+            f"{'declared' if outcome.declared else '':8s} {' '.join(f'{d:.3g}' for d in outcome.distance):>6s} sd "
             f"{outcome.result:11s} {outcome.verdict:16s} {', '.join(outcome.named)}{opened} {outcome.seconds:.1f} s"
             + "".join(f" [{c[1]} {c[4]:.3g} ± {c[5]:.2g}, truth {c[3]:.3g}]" for c in outcome.covered))
 

@@ -18,7 +18,6 @@ EFFECTS = ("friction_level_change", "viscous_change", "direction_asymmetry", "gr
            "floor_vibration", "amplifier_gain", "scale_error", "nonlinear_viscous", "drive_compliance", "screw_pitch_error", "actuator_lag",
            "presliding_creep", "sampling_jitter", "amplifier_offset", "amplifier_deadband", "resistance_rise", "frictional_lag", "encoder_sde",
            "thermal_drift", "refractive_index")
-PRESENT = 0.05             # of the friction level
 #: Sets of signals: names of what is logged, and whether the effort has its sign.
 SIGNALS = {
     "reference position current": (("reference", "position", "current"), True),
@@ -62,7 +61,7 @@ class Machine:
 class LogCase:
     """One drawn case: the logs, what LOG.yaml says, and the truth.
 
-    ``absent``: effects that move no signal of this machine by more than `PRESENT` (a break-away that presliding swallows).
+    ``steps``: per effect the machine before and after it and what it does to the readings. ``degrade``: how the logs are spoilt.
     """
 
     number: int
@@ -78,7 +77,8 @@ class LogCase:
     now: tuple
     description: object
     effort_factor: float = 1.0
-    absent: tuple = ()
+    steps: tuple = ()
+    degrade: dict = dataclasses.field(default_factory=dict)
 
 
 def draw_machine(rng):
@@ -206,36 +206,28 @@ def draw_case(number, seed, kind="mixed", effect="", signals="", strength=1.0):
     runs, files = int(rng.choice([3, 5, 8, 15])), int(rng.choice([1, 1, 2, 4]))
     apart = bool(rng.uniform() < 0.5)
     degrade = _degrade(rng, machine, name, rate)
-    sizes, extra, faulty, absent = {}, {}, reassembled(machine, rng) if apart else machine, []
+    sizes, extra, faulty, steps = {}, {}, reassembled(machine, rng) if apart else machine, []
     for one in truth:
         before = faulty
         faulty, size, more = with_effect(faulty, one, rng, strength)
-        absent += [str(one)] if not more and not _moves(before, faulty, degrade) else []
+        steps.append((str(one), before, faulty, more))
         sizes[one] = size
         extra |= more
-    cycles = 2 if machine.profile != "random" else 3
+    cycles = cycles_of(machine)
     baseline = []
     for k in range(files):
         state = reassembled(machine, rng) if apart and k else machine
-        baseline.append(_file(state, max(runs // files, 2), cycles, rng, degrade, {}, f"baseline_{k}"))
-    now = [_file(faulty, int(rng.choice([1, 3, 5])), cycles, rng, degrade, extra, "now")]
+        baseline.append(log_of(state, max(runs // files, 2), cycles, rng, degrade, {}, f"baseline_{k}"))
+    now = [log_of(faulty, int(rng.choice([1, 3, 5])), cycles, rng, degrade, extra, "now")]
     description = description_of({"time": {"column": "t", "unit": "s"}, **{
         q: {"column": q, "unit": {"current": "A", "torque": "N m", "velocity": "m/s", "voltage": "V"}.get(q, "m"), **({} if degrade["signed"] or q != "current" else {"signed": False})}
         for q in SIGNALS[name][0]}, "run": ["run"], "position_at": "load" if degrade["load_side"] else "motor", "lead": {"value": machine.values["lead"], "unit": "m"}}, f"case {number}")
-    return LogCase(number, truth, sizes, name, rate, runs, files, apart, machine, tuple(baseline), tuple(now), description, degrade["gain"], tuple(absent))
+    return LogCase(number, truth, sizes, name, rate, runs, files, apart, machine, tuple(baseline), tuple(now), description, degrade["gain"], tuple(steps), degrade)
 
 
-def _moves(before, after, degrade):
-    """Whether a change of the machine moves what is logged: effort by `PRESENT` of the level, place by its noise, all else alike."""
-    step, outs = max(int(round(1.0 / degrade["rate"] / machines.DT)), 1), []
-    for machine in (before, after):
-        rng = np.random.default_rng(7)
-        reference = machines.reference_of(machine.profile, machine.low, machine.high, machine.top, machine.sharp, machine.dwell, 2, rng)
-        out = machines.run(reference, machines.DT, machine.vector(), machines.LAWS.index(machine.law), machines.CONTROLLERS.index(machine.controller), 3)
-        window = max(step // 2, 1)
-        outs.append((np.convolve(out[:, 2], np.ones(window) / window, mode="same")[::step], out[::step, 3 if degrade["load_side"] else 0]))
-    effort, place = (float(np.abs(b - a).max()) for a, b in zip(*outs))
-    return effort > PRESENT * before.values["level"] or place > degrade["place_noise"]
+def cycles_of(machine):
+    """Cycles there and back in one run."""
+    return 2 if machine.profile != "random" else 3
 
 
 def _degrade(rng, machine, name, rate):
@@ -247,13 +239,13 @@ def _degrade(rng, machine, name, rate):
             "temperature": rng.uniform(0.0, 0.02), "ohmic": rng.uniform(0.4, 1.0)}
 
 
-def _file(machine, runs, cycles, rng, degrade, extra, source):
-    """One `Log` of several runs."""
+def log_of(machine, runs, cycles, rng, degrade, extra, source, programme=None):
+    """One `Log` of several runs. ``programme``: generator of random targets, where they are not to come from ``rng``."""
     parts = []
     step = max(int(round(1.0 / degrade["rate"] / machines.DT)), 1)
     for run in range(runs):
         warm = machine.changed(jitter_level=rng.normal(0, degrade["run"]), viscous=machine.values["viscous"] * (1 + rng.normal(0, degrade["temperature"])))
-        reference = machines.reference_of(warm.profile, warm.low, warm.high, warm.top, warm.sharp, warm.dwell, cycles, rng)
+        reference = machines.reference_of(warm.profile, warm.low, warm.high, warm.top, warm.sharp, warm.dwell, cycles, programme or rng)
         out = machines.run(reference, machines.DT, warm.vector(), machines.LAWS.index(warm.law), machines.CONTROLLERS.index(warm.controller),
                            int(rng.integers(2**31)))
         rows = np.arange(int(rng.integers(step)), len(reference), step)
@@ -290,7 +282,7 @@ def _read(place, out, reference, rows, machine, degrade, extra, rng):
     if "scale" in extra:
         place = place + extra["scale"] * (place - values["middle"])
     if "jitter" in extra:
-        late = rng.normal(0, extra["jitter"] / degrade["rate"], len(rows))
+        late = np.random.default_rng([len(rows), int(rows[0])]).normal(0, extra["jitter"] / degrade["rate"], len(rows))
         place = place + late * out[rows, 1]
     if "sde" in extra:
         place = place + extra["sde"] * np.sin(2 * np.pi * place / 20e-6)

@@ -9,7 +9,7 @@ from microstage_ros.diagnosis.logs.case import diagnose_logs
 from microstage_ros.diagnosis.logs.selection.course import change_points
 from microstage_ros.diagnosis.logs.selection.sizes import widening
 from microstage_ros.diagnosis.validation import foreign_machine as machines
-from microstage_ros.diagnosis.validation import log_campaign, simulated_logs
+from microstage_ros.diagnosis.validation import carried, log_campaign, simulated_logs
 
 
 def machine_with(**values):
@@ -29,7 +29,7 @@ def logs_of(machine, runs=6, signals="reference position current", seed=3, rate=
     names, signed = simulated_logs.SIGNALS[signals]
     degrade = {"names": names, "signed": signed, "rate": rate, "gain": 0.02, "noise": 1.0, "quantum": 0.0, "place_noise": 2e-6, "run": 0.005, "load_side": True,
                "temperature": 0.01, "ohmic": 0.7}
-    return simulated_logs._file(machine, runs, 2, rng, degrade, {}, f"log_{seed}")
+    return simulated_logs.log_of(machine, runs, 2, rng, degrade, {}, f"log_{seed}")
 
 
 def describe(signals):
@@ -136,7 +136,10 @@ def test_every_effect_of_the_catalogue_is_examined():
     assert set(simulated_logs.EFFECTS) == {*NEVER, *SIGNATURES}
 
 
-def test_an_effect_that_moves_no_signal_is_no_truth():
-    degrade = {"rate": 250.0, "load_side": True, "place_noise": 2e-6}
-    assert not simulated_logs._moves(machine_with(), machine_with(), degrade)
-    assert simulated_logs._moves(machine_with(), machine_with(level=90.0), degrade)
+def test_the_signals_carry_what_exceeds_the_scatter_of_healthy_logs():
+    """Half as much friction again is carried by a current; the refractive index by no signal of a loop closed on its own reading."""
+    found = {}
+    for effect in ("friction_level_change", "refractive_index"):
+        case = simulated_logs.draw_case(1, 5, "one", effect, "reference position current")
+        found[effect] = carried.distance(case, 0)
+    assert found["friction_level_change"] > carried.LIMIT > found["refractive_index"] == 0.0

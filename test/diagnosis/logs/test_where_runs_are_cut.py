@@ -19,7 +19,7 @@ CYCLE_S = 3.2            # there and back, with both rests
 @functools.cache
 def twelve_cycles(level, seed):
     """One log without a break."""
-    return simulated_logs._file(machine_with(level=level), 1, 12, np.random.default_rng(seed), DEGRADED, {}, f"level {level}")
+    return simulated_logs.log_of(machine_with(level=level), 1, 12, np.random.default_rng(seed), DEGRADED, {}, f"level {level}")
 
 
 def cut(log, seconds):
@@ -40,7 +40,7 @@ def test_runs_cut_elsewhere_than_at_the_moves_hide_nothing(seconds):
 
 def of_two_speeds(level, seed):
     """Eight runs, slow and fast in turn."""
-    parts = [simulated_logs._file(dataclasses.replace(machine_with(level=level), top=top), 1, 2, np.random.default_rng(seed + k), DEGRADED, {}, "speeds")
+    parts = [simulated_logs.log_of(dataclasses.replace(machine_with(level=level), top=top), 1, 2, np.random.default_rng(seed + k), DEGRADED, {}, "speeds")
              for k, top in enumerate([0.02, 0.1] * 4)]
     run = np.repeat(np.arange(8), [len(p) for p in parts])
     return dataclasses.replace(parts[0], time=np.concatenate([p.time for p in parts]), piece=run, run=run, condition=np.zeros(len(run), int),

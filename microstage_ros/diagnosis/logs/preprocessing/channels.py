@@ -22,6 +22,8 @@ SIGN_ROUNDS = 4         # of sign and fit in turn
 SIGN_GAIN = 0.8         # of the mean square with the direction as sign, below which the signed effort is believed
 RIDGE = 1e-3            # of the columns' mean squares: numerical, keeps collinear columns small
 MOST_ROWS = 200_000     # rows that a healthy model is fitted to
+TRIED_ROWS = 60_000     # rows at the beginnings of all logs, with which time constants are tried
+LEAST_TRIED = 5_000     # of one log
 MEMORIES = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)   # s, time constants of the loop's integrator that are tried
 LAGS = (0.0, 0.007, 0.02, 0.05, 0.1)   # s, time constants of the loop's low-pass that are tried
 FIRST_LAG = 0.02         # s, while the integrator's is looked for
@@ -167,12 +169,21 @@ def through_loop(channel, rows, force):
 def fit_models(channel, baseline):
     """Fit the healthy model per condition to the baseline; fills ``models``, ``stderr``, ``scale`` and the error's ``memory``."""
     if channel.name == "error":
-        channel.lag = FIRST_LAG
-        channel.memory = min(MEMORIES, key=lambda memory: _left(channel, baseline, memory=memory))
-        channel.lag = min(LAGS, key=lambda lag: _left(channel, baseline, lag=lag))
+        channel.lag, part = FIRST_LAG, [beginning(rows, max(TRIED_ROWS // len(baseline), LEAST_TRIED)) for rows in baseline]
+        channel.memory = min(MEMORIES, key=lambda memory: _left(channel, part, memory=memory))
+        channel.lag = min(LAGS, key=lambda lag: _left(channel, part, lag=lag))
     if channel.name == "effort" and not channel.signed:
         channel.signs = _signs(channel, baseline)
     _fit(channel, baseline)
+
+
+def beginning(rows, count):
+    """The first ``count`` rows of a log, as a log of their own."""
+    if len(rows.log) <= count:
+        return rows
+    motion = dataclasses.replace(rows.motion, **{f.name: getattr(rows.motion, f.name)[:count] for f in dataclasses.fields(rows.motion)
+                                                 if isinstance(getattr(rows.motion, f.name), np.ndarray)})
+    return Rows(rows.log.rows(slice(0, count)), motion, rows.repetition[:count], rows.condition[:count], rows.group)
 
 
 def _left(channel, baseline, **constants):

@@ -9,6 +9,7 @@ from microstage_ros.quantities.errors import InputError
 
 STILL = 0.03            # share of the usual top speed below which an axis counts as at rest
 ACCELERATING = 0.25     # share of the usual top acceleration above which a row belongs to start or braking
+MOST_LATE = 0.2         # s, lag beyond the baseline's that is taken for one
 CUT = 0.2               # share of the top speed with which a motion that the log shows from its start cannot begin
 STATES = ("rest", "start", "steady", "brake", "settled")
 SMOOTH_S = 0.02         # s, window of the derivative of a measured position
@@ -145,9 +146,32 @@ def tops(logs):
     return float(np.median(speeds)), float(np.median(accelerations))
 
 
-def motion_of(log, top_speed, top_acceleration):
-    """`Motion` of a log, with what counts as moving and as accelerating told by the baseline's usual tops."""
+def lag_of(log):
+    """Time by which the position follows the set point [s], from the error in proportion to the speed; 0 where one is not logged."""
+    signals = log.signals
+    if "reference" not in signals or "following_error" not in signals:
+        return 0.0
+    v = derivative(signals["reference"], log)
+    good = np.isfinite(signals["following_error"]) & (np.abs(v) > STILL * np.quantile(np.abs(v), 0.98))
+    return float(np.mean(signals["following_error"][good] * v[good]) / np.mean(v[good] ** 2)) if good.any() else 0.0
+
+
+def later(values, log, rows):
+    """Values as they were ``rows`` rows before (after, where negative), held at the ends of pieces, shape (n,)."""
+    index, edges = np.arange(len(values)) - rows, _bounds(log.piece)
+    first, last = (np.repeat([edge[k] for edge in edges], [stop - start for start, stop in edges]) for k in (0, 1))
+    return values[np.clip(index, first, last - 1)]
+
+
+def motion_of(log, top_speed, top_acceleration, lag=0.0):
+    """`Motion` of a log, with what counts as moving and as accelerating told by the baseline's usual tops.
+
+    ``lag``: time by which the axis follows its set point later than in the baseline [s]: forces go with the motion, not with its order.
+    """
     x, v, a, absolute = speed_of(log)
+    rows = int(round(lag / log.period))
+    if rows:
+        x, v, a = (later(values, log, rows) for values in (x, v, a))
     direction = np.where(np.abs(v) > STILL * max(top_speed, 1e-300), np.sign(v), 0.0)
     n = len(v)
     change = np.concatenate([[True], (np.diff(direction) != 0) | (np.diff(log.piece) != 0)])

@@ -34,13 +34,14 @@ def report_fields(result, description, sources, axis=None):
     return {
         "format": FORMAT, "verdict": diagnosis.verdict,
         "causes": [_cause(cause) for cause in diagnosis.causes],
-        "rivals": [{"ids": list(r.ids), "why": r.why, "experiment": r.experiment["decides"]} for r in diagnosis.rivals],
+        "rivals": [{"ids": list(r.ids), "why": r.why, "experiment": r.experiment["decides"],
+                    "parameters": {name: _parameters(p) for name, p in sizes.items()}} for r, sizes in zip(diagnosis.rivals, result.rival_sizes)],
         "gain": {"metric": gain.metric, "unit": gain.unit, "records": list(gain.records), "before": _plain(gain.before),
                  "after": _plain(gain.after), "floor": _plain(gain.floor), "ci95": [_plain(v) for v in gain.ci95]},
         "extended_axis": None,
         "findings": [{"channel": f.channel, "coordinate": f.coordinate, "statistic": _plain(f.statistic), "threshold": _plain(f.threshold),
                       "left": _plain(f.left), "significant": bool(f.significant)} for f in diagnosis.findings],
-        "since": since(result),
+        "since": since(result), "compared": float(result.evidence["compared"]),
         "visible": {name: {"visible": entry[0], "detectable": _plain(entry[1]), "of": "level of the channel"}
                     for name, entry in sorted(result.visibility.items())},
         "not_visible": dict(sorted(result.hidden.items())),
@@ -75,11 +76,14 @@ def since(result):
 
 
 def _cause(cause):
-    return {"id": cause.id, "parameters": {name: {"value": _plain(p.value), "stderr": _plain(p.stderr), "unit": p.unit}
-                                           for name, p in cause.parameters.items()},
+    return {"id": cause.id, "parameters": _parameters(cause.parameters),
             "probability": _plain(cause.probability), "share": _plain(cause.share),
             "gain": {"before": _plain(cause.gain.before), "after": _plain(cause.gain.after), "unit": cause.gain.unit},
             "channel": cause.channel, "sentence": cause.sentence or sentence_of(cause.id, cause.parameters)}
+
+
+def _parameters(parameters):
+    return {name: {"value": _plain(p.value), "stderr": _plain(p.stderr), "unit": p.unit} for name, p in parameters.items()}
 
 
 def _plain(value):

@@ -7,6 +7,7 @@ from microstage_ros.report.page import Page
 from microstage_ros.quantities.readable import quantity
 
 SHOWN = 4
+LEAST_COMPARED = 0.5       # of the rows of now, below which an answer that nothing has changed says so with that reserve
 VERDICTS = {
     "agrees": "Nothing has changed beyond what this machine differs from itself.",
     "explained": "What has changed is found",
@@ -21,11 +22,17 @@ def headline(report):
     names = [f"{name_of(c['id']).lower()} ({size_of(c)})" for c in report["causes"]]
     opened = [" or ".join(name_of(i).lower() for i in r["ids"]) for r in report["rivals"]]
     text = VERDICTS[report["verdict"]]
+    if report["verdict"] == "agrees" and report["compared"] < LEAST_COMPARED:
+        return f"Only {report['compared']:.0%} of these logs move as the baseline does; in that part nothing has changed, the rest is not known."
     if names:
         text = f"{text}: {'; '.join(names)}" if report["verdict"] != "undetermined" else f"Found: {'; '.join(names)}"
     if opened:
         text += f"{'. Open' if names else ''}: {'; '.join(opened)}"
     return text.rstrip(".") + "."
+
+
+def _tone(report):
+    return "caution" if report["verdict"] == "agrees" and report["compared"] < LEAST_COMPARED else TONES[report["verdict"]]
 
 
 def size_of(cause):
@@ -47,7 +54,7 @@ def write_page(report, result, path, description):
     name = description.name or description.place
     page = Page("What has changed on this machine", name, configuration=report["log"], seed=report["seed"],
                 about={"Baseline": _sources(report["sources"]["baseline"]), "Now": _sources(report["sources"]["now"])})
-    page.verdict(headline(report), TONES[report["verdict"]], more=_more(report))
+    page.verdict(headline(report), _tone(report), more=_more(report))
     page.key_figures(_figures(report, result))
     main = "effort" if "effort" in result.evidence["reduced"] else next(iter(result.evidence["reduced"]))
     if any(c["channel"] == "error" for c in report["causes"]):

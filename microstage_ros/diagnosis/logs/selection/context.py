@@ -68,7 +68,8 @@ class LogDiagnosis:
     """`Diagnosis` in the common words, and what is particular to logs.
 
     ``visibility``: {id: (visible, detectable size, column, largest)}; ``hidden``: {id: what would show it};
-    ``healthy``: rows of the table of the baseline's model; ``evidence``: what the pictures need.
+    ``healthy``: rows of the table of the baseline's model; ``evidence``: what the pictures need. ``rival_sizes``: per group of rivals
+    {id: parameters}, each as if it were the one.
     """
 
     diagnosis: Diagnosis
@@ -77,6 +78,7 @@ class LogDiagnosis:
     healthy: list
     evidence: dict
     context: Context
+    rival_sizes: tuple = ()
 
 
 def hidden_effects(seen, context):

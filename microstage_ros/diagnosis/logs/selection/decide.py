@@ -192,11 +192,12 @@ def plain(name):
 
 @dataclasses.dataclass
 class Choice:
-    """A named effect: its form, log p, rivals (ids, with log p of each in its place)."""
+    """A named effect: its form, log p, ids of its rivals; ``forms``: the form in which each rival was tried."""
 
     name: str
     log_p: float
     rivals: list
+    forms: dict = dataclasses.field(default_factory=dict)
 
 
 def candidates(problem, visible):
@@ -228,7 +229,8 @@ def choose(problem, possible, open_sign=False, also=None):
         found, also = {}, also or {}
         for value, name in _tried(problem, forms, beside, {plain(b) for b in beside}):
             if plain(name) != plain(choice.name) and plain(name) not in wider and value < own + _margin(name, choice.name) and value < 0.5 * LEVEL:
-                found.setdefault(plain(name), value)
+                found.setdefault(plain(name), name)
+        choice.forms = found
         choice.rivals = list(found)[:MOST_RIVALS]
         choice.log_p = own
         choice.rivals += [name for name in (*ALSO.get(choice.name, ALSO.get(plain(choice.name), ())), *also.get(plain(choice.name), ()))

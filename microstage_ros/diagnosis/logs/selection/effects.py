@@ -101,7 +101,8 @@ ALSO = {"torque_ripple+": ("floor_vibration",), "actuator_lag": ("payload_change
         "rising_static_friction": ("torque_ripple",)}
 #: The same where no effort is logged, and where the motion itself is known from the reading alone.
 WITHOUT_EFFORT = {"torque_ripple": ("screw_pitch_error",), "screw_pitch_error": ("torque_ripple",)}
-FROM_READING = {"payload_change": ("drive_compliance", "backlash"), "torque_ripple": ("screw_pitch_error", "sampling_jitter")}
+FROM_READING = {"payload_change": ("drive_compliance", "backlash"), "torque_ripple": ("screw_pitch_error", "sampling_jitter"),
+                "rising_static_friction": ("presliding_creep", "backlash")}
 #: How much rarer than the commonest causes an effect is taken to be, as log odds: what decides between names that fit alike.
 #: An opinion, not a measurement: frequencies of causes differ between shops.
 RARER = {"viscous_change": 1.0, "nonlinear_viscous": 1.5, "amplifier_gain": 2.0, "cable_spring": 1.0, "presliding_creep": 2.0, "actuator_lag": 2.0,

@@ -15,6 +15,8 @@ from microstage_ros.diagnosis.report.wording import sentence_of
 from microstage_ros.diagnosis.result import Cause, Diagnosis, Finding, Gain, OverallGain, Rivals
 
 LATE_S, GAP = 0.02, 0.005  # s, and share of the stroke: sizes that are told as visible if they would be found
+HINT = math.log(0.01)      # log p of the strongest effect in the effort, below which it may be behind what the error shows
+BRINGS_NO_ERROR = ("torque_ripple", "floor_vibration", "amplifier_offset")
 CREEP = 0.001              # of the stroke: creep at rest that is told as usual
 LAG_S, LOOP_S = 0.002, 0.05   # s: a lag of the amplifier that is told as usual, and the position loop's time constant that it acts through
 FORM_SIZE = 0.04           # of a size, by which its form's misfit may mislead it; a judgement, held by the coverage that `log --examine` measures
@@ -37,8 +39,10 @@ def answer(reduced, spreads, groups, context, notes, open_sign, seed):
             stage.without += FOLLOWING
         said = stage.solve(open_sign)
         notes += [said] if said else []
+        if stage is not stages[0]:
+            _suspected(stages[0], stage)
         changed = changed or bool(stage.chosen) or stage.whole < decide.WHOLE
-    causes, rivals = [], []
+    causes, rivals, rival_sizes = [], [], []
     gain, parts = _gain(stages, groups)
     for stage in stages:
         for choice in stage.chosen:
@@ -47,6 +51,7 @@ def answer(reduced, spreads, groups, context, notes, open_sign, seed):
                 ids = (cause.id, *choice.rivals)
                 rivals.append(Rivals(ids, f"{' and '.join(ids)} would show alike in these signals. If it is {cause.id}: {told(cause)}.",
                                      {"decides": separation(ids)}))
+                rival_sizes.append({cause.id: cause.parameters, **_sizes_of_rivals(stage, choice, context)})
             else:
                 causes.append(cause)
     causes.sort(key=lambda c: -c.share)
@@ -59,7 +64,18 @@ def answer(reduced, spreads, groups, context, notes, open_sign, seed):
     findings = tuple(f for stage in stages for f in _findings(stage))
     diagnosis = Diagnosis(verdict, tuple(causes), tuple(rivals), gain, findings, (), tuple(notes), seed)
     evidence = {"reduced": reduced, "spreads": spreads, "stages": stages, "groups": groups}
-    return LogDiagnosis(diagnosis, seen, hidden_effects(seen, context), healthy_table(context, spreads), evidence, context)
+    return LogDiagnosis(diagnosis, seen, hidden_effects(seen, context), healthy_table(context, spreads), evidence, context, tuple(rival_sizes))
+
+
+def _suspected(first, stage):
+    """What the effort hints at, too weakly to be named, is a rival of what the error shows: a force moves the error too."""
+    if first.chosen:
+        return
+    hints = [(first.problem.log_p(name), decide.plain(name)) for name in first.problem.effects if decide.acceptable(first.problem, name, [])]
+    hint = min((h for h in hints if h[1] not in BRINGS_NO_ERROR), default=(0.0, ""))
+    for choice in stage.chosen:
+        if hint[0] < HINT and hint[1] not in choice.rivals and hint[1] != decide.plain(choice.name):
+            choice.rivals.append(hint[1])
 
 
 def largest_in_error(context):
@@ -109,18 +125,28 @@ def _sentences(notes, spreads):
 
 def _cause(stage, choice, context, parts):
     """`Cause` with sizes from the joint fit of its stage."""
-    problem, names = stage.problem, [c.name for c in stage.chosen]
-    _, beta, covariance = problem.taken(names)
-    start = sum(problem.white[n].shape[1] for n in names[: names.index(choice.name)])
-    own = slice(start, start + problem.white[choice.name].shape[1])
-    inflation = max(problem.inflation.get(choice.name, 1.0), 1.0) * widening(problem.dof) ** 2
-    effect = decide.plain(choice.name)
-    channel = str(problem.where[np.argmax(np.abs(problem.effects[choice.name]).max(axis=1))])
-    spread_of = covariance[own, own] * inflation + np.diag((FORM_SIZE * beta[own]) ** 2)
-    parameters = parameters_of(effect, problem.parts[choice.name], beta[own], spread_of, context, channel)
+    parameters, channel = _sizes(stage, [c.name for c in stage.chosen], choice.name, context)
     probability = float(np.clip(1.0 - math.exp(max(choice.log_p, -30.0)) * len(SIGNATURES), 0.0, 1.0))
     share, before, after = parts.get(choice.name, (0.0, 0.0, 0.0))
-    return Cause(effect, parameters, {}, probability, share, Gain(before, after, "1"), channel)
+    return Cause(decide.plain(choice.name), parameters, {}, probability, share, Gain(before, after, "1"), channel)
+
+
+def _sizes_of_rivals(stage, choice, context):
+    """{id: sizes} of the rivals that were tried in the place of a cause."""
+    beside = [c.name for c in stage.chosen if c is not choice]
+    return {name: _sizes(stage, [*beside, form], form, context)[0] for name, form in choice.forms.items() if name in choice.rivals}
+
+
+def _sizes(stage, names, name, context):
+    """Sizes of ``name`` in the joint fit of ``names``, and the channel in which it shows most."""
+    problem = stage.problem
+    _, beta, covariance = problem.taken(names)
+    start = sum(problem.white[n].shape[1] for n in names[: names.index(name)])
+    own = slice(start, start + problem.white[name].shape[1])
+    inflation = max(problem.inflation.get(name, 1.0), 1.0) * widening(problem.dof) ** 2
+    channel = str(problem.where[np.argmax(np.abs(problem.effects[name]).max(axis=1))])
+    spread_of = covariance[own, own] * inflation + np.diag((FORM_SIZE * beta[own]) ** 2)
+    return parameters_of(decide.plain(name), problem.parts[name], beta[own], spread_of, context, channel), channel
 
 
 def _gain(stages, groups):
