@@ -2,7 +2,8 @@
 
 The change that an effect makes to the logged signals is the difference of two simulations with the same random numbers, with and
 without it. It is compared with the scatter of healthy logs of the same programme: other runs, and other states of assembly where
-the case has them, or where its baseline is a single log, which cannot tell. Both are reduced to parts of the run's time: mean, range, and the logarithm of the roughness of each signal there.
+the case has them, or where its baseline is a single log, which cannot tell. Both are reduced to parts of the run's time:
+mean, range, and the logarithm of the roughness of each signal there.
 """
 
 import numpy as np
@@ -15,41 +16,46 @@ HEALTHY = 8                # healthy logs that tell the scatter
 FALSE_ALARMS = 1.0 / 60.0  # that are asked of the method on a healthy machine, over all effects
 MISSED = 0.15              # that are allowed of the method among effects that can show
 LEFT = 0.02                # of the travel
+SIGNALS = ("following_error", "velocity", "current", "torque", "voltage")
 SMOOTHEST = 1e-3           # of a signal's deviation: roughness below it is none
 #: Detectability limit in standard deviations of the scatter: capability of detection by ISO 11843-1 at these two rates.
 LIMIT = float(norm.isf(0.5 * FALSE_ALARMS / len(simulated_logs.EFFECTS)) + norm.isf(MISSED))
 
 
 def distance(case, number):
-    """Largest change by effect ``number`` of a `LogCase`, in standard deviations of the healthy scatter, over signals and parts of the run."""
+    """Largest change by effect ``number`` of a `LogCase` over signals and parts of the run, in standard deviations of the
+    healthy scatter."""
     _, before, after, extra = case.steps[number]
     runs = len(case.now[0].runs)
 
     def reduced(machine, stream, extra):
         rng = np.random.default_rng([case.number, stream])
-        log = simulated_logs.log_of(machine, runs, simulated_logs.cycles_of(machine), rng, case.degrade, extra, "", np.random.default_rng(case.number))
+        cycles, programme = simulated_logs.cycles_of(machine), np.random.default_rng(case.number)
+        log = simulated_logs.log_of(machine, runs, cycles, rng, case.degrade, extra, "", programme)
         return features(log)
 
-    apart = case.reassembled or case.files == 1        # one log cannot tell that nothing was taken apart since
+    assembled_anew = case.reassembled or case.files == 1        # one log cannot tell that nothing was taken apart since
     change = reduced(after, 0, extra) - reduced(before, 0, {})
     healthy = []
     for k in range(HEALTHY):
-        state = simulated_logs.reassembled(before, np.random.default_rng([case.number, 100 + k])) if apart else before
+        anew = np.random.default_rng([case.number, 100 + k])
+        state = simulated_logs.reassembled(before, anew) if assembled_anew else before
         healthy.append(reduced(state, 1 + k, {}))
     variance = np.var(healthy, axis=0, ddof=1)
-    variance = 0.5 * (variance + variance.mean(axis=-1, keepdims=True))       # eight logs tell a variance to a half: the other parts help
+    # eight logs tell a variance to a half: the other parts of the run help
+    variance = 0.5 * (variance + variance.mean(axis=-1, keepdims=True))
     return float(np.max(np.abs(change) / np.sqrt(variance * (1.0 + 1.0 / case.files) + 1e-300), initial=0.0))
 
 
 def features(log):
     """Mean, range and log roughness of each signal in each part of the run, mean over runs: (signals × 3, PARTS).
 
-    Where no set point is logged, nobody knows which motion was asked for: then a run counts from its first motion, and of position and
-    speed only the roughness tells.
+    Where no set point is logged, nobody knows which motion was asked for: then a run counts from its first motion, and of
+    position and speed only the roughness tells.
     """
     rows = []
     asked = "following_error" in log.signals
-    signals = {name: log.signals[name] for name in ("following_error", "velocity", "current", "torque", "voltage") if name in log.signals}
+    signals = {name: log.signals[name] for name in SIGNALS if name in log.signals}
     if not asked and "position" in log.signals:
         signals["position"] = log.signals["position"]
     edge = np.linspace(0.0, 1.0, PARTS + 1)
@@ -60,7 +66,8 @@ def features(log):
             own = np.flatnonzero(log.run == run)
             own = own[0 if asked else _first_motion(log, own):]
             time = log.time[own]
-            pieces = np.split(values[own], np.searchsorted((time - time[0]) / max(time[-1] - time[0], 1e-300), edge[1:-1]))
+            share = (time - time[0]) / max(time[-1] - time[0], 1e-300)
+            pieces = np.split(values[own], np.searchsorted(share, edge[1:-1]))
             rough = [0.5 * np.log(np.mean(np.diff(p, 2) ** 2) + least**2) if len(p) > 4 else 0.0 for p in pieces]
             level = [(p.mean(), np.ptp(p)) if len(p) and told else (0.0, 0.0) for p in pieces]
             parts.append([[m for m, _ in level], [r for _, r in level], rough])

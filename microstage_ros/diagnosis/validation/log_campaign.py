@@ -21,8 +21,9 @@ __all__ = ["EFFECTS", "run", "scores", "sentences", "line", "visibility_table", 
 class Outcome:
     """What was hidden in one case and what was said.
 
-    ``visible``: hidden effects that the signals carry (`carried`); ``declared``: those that the diagnosis says these signals show;
-    ``distance``: change of the signals by each hidden effect, in standard deviations of the healthy scatter. ``covered``: (effect, parameter, truth inside the 95 % interval, …).
+    ``visible``: hidden effects that the signals carry (`carried`); ``declared``: those that the diagnosis says these signals
+    show; ``distance``: change of the signals by each hidden effect, in standard deviations of the healthy scatter.
+    ``covered``: (effect, parameter, truth inside the 95 % interval, truth, value, standard error).
     """
 
     number: int
@@ -66,7 +67,8 @@ def run(cases, seed=1, kind="mixed", effect="", strength=1.0):
         sizes = [(step[0], carried.distance(case, k)) for k, step in enumerate(case.steps)]
         yield Outcome(number, tuple(map(str, case.truth)), case.signals, case.rate, case.runs, case.files, case.reassembled, found.verdict,
                       tuple(c.id for c in found.causes), tuple(r.ids for r in found.rivals),
-                      tuple(name for name, size in sizes if size > carried.LIMIT), tuple(n for n, _ in sizes if result.visibility.get(n, (False,))[0]),
+                      tuple(name for name, size in sizes if size > carried.LIMIT),
+                      tuple(name for name, _ in sizes if result.visibility.get(name, (False,))[0]),
                       tuple(round(size, 2) for _, size in sizes), _covered(case, result), seconds)
 
 
@@ -81,7 +83,9 @@ def _covered(case, result):
             of_force = name in ("force", "stiffness", "coefficient", "coefficient_change")
             if p is not None and not (of_force and p.unit.startswith("m")):      # of an error in metres, no force
                 factor = case.effort_factor if of_force else 1.0
-                out.append((effect, name, bool(abs(p.value - value * factor) <= 1.96 * p.stderr), float(value * factor), float(p.value), float(p.stderr)))
+                truth = float(value * factor)
+                inside = bool(abs(p.value - truth) <= 1.96 * p.stderr)
+                out.append((effect, name, inside, truth, float(p.value), float(p.stderr)))
     return tuple(out)
 
 

@@ -181,8 +181,8 @@ def beginning(rows, count):
     """The first ``count`` rows of a log, as a log of their own."""
     if len(rows.log) <= count:
         return rows
-    motion = dataclasses.replace(rows.motion, **{f.name: getattr(rows.motion, f.name)[:count] for f in dataclasses.fields(rows.motion)
-                                                 if isinstance(getattr(rows.motion, f.name), np.ndarray)})
+    cut = {name: values[:count] for name, values in vars(rows.motion).items() if isinstance(values, np.ndarray)}
+    motion = dataclasses.replace(rows.motion, **cut)
     return Rows(rows.log.rows(slice(0, count)), motion, rows.repetition[:count], rows.condition[:count], rows.group)
 
 

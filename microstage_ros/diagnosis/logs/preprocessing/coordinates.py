@@ -89,7 +89,7 @@ def stroke_of(everything):
 
 
 def choose_cells(baseline, now, stroke, top):
-    """(number of places, cells that both sides fill, share of the rows of now in them): the finest division that the logs fill.
+    """(number of places, cells that both sides fill, share of the rows of now in them): the finest division that is filled.
 
     Cells that most repetitions fill, or, where repetitions differ (one slow, one fast), those that enough of them fill.
     """
@@ -103,7 +103,7 @@ def choose_cells(baseline, now, stroke, top):
 
 
 def _filled_cells(rows, stroke, top):
-    """Cells of the finest division by repetition in one log, and the number of rows in each: two int arrays, repetition and key packed in one."""
+    """Cells of the finest division by repetition in one log, repetition and key packed in one number; and the rows in each."""
     keys = cell_keys(rows, stroke, PLACES[0], top)
     inside = keys >= 0
     return np.unique(rows.repetition[inside].astype(np.int64) * KEYS + keys[inside], return_counts=True)
@@ -124,7 +124,10 @@ def _coarser(fine, places):
 
 
 def _cells(fine, tried, least):
-    """`choose_cells` with cells that these shares of the repetitions (baseline, now) fill; ``fine``: see `_filled_cells`, by side and log."""
+    """`choose_cells` with cells that the shares ``least`` of the repetitions (baseline, now) fill.
+
+    ``fine``: by side and log, see `_filled_cells`.
+    """
     best = None
     for places in tried:
         sides = [_coarser(side, places) for side in fine]

@@ -147,7 +147,7 @@ def tops(logs):
 
 
 def lag_of(log):
-    """Time by which the position follows the set point [s], from the error in proportion to the speed; 0 where one is not logged."""
+    """Time by which the position follows the set point [s]: the error in proportion to the speed; 0 where one is not logged."""
     signals = log.signals
     if "reference" not in signals or "following_error" not in signals:
         return 0.0
@@ -166,7 +166,8 @@ def later(values, log, rows):
 def motion_of(log, top_speed, top_acceleration, lag=0.0):
     """`Motion` of a log, with what counts as moving and as accelerating told by the baseline's usual tops.
 
-    ``lag``: time by which the axis follows its set point later than in the baseline [s]: forces go with the motion, not with its order.
+    ``lag``: time by which the axis follows its set point later than in the baseline [s]: forces go with the motion, not with
+    its order.
     """
     x, v, a, absolute = speed_of(log)
     rows = int(round(lag / log.period))
@@ -196,7 +197,7 @@ def motion_of(log, top_speed, top_acceleration, lag=0.0):
     pushing = a * direction
     limit = ACCELERATING * max(top_acceleration, 1e-300)
     early = since < np.maximum(2.5 * log.period, np.minimum(0.08 * took, 0.5))
-    cut = new_piece & (np.abs(v[first]) > CUT * max(top_speed, 1e-300))     # the log begins within a motion: that is no start of one
+    cut = new_piece & (np.abs(v[first]) > CUT * max(top_speed, 1e-300))     # begins within a motion: no start of one
     early &= ~cut[number]
     state[moving & ((pushing > limit) | early)] = STATES.index("start")
     state[moving & (pushing < -limit) & ~early] = STATES.index("brake")

@@ -6,17 +6,18 @@ MOST = 10               # repetitions that one file without labels is divided in
 TURNS = 2               # turns that a part of an endless rotation must have, for its ripple to be read
 FILES = 5               # files from which on each file is one repetition
 PARTS = 3               # parts of the stroke by which repetitions are compared
-COMPLETE = 0.75         # of the directions and parts of the stroke that a repetition must hold, else labels do not cut at the moves
+COMPLETE = 0.75         # of the directions and parts of the stroke that a repetition must hold, if labels cut at the moves
 COMMON = 0.03           # of the moving rows, from which on a direction and part counts
 
 
 def repetitions(log, motion, description, files):
-    """Number of the repetition of each row of a file, int array of shape (n,), from 0; and a sentence, empty where labels were kept.
+    """Number of the repetition of each row of a file, int array of shape (n,), from 0; and a sentence, empty where labels
+    were kept.
 
-    By the columns ``run``, by the pieces where time begins again with every cycle, or by `by_reversals`. Labels cut where the logger
-    was started or its buffer was full, which need not be where the axis moves: where most labelled stretches lack a direction or a
-    part of the stroke that the file has, and stretches between reversals are more complete, these count instead. With `FILES` files
-    or more and no ``run``, a file is one repetition.
+    By the columns ``run``, by the pieces where time begins again with every cycle, or by `by_reversals`. Labels cut where the
+    logger was started or its buffer was full, which need not be where the axis moves: where most labelled stretches lack a
+    direction or a part of the stroke that the file has, and stretches between reversals are more complete, these count
+    instead. With `FILES` files or more and no ``run``, a file is one repetition.
     """
     if description.run:
         labels, source = np.unique(log.run, return_inverse=True)[1], "The columns that number the runs"
@@ -41,12 +42,14 @@ def completeness(labels, log, motion):
     if not moving.any():
         return 1.0
     low, high = np.quantile(motion.x, 0.002), np.quantile(motion.x, 0.998)
-    part = np.clip(((motion.x - low) / max(high - low, 1e-300) * PARTS).astype(int), 0, PARTS - 1) if motion.absolute else np.zeros(len(log), int)
+    place = (motion.x - low) / max(high - low, 1e-300) * PARTS if motion.absolute else np.zeros(len(log))
+    part = np.clip(place.astype(int), 0, PARTS - 1)
     parts = 2 * PARTS
     key = ((log.condition * 2 + (motion.direction > 0.0)) * PARTS + part)[moving]
     count = np.bincount(key, minlength=parts * (int(log.condition.max()) + 1)).reshape(-1, parts)
     common = count >= np.maximum(COMMON * count.sum(axis=1), 1.0)[:, None]
-    held = np.bincount(labels[moving] * common.size + key, minlength=(int(labels.max()) + 1) * common.size).reshape(-1, *common.shape) > 0
+    held = np.bincount(labels[moving] * common.size + key, minlength=(int(labels.max()) + 1) * common.size)
+    held = held.reshape(-1, *common.shape) > 0
     met = held.any(axis=2)                     # a stretch is judged by the conditions that it holds
     wanted = met @ common.sum(axis=1)
     shares = (held & common).sum(axis=(1, 2)) / np.maximum(wanted, 1)

@@ -41,7 +41,7 @@ class Context:
         return (value, error) if value > 0.0 and share > 0.1 and error < 0.1 * value else None
 
     def coulomb(self, channel):
-        """The baseline's friction that does not grow with speed, in the channel's unit, or None where it is a small part of the level."""
+        """The baseline's friction that does not grow with speed, in the channel's unit; None where it is a small part."""
         value = float(np.mean([self.channels[channel].models[c][1] for c in self.codes]))
         return value if value > 0.1 * self.scale(channel) else None
 

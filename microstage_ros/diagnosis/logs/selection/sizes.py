@@ -34,7 +34,8 @@ def parameters_of(name, parts, beta, covariance, context, shown):
     place = context.place_unit
     if name == "friction_level_change" and first == "dead zone":
         coulomb = context.coulomb(shown)
-        return {"coulomb_factor": Parameter(1.0 + b * scale / coulomb, s * scale / coulomb, "1")} if coulomb else {"factor": Parameter(1.0 + b, s, "1")}
+        if coulomb:
+            return {"coulomb_factor": Parameter(1.0 + b * scale / coulomb, s * scale / coulomb, "1")}
     if name in ("friction_level_change", "amplifier_gain"):
         return {"factor": Parameter(1.0 + b, s, "1")}
     if name == "resistance_rise":

@@ -68,10 +68,11 @@ def answer(reduced, spreads, groups, context, notes, open_sign, seed):
 
 
 def _suspected(first, stage):
-    """What the effort hints at, too weakly to be named, is a rival of what the error shows: a force moves the error too."""
+    """What the effort hints at, too weakly to be named, is a rival of what the error shows: a force moves the error."""
     if first.chosen:
         return
-    hints = [(first.problem.log_p(name), decide.plain(name)) for name in first.problem.effects if decide.acceptable(first.problem, name, [])]
+    hints = [(first.problem.log_p(name), decide.plain(name)) for name in first.problem.effects
+             if decide.acceptable(first.problem, name, [])]
     hint = min((h for h in hints if h[1] not in BRINGS_NO_ERROR), default=(0.0, ""))
     for choice in stage.chosen:
         if hint[0] < HINT and hint[1] not in choice.rivals and hint[1] != decide.plain(choice.name):
