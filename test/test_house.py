@@ -30,6 +30,11 @@ CARRIES = {
 }
 
 
+def _our_files():
+    """Every file of the package and of its tests."""
+    return [*PACKAGE.rglob("*.py"), *(ROOT / "test").rglob("*.py")]
+
+
 def _tool(name):
     beside = Path(sys.executable).with_name(name)
     found = str(beside) if beside.exists() else shutil.which(name)
@@ -49,7 +54,7 @@ def test_types_are_right(tmp_path):
 
 
 def test_no_file_is_too_long():
-    long = {str(path.relative_to(ROOT)): count for path in PACKAGE.rglob("*.py")
+    long = {str(path.relative_to(ROOT)): count for path in _our_files()
             if (count := len(path.read_text(encoding="utf-8").splitlines())) > MOST_LINES}
     assert not long
 
@@ -62,8 +67,7 @@ def test_lines_are_no_longer_than_agreed():
 
 def test_no_folder_holds_too_many_files():
     """Counted on one level, without the ``__init__.py`` that makes the folder a package."""
-    files = collections.Counter(path.parent.relative_to(PACKAGE).as_posix() for path in PACKAGE.rglob("*.py")
-                                if path.name != "__init__.py")
+    files = collections.Counter(path.parent.relative_to(ROOT).as_posix() for path in _our_files() if path.name != "__init__.py")
     assert not {folder: count for folder, count in files.items() if count > MOST_FILES}
 
 

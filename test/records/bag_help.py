@@ -3,6 +3,7 @@
 import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from microstage_ros.records.bags.bag import BagWriter, Qos
 from microstage_ros.records.bags.definition import HEADER, SEPARATOR, TIME, parse_definition
 from microstage_ros.records.bags.layout import layout_of_type
 
@@ -37,6 +38,32 @@ def words_message(text):
     """A std_msgs/String in CDR."""
     raw = text.encode() + b"\0"
     return b"\x00\x01\x00\x00" + len(raw).to_bytes(4, "little") + raw
+
+
+def write_bag(path, count=3000, words=("a", "bb", "ccc"), block=True, **options):
+    """A bag with a servo topic and a topic of texts of several lengths."""
+    rows, _, times = servo_rows(count)
+    with BagWriter(path, {"seed": 3}, **options) as bag:
+        servo = bag.add_channel("/axis/servo", SERVO)
+        talk = bag.add_channel("/talk", WORDS, [Qos(depth=1, durability="transient_local")])
+        bag.add_channel("/silent", WORDS)
+        if block:
+            bag.write_block(servo, times, rows)
+        else:
+            for row, time in zip(rows, times.tolist()):
+                bag.write(servo, time, row.tobytes())
+        for number, text in enumerate(words):
+            bag.write(talk, START_NS + number, words_message(text), publish_time_ns=START_NS - 1, sequence=number)
+    return rows, times
+
+
+def check_servo(array, count, first=0):
+    """An array of the servo topic holds the messages `first` … of `servo_rows`."""
+    _, seen, times = servo_rows(count, first)
+    assert len(array) == count
+    np.testing.assert_array_equal(array["log_time_ns"], times)
+    for name in seen.dtype.names:
+        np.testing.assert_array_equal(array[name], seen[name])
 
 
 class FullDisk:

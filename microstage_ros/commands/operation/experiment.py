@@ -18,6 +18,8 @@ from microstage_ros.quantities.errors import InputError
 
 LEAD_IN = 0.05  # rest before the program [s]
 ANSWER = 20.0  # longest wait for the controller's answer [s]
+SOUGHT = 3.0  # longest wait for any sign of a cell of that name [s]
+DRAIN = 2.0  # beside a cell that goes on: what was under way when the program ended [s]
 STALLED = 30.0  # no state for so long: the cell has stopped [s]
 GROWN = 6  # sizes of the bag that have been seen when it grows
 LONGEST = 120.0  # seconds of program: one request carries all its positions
@@ -114,7 +116,8 @@ def _join(arguments, out, folder, reference, axis):
 
     from microstage_ros.ros.launching.cell_processes import CellFailure, CellProcesses
 
-    parameters = {"bag_recorder": {"directory": str((folder / "bag").resolve()), "run": Path(arguments.run).read_text(encoding="utf-8"), "log_time": "stamp"}}
+    parameters = {"bag_recorder": {"directory": str((folder / "bag").resolve()), "run": Path(arguments.run).read_text(encoding="utf-8"),
+                                   "log_time": "stamp", "longest_drain_s": DRAIN}}
     print(f"{which_ros()}\nThe cell that runs in {arguments.namespace}.", file=sys.stderr)
     out.mkdir(parents=True, exist_ok=True)
     rclpy.init()
@@ -176,10 +179,11 @@ class _Player:
         """Wait for the controller of a cell that runs. Raises CellFailure where there is none."""
         from microstage_ros.ros.launching.cell_processes import CellFailure
 
-        end = time.monotonic() + ANSWER
+        began = time.monotonic()
         while self._state is None or not self._service.service_is_ready():
             self.turn()
-            if time.monotonic() > end:
+            seen = self._state is not None or self._node.count_publishers(self._watch.topic_name)
+            if time.monotonic() > began + (ANSWER if seen else SOUGHT):
                 raise CellFailure(f"no axis runs in {namespace}: start one with ./microstage cell")
 
     def _ask(self, positions):

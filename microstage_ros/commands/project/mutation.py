@@ -27,11 +27,11 @@ from microstage_ros.metrology.rates import rate
 from microstage_ros.places import SOURCE
 from microstage_ros.quantities.errors import InputError
 
-BY_HAND = ("test/diagnosis/test_judge.py", "test/diagnosis/test_judge_margins.py")
+BY_HAND = ("test/diagnosis/selection/test_judge.py", "test/diagnosis/selection/test_judge_margins.py")
 AREAS = {
     "hardware": (["microstage_ros/hardware"], ["test/hardware"]),
     "judge": (["microstage_ros/diagnosis/selection/judge*.py"], [*BY_HAND, "test/diagnosis"]),
-    "selection": (["microstage_ros/diagnosis/selection"], [*BY_HAND, "test/diagnosis/test_calibration.py", "test/diagnosis"]),
+    "selection": (["microstage_ros/diagnosis/selection"], [*BY_HAND, "test/diagnosis/selection/test_calibration.py", "test/diagnosis"]),
     "diagnosis": (["microstage_ros/diagnosis"], ["test/diagnosis"]),
     "control": (["microstage_ros/control"], ["test/control"]),
     "records": (["microstage_ros/records"], ["test/records"]),

@@ -65,6 +65,12 @@ def run_loop(plant, state, work, readings, parameters, memory, reference, open_l
     write_state(state, moving)
 
 
+@compiled
+def run_pieces(plants, states, works, readings, parameters, memories, reference, open_loop, disturbance, trace):
+    """`run_loop` of the only record of each array (`solver.period.as_array`): for many calls of few periods each."""
+    run_loop(plants[0], states[0], works[0], readings[0], parameters[0], memories[0], reference, open_loop, disturbance, trace)
+
+
 def surroundings(trace):
     """Columns of air and stage {name: (rows,)}: all of the air's if one varies, the stage's if it does; else none."""
     air, stage = SURROUNDINGS[:3], SURROUNDINGS[3:]

@@ -13,9 +13,10 @@ from collections.abc import Callable
 import numpy as np
 
 from microstage_ros.control.laws.controller import make_controller
-from microstage_ros.control.runs.closed_loop import TRACE, run_loop, surroundings
+from microstage_ros.control.runs.closed_loop import TRACE, run_pieces, surroundings
 from microstage_ros.control.trajectories import profiles
 from microstage_ros.records import Record
+from microstage_ros.solver.period import as_array
 from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
 
 OFF_TIME = 1.3          # s with the motor off
@@ -66,7 +67,7 @@ def _record(axis, hidden, friction, seed, name):
     plant = make_plant(axis, noise=NoiseSpec(friction_relative=friction), effects=hidden.effects)
     state = new_state(plant, seed=int(generator.integers(2**31)), position=float(reference[0]), friction="random")
     controller, idle = _pid(axis, generator), make_controller("none", axis)
-    work, readings = new_work(plant), new_readings()
+    axis_arrays = [as_array(record) for record in (plant, state, new_work(plant), new_readings())]
     trace = np.empty((len(reference), len(TRACE)))
     zero = np.zeros(len(reference))
     for start, stop, still in _pieces(off, len(reference), CHUNK if hidden.change else len(reference)):
@@ -74,8 +75,7 @@ def _record(axis, hidden, friction, seed, name):
             hidden.change(plant, state, start * period)
         used = idle if still else controller
         part = slice(start, stop)
-        run_loop(plant, state, work, readings, used.parameters, used.memory, reference[part], zero[part], zero[part],
-                 trace[part])
+        run_pieces(*axis_arrays, *used.arrays, reference[part], zero[part], zero[part], trace[part])
     columns = {"t_s": np.arange(len(reference)) * period, "reference_m": reference}
     columns |= {key: trace[:, TRACE.index(key)].copy() for key in SEEN}
     columns |= surroundings(trace)

@@ -118,7 +118,8 @@ def run_node(make, arguments=None, threads=1):
     executor.add_node(node)
     thread = threading.Thread(target=_serve, args=(executor, node.get_logger()), daemon=True)
     thread.start()
-    threading.Thread(target=lambda: _noted.append(remember(node)), daemon=True).start()
+    noting = threading.Thread(target=lambda: _noted.append(remember(node, running)), daemon=True)
+    noting.start()
     p = node.parameters
     os.nice(getattr(p, "nice", 0))
     take_place(node.get_logger(), cpus, getattr(p, "scheduling", "normal"), getattr(p, "real_time_priority", 0))
@@ -126,6 +127,7 @@ def run_node(make, arguments=None, threads=1):
         node.loop()
     finally:
         _stop.set()
+        noting.join(timeout=2.0)  # it asks the node, which goes now
         node.close()
         _wait_for_readers(node)
         thread.join(timeout=2.0)

@@ -26,8 +26,8 @@ def _began(pid):
         return ""
 
 
-def remember(node):
-    """Write down which shared memory is this process's; the file, None if that cannot be told here."""
+def remember(node, running=lambda: True):
+    """Write down which shared memory is this process's, while ``running()``; the file, None if that cannot be told here."""
     topic = next(
         (
             publisher.topic_name
@@ -37,7 +37,7 @@ def remember(node):
         None,
     )
     end = time.monotonic() + WAIT_S
-    while topic is not None and PLACE.is_dir() and time.monotonic() < end:
+    while topic is not None and PLACE.is_dir() and time.monotonic() < end and running():
         for info in node.get_publishers_info_by_topic(topic):
             if info.node_name == node.get_name() and info.node_namespace == node.get_namespace():
                 prefix = ".".join(f"{byte:02x}" for byte in info.endpoint_gid[:12])

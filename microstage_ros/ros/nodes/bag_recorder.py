@@ -214,7 +214,8 @@ class BagRecorder(Node):
         """Take what is still coming, put the parameters into the bag, close it."""
         try:
             quiet = time.monotonic() + DRAIN
-            while time.monotonic() < quiet:
+            end = time.monotonic() + self.parameters.longest_drain_s   # an axis that goes on never falls silent
+            while time.monotonic() < min(quiet, end):
                 if self._drain():
                     quiet = time.monotonic() + DRAIN
                 time.sleep(BATCH)

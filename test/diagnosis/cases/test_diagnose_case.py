@@ -11,7 +11,7 @@ from microstage_ros.model.axis_file import load_axis
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records import Record
 
-AXIS = pathlib.Path(__file__).resolve().parents[2] / "config/axis.yaml"
+AXIS = pathlib.Path(__file__).resolve().parents[3] / "config/axis.yaml"
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from microstage_ros.control.runs.simulate import simulate
 from microstage_ros.control.trajectories.lead_in import lead_in
 from microstage_ros.model.axis_file import load_axis
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
+ROOT = pathlib.Path(__file__).resolve().parents[3]
 QUIET = {"encoder_m": 0.0, "voltage_V": 0.0, "current_A": 0.0, "interferometer_m": 0.0, "friction_relative": 0.0}
 
 

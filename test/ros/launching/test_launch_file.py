@@ -10,7 +10,7 @@ import pytest
 from microstage_ros.ros.launching.cell_processes import NODES
 from microstage_ros.ros.launching.parameters import definitions, why_refused
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 class Made:

@@ -12,7 +12,7 @@ from microstage_ros.diagnosis.residuals.evidence import Evidence
 from microstage_ros.diagnosis.residuals.evidence_set import Evidences
 from microstage_ros.diagnosis.selection import judge
 
-from test.diagnosis.test_judge import PLAIN, ROWS, World, choice, simple
+from test.diagnosis.selection.test_judge import PLAIN, ROWS, World, choice, simple
 
 
 def louder(evidence, factor):

@@ -8,7 +8,7 @@ from microstage_ros.diagnosis.case import diagnose_case
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.records import read_record
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
+ROOT = pathlib.Path(__file__).resolve().parents[3]
 PRACTICE = ROOT.parent / "shared/data/practice"
 EXPECTED = {"healthy": set(), "cable": {"cable_spring"}, "two": {"position_dependent_friction", "encoder_sde"}}
 

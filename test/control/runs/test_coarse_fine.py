@@ -16,7 +16,7 @@ from microstage_ros.records import read_record
 from microstage_ros.records.csv_file import write_csv
 from microstage_ros.solver.plant import NoiseSpec, new_readings, new_state, new_work
 
-FILE = Path(__file__).resolve().parents[2] / "config" / "axes" / "coarse_fine.yaml"
+FILE = Path(__file__).resolve().parents[3] / "config" / "axes" / "coarse_fine.yaml"
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from microstage_ros.model.effects import REGISTRY, effects_of
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.solver.plant import make_plant
 
-AXES = Path(__file__).resolve().parents[2] / "config" / "axes"
+AXES = Path(__file__).resolve().parents[3] / "config" / "axes"
 PROGRAMS = {
     "piezo": [{"move_to_m": way, "dwell_s": rest} for way, rest in ((5e-6, 0.5), (-5e-6, 0.5), (2e-6, 0.3), (-3e-6, 0.8))],
     "stepper": [{"scan": {"to_m": way, "speed_m_s": 2e-3}, "dwell_s": 0.2} for way in (1e-3, -1e-3, 1.5e-3)],
