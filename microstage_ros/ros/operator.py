@@ -17,6 +17,8 @@ from microstage_ros.ros.client import NoAnswer
 from microstage_ros.ros.transport import topics
 
 ASK_AGAIN = 0.5
+WAIT_S = 3.0
+"""Longest wait for each answer, where the caller says nothing else [s]."""
 
 
 class Operator:
@@ -24,15 +26,16 @@ class Operator:
 
     Parameters
     ----------
-    namespace : of the axis. node : to work through; None: one of its own. wait : longest wait [s] for each answer.
+    namespace : of the axis. node : to work through; None: one of its own. wait : longest wait [s] for each answer
+    (default `WAIT_S`).
 
     Attributes
     ----------
     took : from the request to the answer of the last call [s], once the service was found.
     """
 
-    def __init__(self, namespace="/axis", node=None, wait=3.0):
-        self._own, self._wait, self.took = node is None, wait, 0.0
+    def __init__(self, namespace="/axis", node=None, wait=None):
+        self._own, self._wait, self.took = node is None, WAIT_S if wait is None else wait, 0.0
         if self._own and not rclpy.ok():
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self._prefix = namespace.rstrip("/") + "/"

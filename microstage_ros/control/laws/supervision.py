@@ -21,7 +21,7 @@ they last were not, not before `trial_time` has passed, and `patience` times tha
 """
 
 from microstage_ros.control.gains import Gain
-from microstage_ros.numerics.compiled import compiled
+from microstage_ros.numerics.compiled import compiled, internal
 
 GAINS = (
     Gain("supervised", "1", 0.0, 1.0, 1.0, "0: the observer law is never left"),
@@ -77,28 +77,34 @@ FIELDS = [
 ]
 
 
+@internal
+def _count_anew(s):
+    """What was counted under the law before is no evidence about the one that begins."""
+    s.since = 0.0
+    s.swings = 0
+    s.beside = 0.0
+    s.doubted = 0.0
+    s.rest_size = 0.0
+
+
 @compiled
 def supervision_reset(p, s, unstable):
     """The observer law, unless the start's check said that it is ``unstable`` (1)."""
     s.law = ENCODER_ONLY if unstable != 0 else OBSERVER
     s.reason = START_CHECK if unstable != 0 else NOTHING
     s.handovers = 0
-    s.since = 0.0
     s.wait = p.trial_time
     s.smooth = 0.0
     s.slow = 0.0
     s.peak = 0.0
     s.half = 0.0
-    s.swings = 0
     s.swinging = 0.0
     s.deaf = 0.0
     s.rest_time_s = 0.0
-    s.beside = 0.0
-    s.doubted = 0.0
-    s.rest_size = 0.0
     s.lost = 0.0
     s.proved = 0.0
     s.calm = 0.0
+    _count_anew(s)
 
 
 @compiled
@@ -154,11 +160,7 @@ def hand_over(p, s, reason):
     s.handovers += 1
     if s.handovers > 1:
         s.wait *= p.patience
-    s.since = 0.0
-    s.swings = 0
-    s.beside = 0.0
-    s.doubted = 0.0
-    s.rest_size = 0.0
+    _count_anew(s)
     s.lost = 0.0
     s.proved = 0.0
     s.calm = 0.0
@@ -179,8 +181,4 @@ def may_return(p, s, position_test, speed_test, noise, period):
 def hand_back(s):
     """The observer law from now on."""
     s.law = OBSERVER
-    s.since = 0.0
-    s.swings = 0
-    s.beside = 0.0
-    s.doubted = 0.0
-    s.rest_size = 0.0
+    _count_anew(s)

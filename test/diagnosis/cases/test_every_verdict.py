@@ -25,6 +25,7 @@ from microstage_ros.records import write_record
 
 SEED = int(os.environ.get("MICROSTAGE_SEED") or secrets.randbelow(2**31))
 CASES = int(os.environ.get("MICROSTAGE_FRESH_CASES", "3"))
+ALL = "MICROSTAGE_FRESH_CASES" in os.environ    # else a test ends as soon as the cases left cannot change what it asserts
 HEALTHY_RATE = 0.96      # of clear single effects named first: what docs/diagnosis.md claims at least
 NAMELESS_RATE = 0.75     # of what no catalogue holds that gets no name, and
 NOTICED_RATE = 0.75      # that ends `unexplained`: 20 of 21 in the campaign bound both at 0.76 from below (docs/diagnosis.md)
@@ -59,21 +60,30 @@ def test_effects_of_fresh_seeds_are_named(axis):
         open_ones = [i for rivals in answer.rivals for i in rivals.ids]
         print(f"  {name}: {answer.verdict} {named} open {open_ones}")
         hits.append(named[:1] == [name] or name in open_ones)
+        if sum(hits) >= least(CASES) and not ALL:
+            break
     assert sum(hits) >= least(CASES)
 
 
 def test_what_no_catalogue_holds_gets_no_name(axis):
-    """All kinds of it, with seeds drawn afresh. So few cases with so wide a bound assert no more than that not all are named."""
+    """Of all kinds of it, in an order and with seeds drawn afresh. So few cases with so wide a bound assert no more than that
+    not all are named; the kinds that cannot change that any more are left out."""
     print(f"MICROSTAGE_SEED={SEED}")
-    said = {}
-    for number, kind in enumerate(sorted(fault_injection.OUTSIDE)):
+    said, kinds = {}, sorted(fault_injection.OUTSIDE)
+    nameless, noticed = least(len(kinds), NAMELESS_RATE), least(len(kinds), NOTICED_RATE)
+    assert nameless > 0 and noticed > 0
+    for number in np.random.default_rng([SEED, 98]).permutation(len(kinds)).tolist():
+        kind = kinds[number]
         generator = np.random.default_rng([SEED, 99, number])
         hidden = fault_injection.outside(kind, generator)
         answer = diagnose_case(axis, *make_case(axis, hidden, [SEED, 100, number], generator.uniform(0.02, 0.06)))
         said[kind] = (answer.verdict, [cause.id for cause in answer.causes])
         print(f"  {kind}: {said[kind]}")
-    assert sum(not named for _, named in said.values()) >= least(len(said), NAMELESS_RATE)
-    assert sum(verdict == "unexplained" for verdict, _ in said.values()) >= least(len(said), NOTICED_RATE)
+        without_name = sum(not named for _, named in said.values())
+        unexplained = sum(verdict == "unexplained" for verdict, _ in said.values())
+        if without_name >= nameless and unexplained >= noticed and not ALL:
+            break
+    assert without_name >= nameless and unexplained >= noticed
 
 
 def test_a_nameless_force_beside_an_encoder_error_is_only_partly_explained(axis):

@@ -39,7 +39,7 @@ def machines(tmp_path):
     return [machine(tmp_path / f"m{k}", 1.6 if k % 2 else 1.0, k) for k in range(4)]
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def cluster():
     """(address, worker processes): a scheduler and two workers in processes of their own on the loopback."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]), "OPENBLAS_NUM_THREADS": "1"}

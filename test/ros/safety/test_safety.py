@@ -16,7 +16,7 @@ from ros_support import own_domain, real_time_place, ros_node, spin_until
 
 from microstage_ros.ros.benchmarks.output_view import OutputView
 from microstage_ros.ros.client import AxisClient
-from microstage_ros.ros.launching.cell_processes import NODES, CellFailure, CellProcesses
+from microstage_ros.ros.launching.cell_processes import NODES, QUICK, CellFailure, CellProcesses
 from microstage_ros.ros.launching.supervision import Supervisor
 from microstage_ros.ros.transport.topics import LATCHED
 
@@ -41,7 +41,10 @@ def running_cell(tmp_path, mode="paced", nodes=WITHOUT_RECORDER, supervised=Fals
             made = Supervisor(cell, node, tell=lambda text: None) if supervised else None
             cell.activate(node)
             client = AxisClient("/axis", node, wait=60.0) if "move_server" in nodes else None
-            yield cell, node, client, heard, made
+            try:
+                yield cell, node, client, heard, made
+            finally:
+                cell.stop(QUICK)  # who was killed acknowledges nothing: nobody waits for it
 
 
 def begin_move(client, target=2e-2, **options):
