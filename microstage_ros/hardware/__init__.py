@@ -56,5 +56,7 @@ def _imported(name, place):
         raise InputError("backend", name, f"a class named {attribute} in module {module}") from None
     except Exception as error:  # noqa: BLE001 - a module from outside may fail to import in any way
         reason = " ".join(str(error).split()) or "no reason given"
-        raise InputError("backend", name, f"a module {module} that can be imported ({type(error).__name__}: {reason})") from error
+        raise InputError(
+            "backend", name, f"a module {module} that can be imported ({type(error).__name__}: {reason})"
+        ) from error
     return found

@@ -1,25 +1,45 @@
 """What happens to every command on its way to the amplifier; every fault leads to zero voltage and is latched.
 
-| command                                             | effect |
-|-----------------------------------------------------|--------|
-| answers the present period, finite                  | clipped to the limit and obeyed |
-| answers an answered period again                    | dropped, counted `duplicated` |
-| answers an older period than the last obeyed        | dropped, counted `reordered` |
-| answers an older period that had none, paced        | obeyed (the newest there is), counted `late` |
-| none in this period, paced                          | the voltage before it stays, counted `lost` |
-| none for longer than ``command_hold_s``, paced      | zero voltage, counted `zeroed`; the next valid one is obeyed again |
-| none for longer than the time-out                   | fault `command_timeout` |
-| NaN or infinite                                     | fault `command_not_finite` |
-| answers a period that has not begun                 | fault `command_sequence` |
-| while the driver is not active                      | fault `command_inactive` (answers to its last periods are let by) |
+| command                                        | effect |
+|------------------------------------------------|--------|
+| answers the present period, finite             | clipped to the limit and obeyed |
+| answers an answered period again               | dropped, counted `duplicated` |
+| answers an older period than the last obeyed   | dropped, counted `reordered` |
+| answers an older period that had none, paced   | obeyed (the newest there is), counted `late` |
+| none in this period, paced                     | the voltage before it stays, counted `lost` |
+| none for longer than ``command_hold_s``, paced | zero voltage, counted `zeroed`; the next valid one is obeyed again |
+| none for longer than the time-out              | fault `command_timeout` |
+| NaN or infinite                                | fault `command_not_finite` |
+| answers a period that has not begun            | fault `command_sequence` |
+| while the driver is not active                 | fault `command_inactive` (answers to its last periods are let by) |
 """
 
 import math
 import time
 
-FAULTS = ("none", "command_timeout", "command_not_finite", "command_inactive", "command_sequence", "hardware", "travel",
-          "stopped", "watchdog", "process", "e_stop", "limit_switch", "velocity", "current", "voltage_rate", "following_error",
-          "encoder_absent", "encoder_jump", "encoder_frozen", "encoder_motor", "encoder_interferometer")
+FAULTS = (
+    "none",
+    "command_timeout",
+    "command_not_finite",
+    "command_inactive",
+    "command_sequence",
+    "hardware",
+    "travel",
+    "stopped",
+    "watchdog",
+    "process",
+    "e_stop",
+    "limit_switch",
+    "velocity",
+    "current",
+    "voltage_rate",
+    "following_error",
+    "encoder_absent",
+    "encoder_jump",
+    "encoder_frozen",
+    "encoder_motor",
+    "encoder_interferometer",
+)
 """Names of the fault codes of AxisState, by code."""
 
 
@@ -38,7 +58,8 @@ class CommandGate:
     voltage : in force now [V]. command : the same before clipping [V]; saturated : it was clipped.
     fault : a name of `FAULTS`, latched. message : the fault in words, with the value.
     answered, late, lost, duplicated, reordered, zeroed : counters of periods and commands.
-    valid_ns : when the last valid command came [ns of the monotonic clock]; before the first, `FIRST_NS` after the activation.
+    valid_ns : when the last valid command came [ns of the monotonic clock]; before the first, `FIRST_NS` after the
+        activation.
 
     Parameters
     ----------
@@ -77,7 +98,9 @@ class CommandGate:
             return False
         if not self.active:
             if not self.period - STALE < sequence <= self.period:
-                self.trip("command_inactive", f"a command of {voltage!r} {self.unit} came while the driver was not active")
+                self.trip(
+                    "command_inactive", f"a command of {voltage!r} {self.unit} came while the driver was not active"
+                )
             return False
         if sequence > self.period:
             self.trip("command_sequence", f"a command answered period {sequence}, the present one is {self.period}")
@@ -108,7 +131,8 @@ class CommandGate:
         return (self._clock_ns() - self.valid_ns) * 1e-9
 
     def hold(self, longest, ahead=0.0):
-        """Zero voltage if there was no valid command for longer than ``longest`` [s], or will not have been in ``ahead`` [s]."""
+        """Zero voltage if there was no valid command for longer than ``longest`` [s], or will not have been in
+        ``ahead`` [s]."""
         if self.command != 0.0 and self.silent_s + ahead > longest:
             self.zero()
             self.zeroed += 1
@@ -120,7 +144,9 @@ class CommandGate:
         self.lost += 1
         silent = self.silent_s
         if silent > timeout:
-            self.trip("command_timeout", f"no valid command for {silent * 1e3:.1f} ms, the bound is {timeout * 1e3:.1f} ms")
+            self.trip(
+                "command_timeout", f"no valid command for {silent * 1e3:.1f} ms, the bound is {timeout * 1e3:.1f} ms"
+            )
 
     def trip(self, fault, message):
         """Latch a fault; the first one stays."""

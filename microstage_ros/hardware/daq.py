@@ -1,13 +1,14 @@
-"""A National Instruments data acquisition card: voltage out, quadrature encoder and current in, sampled by the card's clock.
+"""A National Instruments data acquisition card: voltage out, quadrature encoder and current in, sampled by the card's
+clock.
 
-Encoder and current are sampled by the card's own sample clock, ``samples_per_period`` times per control period; `read` takes
-the newest samples, so a reading is at most a share of a period old and its jitter is that of the card, not of the computer.
-The output is written on demand, one value per period: nothing is regenerated from a buffer.
+Encoder and current are sampled by the card's own sample clock, ``samples_per_period`` times per control period; `read`
+takes the newest samples, so a reading is at most a share of a period old and its jitter is that of the card, not of the
+computer. The output is written on demand, one value per period: nothing is regenerated from a buffer.
 
-Limits. The driver of the vendor is needed (Linux and Windows, not every card). Without a watchdog in the card (few have one,
-`WatchdogTask`) the output keeps its last voltage when this process dies: `outside_stop` says how another process takes it
-away, and a drive enable in hardware is needed against the death of the whole computer. No card was at hand: the calls are
-tested against the signatures of the package ``nidaqmx``.
+Limits. The driver of the vendor is needed (Linux and Windows, not every card). Without a watchdog in the card (few have
+one, `WatchdogTask`) the output keeps its last voltage when this process dies: `outside_stop` says how another process
+takes it away, and a drive enable in hardware is needed against the death of the whole computer. No card was at hand:
+the calls are tested against the signatures of the package ``nidaqmx``.
 """
 
 from microstage_ros.hardware.protocol import HardwareError, Reading
@@ -25,12 +26,12 @@ OPTIONS = {
     "e_stop_line": None,
     "limit_lines": None,
 }
-"""Options with their defaults: ``output`` (``Dev1/ao0``), ``counter`` (``Dev1/ctr0``), ``current_input`` (``Dev1/ai0``, optional) and
-``ampere_per_volt`` [A/V] of its sensor; ``sample_clock``: terminal that clocks the counter (default: the clock of the analog
-input, ``/Dev1/ai/SampleClock``, which needs ``current_input``; a counter has no clock of its own); ``samples_per_period``;
-``watchdog``: arm the card's own, where it has one; ``enable_line`` (``Dev1/port0/line0``): digital output, high enables the drive;
-``e_stop_line``: digital input, low is pressed or a broken wire; ``limit_lines``: two digital inputs, lower and upper end, low is
-actuated."""
+"""Options with their defaults: ``output`` (``Dev1/ao0``), ``counter`` (``Dev1/ctr0``), ``current_input`` (``Dev1/ai0``,
+optional) and ``ampere_per_volt`` [A/V] of its sensor; ``sample_clock``: terminal that clocks the counter (default: the
+clock of the analog input, ``/Dev1/ai/SampleClock``, which needs ``current_input``; a counter has no clock of its own);
+``samples_per_period``; ``watchdog``: arm the card's own, where it has one; ``enable_line`` (``Dev1/port0/line0``):
+digital output, high enables the drive; ``e_stop_line``: digital input, low is pressed or a broken wire;
+``limit_lines``: two digital inputs, lower and upper end, low is actuated."""
 
 SPAN = 2.0  # of the input buffer [s]
 
@@ -123,7 +124,8 @@ class DaqCard:
         return tuple(name in self._tasks and not self._call(name, "read") for name in ("lower", "upper"))
 
     def _inputs(self, nidaqmx):
-        """Counter and analog input on one sample clock; the analog input is started last, since its clock drives both."""
+        """Counter and analog input on one sample clock; the analog input is started last, since its clock drives
+        both."""
         from nidaqmx.constants import AcquisitionType, EncoderType, OverwriteMode, ReadRelativeTo
 
         counter = self._tasks["counter"] = nidaqmx.Task()

@@ -1,4 +1,5 @@
-"""Limits that the driver holds the machine to, one look per control period at constant cost, and what a breach is called.
+"""Limits that the driver holds the machine to, one look per control period at constant cost, and what a breach is
+called.
 
 | fault                   | when |
 |-------------------------|------|
@@ -40,9 +41,20 @@ LIMITS = np.dtype([(name, "f8") for name in (
 MEMORY = np.dtype([(name, "f8") for name in (
     "begun", "position", "velocity", "current", "still", "offset", "voltage", "reference")])
 
-_ABSENT, _TRAVEL, _JUMP, _VELOCITY, _CURRENT, _FOLLOWING, _FROZEN, _MOTOR, _RATE = (FAULTS.index(name) for name in (
-    "encoder_absent", "travel", "encoder_jump", "velocity", "current", "following_error", "encoder_frozen", "encoder_motor",
-    "voltage_rate"))
+_ABSENT, _TRAVEL, _JUMP, _VELOCITY, _CURRENT, _FOLLOWING, _FROZEN, _MOTOR, _RATE = (
+    FAULTS.index(name)
+    for name in (
+        "encoder_absent",
+        "travel",
+        "encoder_jump",
+        "velocity",
+        "current",
+        "following_error",
+        "encoder_frozen",
+        "encoder_motor",
+        "voltage_rate",
+    )
+)
 BOUNDS = {"travel": ("", "m"), "encoder_jump": ("jump", "m in one period"), "velocity": ("velocity", "m/s"),
           "current": ("current", "A"), "following_error": ("following", "m"), "encoder_motor": ("motor_gap", "m"),
           "voltage_rate": ("voltage_step", "{} in one period")}
@@ -103,8 +115,8 @@ def new_limits(axis, travel, given):
     Parameters
     ----------
     axis : `model.axis_file.Axis`. travel : lowest and highest encoder reading [m].
-    given : ``velocity`` [m/s], ``current`` [A], ``following_error`` [m], ``encoder_motor`` [m], ``voltage_rate`` [V/s, or the command's unit]; 0 or
-        left out: derived from the voltage limit for the first two, none for the last.
+    given : ``velocity`` [m/s], ``current`` [A], ``following_error`` [m], ``encoder_motor`` [m], ``voltage_rate`` [V/s,
+        or the command's unit]; 0 or left out: derived from the voltage limit for the first two, none for the last.
 
     Returns
     -------
@@ -113,10 +125,14 @@ def new_limits(axis, travel, given):
     period, limits, memory = axis.value("period"), np.zeros(1, LIMITS), np.zeros(1, MEMORY)
     limits.view("f8")[:] = math.inf
     actuator = actuator_of(axis)
-    turning = math.nan if actuator.holds_position else actuator.command_limit(axis)   # what holds a position may stand still under command
+    turning = (
+        math.nan if actuator.holds_position else actuator.command_limit(axis)
+    )  # what holds a position may stand still under command
     gear, pitch = _known(axis, "transmission.gear_ratio"), _known(axis, "transmission.pitch")
     travel_per_radian = pitch / (2.0 * math.pi * gear)
-    highest = _known(axis, "drive.current_limit", _known(axis, "drive.voltage_limit") / _known(axis, "drive.resistance"))
+    highest = _known(
+        axis, "drive.current_limit", _known(axis, "drive.voltage_limit") / _known(axis, "drive.resistance")
+    )
     values = {
         "low": travel[0], "high": travel[1], "velocity": given.get("velocity") or top_speed(axis),
         "current": given.get("current") or _or_none(CURRENT_MARGIN * highest),
@@ -141,12 +157,20 @@ def in_words(code, limits, memory, command_unit="V"):
     """The fault's name, and what was read against which bound."""
     name, found, limit = FAULTS[code], memory[0], limits[0]
     if name == "travel":
-        return name, f"the encoder reads {found['position']!r} m, the travel is {float(limit['low'])!r} to {float(limit['high'])!r} m"
+        return (
+            name,
+            f"the encoder reads {found['position']!r} m, the travel is {float(limit['low'])!r} to "
+            f"{float(limit['high'])!r} m",
+        )
     if name == "encoder_absent":
         return name, "the encoder gives no number"
     if name == "encoder_frozen":
-        return name, (f"the encoder has not changed by one count for {found['still'] * limit['period']:.3g} s at {found['voltage']:.3g} {command_unit} "
-                      f"(bound: {limit['frozen_periods'] * limit['period']:.3g} s above {limit['frozen_voltage']:.3g} {command_unit})")
+        return name, (
+            f"the encoder has not changed by one count for {found['still'] * limit['period']:.3g} s at "
+            f"{found['voltage']:.3g} {command_unit} "
+            f"(bound: {limit['frozen_periods'] * limit['period']:.3g} s above {limit['frozen_voltage']:.3g} "
+            f"{command_unit})"
+        )
     field, unit = BOUNDS[name]
     unit = unit.format(command_unit)
     value = {"encoder_jump": found["velocity"], "velocity": found["velocity"], "current": found["current"],

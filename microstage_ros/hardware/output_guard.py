@@ -1,13 +1,13 @@
 """The watch over the output: the voltage goes to zero although the driver's loop stands still or its process is gone.
 
-Driver and watchdog share 64 bytes of memory that belong to no process alone. The driver writes there what it last put out
-and when the last valid command came; a small process of its own (`hardware.watchdog`) sleeps until that is too long ago,
-and then takes the voltage away: in the simulation by writing zero into the shared output, which is then the latch of the
-simulated card; of a machine, by the backend's `outside_stop`. It hears of the driver's death through a pipe that the
-operating system closes, at once.
+Driver and watchdog share 64 bytes of memory that belong to no process alone. The driver writes there what it last put
+out and when the last valid command came; a small process of its own (`hardware.watchdog`) sleeps until that is too long
+ago, and then takes the voltage away: in the simulation by writing zero into the shared output, which is then the latch
+of the simulated card; of a machine, by the backend's `outside_stop`. It hears of the driver's death through a pipe that
+the operating system closes, at once.
 
-What it cannot do: it runs on the same computer. If that stands still, only the card's own watchdog and the drive's enable
-circuit help (docs/safety.md).
+What it cannot do: it runs on the same computer. If that stands still, only the card's own watchdog and the drive's
+enable circuit help (docs/safety.md).
 """
 
 import json
@@ -69,7 +69,15 @@ class OutputGuard:
         self._end()
         ours, self._alive = os.pipe()
         self.words[DOG] = 0
-        command = [sys.executable, "-S", "-E", watchdog.__file__, str(self._memory), str(ours), json.dumps(outside_stop)]
+        command = [
+            sys.executable,
+            "-S",
+            "-E",
+            watchdog.__file__,
+            str(self._memory),
+            str(ours),
+            json.dumps(outside_stop),
+        ]
         if outside_stop:  # it needs the package
             command = [sys.executable, "-m", watchdog.__name__, *command[4:]]
         self._process = subprocess.Popen(command, pass_fds=[self._memory, ours], stdin=subprocess.DEVNULL,

@@ -60,7 +60,9 @@ class OutsideBackend:
         try:
             return as_reading(found)
         except (TypeError, ValueError):
-            raise HardwareError(f"read() gave {found!r}, expected Reading(encoder, current, motor_angle) in m, A, rad") from None
+            raise HardwareError(
+                f"read() gave {found!r}, expected Reading(encoder, current, motor_angle) in m, A, rad"
+            ) from None
 
     def write(self, voltage):
         """Hold ``voltage`` [V] from now on. Raises `HardwareError`."""

@@ -8,8 +8,9 @@ A backend is any class with the methods of `Hardware`; it is added by writing on
 
 and `write(0.0)` whenever it has to be safe. Backends never see a voltage that is not finite.
 
-Nothing else is asked of a backend. One whose machine has a drive enable, an emergency stop, limit switches or a watchdog
-has one or more of the members of `SafetyMembers` too; the driver looks for each (`safety_members`) and uses what is there.
+Nothing else is asked of a backend. One whose machine has a drive enable, an emergency stop, limit switches or a
+watchdog has one or more of the members of `SafetyMembers` too; the driver looks for each (`safety_members`) and uses
+what is there.
 """
 
 import math
@@ -86,32 +87,33 @@ class SafetyMembers(Protocol):
     """
 
     def enable(self, on: bool) -> None:
-        """Switch the drive's enable output. On when the driver is activated, after ``write(0.0)``; off after ``write(0.0)``
-        when it is deactivated, on every fault, and on every way out.
+        """Switch the drive's enable output. On when the driver is activated, after ``write(0.0)``; off after
+        ``write(0.0)`` when it is deactivated, on every fault, and on every way out.
         """
 
     def e_stop(self) -> bool:
-        """True while the emergency stop is pressed or its circuit is open. Called once per control period, after `read`,
-        and while the driver is inactive; True is the fault ``e_stop``. The circuit itself has to take the power away
-        without this program.
+        """True while the emergency stop is pressed or its circuit is open. Called once per control period, after
+        `read`, and while the driver is inactive; True is the fault ``e_stop``. The circuit itself has to take the power
+        away without this program.
         """
 
     def limit_switches(self) -> tuple[bool, bool]:
-        """True for the switch at the lower and at the upper end of the travel while it is actuated. Called once per control
-        period, after `read`. At an actuated switch a voltage that drives towards it is the fault ``limit_switch``; one that
-        drives away from it is let through.
+        """True for the switch at the lower and at the upper end of the travel while it is actuated. Called once per
+        control period, after `read`. At an actuated switch a voltage that drives towards it is the fault
+        ``limit_switch``; one that drives away from it is let through.
         """
 
     def watchdog(self, seconds: float) -> None:
-        """Arm the card's own watchdog: its output goes to zero by itself when no `write` comes for so long [s]; 0 disarms.
-        Armed when the driver is activated and after a reset, with the backend's option ``watchdog_s`` or, where it has none,
-        with what the watchdog's process has (4.5 ms by default); disarmed when it is deactivated, since it writes no more then.
+        """Arm the card's own watchdog: its output goes to zero by itself when no `write` comes for so long [s]; 0
+        disarms. Armed when the driver is activated and after a reset, with the backend's option ``watchdog_s`` or,
+        where it has none, with what the watchdog's process has (4.5 ms by default); disarmed when it is deactivated,
+        since it writes no more then.
         """
 
     def outside_stop(self) -> tuple[str, dict]:
-        """How another process takes the voltage away if this one hangs or is gone: ``("package.module:function", arguments)``.
-        The function is called as ``function(**arguments)``, may be called again and again, and returns once the output is
-        at zero; the arguments are plain values (JSON).
+        """How another process takes the voltage away if this one hangs or is gone: ``("package.module:function",
+        arguments)``. The function is called as ``function(**arguments)``, may be called again and again, and returns
+        once the output is at zero; the arguments are plain values (JSON).
         """
 
 

@@ -20,7 +20,9 @@ def machine_for(axis, path):
     if abs(machine.value("period") / axis.value("period") - 1.0) > 1e-9:
         raise InputError(f"{path}: period", machine.value("period"), f"{axis.value('period'):g} s, as in {axis.place}")
     if machine.choices["drive.type"] != axis.choices["drive.type"]:
-        raise InputError(f"{path}: drive.type", machine.choices["drive.type"], f"{axis.choices['drive.type']}, as in {axis.place}")
+        raise InputError(
+            f"{path}: drive.type", machine.choices["drive.type"], f"{axis.choices['drive.type']}, as in {axis.place}"
+        )
     return machine
 
 
@@ -30,8 +32,9 @@ class SimulatedAxis:
     Parameters
     ----------
     setup : `protocol.Setup`; options: ``position`` [m] at the start, ``noise`` ({name: standard deviation},
-        names as in run files), ``friction`` (``relaxed`` or ``random``, the load of the contacts at the start; default random where the friction is),
-        ``machine`` (axis file of the machine that is simulated, where it is not the one that the controller is given).
+        names as in run files), ``friction`` (``relaxed`` or ``random``, the load of the contacts at the start; default
+        random where the friction is), ``machine`` (axis file of the machine that is simulated, where it is not the one
+        that the controller is given).
 
     Example
     -------
@@ -51,7 +54,9 @@ class SimulatedAxis:
         self._state = new_state(self._plant, seed=setup.seed, position=options.get("position", 0.0),
                                 friction=options.get("friction", usual_start(self._plant)))
         self._readings = new_readings()
-        self._arrays = [as_array(record) for record in (self._plant, self._state, new_work(self._plant), self._readings)]
+        self._arrays = [
+            as_array(record) for record in (self._plant, self._state, new_work(self._plant), self._readings)
+        ]
         self.own_arrays = self._arrays
         self._voltage = None
         self._compile()

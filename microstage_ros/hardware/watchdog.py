@@ -1,8 +1,8 @@
 """The watchdog's process: sleeps until the last valid command is too long ago, then takes the voltage away.
 
-Run by `output_guard`, as a file and without any library where the output is the shared memory alone, so that it is there
-within 30 ms and never waits for anything else. Arguments: descriptor of the shared memory, descriptor of a pipe that is
-closed when the driver dies, and what `SafetyMembers.outside_stop` gives, as JSON.
+Run by `output_guard`, as a file and without any library where the output is the shared memory alone, so that it is
+there within 30 ms and never waits for anything else. Arguments: descriptor of the shared memory, descriptor of a pipe
+that is closed when the driver dies, and what `SafetyMembers.outside_stop` gives, as JSON.
 """
 
 import gc
@@ -17,9 +17,9 @@ import time
 
 BYTES = 64
 VOLTS, BEAT, LIMIT, TAKEN, DOG, TAKEN_COUNT, DIED, ZEROED = range(8)
-"""Words of the shared memory: what is put out [V, float64]; when the last valid command came, the longest time without one
-(0: not watched), when the watchdog acted (0: it did not), when it last looked [all ns of the monotonic clock]; how often it
-acted; when it heard of the driver's death, when the driver itself last went to zero [ns]."""
+"""Words of the shared memory: what is put out [V, float64]; when the last valid command came, the longest time without
+one (0: not watched), when the watchdog acted (0: it did not), when it last looked [all ns of the monotonic clock]; how
+often it acted; when it heard of the driver's death, when the driver itself last went to zero [ns]."""
 
 LONGEST = 0.1
 """It looks at least so often [s]."""

@@ -22,11 +22,17 @@ LEAD_IN = 0.2  # start of a record that is not judged [s]: the axis may have bee
 def closed_loop_force(axis, record):
     """Force [N], shape (n,), that the axis asks for along the record's reference, without noise or counts."""
     if axis.controller.get("type", "none") == "none":
-        raise InputError(f"{axis.place}: controller.type", "none", "the controller of the record, to simulate its closed loop")
+        raise InputError(
+            f"{axis.place}: controller.type", "none", "the controller of the record, to simulate its closed loop"
+        )
     # the loop amplifies every flipped count to half a newton: without counts the force is smooth in the parameters
     axis = axis.with_values({"sensors.encoder.resolution": 0.0}, source="derived")
-    run = Run(controller=dict(axis.controller), noise=NoiseSpec.none().as_dict(), program=[{"reference": record["reference_m"]}],
-              start_m=float(record["encoder_m"][0]))
+    run = Run(
+        controller=dict(axis.controller),
+        noise=NoiseSpec.none().as_dict(),
+        program=[{"reference": record["reference_m"]}],
+        start_m=float(record["encoder_m"][0]),
+    )
     return applied_force(simulate(axis, run), axis)
 
 
@@ -67,7 +73,14 @@ def refine_closed_loop(records, axis, values):
         result.add(from_interval(key, found[i], spread[i], UNITS[i], method="closed-loop output error, block sandwich",
                                  experiment=EXPERIMENTS[i], floor=abs(found[2]) if i == 3 else 0.0))
     result.correlations.append((KEYS, correlation(covariance)))
-    for name, trial in (("axis file", axis), ("inverse model", axis.with_values(values)), ("closed-loop output error", axis.with_values(dict(zip(KEYS, found))))):
+    for name, trial in (
+        ("axis file", axis),
+        ("inverse model", axis.with_values(values)),
+        ("closed-loop output error", axis.with_values(dict(zip(KEYS, found)))),
+    ):
         errors = [force_error(trial, record) for record in records]
-        result.remarks.append(f"Closed-loop force, {name}: error {np.mean([e[0] for e in errors]):.3%}, rms {np.mean([e[1] for e in errors]):.4g} N.")
+        result.remarks.append(
+            f"Closed-loop force, {name}: error {np.mean([e[0] for e in errors]):.3%}, rms "
+            f"{np.mean([e[1] for e in errors]):.4g} N."
+        )
     return result

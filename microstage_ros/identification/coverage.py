@@ -30,7 +30,10 @@ class FrictionProcess:
     """The random factor 1 + q of the axis file: two Ornstein–Uhlenbeck processes, clipped."""
 
     def __init__(self, axis, generator):
-        values = [axis.value(f"variability.{key}") for key in ("relative", "travel_share", "travel_length", "time_length", "clip")]
+        values = [
+            axis.value(f"variability.{key}")
+            for key in ("relative", "travel_share", "travel_length", "time_length", "clip")
+        ]
         self.sigma, self.share, self.length, self.duration, self.clip = values
         self.generator = generator
         self.spread = self.sigma * np.sqrt([self.share, 1.0 - self.share])
@@ -79,7 +82,9 @@ def synthetic_features(axis, repeats, generator, ratio=2e-3 / (2.0 * np.pi)):
 def synthetic_loading(blocks, level, resolution, noise, generator, points=800):
     """One first loading at a friction ``level``: F = c curve(x / c), counts of ``resolution``, white ``noise``."""
     x = np.geomspace(4.0 * resolution, 1.1 * level * blocks.slip_displacement[-1], points)
-    return loading_from_samples(x, level * blocks.curve(x / level) + noise * generator.standard_normal(points), resolution)
+    return loading_from_samples(
+        x, level * blocks.curve(x / level) + noise * generator.standard_normal(points), resolution
+    )
 
 
 def trial(axis, repeats, seed):
@@ -88,12 +93,17 @@ def trial(axis, repeats, seed):
     features = synthetic_features(axis, repeats, generator)
     found = {}
     result = identify_sliding(features, seed, resamples=RESAMPLES)
-    result.merge(identify_presliding(features.loadings, features.loading_repeat, seed, count=6, resamples=RESAMPLES // 2))
+    result.merge(
+        identify_presliding(features.loadings, features.loading_repeat, seed, count=6, resamples=RESAMPLES // 2)
+    )
     for name in NAMES:
         e, truth = result.estimates[f"contacts.actuator.{name}"], axis.value(f"contacts.actuator.{name}")
         found[name] = (e.value / truth, e.low <= truth <= e.high)
     for name in ("stiffness", "weight"):
-        e, truth = result.estimates[f"contacts.actuator.{name}"], np.asarray(axis.value(f"contacts.actuator.{name}"), float)
+        e, truth = (
+            result.estimates[f"contacts.actuator.{name}"],
+            np.asarray(axis.value(f"contacts.actuator.{name}"), float),
+        )
         truth = truth / truth.sum() if name == "weight" else truth
         if len(e.value) == len(truth):
             for j, value in enumerate(truth):
@@ -115,7 +125,9 @@ def variability_trial(axis, seed, runs=3, cells=1200, step=1e-5, speeds=(5e-5, 5
         for k in range(cells):
             pace = step / speeds[(k * len(speeds)) // cells]
             time += pace
-            rows.append((process.advance(step, pace) - 1.0 + 0.003 * generator.standard_normal(), (k + 1) * step, time, k == 0))
+            rows.append(
+                (process.advance(step, pace) - 1.0 + 0.003 * generator.standard_normal(), (k + 1) * step, time, k == 0)
+            )
     result = identify_variability(*np.array(rows).T)
     truths = {key: axis.value(key) for key in result.estimates}
     return {key: (e.value / truths[key], e.low <= truths[key] <= e.high) for key, e in result.estimates.items()}
@@ -141,11 +153,17 @@ def main(argv=None):
     parser.add_argument("--part", choices=("actuator", "variability"), help="only this part")
     arguments = parser.parse_args(argv)
     axis = load_axis(share() / "config" / "experiments" / "actuator_bench.yaml")
-    parts = {"actuator": lambda s: trial(axis, arguments.repeats, s), "variability": lambda s: variability_trial(axis, s)}
+    parts = {
+        "actuator": lambda s: trial(axis, arguments.repeats, s),
+        "variability": lambda s: variability_trial(axis, s),
+    }
     for make in [parts[arguments.part]] if arguments.part else parts.values():
         rows = table([make(arguments.seed + k) for k in range(arguments.trials)])
         for key, (held, bias, spread) in rows.items():
-            print(f"{key:28s} covers {held:6.1%}   median deviation {bias:+7.2%}   standard deviation {spread:6.2%}", flush=True)
+            print(
+                f"{key:28s} covers {held:6.1%}   median deviation {bias:+7.2%}   standard deviation {spread:6.2%}",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

@@ -27,9 +27,14 @@ def slow_reversals(ratio, start=0.0, speed=3.0e-3, way=0.024, places=5, apart=3.
     """
     program = []
     for place in start + np.arange(places) * apart:
-        slow = [{"scan": {"to_m": float(to), "speed_m_s": speed * ratio}} for to in (place + way * ratio, place, place + way * ratio)]
+        slow = [
+            {"scan": {"to_m": float(to), "speed_m_s": speed * ratio}}
+            for to in (place + way * ratio, place, place + way * ratio)
+        ]
         program += [{"move_to_m": float(place)}, *slow]
-    return Run(controller={"type": "pid"}, noise=BENCH_NOISE, friction="relaxed", program=program, start_m=start - apart)
+    return Run(
+        controller={"type": "pid"}, noise=BENCH_NOISE, friction="relaxed", program=program, start_m=start - apart
+    )
 
 
 def constant_speeds(ratio, start=0.0, speeds=SPEEDS, duration=0.5, least_way=0.5):
@@ -53,7 +58,9 @@ def accelerations(ratio, start=0.0, amplitude=0.03, frequencies=(8.0, 16.0), cyc
     """
     program = [{"sine": {"amplitude_m": amplitude * ratio, "frequency_hz": f, "cycles": cycles}} for f in frequencies]
     limits = Run().limits._replace(acceleration=100.0, jerk=1e5)
-    return Run(controller={"type": "pid"}, noise=BENCH_NOISE, friction="relaxed", program=program, limits=limits, start_m=start)
+    return Run(
+        controller={"type": "pid"}, noise=BENCH_NOISE, friction="relaxed", program=program, limits=limits, start_m=start
+    )
 
 
 def voltage_ramp(period, rate=0.015, top=0.15):
@@ -88,7 +95,12 @@ def incremental_loading(period, increment=0.01, top=1.05, settle=0.15, ramp=0.05
     rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(round(ramp / period)) * period / ramp)
     hold = np.ones(round(settle / period))
     steps = [a + (b - a) * np.concatenate([rise, hold]) for a, b in zip(levels, levels[1:])]
-    return Run(controller={"type": "none"}, noise=GUIDEWAY_NOISE, friction="relaxed", program=[{"voltage": np.concatenate(steps)}])
+    return Run(
+        controller={"type": "none"},
+        noise=GUIDEWAY_NOISE,
+        friction="relaxed",
+        program=[{"voltage": np.concatenate(steps)}],
+    )
 
 
 def repeats(axis, runs, seed):

@@ -33,7 +33,11 @@ def take_in(record, axis):
     `Record` without missing samples in the columns that are used, and a list of sentences.
     """
     _drive(record, axis)
-    names = [n for n in record.columns if n == "t_s" or n in USED or (n in OPTIONAL and longest_gap(record[n])[1] <= LONGEST_GAP)]
+    names = [
+        n
+        for n in record.columns
+        if n == "t_s" or n in USED or (n in OPTIONAL and longest_gap(record[n])[1] <= LONGEST_GAP)
+    ]
     record = replace(record, columns={name: record.columns[name] for name in names})
     warnings = check_record(record, axis, SHORTEST)
     _saturation(record, axis)
@@ -41,7 +45,11 @@ def take_in(record, axis):
     if actuator_of(axis).estimation == "motor":
         moved = np.ptp(columns["encoder_m"]) / max(axis.value("sensors.encoder.resolution"), 1e-15)
         if moved < 100:
-            raise InputError(f"{record.source}: column encoder_m", f"{moved:.0f} counts of motion", "at least 100 counts: a record in motion")
+            raise InputError(
+                f"{record.source}: column encoder_m",
+                f"{moved:.0f} counts of motion",
+                "at least 100 counts: a record in motion",
+            )
     return replace(record, columns=columns), warnings
 
 
@@ -51,7 +59,11 @@ def _drive(record, axis):
     if actuator.estimated(axis, "identify") == "motor":
         for name in ("voltage_V", "current_A"):
             if name not in record:
-                raise InputError(f"{record.source}: column {name}", "missing", f"{name}, since {axis.place} has a voltage-driven motor")
+                raise InputError(
+                    f"{record.source}: column {name}",
+                    "missing",
+                    f"{name}, since {axis.place} has a voltage-driven motor",
+                )
     elif actuator.holds_position and actuator.command.column not in record:
         raise InputError(f"{record.source}: column {actuator.command.column}", "missing",
                          f"{actuator.command.column}, since {axis.place} has a drive of type {actuator.name}")
@@ -67,8 +79,11 @@ def _saturation(record, axis):
     limit = actuator_of(axis).command_limit(axis)
     share = float(np.nanmean(np.abs(record[command.column]) >= 0.999 * limit))
     if share > MOST_SATURATED:
-        raise InputError(f"{record.source}: column {command.column}", f"{share:.0%} of the time at the limit",
-                         f"a record that stays under {limit:g} {command.unit} nine tenths of the time; slower moves would")
+        raise InputError(
+            f"{record.source}: column {command.column}",
+            f"{share:.0%} of the time at the limit",
+            f"a record that stays under {limit:g} {command.unit} nine tenths of the time; slower moves would",
+        )
 
 
 def _bridge(record, name):

@@ -18,19 +18,28 @@ def identification_page(result, axis, records, seed, warnings=()):
     result : `Identification`. axis : the axis file that was given. records : names of the records.
     seed : of the bootstrap. warnings : sentences about the records.
     """
-    page = Page("Identification", f"{axis.name}: parameters from {len(records)} records", configuration=axis.place, seed=seed)
+    page = Page(
+        "Identification", f"{axis.name}: parameters from {len(records)} records", configuration=axis.place, seed=seed
+    )
     told = [e for e in result.estimates.values() if e.determined]
     open_ones = [e for e in result.estimates.values() if not e.determined]
-    page.verdict(f"{len(told)} parameters are determined by these records, {len(open_ones)} are not.",
-                 "good" if told and not open_ones else "caution" if told else "bad",
-                 "What is not determined keeps the value of the axis file; the table says which experiment would tell it.")
+    page.verdict(
+        f"{len(told)} parameters are determined by these records, {len(open_ones)} are not.",
+        "good" if told and not open_ones else "caution" if told else "bad",
+        "What is not determined keeps the value of the axis file; the table says which experiment would tell it.",
+    )
     page.section("Parameters")
-    page.table(["parameter", "identified", "95 % interval", "axis file before", "how"],
-               [_row(e, axis) for e in told], "Determined by these records: the half width of the 95 % interval is at most "
-               f"{DETERMINED_HALF_WIDTH:.0%} of the value (for an offset, of the size from which it "
-               "would matter). ± is the standard uncertainty.")
+    page.table(
+        ["parameter", "identified", "95 % interval", "axis file before", "how"],
+        [_row(e, axis) for e in told],
+        "Determined by these records: the half width of the 95 % interval is at most "
+        f"{DETERMINED_HALF_WIDTH:.0%} of the value (for an offset, of the size from which it "
+        "would matter). ± is the standard uncertainty.",
+    )
     if open_ones:
-        page.table(["parameter", "why, and what would tell it"], [(e.key, e.remark) for e in open_ones], "Not determined")
+        page.table(
+            ["parameter", "why, and what would tell it"], [(e.key, e.remark) for e in open_ones], "Not determined"
+        )
     page.list([*result.remarks, *warnings])
     if result.curves:
         page.section("Curves")
@@ -76,13 +85,35 @@ def draw(curve):
     across, x_label = readable(curve.x_label, [curve.x])
     up, y_label = readable(curve.y_label, [curve.y])
     pick = np.unique(np.linspace(0, len(curve.x) - 1, min(len(curve.x), MOST_POINTS)).astype(int))
-    axes[0].plot(across * curve.x[pick], up * curve.y[pick], ".", markersize=3, color=COLOURS["blue"], alpha=0.6, zorder=3, label="data")
+    axes[0].plot(
+        across * curve.x[pick],
+        up * curve.y[pick],
+        ".",
+        markersize=3,
+        color=COLOURS["blue"],
+        alpha=0.6,
+        zorder=3,
+        label="data",
+    )
     if curve.model_x is not None:
         order = np.argsort(curve.model_x)
         style = "-" if len(curve.model_x) < 500 else "."
-        axes[0].plot(across * curve.model_x[order], up * curve.model_y[order], style, color=COLOURS["orange"], markersize=2, label="model")
+        axes[0].plot(
+            across * curve.model_x[order],
+            up * curve.model_y[order],
+            style,
+            color=COLOURS["orange"],
+            markersize=2,
+            label="model",
+        )
         if curve.low is not None:
-            axes[0].fill_between(across * curve.model_x[order], up * curve.low[order], up * curve.high[order], color=COLOURS["orange"], alpha=0.25)
+            axes[0].fill_between(
+                across * curve.model_x[order],
+                up * curve.low[order],
+                up * curve.high[order],
+                color=COLOURS["orange"],
+                alpha=0.25,
+            )
     if np.min(curve.x) > 0 and np.max(curve.x) > 50 * np.min(curve.x):
         for each in axes:
             each.set_xscale("log")
@@ -91,6 +122,8 @@ def draw(curve):
     if curve.residual is not None:
         fine, residual_label = readable(curve.y_label, [curve.residual])
         axes[1].plot(across * curve.x[pick], fine * curve.residual[pick], ".", markersize=2.5, color=COLOURS["grey"])
-        axes[1].set(ylabel="residual " + residual_label[residual_label.find("["):] if "[" in residual_label else "residual")
+        axes[1].set(
+            ylabel="residual " + residual_label[residual_label.find("[") :] if "[" in residual_label else "residual"
+        )
     axes[-1].set_xlabel(x_label)
     return figure

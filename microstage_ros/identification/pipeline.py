@@ -25,13 +25,17 @@ MOST_DYNAMIC = 12  # records kept whole for motor constants, inertia and C
 CELL = 1e-5  # travel of one sample of friction [m]
 
 ELSEWHERE = {
-    "drive.torque_constant": "a known torque at the shaft (a weight on a lever) would; for an ideal DC machine it equals the "
-                             "back-EMF constant",
+    "drive.torque_constant": "a known torque at the shaft (a weight on a lever) would; for an ideal DC machine it "
+    "equals the "
+    "back-EMF constant",
     "stage.mass": "weighing the moving parts would: its inertia is under 1 % of the rotor's at the motor",
-    "transmission.stiffness": "the stage against the motor's angle under known loads, or its resonance (about 300 Hz), would",
+    "transmission.stiffness": "the stage against the motor's angle under known loads, or its resonance (about 300 "
+    "Hz), would",
     "transmission.damping": "the decay of the drive train's resonance would",
 }
-GUIDEWAY_ELSEWHERE = "incremental loading of the guideways alone would: their force is 7 % of the actuator's at the motor"
+GUIDEWAY_ELSEWHERE = (
+    "incremental loading of the guideways alone would: their force is 7 % of the actuator's at the motor"
+)
 
 
 def identify(records, axis, seed=0, progress=lambda text: None, blocks=None, refine=False):
@@ -92,8 +96,16 @@ def identify_guideway(records, axis, seed=0, progress=lambda text: None, blocks=
         repeats.append(extract_loading(record, axis))
         progress(f"{record.source}: {len(repeats[-1].loading.force)} loads, breakaway {repeats[-1].breakaway[1]:.3g} N")
     reading = axis.choices.get("contacts.guideway.reading", "blocks")
-    result = identify_presliding([r.loading for r in repeats], list(range(len(repeats))), seed, "guideway",
-                                 ("N/m", "m", "N"), reading, "four or more repeats of incremental loading would", blocks)
+    result = identify_presliding(
+        [r.loading for r in repeats],
+        list(range(len(repeats))),
+        seed,
+        "guideway",
+        ("N/m", "m", "N"),
+        reading,
+        "four or more repeats of incremental loading would",
+        blocks,
+    )
     statics = np.array([0.5 * sum(r.breakaway) for r in repeats if np.isfinite(r.breakaway[1])])
     key = "contacts.guideway.static"
     if len(statics) >= 4:
@@ -103,24 +115,52 @@ def identify_guideway(records, axis, seed=0, progress=lambda text: None, blocks=
         result.add(from_interval("variability.relative", spread, spread / np.sqrt(2.0 * (len(statics) - 1)), "1",
                                  method="scatter of breakaway between repeats", experiment="ten or more repeats would"))
     else:
-        result.add(Estimate(key, float("nan"), "N", determined=False, remark=f"not determined by these records ({len(statics)} "
-                            "repeats reach breakaway); loading up to breakaway in four or more repeats would"))
+        result.add(
+            Estimate(
+                key,
+                float("nan"),
+                "N",
+                determined=False,
+                remark=f"not determined by these records ({len(statics)} "
+                "repeats reach breakaway); loading up to breakaway in four or more repeats would",
+            )
+        )
     slopes = [elastic_slope(loop) for r in repeats for loop in r.loops]
     if slopes:
         low, middle, high = np.quantile(slopes, [0.05, 0.5, 0.95])
-        result.remarks.append(f"Return loops: elastic slope {middle:.4g} N/m (nine tenths within {low:.4g} … {high:.4g}, {len(slopes)} loops); "
-                              "by the blocks it is the sum of all stiffnesses.")
+        result.remarks.append(
+            f"Return loops: elastic slope {middle:.4g} N/m (nine tenths within {low:.4g} … {high:.4g}, {len(slopes)} "
+            "loops); "
+            "by the blocks it is the sum of all stiffnesses."
+        )
     shown = repeats[0]
-    way, load = (np.concatenate(parts) for parts in zip((shown.loading.displacement, shown.loading.force), *shown.loops))
-    result.curves.append(Curve("One repeat with its return loops (Fig. 7a)", "displacement [m]", "force [N]", way, load))
-    result.add(Estimate("contacts.guideway.viscous", axis.value("contacts.guideway.viscous"), "N s/m", determined=False,
-                        remark="not determined by these records (loading is quasi-static); sliding at several speeds under a known force would"))
+    way, load = (
+        np.concatenate(parts) for parts in zip((shown.loading.displacement, shown.loading.force), *shown.loops)
+    )
+    result.curves.append(
+        Curve("One repeat with its return loops (Fig. 7a)", "displacement [m]", "force [N]", way, load)
+    )
+    result.add(
+        Estimate(
+            "contacts.guideway.viscous",
+            axis.value("contacts.guideway.viscous"),
+            "N s/m",
+            determined=False,
+            remark="not determined by these records (loading is quasi-static); sliding at several speeds under a "
+            "known force would",
+        )
+    )
     return result
 
 
 def identify_motor_axis(records, axis, seed=0, progress=lambda text: None, blocks=None):
     """An axis with a voltage-driven motor, alone on its bench or with the stage."""
-    _needs(axis, "actuator", ("generalised_maxwell_slip",), "only this law's parameters are estimated from a motor's records")
+    _needs(
+        axis,
+        "actuator",
+        ("generalised_maxwell_slip",),
+        "only this law's parameters are estimated from a motor's records",
+    )
     coupled = axis.law("guideway") != "none"
     features, dynamic = Features(), []
     for number, record in enumerate(records):
@@ -157,7 +197,10 @@ def identify_motor_axis(records, axis, seed=0, progress=lambda text: None, block
 
 def identify_series(series, axis):
     """Variability from series of friction in steady sliding (`actuator.steady_series`), one per record."""
-    from_axis = [axis.value(f"contacts.actuator.{k}") for k in ("static", "coulomb", "stribeck_velocity", "stribeck_exponent", "viscous")]
+    from_axis = [
+        axis.value(f"contacts.actuator.{k}")
+        for k in ("static", "coulomb", "stribeck_velocity", "stribeck_exponent", "viscous")
+    ]
     for number, part in enumerate(series):
         part[:, 2] += 1e3 * number  # records are far apart in travel
     table = np.concatenate([np.empty((0, 6)), *series])[:MOST_SERIES]
@@ -167,10 +210,20 @@ def identify_series(series, axis):
         result = identify_variability(deviation, table[:, 2], table[:, 3], table[:, 5] > 0)
     except InputError as error:
         result = Identification()
-        result.add(Estimate("variability.relative", axis.value("variability.relative"), "1", determined=False,
-                            remark=f"not determined by these records ({error.value}); slow constant-velocity runs over 2 mm and more would"))
+        result.add(
+            Estimate(
+                "variability.relative",
+                axis.value("variability.relative"),
+                "1",
+                determined=False,
+                remark=f"not determined by these records ({error.value}); slow constant-velocity runs over 2 mm and "
+                "more would",
+            )
+        )
         return result
     share, pairs = position_locked_share(table[:, 4], deviation, table[:, 2], 2.0 * CELL, 1e-3)
     if pairs > 100:
-        result.remarks.append(f"Friction that comes back at the same place: {share:.0%} of the variance ({pairs} pairs of passes).")
+        result.remarks.append(
+            f"Friction that comes back at the same place: {share:.0%} of the variance ({pairs} pairs of passes)."
+        )
     return result

@@ -61,12 +61,17 @@ def ramp_figure(axis, seed, count=10):
     grid = np.linspace(0.0, 8e-3, 400)
     for sign in (1.0, -1.0):
         axes.plot(sign * grid * 1e3, sign * blocks.curve(grid) * 1e6, color=COLOURS["black"], linewidth=0.8)
-    axes.set(xlabel="angle of the output [mrad]", ylabel="k_M I [µNm]", title="Fig. 5a: voltage ramps (blue), virgin curve of Table 1 (black)")
+    axes.set(
+        xlabel="angle of the output [mrad]",
+        ylabel="k_M I [µNm]",
+        title="Fig. 5a: voltage ramps (blue), virgin curve of Table 1 (black)",
+    )
     return figure
 
 
 def comparison(result, bench, guideway):
-    """Rows (parameter, unit, paper = simulated truth, identified, 95 %, deviation) of Tables 1 to 3, and the figures."""
+    """Rows (parameter, unit, paper = simulated truth, identified, 95 %, deviation) of Tables 1 to 3, and the
+    figures."""
     rows, figures = [], {}
     for contact, axis, unit in (("actuator", bench, "N m/rad"), ("guideway", guideway, "N/m")):
         for name in ("stiffness", "weight"):
@@ -75,21 +80,33 @@ def comparison(result, bench, guideway):
             found = result.estimates[f"contacts.{contact}.{name}"]
             for j, value in enumerate(found.value):
                 paper = truth[j] if len(truth) == len(found.value) else None
-                rows.append((f"{contact} {name} {j + 1}", unit if name == "stiffness" else "1", paper, value,
-                             f"{found.low[j]:.4g} … {found.high[j]:.4g}", None if paper is None else f"{value / paper - 1:+.1%}"))
+                rows.append(
+                    (
+                        f"{contact} {name} {j + 1}",
+                        unit if name == "stiffness" else "1",
+                        paper,
+                        value,
+                        f"{found.low[j]:.4g} … {found.high[j]:.4g}",
+                        None if paper is None else f"{value / paper - 1:+.1%}",
+                    )
+                )
         static = result.estimates[f"contacts.{contact}.static"].value
         truth = Blocks(*blocks_of(axis, contact), axis.value(f"contacts.{contact}.static"))
         known = result.to_axis(axis)
         found = Blocks(*blocks_of(known, contact), static)
         grid = np.geomspace(0.1 * truth.slip_displacement[0], truth.slip_displacement[-1], 200)
-        figures[f"{contact} pre-sliding curve, rms"] = float(np.sqrt(np.mean((found.curve(grid) / truth.curve(grid) - 1.0) ** 2)))
+        figures[f"{contact} pre-sliding curve, rms"] = float(
+            np.sqrt(np.mean((found.curve(grid) / truth.curve(grid) - 1.0) ** 2))
+        )
     values = []
     for name in NAMES:
         key = f"contacts.actuator.{name}"
         e, truth = result.estimates[key], bench.value(key)
         values.append((e.value, truth))
         figures[name] = e.value / truth - 1.0
-        rows.append((f"actuator {name}", e.unit, truth, e.value, f"{e.low:.4g} … {e.high:.4g}", f"{e.value / truth - 1:+.1%}"))
+        rows.append(
+            (f"actuator {name}", e.unit, truth, e.value, f"{e.low:.4g} … {e.high:.4g}", f"{e.value / truth - 1:+.1%}")
+        )
     speeds = np.geomspace(0.03, 16.0, 100)
     found, truth = (stribeck_curve(v, speeds) for v in zip(*values))
     figures["Stribeck curve, rms"] = float(np.sqrt(np.mean((found / truth - 1.0) ** 2)))
@@ -105,19 +122,34 @@ def main(argv=None):
     arguments = parser.parse_args(argv)
     out = pathlib.Path(arguments.out)
     out.mkdir(parents=True, exist_ok=True)
-    bench, guideway = (load_axis(share() / "config" / "experiments" / f"{name}_bench.yaml") for name in ("actuator", "guideway"))
+    bench, guideway = (
+        load_axis(share() / "config" / "experiments" / f"{name}_bench.yaml") for name in ("actuator", "guideway")
+    )
     result = identify(actuator_repeats(bench, arguments.repeats, arguments.seed), bench, arguments.seed, blocks=6)
-    loading = identify(guideway_repeats(guideway, arguments.repeats, arguments.seed), guideway, arguments.seed, blocks=6)
+    loading = identify(
+        guideway_repeats(guideway, arguments.repeats, arguments.seed), guideway, arguments.seed, blocks=6
+    )
     loading.estimates.pop("variability.relative", None)  # the actuator's series tells more
     result.merge(loading)
     rows, figures = comparison(result, bench, guideway)
-    page = identification_page(result, load_axis(config_file("axis.yaml")), [f"{arguments.repeats} simulated repeats of each experiment"], arguments.seed)
+    page = identification_page(
+        result,
+        load_axis(config_file("axis.yaml")),
+        [f"{arguments.repeats} simulated repeats of each experiment"],
+        arguments.seed,
+    )
     page.section("Tables 1 to 3 beside the paper")
     page.table(["parameter", "unit", "paper (and the simulator)", "identified", "95 %", "deviation"], rows)
-    page.figure(ramp_figure(bench, arguments.seed), "Simulated voltage ramps: they break away before the last blocks slip", "Fig. 5a")
+    page.figure(
+        ramp_figure(bench, arguments.seed),
+        "Simulated voltage ramps: they break away before the last blocks slip",
+        "Fig. 5a",
+    )
     page.save(out / "report.html")
     result.to_axis(load_axis(config_file("axis.yaml"))).save(out / "axis.yaml")
-    (out / "figures.json").write_text(json.dumps({"repeats": arguments.repeats, "seed": arguments.seed, **figures}, indent=1) + "\n")
+    (out / "figures.json").write_text(
+        json.dumps({"repeats": arguments.repeats, "seed": arguments.seed, **figures}, indent=1) + "\n"
+    )
     for row in rows:
         print(*(f"{v:.5g}" if isinstance(v, float) else v for v in row), sep="  ")
     print(json.dumps(figures, indent=1))

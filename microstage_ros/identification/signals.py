@@ -22,8 +22,8 @@ class MotorSignals:
     """One record at the motor; arrays of shape (n,).
 
     `angle` φ [rad], `voltage` [V] and `current` [A] as recorded (the current answers the voltage of the row
-    before), `torque` k_M i about the instant of each reading [N m], `reference` φ asked for [rad]; `resolution` of φ [rad]; `period` [s];
-    `at_motor`: φ was measured at the motor, not at the stage.
+    before), `torque` k_M i about the instant of each reading [N m], `reference` φ asked for [rad]; `resolution` of φ
+    [rad]; `period` [s]; `at_motor`: φ was measured at the motor, not at the stage.
     """
 
     source: str

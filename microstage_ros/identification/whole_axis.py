@@ -176,17 +176,35 @@ def identify_whole_axis(signals, axis, known):
     error = _residual(vector, axis, inertia, balances)
     torque = np.concatenate([b.torque[b.used] for b in balances])
     if np.std(error) > MOST_LEFT * np.std(torque):
-        raise InputError(f"{signals[0].source}: current_A against encoder_m", f"{np.std(error) / np.std(torque):.0%} of the torque left unexplained",
-                         f"at most {MOST_LEFT:.0%} by inertia and friction; do the columns belong to one motion, and the axis file to them?")
+        raise InputError(
+            f"{signals[0].source}: current_A against encoder_m",
+            f"{np.std(error) / np.std(torque):.0%} of the torque left unexplained",
+            f"at most {MOST_LEFT:.0%} by inertia and friction; do the columns belong to one motion, and the axis "
+            "file to them?",
+        )
     speed = np.concatenate([b.speed[b.used] for b in balances])
     pick = np.linspace(0, len(torque) - 1, min(len(torque), 4000)).astype(int)
-    result.curves.append(Curve("Torque balance of the whole axis", "speed of the output [rad/s]", "torque at the motor [N m]",
-                               speed[pick], torque[pick], speed[pick], (torque - error)[pick], residual=error[pick]))
-    result.remarks.append(f"Torque balance: residual {np.std(error) * 1e6:.3g} µNm of {np.std(torque) * 1e6:.3g} µNm rms.")
+    result.curves.append(
+        Curve(
+            "Torque balance of the whole axis",
+            "speed of the output [rad/s]",
+            "torque at the motor [N m]",
+            speed[pick],
+            torque[pick],
+            speed[pick],
+            (torque - error)[pick],
+            residual=error[pick],
+        )
+    )
+    result.remarks.append(
+        f"Torque balance: residual {np.std(error) * 1e6:.3g} µNm of {np.std(torque) * 1e6:.3g} µNm rms."
+    )
     expected = 2.0 * max(axis.value("variability.relative"), 0.03) * float(np.median(np.abs(torque)))
     if np.std(error) > expected:
-        result.remarks.append(f"The balance leaves more than the friction's variability explains ({expected * 1e6:.3g} µNm): "
-                              "the axis has a cause outside the nominal model, which `diagnose` can name.")
+        result.remarks.append(
+            f"The balance leaves more than the friction's variability explains ({expected * 1e6:.3g} µNm): "
+            "the axis has a cause outside the nominal model, which `diagnose` can name."
+        )
     return result
 
 
@@ -213,7 +231,13 @@ def _report(result, vector, free, covariance, axis, inertia, held):
     rows = [
         (0, friction + "coulomb", values["coulomb"], values["coulomb"] * spread[0], "N m"),
         (1, friction + "static", values["static"], static_spread, "N m"),
-        (2, friction + "stribeck_velocity", values["stribeck_velocity"], values["stribeck_velocity"] * spread[2], "rad/s"),
+        (
+            2,
+            friction + "stribeck_velocity",
+            values["stribeck_velocity"],
+            values["stribeck_velocity"] * spread[2],
+            "rad/s",
+        ),
         (3, friction + "stribeck_exponent", values["stribeck_exponent"], values["stribeck_exponent"] * spread[3], "1"),
         (4, friction + "viscous", values["viscous"], values["viscous"] * spread[4], "N m s/rad"),
         (5, "stiffness factor of the actuator", math.exp(vector[5]), math.exp(vector[5]) * spread[5], "1"),
@@ -222,17 +246,39 @@ def _report(result, vector, free, covariance, axis, inertia, held):
     ]
     for index, key, value, stderr, unit in rows:
         if index not in held:
-            estimate = from_interval(key, value, stderr, unit, method="torque balance, block sandwich", experiment=EXPERIMENT,
-                                     floor=values["coulomb"] if index == 7 else 0.0)
+            estimate = from_interval(
+                key,
+                value,
+                stderr,
+                unit,
+                method="torque balance, block sandwich",
+                experiment=EXPERIMENT,
+                floor=values["coulomb"] if index == 7 else 0.0,
+            )
             if not told[index]:
-                estimate = replace(estimate, determined=False, remark=f"not determined by these records (they hardly narrow it); {EXPERIMENT}")
+                estimate = replace(
+                    estimate,
+                    determined=False,
+                    remark=f"not determined by these records (they hardly narrow it); {EXPERIMENT}",
+                )
             result.add(estimate)
     stiffness = np.asarray(values["stiffness"])
     spreads = stiffness * spread[5]
     if 5 not in held and told[5] and narrow(stiffness, stiffness - 1.96 * spreads, stiffness + 1.96 * spreads):
-        result.add(Estimate("contacts.actuator.stiffness", stiffness.tolist(), "N m/rad", spreads.tolist(), (stiffness - 1.96 * spreads).tolist(),
-                            (stiffness + 1.96 * spreads).tolist(), method="torque balance: the axis file's blocks times one factor"))
+        result.add(
+            Estimate(
+                "contacts.actuator.stiffness",
+                stiffness.tolist(),
+                "N m/rad",
+                spreads.tolist(),
+                (stiffness - 1.96 * spreads).tolist(),
+                (stiffness + 1.96 * spreads).tolist(),
+                method="torque balance: the axis file's blocks times one factor",
+            )
+        )
     if abs(offset) > max(3.0 * axis.value("contacts.actuator.coulomb") * spread[7], 0.02 * values["coulomb"]):
-        result.remarks.append(f"A constant torque of {quantity(offset, 'N m')}: an amplifier or current zero, a tilt or a pulling cable; "
-                              "`diagnose` tells them apart.")
+        result.remarks.append(
+            f"A constant torque of {quantity(offset, 'N m')}: an amplifier or current zero, a tilt or a pulling cable; "
+            "`diagnose` tells them apart."
+        )
     result.correlations.append((tuple(PARAMETERS[i] for i in free), correlation(covariance)))

@@ -45,7 +45,11 @@ def bench(messages=200_000, seed=1):
     rows, times = servo_messages(messages, seed)
     with tempfile.TemporaryDirectory(prefix="microstage-bench-") as folder:
         bag = Path(folder) / "bag"
-        return [*bench_writing(rows, times, bag), *bench_reading(messages, bag), *bench_csv(rows, Path(folder) / "record.csv")]
+        return [
+            *bench_writing(rows, times, bag),
+            *bench_reading(messages, bag),
+            *bench_csv(rows, Path(folder) / "record.csv"),
+        ]
 
 
 def servo_messages(count, seed):
@@ -56,7 +60,9 @@ def servo_messages(count, seed):
     times = START_NS + PERIOD_NS * np.arange(count)
     seen["header.stamp.sec"], seen["header.stamp.nanosec"] = times // 10**9, times % 10**9
     seen["sequence"] = np.arange(count)
-    seen["position"] = np.round((1e-3 * np.sin(seen["sequence"] * 1e-4) + generator.normal(0, 8e-9, count)) / 25e-9) * 25e-9
+    seen["position"] = (
+        np.round((1e-3 * np.sin(seen["sequence"] * 1e-4) + generator.normal(0, 8e-9, count)) / 25e-9) * 25e-9
+    )
     seen["applied_voltage"] = 0.5 * np.cos(seen["sequence"] * 1e-4) + generator.normal(0, 1e-3, count)
     seen["current"], seen["motor_angle"] = seen["applied_voltage"] / 3.41, np.nan
     return rows, times

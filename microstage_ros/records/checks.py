@@ -43,7 +43,8 @@ class Bounds:
     Attributes
     ----------
     resolution_m : one count of the encoder. travel_m : length of the travel.
-    limit_V : where the amplifier clips, in the command's unit ``limit_unit``. resistance_ohm : of the winding. period_s : control period.
+    limit_V : where the amplifier clips, in the command's unit ``limit_unit``. resistance_ohm : of the winding. period_s
+        : control period.
     """
 
     resolution_m: float
@@ -58,8 +59,14 @@ class Bounds:
         """The bounds of an `model.axis_file.Axis`."""
         def number(key):
             return axis.value(key) if axis.has(key) else None
-        return cls(number("sensors.encoder.resolution"), number("travel.maximum") - number("travel.minimum"),
-                   actuator_of(axis).command_limit(axis), number("drive.resistance"), number("period"), actuator_of(axis).command.unit)
+        return cls(
+            number("sensors.encoder.resolution"),
+            number("travel.maximum") - number("travel.minimum"),
+            actuator_of(axis).command_limit(axis),
+            number("drive.resistance"),
+            number("period"),
+            actuator_of(axis).command.unit,
+        )
 
 
 def check_record(record, bounds, minimum_s=1.0):
@@ -213,7 +220,9 @@ def _command(record, bounds):
     name, unit = command.column, command.unit
     size = np.abs(record[name])
     if np.nanmax(size) > 10 * bounds.limit_V:
-        _refuse(record, name, float(np.nanmax(size)), f"{command.units}; the amplifier clips at {bounds.limit_V:g} {unit}")
+        _refuse(
+            record, name, float(np.nanmax(size)), f"{command.units}; the amplifier clips at {bounds.limit_V:g} {unit}"
+        )
     share = float(np.nanmean(size >= 0.999 * bounds.limit_V))
     if share > MOST_SATURATED:
         _refuse(record, name, f"{share:.0%} of the time at the limit",
@@ -239,8 +248,11 @@ def _current(record, bounds):
 def _clipped(record, bounds):
     """A sensor that stands at its largest or smallest value while what drives it goes on is at its end."""
     command = command_of(record).column
-    pairs = [("current_A", command, 0.1 * span(record, command)), ("interferometer_m", "encoder_m", 200 * bounds.resolution_m),
-             ("encoder_m", "reference_m", 200 * bounds.resolution_m)]
+    pairs = [
+        ("current_A", command, 0.1 * span(record, command)),
+        ("interferometer_m", "encoder_m", 200 * bounds.resolution_m),
+        ("encoder_m", "reference_m", 200 * bounds.resolution_m),
+    ]
     told = []
     for name, driver, least in pairs:
         if name not in record or driver not in record or span(record, name) == 0:

@@ -56,15 +56,23 @@ SIMULATED_COLUMNS = {
 """What only a simulator knows; files may carry it, analysis never needs it."""
 
 COMMAND_COLUMNS = {
-    name: column for command in COMMANDS_KNOWN for name, column in (
+    name: column
+    for command in COMMANDS_KNOWN
+    for name, column in (
         (command.column, Column(command.unit, f"command ({command.quantity}), held during the period", 13)),
-        (command.disturbance, Column(command.unit, f"part of {command.column} added on purpose after the controller", 13)))
+        (
+            command.disturbance,
+            Column(command.unit, f"part of {command.column} added on purpose after the controller", 13),
+        ),
+    )
     if name not in RECORD_COLUMNS
 }
 """Commands in other units than volts, beyond CONTRACT's; see `quantities.command`."""
 
 FINE_COLUMNS = {
-    "fine_position_m": Column("m", "position of a fine stage on top, relative to the coarse one, by its own sensor", 13),
+    "fine_position_m": Column(
+        "m", "position of a fine stage on top, relative to the coarse one, by its own sensor", 13
+    ),
     "fine_command_V": Column("V", "command of the fine stage's drive, held during the period", 10),
 }
 """What a machine of two components has beside (`control.runs.coarse_fine`)."""

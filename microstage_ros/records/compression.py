@@ -23,7 +23,8 @@ def read_bytes(path):
 
     Raises
     ------
-    InputError : no such file, empty, compressed otherwise than its name says, cut off, or larger than `LARGEST` unpacked.
+    InputError : no such file, empty, compressed otherwise than its name says, cut off, or larger than `LARGEST`
+        unpacked.
     """
     path = Path(path)
     try:

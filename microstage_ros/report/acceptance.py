@@ -1,7 +1,7 @@
 """The figures asked of the self-tuning laws, and what a comparison found: one table to sign.
 
-Nothing is measured here; every figure is read off the result of `control.evaluation.comparison.compare`. A figure that misses
-what was asked says so in its cell.
+Nothing is measured here; every figure is read off the result of `control.evaluation.comparison.compare`. A figure that
+misses what was asked says so in its cell.
 """
 
 import math
@@ -29,9 +29,14 @@ def floors_table(result):
         *_tenth_rows(result["weak_start"], laws),
         *_observer_rows(result, laws),
     ]
-    return "What was asked, and what was reached", ["figure", "asked", *laws], rows, (
-        "Worst of the seeds unless it says median; true position unless it says interferometer. no: misses what was asked; the tables "
-        "below tell by how much, and what limits it. A condition counts as stable if the peak of the sine stays below 2 µm."
+    return (
+        "What was asked, and what was reached",
+        ["figure", "asked", *laws],
+        rows,
+        (
+            "Worst of the seeds unless it says median; true position unless it says interferometer. no: misses what was asked; the tables "
+            "below tell by how much, and what limits it. A condition counts as stable if the peak of the sine stays below 2 µm."
+        ),
     )
 
 
@@ -59,7 +64,11 @@ def _sines_row(result, laws):
             return "–"
         return _count(sum(s["peak"][kind] <= s["peak"]["best_pid"] for s in sines), len(sines))
 
-    return ["sines no worse than the PID searched for that very sine", f"{len(sines)} of {len(sines)}", *map(cell, laws)]
+    return [
+        "sines no worse than the PID searched for that very sine",
+        f"{len(sines)} of {len(sines)}",
+        *map(cell, laws),
+    ]
 
 
 def _move_rows(positioning, laws):
@@ -73,7 +82,13 @@ def _move_rows(positioning, laws):
         distances = [d for d in next(iter(positioning.values())) if SETTLING.get(d) == most]
         if distances:
             name = f"moves of {', '.join(f'{d * 1e6:g}' for d in distances)} µm, settled, median (ms)"
-            yield _row(name, laws, most, lambda kind, these=distances: max(positioning[kind][d]["settling_median"] for d in these), 1e3)
+            yield _row(
+                name,
+                laws,
+                most,
+                lambda kind, these=distances: max(positioning[kind][d]["settling_median"] for d in these),
+                1e3,
+            )
 
     def overshoot(kind):
         return max(f["overshoot_worst"] / max(OVERSHOOT, OVERSHOOT_SHARE * d) for d, f in positioning[kind].items())
@@ -85,18 +100,41 @@ def _stress_rows(stress, laws):
     names = [name for name in stress if name != "nominal"]
 
     def counted(good):
-        return [f"{len(names)} of {len(names)}", *(_count(sum(good(stress[n][kind], stress["nominal"][kind]) for n in names), len(names)) for kind in laws)]
+        return [
+            f"{len(names)} of {len(names)}",
+            *(_count(sum(good(stress[n][kind], stress["nominal"][kind]) for n in names), len(names)) for kind in laws),
+        ]
 
     yield ["stress: stable", *counted(lambda f, nominal: f["peak"] < HELD and f["learned_peak"] < HELD)]
-    for key, words in (("peak", "sine, first cycle"), ("learned_peak", "sine, third cycle"), ("four_s_worst", "moves of 10 µm, 4s")):
+    for key, words in (
+        ("peak", "sine, first cycle"),
+        ("learned_peak", "sine, third cycle"),
+        ("four_s_worst", "moves of 10 µm, 4s"),
+    ):
         yield [f"stress: {words}, within twice nominal", *counted(lambda f, nominal: f[key] <= WITHIN * nominal[key])]
-    yield [f"stress: sine, first cycle, within twice {1e9 * SINE:g} nm", *counted(lambda f, nominal: f["peak"] <= WITHIN * SINE)]
-    yield [f"stress: moves of 10 µm, 4s, within twice {1e9 * FOUR_S:g} nm", *counted(lambda f, nominal: f["four_s_worst"] <= WITHIN * FOUR_S)]
+    yield [
+        f"stress: sine, first cycle, within twice {1e9 * SINE:g} nm",
+        *counted(lambda f, nominal: f["peak"] <= WITHIN * SINE),
+    ]
+    yield [
+        f"stress: moves of 10 µm, 4s, within twice {1e9 * FOUR_S:g} nm",
+        *counted(lambda f, nominal: f["four_s_worst"] <= WITHIN * FOUR_S),
+    ]
 
 
 def _tenth_rows(found, laws):
-    for yardstick, words in (("guarded_pid", "the best PID with 30° and 6 dB"), ("kept_pid", "the best PID that keeps the figures of moves"), ("best_pid", "the PID searched for these moves alone")):
-        yield _row(f"from a tenth of the gains, third move over {words}", laws, TENTH, lambda k, y=yardstick: found[k][2] / found[y][2], 1.0)
+    for yardstick, words in (
+        ("guarded_pid", "the best PID with 30° and 6 dB"),
+        ("kept_pid", "the best PID that keeps the figures of moves"),
+        ("best_pid", "the PID searched for these moves alone"),
+    ):
+        yield _row(
+            f"from a tenth of the gains, third move over {words}",
+            laws,
+            TENTH,
+            lambda k, y=yardstick: found[k][2] / found[y][2],
+            1.0,
+        )
 
 
 def _observer_rows(result, laws):
@@ -108,4 +146,8 @@ def _observer_rows(result, laws):
         ("its level 2 to 4 s later, mean error (%)", LEVEL, max(f["mean"] for f in jumps), 100.0),
     )
     for name, most, value, scale in figures:
-        yield [name, f"≤ {scale * most:g}", *(_told(value, most, scale, 2) if kind == OBSERVER else "–" for kind in laws)]
+        yield [
+            name,
+            f"≤ {scale * most:g}",
+            *(_told(value, most, scale, 2) if kind == OBSERVER else "–" for kind in laws),
+        ]

@@ -164,7 +164,8 @@ def _stress_limits(result):
 
 
 def within_twice(stress, condition, kind):
-    """Whether a law's peak under a condition is within twice its nominal one, for a table: yes, no, or no with the limit."""
+    """Whether a law's peak under a condition is within twice its nominal one, for a table: yes, no, or no with the
+    limit."""
     nominal, peak = stress["nominal"][kind]["peak"], stress[condition][kind]["peak"]
     ratio = f"({peak / nominal:.1f})"
     if peak <= 2.0 * nominal:

@@ -1,4 +1,5 @@
-"""A matplotlib figure as a vector drawing that lives in a page: colours of the page's scheme, a narrow form for phones."""
+"""A matplotlib figure as a vector drawing that lives in a page: colours of the page's scheme, a narrow form for
+phones."""
 
 import io
 import pickle
@@ -38,7 +39,9 @@ def drawing(figure, salt, narrow=False):
 def _narrowed(figure):
     """A copy of the figure, laid out for a narrow window."""
     figure = pickle.loads(pickle.dumps(figure))
-    rows = max((axes.get_subplotspec().get_gridspec().nrows for axes in figure.axes if axes.get_subplotspec()), default=1)
+    rows = max(
+        (axes.get_subplotspec().get_gridspec().nrows for axes in figure.axes if axes.get_subplotspec()), default=1
+    )
     figure.set_size_inches(NARROW_INCH, max(figure.get_size_inches()[1], NARROWEST_ROW_INCH * rows))
     for axes in figure.axes:
         handles, labels = axes.get_legend_handles_labels()
@@ -84,8 +87,11 @@ def _dots(text):
         colour = re.search(r"fill: ?([^;]+)", uses[0][3])[1]
         faint = re.search(r"(?:fill-)?opacity: ?([\d.]+)", uses[0][3])
         way = "".join(f"M{x} {y}h0" for _, x, y, _ in uses)
-        return (f'<path d="{way}" style="fill: none; stroke: {colour}; stroke-width: {sizes[uses[0][0]]:.2f}; stroke-linecap: round'
-                + (f'; stroke-opacity: {faint[1]}' if faint else "") + '"/>')
+        return (
+            f'<path d="{way}" style="fill: none; stroke: {colour}; stroke-width: {sizes[uses[0][0]]:.2f}; stroke-linecap: round'
+            + (f"; stroke-opacity: {faint[1]}" if faint else "")
+            + '"/>'
+        )
 
     return re.sub(rf"(?:<use [^>]*/>\s*){{{MANY},}}", joined, text)
 
@@ -96,11 +102,15 @@ def _as_page_element(text):
     text = re.sub(r"<metadata>.*?</metadata>\s*|<!--.*?-->\s*", "", text, flags=re.S)
     used = set(re.findall(r"[\"(]#([^\")]+)", text))
     text = re.sub(r' id="([^"]+)"', lambda found: found[0] if found[1] in used else "", text)
-    text = re.sub(r"<[^>]+>", lambda tag: re.sub(r"(\d\.\d\d)\d+", r"\1", tag[0]), text)  # places, not the labels' numbers
+    text = re.sub(
+        r"<[^>]+>", lambda tag: re.sub(r"(\d\.\d\d)\d+", r"\1", tag[0]), text
+    )  # places, not the labels' numbers
     text = re.sub(r'<style type="text/css">.*?</style>', "", text, flags=re.S)
     text = _dots(text)
     for colour, name in {**INK, **DATA}.items():
         text = re.sub(rf"((?:fill|stroke): ?){colour}", rf"\1var(--{name})", text, flags=re.I)
     text = re.sub(r"; font-family: [^;\"]*", "", text)  # the page's
-    text = re.sub(r'<svg [^>]*?viewBox="([^"]+)"[^>]*>', r'<svg viewBox="\1" role="img" fill="var(--ink)">', text, count=1)
+    text = re.sub(
+        r'<svg [^>]*?viewBox="([^"]+)"[^>]*>', r'<svg viewBox="\1" role="img" fill="var(--ink)">', text, count=1
+    )
     return re.sub(r"\n\s*", "\n", text).strip()

@@ -1,4 +1,5 @@
-"""Tables of measured figures in the documentation: made by a function, stamped, and checked against the code they are about.
+"""Tables of measured figures in the documentation: made by a function, stamped, and checked against the code they are
+about.
 
 In a page such a table stands between two comments that a reader of the rendered page does not see::
 
@@ -24,7 +25,9 @@ from microstage_ros import __version__
 from microstage_ros.quantities.errors import InputError
 
 MARK = "*These figures were measured with an earlier state of the code; `./microstage figures {name}` makes them anew.*"
-OPENING = re.compile(r'<!-- figures: (?P<name>[\w-]+) version=(?P<version>\S+) code=(?P<code>\w+) made=(?P<made>\S+) machine="(?P<machine>[^"]*)" -->\n')
+OPENING = re.compile(
+    r'<!-- figures: (?P<name>[\w-]+) version=(?P<version>\S+) code=(?P<code>\w+) made=(?P<made>\S+) machine="(?P<machine>[^"]*)" -->\n'
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,7 +38,8 @@ class Table:
     ----------
     name : its name in the page and on the command line.
     page : file of the page, relative to the checkout.
-    maker : ``package.module:function``; called without arguments, returns the Markdown that stands between the comments.
+    maker : ``package.module:function``; called without arguments, returns the Markdown that stands between the
+        comments.
     code : files and folders of ``microstage_ros`` that the figures are about.
     minutes : about how long it takes on one idle core.
     """
@@ -93,7 +97,9 @@ def _find(text, table, page):
             if end < 0:
                 raise InputError(page, f"figures: {table.name} has no end", f"<!-- end of figures: {table.name} -->")
             return opening, opening.end(), end
-    raise InputError(page, f"no figures: {table.name}", "the opening comment of the table (see microstage_ros.report.stamped)")
+    raise InputError(
+        page, f"no figures: {table.name}", "the opening comment of the table (see microstage_ros.report.stamped)"
+    )
 
 
 def read_stamp(root, table):

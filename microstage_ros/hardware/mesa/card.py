@@ -1,10 +1,11 @@
-"""The backend ``mesa``: an encoder and a ±10 V output by PWM on a Mesa Ethernet card, paced by the computer at 1 to 2 kHz.
+"""The backend ``mesa``: an encoder and a ±10 V output by PWM on a Mesa Ethernet card, paced by the computer at 1 to 2
+kHz.
 
-Every `write` sends the voltage and pets the card's watchdog; every `read` asks for count, time stamp and watchdog. A lost
-answer is asked for once more within the period, then the last reading stands; a lost write is noticed by the next read and
-sent again. The error level rises by 2 with each loss and falls by 1 with each good period; at `MOST_ERRORS` the backend
-gives up, falls silent, and the card's watchdog takes the pins away. No card was at hand: this is tested against an emulator
-of the registers only.
+Every `write` sends the voltage and pets the card's watchdog; every `read` asks for count, time stamp and watchdog. A
+lost answer is asked for once more within the period, then the last reading stands; a lost write is noticed by the next
+read and sent again. The error level rises by 2 with each loss and falls by 1 with each good period; at `MOST_ERRORS`
+the backend gives up, falls silent, and the card's watchdog takes the pins away. No card was at hand: this is tested
+against an emulator of the registers only.
 """
 
 import math
@@ -16,14 +17,28 @@ from microstage_ros.hardware.protocol import HardwareError, Reading
 from microstage_ros.quantities.errors import InputError
 
 OPTIONS = {
-    "host": "192.168.1.121", "port": PORT, "encoder": 0, "output": 0, "full_scale": 10.0, "pwm_hz": 24e3, "pwm_mode": "up_down",
-    "direction": 1, "counts_direction": 1, "position": 0.0, "watchdog_s": 5e-3, "wait_share": 0.8, "filter": True, "patience_s": 0.2,
-    "current_encoder": None, "current_zero_hz": 0.0, "current_A_per_hz": 0.0,
+    "host": "192.168.1.121",
+    "port": PORT,
+    "encoder": 0,
+    "output": 0,
+    "full_scale": 10.0,
+    "pwm_hz": 24e3,
+    "pwm_mode": "up_down",
+    "direction": 1,
+    "counts_direction": 1,
+    "position": 0.0,
+    "watchdog_s": 5e-3,
+    "wait_share": 0.8,
+    "filter": True,
+    "patience_s": 0.2,
+    "current_encoder": None,
+    "current_zero_hz": 0.0,
+    "current_A_per_hz": 0.0,
 }
-"""Options with their defaults. ``encoder``, ``output``: instances. ``full_scale``: volts at the amplifier for full output.
-``direction``, ``counts_direction``: 1 or -1. ``position``: of the stage at `open` [m]. ``watchdog_s``: the card cuts the output
-after so long without a write. ``wait_share``: of the period, for the answer. ``patience_s``: for an answer
-while the card is set up [s]. ``current_encoder``: instance in up/down mode
+"""Options with their defaults. ``encoder``, ``output``: instances. ``full_scale``: volts at the amplifier for full
+output. ``direction``, ``counts_direction``: 1 or -1. ``position``: of the stage at `open` [m]. ``watchdog_s``: the card
+cuts the output after so long without a write. ``wait_share``: of the period, for the answer. ``patience_s``: for an
+answer while the card is set up [s]. ``current_encoder``: instance in up/down mode
 that counts a voltage-to-frequency converter (THCAD), with its frequency at no current and amperes per hertz."""
 
 MODES = {"pwm_dir": 0, "up_down": 2, "pdm": 3, "offset": 0}
@@ -67,7 +82,11 @@ class MesaCard:
         if self.options["pwm_mode"] not in MODES:
             raise InputError("Mesa card: option pwm_mode", self.options["pwm_mode"], "one of " + ", ".join(MODES))
         for name in ("full_scale", "pwm_hz", "watchdog_s", "wait_share", "patience_s"):
-            if isinstance(self.options[name], bool) or not isinstance(self.options[name], (int, float)) or not self.options[name] > 0.0:
+            if (
+                isinstance(self.options[name], bool)
+                or not isinstance(self.options[name], (int, float))
+                or not self.options[name] > 0.0
+            ):
                 raise InputError(f"Mesa card: option {name}", self.options[name], "a number above 0")
 
     # --- set-up ------------------------------------------------------------------------------------------------
@@ -93,7 +112,9 @@ class MesaCard:
 
     def _instance(self, name, module):
         if not 0 <= int(self.options[name]) < module.instances:
-            raise HardwareError(f"Mesa card {self.layout.board}: {name} {self.options[name]}, the bit file has {module.instances}")
+            raise HardwareError(
+                f"Mesa card {self.layout.board}: {name} {self.options[name]}, the bit file has {module.instances}"
+            )
 
     def _configure(self):
         """All registers, output value before its enable, directions last."""
@@ -104,11 +125,15 @@ class MesaCard:
         self._stamp_hz = encoder.clock / (divider + 2)
         control = 0x800 if self.options["filter"] else 0
         self._send_checked(
-            write32(watchdog.address(0), round(float(self.options["watchdog_s"]) * watchdog.clock) - 1), write32(watchdog.address(1), 0),
-            write32(pwm.address(2 if self.options["pwm_mode"] != "pdm" else 3), rate), write32(pwm.address(1, unit), mode),
-            write32(pwm.address(0, unit), self._value(0.0)), write32(encoder.address(2), divider),
+            write32(watchdog.address(0), round(float(self.options["watchdog_s"]) * watchdog.clock) - 1),
+            write32(watchdog.address(1), 0),
+            write32(pwm.address(2 if self.options["pwm_mode"] != "pdm" else 3), rate),
+            write32(pwm.address(1, unit), mode),
+            write32(pwm.address(0, unit), self._value(0.0)),
+            write32(encoder.address(2), divider),
             write32(encoder.address(1, int(self.options["encoder"])), control),
-            write32(watchdog.address(2), PET))
+            write32(watchdog.address(2), PET),
+        )
         self._send_checked(write32(pwm.address(4), 1 << unit), *self._pins(unit), write32(watchdog.address(2), PET))
 
     def _pins(self, unit):
@@ -146,7 +171,11 @@ class MesaCard:
     def _question(self):
         """(read commands, bytes of their data) of one period: watchdog, clock of the stamps, counts."""
         encoder = self._encoder
-        commands = read32(self._watchdog.address(1)) + read32(encoder.address(3)) + read32(encoder.address(0, int(self.options["encoder"])))
+        commands = (
+            read32(self._watchdog.address(1))
+            + read32(encoder.address(3))
+            + read32(encoder.address(0, int(self.options["encoder"])))
+        )
         if self.options["current_encoder"] is not None:
             return commands + read32(encoder.address(0, int(self.options["current_encoder"]))), 16
         return commands, 12
@@ -172,14 +201,19 @@ class MesaCard:
     def _loss(self, what):
         self._errors += LOSS
         if self._errors >= MOST_ERRORS:
-            raise HardwareError(f"Mesa card: {what}, error level {self._errors} (lost {self._link.lost}, stale {self._link.stale}, "
-                                f"sent again {self._link.repeated}); its watchdog cuts the output")
+            raise HardwareError(
+                f"Mesa card: {what}, error level {self._errors} (lost {self._link.lost}, stale {self._link.stale}, "
+                f"sent again {self._link.repeated}); its watchdog cuts the output"
+            )
 
     def _take(self, data):
         """Counts and stamps of one answer; the 16-bit counter is summed up by signed differences."""
         status, clock, count, *current = struct.unpack(f"<{len(data) // 4}I", data)
         if status & 1:
-            raise HardwareError(f"Mesa card: its watchdog has cut the output (no write for {float(self.options['watchdog_s']) * 1e3:g} ms)")
+            raise HardwareError(
+                "Mesa card: its watchdog has cut the output (no write for "
+                f"{float(self.options['watchdog_s']) * 1e3:g} ms)"
+            )
         stamp, now = count >> 16, clock & 0xFFFF
         if self._before is not None:
             moved = ((count & 0xFFFF) - self._before[0] + 0x8000 & 0xFFFF) - 0x8000
@@ -187,15 +221,20 @@ class MesaCard:
             self._counts += moved
         self._before = (count & 0xFFFF, stamp, now)
         sign = int(self.options["counts_direction"])
-        self.reading = Reading(sign * self._counts * self._count, self._current(current[0], now) if current else math.nan)
+        self.reading = Reading(
+            sign * self._counts * self._count, self._current(current[0], now) if current else math.nan
+        )
 
     def _speed(self, moved, stamp, now):
-        """Speed by counts over the time between their events; without an event at most one count over the time since."""
+        """Speed by counts over the time between their events; without an event at most one count over the time
+        since."""
         tick = 1.0 / self._stamp_hz
         since = ((now - stamp) & 0xFFFF) * tick
         if moved:
             between = ((stamp - self._before[1]) & 0xFFFF) * tick
-            self.velocity = int(self.options["counts_direction"]) * moved * self._count / between if between > 0.0 else 0.0
+            self.velocity = (
+                int(self.options["counts_direction"]) * moved * self._count / between if between > 0.0 else 0.0
+            )
         elif since > 0.0:
             most = self._count / since
             self.velocity = math.copysign(min(abs(self.velocity), most), self.velocity)
@@ -216,7 +255,9 @@ class MesaCard:
             raise HardwareError("the Mesa card is not open")
         self._voltage = min(max(float(voltage), -self._limit), self._limit)
         unit = int(self.options["output"])
-        self._link.write(write32(self._pwm.address(0, unit), self._value(self._voltage)), write32(self._watchdog.address(2), PET))
+        self._link.write(
+            write32(self._pwm.address(0, unit), self._value(self._voltage)), write32(self._watchdog.address(2), PET)
+        )
 
     def _value(self, voltage):
         """The PWM generator's value register for a voltage."""
@@ -236,7 +277,10 @@ class MesaCard:
         """Arm the card's watchdog with another time [s]; 0 for the longest it can be."""
         if self._link is not None:
             ticks = round(seconds * self._watchdog.clock) - 1 if seconds > 0.0 else 0x7FFFFFFF
-            self._send_checked(write32(self._watchdog.address(0), min(max(ticks, 1), 0x7FFFFFFF)), write32(self._watchdog.address(2), PET))
+            self._send_checked(
+                write32(self._watchdog.address(0), min(max(ticks, 1), 0x7FFFFFFF)),
+                write32(self._watchdog.address(2), PET),
+            )
 
     def close(self):
         """Zero volts, output off, watchdog due at once; may be called twice."""
@@ -262,4 +306,6 @@ def pwm_rate(frequency, clock, pdm=False):
         rate = frequency * 65536.0 * 2**bits / clock
         if 1.0 <= rate < 65535.5:
             return round(rate), bits
-    raise InputError("Mesa card: option pwm_hz", frequency, f"from {clock / 65536.0 / 512.0:.3g} to {clock / 512.0:.4g} Hz")
+    raise InputError(
+        "Mesa card: option pwm_hz", frequency, f"from {clock / 65536.0 / 512.0:.3g} to {clock / 512.0:.4g} Hz"
+    )

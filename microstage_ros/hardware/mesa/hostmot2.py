@@ -1,4 +1,5 @@
-"""What a hostmot2 bit file contains: modules, their registers, the pins, found out from the card's own description (IDROM)."""
+"""What a hostmot2 bit file contains: modules, their registers, the pins, found out from the card's own description
+(IDROM)."""
 
 from dataclasses import dataclass
 
@@ -32,7 +33,8 @@ class Module:
 
 @dataclass(frozen=True)
 class Pin:
-    """One I/O pin: number in its port, the port, and the module that may drive or read it (``function``: which of its pins)."""
+    """One I/O pin: number in its port, the port, and the module that may drive or read it (``function``: which of its
+    pins)."""
 
     port: int
     number: int
@@ -81,7 +83,9 @@ def discover(link):
     board = b"".join(word.to_bytes(4, "little") for word in words[3:5]).decode("ascii", "replace").strip("\0 ")
     modules_at, pins_at, ports, width, port_width = words[1], words[2], words[7], words[8], words[9]
     if width != ports * port_width or not 0 < width <= MOST_PINS:
-        raise HardwareError(f"Mesa card {board}: {width} I/O pins in {ports} ports of {port_width}: the description does not fit itself")
+        raise HardwareError(
+            f"Mesa card {board}: {width} I/O pins in {ports} ports of {port_width}: the description does not fit itself"
+        )
     clocks, instance_strides, register_strides = {1: words[10], 2: words[11]}, words[12:14], words[14:16]
     if min(clocks.values()) < 1_000_000:
         raise HardwareError(f"Mesa card {board}: clocks of {words[10]} and {words[11]} Hz, expected 1 MHz and more")
@@ -91,7 +95,9 @@ def discover(link):
         found = link.ask32(idrom + pins_at + 4 * first, min(32, width - first))
         for offset, word in enumerate(found):
             number = first + offset
-            pins.append(Pin(number // port_width, number % port_width, word >> 8 & 0xFF, word >> 16 & 0x7F, word & 0xFF))
+            pins.append(
+                Pin(number // port_width, number % port_width, word >> 8 & 0xFF, word >> 16 & 0x7F, word & 0xFF)
+            )
     return Layout(board, modules, tuple(pins))
 
 
@@ -104,12 +110,24 @@ def _modules(link, place, board, clocks, instance_strides, register_strides):
             return found
         if gtag in VERSIONS:
             if version not in VERSIONS[gtag]:
-                raise HardwareError(f"Mesa card {board}: {NAMES[gtag]} of version {version}, expected one of {VERSIONS[gtag]}")
+                raise HardwareError(
+                    f"Mesa card {board}: {NAMES[gtag]} of version {version}, expected one of {VERSIONS[gtag]}"
+                )
             if clock not in clocks:
                 raise HardwareError(f"Mesa card {board}: {NAMES[gtag]} with clock {clock}, expected 1 or 2")
             strides = second >> 24
             if (strides & 0xF) > 1 or (strides >> 4) > 1:
-                raise HardwareError(f"Mesa card {board}: {NAMES[gtag]} with strides {strides:02X}h, expected 0 or 1 in each half")
-            found[gtag] = Module(gtag, version, clocks[clock], instances, second & 0xFFFF, register_strides[strides & 0xF],
-                                 instance_strides[strides >> 4], mask)
+                raise HardwareError(
+                    f"Mesa card {board}: {NAMES[gtag]} with strides {strides:02X}h, expected 0 or 1 in each half"
+                )
+            found[gtag] = Module(
+                gtag,
+                version,
+                clocks[clock],
+                instances,
+                second & 0xFFFF,
+                register_strides[strides & 0xF],
+                instance_strides[strides >> 4],
+                mask,
+            )
     raise HardwareError(f"Mesa card {board}: its list of modules has no end")

@@ -1,8 +1,8 @@
 """LBP16: datagrams of commands to a Mesa Ethernet card, and the exchange that notices every lost or stale one.
 
-A command is a little-endian u16: bit 15 write, 14 an address (u16) follows, 13 information, 12 to 10 space, 9 and 8 size of an
-element (8, 16, 32, 64 bit), 7 the address rises, 6 to 0 count. The data of all reads of a datagram come back in one, bare.
-Source: Mesa manuals 7I92, 7I95T, 7I97T, chapter LBP16.
+A command is a little-endian u16: bit 15 write, 14 an address (u16) follows, 13 information, 12 to 10 space, 9 and 8
+size of an element (8, 16, 32, 64 bit), 7 the address rises, 6 to 0 count. The data of all reads of a datagram come back
+in one, bare. Source: Mesa manuals 7I92, 7I95T, 7I97T, chapter LBP16.
 """
 
 import select
@@ -36,7 +36,9 @@ def read32(address, count=1):
 
 def write32(address, *values):
     """Write registers of hostmot2 from ``address`` on."""
-    return command(HOSTMOT2, 32, address, len(values), True) + struct.pack(f"<{len(values)}I", *(v & 0xFFFFFFFF for v in values))
+    return command(HOSTMOT2, 32, address, len(values), True) + struct.pack(
+        f"<{len(values)}I", *(v & 0xFFFFFFFF for v in values)
+    )
 
 
 class Link:
@@ -78,7 +80,9 @@ class Link:
     def write(self, *commands):
         """Send writes with a number that the next `read` gives back, so that a lost one is noticed."""
         self._writes = (self._writes + 1) & 0xFFFFFFFF
-        self._last_write = b"".join(commands) + command(TIMERS, 32, SCRATCH + 4, 1, True) + struct.pack("<I", self._writes)
+        self._last_write = (
+            b"".join(commands) + command(TIMERS, 32, SCRATCH + 4, 1, True) + struct.pack("<I", self._writes)
+        )
         self.send(self._last_write)
 
     def repeat_write(self):
@@ -99,7 +103,12 @@ class Link:
         (data, written) : the bytes, and whether the last `write` has arrived; None where no answer came in time.
         """
         self._reads = (self._reads + 1) & 0xFFFFFFFF
-        self.send(commands, command(TIMERS, 32, SCRATCH, 1, True), struct.pack("<I", self._reads), command(TIMERS, 32, SCRATCH, 2))
+        self.send(
+            commands,
+            command(TIMERS, 32, SCRATCH, 1, True),
+            struct.pack("<I", self._reads),
+            command(TIMERS, 32, SCRATCH, 2),
+        )
         until = time.perf_counter() + seconds
         while True:
             answer = self._receive(until)

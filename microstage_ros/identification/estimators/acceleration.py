@@ -53,8 +53,15 @@ def identify_inertia(signals, axis):
     parts = [_fast_rows(s, gear, fast, balance_edge(s, axis)) for s in signals]
     w, torque = np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
     if len(torque) < 500:
-        result.add(Estimate("drive.rotor_inertia", axis.value("drive.rotor_inertia"), "kg m^2", determined=False,
-                            remark=f"not determined by these records (no sliding above {fast:.2g} rad/s); {INERTIA_EXPERIMENT}"))
+        result.add(
+            Estimate(
+                "drive.rotor_inertia",
+                axis.value("drive.rotor_inertia"),
+                "kg m^2",
+                determined=False,
+                remark=f"not determined by these records (no sliding above {fast:.2g} rad/s); {INERTIA_EXPERIMENT}",
+            )
+        )
         return result
     scale = np.maximum(np.abs(w).max(axis=0), 1e-300)
     values = np.linalg.lstsq(w / scale, torque, rcond=None)[0]
@@ -64,8 +71,11 @@ def identify_inertia(signals, axis):
     reflected = total_inertia_of(axis) - axis.value("drive.rotor_inertia")
     result.add(from_interval("drive.rotor_inertia", values[0] - reflected, spread[0], "kg m^2",
                              method="least squares, block sandwich", experiment=INERTIA_EXPERIMENT))
-    result.remarks.append(f"Fast sliding: level {in_short(values[1], spread[1], 'N m')}, slope {in_short(values[2], spread[2], 'N m s/rad')}, "
-                          f"constant torque {in_short(values[3], spread[3], 'N m')}.")
+    result.remarks.append(
+        f"Fast sliding: level {in_short(values[1], spread[1], 'N m')}, slope "
+        f"{in_short(values[2], spread[2], 'N m s/rad')}, "
+        f"constant torque {in_short(values[3], spread[3], 'N m')}."
+    )
     return result
 
 
@@ -82,8 +92,18 @@ def _fast_rows(signals, gear, fast, edge):
 
 
 def law_parameters(axis, attraction=None, level=1.0):
-    """Parameters of the actuator's law as `model.friction` takes them, with another C if given, its limits times ``level``."""
-    keys = ("stiffness", "weight", "static", "coulomb", "stribeck_velocity", "stribeck_exponent", "attraction", "viscous")
+    """Parameters of the actuator's law as `model.friction` takes them, with another C if given, its limits times
+    ``level``."""
+    keys = (
+        "stiffness",
+        "weight",
+        "static",
+        "coulomb",
+        "stribeck_velocity",
+        "stribeck_exponent",
+        "attraction",
+        "viscous",
+    )
     values = {key: axis.value(f"contacts.actuator.{key}") for key in keys}
     values["stiffness"], values["weight"] = tuple(values["stiffness"]), tuple(values["weight"])
     values["static"], values["coulomb"] = values["static"] * level, values["coulomb"] * level
@@ -91,7 +111,8 @@ def law_parameters(axis, attraction=None, level=1.0):
 
 
 def friction_along(signals, axis, attraction=None, level=1.0):
-    """Friction torque [N m] of the actuator's law, its limits times ``level``, along the record's motion, shape (n,)."""
+    """Friction torque [N m] of the actuator's law, its limits times ``level``, along the record's motion, shape
+    (n,)."""
     law = law_named("generalised_maxwell_slip")
     speed = signals.smooth_speed(min(LAW_EDGE, 0.2 / signals.period))
     return run_law(law, law.pack(law_parameters(axis, attraction, level)), speed, signals.period)
@@ -127,8 +148,17 @@ def identify_attraction(signals, axis):
     key, edge, result = "contacts.actuator.attraction", balance_edge(signals[0], axis), Identification()
     signals = [s for s in signals if _largest_lag(s, axis, edge) > LEAST_LAG]
     if not signals:
-        result.add(Estimate(key, axis.value(key), "N m/s", determined=False, method="profile likelihood",
-                            remark=f"not determined by these records (the speed passes the curve's knee too slowly); {ATTRACTION_EXPERIMENT}"))
+        result.add(
+            Estimate(
+                key,
+                axis.value(key),
+                "N m/s",
+                determined=False,
+                method="profile likelihood",
+                remark="not determined by these records (the speed passes the curve's knee too slowly); "
+                f"{ATTRACTION_EXPERIMENT}",
+            )
+        )
         return result
     balances = [_Balance(s, axis, edge) for s in signals]
 
@@ -137,18 +167,41 @@ def identify_attraction(signals, axis):
 
     grid = np.linspace(*np.log(ATTRACTION_RANGE), 15)
     best = _refine(squares, grid, int(np.argmin([squares(c) for c in grid])))
-    rows = _rows_that_count(balances, best, [[_Balance(s, other, edge) for s in signals] for other in _other_curves(axis)])
+    rows = _rows_that_count(
+        balances, best, [[_Balance(s, other, edge) for s in signals] for other in _other_curves(axis)]
+    )
     low, high = profile_interval(lambda c: rows * math.log(squares(c)), best, *np.log(ATTRACTION_RANGE), spread=0.1)
     if axis.value("contacts.actuator.coulomb") / math.exp(best) < signals[0].period:
         high = math.inf  # a lag of less than a period is none that these rows can show
     if not (np.isfinite(low) and np.isfinite(high)):
         bound = (f"above {quantity(math.exp(low), 'N m/s')}" if np.isfinite(low) else
                  f"below {quantity(math.exp(high), 'N m/s')}" if np.isfinite(high) else "anything")
-        result.add(Estimate(key, axis.value(key), "N m/s", low=math.exp(low), high=math.exp(high), determined=False, method="profile likelihood",
-                            remark=f"not determined by these records (95 %: {bound}); {ATTRACTION_EXPERIMENT}"))
+        result.add(
+            Estimate(
+                key,
+                axis.value(key),
+                "N m/s",
+                low=math.exp(low),
+                high=math.exp(high),
+                determined=False,
+                method="profile likelihood",
+                remark=f"not determined by these records (95 %: {bound}); {ATTRACTION_EXPERIMENT}",
+            )
+        )
     else:
         spread = math.exp(best) * (high - low) / 3.92
-        result.add(from_interval(key, math.exp(best), spread, "N m/s", math.exp(low), math.exp(high), "profile likelihood", ATTRACTION_EXPERIMENT))
+        result.add(
+            from_interval(
+                key,
+                math.exp(best),
+                spread,
+                "N m/s",
+                math.exp(low),
+                math.exp(high),
+                "profile likelihood",
+                ATTRACTION_EXPERIMENT,
+            )
+        )
     return result
 
 
@@ -197,9 +250,14 @@ def _hats(x, knots):
 
 
 def _other_curves(axis):
-    """Axes whose Stribeck curve is off by one standard uncertainty, one for each parameter whose uncertainty is known."""
+    """Axes whose Stribeck curve is off by one standard uncertainty, one for each parameter whose uncertainty is
+    known."""
     keys = [f"contacts.actuator.{name}" for name in ("static", "coulomb", "stribeck_velocity", "stribeck_exponent")]
-    return [axis.with_values({key: axis.value(key) + axis.quantity(key).stderr}) for key in keys if axis.quantity(key).stderr]
+    return [
+        axis.with_values({key: axis.value(key) + axis.quantity(key).stderr})
+        for key in keys
+        if axis.quantity(key).stderr
+    ]
 
 
 def _rows_that_count(balances, best, others):
@@ -235,7 +293,9 @@ def _largest_lag(signals, axis, edge):
         return 0.0
     speed = signals.smooth_speed(edge)
     near = np.abs(speed) < 2.0 * knee
-    return drop / knee * float(np.quantile(np.abs(np.gradient(speed, signals.period))[near], 0.95)) if near.any() else 0.0
+    return (
+        drop / knee * float(np.quantile(np.abs(np.gradient(speed, signals.period))[near], 0.95)) if near.any() else 0.0
+    )
 
 
 def _refine(function, grid, i):

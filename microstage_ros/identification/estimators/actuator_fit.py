@@ -22,7 +22,9 @@ FEWEST_REPEATS = 4  # below, scatter between repeats says nothing
 FEWEST_SPEEDS = 8  # different by a fifth; five parameters and some to judge them by
 RESAMPLES = 200
 GRID_ERROR = 6e-4  # share of a value that the common grid of the repeats may put off
-SLIDING_EXPERIMENT = "constant speeds of the output from 0.03 to 16 rad/s in both directions, in eight or more repeats, would"
+SLIDING_EXPERIMENT = (
+    "constant speeds of the output from 0.03 to 16 rad/s in both directions, in eight or more repeats, would"
+)
 BLOCKS_EXPERIMENT = "slow reversals (2 mrad/s of the output, 30 mrad each way) at four or more places would"
 PARTS = {
     "static": "speeds below a tenth of the Stribeck velocity would",
@@ -75,8 +77,15 @@ def identify_sliding(features, seed, contact="actuator", resamples=RESAMPLES):
     speed, friction, repeat = (np.asarray(v) for v in (features.speed, features.friction, features.repeat))
     if len(np.unique(np.round(np.log(np.abs(speed)) / 0.2))) < FEWEST_SPEEDS:
         for key, unit in zip(keys, UNITS):
-            result.add(Estimate(key, float("nan"), unit, determined=False,
-                                remark=f"not determined by these records ({len(speed)} steady runs); {SLIDING_EXPERIMENT}"))
+            result.add(
+                Estimate(
+                    key,
+                    float("nan"),
+                    unit,
+                    determined=False,
+                    remark=f"not determined by these records ({len(speed)} steady runs); {SLIDING_EXPERIMENT}",
+                )
+            )
         return result
     spread = point_spread(speed, friction)
     by_repeat = len(np.unique(repeat)) >= FEWEST_REPEATS
@@ -87,22 +96,32 @@ def identify_sliding(features, seed, contact="actuator", resamples=RESAMPLES):
         if mask.sum() < FEWEST_SPEEDS:
             continue
         try:
-            fit = _bootstrap_curve(np.abs(speed[mask]), np.abs(friction[mask]), spread[mask], unit[mask], seed, resamples)
+            fit = _bootstrap_curve(
+                np.abs(speed[mask]), np.abs(friction[mask]), spread[mask], unit[mask], seed, resamples
+            )
         except InputError:
             continue
         pooled = pooled or fit
-        rows += [(name, NAMES[i], quantity(fit[0][i], UNITS[i], 4), interval(fit[2][i], fit[3][i], UNITS[i], 4)) for i in range(5)]
+        rows += [
+            (name, NAMES[i], quantity(fit[0][i], UNITS[i], 4), interval(fit[2][i], fit[3][i], UNITS[i], 4))
+            for i in range(5)
+        ]
     values, stderr, low, high, covariance = pooled
     for i, key in enumerate(keys):
         result.add(from_interval(key, values[i], stderr[i], UNITS[i], low[i], high[i],
                                  f"bootstrap over {'repeats' if by_repeat else 'steady runs'}", PARTS[NAMES[i]]))
     knee = result.estimates[keys[2]]
     if not knee.determined or np.abs(speed).min() > 0.5 * knee.value:
-        why = f"not determined by these records (no run far below the knee, slowest {np.abs(speed).min():.3g} rad/s); {PARTS['static']}"
+        why = (
+            f"not determined by these records (no run far below the knee, slowest {np.abs(speed).min():.3g} "
+            f"rad/s); {PARTS['static']}"
+        )
         result.estimates[keys[0]] = replace(result.estimates[keys[0]], determined=False, remark=why)
     if not by_repeat:
-        result.remarks.append(f"Sliding friction of {len(np.unique(repeat))} repeats: the intervals hold for this place and time; "
-                              "at another the friction differs by its variability.")
+        result.remarks.append(
+            f"Sliding friction of {len(np.unique(repeat))} repeats: the intervals hold for this place and time; "
+            "at another the friction differs by its variability."
+        )
     result.correlations.append((tuple(keys), correlation(covariance)))
     result.tables.append(("Stribeck curve by direction (Table 2)", ("direction", "parameter", "value", "95 %"), rows))
     result.curves.append(_sliding_curve(speed, friction, values, covariance))
@@ -153,8 +172,15 @@ def identify_presliding(loadings, repeat, seed, contact="actuator", units=("N m/
     labels = np.unique(repeat)
     if len(labels) < FEWEST_REPEATS:
         for key, unit in zip(keys, (units[0], "1", units[2])):
-            result.add(Estimate(key, float("nan"), unit, determined=False,
-                                remark=f"not determined by these records ({len(labels)} repeats of first loading); {experiment}"))
+            result.add(
+                Estimate(
+                    key,
+                    float("nan"),
+                    unit,
+                    determined=False,
+                    remark=f"not determined by these records ({len(labels)} repeats of first loading); {experiment}",
+                )
+            )
         return result
     chosen, errors = choose_count(loadings) if count is None else (count, {})
     count = chosen
@@ -178,15 +204,40 @@ def identify_presliding(loadings, repeat, seed, contact="actuator", units=("N m/
         pick = [array[part].tolist() for array in (values, stderr, low, high)]
         pick = [p[0] for p in pick] if part.stop - part.start == 1 else pick
         determined = narrow(pick[0], *pick[2:])
-        result.add(Estimate(key, pick[0], unit, *pick[1:], determined=determined, method="bootstrap over repeats",
-                            remark="" if determined else f"not determined by these records (their repeats differ too much); {experiment}"))
+        result.add(
+            Estimate(
+                key,
+                pick[0],
+                unit,
+                *pick[1:],
+                determined=determined,
+                method="bootstrap over repeats",
+                remark=""
+                if determined
+                else f"not determined by these records (their repeats differ too much); {experiment}",
+            )
+        )
     _tables(result, contact, blocks, values, low, high, errors, units, reading)
     how = "chosen by the data" if errors else "as asked"
-    result.remarks.append(f"{contact}: {size} blocks ({how}); repeats differ by {np.std(factors):.1%} (standard deviation).")
+    result.remarks.append(
+        f"{contact}: {size} blocks ({how}); repeats differ by {np.std(factors):.1%} (standard deviation)."
+    )
     places, mean = mean_curve(grid, collapse(loadings, factors / factors.mean(), grid))
     curve = slice(2 * size + 1, None)
-    result.curves.append(Curve(f"First loading of the {contact}", f"displacement [{units[1]}]", f"friction [{units[2]}]", places, mean,
-                               grid, values[curve], low[curve], high[curve], mean - np.interp(places, grid, values[curve])))
+    result.curves.append(
+        Curve(
+            f"First loading of the {contact}",
+            f"displacement [{units[1]}]",
+            f"friction [{units[2]}]",
+            places,
+            mean,
+            grid,
+            values[curve],
+            low[curve],
+            high[curve],
+            mean - np.interp(places, grid, values[curve]),
+        )
+    )
     result.correlations.append((tuple([f"K{j + 1}" for j in range(size)] + [f"α{j + 1}" for j in range(size)]),
                                 correlation(covariance[: 2 * size, : 2 * size])))
     return result
@@ -195,9 +246,19 @@ def identify_presliding(loadings, repeat, seed, contact="actuator", units=("N m/
 def _tables(result, contact, blocks, values, low, high, errors, units, reading):
     size = len(blocks.stiffness)
     slopes, shares = blocks.segments()
-    rows = [(j + 1, quantity(blocks.stiffness[j], units[0], 4), f"{blocks.weight[j]:.4f}", quantity(blocks.slip_displacement[j], units[1], 4),
-             quantity(slopes[j], units[0], 4), f"{shares[j]:.4f}", interval(low[j], high[j], units[0], 4), f"{low[size + j]:.3f} … {high[size + j]:.3f}")
-            for j in range(size)]
+    rows = [
+        (
+            j + 1,
+            quantity(blocks.stiffness[j], units[0], 4),
+            f"{blocks.weight[j]:.4f}",
+            quantity(blocks.slip_displacement[j], units[1], 4),
+            quantity(slopes[j], units[0], 4),
+            f"{shares[j]:.4f}",
+            interval(low[j], high[j], units[0], 4),
+            f"{low[size + j]:.3f} … {high[size + j]:.3f}",
+        )
+        for j in range(size)
+    ]
     header = ("block", "k", "α", "slips at", "segment slope K", "segment share",
               f"95 % of {'k' if reading == 'blocks' else 'K'}", "95 % of the weight")
     result.tables.append((f"Maxwell-slip blocks of the {contact}, both readings of the paper's tables", header, rows))

@@ -105,7 +105,9 @@ def narrow(value, low, high, floor=0.0):
     value, low, high : numbers, or arrays of one shape: of a list every number has to be determined.
     """
     half_width = 0.5 * (np.asarray(high, dtype=float) - np.asarray(low, dtype=float))
-    return bool(np.all(np.isfinite(half_width) & (half_width <= DETERMINED_HALF_WIDTH * np.maximum(np.abs(value), floor))))
+    return bool(
+        np.all(np.isfinite(half_width) & (half_width <= DETERMINED_HALF_WIDTH * np.maximum(np.abs(value), floor)))
+    )
 
 
 def in_short(value, stderr, unit):

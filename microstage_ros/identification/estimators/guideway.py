@@ -35,7 +35,9 @@ def extract_loading(record, axis):
     position = record["interferometer_m"] if "interferometer_m" in record else record["encoder_m"]
     holds = _holds(force, record.period_s)
     if len(holds) < 8:
-        raise InputError(f"{record.source}: force", f"{len(holds)} levels held", "a load that goes up in steps (eight or more)")
+        raise InputError(
+            f"{record.source}: force", f"{len(holds)} levels held", "a load that goes up in steps (eight or more)"
+        )
     levels, places, speeds = np.array([_settled(force, position, hold, record.period_s) for hold in holds]).T
     slid = np.flatnonzero(np.abs(speeds) > SLIP_SPEED)
     last = slid[0] if len(slid) else len(levels)

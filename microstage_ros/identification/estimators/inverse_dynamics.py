@@ -44,7 +44,8 @@ class Bands:
 def choose_bands(force, period):
     """The fitted band holds 99.9 % of the force's power; the position's edge lies an octave above.
 
-    ``force`` [N], shape (n,); ``period`` [s]. Returns `Bands`, both below 0.4 of the sampling rate; InputError for a constant force.
+    ``force`` [N], shape (n,); ``period`` [s]. Returns `Bands`, both below 0.4 of the sampling rate; InputError for a
+    constant force.
     """
     if np.ptp(force) == 0.0:
         raise InputError("force", f"constant {float(force[0])!r} N", "a force that changes")
@@ -120,8 +121,11 @@ def identify_force_axis(records, axis, bands=None):
     w, z, f = (np.concatenate(column) for column in zip(*parts))
     for direction in (-1.0, 1.0):
         if np.sum(w[:, 2] * direction > 0.5) < LEAST_ROWS:
-            raise InputError(f"{records[0].source}: encoder_m", f"no motion with velocity {'<' if direction < 0 else '>'} 0",
-                             "moves in both directions")
+            raise InputError(
+                f"{records[0].source}: encoder_m",
+                f"no motion with velocity {'<' if direction < 0 else '>'} 0",
+                "moves in both directions",
+            )
     # condition: columns in comparable size before solving
     scale = np.linalg.norm(w, axis=0)
     values = np.linalg.lstsq(w / scale, f, rcond=None)[0] / scale
@@ -139,8 +143,11 @@ def _refuse_nonsense(records, values, covariance, residual, force):
     """Force and motion that do not belong together: a size that is surely negative, a force left unexplained."""
     for key, unit, value, variance in zip(KEYS[:3], UNITS, values, np.diag(covariance)):
         if value + 3.0 * np.sqrt(variance) < 0.0:
-            raise InputError(f"{records[0].source}: force against encoder_m", f"a {key} of {value:.4g} {unit}",
-                             "a force that accelerates its stage and overcomes its friction; wrong sign, unit or column?")
+            raise InputError(
+                f"{records[0].source}: force against encoder_m",
+                f"a {key} of {value:.4g} {unit}",
+                "a force that accelerates its stage and overcomes its friction; wrong sign, unit or column?",
+            )
     left = float(np.linalg.norm(residual) / np.linalg.norm(force))
     if left > MOST_LEFT:
         raise InputError(f"{records[0].source}: force against encoder_m", f"{left:.0%} of the force left unexplained",

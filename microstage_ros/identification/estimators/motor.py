@@ -56,8 +56,11 @@ def identify_motor(signals, axis):
     covariance = block_covariance(w / scale, i - (w / scale) @ values, max(int(0.05 / period), 50))
     left = np.var(i - (w / scale) @ values) / max(np.var(i), 1e-300)
     if left > MOST_LEFT:
-        raise InputError(f"{signals[0].source}: voltage_V against current_A", f"{left:.0%} of the current left unexplained",
-                         f"at most {MOST_LEFT:.0%} by voltage and speed; do the columns belong to one motor?")
+        raise InputError(
+            f"{signals[0].source}: voltage_V against current_A",
+            f"{left:.0%} of the current left unexplained",
+            f"at most {MOST_LEFT:.0%} by voltage and speed; do the columns belong to one motor?",
+        )
     (g, h, o, lag), covariance = values / scale, covariance / np.outer(scale, scale)
     resistance, back_emf = 1.0 / g, h / g
     constants = np.array([resistance, back_emf, resistance * lag / h, o / g])
@@ -75,8 +78,17 @@ def identify_motor(signals, axis):
     result = Identification()
     floors = (0.0, 0.0, 0.0, 0.02)
     for k, key in enumerate(NAMES):
-        result.add(from_interval(key, constants[k], float(np.sqrt(spread[k, k])), UNITS[k], method="least squares, block sandwich",
-                                 experiment=EXPERIMENTS[k], floor=floors[k]))
+        result.add(
+            from_interval(
+                key,
+                constants[k],
+                float(np.sqrt(spread[k, k])),
+                UNITS[k],
+                method="least squares, block sandwich",
+                experiment=EXPERIMENTS[k],
+                floor=floors[k],
+            )
+        )
     result.correlations.append((NAMES, correlation(spread)))
     return result
 
@@ -105,10 +117,19 @@ def cross_check(signals, estimates, axis):
     """Sentence on how far Eq. 9 and the encoder agree over all steady windows; '' where there are none."""
     if not (estimates["drive.resistance"].determined and estimates["drive.back_emf"].determined):
         return ""
-    constants = estimates["drive.resistance"].value, estimates["drive.back_emf"].value, axis.value("transmission.gear_ratio")
-    pairs = np.array([(window_means(s, w)[0], speed_by_voltage(s, w, *constants)) for s in signals for w in steady_windows(s)])
+    constants = (
+        estimates["drive.resistance"].value,
+        estimates["drive.back_emf"].value,
+        axis.value("transmission.gear_ratio"),
+    )
+    pairs = np.array(
+        [(window_means(s, w)[0], speed_by_voltage(s, w, *constants)) for s in signals for w in steady_windows(s)]
+    )
     if not len(pairs):
         return ""
     worst = np.abs(pairs[:, 1] - pairs[:, 0]).max()
-    return (f"Speed by voltage and current (Eq. 9) against the encoder: {worst:.2g} rad/s apart at most, over {len(pairs)} steady runs "
-            f"up to {np.abs(pairs[:, 0]).max():.3g} rad/s.")
+    return (
+        f"Speed by voltage and current (Eq. 9) against the encoder: {worst:.2g} rad/s apart at most, over "
+        f"{len(pairs)} steady runs "
+        f"up to {np.abs(pairs[:, 0]).max():.3g} rad/s."
+    )

@@ -2,8 +2,9 @@
 
     y(n) = x̂(n; u(0 … n − 1), θ) + y_0 + e(n),        θ: one factor for each of `Actuator.identified`
 
-The factors are those of least squared error e, over all records at once; a constant y_0 per record takes the sensor's zero
-and the drive's history before the record. The model is the compiled one of the simulator, with its sensor and without noise.
+The factors are those of least squared error e, over all records at once; a constant y_0 per record takes the sensor's
+zero and the drive's history before the record. The model is the compiled one of the simulator, with its sensor and
+without noise.
 """
 
 import numpy as np
@@ -18,7 +19,7 @@ from microstage_ros.solver.plant import NoiseSpec, make_plant
 
 BLOCK_S = 0.1                   # the error hangs together over about this time [s]
 LEAST, MOST = 0.05, 20.0        # factors that are tried
-DETERMINED_SHARE = 0.5                      # a factor is told by the records if its 95 % interval is no wider than ± this share
+DETERMINED_SHARE = 0.5  # a factor is told by the records if its 95 % interval is no wider than ± this share
 SHOWN = 4000                    # points of the curve
 EXPERIMENT = "slow loops over several strokes, and steps held for ten times the longest creep time, would"
 
@@ -36,14 +37,19 @@ def identify_position_drive(records, axis):
 
     Raises
     ------
-    InputError : no record; a drive of which a record of command and position tells nothing; a command that stands still.
+    InputError : no record; a drive of which a record of command and position tells nothing; a command that stands
+        still.
     """
     actuator = actuator_of(axis)
     keys = [key for key in actuator.identified if np.any(np.atleast_1d(axis.value(key)))]
     if not keys:
-        raise InputError(f"{axis.place}: drive.type", actuator.name,
-                         f"a drive whose motion tells something of it: the {actuator.name} goes where its {actuator.command.quantity} "
-                         "says, whatever its torque and its load are; they are found with a weight, not with a record")
+        raise InputError(
+            f"{axis.place}: drive.type",
+            actuator.name,
+            f"a drive whose motion tells something of it: the {actuator.name} goes where its "
+            f"{actuator.command.quantity} "
+            "says, whatever its torque and its load are; they are found with a weight, not with a record",
+        )
     if not records:
         raise InputError("records", 0, "at least one record")
     for record in records:
@@ -56,7 +62,9 @@ def identify_position_drive(records, axis):
 
     start = np.ones(len(keys))
     scale = float(np.std(np.concatenate([record["encoder_m"] for record in records]))) or 1.0
-    fit = least_squares(lambda f: residual(f) / scale, start, diff_step=1e-3, bounds=(LEAST * start, MOST * start), x_scale=0.1 * start)
+    fit = least_squares(
+        lambda f: residual(f) / scale, start, diff_step=1e-3, bounds=(LEAST * start, MOST * start), x_scale=0.1 * start
+    )
     block = max(int(BLOCK_S / axis.value("period")), 10)
     covariance = block_covariance(fit.jac, fit.fun, block)
     spread = np.sqrt(np.diag(covariance))
@@ -65,10 +73,17 @@ def identify_position_drive(records, axis):
         result.add(_estimate(axis, key, float(factor), float(stderr)))
     result.correlations.append((tuple(keys), correlation(covariance)))
     before, after = (float(np.sqrt(np.mean(residual(f) ** 2))) for f in (start, fit.x))
-    result.remarks.append(f"Position by the model from the recorded command, open loop: error {before * 1e9:.3g} nm rms with the axis file, "
-                          f"{after * 1e9:.3g} nm with what was identified.")
-    result.remarks.append("Lists (hysteresis, creep) keep the axis file's shape: one factor scales all of their numbers.")
-    result.curves.append(_curve(records[0], axis.with_values({k: scaled(axis, k, f) for k, f in zip(keys, fit.x)}), actuator))
+    result.remarks.append(
+        f"Position by the model from the recorded command, open loop: error {before * 1e9:.3g} nm rms with the axis "
+        "file, "
+        f"{after * 1e9:.3g} nm with what was identified."
+    )
+    result.remarks.append(
+        "Lists (hysteresis, creep) keep the axis file's shape: one factor scales all of their numbers."
+    )
+    result.curves.append(
+        _curve(records[0], axis.with_values({k: scaled(axis, k, f) for k, f in zip(keys, fit.x)}), actuator)
+    )
     return result
 
 
@@ -94,12 +109,30 @@ def _estimate(axis, key, factor, stderr):
     determined = bool(np.isfinite(half) and half <= DETERMINED_SHARE * factor)
     value, spread, low, high = (scaled(axis, key, f) for f in (factor, stderr, factor - half, factor + half))
     remark = "" if determined else f"not determined by these records (factor {factor:.3g} ± {half:.2g}); {EXPERIMENT}"
-    return Estimate(key, value, axis.quantity(key).unit, spread, low, high, determined, f"open-loop output error, block sandwich ({LEVEL:.0%})", remark)
+    return Estimate(
+        key,
+        value,
+        axis.quantity(key).unit,
+        spread,
+        low,
+        high,
+        determined,
+        f"open-loop output error, block sandwich ({LEVEL:.0%})",
+        remark,
+    )
 
 
 def _curve(record, axis, actuator):
     command, position, model = record[actuator.command.column], record["encoder_m"], _simulated(axis, record, actuator)
     model = model + float(np.mean(position - model))
     pick = np.linspace(0, len(command) - 1, min(len(command), SHOWN)).astype(int)
-    return Curve("Position against command", f"{actuator.command.quantity} [{actuator.command.unit}]", "position [m]", command[pick],
-                 position[pick], command[pick], model[pick], residual=(position - model)[pick])
+    return Curve(
+        "Position against command",
+        f"{actuator.command.quantity} [{actuator.command.unit}]",
+        "position [m]",
+        command[pick],
+        position[pick],
+        command[pick],
+        model[pick],
+        residual=(position - model)[pick],
+    )

@@ -87,4 +87,7 @@ def _scale(speed, friction):
 
 
 def _starts(scale, speed):
-    return [np.array([1.05, 0.95, knee / scale[2], 1.0, 1.0]) for knee in np.geomspace(2.0 * speed.min(), 0.2 * speed.max(), 4)]
+    return [
+        np.array([1.05, 0.95, knee / scale[2], 1.0, 1.0])
+        for knee in np.geomspace(2.0 * speed.min(), 0.2 * speed.max(), 4)
+    ]

@@ -128,7 +128,9 @@ def identify_variability(deviation, travel, time, restart):
         spread = (high - low) / 3.92 if np.isfinite(high - low) else np.inf
         result.add(from_interval(key, natural[i], spread, UNITS[i], low, high, "profile likelihood", EXPERIMENTS[i]))
     if result.estimates[KEYS[0]].determined:
-        result.remarks.append(f"Friction varies by {natural[0]:.1%} (standard deviation); noise of one sample {natural[4]:.2%}.")
+        result.remarks.append(
+            f"Friction varies by {natural[0]:.1%} (standard deviation); noise of one sample {natural[4]:.2%}."
+        )
     return result
 
 

@@ -107,7 +107,9 @@ def fit_blocks(displacement, force, count, first=None):
         return _solve(x, y, np.exp(log_knots))[1] / np.std(y)
 
     start = np.log(_merged_knots(x, y, count) if first is None else np.sort(first))
-    search = least_squares(residual, np.clip(start, low + 1e-6, high - 1e-6), bounds=(low, high), diff_step=1e-4, max_nfev=40)
+    search = least_squares(
+        residual, np.clip(start, low + 1e-6, high - 1e-6), bounds=(low, high), diff_step=1e-4, max_nfev=40
+    )
     knots = np.sort(np.exp(search.x))
     levels, misfit = _solve(x, y, knots)
     kept = levels > 1e-4 * levels.sum()

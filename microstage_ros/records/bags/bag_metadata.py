@@ -106,7 +106,15 @@ def metadata_of_files(parts, ros_distro="jazzy"):
         files.append(metadata_of(name, topics, counts, start, end, {}, ros_distro)["files"][0])
     starts = [part[2] for _, part in parts if part[2] is not None]
     ends = [part[3] for _, part in parts if part[3] is not None]
-    whole = metadata_of(parts[0][0], list(named.values()), counted, min(starts, default=None), max(ends, default=None), custom, ros_distro)
+    whole = metadata_of(
+        parts[0][0],
+        list(named.values()),
+        counted,
+        min(starts, default=None),
+        max(ends, default=None),
+        custom,
+        ros_distro,
+    )
     whole["relative_file_paths"], whole["files"] = [name for name, _ in parts], files
     return whole
 

@@ -181,7 +181,9 @@ class _Part:
         lengths = np.ndarray((len(raw) - 8,), "<u8", raw.data, offset=1, strides=(1,))[offsets.astype(np.int64)]
         bad = (lengths < LENGTH_BEFORE_PAYLOAD) | (lengths > len(raw) - 9 - offsets)
         if bad.any():
-            raise InputError(place, f"a message of {int(lengths[bad][0])} bytes", f"messages within its {len(raw)} bytes")
+            raise InputError(
+                place, f"a message of {int(lengths[bad][0])} bytes", f"messages within its {len(raw)} bytes"
+            )
         return (offsets + lengths + 9).astype(np.int64)
 
 

@@ -46,7 +46,8 @@ PERIOD_TOLERANCE = 2e-3
 """How far the mean period of a clock may be from the nominal one, relative."""
 
 FIRST_ROWS = 10  # that may lack a reference while a cell starts
-LAST_ROWS = 1000  # that may lack one where a recorder left a running cell: states come sooner than the commands that answer them
+LAST_ROWS = 1000
+"""Rows that may lack a command where a recorder left a running cell: states come sooner than their answers."""
 MOST_ROWS = 10**10
 
 
@@ -119,8 +120,8 @@ def bag_to_record(path, namespace=None):
 
 
 def _where_commanded(columns):
-    """The columns from the first row with a reference on, where a recorder that joined a running cell heard of the controller later,
-    and up to the last one, where it left before the commands came that answer its last states."""
+    """The columns from the first row with a reference on, where a recorder that joined a running cell heard of the
+    controller later, and up to the last one, where it left before the commands came that answer its last states."""
     if "reference_m" not in columns:
         return columns
     known = np.isfinite(columns["reference_m"])
@@ -146,8 +147,12 @@ def record_to_bag(record, path, namespace=NAMESPACE):
         raise InputError(f"{path}: column voltage_V", "missing", "a record of voltages; forces go into a .csv file")
     if command is not VOLTAGE:         # the messages' fields keep their names, the metadata says what they hold
         renamed = {command.column: VOLTAGE.column, command.disturbance: VOLTAGE.disturbance}
-        record = Record(record.period_s, {renamed.get(name, name): values for name, values in record.columns.items()}, record.source,
-                        {**record.metadata, "command": command.as_dict()})
+        record = Record(
+            record.period_s,
+            {renamed.get(name, name): values for name, values in record.columns.items()},
+            record.source,
+            {**record.metadata, "command": command.as_dict()},
+        )
     topics = [topic for topic in FIELDS if topic in ("state", "command") or _any(record, topic)]
     custom_data = {name: value if isinstance(value, str) else json.dumps(value, default=str)
                    for name, value in record.metadata.items()}
@@ -163,7 +168,8 @@ def record_to_bag(record, path, namespace=NAMESPACE):
 
 
 def _command(custom_data):
-    """The `Command` that a bag's field ``voltage`` holds: as its metadata or its axis file says, volts if neither does."""
+    """The `Command` that a bag's field ``voltage`` holds: as its metadata or its axis file says, volts if neither
+    does."""
     told = metadata_value(custom_data.get("command", "null"))
     column = told.get("column") if isinstance(told, dict) else None
     if column is None and "axis_file" in custom_data:

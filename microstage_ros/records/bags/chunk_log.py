@@ -1,8 +1,9 @@
-"""The index of the chunks of a bag that is being written, kept out of memory: a bag of hours has a hundred thousand of them.
+"""The index of the chunks of a bag that is being written, kept out of memory: a bag of hours has a hundred thousand of
+them.
 
-One entry per chunk: its record for the closing part, ready to be written, and what has to be known to take the chunk back
-when the disk is full. Entries wait in memory up to `TOGETHER` and then go to a nameless temporary file; where that cannot
-be written, they stay in memory.
+One entry per chunk: its record for the closing part, ready to be written, and what has to be known to take the chunk
+back when the disk is full. Entries wait in memory up to `TOGETHER` and then go to a nameless temporary file; where that
+cannot be written, they stay in memory.
 """
 
 import json

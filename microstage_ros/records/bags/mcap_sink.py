@@ -181,7 +181,9 @@ class McapSink:
             compression=self.compression, compressed_size=packed, uncompressed_size=len(chunk.records))
         self._put(b"".join([raw, *indexes]))
         counts = {channel: len(entries) for channel, entries in index.items()}
-        self._chunks.append(_bytes_of(entry), [entry.chunk_start_offset, list(counts.items()), self.start_time, self.end_time])
+        self._chunks.append(
+            _bytes_of(entry), [entry.chunk_start_offset, list(counts.items()), self.start_time, self.end_time]
+        )
         self.counts.update(counts)
         self.start_time = start if self.start_time is None else min(start, self.start_time)
         self.end_time = end if self.end_time is None else max(end, self.end_time)
@@ -221,7 +223,9 @@ class McapSink:
             summary += part
         offset_start = summary_start + len(summary)
         checked = summary + offsets + struct.pack("<BQQQ", Opcode.FOOTER, 20, summary_start, offset_start)
-        return data_end + summary + offsets + _bytes_of(Footer(summary_start, offset_start, zlib.crc32(checked))) + MAGIC
+        return (
+            data_end + summary + offsets + _bytes_of(Footer(summary_start, offset_start, zlib.crc32(checked))) + MAGIC
+        )
 
     def _statistics(self):
         return Statistics(

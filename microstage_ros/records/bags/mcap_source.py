@@ -29,7 +29,8 @@ RECORD_HEAD = struct.Struct("<BQ")
 CHUNK_HEAD = struct.Struct("<QQQII")
 SQLITE = b"SQLite format 3"
 LARGEST_CHUNK = 1 << 32
-"""Bytes of one unpacked chunk: writers make chunks of about 1 MiB; a head that gives more than this is damaged or hostile."""
+"""Bytes of one unpacked chunk: writers make chunks of about 1 MiB; a head that gives more than this is damaged or
+hostile."""
 PIECE = 1 << 24
 """Bytes that are unpacked at a time, so that memory follows what there is and not what a head says."""
 

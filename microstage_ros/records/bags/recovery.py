@@ -1,7 +1,8 @@
-"""Bags that were cut off or damaged, made whole again: what can be read is written anew with a closing part and metadata.
+"""Bags that were cut off or damaged, made whole again: what can be read is written anew with a closing part and
+metadata.
 
-A recorder that is killed leaves an MCAP file without its closing part; this project's own reader goes through such a file,
-other tools do not. A damaged chunk (its CRC does not match) is left out, and what was lost is told.
+A recorder that is killed leaves an MCAP file without its closing part; this project's own reader goes through such a
+file, other tools do not. A damaged chunk (its CRC does not match) is left out, and what was lost is told.
 """
 
 import os
@@ -34,8 +35,8 @@ class Recovery:
 
     Attributes
     ----------
-    file : path. whole : there was nothing to do. messages : that can be read now. chunks : kept. lost_chunks : that could not
-        be read. lost_bytes : behind the last whole record. topics : name to messages.
+    file : path. whole : there was nothing to do. messages : that can be read now. chunks : kept. lost_chunks : that
+        could not be read. lost_bytes : behind the last whole record. topics : name to messages.
     """
 
     file: Path
@@ -148,8 +149,16 @@ def _recover_file(file):
     found.whole = not source.cut_off and not source.bad and _closed(file, source.good)
     span = [(chunk.start, chunk.end) for chunk, _, _ in source.good]
     start, end = min((s for s, _ in span), default=None), max((e for _, e in span), default=None)
-    topics = [TopicInfo(number, channel.topic, schemas[channel.schema_id].name, dict(channel.metadata).get("topic_type_hash", ""),
-                        _profiles(channel)) for number, channel in sorted(channels.items())]
+    topics = [
+        TopicInfo(
+            number,
+            channel.topic,
+            schemas[channel.schema_id].name,
+            dict(channel.metadata).get("topic_type_hash", ""),
+            _profiles(channel),
+        )
+        for number, channel in sorted(channels.items())
+    ]
     part = topics, counts, start, end, source.metadata.get(CUSTOM_DATA, {})
     if not found.whole:
         found.lost_bytes = _write_anew(file, source, channels, schemas, part)
@@ -188,7 +197,9 @@ def _write_anew(file, source, channels, schemas, part):
             sink.add_chunk(_Kept(raw, entries))
     sink.wait()
     topics, counts, start, end, custom = part
-    sink.add_metadata("rosbag2", {"serialized_metadata": as_text(metadata_of(file.name, topics, counts, start, end, custom, "jazzy"))})
+    sink.add_metadata(
+        "rosbag2", {"serialized_metadata": as_text(metadata_of(file.name, topics, counts, start, end, custom, "jazzy"))}
+    )
     sink.close()
     size = file.stat().st_size
     os.replace(file, file.with_name(file.name + DAMAGED))

@@ -34,8 +34,11 @@ def decode_messages(topic, records):
                                 topic.text if topic.encoding == "ros2idl" else topic.definition().text)
         decoded = [store.deserialize_cdr(record[HEAD_BYTES:], kind) for record in records]
     except (TypesysError, SerdeError, KeyError, ValueError, IndexError, AssertionError) as error:
-        raise InputError(f"topic {topic.name}", f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}",
-                         f"messages of type {topic.type} as the bag defines it") from None
+        raise InputError(
+            f"topic {topic.name}",
+            f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}",
+            f"messages of type {topic.type} as the bag defines it",
+        ) from None
     columns: dict[str, list] = {"log_time_ns": [], "publish_time_ns": []}
     for record in records:
         log_time, publish_time = MESSAGE_HEAD.unpack_from(record)[4:]

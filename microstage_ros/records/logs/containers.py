@@ -9,7 +9,8 @@ from microstage_ros.records.logs.text_table import Table
 
 
 def read_mat(path):
-    """`Table` of a MATLAB file: every vector of the commonest length, columns of matrices as ``name(:,k)``, fields of structs.
+    """`Table` of a MATLAB file: every vector of the commonest length, columns of matrices as ``name(:,k)``, fields of
+    structs.
 
     Raises InputError for version 7.3 (HDF5), which scipy does not read, and for files without vectors.
     """
@@ -19,7 +20,9 @@ def read_mat(path):
     try:
         raw = loadmat(path, squeeze_me=True, struct_as_record=False)
     except NotImplementedError:
-        raise InputError(path, "a MATLAB file of version 7.3", "save it with `save(name, '-v7')`, or export CSV") from None
+        raise InputError(
+            path, "a MATLAB file of version 7.3", "save it with `save(name, '-v7')`, or export CSV"
+        ) from None
     except (OSError, ValueError, TypeError, MatReadError) as error:
         raise InputError(path, " ".join(str(error).split())[:80], "a MATLAB file") from None
     vectors = {}
@@ -54,7 +57,8 @@ def _collect(vectors, name, value):
 def read_mcap(path, topic=""):
     """`Table` of one topic of an MCAP bag: joint states, trajectory-controller states, or any message of scalars.
 
-    Columns are ``joint.position``, ``joint.velocity``, ``joint.effort`` and the like, with ``time`` from the header's stamp.
+    Columns are ``joint.position``, ``joint.velocity``, ``joint.effort`` and the like, with ``time`` from the header's
+    stamp.
 
     Parameters
     ----------
@@ -69,8 +73,15 @@ def read_mcap(path, topic=""):
             raw = file.read()
         reader = make_reader(io.BytesIO(raw), decoder_factories=[DecoderFactory()])
         summary = reader.get_summary()
-        counts = {channel.topic: summary.statistics.channel_message_counts.get(key, 0) for key, channel in summary.channels.items()}
-        kinds = {channel.topic: summary.schemas[channel.schema_id].name for channel in summary.channels.values() if channel.schema_id}
+        counts = {
+            channel.topic: summary.statistics.channel_message_counts.get(key, 0)
+            for key, channel in summary.channels.items()
+        }
+        kinds = {
+            channel.topic: summary.schemas[channel.schema_id].name
+            for channel in summary.channels.values()
+            if channel.schema_id
+        }
         chosen = topic or _best_topic(counts, kinds)
         if chosen not in counts:
             raise InputError(f"{path}: topic", chosen, "one of " + ", ".join(sorted(counts)))

@@ -16,17 +16,45 @@ PLACES = ("length", "angle", "counts")
 SPEEDS = ("speed", "angular speed", "count rate")
 #: Quantities that a column can hold, and the dimensions that their units may have.
 QUANTITIES = {
-    "time": ("time",), "reference": PLACES, "position": PLACES, "following_error": PLACES, "velocity": SPEEDS,
-    "reference_velocity": SPEEDS, "current": ("current", "ratio"), "torque": ("torque", "ratio"), "force": ("force", "ratio"),
+    "time": ("time",),
+    "reference": PLACES,
+    "position": PLACES,
+    "following_error": PLACES,
+    "velocity": SPEEDS,
+    "reference_velocity": SPEEDS,
+    "current": ("current", "ratio"),
+    "torque": ("torque", "ratio"),
+    "force": ("force", "ratio"),
     "voltage": ("voltage", "ratio"),
 }
 #: Facts of the machine, their dimensions, and the lowest sensible value.
-FACTS = {"lead": ("length",), "gear_ratio": ("ratio",), "counts_per_turn": ("counts", "ratio"), "mass": ("mass",),
-         "nominal_current": ("current",), "nominal_torque": ("torque",), "nominal_force": ("force",), "nominal_voltage": ("voltage",),
-         "torque_constant": ("torque constant",), "resistance": ("resistance",), "cogging_per_turn": ("ratio",)}
+FACTS = {
+    "lead": ("length",),
+    "gear_ratio": ("ratio",),
+    "counts_per_turn": ("counts", "ratio"),
+    "mass": ("mass",),
+    "nominal_current": ("current",),
+    "nominal_torque": ("torque",),
+    "nominal_force": ("force",),
+    "nominal_voltage": ("voltage",),
+    "torque_constant": ("torque constant",),
+    "resistance": ("resistance",),
+    "cogging_per_turn": ("ratio",),
+}
 EFFORTS = ("current", "torque", "force", "voltage")
 FORMATS = ("csv", "table", "mat", "mcap")
-OPTIONS = ("format", "separator", "skip_rows", "sampling_hz", "condition", "run", "cycle_restarts", "position_at", "topic", "name")
+OPTIONS = (
+    "format",
+    "separator",
+    "skip_rows",
+    "sampling_hz",
+    "condition",
+    "run",
+    "cycle_restarts",
+    "position_at",
+    "topic",
+    "name",
+)
 KEYS = (*OPTIONS, *QUANTITIES, *FACTS)
 #: Where the position is read: before the transmission or behind it. What the transmission does shows only behind it.
 SIDES = ("motor", "load")
@@ -105,17 +133,26 @@ def _quantity(entry, name, place):
         if key not in ENTRY:
             raise InputError(f"{place}.{key}", "unknown key", "one of " + ", ".join(ENTRY))
     column = entry.get("column")
-    if isinstance(column, bool) or not isinstance(column, (str, int)) or column == "" or (isinstance(column, int) and column < 1):
+    if (
+        isinstance(column, bool)
+        or not isinstance(column, (str, int))
+        or column == ""
+        or (isinstance(column, int) and column < 1)
+    ):
         raise InputError(f"{place}.column", column, "a column's name, or its number counted from 1")
     if "unit" not in entry:
-        raise InputError(f"{place}.unit", None, "the unit of the column, for instance " + {"time": "s"}.get(name, "mm, rpm, A, %"))
+        raise InputError(
+            f"{place}.unit", None, "the unit of the column, for instance " + {"time": "s"}.get(name, "mm, rpm, A, %")
+        )
     dimension, factor = unit_of(entry["unit"], QUANTITIES[name], f"{place}.unit")
     sign, signed, offset = entry.get("sign", 1), entry.get("signed", True), entry.get("offset", 0.0)
     if sign not in (1, -1):
         raise InputError(f"{place}.sign", sign, "1 or -1")
     if not isinstance(signed, bool):
         raise InputError(f"{place}.signed", signed, "true, or false for a column without sign")
-    return Quantity(column, str(entry["unit"]), dimension, factor, float(sign), signed, _number(offset, f"{place}.offset"))
+    return Quantity(
+        column, str(entry["unit"]), dimension, factor, float(sign), signed, _number(offset, f"{place}.offset")
+    )
 
 
 def _options(options, place):
@@ -146,8 +183,15 @@ def _options(options, place):
     side = options.get("position_at", "")
     if side and side not in SIDES:
         raise InputError(f"{place}: position_at", side, "motor or load: where the position is read")
-    return {**checked, "position_at": side, "skip_rows": rows, "sampling_hz": None if rate is None else float(rate), "cycle_restarts": restarts,
-            "topic": str(options.get("topic", "")), "name": str(options.get("name", ""))}
+    return {
+        **checked,
+        "position_at": side,
+        "skip_rows": rows,
+        "sampling_hz": None if rate is None else float(rate),
+        "cycle_restarts": restarts,
+        "topic": str(options.get("topic", "")),
+        "name": str(options.get("name", "")),
+    }
 
 
 def _enough(quantities, options, place):
@@ -155,8 +199,12 @@ def _enough(quantities, options, place):
     if "time" not in quantities and options["sampling_hz"] is None and options["format"] != "mcap":
         raise InputError(f"{place}: time", None, "an entry time, or sampling_hz where there is no time column")
     if not any(name in quantities for name in ("reference", "position", "velocity", "reference_velocity")):
-        raise InputError(f"{place}: position", None, "at least one of reference, position, velocity, reference_velocity: "
-                         "without it nothing tells how the machine moved")
+        raise InputError(
+            f"{place}: position",
+            None,
+            "at least one of reference, position, velocity, reference_velocity: "
+            "without it nothing tells how the machine moved",
+        )
     if not any(name in quantities for name in (*EFFORTS, "following_error")) and not (
             "reference" in quantities and "position" in quantities) and not (
             "reference_velocity" in quantities and "velocity" in quantities):

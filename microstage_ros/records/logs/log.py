@@ -22,8 +22,8 @@ class Log:
     Attributes
     ----------
     source : file name. time : shape (n,) [s], from the start of each piece's clock.
-    signals : name → array of shape (n,), SI: reference, position, following_error, velocity, reference_velocity, and the
-        efforts (current, torque, force, voltage) that the file holds; NaN is a missing sample.
+    signals : name → array of shape (n,), SI: reference, position, following_error, velocity, reference_velocity, and
+        the efforts (current, torque, force, voltage) that the file holds; NaN is a missing sample.
     piece : number of the continuous piece of each row. run, condition : index into ``runs`` and ``conditions``.
     shift : class of the constant by which the effort was shifted afterwards, per row, or None.
     place_unit : ``"m"`` or ``"rad"``. effort : name of the effort signal or ``""``; effort_unit; signed.
@@ -75,7 +75,8 @@ def read_table(path, description=None):
 def read_log(path, description: LogDescription):
     """Read a file as LOG.yaml describes it.
 
-    Raises InputError for a file that cannot be read, a column that it lacks, a unit that needs a fact that is not given.
+    Raises InputError for a file that cannot be read, a column that it lacks, a unit that needs a fact that is not
+    given.
     """
     table = read_table(path, description)
     notes = [*table.notes]
@@ -83,21 +84,43 @@ def read_log(path, description: LogDescription):
     signals, unit, notes_q = _signals(table, description, path)
     piece, kept, more = quality.pieces_of(time, description.cycle_restarts)
     if len(time) and piece[-1] + 1 > 0.3 * len(time):
-        raise InputError(f"{path}: time", f"{piece[-1]} steps back or gaps in {len(time)} rows", "time that advances; see time.column and time.unit")
+        raise InputError(
+            f"{path}: time",
+            f"{piece[-1]} steps back or gaps in {len(time)} rows",
+            "time that advances; see time.column and time.unit",
+        )
     notes += more
     shift = None
     effort = description.effort
     if effort:
         shift = quality.shifts(signals[effort])
         if shift is not None:
-            notes.append(f"The digits of {effort} show that it was shifted afterwards by {len(np.unique(shift))} different "
-                         "constants: levels of stretches with different constants cannot be compared.")
+            notes.append(
+                f"The digits of {effort} show that it was shifted afterwards by {len(np.unique(shift))} different "
+                "constants: levels of stretches with different constants cannot be compared."
+            )
     notes += notes_q + _clean(signals, piece, effort)
     run, runs = _labels(table, description.run, path, "run")
     condition, conditions = _labels(table, description.condition, path, "condition")
     shown = description.quantities.get(effort)
-    log = Log(str(path), time, signals, piece, run, condition, runs, conditions, shift, unit, effort,
-              SI[shown.dimension] if shown else "", bool(shown.signed) if shown else True, dict(description.facts), notes, 0.0)
+    log = Log(
+        str(path),
+        time,
+        signals,
+        piece,
+        run,
+        condition,
+        runs,
+        conditions,
+        shift,
+        unit,
+        effort,
+        SI[shown.dimension] if shown else "",
+        bool(shown.signed) if shown else True,
+        dict(description.facts),
+        notes,
+        0.0,
+    )
     log = log.rows(kept)
     _effort_in_si(log)
     forward = np.diff(log.time)[np.diff(log.piece) == 0]
@@ -106,8 +129,11 @@ def read_log(path, description: LogDescription):
     log.period = float(np.median(forward))
     off = float(np.mean(np.abs(forward / log.period - 1.0) > quality.UNEVEN))
     if off > quality.UNEVEN_SHARE:
-        log.notes.append(f"Sampling is uneven (period {log.period:.3g} s, {off:.0%} of the steps off by more than {quality.UNEVEN:.0%}); "
-                         f"pieces are interpolated to a constant period.")
+        log.notes.append(
+            f"Sampling is uneven (period {log.period:.3g} s, {off:.0%} of the steps off by more than "
+            f"{quality.UNEVEN:.0%}); "
+            f"pieces are interpolated to a constant period."
+        )
         log = _resampled(log)
     return log
 
@@ -123,9 +149,13 @@ def _time(table, description, path):
     values = column_of(table, entry.column, path, "time")
     if values.dtype.kind != "f":
         try:
-            stamps = np.array([text.strip().rstrip("Z").replace(" ", "T") for text in values], dtype="datetime64[ns]").astype(np.int64)
+            stamps = np.array(
+                [text.strip().rstrip("Z").replace(" ", "T") for text in values], dtype="datetime64[ns]"
+            ).astype(np.int64)
         except ValueError as error:
-            raise InputError(f"{path}: column {entry.column}", str(error)[:60], "stamps such as 2024-05-01 12:00:00.123") from None
+            raise InputError(
+                f"{path}: column {entry.column}", str(error)[:60], "stamps such as 2024-05-01 12:00:00.123"
+            ) from None
         return (stamps - stamps[0]) * 1e-9
     first = values[np.isfinite(values)][:1]
     if not len(first):
@@ -134,7 +164,8 @@ def _time(table, description, path):
 
 
 def column_of(table, name, path, place):
-    """A column by name (exact, else without regard to case and blanks) or number. Raises InputError with what there is."""
+    """A column by name (exact, else without regard to case and blanks) or number. Raises InputError with what there
+    is."""
     names = list(table.columns)
     if isinstance(name, int):
         if name > len(names):
@@ -161,13 +192,22 @@ def _signals(table, description, path):
         factor, unit = entry.factor, SI[entry.dimension]
         if entry.dimension in ("counts", "count rate"):
             if "counts_per_turn" not in description.facts:
-                raise InputError(f"{description.place}: counts_per_turn", None, f"the counts of one turn, for {name} in counts")
-            factor, unit = factor * TURN / description.facts["counts_per_turn"], {"counts": "rad", "counts/s": "rad/s"}[unit]
+                raise InputError(
+                    f"{description.place}: counts_per_turn", None, f"the counts of one turn, for {name} in counts"
+                )
+            factor, unit = (
+                factor * TURN / description.facts["counts_per_turn"],
+                {"counts": "rad", "counts/s": "rad/s"}[unit],
+            )
         if name not in EFFORTS:
             units.add(unit.removesuffix("/s"))
         signals[name] = entry.sign * factor * (raw - entry.offset)
         if name in EFFORTS and not entry.signed:
-            signals[name] = np.abs(signals[name]) if np.nanmin(signals[name]) >= 0.0 or np.nanmean(signals[name] < 0) < 0.05 else signals[name]
+            signals[name] = (
+                np.abs(signals[name])
+                if np.nanmin(signals[name]) >= 0.0 or np.nanmean(signals[name] < 0) < 0.05
+                else signals[name]
+            )
     unit = _one_unit(signals, units, description, notes)
     if "position" not in signals and {"reference", "following_error"} <= set(signals):
         signals["position"] = signals["reference"] - signals["following_error"]
@@ -177,7 +217,8 @@ def _signals(table, description, path):
 
 
 def _one_unit(signals, units, description, notes):
-    """Turns become metres where the lead is given; else all places must be of one sort. Returns ``"m"`` or ``"rad"``."""
+    """Turns become metres where the lead is given; else all places must be of one sort. Returns ``"m"`` or
+    ``"rad"``."""
     if "rad" not in units:
         return "m"
     if "lead" not in description.facts:
@@ -186,9 +227,16 @@ def _one_unit(signals, units, description, notes):
         return "rad"
     per_radian = description.facts["lead"] / TURN / description.facts.get("gear_ratio", 1.0)
     for name, entry in description.quantities.items():
-        if name in signals and name not in EFFORTS and entry.dimension in ("angle", "counts", "angular speed", "count rate"):
+        if (
+            name in signals
+            and name not in EFFORTS
+            and entry.dimension in ("angle", "counts", "angular speed", "count rate")
+        ):
             signals[name] = signals[name] * per_radian
-    notes.append("Angles were turned into lengths by the lead" + (" and the gear ratio." if "gear_ratio" in description.facts else "."))
+    notes.append(
+        "Angles were turned into lengths by the lead"
+        + (" and the gear ratio." if "gear_ratio" in description.facts else ".")
+    )
     return "m"
 
 
@@ -214,7 +262,9 @@ def _clean(signals, piece, effort):
         at_limit = quality.saturation(signals[effort])
         if at_limit.any():
             signals[effort][at_limit] = np.nan
-            notes.append(f"{effort} stands at its limit in {at_limit.mean():.1%} of the rows (saturated); they are left out.")
+            notes.append(
+                f"{effort} stands at its limit in {at_limit.mean():.1%} of the rows (saturated); they are left out."
+            )
         step = quality.quantum(signals[effort])
         if step:
             notes.append(f"{effort} is quantised in steps of {step:.3g} of its SI unit.")

@@ -1,6 +1,7 @@
 """What a log may be: columns, units, rate, signs and cycles proposed from names and numbers, for a person to correct.
 
-A proposal is a mapping for LOG.yaml; every guess that rests on numbers alone is told with its reason, and so is what is missing.
+A proposal is a mapping for LOG.yaml; every guess that rests on numbers alone is told with its reason, and so is what is
+missing.
 """
 
 import dataclasses
@@ -15,11 +16,22 @@ from microstage_ros.records.logs.units import known_unit
 #: Quantity → pattern of column names, in the order in which they are tried.
 NAMES = (
     ("time", r"(^|[._/])(time|t|timestamp|stamp|zeit|seconds)$|^time\b|_time$"),
-    ("following_error", r"(following|f|pos|position|tracking|lag|contour).{0,3}(error|err|diff|dev)|ferror|f-error|posdiff|schlepp|^error$|lag$"),
-    ("reference_velocity", r"(ref|set|cmd|command|target|demand|desired).{0,12}(vel|speed|velo)|(vel|speed|velo)\w*.{0,3}(ref|set|cmd|command|demand)"),
+    (
+        "following_error",
+        r"(following|f|pos|position|tracking|lag|contour).{0,3}(error|err|diff|dev)|ferror|f-error|posdiff|schlepp"
+        r"|^error$|lag$",
+    ),
+    (
+        "reference_velocity",
+        r"(ref|set|cmd|command|target|demand|desired).{0,12}(vel|speed|velo)"
+        r"|(vel|speed|velo)\w*.{0,3}(ref|set|cmd|command|demand)",
+    ),
     ("velocity", r"vel|speed|rpm|drehzahl"),
-    ("reference", r"set.?p|reference|(?<![a-z])ref|pos.?ref|input_pos|control.?pos|cmd|command"
-                  r"|target|demand|soll|desired"),
+    (
+        "reference",
+        r"set.?p|reference|(?<![a-z])ref|pos.?ref|input_pos|control.?pos|cmd|command"
+        r"|target|demand|soll|desired",
+    ),
     ("position", r"pos|actual|\bact|feedback|\bfb|encoder|\benc|rbv\b|\bist\b|^x$|angle"),
     ("current", r"curr|(?<![a-z])iq(?![a-z])|^i$|strom|\bamp|(?<![._]d)_a$|:cur"),
     ("torque", r"torq|moment|effort"),
@@ -33,7 +45,8 @@ GUESSED = {"time": "s", "current": "A", "torque": "%", "force": "N", "voltage": 
 
 @dataclasses.dataclass
 class Proposal:
-    """``tree``: the mapping of LOG.yaml. ``reasons``: key → why. ``missing``: sentences. ``unused``: columns that were not understood."""
+    """``tree``: the mapping of LOG.yaml. ``reasons``: key → why. ``missing``: sentences. ``unused``: columns that were
+    not understood."""
 
     tree: dict
     reasons: dict
@@ -48,8 +61,17 @@ def propose(table):
     tree, reasons, used = {}, {}, set()
     numeric = {name: v for name, v in table.columns.items() if getattr(v.dtype, "kind", "") == "f"}
     for quantity, pattern in NAMES:
-        found = next((n for n in table.columns if n not in used and re.search(pattern, n.lower()) and (n in numeric or quantity == "time")
-                      and _may_be(quantity, n, table)), None)
+        found = next(
+            (
+                n
+                for n in table.columns
+                if n not in used
+                and re.search(pattern, n.lower())
+                and (n in numeric or quantity == "time")
+                and _may_be(quantity, n, table)
+            ),
+            None,
+        )
         if found is None or (quantity == "torque" and "current" in tree and "%" not in str(table.units.get(found, ""))):
             continue
         used.add(found)
@@ -90,10 +112,16 @@ def _unit(quantity, name, table, reasons):
         return unit
     span = float(np.nanmax(table.columns[name]) - np.nanmin(table.columns[name]))
     unit = "m" if span < 2.0 else "mm"
-    turning = [float(np.nanmedian(np.abs(v))) for n, v in table.columns.items() if v.dtype.kind == "f" and re.search(r"vel|speed", n.lower())]
+    turning = [
+        float(np.nanmedian(np.abs(v)))
+        for n, v in table.columns.items()
+        if v.dtype.kind == "f" and re.search(r"vel|speed", n.lower())
+    ]
     if any(re.search(TURNS, n.lower()) for n in table.columns):
         unit = "turn"
-    elif "rad" in name.lower() or any(abs(v / (2.0 * np.pi) - round(v / (2.0 * np.pi))) < 1e-4 and v > 1.0 for v in turning):
+    elif "rad" in name.lower() or any(
+        abs(v / (2.0 * np.pi) - round(v / (2.0 * np.pi))) < 1e-4 and v > 1.0 for v in turning
+    ):
         unit = "rad"              # a speed of so many turns a second, to four digits
     if quantity in ("velocity", "reference_velocity"):
         unit = "rpm" if "rpm" in name.lower() or span > 400 else f"{unit}/s"
@@ -131,7 +159,9 @@ def _signs(tree, table, reasons):
             reasons["following_error.sign"] = "compared with reference − position"
         elif direction is not None:
             told = np.nansum(error * direction)
-            reasons["following_error.sign"] = "the axis lags: an error of reference − position has the sign of the motion"
+            reasons["following_error.sign"] = (
+                "the axis lags: an error of reference − position has the sign of the motion"
+            )
         else:
             told = 1.0
         if told < 0.0:
@@ -166,8 +196,15 @@ def _missing(tree, table):
         out.append("current or torque: without it friction, tilt and payload show in the following error only")
     if "following_error" not in tree and not {"reference", "position"} <= set(tree):
         out.append("following error, or set point and position: without it lost motion and delays cannot show")
-    rotary = any(known_unit(tree[q]["unit"]) and known_unit(tree[q]["unit"])[0] in ("angle", "angular speed") for q in ("position", "velocity") if q in tree)
-    out.append("lead: {value: …, unit: mm}: " + ("turns angles into lengths" if rotary else "tells what repeats with the turn of the screw"))
+    rotary = any(
+        known_unit(tree[q]["unit"]) and known_unit(tree[q]["unit"])[0] in ("angle", "angular speed")
+        for q in ("position", "velocity")
+        if q in tree
+    )
+    out.append(
+        "lead: {value: …, unit: mm}: "
+        + ("turns angles into lengths" if rotary else "tells what repeats with the turn of the screw")
+    )
     if any(tree.get(q, {}).get("unit") == "%" for q in ("current", "torque", "force")):
         out.append("nominal_torque or nominal_current: turns per cent into N m or A")
     if "run" not in tree:

@@ -130,7 +130,10 @@ def _constant_stretches(remainder):
     for start, size, value in zip(starts[:-1], length, level):
         if size < WINDOW:
             continue
-        match = next((k for k, other in enumerate(known) if abs(np.exp(2j * np.pi * value) - np.exp(2j * np.pi * other)) < 4e-3), None)
+        match = next(
+            (k for k, other in enumerate(known) if abs(np.exp(2j * np.pi * value) - np.exp(2j * np.pi * other)) < 4e-3),
+            None,
+        )
         if match is None:
             known.append(value)
             match = len(known) - 1

@@ -94,25 +94,43 @@ def parse(text, path, separator="", skip_rows=None):
     # every line is looked at only until the rows have begun: a log may have millions
     head = text[: 400 * LOOK].split("\n")[:LOOK]
     start_at = skip_rows or 0
-    kept = [(number, line.lstrip("#%").strip("\n")) for number, line in enumerate(head) if number >= start_at and line.strip()]
+    kept = [
+        (number, line.lstrip("#%").strip("\n"))
+        for number, line in enumerate(head)
+        if number >= start_at and line.strip()
+    ]
     if not kept:
         raise InputError(path, "no lines", "rows of numbers")
     separator = separator or find_separator([line for _, line in kept][-LOOK // 2:])
     rows = [(number, fields_of(line, separator)) for number, line in kept]
     widths, times = np.unique([len(fields) for _, fields in rows[len(rows) // 2:]], return_counts=True)
     width = int(widths[np.argmax(times)])
-    first = next((k for k, (_, fields) in enumerate(rows) if _is_row(fields, width) and _rows_follow(rows, k, width)), None)
+    first = next(
+        (k for k, (_, fields) in enumerate(rows) if _is_row(fields, width) and _rows_follow(rows, k, width)), None
+    )
     if first is None:
         raise InputError(f"{path}: line {kept[0][0] + 1}", kept[0][1][:60], "rows of numbers below the header"
                          f" (separator {separator!r})")
     names, units = _names(rows, first, width)
     body_line = rows[first][0]
     columns, notes = _columns(text, body_line, width, separator, path)
-    if width and not names[-1] and np.all(columns[-1] != columns[-1] if columns[-1].dtype.kind == "f" else columns[-1] == ""):
+    if (
+        width
+        and not names[-1]
+        and np.all(columns[-1] != columns[-1] if columns[-1].dtype.kind == "f" else columns[-1] == "")
+    ):
         names, columns = names[:-1], columns[:-1]      # a separator at the end of every row
     names = [name or f"column {k + 1}" for k, name in enumerate(names)]
-    unique = [name if names.index(name) == k else f"{name} ({names[:k].count(name) + 1})" for k, name in enumerate(names)]
-    return Table(dict(zip(unique, columns)), {unique[k]: unit for k, unit in units.items() if k < len(unique)}, "text", None, notes)
+    unique = [
+        name if names.index(name) == k else f"{name} ({names[:k].count(name) + 1})" for k, name in enumerate(names)
+    ]
+    return Table(
+        dict(zip(unique, columns)),
+        {unique[k]: unit for k, unit in units.items() if k < len(unique)},
+        "text",
+        None,
+        notes,
+    )
 
 
 def _is_row(fields, width):
@@ -128,9 +146,17 @@ def _rows_follow(rows, k, width):
 def _names(rows, first, width):
     """Names of the columns and the units that the file tells: from the one or two lines before the first row."""
     names, units = [""] * width, {}
-    above = [fields for _, fields in rows[:first] if len(fields) == width or (len(fields) == width - 1 and fields[-1:] != [""])]
+    above = [
+        fields
+        for _, fields in rows[:first]
+        if len(fields) == width or (len(fields) == width - 1 and fields[-1:] != [""])
+    ]
     texts = [fields for fields in above[-3:] if not _is_row(fields, width)]
-    if texts and all(not f or known_unit(f) or f in ("-", "[-]") for f in texts[-1]) and any(known_unit(f) for f in texts[-1]):
+    if (
+        texts
+        and all(not f or known_unit(f) or f in ("-", "[-]") for f in texts[-1])
+        and any(known_unit(f) for f in texts[-1])
+    ):
         units = {k: f.strip("[]()") for k, f in enumerate(texts[-1]) if known_unit(f.strip("[]()"))}
         texts = texts[:-1]
     if texts:
@@ -203,5 +229,7 @@ def _by_hand(body, width, separator, notes):
     for texts in zip(*whole):
         values = [number_of(t) if t else np.nan for t in texts]
         bad = sum(v is None for v in values)
-        columns.append(np.array(texts) if bad > 0.5 * len(texts) else np.array([np.nan if v is None else v for v in values]))
+        columns.append(
+            np.array(texts) if bad > 0.5 * len(texts) else np.array([np.nan if v is None else v for v in values])
+        )
     return columns

@@ -1,8 +1,8 @@
 """Text files that are no plain tables: halscope, EPICS camonitor, TwinCAT Scope; and the preamble of EPOS Studio.
 
 Sources: LinuxCNC src/hal/utils/scope_files.c (``Sampling period is N ns``, then ``label value label value …`` per
-line); EPICS base, camonitor (``PV date time value [status severity]``); Beckhoff Infosys TE13xx, export in CSV (per channel
-or per sampling time a time column in milliseconds; an EOF tag; rows of metadata that repeat their key).
+line); EPICS base, camonitor (``PV date time value [status severity]``); Beckhoff Infosys TE13xx, export in CSV (per
+channel or per sampling time a time column in milliseconds; an EOF tag; rows of metadata that repeat their key).
 """
 
 import re
@@ -15,9 +15,31 @@ from microstage_ros.records.logs.text_table import Table, decoded, fields_of, fi
 HALSCOPE = re.compile(r"Sampling period is (\d+) ns")
 CAMONITOR = re.compile(r"^(\S+)\s+(\d{4}-\d\d-\d\d)\s+(\d\d:\d\d:\d\d(?:\.\d+)?)\s+([^\s]+)(.*)$")
 TWINCAT_KEYS = ("SymbolName", "SampleTime[ms]", "Data-Type", "SymbolComment", "Starttime of export", "VariableSize")
-TWINCAT_META = {"Name", "SymbolName", "SymbolComment", "NetId", "NetID", "Port", "IndexGroup", "IndexOffset", "Data-Type",
-                "SampleTime[ms]", "SymbolBased", "VariableSize", "Offset", "ScaleFactor", "BitMask", "Unit", "Unit ScaleFactor",
-                "Unit Offset", "StartTime", "EndTime", "File", "Starttime of export", "Endtime of export"}
+TWINCAT_META = {
+    "Name",
+    "SymbolName",
+    "SymbolComment",
+    "NetId",
+    "NetID",
+    "Port",
+    "IndexGroup",
+    "IndexOffset",
+    "Data-Type",
+    "SampleTime[ms]",
+    "SymbolBased",
+    "VariableSize",
+    "Offset",
+    "ScaleFactor",
+    "BitMask",
+    "Unit",
+    "Unit ScaleFactor",
+    "Unit Offset",
+    "StartTime",
+    "EndTime",
+    "File",
+    "Starttime of export",
+    "Endtime of export",
+}
 
 
 def read_text(path, separator="", skip_rows=None):
@@ -115,7 +137,11 @@ def _twincat(text, path):
         if k in times:
             continue
         own = raw[max(t for t in times if t <= k)] * 1e-3 if any(t <= k for t in times) else main
-        name = (heads[k] if k < len(heads) and heads[k] else f"column {k + 1}").split(".")[-1] if heads else f"column {k + 1}"
+        name = (
+            (heads[k] if k < len(heads) and heads[k] else f"column {k + 1}").split(".")[-1]
+            if heads
+            else f"column {k + 1}"
+        )
         name = name if name not in columns else f"{name} ({k + 1})"
         columns[name] = values if own is main or np.array_equal(own, main, equal_nan=True) else _at(own, values, main)
         if k < len(units) and units[k]:
@@ -129,7 +155,9 @@ def _at(own, values, wanted):
     """Values on another time line, held until the next sample; nothing beyond the last."""
     good = np.isfinite(own) & np.isfinite(values)
     place = np.searchsorted(own[good], wanted, side="right") - 1
-    return np.where(place >= 0, values[good][np.maximum(place, 0)], np.nan) if good.any() else np.full(len(wanted), np.nan)
+    return (
+        np.where(place >= 0, values[good][np.maximum(place, 0)], np.nan) if good.any() else np.full(len(wanted), np.nan)
+    )
 
 
 def _starts_with_number(line):
