@@ -39,8 +39,10 @@ def report_tree(outcome, machine):
             "measured": margins is not None,
         },
         "moves": outcome.moves,
+        "iso230": {f"{name}_m": value for name, value in outcome.iso.items()},
         "slow_sine_m": outcome.sine,
         "used": {"time_s": machine.time, **machine.used},
+        "instruments": machine.instruments,
         "controller": outcome.law,
         "remarks": outcome.remarks,
         "version": __version__,
@@ -138,7 +140,7 @@ def page(outcome, machine, provenance):
     if outcome.moves:
         made.section("Moves")
         made.table(
-            ("target [µm]", "n", "bias [nm]", "4s [nm]", "95 % interval [nm]", "settling, median [ms]"),
+            ("target [µm]", "n", "bias [nm]", "4s [nm]", "95 % interval [nm]", "settling, median [ms]", "reversal B [nm]", "both sides R [nm]"),
             [
                 (
                     f"{row['target_m'] * 1e6:g}",
@@ -147,10 +149,18 @@ def page(outcome, machine, provenance):
                     f"{row['four_s_m'] * 1e9:.1f}",
                     "{:.0f} to {:.0f}".format(*(1e9 * v for v in row["four_s_interval_m"])),
                     f"{row['settling_s'] * 1e3:.0f}",
+                    f"{row['reversal_m'] * 1e9:+.1f}",
+                    f"{row['bidirectional_m'] * 1e9:.1f}",
                 )
                 for row in outcome.moves
             ],
-            "Unidirectional approaches, errors by the encoder, mean over the last 0.1 s at rest.",
+            "Bias, 4s and settling of the approaches in the positive direction, reversal and both sides with five more from above "
+            "(ISO 230-2); errors by the encoder, mean over the last 0.1 s at rest.",
+        )
+        made.text(
+            "ISO 230-2 over these targets: "
+            + ", ".join(f"{name.replace('_', ' ')} {value * 1e9:.1f} nm" for name, value in outcome.iso.items())
+            + ". By the encoder of the loop: what lies between encoder and tool needs an interferometer."
         )
         made.text(f"Slow sine of ±10 µm at 0.1 Hz: largest error {outcome.sine * 1e9:.0f} nm.")
     made.section("What was used")
@@ -159,10 +169,20 @@ def page(outcome, machine, provenance):
         f"{machine.time:.0f} s of machine time; encoder from {used['travel_min_m'] * 1e3:.4g} to {used['travel_max_m'] * 1e3:.4g} mm; "
         f"at most {used['voltage_max_V']:.3g} V."
     )
+    if machine.instruments:
+        made.text("By the machine's own instruments: " + "; ".join(_instrument(name, value) for name, value in machine.instruments.items()) + ".")
     if outcome.remarks:
         made.list(outcome.remarks)
     made.note("Signed: ______________________   Date: ______________")
     return made
+
+
+def _instrument(name, value):
+    if name == "interval_s":
+        return f"{value[0] * 1e6:.4g} to {value[1] * 1e6:.4g} µs between readings"
+    if name == "temperature_K":
+        return f"{min(value) - 273.15:.2f} to {max(value) - 273.15:.2f} °C"
+    return f"index mark at {value * 1e3:.6g} mm"
 
 
 def _parameters(made, outcome):

@@ -11,6 +11,7 @@ and `write(0.0)` whenever it has to be safe. Backends never see a voltage that i
 Nothing else is asked of a backend. One whose machine has a drive enable, an emergency stop, limit switches or a
 watchdog has one or more of the members of `SafetyMembers` too; the driver looks for each (`safety_members`) and uses
 what is there.
+Time stamps, temperature and index mark are members of `Instruments`, which `commission` reports.
 """
 
 import math
@@ -117,8 +118,31 @@ class SafetyMembers(Protocol):
         """
 
 
+class Instruments(Protocol):
+    """Members that a backend may have beside those of `Hardware`, each for itself, that tell more of a reading; all raise `HardwareError`."""
+
+    def reading_time(self) -> float:
+        """The instant of the last reading by the card's own clock [s], from any zero. `commission` reports how even the readings are."""
+
+    def temperature(self) -> float:
+        """Temperature of the machine [K], NaN while there is none. Asked for now and then, beside no motion."""
+
+    def index(self) -> float:
+        """Encoder position at the index mark that was passed last [m], NaN before the first."""
+
+
 SAFETY = ("enable", "e_stop", "limit_switches", "watchdog", "outside_stop")
 """Names of the members of `SafetyMembers`."""
+
+
+INSTRUMENTS = ("reading_time", "temperature", "index")
+"""Names of the members of `Instruments`."""
+
+
+def instruments(hardware):
+    """The members of `Instruments` that a backend has, name to callable."""
+    found = {name: getattr(hardware, name, None) for name in INSTRUMENTS}
+    return {name: member for name, member in found.items() if callable(member)}
 
 
 def safety_members(hardware):

@@ -54,7 +54,10 @@ def test_report(ready):
     assert report["margins"]["measured"] and report["used"]["time_s"] < 300.0
     assert axis.value("travel.minimum") < report["used"]["travel_min_m"] < report["used"]["travel_max_m"] < axis.value("travel.maximum")
     assert report["used"]["voltage_max_V"] <= axis.value("drive.voltage_limit")
-    assert [row["target_m"] for row in report["moves"]] == [1e-6, 1e-5, 1e-4, 1e-3] and all(row["n"] == 10 for row in report["moves"])
+    assert [row["target_m"] for row in report["moves"]] == [1e-6, 1e-5, 1e-4, 1e-3] and all(row["n"] == 10 and row["n_down"] == 5 for row in report["moves"])
+    worst = max(row["bidirectional_m"] for row in report["moves"])
+    assert report["iso230"]["repeatability_m"] == pytest.approx(worst) and worst >= max(row["four_s_m"] for row in report["moves"]) - 1e-15
+    assert report["iso230"]["reversal_m"] == pytest.approx(max(abs(row["reversal_m"]) for row in report["moves"]))
     for key, within in (("drive.resistance", 0.02), ("drive.back_emf", 0.01), ("drive.rotor_inertia", 0.1), ("contacts.actuator.coulomb", 0.15)):
         assert report["parameters"][key]["determined"] and report["parameters"][key]["value"] == pytest.approx(truth.value(key), rel=within), key
 

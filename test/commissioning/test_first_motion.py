@@ -2,13 +2,17 @@
 
 import math
 
+import numpy as np
 import pytest
 from machines import Machine, random_axis
 
 from microstage_ros.commissioning.findings import Refused
+from microstage_ros.commissioning.experiments.dead_encoder import EncoderWatch
 from microstage_ros.commissioning.experiments.first_motion import first_motion
 from microstage_ros.commissioning.experiments.machine import Machine as Hand
 from microstage_ros.commissioning.experiments.open_loop import strokes, strokes_below_swing
+from microstage_ros.commissioning.procedure import Outcome
+from microstage_ros.commissioning.report import report_tree
 from microstage_ros.commissioning.sketch import load_sketch
 from microstage_ros.hardware import make_hardware
 from microstage_ros.hardware.protocol import Setup
@@ -97,3 +101,35 @@ def test_without_a_current_it_goes_on(tmp_path, fault):
     first, checks = first_motion(hand, SKETCH, kept)
     assert not first.has_current and math.isnan(first.delay)
     assert {check.id: check.passed for check in checks}["current_missing"]
+
+
+def test_what_a_backend_has_beside_its_sensors(tmp_path, monkeypatch):
+    """Time stamps, temperature and index mark are asked for where they are, and are in the report."""
+    monkeypatch.setattr(Machine, "reading_time", lambda self: 1.01e-4 * self.reads, raising=False)
+    monkeypatch.setattr(Machine, "temperature", lambda self: 295.15, raising=False)
+    monkeypatch.setattr(Machine, "index", lambda self: 1.5e-3, raising=False)
+    hand = begun(tmp_path)
+    hand.rest(0.01)
+    hand.note_surroundings()
+    assert hand.instruments["interval_s"] == pytest.approx([1.01e-4, 1.01e-4])
+    assert hand.instruments["temperature_K"] == [295.15] and hand.instruments["index_m"] == 1.5e-3
+    answer = report_tree(Outcome(), hand)
+    assert answer["instruments"]["index_m"] == 1.5e-3
+
+
+def test_a_heavy_drive_is_braked_when_the_encoder_freezes(tmp_path):
+    """The watch alone: found within some periods, the motor stopped by pulses against it, no 10 µm in all."""
+    hand = begun(tmp_path, "encoder_frozen", seed=9, frozen_after=2000)
+    truth = Machine.made[-1].axis
+    ratio = motor_ratio(truth)
+    emf, resistance = truth.value("drive.back_emf"), truth.value("drive.resistance")
+    inertia = (truth.value("drive.rotor_inertia") + ratio**2 * truth.value("stage.mass")) * resistance / truth.value("drive.torque_constant") / ratio
+    hand.watch = EncoderWatch(hand.period, resistance, emf / ratio, 0.0, hand.count, inertia)
+    with pytest.raises(Refused) as caught:
+        hand.run(np.zeros(4000), lambda n, x, i: 1.5)
+    machine, before = Machine.made[-1], hand.last["encoder_m"]
+    assert caught.value.check.id == "encoder_dead" and machine._voltage == 0.0
+    assert 0.7 < (before[1999] - before[1899]) / (100 * hand.period) / hand.watch.safe_speed(hand.limit) < 1.1  # as fast as is allowed
+    hand.watch = None
+    hand.rest(0.05)
+    assert machine.wrong < 1e-5

@@ -1,8 +1,12 @@
 """The choice of law and gains: margins on the axis and on draws."""
 
+import pytest
 from machines import random_axis
 
-from microstage_ros.commissioning.design.law_choice import BARE, OBSERVER, OBSERVER_GAIN, OBSERVER_PHASE, choose_law, observer_gains
+from microstage_ros.commissioning.design import law_choice
+from microstage_ros.commissioning.design.law_choice import FLOOR_GAIN, FLOOR_PHASE, OBSERVER, choose_law, observer_gains, too_little
+from microstage_ros.commissioning.estimation.frequency_response import MeasuredMargins
+from microstage_ros.commissioning.findings import Refused
 from microstage_ros.control.laws.controller import controller_parameters
 from microstage_ros.control.tuning.margins import controller_margins
 from microstage_ros.control.tuning.tuning import GUARDED
@@ -20,18 +24,41 @@ def test_observer_law_gives_way_until_it_has_margins():
     plain = _worst(axis, {})
     gains, reach, _ = observer_gains(axis, [])
     stable, phase, gain = _worst(axis, gains)
-    assert plain[2] < OBSERVER_GAIN  # the rule's own gains have less
-    assert reach >= 1.0 and stable and phase >= OBSERVER_PHASE and gain >= OBSERVER_GAIN
+    assert plain[2] < FLOOR_GAIN  # the rule's own gains have less
+    assert reach >= 1.0 and stable and phase >= FLOOR_PHASE and gain >= FLOOR_GAIN
 
 
 def test_law_without_margin_is_not_taken():
     axis = random_axis(load_axis(config_file("axis.yaml")).with_controller({"type": OBSERVER}), 16)  # soft, hardly damped drive train
     axis = axis.with_values({"stage.mass": 6.0 * axis.value("stage.mass")}, source="derived")  # that no doubt in the encoder holds
-    assert observer_gains(axis, [])[1] < BARE
-    law, _, why = choose_law(axis, [], True)
+    assert observer_gains(axis, [])[1] < 1.0
+    law, gains, why = choose_law(axis, [], True)
     assert law == "self_tuning_feedforward" and OBSERVER in why
+    phase, gain = law_choice.encoder_margins(law, axis, [], gains)
+    assert phase >= FLOOR_PHASE and gain >= FLOOR_GAIN
 
 
 def test_without_a_current_the_law_is_encoder_only():
     axis = load_axis(config_file("axis.yaml"))
     assert choose_law(axis, [], False)[0] == "self_tuning_feedforward"
+
+
+def test_no_law_below_the_floor(monkeypatch):
+    """An observer law that reaches half of the floor is not taken, nor an encoder-only law with 5° and 0.5 dB: the refusal says so."""
+    axis = load_axis(config_file("axis.yaml"))
+    monkeypatch.setattr(law_choice, "observer_gains", lambda *_: ({}, 0.5, law_choice.OBSERVER_STEPS[0]))
+    law, _, why = choose_law(axis, [], True)
+    assert law == "self_tuning_feedforward" and "10.0° or 1.00 dB" in why
+    monkeypatch.setattr(law_choice, "soft_gains", lambda *_: ({}, law_choice.SOFTEST))
+    monkeypatch.setattr(law_choice, "encoder_margins", lambda *_: (5.0, 0.5))
+    with pytest.raises(Refused) as caught:
+        choose_law(axis, [], True)
+    assert caught.value.check.id == "runaway" and "5.0° and 0.5 dB" in caught.value.check.says
+
+
+@pytest.mark.parametrize("phase, gain, crossover, asked", [
+    (5.0, 0.5, 100.0, ("5.0°", "0.50 dB")), (30.0, 0.5, 100.0, ("0.50 dB",)), (17.0, 6.0, 100.0, ("17.0°",)), (19.0, 1.7, 100.0, ()),
+    (5.0, 6.0, 0.0, ()), (float("nan"), float("nan"), float("nan"), ())])
+def test_a_measured_loop_below_the_floor_is_not_ready(phase, gain, crossover, asked):
+    said = too_little(MeasuredMargins(phase, 1.0, gain, 0.2, crossover, 2.0))
+    assert all(part in said for part in asked) and bool(said) == bool(asked)

@@ -1,16 +1,19 @@
 """``tune``: limit-cycle experiment, Ziegler-Nichols, fine tuning by simulation, margins."""
 
+import sys
+from pathlib import Path
+
 from rich.console import Console
 from rich.table import Table
 
 from microstage_ros import __version__
-from microstage_ros.commands import answer
+from microstage_ros.commands import answer, units
 from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
 from microstage_ros.control.tuning import tuning
 from microstage_ros.control.tuning.margins import MARGIN_HEADS, margin_rows
-from microstage_ros.files import keep_earlier
+from microstage_ros.files import complete_folder, keep_earlier
 from microstage_ros.quantities.errors import InputError
 
 TYPES = ("pid", "pid_feedforward", "self_tuning", "self_tuning_feedforward")
@@ -20,20 +23,30 @@ def main(argv=None):
     """Run the command. Returns 0; raises InputError for bad input."""
     parser = Parser(prog="microstage tune", description=(
         "Tune a PID law for an axis: by simulation, or with --response on a measured frequency response (margins with bands, a notch "
-        "where the response asks for one). Prints the gains as other controllers write them."))
+        "where the response asks for one), or with --running on the cell that runs. Prints the gains as other controllers write them."))
     parser.add_argument("--axis", required=True, metavar="FILE", help="axis file")
     parser.add_argument("--type", default="pid", choices=TYPES, help="controller (default pid)")
     parser.add_argument("--out", metavar="FILE", help="axis file to write, with the tuned gains in its controller section")
     parser.add_argument("--evaluations", type=int, default=60, metavar="N", help="candidates of the fine tuning (default 60)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of search and friction (default 0)")
     parser.add_argument("--response", metavar="FILE", help="measured response of the plant [m/V] (frequency_response.csv of commission): shape on it")
+    parser.add_argument("--running", action="store_true",
+                        help="on the cell that runs, lockstep or paced: half a minute of motion, identification, tuning of what was found")
+    parser.add_argument("--namespace", type=units.namespace, default="/axis", metavar="NS", help="of the running cell (default /axis)")
+    parser.add_argument("--record", metavar="DIR", help="folder of the bag that --running makes")
     parser.add_force()
     arguments = parser.parse_args(argv)
     if arguments.evaluations < 0:
         raise InputError("--evaluations", arguments.evaluations, "0 or more")
     if arguments.out:
         keep_earlier("--out", [arguments.out], arguments.force)
+    if arguments.running != bool(arguments.record) or (arguments.running and arguments.response):
+        raise InputError("--running, --record", arguments.record, "both together, for a cell that runs, and not with --response")
     axis, console = read_axis(arguments.axis), Console()
+    if arguments.running:
+        axis = _identified_running(arguments, axis)
+        if axis is None:
+            return 1
     console.width = max(console.width, 110)  # the table of margins is wide
     if arguments.response:
         return _shape(arguments, axis)
@@ -57,6 +70,36 @@ def main(argv=None):
     if arguments.out:
         _save(arguments, axis, found.gains)
     return 0
+
+
+def _identified_running(arguments, axis):
+    """The axis as a record on the running cell tells it; None, said, where the cell does not answer."""
+    from microstage_ros.commands.operation.experiment import recorded_beside
+    from microstage_ros.commissioning.design.programme import run_about
+    from microstage_ros.control.runs.run_file import Run
+    from microstage_ros.identification.intake import take_in
+    from microstage_ros.identification.pipeline import identify
+    from microstage_ros.records import read_record
+    from microstage_ros.ros.launching.cell_processes import CellFailure
+
+    period, out = axis.value("period"), Path(arguments.record)
+    keep_earlier("--record", [out / "bag"], arguments.force)
+
+    def made(place):
+        program, centre = run_about(place, axis)
+        return Run(program=program, start_m=centre).tables(period)["reference"]
+
+    try:
+        with complete_folder(out) as folder:
+            recorded_beside(arguments.namespace, "", out, folder, period, made)
+    except CellFailure as failure:
+        answer.state(error={"place": "tune --running", "says": str(failure)})
+        print(failure, file=sys.stderr)
+        return None
+    found = identify(iter([take_in(read_record(out / "bag"), axis)[0]]), axis, arguments.seed)
+    print(f"{out / 'bag'}: the record; " + ", ".join(f"{e.key} {e.value:.4g} {e.unit}" for e in found.estimates.values()
+                                                     if e.determined and not isinstance(e.value, list)))
+    return found.to_axis(axis)
 
 
 def _save(arguments, axis, gains, **more):

@@ -111,28 +111,51 @@ def _said(out, reference):
 
 
 def _join(arguments, out, folder, reference, axis):
-    """On the cell that runs: only a recorder is started, beside it, and nothing is stopped but that."""
-    import rclpy
+    """On the cell that runs."""
+    from microstage_ros.ros.launching.cell_processes import CellFailure
 
-    from microstage_ros.ros.launching.cell_processes import CellFailure, CellProcesses
-
-    parameters = {"bag_recorder": {"directory": str((folder / "bag").resolve()), "run": Path(arguments.run).read_text(encoding="utf-8"),
-                                   "log_time": "stamp", "longest_drain_s": DRAIN}}
-    print(f"{which_ros()}\nThe cell that runs in {arguments.namespace}.", file=sys.stderr)
     out.mkdir(parents=True, exist_ok=True)
-    rclpy.init()
-    node = rclpy.create_node("experiment", namespace=arguments.namespace)
+    text = Path(arguments.run).read_text(encoding="utf-8")
     try:
-        with CellProcesses(arguments.namespace, ("bag_recorder",), parameters, out / "logs", beside="experiment") as recorder:
-            player = _Player(node, recorder, axis.value("period"))
-            player.meet(arguments.namespace)
-            _until_recorded(player, folder / "bag")
-            player.play(reference)
+        recorded_beside(arguments.namespace, text, out, folder, axis.value("period"), lambda place: reference)
     except CellFailure as failure:
         return _failed(str(failure))
+    return 0
+
+
+def recorded_beside(namespace, text, out, folder, period, made):
+    """Play a reference on the cell that runs, with a recorder beside it: nothing is started or stopped but that.
+
+    Parameters
+    ----------
+    namespace : of the cell. text : of the run file, kept in the bag. out : folder of the logs. folder : of the ``bag``.
+    period : s. made : the place [m] where the reference stands -> positions [m], one per period.
+
+    Returns
+    -------
+    Number of periods of the programme. Raises CellFailure.
+    """
+    import rclpy
+
+    from microstage_ros.ros.launching.cell_processes import CellProcesses
+
+    recorder = {
+        "directory": str((folder / "bag").resolve()), "run": text, "log_time": "stamp", "longest_drain_s": DRAIN,
+    }
+    parameters = {"bag_recorder": recorder}
+    print(f"{which_ros()}\nThe cell that runs in {namespace}.", file=sys.stderr)
+    rclpy.init()
+    node = rclpy.create_node("experiment", namespace=namespace)
+    try:
+        with CellProcesses(namespace, ("bag_recorder",), parameters, out / "logs", beside="experiment") as recorder:
+            player = _Player(node, recorder, period)
+            player.meet(namespace)
+            _until_recorded(player, folder / "bag")
+            reference = made(player.place)
+            player.play(reference)
     finally:
         rclpy.try_shutdown()
-    return 0
+    return len(reference)
 
 
 def _until_recorded(player, folder):
@@ -185,6 +208,11 @@ class _Player:
             seen = self._state is not None or self._node.count_publishers(self._watch.topic_name)
             if time.monotonic() > began + (ANSWER if seen else SOUGHT):
                 raise CellFailure(f"no axis runs in {namespace}: start one with ./microstage cell")
+
+    @property
+    def place(self):
+        """Where the reference stands [m]."""
+        return float(self._state.reference)
 
     def _ask(self, positions):
         from microstage_ros.ros.launching.cell_processes import CellFailure

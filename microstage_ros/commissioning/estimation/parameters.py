@@ -16,6 +16,7 @@ from microstage_ros.quantities.errors import InputError
 FITTED = tuple(f"contacts.actuator.{name}" for name in ("coulomb", "static", "stribeck_velocity", "viscous"))
 FAR = math.log(10.0)  # from its first value; the bounds are at a factor of twelve
 TIED = 0.01  # how far a DC motor's torque constant may be from its back-EMF constant (iron losses, temperature between the two)
+ROUGHLY = 0.5  # relative standard deviation beyond which no number is called determined
 WELL = 0.25  # relative standard deviation below which a number counts as determined
 VOLTS_ONLY = ("drive.resistance", "drive.back_emf", "drive.inductance", "drive.torque_constant", "drive.rotor_inertia",
               "contacts.actuator.static", "contacts.actuator.coulomb", "contacts.actuator.viscous", "constant torque")
@@ -29,8 +30,8 @@ SYSTEMATIC = {
     "variability.relative": 0.2, "variability.travel_share": 0.25, "variability.travel_length": 0.6,
 }
 """Relative standard uncertainty beside that of the records' scatter: friction differs by place and time, sensors are not
-ideal, the model's friction law is not the machine's. Set by hand from what was off on six machines
-(test/commissioning/campaign.py --machines 6, seeds 1 to 6); no command writes them yet."""
+ideal, the model's friction law is not the machine's. Calibrated on six machines (seeds 1 to 6); `test/commissioning/systematic.py FOLDER...`
+says from commissionings of simulated machines what each should be."""
 
 
 def identified(records, axis, sketch, found, response, seed):
@@ -66,7 +67,12 @@ def identified(records, axis, sketch, found, response, seed):
         axis = _inertia(axis, fit, estimates)
     if fit is not None and axis.has("transmission.stiffness") and "transmission.stiffness" in fit.values:
         axis = _drive_train(axis, sketch, fit, estimates)
-    widened = {key: _widened(e) for key, e in estimates.items()}
+    apart = guideway_doubt(axis, sketch)
+    widened = {key: _widened(e, apart.get(key, 0.0)) for key, e in estimates.items()}
+    for key, why in unseen(widened, axis.value("period")).items():
+        widened[key] = replace(widened[key], determined=False, remark=why)
+    if "drive.inductance" in widened and not widened["drive.inductance"].determined:
+        axis = axis.with_values({"drive.inductance": sketch.axis.value("drive.inductance")}, source="estimate")
     spreads = {key: e.stderr for key, e in widened.items() if e.determined and axis.has(key) and key in SYSTEMATIC}
     return axis.with_values({key: axis.value(key) for key in spreads}, source="identified", stderr=spreads), widened, list(result.remarks)
 
@@ -88,12 +94,51 @@ def slope_of(axis, found):
     return 0.0
 
 
-def _widened(estimate):
-    """The estimate with its systematic part; 95 % about the value."""
+def guideway_doubt(axis, sketch):
+    """Doubt of the actuator's friction, by key, from what the guideway takes of it: the records tell the sum of both at the motor.
+
+    δM = q δF, with q [m/rad] the way per motor angle; δF is the guideway's friction times how little is known of it: the sketch's
+    tolerance, and as much for having been scaled with the actuator's. Viscous, per speed of the actuator's shaft: q² n δb.
+    """
+    if axis.choices["drive.type"] != "voltage_motor":
+        return {}
+    q, found = motor_ratio(axis), {}
+    level = next((key for key in ("contacts.guideway.coulomb", "contacts.guideway.static") if axis.has(key)), None)
+    if level is not None:
+        doubt = math.sqrt(2.0) * sketch.spread(level) * q * axis.value(level)
+        found = {"contacts.actuator.coulomb": doubt, "contacts.actuator.static": doubt}
+    if axis.has("contacts.guideway.viscous"):
+        found["contacts.actuator.viscous"] = (math.sqrt(2.0) * sketch.spread("contacts.guideway.viscous") * q * q
+                                              * axis.value("transmission.gear_ratio") * axis.value("contacts.guideway.viscous"))
+    return found
+
+
+def unseen(estimates, period):
+    """Why estimates that the fit returns are not determined after all, by key.
+
+    An electrical time constant L/R below a period (of ``period`` [s]) shows only in exp(−T R/L) of the current's last step; the
+    Stribeck velocity and exponent only where the torque falls by more than its own doubt; a number whose standard uncertainty is
+    half of it has no symmetric 95 % interval.
+    """
+    found = {key: f"known within some {e.stderr / abs(e.value):.0%} only" for key, e in estimates.items()
+             if e.determined and e.stderr is not None and not isinstance(e.value, list) and e.stderr > ROUGHLY * abs(e.value)}
+    inductance, resistance = (estimates.get(f"drive.{name}") for name in ("inductance", "resistance"))
+    if inductance is not None and resistance is not None and inductance.determined and inductance.value < period * resistance.value:
+        found["drive.inductance"] = "the current settles within a control period: shorter periods would tell it"
+    static, coulomb = (estimates.get(f"contacts.actuator.{name}") for name in ("static", "coulomb"))
+    if static is not None and coulomb is not None and None not in (static.stderr, coulomb.stderr):
+        if static.value - coulomb.value < 2.0 * math.hypot(static.stderr, coulomb.stderr):
+            found |= {key: "the sliding torque does not fall from its static value by more than is in doubt"
+                      for key in ("contacts.actuator.stribeck_velocity", "contacts.actuator.stribeck_exponent") if key in estimates}
+    return found
+
+
+def _widened(estimate, apart=0.0):
+    """The estimate with its systematic part, and ``apart`` (in its unit); 95 % about the value."""
     part = SYSTEMATIC.get(estimate.key)
     if part is None or not estimate.determined or isinstance(estimate.value, list):
         return estimate
-    spread = math.hypot(float(estimate.stderr or 0.0), part * abs(float(estimate.value)))
+    spread = math.hypot(float(estimate.stderr or 0.0), part * abs(float(estimate.value)), apart)
     return replace(estimate, stderr=spread, low=estimate.value - 1.96 * spread, high=estimate.value + 1.96 * spread)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from microstage_ros.commissioning.findings import Refused, refused
 from microstage_ros.commissioning.design.law_choice import slower
+from microstage_ros.commissioning.design.programme import FASTEST, segments
 from microstage_ros.control.laws.controller import Controller, controller_parameters
 from microstage_ros.control.trajectories.profiles import MotionLimits, jerk_limited_move
 
@@ -57,9 +58,10 @@ class Loop:
 
     @property
     def top_speed(self):
-        """Speed [m/s] that leaves half of the voltage."""
+        """Speed [m/s] that leaves half of the voltage, and is safe should the encoder fail."""
         volts = max(float(self._model["volts_per_velocity"]), 0.0)
-        return 0.5 * max(self.machine.limit - 2.0 * self._sliding, 0.1 * self.machine.limit) / volts if volts > 0.0 else 0.1
+        fastest = 0.5 * max(self.machine.limit - 2.0 * self._sliding, 0.1 * self.machine.limit) / volts if volts > 0.0 else 0.1
+        return min(fastest, self.machine.safe_speed)
 
     def follow(self, reference, disturbance=None, error=ERROR, window=None, gentle=False, fresh=True, go_on=False):
         """Play a reference [m] from where the stage stands. Returns the `Record`.
@@ -154,14 +156,14 @@ class Loop:
     def _retreat(self, sign):
         """Whether the encoder shows the stage moving back at moderate voltages, for a tenth of a second at most."""
         machine = self.machine
-        way, watch, before = max(5e-6, 50.0 * machine.count), machine.watch, machine.last
+        way, watch, before, braked = max(5e-6, 50.0 * machine.count), machine.watch, machine.last, machine.braked
         usual = watch.unseen if watch is not None else ()
         try:
             start = machine.position
             machine.watch = None  # the motor runs out, and winds the train up where the stage is blocked
             after, machine.watch = machine.rest(0.03), watch
             if watch is not None:  # a drive train that unwinds is no dead encoder; one that has unwound is
-                wound = self._wound_up(before, after)
+                wound = self._wound_up(before, after) + abs(braked)
                 watch.unseen = tuple(wound + each for each in usual)
             stage = machine.periods(0.03, 10)
             volts = [sign * min(factor * max(self._sliding, 0.01 * machine.limit), machine.limit) for factor in (2.0, 3.0, 4.5)]
@@ -179,7 +181,7 @@ class Loop:
         return self.machine.watch.turned_at_most(u, i, int(gone[-1]) if len(gone) else 0)
 
 
-def stroke(loop, keep, longest=40.0):
+def stroke(loop, keep, usual=24.0, longest=60.0):
     """Once along the travel and back to where it began; friction along the way. Returns rows (position, friction force in
     volts forwards, backwards), shape (n, 3), and the range [m] that was travelled.
     """
@@ -188,7 +190,7 @@ def stroke(loop, keep, longest=40.0):
     inset = min(0.005 * machine.stroke, 3e-4)
     low, high, start = low + inset, high - inset, machine.position
     way = 2.0 * (high - low)
-    speed = min(max(way / (0.6 * longest), 1e-4), 0.8 * loop.top_speed)
+    speed = min(max(way / usual, 1e-4), 0.8 * loop.top_speed, machine.safe_speed)
     if way / speed > longest:  # too slow to see all of it
         half = 0.25 * speed * longest
         low, high = max(low, start - half), min(high, start + half)
@@ -231,24 +233,9 @@ def _along(record, machine, speed, cells=50):
 
 
 def programme(loop, centre):
-    """The reference [m] of a record that tells most of the axis: moves, slow and fast scans, sines, about ``centre``."""
+    """The reference [m] of a record that tells most of the axis, about ``centre``: `programme.segments`."""
     from microstage_ros.control.runs.run_file import Run
 
     machine = loop.machine
-    size = min(1.0, 0.04 * machine.stroke / 1e-3)
-    fast = min(3e-3, 0.8 * loop.top_speed)
-    limits = loop.limits(fast)
-    rate = min(1.0, 0.7 * fast / (2.0 * math.pi * 5e-4 * size))
-
-    def at(way):
-        return centre + way * size
-
-    segments = [
-        {"move_to_m": at(1e-3), "dwell_s": 0.2}, {"move_to_m": at(0.0), "dwell_s": 0.2},
-        {"scan": {"to_m": at(2e-4), "speed_m_s": min(1e-4, fast)}}, {"scan": {"to_m": at(0.0), "speed_m_s": min(1e-4, fast)}},
-        {"scan": {"to_m": at(2e-3), "speed_m_s": min(1e-3, fast)}}, {"scan": {"to_m": at(0.0), "speed_m_s": min(1e-3, fast)}},
-        {"sine": {"amplitude_m": 5e-5 * size, "frequency_hz": 0.5, "cycles": 2}},
-        {"sine": {"amplitude_m": 5e-4 * size, "frequency_hz": rate, "cycles": 3}},
-        {"scan": {"to_m": at(4e-3), "speed_m_s": fast}}, {"scan": {"to_m": at(0.0), "speed_m_s": fast}},
-    ]
-    return Run(program=segments, limits=limits, start_m=centre).tables(machine.period)["reference"]
+    fast = min(FASTEST, 0.8 * loop.top_speed)
+    return Run(program=segments(centre, machine.stroke, fast), limits=loop.limits(fast), start_m=centre).tables(machine.period)["reference"]

@@ -9,13 +9,15 @@ import time
 
 import numpy as np
 
-from microstage_ros.commissioning.findings import Stopped, refused
-from microstage_ros.hardware.protocol import HardwareError, safety_members
+from microstage_ros.commissioning.experiments.dead_encoder import BRAKE, BRAKED
+from microstage_ros.commissioning.findings import Refused, Stopped, refused
+from microstage_ros.hardware.protocol import HardwareError, instruments, safety_members
 from microstage_ros.records.record import Record
 
 LOOK = 0.01  # time between two looks at the last stretch of the run [s]
 MOST_SILENT = 5  # readings in a row without a number
-STILL = 0.001  # on one count: looked at then [s]
+BRAKES, LONGEST_BRAKE, AFTER_BRAKE = 4, 0.03, 8  # pulses against the motion, their length [s], rows without voltage after each
+SLOWEST_BRAKED = 1e-4  # m/s
 LONGEST = 290.0  # of machine time [s]
 JUMP = 3.0  # times the speed at the voltage limit that no encoder can show
 SPIN = 2e-4  # the last part of a wait that is spun [s]
@@ -32,12 +34,15 @@ class Machine:
     ----------
     travel : window [m] that the encoder may not leave. position : last reading [m]. rows : periods so far.
     watch : `EncoderWatch` once there are motor constants: the current tells a dead encoder in motion. None without.
+    instruments : what the backend's own instruments told: interval_s (least and greatest of the readings), temperature_K (list), index_m.
+    safe_speed : from which a dead encoder lets the stage go 10 µm at most [m/s]; infinite without a current. braked : way of the motor while braked last [m].
     used : greatest and least position [m] and greatest voltage [V] so far.
     """
 
     def __init__(self, backend, axis, paced=False):
         self._backend, self._paced, self._due = backend, paced, None
-        self._members = safety_members(backend)
+        self._members, self._instruments = safety_members(backend), instruments(backend)
+        self._clock, self.instruments = self._instruments.get("reading_time"), {}
         self.axis, self.period = axis, axis.value("period")
         self.limit = axis.value("drive.voltage_limit")
         low, high = axis.value("travel.minimum"), axis.value("travel.maximum")
@@ -47,6 +52,7 @@ class Machine:
         self.count = max(axis.value("sensors.encoder.resolution"), 1e-12)
         self.position, self.rows, self.started = math.nan, 0, False
         self.watch, self.top_speed, self.time_offset, self.delay = None, math.inf, 0.0, 0
+        self.safe_speed, self.braked = math.inf, 0.0
         self.noise, self.current_offset, self.last, self.failed = 0.0, 0.0, None, None
         self.used = {"travel_min_m": math.inf, "travel_max_m": -math.inf, "voltage_max_V": 0.0}
 
@@ -86,8 +92,9 @@ class Machine:
         extra = None if disturbance is None else np.asarray(disturbance, float).tolist()
         wanted, limit, look = np.asarray(reference, float).tolist(), self.limit, self.periods(LOOK, 10)
         jump = JUMP * min(self.top_speed, 1e3) * self.period + 40.0 * self.count
-        silent, n, self.ended, before, planned, same = 0, 0, "rows", self.position, False, 0
-        watch, still = self.watch, self.periods(STILL, 10)
+        clock, stamps = self._clock, []
+        silent, n, self.ended, before, planned, u = 0, 0, "rows", self.position, False, 0.0
+        watch, self.braked = self.watch, 0.0
         if watch is not None:
             watch.begin()
         try:
@@ -96,6 +103,8 @@ class Machine:
                     self._wait()
                 x, i, motor = backend.read()
                 encoder[n], current[n], angle[n] = x, i, motor
+                if clock is not None:
+                    stamps.append(clock())
                 if not math.isfinite(x):
                     silent += 1
                     if silent > MOST_SILENT:
@@ -107,8 +116,9 @@ class Machine:
                     silent = 0
                 if not low <= x <= high:
                     self._beyond(x, window)
-                same = same + 1 if x == before else 0
                 before = x
+                if watch is not None:
+                    watch.row(x, u, i)
                 u = command(n, x, i)
                 if extra is not None:
                     added[n] = extra[n]
@@ -124,21 +134,44 @@ class Machine:
                     break
                 if n % look == look - 1:
                     self._look(table, n)
-                if watch is not None:
-                    if same and same % still == 0:
-                        watch.still(table[3], table[1], n, same)
-                    if n % look == look - 1:
+                    if watch is not None:
                         watch.look(table[0], table[3], table[1], n)
             planned = self.ended == "rows"
         except HardwareError as problem:
             raise Stopped(f"the hardware reported: {problem}") from problem
+        except Refused as end:
+            if end.check.id == "encoder_dead" and watch is not None and watch.inertia > 0.0:
+                self._brake(watch, table[3, max(n - AFTER_BRAKE, 0):n], table[1, max(n - AFTER_BRAKE, 0) + 1:n + 1])
+            raise
         finally:
             if not (go_on and planned):
                 self._zero()
             self.position, self.rows = before, self.rows + n + 1
             self._note(table[:, :n + 1])
+            self._note_stamps(stamps)
             self.last = self._record(table[:, :n + 1], np.asarray(reference, float)[:n + 1])
         return self.last
+
+    def _brake(self, watch, voltages, currents):
+        """Stop the motor, whose speed only the back-EMF tells: pulses against it, and a look without voltage after each."""
+        speed, volts = watch.speed(voltages, currents), BRAKE * self.limit
+        try:
+            for _ in range(BRAKES):
+                if abs(speed) < SLOWEST_BRAKED:
+                    break
+                pulse = min(self.periods(BRAKED * watch.brake_time(speed, volts)), self.periods(LONGEST_BRAKE))
+                sent, seen = [math.copysign(volts, -speed)] * pulse + [0.0] * AFTER_BRAKE, []
+                for u in sent:
+                    self._backend.write(u)
+                    if self._paced:
+                        self._wait()
+                    seen.append(self._backend.read()[1])
+                self.rows += len(sent)
+                self.braked += watch.speed(sent, seen) * len(sent) * self.period
+                speed = watch.speed(sent[-AFTER_BRAKE // 2:], seen[-AFTER_BRAKE // 2:])
+            self._backend.write(0.0)
+        except HardwareError as problem:
+            raise Stopped(f"the hardware reported: {problem}") from problem
 
     def rest(self, seconds):
         """So long without voltage."""
@@ -199,6 +232,23 @@ class Machine:
             self.used["travel_max_m"] = max(self.used["travel_max_m"], float(np.nanmax(table[0])))
         if np.isfinite(table[3]).any():
             self.used["voltage_max_V"] = max(self.used["voltage_max_V"], float(np.nanmax(np.abs(table[3]))))
+
+    def _note_stamps(self, stamps):
+        """Least and greatest interval of the readings [s] by the card's clock."""
+        steps = np.diff(stamps)
+        if len(steps):
+            known = self.instruments.get("interval_s", [math.inf, -math.inf])
+            self.instruments["interval_s"] = [min(known[0], float(steps.min())), max(known[1], float(steps.max()))]
+
+    def note_surroundings(self):
+        """Ask for temperature [K] and index mark [m], where the backend has them; between two steps, at zero volts."""
+        try:
+            if "temperature" in self._instruments:
+                self.instruments.setdefault("temperature_K", []).append(float(self._instruments["temperature"]()))
+            if "index" in self._instruments:
+                self.instruments["index_m"] = float(self._instruments["index"]())
+        except HardwareError as problem:
+            raise Stopped(f"the hardware reported: {problem}") from problem
 
     def _record(self, table, reference):
         names = ("encoder_m", "current_A", "motor_angle_rad", "voltage_V", "disturbance_V")

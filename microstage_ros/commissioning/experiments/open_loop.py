@@ -18,6 +18,8 @@ from microstage_ros.signals.rows import of_row_before
 from microstage_ros.model.transmission import motor_ratio
 
 STROKE, SHARE = 1.5e-4, 0.02  # of the first strokes: metres, and share of the travel
+STANDS = 0.04  # without a count of the encoder at a voltage that moved it before, or in the midst of a stroke [s]
+STILL_COUNTS = 1.5  # within which it stands: flickering between two
 LONGEST_WINDOW = 0.03  # of the low-pass of the strokes [s]
 EMF_DOUBT = 0.05  # of the logarithm: a magnet loses 0.2 % per kelvin, and the strokes tell the back-EMF within 1 %
 LEAST_SCALE = 0.5 * math.log(2.0)  # of the logarithm: edges are counted wrong by two or four
@@ -51,31 +53,46 @@ def strokes(machine, sketch, first, keep):
     """Strokes to and fro by constant voltages. Returns (`Strokes`, `Check` of the scale). Raises Refused."""
     if first.has_current and sketch.axis.choices["drive.type"] == "voltage_motor":
         most = sketch.axis.value("drive.back_emf") * (1.0 + sketch.tolerance["drive.back_emf"]) / motor_ratio(sketch.axis)
-        machine.watch = EncoderWatch(machine.period, first.resistance, most, machine.current_offset, rough=True)
+        machine.watch = EncoderWatch(machine.period, first.resistance, most, machine.current_offset, machine.count, rough=True)
     reach = min(STROKE, SHARE * machine.stroke)
     centre, parts = machine.position, []
     level = 1.6 * first.breakaway
     for attempt in range(40):
-        record = _stroke(machine, centre, reach, level, 0.25)
-        parts.append(record)
-        if machine.ended == "until":
+        if _stroke(machine, centre, reach, level, 0.25, parts):
             break
         level = min(1.25 * level, machine.limit)
         if level >= machine.limit and attempt > 20:
             raise refused("stuck", level, "V", f"the stage gives way by {abs(machine.position - centre) * 1e6:.3g} µm and does not slide at {level:.3g} V")
     for scale in (1.0, 1.5, 2.0, 1.0, 1.5):
         for sign in (-1.0, 1.0):
-            parts.append(_stroke(machine, centre, reach, sign * min(scale * level, machine.limit), 0.25))
+            _stroke(machine, centre, reach, sign * min(scale * level, machine.limit), 0.25, parts)
     record = joined(parts)
     keep("strokes", record)
     found = fit_strokes(record, sketch, first, machine.period)
     return found, scale_check(strokes_below_swing(record, sketch, first, machine.period), sketch)
 
 
-def _stroke(machine, centre, reach, voltage, longest):
-    rows = machine.periods(longest)
-    sign = math.copysign(1.0, voltage)
-    return machine.run(np.full(rows, machine.position), lambda n, x, i: voltage, until=lambda n, x, i: sign * (x - centre) > reach)
+def _stroke(machine, centre, reach, voltage, longest, parts):
+    """One stroke at constant voltage, and whether it came to its end. Where the encoder stands it is cut short, and followed by a rest.
+
+    Raises Refused (encoder_dead) where not one count shows at a voltage beyond the one that moved the encoder before.
+    """
+    rows, stands = machine.periods(longest), machine.periods(STANDS, 20)
+    sign, same, last = math.copysign(1.0, voltage), STILL_COUNTS * machine.count, [machine.position, 0]
+
+    def ends(n, x, i):
+        if abs(x - last[0]) > same:
+            last[:] = x, n
+        return sign * (x - centre) > reach or n - last[1] >= stands
+
+    parts.append(machine.run(np.full(rows, machine.position), lambda n, x, i: voltage, until=ends))
+    arrived = sign * (machine.position - centre) > reach
+    if machine.ended == "until" and not arrived:
+        if not last[1]:
+            raise refused("encoder_dead", 0.0, "m", f"{voltage:.3g} V for {STANDS * 1e3:.0f} ms do not move the encoder by one count, where less did before: "
+                          "its cable or reading head has failed since (or the stage was clamped)")
+        parts.append(machine.rest(STANDS))
+    return arrived
 
 
 def fit_strokes(record, sketch, first, period):
@@ -177,7 +194,7 @@ def scale_check(found, sketch):
 def slide_speed(machine, found):
     """Speed of the base motion [m/s]."""
     top = max((machine.limit - found.friction) / max(found.volts_per_speed, 1e-9), 1e-6)
-    return min(SLIDE_SPEED, TOP_SHARE * top)
+    return min(SLIDE_SPEED, TOP_SHARE * top, machine.safe_speed)
 
 
 def sliding_response(machine, found, seed, keep):

@@ -5,17 +5,20 @@ import math
 import numpy as np
 
 from microstage_ros.commissioning.experiments.closed_loop import LOOSE
-from microstage_ros.commissioning.findings import refused
+from microstage_ros.commissioning.findings import Refused, refused
 from microstage_ros.commissioning.estimation.frequency_response import multi_sine, responses
 from microstage_ros.control.observer.drive_learning import NOISE_DOUBT
 from microstage_ros.control.trajectories.profiles import jerk_limited_move, sine
+from microstage_ros.metrology.iso230 import iso230
 from microstage_ros.metrology.repeatability import repeatability
 
 TARGETS = (1e-6, 1e-5, 1e-4, 1e-3)
 REPEATS = 10
+ISO_FIGURES = ("reversal", "repeatability_up", "repeatability_down", "repeatability", "systematic", "mean_deviation", "accuracy")
 DWELL, JUDGED = 0.3, 0.1  # rest after a move, and its last part over which the error is the mean [s]
 BAND_COUNTS, BAND = 2.0, 5e-8  # settled: within so many counts, or metres
 SINE = {"amplitude": 1e-5, "frequency": 0.1, "cycles": 1.0}
+OFF = 2e-6  # beside the target 0.2 to 0.3 s after a move: not at rest there [m]
 SWING = 6e-7  # peak to peak in the judged part that is an oscillation [m]
 LEARNING = "self_tuning_observer"
 STEP_SHARE, FLAT, FAST = 0.2, 100.0, 1e-4
@@ -103,36 +106,66 @@ def _part(record, start, stop):
 
 
 def moves(loop, keep):
-    """Repeated moves from one place to each target and back. Returns (rows of report.json, largest swing at rest [m])."""
+    """Repeated moves from one place to each target and back; in every second one also on to twice the target, and to it from above.
+
+    Returns (rows of report.json, figures of ISO 230-2 over all targets [m]). Raises Refused (runaway).
+    """
     from microstage_ros.commissioning.experiments.first_motion import joined
 
     machine, records, rows, swing = loop.machine, [], [], 0.0
-    start = machine.position
-    fresh = True
+    start, fresh, sides = machine.position, True, []
     band = max(BAND_COUNTS * machine.count, BAND)
     for target in TARGETS:
-        if abs(target) > 0.2 * machine.stroke:
+        if abs(target) > 0.15 * machine.stroke:
             continue
-        errors, times = [], []
-        for _ in range(REPEATS):
-            for place in (start + target, start):
-                begin = start if place != start else start + target
+        errors, times = {"up": [], "down": [], "back": []}, []
+        for k in range(REPEATS):
+            begin, ways = start, [("up", target), ("back", 0.0)] if k % 2 else [("up", target), ("back", 2.0 * target), ("down", target), ("back", 0.0)]
+            for side, way in ways:
+                place = start + way
                 move = jerk_limited_move(begin, place, machine.period, loop.limits(6e-3))
                 record = loop.follow(np.append(move, np.full(machine.periods(DWELL), place)), error=LOOSE, fresh=fresh, go_on=True)
-                fresh = False
+                begin, fresh = place, False
                 records.append(record)
                 judged = record["encoder_m"][-machine.periods(JUDGED):]
                 swing = max(swing, swing_of(judged))
-                if place != start:
-                    errors.append(float(np.mean(judged)) - place)
+                errors[side].append(float(np.mean(judged)) - place)
+                try:
+                    _at_rest(loop, swing, errors[side][-1])
+                except Refused:
+                    keep("moves", joined(records))
+                    raise
+                if side == "up":
                     beyond = np.flatnonzero(np.abs(record["encoder_m"] - place) > band)
                     times.append((float(beyond[-1]) + 1 - len(move)) * machine.period if len(beyond) else 0.0)
-        found = repeatability(errors)
+        found = repeatability(errors["up"])
+        one = iso230([0.0], [errors["up"]], [errors["down"]])
+        sides.append((target, errors))
         rows.append({"target_m": target, "n": REPEATS, "bias_m": found.bias, "four_s_m": found.four_s, "settling_s": max(float(np.median(times)), 0.0),
-                     "four_s_interval_m": list(found.four_s_interval), "worst_m": float(np.abs(errors).max())})
+                     "four_s_interval_m": list(found.four_s_interval), "worst_m": float(np.abs(errors["up"]).max()),
+                     "n_down": len(errors["down"]), "reversal_m": float(one.reversals[0]), "bidirectional_m": one.repeatability})
     machine.rest(0.0)
     keep("moves", joined(records))
-    return rows, swing
+    return rows, _iso_figures(sides)
+
+
+def _at_rest(loop, swing, error):
+    """Refuse a law that swings at rest, or does not come to rest at its target, at the first move that shows it."""
+    machine, said = loop.machine, ""
+    if swing > max(SWING, 16.0 * machine.count, 12.0 * machine.noise):
+        said, value = f"the stage swings by {swing * 1e6:.3g} µm at rest", swing
+    elif abs(error) > max(OFF, 40.0 * machine.count):
+        said, value = f"the stage rests {error * 1e6:.3g} µm beside its target", error
+    if said:
+        machine.rest(0.0)
+        raise refused("runaway", value, "m", f"under {loop.law} {said}")
+
+
+def _iso_figures(sides):
+    """Reversal B, repeatabilities R↑, R↓, R, systematic deviation E, mean deviation M and accuracy A [m] over all targets."""
+    targets = np.array([target for target, _ in sides])
+    found = iso230(targets, *(targets[:, None] + np.array([errors[side] for _, errors in sides]) for side in ("up", "down")))
+    return {name: getattr(found, name) for name in ISO_FIGURES}
 
 
 def swing_of(positions):
@@ -155,9 +188,6 @@ def slow_sine(loop, keep):
 
 
 def prove(loop, keep):
-    """Moves and slow sine. Raises Refused (runaway) where the law swings at rest."""
-    rows, swing = moves(loop, keep)
-    limit = max(SWING, 16.0 * loop.machine.count, 12.0 * loop.machine.noise)
-    if swing > limit:
-        raise refused("runaway", swing, "m", f"under {loop.law} the stage swings by {swing * 1e6:.3g} µm at rest")
-    return rows, slow_sine(loop, keep)
+    """(rows of the moves, ISO 230-2 figures, slow sine's largest error). Raises Refused (runaway) where the law swings at rest or does not reach its target."""
+    rows, figures = moves(loop, keep)
+    return rows, figures, slow_sine(loop, keep)
