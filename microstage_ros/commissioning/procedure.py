@@ -11,10 +11,25 @@ from microstage_ros.commissioning.findings import Check, Refused, Stopped, refus
 from microstage_ros.commissioning.experiments.first_motion import first_motion
 from microstage_ros.commissioning.estimation.frequency_response import measured_margins
 from microstage_ros.commissioning.estimation.known import known_axis
-from microstage_ros.commissioning.design.law_choice import DRAWS, FLOOR_GAIN, FLOOR_PHASE, choose_law, encoder_margins, soft_gains, too_little
+from microstage_ros.commissioning.design.law_choice import (
+    DRAWS,
+    FLOOR_GAIN,
+    FLOOR_PHASE,
+    choose_law,
+    encoder_margins,
+    soft_gains,
+    too_little,
+)
 from microstage_ros.commissioning.experiments.dead_encoder import EncoderWatch
 from microstage_ros.commissioning.experiments.machine import LONGEST
-from microstage_ros.commissioning.experiments.open_loop import Strokes, fit_strokes, scale_check, sliding_response, strokes, strokes_below_swing
+from microstage_ros.commissioning.experiments.open_loop import (
+    Strokes,
+    fit_strokes,
+    scale_check,
+    sliding_response,
+    strokes,
+    strokes_below_swing,
+)
 from microstage_ros.commissioning.estimation.parameters import draws, identified, slope_of
 from microstage_ros.commissioning.estimation.plant_fit import fit_plant, resonance_of
 
@@ -132,8 +147,15 @@ def _open_loop(outcome, machine, sketch, store, first, seed, progress, keep, pat
         store.finish("strokes", asdict(found), [paths["strokes"]])
     assert isinstance(found, Strokes)
     if found.has_current and sketch.axis.choices["drive.type"] == "voltage_motor":
-        machine.watch = EncoderWatch(machine.period, found.resistance, max(found.volts_per_speed, 1e-9), machine.current_offset,
-                                     machine.count, max(found.inertia, 0.0), found.friction)
+        machine.watch = EncoderWatch(
+            machine.period,
+            found.resistance,
+            max(found.volts_per_speed, 1e-9),
+            machine.current_offset,
+            machine.count,
+            max(found.inertia, 0.0),
+            found.friction,
+        )
         machine.safe_speed = max(machine.watch.safe_speed(machine.limit), LEAST_SAFE)
     machine.top_speed = machine.limit / max(found.volts_per_speed, 1e-9)
     axis = known_axis(sketch, found)
@@ -144,7 +166,9 @@ def _open_loop(outcome, machine, sketch, store, first, seed, progress, keep, pat
         outcome.responses.append(response)
         fit = fit_plant(axis, response, machine.period, slope_of(axis, found))
     if fit is None:
-        outcome.remarks.append("Too few lines of the open-loop response are coherent: the drive train stays as sketched.")
+        outcome.remarks.append(
+            "Too few lines of the open-loop response are coherent: the drive train stays as sketched."
+        )
     else:
         _judge_response(outcome, machine, sketch, fit)
         axis = known_axis(sketch, found, fit)
@@ -155,9 +179,22 @@ def _judge_response(outcome, machine, sketch, fit):
     """Checks of delay and resonance."""
     delay = fit.delay / machine.period
     if delay > MOST_DELAY and delay > 4.0 * fit.delay_error / machine.period:
-        raise refused("delay", delay, "periods", f"the encoder answers the command {delay:.1f} periods ({fit.delay * 1e3:.3g} ms) later than the "
-                      "model: buffers, filters or averaging in the readings or the output")
-    outcome.check(Check("delay", True, max(delay, 0.0), "periods", f"{max(delay, 0.0):.2f} periods between command and motion beyond the model's"))
+        raise refused(
+            "delay",
+            delay,
+            "periods",
+            f"the encoder answers the command {delay:.1f} periods ({fit.delay * 1e3:.3g} ms) later than the "
+            "model: buffers, filters or averaging in the readings or the output",
+        )
+    outcome.check(
+        Check(
+            "delay",
+            True,
+            max(delay, 0.0),
+            "periods",
+            f"{max(delay, 0.0):.2f} periods between command and motion beyond the model's",
+        )
+    )
     expected = resonance_of(sketch.axis)
     if not math.isfinite(expected):
         outcome.check(Check("resonance", True, math.nan, "Hz", "this transmission has no resonance in the model"))
@@ -167,10 +204,17 @@ def _judge_response(outcome, machine, sketch, fit):
     if fit.resonance > 0.45 / machine.period or not fit.resonance_error < 0.3:
         outcome.check(Check("resonance", True, fit.resonance, "Hz", "no resonance shows in the measured band"))
     elif share < LEAST_RESONANCE and known:
-        raise refused("resonance", fit.resonance, "Hz", f"the drive train swings at {fit.resonance:.4g} Hz, {share:.2g} of the {expected:.4g} Hz of the "
-                      "sketch: a loose coupling, nut or bearing, or a far heavier load")
+        raise refused(
+            "resonance",
+            fit.resonance,
+            "Hz",
+            f"the drive train swings at {fit.resonance:.4g} Hz, {share:.2g} of the {expected:.4g} Hz of the "
+            "sketch: a loose coupling, nut or bearing, or a far heavier load",
+        )
     else:
-        outcome.check(Check("resonance", True, fit.resonance, "Hz", f"{fit.resonance:.4g} Hz, sketched {expected:.4g} Hz"))
+        outcome.check(
+            Check("resonance", True, fit.resonance, "Hz", f"{fit.resonance:.4g} Hz, sketched {expected:.4g} Hz")
+        )
 
 
 def _closed_loop(outcome, loop, store, progress, keep, paths):
@@ -180,11 +224,15 @@ def _closed_loop(outcome, loop, store, progress, keep, paths):
     if store.done("stroke") is None:
         progress("once along the travel: end stops, friction along the way")
         outcome.along, ends, _ = stroke(loop, keep)
-        store.finish("stroke", {"low_m": ends[0], "high_m": ends[1], "along": outcome.along.tolist()}, [paths["stroke"]])
+        store.finish(
+            "stroke", {"low_m": ends[0], "high_m": ends[1], "along": outcome.along.tolist()}, [paths["stroke"]]
+        )
     else:
         outcome.along = np.array(store.done("stroke")["along"], float)
         ends = store.done("stroke")["low_m"], store.done("stroke")["high_m"]
-    outcome.check(Check("end_stop", True, ends[1] - ends[0], "m", f"free from {ends[0] * 1e3:.4g} to {ends[1] * 1e3:.4g} mm"))
+    outcome.check(
+        Check("end_stop", True, ends[1] - ends[0], "m", f"free from {ends[0] * 1e3:.4g} to {ends[1] * 1e3:.4g} mm")
+    )
     if store.done(SUM) is None:
         made = []
         middle, reach = 0.5 * (ends[0] + ends[1]), ends[1] - ends[0]
@@ -271,7 +319,9 @@ def _tried(loop, first, found, seed, progress, keep):
         margins = measured_margins(motion[1])
         little = too_little(margins)
         if little:
-            raise refused("runaway", margins.phase_deg, "deg", f"the loop of {loop.law}, measured in motion, leaves {little}")
+            raise refused(
+                "runaway", margins.phase_deg, "deg", f"the loop of {loop.law}, measured in motion, leaves {little}"
+            )
     rest = proof.loop_at_rest(loop, first.breakaway, seed, keep)
     progress(f"moves of 1 to 1000 µm and a slow sine under {loop.law}")
     return Tried(loop, rest, motion, *proof.prove(loop, keep))

@@ -119,10 +119,16 @@ class SafetyMembers(Protocol):
 
 
 class Instruments(Protocol):
-    """Members that a backend may have beside those of `Hardware`, each for itself, that tell more of a reading; all raise `HardwareError`."""
+    """Members that a backend may have beside those of `Hardware`, each for itself, that tell more of a reading.
+
+    All raise `HardwareError`.
+    """
 
     def reading_time(self) -> float:
-        """The instant of the last reading by the card's own clock [s], from any zero. `commission` reports how even the readings are."""
+        """The instant of the last reading by the card's own clock [s], from any zero.
+
+        `commission` reports how even the readings are.
+        """
 
     def temperature(self) -> float:
         """Temperature of the machine [K], NaN while there is none. Asked for now and then, beside no motion."""

@@ -21,18 +21,35 @@ TYPES = ("pid", "pid_feedforward", "self_tuning", "self_tuning_feedforward")
 
 def main(argv=None):
     """Run the command. Returns 0; raises InputError for bad input."""
-    parser = Parser(prog="microstage tune", description=(
-        "Tune a PID law for an axis: by simulation, or with --response on a measured frequency response (margins with bands, a notch "
-        "where the response asks for one), or with --running on the cell that runs. Prints the gains as other controllers write them."))
+    parser = Parser(
+        prog="microstage tune",
+        description=(
+            "Tune a PID law for an axis: by simulation, or with --response on a measured frequency response (margins with bands, a notch "
+            "where the response asks for one), or with --running on the cell that runs. Prints the gains as other controllers write them."
+        ),
+    )
     parser.add_argument("--axis", required=True, metavar="FILE", help="axis file")
     parser.add_argument("--type", default="pid", choices=TYPES, help="controller (default pid)")
-    parser.add_argument("--out", metavar="FILE", help="axis file to write, with the tuned gains in its controller section")
-    parser.add_argument("--evaluations", type=int, default=60, metavar="N", help="candidates of the fine tuning (default 60)")
+    parser.add_argument(
+        "--out", metavar="FILE", help="axis file to write, with the tuned gains in its controller section"
+    )
+    parser.add_argument(
+        "--evaluations", type=int, default=60, metavar="N", help="candidates of the fine tuning (default 60)"
+    )
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of search and friction (default 0)")
-    parser.add_argument("--response", metavar="FILE", help="measured response of the plant [m/V] (frequency_response.csv of commission): shape on it")
-    parser.add_argument("--running", action="store_true",
-                        help="on the cell that runs, lockstep or paced: half a minute of motion, identification, tuning of what was found")
-    parser.add_argument("--namespace", type=units.namespace, default="/axis", metavar="NS", help="of the running cell (default /axis)")
+    parser.add_argument(
+        "--response",
+        metavar="FILE",
+        help="measured response of the plant [m/V] (frequency_response.csv of commission): shape on it",
+    )
+    parser.add_argument(
+        "--running",
+        action="store_true",
+        help="on the cell that runs, lockstep or paced: half a minute of motion, identification, tuning of what was found",
+    )
+    parser.add_argument(
+        "--namespace", type=units.namespace, default="/axis", metavar="NS", help="of the running cell (default /axis)"
+    )
     parser.add_argument("--record", metavar="DIR", help="folder of the bag that --running makes")
     parser.add_force()
     arguments = parser.parse_args(argv)
@@ -41,7 +58,9 @@ def main(argv=None):
     if arguments.out:
         keep_earlier("--out", [arguments.out], arguments.force)
     if arguments.running != bool(arguments.record) or (arguments.running and arguments.response):
-        raise InputError("--running, --record", arguments.record, "both together, for a cell that runs, and not with --response")
+        raise InputError(
+            "--running, --record", arguments.record, "both together, for a cell that runs, and not with --response"
+        )
     axis, console = read_axis(arguments.axis), Console()
     if arguments.running:
         axis = _identified_running(arguments, axis)
@@ -51,22 +70,29 @@ def main(argv=None):
     if arguments.response:
         return _shape(arguments, axis)
     cycle = tuning.limit_cycle(axis, seed=arguments.seed)
-    console.print(f"limit cycle: ultimate gain {cycle.ultimate_gain:.4g} V/m, period {cycle.ultimate_period * 1e3:.4g} ms, "
-                  f"amplitude {cycle.amplitude * 1e6:.3g} um under a relay of {cycle.relay:.3g} V")
+    console.print(
+        f"limit cycle: ultimate gain {cycle.ultimate_gain:.4g} V/m, period {cycle.ultimate_period * 1e3:.4g} ms, "
+        f"amplitude {cycle.amplitude * 1e6:.3g} um under a relay of {cycle.relay:.3g} V"
+    )
     start = tuning.ziegler_nichols(cycle)
     console.print("Ziegler-Nichols: " + _told(start))
     with progress("fine tuning", arguments.evaluations) as bar:
         seeds = (arguments.seed, arguments.seed + 1)
-        found = tuning.fine_tune(axis, arguments.type, start, seeds, arguments.evaluations, arguments.seed,
-                                 bar.reach)
+        found = tuning.fine_tune(axis, arguments.type, start, seeds, arguments.evaluations, arguments.seed, bar.reach)
     console.print("fine tuned: " + _told(found.gains))
     table = Table(*MARGIN_HEADS)
     for row in margin_rows(found.margins):
         table.add_row(*row)
     console.print(table)
     _export(found.gains, axis)
-    answer.state(type=arguments.type, ultimate_gain_V_m=cycle.ultimate_gain, ultimate_period_s=cycle.ultimate_period, gains=found.gains,
-                 margins=margin_rows(found.margins), axis=arguments.out)
+    answer.state(
+        type=arguments.type,
+        ultimate_gain_V_m=cycle.ultimate_gain,
+        ultimate_period_s=cycle.ultimate_period,
+        gains=found.gains,
+        margins=margin_rows(found.margins),
+        axis=arguments.out,
+    )
     if arguments.out:
         _save(arguments, axis, found.gains)
     return 0
@@ -97,15 +123,24 @@ def _identified_running(arguments, axis):
         print(failure, file=sys.stderr)
         return None
     found = identify(iter([take_in(read_record(out / "bag"), axis)[0]]), axis, arguments.seed)
-    print(f"{out / 'bag'}: the record; " + ", ".join(f"{e.key} {e.value:.4g} {e.unit}" for e in found.estimates.values()
-                                                     if e.determined and not isinstance(e.value, list)))
+    print(
+        f"{out / 'bag'}: the record; "
+        + ", ".join(
+            f"{e.key} {e.value:.4g} {e.unit}"
+            for e in found.estimates.values()
+            if e.determined and not isinstance(e.value, list)
+        )
+    )
     return found.to_axis(axis)
 
 
 def _save(arguments, axis, gains, **more):
     section = {**axis.controller, "tuned_period": axis.value("period"), arguments.type: _rounded(gains)}
     tuned = axis.with_controller(section)
-    tuned.save(arguments.out, {**tuned.provenance, "tuned_by": f"microstage tune {__version__}", "seed": arguments.seed, **more})
+    tuned.save(
+        arguments.out,
+        {**tuned.provenance, "tuned_by": f"microstage tune {__version__}", "seed": arguments.seed, **more},
+    )
 
 
 def _shape(arguments, axis):
@@ -119,33 +154,52 @@ def _shape(arguments, axis):
     period = axis.value("period")
     before = loop_shaping.measured_margins(loop_shaping.loop_on(response, gains, period))
     found = loop_shaping.shape(response, gains, period)
-    print(f"response: {arguments.response}, {response.condition}, {len(response.kept().frequency)} coherent lines of {len(response.frequency)}")
+    print(
+        f"response: {arguments.response}, {response.condition}, {len(response.kept().frequency)} coherent lines of {len(response.frequency)}"
+    )
     print(f"gains of the axis file: {_told(gains)}\n  {_margins(before)}")
     print(f"shaped, {found.bandwidth:.2f} of that bandwidth: {_told(found.gains)}\n  {_margins(found.margins)}")
     if not loop_shaping.enough(found.margins, response):
-        print(f"  not enough: {loop_shaping.LEAST_PHASE:g}°, {loop_shaping.LEAST_GAIN:g} dB, sensitivity {loop_shaping.MOST_SENSITIVITY:g} are not reached "
-              "on this response")
+        print(
+            f"  not enough: {loop_shaping.LEAST_PHASE:g}°, {loop_shaping.LEAST_GAIN:g} dB, sensitivity {loop_shaping.MOST_SENSITIVITY:g} are not reached "
+            "on this response"
+        )
     peak, notched = loop_shaping.resonance_in(response), loop_shaping.with_notch(response, gains, period)
     if peak:
         shaper = loop_shaping.zero_vibration(*peak)
-        print(f"resonance at {peak[0]:.4g} Hz, damping {peak[1]:.2g}; shaper of the reference (zero vibration): "
-              + ", ".join(f"{share:.3f} at {time * 1e3:.3g} ms" for time, share in shaper))
+        print(
+            f"resonance at {peak[0]:.4g} Hz, damping {peak[1]:.2g}; shaper of the reference (zero vibration): "
+            + ", ".join(f"{share:.3f} at {time * 1e3:.3g} ms" for time, share in shaper)
+        )
     if notched:
         n = notched.notch
-        print(f"a notch at {n.frequency:.4g} Hz (zeta {n.zeta_zero:.2g} over {n.zeta_pole:.2g}) would allow {notched.bandwidth:.2f} of the bandwidth: "
-              f"{_told(notched.gains)}\n  {_margins(notched.margins)}")
+        print(
+            f"a notch at {n.frequency:.4g} Hz (zeta {n.zeta_zero:.2g} over {n.zeta_pole:.2g}) would allow {notched.bandwidth:.2f} of the bandwidth: "
+            f"{_told(notched.gains)}\n  {_margins(notched.margins)}"
+        )
     _export(found.gains, axis)
-    answer.state(type=arguments.type, gains=found.gains, phase_deg=found.margins.phase_deg, phase_stderr_deg=found.margins.phase_error_deg,
-                 gain_dB=found.margins.gain_dB, gain_stderr_dB=found.margins.gain_error_dB, sensitivity=found.margins.sensitivity,
-                 crossover_Hz=found.margins.crossover_Hz, notch_Hz=notched.notch.frequency if notched else None, axis=arguments.out)
+    answer.state(
+        type=arguments.type,
+        gains=found.gains,
+        phase_deg=found.margins.phase_deg,
+        phase_stderr_deg=found.margins.phase_error_deg,
+        gain_dB=found.margins.gain_dB,
+        gain_stderr_dB=found.margins.gain_error_dB,
+        sensitivity=found.margins.sensitivity,
+        crossover_Hz=found.margins.crossover_Hz,
+        notch_Hz=notched.notch.frequency if notched else None,
+        axis=arguments.out,
+    )
     if arguments.out:
         _save(arguments, axis, found.gains, response=str(arguments.response))
     return 0
 
 
 def _margins(m):
-    return (f"phase margin {m.phase_deg:.1f}° ± {2 * m.phase_error_deg:.1f}°, gain margin {m.gain_dB:.1f} dB ± {2 * m.gain_error_dB:.1f} dB, crossover "
-            f"{m.crossover_Hz:.1f} Hz, largest sensitivity {m.sensitivity:.2f}")
+    return (
+        f"phase margin {m.phase_deg:.1f}° ± {2 * m.phase_error_deg:.1f}°, gain margin {m.gain_dB:.1f} dB ± {2 * m.gain_error_dB:.1f} dB, crossover "
+        f"{m.crossover_Hz:.1f} Hz, largest sensitivity {m.sensitivity:.2f}"
+    )
 
 
 def _export(gains, axis):

@@ -34,19 +34,40 @@ def choose_law(axis, drawn, has_current):
     if has_current and axis.choices["drive.type"] == "voltage_motor":
         gains, reach, step = observer_gains(axis, drawn)
         if reach >= 1.0:
-            changed = "" if step == OBSERVER_STEPS[0] else f", with {step[0]:.0%} of the rule's bandwidth and {step[1]:g} times its doubt in the back-EMF"
-            return OBSERVER, gains, f"{OBSERVER}{changed}: at least {FLOOR_PHASE:g}° and {FLOOR_GAIN:g} dB at the amplifier {where}"
+            changed = (
+                ""
+                if step == OBSERVER_STEPS[0]
+                else f", with {step[0]:.0%} of the rule's bandwidth and {step[1]:g} times its doubt in the back-EMF"
+            )
+            return (
+                OBSERVER,
+                gains,
+                f"{OBSERVER}{changed}: at least {FLOOR_PHASE:g}° and {FLOOR_GAIN:g} dB at the amplifier {where}",
+            )
         left = "is not stable" if reach < 0.0 else f"leaves {reach * FLOOR_PHASE:.1f}° or {reach * FLOOR_GAIN:.2f} dB"
         reason = f"{OBSERVER} {left} {where}, whatever its bandwidth and doubt: {FLOOR_PHASE:g}° and {FLOOR_GAIN:g} dB are asked; "
     law = "self_tuning_feedforward"
     gains, share = soft_gains(law, axis, drawn)
     if share > SOFTEST:
-        return law, gains, f"{reason}{law} with {share:.0%} of the rule's bandwidth: {LEAST_PHASE:g}° and {LEAST_GAIN:g} dB in sliding on all of them"
+        return (
+            law,
+            gains,
+            f"{reason}{law} with {share:.0%} of the rule's bandwidth: {LEAST_PHASE:g}° and {LEAST_GAIN:g} dB in sliding on all of them",
+        )
     phase, gain = encoder_margins(law, axis, drawn, gains)
     if phase < FLOOR_PHASE or gain < FLOOR_GAIN:
-        raise refused("runaway", phase, "deg", f"{reason}{law} at {share:.0%} of the rule's bandwidth leaves {phase:.1f}° and {gain:.1f} dB in sliding: "
-                      "no law can be called safe on this drive train (weigh the load, look for a loose coupling, give its mass and stiffness with tolerances)")
-    return law, gains, f"{reason}{law} with {share:.0%} of the rule's bandwidth: {phase:.0f}° and {gain:.1f} dB in sliding at least"
+        raise refused(
+            "runaway",
+            phase,
+            "deg",
+            f"{reason}{law} at {share:.0%} of the rule's bandwidth leaves {phase:.1f}° and {gain:.1f} dB in sliding: "
+            "no law can be called safe on this drive train (weigh the load, look for a loose coupling, give its mass and stiffness with tolerances)",
+        )
+    return (
+        law,
+        gains,
+        f"{reason}{law} with {share:.0%} of the rule's bandwidth: {phase:.0f}° and {gain:.1f} dB in sliding at least",
+    )
 
 
 def encoder_margins(law, axis, drawn, gains):
@@ -66,9 +87,13 @@ def too_little(margins):
     """
     said = []
     if margins.crossover_Hz > 0.0 and margins.phase_deg + 2.0 * margins.phase_error_deg < FLOOR_PHASE:
-        said.append(f"{margins.phase_deg:.1f}° ± {2.0 * margins.phase_error_deg:.1f}° of phase (at least {FLOOR_PHASE:g}° is asked)")
+        said.append(
+            f"{margins.phase_deg:.1f}° ± {2.0 * margins.phase_error_deg:.1f}° of phase (at least {FLOOR_PHASE:g}° is asked)"
+        )
     if margins.gain_dB + 2.0 * margins.gain_error_dB < FLOOR_GAIN:
-        said.append(f"{margins.gain_dB:.2f} dB ± {2.0 * margins.gain_error_dB:.2f} dB of gain (at least {FLOOR_GAIN:g} dB is asked)")
+        said.append(
+            f"{margins.gain_dB:.2f} dB ± {2.0 * margins.gain_error_dB:.2f} dB of gain (at least {FLOOR_GAIN:g} dB is asked)"
+        )
     return " and ".join(said)
 
 
@@ -112,8 +137,10 @@ def _reach(axis, drawn, parameters, enough):
 
 def slower(gains, share):
     """PID gains with all bandwidths (of damping, position, integral, filter) lowered to ``share``."""
-    return {"proportional": gains["proportional"] * share**2,
-            **{name: gains[name] / share for name in ("integral_time", "derivative_time", "filter_time")}}
+    return {
+        "proportional": gains["proportional"] * share**2,
+        **{name: gains[name] / share for name in ("integral_time", "derivative_time", "filter_time")},
+    }
 
 
 def soft_gains(law, axis, drawn):
@@ -123,10 +150,14 @@ def soft_gains(law, axis, drawn):
     parameters = controller_parameters(law, axis, {})["pid"]
     gains = {name: float(parameters[name]) for name in parameters.dtype.names}
     share = 1.0
-    while share > SOFTEST and not all(_guarded(pid_margins(a, {**gains, **slower(gains, share)})) for a in [axis, *drawn]):
+    while share > SOFTEST and not all(
+        _guarded(pid_margins(a, {**gains, **slower(gains, share)})) for a in [axis, *drawn]
+    ):
         share *= SOFTER
     return ({} if share == 1.0 else slower(gains, share)), share
 
 
 def _guarded(margins):
-    return all(m.stable and m.phase_deg >= LEAST_PHASE and m.gain_db >= LEAST_GAIN for m in margins if m.regime == SLIDING)
+    return all(
+        m.stable and m.phase_deg >= LEAST_PHASE and m.gain_db >= LEAST_GAIN for m in margins if m.regime == SLIDING
+    )

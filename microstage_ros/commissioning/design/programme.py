@@ -20,12 +20,16 @@ def segments(centre, stroke, fast):
         return centre + way * size
 
     return [
-        {"move_to_m": at(1e-3), "dwell_s": 0.2}, {"move_to_m": at(0.0), "dwell_s": 0.2},
-        {"scan": {"to_m": at(2e-4), "speed_m_s": min(1e-4, fast)}}, {"scan": {"to_m": at(0.0), "speed_m_s": min(1e-4, fast)}},
-        {"scan": {"to_m": at(2e-3), "speed_m_s": min(1e-3, fast)}}, {"scan": {"to_m": at(0.0), "speed_m_s": min(1e-3, fast)}},
+        {"move_to_m": at(1e-3), "dwell_s": 0.2},
+        {"move_to_m": at(0.0), "dwell_s": 0.2},
+        {"scan": {"to_m": at(2e-4), "speed_m_s": min(1e-4, fast)}},
+        {"scan": {"to_m": at(0.0), "speed_m_s": min(1e-4, fast)}},
+        {"scan": {"to_m": at(2e-3), "speed_m_s": min(1e-3, fast)}},
+        {"scan": {"to_m": at(0.0), "speed_m_s": min(1e-3, fast)}},
         {"sine": {"amplitude_m": 5e-5 * size, "frequency_hz": 0.5, "cycles": 2}},
         {"sine": {"amplitude_m": 5e-4 * size, "frequency_hz": rate, "cycles": 3}},
-        {"scan": {"to_m": at(REACH), "speed_m_s": fast}}, {"scan": {"to_m": at(0.0), "speed_m_s": fast}},
+        {"scan": {"to_m": at(REACH), "speed_m_s": fast}},
+        {"scan": {"to_m": at(0.0), "speed_m_s": fast}},
     ]
 
 

@@ -18,16 +18,33 @@ FAR = math.log(10.0)  # from its first value; the bounds are at a factor of twel
 TIED = 0.01  # how far a DC motor's torque constant may be from its back-EMF constant (iron losses, temperature between the two)
 ROUGHLY = 0.5  # relative standard deviation beyond which no number is called determined
 WELL = 0.25  # relative standard deviation below which a number counts as determined
-VOLTS_ONLY = ("drive.resistance", "drive.back_emf", "drive.inductance", "drive.torque_constant", "drive.rotor_inertia",
-              "contacts.actuator.static", "contacts.actuator.coulomb", "contacts.actuator.viscous", "constant torque")
+VOLTS_ONLY = (
+    "drive.resistance",
+    "drive.back_emf",
+    "drive.inductance",
+    "drive.torque_constant",
+    "drive.rotor_inertia",
+    "contacts.actuator.static",
+    "contacts.actuator.coulomb",
+    "contacts.actuator.viscous",
+    "constant torque",
+)
 """What cannot be told in its own unit without a current: only together with the sketch's resistance."""
 
 SYSTEMATIC = {
-    "drive.resistance": 0.005, "drive.back_emf": 5e-4, "drive.inductance": 0.25, "drive.rotor_inertia": 0.02, "stage.mass": 0.05,
-
-    "contacts.actuator.coulomb": 0.035, "contacts.actuator.viscous": 0.05, "contacts.actuator.static": 0.06,
-    "contacts.actuator.stribeck_velocity": 0.15, "contacts.actuator.stribeck_exponent": 0.12,
-    "variability.relative": 0.2, "variability.travel_share": 0.25, "variability.travel_length": 0.6,
+    "drive.resistance": 0.005,
+    "drive.back_emf": 5e-4,
+    "drive.inductance": 0.25,
+    "drive.rotor_inertia": 0.02,
+    "stage.mass": 0.05,
+    "contacts.actuator.coulomb": 0.035,
+    "contacts.actuator.viscous": 0.05,
+    "contacts.actuator.static": 0.06,
+    "contacts.actuator.stribeck_velocity": 0.15,
+    "contacts.actuator.stribeck_exponent": 0.12,
+    "variability.relative": 0.2,
+    "variability.travel_share": 0.25,
+    "variability.travel_length": 0.6,
 }
 """Relative standard uncertainty beside that of the records' scatter: friction differs by place and time, sensors are not
 ideal, the model's friction law is not the machine's. Calibrated on six machines (seeds 1 to 6); `test/commissioning/systematic.py FOLDER...`
@@ -49,39 +66,61 @@ def identified(records, axis, sketch, found, response, seed):
         if _far(result, axis):
             result = identify(iter(taken), result.to_axis(axis), seed)
     except InputError as error:
-        return axis, {}, [f"The records were not explained by the model ({error}); the numbers of the first measurements stay."]
+        return (
+            axis,
+            {},
+            [f"The records were not explained by the model ({error}); the numbers of the first measurements stay."],
+        )
     estimates = dict(result.estimates)
     if current_free:
-        estimates = {key: replace(e, determined=False, remark="without a current only voltages are known") if key in VOLTS_ONLY else e
-                     for key, e in estimates.items()}
-        values = {e.key: e.value for e in result.estimates.values() if e.determined and axis.has(e.key)
-                  and e.key not in ("drive.resistance", "drive.back_emf", "drive.inductance")}
+        estimates = {
+            key: replace(e, determined=False, remark="without a current only voltages are known")
+            if key in VOLTS_ONLY
+            else e
+            for key, e in estimates.items()
+        }
+        values = {
+            e.key: e.value
+            for e in result.estimates.values()
+            if e.determined
+            and axis.has(e.key)
+            and e.key not in ("drive.resistance", "drive.back_emf", "drive.inductance")
+        }
         axis = axis.with_values(values, source="identified")
     else:
         axis = result.to_axis(axis)
         if axis.has("drive.back_emf"):
             axis = _tied(axis, estimates)
-    fit = None if response is None else fit_plant(
-        axis, response, records[0].period_s, slope_of(axis, found), held=("drive.back_emf",))
+    fit = (
+        None
+        if response is None
+        else fit_plant(axis, response, records[0].period_s, slope_of(axis, found), held=("drive.back_emf",))
+    )
     if fit is not None and not current_free:
         axis = _inertia(axis, fit, estimates)
     if fit is not None and axis.has("transmission.stiffness") and "transmission.stiffness" in fit.values:
         axis = _drive_train(axis, sketch, fit, estimates)
-    apart = guideway_doubt(axis, sketch)
-    widened = {key: _widened(e, apart.get(key, 0.0)) for key, e in estimates.items()}
+    shared = guideway_doubt(axis, sketch)
+    widened = {key: _widened(e, shared.get(key, 0.0)) for key, e in estimates.items()}
     for key, why in unseen(widened, axis.value("period")).items():
         widened[key] = replace(widened[key], determined=False, remark=why)
     if "drive.inductance" in widened and not widened["drive.inductance"].determined:
         axis = axis.with_values({"drive.inductance": sketch.axis.value("drive.inductance")}, source="estimate")
     spreads = {key: e.stderr for key, e in widened.items() if e.determined and axis.has(key) and key in SYSTEMATIC}
-    return axis.with_values({key: axis.value(key) for key in spreads}, source="identified", stderr=spreads), widened, list(result.remarks)
+    return (
+        axis.with_values({key: axis.value(key) for key in spreads}, source="identified", stderr=spreads),
+        widened,
+        list(result.remarks),
+    )
 
 
 def _far(result, axis):
     """Whether the fit ended near the bounds about its first values: strokes slower than the Stribeck velocity tell little of the
     viscous torque, and what its bound holds back goes into the Coulomb torque.
     """
-    found = [(result.estimates[key].value, axis.value(key)) for key in FITTED if key in result.estimates and axis.has(key)]
+    found = [
+        (result.estimates[key].value, axis.value(key)) for key in FITTED if key in result.estimates and axis.has(key)
+    ]
     return any(value > 0.0 and first > 0.0 and abs(math.log(value / first)) > FAR for value, first in found)
 
 
@@ -108,8 +147,14 @@ def guideway_doubt(axis, sketch):
         doubt = math.sqrt(2.0) * sketch.spread(level) * q * axis.value(level)
         found = {"contacts.actuator.coulomb": doubt, "contacts.actuator.static": doubt}
     if axis.has("contacts.guideway.viscous"):
-        found["contacts.actuator.viscous"] = (math.sqrt(2.0) * sketch.spread("contacts.guideway.viscous") * q * q
-                                              * axis.value("transmission.gear_ratio") * axis.value("contacts.guideway.viscous"))
+        found["contacts.actuator.viscous"] = (
+            math.sqrt(2.0)
+            * sketch.spread("contacts.guideway.viscous")
+            * q
+            * q
+            * axis.value("transmission.gear_ratio")
+            * axis.value("contacts.guideway.viscous")
+        )
     return found
 
 
@@ -120,25 +165,36 @@ def unseen(estimates, period):
     Stribeck velocity and exponent only where the torque falls by more than its own doubt; a number whose standard uncertainty is
     half of it has no symmetric 95 % interval.
     """
-    found = {key: f"known within some {e.stderr / abs(e.value):.0%} only" for key, e in estimates.items()
-             if e.determined and e.stderr is not None and not isinstance(e.value, list) and e.stderr > ROUGHLY * abs(e.value)}
+    found = {
+        key: f"known within some {e.stderr / abs(e.value):.0%} only"
+        for key, e in estimates.items()
+        if e.determined and e.stderr is not None and not isinstance(e.value, list) and e.stderr > ROUGHLY * abs(e.value)
+    }
     inductance, resistance = (estimates.get(f"drive.{name}") for name in ("inductance", "resistance"))
-    if inductance is not None and resistance is not None and inductance.determined and inductance.value < period * resistance.value:
+    if (
+        inductance is not None
+        and resistance is not None
+        and inductance.determined
+        and inductance.value < period * resistance.value
+    ):
         found["drive.inductance"] = "the current settles within a control period: shorter periods would tell it"
     static, coulomb = (estimates.get(f"contacts.actuator.{name}") for name in ("static", "coulomb"))
     if static is not None and coulomb is not None and None not in (static.stderr, coulomb.stderr):
         if static.value - coulomb.value < 2.0 * math.hypot(static.stderr, coulomb.stderr):
-            found |= {key: "the sliding torque does not fall from its static value by more than is in doubt"
-                      for key in ("contacts.actuator.stribeck_velocity", "contacts.actuator.stribeck_exponent") if key in estimates}
+            found |= {
+                key: "the sliding torque does not fall from its static value by more than is in doubt"
+                for key in ("contacts.actuator.stribeck_velocity", "contacts.actuator.stribeck_exponent")
+                if key in estimates
+            }
     return found
 
 
-def _widened(estimate, apart=0.0):
-    """The estimate with its systematic part, and ``apart`` (in its unit); 95 % about the value."""
+def _widened(estimate, shared=0.0):
+    """The estimate with its systematic part, and ``shared`` (in its unit); 95 % about the value."""
     part = SYSTEMATIC.get(estimate.key)
     if part is None or not estimate.determined or isinstance(estimate.value, list):
         return estimate
-    spread = math.hypot(float(estimate.stderr or 0.0), part * abs(float(estimate.value)), apart)
+    spread = math.hypot(float(estimate.stderr or 0.0), part * abs(float(estimate.value)), shared)
     return replace(estimate, stderr=spread, low=estimate.value - 1.96 * spread, high=estimate.value + 1.96 * spread)
 
 
@@ -148,7 +204,9 @@ def _inertia(axis, fit, estimates):
     value, relative = fit.values[key], fit.relative[key]
     if relative < WELL:
         spread = relative * value
-        estimates[key] = Estimate(key, value, unit, spread, value - 1.96 * spread, value + 1.96 * spread, True, "response in sliding")
+        estimates[key] = Estimate(
+            key, value, unit, spread, value - 1.96 * spread, value + 1.96 * spread, True, "response in sliding"
+        )
         return axis.with_values({key: value}, source="identified", stderr={key: spread})
     return axis
 
@@ -157,10 +215,22 @@ def _tied(axis, estimates):
     """The torque constant is the back-EMF constant."""
     emf = axis.value("drive.back_emf")
     estimate = estimates.get("drive.back_emf")
-    spread = math.hypot(TIED * emf, float(estimate.stderr) if estimate is not None and estimate.determined else 0.1 * emf)
-    estimates["drive.torque_constant"] = Estimate("drive.torque_constant", emf, "N m/A", spread, emf - 1.96 * spread, emf + 1.96 * spread,
-                                                  estimate is not None and estimate.determined, "equals the back-EMF constant")
-    return axis.with_values({"drive.torque_constant": emf}, source="identified", stderr={"drive.torque_constant": spread})
+    spread = math.hypot(
+        TIED * emf, float(estimate.stderr) if estimate is not None and estimate.determined else 0.1 * emf
+    )
+    estimates["drive.torque_constant"] = Estimate(
+        "drive.torque_constant",
+        emf,
+        "N m/A",
+        spread,
+        emf - 1.96 * spread,
+        emf + 1.96 * spread,
+        estimate is not None and estimate.determined,
+        "equals the back-EMF constant",
+    )
+    return axis.with_values(
+        {"drive.torque_constant": emf}, source="identified", stderr={"drive.torque_constant": spread}
+    )
 
 
 def _drive_train(axis, sketch, fit, estimates):
@@ -171,13 +241,36 @@ def _drive_train(axis, sketch, fit, estimates):
         relative = math.hypot(fit.relative[key], mass)
         value = fit.values[key]
         values[key], spreads[key] = value, relative * value
-        given[key] = fit.relative[key] * value  # for the file's mass: so the resonance is as well known as it was measured
-        why = "" if relative < WELL else "only its ratio to the mass shows, in the resonance; weighing the stage would tell both"
-        estimates[key] = Estimate(key, value, unit, spreads[key], value * math.exp(-1.96 * relative), value * math.exp(1.96 * relative),
-                                  relative < WELL, "response in sliding", why)
+        given[key] = (
+            fit.relative[key] * value
+        )  # for the file's mass: so the resonance is as well known as it was measured
+        why = (
+            ""
+            if relative < WELL
+            else "only its ratio to the mass shows, in the resonance; weighing the stage would tell both"
+        )
+        estimates[key] = Estimate(
+            key,
+            value,
+            unit,
+            spreads[key],
+            value * math.exp(-1.96 * relative),
+            value * math.exp(1.96 * relative),
+            relative < WELL,
+            "response in sliding",
+            why,
+        )
     error = fit.resonance_error * fit.resonance
-    estimates["resonance of the drive train"] = Estimate("resonance of the drive train", fit.resonance, "Hz", error, fit.resonance - 1.96 * error,
-                                                         fit.resonance + 1.96 * error, True, "response in sliding")
+    estimates["resonance of the drive train"] = Estimate(
+        "resonance of the drive train",
+        fit.resonance,
+        "Hz",
+        error,
+        fit.resonance - 1.96 * error,
+        fit.resonance + 1.96 * error,
+        True,
+        "response in sliding",
+    )
     return axis.with_values(values, source="identified", stderr=given)
 
 
@@ -199,18 +292,33 @@ def _force(record, axis):
 def draws(axis, estimates, count, seed):
     """Axes drawn from the posterior: every determined number independent and log-normal about its value."""
     rng = np.random.default_rng(seed)
-    known = [e for e in estimates.values() if e.determined and axis.has(e.key) and e.stderr is not None and not isinstance(e.value, list)
-             and axis.value(e.key) > 0.0 and not e.key.startswith(("variability", "sensors", "transmission"))]
+    known = [
+        e
+        for e in estimates.values()
+        if e.determined
+        and axis.has(e.key)
+        and e.stderr is not None
+        and not isinstance(e.value, list)
+        and axis.value(e.key) > 0.0
+        and not e.key.startswith(("variability", "sensors", "transmission"))
+    ]
     train = _drive_train_doubt(axis, estimates)
     found = []
     for _ in range(count):
-        values = {e.key: axis.value(e.key) * math.exp(rng.standard_normal() * min(float(e.stderr) / abs(float(e.value)), 0.5)) for e in known}
+        values = {
+            e.key: axis.value(e.key) * math.exp(rng.standard_normal() * min(float(e.stderr) / abs(float(e.value)), 0.5))
+            for e in known
+        }
         if "contacts.actuator.static" in values and "contacts.actuator.coulomb" in values:
-            values["contacts.actuator.static"] = max(values["contacts.actuator.static"], 1.01 * values["contacts.actuator.coulomb"])
+            values["contacts.actuator.static"] = max(
+                values["contacts.actuator.static"], 1.01 * values["contacts.actuator.coulomb"]
+            )
         if train is not None:
             common, ratio = (math.exp(rng.standard_normal() * part) for part in train)
             values["stage.mass"] = axis.value("stage.mass") * common
-            values |= {key: axis.value(key) * common * ratio for key in ("transmission.stiffness", "transmission.damping")}
+            values |= {
+                key: axis.value(key) * common * ratio for key in ("transmission.stiffness", "transmission.damping")
+            }
         found.append(axis.with_values(values, source="estimate"))
     return found
 

@@ -11,13 +11,18 @@ UNSEEN, UNSEEN_STILL = 3e-6, 1e-6
 """Motion by the back-EMF that the encoder need not show [m]: of a drive train that winds up; and where the encoder stands on one
 count, for even a train that winds up moves the stage by a count through the elasticity of its friction."""
 DOUBT = 0.05  # of the voltage: the resistance within some per cent
-SAME = 0.5  # counts within which the encoder stands: on one. Two would be shown while a train winds up at a slow reversal
+SAME = (
+    0.5  # counts within which the encoder stands: on one. Two would be shown while a train winds up at a slow reversal
+)
 BRAKE = 0.9  # of the voltage limit, against the motion, once the encoder is found dead
 BRAKED = 0.85  # of the time that the model asks: the inertia is known within some ten per cent
 LEAST_ROWS = 3  # periods in which the encoder has to stand: about a turning point it does so in one or two
 BLIND_ROWS = LEAST_ROWS + 1.0  # periods until a standing encoder is answered, beside the way that it need not show
 SAFE_WAY = 8e-6  # that the stage may go from the last good reading until it stands [m]
-SHOWN, SHOWN_ROUGHLY = 0.4, 0.1  # of the motor's motion; less is none. Roughly: constants of the sketch, a scale still unchecked
+SHOWN, SHOWN_ROUGHLY = (
+    0.4,
+    0.1,
+)  # of the motor's motion; less is none. Roughly: constants of the sketch, a scale still unchecked
 
 
 class EncoderWatch:
@@ -31,7 +36,9 @@ class EncoderWatch:
     rough : resistance and volts_per_speed are not measured yet.
     """
 
-    def __init__(self, period, resistance, volts_per_speed, offset=0.0, count=0.0, inertia=0.0, friction=0.0, rough=False):
+    def __init__(
+        self, period, resistance, volts_per_speed, offset=0.0, count=0.0, inertia=0.0, friction=0.0, rough=False
+    ):
         self._same, self.inertia, self._friction = SAME * count, inertia, max(friction, 0.0)
         self._kept = 1.0 - period / LONGEST
         self._offset = offset if math.isfinite(offset) else 0.0
@@ -44,12 +51,16 @@ class EncoderWatch:
     def begin(self):
         """A run begins: what was before does not count."""
         self._row, self._sums = 0, [(0, 0.0, 0.0, 0.0)]
-        self._place, self._drop, self._volts, self._stood = math.inf, 0.0, 0.0, 0
+        self._place, self._drop, self._volts, self._same_rows = math.inf, 0.0, 0.0, 0
         self._most = self.unseen[1] * self.volts_per_speed / self._period
 
     def turned(self, voltage, current):
         """Way of the motor [m at the stage] over rows of voltage [V] and current [A]; a reading answers the voltage of the row before."""
-        return float(np.nansum(voltage[:-1] - self.resistance * (current[1:] - self._offset))) / self.volts_per_speed * self._period
+        return (
+            float(np.nansum(voltage[:-1] - self.resistance * (current[1:] - self._offset)))
+            / self.volts_per_speed
+            * self._period
+        )
 
     def turned_at_most(self, voltage, current, first):
         """Largest way [m] that the motor may have turned from row ``first`` to the end."""
@@ -61,13 +72,13 @@ class EncoderWatch:
         motor turns by its back-EMF, over the last `LONGEST` with fading memory, while the encoder stands.
         """
         if abs(encoder - self._place) > self._same:
-            self._place, self._drop, self._volts, self._stood = encoder, 0.0, 0.0, 0
+            self._place, self._drop, self._volts, self._same_rows = encoder, 0.0, 0.0, 0
             return
-        self._stood += 1
-        if self._stood > 1 and current == current:  # in the first row the motor may just have turned round
+        self._same_rows += 1
+        if self._same_rows > 1 and current == current:  # in the first row the motor may just have turned round
             self._drop = drop = self._kept * self._drop + voltage - self.resistance * (current - self._offset)
             self._volts = self._kept * self._volts + abs(voltage)
-            if self._stood >= LEAST_ROWS and abs(drop) > self._most + self._doubt * self._volts:
+            if self._same_rows >= LEAST_ROWS and abs(drop) > self._most + self._doubt * self._volts:
                 self._refuse(drop * self._period / self.volts_per_speed, 0.0)
 
     def speed(self, voltages, currents):
@@ -77,7 +88,11 @@ class EncoderWatch:
 
     def brake_time(self, speed, voltage):
         """Time [s] in which ``voltage`` [V] against a motion of ``speed`` [m/s] ends it: m dv/dt = −(u + friction) − k v."""
-        return self.inertia / self.volts_per_speed * math.log1p(self.volts_per_speed * abs(speed) / (voltage + self._friction))
+        return (
+            self.inertia
+            / self.volts_per_speed
+            * math.log1p(self.volts_per_speed * abs(speed) / (voltage + self._friction))
+        )
 
     def safe_speed(self, limit):
         """Speed [m/s] from which the stage stands within `SAFE_WAY` after the last good reading, at a voltage limit [V]."""
@@ -100,11 +115,18 @@ class EncoderWatch:
             self._sums.pop(0)
         _, before, ways, places = np.array(self._sums).T
         turned, way, moved = turned - before, way - ways, encoder[n] - places
-        dead = (np.abs(turned - moved) > self.unseen[0] + self._doubt * way) & (np.abs(moved) < self._shown * np.abs(turned))
+        dead = (np.abs(turned - moved) > self.unseen[0] + self._doubt * way) & (
+            np.abs(moved) < self._shown * np.abs(turned)
+        )
         if dead.any():
             k = int(np.argmax(dead))
             self._refuse(turned[k], moved[k])
 
     def _refuse(self, turned, moved):
-        raise refused("encoder_dead", moved, "m", f"the motor turned as for {turned * 1e6:.3g} µm (by its back-EMF) while the "
-                      f"encoder showed {moved * 1e6:.3g} µm")
+        raise refused(
+            "encoder_dead",
+            moved,
+            "m",
+            f"the motor turned as for {turned * 1e6:.3g} µm (by its back-EMF) while the "
+            f"encoder showed {moved * 1e6:.3g} µm",
+        )

@@ -16,7 +16,11 @@ from microstage_ros.records.record import Record
 
 LOOK = 0.01  # time between two looks at the last stretch of the run [s]
 MOST_SILENT = 5  # readings in a row without a number
-BRAKES, LONGEST_BRAKE, AFTER_BRAKE = 4, 0.03, 8  # pulses against the motion, their length [s], rows without voltage after each
+BRAKES, LONGEST_BRAKE, AFTER_BRAKE = (
+    4,
+    0.03,
+    8,
+)  # pulses against the motion, their length [s], rows without voltage after each
 SLOWEST_BRAKED = 1e-4  # m/s
 LONGEST = 290.0  # of machine time [s]
 JUMP = 3.0  # times the speed at the voltage limit that no encoder can show
@@ -108,10 +112,17 @@ class Machine:
                 if not math.isfinite(x):
                     silent += 1
                     if silent > MOST_SILENT:
-                        raise refused("encoder_dead", silent, "1", f"the encoder gave no number {silent} times in a row")
+                        raise refused(
+                            "encoder_dead", silent, "1", f"the encoder gave no number {silent} times in a row"
+                        )
                     x = before
                 elif abs(x - before) > jump:
-                    raise refused("encoder_dead", x - before, "m", f"the encoder jumped by {(x - before) * 1e6:.3g} µm in one period")
+                    raise refused(
+                        "encoder_dead",
+                        x - before,
+                        "m",
+                        f"the encoder jumped by {(x - before) * 1e6:.3g} µm in one period",
+                    )
                 else:
                     silent = 0
                 if not low <= x <= high:
@@ -141,15 +152,15 @@ class Machine:
             raise Stopped(f"the hardware reported: {problem}") from problem
         except Refused as end:
             if end.check.id == "encoder_dead" and watch is not None and watch.inertia > 0.0:
-                self._brake(watch, table[3, max(n - AFTER_BRAKE, 0):n], table[1, max(n - AFTER_BRAKE, 0) + 1:n + 1])
+                self._brake(watch, table[3, max(n - AFTER_BRAKE, 0) : n], table[1, max(n - AFTER_BRAKE, 0) + 1 : n + 1])
             raise
         finally:
             if not (go_on and planned):
                 self._zero()
             self.position, self.rows = before, self.rows + n + 1
-            self._note(table[:, :n + 1])
+            self._note(table[:, : n + 1])
             self._note_stamps(stamps)
-            self.last = self._record(table[:, :n + 1], np.asarray(reference, float)[:n + 1])
+            self.last = self._record(table[:, : n + 1], np.asarray(reference, float)[: n + 1])
         return self.last
 
     def _brake(self, watch, voltages, currents):
@@ -168,7 +179,7 @@ class Machine:
                     seen.append(self._backend.read()[1])
                 self.rows += len(sent)
                 self.braked += watch.speed(sent, seen) * len(sent) * self.period
-                speed = watch.speed(sent[-AFTER_BRAKE // 2:], seen[-AFTER_BRAKE // 2:])
+                speed = watch.speed(sent[-AFTER_BRAKE // 2 :], seen[-AFTER_BRAKE // 2 :])
             self._backend.write(0.0)
         except HardwareError as problem:
             raise Stopped(f"the hardware reported: {problem}") from problem
@@ -194,13 +205,23 @@ class Machine:
             raise refused("encoder_dead", math.nan, "m", "the encoder gives no number")
         self.position = x
         if not self.travel[0] <= x <= self.travel[1]:
-            raise refused("end_stop", x, "m", f"the encoder reads {x * 1e3:.4g} mm, outside the travel less its margin "
-                          f"({self.travel[0] * 1e3:.4g} to {self.travel[1] * 1e3:.4g} mm): home the encoder, or move the stage inside by hand")
+            raise refused(
+                "end_stop",
+                x,
+                "m",
+                f"the encoder reads {x * 1e3:.4g} mm, outside the travel less its margin "
+                f"({self.travel[0] * 1e3:.4g} to {self.travel[1] * 1e3:.4g} mm): home the encoder, or move the stage inside by hand",
+            )
 
     def _beyond(self, x, window):
         inside = self.travel[0] <= x <= self.travel[1]
-        raise refused("runaway", x, "m", f"the stage left {'the part of the travel that this step needs' if inside else 'the travel'}: "
-                      f"the encoder reads {x * 1e6:.6g} µm")
+        raise refused(
+            "runaway",
+            x,
+            "m",
+            f"the stage left {'the part of the travel that this step needs' if inside else 'the travel'}: "
+            f"the encoder reads {x * 1e6:.6g} µm",
+        )
 
     def _zero(self):
         try:
@@ -223,8 +244,13 @@ class Machine:
         if "limit_switches" in self._members:
             pressed = self._members["limit_switches"]()
             if any(pressed):
-                raise refused("end_stop", self.position if n < 1 else float(table[0, n]), "m", f"the {'lower' if pressed[0] else 'upper'} limit "
-                              "switch is actuated inside the travel of the sketch")
+                raise refused(
+                    "end_stop",
+                    self.position if n < 1 else float(table[0, n]),
+                    "m",
+                    f"the {'lower' if pressed[0] else 'upper'} limit "
+                    "switch is actuated inside the travel of the sketch",
+                )
 
     def _note(self, table):
         if np.isfinite(table[0]).any():
@@ -252,7 +278,11 @@ class Machine:
 
     def _record(self, table, reference):
         names = ("encoder_m", "current_A", "motor_angle_rad", "voltage_V", "disturbance_V")
-        columns = {name: row.copy() for name, row in zip(names, table) if name in ("encoder_m", "voltage_V") or np.isfinite(row).any()}
+        columns = {
+            name: row.copy()
+            for name, row in zip(names, table)
+            if name in ("encoder_m", "voltage_V") or np.isfinite(row).any()
+        }
         columns["reference_m"] = reference
         columns["voltage_V"] = np.nan_to_num(columns["voltage_V"])
         return Record(self.period, columns)

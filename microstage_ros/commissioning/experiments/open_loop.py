@@ -24,7 +24,11 @@ LONGEST_WINDOW = 0.03  # of the low-pass of the strokes [s]
 EMF_DOUBT = 0.05  # of the logarithm: a magnet loses 0.2 % per kelvin, and the strokes tell the back-EMF within 1 %
 LEAST_SCALE = 0.5 * math.log(2.0)  # of the logarithm: edges are counted wrong by two or four
 INERTIA_DOUBT = 0.3  # of the logarithm: friction that changes as the stage gathers speed counts as inertia
-SLIDE_SPEED, SLIDE_SHARE, TOP_SHARE = 3e-3, 0.12, 0.25  # of the base motion: m/s, of the travel, of the speed at the limit
+SLIDE_SPEED, SLIDE_SHARE, TOP_SHARE = (
+    3e-3,
+    0.12,
+    0.25,
+)  # of the base motion: m/s, of the travel, of the speed at the limit
 PASSES, LOWEST, HIGHEST = 6, 5.0, 1200.0  # base motions; Hz
 
 
@@ -52,8 +56,12 @@ class Strokes:
 def strokes(machine, sketch, first, keep):
     """Strokes to and fro by constant voltages. Returns (`Strokes`, `Check` of the scale). Raises Refused."""
     if first.has_current and sketch.axis.choices["drive.type"] == "voltage_motor":
-        most = sketch.axis.value("drive.back_emf") * (1.0 + sketch.tolerance["drive.back_emf"]) / motor_ratio(sketch.axis)
-        machine.watch = EncoderWatch(machine.period, first.resistance, most, machine.current_offset, machine.count, rough=True)
+        most = (
+            sketch.axis.value("drive.back_emf") * (1.0 + sketch.tolerance["drive.back_emf"]) / motor_ratio(sketch.axis)
+        )
+        machine.watch = EncoderWatch(
+            machine.period, first.resistance, most, machine.current_offset, machine.count, rough=True
+        )
     reach = min(STROKE, SHARE * machine.stroke)
     centre, parts = machine.position, []
     level = 1.6 * first.breakaway
@@ -62,7 +70,12 @@ def strokes(machine, sketch, first, keep):
             break
         level = min(1.25 * level, machine.limit)
         if level >= machine.limit and attempt > 20:
-            raise refused("stuck", level, "V", f"the stage gives way by {abs(machine.position - centre) * 1e6:.3g} µm and does not slide at {level:.3g} V")
+            raise refused(
+                "stuck",
+                level,
+                "V",
+                f"the stage gives way by {abs(machine.position - centre) * 1e6:.3g} µm and does not slide at {level:.3g} V",
+            )
     for scale in (1.0, 1.5, 2.0, 1.0, 1.5):
         for sign in (-1.0, 1.0):
             _stroke(machine, centre, reach, sign * min(scale * level, machine.limit), 0.25, parts)
@@ -89,8 +102,13 @@ def _stroke(machine, centre, reach, voltage, longest, parts):
     arrived = sign * (machine.position - centre) > reach
     if machine.ended == "until" and not arrived:
         if not last[1]:
-            raise refused("encoder_dead", 0.0, "m", f"{voltage:.3g} V for {STANDS * 1e3:.0f} ms do not move the encoder by one count, where less did before: "
-                          "its cable or reading head has failed since (or the stage was clamped)")
+            raise refused(
+                "encoder_dead",
+                0.0,
+                "m",
+                f"{voltage:.3g} V for {STANDS * 1e3:.0f} ms do not move the encoder by one count, where less did before: "
+                "its cable or reading head has failed since (or the stage was clamped)",
+            )
         parts.append(machine.rest(STANDS))
     return arrived
 
@@ -108,12 +126,29 @@ def fit_strokes(record, sketch, first, period):
     if not first.has_current:
         inertia, friction, viscous, offset = np.linalg.lstsq(np.column_stack([a, sign, v, ones]), u, rcond=None)[0]
         resistance = sketch.axis.value("drive.resistance") if sketch.axis.has("drive.resistance") else math.nan
-        return Strokes(resistance, float(viscous), float(inertia), float(friction), float(offset), 0.0, False, float(np.abs(v).max()))
+        return Strokes(
+            resistance,
+            float(viscous),
+            float(inertia),
+            float(friction),
+            float(offset),
+            0.0,
+            False,
+            float(np.abs(v).max()),
+        )
     i = savgol_filter(np.nan_to_num(record["current_A"]), window_rows(period), 3)[keep]
     resistance, emf, offset = np.linalg.lstsq(np.column_stack([i, v, ones]), u, rcond=None)[0]
     inertia, friction, viscous, zero = np.linalg.lstsq(np.column_stack([a, sign, v, ones]), i, rcond=None)[0]
-    return Strokes(float(resistance), float(emf), float(inertia * resistance), float(friction * resistance),
-                   float(offset + zero * resistance), float(viscous * resistance), True, float(np.abs(v).max()))
+    return Strokes(
+        float(resistance),
+        float(emf),
+        float(inertia * resistance),
+        float(friction * resistance),
+        float(offset + zero * resistance),
+        float(viscous * resistance),
+        True,
+        float(np.abs(v).max()),
+    )
 
 
 def strokes_below_swing(record, sketch, first, period):
@@ -142,8 +177,16 @@ def strokes_below_swing(record, sketch, first, period):
     i = low(np.nan_to_num(record["current_A"]))[fast]
     resistance, emf, offset = np.linalg.lstsq(np.column_stack([i, motion[:, 2], motion[:, 3]]), u, rcond=None)[0]
     inertia, friction, viscous, zero = np.linalg.lstsq(motion, i, rcond=None)[0]
-    return Strokes(float(resistance), float(emf), float(inertia * resistance), float(friction * resistance),
-                   float(offset + zero * resistance), float(viscous * resistance), True, top)
+    return Strokes(
+        float(resistance),
+        float(emf),
+        float(inertia * resistance),
+        float(friction * resistance),
+        float(offset + zero * resistance),
+        float(viscous * resistance),
+        True,
+        top,
+    )
 
 
 def _long_rows(axis, period):
@@ -162,33 +205,77 @@ def scale_check(found, sketch):
     """
     axis = sketch.axis
     if axis.choices["drive.type"] != "voltage_motor":
-        return Check("encoder_scale", True, math.nan, "1", "not checked: this drive has no back-EMF to hold the encoder against")
+        return Check(
+            "encoder_scale", True, math.nan, "1", "not checked: this drive has no back-EMF to hold the encoder against"
+        )
     ratio = motor_ratio(axis)
     emf, resistance = axis.value("drive.back_emf") / ratio, axis.value("drive.resistance")
     rotor, load = axis.value("drive.rotor_inertia"), ratio * ratio * axis.value("stage.mass")
     known = found.resistance if found.has_current else resistance
     back = math.log(max(found.volts_per_speed, 1e-12) / emf)
-    turned = back + math.log(max(found.inertia, 1e-12) * axis.value("drive.torque_constant") * ratio / (known * (rotor + load)))
-    factor = {key: 1.0 + sketch.tolerance[key] for key in ("drive.back_emf", "drive.rotor_inertia", "stage.mass", "drive.resistance")}
+    turned = back + math.log(
+        max(found.inertia, 1e-12) * axis.value("drive.torque_constant") * ratio / (known * (rotor + load))
+    )
+    factor = {
+        key: 1.0 + sketch.tolerance[key]
+        for key in ("drive.back_emf", "drive.rotor_inertia", "stage.mass", "drive.resistance")
+    }
     viscous = blind = 0.0
-    if not found.has_current:  # what is seen as back-EMF has the viscous friction in it, the inertia the sketched resistance
+    if (
+        not found.has_current
+    ):  # what is seen as back-EMF has the viscous friction in it, the inertia the sketched resistance
         all_volts = float(controller_parameters("pid_feedforward", axis, {})["feedforward"]["volts_per_velocity"])
         viscous, blind = max(all_volts / emf - 1.0, 0.0), math.log(factor["drive.resistance"])
-        viscous *= factor["drive.back_emf"] * factor["drive.resistance"] * (1.0 + sketch.tolerance.get("contacts.actuator.viscous", 1.0))
+        viscous *= (
+            factor["drive.back_emf"]
+            * factor["drive.resistance"]
+            * (1.0 + sketch.tolerance.get("contacts.actuator.viscous", 1.0))
+        )
     k = -math.log(factor["drive.back_emf"]) - EMF_DOUBT, math.log(factor["drive.back_emf"] + viscous) + EMF_DOUBT
-    inertia = (math.log((rotor / factor["drive.rotor_inertia"] + load / factor["stage.mass"]) / (rotor + load)) - INERTIA_DOUBT - blind,
-               math.log((rotor * factor["drive.rotor_inertia"] + load * factor["stage.mass"]) / (rotor + load)) + INERTIA_DOUBT + blind + viscous)
+    inertia = (
+        math.log((rotor / factor["drive.rotor_inertia"] + load / factor["stage.mass"]) / (rotor + load))
+        - INERTIA_DOUBT
+        - blind,
+        math.log((rotor * factor["drive.rotor_inertia"] + load * factor["stage.mass"]) / (rotor + load))
+        + INERTIA_DOUBT
+        + blind
+        + viscous,
+    )
     low, high = max(k[0] - back, 0.5 * (inertia[0] - turned)), min(k[1] - back, 0.5 * (inertia[1] - turned))
     seen = math.exp(-back)
     if low > high:
-        return Check("encoder_scale", True, seen, "1", f"the encoder counts {seen:.2g} times what the sketched back-EMF says, and {math.exp(-0.5 * turned):.2g} times "
-                     "what the sketched inertia says: no scale explains both, one of them is beyond its tolerance")
+        return Check(
+            "encoder_scale",
+            True,
+            seen,
+            "1",
+            f"the encoder counts {seen:.2g} times what the sketched back-EMF says, and {math.exp(-0.5 * turned):.2g} times "
+            "what the sketched inertia says: no scale explains both, one of them is beyond its tolerance",
+        )
     seen = math.exp(0.5 * (low + high))
     if low > LEAST_SCALE or high < -LEAST_SCALE:
-        held = next((f"four times too {word}" for scale, word in ((4.0, "many"), (0.25, "few")) if low <= math.log(scale) <= high), "a wrong scale")
-        raise refused("encoder_scale", seen, "1", f"the encoder counts {seen:.2g} times ({math.exp(low):.2g} to {math.exp(high):.2g}) what the motor's back-EMF and "
-                      f"inertia say: {held} (decoding of the tracks: 1, 2 or 4 edges; resolution, pitch or gear in the sketch)")
-    return Check("encoder_scale", True, seen, "1", f"the encoder counts {math.exp(low):.2g} to {math.exp(high):.2g} times what back-EMF and inertia of the sketch say")
+        held = next(
+            (
+                f"four times too {word}"
+                for scale, word in ((4.0, "many"), (0.25, "few"))
+                if low <= math.log(scale) <= high
+            ),
+            "a wrong scale",
+        )
+        raise refused(
+            "encoder_scale",
+            seen,
+            "1",
+            f"the encoder counts {seen:.2g} times ({math.exp(low):.2g} to {math.exp(high):.2g}) what the motor's back-EMF and "
+            f"inertia say: {held} (decoding of the tracks: 1, 2 or 4 edges; resolution, pitch or gear in the sketch)",
+        )
+    return Check(
+        "encoder_scale",
+        True,
+        seen,
+        "1",
+        f"the encoder counts {math.exp(low):.2g} to {math.exp(high):.2g} times what back-EMF and inertia of the sketch say",
+    )
 
 
 def slide_speed(machine, found):
@@ -217,11 +304,17 @@ def sliding_response(machine, found, seed, keep):
     for number in range(PASSES):
         sign = 1.0 if number % 2 == 0 else -1.0
         rows = settle + count * sine.rows + 1
-        extra = np.concatenate([np.tile(sine.signal, -(-settle // sine.rows) + 1)[-settle:], sine.times(count), sine.signal[:1]])
+        extra = np.concatenate(
+            [np.tile(sine.signal, -(-settle // sine.rows) + 1)[-settle:], sine.times(count), sine.signal[:1]]
+        )
         place = centre - sign * 0.5 * length
         _creep(machine, place, found, records)
-        record = machine.run(np.full(rows, machine.position), lambda n, x, i, b=sign * base + found.offset: b, extra,
-                             until=lambda n, x, i, s=sign: s * (x - centre) > 0.75 * length)
+        record = machine.run(
+            np.full(rows, machine.position),
+            lambda n, x, i, b=sign * base + found.offset: b,
+            extra,
+            until=lambda n, x, i, s=sign: s * (x - centre) > 0.75 * length,
+        )
         records.append(record)
         whole = (len(record) - 1 - settle) // sine.rows
         if whole >= 1:
@@ -243,5 +336,10 @@ def _creep(machine, place, found, records):
         speed = slide_speed(machine, found)
         volts = sign * (found.friction + (found.volts_per_speed + found.viscous) * speed) + found.offset
         rows = machine.periods(abs(way) / speed * 3.0 + 0.05)
-        records.append(machine.run(np.full(rows, machine.position), lambda n, x, i, u=volts: u,
-                                   until=lambda n, x, i, s=sign: s * (place - x) < 0.0))
+        records.append(
+            machine.run(
+                np.full(rows, machine.position),
+                lambda n, x, i, u=volts: u,
+                until=lambda n, x, i, s=sign: s * (place - x) < 0.0,
+            )
+        )

@@ -14,7 +14,15 @@ from microstage_ros.metrology.repeatability import repeatability
 
 TARGETS = (1e-6, 1e-5, 1e-4, 1e-3)
 REPEATS = 10
-ISO_FIGURES = ("reversal", "repeatability_up", "repeatability_down", "repeatability", "systematic", "mean_deviation", "accuracy")
+ISO_FIGURES = (
+    "reversal",
+    "repeatability_up",
+    "repeatability_down",
+    "repeatability",
+    "systematic",
+    "mean_deviation",
+    "accuracy",
+)
 DWELL, JUDGED = 0.3, 0.1  # rest after a move, and its last part over which the error is the mean [s]
 BAND_COUNTS, BAND = 2.0, 5e-8  # settled: within so many counts, or metres
 SINE = {"amplitude": 1e-5, "frequency": 0.1, "cycles": 1.0}
@@ -61,22 +69,31 @@ def loop_in_motion(loop, found, seed, keep):
         made = _unnoticed(loop, lowest, volts, seed)
     else:
         made = multi_sine(period, lowest, 0.42 / period, lambda f: math.sqrt(1.0 + (f / corner) ** 2), seed, LINES)
-        made = _scaled(made, min(volts / np.sqrt(np.mean(made.signal**2)), 0.4 * machine.limit / np.abs(made.signal).max()))
+        made = _scaled(
+            made, min(volts / np.sqrt(np.mean(made.signal**2)), 0.4 * machine.limit / np.abs(made.signal).max())
+        )
     centre, parts, records = machine.position, [], []
     learning = loop.law == LEARNING  # it goes on from slide to slide, and is measured once it knows the drive
     for number in range(LEARNING_SLIDES if learning else SLIDES):
-        move = jerk_limited_move(machine.position, centre + (length if number % 2 == 0 else 0.0), period, loop.limits(speed))
+        move = jerk_limited_move(
+            machine.position, centre + (length if number % 2 == 0 else 0.0), period, loop.limits(speed)
+        )
         steady = np.flatnonzero(np.abs(np.abs(np.diff(move)) / period - speed) < 1e-3 * speed)
         if len(steady) < made.rows * 2:
             return None, None
         first = steady[0] + min(machine.periods(0.1), made.rows)
         count = (steady[-1] - first) // made.rows
         extra = np.zeros(len(move))
-        extra[first:first + count * made.rows] = made.times(int(count))
+        extra[first : first + count * made.rows] = made.times(int(count))
         lead = min(first, made.rows)
-        extra[first - lead:first] = made.signal[-lead:]
-        record = loop.follow(np.append(move, np.full(machine.periods(0.1), move[-1])),
-                             np.append(extra, np.zeros(machine.periods(0.1))), error=LOOSE, fresh=not learning or number == 0, go_on=learning)
+        extra[first - lead : first] = made.signal[-lead:]
+        record = loop.follow(
+            np.append(move, np.full(machine.periods(0.1), move[-1])),
+            np.append(extra, np.zeros(machine.periods(0.1))),
+            error=LOOSE,
+            fresh=not learning or number == 0,
+            go_on=learning,
+        )
         records.append(record)
         if count >= 1 and (not learning or number >= LEARNT):
             parts.append(_part(record, first, first + int(count) * made.rows + 1))
@@ -92,7 +109,12 @@ def _unnoticed(loop, lowest, most, seed):
     """`MultiSine` that the observer law does not take for noise: see `STEP_SHARE`; ``most``: rms [V]."""
     period = loop.machine.period
     made = multi_sine(period, lowest, 0.42 / period, lambda f: min(1.0, FLAT / f), seed, LINES)
-    allowed = STEP_SHARE * max(period / FAST, 1.0) * float(loop.controller.parameters["observer"]["voltage_noise"]) / NOISE_DOUBT
+    allowed = (
+        STEP_SHARE
+        * max(period / FAST, 1.0)
+        * float(loop.controller.parameters["observer"]["voltage_noise"])
+        / NOISE_DOUBT
+    )
     steps = np.sqrt(np.mean(np.diff(made.times(2)) ** 2))
     return _scaled(made, min(allowed / steps, most / np.sqrt(np.mean(made.signal**2))))
 
@@ -120,14 +142,21 @@ def moves(loop, keep):
             continue
         errors, times = {"up": [], "down": [], "back": []}, []
         for k in range(REPEATS):
-            begin, ways = start, [("up", target), ("back", 0.0)] if k % 2 else [("up", target), ("back", 2.0 * target), ("down", target), ("back", 0.0)]
+            begin, ways = (
+                start,
+                [("up", target), ("back", 0.0)]
+                if k % 2
+                else [("up", target), ("back", 2.0 * target), ("down", target), ("back", 0.0)],
+            )
             for side, way in ways:
                 place = start + way
                 move = jerk_limited_move(begin, place, machine.period, loop.limits(6e-3))
-                record = loop.follow(np.append(move, np.full(machine.periods(DWELL), place)), error=LOOSE, fresh=fresh, go_on=True)
+                record = loop.follow(
+                    np.append(move, np.full(machine.periods(DWELL), place)), error=LOOSE, fresh=fresh, go_on=True
+                )
                 begin, fresh = place, False
                 records.append(record)
-                judged = record["encoder_m"][-machine.periods(JUDGED):]
+                judged = record["encoder_m"][-machine.periods(JUDGED) :]
                 swing = max(swing, swing_of(judged))
                 errors[side].append(float(np.mean(judged)) - place)
                 try:
@@ -141,9 +170,20 @@ def moves(loop, keep):
         found = repeatability(errors["up"])
         one = iso230([0.0], [errors["up"]], [errors["down"]])
         sides.append((target, errors))
-        rows.append({"target_m": target, "n": REPEATS, "bias_m": found.bias, "four_s_m": found.four_s, "settling_s": max(float(np.median(times)), 0.0),
-                     "four_s_interval_m": list(found.four_s_interval), "worst_m": float(np.abs(errors["up"]).max()),
-                     "n_down": len(errors["down"]), "reversal_m": float(one.reversals[0]), "bidirectional_m": one.repeatability})
+        rows.append(
+            {
+                "target_m": target,
+                "n": REPEATS,
+                "bias_m": found.bias,
+                "four_s_m": found.four_s,
+                "settling_s": max(float(np.median(times)), 0.0),
+                "four_s_interval_m": list(found.four_s_interval),
+                "worst_m": float(np.abs(errors["up"]).max()),
+                "n_down": len(errors["down"]),
+                "reversal_m": float(one.reversals[0]),
+                "bidirectional_m": one.repeatability,
+            }
+        )
     machine.rest(0.0)
     keep("moves", joined(records))
     return rows, _iso_figures(sides)
@@ -164,7 +204,9 @@ def _at_rest(loop, swing, error):
 def _iso_figures(sides):
     """Reversal B, repeatabilities R↑, R↓, R, systematic deviation E, mean deviation M and accuracy A [m] over all targets."""
     targets = np.array([target for target, _ in sides])
-    found = iso230(targets, *(targets[:, None] + np.array([errors[side] for _, errors in sides]) for side in ("up", "down")))
+    found = iso230(
+        targets, *(targets[:, None] + np.array([errors[side] for _, errors in sides]) for side in ("up", "down"))
+    )
     return {name: getattr(found, name) for name in ISO_FIGURES}
 
 
@@ -184,7 +226,7 @@ def slow_sine(loop, keep):
     record = loop.follow(reference, fresh=False)
     keep("slow_sine", record)
     error = record["encoder_m"] - record["reference_m"]
-    return float(np.abs(error[len(error) // 4:]).max())
+    return float(np.abs(error[len(error) // 4 :]).max())
 
 
 def prove(loop, keep):
