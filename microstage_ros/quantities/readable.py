@@ -8,6 +8,17 @@ TAKES_PREFIX = re.compile(r"(?!kg|1|dB)[A-Za-zΩ]+(?![\^²³\w])")
 """Units that a prefix may stand before: not kg, not areas, not pure numbers."""
 
 
+SIGNS = (("ohm", "Ω"), ("^2", "²"), ("^3", "³"), ("degC", "°C"))
+"""Names of units in files to the signs that people read."""
+
+
+def unit_sign(unit: str) -> str:
+    """A unit of a file as people write it: ``kg m^2`` as kg m², ``ohm`` as Ω."""
+    for name, sign in SIGNS:
+        unit = unit.replace(name, sign)
+    return unit
+
+
 def exponent_of(size: float) -> int:
     """Multiple of three for a number of this size."""
     if size == 0.0 or not math.isfinite(size):
@@ -24,6 +35,7 @@ def quantity(value: float | None, unit: str, digits: int = 3, stderr: float | No
     """
     if value is None or not math.isfinite(value):
         return "–"
+    unit = unit_sign(unit)
     exponent = exponent_of(max(abs(value), stderr or 0.0)) if TAKES_PREFIX.match(unit) else 0
     name = "" if unit in ("", "1") else f" {PREFIXES[exponent]}{unit}"
     scaled = value / 10.0**exponent
@@ -52,6 +64,7 @@ def interval(low: float, high: float, unit: str, digits: int = 3) -> str:
     ----------
     low, high : in `unit`, SI; may be infinite. digits : significant ones of each end.
     """
+    unit = unit_sign(unit)
     ends = [abs(end) for end in (low, high) if math.isfinite(end)]
     exponent = exponent_of(max(ends, default=0.0)) if TAKES_PREFIX.match(unit) else 0
     name = "" if unit in ("", "1") else f" {PREFIXES[exponent]}{unit}"

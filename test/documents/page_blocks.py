@@ -1,13 +1,19 @@
 """The fenced blocks of a page, and their execution in the order of the page.
 
-- ``sh`` blocks run by bash, line after line, in a folder that looks like a clone. ``./microstage cell`` and whatever
-  carries the comment "until interrupted" stay in the background until the next heading of the second level.
+- ``sh`` blocks run line after line in a folder that looks like a clone: what starts processes of its own
+  (`OWN_PROCESS`) and whatever is more than one ``./microstage`` command by bash, as printed; the others by the same
+  `main` in the tests' own process, so that the libraries are loaded once.
+- ``./microstage cell`` and whatever carries the comment "until interrupted" stay in the background until the next
+  heading of the second level. A cell that two pages start with the same words is started once: see `Cells`.
 - A block whose first line is a comment with a file name (``# run.yaml``) is saved under that name before anything runs.
 - Other ``python`` blocks run in the environment of ``./microstage shell``; names of earlier blocks of the page stay.
 - ``yaml`` is read; ``text`` is what a program shows, or a drawing.
 - An HTML comment ``<!-- example: REASON -->`` above a block keeps it from being run here: see `REASONS`.
 """
 
+import contextlib
+import glob
+import io
 import os
 import re
 import resource
@@ -18,6 +24,8 @@ import sys
 import time
 from pathlib import Path
 from typing import NamedTuple
+
+from microstage_ros.commands.__main__ import main
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -88,9 +96,101 @@ def stays(line):
 
 
 def processor_time():
-    """What the processes that were started and have ended took of the processor [s]."""
-    spent = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return spent.ru_utime + spent.ru_stime
+    """What this process and those that it started and that have ended took of the processor [s]."""
+    spent = [resource.getrusage(who) for who in (resource.RUSAGE_CHILDREN, resource.RUSAGE_SELF)]
+    return sum(each.ru_utime + each.ru_stime for each in spent)
+
+
+OWN_PROCESS = ("demo", "shell", "cell", "watch")
+"""Commands that start processes, become another program or take signals: run by bash, through the script itself."""
+
+
+def words_here(line, folder):
+    """Words after ``./microstage`` of a line that this process can run, and the file for its output, or None.
+
+    Patterns of file names are expanded as bash does.
+    """
+    words = shlex.split(line, comments=True)
+    if words[0] != "./microstage" or words[1] in OWN_PROCESS or re.search(r"[|;&<$`]", line.partition(" #")[0]):
+        return None
+    words, output = (words[1:-2], folder / words[-1]) if words[-2] == ">" else (words[1:], None)
+    found = [sorted(glob.glob(word, root_dir=folder)) or [word] if re.search(r"[*?[]", word) else [word] for word in words]
+    return [word for names in found for word in names], output
+
+
+@contextlib.contextmanager
+def working_in(folder):
+    """``folder`` is the current one inside."""
+    before = os.getcwd()
+    os.chdir(folder)
+    try:
+        yield
+    finally:
+        os.chdir(before)
+
+
+class Staying:
+    """A command that goes on in the background until it is interrupted.
+
+    Parameters
+    ----------
+    line : as printed. folder : where it runs; its output goes to a file there. environment : variables.
+    """
+
+    def __init__(self, line, folder, environment):
+        self.line, self._output = line, folder / f"staying{len(list(folder.glob('staying*.txt')))}.txt"
+        self._began, cell = time.monotonic(), line.startswith("./microstage cell")
+        with open(self._output, "w", encoding="utf-8") as file:
+            self._process = subprocess.Popen(["bash", "-c", f"exec {line}"], cwd=folder, env=environment, stdout=file,
+                                             stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, start_new_session=True)
+        while cell and "is active" not in self.said:
+            assert self._process.poll() is None and time.monotonic() < self._began + 120, f"{line}\n{self.said}"
+            time.sleep(0.05)
+        while not cell and not self.said and time.monotonic() < self._began + 10:
+            assert self._process.poll() is None, line
+            time.sleep(0.05)  # it shows that it runs
+
+    @property
+    def said(self):
+        """What it has printed so far."""
+        return self._output.read_text(encoding="utf-8")
+
+    def interrupt(self):
+        """Ctrl-C, if it is still there."""
+        if self._process.poll() is None:
+            os.kill(self._process.pid, signal.SIGINT)
+
+    def end(self):
+        """Its exit status after an interrupt, and why that is no good end; None where it is."""
+        try:
+            status = self._process.wait(60)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+            return f"{self.line}: had to be killed"
+        # 130: the interrupt came before the command had begun its work
+        good = status == 0 or status == 130 and self.said.rstrip().endswith(": interrupted")
+        return None if good else f"{self.line}: status {status}\n{self.said[-2000:]}"
+
+
+class Cells:
+    """The one cell that pages share: ``./microstage cell`` without any option, which is the same in every folder."""
+
+    PLAIN = "./microstage cell"
+
+    def __init__(self):
+        self._plain = None
+
+    def plain(self, folder, environment):
+        """Start it, unless it runs already."""
+        self._plain = self._plain or Staying(self.PLAIN, folder, environment)
+
+    def close(self):
+        """End it, with status 0."""
+        if self._plain:
+            self._plain.interrupt()
+            ended, self._plain = self._plain.end(), None
+            assert ended is None, ended
 
 
 class Reader:
@@ -98,11 +198,11 @@ class Reader:
 
     Parameters
     ----------
-    folder : with what a clone has (``microstage``, ``config``, ...). said : collects what was run and how long it took.
+    folder : with what a clone has (``microstage``, ``config``, ...). cells : `Cells` that this page shares with others.
     """
 
-    def __init__(self, folder):
-        self.folder, self.said, self._staying, self._names, self._section = folder, [], [], {}, 0
+    def __init__(self, folder, cells):
+        self.folder, self.said, self._cells, self._staying, self._names, self._section = folder, [], cells, [], {}, 0
         self.environment = {name: value for name, value in os.environ.items() if name != "MICROSTAGE_ROOT"}
 
     def save_named(self, page_blocks):
@@ -119,58 +219,54 @@ class Reader:
             self.close()
             self._section = block.section
         if block.language == "sh":
-            for line in block.text.replace("\\\n", " ").splitlines():
-                if line.strip() and not line.strip().startswith(("#", "./microstage test")):  # this is it
-                    (self._stay if stays(line) else self._do)(line.strip())
+            for line in map(str.strip, block.text.replace("\\\n", " ").splitlines()):
+                if line and not line.startswith(("#", "./microstage test")):  # this is it
+                    with self._timed(line):
+                        (self._stay if stays(line) else self._do)(line)
         elif block.language == "python" and not block.name:
-            self._python(block)
+            with self._timed(f"python, line {block.line}"), working_in(self.folder):
+                exec(compile(block.text, f"block at line {block.line}", "exec"), self._names)
+
+    @contextlib.contextmanager
+    def _timed(self, what):
+        began, spent = time.monotonic(), processor_time()
+        yield
+        self.said.append(f"{time.monotonic() - began:6.1f} s ({processor_time() - spent:5.1f} of the processor)  {what}")
 
     def _do(self, line):
-        began, spent = time.monotonic(), processor_time()
+        here = words_here(line, self.folder)
+        status, out, err = self._here(*here) if here else self._by_bash(line)
+        assert status == 0, f"{line}: status {status}\n{out[-2000:]}\n{err[-3000:]}"
+        assert "Traceback" not in err, err
+
+    def _by_bash(self, line):
         done = subprocess.run(["bash", "-c", line], cwd=self.folder, env=self.environment, capture_output=True, text=True,
                               timeout=600, check=False, stdin=subprocess.DEVNULL)
-        self.said.append(f"{time.monotonic() - began:6.1f} s ({processor_time() - spent:5.1f} of the processor)  {line}")
-        assert done.returncode == 0, f"{line}: status {done.returncode}\n{done.stdout[-2000:]}\n{done.stderr[-3000:]}"
-        assert "Traceback" not in done.stderr, done.stderr
+        return done.returncode, done.stdout, done.stderr
+
+    def _here(self, words, output):
+        out, err = io.StringIO(), io.StringIO()
+        with working_in(self.folder), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+            status = main(words)
+        if output:
+            output.write_text(out.getvalue(), encoding="utf-8")
+        return status, out.getvalue(), err.getvalue()
 
     def _stay(self, line):
-        began, output = time.monotonic(), self.folder / f"staying{len(self._staying)}.txt"
-        with open(output, "w", encoding="utf-8") as file:
-            process = subprocess.Popen(["bash", "-c", f"exec {line}"], cwd=self.folder, env=self.environment, stdout=file,
-                                       stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, start_new_session=True)
-        self._staying.append((line, process, output))
-        while line.startswith("./microstage cell") and "is active" not in output.read_text(encoding="utf-8"):
-            assert process.poll() is None and time.monotonic() < began + 120, f"{line}\n{output.read_text(encoding='utf-8')}"
-            time.sleep(0.1)
-        while not line.startswith("./microstage cell") and not output.stat().st_size and time.monotonic() < began + 10:
-            assert process.poll() is None, line
-            time.sleep(0.1)  # it shows that it runs
-        self.said.append(f"{time.monotonic() - began:6.1f} s  {line} &")
-
-    def _python(self, block):
-        began, here = time.monotonic(), os.getcwd()
-        os.chdir(self.folder)
-        try:
-            exec(compile(block.text, f"block at line {block.line}", "exec"), self._names)
-        finally:
-            os.chdir(here)
-        self.said.append(f"{time.monotonic() - began:6.1f} s  python, line {block.line}")
+        if line.partition("#")[0].strip() == Cells.PLAIN:
+            self._cells.plain(self.folder, self.environment)
+            return
+        if line.startswith(Cells.PLAIN) and "--namespace" not in line:
+            self._cells.close()  # the name is theirs now
+        self._staying.append(Staying(line, self.folder, self.environment))
 
     def close(self):
         """Interrupt what is still there, as Ctrl-C does; each ends with status 0."""
-        for _, process, _ in self._staying:
-            if process.poll() is None:
-                os.kill(process.pid, signal.SIGINT)
-        ends = []
-        for line, process, output in self._staying:
-            try:
-                status = process.wait(60)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                status = "none: it had to be killed"
-            ends.append((line, status, output.read_text(encoding="utf-8")[-2000:] if status else ""))
+        with self._timed("the end of what ran in the background"):
+            for command in self._staying:
+                command.interrupt()
+            ends = [command.end() for command in self._staying]
         self._staying.clear()
         print(*self.said, sep="\n", file=sys.stderr)
         self.said.clear()
-        # 130: the interrupt came before the command had begun its work
-        assert all(status == 0 or status == 130 and output.rstrip().endswith(": interrupted") for _, status, output in ends), ends
+        assert not any(ends), ends

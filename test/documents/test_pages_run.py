@@ -4,8 +4,8 @@ import pytest
 from page_blocks import LANGUAGES, PAGES, REASONS, ROOT, blocks
 from page_material import provide
 
-OWN_FILE = ("README.md", "tutorial.md")
-"""Pages whose blocks take longest: files of tests of their own, so that they run beside the others."""
+FIRST = ("docs/tutorial.md", "docs/watching.md", "docs/howto.md")
+"""Pages that share a cell, one after the other."""
 
 
 def name(page):
@@ -13,14 +13,9 @@ def name(page):
     return page.relative_to(ROOT).as_posix()
 
 
-def try_page(page, reader):
-    """Run all blocks of a page."""
-    found = blocks(page)
-    provide(reader.folder, page)
-    reader.save_named(found)
-    for block in found:
-        if block.runs:
-            reader.run(block)
+def order(page):
+    """The pages that share a cell first."""
+    return FIRST.index(name(page)) if name(page) in FIRST else len(FIRST)
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page)], ids=name)
@@ -30,6 +25,11 @@ def test_every_block_says_what_it_is(page):
         assert set(block.reasons) <= set(REASONS), f"{name(page)}, line {block.line}: {block.reason}"
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page) and page.name not in OWN_FILE], ids=name)
+@pytest.mark.parametrize("page", sorted((page for page in PAGES if blocks(page)), key=order), ids=name)
 def test_page_runs_as_printed(page, reader):
-    try_page(page, reader)
+    found = blocks(page)
+    provide(reader.folder, page)
+    reader.save_named(found)
+    for block in found:
+        if block.runs:
+            reader.run(block)

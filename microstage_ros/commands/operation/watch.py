@@ -217,4 +217,6 @@ def _live(arguments):
         for name, value in parameters.items()
         if not (isinstance(value, float) and math.isnan(value))
     ]
+    print(f"watching {arguments.namespace}: a score after each {arguments.window:g} s of motion, the first {arguments.healthy} windows count as "
+          "healthy. Ctrl-C ends it.", flush=True)
     return run(["--ros-args", "-r", f"__ns:={arguments.namespace}", *(part for word in words for part in ("-p", word))])

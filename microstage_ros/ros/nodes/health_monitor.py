@@ -173,6 +173,16 @@ class HealthMonitor(Node):
             else Health.STATE_WATCHING
         )
         self._health.publish(message)
+        self._say(message)
+
+    def _say(self, message):
+        """One line of the log for each window; an alarm as a warning."""
+        if not message.channel:
+            self.get_logger().info(f"healthy window {message.healthy_windows} of {self.parameters.healthy_windows}")
+            return
+        score, channel, trait = max(zip(message.score, message.channel, message.trait))
+        say = self.get_logger().warning if any(message.alarm) else self.get_logger().info
+        say(f"{'ALARM, ' if any(message.alarm) else ''}largest score {score:.2f} (1 is the threshold): {channel}, {trait}")
 
     def _reset(self, _, response):
         """Service reset_health: the machine was put right."""
