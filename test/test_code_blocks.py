@@ -4,6 +4,7 @@ A command line that starts nodes or takes minutes is read by its command's own p
 """
 
 import importlib
+import itertools
 import re
 import shlex
 import subprocess
@@ -32,7 +33,7 @@ def command_lines(page):
     """Words of every ``./microstage`` line in the shell blocks of a page."""
     lines = [line for text in blocks(page, "sh") for line in text.replace("\\\n", " ").splitlines()]
     words = [shlex.split(line, comments=True) for line in lines if line.strip().startswith("./microstage")]
-    return [line[1: line.index(">")] if ">" in line else line[1:] for line in words]
+    return [list(itertools.takewhile(lambda word: word not in (">", "&"), line[1:])) for line in words]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

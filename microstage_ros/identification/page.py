@@ -44,7 +44,8 @@ def identification_page(result, axis, records, seed, warnings=()):
     if result.curves:
         page.section("Curves")
     for curve in result.curves:
-        page.figure(draw(curve), f"{curve.title}: data, model with its 95 % band; below, data minus model", curve.title)
+        page.figure(draw(curve), f"{curve.title}: data and model{' with its 95 % band' if curve.low is not None else ''}"
+                    f"{'; below, data minus model' if curve.residual is not None else ''}", curve.title)
     for title, header, rows in result.tables:
         page.section(title)
         page.table(list(header), [list(row) for row in rows])
@@ -57,24 +58,24 @@ def identification_page(result, axis, records, seed, warnings=()):
 
 
 def _row(estimate, axis):
-    before = people(axis.value(estimate.key), estimate.unit) if axis.has(estimate.key) else None
+    before = people(axis.value(estimate.key), estimate.unit, between="\n") if axis.has(estimate.key) else None
     between = None
     if estimate.low is not None:
         lows, highs = np.atleast_1d(estimate.low), np.atleast_1d(estimate.high)
-        between = "; ".join(interval(low, high, estimate.unit, 4) for low, high in zip(lows, highs))
-    return [estimate.key, in_words(estimate), between, before, estimate.method]
+        between = "\n".join(interval(low, high, estimate.unit, 4) for low, high in zip(lows, highs))
+    return [estimate.key, in_words(estimate, "\n"), between, before, estimate.method]
 
 
-def in_words(estimate):
+def in_words(estimate, between="; "):
     """What an `Estimate` that is determined says: its number, or that it is an offset too small to matter."""
-    return estimate.remark or people(estimate.value, estimate.unit, estimate.stderr)
+    return estimate.remark or people(estimate.value, estimate.unit, estimate.stderr, between)
 
 
-def people(value, unit, stderr=None):
-    """A number or a list of numbers with its unit as people read it: ``10.6 ± 0.2 µN m``."""
+def people(value, unit, stderr=None, between="; "):
+    """A number or a list of numbers with its unit as people read it: ``10.6 ± 0.2 µN m``; ``between`` stands between two."""
     values = np.atleast_1d(value)
     spreads = np.full(len(values), None) if stderr is None else np.atleast_1d(stderr)
-    return "; ".join(quantity(float(v), unit, 4, None if s is None else float(s)) for v, s in zip(values, spreads))
+    return between.join(quantity(float(v), unit, 4, None if s is None else float(s)) for v, s in zip(values, spreads))
 
 
 def draw(curve):

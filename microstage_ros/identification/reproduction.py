@@ -63,7 +63,7 @@ def ramp_figure(axis, seed, count=10):
         axes.plot(sign * grid * 1e3, sign * blocks.curve(grid) * 1e6, color=COLOURS["black"], linewidth=0.8)
     axes.set(
         xlabel="angle of the output [mrad]",
-        ylabel="k_M I [µNm]",
+        ylabel="k_M I [µN m]",
         title="Fig. 5a: voltage ramps (blue), virgin curve of Table 1 (black)",
     )
     return figure

@@ -197,12 +197,12 @@ def identify_whole_axis(signals, axis, known):
         )
     )
     result.remarks.append(
-        f"Torque balance: residual {np.std(error) * 1e6:.3g} µNm of {np.std(torque) * 1e6:.3g} µNm rms."
+        f"Torque balance: residual {np.std(error) * 1e6:.3g} µN m of {np.std(torque) * 1e6:.3g} µN m rms."
     )
     expected = 2.0 * max(axis.value("variability.relative"), 0.03) * float(np.median(np.abs(torque)))
     if np.std(error) > expected:
         result.remarks.append(
-            f"The balance leaves more than the friction's variability explains ({expected * 1e6:.3g} µNm): "
+            f"The balance leaves more than the friction's variability explains ({expected * 1e6:.3g} µN m): "
             "the axis has a cause outside the nominal model, which `diagnose` can name."
         )
     return result

@@ -207,7 +207,7 @@ def _weak_start(result):
 
 
 def _observer(result):
-    rows = [[motion, f"{100 * f['total']:.1f}", f"{100 * f['level']:.1f}", nm(f["position"])] for motion, f in result["observer"].items()]
+    rows = [[motion.replace(" um", " µm"), f"{100 * f['total']:.1f}", f"{100 * f['level']:.1f}", nm(f["position"])] for motion, f in result["observer"].items()]
     return "Friction observer, worst of the seeds", ["motion", "total friction, rms (%)", "level, rms (%)", "position, rms (nm)"], rows, ""
 
 
@@ -254,7 +254,7 @@ def _margins(result):
     for kind, margins in result["margins"].items():
         for m in margins or []:
             numbers = [m["phase_deg"], m["gain_db"], m["gain_down_db"]]
-            rows.append([kind, m["regime"], "yes" if m["stable"] else "no", *("any" if math.isinf(v) else f"{v:.0f}" for v in numbers),
+            rows.append([kind, m["regime"].replace(" um/s", " µm/s"), "yes" if m["stable"] else "no", *("any" if math.isinf(v) else f"{v:.0f}" for v in numbers),
                          f"{m['crossover_hz']:.0f}", f"{m['sensitivity']:.1f}"])
     return "Margins on the linearised axis", MARGIN_HEADS, rows, (
         "Creeping at 1 µm/s, the falling Stribeck curve makes the linearised axis itself unstable; blocks that stick again bound what "

@@ -14,10 +14,11 @@
 import base64
 import io
 import math
+import re
 from contextlib import contextmanager
 
 import jinja2
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from microstage_ros import __version__
 from microstage_ros.files import write_text
@@ -144,6 +145,7 @@ class Page:
     def html(self):
         """The page as text."""
         environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
+        environment.filters |= {"breakable": breakable, "short": is_short}
         environment.globals |= {"style": Markup(STYLE), "script": Markup(SCRIPT)}
         template = environment.from_string(PAGE)
         return template.render(title=self.title, subtitle=self.subtitle, verdict=self._verdict, lead=self._lead,
@@ -157,6 +159,19 @@ class Page:
         InputError : the place cannot be written.
         """
         write_text(path, self.html())
+
+
+def is_short(text):
+    """True for a number with its unit, of one line or several, that is not to be broken within a line."""
+    return _is_numeric(text) and max(map(len, text.split("\n"))) < 26
+
+
+LONG_WORD = re.compile(r"[\w./-]{12,}")
+
+
+def breakable(text):
+    """A cell's text in which long names may break after ``_``, ``.`` and ``/``, not within a word: in narrow windows."""
+    return Markup(LONG_WORD.sub(lambda word: re.sub(r"([_./])(?=\w)", r"\1<wbr>", word[0]), str(escape(text))))
 
 
 def picture(figure):

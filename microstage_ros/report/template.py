@@ -48,7 +48,7 @@ caption { text-align: left; padding: 0 0 .4rem; }
 caption span { display: inline-block; position: sticky; left: 0; max-width: min(46rem, calc(100vw - 2rem)); }
 th, td { padding: .32rem .9rem .32rem 0; text-align: left; vertical-align: top; border-bottom: 1px solid var(--line); }
 thead th { border-bottom: 2px solid var(--ink); font-weight: 600; vertical-align: bottom; }
-th.number, td.number { text-align: right; } td.short { white-space: nowrap; }
+th.number, td.number { text-align: right; } td { white-space: pre-line; } td.short { white-space: pre; } td:not(.number):not(.short) { min-width: 8.5rem; }
 tr.marked td { background: var(--mark); }
 figure { margin: 1.1rem 0; }
 figure img, figure svg { max-width: 100%; height: auto; display: block; }
@@ -63,7 +63,7 @@ figure svg text { font-family: system-ui, "Segoe UI", "Helvetica Neue", Arial, "
 @media (hover: none) { .plot .zoom { opacity: .75; } }
 @media (max-width: 40rem) { .plot.both .wide-form { display: none; } .plot.both .narrow { display: block; }
   main, footer { padding: 0 1rem; } h1 { font-size: 1.35rem; } .verdict { padding: .8rem .9rem; } .verdict p { font-size: 1.02rem; }
-  th, td { padding-right: .7rem; } td:not(.number) { min-width: 8.5rem; } .wide th:first-child, .wide td:first-child { position: sticky; left: 0; background: var(--paper); min-width: 7.5rem;
+  th, td { padding-right: .7rem; } .wide th:first-child, .wide td:first-child { position: sticky; left: 0; background: var(--paper); min-width: 7.5rem;
   max-width: 40vw; overflow-wrap: anywhere; z-index: 1; } .wide tr.marked td:first-child { background: var(--mark); } footer dl { grid-template-columns: 1fr; }
   footer dt { font-weight: 600; } ul { padding-left: 1.2rem; } li, p { overflow-wrap: anywhere; } }
 figcaption { font-size: .9rem; margin-top: .3rem; max-width: 46rem; }
@@ -123,10 +123,10 @@ PAGE = """
 {%- elif part.kind == 'keys' %}<dl class="keys">{% for name, value, remark in part.entries %}<div><dt>{{ name }}</dt>
 <dd class="value">{{ value }}</dd>{% if remark %}<dd>{{ remark }}</dd>{% endif %}</div>{% endfor %}</dl>
 {%- elif part.kind == 'table' %}<div class="wide"><table>{% if part.caption %}<caption><span>{{ part.caption }}</span></caption>{% endif %}
-<thead><tr>{% for head in part.header %}<th scope="col"{% if part.numeric[loop.index0] %} class="number"{% endif %}>{{ head }}</th>
+<thead><tr>{% for head in part.header %}<th scope="col"{% if part.numeric[loop.index0] %} class="number"{% endif %}>{{ head|breakable }}</th>
 {%- endfor %}</tr></thead><tbody>
 {%- for row in part.rows %}<tr{% if loop.index0 in part.marked %} class="marked"{% endif %}>{% for cell in row %}
-<td{% if part.numeric[loop.index0] %} class="number{% if cell|length < 26 %} short{% endif %}"{% endif %}>{{ cell }}</td>{% endfor %}</tr>{% endfor %}</tbody></table></div><p class="hint" aria-hidden="true">The table goes on to the right: scroll it sideways.</p>
+<td{% if part.numeric[loop.index0] or cell|short %} class="{{ "number " if part.numeric[loop.index0] }}{{ "short" if cell|short }}"{% endif %}>{{ cell|breakable }}</td>{% endfor %}</tr>{% endfor %}</tbody></table></div><p class="hint" aria-hidden="true">The table goes on to the right: scroll it sideways.</p>
 {%- elif part.kind == 'figure' %}<figure>{% if part.source %}<img src="{{ part.source }}" alt="{{ part.alt }}" width="{{ part.width }}">
 {%- else %}<div class="plot{% if part.narrow %} both{% endif %}" role="img" aria-label="{{ part.alt }}" style="max-width: {{ part.width }}px">
 <div class="wide-form">{{ part.wide }}</div>{% if part.narrow %}<div class="narrow">{{ part.narrow }}</div>{% endif %}</div>{% endif %}

@@ -6,6 +6,7 @@ with AxisClient("/axis") as axis:
 """
 
 import math
+import os
 import time
 
 import rclpy
@@ -15,6 +16,7 @@ from microstage_msgs.srv import Statistics
 from rclpy.action import ActionClient
 from sensor_msgs.msg import JointState
 
+from microstage_ros.ros.launching.ownership import owned_namespaces
 from microstage_ros.ros.transport import topics
 
 ASK_AGAIN = 2.0
@@ -26,15 +28,30 @@ class NoAnswer(RuntimeError):
 
 
 def live_axes(node):
-    """Namespaces, sorted, of the axes whose move server is known to ``node``'s graph."""
+    """Namespaces, sorted, of the axes whose move server is known to ``node``'s graph, or that are owned on this computer."""
     ending = f"/{topics.MOVE_TO}/_action/send_goal"
-    return sorted(
-        {
-            name.removesuffix(ending) or "/"
-            for name, _ in node.get_service_names_and_types()
-            if name.endswith(ending) and node.count_services(name)
-        }
-    )  # a client alone is in the graph too
+    found = {
+        name.removesuffix(ending) or "/"
+        for name, _ in node.get_service_names_and_types()
+        if name.endswith(ending) and node.count_services(name)  # a client alone is in the graph too
+    }
+    return sorted(found | set(owned_namespaces()))
+
+
+def no_axis(here, node):
+    """What to say where nobody answers at ``here``."""
+    found = live_axes(node)
+    if here in found:
+        return f"no axis at {here} that answers: its processes are starting, stopped or hung"
+    return f"no axis at {here} ({'live axes: ' + ', '.join(found) if found else 'no axis is live; ./microstage cell starts one'})"
+
+
+def patience(others=1.7, here=0.8):
+    """How long to look for any sign of an axis [s]: longer where axes of other computers may answer.
+
+    One that this user started on this computer is known at once, by its lock.
+    """
+    return here if os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE") == "LOCALHOST" else others
 
 
 class AxisClient:
@@ -100,13 +117,9 @@ class AxisClient:
         began = time.monotonic()
         while not (self._action.server_is_ready() and self._statistics.service_is_ready()):
             rclpy.spin_once(self.node, timeout_sec=0.05)
-            waited, found = time.monotonic() - began, live_axes(self.node)
-            here = self._prefix.rstrip("/") or "/"
-            if waited > wait or (waited > min(wait, self._sought) and here not in found):
-                others = (
-                    f"live axes: {', '.join(found)}" if found else "no axis is live; ./microstage cell starts one"
-                )
-                raise NoAnswer(f"no axis at {here} ({others})")
+            waited, here = time.monotonic() - began, self._prefix.rstrip("/") or "/"
+            if waited > wait or (waited > min(wait, self._sought) and here not in live_axes(self.node)):
+                raise NoAnswer(no_axis(here, self.node))
         self.statistics()
 
     def _result(self, future, wait, again=None):

@@ -13,7 +13,7 @@ from microstage_msgs.srv import GetStatus, Jog
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
-from microstage_ros.ros.client import NoAnswer
+from microstage_ros.ros.client import NoAnswer, live_axes, no_axis, patience
 from microstage_ros.ros.transport import topics
 
 ASK_AGAIN = 0.5
@@ -57,8 +57,11 @@ class Operator:
         if name not in self._clients:
             self._clients[name] = self.node.create_client(kind, self._prefix + name)
         client, end = self._clients[name], time.monotonic() + self._wait
+        here, sought = self._prefix.rstrip("/") or "/", time.monotonic() + patience()
         while not client.service_is_ready():
-            self._turn(end, f"no axis at {self._prefix.rstrip('/')}: nobody serves {self._prefix}{name}")
+            rclpy.spin_once(self.node, timeout_sec=0.01)
+            if time.monotonic() > end or (time.monotonic() > sought and here not in live_axes(self.node)):
+                raise NoAnswer(no_axis(here, self.node))
         while True:
             asked, answer = time.monotonic(), client.call_async(request)
             while not answer.done() and time.monotonic() < asked + ASK_AGAIN:

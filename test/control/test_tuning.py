@@ -2,6 +2,7 @@
 
 import json
 import pathlib
+import sys
 
 import numpy as np
 import pytest
@@ -147,3 +148,7 @@ def test_compare_command_makes_page_tables_and_data(tmp_path, monkeypatch, capsy
     page = (tmp_path / "report.html").read_text()
     assert "self_tuning_observer" in page and "http" not in page.split("<body")[0]
     assert "report.html" in capsys.readouterr().out
+    sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "report"))
+    from browser import check_pages
+
+    check_pages([tmp_path / "report.html"])

@@ -14,6 +14,7 @@
 import contextlib
 import glob
 import io
+import itertools
 import os
 import re
 import resource
@@ -87,7 +88,7 @@ def command_lines(page):
     """Words of every ``./microstage`` line in the shell blocks of a page."""
     lines = [line for block in blocks(page) if block.language == "sh" for line in block.text.replace("\\\n", " ").splitlines()]
     words = [shlex.split(line, comments=True) for line in lines if line.strip().startswith("./microstage")]
-    return [line[1: line.index(">")] if ">" in line else line[1:] for line in words]
+    return [list(itertools.takewhile(lambda word: word not in (">", "&"), line[1:])) for line in words]
 
 
 def stays(line):

@@ -1,11 +1,23 @@
 """Every code block of README and docs runs as printed, page by page, in the order of the page."""
 
+import sys
+from pathlib import Path
+
 import pytest
 from page_blocks import LANGUAGES, PAGES, REASONS, ROOT, blocks
 from page_material import provide
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "report"))
+
+from browser import check_pages  # noqa: E402
+
 FIRST = ("docs/tutorial.md", "docs/watching.md", "docs/howto.md")
 """Pages that share a cell, one after the other."""
+
+
+SHOWN = {"README.md": {"mine.html", "answer/report.html"}, "docs/tutorial.md": {"demo/report.html"},
+         "docs/logs.md": {"first/report.html", "answer/report.html"}}
+"""The pages for people that the blocks of a page of the documents make."""
 
 
 def name(page):
@@ -33,3 +45,6 @@ def test_page_runs_as_printed(page, reader):
     for block in found:
         if block.runs:
             reader.run(block)
+    pages = [path for path in reader.folder.rglob("*.html") if not path.is_relative_to(reader.folder / "docs")]
+    assert {path.relative_to(reader.folder).as_posix() for path in pages} == SHOWN.get(name(page), set())
+    check_pages(pages)

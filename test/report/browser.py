@@ -5,6 +5,7 @@
 
 import asyncio
 import base64
+import contextlib
 import json
 import shutil
 import subprocess
@@ -24,6 +25,20 @@ EVERYTHING = """(() => {
           cut: cut.map(e => e.textContent.trim().slice(0, 60)), text: document.body.innerText,
           background: getComputedStyle(document.body).backgroundColor, ink: grey(document.body)};
 })()"""
+
+
+def check_pages(paths, browser=None):
+    """Assert that pages read in a browser, wide and light, narrow and dark: nothing on the console, nothing cut off.
+
+    Does nothing where there is no Chromium.
+    """
+    if PROGRAM is None:
+        return
+    with contextlib.nullcontext(browser) if browser else Browser() as running:
+        for path in paths:
+            for width, dark in ((1400, False), (390, True)):
+                seen = running.look(path, width, dark)
+                assert not seen["errors"] and not seen["cut"] and seen["width"] <= width, (path, width, seen["errors"], seen["cut"])
 
 
 class Browser:

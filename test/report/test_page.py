@@ -9,7 +9,7 @@ import pytest
 
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.report.drawing_file import drawing
-from microstage_ros.report.page import LARGEST_SVG, Page, picture
+from microstage_ros.report.page import LARGEST_SVG, Page, breakable, is_short, picture
 from microstage_ros.report.plots import new_figure, plot_signal
 
 
@@ -126,3 +126,9 @@ def test_it_is_written_and_bad_input_is_told(tmp_path):
         page.verdict("?", "green")
     with pytest.raises(InputError, match="row 1"):
         page.table(["a", "b"], [[1, 2], [1]])
+
+
+def test_long_names_break_between_their_parts_only():
+    assert str(breakable("contacts.actuator.stribeck_velocity")) == "contacts.<wbr>actuator.<wbr>stribeck_<wbr>velocity"
+    assert str(breakable("3.40966 ± 0.00078 Ω")) == "3.40966 ± 0.00078 Ω" and str(breakable("<b>")) == "&lt;b&gt;"
+    assert is_short("64.8 ± 4.3 mN m/rad\n13.15 ± 0.88 mN m/rad") and not is_short("torque balance")

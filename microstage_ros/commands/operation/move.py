@@ -10,9 +10,6 @@ from microstage_ros.commands.parser import Parser
 from microstage_ros.files import unreadable
 from microstage_ros.quantities.errors import InputError
 
-SOUGHT = 1.7
-"""Longest wait [s] for a sign of an axis of that name; with the start of the program two seconds."""
-
 PHASES = {1: "moving", 2: "settling", 3: "stopping"}
 
 
@@ -61,12 +58,12 @@ def read_targets(path):
 def _run(arguments, targets):
     import rclpy
 
-    from microstage_ros.ros.client import AxisClient, NoAnswer
+    from microstage_ros.ros.client import AxisClient, NoAnswer, patience
 
     results, status = [], 0
     rclpy.init()
     try:
-        with AxisClient(arguments.namespace, sought=SOUGHT) as axis:
+        with AxisClient(arguments.namespace, sought=patience()) as axis:
             for number, target in enumerate(targets):
                 if number and arguments.dwell:
                     time.sleep(arguments.dwell)

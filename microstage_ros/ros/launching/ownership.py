@@ -106,6 +106,16 @@ def free_namespace(wanted="/axis", others=("/demo", *(f"/demo_{number}" for numb
     raise refused
 
 
+def owned_namespaces():
+    """Namespaces of this domain that a process of this user on this computer owns, sorted; known at once, without discovery."""
+    domain, found = f"{os.environ.get('ROS_DOMAIN_ID', '0')}-", set()
+    for path in folder().glob(f"{domain}*"):
+        if path.suffix[1:] in KINDS and owner(path) is not None:
+            name = path.stem.removeprefix(domain)
+            found.add("/" if name == "root" else "/" + name.replace("+", "/"))
+    return sorted(found)
+
+
 def owner(path):
     """Host, process, since, command of who holds a lock; None if nobody does."""
     try:
