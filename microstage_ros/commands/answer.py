@@ -43,6 +43,11 @@ def state(**facts):
     _facts.update(facts)
 
 
+def facts():
+    """What was announced so far, as JSON has it."""
+    return plain(_facts)
+
+
 def finish(command, status):
     """Print the object, if it is wanted, and give standard output back."""
     global _stdout

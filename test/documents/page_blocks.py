@@ -26,6 +26,8 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
+from answers import check_answer
+
 from microstage_ros.commands.__main__ import main
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -249,6 +251,8 @@ class Reader:
         out, err = io.StringIO(), io.StringIO()
         with working_in(self.folder), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
             status = main(words)
+        if status == 0:
+            check_answer(words)
         if output:
             output.write_text(out.getvalue(), encoding="utf-8")
         return status, out.getvalue(), err.getvalue()

@@ -7,7 +7,7 @@ import sys
 from contextlib import contextmanager
 from pathlib import Path
 
-from microstage_ros.commands import units
+from microstage_ros.commands import answer, units
 from microstage_ros.commands.__main__ import which_ros
 from microstage_ros.commands.axis import add_controller, read_axis
 from microstage_ros.commands.backend import add_backend, chosen_backend
@@ -82,7 +82,7 @@ def _run(arguments, backend, machine, recording):
     parameters = {"axis_driver": driver, "str_controller": {**axis, **law}, "gms_observer": axis,
                   "bag_recorder": {"directory": str(arguments.record),
                                    "log_time": "stamp" if arguments.mode == "lockstep" else "arrival"}}
-    nodes = backend.nodes(name for name in NODES if arguments.record or name != "bag_recorder")
+    nodes = list(backend.nodes(name for name in NODES if arguments.record or name != "bag_recorder"))
     try:
         cell = CellProcesses(arguments.namespace, nodes, parameters)
         try:
@@ -96,6 +96,8 @@ def _run(arguments, backend, machine, recording):
             cell.activate(node)
             recording()
             what = "simulated" if backend.simulated else backend.name
+            answer.state(namespace=arguments.namespace, nodes=list(nodes), mode=arguments.mode, backend=backend.name,
+                         simulated=backend.simulated, seed=arguments.seed, record=arguments.record)
             print(f"{arguments.namespace} is active ({len(nodes)} nodes, {arguments.mode}, {what}). "
                   f"In another terminal: ./microstage move --to 1e-5. Ctrl-C stops it.", flush=True)
             run_until_interrupted(supervisor, lambda seconds: rclpy.spin_once(node, timeout_sec=seconds))

@@ -6,6 +6,7 @@ A table of another area is added by one line in `TABLES` and its two comments in
 import sys
 import time
 
+from microstage_ros.commands import answer
 from microstage_ros.commands.parser import Parser
 from microstage_ros.places import SOURCE
 from microstage_ros.quantities.errors import InputError
@@ -41,12 +42,13 @@ def main(argv=None):
         began = time.monotonic()
         write_table(SOURCE, table, table.make())
         print(f"{table.name}: {table.page}, {time.monotonic() - began:.0f} s")
+    answer.state(tables=[{"name": table.name, "page": table.page} for table in chosen])
     return 0
 
 
 def _check(tables, mark):
     """List the tables; the exit status."""
-    bad = 0
+    bad, rows = 0, []
     for table in tables:
         if mark:
             mark_stale(SOURCE, table)
@@ -54,4 +56,6 @@ def _check(tables, mark):
         state = "fresh" if not stale else "stale, and says so" if stamp.marked else "stale, and does not say so"
         bad += stale and not stamp.marked
         print(f"{table.name:14s} {table.page:22s} {stamp.version} {stamp.made}  {state}  ({stamp.machine})")
+        rows.append({"name": table.name, "page": table.page, "version": stamp.version, "made": str(stamp.made), "state": state, "machine": stamp.machine})
+    answer.state(tables=rows)
     return 1 if bad else 0
