@@ -44,8 +44,9 @@ def identification_page(result, axis, records, seed, warnings=()):
     if result.curves:
         page.section("Curves")
     for curve in result.curves:
-        page.figure(draw(curve), f"{curve.title}: data and model{' with its 95 % band' if curve.low is not None else ''}"
-                    f"{'; below, data minus model' if curve.residual is not None else ''}", curve.title)
+        band = " with its 95 % band" if curve.low is not None else ""
+        below = "; below, data minus model" if curve.residual is not None else ""
+        page.figure(draw(curve), f"{curve.title}: data and model{band}{below}", curve.title)
     for title, header, rows in result.tables:
         page.section(title)
         page.table(list(header), [list(row) for row in rows])
@@ -72,7 +73,7 @@ def in_words(estimate, between="; "):
 
 
 def people(value, unit, stderr=None, between="; "):
-    """A number or a list of numbers with its unit as people read it: ``10.6 ± 0.2 µN m``; ``between`` stands between two."""
+    """A number or several with their unit as people read them: ``10.6 ± 0.2 µN m``; ``between`` stands between two."""
     values = np.atleast_1d(value)
     spreads = np.full(len(values), None) if stderr is None else np.atleast_1d(stderr)
     return between.join(quantity(float(v), unit, 4, None if s is None else float(s)) for v, s in zip(values, spreads))

@@ -17,6 +17,12 @@ ENDING = ".memory"
 WAIT_S = 2.0
 """Longest wait for the own endpoint to appear in the graph."""
 
+MADE = 2
+"""First word of a segment that is complete (Boost.Interprocess: 0 and 1 while it is made, 3 where that failed)."""
+
+MAKING_S = 5.0
+"""A segment that is not complete after so long has lost its maker: making one takes microseconds."""
+
 
 def _began(pid):
     """When a process began, in ticks since the start of the computer: with its number it means this process alone."""
@@ -51,9 +57,29 @@ def remember(node, running=lambda: True):
     return None
 
 
+def remove_half_made():
+    """Remove our segments whose maker was killed while it made them; how many.
+
+    Whoever opens such a segment waits for its maker without end, and every node of the computer opens the same ports.
+    """
+    count = 0
+    for path in PLACE.glob("fastrtps_*"):
+        try:
+            about = path.stat()
+            if path.name.endswith("_el") or about.st_uid != os.getuid() or time.time() - about.st_mtime < MAKING_S:
+                continue
+            with path.open("rb") as file:
+                if int.from_bytes(file.read(4), "little") < MADE:
+                    path.unlink()
+                    count += 1
+        except OSError:
+            continue
+    return count
+
+
 def remove_left_behind():
     """Remove the shared memory of our dead processes; how many files."""
-    count = 0
+    count = remove_half_made()
     for note in folder().glob(f"*{ENDING}"):
         try:
             pid, began, prefix = note.read_text(encoding="ascii").split()

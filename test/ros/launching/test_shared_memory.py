@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import time
 
 from ros_support import own_domain
 
@@ -46,3 +47,17 @@ def test_a_killed_node_leaves_nothing_for_long(tmp_path):
         assert list(shared_memory.PLACE.glob(f"fast_datasharing_{prefix}_*")) and note.exists()
         remove_left_behind()
         assert not list(shared_memory.PLACE.glob(f"fast_datasharing_{prefix}_*")) and not note.exists()
+
+
+def test_a_segment_that_was_never_completed_is_removed(tmp_path, monkeypatch):
+    """Its maker was killed meanwhile; complete and new ones, and the locks beside them, stay."""
+    monkeypatch.setattr(shared_memory, "PLACE", tmp_path)
+    made, half, new, lock = (tmp_path / f"fastrtps_port70{n}" for n in ("00", "04", "05", "00_el"))
+    made.write_bytes(b"\2\0\0\0" + bytes(60))
+    half.write_bytes(bytes(64))
+    new.write_bytes(bytes(64))
+    lock.write_bytes(b"")
+    for path in (made, half, lock):
+        os.utime(path, (time.time() - 60.0,) * 2)
+    assert shared_memory.remove_half_made() == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["fastrtps_port7000", "fastrtps_port7000_el", "fastrtps_port7005"]
