@@ -37,6 +37,7 @@ def check_pages(paths, browser=None):
     with contextlib.nullcontext(browser) if browser else Browser() as running:
         for path in paths:
             for width, dark in ((1400, False), (390, True)):
+                assert Path(path).is_file(), path
                 seen = running.look(path, width, dark)
                 assert not seen["errors"] and not seen["cut"] and seen["width"] <= width, (path, width, seen["errors"], seen["cut"])
 
