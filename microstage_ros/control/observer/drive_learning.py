@@ -40,10 +40,10 @@ ZERO_SPREAD = 0.03  # V, of the amplifier's zero after a change
 
 @compiled
 def forget_drive(p, s):
-    """Nominal R, zero and back-EMF, with all their doubt."""
+    """Nominal R and zero, the back-EMF of the motor constant that was found, with all their doubt."""
     s.learned[0] = 1.0
     s.learned[1] = 0.0
-    s.learned[2] = 1.0
+    s.learned[2] = s.emf_centre
     s.learned_covariance[:] = 0.0
     s.learned_covariance[0, 0] = p.resistance_spread * p.resistance_spread
     s.learned_covariance[1, 1] = p.zero_spread * p.zero_spread
@@ -192,7 +192,7 @@ def bound_learned(p, s):
     s.learned[1] = min(max(s.learned[1], -1.0), 1.0)
     # a gain of the amplifier looks like both R and back-EMF, a warm winding like R alone; the motor itself hardly changes
     low, high = min(s.learned[0], 1.0), max(s.learned[0], 1.0)
-    s.learned[2] = min(max(s.learned[2], low * (1.0 - p.emf_spread)), high * (1.0 + p.emf_spread))
+    s.learned[2] = min(max(s.learned[2], s.emf_centre * low * (1.0 - p.emf_spread)), s.emf_centre * high * (1.0 + p.emf_spread))
 
 
 @compiled

@@ -22,7 +22,7 @@ from microstage_ros.control.feedforward import axis as feedforward
 from microstage_ros.control.feedforward.axis import friction_along
 from microstage_ros.control.gains import Gain, record_type
 from microstage_ros.control.observer import flexible_mode as swing
-from microstage_ros.control.observer import friction_level, inertia, lost_motion, motion_filter, source_doubt
+from microstage_ros.control.observer import friction_level, inertia, lost_motion, motion_filter, motor_constant, source_doubt
 from microstage_ros.control.observer.drive_learning import (
     LAGS,
     NOISE_DOUBT,
@@ -119,6 +119,7 @@ STATE_FIELDS = [
     *friction_level.FIELDS,
     *source_doubt.FIELDS,
     *inertia.FIELDS,
+    *motor_constant.FIELDS,
     ("net_force", "f8"),  # N, that accelerated the axis in the newest period
     *motion_filter.FIELDS,
     *swing.FIELDS,
@@ -135,6 +136,7 @@ def observer_reset(p, s):
     s.current = 0.0
     s.read = math.nan
     s.acceleration = 0.0
+    motor_constant.motor_constant_reset(s)
     forget_drive(p, s)
     s.applied[:] = s.learned
     s.excitation = 0.0
@@ -229,7 +231,7 @@ def steady_measure(p, s):
 
     That is the nominal one, unless the amplifier's gain has changed the measure of all.
     """
-    beyond = s.learned[2] - 1.0
+    beyond = s.learned[2] - s.emf_centre
     return beyond if abs(beyond) < 2.0 * p.emf_spread else 0.0
 
 
@@ -295,6 +297,8 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         doubtful = s.contact != TOUCHING or source_doubt.lost_motion_suspected(s) or s.waves > source_doubt.SWINGS
         inertia.learn_inertia(s, period, s.net_force / model.moving_mass, moved / period, doubtful)
         s.current = current
+        if not doubtful:
+            motor_constant.watch_motor_constant(p, model, s, period, drop, moved / period)
     position = encoder - s.x
     if senses:
         motor_speed = s.v + speed / s.learned[2]

@@ -1,0 +1,103 @@
+"""The motor constant where it is far from the file's (compiled parts of `observer_law`).
+
+R, zero and back-EMF are learned from innovations within the spreads that a motor's data sheet allows
+(`drive_learning`). A constant that is 1.3 times the file's lies beyond them, and the filter then takes its back-EMF
+for motion. But at speed it can be read off without any model of the motion: through the same filter of first order,
+
+    E = (u − R i − o) / (K_E (N/r) v),        u voltage, i current, v speed of the encoder, o zero of the amplifier
+
+Where v has been beyond `FAST` and E within `STEADY` of its mean for `FOUND_TIME`, and the mean is further from what is
+learned than `LEAST` and `SURE` standard deviations (R and o are not known either), it becomes the centre of what is
+allowed. R, o and the level of the friction are those of the last motion below `SLOW`, which a wrong constant does not
+lead astray. The slow motion through a gap, where the motor turns alone, is never that fast for so long.
+"""
+
+import math
+
+from microstage_ros.control.observer.drive_learning import voltage_variance
+from microstage_ros.model.friction.curve import COULOMB
+from microstage_ros.numerics.compiled import compiled
+
+FILTER_TIME = 3e-3  # s, of both sides: slower than the drive train's resonance and the winding
+MEAN_TIME = 1e-2  # s, of the ratio
+FAST, SLOW = 2e-4, 2e-5  # m/s
+STEADY = 0.04  # 1
+FOUND_TIME = 1.2e-2  # s
+LEAST, SURE = 0.04, 4.0  # 1, standard deviations
+LOWEST, HIGHEST = 0.3, 3.0  # of the constant over the file's
+FIELDS = [
+    ("emf_centre", "f8"),  # 1, motor constant over the file's, about which it is learned
+    ("emf_speed", "f8"),  # m/s, of the motor by its back-EMF, filtered
+    ("encoder_speed", "f8"),  # m/s, filtered in the same way
+    ("emf_ratio", "f8"),  # 1, mean of the one over the other
+    ("emf_ratio_time_s", "f8"),  # s, for which the ratio has been near its mean
+    ("slow_resistance", "f8"),  # 1, R over the file's as it was learned in slow motion
+    ("slow_zero_V", "f8"),  # zero of the amplifier, likewise
+    ("slow_variance_V2", "f8"),  # of both together
+    ("slow_level", "f8"),  # 1, level of the friction, likewise
+]
+
+
+@compiled
+def motor_constant_reset(s):
+    """The file's number."""
+    s.emf_centre = 1.0
+    s.emf_speed = 0.0
+    s.encoder_speed = 0.0
+    s.emf_ratio = 1.0
+    s.emf_ratio_time_s = 0.0
+    s.slow_resistance = 1.0
+    s.slow_zero_V = 0.0
+    s.slow_variance_V2 = 0.0
+    s.slow_level = 1.0
+
+
+@compiled
+def watch_motor_constant(p, model, s, period, drop, speed):
+    """One period in contact: R i = ``drop`` [V], ``speed`` [m/s] of the encoder.
+
+    Returns True if the constant was found elsewhere.
+    """
+    share = min(period / FILTER_TIME, 1.0)
+    turning = (s.voltages[s.lag] - s.slow_resistance * drop - s.slow_zero_V) / model.volts_per_velocity
+    s.emf_speed += share * (turning - s.emf_speed)
+    s.encoder_speed += share * (speed - s.encoder_speed)
+    size = abs(s.encoder_speed)
+    if size < SLOW:
+        s.slow_resistance, s.slow_zero_V, s.slow_level = s.learned[0], s.learned[1], s.level
+        s.slow_variance_V2 = voltage_variance(model, s, model.volts_per_torque * model.actuator[COULOMB], 0.0, 1.0)
+    if size < FAST:
+        s.emf_ratio_time_s = 0.0
+        return False
+    ratio = s.emf_speed / s.encoder_speed
+    if s.emf_ratio_time_s == 0.0 or abs(ratio - s.emf_ratio) > STEADY:
+        s.emf_ratio, s.emf_ratio_time_s = ratio, 0.0
+    s.emf_ratio += min(period / MEAN_TIME, 1.0) * (ratio - s.emf_ratio)
+    s.emf_ratio_time_s += period
+    if s.emf_ratio_time_s < FOUND_TIME:
+        return False
+    off = s.emf_ratio - s.learned[2]
+    if abs(off) < max(LEAST, SURE * math.sqrt(s.slow_variance_V2) / (model.volts_per_velocity * size)):
+        return False
+    s.emf_ratio_time_s = 0.0
+    centre_on(p, s, min(max(s.emf_ratio, LOWEST), HIGHEST), off * size)
+    return True
+
+
+@compiled
+def centre_on(p, s, centre, stray):
+    """Learn about another ``centre`` [1] from now on; the estimated motion may be off by ``stray`` [m/s]."""
+    s.emf_centre = centre
+    s.learned[0], s.learned[1], s.learned[2] = s.slow_resistance, s.slow_zero_V, centre
+    s.level = s.slow_level
+    c = s.learned_covariance
+    c[0, 2] = c[1, 2] = 0.0
+    c[0, 0] += p.resistance_spread * p.resistance_spread
+    c[1, 1] += p.zero_spread * p.zero_spread
+    c[2, 2] = p.emf_spread * p.emf_spread
+    s.shift[:] = 0.0
+    s.innovation_peak_m = 0.0
+    s.strayed = 0.0
+    s.covariance[1, 1] += stray * stray
+    s.covariance[2, 2] += s.d * s.d
+    s.variance = max(s.variance, p.level_variability * p.level_variability)
