@@ -15,7 +15,7 @@ from microstage_ros.commands import answer
 from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
-from microstage_ros.control.evaluation import comparison
+from microstage_ros.control.evaluation import comparison, opponents
 from microstage_ros.diagnosis.fleet import in_order
 from microstage_ros.files import complete_folder, keep_earlier, write_text
 from microstage_ros.hardware.simulated import machine_for
@@ -34,6 +34,8 @@ def main(argv=None):
         axis = axis.simulated_on(machine_for(axis, arguments.machine))
     if axis.choices["drive.type"] != "voltage_motor":
         raise InputError(f"{arguments.axis}: drive.type", axis.choices["drive.type"], "voltage_motor, the paper's axis")
+    if arguments.opponents:
+        return _contest(arguments, axis)
     extent = comparison.QUICK if arguments.quick else comparison.Extent()
     if arguments.seeds:
         extent = extent._replace(seeds=arguments.seeds)
@@ -56,6 +58,26 @@ def main(argv=None):
     return 0
 
 
+def _contest(arguments, axis):
+    """Fixed laws searched by differential evolution against the self-tuning ones: tables, and what was found."""
+    keep_earlier("--out", [pathlib.Path(arguments.out) / "opponents.json"], arguments.force)
+    with progress("searching", remembered=f"opponents {arguments.opponents}") as bar:
+        found, table = opponents.contest(axis, arguments.opponents, progress=bar.say)
+    tables = opponents.contest_tables(found, table)
+    facts = {"version": __version__, "axis": axis.as_dict(), "search_seeds": list(opponents.SEARCH_SEEDS),
+             "judged_seeds": list(opponents.JUDGED_SEEDS), "opponents": [opponent._asdict() for opponent in found],
+             "figures": {name: {kind: figures._asdict() for kind, figures in row.items()} for name, row in table.items()}}
+    with complete_folder(arguments.out) as folder:
+        (folder / "opponents.json").write_text(json.dumps(_plain(facts), indent=1) + "\n")
+        (folder / "tables.md").write_text("\n".join(_markdown(*entry) for entry in tables))
+    answer.state(**facts)
+    for document in arguments.update:
+        update_tables(pathlib.Path(document), tables)
+    _show(tables)
+    print(pathlib.Path(arguments.out) / "opponents.json")
+    return 0
+
+
 def _parse(argv):
     parser = Parser(prog="microstage compare", description="Compare all controllers on the simulated axis.")
     parser.add_argument("--axis", default=DEFAULT_AXIS, metavar="FILE", help="axis file (default the paper's axis)")
@@ -69,12 +91,17 @@ def _parse(argv):
     parser.add_argument("--scheduler", metavar="ADDRESS", help="hand the runs to this Dask scheduler, tcp://host:port")
     parser.add_argument("--update", nargs="+", default=[], metavar="FILE",
                         help="Markdown files whose tables between <!-- compare: TITLE --> and <!-- end --> are to be replaced")
+    parser.add_argument("--opponents", type=int, default=0, metavar="N",
+                        help="search fixed laws by differential evolution, N runs of each, and judge them beside the "
+                             "self-tuning ones on seeds and machines that no search saw; nothing else")
     parser.add_argument("--quick", action="store_true", help="few seeds, moves and searches")
     parser.add_force()
     arguments = parser.parse_args(argv)
     for document in arguments.update:
         if not pathlib.Path(document).is_file():
             raise InputError("--update", document, "a file that exists")
+    if arguments.opponents < 0:
+        raise InputError("--opponents", arguments.opponents, "0 or more")
     for name in ("seeds", "jobs"):
         value = getattr(arguments, name)
         if value is not None and value < 1:

@@ -70,7 +70,9 @@ def observed_step(parameters, state, reference, encoder, current):
     supervision.watch_error(rule, watched, state.encoder_pid.error, state.encoder_pid.reference_velocity, observer.contact != TOUCHING, period)
     found = observer.voltage_noise / observer.voltage_factor  # without the doubt that is added to it
     if watched.law == supervision.OBSERVER:
-        reason = supervision.sign_of_trouble(rule, watched, observer.position_test, observer.speed_test, found, period)
+        rattles = source_doubt.lost_motion_suspected(observer)         # a gap explains innovations that one mass does not
+        position_test, speed_test = (1.0, 1.0) if rattles else (observer.position_test, observer.speed_test)
+        reason = supervision.sign_of_trouble(rule, watched, position_test, speed_test, found, period)
         if reason == supervision.NOTHING:
             return regulate(parameters, state, reference)
         supervision.hand_over(rule, watched, reason)
