@@ -7,9 +7,9 @@ for motion. But at speed it can be read off without any model of the motion: thr
     E = (u − R i − o) / (K_E (N/r) v),        u voltage, i current, v speed of the encoder, o zero of the amplifier
 
 Where v has been beyond `FAST` and E within `STEADY` of its mean for `FOUND_TIME`, and the mean is further from what is
-learned than `LEAST` and `SURE` standard deviations (R and o are not known either), it becomes the centre of what is
-allowed. R, o and the level of the friction are those of the last motion below `SLOW`, which a wrong constant does not
-lead astray. The slow motion through a gap, where the motor turns alone, is never that fast for so long.
+learned than `LEAST`, `SURE` standard deviations (R and o are not known either) and `UNTOLD`, it becomes the centre of
+what is allowed. R, o and the level of the friction are those of the last motion below `SLOW`, which a wrong constant
+does not lead astray. The slow motion through a gap, where the motor turns alone, is never that fast for so long.
 """
 
 import math
@@ -24,11 +24,13 @@ FAST, SLOW = 2e-4, 2e-5  # m/s
 STEADY = 0.04  # 1
 FOUND_TIME = 1.2e-2  # s
 LEAST, SURE = 0.04, 4.0  # 1, standard deviations
+UNTOLD = 0.06  # V, that a dead band or a zero that has moved may take: of the back-EMF less than this says nothing
 LOWEST, HIGHEST = 0.3, 3.0  # of the constant over the file's
 FIELDS = [
     ("emf_centre", "f8"),  # 1, motor constant over the file's, about which it is learned
     ("emf_speed", "f8"),  # m/s, of the motor by its back-EMF, filtered
     ("encoder_speed", "f8"),  # m/s, filtered in the same way
+    ("emf_before", "f8"),  # m/s, of the motor at the end of the period before
     ("emf_ratio", "f8"),  # 1, mean of the one over the other
     ("emf_ratio_time_s", "f8"),  # s, for which the ratio has been near its mean
     ("slow_resistance", "f8"),  # 1, R over the file's as it was learned in slow motion
@@ -44,6 +46,7 @@ def motor_constant_reset(s):
     s.emf_centre = 1.0
     s.emf_speed = 0.0
     s.encoder_speed = 0.0
+    s.emf_before = 0.0
     s.emf_ratio = 1.0
     s.emf_ratio_time_s = 0.0
     s.slow_resistance = 1.0
@@ -60,7 +63,8 @@ def watch_motor_constant(p, model, s, period, drop, speed):
     """
     share = min(period / FILTER_TIME, 1.0)
     turning = (s.voltages[s.lag] - s.slow_resistance * drop - s.slow_zero_V) / model.volts_per_velocity
-    s.emf_speed += share * (turning - s.emf_speed)
+    s.emf_speed += share * (0.5 * (turning + s.emf_before) - s.emf_speed)      # the encoder's speed is a period's mean
+    s.emf_before = turning
     s.encoder_speed += share * (speed - s.encoder_speed)
     size = abs(s.encoder_speed)
     if size < SLOW:
@@ -76,8 +80,8 @@ def watch_motor_constant(p, model, s, period, drop, speed):
     s.emf_ratio_time_s += period
     if s.emf_ratio_time_s < FOUND_TIME:
         return False
-    off = s.emf_ratio - s.learned[2]
-    if abs(off) < max(LEAST, SURE * math.sqrt(s.slow_variance_V2) / (model.volts_per_velocity * size)):
+    off, unsure = s.emf_ratio - s.learned[2], max(SURE * math.sqrt(s.slow_variance_V2), UNTOLD)
+    if abs(off) < max(LEAST, unsure / (model.volts_per_velocity * size)):
         return False
     s.emf_ratio_time_s = 0.0
     centre_on(p, s, min(max(s.emf_ratio, LOWEST), HIGHEST), off * size)
