@@ -8,7 +8,7 @@ from microstage_ros.diagnosis.catalogue.form import Form, one, splines, wave
 SIGNAL_PERIODS = (10e-6, 20e-6, 5e-6, 4e-6, 2e-6)  # m
 DRIFT_TIMES = (3.0, 10.0, 30.0)                     # s
 PER_KELVIN, PER_PASCAL, PER_HUMIDITY = -0.93e-6, 2.7e-9, -0.85e-8  # relative air index; first-order Edlén terms
-LEAST_AMPLITUDE = 5.0e-10                           # m: a fiftieth of a count of 25 nm
+LEAST_SHARE = 0.02                                  # of a count: the amplitude that rounding may leave in the mean over many
 LEAST_DRIFT = 1.0e-9                                # m over half a minute: rounding at rest leaves as much
 SMOOTHING = 1.0                                     # s, of the air and temperature columns
 
@@ -92,19 +92,19 @@ def _sde_sizes(period, harmonics=2, stderr=0.0):
     return sizes
 
 
-def _told(beta):
-    """Whether an amplitude is more than what an encoder's rounding leaves in the mean over its counts."""
-    return np.hypot(beta[::2], beta[1::2]).max() > LEAST_AMPLITUDE
+def _told(beta, frame):
+    """Whether an amplitude is more than what the rounding of this axis's encoder leaves in the mean over its counts."""
+    return np.hypot(beta[::2], beta[1::2]).max() > LEAST_SHARE * frame.drive.encoder_resolution
 
 
 def sde_form(period):
     """Form of a signal period that the records showed [m]."""
     return Form("encoder_sde", "position", f"{period:.7g}", encoder_sde(period, 3), _sde_sizes(period, 3, 1e-4 * period),
-                _told)
+                beyond=_told)
 
 
 FORMS = (
-    *(Form("encoder_sde", "position", f"{p:g}", encoder_sde(p), _sde_sizes(p), _told) for p in SIGNAL_PERIODS),
+    *(Form("encoder_sde", "position", f"{p:g}", encoder_sde(p), _sde_sizes(p), beyond=_told) for p in SIGNAL_PERIODS),
     Form("scale_error", "position", "", scale_error, one("relative", "1")),
     *(Form("thermal_drift", "position", f"{t:g}", drift(t), one("amplitude_m", "m", extra={"time_s": t}),
            lambda b: abs(b[0]) > LEAST_DRIFT) for t in DRIFT_TIMES),

@@ -5,6 +5,7 @@ In blocks of some milliseconds: variance of (encoder − smoothed stage), by its
 """
 
 import dataclasses
+import math
 
 import numpy as np
 
@@ -13,7 +14,7 @@ FREEDOM = 0.33 * BLOCK   # of a block's mean square of third differences, which 
 MOST_SPEED = 3.0e-3      # m/s: faster, smooth errors no longer drop out
 LEAST_SPEED = 8.0e-5     # m/s: slower, the encoder's rounding is not averaged out
 LEAST_LOST = 5.0e-4      # share of repeated samples
-REPEAT_SPEED = 2.5e-4    # m/s: slower, a reading may stand still because the stage does
+SURE_STEP = 3.0          # standard deviations of two readings' difference; derived: a reading that steps back so far comes once in 700
 LEAST_SCATTER = 1.0      # of the floor, at the fastest: an encoder without noise rounds differently at every speed
 
 
@@ -71,7 +72,7 @@ def timing_of(prepared, sde=None):
         steps = np.abs(np.diff(p.encoder))
         rounding = max(rounding, float(np.min(steps[steps > 1.0e-12], initial=1.0e-3)) ** 2 / 12.0)
         same = (np.diff(p.encoder) == 0.0) & (np.diff(p.current) == 0.0) & (p.current[1:] != 0.0)
-        moving = np.abs(p.speed[1:]) > REPEAT_SPEED
+        moving = np.abs(p.speed[1:]) > repeat_speed(p.count, float(np.sqrt(np.median(spreads[-1]))) if len(spreads[-1]) else 0.0, p.period)
         repeated, samples = repeated + int((same & moving).sum()), samples + int(moving.sum())
         missing, rows = missing + int(p.lost.sum()), rows + len(p.lost)
     lost = repeated / max(samples, 1) + missing / max(rows, 1)
@@ -88,6 +89,15 @@ def timing_of(prepared, sde=None):
     explained = float(max(b, 0.0) * (square.sum()) / a * FREEDOM)
     return Timing(float(b), stderr, lost, explained, max(float(a), rounding), float(np.sqrt(square.max())),
                   max(samples, 1), float(spread.mean()), float(square.mean()))
+
+
+def repeat_speed(count, noise, period):
+    """Speed [m/s] above which no reading repeats the one before by chance, be the current the same or not.
+
+    The stage goes a whole count [m] and `SURE_STEP` standard deviations √2 ``noise`` [m] of two readings' difference in a
+    ``period`` [s]: slower, a coarse encoder stands still although the stage moves.
+    """
+    return (count + SURE_STEP * math.sqrt(2.0) * noise) / period
 
 
 def _subdivisional(position, sde):

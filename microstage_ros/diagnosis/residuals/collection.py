@@ -64,7 +64,8 @@ class Collection:
                     sums[group][name] = evidence
         scatter = {name: _scatter(sums["base"].get(name)) for name in self.names}
         kept = [form for form in forms if form.channel in self.names]
-        return Evidences(sums["learn"], sums["held"], sums["base"], kept, scatter, self.frame)
+        return Evidences(sums["learn"], sums["held"], sums["base"], kept, scatter, self.frame,
+                         lambda name: self.growing(name, [form for form in kept if form.channel == name], "learn"))
 
 
 def seen_amplifier(base, drive):

@@ -7,6 +7,11 @@ import numpy as np
 from scipy.stats import chi2
 
 
+STRETCH = 2.0          # s; derived: longer than friction is remembered (jumps every 0.5 to 4 s), and two records of half a minute still
+#: give thirty, with which Student's t is a seventh larger than the normal's quantile at one in ten thousand
+LEAST_FREEDOM = 1.0    # degrees; derived: one stretch that holds all is compared with one other
+
+
 @dataclasses.dataclass(frozen=True)
 class Choice:
     """An effect as it is used: its form in each channel."""
@@ -38,11 +43,13 @@ class Evidences:
     """Evidence of learning, held-out and baseline records by channel, with the scatter of each channel.
 
     ``scatter`` {channel: factor ≥ 1}: χ² per row of healthy records, by which all χ² are divided.
+    ``in_rows(channel)``: a `Growing` of the learning records, for what is asked stretch by stretch.
     """
 
-    def __init__(self, learn, held, base, forms, scatter, frame):
+    def __init__(self, learn, held, base, forms, scatter, frame, in_rows=None):
         self.learn, self.held, self.base, self.forms = learn, held, base, forms
         self.scatter, self.frame = scatter, frame
+        self._in_rows, self._learn_rows = in_rows, {}
 
     def gain(self, choices, extra=()):
         """Reduction of χ² on the learning records by these choices (and extra (channel, key) pairs)."""
@@ -76,6 +83,43 @@ class Evidences:
     def _keys(channel, choices, extra=()):
         keys = [key for choice in choices for key in choice.keys(channel)]
         return keys + [key for where, key in extra if where == channel and key not in keys]
+
+    def agreement(self, choice, others, group):
+        """How an effect's learned sizes agree with the stretches of a group of records (``learn``, ``held`` or ``base``).
+
+        The noise model's standard error knows the noise that it models; friction of another law, or that varies otherwise,
+        is none of it. So the factor a on the learned signal s is fitted to all stretches, a = Σu/Σd with u = s·r and d = s·s,
+        and its error is taken from how the stretches disagree, Σ(u − a d)²/(Σd)² G/(G − 1) (cluster-robust: Liang and Zeger,
+        Biometrika 1986), or from the noise model, 1/Σd, if that is larger. G = (Σd)²/Σd² stretches carry it.
+
+        Returns
+        -------
+        (a, its standard error, degrees of freedom G − 1), or None where the rows were not kept.
+        """
+        u, d = [], []
+        for channel in sorted({form.channel for form in choice.forms}):
+            keys = self._keys(channel, [*others, choice])
+            rows = self._rows_of(channel, group)
+            if rows is None:
+                return None
+            parts = rows.stretches(keys, self.learn[channel].fit(keys)[0], choice.keys(channel), STRETCH)
+            u.append(parts[0] / self.scatter[channel])
+            d.append(parts[1] / self.scatter[channel])
+        u, d = np.concatenate(u), np.concatenate(d)
+        total = d.sum()
+        if not total > 0.0:
+            return 0.0, math.inf, 1.0
+        a, count = u.sum() / total, max(total**2 / (d**2).sum(), 1.0 + LEAST_FREEDOM)
+        spread = ((u - a * d) ** 2).sum() * count / (count - 1.0)
+        return float(a), math.sqrt(max(spread, total)) / float(total), float(count - 1.0)
+
+    def _rows_of(self, channel, group):
+        if group != "learn":
+            rows = getattr(self, group).get(channel)
+            return rows if hasattr(rows, "stretches") else None
+        if channel not in self._learn_rows:
+            self._learn_rows[channel] = self._in_rows(channel) if self._in_rows else None
+        return self._learn_rows[channel]
 
     def amplitude_in_base(self, choice, others):
         """How much of the effect the baseline shows, relative to the records: (amplitude, stderr)."""

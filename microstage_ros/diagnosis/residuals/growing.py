@@ -43,6 +43,24 @@ class Growing(Evidence):
                 self.matrix = np.block([[self.matrix, new[:, :at].T], [new]])
         return super().indices(keys)
 
+    def stretches(self, keys, beta, own, length):
+        """How forms with sizes ``beta`` agree with the residual, stretch by stretch of the records.
+
+        Parameters
+        ----------
+        keys, beta : forms and their sizes, concatenated. own : those of the forms that are in question.
+        length : of a stretch [s].
+
+        Returns
+        -------
+        (u, d), each of shape (stretches,): inner products of the questioned forms' signal with the residual that the others
+        leave, and with itself; Σu/Σd is the factor on ``beta[own]`` that these records show beside the others.
+        """
+        index = self.indices(keys) - 1       # columns of a record without its residual
+        mine = np.concatenate([np.full(self.where[key].stop - self.where[key].start, key in own) for key in keys])
+        parts = [record.stretches(index, np.where(mine, 0.0, beta), np.where(mine, beta, 0.0), length) for record in self._records]
+        return tuple(np.concatenate(values) for values in zip(*parts))
+
     def alone(self, form):
         """`Evidence` of the residual and one form, which is not kept."""
         blocks = [record.with_form(form) for record in self._records]
@@ -57,6 +75,8 @@ class _Record:
 
     def __init__(self, channel, own, spreads, frame, noise):
         self._channel, self._frame, self._noise = channel, frame, noise
+        time = channel.time if hasattr(channel, "time") else channel.prepared.time
+        self._step = float(time[1] - time[0])
         nuisance = channel.nuisance() if hasattr(channel, "nuisance") else None
         pieces = [channel.residual[:, None], *(form.columns(channel, frame) for form in own)]
         count = 0 if nuisance is None else nuisance.shape[1]
@@ -94,6 +114,15 @@ class _Record:
         self._columns.append(white)
         spared = self._spared(white)
         return np.concatenate([spared.T @ column for column in self._columns], axis=1)
+
+    def stretches(self, index, others, mine, length):
+        """`Growing.stretches` of this record: ``others`` and ``mine`` are sizes of the columns ``index``, in the order of the matrix."""
+        columns = np.concatenate(self._columns[1:], axis=1)[:, index]
+        signal, left = columns @ mine, self._columns[0][:, 0] - columns @ others
+        count = max(round(length / self._step), 1)
+        starts = np.arange(0, max(len(signal) - count // 2, 1), count)     # the last stretch takes what is less than half of one
+        products = [np.add.reduceat(signal * self._spared(v[:, None])[:, 0], starts) for v in (left, signal)]
+        return products[0], products[1]
 
     def with_form(self, form):
         """Matrix of the residual and a form's columns."""

@@ -6,8 +6,9 @@ import math
 from scipy.stats import chi2
 
 from microstage_ros.diagnosis.catalogue import CONTAINS
-from microstage_ros.diagnosis.residuals.evidence_set import Evidences, Trial
+from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, Trial
 from microstage_ros.diagnosis.result import Finding, Gain, OverallGain, Rivals
+from microstage_ros.diagnosis.selection.agreement import shortfall
 from microstage_ros.diagnosis.selection.selection import (
     FRICTIONS,
     RESONANT,
@@ -161,6 +162,8 @@ def findings_of(evidences, choices, generic):
         if base is not None:
             usual = base.fit([form.key])[2] / evidences.scatter[form.channel]
             threshold = max(threshold, 3.0 * usual * learn.rows / base.rows)
+        if after > threshold:
+            threshold = max(threshold, after * shortfall(evidences, Choice(form.effect, (form,)), choices))
         held = evidences.held_more(form.channel, Evidences._keys(form.channel, choices), form.key)
         found.append((Finding(form.channel, COORDINATES[form.effect.split(":")[1]], before / count, threshold / count,
                               after / count), held))

@@ -7,6 +7,7 @@ from scipy.stats import chi2
 
 from microstage_ros.diagnosis.catalogue import CONTAINS, WIDER
 from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, Trial
+from microstage_ros.diagnosis.selection.agreement import agrees_with_itself
 from microstage_ros.diagnosis.selection.stepwise import forward
 
 LEVEL = math.log(1e-6)   # of one candidate; derived: some hundred candidates at 10⁻⁶ name a cause of a healthy axis by chance in 10⁻⁴ of the cases
@@ -60,7 +61,7 @@ def best_forms(evidences, effect, choices):
                 continue
             beta, _, total = evidences.learn[channel].fit([*keys, form.key])
             own = beta[len(beta) - _width(evidences, channel, form):]
-            if form.accept and not form.accept(own):
+            if not form.possible(own, evidences.frame):
                 continue
             more = total / evidences.scatter[channel] - before
             if best is None or more - 2 * len(own) > best[0] - 2 * best[1]:
@@ -128,7 +129,9 @@ def acceptable(evidences, trial, choices):
     amplitude, stderr = evidences.amplitude_in_base(trial.choice, choices)
     if (amplitude > 0.5 and stderr < 0.5) or amplitude > max(BASE_SHARE, 2.0 * stderr):
         return False
-    return misfit(evidences, trial.choice, [*choices, trial.choice]) < MISFIT and not _splinter(evidences, trial, choices)
+    if misfit(evidences, trial.choice, [*choices, trial.choice]) >= MISFIT or _splinter(evidences, trial, choices):
+        return False
+    return agrees_with_itself(evidences, trial.choice, choices)
 
 
 def _masses_agree(evidences, choice, choices):

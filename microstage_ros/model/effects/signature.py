@@ -32,6 +32,7 @@ class Form:
     sizes : ``sizes(beta, covariance, frame)`` → (parameters {name: (value, stderr, unit)}, effect {name: value}).
     accept : ``accept(beta)``: whether the fitted sizes make sense (a width is positive); None: always.
     prior : standard deviation that sizes are expected to have, or None.
+    beyond : ``beyond(beta, frame)``: whether the sizes are more than what the axis's own instruments leave; None: always.
     """
 
     effect: str
@@ -41,6 +42,11 @@ class Form:
     sizes: Callable | None = None
     accept: Callable | None = None
     prior: float | None = None
+    beyond: Callable | None = None
+
+    def possible(self, beta, frame):
+        """Whether fitted sizes ``beta`` (k,) make sense on this axis: `accept` and `beyond`."""
+        return (self.accept is None or self.accept(beta)) and (self.beyond is None or self.beyond(beta, frame))
 
     @property
     def key(self):
