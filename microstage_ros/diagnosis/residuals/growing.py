@@ -75,8 +75,6 @@ class _Record:
 
     def __init__(self, channel, own, spreads, frame, noise):
         self._channel, self._frame, self._noise = channel, frame, noise
-        time = channel.time if hasattr(channel, "time") else channel.prepared.time
-        self._step = float(time[1] - time[0])
         nuisance = channel.nuisance() if hasattr(channel, "nuisance") else None
         pieces = [channel.residual[:, None], *(form.columns(channel, frame) for form in own)]
         count = 0 if nuisance is None else nuisance.shape[1]
@@ -119,7 +117,8 @@ class _Record:
         """`Growing.stretches` of this record: ``others`` and ``mine`` are sizes of the columns ``index``, in the order of the matrix."""
         columns = np.concatenate(self._columns[1:], axis=1)[:, index]
         signal, left = columns @ mine, self._columns[0][:, 0] - columns @ others
-        count = max(round(length / self._step), 1)
+        time = self._channel.time if hasattr(self._channel, "time") else self._channel.prepared.time
+        count = max(round(length / float(time[1] - time[0])), 1)
         starts = np.arange(0, max(len(signal) - count // 2, 1), count)     # the last stretch takes what is less than half of one
         products = [np.add.reduceat(signal * self._spared(v[:, None])[:, 0], starts) for v in (left, signal)]
         return products[0], products[1]

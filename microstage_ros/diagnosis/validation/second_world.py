@@ -18,6 +18,8 @@ from microstage_ros.control.runs.closed_loop import TRACE, run_loop, surrounding
 from microstage_ros.control.trajectories import profiles
 from microstage_ros.diagnosis.validation.simulated_records import CHUNK, SEEN, Hidden
 from microstage_ros.model.axis_file import axis_from_dict
+from microstage_ros.model.effects import REGISTRY
+from microstage_ros.model.effects.effect import BLOCKS, STRIBECK
 from microstage_ros.model.friction.contact import blocks_of
 from microstage_ros.numerics.compiled import compiled
 from microstage_ros.records import Record
@@ -68,10 +70,10 @@ def make_case(axis, hidden, seed, friction=0.04, law=None):
     hidden : `simulated_records.Hidden`.
     seed : of everything drawn.
     friction : relative standard deviation of the friction's variation.
-    law : friction law of the machine's actuator, one of `LAWS`; None draws one (the first where pre-sliding creep is hidden).
+    law : friction law of the machine's actuator, one of `LAWS`; None draws one (the first where an effect is hidden that needs its blocks).
     """
     own = habits(np.random.default_rng([seed, 77]), friction)
-    if law is None and "presliding_creep" in hidden.effects:    # creep is a matter of blocks, which not every law has
+    if law is None and any(REGISTRY[effect].needs in (BLOCKS, STRIBECK) for effect in hidden.effects):   # not every law has blocks
         law = LAWS[0]
     own = own if law is None else dataclasses.replace(own, law=law)
     machine = machine_of(axis, own)

@@ -1,0 +1,101 @@
+"""An effect must exceed the scatter of its own size between stretches of the records: made by hand, without a simulation."""
+
+import math
+import types
+
+import numpy as np
+import pytest
+from scipy.stats import t as student
+
+from microstage_ros.diagnosis.catalogue import measuring
+from microstage_ros.diagnosis.catalogue.form import Form, one
+from microstage_ros.diagnosis.prerequisites.timing import repeat_speed
+from microstage_ros.diagnosis.residuals.evidence_set import STRETCH, Choice, Evidences
+from microstage_ros.diagnosis.residuals.growing import Growing
+from microstage_ros.diagnosis.selection import selection
+from microstage_ros.diagnosis.selection.agreement import OF_NAMES, agrees_with_itself, log_tail, shortfall
+
+STEP, ROWS = 0.01, 3000     # s, rows of one record of 30 s
+EFFECT = Form("gravity_tilt", "torque", "", lambda channel, frame: channel.signal[:, None], one("size", "1"))
+OTHER = Form("amplifier_offset", "torque", "", lambda channel, frame: np.cos(channel.time / 3.0)[:, None], one("size", "1"))
+
+
+class Channel:
+    """White noise, and ``size(stretch number)`` times a random signal."""
+
+    def __init__(self, seed, size):
+        generator = np.random.default_rng(seed)
+        self.time = STEP * np.arange(ROWS)
+        self.signal = generator.normal(size=ROWS)
+        sizes = np.array([size(k) for k in range(math.ceil(ROWS * STEP / STRETCH))])
+        self.residual = sizes[(self.time / STRETCH).astype(int)] * self.signal + generator.normal(size=ROWS)
+
+    def nuisance(self):
+        return np.ones((ROWS, 1))
+
+    def whiten(self, matrix):
+        return matrix, 0.0
+
+
+def evidences(learn, held=None, base=None, seed=1):
+    """`Evidences` of two records to learn from, one held out and, with ``base``, one of the healthy axis."""
+    sizes = {"learn": [learn, learn], "held": [held or learn], "base": [base] if base else []}
+    made = {group: Growing([Channel([seed, number, len(group)], size) for number, size in enumerate(each)], [EFFECT, OTHER], None)
+            for group, each in sizes.items() if each}
+    return Evidences(*({"torque": made[group]} if group in made else {} for group in ("learn", "held", "base")), [EFFECT, OTHER],
+                     {"torque": 1.0}, None, lambda channel: made["learn"])
+
+
+CHOICE = Choice("gravity_tilt", (EFFECT,))
+
+
+@pytest.mark.parametrize("others", [[], [Choice("amplifier_offset", (OTHER,))]])
+def test_the_learned_size_is_one_and_its_error_that_of_least_squares_where_the_noise_is_as_modelled(others):
+    case = evidences(lambda k: 0.3)
+    a, stderr, freedom = case.agreement(CHOICE, others, "learn")
+    keys = case._keys("torque", [*others, CHOICE])
+    beta, covariance, _ = case.learn["torque"].fit(keys)
+    assert a == pytest.approx(1.0, abs=1e-6)
+    assert stderr == pytest.approx(math.sqrt(covariance[-1, -1]) / beta[-1], rel=0.4)
+    assert 25.0 < freedom < 29.0     # thirty stretches of unlike weight, less one
+
+
+def test_a_size_that_changes_its_sign_from_stretch_to_stretch_is_no_effect_although_chi_square_says_so():
+    """As friction of another law leaves it: significant by any noise model, and of no one size."""
+    course = 0.2 + np.where(np.arange(15) % 2, 1.0, -1.0)
+    case = evidences(lambda k: course[k], base=lambda k: 0.0)
+    trial = selection.best_forms(case, "gravity_tilt", [])
+    assert trial.log_p < selection.LEVEL and trial.held > 5.0
+    assert not agrees_with_itself(case, CHOICE, []) and not selection.acceptable(case, trial, [])
+    assert shortfall(case, CHOICE, []) > 1.0
+
+
+def test_a_steady_size_is_an_effect_with_and_without_a_baseline():
+    for base in (None, lambda k: 0.0):
+        case = evidences(lambda k: 0.3, base=base)
+        assert selection.acceptable(case, selection.best_forms(case, "gravity_tilt", []), [])
+        assert shortfall(case, CHOICE, []) < 1.0
+
+
+@pytest.mark.parametrize("held, base", [(lambda k: 0.0, lambda k: 0.0), (lambda k: 0.3, lambda k: 0.3)])
+def test_what_the_held_out_record_lacks_or_the_baseline_shows_as_well_is_none(held, base):
+    assert not agrees_with_itself(evidences(lambda k: 0.3, held, base), CHOICE, [])
+
+
+def test_one_healthy_axis_in_a_hundred_by_all_names_together():
+    """The tail is Student's, and white noise passes at no more than its share: none of 100 at some 3·10⁻⁴."""
+    assert log_tail((4.0, 1.0, 9.0)) == pytest.approx(math.log(student.sf(4.0, 9.0)))
+    learned = [log_tail(evidences(lambda k: 0.0, seed=seed).agreement(CHOICE, [], "learn")) for seed in range(100)]
+    assert min(learned) > OF_NAMES and np.mean(np.array(learned) < math.log(0.05)) < 0.2
+
+
+def test_readings_that_repeat_because_the_count_is_coarse_are_not_lost():
+    assert repeat_speed(25e-9, 0.0, 1e-4) == pytest.approx(2.5e-4)
+    assert repeat_speed(50e-9, 8e-9, 1e-4) == pytest.approx((50e-9 + 3.0 * math.sqrt(2.0) * 8e-9) / 1e-4)
+
+
+def test_the_least_signal_period_error_follows_the_encoder_of_the_axis():
+    form = measuring.sde_form(1.0e-5)
+    fine, coarse = (types.SimpleNamespace(drive=types.SimpleNamespace(encoder_resolution=q)) for q in (5e-9, 50e-9))
+    size = np.array([6.0e-10, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert form.possible(size, fine) and not form.possible(size, coarse)
