@@ -10,10 +10,9 @@ import dataclasses
 import numpy as np
 
 from microstage_ros.diagnosis.preprocessing.preparation import triangle
+from microstage_ros.diagnosis.prerequisites.periods import LEAST_SPEED, SLOW
 
-SLOW = 2001      # periods: courses in time slower than this are no matter of the signal period
 EVERY = 5        # rows between those that are used; neighbours tell the same
-LEAST_SPEED = 2.0e-5   # m/s: at rest nothing is told about a period
 
 
 def seen_interpolation(drive, baseline):

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from microstage_ros.diagnosis.preprocessing.whitening import whiten_walk
+from microstage_ros.diagnosis.residuals.transmission_deflection import LEAST_NOISE
 
 REST_SPEED = 2.0e-5        # m/s
 WINDOW = 201               # blocks of half a millisecond: a tenth of a second
@@ -20,7 +21,6 @@ LEAST_POWER = 32.0   # of summed periodograms in units of their mean; derived: e
 LEAST_AMPLITUDE = 3.0e-10  # m
 NARROW = 0.04              # power half a hertz or so beside a line, relative to it
 MOST = 6
-LEAST_NOISE = 1.0e-5       # V of an amplifier whose axis file states no noise
 
 
 @dataclasses.dataclass(frozen=True)

@@ -13,6 +13,7 @@ change only if that alone explains much; else they are fitted along with the cau
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import f as fisher
 
 from microstage_ros.diagnosis.resimulation.closed_loop import turning_effects
 from microstage_ros.diagnosis.resimulation.fit import BLOCK_S, fit, jacobian, standard_errors
@@ -28,7 +29,7 @@ CERTAIN = 4.0                  # size over standard error; with about 15 candida
 LOOK_ALIKE = 0.15              # rivals differ in gain by less than this share of it
 REPLACED = 0.3                 # and gain less than this share of it on top of the chosen one
 AT_THE_FLOOR = 1.25            # residual over noise up to which there is nothing to explain
-RULED_OUT = 4.0                # times the mean square of a cause that leaves no more than noise: what leaves more is no rival of it
+RULED_OUT = 1.0e-3             # chance that an effect which explains the records as well is ruled out as a rival
 REFITTED = 3                   # candidates fitted at every step
 
 
@@ -209,10 +210,12 @@ class Selector:
     def look_alikes(self, best, trials, now):
         """Other effects that gain as much as the best one and nothing on top of it.
 
-        Where the best one leaves nothing but noise, an effect that leaves much more than that is none of them.
+        Where the best one leaves nothing but noise, an effect whose mean square is larger than equal variances allow is
+        none of them: Fisher's F of the two, every block of `fit.BLOCK_S` counted as one degree of freedom.
         """
-        gain, found, noise = now.time - best.time, [], (AT_THE_FLOOR * self.floor) ** 2
-        most = RULED_OUT * noise if best.time <= noise else np.inf
+        gain, found, blocks = now.time - best.time, [], max(int(np.sum(self.folds.learn)) // self.block, 1)
+        at_noise = best.time <= (AT_THE_FLOOR * self.floor) ** 2
+        most = best.time * fisher.isf(RULED_OUT, blocks, blocks) if at_noise else np.inf
         for trial in trials:
             candidate = trial.last.candidate
             if candidate.id == best.last.candidate.id or now.time - trial.time < (1 - LOOK_ALIKE) * gain or trial.time > most:

@@ -18,12 +18,13 @@ from microstage_ros.diagnosis.selection.selection import (
     profile_of,
     resonance_is,
 )
+from microstage_ros.model.effects import REGISTRY
 
-RIVAL_MARGIN = 12.0     # χ² by which a cause must beat every other name
+RIVAL_MARGIN = 12.0     # χ² by which a cause must beat every other name; derived: odds of exp(12/2), 400 to one
 RIVAL_SHARE = 0.02      # and share of its own gain
 FLAT = 0.5              # spread of a profile over its mean, below which it is a level
 SCATTER = 1.35          # χ² per row over the baseline's that no healthy record reaches
-LARGEST_ASYMMETRY = 0.9  # of the guideways' limits, by the bounds of the effect
+LARGEST_ASYMMETRY = REGISTRY["direction_asymmetry"].parameters["asymmetry"].maximum   # of the guideways' limits
 CONSTANT = 0.5           # share of a tilt's gain from which the asymmetry, but for the record's first 40 µm the same, explains it too
 UNSEEN = 1.5            # times the model's own noise that a healthy channel may show where no baseline says what it usually shows
 STRANGER = {"torque": 40.0}  # times its own part that may be left in the channel of a named cause; friction is random
