@@ -27,7 +27,7 @@ from microstage_ros.metrology.rates import rate
 from microstage_ros.places import SOURCE
 from microstage_ros.quantities.errors import InputError
 
-BY_HAND = ("test/diagnosis/selection/test_judge.py", "test/diagnosis/selection/test_judge_margins.py")
+BY_HAND = tuple(f"test/diagnosis/selection/test_{name}.py" for name in ("judge", "judge_margins", "agreement"))
 AREAS = {
     "hardware": (["microstage_ros/hardware"], ["test/hardware"]),
     "judge": (["microstage_ros/diagnosis/selection/judge*.py"], [*BY_HAND, "test/diagnosis"]),
