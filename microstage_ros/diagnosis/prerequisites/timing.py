@@ -14,7 +14,7 @@ FREEDOM = 0.33 * BLOCK   # of a block's mean square of third differences, which 
 MOST_SPEED = 3.0e-3      # m/s: faster, smooth errors no longer drop out
 LEAST_SPEED = 8.0e-5     # m/s: slower, the encoder's rounding is not averaged out
 LEAST_LOST = 5.0e-4      # share of repeated samples
-SURE_STEP = 3.0          # standard deviations of two readings' difference; derived: a reading that steps back so far comes once in 700
+STEP_BACK = 3.0          # standard deviations of two readings' difference; derived: a reading that steps back so far comes once in 700
 LEAST_SCATTER = 1.0      # of the floor, at the fastest: an encoder without noise rounds differently at every speed
 
 
@@ -94,10 +94,10 @@ def timing_of(prepared, sde=None):
 def repeat_speed(count, noise, period):
     """Speed [m/s] above which no reading repeats the one before by chance, be the current the same or not.
 
-    The stage goes a whole count [m] and `SURE_STEP` standard deviations √2 ``noise`` [m] of two readings' difference in a
+    The stage goes a whole count [m] and `STEP_BACK` standard deviations √2 ``noise`` [m] of two readings' difference in a
     ``period`` [s]: slower, a coarse encoder stands still although the stage moves.
     """
-    return (count + SURE_STEP * math.sqrt(2.0) * noise) / period
+    return (count + STEP_BACK * math.sqrt(2.0) * noise) / period
 
 
 def _subdivisional(position, sde):

@@ -7,8 +7,8 @@ import numpy as np
 from scipy.stats import chi2
 
 
-STRETCH = 2.0          # s; derived: longer than friction is remembered (jumps every 0.5 to 4 s), and two records of half a minute still
-#: give thirty, with which Student's t is a seventh larger than the normal's quantile at one in ten thousand
+STRETCH = 0.25         # s; derived: between 0.25 and 2 s the standard errors change by a fifth at most (a healthy axis of Leuven's and one of
+#: LuGre's law, a cable of another simulator), so whitened rows this far apart agree by chance only; longer ones waste degrees of freedom
 LEAST_FREEDOM = 1.0    # degrees; derived: one stretch that holds all is compared with one other
 
 

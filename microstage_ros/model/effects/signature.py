@@ -32,7 +32,7 @@ class Form:
     sizes : ``sizes(beta, covariance, frame)`` → (parameters {name: (value, stderr, unit)}, effect {name: value}).
     accept : ``accept(beta)``: whether the fitted sizes make sense (a width is positive); None: always.
     prior : standard deviation that sizes are expected to have, or None.
-    beyond : ``beyond(beta, frame)``: whether the sizes are more than what the axis's own instruments leave; None: always.
+    beyond : ``beyond(beta, frame)``: whether the sizes exceed what the axis's own instruments leave; None: always.
     """
 
     effect: str
