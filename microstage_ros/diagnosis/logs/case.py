@@ -38,9 +38,14 @@ def diagnose_logs(baseline, now, description, seed=0):
     turn, guess = turn_of(groups, channels, description, stroke)
     if guess:
         notes.append(guess)
-    for name, channel in channels.items():
+    for name, channel in list(channels.items()):
         places, cells, _ = places_cells
         reduced[name] = reduction.reduce(channel, groups["baseline"], groups["now"], cells, places, stroke, top, columns_of(stroke, turn), turn)
+        if channel.kind == channel_module.FLUCTUATION:
+            reduced[name] = reduction.only_rough(reduced[name])
+            if reduced[name] is None:
+                del reduced[name], channels[name]
+                continue
         spreads[name] = spread.learn(reduced[name])
         if name == "effort" or not spectra:
             spectra = reduced[name].spectrum

@@ -52,6 +52,10 @@ class Machine:
                  "delay", "jitter_level", "walk", "quad", "lag", "memory")
         return np.array([float(self.values[name]) for name in names])
 
+    def at_top(self):
+        """Viscous friction at top speed over coefficient times speed: 1, less with a power law."""
+        return (self.top / (10.0 * self.values["vs"])) ** -0.3 if self.law == "power" else 1.0
+
     def changed(self, **changes):
         """The machine with other values."""
         return dataclasses.replace(self, values={**self.values, **changes})
@@ -121,7 +125,7 @@ def with_effect(machine, effect, rng, strength=1.0):
         return machine.changed(level=level * factor, viscous=v["viscous"] * factor), {"factor": factor}, {}
     if effect == "viscous_change":
         more = k * rng.uniform(0.4, 1.0) * level / machine.top
-        return machine.changed(viscous=v["viscous"] + more), {"coefficient_change": more}, {}
+        return machine.changed(viscous=v["viscous"] + more), {"coefficient_change": more * machine.at_top()}, {}
     if effect == "nonlinear_viscous":
         more = k * rng.uniform(0.5, 1.2) * level / machine.top**2
         return machine.changed(quad=more), {"coefficient": more}, {}
@@ -222,7 +226,13 @@ def draw_case(number, seed, kind="mixed", effect="", signals="", strength=1.0):
     description = description_of({"time": {"column": "t", "unit": "s"}, **{
         q: {"column": q, "unit": {"current": "A", "torque": "N m", "velocity": "m/s", "voltage": "V"}.get(q, "m"), **({} if degrade["signed"] or q != "current" else {"signed": False})}
         for q in SIGNALS[name][0]}, "run": ["run"], "position_at": "load" if degrade["load_side"] else "motor", "lead": {"value": machine.values["lead"], "unit": "m"}}, f"case {number}")
-    return LogCase(number, truth, sizes, name, rate, runs, files, apart, machine, tuple(baseline), tuple(now), description, degrade["gain"], tuple(steps), degrade)
+    return LogCase(number, truth, sizes, name, rate, runs, files, apart, machine, tuple(baseline), tuple(now), description, _unit_of_effort(degrade), tuple(steps), degrade)
+
+
+def _unit_of_effort(degrade):
+    """What a newton of friction is in the logged effort: amperes (newton metres) of the scaled force, or volts of resistance."""
+    kinds = [name for name in ("torque", "current", "voltage") if name in degrade["names"]]
+    return degrade["ohmic"] / degrade["force_of_1_V"] if kinds == ["voltage"] else degrade["gain"]
 
 
 def cycles_of(machine):
@@ -236,7 +246,7 @@ def _degrade(rng, machine, name, rate):
     return {"names": SIGNALS[name][0], "signed": SIGNALS[name][1], "rate": rate, "gain": 10 ** rng.uniform(-1.5, 0.5) / level,
             "noise": rng.uniform(0.01, 0.08) * level, "quantum": rng.choice([0.0, 0.01, 0.03]) * level,
             "place_noise": machine.high * 10 ** rng.uniform(-5.0, -3.7), "run": rng.uniform(0.003, 0.015), "load_side": bool(rng.uniform() < 0.5),
-            "temperature": rng.uniform(0.0, 0.02), "ohmic": rng.uniform(0.4, 1.0)}
+            "temperature": rng.uniform(0.0, 0.02), "ohmic": rng.uniform(0.4, 1.0), "force_of_1_V": level}
 
 
 def log_of(machine, runs, cycles, rng, degrade, extra, source, programme=None):
@@ -306,7 +316,7 @@ def _voltage(machine, force, speed, degrade, extra, rng):
 
     u = (R i + K v) / gain + offset + dead zone sgn i, the force loop being faster than the log; one volt is the usual level.
     """
-    ohmic = degrade["ohmic"] * force / machine.values["level"] * machine.values["gain"]
+    ohmic = degrade["ohmic"] * force / degrade["force_of_1_V"] * machine.values["gain"]
     induced = (1.0 - degrade["ohmic"]) * speed / machine.top
     out = (ohmic * (1.0 + extra.get("warm", 0.0)) + induced) / machine.values["gain"] + extra.get("offset", 0.0) + extra.get("dead", 0.0) * np.sign(ohmic)
     return out + rng.normal(0, 0.003, len(force))

@@ -28,7 +28,7 @@ def logs_of(machine, runs=6, signals="reference position current", seed=3, rate=
     rng = np.random.default_rng(seed)
     names, signed = simulated_logs.SIGNALS[signals]
     degrade = {"names": names, "signed": signed, "rate": rate, "gain": 0.02, "noise": 1.0, "quantum": 0.0, "place_noise": 2e-6, "run": 0.005, "load_side": True,
-               "temperature": 0.01, "ohmic": 0.7}
+               "temperature": 0.01, "ohmic": 0.7, "force_of_1_V": 60.0}
     return simulated_logs.log_of(machine, runs, 2, rng, degrade, {}, f"log_{seed}")
 
 

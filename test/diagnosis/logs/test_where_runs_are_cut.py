@@ -12,7 +12,7 @@ from test.diagnosis.logs.test_simulated import describe, machine_with, told
 
 SIGNALS = "reference position current"
 DEGRADED = {"names": simulated_logs.SIGNALS[SIGNALS][0], "signed": True, "rate": 250.0, "gain": 0.02, "noise": 1.0, "quantum": 0.0, "place_noise": 2e-6,
-            "run": 0.005, "load_side": True, "temperature": 0.01, "ohmic": 0.7}
+            "run": 0.005, "load_side": True, "temperature": 0.01, "ohmic": 0.7, "force_of_1_V": 60.0}
 CYCLE_S = 3.2            # there and back, with both rests
 
 

@@ -14,13 +14,15 @@ import dataclasses
 import numpy as np
 from scipy.signal import lfilter
 
-from microstage_ros.diagnosis.logs.preprocessing.motion import Motion
+from microstage_ros.diagnosis.logs.preprocessing.motion import Motion, smooth
 from microstage_ros.records.logs.log import Log
 
 BRAKE = 3               # index of braking in `motion.STATES`
 SIGN_ROUNDS = 4         # of sign and fit in turn
 SIGN_GAIN = 0.8         # of the mean square with the direction as sign, below which the signed effort is believed
+FLUCTUATION = "fluctuation"     # kind of the channel of a position without set point: only its roughness tells
 RIDGE = 1e-3            # of the columns' mean squares: numerical, keeps collinear columns small
+FAINT = 1e-9            # the same for u = R i + K v: its sizes are looked at apart, and a ridge would shift one into the other
 MOST_ROWS = 200_000     # rows that a healthy model is fitted to
 TRIED_ROWS = 60_000     # rows at the beginnings of all logs, with which time constants are tried
 LEAST_TRIED = 5_000     # of one log
@@ -72,6 +74,8 @@ class Channel:
             return signals["voltage"]
         if self.kind == "following_error":
             return signals["following_error"]
+        if self.kind == FLUCTUATION:
+            return signals["position"] - smooth(signals["position"], rows.log)
         return signals["reference_velocity"] - signals["velocity"]
 
     def orientation(self, rows):
@@ -110,6 +114,8 @@ def channels_of(log):
         found.append(Channel("error", "following_error", log.place_unit, True))
     elif "reference_velocity" in log.signals and "velocity" in log.signals:
         found.append(Channel("error", "velocity_error", f"{log.place_unit}/s", True))
+    elif "position" in log.signals and log.effort:
+        found.append(Channel("error", FLUCTUATION, log.place_unit, True))
     if "voltage" in log.signals and "current" in log.signals and log.effort != "voltage":
         found.append(Channel("voltage", "voltage", "V", True))
     return found
@@ -168,7 +174,7 @@ def through_loop(channel, rows, force):
 
 def fit_models(channel, baseline):
     """Fit the healthy model per condition to the baseline; fills ``models``, ``stderr``, ``scale`` and the error's ``memory``."""
-    if channel.name == "error":
+    if channel.name == "error" and channel.kind != FLUCTUATION:
         channel.lag, part = FIRST_LAG, [beginning(rows, max(TRIED_ROWS // len(baseline), LEAST_TRIED)) for rows in baseline]
         channel.memory = min(MEMORIES, key=lambda memory: _left(channel, part, memory=memory))
         channel.lag = min(LAGS, key=lambda lag: _left(channel, part, lag=lag))
@@ -229,7 +235,7 @@ def _fit(channel, baseline):
         size = np.sqrt(np.mean(columns**2, axis=0))
         used = np.where(size > 0.0, size, 1.0)
         scaled = columns / used
-        gram = scaled.T @ scaled + RIDGE * len(y) * np.eye(len(used))
+        gram = scaled.T @ scaled + (FAINT if channel.name == "voltage" else RIDGE) * len(y) * np.eye(len(used))
         beta = np.linalg.solve(gram, scaled.T @ y)
         left = y - scaled @ beta
         total += float(np.mean(left**2))

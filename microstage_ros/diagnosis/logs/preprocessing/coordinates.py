@@ -188,6 +188,18 @@ def reduce(channel, baseline, now, cells, places, stroke, top, columns_of, turn)
     return _assembled(channel, cells, sides, sums, weights, shifted, spectra, (decades, traces), _growth(fluctuations))
 
 
+def only_rough(coordinates):
+    """The coordinates of fluctuation alone, or None where there are none."""
+    own = coordinates.kind == "rough"
+    if not own.any():
+        return None
+    per_coordinate = ("condition", "kind", "direction", "place", "count", "shifted", "grown")
+    return dataclasses.replace(
+        coordinates, baseline=coordinates.baseline[:, own], now=coordinates.now[:, own],
+        columns={name: column[own] for name, column in coordinates.columns.items()},
+        **{name: getattr(coordinates, name)[own] for name in per_coordinate})
+
+
 def stretches_of(repetition):
     """Pairs (number, slice from its first row to its last) of every repetition: a log of a million rows may have hundreds."""
     numbers, first = np.unique(repetition, return_index=True)

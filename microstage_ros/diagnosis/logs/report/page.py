@@ -1,5 +1,6 @@
 """The page that a technician reads: what changed, how much, since when, how sure, what else, what to look at, what would decide."""
 
+from microstage_ros.diagnosis.logs.preprocessing.channels import FLUCTUATION
 from microstage_ros.diagnosis.logs.selection import course as course_module
 from microstage_ros.diagnosis.logs.report import pictures
 from microstage_ros.diagnosis.report.wording import TONES, advice_for, name_of
@@ -57,7 +58,7 @@ def write_page(report, result, path, description):
     page.verdict(headline(report), _tone(report), more=_more(report))
     page.key_figures(_figures(report, result))
     main = "effort" if "effort" in result.evidence["reduced"] else next(iter(result.evidence["reduced"]))
-    if any(c["channel"] == "error" for c in report["causes"]):
+    if any(c["channel"] == "error" for c in report["causes"]) and result.context.channels["error"].kind != FLUCTUATION:
         main = "error"
     _figure(page, pictures.over_stroke(result, main), "Over the stroke, each direction by itself: the baseline with its spread from run to run, now, "
             "and the baseline with the named causes added.")
@@ -67,7 +68,7 @@ def write_page(report, result, path, description):
     page.list(_next(report))
     _course(page, report, result)
     page.section("Measured and model in time")
-    for channel in result.evidence["reduced"]:
+    for channel in (name for name, c in result.evidence["reduced"].items() if c.channel.kind != FLUCTUATION):
         _figure(page, pictures.in_time(result, channel), f"{channel.capitalize()}: the first stretch of the logs of now.")
     if any("ripple" in i for i in [c["id"] for c in report["causes"]] + [i for r in report["rivals"] for i in r["ids"]]):
         _figure(page, pictures.ripple(result), "Ripple by its order: cycles per turn.")

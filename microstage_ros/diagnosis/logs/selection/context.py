@@ -5,10 +5,11 @@ import math
 
 import numpy as np
 
-from microstage_ros.diagnosis.logs.preprocessing.channels import base_names
+from microstage_ros.diagnosis.logs.preprocessing.channels import FLUCTUATION, base_names
 from microstage_ros.diagnosis.logs.selection.effects import BEHIND, BEHIND_NEED, NEVER, SIGNATURES
 from microstage_ros.diagnosis.result import Diagnosis
 
+SPLIT = 0.05               # of the Coulomb level, by which presliding and Stribeck's drop mislead a fit of level and viscosity
 SAID = 2.0                 # of the level: a detectable size beyond it says no more than "not visible"
 
 
@@ -41,9 +42,11 @@ class Context:
         return (value, error) if value > 0.0 and share > 0.1 and error < 0.1 * value else None
 
     def coulomb(self, channel):
-        """The baseline's friction that does not grow with speed, in the channel's unit; None where it is a small part."""
-        value = float(np.mean([self.channels[channel].models[c][1] for c in self.codes]))
-        return value if value > 0.1 * self.scale(channel) else None
+        """(level, stderr) of the baseline's friction that does not grow with speed, in the channel's unit; None where the
+        baseline does not tell it from what does."""
+        own = self.channels[channel]
+        value, error = (float(np.mean([table[c][1] for c in self.codes])) for table in (own.models, own.stderr))
+        return (value, max(error, SPLIT * value)) if value > 0.1 * self.scale(channel) and error < 0.2 * value else None
 
     def inertia(self, channel):
         """Coefficient of the acceleration, or None where the baseline does not determine it."""
@@ -116,7 +119,7 @@ def _need(name, context):
         return "the same move after dwells of 0.1 s, 1 s and 10 s"
     if name == "payload_change":
         return "moves of higher acceleration"
-    if "error" not in context.channels:
+    if "error" not in context.channels or context.channels["error"].kind == FLUCTUATION:
         return "set point and position, or the following error"
     return "more baseline runs, or the effort as recorded, unshifted and with its sign"
 
@@ -125,6 +128,8 @@ def healthy_table(context, spreads):
     """Rows (channel, coefficient, value, stderr, unit) of the baseline's model, and the spread of its level."""
     rows = []
     for name, channel in context.channels.items():
+        if channel.kind == FLUCTUATION:
+            continue
         units = {"constant": channel.unit, "level": channel.unit, "viscous": f"{channel.unit} s/{context.place_unit}",
                  "inertia": f"{channel.unit} s²/{context.place_unit}", "spring": f"{channel.unit}/{context.place_unit}",
                  "rest": channel.unit, "rest after motion": channel.unit, "level transient": channel.unit,

@@ -8,7 +8,7 @@ import dataclasses
 
 import numpy as np
 
-from microstage_ros.diagnosis.logs.preprocessing.channels import high_pass, low_pass, through_loop
+from microstage_ros.diagnosis.logs.preprocessing.channels import FLUCTUATION, high_pass, low_pass, through_loop
 from microstage_ros.diagnosis.logs.preprocessing.motion import STATES
 
 WAVES = 4               # half waves of friction along the stroke
@@ -139,6 +139,8 @@ def columns_of(stroke, turn=0.0):
             ohmic = np.nan_to_num(rows.log.signals["current"]) * model[np.maximum(rows.condition, 0), 1]
             return {"gain": predicted[:, None], "constant": scale[:, None], "dead zone": (scale * np.sign(ohmic))[:, None],
                     "resistive": ohmic[:, None]}
+        if channel.kind == FLUCTUATION:
+            return {}
         unit = scale * turned
         found["level"] = (turned * _friction(channel, rows, scale))[:, None]
         found["viscous"] = (unit * m.speed / top * moving)[:, None]

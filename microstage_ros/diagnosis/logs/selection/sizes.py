@@ -20,11 +20,14 @@ def mean_scale(channel, codes):
     return float(np.mean([channel.scale[c] for c in codes if c in channel.scale]))
 
 
-def parameters_of(name, parts, beta, covariance, context, shown):
+def parameters_of(name, parts, beta, covariance, context, shown, reach=1.0):
     """{parameter: `Parameter`} of an effect.
 
     ``parts``: column names in order; ``beta`` (k,), ``covariance`` (k, k): relative sizes; ``context``: `Context`; ``shown``: name of
-    the channel in which the effect shows.
+    the channel in which the effect shows; ``reach``: rms of the leading column over its coordinates.
+
+    A force that shows in the following error alone has its size as what it adds to the error (``error_m``): how much force that
+    is, only the loop's stiffness tells.
     """
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     scale, unit = context.scale(shown), context.channels[shown].unit
@@ -32,16 +35,16 @@ def parameters_of(name, parts, beta, covariance, context, shown):
     b, s = float(beta[0]), float(sigma[0])
     top, stroke = context.top_speed, context.stroke
     place = context.place_unit
+    if shown == "error" and (first == "gain" or first.endswith("in error")):
+        return {"error_m" if unit == "m" else "error": Parameter(abs(b) * reach * scale, s * reach * scale, unit)}
     if name == "friction_level_change" and first == "dead zone":
-        coulomb = context.coulomb(shown)
-        if coulomb:
-            return {"coulomb_factor": Parameter(1.0 + b * scale / coulomb, s * scale / coulomb, "1")}
+        relative = _of_coulomb(b, s, scale, context.coulomb(shown))
+        if relative:
+            return {"coulomb_factor": Parameter(1.0 + relative[0], relative[1], "1")}
     if name in ("friction_level_change", "amplifier_gain"):
         return {"factor": Parameter(1.0 + b, s, "1")}
     if name == "resistance_rise":
         return {"initial": Parameter(b, s, "1")}
-    if name == "viscous_change" and shown == "error":
-        return {"error_per_speed": Parameter(b * scale / top, s * scale / top, "s")}
     if name == "viscous_change":
         out = {"coefficient_change": Parameter(b * scale / top, s * scale / top, f"{unit} s/{place}")}
         known = context.viscous(shown)
@@ -52,7 +55,8 @@ def parameters_of(name, parts, beta, covariance, context, shown):
     if name == "nonlinear_viscous":
         return {"coefficient": Parameter(b * scale / top**2, s * scale / top**2, f"{unit} s²/{place}²")}
     if name == "direction_asymmetry":
-        return {"asymmetry": Parameter(b, s, "1")}
+        relative = _of_coulomb(b, s, scale, context.coulomb(shown))
+        return {"asymmetry": Parameter(*relative, "1")} if relative else {"relative_asymmetry": Parameter(b, s, "1")}
     if name in ("gravity_tilt", "amplifier_offset"):
         return {("offset_V" if name == "amplifier_offset" else "force"): Parameter(b * scale, s * scale, unit)}
     if name == "amplifier_deadband":
@@ -91,6 +95,14 @@ def parameters_of(name, parts, beta, covariance, context, shown):
     if name == "presliding_creep":
         return {"amplitude_m": Parameter(-b * scale, s * scale, unit)}       # on in the direction of motion lessens the error
     return {"relative_change": Parameter(b, s, "1")}
+
+
+def _of_coulomb(b, s, scale, coulomb):
+    """(value, stderr) of a size relative to the Coulomb level instead of the channel's scale, or None where that is not known."""
+    if coulomb is None:
+        return None
+    value = b * scale / coulomb[0]
+    return value, math.hypot(s * scale / coulomb[0], value * coulomb[1] / coulomb[0])
 
 
 def _inertia(b, s, scale, context, shown):

@@ -6,6 +6,7 @@ import numpy as np
 
 from microstage_ros.diagnosis.logs.selection import decide
 from microstage_ros.diagnosis.logs.preprocessing import spread
+from microstage_ros.diagnosis.logs.preprocessing.channels import FLUCTUATION
 from microstage_ros.diagnosis.logs.preprocessing.coordinates import FREE
 from microstage_ros.diagnosis.logs.selection.effects import SIGNATURES
 
@@ -91,6 +92,8 @@ def stages_of(reduced, spreads, without=()):
     stages = [Stage(strong, {n: spreads[n] for n in strong}, without=without)] if strong else []
     if "error" in reduced:
         only = tuple(n for n, s in SIGNATURES.items() if not s.effort and (s.error or any(c == "error" for c, _ in s.amplitudes))) if strong else None
+        if reduced["error"].channel.kind == FLUCTUATION:
+            only = ("floor_vibration", "sampling_jitter")
         stages.append(Stage({"error": reduced["error"]}, {"error": spreads["error"]}, only, without))
     return stages
 

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.stats import f as f_law
 
 from microstage_ros.diagnosis.logs.preprocessing import spread
+from microstage_ros.diagnosis.logs.preprocessing.channels import FLUCTUATION
 from microstage_ros.diagnosis.logs.selection import decide
 from microstage_ros.diagnosis.logs.selection.context import LogDiagnosis, healthy_table, hidden_effects
 from microstage_ros.diagnosis.logs.selection.effects import BEHIND, FOLLOWING, FORCED, FROM_READING, SIGNATURES, WITHOUT_EFFORT, separation
@@ -15,6 +16,8 @@ from microstage_ros.diagnosis.report.wording import sentence_of
 from microstage_ros.diagnosis.result import Cause, Diagnosis, Finding, Gain, OverallGain, Rivals
 
 LATE_S, GAP = 0.02, 0.005  # s, and share of the stroke: sizes that are told as visible if they would be found
+#: Names in the effort that a rough reading can feign where the motion is known from that reading alone.
+MISREAD = ("rising_static_friction", "torque_ripple", "payload_change", "friction_level_change", "cable_spring")
 HINT = math.log(0.01)      # log p of the strongest effect in the effort, below which it may be behind what the error shows
 BRINGS_NO_ERROR = ("torque_ripple", "floor_vibration", "amplifier_offset")
 CREEP = 0.001              # of the stroke: creep at rest that is told as usual
@@ -34,13 +37,18 @@ def answer(reduced, spreads, groups, context, notes, open_sign, seed):
         elif "reference" not in signals and context.position_at != "motor" and "error" not in stage.coordinates:
             stage.also = FROM_READING
         stage.largest = largest_in_error(context) if "error" in stage.coordinates else largest_in_effort(context)
-        if changed:
+        of_reading = _is_fluctuation(stage)
+        if "error" in stage.coordinates and (of_reading or not _rests(stage.coordinates["error"])):
+            stage.also = {**stage.also, "sampling_jitter": ("floor_vibration",), "floor_vibration": ("sampling_jitter",)}
+        if changed and not of_reading:
             stage.free = FORCED
             stage.without += FOLLOWING
         said = stage.solve(open_sign)
         notes += [said] if said else []
-        if stage is not stages[0]:
+        if stage is not stages[0] and not of_reading:
             _suspected(stages[0], stage)
+        if of_reading and changed:
+            _misread(stages[0], stage)
         changed = changed or bool(stage.chosen) or stage.whole < decide.WHOLE
     causes, rivals, rival_sizes = [], [], []
     gain, parts = _gain(stages, groups)
@@ -65,6 +73,23 @@ def answer(reduced, spreads, groups, context, notes, open_sign, seed):
     diagnosis = Diagnosis(verdict, tuple(causes), tuple(rivals), gain, findings, (), tuple(notes), seed)
     evidence = {"reduced": reduced, "spreads": spreads, "stages": stages, "groups": groups}
     return LogDiagnosis(diagnosis, seen, hidden_effects(seen, context), healthy_table(context, spreads), evidence, context, tuple(rival_sizes))
+
+
+def _is_fluctuation(stage):
+    return "error" in stage.coordinates and stage.coordinates["error"].channel.kind == FLUCTUATION
+
+
+def _rests(coordinates):
+    """Whether the roughness at rest is known, which tells what shakes the machine from what comes late."""
+    return bool(((coordinates.kind == "rough") & (coordinates.direction == 0)).any())
+
+
+def _misread(first, stage):
+    """What makes a reading rough misleads the motion that is read from it: a rival of what the effort shows, not a further cause."""
+    for choice in first.chosen:
+        if decide.plain(choice.name) in MISREAD:
+            choice.rivals += [name for name in map(decide.plain, (c.name for c in stage.chosen)) if name not in choice.rivals]
+    stage.chosen, stage.free = [], FORCED
 
 
 def _suspected(first, stage):
@@ -147,7 +172,9 @@ def _sizes(stage, names, name, context):
     inflation = max(problem.inflation.get(name, 1.0), 1.0) * widening(problem.dof) ** 2
     channel = str(problem.where[np.argmax(np.abs(problem.effects[name]).max(axis=1))])
     spread_of = covariance[own, own] * inflation + np.diag((FORM_SIZE * beta[own]) ** 2)
-    return parameters_of(decide.plain(name), problem.parts[name], beta[own], spread_of, context, channel), channel
+    column = problem.effects[name][:, 0]
+    reach = float(np.sqrt(np.mean(column[column != 0.0] ** 2))) if column.any() else 1.0
+    return parameters_of(decide.plain(name), problem.parts[name], beta[own], spread_of, context, channel, reach), channel
 
 
 def _gain(stages, groups):
