@@ -15,7 +15,9 @@ from scipy.stats import t as t_law
 from microstage_ros.diagnosis.logs.selection.effects import ALSO, RARER, SIGNATURES
 from microstage_ros.diagnosis.selection.stepwise import forward
 
-LEVEL = np.log(1e-3)       # log p below which an effect is named (some twenty are tried)
+#: log p below which an effect is named: of the healthy machines one in sixty may alarm, over the six or seven ways, hardly dependent on
+#: one another, in which some twenty effects can show (held by `microstage log --examine N --kind healthy`).
+LEVEL = np.log(1.0 / 400.0)
 RIVAL = 3.0                # difference of log p within which another effect explains as much (odds of 20)
 BEAM = 4                   # first causes that are followed up
 PRICE = 8.0                # log likelihood that a further cause must bring beyond its sizes
