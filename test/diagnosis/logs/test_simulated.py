@@ -143,3 +143,22 @@ def test_the_signals_carry_what_exceeds_the_scatter_of_healthy_logs():
         case = simulated_logs.draw_case(1, 5, "one", effect, "reference position current")
         found[effect] = carried.distance(case, 0)
     assert found["friction_level_change"] > carried.LIMIT > found["refractive_index"] == 0.0
+
+
+def test_what_makes_the_reading_rough_shows_without_a_set_point():
+    case = simulated_logs.draw_case(1, 7, "one", "floor_vibration", "position |current|")
+    causes, rivals = told(diagnose_logs(list(case.baseline), list(case.now), case.description))
+    assert "floor_vibration" in causes + rivals, (causes, rivals)
+
+
+def test_every_rival_that_was_tried_has_a_size():
+    result = diagnosed({"level": 90.0, "viscous": 450.0})
+    ids, sizes = result.diagnosis.rivals[0].ids, result.rival_sizes[0]
+    assert "friction_level_change" in ids and sizes["friction_level_change"]["factor"].value == pytest.approx(1.5, abs=0.12)
+    assert set(sizes) <= set(ids) and all(sizes.values())
+
+
+def test_a_delay_is_no_change_of_the_forces():
+    """Forces go with the motion: a set point that acts 20 ms later is no friction, whatever else the error may mean."""
+    causes, rivals = told(diagnosed({"delay": 0.02}))
+    assert (causes or rivals)[0] == "transport_delay" and not {*causes, *rivals} & {"friction_level_change", "viscous_change"}, (causes, rivals)

@@ -46,8 +46,8 @@ FAMILY = ({"friction_level_change", "viscous_change", "nonlinear_viscous", "ampl
           {"amplifier_gain", "payload_change"}, {"backlash", "friction_level_change", "drive_compliance", "transport_delay"})
 WIDER_FORM = 2.0           # log odds against a wider form of an effect
 FAMILY_RIVAL = 6.0         # the margin within a family, whose forms are the least exact
-#: What a cause brings with it, and is no further cause: fluctuations beside ripple.
-BRINGS = {"torque_ripple": ("sampling_jitter", "floor_vibration", "screw_pitch_error")}
+#: What a cause brings with it, and is no further cause: fluctuations beside ripple, an error at rest that settles later.
+BRINGS = {"torque_ripple": ("sampling_jitter", "floor_vibration", "screw_pitch_error"), "transport_delay": ("floor_vibration", "sampling_jitter")}
 MOST_RIVALS = 6
 MISSED = 0.1               # share of effects of the detectable size that go unseen (ISO 11843: capability of detection)
 ORDERLESS = 0.7            # largest log roughness told as visible for a ripple that the sampling does not resolve
@@ -330,9 +330,10 @@ def acceptable(problem, name, beside):
 
 
 def _backward(problem, chosen):
-    """Without causes that the later ones have made superfluous."""
-    kept = list(chosen)
-    for choice in list(chosen):
+    """Without causes that the later ones have made superfluous, or bring with them."""
+    brought = {one for c in chosen for one in BRINGS.get(plain(c.name), ())}
+    kept = [c for c in chosen if plain(c.name) not in brought]
+    for choice in list(kept):
         beside = [c.name for c in kept if c is not choice]
         if len(kept) > 1 and problem.log_p(choice.name, beside) > LEVEL:
             kept.remove(choice)

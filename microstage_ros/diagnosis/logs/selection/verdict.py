@@ -9,7 +9,9 @@ from microstage_ros.diagnosis.logs.preprocessing import spread
 from microstage_ros.diagnosis.logs.preprocessing.channels import FLUCTUATION
 from microstage_ros.diagnosis.logs.selection import decide
 from microstage_ros.diagnosis.logs.selection.context import LogDiagnosis, healthy_table, hidden_effects
-from microstage_ros.diagnosis.logs.selection.effects import BEHIND, FOLLOWING, FORCED, FROM_READING, SIGNATURES, WITHOUT_EFFORT, separation
+from microstage_ros.diagnosis.logs.selection.effects import (
+    BEHIND, BEHIND_NEED, FOLLOWING, FORCED, FROM_READING, SIGNATURES, WITHOUT_EFFORT, separation,
+)
 from microstage_ros.diagnosis.logs.selection.sizes import parameters_of, widening
 from microstage_ros.diagnosis.logs.selection.stages import build, stages_of
 from microstage_ros.diagnosis.report.wording import sentence_of
@@ -20,6 +22,8 @@ LATE_S, GAP = 0.02, 0.005  # s, and share of the stroke: sizes that are told as 
 MISREAD = ("rising_static_friction", "torque_ripple", "payload_change", "friction_level_change", "cable_spring")
 HINT = math.log(0.01)      # log p of the strongest effect in the effort, below which it may be behind what the error shows
 BRINGS_NO_ERROR = ("torque_ripple", "floor_vibration", "amplifier_offset")
+#: What the error would show of lost motion and the like, were the effort as before.
+BESIDE = "logs from after the changed effort has been dealt with: beside it, what the error does is its consequence"
 CREEP = 0.001              # of the stroke: creep at rest that is told as usual
 LAG_S, LOOP_S = 0.002, 0.05   # s: a lag of the amplifier that is told as usual, and the position loop's time constant that it acts through
 FORM_SIZE = 0.04           # of a size, by which its form's misfit may mislead it; a judgement, held by the coverage that `log --examine` measures
@@ -72,7 +76,10 @@ def answer(reduced, spreads, groups, context, notes, open_sign, seed):
     findings = tuple(f for stage in stages for f in _findings(stage))
     diagnosis = Diagnosis(verdict, tuple(causes), tuple(rivals), gain, findings, (), tuple(notes), seed)
     evidence = {"reduced": reduced, "spreads": spreads, "stages": stages, "groups": groups}
-    return LogDiagnosis(diagnosis, seen, hidden_effects(seen, context), healthy_table(context, spreads), evidence, context, tuple(rival_sizes))
+    hidden = hidden_effects(seen, context)
+    if any(stage.free for stage in stages):
+        hidden |= {name: BESIDE for name in FOLLOWING if name not in seen and hidden.get(name) != BEHIND_NEED}
+    return LogDiagnosis(diagnosis, seen, hidden, healthy_table(context, spreads), evidence, context, tuple(rival_sizes))
 
 
 def _is_fluctuation(stage):
