@@ -226,11 +226,12 @@ def draw_case(number, seed, kind="mixed", effect="", signals="", strength=1.0):
     description = description_of({"time": {"column": "t", "unit": "s"}, **{
         q: {"column": q, "unit": {"current": "A", "torque": "N m", "velocity": "m/s", "voltage": "V"}.get(q, "m"), **({} if degrade["signed"] or q != "current" else {"signed": False})}
         for q in SIGNALS[name][0]}, "run": ["run"], "position_at": "load" if degrade["load_side"] else "motor", "lead": {"value": machine.values["lead"], "unit": "m"}}, f"case {number}")
-    return LogCase(number, truth, sizes, name, rate, runs, files, apart, machine, tuple(baseline), tuple(now), description, _unit_of_effort(degrade), tuple(steps), degrade)
+    return LogCase(number, truth, sizes, name, rate, runs, files, apart, machine, tuple(baseline), tuple(now), description,
+                   _unit_of_effort(degrade), tuple(steps), degrade)
 
 
 def _unit_of_effort(degrade):
-    """What a newton of friction is in the logged effort: amperes (newton metres) of the scaled force, or volts of resistance."""
+    """What a newton is in the logged effort: amperes (newton metres) of the scaled force, or volts of resistance."""
     kinds = [name for name in ("torque", "current", "voltage") if name in degrade["names"]]
     return degrade["ohmic"] / degrade["force_of_1_V"] if kinds == ["voltage"] else degrade["gain"]
 

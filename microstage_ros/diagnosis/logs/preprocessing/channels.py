@@ -22,7 +22,7 @@ SIGN_ROUNDS = 4         # of sign and fit in turn
 SIGN_GAIN = 0.8         # of the mean square with the direction as sign, below which the signed effort is believed
 FLUCTUATION = "fluctuation"     # kind of the channel of a position without set point: only its roughness tells
 RIDGE = 1e-3            # of the columns' mean squares: numerical, keeps collinear columns small
-FAINT = 1e-9            # the same for u = R i + K v: its sizes are looked at apart, and a ridge would shift one into the other
+FAINT = 1e-9            # the same for u = R i + K v, where a ridge would shift one size into the other
 MOST_ROWS = 200_000     # rows that a healthy model is fitted to
 TRIED_ROWS = 60_000     # rows at the beginnings of all logs, with which time constants are tried
 LEAST_TRIED = 5_000     # of one log

@@ -58,7 +58,8 @@ def write_page(report, result, path, description):
     page.verdict(headline(report), _tone(report), more=_more(report))
     page.key_figures(_figures(report, result))
     main = "effort" if "effort" in result.evidence["reduced"] else next(iter(result.evidence["reduced"]))
-    if any(c["channel"] == "error" for c in report["causes"]) and result.context.channels["error"].kind != FLUCTUATION:
+    of_error = any(c["channel"] == "error" for c in report["causes"])
+    if of_error and result.context.channels["error"].kind != FLUCTUATION:
         main = "error"
     _figure(page, pictures.over_stroke(result, main), "Over the stroke, each direction by itself: the baseline with its spread from run to run, now, "
             "and the baseline with the named causes added.")

@@ -9,7 +9,7 @@ from microstage_ros.diagnosis.logs.preprocessing.channels import FLUCTUATION, ba
 from microstage_ros.diagnosis.logs.selection.effects import BEHIND, BEHIND_NEED, NEVER, SIGNATURES
 from microstage_ros.diagnosis.result import Diagnosis
 
-SPLIT = 0.05               # of the Coulomb level, by which presliding and Stribeck's drop mislead a fit of level and viscosity
+SPLIT = 0.05               # of the Coulomb level, by which presliding misleads a fit of level and viscosity
 SAID = 2.0                 # of the level: a detectable size beyond it says no more than "not visible"
 
 
@@ -42,8 +42,7 @@ class Context:
         return (value, error) if value > 0.0 and share > 0.1 and error < 0.1 * value else None
 
     def coulomb(self, channel):
-        """(level, stderr) of the baseline's friction that does not grow with speed, in the channel's unit; None where the
-        baseline does not tell it from what does."""
+        """(level, stderr) of the baseline's friction that does not grow with speed, in the channel's unit; None if unknown."""
         own = self.channels[channel]
         value, error = (float(np.mean([table[c][1] for c in self.codes])) for table in (own.models, own.stderr))
         return (value, max(error, SPLIT * value)) if value > 0.1 * self.scale(channel) and error < 0.2 * value else None

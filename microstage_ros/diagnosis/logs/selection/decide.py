@@ -15,8 +15,8 @@ from scipy.stats import t as t_law
 from microstage_ros.diagnosis.logs.selection.effects import ALSO, RARER, SIGNATURES
 from microstage_ros.diagnosis.selection.stepwise import forward
 
-#: log p below which an effect is named: of the healthy machines one in sixty may alarm, over the six or seven ways, hardly dependent on
-#: one another, in which some twenty effects can show (held by `microstage log --examine N --kind healthy`).
+#: log p below which an effect is named: of the healthy machines one in sixty may alarm, over the six or seven ways, hardly
+#: dependent on one another, in which some twenty effects can show (held by `microstage log --examine N --kind healthy`).
 LEVEL = np.log(1.0 / 400.0)
 RIVAL = 3.0                # difference of log p within which another effect explains as much (odds of 20)
 BEAM = 4                   # first causes that are followed up
@@ -47,7 +47,8 @@ FAMILY = ({"friction_level_change", "viscous_change", "nonlinear_viscous", "ampl
 WIDER_FORM = 2.0           # log odds against a wider form of an effect
 FAMILY_RIVAL = 6.0         # the margin within a family, whose forms are the least exact
 #: What a cause brings with it, and is no further cause: fluctuations beside ripple, an error at rest that settles later.
-BRINGS = {"torque_ripple": ("sampling_jitter", "floor_vibration", "screw_pitch_error"), "transport_delay": ("floor_vibration", "sampling_jitter")}
+BRINGS = {"torque_ripple": ("sampling_jitter", "floor_vibration", "screw_pitch_error"),
+          "transport_delay": ("floor_vibration", "sampling_jitter")}
 MOST_RIVALS = 6
 MISSED = 0.1               # share of effects of the detectable size that go unseen (ISO 11843: capability of detection)
 ORDERLESS = 0.7            # largest log roughness told as visible for a ripple that the sampling does not resolve

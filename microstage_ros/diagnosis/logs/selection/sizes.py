@@ -26,8 +26,8 @@ def parameters_of(name, parts, beta, covariance, context, shown, reach=1.0):
     ``parts``: column names in order; ``beta`` (k,), ``covariance`` (k, k): relative sizes; ``context``: `Context`; ``shown``: name of
     the channel in which the effect shows; ``reach``: rms of the leading column over its coordinates.
 
-    A force that shows in the following error alone has its size as what it adds to the error (``error_m``): how much force that
-    is, only the loop's stiffness tells.
+    A force that shows in the following error alone has its size as what it adds to the error (``error_m``): how much force
+    that is, only the loop's stiffness tells.
     """
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     scale, unit = context.scale(shown), context.channels[shown].unit
@@ -98,7 +98,7 @@ def parameters_of(name, parts, beta, covariance, context, shown, reach=1.0):
 
 
 def _of_coulomb(b, s, scale, coulomb):
-    """(value, stderr) of a size relative to the Coulomb level instead of the channel's scale, or None where that is not known."""
+    """(value, stderr) of a size relative to the Coulomb level instead of the channel's scale, or None if that is unknown."""
     if coulomb is None:
         return None
     value = b * scale / coulomb[0]

@@ -92,10 +92,11 @@ def _rests(coordinates):
 
 
 def _misread(first, stage):
-    """What makes a reading rough misleads the motion that is read from it: a rival of what the effort shows, not a further cause."""
+    """What makes a reading rough misleads the motion that is read from it: a rival of what the effort shows."""
     for choice in first.chosen:
         if decide.plain(choice.name) in MISREAD:
-            choice.rivals += [name for name in map(decide.plain, (c.name for c in stage.chosen)) if name not in choice.rivals]
+            found = [decide.plain(c.name) for c in stage.chosen]
+            choice.rivals += [name for name in found if name not in choice.rivals]
     stage.chosen, stage.free = [], FORCED
 
 
@@ -181,7 +182,8 @@ def _sizes(stage, names, name, context):
     spread_of = covariance[own, own] * inflation + np.diag((FORM_SIZE * beta[own]) ** 2)
     column = problem.effects[name][:, 0]
     reach = float(np.sqrt(np.mean(column[column != 0.0] ** 2))) if column.any() else 1.0
-    return parameters_of(decide.plain(name), problem.parts[name], beta[own], spread_of, context, channel, reach), channel
+    plain, parts = decide.plain(name), problem.parts[name]
+    return parameters_of(plain, parts, beta[own], spread_of, context, channel, reach), channel
 
 
 def _gain(stages, groups):
