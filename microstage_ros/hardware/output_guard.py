@@ -15,6 +15,7 @@ import mmap
 import os
 import subprocess
 import sys
+import threading
 import time
 
 import numpy as np
@@ -22,8 +23,12 @@ import numpy as np
 from microstage_ros.hardware import watchdog
 from microstage_ros.hardware.watchdog import BEAT, DOG, LIMIT, TAKEN, TAKEN_COUNT, VOLTS, ZEROED
 
-SILENT = 0.5
+SILENT = 2.0
 """A watchdog that has not looked for so long [s] does not watch: it is replaced."""
+
+START_S, RENEW_S = 120.0, 5.0
+"""Longest wait [s] for a watchdog to begin: before anything is energised, where a busy host may take its time, and in place of
+one that has ended."""
 
 
 class OutputGuard:
@@ -47,14 +52,15 @@ class OutputGuard:
         self._map = mmap.mmap(self._memory, watchdog.BYTES)
         self.words, self.volts = np.frombuffer(self._map, np.int64), np.frombuffer(self._map, np.float64)
         self._process, self._alive, self.restarts = None, None, 0
+        self._starting, self._closed = threading.Lock(), False
 
     @property
     def pid(self):
         """Of the watchdog's process."""
         return None if self._process is None else self._process.pid
 
-    def start(self, outside_stop=None, wait=20.0):
-        """Start the watchdog and wait until it watches.
+    def start(self, outside_stop=None, wait=START_S):
+        """Start the watchdog and wait until it watches; one thread at a time.
 
         Parameters
         ----------
@@ -66,6 +72,10 @@ class OutputGuard:
         bool
             True if it watches.
         """
+        with self._starting:
+            return self._start(outside_stop, wait)
+
+    def _start(self, outside_stop, wait):
         self._end()
         ours, self._alive = os.pipe()
         self.words[DOG] = 0
@@ -84,22 +94,26 @@ class OutputGuard:
                                          start_new_session=True)
         os.close(ours)
         end = time.monotonic() + wait
-        while self.words[DOG] == 0 and time.monotonic() < end and self._process.poll() is None:
+        while self.words[DOG] == 0 and time.monotonic() < end and self._process.poll() is None and not self._closed:
             time.sleep(0.002)
-        return self.watching
+        return self.words[DOG] != 0 and self._process.poll() is None
 
     @property
     def watching(self):
         """True while the watchdog's process is there and has looked lately."""
-        return self._process is not None and self._process.poll() is None and (
+        process = self._process
+        return process is not None and process.poll() is None and (
             time.monotonic_ns() - int(self.words[DOG]) < SILENT * 1e9)
 
     def renew(self, outside_stop=None):
-        """Start the watchdog again if it does not watch. True if it watches now."""
-        if self.watching:
+        """Start the watchdog again if it does not watch. True if it watches now, or another thread is starting it."""
+        if self.watching or not self._starting.acquire(blocking=False):
             return True
-        self.restarts += 1
-        return self.start(outside_stop, 0.5)
+        try:
+            self.restarts += 1
+            return self._start(outside_stop, RENEW_S)
+        finally:
+            self._starting.release()
 
     def arm(self):
         """Commands are expected from now on."""
@@ -142,9 +156,11 @@ class OutputGuard:
 
     def close(self):
         """End the watchdog; the voltage is zero before."""
+        self._closed = True
         self.disarm()
         self.put(0.0)
-        self._end()
+        with self._starting:
+            self._end()
 
     def _end(self):
         if self._alive is not None:

@@ -43,7 +43,7 @@ class Emulated:
         if self._process.poll() is None:
             self._process.stdin.close()
             self._result = json.loads(self._process.stdout.readline())
-            self._process.wait(10)
+            self._process.wait(120)
         return self._result
 
 

@@ -5,6 +5,7 @@ import signal
 import struct
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from microstage_ros.hardware.watchdog import BEAT, BYTES, LIMIT, TAKEN, TAKEN_CO
 LIMIT_S = 0.05
 
 
-def wait(condition, seconds=10.0):
+def wait(condition, seconds=120.0):
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end
@@ -85,6 +86,20 @@ def test_a_watchdog_that_does_not_watch_is_replaced(guard, number):
     wait(lambda: not guard.watching)
     wait(lambda: guard.renew())
     assert guard.pid != first and guard.restarts >= 1
+
+
+def test_a_slow_start_is_not_taken_for_a_hang(monkeypatch):
+    """Who looks after the watchdog leaves one alone that another thread is starting."""
+    start = subprocess.Popen
+    monkeypatch.setattr(subprocess, "Popen", lambda command, **more: start(["sh", "-c", 'sleep 0.3; exec "$@"', "sh", *command], **more))
+    made, watches = OutputGuard(LIMIT_S), []
+    starting = threading.Thread(target=lambda: watches.append(made.start()))
+    starting.start()
+    while starting.is_alive():
+        assert made.renew() or not starting.is_alive()
+        time.sleep(0.02)
+    assert watches == [True] and made.restarts == 0
+    made.close()
 
 
 def test_it_outlives_signals_and_ends_with_the_driver(guard):

@@ -17,7 +17,7 @@ def experiment(folder, *more):
     """Run the command in a process of its own. Returns it when it has ended."""
     (folder / "run.yaml").write_text(RUN)
     return subprocess.run([sys.executable, "-m", "microstage_ros.commands", "experiment", "--running", "--run", str(folder / "run.yaml"),
-                           "--out", str(folder / "out"), *more], env=dict(os.environ), capture_output=True, text=True, timeout=240)
+                           "--out", str(folder / "out"), *more], env=dict(os.environ), capture_output=True, text=True, timeout=600)
 
 
 def test_program_on_a_running_cell(tmp_path):

@@ -54,7 +54,7 @@ def test_the_cell_drives_it(tmp_path, simulated):
             _check(simulated)
         finally:
             process.send_signal(signal.SIGINT)
-            _, told = process.communicate(timeout=60)
+            _, told = process.communicate(timeout=240)
     assert ("simulated" in told) == simulated and "Traceback" not in told
 
 
@@ -66,7 +66,7 @@ def _check(simulated):
         node.create_subscription(DriverStatus, "driver_status", seen.append, LATCHED)
         spin_until(node, lambda: seen)
         assert seen[-1].backend == "bench_machine:Machine" and seen[-1].simulated == simulated
-        result = AxisClient("/axis", node, wait=60.0).move(3e-5, tolerance=1e-6, settle_time=0.05, timeout=10.0)
+        result = AxisClient("/axis", node, wait=240.0).move(3e-5, tolerance=1e-6, settle_time=0.05, timeout=10.0)
         assert result.reached or not simulated, result.message
     finally:
         node.destroy_node()
@@ -92,15 +92,15 @@ def test_the_cell_over_the_wire_to_an_emulated_card(tmp_path):
             rclpy.init()
             node = rclpy.create_node("tester", namespace="/axis")
             try:
-                result = AxisClient("/axis", node, wait=60.0).move(2e-5, tolerance=2e-6, settle_time=0.02, timeout=20.0)
+                result = AxisClient("/axis", node, wait=240.0).move(2e-5, tolerance=2e-6, settle_time=0.02, timeout=20.0)
                 assert abs(result.final_error) < 5e-6, result.message
             finally:
                 node.destroy_node()
                 rclpy.try_shutdown()
         finally:
             process.send_signal(signal.SIGINT)
-            process.communicate(timeout=60)
+            process.communicate(timeout=240)
     emulator.stdin.close()
     found = json.loads(emulator.stdout.readline())
-    emulator.wait(10)
+    emulator.wait(120)
     assert found["volts"] == 0.0 and found["most_voltage"] > 0.02

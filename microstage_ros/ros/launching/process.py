@@ -7,6 +7,7 @@ import socket
 import sys
 import threading
 import time
+import traceback
 
 import rclpy
 from rclpy.duration import Duration
@@ -31,6 +32,9 @@ was killed never has it, and who sends SIGTERM is in a hurry."""
 
 LAST_RESORT = 10.0
 """A process that has been asked to stop and is still there after so long [s] ends at once, whatever it waits for."""
+
+SERVED = 2.0
+"""Longest wait [s] at the end for the thread that serves requests."""
 
 _stop = threading.Event()
 _asked = {"number": signal.SIGINT}
@@ -92,9 +96,10 @@ def started(arguments, context=None):
 
 
 def run_node(make, arguments=None, threads=1):
-    """Make a node, serve it, run its `loop` until the process is asked to stop. Returns the exit status.
+    """Make a node, serve it, run its `loop` until the process is asked to stop, and end the process.
 
-    ROS goes on working while the node closes, so that nothing that was sent is lost.
+    ROS goes on working while the node closes, so that nothing that was sent is lost. Returns a status only where no node
+    could be made; else the process ends here with 0, or with 1 and the traceback in its log if the loop failed.
 
     Parameters
     ----------
@@ -123,18 +128,41 @@ def run_node(make, arguments=None, threads=1):
     p = node.parameters
     os.nice(getattr(p, "nice", 0))
     take_place(node.get_logger(), cpus, getattr(p, "scheduling", "normal"), getattr(p, "real_time_priority", 0))
+    failed = ""
     try:
         node.loop()
-    finally:
+    except Exception:  # noqa: BLE001 - whatever it is, the node is closed and the log says what it was
+        failed = traceback.format_exc()
+    try:
         _stop.set()
         noting.join(timeout=2.0)  # it asks the node, which goes now
         node.close()
         _wait_for_readers(node)
-        thread.join(timeout=2.0)
+    except Exception:  # noqa: BLE001
+        failed += traceback.format_exc()
+    _end_process(node, executor, thread, failed)
+
+
+def _end_process(node, executor, thread, failed):
+    """Take the node out of the graph and end the process, without unloading the interpreter.
+
+    A thread that comes back from the middleware while the interpreter is unloaded is ended inside a C++ destructor, and that
+    aborts the process (status -6). On a busy machine it comes back late: so nothing is unloaded.
+    """
+    thread.join(timeout=SERVED)
+    try:
+        if not thread.is_alive():
+            executor.shutdown(timeout_sec=0.0)
+            node.destroy_node()
         rclpy.try_shutdown()
-        for note in filter(None, _noted):
-            note.unlink(missing_ok=True)
-    return 0
+    except Exception:  # noqa: BLE001
+        failed += traceback.format_exc()
+    for note in filter(None, _noted):
+        note.unlink(missing_ok=True)
+    print(failed, end="", file=sys.stderr)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(1 if failed else 0)
 
 
 def _leave_garbage_alone():

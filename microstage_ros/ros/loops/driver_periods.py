@@ -280,7 +280,7 @@ class DriverPeriods:
         if why == NO_CREDIT:
             self._await_credit(n + 1)
         elif why == CROWDED:
-            self.topics.send_closed()
+            self.topics.send_closed(wait=self._lockstep)
         elif why == TRAVEL:
             self.sequence -= 1
             self._announce(self._time_ns, self.hardware.last_reading, gate.last != gate.period, quick.fault)

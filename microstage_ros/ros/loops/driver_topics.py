@@ -13,6 +13,7 @@ from microstage_ros.model.actuators import actuator_of
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.blocks import Outlet, periods_per_block
 from microstage_ros.ros.transport.codec import ENCAPSULATION, STAMP, Codec, stamps_ns
+from microstage_ros.ros.transport.servo_path import never_raising
 
 AIR_PERIODS = 10_000
 
@@ -112,16 +113,16 @@ class DriverTopics:
         """Of the topics that go out in blocks."""
         return [outlet for outlet in (self.states, self.truths) if outlet is not None]
 
-    def send_closed(self):
-        """Send closed blocks now: whoever should have done so is late."""
+    def send_closed(self, wait=True):
+        """Send closed blocks now: whoever should have done so is late. ``wait`` as in `Outlet.send_closed`."""
         for outlet in self.outlets:
-            outlet.send_closed()
+            outlet.send_closed(wait)
 
     def _states_sent(self, states):
         """A joint state every so many periods, from a block of states."""
         for k in _multiples(states["sequence"], self._joint_every):
-            self._joint.publish(stamp(JointState(name=[self._frame], position=[float(states["position"][k])]),
-                                      int(stamps_ns(states[k:k + 1])[0]), self._frame))
+            never_raising(self._joint.publish)(stamp(JointState(name=[self._frame], position=[float(states["position"][k])]),
+                                               int(stamps_ns(states[k:k + 1])[0]), self._frame))
 
     def _truths_sent(self, truths):
         """The air every so many periods, from a block of what the simulated instruments see."""
@@ -134,14 +135,14 @@ class DriverTopics:
             outlet.flush()
 
     def _publish_air(self, time_ns, truth):
-        temperature, pressure, humidity = self._air
-        temperature.publish(stamp(Temperature(temperature=float(truth["air_temperature"])), time_ns, self._frame))
-        pressure.publish(stamp(FluidPressure(fluid_pressure=float(truth["air_pressure"])), time_ns, self._frame))
-        humidity.publish(stamp(RelativeHumidity(relative_humidity=float(truth["air_humidity"])), time_ns, self._frame))
+        temperature, pressure, humidity = (never_raising(publisher.publish) for publisher in self._air)
+        temperature(stamp(Temperature(temperature=float(truth["air_temperature"])), time_ns, self._frame))
+        pressure(stamp(FluidPressure(fluid_pressure=float(truth["air_pressure"])), time_ns, self._frame))
+        humidity(stamp(RelativeHumidity(relative_humidity=float(truth["air_humidity"])), time_ns, self._frame))
 
     def status(self, time_ns, sequence, gate, simulated):
         """The latched status."""
-        self._status.publish(self.status_message(time_ns, sequence, gate, simulated))
+        never_raising(self._status.publish)(self.status_message(time_ns, sequence, gate, simulated))
 
     def status_message(self, time_ns, sequence, gate, simulated):
         """`DriverStatus` as it is now."""

@@ -131,10 +131,11 @@ class AxisDriver(DriverPeriods, DriverRequests, LifecycleNode):
         done = self._in_loop(self._open)
         if done == TransitionCallbackReturn.SUCCESS:
             self._stop_from_outside = self._safety["outside_stop"]() if "outside_stop" in self._safety else None
-            self._configured = True
             if not self.guard.start(self._stop_from_outside):
                 self.get_logger().error("not configured: the watchdog's process does not start")
+                self._in_loop(self.hardware.close)
                 return TransitionCallbackReturn.FAILURE
+            self._configured = True  # from now on it is looked after once per second
         return done
 
     def on_activate(self, state):

@@ -109,8 +109,9 @@ class StrController(Node):
         if why == QUIET:
             self._flush()
         elif why == CROWDED:
-            self._commands.send_closed()
-            self._insides.send_closed()
+            lockstep = bool(self._quick.state.message["status"][0] & AxisState.STATUS_LOCKSTEP)
+            self._commands.send_closed(lockstep)  # paced, the loop waits for nobody: messages that find no place are missing
+            self._insides.send_closed(lockstep)
         self._patience = WAIT if why == QUIET else MOMENT
         return self._quick.state.bytes if why == STRANGE else None
 

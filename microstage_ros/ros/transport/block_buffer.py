@@ -7,7 +7,7 @@ import numpy as np
 
 from microstage_ros.numerics.compiled import compiled
 
-SLOTS = 16
+SLOTS = 64
 """Blocks in the ring."""
 
 

@@ -53,6 +53,7 @@ class Outlet:
     ring : what waits for its block to be full, as `kept_rows.keep` takes it.
     closed : called when `flush` has closed a block; sends it, unless a `Sender` is to do so.
     sent : called with the messages of every block that was sent, as a structured array; None: nobody asks.
+    unsent : blocks that the middleware did not take.
     """
 
     def __init__(self, node, servo, kind, topic, always=False):
@@ -63,7 +64,7 @@ class Outlet:
         self._codec = Codec(kind.__name__)
         self.ring = new_ring(BLOCK_BYTES // self._codec.size, self._codec.size)
         self.closed, self.sent = self.send_closed, None
-        self._sending = threading.Lock()
+        self._sending, self.unsent, self._warn = threading.Lock(), 0, node.get_logger().warning
 
     @property
     def listeners(self):
@@ -95,7 +96,11 @@ class Outlet:
     def _send_rows(self, first, rows):
         """Send one block, uint8 of shape (n, size)."""
         raw = rows.tobytes()
-        self._send_block(HEAD.pack(ENCAPSULATION, first, rows.shape[1], len(raw)) + raw)
+        if self._send_block(HEAD.pack(ENCAPSULATION, first, rows.shape[1], len(raw)) + raw):
+            return
+        self.unsent += 1
+        if self.unsent & (self.unsent - 1) == 0:  # 1, 2, 4, ...
+            self._warn(f"{self.unsent} blocks could not be sent so far: readers that were killed or stopped acknowledge nothing")
 
     def keep(self, sequence, raw):
         """Into the block alone."""
@@ -111,10 +116,12 @@ class Outlet:
         self._listened = self._always or self.listeners > 0
         self.closed()
 
-    def send_closed(self):
-        """Send all closed blocks."""
+    def send_closed(self, wait=True):
+        """Send all closed blocks; not ``wait``: nothing while another thread sends, which may be kept from its processor."""
         rows, fill, ends = self.ring
-        with self._sending:
+        if not self._sending.acquire(blocking=wait):
+            return
+        try:
             while ends[1] < ends[0]:
                 slot = ends[1] % SLOTS
                 count, first = fill[slot].tolist()
@@ -122,6 +129,8 @@ class Outlet:
                 if self.sent is not None:
                     self.sent(self._codec.array(rows[slot, :count]))
                 ends[1] += 1
+        finally:
+            self._sending.release()
 
     @property
     def address(self):

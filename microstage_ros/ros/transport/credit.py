@@ -10,6 +10,7 @@ import time
 from microstage_msgs.msg import Credit
 from rclpy.serialization import deserialize_message
 
+from microstage_ros.ros.transport.servo_path import never_raising
 from microstage_ros.ros.transport.topics import CREDIT, SLOW
 
 UNLIMITED = 2**62
@@ -32,7 +33,7 @@ class Granter:
 
     def __init__(self, node):
         self._name = node.get_name()
-        self._publisher = node.create_publisher(Credit, CREDIT, SLOW)
+        self._publish = never_raising(node.create_publisher(Credit, CREDIT, SLOW).publish)
         self.until = self.told = -1
 
     def forget(self):
@@ -49,7 +50,7 @@ class Granter:
         """Send what has been granted, if it was not sent before."""
         if self.until >= 0 and self.until != self.told:
             self.told = self.until
-            self._publisher.publish(Credit(follower=self._name, until=self.until))
+            self._publish(Credit(follower=self._name, until=self.until))
 
 
 class CreditReader:

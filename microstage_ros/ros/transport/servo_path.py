@@ -104,6 +104,23 @@ class Reader:
         return self.subscription.get_publisher_count()
 
 
+def never_raising(publish):
+    """``publish`` as a call that returns whether the message went out.
+
+    The middleware refuses a message while it has no memory left for one: readers that were killed or stopped acknowledge
+    nothing, and what waits for them fills the writer's history. That must not end a servo loop; who records sees the gap.
+    """
+
+    def send(raw):
+        try:
+            publish(raw)
+        except RCLError:
+            return False
+        return True
+
+    return send
+
+
 class Semaphore:
     """A POSIX semaphore that is posted by the middleware's threads and waited for by one of Python's."""
 
@@ -180,8 +197,8 @@ class FastServoPath:
             self._node.destroy_subscription(trial)
 
     def writer(self, publisher):
-        """The call that sends CDR bytes through ``publisher``."""
-        return publisher.handle.publish_raw
+        """The call that sends CDR bytes through ``publisher``; True if they went out."""
+        return never_raising(publisher.handle.publish_raw)
 
     def wait(self, readers, timeout):
         """Sleep until one of ``readers`` (a tuple) has a message, at most ``timeout`` [s]; it may return sooner."""
@@ -228,8 +245,8 @@ class PlainServoPath:
         return reader
 
     def writer(self, publisher):
-        """The call that sends CDR bytes through ``publisher``."""
-        return publisher.publish
+        """As `FastServoPath.writer`."""
+        return never_raising(publisher.publish)
 
     def wait(self, readers, timeout):
         """As `FastServoPath.wait`."""

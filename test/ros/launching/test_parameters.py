@@ -45,7 +45,7 @@ def test_not_finite_is_refused():
 def test_bad_start_values_end_with_status_2_and_one_line(node_name, setting, words):
     with own_domain():
         done = subprocess.run([sys.executable, "-m", f"microstage_ros.ros.nodes.{node_name}", "--ros-args", "-p", setting],
-                              capture_output=True, text=True, timeout=120, check=False)
+                              capture_output=True, text=True, timeout=240, check=False)
     assert done.returncode == 2 and words in done.stderr and "Traceback" not in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
 

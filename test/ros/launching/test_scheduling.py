@@ -52,7 +52,7 @@ while True:
 
 
 def test_the_kernel_ends_a_real_time_thread_that_turns_for_ever():
-    done = subprocess.run([sys.executable, "-c", SPINS], timeout=60.0)
+    done = subprocess.run([sys.executable, "-c", SPINS], timeout=240.0)
     if done.returncode == 77:
         pytest.skip("real-time priorities are not permitted here")
     assert done.returncode == -signal.SIGXCPU

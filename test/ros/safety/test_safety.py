@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from microstage_msgs.action import MoveTo
 from microstage_msgs.msg import AxisState, DriverStatus
-from ros_support import own_domain, real_time_place, ros_node, spin_until
+from ros_support import PATIENCE_S, own_domain, real_time_place, ros_node, spin_until
 
 from microstage_ros.ros.benchmarks.output_view import OutputView
 from microstage_ros.ros.client import AxisClient
@@ -20,8 +20,12 @@ from microstage_ros.ros.launching.cell_processes import NODES, QUICK, CellFailur
 from microstage_ros.ros.launching.supervision import Supervisor
 from microstage_ros.ros.transport.topics import LATCHED
 
-MOST_S = 0.25
-"""Here other tests have the processors too: an order of magnitude, not the figure that `faults` measures."""
+MOST_S = 1.0
+"""Here other tests have the processors too, and real-time priorities may not be permitted: that it happens, not the figure that
+`faults` measures."""
+
+TRIP_S = 2.0
+"""Silence of the commands that is a fault [s]: longer than the host keeps a controller of these tests from its processor."""
 
 GRANTED = 3000
 """More periods than a move server grants ahead, idle or not."""
@@ -32,7 +36,8 @@ WITHOUT_RECORDER = tuple(name for name in NODES if name != "bag_recorder")
 @contextmanager
 def running_cell(tmp_path, mode="paced", nodes=WITHOUT_RECORDER, supervised=False, **driver):
     """A cell that holds a position with some voltage: cell, node, client, statuses heard."""
-    parameters = {"axis_driver": {"mode": mode, "rate_limit": 1.0 if mode == "lockstep" else 0.0, **driver},
+    parameters = {"axis_driver": {"mode": mode, "rate_limit": 1.0 if mode == "lockstep" else 0.0,
+                                  "command_timeout_s": TRIP_S, **driver},
                   "bag_recorder": {"directory": str(tmp_path / "bag")}}
     with ros_node() as node, real_time_place() if mode == "paced" else nullcontext():
         heard = []
@@ -40,7 +45,7 @@ def running_cell(tmp_path, mode="paced", nodes=WITHOUT_RECORDER, supervised=Fals
         with CellProcesses("/axis", nodes, parameters, logs=tmp_path / "logs") as cell:
             made = Supervisor(cell, node, tell=lambda text: None) if supervised else None
             cell.activate(node)
-            client = AxisClient("/axis", node, wait=60.0) if "move_server" in nodes else None
+            client = AxisClient("/axis", node, wait=PATIENCE_S) if "move_server" in nodes else None
             try:
                 yield cell, node, client, heard, made
             finally:
@@ -52,13 +57,13 @@ def begin_move(client, target=2e-2, **options):
     goal = MoveTo.Goal(target=target, **{"max_velocity": 1e-3, "timeout": 60.0, **options})
     under_way = []
     sent = client._action.send_goal_async(goal, feedback_callback=under_way.append)
-    spin_until(client.node, lambda: under_way, 30.0)  # accepted is not begun: on a loaded machine a fault may come between
+    spin_until(client.node, lambda: under_way)  # accepted is not begun: on a loaded machine a fault may come between
     return sent.result(), sent.result().get_result_async()
 
 
 def moving(view, node, heard):
     """Wait until there is voltage."""
-    spin_until(node, lambda: abs(view.volts) > 0.01 or heard[-1].fault, 30.0)
+    spin_until(node, lambda: abs(view.volts) > 0.01 or heard[-1].fault)
     assert not heard[-1].fault, heard[-1].message
 
 
@@ -82,12 +87,12 @@ def test_the_voltage_goes_whatever_happens_to_the_driver(tmp_path, number):
         assert after is not None and after < MOST_S
         if number == signal.SIGSTOP:
             assert view.by_watchdog
-            time.sleep(0.5)
+            time.sleep(1.2 * TRIP_S)
             os.kill(pid, signal.SIGCONT)
             spin_until(node, lambda: heard and heard[-1].fault == AxisState.FAULT_WATCHDOG)
             assert "watchdog took the voltage away" in heard[-1].message and view.volts == 0.0
         elif number != signal.SIGKILL:
-            assert cell.processes["axis_driver"].wait(5.0) == 0  # the loop has ended by itself
+            assert cell.processes["axis_driver"].wait(PATIENCE_S) == 0  # the loop has ended by itself
 
 
 @pytest.mark.parametrize("mode", ["paced", "lockstep"])
@@ -99,7 +104,7 @@ def test_a_dead_controller_is_zero_volts_and_an_answered_move(tmp_path, mode):
         cell.processes["str_controller"].kill()
         began = time.monotonic()
         with pytest.raises(CellFailure, match="str_controller ended by signal 9: the axis stands still"):
-            while time.monotonic() < began + 10.0:
+            while time.monotonic() < began + PATIENCE_S:
                 supervisor.look()
         spin_until(node, lambda: result.done() and heard[-1].fault)
         assert heard[-1].fault in (AxisState.FAULT_PROCESS, AxisState.FAULT_COMMAND_TIMEOUT) and not heard[-1].active
@@ -113,11 +118,11 @@ def test_what_may_be_restarted_is_and_takes_its_place_again(tmp_path):
         for name in ("gms_observer", "interferometer_logger", "bag_recorder", "move_server"):
             before = cell.processes[name].pid
             cell.processes[name].kill()
-            end = time.monotonic() + 30.0
+            end = time.monotonic() + PATIENCE_S
             while cell.processes[name].pid in (None, before):
                 supervisor.look()
                 assert time.monotonic() < end, name
-        again = AxisClient("/axis", node, wait=60.0)
+        again = AxisClient("/axis", node, wait=PATIENCE_S)
         assert again.move(-1e-5, timeout=20.0).reached and not heard[-1].fault
         supervisor.look()
     assert (tmp_path / "bag_2").is_dir()
@@ -135,12 +140,12 @@ def test_a_move_that_timed_out_holds_and_the_next_one_goes(tmp_path):
 def test_two_owners_are_one_too_many(tmp_path):
     with running_cell(tmp_path, "lockstep", ("axis_driver", "str_controller")) as (cell, node, _, heard, _):
         done = subprocess.run([sys.executable, "-m", "microstage_ros.commands", "cell"], capture_output=True, text=True,
-                              timeout=60, check=False)
+                              timeout=PATIENCE_S, check=False)
         assert done.returncode == 2 and len(done.stderr.strip().splitlines()) <= 3
         line = done.stderr.strip().splitlines()[-1]
         assert "namespace /axis" in line and f"process {os.getpid()}" in line and "since" in line
         alone = subprocess.run([sys.executable, "-m", "microstage_ros.ros.nodes.axis_driver", "--ros-args", "-r", "__ns:=/axis"],
-                               capture_output=True, text=True, timeout=60, check=False)
+                               capture_output=True, text=True, timeout=PATIENCE_S, check=False)
         assert alone.returncode == 2 and "namespace /axis" in alone.stderr and "Traceback" not in alone.stderr
         cell.check()
 
@@ -155,11 +160,11 @@ def test_ctrl_c_of_a_cell_leaves_nothing(tmp_path, mode):
         assert len(family) >= 7  # the fork server, five nodes, the watchdog
         began = time.monotonic()
         cell.send_signal(signal.SIGINT)
-        out, err = cell.communicate(timeout=30.0)
+        out, err = cell.communicate(timeout=PATIENCE_S)
         took = time.monotonic() - began
         assert cell.returncode == 0 and "Traceback" not in err
-        assert took < 10.0  # the figure is 2 s on a machine of its own
-        end = time.monotonic() + 5.0
+        assert took < 30.0  # the figure is 2 s on a machine of its own; waiting for each process in turn could take 120 s
+        end = time.monotonic() + PATIENCE_S
         while not all(map(gone, family)):
             assert time.monotonic() < end
             time.sleep(0.05)
@@ -173,7 +178,7 @@ def test_nothing_outlives_a_cell_that_is_killed(tmp_path):
         family = children(cell.pid)
         cell.kill()
         cell.communicate()
-        end = time.monotonic() + 30.0
+        end = time.monotonic() + PATIENCE_S
         while not all(map(gone, family)):
             assert time.monotonic() < end
             time.sleep(0.05)
@@ -264,4 +269,4 @@ def test_late_listeners_hear(tmp_path):
         found = {}
         for kind, topic in ((ControllerState, "/axis/controller_state"), (SimulationTruth, "/axis/simulation")):
             node.create_subscription(kind, topic, lambda message, topic=topic: found.setdefault(topic, message), 10)
-        spin_until(node, lambda: len(found) == 2, 20.0)
+        spin_until(node, lambda: len(found) == 2)

@@ -84,9 +84,9 @@ def test_where_the_middleware_has_no_security_nothing_runs_without(tmp_path):
         environment = {**os.environ, "ROS_SECURITY_KEYSTORE": str(tmp_path), "ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}
         node = [sys.executable, "-m", "microstage_ros.ros.nodes.gms_observer", "--ros-args", "-r", "__ns:=/axis", "--enclave"]
         try:
-            done = subprocess.run([*node, "/axis/gms_observer"], env=environment, capture_output=True, text=True, timeout=20, check=False)
+            done = subprocess.run([*node, "/axis/gms_observer"], env=environment, capture_output=True, text=True, timeout=240, check=False)
         except subprocess.TimeoutExpired:  # it runs: this middleware has security. Who has no enclave must not.
-            stranger = subprocess.run([*node, "/axis/stranger"], env=environment, capture_output=True, text=True, timeout=60, check=False)
+            stranger = subprocess.run([*node, "/axis/stranger"], env=environment, capture_output=True, text=True, timeout=240, check=False)
             assert stranger.returncode != 0
             return
         assert done.returncode == 2 and "security" in done.stderr and "Traceback" not in done.stderr

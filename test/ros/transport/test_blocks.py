@@ -10,7 +10,7 @@ from ros_support import spin_until
 from microstage_ros.ros.transport.block_buffer import SLOTS, close, crowded, keep, new_ring
 from microstage_ros.ros.transport.blocks import Outlet, Sender, Stream, periods_per_block
 from microstage_ros.ros.transport.codec import Codec
-from microstage_ros.ros.transport.servo_path import Semaphore, make_servo_path
+from microstage_ros.ros.transport.servo_path import RCLError, Semaphore, make_servo_path, never_raising
 
 CODEC = Codec("VoltageCommand")
 
@@ -43,6 +43,37 @@ def test_a_ring_keeps_what_it_has_when_it_is_full():
     assert ring[1][:, 1].tolist() == list(range(0, SLOTS * 3, 3))
     ring[2][1] += 1  # one was sent
     assert keep(ring, row, 1000) and ring[1][0].tolist() == [1, 1000]
+
+
+def test_what_the_middleware_refuses_ends_nobody_and_is_counted(node):
+    """It refuses while readers that were killed hold its memory; the next block goes out again."""
+    servo = make_servo_path(node)
+    outlet, refused = Outlet(node, servo, VoltageCommand, "command"), []
+
+    def refuse(raw):
+        refused.append(raw)
+        raise RCLError("Failed to publish: cannot publish data")
+
+    send, outlet._send_block = outlet._send_block, never_raising(refuse)
+    outlet.send(0, command(0))
+    outlet.flush()
+    assert len(refused) == outlet.unsent == 1
+    outlet._send_block = send
+    outlet.send(1, command(1))
+    outlet.flush()
+    assert outlet.unsent == 1
+
+
+def test_a_loop_does_not_wait_for_another_thread_that_sends(node):
+    outlet = Outlet(node, make_servo_path(node), VoltageCommand, "command")
+    outlet.send(0, command(0))
+    with outlet._sending:
+        outlet.closed = lambda: None
+        outlet.flush()
+        outlet.send_closed(wait=False)
+        assert outlet.ring[2].tolist() == [1, 0]
+    outlet.send_closed()
+    assert outlet.ring[2].tolist() == [1, 1]
 
 
 @pytest.mark.parametrize("own_thread", [False, True])
