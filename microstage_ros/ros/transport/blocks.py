@@ -7,6 +7,7 @@ follower gets every message, in order, at a hundredth of the wakings.
 
 import struct
 import threading
+import time
 
 import numpy as np
 from microstage_msgs.msg import MessageBlock
@@ -31,6 +32,9 @@ WORD = 8
 
 MOST_PERIODS, LONGEST = 100, 0.02
 """A block holds this many control periods, or this much time [s] where that is less."""
+
+FOUND_S = 1.0
+"""Longest wait [s] for the followers to find a new publisher; one of them may be gone."""
 
 BLOCK_QOS = QoSProfile(depth=BLOCK_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
 
@@ -64,7 +68,7 @@ class Outlet:
         self._codec = Codec(kind.__name__)
         self.ring = new_ring(BLOCK_BYTES // self._codec.size, self._codec.size)
         self.closed, self.sent = self.send_closed, None
-        self._sending, self.unsent, self._warn = threading.Lock(), 0, node.get_logger().warning
+        self._sending, self.unsent, self._left, self._node, self._writer = threading.Lock(), 0, [], node, servo.writer
 
     @property
     def listeners(self):
@@ -96,11 +100,28 @@ class Outlet:
     def _send_rows(self, first, rows):
         """Send one block, uint8 of shape (n, size)."""
         raw = rows.tobytes()
-        if self._send_block(HEAD.pack(ENCAPSULATION, first, rows.shape[1], len(raw)) + raw):
+        block = HEAD.pack(ENCAPSULATION, first, rows.shape[1], len(raw)) + raw
+        if self._send_block(block) or self._send_anew(block):
             return
         self.unsent += 1
         if self.unsent & (self.unsent - 1) == 0:  # 1, 2, 4, ...
-            self._warn(f"{self.unsent} blocks could not be sent so far: readers that were killed or stopped acknowledge nothing")
+            self._node.get_logger().warning(f"{self.unsent} blocks could not be sent so far")
+
+    def _send_anew(self, block):
+        """Send through a new publisher: one that has refused a message once never takes another (docs/safety.md).
+
+        The old one stays for a while, since slow readers still read in its memory.
+        """
+        followers, end = self.followers, time.monotonic() + FOUND_S
+        self._left.append(self._blocks)
+        if len(self._left) > 1:
+            self._node.destroy_publisher(self._left.pop(0))
+        self._node.get_logger().warning("the middleware refuses blocks, perhaps because a reader was killed: they go through a new publisher")
+        self._blocks = self._node.create_publisher(MessageBlock, self._blocks.topic_name, BLOCK_QOS)
+        self._send_block = self._writer(self._blocks)
+        while self.followers < followers and time.monotonic() < end:
+            time.sleep(0.005)
+        return self._send_block(block)
 
     def keep(self, sequence, raw):
         """Into the block alone."""

@@ -19,7 +19,7 @@ def command(n):
     return CODEC.pack(1000 * n, n, 0.5 * n, 0.0, 0.0, 1)
 
 
-def heard(stream, servo, count, seconds=20.0):
+def heard(stream, servo, count, seconds=120.0):
     """Sequence numbers of ``count`` messages."""
     found, end = [], time.monotonic() + seconds
     while len(found) < count and time.monotonic() < end:
@@ -46,22 +46,32 @@ def test_a_ring_keeps_what_it_has_when_it_is_full():
 
 
 def test_what_the_middleware_refuses_ends_nobody_and_is_counted(node):
-    """It refuses while readers that were killed hold its memory; the next block goes out again."""
+    """It refuses every message once its memory is taken by readers that were killed: a new publisher has memory of its own."""
     servo = make_servo_path(node)
-    outlet, refused = Outlet(node, servo, VoltageCommand, "command"), []
+    outlet, stream = Outlet(node, servo, VoltageCommand, "command"), Stream(node, servo, VoltageCommand, "command")
+    spin_until(node, lambda: outlet.followers == 1 and stream.publishers == 1)
+    refused = []
 
     def refuse(raw):
         refused.append(raw)
         raise RCLError("Failed to publish: cannot publish data")
 
-    send, outlet._send_block = outlet._send_block, never_raising(refuse)
-    outlet.send(0, command(0))
-    outlet.flush()
-    assert len(refused) == outlet.unsent == 1
-    outlet._send_block = send
-    outlet.send(1, command(1))
+    for n in range(4):  # every second block is refused, and goes through a new publisher
+        if n % 2:
+            outlet._send_block = never_raising(refuse)
+        outlet.send(n, command(n))
+        outlet.flush()
+        assert heard(stream, servo, 1) == [n]
+    assert len(refused) == 2 and outlet.unsent == 0
+    writer, outlet._writer = outlet._writer, lambda publisher: never_raising(refuse)
+    outlet._send_block = never_raising(refuse)
+    outlet.send(4, command(4))
     outlet.flush()
     assert outlet.unsent == 1
+    outlet._writer = writer
+    outlet.send(5, command(5))
+    outlet.flush()
+    assert heard(stream, servo, 1) == [5]
 
 
 def test_a_loop_does_not_wait_for_another_thread_that_sends(node):
