@@ -135,9 +135,9 @@ def run_node(make, arguments=None, threads=1):
         failed = traceback.format_exc()
     try:
         _stop.set()
-        noting.join(timeout=2.0)  # it asks the node, which goes now
-        node.close()
+        node.close()  # first of all: the driver writes zero volts there
         _wait_for_readers(node)
+        noting.join(timeout=SERVED)  # it asks the node, which goes now
     except Exception:  # noqa: BLE001
         failed += traceback.format_exc()
     _end_process(node, executor, thread, failed)
