@@ -27,8 +27,8 @@ SILENT = 2.0
 """A watchdog that has not looked for so long [s] does not watch: it is replaced."""
 
 START_S, RENEW_S = 120.0, 5.0
-"""Longest wait [s] for a watchdog to begin: before anything is energised, where a busy host may take its time, and in place of
-one that has ended."""
+"""Longest wait [s] for a watchdog to begin: before anything is energised, where a busy host may take its time, and in
+place of one that has ended."""
 
 
 class OutputGuard:
