@@ -46,12 +46,13 @@ def no_axis(here, node):
     return f"no axis at {here} ({'live axes: ' + ', '.join(found) if found else 'no axis is live; ./microstage cell starts one'})"
 
 
-def patience(others=1.7, here=0.8):
-    """How long to look for any sign of an axis [s]: longer where axes of other computers may answer.
+SOUGHT_HERE, SOUGHT_ANYWHERE = 0.8, 1.7
+"""Longest look for a sign of an axis [s]: where discovery keeps to this computer, and where others may answer."""
 
-    One that this user started on this computer is known at once, by its lock.
-    """
-    return here if os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE") == "LOCALHOST" else others
+
+def patience():
+    """How long to look for any sign of an axis [s]; one that this user started on this computer is known at once, by its lock."""
+    return SOUGHT_HERE if os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE") == "LOCALHOST" else SOUGHT_ANYWHERE
 
 
 class AxisClient:

@@ -8,14 +8,13 @@ import pytest
 
 from microstage_ros.commands import COMMANDS
 from microstage_ros.commands.__main__ import main
-from microstage_ros.commands.operation import move
 from microstage_ros.places import config_file
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "ros"))
 
 from ros_support import own_domain  # noqa: E402
 
-from microstage_ros.ros import operator  # noqa: E402
+from microstage_ros.ros import client, operator  # noqa: E402
 
 AXIS = str(config_file("axis.yaml"))
 RUN = "controller: {type: pid}\nprogram:\n  - {move_to_m: 1.0e-5, dwell_s: 0.01}\n"
@@ -74,7 +73,8 @@ def test_no_axis_is_an_answer_too(capsys, monkeypatch, name):
     """How long they wait for one is the same for all of them: one does, the others say it sooner."""
     if name != "status":
         monkeypatch.setattr(operator, "WAIT_S", 0.3)
-        monkeypatch.setattr(move, "SOUGHT", 0.3)
+        monkeypatch.setattr(client, "SOUGHT_HERE", 0.3)
+        monkeypatch.setattr(client, "SOUGHT_ANYWHERE", 0.3)
     with own_domain():
         words = {"jog": ["jog", "--speed", "1mm/s"], "move": ["move", "--to", "1um"]}.get(name, [name])
         status, found = object_of(capsys, words)
