@@ -26,7 +26,8 @@ class Operator:
 
     Parameters
     ----------
-    namespace : of the axis. node : to work through; None: one of its own. wait : longest wait [s] for each answer; None: `WAIT_S`.
+    namespace : of the axis. node : to work through; None: one of its own.
+    wait : longest wait [s] for each answer; None: `WAIT_S`.
 
     Attributes
     ----------
