@@ -66,7 +66,8 @@ def _contest(arguments, axis):
     tables = opponents.contest_tables(found, table)
     facts = {"version": __version__, "axis": axis.as_dict(), "search_seeds": list(opponents.SEARCH_SEEDS),
              "judged_seeds": list(opponents.JUDGED_SEEDS), "opponents": [opponent._asdict() for opponent in found],
-             "figures": {name: {kind: figures._asdict() for kind, figures in row.items()} for name, row in table.items()}}
+             "figures": {name: {kind: figures._asdict() for kind, figures in row.items()}
+                         for name, row in table.items()}}
     with complete_folder(arguments.out) as folder:
         (folder / "opponents.json").write_text(json.dumps(_plain(facts), indent=1) + "\n")
         (folder / "tables.md").write_text("\n".join(_markdown(*entry) for entry in tables))

@@ -7,9 +7,9 @@ for motion. But at speed it can be read off without any model of the motion: thr
     E = (u − R i − o) / (K_E (N/r) v),        u voltage, i current, v speed of the encoder, o zero of the amplifier
 
 Where v has been beyond `FAST` and E within `STEADY` of its mean for `FOUND_TIME`, and the mean is further from what is
-learned than `LEAST`, `SURE` standard deviations (R and o are not known either) and `UNTOLD`, it becomes the centre of
-what is allowed. R, o and the level of the friction are those of the last motion below `SLOW`, which a wrong constant
-does not lead astray. The slow motion through a gap, where the motor turns alone, is never that fast for so long.
+learned than `LEAST`, `DEVIATIONS` standard deviations (R and o are not known either) and `UNTOLD`, it becomes the
+centre of what is allowed. R, o and the level of the friction are those of the last motion below `SLOW`, which a wrong
+constant does not lead astray. The slow motion through a gap, where the motor turns alone, is never that fast so long.
 """
 
 import math
@@ -23,7 +23,7 @@ MEAN_TIME = 1e-2  # s, of the ratio
 FAST, SLOW = 2e-4, 2e-5  # m/s
 STEADY = 0.04  # 1
 FOUND_TIME = 1.2e-2  # s
-LEAST, SURE = 0.04, 4.0  # 1, standard deviations
+LEAST, DEVIATIONS = 0.04, 4.0  # 1, standard deviations of what R and o leave
 UNTOLD = 0.06  # V, that a dead band or a zero that has moved may take: of the back-EMF less than this says nothing
 LOWEST, HIGHEST = 0.3, 3.0  # of the constant over the file's
 FIELDS = [
@@ -80,8 +80,8 @@ def watch_motor_constant(p, model, s, period, drop, speed):
     s.emf_ratio_time_s += period
     if s.emf_ratio_time_s < FOUND_TIME:
         return False
-    off, unsure = s.emf_ratio - s.learned[2], max(SURE * math.sqrt(s.slow_variance_V2), UNTOLD)
-    if abs(off) < max(LEAST, unsure / (model.volts_per_velocity * size)):
+    off, beyond = s.emf_ratio - s.learned[2], max(DEVIATIONS * math.sqrt(s.slow_variance_V2), UNTOLD)
+    if abs(off) < max(LEAST, beyond / (model.volts_per_velocity * size)):
         return False
     s.emf_ratio_time_s = 0.0
     centre_on(p, s, min(max(s.emf_ratio, LOWEST), HIGHEST), off * size)
