@@ -17,7 +17,7 @@ MOST_FILES = 15
 MOST_COLUMNS = 120
 #: Longer lines that there still are, by package; a number may only fall.
 LONG_LINES = {
-    "commands": 210, "commissioning": 135, "control": 190, "diagnosis": 620, "model": 46, "numerics": 1, "report": 68, "ros": 150, "solver": 27,
+    "commands": 160, "commissioning": 48, "control": 67, "diagnosis": 280, "model": 46, "numerics": 1, "report": 61, "ros": 41, "solver": 27,
 }
 #: Public docstrings that carry each of these; a change may raise a number here, never lower it.
 AT_LEAST = {"shape": 256, "unit": 530, "errors": 205, "source": 63}

@@ -80,8 +80,12 @@ def parser():
     found.add_argument("--out", required=True, metavar="DIR", help="folder for the answer")
     found.add_argument("--over-time", action="store_true", help="every NOW file is a point of a course; writes trend.json and report.html")
     found.add_argument("--seed", type=int, default=0, metavar="N", help="written into the answer")
-    found.add_argument("--each", action="store_true", help="every NOW is a folder with the logs of one machine (base* its baseline, else "
-                       "--baseline; LOG.yaml and axis.yaml in place of those given); answers go to DIR/NAME and DIR/summary.json")
+    found.add_argument(
+        "--each",
+        action="store_true",
+        help="every NOW is a folder with the logs of one machine (base* its baseline, else "
+        "--baseline; LOG.yaml and axis.yaml in place of those given); answers go to DIR/NAME and DIR/summary.json",
+    )
     found.add_argument("--jobs", type=int, default=1, metavar="N", help="with --each: processes here (default 1)")
     found.add_argument("--scheduler", metavar="ADDRESS", help="with --each: hand the work to this Dask scheduler, tcp://host:port")
     found.add_force()

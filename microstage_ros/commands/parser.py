@@ -67,8 +67,13 @@ class Parser(argparse.ArgumentParser):
         if json == "flag":
             self.add_argument("--json", action="store_true", help="print the answer as one JSON object (text goes to standard error)")
         elif json == "file":
-            self.add_argument("--json", nargs="?", const=True, metavar="FILE",
-                              help="write the answer as JSON to FILE; without FILE print it (text goes to standard error)")
+            self.add_argument(
+                "--json",
+                nargs="?",
+                const=True,
+                metavar="FILE",
+                help="write the answer as JSON to FILE; without FILE print it (text goes to standard error)",
+            )
 
     def add_force(self):
         """Add ``--force``: replace earlier results."""

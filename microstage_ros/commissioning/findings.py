@@ -2,8 +2,18 @@
 
 from dataclasses import asdict, dataclass
 
-CHECKS = ("polarity", "current_polarity", "current_missing", "encoder_dead", "encoder_scale", "stuck", "end_stop", "runaway",
-          "delay", "resonance")
+CHECKS = (
+    "polarity",
+    "current_polarity",
+    "current_missing",
+    "encoder_dead",
+    "encoder_scale",
+    "stuck",
+    "end_stop",
+    "runaway",
+    "delay",
+    "resonance",
+)
 """Ids of the checks, in the order of the page."""
 
 

@@ -36,8 +36,8 @@ from microstage_ros.commissioning.estimation.plant_fit import fit_plant, resonan
 LEAST_RESONANCE = 0.45  # of the sketched one: stiffness half and mass twice give 0.5
 MOST_DELAY = 2.5  # periods
 LEAST_SAFE = 3e-3
-"""Speed [m/s] that is allowed even where the stage could not be stopped within 8 µm from it: what identification and response need. At 10 kHz
-only drives of 5 V s²/m and more are concerned (9 µm); at 1 kHz it leaves 15 µm."""
+"""Speed [m/s] that is allowed even where the stage could not be stopped within 8 µm from it: what identification and
+response need. At 10 kHz only drives of 5 V s²/m and more are concerned (9 µm); at 1 kHz it leaves 15 µm."""
 SUM = "programme"
 GOOD = 3e-7  # largest 4s or mean error of the moves with which no other law is tried [m]
 LONGEST_PROOF = 95.0  # s
@@ -49,9 +49,10 @@ class Outcome:
 
     Attributes
     ----------
-    verdict : ready, refused or stopped. checks : by id. axis : identified `Axis` with its law, None if it did not come so far.
-    estimates : of the identification. responses : list of `Response`. margins : `MeasuredMargins` in motion, or None.
-    moves, iso, sine : of the proof; iso: figures of ISO 230-2. along : rows of the stroke. remarks : sentences. says : the reason of the verdict.
+    verdict : ready, refused or stopped. checks : by id. axis : identified `Axis` with its law, None if it did not come
+    so far. estimates : of the identification. responses : list of `Response`. margins : `MeasuredMargins` in motion, or
+    None. moves, iso, sine : of the proof; iso: figures of ISO 230-2. along : rows of the stroke. remarks : sentences.
+    says : the reason of the verdict.
     """
 
     verdict: str = "stopped"
@@ -246,7 +247,8 @@ def _closed_loop(outcome, loop, store, progress, keep, paths):
 
 
 def _prove(outcome, machine, axis, drawn, law, gains, found, first, seed, progress, keep):
-    """Prove the chosen law on the machine; one that swings, or does not come to rest at its target, gives way to the next.
+    """Prove the chosen law on the machine; one that swings, or does not come to rest at its target, gives way to the
+    next.
 
     The loop is measured under each law that is tried, and what is reported is that of the law that is taken.
     """

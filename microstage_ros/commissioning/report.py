@@ -140,7 +140,16 @@ def page(outcome, machine, provenance):
     if outcome.moves:
         made.section("Moves")
         made.table(
-            ("target [µm]", "n", "bias [nm]", "4s [nm]", "95 % interval [nm]", "settling, median [ms]", "reversal B [nm]", "both sides R [nm]"),
+            (
+                "target [µm]",
+                "n",
+                "bias [nm]",
+                "4s [nm]",
+                "95 % interval [nm]",
+                "settling, median [ms]",
+                "reversal B [nm]",
+                "both sides R [nm]",
+            ),
             [
                 (
                     f"{row['target_m'] * 1e6:g}",

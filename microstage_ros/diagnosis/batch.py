@@ -155,7 +155,8 @@ def diagnose_many(cases, jobs=1, scheduler=None):
     Parameters
     ----------
     jobs : processes on this machine.
-    scheduler : address of a Dask scheduler (``tcp://host:port``). Paths are made absolute; where the workers do not see them
+    scheduler : address of a Dask scheduler (``tcp://host:port``). Paths are made absolute; where the workers do not see
+    them
         the files' bytes are sent and the answers' files come back.
 
     Raises

@@ -35,8 +35,9 @@ EFFECTS = tuple(sorted({form.effect for form in FORMS if form.named and form.cha
 SLOW_SHARE = {"windup": 0.01, "resonance": 0.01, "torque": 0.002}
 RATTLE_SHARE = {"windup": 0.01, "resonance": 0.01, "torque": 0.05}
 SOFT_SHARE = {"windup": 0.02, "torque": 0.001}    # beside a drive train far from the model's, which swings
-#: What a loop that swings on a soft drive feigns in the torque: shapes of the friction over speed and rest. They must hold this
-#: share; in two cases with drives ten and twenty times as soft, programmes of other simulators left 0.12 (of the viscosity: nine times too much).
+#: What a loop that swings on a soft drive feigns in the torque: shapes of the friction over speed and rest. They must
+#: hold this share; in two cases with drives ten and twenty times as soft, programmes of other simulators left 0.12 (of
+#: the viscosity: nine times too much).
 SWUNG = ("nonlinear_viscous", "rising_static_friction", "presliding_creep", "frictional_lag", "viscous_change")
 SWUNG_SHARE = {"torque": 0.25}
 SLOW_IN_TIME = ("thermal_drift", "refractive_index")   # what a course of every record's own leaves no room for
@@ -101,7 +102,8 @@ def _clear_of(evidences, choices, held, shares):
 
 
 def _final(collection, choices):
-    """Evidence of the chosen, refined forms, the nameless shapes and the model's own errors only; and what still stands."""
+    """Evidence of the chosen, refined forms, the nameless shapes and the model's own errors only; and what still
+    stands."""
     own = [form for choice in choices for form in choice.forms]
     keys = {(channel, key) for channel, table in SYSTEMATIC.items() for key in table}
     more = [form for form in FORMS if (form.channel, form.key) in keys and form.key not in {f.key for f in own}]

@@ -1,8 +1,9 @@
 """Work handed to a Dask cluster: what workers must have is asked before anything is sent, files are reached or shipped.
 
-A worker needs this project importable, of the same version. A file is read where it lies if the workers see the path (a shared
-folder, or an address such as s3://… or https://… that fsspec opens); else its bytes go with the case, and the answer's files
-come back with the report. A case whose worker dies is tried again on another; what is already done stays done.
+A worker needs this project importable, of the same version. A file is read where it lies if the workers see the path (a
+shared folder, or an address such as s3://… or https://… that fsspec opens); else its bytes go with the case, and the
+answer's files come back with the report. A case whose worker dies is tried again on another; what is already done stays
+done.
 """
 
 import contextlib
@@ -58,7 +59,8 @@ def reached(path):
 def on_cluster(cases, work, scheduler):
     """Yield (case, work(case) or the exception that ended it) as they end, from the workers of a Dask scheduler.
 
-    Raises InputError in one line: no scheduler there, no workers, workers without this project or with another version of it.
+    Raises InputError in one line: no scheduler there, no workers, workers without this project or with another version
+    of it.
     """
     from distributed import wait
 
@@ -71,7 +73,8 @@ def on_cluster(cases, work, scheduler):
 
 
 def in_order(function, items, scheduler):
-    """``function`` of every item, in order, from the workers of a Dask scheduler. Raises the first error that a case ends with."""
+    """``function`` of every item, in order, from the workers of a Dask scheduler. Raises the first error that a case
+    ends with."""
     found = {}
     for (number, _), outcome in on_cluster(enumerate(items), functools.partial(_of_second, function), scheduler):
         if isinstance(outcome, Exception):
@@ -139,7 +142,8 @@ class Shipment:
 
 
 def ship(case, paths):
-    """`Shipment` of a case; folders (rosbag2) go with all their files. Raises InputError for a file that cannot be read."""
+    """`Shipment` of a case; folders (rosbag2) go with all their files. Raises InputError for a file that cannot be
+    read."""
     found = []
     for path in paths:
         place = pathlib.Path(path)
@@ -153,7 +157,8 @@ def ship(case, paths):
 
 
 def unpacked(shipment, folder):
-    """Write a shipment's files below ``folder``; returns the function that turns a path of the sender into one of here."""
+    """Write a shipment's files below ``folder``; returns the function that turns a path of the sender into one of
+    here."""
     folder = pathlib.Path(folder)
     for path, content in shipment.files:
         target = folder / path.lstrip("/").replace(":", "_")

@@ -27,9 +27,17 @@ def groups_of(case, size=GROUP):
     """
     count = math.ceil(len(case.records) / size)
     learn, held = _dealt(case.records, count), _dealt(case.holdout, count)
-    return [dataclasses.replace(case, name=f"group {number + 1}", records=learn[number], holdout=held[number],
-                                baseline=case.baseline[:BASELINES], out=str(pathlib.Path(case.out) / "groups" / f"{number + 1:04d}"))
-            for number in range(count)]
+    return [
+        dataclasses.replace(
+            case,
+            name=f"group {number + 1}",
+            records=learn[number],
+            holdout=held[number],
+            baseline=case.baseline[:BASELINES],
+            out=str(pathlib.Path(case.out) / "groups" / f"{number + 1:04d}"),
+        )
+        for number in range(count)
+    ]
 
 
 def _dealt(items, count):

@@ -41,7 +41,8 @@ class Cause:
     gain : rms on the held-out records of the residual channel in which the cause shows.
     channel : that channel, for instance ``"voltage"``, ``"current"``, ``"position"``.
     sentence : what it means for a technician, in one sentence with size and unit.
-    evidence : χ² that it takes from the held-out records, from which the probability is calibrated; 0 where there is none.
+    evidence : χ² that it takes from the held-out records, from which the probability is calibrated; 0 where there is
+    none.
     """
 
     id: str
@@ -57,7 +58,8 @@ class Cause:
 
 @dataclasses.dataclass(frozen=True)
 class Rivals:
-    """Causes that these records cannot tell apart, why, and the run file (a mapping; empty: a standard one) that would."""
+    """Causes that these records cannot tell apart, why, and the run file (a mapping; empty: a standard one) that
+    would."""
 
     ids: tuple
     why: str

@@ -8,7 +8,16 @@ from microstage_ros.report.acceptance import floors_table
 from microstage_ros.report.page import Page
 from microstage_ros.report.plots import new_figure, plot_signal
 
-MARGIN_HEADS = ["controller", "regime", "stable", "phase (deg)", "gain up (dB)", "gain down (dB)", "crossover (Hz)", "peak sensitivity"]
+MARGIN_HEADS = [
+    "controller",
+    "regime",
+    "stable",
+    "phase (deg)",
+    "gain up (dB)",
+    "gain down (dB)",
+    "crossover (Hz)",
+    "peak sensitivity",
+]
 BEST = "self_tuning_observer"
 
 
@@ -25,8 +34,19 @@ def ms(value):
 def comparison_tables(result, paper_four_s, paper_sine):
     """All tables of a comparison: list of (title, header, rows, remark)."""
     return [
-        floors_table(result), _tracking(result, paper_sine), *_positioning(result, paper_four_s), _sines(result), *_stress(result),
-        _gain_jumps(result), _weak_start(result), _observer(result), _level_jumps(result), _margins(result), _trade_off(result), _informed(result), _told_gap(result),
+        floors_table(result),
+        _tracking(result, paper_sine),
+        *_positioning(result, paper_four_s),
+        _sines(result),
+        *_stress(result),
+        _gain_jumps(result),
+        _weak_start(result),
+        _observer(result),
+        _level_jumps(result),
+        _margins(result),
+        _trade_off(result),
+        _informed(result),
+        _told_gap(result),
     ]
 
 
@@ -150,8 +170,13 @@ def _stress_limits(result):
     kinds = [kind for kind in OWN_LIMITS if kind in result["controllers"]]
     yardsticks = [y for y in YARDSTICKS if y in result["stress"]["nominal"]]
     rows = [
-        [name, *(within_twice(result["stress"], name, kind) for kind in kinds), *(nm(by_kind[y]["peak"]) if y in by_kind else "–" for y in yardsticks)]
-        for name, by_kind in result["stress"].items() if name != "nominal"
+        [
+            name,
+            *(within_twice(result["stress"], name, kind) for kind in kinds),
+            *(nm(by_kind[y]["peak"]) if y in by_kind else "–" for y in yardsticks),
+        ]
+        for name, by_kind in result["stress"].items()
+        if name != "nominal"
     ]
     header = ["condition", *(f"{kind} within {nm(2 * result['stress']['nominal'][kind]['peak'])}" for kind in kinds), *yardsticks]
     return "Stress: within twice the nominal peak, and what limits it (nm)", header, rows, (
@@ -181,8 +206,13 @@ def _gain_jumps(result):
     for kind, by_factor in result["gain_jumps"].items():
         for name, key in (("from the start", "start"), ("jump, peak", "after"), ("jump, afterwards", "end")):
             rows.append([kind, name, *(nm(figures[key]) for figures in by_factor)])
-    return "Gain of the amplifier over nominal: sine of 10 µm at 0.1 Hz, worst peak (nm)", ["controller", "", *(f"{f:g}" for f in factors)], rows, (
-        "From the start: wrong before the first period. Jump: from nominal to wrong in the fourth second; afterwards: the last 2.5 s."
+    return (
+        "Gain of the amplifier over nominal: sine of 10 µm at 0.1 Hz, worst peak (nm)",
+        ["controller", "", *(f"{f:g}" for f in factors)],
+        rows,
+        (
+            "From the start: wrong before the first period. Jump: from nominal to wrong in the fourth second; afterwards: the last 2.5 s."
+        ),
     )
 
 
@@ -195,7 +225,13 @@ def _weak_start(result):
         return "–" if kind in told else f"{found[kind][2] / found[yardstick][2]:.2f}"
 
     rows = [
-        [kind + told.get(kind, ""), *(nm(v) for v in values), over(kind, "guarded_pid"), over(kind, "kept_pid"), over(kind, "best_pid")]
+        [
+            kind + told.get(kind, ""),
+            *(nm(v) for v in values),
+            over(kind, "guarded_pid"),
+            over(kind, "kept_pid"),
+            over(kind, "best_pid"),
+        ]
         for kind, values in found.items()
     ]
     header = ["controller", *(f"move {k}" for k in range(1, 6)), "move 3 over guarded_pid", "over kept_pid", "over best_pid"]
@@ -213,7 +249,13 @@ def _observer(result):
 
 def _level_jumps(result):
     rows = [
-        [f"{f['amplitude'] * 1e6:g} µm, {f['frequency']:g} Hz", f"{f['factor']:g}", ms(f["seen"]), f"{100 * f['mean']:.1f}", f"{100 * f['rms']:.1f}"]
+        [
+            f"{f['amplitude'] * 1e6:g} µm, {f['frequency']:g} Hz",
+            f"{f['factor']:g}",
+            ms(f["seen"]),
+            f"{100 * f['mean']:.1f}",
+            f"{100 * f['rms']:.1f}",
+        ]
         for f in result["level_jumps"]
     ]
     header = ["sine", "friction times", "seen to 2 % after (ms)", "mean error 2 to 4 s later (%)", "rms error (%)"]
@@ -225,8 +267,12 @@ def _level_jumps(result):
 def _trade_off(result):
     names = list(result["trade_off"][0]["peak"])
     rows = [
-        [f"{1e3 * row['doubt']:g}", f"{row['gain_db']:.1f}", "any" if math.isinf(row["phase_deg"]) else f"{row['phase_deg']:.0f}",
-         *(nm(row["peak"][name]) for name in names)]
+        [
+            f"{1e3 * row['doubt']:g}",
+            f"{row['gain_db']:.1f}",
+            "any" if math.isinf(row["phase_deg"]) else f"{row['phase_deg']:.0f}",
+            *(nm(row["peak"][name]) for name in names),
+        ]
         for row in result["trade_off"]
     ]
     header = ["doubt in the voltage (mV)", "gain margin (dB)", "phase (deg)", *names]

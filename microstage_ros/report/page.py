@@ -170,7 +170,8 @@ LONG_WORD = re.compile(r"[\w./-]{12,}")
 
 
 def breakable(text):
-    """A cell's text in which long names may break after ``_``, ``.`` and ``/``, not within a word: in narrow windows."""
+    """A cell's text in which long names may break after ``_``, ``.`` and ``/``, not within a word: in narrow
+    windows."""
     return Markup(LONG_WORD.sub(lambda word: re.sub(r"([_./])(?=\w)", r"\1<wbr>", word[0]), str(escape(text))))
 
 

@@ -28,7 +28,8 @@ class NoAnswer(RuntimeError):
 
 
 def live_axes(node):
-    """Namespaces, sorted, of the axes whose move server is known to ``node``'s graph, or that are owned on this computer."""
+    """Namespaces, sorted, of the axes whose move server is known to ``node``'s graph, or that are owned on this
+    computer."""
     ending = f"/{topics.MOVE_TO}/_action/send_goal"
     found = {
         name.removesuffix(ending) or "/"
@@ -51,7 +52,8 @@ SOUGHT_HERE, SOUGHT_ANYWHERE = 0.8, 1.7
 
 
 def patience():
-    """How long to look for any sign of an axis [s]; one that this user started on this computer is known at once, by its lock."""
+    """How long to look for any sign of an axis [s]; one that this user started on this computer is known at once, by
+    its lock."""
     return SOUGHT_HERE if os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE") == "LOCALHOST" else SOUGHT_ANYWHERE
 
 
@@ -101,7 +103,8 @@ class AxisClient:
         return int(self._cell.processes[place]), int(self._cell.restarts[place]), int(self._cell.states[place])
 
     def server_lost(self, before):
-        """Why a goal that was sent when `server_started` was ``before`` is not answered any more, in words; empty if it is."""
+        """Why a goal that was sent when `server_started` was ``before`` is not answered any more, in words; empty if it
+        is."""
         now = self.server_started
         if (
             now is None
@@ -164,7 +167,8 @@ class AxisClient:
         return result.result().result
 
     def reference(self, wait=5.0):
-        """Where the set point of the axis stands [m]; its position where no controller state arrives. Raises `NoAnswer`."""
+        """Where the set point of the axis stands [m]; its position where no controller state arrives. Raises
+        `NoAnswer`."""
         heard = {}
         states = self.node.create_subscription(
             ControllerState,

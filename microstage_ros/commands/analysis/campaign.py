@@ -69,8 +69,13 @@ def _parse(argv):
     parser.add_argument("--effect", default="", metavar="ID", help="always hide this effect")
     parser.add_argument("--strength", type=float, default=1.0, metavar="X", help="factor on all sizes (default 1)")
     parser.add_argument("--axis", type=pathlib.Path, default=DEFAULT_AXIS, metavar="FILE", help="axis file (default the shipped one)")
-    parser.add_argument("--world", default="first", choices=tuple(campaign.WORLDS), help="who makes the records: the first world, or "
-                        "one of other programmes, controllers, encoders, noise, variability and friction laws (default first)")
+    parser.add_argument(
+        "--world",
+        default="first",
+        choices=tuple(campaign.WORLDS),
+        help="who makes the records: the first world, or "
+        "one of other programmes, controllers, encoders, noise, variability and friction laws (default first)",
+    )
     parser.add_argument("--calibrate", type=pathlib.Path, metavar="FILE", help="write the calibration of the stated probabilities that "
                         "these cases give; with --from, of those")
     parser.add_argument("--from", dest="earlier", nargs="+", type=pathlib.Path, default=[], metavar="JSON",
@@ -137,10 +142,14 @@ def _line(outcome):
 
 def _tree(arguments, outcomes):
     counts, medians = campaign.scores(outcomes)
-    return {"version": __version__, **_settings(arguments), "figures": {name: list(pair) for name, pair in counts.items()},
-            "medians": {name: _plain(value) for name, value in medians.items()},
-            "confusion": campaign.confusion(outcomes),
-            "cases": [{key: _plain(value) for key, value in dataclasses.asdict(outcome).items()} for outcome in outcomes]}
+    return {
+        "version": __version__,
+        **_settings(arguments),
+        "figures": {name: list(pair) for name, pair in counts.items()},
+        "medians": {name: _plain(value) for name, value in medians.items()},
+        "confusion": campaign.confusion(outcomes),
+        "cases": [{key: _plain(value) for key, value in dataclasses.asdict(outcome).items()} for outcome in outcomes],
+    }
 
 
 def _give(arguments, outcomes):

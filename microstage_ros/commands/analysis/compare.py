@@ -41,8 +41,14 @@ def main(argv=None):
         extent = extent._replace(seeds=arguments.seeds)
     keep_earlier("--out", [pathlib.Path(arguments.out) / "comparison.json"], arguments.force)
     with progress("comparing", remembered=f"compare {extent} {len(arguments.controllers)} {arguments.jobs}") as bar:
-        result = comparison.compare(axis, extent, arguments.controllers, arguments.jobs, bar.say,
-                                    functools.partial(in_order, scheduler=arguments.scheduler) if arguments.scheduler else None)
+        result = comparison.compare(
+            axis,
+            extent,
+            arguments.controllers,
+            arguments.jobs,
+            bar.say,
+            functools.partial(in_order, scheduler=arguments.scheduler) if arguments.scheduler else None,
+        )
     page = comparison_page(result, comparison.PAPER_4S, comparison.PAPER_SINE, arguments.axis, f"0 … {extent.seeds - 1}")
     facts = {"version": __version__, "axis": axis.as_dict(), "seeds": extent.seeds, **_plain(result)}
     tables = comparison_tables(result, comparison.PAPER_4S, comparison.PAPER_SINE)
@@ -90,8 +96,13 @@ def _parse(argv):
     parser.add_argument("--seeds", type=int, metavar="N", help="friction seeds (default 20, quick 3)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="threads (default all cores)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="hand the runs to this Dask scheduler, tcp://host:port")
-    parser.add_argument("--update", nargs="+", default=[], metavar="FILE",
-                        help="Markdown files whose tables between <!-- compare: TITLE --> and <!-- end --> are to be replaced")
+    parser.add_argument(
+        "--update",
+        nargs="+",
+        default=[],
+        metavar="FILE",
+        help="Markdown files whose tables between <!-- compare: TITLE --> and <!-- end --> are to be replaced",
+    )
     parser.add_argument("--opponents", type=int, default=0, metavar="N",
                         help="search fixed laws by differential evolution, N runs of each, and judge them beside the "
                              "self-tuning ones on seeds and machines that no search saw; nothing else")

@@ -96,7 +96,8 @@ def _each(arguments):
             row = _row(case, report)
             failed += "error" in row
             rows.append(row)
-            write_text(summary, json.dumps(sorted(rows, key=lambda r: r["case"]), indent=1, ensure_ascii=False) + "\n")   # what is done stays
+            # what is done stays
+            write_text(summary, json.dumps(sorted(rows, key=lambda r: r["case"]), indent=1, ensure_ascii=False) + "\n")
             print(f"{row['case']}: {row.get('error') or row['headline']}", flush=True)
     rows.sort(key=lambda row: row["case"])
     write_text(summary, json.dumps(rows, indent=1, ensure_ascii=False) + "\n")
@@ -108,8 +109,14 @@ def _row(case, report):
     if isinstance(report, Exception):
         text = str(report) if isinstance(report, InputError) else f"{type(report).__name__}: {report}"
         return {"case": case.name, "error": text}
-    return {"case": case.name, "verdict": report["verdict"], "causes": [cause["id"] for cause in report["causes"]],
-            "rivals": [rivals["ids"] for rivals in report["rivals"]], "gain": report["gain"], "headline": headline(report)}
+    return {
+        "case": case.name,
+        "verdict": report["verdict"],
+        "causes": [cause["id"] for cause in report["causes"]],
+        "rivals": [rivals["ids"] for rivals in report["rivals"]],
+        "gain": report["gain"],
+        "headline": headline(report),
+    }
 
 
 def tell(report, folder):

@@ -55,11 +55,27 @@ def main(argv=None):
     with progress("identifying", len(arguments.records)) as bar:
         result = identify(_taken(arguments.records, axis, warnings, bar), axis, arguments.seed, bar.say, arguments.blocks,
                           arguments.refine)
-    result.to_axis(target).save(out, provenance={
-        "version": __version__, "command": "identify", "axis": arguments.axis, "records": list(arguments.records), "seed": arguments.seed})
+    result.to_axis(target).save(
+        out,
+        provenance={
+            "version": __version__,
+            "command": "identify",
+            "axis": arguments.axis,
+            "records": list(arguments.records),
+            "seed": arguments.seed,
+        },
+    )
     identification_page(result, axis, arguments.records, arguments.seed, warnings).save(out.with_suffix(".html"))
-    answer.state(axis=str(out), page=str(out.with_suffix(".html")), warnings=warnings, remarks=list(result.remarks), parameters={
-        e.key: {"value": e.value, "stderr": e.stderr, "unit": e.unit, "determined": bool(e.determined)} for e in result.estimates.values()})
+    answer.state(
+        axis=str(out),
+        page=str(out.with_suffix(".html")),
+        warnings=warnings,
+        remarks=list(result.remarks),
+        parameters={
+            e.key: {"value": e.value, "stderr": e.stderr, "unit": e.unit, "determined": bool(e.determined)}
+            for e in result.estimates.values()
+        },
+    )
     tell(result, out, warnings)
     return 0
 

@@ -1,4 +1,5 @@
-"""``log``: what a foreign log is, as a LOG.yaml to correct; and the examination of `diagnose --log` on simulated machines."""
+"""``log``: what a foreign log is, as a LOG.yaml to correct; and the examination of `diagnose --log` on simulated
+machines."""
 
 import argparse
 import pathlib
@@ -93,8 +94,11 @@ def as_yaml(found, arguments):
 def _page(path, found, odd, text, where):
     """A page with the picture of what was understood."""
     page = Page("What this log seems to be", str(path))
-    page.verdict(f"{found.kind.capitalize()}, {found.rows} rows; {', '.join(k for k in found.tree if isinstance(found.tree[k], dict))} found.",
-                 "caution" if found.reasons else "good", more="Guesses are marked in LOG.yaml; correct them before they are used.")
+    page.verdict(
+        f"{found.kind.capitalize()}, {found.rows} rows; {', '.join(k for k in found.tree if isinstance(found.tree[k], dict))} found.",
+        "caution" if found.reasons else "good",
+        more="Guesses are marked in LOG.yaml; correct them before they are used.",
+    )
     try:
         log = read_log(path, description_of({k: v for k, v in found.tree.items() if v is not None}, "the proposal"))
         page.figure(_picture(log), "The first stretch, with the phases of motion as they are understood: shaded where the axis accelerates or brakes, "

@@ -1,4 +1,5 @@
-"""``robustness``: a law on machines that it was not given: conditions, random machines, seeds; what failed and how to see it."""
+"""``robustness``: a law on machines that it was not given: conditions, random machines, seeds; what failed and how to
+see it."""
 
 import functools
 import json
@@ -78,8 +79,13 @@ def _parse(argv):
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="threads (default all cores)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="hand the runs to this Dask scheduler, tcp://host:port")
     parser.add_argument("--out", metavar="DIR", help="write machine and run file of every failure, for simulate")
-    parser.add_argument("--update", nargs="+", default=[], metavar="FILE",
-                        help="Markdown files whose table between <!-- robustness: TITLE --> and <!-- end --> is to be replaced")
+    parser.add_argument(
+        "--update",
+        nargs="+",
+        default=[],
+        metavar="FILE",
+        help="Markdown files whose table between <!-- robustness: TITLE --> and <!-- end --> is to be replaced",
+    )
     parser.add_argument("--list", action="store_true", help="print the names of the conditions and do nothing")
     arguments = parser.parse_args(argv)
     for name in ("seeds", "jobs"):
@@ -153,19 +159,47 @@ def _of_machines(rows):
     return ", ".join(parts) + ", 95 % intervals"
 
 
-HEADS = ["condition", "failed", "> 5 um", "swings", "off", "largest (um)", "sine (nm)", "settled (nm)", "swing (nm)", "off (nm)"]
+HEADS = [
+    "condition",
+    "failed",
+    "> 5 um",
+    "swings",
+    "off",
+    "largest (um)",
+    "sine (nm)",
+    "settled (nm)",
+    "swing (nm)",
+    "off (nm)",
+]
 
 
 def _document(rows, arguments):
     """(header, rows, remark) of the table for a document: conditions one by one, random machines as quantiles."""
     total = sum(row["runs"] for row in rows)
-    counts = ", ".join(f"{sum(row[key] for row in rows)} {words}" for key, words in (
-        ("failed", "failed"), ("beyond", "beyond 5 um"), ("swinging", "swing at rest"), ("off", "rest beside their target")))
+    counts = ", ".join(
+        f"{sum(row[key] for row in rows)} {words}"
+        for key, words in (
+            ("failed", "failed"),
+            ("beyond", "beyond 5 um"),
+            ("swinging", "swing at rest"),
+            ("off", "rest beside their target"),
+        )
+    )
     remark = f"Worst of {arguments.seeds} seeds. Of {total} runs {counts}; {_of_machines(rows)}."
     if not arguments.random:
-        return ["condition", "failed", *HEADS[5:]], [
-            [row["condition"], f"{row['failed']} of {row['runs']}" if row["failed"] else "–", f"{row['largest'] * 1e6:.3g}",
-             *(f"{row[name] * 1e9:.3g}" for name in ("sine", "settled", "swing", "left"))] for row in rows], remark
+        return (
+            ["condition", "failed", *HEADS[5:]],
+            [
+                [
+                    row["condition"],
+                    f"{row['failed']} of {row['runs']}" if row["failed"] else "–",
+                    f"{row['largest'] * 1e6:.3g}",
+                    *(f"{row[name] * 1e9:.3g}" for name in ("sine", "settled", "swing", "left")),
+                ]
+                for row in rows
+            ],
+            remark,
+        )
     found = []
     for words, share in (("median", 0.5), ("90 %", 0.9), ("worst", 1.0)):
         figures = [np.quantile([row[name] for row in rows], share) for name in ("largest", "sine", "settled", "swing", "left")]

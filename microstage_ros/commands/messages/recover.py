@@ -18,8 +18,20 @@ def main(argv=None):
     if not Path(arguments.bag).exists():
         raise missing(arguments.bag, "an MCAP file or a rosbag2 folder")
     done = recover(arguments.bag)
-    answer.state(files=[{"file": str(one.file), "whole": one.whole, "messages": one.messages, "chunks": one.chunks,
-                         "lost_chunks": one.lost_chunks, "lost_bytes": one.lost_bytes, "topics": one.topics} for one in done])
+    answer.state(
+        files=[
+            {
+                "file": str(one.file),
+                "whole": one.whole,
+                "messages": one.messages,
+                "chunks": one.chunks,
+                "lost_chunks": one.lost_chunks,
+                "lost_bytes": one.lost_bytes,
+                "topics": one.topics,
+            }
+            for one in done
+        ]
+    )
     for one in done:
         if one.whole:
             print(f"{one.file}: whole, {one.messages} messages; nothing to do")

@@ -23,8 +23,11 @@ def main(argv=None):
     parser.add_argument("--axis", metavar="FILE", help="axis file (default: the shipped config/axis.yaml)")
     parser.add_argument("--namespace", type=units.namespace, default="/axis", metavar="NS", help="of the nodes (default /axis)")
     add_backend(parser)
-    parser.add_argument("--mode", choices=("lockstep", "paced"),
-                        help="simulated time no faster than real time (default where the backend is simulated), or wall clock")
+    parser.add_argument(
+        "--mode",
+        choices=("lockstep", "paced"),
+        help="simulated time no faster than real time (default where the backend is simulated), or wall clock",
+    )
     add_controller(parser)
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the simulated axis (default 1)")
     parser.add_argument("--record", metavar="DIR", help="record everything into this bag folder")

@@ -1,4 +1,5 @@
-"""``commission``: the first day with a machine, from a sketch of it to a proven axis file or a refusal with its reason."""
+"""``commission``: the first day with a machine, from a sketch of it to a proven axis file or a refusal with its
+reason."""
 
 import argparse
 import math
@@ -24,7 +25,8 @@ REFUSED = 3
 
 
 def main(argv=None):
-    """Run the command. Returns 0 if the machine is ready, 3 if it was refused or stopped; raises InputError for bad input."""
+    """Run the command. Returns 0 if the machine is ready, 3 if it was refused or stopped; raises InputError for bad
+    input."""
     parser = Parser(prog="microstage commission", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--axis", required=True, metavar="SKETCH", help="axis file; most numbers may be missing or have a tolerance")
     add_backend(parser)

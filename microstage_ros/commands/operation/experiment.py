@@ -1,4 +1,5 @@
-"""``experiment``: a run file's closed-loop program on a cell, its own or one that runs, recorded to a bag that `identify` reads."""
+"""``experiment``: a run file's closed-loop program on a cell, its own or one that runs, recorded to a bag that
+`identify` reads."""
 
 import sys
 import time
@@ -78,9 +79,16 @@ def _run(arguments, out, folder, reference, axis, backend):
     from microstage_ros.ros.launching.cell_processes import NODES, CellFailure, CellProcesses
 
     file = {"axis_file": str(Path(arguments.axis).resolve())} if arguments.axis else {}
-    parameters = {"axis_driver": {"mode": arguments.mode, "seed": arguments.seed, **file, **backend.driver_parameters}, "str_controller": file, "gms_observer": file,
-                  "bag_recorder": {"directory": str((folder / "bag").resolve()), "run": Path(arguments.run).read_text(encoding="utf-8"),
-                                   "log_time": "stamp" if arguments.mode == "lockstep" else "arrival"}}
+    parameters = {
+        "axis_driver": {"mode": arguments.mode, "seed": arguments.seed, **file, **backend.driver_parameters},
+        "str_controller": file,
+        "gms_observer": file,
+        "bag_recorder": {
+            "directory": str((folder / "bag").resolve()),
+            "run": Path(arguments.run).read_text(encoding="utf-8"),
+            "log_time": "stamp" if arguments.mode == "lockstep" else "arrival",
+        },
+    }
     print(f"{which_ros()}\n{backend.words(axis.name, arguments.seed)}", file=sys.stderr)
     out.mkdir(parents=True, exist_ok=True)
     rclpy.init()

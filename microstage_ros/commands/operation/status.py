@@ -35,10 +35,26 @@ def _run(arguments):
     processes = {} if cell is None else {
         name: {"state": STATES.get(state, str(state)), "process": number, "restarts": again}
         for name, state, number, again in zip(cell.names, cell.states, cell.processes, cell.restarts)}
-    answer.state(active=driver.active, lifecycle=found.lifecycle, fault=FAULTS[driver.fault], says=driver.message,
-                 position_m=found.position, voltage_V=found.voltage if unit == "V" else None, command=found.voltage, command_unit=unit, lockstep=driver.lockstep, simulated=driver.simulated,
-                 backend=driver.backend, host=driver.host, process=driver.process, commander=driver.commander,
-                 watched=driver.watched, processes=processes, answered_s=answered, summary=found.summary)
+    answer.state(
+        active=driver.active,
+        lifecycle=found.lifecycle,
+        fault=FAULTS[driver.fault],
+        says=driver.message,
+        position_m=found.position,
+        voltage_V=found.voltage if unit == "V" else None,
+        command=found.voltage,
+        command_unit=unit,
+        lockstep=driver.lockstep,
+        simulated=driver.simulated,
+        backend=driver.backend,
+        host=driver.host,
+        process=driver.process,
+        commander=driver.commander,
+        watched=driver.watched,
+        processes=processes,
+        answered_s=answered,
+        summary=found.summary,
+    )
     since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(driver.since.sec))
     print(f"{arguments.namespace}: {found.summary}")
     print(f"  {found.position * 1e6:.3f} µm, {found.voltage:.3g} {unit}; {'lockstep' if driver.lockstep else 'paced'}, backend {driver.backend}")

@@ -1,8 +1,9 @@
 """Makes what ./microstage needs, once: Python environment, ROS 2 wheels where no ROS 2 is sourced, interfaces.
 
 Run by any Python from 3.10 on, with the standard library alone. Writes ``.build/environment.sh``, which the command
-sources from then on; its first three lines are the digest of what it was made from, the interfaces, the Python. The interfaces are built once for all
-checkouts of a user: they lie in the user's cache folder under the digest of their definitions and of what built them.
+sources from then on; its first three lines are the digest of what it was made from, the interfaces, the Python. The
+interfaces are built once for all checkouts of a user: they lie in the user's cache folder under the digest of their
+definitions and of what built them.
 """
 
 import configparser
@@ -313,7 +314,10 @@ def _exports(root, venv, prefix, sourced):
     which = f"ROS 2 {sourced}, as sourced." if sourced else \
         "ROS 2 Jazzy from the Python package index, in .venv (none is sourced here)."
     lines = [
-        f'export VIRTUAL_ENV="{venv}"', 'export PATH="$VIRTUAL_ENV/bin:$PATH"', f'export MICROSTAGE_ROS="{which}"', f'export MICROSTAGE_ROOT="{root}"',
+        f'export VIRTUAL_ENV="{venv}"',
+        'export PATH="$VIRTUAL_ENV/bin:$PATH"',
+        f'export MICROSTAGE_ROS="{which}"',
+        f'export MICROSTAGE_ROOT="{root}"',
         f'export PYTHONPATH="{root}:{messages}${{PYTHONPATH:+:$PYTHONPATH}}"',
         f'export LD_LIBRARY_PATH="{prefix}/lib:{venv}/lib${{LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}}"',
     ]

@@ -1,6 +1,8 @@
-"""``figures``: measures the tables of the documentation anew and stamps each with version, machine and state of the code.
+"""``figures``: measures the tables of the documentation anew and stamps each with version, machine and state of the
+code.
 
-A table of another area is added by one line in `TABLES` and its two comments in the page (`microstage_ros.report.stamped`).
+A table of another area is added by one line in `TABLES` and its two comments in the page
+(`microstage_ros.report.stamped`).
 """
 
 import sys
@@ -14,16 +16,30 @@ from microstage_ros.report.stamped import Table, is_stale, mark_stale, read_stam
 
 DIAGNOSIS = ("diagnosis", "model", "solver")
 TABLES = (
-    Table("campaign", "docs/diagnosis.md", "microstage_ros.diagnosis.validation.tables:campaign_table", DIAGNOSIS, 90.0),
-    Table("second-world", "docs/diagnosis.md", "microstage_ros.diagnosis.validation.tables:second_world_table", DIAGNOSIS, 90.0),
-    Table("emps", "docs/emps.md", "microstage_ros.diagnosis.validation.tables:emps_table",
-          ("diagnosis/resimulation", "solver", "control/laws"), 8.0),
+    Table(
+        "campaign", "docs/diagnosis.md", "microstage_ros.diagnosis.validation.tables:campaign_table", DIAGNOSIS, 90.0
+    ),
+    Table(
+        "second-world",
+        "docs/diagnosis.md",
+        "microstage_ros.diagnosis.validation.tables:second_world_table",
+        DIAGNOSIS,
+        90.0,
+    ),
+    Table(
+        "emps",
+        "docs/emps.md",
+        "microstage_ros.diagnosis.validation.tables:emps_table",
+        ("diagnosis/resimulation", "solver", "control/laws"),
+        8.0,
+    ),
 )
 """Every stamped table of the documentation."""
 
 
 def main(argv=None):
-    """Run the command. Returns 0, with ``--check`` 1 if a stale table does not say so; raises InputError for bad input."""
+    """Run the command. Returns 0, with ``--check`` 1 if a stale table does not say so; raises InputError for bad
+    input."""
     parser = Parser(prog="microstage figures", description="Measures tables of the documentation anew and stamps them: version, "
                     "machine, date, and a digest of the code that they are about.")
     parser.add_argument("names", nargs="*", metavar="NAME", help="tables (default all): " + ", ".join(t.name for t in TABLES))

@@ -31,13 +31,17 @@ BY_HAND = tuple(f"test/diagnosis/selection/test_{name}.py" for name in ("judge",
 AREAS = {
     "hardware": (["microstage_ros/hardware"], ["test/hardware"]),
     "judge": (["microstage_ros/diagnosis/selection/judge*.py"], [*BY_HAND, "test/diagnosis"]),
-    "selection": (["microstage_ros/diagnosis/selection"], [*BY_HAND, "test/diagnosis/selection/test_calibration.py", "test/diagnosis"]),
+    "selection": (
+        ["microstage_ros/diagnosis/selection"],
+        [*BY_HAND, "test/diagnosis/selection/test_calibration.py", "test/diagnosis"],
+    ),
     "diagnosis": (["microstage_ros/diagnosis"], ["test/diagnosis"]),
     "control": (["microstage_ros/control"], ["test/control"]),
     "records": (["microstage_ros/records"], ["test/records"]),
     "ros": (["microstage_ros/ros"], ["test/ros"]),
 }
-"""Part of the project to (what is mutated, the tests that should notice: the quick ones first, the first failure ends a run)."""
+"""Part of the project to (what is mutated, the tests that should notice: the quick ones first, the first failure ends a
+run)."""
 OPERATORS = (
     "ReplaceBinaryOperator_Add_Sub",
     "ReplaceBinaryOperator_Sub_Add",
@@ -171,7 +175,8 @@ def _examine(items, tests, jobs):
 
 
 def _copy(folder):
-    """A copy of the files that git knows or does not ignore, as they are in the working tree, and the folder's path as text."""
+    """A copy of the files that git knows or does not ignore, as they are in the working tree, and the folder's path as
+    text."""
     names = subprocess.run(
         ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
         cwd=SOURCE,
@@ -213,10 +218,17 @@ def _ends_with(parent):
 
 
 def _run(copy, tests, slow=None):
-    """(exit status, output) of the tests in a copy; (None, "") after ``slow`` seconds. What they started ends with them."""
+    """(exit status, output) of the tests in a copy; (None, "") after ``slow`` seconds. What they started ends with
+    them."""
     command, environment = _command(copy, tests)
     process = subprocess.Popen(
-        command, cwd=copy, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
+        command,
+        cwd=copy,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
     )
     try:
         output = process.communicate(timeout=slow)[0]

@@ -48,7 +48,8 @@ class Toolchain(NamedTuple):
 
 
 def find(headers=None):
-    """The `Toolchain` of this machine; nothing is downloaded. ``headers``: where Python.h would be (default: this Python's)."""
+    """The `Toolchain` of this machine; nothing is downloaded. ``headers``: where Python.h would be (default: this
+    Python's)."""
     packages = ()
     found = [next(filter(None, map(shutil.which, names)), None) for names in COMPILERS]
     if not all(found):
@@ -89,7 +90,8 @@ def fetch_headers(folder):
 
 
 def zig_wrappers(folder, python):
-    """Write ``cc``, ``c++``, ``ar``, ``ranlib`` that are Zig's into ``folder``; returns the variables CMake and others read."""
+    """Write ``cc``, ``c++``, ``ar``, ``ranlib`` that are Zig's into ``folder``; returns the variables CMake and others
+    read."""
     target = ZIG_TARGETS.get(platform.machine())
     aim = f" -target {target}" if target else ""
     folder.mkdir(parents=True, exist_ok=True)

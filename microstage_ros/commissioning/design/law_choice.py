@@ -14,13 +14,15 @@ SLIDING = GUARDED[1]
 LEAST_PHASE, LEAST_GAIN = 25.0, 4.5  # degrees, dB
 OBSERVER = "self_tuning_observer"
 OBSERVER_STEPS = ((1.0, 1.0), (1.0, 2.0), (0.8, 2.0), (0.8, 3.0), (0.8, 4.0), (0.65, 1.0), (0.65, 2.0), (0.65, 4.0))
-"""(share of the bandwidth, factor on the doubt in the back-EMF) of the observer law's trials, what costs least first: the
-back-EMF makes its loop fast and takes the margins, the encoder is slower and leaves them. On four simulated machines the moves'
-4s stayed as it was down to 0.8 of the bandwidth with 4 times the doubt; 0.65 cost up to a factor of three, 0.5 of eight."""
+"""(share of the bandwidth, factor on the doubt in the back-EMF) of the observer law's trials, what costs least first:
+the back-EMF makes its loop fast and takes the margins, the encoder is slower and leaves them. On four simulated
+machines the moves' 4s stayed as it was down to 0.8 of the bandwidth with 4 times the doubt; 0.65 cost up to a factor of
+three, 0.5 of eight."""
 FLOOR_PHASE, FLOOR_GAIN = 20.0, 2.0
-"""Least margins [degrees, dB] of a law that is called ready, on the identified axis, on the draws, and as measured. 2 dB is what the
-loop's gain rises by when motor and magnet are 40 K colder than at the commissioning: copper 0.39 %/K, ferrite 0.2 %/K, together a
-factor of 1.25. 20° is one more period of delay at a crossover of an eighteenth of the sampling rate (555 Hz at 10 kHz)."""
+"""Least margins [degrees, dB] of a law that is called ready, on the identified axis, on the draws, and as measured. 2
+dB is what the loop's gain rises by when motor and magnet are 40 K colder than at the commissioning: copper 0.39 %/K,
+ferrite 0.2 %/K, together a factor of 1.25. 20° is one more period of delay at a crossover of an eighteenth of the
+sampling rate (555 Hz at 10 kHz)."""
 
 
 def choose_law(axis, drawn, has_current):
@@ -71,7 +73,8 @@ def choose_law(axis, drawn, has_current):
 
 
 def encoder_margins(law, axis, drawn, gains):
-    """Least (phase margin [degrees], gain margin [dB]) in sliding of an encoder-only law over the axis and the draws; 0, 0 where unstable."""
+    """Least (phase margin [degrees], gain margin [dB]) in sliding of an encoder-only law over the axis and the draws;
+    0, 0 where unstable."""
     rule = controller_parameters(law, axis, gains)["pid"]
     values = {name: float(rule[name]) for name in rule.dtype.names}
     found = [m for each in [axis, *drawn] for m in pid_margins(each, values) if m.regime == SLIDING]
@@ -81,9 +84,11 @@ def encoder_margins(law, axis, drawn, gains):
 
 
 def too_little(margins):
-    """Why a loop with these `MeasuredMargins` is not called ready, "" where it is: below the floor by more than two standard deviations.
+    """Why a loop with these `MeasuredMargins` is not called ready, "" where it is: below the floor by more than two
+    standard deviations.
 
-    A phase margin counts where the measured loop crosses unity; a margin that was not seen (NaN, infinite) does not count.
+    A phase margin counts where the measured loop crosses unity; a margin that was not seen (NaN, infinite) does not
+    count.
     """
     said = []
     if margins.crossover_Hz > 0.0 and margins.phase_deg + 2.0 * margins.phase_error_deg < FLOOR_PHASE:
@@ -98,7 +103,8 @@ def too_little(margins):
 
 
 def observer_gains(axis, drawn):
-    """(gains over the rule's, reach, step) of the observer law: the first of `OBSERVER_STEPS` whose reach is 1, or the farthest.
+    """(gains over the rule's, reach, step) of the observer law: the first of `OBSERVER_STEPS` whose reach is 1, or the
+    farthest.
 
     The reach is the least of phase margin / `FLOOR_PHASE` and gain margin / `FLOOR_GAIN` over the axis, the draws and
     the guarded regimes; -1 where the loop is unstable or the check before a start (`start_check`) says no.
@@ -144,8 +150,9 @@ def slower(gains, share):
 
 
 def soft_gains(law, axis, drawn):
-    """Gains of an encoder-only law (over the rule's), slowed down until every drawn axis keeps the least margins in sliding, and
-    the share of the rule's bandwidth. At rest the law calms itself; the machine shows whether that is enough.
+    """Gains of an encoder-only law (over the rule's), slowed down until every drawn axis keeps the least margins in
+    sliding, and the share of the rule's bandwidth. At rest the law calms itself; the machine shows whether that is
+    enough.
     """
     parameters = controller_parameters(law, axis, {})["pid"]
     gains = {name: float(parameters[name]) for name in parameters.dtype.names}

@@ -1,7 +1,8 @@
 """PID gains shaped on a measured response: margins with bands, the bandwidth it allows, a notch where one is asked for,
 and the gains as other controllers write them.
 
-The loop is L = C G with the measured plant G [m/V] and this project's PID (`control.laws.pid`), whose derivative is filtered.
+The loop is L = C G with the measured plant G [m/V] and this project's PID (`control.laws.pid`), whose derivative is
+filtered.
 """
 
 import csv
@@ -99,8 +100,8 @@ def loop_on(response, gains, period, notch=None):
 
 
 def shape(response, gains, period, notch=None):
-    """`Shaped`: the widest bandwidth, from `SLOWEST` to `FASTEST` times that of ``gains``, up to which the margins are kept; the
-    gains as they are where none keeps them.
+    """`Shaped`: the widest bandwidth, from `SLOWEST` to `FASTEST` times that of ``gains``, up to which the margins are
+    kept; the gains as they are where none keeps them.
     """
     share, best = SLOWEST, None
     while share <= FASTEST:
@@ -180,12 +181,23 @@ def exported(gains, axis):
         damping = kd + emf / ratio  # in volts per stage speed: what a current loop takes away has to be given back
         to = ratio / resistance
         found += [
-            ("EPOS4 position controller",
-             [f"P {kp * to * 1e3:.6g} mA/rad", f"I {ki * to * 1e3:.6g} mA/(rad s)", f"D {damping * to * 1e3:.6g} mA s/rad",
-              f"FF acceleration {axis.value('drive.rotor_inertia') / axis.value('drive.torque_constant') * 1e3:.6g} mA s²/rad"],
-             "angle of the motor; output is the set value of the current loop, so D holds the damping that the back-EMF gave in voltage mode"),
-            ("TwinCAT NC, cascade",
-             [f"Kv {kp / damping:.6g} 1/s (mm/s per mm)", f"velocity loop: Kp {damping * to:.6g} A s/rad, Tn {damping / kp + gains['integral_time']:.6g} s"],
-             "position P over velocity PI in the drive; the torque is that of the current loop"),
+            (
+                "EPOS4 position controller",
+                [
+                    f"P {kp * to * 1e3:.6g} mA/rad",
+                    f"I {ki * to * 1e3:.6g} mA/(rad s)",
+                    f"D {damping * to * 1e3:.6g} mA s/rad",
+                    f"FF acceleration {axis.value('drive.rotor_inertia') / axis.value('drive.torque_constant') * 1e3:.6g} mA s²/rad",
+                ],
+                "angle of the motor; output is the set value of the current loop, so D holds the damping that the back-EMF gave in voltage mode",
+            ),
+            (
+                "TwinCAT NC, cascade",
+                [
+                    f"Kv {kp / damping:.6g} 1/s (mm/s per mm)",
+                    f"velocity loop: Kp {damping * to:.6g} A s/rad, Tn {damping / kp + gains['integral_time']:.6g} s",
+                ],
+                "position P over velocity PI in the drive; the torque is that of the current loop",
+            ),
         ]
     return found

@@ -34,7 +34,8 @@ def segments(centre, stroke, fast):
 
 
 def run_about(place, axis):
-    """(segments, centre [m]) of the programme on an axis that stands at ``place`` [m]: inside its travel, a tenth of it from the ends.
+    """(segments, centre [m]) of the programme on an axis that stands at ``place`` [m]: inside its travel, a tenth of it
+    from the ends.
 
     The speed leaves half of the voltage at the file's motor constants.
     """

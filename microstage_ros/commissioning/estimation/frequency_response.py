@@ -4,9 +4,9 @@ With the disturbance d known, the joint input-output method gives, whatever feed
 
     plant  G = Σ X D* / Σ U D*        loop  L = −Σ C D* / Σ U D*        (U = C + D; C: the controller's part)
 
-over all whole periods of d. The position is differenced before it is transformed and divided by e^{jωT} − 1 after: so the
-base motion, a ramp, leaves nothing in any line. Coherence γ² = |ΣXD*|²/(Σ|X|²Σ|D|²); a line's relative standard deviation
-over n periods is √((1 − γ²)/(2 γ² n)), for magnitude and, in radians, for phase.
+over all whole periods of d. The position is differenced before it is transformed and divided by e^{jωT} − 1 after: so
+the base motion, a ramp, leaves nothing in any line. Coherence γ² = |ΣXD*|²/(Σ|X|²Σ|D|²); a line's relative standard
+deviation over n periods is √((1 − γ²)/(2 γ² n)), for magnitude and, in radians, for phase.
 """
 
 import csv
@@ -142,16 +142,18 @@ def measured_margins(loop):
             phase_margin, crossover = margin, math.exp(logs[k] + share * (logs[k + 1] - logs[k]))
             phase_error = math.degrees(math.hypot(loop.relative[k], loop.relative[k + 1]) / math.sqrt(2.0))
     gain_margin, gain_error = _gain_margin(loop, phase, size)
-    if not math.isfinite(phase_margin):  # no crossing in the coherent band: what the nearest approach to −1 leaves at least
+    # no crossing in the coherent band: what the nearest approach to −1 leaves at least
+    if not math.isfinite(phase_margin):
         phase_margin = math.degrees(2.0 * math.asin(min(0.5 * float(np.min(np.abs(1.0 + loop.value))), 1.0)))
     return MeasuredMargins(phase_margin, phase_error, gain_margin, gain_error, crossover, float(np.max(1.0 / np.abs(1.0 + loop.value))))
 
 
 def _gain_margin(loop, phase, size):
-    """(dB, its standard deviation): least distance from unity where the phase falls through -180 degrees (and each turn below).
+    """(dB, its standard deviation): least distance from unity where the phase falls through -180 degrees (and each turn
+    below).
 
-    Negative: the loop is unstable. A fall through -180 degrees at more than unity that is undone at more than unity encircles
-    nothing, and does not count.
+    Negative: the loop is unstable. A fall through -180 degrees at more than unity that is undone at more than unity
+    encircles nothing, and does not count.
     """
     falls, rises = [], []
     for m in (-math.pi, -3.0 * math.pi, math.pi):
@@ -167,7 +169,17 @@ def _gain_margin(loop, phase, size):
     return least, error
 
 
-COLUMNS = ("frequency_Hz", "magnitude", "phase_deg", "coherence", "amplitude_m", "magnitude_stderr", "phase_stderr_deg", "of", "condition")
+COLUMNS = (
+    "frequency_Hz",
+    "magnitude",
+    "phase_deg",
+    "coherence",
+    "amplitude_m",
+    "magnitude_stderr",
+    "phase_stderr_deg",
+    "of",
+    "condition",
+)
 
 
 def write_responses(found, path):

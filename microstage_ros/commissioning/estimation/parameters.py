@@ -15,7 +15,8 @@ from microstage_ros.quantities.errors import InputError
 
 FITTED = tuple(f"contacts.actuator.{name}" for name in ("coulomb", "static", "stribeck_velocity", "viscous"))
 FAR = math.log(10.0)  # from its first value; the bounds are at a factor of twelve
-TIED = 0.01  # how far a DC motor's torque constant may be from its back-EMF constant (iron losses, temperature between the two)
+# how far a DC motor's torque constant may be from its back-EMF constant (iron losses, temperature between the two)
+TIED = 0.01
 ROUGHLY = 0.5  # relative standard deviation beyond which no number is called determined
 WELL = 0.25  # relative standard deviation below which a number counts as determined
 VOLTS_ONLY = (
@@ -46,9 +47,9 @@ SYSTEMATIC = {
     "variability.travel_share": 0.25,
     "variability.travel_length": 0.6,
 }
-"""Relative standard uncertainty beside that of the records' scatter: friction differs by place and time, sensors are not
-ideal, the model's friction law is not the machine's. Calibrated on six machines (seeds 1 to 6); `test/commissioning/systematic.py FOLDER...`
-says from commissionings of simulated machines what each should be."""
+"""Relative standard uncertainty beside that of the records' scatter: friction differs by place and time, sensors are
+not ideal, the model's friction law is not the machine's. Calibrated on six machines (seeds 1 to 6);
+`test/commissioning/systematic.py FOLDER...` says from commissionings of simulated machines what each should be."""
 
 
 def identified(records, axis, sketch, found, response, seed):
@@ -115,8 +116,8 @@ def identified(records, axis, sketch, found, response, seed):
 
 
 def _far(result, axis):
-    """Whether the fit ended near the bounds about its first values: strokes slower than the Stribeck velocity tell little of the
-    viscous torque, and what its bound holds back goes into the Coulomb torque.
+    """Whether the fit ended near the bounds about its first values: strokes slower than the Stribeck velocity tell
+    little of the viscous torque, and what its bound holds back goes into the Coulomb torque.
     """
     found = [
         (result.estimates[key].value, axis.value(key)) for key in FITTED if key in result.estimates and axis.has(key)
@@ -134,10 +135,12 @@ def slope_of(axis, found):
 
 
 def guideway_doubt(axis, sketch):
-    """Doubt of the actuator's friction, by key, from what the guideway takes of it: the records tell the sum of both at the motor.
+    """Doubt of the actuator's friction, by key, from what the guideway takes of it: the records tell the sum of both at
+    the motor.
 
-    δM = q δF, with q [m/rad] the way per motor angle; δF is the guideway's friction times how little is known of it: the sketch's
-    tolerance, and as much for having been scaled with the actuator's. Viscous, per speed of the actuator's shaft: q² n δb.
+    δM = q δF, with q [m/rad] the way per motor angle; δF is the guideway's friction times how little is known of it:
+    the sketch's tolerance, and as much for having been scaled with the actuator's. Viscous, per speed of the actuator's
+    shaft: q² n δb.
     """
     if axis.choices["drive.type"] != "voltage_motor":
         return {}
@@ -161,9 +164,9 @@ def guideway_doubt(axis, sketch):
 def unseen(estimates, period):
     """Why estimates that the fit returns are not determined after all, by key.
 
-    An electrical time constant L/R below a period (of ``period`` [s]) shows only in exp(−T R/L) of the current's last step; the
-    Stribeck velocity and exponent only where the torque falls by more than its own doubt; a number whose standard uncertainty is
-    half of it has no symmetric 95 % interval.
+    An electrical time constant L/R below a period (of ``period`` [s]) shows only in exp(−T R/L) of the current's last
+    step; the Stribeck velocity and exponent only where the torque falls by more than its own doubt; a number whose
+    standard uncertainty is half of it has no symmetric 95 % interval.
     """
     found = {
         key: f"known within some {e.stderr / abs(e.value):.0%} only"
@@ -199,7 +202,8 @@ def _widened(estimate, shared=0.0):
 
 
 def _inertia(axis, fit, estimates):
-    """Inertia by the response in sliding: above the corner of back-EMF and friction it alone is in the way of the torque."""
+    """Inertia by the response in sliding: above the corner of back-EMF and friction it alone is in the way of the
+    torque."""
     key, unit = ("stage.mass", "kg") if axis.choices["drive.type"] == "force" else ("drive.rotor_inertia", "kg m^2")
     value, relative = fit.values[key], fit.relative[key]
     if relative < WELL:
@@ -234,7 +238,8 @@ def _tied(axis, estimates):
 
 
 def _drive_train(axis, sketch, fit, estimates):
-    """Stiffness and damping by the measured resonance, for the mass that the axis file has: their ratio to it is what shows."""
+    """Stiffness and damping by the measured resonance, for the mass that the axis file has: their ratio to it is what
+    shows."""
     mass = sketch.spread("stage.mass")
     values, spreads, given = {}, {}, {}
     for key, unit in (("transmission.stiffness", "N/m"), ("transmission.damping", "N s/m")):
@@ -324,7 +329,8 @@ def draws(axis, estimates, count, seed):
 
 
 def _drive_train_doubt(axis, estimates):
-    """Standard deviations (logarithms) of the mass, and of stiffness over mass, which the resonance tells; None without a resonance."""
+    """Standard deviations (logarithms) of the mass, and of stiffness over mass, which the resonance tells; None without
+    a resonance."""
     whole = estimates.get("transmission.stiffness")
     if whole is None or not axis.has("transmission.stiffness"):
         return None

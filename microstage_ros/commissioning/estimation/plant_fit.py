@@ -1,4 +1,5 @@
-"""The linear axis fitted to a measured frequency response in sliding: drive-train resonance, damping, delay, inertia."""
+"""The linear axis fitted to a measured frequency response in sliding: drive-train resonance, damping, delay,
+inertia."""
 
 import math
 from dataclasses import dataclass

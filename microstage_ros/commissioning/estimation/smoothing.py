@@ -1,4 +1,5 @@
-"""Position, speed and acceleration of a record by a local cubic polynomial (Savitzky, Golay, Analytical Chemistry 36 (1964))."""
+"""Position, speed and acceleration of a record by a local cubic polynomial (Savitzky, Golay, Analytical Chemistry 36
+(1964))."""
 
 from scipy.signal import savgol_filter
 
@@ -13,6 +14,7 @@ def window_rows(period):
 
 
 def smoothed(record, period):
-    """(position [m], speed [m/s], acceleration [m/s^2]) over `SMOOTH`, each of shape (n,); missing readings are interpolated."""
+    """(position [m], speed [m/s], acceleration [m/s^2]) over `SMOOTH`, each of shape (n,); missing readings are
+    interpolated."""
     x = bridged(record["encoder_m"])
     return tuple(savgol_filter(x, window_rows(period), 3, deriv=k, delta=period) for k in range(3))

@@ -1,4 +1,5 @@
-"""Motion in closed loop on a machine that is only roughly known: gentle gains, guarded errors, a reason when it stops."""
+"""Motion in closed loop on a machine that is only roughly known: gentle gains, guarded errors, a reason when it
+stops."""
 
 import math
 
@@ -67,8 +68,8 @@ class Loop:
         """Play a reference [m] from where the stage stands. Returns the `Record`.
 
         ``gentle``: no more voltage than its speed needs (a stop in the way is touched, not rammed). Raises Refused with
-        the reason where the error grows beyond ``error``. ``fresh``: the law begins anew; ``go_on``: the next motion follows
-        at once.
+        the reason where the error grows beyond ``error``. ``fresh``: the law begins anew; ``go_on``: the next motion
+        follows at once.
         """
         machine, period = self.machine, self.machine.period
         speed = float(np.abs(np.diff(reference)).max() / period) if len(reference) > 1 else 0.0
@@ -132,26 +133,42 @@ class Loop:
         if speed < STANDS * min(free, abs(asked) / (rows * machine.period)) or abs(asked) < 2.0 * machine.count:
             back = self._retreat(-sign)
             if back:
-                raise refused("end_stop", place, "m", f"at {place * 1e3:.4g} mm the stage does not go on in direction {'+' if sign > 0 else '−'} "
-                              f"({volts:.3g} V) and goes back freely: an end stop or an obstacle inside the travel of the sketch")
+                raise refused(
+                    "end_stop",
+                    place,
+                    "m",
+                    f"at {place * 1e3:.4g} mm the stage does not go on in direction {'+' if sign > 0 else '−'} "
+                    f"({volts:.3g} V) and goes back freely: an end stop or an obstacle inside the travel of the sketch",
+                )
             if np.ptp(x) == 0.0 and machine.position == x[-1]:
                 raise refused("encoder_dead", place, "m", f"the encoder stands on one count at {place * 1e3:.4g} mm whatever the voltage "
                               f"({volts:.3g} V and back), where a live one would show the drive train give way")
             raise refused("stuck", place, "m", f"at {place * 1e3:.4g} mm the stage does not follow ({volts:.3g} V), nor does it go back")
-        raise refused("runaway", float(r[-1] - x[-1]), "m", f"the stage does not follow: {allowed * 1e6:.3g} µm behind and moving at "
-                      f"{moved / (rows * machine.period) * 1e3:.3g} mm/s where {asked / (rows * machine.period) * 1e3:.3g} mm/s is asked")
+        raise refused(
+            "runaway",
+            float(r[-1] - x[-1]),
+            "m",
+            f"the stage does not follow: {allowed * 1e6:.3g} µm behind and moving at "
+            f"{moved / (rows * machine.period) * 1e3:.3g} mm/s where {asked / (rows * machine.period) * 1e3:.3g} mm/s is asked",
+        )
 
     def _blocked_or_dead(self, end):
         """Refuse with an end stop where the motor turned against a stage that stands, and the encoder lives.
 
-        A stage at a stop winds the drive train up: for some microns that looks like a motor that turns beside a dead encoder.
+        A stage at a stop winds the drive train up: for some microns that looks like a motor that turns beside a dead
+        encoder.
         """
         self.machine.failed = self.machine.last
         volts = float(np.mean(self.machine.last["voltage_V"][-self.machine.periods(0.005, 5):]))
         sign, place = math.copysign(1.0, volts), self.machine.position
         if self._retreat(-sign):
-            raise refused("end_stop", place, "m", f"at {place * 1e3:.4g} mm the stage does not go on in direction {'+' if sign > 0 else '−'} "
-                          f"({volts:.3g} V), and goes back freely: an end stop or an obstacle inside the travel of the sketch") from end
+            raise refused(
+                "end_stop",
+                place,
+                "m",
+                f"at {place * 1e3:.4g} mm the stage does not go on in direction {'+' if sign > 0 else '−'} "
+                f"({volts:.3g} V), and goes back freely: an end stop or an obstacle inside the travel of the sketch",
+            ) from end
 
     def _retreat(self, sign):
         """Whether the encoder shows the stage moving back at moderate voltages, for a tenth of a second at most."""
@@ -175,15 +192,16 @@ class Loop:
                 watch.unseen = usual
 
     def _wound_up(self, *records):
-        """Way [m at the stage] that the drive train is wound up at most at the end of records: what the motor has turned while the encoder stood."""
+        """Way [m at the stage] that the drive train is wound up at most at the end of records: what the motor has
+        turned while the encoder stood."""
         x, u, i = (np.concatenate([record[name] for record in records]) for name in ("encoder_m", "voltage_V", "current_A"))
         gone = np.flatnonzero(np.abs(x - x[-1]) > 4.0 * self.machine.count)
         return self.machine.watch.turned_at_most(u, i, int(gone[-1]) if len(gone) else 0)
 
 
 def stroke(loop, keep, usual=24.0, longest=60.0):
-    """Once along the travel and back to where it began; friction along the way. Returns rows (position, friction force in
-    volts forwards, backwards), shape (n, 3), and the range [m] that was travelled.
+    """Once along the travel and back to where it began; friction along the way. Returns rows (position, friction force
+    in volts forwards, backwards), shape (n, 3), and the range [m] that was travelled.
     """
     machine = loop.machine
     low, high = machine.travel

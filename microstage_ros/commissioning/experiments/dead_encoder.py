@@ -1,4 +1,5 @@
-"""An encoder that stands while the motor turns, told by the back-EMF: (u − R i) / (volts per speed), summed over time."""
+"""An encoder that stands while the motor turns, told by the back-EMF: (u − R i) / (volts per speed), summed over
+time."""
 
 import math
 
@@ -8,8 +9,9 @@ from microstage_ros.commissioning.findings import refused
 
 LONGEST = 0.1  # window that is looked at [s]
 UNSEEN, UNSEEN_STILL = 3e-6, 1e-6
-"""Motion by the back-EMF that the encoder need not show [m]: of a drive train that winds up; and where the encoder stands on one
-count, for even a train that winds up moves the stage by a count through the elasticity of its friction."""
+"""Motion by the back-EMF that the encoder need not show [m]: of a drive train that winds up; and where the encoder
+stands on one count, for even a train that winds up moves the stage by a count through the elasticity of its
+friction."""
 DOUBT = 0.05  # of the voltage: the resistance within some per cent
 SAME = (
     0.5  # counts within which the encoder stands: on one. Two would be shown while a train winds up at a slow reversal
@@ -30,8 +32,8 @@ class EncoderWatch:
 
     Parameters
     ----------
-    period : s. resistance : ohm. volts_per_speed : V s/m at the stage; too large a number makes the watch slower, not wrong.
-    offset : of the current [A]. count : of the encoder [m].
+    period : s. resistance : ohm. volts_per_speed : V s/m at the stage; too large a number makes the watch slower, not
+    wrong. offset : of the current [A]. count : of the encoder [m].
     inertia, friction : V s²/m and V, as `open_loop.Strokes` has them; inertia 0: not known, nothing is braked.
     rough : resistance and volts_per_speed are not measured yet.
     """
@@ -55,7 +57,8 @@ class EncoderWatch:
         self._most = self.unseen[1] * self.volts_per_speed / self._period
 
     def turned(self, voltage, current):
-        """Way of the motor [m at the stage] over rows of voltage [V] and current [A]; a reading answers the voltage of the row before."""
+        """Way of the motor [m at the stage] over rows of voltage [V] and current [A]; a reading answers the voltage of
+        the row before."""
         return (
             float(np.nansum(voltage[:-1] - self.resistance * (current[1:] - self._offset)))
             / self.volts_per_speed
@@ -68,8 +71,8 @@ class EncoderWatch:
         return abs(self.turned(voltage[first:], current[first:])) + self._doubt * way
 
     def row(self, encoder, voltage, current):
-        """One period: the encoder [m], the voltage [V] held before it, the current [A]. Raises Refused (encoder_dead) where the
-        motor turns by its back-EMF, over the last `LONGEST` with fading memory, while the encoder stands.
+        """One period: the encoder [m], the voltage [V] held before it, the current [A]. Raises Refused (encoder_dead)
+        where the motor turns by its back-EMF, over the last `LONGEST` with fading memory, while the encoder stands.
         """
         if abs(encoder - self._place) > self._same:
             self._place, self._drop, self._volts, self._same_rows = encoder, 0.0, 0.0, 0
@@ -87,7 +90,8 @@ class EncoderWatch:
         return sum(seen) / len(seen) / self.volts_per_speed if seen else 0.0
 
     def brake_time(self, speed, voltage):
-        """Time [s] in which ``voltage`` [V] against a motion of ``speed`` [m/s] ends it: m dv/dt = −(u + friction) − k v."""
+        """Time [s] in which ``voltage`` [V] against a motion of ``speed`` [m/s] ends it: m dv/dt = −(u + friction) − k
+        v."""
         return (
             self.inertia
             / self.volts_per_speed
@@ -95,7 +99,8 @@ class EncoderWatch:
         )
 
     def safe_speed(self, limit):
-        """Speed [m/s] from which the stage stands within `SAFE_WAY` after the last good reading, at a voltage limit [V]."""
+        """Speed [m/s] from which the stage stands within `SAFE_WAY` after the last good reading, at a voltage limit
+        [V]."""
         slowing = BRAKED * BRAKE * limit / max(self.inertia, 1e-9)
         blind = BLIND_ROWS * self._period * slowing
         return math.sqrt(blind**2 + 2.0 * slowing * (SAFE_WAY - self.unseen[1])) - blind

@@ -1,8 +1,8 @@
 """The smallest voltages that move anything: polarity, dead encoder, current sensor, delay, breakaway.
 
-Short pulses of alternating sign rise from far below the expected breakaway until the encoder shows motion or the current
-shows back-EMF. Below breakaway the stage already gives way elastically in the direction of the force, so the sign is known
-before anything slides.
+Short pulses of alternating sign rise from far below the expected breakaway until the encoder shows motion or the
+current shows back-EMF. Below breakaway the stage already gives way elastically in the direction of the force, so the
+sign is known before anything slides.
 """
 
 import math
@@ -17,7 +17,8 @@ from microstage_ros.model.transmission import motor_ratio
 PULSE, REST = 0.04, 0.04  # s
 RISE = 1.2  # from one level to the next
 FIRST = 0.04  # of the expected breakaway voltage
-HIGHEST = 16.0  # times the expected breakaway: friction, resistance and motor constant each twice what is sketched, and twice that
+# times the expected breakaway: friction, resistance and motor constant each twice what is sketched, and twice that
+HIGHEST = 16.0
 LEAST_COUNTS, SIGMAS = 4.0, 6.0  # of motion
 TURNED = 2e-6  # motion by the back-EMF after which the encoder must have shown some [m]
 REPEATS = 2  # in each direction, once something moves
@@ -129,7 +130,8 @@ class Pulses:
         self._turning = None
         if axis.choices["drive.type"] == "voltage_motor":
             ratio = motor_ratio(axis)
-            self._turning = ratio / axis.value("drive.back_emf") * machine.period  # metres per volt of drop in one period
+            # metres per volt of drop in one period
+            self._turning = ratio / axis.value("drive.back_emf") * machine.period
 
     def one(self, voltage):
         """One pulse and a rest. Returns (voltage, displacement [m]) if the stage moved, None otherwise."""

@@ -1,7 +1,8 @@
 """The machine in hand: control periods through the backend's `read` and `write`, recorded and guarded.
 
-Every period passes `Machine.run`; nothing else writes a voltage. It clips the voltage, ends with zero volts on every way
-out, and ends the run when the encoder leaves the window, jumps, stops counting while the motor turns, or loses its number.
+Every period passes `Machine.run`; nothing else writes a voltage. It clips the voltage, ends with zero volts on every
+way out, and ends the run when the encoder leaves the window, jumps, stops counting while the motor turns, or loses its
+number.
 """
 
 import math
@@ -38,9 +39,10 @@ class Machine:
     ----------
     travel : window [m] that the encoder may not leave. position : last reading [m]. rows : periods so far.
     watch : `EncoderWatch` once there are motor constants: the current tells a dead encoder in motion. None without.
-    instruments : what the backend's own instruments told: interval_s (least and greatest of the readings), temperature_K (list), index_m.
-    safe_speed : from which a dead encoder lets the stage go 10 µm at most [m/s]; infinite without a current. braked : way of the motor while braked last [m].
-    used : greatest and least position [m] and greatest voltage [V] so far.
+    instruments : what the backend's own instruments told: interval_s (least and greatest of the readings),
+    temperature_K (list), index_m. safe_speed : from which a dead encoder lets the stage go 10 µm at most [m/s];
+    infinite without a current. braked : way of the motor while braked last [m]. used : greatest and least position [m]
+    and greatest voltage [V] so far.
     """
 
     def __init__(self, backend, axis, paced=False):
@@ -164,7 +166,8 @@ class Machine:
         return self.last
 
     def _brake(self, watch, voltages, currents):
-        """Stop the motor, whose speed only the back-EMF tells: pulses against it, and a look without voltage after each."""
+        """Stop the motor, whose speed only the back-EMF tells: pulses against it, and a look without voltage after
+        each."""
         speed, volts = watch.speed(voltages, currents), BRAKE * self.limit
         try:
             for _ in range(BRAKES):

@@ -1,5 +1,5 @@
-"""Before any loop is closed: motor constants, inertia and sliding friction from short strokes, the scale of the encoder,
-and the frequency response while a constant voltage slides the stage (its back-EMF holds the speed)."""
+"""Before any loop is closed: motor constants, inertia and sliding friction from short strokes, the scale of the
+encoder, and the frequency response while a constant voltage slides the stage (its back-EMF holds the speed)."""
 
 import math
 from dataclasses import dataclass
@@ -86,7 +86,8 @@ def strokes(machine, sketch, first, keep):
 
 
 def _stroke(machine, centre, reach, voltage, longest, parts):
-    """One stroke at constant voltage, and whether it came to its end. Where the encoder stands it is cut short, and followed by a rest.
+    """One stroke at constant voltage, and whether it came to its end. Where the encoder stands it is cut short, and
+    followed by a rest.
 
     Raises Refused (encoder_dead) where not one count shows at a voltage beyond the one that moved the encoder before.
     """
@@ -154,8 +155,9 @@ def fit_strokes(record, sketch, first, period):
 def strokes_below_swing(record, sketch, first, period):
     """`Strokes` as `fit_strokes` has them, told below the swing of the drive train: for the scale of the encoder.
 
-    Both sides of each balance pass the same low-pass, which leaves the balance as it is. It is longer than the drive train
-    swings: while it swings, motor and stage have different accelerations, and the inertia would come out up to three times too low.
+    Both sides of each balance pass the same low-pass, which leaves the balance as it is. It is longer than the drive
+    train swings: while it swings, motor and stage have different accelerations, and the inertia would come out up to
+    three times too low.
     """
     x, v, _ = smoothed(record, period)
     window = np.hanning(_long_rows(sketch.axis, period) + 2)[1:-1]
@@ -199,9 +201,9 @@ def _long_rows(axis, period):
 def scale_check(found, sketch):
     """Check that the encoder counts as the motor turns.
 
-    A scale c of the encoder divides the back-EMF per encoder speed, k/c, and twice what is left of the inertia when that is
-    multiplied in, J/c². Each gives an interval of ln c: the sketch's tolerances as bounds, and the doubt of the measurement.
-    Refused is what lies in both, where all of it is nearer to a factor of two than to one.
+    A scale c of the encoder divides the back-EMF per encoder speed, k/c, and twice what is left of the inertia when
+    that is multiplied in, J/c². Each gives an interval of ln c: the sketch's tolerances as bounds, and the doubt of the
+    measurement. Refused is what lies in both, where all of it is nearer to a factor of two than to one.
     """
     axis = sketch.axis
     if axis.choices["drive.type"] != "voltage_motor":
@@ -285,7 +287,8 @@ def slide_speed(machine, found):
 
 
 def sliding_response(machine, found, seed, keep):
-    """Frequency response at a constant base voltage, to and fro. Returns the plant's `Response`, or None without a stroke long enough."""
+    """Frequency response at a constant base voltage, to and fro. Returns the plant's `Response`, or None without a
+    stroke long enough."""
     speed = slide_speed(machine, found)
     base = found.friction + (found.volts_per_speed + found.viscous) * speed
     period, length = machine.period, min(SLIDE_SHARE * machine.stroke, 8e-3)

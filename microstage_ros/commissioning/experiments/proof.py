@@ -30,9 +30,11 @@ OFF = 2e-6  # beside the target 0.2 to 0.3 s after a move: not at rest there [m]
 SWING = 6e-7  # peak to peak in the judged part that is an oscillation [m]
 LEARNING = "self_tuning_observer"
 STEP_SHARE, FLAT, FAST = 0.2, 100.0, 1e-4
-"""The observer law learns how noisy the voltage behind the back-EMF is, from its steps between periods, and gives way where it
-is noisier than its doubt: a loud multi-sine measures another loop. What is added has steps of at most ``STEP_SHARE`` of the noise that
-the doubt stands for (more at longer periods than ``FAST`` [s], where a minute holds fewer of them): lines of one size up to ``FLAT`` [Hz], and from there falling with 1/f, so that slow lines cost nothing of it."""
+"""The observer law learns how noisy the voltage behind the back-EMF is, from its steps between periods, and gives way
+where it is noisier than its doubt: a loud multi-sine measures another loop. What is added has steps of at most
+``STEP_SHARE`` of the noise that the doubt stands for (more at longer periods than ``FAST`` [s], where a minute holds
+fewer of them): lines of one size up to ``FLAT`` [Hz], and from there falling with 1/f, so that slow lines cost nothing
+of it."""
 USUAL_SHARE = 0.35
 REST_SHARE = 0.25  # of breakaway, rms of the voltage added at rest
 SLIDE_SPEED = 1e-3  # m/s
@@ -128,7 +130,8 @@ def _part(record, start, stop):
 
 
 def moves(loop, keep):
-    """Repeated moves from one place to each target and back; in every second one also on to twice the target, and to it from above.
+    """Repeated moves from one place to each target and back; in every second one also on to twice the target, and to it
+    from above.
 
     Returns (rows of report.json, figures of ISO 230-2 over all targets [m]). Raises Refused (runaway).
     """
@@ -202,7 +205,8 @@ def _at_rest(loop, swing, error):
 
 
 def _iso_figures(sides):
-    """Reversal B, repeatabilities R↑, R↓, R, systematic deviation E, mean deviation M and accuracy A [m] over all targets."""
+    """Reversal B, repeatabilities R↑, R↓, R, systematic deviation E, mean deviation M and accuracy A [m] over all
+    targets."""
     targets = np.array([target for target, _ in sides])
     found = iso230(
         targets, *(targets[:, None] + np.array([errors[side] for _, errors in sides]) for side in ("up", "down"))
@@ -211,7 +215,8 @@ def _iso_figures(sides):
 
 
 def swing_of(positions):
-    """Peak to peak [m] of an oscillation about a straight line; 0 where the positions turn round fewer than four times."""
+    """Peak to peak [m] of an oscillation about a straight line; 0 where the positions turn round fewer than four
+    times."""
     rows = np.arange(len(positions))
     left = positions - np.polyval(np.polyfit(rows, positions, 1), rows)
     size = float(np.ptp(left))
@@ -230,6 +235,7 @@ def slow_sine(loop, keep):
 
 
 def prove(loop, keep):
-    """(rows of the moves, ISO 230-2 figures, slow sine's largest error). Raises Refused (runaway) where the law swings at rest or does not reach its target."""
+    """(rows of the moves, ISO 230-2 figures, slow sine's largest error). Raises Refused (runaway) where the law swings
+    at rest or does not reach its target."""
     rows, figures = moves(loop, keep)
     return rows, figures, slow_sine(loop, keep)

@@ -15,7 +15,8 @@ from microstage_ros.solver.plant import NoiseSpec, make_plant
 
 #: Speeds [m/s] at which sliding is linearised: creeping (steepest fall of the Stribeck curve) and moving.
 SLIDING_SPEEDS = (1e-6, 1e-3)
-OBSERVER_STATES = 8  # x, v, d, current of the period before, integral, force of the stuck blocks, the stage's swing and its rate
+# x, v, d, current of the period before, integral, force of the stuck blocks, the stage's swing and its rate
+OBSERVER_STATES = 8
 PID_STATES = 3  # integral, filtered velocity, position of the period before
 
 
@@ -102,8 +103,8 @@ def regime_slopes(axis):
 def cut_loop(ap, bp, cp, step, size):
     """Loop of a sampled plant (ap, bp, cp) and a law, cut at the command: matrices (A, B, row that gives the command).
 
-    ``step`` : one linear period of the law, (state, readings, last command) -> (state, command), of ``size`` states and as
-    many readings as ``cp`` has rows. States of the result: plant, law, and the law's command of the period before.
+    ``step`` : one linear period of the law, (state, readings, last command) -> (state, command), of ``size`` states and
+    as many readings as ``cp`` has rows. States of the result: plant, law, and the law's command of the period before.
     """
     reads = len(cp)
     # the law is linear here: its matrices are its answers to unit vectors of (state, readings, last command)
@@ -120,7 +121,8 @@ def cut_loop(ap, bp, cp, step, size):
 
 
 def pid_step(gains, period):
-    """One linear period of the PID law on the encoder, for `cut_loop`; ``gains``: mapping with the names of `pid.GAINS`."""
+    """One linear period of the PID law on the encoder, for `cut_loop`; ``gains``: mapping with the names of
+    `pid.GAINS`."""
     kp, ki, kd = gains["proportional"], gains["proportional"] / gains["integral_time"], gains["proportional"] * gains["derivative_time"]
     share = period / (period + gains["filter_time"])
 

@@ -17,8 +17,11 @@ ENCODER_PERIOD = 5.0e-4  # s; up to it the encoder-only bandwidths hold
 ENCODER = {"b": 381.0, "w_p": 345.0, "w_i": 130.0, "lag": 1.62e-3}
 TUNED_PERIOD = 1.0e-4  # s; up to it the self-tuning laws may double K_I and K_D, from `ENCODER_PERIOD` on not
 SAMPLING_LAG = 1.5  # periods, of reading, difference and hold: what is left of `lag` is the derivative's filter
-FRICTION_SHARE = 0.6  # fed forward where nothing tells the level: more of it builds up an overshoot from short move to short move
-CALM_PERIOD, DAMPED_PERIOD, LEAST_CALM = 1.25e-4, 5.0e-5, 0.5  # s, of all gains, of K_D beside; at longer ones the encoder's noise would rattle an axis at rest; least share of the gains there
+# fed forward where nothing tells the level: more of it builds up an overshoot from short move to short move
+FRICTION_SHARE = 0.6
+# s, of all gains, of K_D beside; at longer ones the encoder's noise would rattle an axis at rest; least share of the
+# gains there
+CALM_PERIOD, DAMPED_PERIOD, LEAST_CALM = 1.25e-4, 5.0e-5, 0.5
 POSITION_SHARE, POSITION_RATE = 0.02, 5.0  # of the static gain; 1/s where the drive tells no damping
 NCTF = {"b": 455.0, "filter_time": 1.64e-3}
 OBSERVER = {"b": 2200.0, "w_p": 270.0, "w_i": 80.0}
@@ -102,7 +105,8 @@ def position_gains(model, period):
     """Integral control of a drive whose command sets a position (stepper, piezo): K_I = w_i times command per position.
 
     A lightly damped resonance w_0, z leaves integral control w_i < 2 z w_0 = c/m; the rule takes the drive's own share
-    of it (``integral_rate``), and no more than a tenth of what the sampling bears. K_P is a fiftieth of the static gain.
+    of it (``integral_rate``), and no more than a tenth of what the sampling bears. K_P is a fiftieth of the static
+    gain.
     """
     rate = min(float(model["integral_rate"]) or POSITION_RATE, 0.1 / period)
     return {

@@ -1,4 +1,5 @@
-"""Before a start: whether the law is stable on the axis file's own model, and on machines that the file does not rule out.
+"""Before a start: whether the law is stable on the axis file's own model, and on machines that the file does not rule
+out.
 
 The eigenvalues of the sampled loop in every regime of `linear_loop.regime_slopes` say it, for the numbers of the file
 and for each of `DOUBTED` moved by twice its standard uncertainty, a tenth at least. The observer law starts with the
@@ -57,7 +58,8 @@ def stable_doubts(axis, parameters):
 
 
 def observer_is_stable(axis, parameters):
-    """Whether the observer law, its parameter record given, is stable in every regime of every one of `doubted_axes`."""
+    """Whether the observer law, its parameter record given, is stable in every regime of every one of
+    `doubted_axes`."""
     key = parameters.tobytes() + repr([axis.quantity(name) for name in DOUBTED if axis.has(name)]).encode()
     if key not in _found:
         _found[key] = _observer_is_stable(axis, parameters)
@@ -78,7 +80,8 @@ def pid_is_stable(axis, gains, period, room=GAIN_ROOM):
 
 
 def held_start(axis, gains, period):
-    """(factor on the gains, factor on the filter time) from which the encoder-only self-tuning law holds the axis at its start.
+    """(factor on the gains, factor on the filter time) from which the encoder-only self-tuning law holds the axis at
+    its start.
 
     The largest factor of a grid for which the PID ``gains`` times it are stable with `GAIN_ROOM`, then the shortest
     filter. Raises `InputError` if there is none.

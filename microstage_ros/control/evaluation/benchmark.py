@@ -13,10 +13,11 @@ KINDS = ("pid", "self_tuning", "self_tuning_feedforward", "self_tuning_observer"
 
 
 def bench(axis, periods=100_000, passes=40):
-    """Rows {name, value, unit}: a 10 µm sine of 1 Hz under each controller, with and without noise; the PID also with its trace kept.
+    """Rows {name, value, unit}: a 10 µm sine of 1 Hz under each controller, with and without noise; the PID also with
+    its trace kept.
 
-    The shortest of several runs of each row, row after row in turn: a shared machine is loud for seconds, which then spoils a pass of
-    all rows and not all runs of one.
+    The shortest of several runs of each row, row after row in turn: a shared machine is loud for seconds, which then
+    spoils a pass of all rows and not all runs of one.
     """
     t = np.arange(periods) * axis.value("period")
     reference, nothing = 1e-5 * np.sin(2 * np.pi * t), np.zeros(periods)

@@ -80,7 +80,8 @@ class Bench:
         return {"axis": self.axis, "extent": self.extent, "jobs": 1, "elsewhere": None, "progress": None}
 
     def each(self, function, items):
-        """``function`` of every item, on ``jobs`` threads (the loops release the interpreter) or, with ``elsewhere``, on other computers, in order."""
+        """``function`` of every item, on ``jobs`` threads (the loops release the interpreter) or, with ``elsewhere``,
+        on other computers, in order."""
         if self.elsewhere:
             return self.elsewhere(function, items)
         with ThreadPoolExecutor(self.jobs) as pool:
@@ -116,8 +117,14 @@ def tracking(bench, controllers):
         peaks = np.array([t.peak for t in trials])
         columns = trials[0].columns
         found[kind] = {
-            "worst": float(peaks.max()), "median": float(np.median(peaks)), "rms": float(np.mean([t.rms for t in trials])),
-            "curve": {"t": columns["t_s"], "error": columns["stage_m"] - columns["reference_m"], "reference": columns["reference_m"]},
+            "worst": float(peaks.max()),
+            "median": float(np.median(peaks)),
+            "rms": float(np.mean([t.rms for t in trials])),
+            "curve": {
+                "t": columns["t_s"],
+                "error": columns["stage_m"] - columns["reference_m"],
+                "reference": columns["reference_m"],
+            },
         }
     return found
 
@@ -130,7 +137,8 @@ def positioning(bench, controllers):
         for distance in DISTANCES:
             bench.progress(f"moves of {distance * 1e6:g} um, {kind}")
             trials = bench.each(
-                lambda seed: step_trial(bench.axis, kind, {}, distance, seed, bench.extent.moves), range(bench.extent.seeds)
+                lambda seed: step_trial(bench.axis, kind, {}, distance, seed, bench.extent.moves),
+                range(bench.extent.seeds),
             )
             found[kind][distance] = positioning_figures(trials, distance)
     return found
@@ -145,8 +153,12 @@ def positioning_figures(trials, distance):
     columns = trials[0].columns
     first = len(columns["t_s"]) // (2 * len(trials[0].errors))
     return {
-        "four_s_worst": max(r.four_s for r in per_seed), "four_s_pooled": pooled.four_s, "four_s_interval": pooled.four_s_interval,
-        "bias_worst": max((r.bias for r in per_seed), key=abs), "bias_pooled": pooled.bias, "bias_interval": pooled.bias_interval,
+        "four_s_worst": max(r.four_s for r in per_seed),
+        "four_s_pooled": pooled.four_s,
+        "four_s_interval": pooled.four_s_interval,
+        "bias_worst": max((r.bias for r in per_seed), key=abs),
+        "bias_pooled": pooled.bias,
+        "bias_interval": pooled.bias_interval,
         "instrument_four_s_worst": max(r.four_s for r in by_instrument),
         "settling_median": float(np.median(np.nan_to_num(settling, nan=np.inf))),
         "settling_worst": float(np.nan_to_num(settling, nan=np.inf).max()),
@@ -154,7 +166,11 @@ def positioning_figures(trials, distance):
         "overshoot_worst": float(max(t.overshoot.max() for t in trials)),
         "rest_worst": float(max(t.rest.max() for t in trials)),
         "distance": distance,
-        "curve": {"t": columns["t_s"][:first], "stage": columns["stage_m"][:first], "reference": columns["reference_m"][:first]},
+        "curve": {
+            "t": columns["t_s"][:first],
+            "stage": columns["stage_m"][:first],
+            "reference": columns["reference_m"][:first],
+        },
     }
 
 
@@ -272,7 +288,8 @@ def observation(bench):
 
 
 def level_jumps(bench):
-    """How soon and how well the observer sees the level jump (see `level_jump_trial`): worst over seeds, per sine and jump."""
+    """How soon and how well the observer sees the level jump (see `level_jump_trial`): worst over seeds, per sine and
+    jump."""
     bench.progress("jumps of the level")
     jobs = [(*sine, factor) for sine in LEVEL_SINES for factor in LEVEL_JUMPS]
     found = []

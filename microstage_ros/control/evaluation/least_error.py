@@ -1,11 +1,12 @@
 """What noise alone leaves of the tracking error: the linear-quadratic-Gaussian regulator of the sliding axis.
 
-Sliding slowly, all blocks slip and friction falls with speed: the axis is linear and unstable, dv/dt = -(c/M) v + ... with
-c < 0, and its swing w beyond the drive train is that of `swing`. Per period are known the encoder (its noise and its rounding,
-as one white noise), the current exactly, and so the force; and the voltage up to the amplifier's noise n, hence the speed up to
-n / (K_E N/r). The same n acts on the axis. No regulator of the linear axis has a smaller mean square of x + w than the
-linear-quadratic one on the Kalman filter's estimate (separation theorem: Astrom and Wittenmark, "Computer-Controlled Systems", 3rd ed.,
-ch. 11), told everything but the noise, whatever it costs in voltage. Friction does not vary here, and no block sticks or lets go.
+Sliding slowly, all blocks slip and friction falls with speed: the axis is linear and unstable, dv/dt = -(c/M) v + ...
+with c < 0, and its swing w beyond the drive train is that of `swing`. Per period are known the encoder (its noise and
+its rounding, as one white noise), the current exactly, and so the force; and the voltage up to the amplifier's noise n,
+hence the speed up to n / (K_E N/r). The same n acts on the axis. No regulator of the linear axis has a smaller mean
+square of x + w than the linear-quadratic one on the Kalman filter's estimate (separation theorem: Astrom and
+Wittenmark, "Computer-Controlled Systems", 3rd ed., ch. 11), told everything but the noise, whatever it costs in
+voltage. Friction does not vary here, and no block sticks or lets go.
 """
 
 import numpy as np
@@ -33,7 +34,8 @@ def sliding_loop(axis, period, amplifier_noise=1e-3, encoder_noise=8e-9):
     gain = _filter_gain(a, c, spread)
     feedback = _regulator_gain(a, b, c[0])
     estimate = np.eye(4) - gain @ c
-    # the force is known: n moves axis and estimate alike; it is also what the speed is wrong by, from the period that it acted in
+    # the force is known: n moves axis and estimate alike; it is also what the speed is wrong by, from the period that
+    # it acted in
     known, applied = a - b @ feedback, -b @ feedback
     closed = np.block([[a, applied], [gain @ c @ a, estimate @ known + gain @ c @ applied]])
     push = np.vstack([np.hstack([b, np.zeros((4, 1))]), np.hstack([b - gain[:, 1:] / emf, gain[:, :1]])])

@@ -38,7 +38,12 @@ def observe(plant, state, readings, parameters, memory, reference):
         laws.controller_start(parameters, memory, reference, readings.encoder)
     pid.pid_motion(parameters.pid, memory.pid, parameters.period, reference, readings.encoder)
     observer_law.observer_step(
-        parameters.observer, parameters.feedforward, memory.observer, parameters.period, readings.encoder, memory.voltage,
+        parameters.observer,
+        parameters.feedforward,
+        memory.observer,
+        parameters.period,
+        readings.encoder,
+        memory.voltage,
         readings.current,
     )
 
@@ -67,7 +72,15 @@ def informed_sine(axis, seed, told="both", period=None, amplitude=1e-5, frequenc
     plant, controller = make_plant(axis.machine or axis, NoiseSpec()), make_controller("self_tuning_observer", axis)
     state, stage = new_state(plant, seed=seed, friction=usual_start(plant)), np.empty(len(reference))
     run_informed(
-        plant, state, new_work(plant), new_readings(), controller.parameters, controller.memory, reference, *TOLD[told], stage
+        plant,
+        state,
+        new_work(plant),
+        new_readings(),
+        controller.parameters,
+        controller.memory,
+        reference,
+        *TOLD[told],
+        stage,
     )
     return float(np.abs(stage - reference)[int(0.25 / cycles * len(reference)) :].max())
 
@@ -100,7 +113,8 @@ def run_told_contact(plant, state, work, readings, parameters, memory, reference
 
 
 def gap_sine(axis, seed, told, width, amplitude=1e-5, frequency=0.1, cycles=3.25):
-    """Largest |true position - reference| [m] of a sine through lost motion of ``width`` [rad]: (first cycle, last cycle).
+    """Largest |true position - reference| [m] of a sine through lost motion of ``width`` [rad]: (first cycle, last
+    cycle).
 
     ``told``: "nothing", the "gap", or the gap and the "contact", see `run_told_contact`.
     """
@@ -136,7 +150,8 @@ def limits(bench, periods=PERIODS):
 
 
 def gap_limits(bench):
-    """Worst peak [m] of the sine of 10 um at 0.1 Hz with a gap of 0.5 degrees, {of `TOLD_OF_GAP`: (first cycle, third)}."""
+    """Worst peak [m] of the sine of 10 um at 0.1 Hz with a gap of 0.5 degrees, {of `TOLD_OF_GAP`: (first cycle,
+    third)}."""
     bench.progress("what not knowing a gap costs")
     jobs = [(seed, told) for told in TOLD_OF_GAP for seed in range(bench.extent.seeds)]
     peaks = bench.each(lambda job: gap_sine(bench.axis, *job, GAP_WIDTH), jobs)

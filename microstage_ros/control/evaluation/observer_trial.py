@@ -63,10 +63,11 @@ def observer_trial(axis, motion, seed, kind="self_tuning_observer"):
 
 
 def level_jump_trial(axis, amplitude, frequency, factor, seed, kind="self_tuning_observer"):
-    """The friction of both contacts becomes ``factor`` times what it was during a sine ([m], [Hz]), its random part going on.
+    """The friction of both contacts becomes ``factor`` times what it was during a sine ([m], [Hz]), its random part
+    going on.
 
-    ``seen`` [s]: time after which the level is first within `LEVEL_SEEN` of the true one, once that has jumped; ``mean``, ``rms``: of
-    its error from 2 to 4 s after the jump (the true level goes on varying at random).
+    ``seen`` [s]: time after which the level is first within `LEVEL_SEEN` of the true one, once that has jumped;
+    ``mean``, ``rms``: of its error from 2 to 4 s after the jump (the true level goes on varying at random).
     """
     def jump(plant):
         for contact in ("actuator", "guideway"):

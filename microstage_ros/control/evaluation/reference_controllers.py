@@ -79,8 +79,8 @@ def weak_start(bench, kinds=("self_tuning", "self_tuning_feedforward", "self_tun
     """From a tenth of the gains: error of moves 1 ... 5 of 10 um against fixed PIDs.
 
     Figure of a move: rms of the true position's error from the move's start to its end, median over seeds. Beside
-    the laws: `pid`, shipped; `best_pid`, searched for these moves alone; `kept_pid`, the best of those that `keeps_figures`;
-    `guarded_pid`, the best of those with the margins that `tune` asks for.
+    the laws: `pid`, shipped; `best_pid`, searched for these moves alone; `kept_pid`, the best of those that
+    `keeps_figures`; `guarded_pid`, the best of those with the margins that `tune` asks for.
     """
     bench.progress("tenth of the gains")
 
@@ -91,7 +91,9 @@ def weak_start(bench, kinds=("self_tuning", "self_tuning_feedforward", "self_tun
     def searched(rule):
         return search(
             lambda gains: max(move_errors(bench.axis, "pid", gains, seed, 2)[-1] for seed in MOVE_SEARCH_SEEDS),
-            shipped_gains_of(bench.axis), bench.extent.stress_searches, accept=rule and (lambda gains: rule(bench.axis, gains)),
+            shipped_gains_of(bench.axis),
+            bench.extent.stress_searches,
+            accept=rule and (lambda gains: rule(bench.axis, gains)),
         )[0]
 
     found = {kind: rms_by_move(kind, {"start": 0.1}) for kind in kinds}
@@ -108,7 +110,8 @@ def keeps_margins(axis, gains):
 
 
 def keeps_figures(axis, gains):
-    """Whether moves of 1 and 10 um under a fixed PID keep what is asked of every law: 4s, overshoot, and calm at rest."""
+    """Whether moves of 1 and 10 um under a fixed PID keep what is asked of every law: 4s, overshoot, and calm at
+    rest."""
     for distance in (1e-6, 1e-5):
         for seed in MOVE_SEARCH_SEEDS:
             trial = step_trial(axis, "pid", gains, distance, seed, 5)

@@ -76,7 +76,8 @@ GAINS = (
     Gain("calm_time", "s", 1e-3, 1e3, 0.1, "time in which it comes to rest"),
 )
 SLOWLY = 0.04  # of `back_off`, below `prompt`
-FILTERED = 0.7  # of the logarithm of a raised K_D, by which the filter grows: what K_D passes on of noise and resonance hardly grows
+# of the logarithm of a raised K_D, by which the filter grows: what K_D passes on of noise and resonance hardly grows
+FILTERED = 0.7
 HUSHED = 40  # swings in a row at rest, from which on K_P and K_D fade there
 LEAST_HUSH = math.log(0.01)  # of K_P and K_D
 BACK_TIME = 1e-3  # s, in which they grow e-fold once the reference moves
@@ -261,7 +262,8 @@ def between(soft, top, calm):
 
 @compiled
 def take_over(p, s, pid_s, friction, own_share):
-    """Feed-forward [V] beyond ``own_share`` of the modelled ``friction`` [V], so much as K_I has given way; no jump of the output."""
+    """Feed-forward [V] beyond ``own_share`` of the modelled ``friction`` [V], so much as K_I has given way; no jump of
+    the output."""
     more = softness(p, s) * max(p.soft_share - own_share, 0.0)
     pid_s.integral -= (more - s.more_share) * friction
     s.more_share = more
@@ -270,13 +272,15 @@ def take_over(p, s, pid_s, friction, own_share):
 
 @compiled
 def fed_forward(p, s):
-    """Share of the feed-forward [1] under the present ceiling: it falls as K_I does, for across a gap it throws the stage too."""
+    """Share of the feed-forward [1] under the present ceiling: it falls as K_I does, for across a gap it throws the
+    stage too."""
     return math.exp(2.0 * min(s.ceiling - p.log_joint, 0.0))
 
 
 @compiled
 def come_to_rest(p, s, pid_s, period):
-    """Follow whether the axis is at rest at its target: stuck blocks hold it, and gains only pass on the encoder's noise."""
+    """Follow whether the axis is at rest at its target: stuck blocks hold it, and gains only pass on the encoder's
+    noise."""
     if pid_s.reference_velocity == 0.0 and abs(pid_s.error) < p.calm_band:
         s.calm = min(s.calm + period / p.calm_time, 1.0)
     else:

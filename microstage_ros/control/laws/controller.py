@@ -99,7 +99,8 @@ def _fill_parts(record, law, values, place):
 
 
 def _check_start(axis, record, period, gains):
-    """Doubts with which the observer law holds its own model; where none does, the encoder-only law starts, from gains that hold it."""
+    """Doubts with which the observer law holds its own model; where none does, the encoder-only law starts, from gains
+    that hold it."""
     if not record["supervision"]["supervised"] or not float(record["feedforward"]["force_per_ampere"]) > 0.0:
         return
     axis = axis if axis.value("period") == period else axis.with_values({"period": period}, source="derived")

@@ -1,4 +1,5 @@
-"""What a control law says of itself in its own file; the registry, the records, the axis files and the help follow from it."""
+"""What a control law says of itself in its own file; the registry, the records, the axis files and the help follow from
+it."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -28,9 +29,9 @@ class Law(NamedTuple):
     parts : {name in the records: `Part`}. Every law has the part ``pid`` in its state, for what is published of it.
     step : compiled function (parameters, state, reference [m], encoder [m], current [A]) → command, within its limit.
     reset : compiled function (parameters, state, command) beyond the PID's own reset; None: nothing.
-    start : compiled function (parameters, state, reference [m], encoder [m]) of the first period, beyond the PID's; None: nothing.
-    rules : function (feed-forward model, period [s]) → gains from the axis's own numbers; None: the defaults.
-    complete : function (record) that fills what follows from gains and model; None: nothing.
+    start : compiled function (parameters, state, reference [m], encoder [m]) of the first period, beyond the PID's;
+    None: nothing. rules : function (feed-forward model, period [s]) → gains from the axis's own numbers; None: the
+    defaults. complete : function (record) that fills what follows from gains and model; None: nothing.
     loop : its linear form for margins: ``pid``, ``observer``, or "" where it has none.
     """
 

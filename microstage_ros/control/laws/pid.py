@@ -90,7 +90,8 @@ def pid_output(p, s, period, limit, feed_forward):
     s.derivative_term = -s.kd * (s.velocity - wanted_velocity)
     gain = s.ki * period
     step = gain * s.error
-    known = s.integral + feed_forward + s.kd * wanted_velocity         # before the encoder is read, which a quick loop waits for
+    # before the encoder is read, which a quick loop waits for
+    known = s.integral + feed_forward + s.kd * wanted_velocity
     wanted = fused(-s.kd, s.velocity, fused(s.kp + gain, s.error, known))
     output = min(max(wanted, -limit), limit)
     s.saturated = 0 if wanted == output else 1

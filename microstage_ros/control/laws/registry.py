@@ -1,7 +1,7 @@
 """The registry of control laws and the one compiled dispatch that node and simulator share.
 
-A law is added by writing one file with its gains, its state fields and its compiled step (see `law.Law`), and by naming that
-file in `FILES`: parameter record, memory and dispatch are made from what the files say.
+A law is added by writing one file with its gains, its state fields and its compiled step (see `law.Law`), and by naming
+that file in `FILES`: parameter record, memory and dispatch are made from what the files say.
 """
 
 import math
@@ -22,7 +22,8 @@ NAMES = tuple(LAWS)
 PARTS = {name: part for law in LAWS.values() for name, part in law.parts.items()}
 PID = KINDS["pid"]
 
-#: What a law is given: numbers that do not change while it runs. Every law finds the feed-forward model of its axis there.
+#: What a law is given: numbers that do not change while it runs. Every law finds the feed-forward model of its axis
+#: there.
 PARAMETERS = np.dtype([
     ("kind", "i8"),
     ("period", "f8"),  # s
@@ -41,7 +42,9 @@ STATE = np.dtype([
 
 law_reset = dispatch("law_reset", [law.reset for law in LAWS.values()], "parameters, state, voltage", "None")
 law_start = dispatch("law_start", [law.start for law in LAWS.values()], "parameters, state, reference, encoder", "None")
-law_step = dispatch("law_step", [law.step for law in LAWS.values()], "parameters, state, reference, encoder, current", "0.0")
+law_step = dispatch(
+    "law_step", [law.step for law in LAWS.values()], "parameters, state, reference, encoder, current", "0.0"
+)
 
 
 def law(type_name: str, place: str = "controller.type") -> Law:

@@ -1,4 +1,5 @@
-"""The self-tuning PID on the friction observer's motion, supervised, with the encoder-only self-tuning PID in reserve."""
+"""The self-tuning PID on the friction observer's motion, supervised, with the encoder-only self-tuning PID in
+reserve."""
 
 import math
 
@@ -21,7 +22,8 @@ PARTS = {
     "observer": Part(observer_law.GAINS, observer_law.PARAMETERS, observer_law.STATE_FIELDS),
     "supervision": Part(supervision.GAINS, record_type(supervision.GAINS), supervision.FIELDS),
     "crossing": Part(state=gap_crossing.FIELDS),
-    "encoder_pid": Part((), pid.PARAMETERS, pid.STATE_FIELDS),   # of the encoder-only law that the observer law hands over to
+    # of the encoder-only law that the observer law hands over to
+    "encoder_pid": Part((), pid.PARAMETERS, pid.STATE_FIELDS),
     "encoder_adaptation": Part((), adaptation.PARAMETERS, adaptation.STATE_FIELDS),
     "encoder_filter": Part((), "f8"),   # factor on its filter time at the start, where the observer law is unstable
     "unstable": Part((), "i8"),         # 1: the observer law is unstable on the axis file's own model
@@ -70,7 +72,8 @@ def observed_step(parameters, state, reference, encoder, current):
     supervision.watch_error(rule, watched, state.encoder_pid.error, state.encoder_pid.reference_velocity, observer.contact != TOUCHING, period)
     found = observer.voltage_noise / observer.voltage_factor  # without the doubt that is added to it
     if watched.law == supervision.OBSERVER:
-        rattles = source_doubt.lost_motion_suspected(observer)         # a gap explains innovations that one mass does not
+        # a gap explains innovations that one mass does not
+        rattles = source_doubt.lost_motion_suspected(observer)
         position_test, speed_test = (1.0, 1.0) if rattles else (observer.position_test, observer.speed_test)
         reason = supervision.sign_of_trouble(rule, watched, position_test, speed_test, found, period)
         if reason == supervision.NOTHING:
@@ -96,7 +99,8 @@ def go_on_from(p, s, voltage):
 
 @compiled
 def encoder_only_step(parameters, state, reference):
-    """The encoder-only law, and what the observer law needs to take over again: its model along the reference, no crossing."""
+    """The encoder-only law, and what the observer law needs to take over again: its model along the reference, no
+    crossing."""
     not_inlined()
     period, model, own, shown = parameters.period, parameters.feedforward, state.encoder_pid, state.pid
     feedforward.feedforward_step(model, state.feedforward, period, reference, state.observer.level, 1.0, 0.0, state.observer.inertia)

@@ -1,4 +1,5 @@
-"""Whether the observer law may go on: swings, a rest beside the target, innovations; and the way to the encoder-only law and back.
+"""Whether the observer law may go on: swings, a rest beside the target, innovations; and the way to the encoder-only
+law and back.
 
 The observer law leans on its model of the drive. Three signs say that the model does not hold:
 
@@ -38,7 +39,14 @@ GAINS = (
     Gain("proof_time", "s", 0.0, 100.0, 0.05, "of motion, consistent, before the observer law is tried again"),
     Gain("position_test", "1", 1.0, 1e9, 30.0, "mean square of the position's innovation over the expected"),
     Gain("speed_test", "1", 1.0, 1e9, 30.0, "the same of the speed's"),
-    Gain("loudest", "V", 1e-6, 10.0, 5e-2, "doubt in the voltage behind the back-EMF beyond which the current is worth nothing"),
+    Gain(
+        "loudest",
+        "V",
+        1e-6,
+        10.0,
+        5e-2,
+        "doubt in the voltage behind the back-EMF beyond which the current is worth nothing",
+    ),
     Gain("test_time", "s", 1e-3, 100.0, 1.0, "for which either lasts"),
     Gain("calm_time", "s", 1e-3, 100.0, 0.1, "at rest and consistent before the observer law is tried again"),
     Gain("trial_time", "s", 1e-3, 1e6, 2.0, "before the first trial"),
@@ -49,10 +57,17 @@ GAINS = (
 OBSERVER, ENCODER_ONLY = range(2)
 NOTHING, SWINGS, BESIDE, INNOVATIONS, START_CHECK = range(5)
 #: What is said of a hand-over, by its number.
-REASONS = ("", "limit cycle", "rests beside its target", "innovations beyond what the filter expects", "unstable on the axis file's own model")
+REASONS = (
+    "",
+    "limit cycle",
+    "rests beside its target",
+    "innovations beyond what the filter expects",
+    "unstable on the axis file's own model",
+)
 SMOOTH_TIME, SLOW_TIME = 5e-4, 2e-2  # s, of the error's fast part
 STILL_TIME = 0.05  # s, for which the reference has stood when a rest is judged
-REST_TIME, SETTLED_TIME = 0.5, 1.0  # s, over which a rest is averaged, and after which it is one: a gap may still be searched before
+# s, over which a rest is averaged, and after which it is one: a gap may still be searched before
+REST_TIME, SETTLED_TIME = 0.5, 1.0
 AT_TARGET = 6e-8  # m, error of the encoder's smoothed reading that is a rest at the target
 FIELDS = [
     ("law", "i8"),  # OBSERVER or ENCODER_ONLY
@@ -109,7 +124,8 @@ def supervision_reset(p, s, unstable):
 
 @compiled
 def watch_error(p, s, error, reference_speed, in_gap, period):
-    """One period of the encoder's ``error`` [m]: swings in a row, rest beside the target; ``in_gap``: drive and stage are taken to be apart."""
+    """One period of the encoder's ``error`` [m]: swings in a row, rest beside the target; ``in_gap``: drive and stage
+    are taken to be apart."""
     s.since += period
     s.smooth += min(period / SMOOTH_TIME, 1.0) * (error - s.smooth)
     s.slow += min(period / SLOW_TIME, 1.0) * (s.smooth - s.slow)
@@ -137,7 +153,8 @@ def watch_error(p, s, error, reference_speed, in_gap, period):
 
 @compiled
 def sign_of_trouble(p, s, position_test, speed_test, noise, period):
-    """Why the observer law may not go on, `NOTHING` if it may; tests: normalised innovations squared [1]; ``noise`` [V]."""
+    """Why the observer law may not go on, `NOTHING` if it may; tests: normalised innovations squared [1]; ``noise``
+    [V]."""
     doubted = position_test > p.position_test or speed_test > p.speed_test
     s.doubted = s.doubted + period if doubted else 0.0
     s.deaf = s.deaf + period if noise > p.loudest else 0.0

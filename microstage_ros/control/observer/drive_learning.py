@@ -31,7 +31,8 @@ REST_TIME = 0.3  # s, for which the reference stands when the axis is surely at 
 NOISE_TIME = 0.3  # s, memory of the noise in the voltage behind the back-EMF
 FIRST_TIME = 1e-2  # s, shortest memory of it, at the start
 OUTLIER = 9.0  # variances, at which a square is cut: a change of the drive is no noise
-NOISE_DOUBT = 1.95  # doubt in that voltage over its noise, as in the shipped figures: the filter's own model is not exact either
+# doubt in that voltage over its noise, as in the shipped figures: the filter's own model is not exact either
+NOISE_DOUBT = 1.95
 LOUD = 3.0  # times the shipped doubt, beyond which the found one also says what a sudden change is
 WORTH = 3e-3  # A, noise of the current at which the voltage tells the force as well
 GAIN_SPREAD = 1.0  # standard deviation of gain over former gain after a change
@@ -181,7 +182,8 @@ def apply_learned(p, s, period):
 
 @compiled
 def drive_voltage(s, drop, motion):
-    """Voltage [V] that gives the axis what R i = ``drop`` [V] and E v = ``motion`` [V] would give it by the nominal drive."""
+    """Voltage [V] that gives the axis what R i = ``drop`` [V] and E v = ``motion`` [V] would give it by the nominal
+    drive."""
     return s.applied[0] * drop + s.applied[1] + s.applied[2] * motion
 
 
@@ -190,7 +192,8 @@ def bound_learned(p, s):
     """Keep what is learned within what a drive can be."""
     s.learned[0] = min(max(s.learned[0], 0.3), 3.0)
     s.learned[1] = min(max(s.learned[1], -1.0), 1.0)
-    # a gain of the amplifier looks like both R and back-EMF, a warm winding like R alone; the motor itself hardly changes
+    # a gain of the amplifier looks like both R and back-EMF, a warm winding like R alone; the motor itself hardly
+    # changes
     low, high = min(s.learned[0], 1.0), max(s.learned[0], 1.0)
     s.learned[2] = min(max(s.learned[2], s.emf_centre * low * (1.0 - p.emf_spread)), s.emf_centre * high * (1.0 + p.emf_spread))
 
@@ -250,7 +253,8 @@ def learn_drive(p, model, s, period, drop, position, speed):
 
 @compiled
 def doubt_drive(p, s, period, position):
-    """While the estimated position stays beside the encoder, R or zero have changed by too little to be noticed at once.
+    """While the estimated position stays beside the encoder, R or zero have changed by too little to be noticed at
+    once.
 
     Noise has no mean: the innovation ``position`` [m], averaged, lies within a count of zero as long as the drive is
     known. In motion it takes longer to say, since a gap that opens looks the same until it is noticed.
@@ -306,14 +310,16 @@ def take_in(s, along, other, innovation, noise):
 
 @compiled
 def trust_in_speed(s, variance):
-    """1 if the back-EMF is as good as the amplifier's noise, towards 0 while R and zero are not known: `voltage_variance`."""
+    """1 if the back-EMF is as good as the amplifier's noise, towards 0 while R and zero are not known:
+    `voltage_variance`."""
     noise = s.voltage_noise * s.voltage_noise
     return noise / (noise + variance)
 
 
 @compiled
 def speed_variance(s, model, variance):
-    """Variance [m^2/s^2] of the back-EMF's speed: the noise that was found and ``variance`` [V^2] of `voltage_variance`."""
+    """Variance [m^2/s^2] of the back-EMF's speed: the noise that was found and ``variance`` [V^2] of
+    `voltage_variance`."""
     return (s.voltage_noise * s.voltage_noise + variance) / (model.volts_per_velocity * model.volts_per_velocity)
 
 

@@ -83,7 +83,8 @@ def swing_matrix(record, model, period):
 
 
 def held_axis(model, period):
-    """(A, B, acceleration per volt [m/(V s^2)]) of (w, w', x, v) over a period of held voltage, friction falling at `CREEP`."""
+    """(A, B, acceleration per volt [m/(V s^2)]) of (w, w', x, v) over a period of held voltage, friction falling at
+    `CREEP`."""
     resistance, mass = float(model["resistance"]), float(model["moving_mass"])
     push = float(model["force_per_ampere"]) / (resistance * mass)
     slope = push * float(model["volts_per_velocity"])

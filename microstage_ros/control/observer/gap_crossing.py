@@ -13,9 +13,9 @@ behind by the way of the reference, l. With
     v_m = v + 2 l / k
 
 it is thrown as far ahead as it was behind, whatever the width. For a constant v and a drive from rest on the stage's
-side v_m >> v, so b = v t^2 / k and both are sqrt(k v b): no other speed does better in the worse of the two. Once there,
-the drive waits beside the stage until the contact counts, and then for the reference if the stage is ahead of it. All
-the while the regulator holds the motor to p by dead reckoning; its integral and its tuning wait.
+side v_m >> v, so b = v t^2 / k and both are sqrt(k v b): no other speed does better in the worse of the two. Once
+there, the drive waits beside the stage until the contact counts, and then for the reference if the stage is ahead of
+it. All the while the regulator holds the motor to p by dead reckoning; its integral and its tuning wait.
 """
 
 import math
@@ -25,9 +25,12 @@ from microstage_ros.numerics.compiled import compiled
 
 CATCH_UP = 120.0  # 1/s, rate at which the stage is led to the reference
 GENTLE = 2e-5  # m/s, most that this may take
-CHASE, FAST = 300.0, 1e-4  # 1/s and at most m/s, at which the drive follows a stage that was thrown ahead, and looks for one faster than the reference
+# 1/s and at most m/s, at which the drive follows a stage that was thrown ahead, and looks for one faster than the
+# reference
+CHASE, FAST = 300.0, 1e-4
 BUMPLESS_TIME = 4e-3  # s
-SHORT, GAP_MARGIN = 4e-8, 1.5  # m, and standard deviations of the gap, by which the path ends before the contact: no error along it throws the stage
+# m, and standard deviations of the gap, by which the path ends before the contact: no error along it throws the stage
+SHORT, GAP_MARGIN = 4e-8, 1.5
 APPROACH = 4e-6  # m/s, over the rest
 WAIT_TIME = 0.05  # s, in which a stage that is ahead is led back if the reference does not come
 FIELDS = [
@@ -104,7 +107,8 @@ def advance(c, p, s, speed, error, period):
 
 @compiled
 def cross_step(c, p, s, period, error, speed):
-    """The regulator's error [m] for this period from the ``error`` to the reference at ``speed`` [m/s]; sets the offsets."""
+    """The regulator's error [m] for this period from the ``error`` to the reference at ``speed`` [m/s]; sets the
+    offsets."""
     if s.contact == TOUCHING:
         if c.mode != TOUCHING:
             c.offset = s.toward * (c.path - s.travel) - error

@@ -48,7 +48,8 @@ def inertia_reset(s):
 
 @compiled
 def learn_inertia(s, period, net, speed, lost):
-    """One period: ``net`` [m/s^2], n; ``speed`` [m/s] of the encoder; ``lost``: the axis is not one mass now, or swings."""
+    """One period: ``net`` [m/s^2], n; ``speed`` [m/s] of the encoder; ``lost``: the axis is not one mass now, or
+    swings."""
     share = min(period / FILTER_TIME, 1.0)
     s.net[1] += share * (s.net[0] - s.net[1])
     s.net[0] += share * (net - s.net[0])

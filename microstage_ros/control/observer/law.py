@@ -22,7 +22,14 @@ from microstage_ros.control.feedforward import axis as feedforward
 from microstage_ros.control.feedforward.axis import friction_along
 from microstage_ros.control.gains import Gain, record_type
 from microstage_ros.control.observer import flexible_mode as swing
-from microstage_ros.control.observer import friction_level, inertia, lost_motion, motion_filter, motor_constant, source_doubt
+from microstage_ros.control.observer import (
+    friction_level,
+    inertia,
+    lost_motion,
+    motion_filter,
+    motor_constant,
+    source_doubt,
+)
 from microstage_ros.control.observer.drive_learning import (
     LAGS,
     NOISE_DOUBT,
@@ -48,8 +55,22 @@ from microstage_ros.numerics.compiled import compiled
 
 GAINS = (
     Gain("encoder_noise", "m", 1e-12, 1e-3, 1.8e-8, "doubt in one encoder value: noise, rounding and more"),
-    Gain("voltage_noise", "V", 1e-6, 10.0, 2.3e-3, "doubt in the voltage behind the back-EMF: noise of the amplifier and more"),
-    Gain("encoder_doubt", "1", 1.0, 100.0, 1.0, "doubt in the encoder at the start, over `encoder_noise`: a stage that swings is no reading of the screw"),
+    Gain(
+        "voltage_noise",
+        "V",
+        1e-6,
+        10.0,
+        2.3e-3,
+        "doubt in the voltage behind the back-EMF: noise of the amplifier and more",
+    ),
+    Gain(
+        "encoder_doubt",
+        "1",
+        1.0,
+        100.0,
+        1.0,
+        "doubt in the encoder at the start, over `encoder_noise`: a stage that swings is no reading of the screw",
+    ),
     Gain("voltage_doubt", "1", 1.0, 100.0, 1.0, "the same of the voltage"),
     Gain("acceleration_noise", "m/s^2/rtHz", 1e-12, 1e3, 6.0e-5, "density of what moves the axis unmodelled"),
     Gain("friction_drift", "m/s^3/rtHz", 1e-12, 1e6, 4.0e-3, "density of the random walk of d"),
@@ -57,7 +78,14 @@ GAINS = (
     Gain("zero_spread", "V", 0.0, 10.0, 5.0e-3, "standard deviation of the amplifier's zero before that"),
     Gain("emf_spread", "1", 0.0, 1.0, 0.02, "standard deviation of the back-EMF over nominal before that"),
     Gain("forgetting_time", "s", 1e-2, 1e9, 3000.0, "time in which R and back-EMF may change by as much"),
-    Gain("zero_time", "s", 1e-2, 1e9, 3.0e4, "time in which the zero may: sliding one way cannot tell it from R, and would let both go astray"),
+    Gain(
+        "zero_time",
+        "s",
+        1e-2,
+        1e9,
+        3.0e4,
+        "time in which the zero may: sliding one way cannot tell it from R, and would let both go astray",
+    ),
     Gain("level_variability", "1", 0.0, 1.0, 0.06, "standard deviation of the friction level"),
     Gain("level_length", "m", 1e-9, 1.0, 1.0e-4, "travel over which the level varies"),
     Gain("level_time", "s", 1e-3, 1e6, 20.0, "time over which the level varies"),
@@ -72,7 +100,8 @@ GAINS = (
 )
 REPEATED = 0.2  # doubts in the encoder that the axis moves within a period when readings cannot repeat
 TEST_TIME = 2e-2  # s, over which innovations are averaged
-PULL = 0.2  # of the actuator's Coulomb friction, that the current overcomes where the motor moves at all: else it is a dead band
+# of the actuator's Coulomb friction, that the current overcomes where the motor moves at all: else it is a dead band
+PULL = 0.2
 GAP_GAIN = 0.3  # of the speed while apart, where the encoder says nothing of the motor and friction changes fast
 PARAMETERS = record_type(GAINS, [("motion_gain", "f8", (3, 2)), ("transient", "f8"), *swing.PARAMETERS])
 BLOCK_STATE = feedforward.BLOCK_STATE
@@ -321,7 +350,8 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     variance = speed_variance(s, model, doubt) if senses else math.inf
     share = min(period / TEST_TIME, 1.0)
     expected = s.covariance[0, 0] + s.encoder_noise * s.encoder_noise
-    beyond = position * position / expected if s.gap == 0.0 else 1.0  # a gap that was found explains more than the filter knows
+    # a gap that was found explains more than the filter knows
+    beyond = position * position / expected if s.gap == 0.0 else 1.0
     s.position_test += share * (beyond - s.position_test)
     if senses:
         beyond = speed * speed / (s.covariance[1, 1] + variance) if s.gap == 0.0 else 1.0

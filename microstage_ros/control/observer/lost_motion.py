@@ -88,7 +88,8 @@ def lost_motion_reset(p, s):
 def watch_lead(s, period, encoder, motor_speed, surprise):
     """Follow how far the motor is ahead of the encoder [m] at ``motor_speed`` [m/s].
 
-    A large ``surprise`` [m/s], speed against prediction, says that the drive is not what it was: then nothing is searched.
+    A large ``surprise`` [m/s], speed against prediction, says that the drive is not what it was: then nothing is
+    searched.
     """
     s.calm = 0.0 if abs(surprise) > SURPRISE else s.calm + period
     step = encoder - s.before
@@ -106,7 +107,8 @@ def watch_lead(s, period, encoder, motor_speed, surprise):
 
 @compiled
 def watch_contact(p, s, force, scale, doubt, pulls):
-    """Open the contact where it opens: ``force`` [N] through the drive, its ``scale`` [N], ``doubt`` [m/s] in the speed.
+    """Open the contact where it opens: ``force`` [N] through the drive, its ``scale`` [N], ``doubt`` [m/s] in the
+    speed.
 
     ``pulls``: the current moves the motor against its friction.
 

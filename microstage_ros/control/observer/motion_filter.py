@@ -32,9 +32,11 @@ FIELDS = [
     ("slope", "f8"),  # 1/s, c/M
 ]
 PART = 2.0e-4  # s, longest step of the prediction within a period
-STIFFNESS_SHARE = 0.05  # see above; with more of it an axis with three times the payload swings, or one with half the friction lags
+# see above; with more of it an axis with three times the payload swings, or one with half the friction lags
+STIFFNESS_SHARE = 0.05
 SLOWEST = 1e-2  # of the Stribeck velocity: below, the curve is taken to fall as it does there
-UNKNOWN = (1e-8, 1e-6, 1e-3)  # m, m/s, m/s^2: standard deviations of x, v, d at the start, of an axis at rest whose delay is not yet known
+# m, m/s, m/s^2: standard deviations of x, v, d at the start, of an axis at rest whose delay is not yet known
+UNKNOWN = (1e-8, 1e-6, 1e-3)
 
 
 @compiled
@@ -117,7 +119,8 @@ def widen(p, s, period):
 
 @compiled
 def take_readings(s, speed_variance):
-    """Gain of both readings, and the covariance after them; ``speed_variance`` [m^2/s^2], infinite: no speed is known."""
+    """Gain of both readings, and the covariance after them; ``speed_variance`` [m^2/s^2], infinite: no speed is
+    known."""
     c = s.covariance
     part = 1.0 / (c[0, 0] + s.encoder_noise * s.encoder_noise)
     g0, g1, g2 = part * c[0, 0], part * c[0, 1], part * c[0, 2]
@@ -155,7 +158,8 @@ def motion_matrices(record, period, stiffness=0.0, slope=0.0):
 
 
 def steady_gain(record, model, period, stiffness=0.0, slope=0.0):
-    """Gain of (x, v, d) that the filter settles at under constant slopes, (3, 2): encoder and back-EMF, nothing to learn.
+    """Gain of (x, v, d) that the filter settles at under constant slopes, (3, 2): encoder and back-EMF, nothing to
+    learn.
 
     P C' (C P C' + R)^-1 of the filtered estimate, by the discrete Riccati equation in scaled units.
     """
@@ -171,7 +175,8 @@ def steady_gain(record, model, period, stiffness=0.0, slope=0.0):
 
 
 def riccati(a, q, information):
-    """P of P = A' P (1 + G P)^-1 A + Q, G = ``information``: each step doubles the periods that have passed (Anderson 1978).
+    """P of P = A' P (1 + G P)^-1 A + Q, G = ``information``: each step doubles the periods that have passed (Anderson
+    1978).
 
     SciPy's solver takes half a second to load and leaves residuals ten times as large.
     """

@@ -1,4 +1,5 @@
-"""How far encoder and back-EMF are trusted as readings of one mass, learned from swings of the loop (compiled parts of `observer_law`).
+"""How far encoder and back-EMF are trusted as readings of one mass, learned from swings of the loop (compiled parts of
+`observer_law`).
 
 The motion filter takes the axis for one mass. Beyond the drive train's resonance the encoder reads the stage, which
 swings on its own, and with a heavy stage or a soft drive the loop that believes it swings too. The back-EMF lies on
@@ -29,9 +30,12 @@ SWINGS = 2  # in a row, that noise or a jolt may make
 DECAY = 0.95  # of the half wave before: a swing that dies away is left alone
 LATE_STEP = 2.0  # of the doubt in a voltage that comes late
 STEP = 1.4  # of a doubt with every further one
-MOST_ENCODER, MOST_VOLTAGE = 8.0, 12.0  # times the shipped doubts: beyond, friction that falls with speed is seen too late
-MECHANICAL, ELECTRICAL = 3.0, 0.7  # heavy stages and soft drives show 5 to 20, late voltages 0.03 to 0.7, a slow amplifier 1 to 2
-RATTLE = 1e-6  # m; a gap of 0.5 degrees at the motor makes 1.1 to 2.7 um, ten times the mass 0.3, a payload on a soft drive 0.7
+# times the shipped doubts: beyond, friction that falls with speed is seen too late
+MOST_ENCODER, MOST_VOLTAGE = 8.0, 12.0
+# heavy stages and soft drives show 5 to 20, late voltages 0.03 to 0.7, a slow amplifier 1 to 2
+MECHANICAL, ELECTRICAL = 3.0, 0.7
+# m; a gap of 0.5 degrees at the motor makes 1.1 to 2.7 um, ten times the mass 0.3, a payload on a soft drive 0.7
+RATTLE = 1e-6
 SUSPECTED_TIME = 10.0  # s, since the last rattle
 FADE = 1e-2  # 1/s, of the logarithm
 FIELDS = [

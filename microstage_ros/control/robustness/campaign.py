@@ -1,7 +1,7 @@
 """A campaign: one law on many machines that it was not given, each with several seeds; what failed, and how far.
 
-One run: two sines, twenty moves of 1 to 1000 um, six seconds at rest. A run fails by an error beyond `LARGEST` anywhere,
-by a swing of more than `SWING` peak to peak in the last second, or by a mean error beyond `LEFT` there.
+One run: two sines, twenty moves of 1 to 1000 um, six seconds at rest. A run fails by an error beyond `LARGEST`
+anywhere, by a swing of more than `SWING` peak to peak in the last second, or by a mean error beyond `LEFT` there.
 """
 
 import functools
@@ -95,7 +95,8 @@ def _one(axis, law, gains, job):
 
 
 def summary(outcomes):
-    """Rows by condition, in order: name, runs, failures, swings, off, largest [m], sine [m], settled [m], swing [m], left [m]."""
+    """Rows by condition, in order: name, runs, failures, swings, off, largest [m], sine [m], settled [m], swing [m],
+    left [m]."""
     rows = {}
     for o in outcomes:
         rows.setdefault(o.condition, []).append(o)

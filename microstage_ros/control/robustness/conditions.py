@@ -84,8 +84,12 @@ def conditions(axis):
     found += [
         Condition("Stribeck velocity x 0.5", {"contacts.actuator.stribeck_velocity": 0.5}),
         Condition("Stribeck velocity x 3", {"contacts.actuator.stribeck_velocity": 3.0}),
-        Condition("pre-sliding stiffness x 0.4", {"contacts.actuator.stiffness": 0.4, "contacts.guideway.stiffness": 0.4}),
-        Condition("pre-sliding stiffness x 3", {"contacts.actuator.stiffness": 3.0, "contacts.guideway.stiffness": 3.0}),
+        Condition(
+            "pre-sliding stiffness x 0.4", {"contacts.actuator.stiffness": 0.4, "contacts.guideway.stiffness": 0.4}
+        ),
+        Condition(
+            "pre-sliding stiffness x 3", {"contacts.actuator.stiffness": 3.0, "contacts.guideway.stiffness": 3.0}
+        ),
         Condition("friction varies by 0.12", noise={"friction_relative": 0.12}),
     ]
     for seconds in (1e-4, 2e-4, 3e-4, 5e-4, 1e-3, 2e-3):
@@ -137,8 +141,10 @@ def _forces():
     return [
         Condition("tilt 0.1 rad", effects=tilt),
         Condition("tilt 0.1 rad, mass x 6", {MASS: 6.0}, effects=tilt),
-        Condition("payload 6.12 kg and drive compliance 0.33",
-                  effects={"payload_change": {"mass_kg": 6.12}, "drive_compliance": {"stiffness_factor": 0.33}}),
+        Condition(
+            "payload 6.12 kg and drive compliance 0.33",
+            effects={"payload_change": {"mass_kg": 6.12}, "drive_compliance": {"stiffness_factor": 0.33}},
+        ),
         _effect("payload 6.12 kg", "payload_change", mass_kg=6.12),
         _effect("payload 15 kg", "payload_change", mass_kg=15.0),
         _effect("drive compliance 0.33", "drive_compliance", stiffness_factor=0.33),
@@ -150,9 +156,15 @@ def _forces():
         _effect("frictional lag 5 ms", "frictional_lag", time_s=5e-3),
         _effect("resistance + 30 %", "resistance_rise", initial=0.3, time_s=1e5),
         Condition("delay 0.3 ms, mass x 3", {MASS: 3.0}, effects={"transport_delay": {"delay_s": 3e-4}}),
-        Condition("friction x 2, mass x 3, stiffness / 2",
-                  {MASS: 3.0, STIFFNESS: 0.5, "contacts.actuator.static": 2.0, "contacts.actuator.coulomb": 2.0}),
-        Condition("backlash 0.5 deg, current noise 1 mA", effects={"backlash": {"width_rad": math.radians(0.5)}}, noise={"current_A": 1e-3}),
+        Condition(
+            "friction x 2, mass x 3, stiffness / 2",
+            {MASS: 3.0, STIFFNESS: 0.5, "contacts.actuator.static": 2.0, "contacts.actuator.coulomb": 2.0},
+        ),
+        Condition(
+            "backlash 0.5 deg, current noise 1 mA",
+            effects={"backlash": {"width_rad": math.radians(0.5)}},
+            noise={"current_A": 1e-3},
+        ),
         Condition("current noise 1 mA, resistance x 1.3", {"drive.resistance": 1.3}, noise={"current_A": 1e-3}),
     ]
 
@@ -161,8 +173,8 @@ def random_machine(axis, number, factor=2.0, draws=50):
     """Machine ``number``: every number of the axis within ``factor`` of the file's, log-uniform, as a `Condition`.
 
     Torque constant and back-EMF, which are one number of a motor, keep their ratio, and static friction its ratio to
-    Coulomb's where that would fall below 1. A machine that swings by itself at 0 V, which friction that falls with speed
-    allows, is drawn again. Raises RuntimeError if none of ``draws`` rests.
+    Coulomb's where that would fall below 1. A machine that swings by itself at 0 V, which friction that falls with
+    speed allows, is drawn again. Raises RuntimeError if none of ``draws`` rests.
     """
     generator = np.random.default_rng([int(number), 17])
     for _ in range(draws):

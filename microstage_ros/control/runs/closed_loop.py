@@ -47,7 +47,8 @@ def _record(plant, state, readings, voltage, row):
 
 @compiled
 def run_loop(plant, state, work, readings, parameters, memory, reference, open_loop, disturbance, trace):
-    """Run one axis over all rows of ``reference`` [m]; fills ``trace`` (rows, len(TRACE)), or no rows if it has none."""
+    """Run one axis over all rows of ``reference`` [m]; fills ``trace`` (rows, len(TRACE)), or no rows if it has
+    none."""
     moving, held = read_state(plant, state, work)
     for n in range(len(reference)):
         if plant.sensing == 1:

@@ -1,13 +1,13 @@
 """One run of a coarse axis with a fine stage on top, without ROS.
 
-The coarse axis is controlled by its own law on its own encoder. The fine stage is controlled, by integral action, on what
-an interferometer sees of the top: coarse position + fine position. So the fine stage takes what the coarse one leaves,
-and returns to its middle as the coarse one arrives.
+The coarse axis is controlled by its own law on its own encoder. The fine stage is controlled, by integral action, on
+what an interferometer sees of the top: coarse position + fine position. So the fine stage takes what the coarse one
+leaves, and returns to its middle as the coarse one arrives.
 
     (m_c + m_f) dv_c/dt = … − m_f dv_f/dt,      m_f dv_f/dt = … − m_f dv_c/dt        v_f relative to the coarse stage
 
-Each component is solved exactly over a sixteenth of a period; the force between them is that of the piece before. A delay of
-a piece takes damping from the fine stage's resonance w_0 of about (m_f/m) w_0 T/16, far less than it has.
+Each component is solved exactly over a sixteenth of a period; the force between them is that of the piece before. A
+delay of a piece takes damping from the fine stage's resonance w_0 of about (m_f/m) w_0 T/16, far less than it has.
 """
 
 import math
@@ -27,16 +27,27 @@ from microstage_ros.solver.step import advance
 
 FINE_LAW = "pid"
 PIECES = 16             # of a period, between which the components exchange their forces
-SENSORS = ("current_filter", "current_sample", "sensor_parameters")      # of a plant: numbers that belong to the period of reading
-TRACE = ("encoder_m", "current_A", "motor_angle_rad", "interferometer_m", "voltage_V", "fine_position_m", "fine_command_V",
-         "stage_m", "stage_velocity_m_s")
+# of a plant: numbers that belong to the period of reading
+SENSORS = ("current_filter", "current_sample", "sensor_parameters")
+TRACE = (
+    "encoder_m",
+    "current_A",
+    "motor_angle_rad",
+    "interferometer_m",
+    "voltage_V",
+    "fine_position_m",
+    "fine_command_V",
+    "stage_m",
+    "stage_velocity_m_s",
+)
 
 
 @compiled
 def run_both(coarse, fine, reference, disturbance, mass, trace):
     """Run both components over all rows of ``reference`` [m]; fills ``trace`` (rows, len(TRACE)).
 
-    ``coarse``, ``fine``: tuples of plant, state, work, readings, parameters and memory of the law, each an array of one.
+    ``coarse``, ``fine``: tuples of plant, state, work, readings, parameters and memory of the law, each an array of
+    one.
     """
     plant, state, work, readings, law, memory = (coarse[0][0], coarse[1][0], coarse[2][0], coarse[3][0], coarse[4][0], coarse[5][0])
     plant_f, state_f, work_f, readings_f, law_f, memory_f = (fine[0][0], fine[1][0], fine[2][0], fine[3][0], fine[4][0], fine[5][0])
@@ -62,7 +73,8 @@ def run_both(coarse, fine, reference, disturbance, mass, trace):
 
 
 def make_piece(axis, noise=None, effects=None):
-    """`solver.plant.make_plant` for pieces of the axis's period; sensors stay those of the period, the amplifier's noise its density."""
+    """`solver.plant.make_plant` for pieces of the axis's period; sensors stay those of the period, the amplifier's
+    noise its density."""
     whole = make_plant(axis, noise, effects)
     plant = make_plant(axis.with_values({"period": axis.value("period") / PIECES}), noise, effects)
     for name in SENSORS:

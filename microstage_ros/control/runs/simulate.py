@@ -31,8 +31,8 @@ def simulate(axis, run, seed=0, machine=None, progress=None):
 
     Parameters
     ----------
-    axis : `Axis` that the controller is given. run : `control.runs.run_file.Run`. seed : of every random number in the run.
-    machine : `Axis` that is simulated, where it is another one (default: ``axis.machine``, else ``axis``).
+    axis : `Axis` that the controller is given. run : `control.runs.run_file.Run`. seed : of every random number in the
+    run. machine : `Axis` that is simulated, where it is another one (default: ``axis.machine``, else ``axis``).
     progress : called with (periods done, periods in all), or None.
 
     Returns
@@ -83,8 +83,16 @@ def simulate(axis, run, seed=0, machine=None, progress=None):
 def simulated_record(axis, run, seed=0, machine=None, progress=None, **more):
     """`Record` of `simulate`, with version, seed, axis and run in its metadata."""
     columns = simulate(axis, run, seed, machine, progress)
-    metadata = {"version": __version__, "seed": seed, "axis": axis.name, "run": run.place,
-                "controller": run.controller, "noise": run.noise, "effects": {**(machine or axis).effects, **run.effects}, **more}
+    metadata = {
+        "version": __version__,
+        "seed": seed,
+        "axis": axis.name,
+        "run": run.place,
+        "controller": run.controller,
+        "noise": run.noise,
+        "effects": {**(machine or axis).effects, **run.effects},
+        **more,
+    }
     if machine is not None:
         metadata["machine"] = machine.as_dict()
     command = actuator_of(axis).command

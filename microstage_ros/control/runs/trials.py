@@ -50,7 +50,8 @@ def sine_trial(axis, kind, gains, amplitude, frequency, seed, cycles=1.25, **con
 
 
 def cycle_peaks(trial, frequency):
-    """Largest |true position - reference| [m] in each full cycle of a `SineTrial` after its first quarter, shape (n,)."""
+    """Largest |true position - reference| [m] in each full cycle of a `SineTrial` after its first quarter, shape
+    (n,)."""
     columns = trial.columns
     rows = round(1.0 / frequency / columns["t_s"][1])
     error = np.abs(columns["stage_m"] - columns["reference_m"])[rows // 4 :]
@@ -95,7 +96,8 @@ def gain_jump_trial(axis, kind, factor, seed, amplitude=1e-5, frequency=0.1, at=
 
 
 def jump_trace(axis, kind, seed, reference, row, jump):
-    """Trace (rows, len(TRACE)) of a run along ``reference`` [m] on an axis that ``jump(plant)`` changes before ``row``."""
+    """Trace (rows, len(TRACE)) of a run along ``reference`` [m] on an axis that ``jump(plant)`` changes before
+    ``row``."""
     plant, readings = make_plant(axis.machine or axis, NoiseSpec()), new_readings()
     state, work, controller = new_state(plant, seed=seed, friction=usual_start(plant)), new_work(plant), make_controller(kind, axis)
     trace = np.empty((len(reference), len(TRACE)))

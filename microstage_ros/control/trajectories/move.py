@@ -42,7 +42,8 @@ class Move:
     ----------
     done, reached : it is over; it was within the tolerance for the settle time.
     phase : `MOVING` or `SETTLING`. end_sequence : control period in which it was over.
-    overshoot : beyond the target in the direction of the move [m], 0 or more. stopped : where and when it was stopped after
+    overshoot : beyond the target in the direction of the move [m], 0 or more. stopped : where and when it was stopped
+    after
         its timeout, in words.
     """
 

@@ -26,8 +26,8 @@ SLOWEST, FASTEST = 1e-12, 1e9
 """Of each limit; beyond them the arithmetic of a profile runs over."""
 
 LEAST = 1e-15
-"""A shorter distance [m] is none: it is below the resolution of a number of the size of the travel, and the arithmetic of
-a profile over it underflows."""
+"""A shorter distance [m] is none: it is below the resolution of a number of the size of the travel, and the arithmetic
+of a profile over it underflows."""
 
 
 MOST = 30_000_000

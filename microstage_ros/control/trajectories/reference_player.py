@@ -50,7 +50,8 @@ class ReferencePlayer:
 
     @property
     def plan(self):
-        """Positions [m], the control period of the first, and whether they are a stop; (None, ...) before the first `at`."""
+        """Positions [m], the control period of the first, and whether they are a stop; (None, ...) before the first
+        `at`."""
         with self._lock:
             return self._positions, self._start, self._stopping
 

@@ -80,7 +80,8 @@ def observer_loop(axis, plant, stiffness, damping, parameters):
 
 
 def frequency_response(loop, omega, period):
-    """Response of a discrete state space with one input and output at ``omega`` [rad/s], shape (n,); all frequencies in one solve."""
+    """Response of a discrete state space with one input and output at ``omega`` [rad/s], shape (n,); all frequencies in
+    one solve."""
     shifted = np.exp(1j * omega * period)[:, None, None] * np.eye(len(loop.A)) - loop.A
     return (loop.C @ np.linalg.solve(shifted, loop.B[None].astype(complex)))[:, 0, 0] + loop.D[0, 0]
 
@@ -136,4 +137,12 @@ def margin_rows(margins):
     ]
 
 
-MARGIN_HEADS = ["regime", "stable", "phase (deg)", "gain up (dB)", "gain down (dB)", "crossover (Hz)", "peak sensitivity"]
+MARGIN_HEADS = [
+    "regime",
+    "stable",
+    "phase (deg)",
+    "gain up (dB)",
+    "gain down (dB)",
+    "crossover (Hz)",
+    "peak sensitivity",
+]

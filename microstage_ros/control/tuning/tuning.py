@@ -63,7 +63,8 @@ def limit_cycle(axis, relay=None, hysteresis=None, duration=2.0, seed=0):
     """Automatic limit-cycle experiment on the simulated axis.
 
     ``relay`` [V]: half height, default four times the breakaway voltage. ``hysteresis`` [m]: default forty
-    counts, enough to slide. Returns `LimitCycle`; raises `InputError` if no limit cycle follows (the relay is too weak).
+    counts, enough to slide. Returns `LimitCycle`; raises `InputError` if no limit cycle follows (the relay is too
+    weak).
     """
     plant = make_plant(axis, NoiseSpec())
     resolution = axis.value("sensors.encoder.resolution")
@@ -147,7 +148,8 @@ def search(cost, start, evaluations, seed=0, accept=None, progress=None, names=S
 def fine_tune(axis, kind, start, seeds=(0, 1), evaluations=40, seed=0, progress=None):
     """Fine tuning by simulation over friction seeds, from the gains ``start``.
 
-    Candidates with less than `LEAST_PHASE` or `LEAST_GAIN` in the `GUARDED` regimes are not simulated. Returns `Tuning`.
+    Candidates with less than `LEAST_PHASE` or `LEAST_GAIN` in the `GUARDED` regimes are not simulated. Returns
+    `Tuning`.
     """
     best, cost = search(
         lambda gains: cost_of(axis, kind, gains, seeds), start, evaluations, seed,

@@ -1,4 +1,5 @@
-"""The candidates: one file per family, one line per form; an effect may bring forms of its own (`effects.Effect.forms`)."""
+"""The candidates: one file per family, one line per form; an effect may bring forms of its own
+(`effects.Effect.forms`)."""
 
 from microstage_ros.diagnosis.catalogue import command, drive, electrical, friction, generic, measuring
 from microstage_ros.model.effects import REGISTRY

@@ -109,9 +109,14 @@ def _load_sizes(beta, covariance, frame):
 def _heat_sizes(time):
     def sizes(beta, covariance, frame):
         sigma = np.sqrt(np.diag(covariance))
-        return ({"rise_per_joule": (float(beta[1]), float(sigma[1]), "1/J"),
-                 "initial": (float(beta[0]), float(sigma[0]), "1"), "time_s": (time, time, "s")},
-                {"rise_per_joule": max(float(beta[1]), 0.0), "initial": float(np.clip(beta[0], -0.5, 2.0)), "time_s": time})
+        return (
+            {
+                "rise_per_joule": (float(beta[1]), float(sigma[1]), "1/J"),
+                "initial": (float(beta[0]), float(sigma[0]), "1"),
+                "time_s": (time, time, "s"),
+            },
+            {"rise_per_joule": max(float(beta[1]), 0.0), "initial": float(np.clip(beta[0], -0.5, 2.0)), "time_s": time},
+        )
     return sizes
 
 
@@ -145,16 +150,36 @@ def _near_one(smallest=False):
 FORMS = (
     Form("amplifier_offset", "windup", "", amplifier_offset, one("offset_V", "V")),
     Form("amplifier_gain", "windup", "", amplifier_gain, one("factor", "1", value=lambda b: 1.0 + b)),
-    *(Form("amplifier_deadband", "windup", f"{h:g}", amplifier_deadband(h), one("half_width_V", "V"), lambda b: b[0] > 0)
-      for h in DEAD_WIDTHS),
+    *(
+        Form(
+            "amplifier_deadband",
+            "windup",
+            f"{h:g}",
+            amplifier_deadband(h),
+            one("half_width_V", "V"),
+            lambda b: b[0] > 0,
+        )
+        for h in DEAD_WIDTHS
+    ),
     *(Form("resistance_rise", "windup", f"{t:g}", resistance_rise(t), _heat_sizes(t)) for t in HEAT_TIMES),
     *(Form("screw_pitch_error", "windup", f"{n}", screw_pitch_error(n), _lead_sizes(n)) for n in SCREW_HARMONICS),
     *(Form("backlash", "windup", f"{f:g}", backlash(f), _gap_sizes, lambda b: b[0] > 0) for f in FLANK_FORCES),
     Form("drive_compliance", "windup", "", windup_compliance, _compliance_sizes),
-    *(Form("drive_compliance", "resonance", f"{f:g}", drive_compliance(f), _factor_sizes("stiffness_factor", "1", f),
-           _near_one(0.75 < f < 1.3)) for f in STIFFNESS_FACTORS),
+    *(
+        Form(
+            "drive_compliance",
+            "resonance",
+            f"{f:g}",
+            drive_compliance(f),
+            _factor_sizes("stiffness_factor", "1", f),
+            _near_one(0.75 < f < 1.3),
+        )
+        for f in STIFFNESS_FACTORS
+    ),
     Form("payload_change", "windup", "", windup_compliance, _load_sizes),
-    *(Form("payload_change", "resonance", f"{f:g}", payload_resonance(f), _mass_sizes(f), _near_one(0.75 < f < 1.3))
-      for f in MASS_FACTORS),
+    *(
+        Form("payload_change", "resonance", f"{f:g}", payload_resonance(f), _mass_sizes(f), _near_one(0.75 < f < 1.3))
+        for f in MASS_FACTORS
+    ),
     Form("generic:voltage", "windup", "", of_voltage),
 )

@@ -17,7 +17,8 @@ AGING = tuple((scale, release) for scale in (0.03, 0.2) for release in (2.0e-6, 
 AGING_STEP = 0.05
 CALM = 201                                           # periods
 PROFILE_PRIOR = 0.2                                  # relative; what was not visited stays at the nominal friction
-PROFILE_STDERR = 0.08                                # friction along the stroke is told only where it is known this well
+# friction along the stroke is told only where it is known this well
+PROFILE_STDERR = 0.08
 COARSE = 4                                           # periods per step of the replays for candidates
 CREEPS = ((0.015, 2.0e-8), (0.06, 2.0e-8), (0.06, 8.0e-8), (0.3, 2.0e-8), (0.3, 8.0e-8))   # s, m
 CREEP_RELEASE = 1.0e-6                               # m
@@ -99,7 +100,8 @@ def _ending(speed):
 
 
 def _grows(beta):
-    """Friction that is larger only near standstill needs rest before it (`rising_static_friction`), not speed: a film builds up."""
+    """Friction that is larger only near standstill needs rest before it (`rising_static_friction`), not speed: a film
+    builds up."""
     return beta[0] > 0.0
 
 
@@ -122,8 +124,10 @@ def _profile_sizes(spacing):
         spread = float(np.std(profile[known]))
         direction = (profile[known] - profile[known].mean()) @ basis[known] / (known.sum() * max(spread, 1e-12))
         stderr = float(np.sqrt(max(direction @ covariance @ direction, 0.0)))
-        return ({"rms": (spread, stderr, "1")},
-                {"positions_m": [float(v) for v in x], "factors": [float(v) for v in np.clip(1.0 + profile, 0.05, 20.0)]})
+        return (
+            {"rms": (spread, stderr, "1")},
+            {"positions_m": [float(v) for v in x], "factors": [float(v) for v in np.clip(1.0 + profile, 0.05, 20.0)]},
+        )
     return sizes
 
 
@@ -167,7 +171,8 @@ def rising_static(scale, release):
 
 @compiled
 def _ageing(stuck, speed, period, scale, release):
-    """log10(1 + dwell/scale), the dwell counting while any block sticks; travel wipes out both, exp(−travel/release)."""
+    """log10(1 + dwell/scale), the dwell counting while any block sticks; travel wipes out both,
+    exp(−travel/release)."""
     age = np.empty(stuck.size)
     dwell, level = 0.0, 0.0
     for i in range(stuck.size):
@@ -186,7 +191,8 @@ def _calm_speed(prepared):
 
 
 def presliding_creep(scale, amplitude):
-    """Sticking blocks flow by A/(t + scale) · F_j/F_j,max, t since the contact moved; per metre of A around ``amplitude``."""
+    """Sticking blocks flow by A/(t + scale) · F_j/F_j,max, t since the contact moved; per metre of A around
+    ``amplitude``."""
     def columns(channel, frame):
         p = channel.prepared
         held = _clock(_calm_speed(p), p.period, CREEP_RELEASE)[::COARSE]
@@ -214,17 +220,49 @@ FORMS = (
     Form("direction_asymmetry", "torque", "", direction_asymmetry, one("asymmetry", "1")),
     Form("direction_asymmetry", "torque", "viscous", all_asymmetry, _asymmetry_sizes),
     Form("direction_asymmetry", "torque", "guideway", guideway_asymmetry, _guideway_sizes, lambda b: abs(b[0]) < 0.9),
-    Form("friction_level_change", "torque", "", friction_level_change,
-         one("factor", "1", value=lambda beta: 1.0 + beta)),
+    Form(
+        "friction_level_change", "torque", "", friction_level_change, one("factor", "1", value=lambda beta: 1.0 + beta)
+    ),
     Form("viscous_change", "torque", "", viscous_change, one("factor", "1", value=lambda beta: 1.0 + beta)),
-    *(Form("nonlinear_viscous", "torque", f"{n:g}", nonlinear_viscous(n),
-           _power_sizes(n), _grows if n < 1.0 else None) for n in EXPONENTS),
+    *(
+        Form(
+            "nonlinear_viscous", "torque", f"{n:g}", nonlinear_viscous(n), _power_sizes(n), _grows if n < 1.0 else None
+        )
+        for n in EXPONENTS
+    ),
     *map(_ending, ENDS),
-    *(Form("position_dependent_friction", "torque", f"{s:g}", position_dependent(s), _profile_sizes(s),
-           prior=PROFILE_PRIOR) for s in PIECES),
+    *(
+        Form(
+            "position_dependent_friction",
+            "torque",
+            f"{s:g}",
+            position_dependent(s),
+            _profile_sizes(s),
+            prior=PROFILE_PRIOR,
+        )
+        for s in PIECES
+    ),
     *(Form("frictional_lag", "torque", f"{t:g}", frictional_lag(t), _lag_sizes(t), lambda b: b[0] > 0) for t in LAGS),
-    *(Form("rising_static_friction", "torque", f"{s:g},{r:g}", rising_static(s, r),
-           one("rate_per_decade", "1", extra={"dwell_scale_s": s, "release_m": r}), lambda b: b[0] > 0) for s, r in AGING),
-    *(Form("presliding_creep", "torque", f"{s:g},{a:g}", presliding_creep(s, a),
-           one("amplitude_m", "m", extra={"time_s": s, "release_m": CREEP_RELEASE}), lambda b: b[0] > 0) for s, a in CREEPS),
+    *(
+        Form(
+            "rising_static_friction",
+            "torque",
+            f"{s:g},{r:g}",
+            rising_static(s, r),
+            one("rate_per_decade", "1", extra={"dwell_scale_s": s, "release_m": r}),
+            lambda b: b[0] > 0,
+        )
+        for s, r in AGING
+    ),
+    *(
+        Form(
+            "presliding_creep",
+            "torque",
+            f"{s:g},{a:g}",
+            presliding_creep(s, a),
+            one("amplitude_m", "m", extra={"time_s": s, "release_m": CREEP_RELEASE}),
+            lambda b: b[0] > 0,
+        )
+        for s, a in CREEPS
+    ),
 )

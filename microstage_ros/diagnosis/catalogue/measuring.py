@@ -8,7 +8,8 @@ from microstage_ros.diagnosis.catalogue.form import Form, one, splines, wave
 SIGNAL_PERIODS = (10e-6, 20e-6, 5e-6, 4e-6, 2e-6)  # m
 DRIFT_TIMES = (3.0, 10.0, 30.0)                     # s
 PER_KELVIN, PER_PASCAL, PER_HUMIDITY = -0.93e-6, 2.7e-9, -0.85e-8  # relative air index; first-order Edlén terms
-LEAST_SHARE = 0.02                                  # of a count: the amplitude that rounding may leave in the mean over many
+# of a count: the amplitude that rounding may leave in the mean over many
+LEAST_SHARE = 0.02
 LEAST_DRIFT = 1.0e-9                                # m over half a minute: rounding at rest leaves as much
 SMOOTHING = 1.0                                     # s, of the air and temperature columns
 
@@ -106,9 +107,25 @@ def sde_form(period):
 FORMS = (
     *(Form("encoder_sde", "position", f"{p:g}", encoder_sde(p), _sde_sizes(p), beyond=_told) for p in SIGNAL_PERIODS),
     Form("scale_error", "position", "", scale_error, one("relative", "1")),
-    *(Form("thermal_drift", "position", f"{t:g}", drift(t), one("amplitude_m", "m", extra={"time_s": t}),
-           lambda b: abs(b[0]) > LEAST_DRIFT) for t in DRIFT_TIMES),
-    Form("thermal_drift", "position", "linear", drift_linear, one("rate_m_s", "m/s"), lambda b: abs(b[0]) > LEAST_DRIFT / 30.0),
+    *(
+        Form(
+            "thermal_drift",
+            "position",
+            f"{t:g}",
+            drift(t),
+            one("amplitude_m", "m", extra={"time_s": t}),
+            lambda b: abs(b[0]) > LEAST_DRIFT,
+        )
+        for t in DRIFT_TIMES
+    ),
+    Form(
+        "thermal_drift",
+        "position",
+        "linear",
+        drift_linear,
+        one("rate_m_s", "m/s"),
+        lambda b: abs(b[0]) > LEAST_DRIFT / 30.0,
+    ),
     Form("thermal_drift", "position", "temperature", drift_expansion, one("expansion_m_K", "m/K")),
     Form("refractive_index", "position", "", refractive_index, one("path_m", "m")),
     Form("sampling_jitter", "position", "", lateness, one("late_s", "s"), lambda b: b[0] > 0),

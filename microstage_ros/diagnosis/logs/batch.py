@@ -19,7 +19,8 @@ PACKED = (".gz", ".xz")
 
 @dataclasses.dataclass(frozen=True)
 class LogCase:
-    """One machine: LOG.yaml, logs of when it was healthy and of now, the folder to write. Paths as text; ``axis`` may be empty."""
+    """One machine: LOG.yaml, logs of when it was healthy and of now, the folder to write. Paths as text; ``axis`` may
+    be empty."""
 
     name: str
     log: str
@@ -43,7 +44,8 @@ class LogCase:
 def cases_of_logs(folders, log, baseline, axis, out, seed):
     """One `LogCase` per folder: files ``base*`` are its baseline (else ``baseline``), all others are of now.
 
-    A folder's own ``LOG.yaml`` and ``axis.yaml`` replace ``log`` and ``axis``. Raises InputError for a folder without either sort of log.
+    A folder's own ``LOG.yaml`` and ``axis.yaml`` replace ``log`` and ``axis``. Raises InputError for a folder without
+    either sort of log.
     """
     cases, taken = [], {}
     for folder in map(pathlib.Path, folders):
@@ -95,7 +97,8 @@ def with_axis(description, axis):
 
 
 def diagnose_many_logs(cases, jobs=1, scheduler=None):
-    """Diagnose `LogCase`s, yielding (case, report mapping or exception) as they end; ``jobs``, ``scheduler`` as in `batch.diagnose_many`."""
+    """Diagnose `LogCase`s, yielding (case, report mapping or exception) as they end; ``jobs``, ``scheduler`` as in
+    `batch.diagnose_many`."""
     if not scheduler:
         yield from on_cores(cases, _attempt, jobs) if jobs > 1 else ((case, _attempt(case)) for case in cases)
         return

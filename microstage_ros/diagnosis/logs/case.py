@@ -63,14 +63,19 @@ def diagnose_logs(baseline, now, description, seed=0):
 
 
 def prepare(baseline, now, description):
-    """Rows with motion, repetition and condition; channels with their healthy models; stroke, top speed and acceleration; notes."""
+    """Rows with motion, repetition and condition; channels with their healthy models; stroke, top speed and
+    acceleration; notes."""
     notes = []
     if not baseline:
         raise InputError("--baseline", "none", "at least one log of the machine while it was healthy")
     common = {label for log in baseline for label in log.conditions} & {label for log in now for label in log.conditions}
     if not common:
-        raise InputError(f"{description.place}: condition", "no value in common between baseline and now",
-                         "logs of like conditions; the baseline has " + "; ".join(str(c) for log in baseline[:3] for c in log.conditions[:3]))
+        raise InputError(
+            f"{description.place}: condition",
+            "no value in common between baseline and now",
+            "logs of like conditions; the baseline has "
+            + "; ".join(str(c) for log in baseline[:3] for c in log.conditions[:3]),
+        )
     order = {label: k for k, label in enumerate(sorted(common, key=str))}
     for name, side in (("baseline", baseline), ("now", now)):
         left = {label for log in side for label in log.conditions} - common

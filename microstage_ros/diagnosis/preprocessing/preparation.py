@@ -21,7 +21,8 @@ LEAST_ROWS = 5000
 FUSION = 41           # periods over which the position reading corrects the motor's travel
 GAP_FUSION = 1001     # the same where the stage may rattle in a gap
 TRAVEL_NOISE = 2.0e-8 # m: the back-EMF's travel is trusted below some 200 Hz, current and inertia above
-LEAST_COUNT = 1.0e-11 # m; derived: a thousandth of the finest count of such encoders, and far above the last bits of a double
+# m; derived: a thousandth of the finest count of such encoders, and far above the last bits of a double
+LEAST_COUNT = 1.0e-11
 ALL_COUNTS = 0.99     # share of the changes that must be whole multiples; derived: chance makes 0.04 of them
 MOTOR_NOISE = 2.0e-9  # m, of the motor's position after that
 
@@ -39,8 +40,8 @@ class Prepared:
     ``actuator`` and ``guideway`` the nominal frictions without viscosity [N m at the motor, N], ``stuck`` the
     share of the actuator's blocks that stick;
     ``lost`` marks samples that repeat the one before or were missing;
-    ``stage``: the position reading nearest to the truth, the interferometer (less a slow course of its own) if there is one,
-    else the encoder;
+    ``stage``: the position reading nearest to the truth, the interferometer (less a slow course of its own) if there is
+    one, else the encoder;
     ``count``: the step of the encoder's reading [m], 0 where it shows none;
     ``behind``: how far the stage is ahead of the motor by the replay through a gap, or None without a gap.
     """
@@ -139,19 +140,39 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None):
     air = {name: _filled(record[name], name)[0] for name in
            ("air_temperature_K", "air_pressure_Pa", "air_humidity", "stage_temperature_K") if name in record}
     return Prepared(
-        name=record.source, period=period, time=record["t_s"] - record["t_s"][0], encoder=columns["encoder_m"],
-        interferometer=columns.get("interferometer_m"), reference=columns.get("reference_m", stage),
-        commanded=commanded, answered=answered, current=current, settled=settled,
-        travel=travel, angle=angle, stage_position=position, position=motion.position, speed=motion.speed, stage_speed=stage_speed, load=load,
-        actuator=actuator, stuck=stuck, guideway=guideway,
-        lost=lost, off=off,
-        has_current="current_A" in columns, air=air, stage=stage, behind=carried - travel if gap > 0.0 else None,
+        name=record.source,
+        period=period,
+        time=record["t_s"] - record["t_s"][0],
+        encoder=columns["encoder_m"],
+        interferometer=columns.get("interferometer_m"),
+        reference=columns.get("reference_m", stage),
+        commanded=commanded,
+        answered=answered,
+        current=current,
+        settled=settled,
+        travel=travel,
+        angle=angle,
+        stage_position=position,
+        position=motion.position,
+        speed=motion.speed,
+        stage_speed=stage_speed,
+        load=load,
+        actuator=actuator,
+        stuck=stuck,
+        guideway=guideway,
+        lost=lost,
+        off=off,
+        has_current="current_A" in columns,
+        air=air,
+        stage=stage,
+        behind=carried - travel if gap > 0.0 else None,
         count=count_of(record["encoder_m"]),
     )
 
 
 def count_of(reading):
-    """Step [m] of which all changes of a reading (n,) [m] are multiples, as it is of a counting encoder; 0 if there is none."""
+    """Step [m] of which all changes of a reading (n,) [m] are multiples, as it is of a counting encoder; 0 if there is
+    none."""
     steps = np.abs(np.diff(reading))
     steps = steps[steps > LEAST_COUNT]      # nothing where a reading is missing
     if not len(steps):

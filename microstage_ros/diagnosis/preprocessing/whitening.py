@@ -55,7 +55,8 @@ def _kalman(matrix, gains, keeps, variances, white):
 
 
 def whiten_walk(matrix, step, noise):
-    """Innovations of ``matrix`` (n, k): a random walk of ``step`` per row, read with white ``noise`` (both standard deviations).
+    """Innovations of ``matrix`` (n, k): a random walk of ``step`` per row, read with white ``noise`` (both standard
+    deviations).
 
     Constant gain; the first row's level is unknown and is taken as it is read.
     """

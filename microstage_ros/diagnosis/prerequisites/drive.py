@@ -9,7 +9,8 @@ from microstage_ros.model.friction.contact import OTHER_LAWS, blocks_of, law_val
 from microstage_ros.model.friction.registry import law_named
 from microstage_ros.quantities.errors import InputError
 
-NO_FRICTION = 1.0e-12   # N: limit of a contact without friction; derived: 10⁻¹⁰ of what winds the drive train up by a nanometre, 10⁻² N
+# N: limit of a contact without friction; derived: 10⁻¹⁰ of what winds the drive train up by a nanometre, 10⁻² N
+NO_FRICTION = 1.0e-12
 FAST_ATTRACTION = 1.0e6   # 1/s, in limits: a law without an attraction parameter slips at its limit at once
 
 
@@ -35,8 +36,8 @@ class Contact:
 
 @dataclasses.dataclass(frozen=True)
 class Variability:
-    """How the axis file says that friction varies: standard deviation of the limits' factor, the travel [m] and the time [s]
-    over which it is correlated, and the share of its variance that goes with travel."""
+    """How the axis file says that friction varies: standard deviation of the limits' factor, the travel [m] and the
+    time [s] over which it is correlated, and the share of its variance that goes with travel."""
 
     relative: float
     travel_length: float
@@ -48,8 +49,9 @@ class Variability:
 class Drive:
     """Motor, transmission, stage and contacts in SI.
 
-    ``lever`` is r/N [m per radian of the motor]: stage travel for a radian of the motor shaft. ``amplifier_noise`` [V] and
-    ``variability`` are what the axis file states of noise; where records of the healthy axis are given, they say it instead.
+    ``lever`` is r/N [m per radian of the motor]: stage travel for a radian of the motor shaft. ``amplifier_noise`` [V]
+    and ``variability`` are what the axis file states of noise; where records of the healthy axis are given, they say it
+    instead.
     """
 
     resistance: float
@@ -99,18 +101,29 @@ def drive_of(axis):
                          "voltage_motor with a screw (force-driven axes are re-simulated instead)")
     value = axis.value
     return Drive(
-        resistance=value("drive.resistance"), inductance=value("drive.inductance"),
-        back_emf=value("drive.back_emf"), torque_constant=value("drive.torque_constant"),
-        inertia=value("drive.rotor_inertia"), gear_ratio=value("transmission.gear_ratio"),
-        pitch=value("transmission.pitch"), stiffness=value("transmission.stiffness"),
-        damping=value("transmission.damping"), mass=value("stage.mass"),
+        resistance=value("drive.resistance"),
+        inductance=value("drive.inductance"),
+        back_emf=value("drive.back_emf"),
+        torque_constant=value("drive.torque_constant"),
+        inertia=value("drive.rotor_inertia"),
+        gear_ratio=value("transmission.gear_ratio"),
+        pitch=value("transmission.pitch"),
+        stiffness=value("transmission.stiffness"),
+        damping=value("transmission.damping"),
+        mass=value("stage.mass"),
         converter_step=2.0 * value("drive.dac_range") / 2.0 ** value("drive.dac_bits"),
         voltage_limit=value("drive.voltage_limit"),
-        actuator=_contact(axis, "actuator"), guideway=_contact(axis, "guideway"),
-        signal_period=value("sensors.encoder.signal_period"), interpolation=tuple(value("sensors.encoder.interpolation_error")),
-        encoder_resolution=value("sensors.encoder.resolution"), encoder_noise=value("sensors.encoder.noise"),
-        current_offset=value("sensors.current.offset"), amplifier_noise=value("drive.noise"),
-        variability=Variability(*(value(f"variability.{key}") for key in ("relative", "travel_length", "time_length", "travel_share"))),
+        actuator=_contact(axis, "actuator"),
+        guideway=_contact(axis, "guideway"),
+        signal_period=value("sensors.encoder.signal_period"),
+        interpolation=tuple(value("sensors.encoder.interpolation_error")),
+        encoder_resolution=value("sensors.encoder.resolution"),
+        encoder_noise=value("sensors.encoder.noise"),
+        current_offset=value("sensors.current.offset"),
+        amplifier_noise=value("drive.noise"),
+        variability=Variability(
+            *(value(f"variability.{key}") for key in ("relative", "travel_length", "time_length", "travel_share"))
+        ),
     )
 
 
@@ -132,5 +145,15 @@ def _contact(axis, name):
     number, packed = -1, np.zeros(0)
     if law in OTHER_LAWS:
         number, packed = law_named(law).number, law_named(law).pack({**law_values(axis, name), "viscous": 0.0})
-    return Contact(stiffness, weight, static, get("coulomb", static), get("stribeck_velocity", 1.0),
-                   get("stribeck_exponent", 1.0), get("attraction", FAST_ATTRACTION * static), get("viscous", 0.0), number, packed)
+    return Contact(
+        stiffness,
+        weight,
+        static,
+        get("coulomb", static),
+        get("stribeck_velocity", 1.0),
+        get("stribeck_exponent", 1.0),
+        get("attraction", FAST_ATTRACTION * static),
+        get("viscous", 0.0),
+        number,
+        packed,
+    )

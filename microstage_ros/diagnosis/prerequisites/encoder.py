@@ -1,8 +1,8 @@
 """The encoder's interpolation error that the axis file states, as records of the healthy axis show it.
 
 The file states an error of the encoder as no cause: it is taken out of every reading. Size and phase come from the
-baseline where there is one: an encoder may be better or worse than its data sheet, and after another homing the phase is
-another. What is stated and not there would otherwise be put in.
+baseline where there is one: an encoder may be better or worse than its data sheet, and after another homing the phase
+is another. What is stated and not there would otherwise be put in.
 """
 
 import dataclasses

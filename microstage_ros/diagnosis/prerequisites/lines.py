@@ -17,7 +17,8 @@ REST_SPEED = 2.0e-5        # m/s
 WINDOW = 201               # blocks of half a millisecond: a tenth of a second
 CLIPPED = 6.0              # usual sizes of a whitened residual
 LOWEST, HIGHEST = 8.0, 900.0   # Hz
-LEAST_POWER = 32.0   # of summed periodograms in units of their mean; derived: e⁻³² times 10⁵ frequencies is a chance of 10⁻⁹
+# of summed periodograms in units of their mean; derived: e⁻³² times 10⁵ frequencies is a chance of 10⁻⁹
+LEAST_POWER = 32.0
 LEAST_AMPLITUDE = 3.0e-10  # m
 NARROW = 0.04              # power half a hertz or so beside a line, relative to it
 MOST = 6
@@ -27,8 +28,9 @@ MOST = 6
 class Line:
     """Frequency [Hz], amplitude [m] with standard error, phase [rad] in the first learning record, and the χ² it holds.
 
-    ``frequency_stderr`` [Hz]: √12/(2π) σ_A/(A T) over the time T at rest (Rife and Boorstyn, IEEE Transactions on Information
-    Theory 20 (1974)); ``traces``: x(t) = Re(trace · exp(2πi f t)) in each learning, then each held-out record."""
+    ``frequency_stderr`` [Hz]: √12/(2π) σ_A/(A T) over the time T at rest (Rife and Boorstyn, IEEE Transactions on
+    Information Theory 20 (1974)); ``traces``: x(t) = Re(trace · exp(2πi f t)) in each learning, then each held-out
+    record."""
 
     frequency: float
     amplitude: float

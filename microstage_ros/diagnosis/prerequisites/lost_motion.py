@@ -1,4 +1,5 @@
-"""Lost motion wide enough to be seen as such: found first, from stage against motor alone, and then taken into the model.
+"""Lost motion wide enough to be seen as such: found first, from stage against motor alone, and then taken into the
+model.
 
 A wide gap lets a closed loop rattle from flank to flank; then the stage no longer tells where the motor is, and
 every residual that takes it for granted is worthless. The gap is found by replaying the stage behind it
@@ -15,7 +16,8 @@ from microstage_ros.diagnosis.residuals.transmission_deflection import Windup
 
 STANDS_OUT = 1.4         # times the baseline's loss from which the search is worth its time
 EXPLAINS = 0.4           # share of what stands out that the gap must take away (other causes: a tenth at most),
-EXPLAINS_FIRST = 0.25    # already at the best of the first widths (found gaps: 0.5 and more; other causes: 0.15 at most),
+# already at the best of the first widths (found gaps: 0.5 and more; other causes: 0.15 at most),
+EXPLAINS_FIRST = 0.25
 EXPLAINS_HELD = 0.1      # and of the held-out records, where another cause may stand out more,
 EXPLAINS_ALONE = 0.5     # or of every learning record alone
 USUAL = 0.7              # mean size of a whitened residual that is noise
@@ -91,7 +93,8 @@ def _refined(channels, start):
     logs = np.log(start) + np.array(STEPS)
     losses = np.array([_followed(channels, float(np.exp(log))) for log in logs])
     best = int(np.clip(np.argmin(losses), 1, len(logs) - 2))
-    before, least, after = losses[best - 1: best + 2]      # three points: in a rattle the loss is no parabola further out
+    # three points: in a rattle the loss is no parabola further out
+    before, least, after = losses[best - 1: best + 2]
     bend = before - 2.0 * least + after
     shift = float(np.clip(0.5 * (before - after) / bend, -0.5, 0.5)) if bend > 0 else 0.0
     return float(np.exp(logs[best] + shift * (logs[1] - logs[0])))
@@ -121,7 +124,8 @@ def _losses(channels, gap):
 
 
 def _followed(channels, gap):
-    """Loss over the loss without a gap of the record that is followed best: where a replay loses its place says nothing of the gap."""
+    """Loss over the loss without a gap of the record that is followed best: where a replay loses its place says nothing
+    of the gap."""
     return min(side_by_side(lambda c: _loss(c, _behind(c, gap)) / _loss(c, c.residual), channels))
 
 

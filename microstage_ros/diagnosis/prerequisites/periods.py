@@ -27,7 +27,8 @@ ONE_PHASE = 0.7      # rad: the phase of one direction of one record from the me
 SDE_RANGE = (4.0e-7, 6.0e-5)       # m, of the encoder's signal periods
 RIPPLE_RANGE = (4.0e-6, 2.5e-4)    # m
 SLOW = 2001          # periods: courses in time slower than this are no matter of the encoder's periods
-STRETCH = 1.0e-3     # m: speed, and with it the whitening's gain, changes from move to move, so one line has sides this close
+# m: speed, and with it the whitening's gain, changes from move to move, so one line has sides this close
+STRETCH = 1.0e-3
 SNAP = 4.0e-3        # relative distance from a whole or half number of cycles per turn that is none
 
 
@@ -126,7 +127,8 @@ def _ripples(collection):
 
 
 def _bound_to_the_place(collection, found):
-    """Those cycles per turn whose ripple has one phase in both directions of every learning record, and holds enough."""
+    """Those cycles per turn whose ripple has one phase in both directions of every learning record, and holds
+    enough."""
     kept, sides = [], 2.0 * np.pi * collection.frame.drive.lever / STRETCH
     for n in found:
         if any(abs(n - k) < sides for k in kept):

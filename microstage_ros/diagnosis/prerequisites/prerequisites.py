@@ -1,7 +1,8 @@
 """What must be known before any residual means something, found from the records and taken into the model.
 
-A slow drift of the interferometer, wide lost motion, a slow amplifier, lines of the floor and a drive train far from the
-model's each spoil every balance; so they are looked for one after the other, the records being prepared anew with what is known by then.
+A slow drift of the interferometer, wide lost motion, a slow amplifier, lines of the floor and a drive train far from
+the model's each spoil every balance; so they are looked for one after the other, the records being prepared anew with
+what is known by then.
 """
 
 import dataclasses
@@ -23,8 +24,8 @@ CHANGED = ("learn", "held")    # groups of records in which something may be wro
 
 @dataclasses.dataclass(frozen=True)
 class Known:
-    """What was found so far: `amplifier.Slowness`, `lost_motion.Gap`, `resonant.Train`, [`lines.Line`], and each record's
-    course of the interferometer."""
+    """What was found so far: `amplifier.Slowness`, `lost_motion.Gap`, `resonant.Train`, [`lines.Line`], and each
+    record's course of the interferometer."""
 
     slow: object = None
     gap: object = None
@@ -40,8 +41,16 @@ class Known:
             anew[name] = []
             for record in groups[name]:
                 traces = [(line.frequency, line.traces[number]) for line in self.lines]
-                anew[name].append(prepare(record, drive, self.slow.apply if self.slow else None, traces,
-                                          self.gap.width if self.gap else 0.0, self.courses[number] if self.courses else None))
+                anew[name].append(
+                    prepare(
+                        record,
+                        drive,
+                        self.slow.apply if self.slow else None,
+                        traces,
+                        self.gap.width if self.gap else 0.0,
+                        self.courses[number] if self.courses else None,
+                    )
+                )
                 number += 1
         return anew
 
@@ -86,7 +95,8 @@ def _far_train(prepared, drive):
 
 
 def _train_instead(groups, prompt, drive, prepared, known):
-    """What is known if a drive train that swings, of which the command's channel knows nothing, looked like a slow amplifier."""
+    """What is known if a drive train that swings, of which the command's channel knows nothing, looked like a slow
+    amplifier."""
     train = _far_train(prompt, drive)
     if train is None:
         return prepared, known

@@ -1,7 +1,7 @@
 """A drive train whose stiffness and damping changed: both fitted to the fast part of stage against motor.
 
-The catalogue's grid of stiffnesses keeps the damping; where that leaves much of the resonance, one more form is made for
-the pair that fits. And where the stage follows the motor so differently, the motion itself is told by that pair.
+The catalogue's grid of stiffnesses keeps the damping; where that leaves much of the resonance, one more form is made
+for the pair that fits. And where the stage follows the motor so differently, the motion itself is told by that pair.
 """
 
 import dataclasses
@@ -21,13 +21,15 @@ MASS_RANGE = (0.3, 30.0)   # of the moving mass
 MASS_REACH = 0.7      # of its logarithm, on both sides of the reciprocal of the stiffness that fits
 STEP = 0.05           # of the logarithms, for the bend at the best pair
 STIFFNESS_ERROR = 0.06
-DAMPING_ERROR = 0.4   # share of the damping: a loop that swings at its resonance tells it poorly (simulated: factors of 0.6 to 2)
+# share of the damping: a loop that swings at its resonance tells it poorly (simulated: factors of 0.6 to 2)
+DAMPING_ERROR = 0.4
 EXPLAINS = 0.3        # share of what stands out that the pair must take to count
 
 
 @dataclasses.dataclass(frozen=True)
 class Train:
-    """Factors on stiffness and damping that fit best, with the χ² without and with them, and with the stiffness alone."""
+    """Factors on stiffness and damping that fit best, with the χ² without and with them, and with the stiffness
+    alone."""
 
     stiffness: float
     damping: float
@@ -59,10 +61,11 @@ def fit_train(learn, base):
 
 
 def damped_forms(collection):
-    """`Form` of ``drive_compliance`` with its own damping and of ``payload_change`` with its own mass, as far as they stand out.
+    """`Form` of ``drive_compliance`` with its own damping and of ``payload_change`` with its own mass, as far as they
+    stand out.
 
-    A mass g times as large moves the resonance as a stiffness and a damping of 1/g do, H = (D s + K)/(m s² + D s + K); on
-    grids of other fineness the coarser one would lose although it is true.
+    A mass g times as large moves the resonance as a stiffness and a damping of 1/g do, H = (D s + K)/(m s² + D s + K);
+    on grids of other fineness the coarser one would lose although it is true.
     """
     if "resonance" not in collection.names:
         return []

@@ -52,7 +52,8 @@ def find_course(collection, evidences, choices):
 
 
 def courses(prepared):
-    """The interferometer's slow course of every learning and held-out record [m, one per row], or () without one that matters.
+    """The interferometer's slow course of every learning and held-out record [m, one per row], or () without one that
+    matters.
 
     It is in no torque balance, and a stage that seems to creep by it does not move.
     """

@@ -1,7 +1,7 @@
 """Scatter of the encoder that grows with speed, and samples that stand twice: readings at the wrong time.
 
-In blocks of some milliseconds: variance of (encoder − smoothed stage), by its third differences, = a + τ² v². The random lateness
-τ is the jitter; a sample that was lost repeats the reading before it.
+In blocks of some milliseconds: variance of (encoder − smoothed stage), by its third differences, = a + τ² v². The
+random lateness τ is the jitter; a sample that was lost repeats the reading before it.
 """
 
 import dataclasses
@@ -14,15 +14,17 @@ FREEDOM = 0.33 * BLOCK   # of a block's mean square of third differences, which 
 MOST_SPEED = 3.0e-3      # m/s: faster, smooth errors no longer drop out
 LEAST_SPEED = 8.0e-5     # m/s: slower, the encoder's rounding is not averaged out
 LEAST_LOST = 5.0e-4      # share of repeated samples
-STEP_BACK = 3.0          # standard deviations of two readings' difference; derived: a reading that steps back so far comes once in 700
+# standard deviations of two readings' difference; derived: a reading that steps back so far comes once in 700
+STEP_BACK = 3.0
 LEAST_SCATTER = 1.0      # of the floor, at the fastest: an encoder without noise rounds differently at every speed
 
 
 @dataclasses.dataclass(frozen=True)
 class Timing:
     """Jitter variance τ² [s²] with standard error, share of lost samples, and χ² that the jitter explains;
-    ``floor`` variance at rest, at least that of the encoder's rounding [m²], ``fastest`` speed that was looked at [m/s];
-    ``samples`` among which lost ones were counted; mean square of scatter [m²] and of speed [m²/s²] over all blocks."""
+    ``floor`` variance at rest, at least that of the encoder's rounding [m²], ``fastest`` speed that was looked at
+    [m/s]; ``samples`` among which lost ones were counted; mean square of scatter [m²] and of speed [m²/s²] over all
+    blocks."""
 
     variance: float
     stderr: float
@@ -56,7 +58,8 @@ class Timing:
 
 
 def timing_of(prepared, sde=None):
-    """`Timing` of some prepared records together, the encoder's sub-divisional error ``sde`` (effect entry) taken out."""
+    """`Timing` of some prepared records together, the encoder's sub-divisional error ``sde`` (effect entry) taken
+    out."""
     spreads, speeds, rounding = [], [], 0.0
     repeated = samples = missing = rows = 0
     for p in prepared:
@@ -94,14 +97,15 @@ def timing_of(prepared, sde=None):
 def repeat_speed(count, noise, period):
     """Speed [m/s] above which no reading repeats the one before by chance, be the current the same or not.
 
-    The stage goes a whole count [m] and `STEP_BACK` standard deviations √2 ``noise`` [m] of two readings' difference in a
-    ``period`` [s]: slower, a coarse encoder stands still although the stage moves.
+    The stage goes a whole count [m] and `STEP_BACK` standard deviations √2 ``noise`` [m] of two readings' difference in
+    a ``period`` [s]: slower, a coarse encoder stands still although the stage moves.
     """
     return (count + STEP_BACK * math.sqrt(2.0) * noise) / period
 
 
 def _subdivisional(position, sde):
-    """Error of an encoder, as `model.effects` has it: Σ amplitude_n sin(2π n x / period + phase_n), same shape as position."""
+    """Error of an encoder, as `model.effects` has it: Σ amplitude_n sin(2π n x / period + phase_n), same shape as
+    position."""
     error = np.zeros(len(position))
     for n in (1, 2, 3):
         if sde.get(f"amplitude{n}_m"):

@@ -43,21 +43,40 @@ def report_fields(diagnosis, experiments, axis, sources):
         "format": FORMAT,
         "verdict": diagnosis.verdict,
         "causes": [_cause(cause) for cause in diagnosis.causes],
-        "rivals": [{"ids": list(rivals.ids), "why": rivals.why, "experiment": name}
-                   for rivals, name in zip(diagnosis.rivals, experiments)],
-        "gain": None if gain is None else {
-            "metric": gain.metric, "unit": gain.unit, "records": [str(name) for name in gain.records],
-            "before": _plain(gain.before), "after": _plain(gain.after), "floor": _plain(gain.floor),
+        "rivals": [
+            {"ids": list(rivals.ids), "why": rivals.why, "experiment": name}
+            for rivals, name in zip(diagnosis.rivals, experiments)
+        ],
+        "gain": None
+        if gain is None
+        else {
+            "metric": gain.metric,
+            "unit": gain.unit,
+            "records": [str(name) for name in gain.records],
+            "before": _plain(gain.before),
+            "after": _plain(gain.after),
+            "floor": _plain(gain.floor),
             "ci95": [_plain(v) for v in gain.ci95],
         },
         "extended_axis": "extended.yaml",
         "findings": [
-            {"channel": f.channel, "coordinate": f.coordinate, "statistic": _plain(f.statistic), "threshold": _plain(f.threshold),
-             "left": _plain(f.left), "significant": bool(f.significant)} for f in diagnosis.findings],
+            {
+                "channel": f.channel,
+                "coordinate": f.coordinate,
+                "statistic": _plain(f.statistic),
+                "threshold": _plain(f.threshold),
+                "left": _plain(f.left),
+                "significant": bool(f.significant),
+            }
+            for f in diagnosis.findings
+        ],
         "identified": {key: _parameter(number) for key, number in diagnosis.identified.items()},
         "consequences": [],
         "notes": list(diagnosis.notes),
-        "axis": axis.place, "sources": sources, "seed": diagnosis.seed, "version": __version__,
+        "axis": axis.place,
+        "sources": sources,
+        "seed": diagnosis.seed,
+        "version": __version__,
     }
 
 

@@ -40,7 +40,8 @@ def _tidy(value):
 
 
 def _frequency(middle, stroke, period, count):
-    """Six sines; the amplitude falls with f^1.5, between even speed and even acceleration, so that the drive follows."""
+    """Six sines; the amplitude falls with f^1.5, between even speed and even acceleration, so that the drive
+    follows."""
     frequencies = np.geomspace(0.002, 0.1, 6) / period
     largest = min(400 * count, 1e-3 * stroke)
     return [{"sine": {"amplitude_m": _tidy(largest * (frequencies[0] / f) ** 1.5), "frequency_hz": _tidy(f),

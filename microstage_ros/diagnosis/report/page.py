@@ -43,9 +43,14 @@ def write_page(report, diagnosis, axis, path):
     page.list(_next(report))
     if report["consequences"]:
         page.section("What it means for the work")
-        page.table(("error of the stage", "as the axis file predicts", "with the causes"),
-                   [(c["name"], quantity(c["before"], c["unit"]), quantity(c["after"], c["unit"])) for c in report["consequences"]],
-                   "The same moves under the shipped controller, simulated with the axis file and with extended.yaml.")
+        page.table(
+            ("error of the stage", "as the axis file predicts", "with the causes"),
+            [
+                (c["name"], quantity(c["before"], c["unit"]), quantity(c["after"], c["unit"]))
+                for c in report["consequences"]
+            ],
+            "The same moves under the shipped controller, simulated with the axis file and with extended.yaml.",
+        )
     _where(page, diagnosis)
     _details(page, report, axis)
     page.save(path)
@@ -98,14 +103,30 @@ def _picture(page, picture):
 
 def _causes(page, causes):
     page.section("Causes that are sure")
-    rows = [(name_of(cause["id"]), cause["sentence"], f"{cause['share']:.0%}",
-             quantity(cause["gain"]["before"], cause["gain"]["unit"], 4), quantity(cause["gain"]["after"], cause["gain"]["unit"], 4))
-            for cause in causes]
-    page.table(("cause", "what it does", "share", "residual before", "after"), rows,
-               "Share: of what stood out of the noise on held-out records. Residuals: rms there, without and with the cause.")
+    rows = [
+        (
+            name_of(cause["id"]),
+            cause["sentence"],
+            f"{cause['share']:.0%}",
+            quantity(cause["gain"]["before"], cause["gain"]["unit"], 4),
+            quantity(cause["gain"]["after"], cause["gain"]["unit"], 4),
+        )
+        for cause in causes
+    ]
+    page.table(
+        ("cause", "what it does", "share", "residual before", "after"),
+        rows,
+        "Share: of what stood out of the noise on held-out records. Residuals: rms there, without and with the cause.",
+    )
     with page.details("Fitted sizes with their 95 % intervals"):
-        page.table(("cause", "size", "value", "from", "to"), [
-            (cause["id"], name, *_interval(number)) for cause in causes for name, number in cause["parameters"].items()])
+        page.table(
+            ("cause", "size", "value", "from", "to"),
+            [
+                (cause["id"], name, *_interval(number))
+                for cause in causes
+                for name, number in cause["parameters"].items()
+            ],
+        )
 
 
 def _interval(number):
@@ -140,8 +161,12 @@ def _where(page, diagnosis):
         return
     page.section("Where they part")
     if diagnosis.findings:
-        page.figure(strengths(diagnosis.findings), "How strongly the residual goes with each coordinate. Left of the dashed "
-                    "line it is what chance gives on a healthy axis.", "Bars: strength per coordinate, before and after")
+        page.figure(
+            strengths(diagnosis.findings),
+            "How strongly the residual goes with each coordinate. Left of the dashed "
+            "line it is what chance gives on a healthy axis.",
+            "Bars: strength per coordinate, before and after",
+        )
     for picture in diagnosis.pictures[1:]:
         _picture(page, picture)
 

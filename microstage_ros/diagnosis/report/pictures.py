@@ -13,8 +13,13 @@ STRETCH = 0.15   # s
 COURSE = 2.0     # s: of a record shown in time
 MOVES = 2.0e-5   # m/s: slower is rest
 ENOUGH = 400     # samples in each direction for a curve of its own
-LABELS = {"position": "position [m]", "velocity": "velocity [m/s]", "time": "time [s]",
-          "signal period": "position within a signal period [m]", "motor turns": "travel within two turns of the motor [m]"}
+LABELS = {
+    "position": "position [m]",
+    "velocity": "velocity [m/s]",
+    "time": "time [s]",
+    "signal period": "position within a signal period [m]",
+    "motor turns": "travel within two turns of the motor [m]",
+}
 FOLDED = ("signal period", "motor turns")   # what repeats too often to be seen along the stroke
 Y_LABELS = {"torque": "torque needed beyond the model [N m]", "windup": "stage against motor [m]",
             "resonance": "stage against motor, fast part [m]",
@@ -47,7 +52,8 @@ def gap_picture(prepared):
 
 
 def drift_picture(prepared):
-    """`Picture` of one record's interferometer less encoder over time, in means of 20 ms, and the smooth course through it."""
+    """`Picture` of one record's interferometer less encoder over time, in means of 20 ms, and the smooth course through
+    it."""
     values, time, course = course_of(prepared)
     level = course.mean()
     curves = {"measured": (time, values - level), "smooth course": (time, course - level)}

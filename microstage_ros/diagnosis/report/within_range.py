@@ -13,7 +13,8 @@ def within_range(diagnosis: Diagnosis, axis: Axis) -> Diagnosis:
     """The `Diagnosis` without causes, stand-ins and numbers whose fitted size lies outside its own physical range.
 
     A size that no such effect can have means that something else is at work: the cause is not named, a note says with
-    which size it was fitted, and the verdict becomes ``partly_explained`` where other causes remain, else ``unexplained``.
+    which size it was fitted, and the verdict becomes ``partly_explained`` where other causes remain, else
+    ``unexplained``.
     """
     notes = list(diagnosis.notes)
     causes = [cause for cause in diagnosis.causes if _possible(cause.id, cause.effect, notes)]

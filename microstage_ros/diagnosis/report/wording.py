@@ -1,4 +1,5 @@
-"""A diagnosis in a technician's words: names and remedies of the effects (each effect owns its own), verdicts, sizes."""
+"""A diagnosis in a technician's words: names and remedies of the effects (each effect owns its own), verdicts,
+sizes."""
 
 from microstage_ros.model.effects import REGISTRY
 from microstage_ros.quantities.readable import quantity
@@ -14,7 +15,13 @@ VERDICTS = {
     "unexplained": "The model and the records part, and no cause of the catalogue fits.",
 }
 #: Tone of a verdict on the page.
-TONES = {"agrees": "good", "explained": "good", "partly_explained": "caution", "undetermined": "caution", "unexplained": "bad"}
+TONES = {
+    "agrees": "good",
+    "explained": "good",
+    "partly_explained": "caution",
+    "undetermined": "caution",
+    "unexplained": "bad",
+}
 
 
 def name_of(cause_id):

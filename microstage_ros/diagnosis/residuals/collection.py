@@ -69,7 +69,8 @@ class Collection:
 
 
 def seen_amplifier(base, drive):
-    """The drive with the amplifier's noise that records of the healthy axis show, where there are such; else as stated."""
+    """The drive with the amplifier's noise that records of the healthy axis show, where there are such; else as
+    stated."""
     seen = [Windup(p, drive).amplifier_noise for p in base if p.has_current]
     return dataclasses.replace(drive, amplifier_noise=float(np.median(seen))) if seen else drive
 

@@ -8,7 +8,9 @@ Noise: the amplifier's, white.
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-WINDOW = 9   # periods; derived: a mean of 9 at 10 kHz takes half away at 670 Hz; below, the motor itself moves, and the wind-up channel judges
+# periods; derived: a mean of 9 at 10 kHz takes half away at 670 Hz; below, the motor itself moves, and the wind-up
+# channel judges
+WINDOW = 9
 
 
 class Command:

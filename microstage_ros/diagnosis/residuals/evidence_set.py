@@ -1,4 +1,5 @@
-"""What is fitted and what it is fitted to: an effect as used, an effect on trial, the evidence of all channels together."""
+"""What is fitted and what it is fitted to: an effect as used, an effect on trial, the evidence of all channels
+together."""
 
 import dataclasses
 import math
@@ -7,8 +8,10 @@ import numpy as np
 from scipy.stats import chi2
 
 
-STRETCH = 0.25         # s; derived: between 0.25 and 2 s the standard errors change by a fifth at most (a healthy axis of Leuven's and one of
-#: LuGre's law, a cable of another simulator), so whitened rows this far apart agree by chance only; longer ones waste degrees of freedom
+# s; derived: between 0.25 and 2 s the standard errors change by a fifth at most (a healthy axis of Leuven's and one of
+STRETCH = 0.25
+#: LuGre's law, a cable of another simulator), so whitened rows this far apart agree by chance only; longer ones waste
+#: degrees of freedom
 LEAST_FREEDOM = 1.0    # degrees; derived: one stretch that holds all is compared with one other
 
 
@@ -85,12 +88,14 @@ class Evidences:
         return keys + [key for where, key in extra if where == channel and key not in keys]
 
     def agreement(self, choice, others, group):
-        """How an effect's learned sizes agree with the stretches of a group of records (``learn``, ``held`` or ``base``).
+        """How an effect's learned sizes agree with the stretches of a group of records (``learn``, ``held`` or
+        ``base``).
 
-        The noise model's standard error knows the noise that it models; friction of another law, or that varies otherwise,
-        is none of it. So the factor a on the learned signal s is fitted to all stretches, a = Σu/Σd with u = s·r and d = s·s,
-        and its error is taken from how the stretches disagree, Σ(u − a d)²/(Σd)² G/(G − 1) (cluster-robust: Liang and Zeger,
-        Biometrika 1986), or from the noise model, 1/Σd, if that is larger. G = (Σd)²/Σd² stretches carry it.
+        The noise model's standard error knows the noise that it models; friction of another law, or that varies
+        otherwise, is none of it. So the factor a on the learned signal s is fitted to all stretches, a = Σu/Σd with u =
+        s·r and d = s·s, and its error is taken from how the stretches disagree, Σ(u − a d)²/(Σd)² G/(G − 1)
+        (cluster-robust: Liang and Zeger, Biometrika 1986), or from the noise model, 1/Σd, if that is larger. G =
+        (Σd)²/Σd² stretches carry it.
 
         Returns
         -------

@@ -1,7 +1,7 @@
 """Evidence that is gathered form by form, as forms are asked for.
 
-Of held-out and baseline records the selection asks for few of the catalogue's forms: only those that are the best of their
-effect on the learning records. Each costs a replay of the record, so none is replayed before it is needed.
+Of held-out and baseline records the selection asks for few of the catalogue's forms: only those that are the best of
+their effect on the learning records. Each costs a replay of the record, so none is replayed before it is needed.
 """
 
 import numpy as np
@@ -53,8 +53,8 @@ class Growing(Evidence):
 
         Returns
         -------
-        (u, d), each of shape (stretches,): inner products of the questioned forms' signal with the residual that the others
-        leave, and with itself; Σu/Σd is the factor on ``beta[own]`` that these records show beside the others.
+        (u, d), each of shape (stretches,): inner products of the questioned forms' signal with the residual that the
+        others leave, and with itself; Σu/Σd is the factor on ``beta[own]`` that these records show beside the others.
         """
         index = self.indices(keys) - 1       # columns of a record without its residual
         mine = np.concatenate([np.full(self.where[key].stop - self.where[key].start, key in own) for key in keys])
@@ -70,7 +70,8 @@ class Growing(Evidence):
 class _Record:
     """White columns of one record, free of its nuisance and of the model's own errors.
 
-    Marginalising over sizes N(0, spread²) of columns S takes the inner product a'b to a'b − a'S (S'S + 1/spread²)⁻¹ S'b.
+    Marginalising over sizes N(0, spread²) of columns S takes the inner product a'b to a'b − a'S (S'S + 1/spread²)⁻¹
+    S'b.
     """
 
     def __init__(self, channel, own, spreads, frame, noise):
@@ -114,12 +115,14 @@ class _Record:
         return np.concatenate([spared.T @ column for column in self._columns], axis=1)
 
     def stretches(self, index, others, mine, length):
-        """`Growing.stretches` of this record: ``others`` and ``mine`` are sizes of the columns ``index``, in the order of the matrix."""
+        """`Growing.stretches` of this record: ``others`` and ``mine`` are sizes of the columns ``index``, in the order
+        of the matrix."""
         columns = np.concatenate(self._columns[1:], axis=1)[:, index]
         signal, left = columns @ mine, self._columns[0][:, 0] - columns @ others
         time = self._channel.time if hasattr(self._channel, "time") else self._channel.prepared.time
         count = max(round(length / float(time[1] - time[0])), 1)
-        starts = np.arange(0, max(len(signal) - count // 2, 1), count)     # the last stretch takes what is less than half of one
+        # the last stretch takes what is less than half of one
+        starts = np.arange(0, max(len(signal) - count // 2, 1), count)
         products = [np.add.reduceat(signal * self._spared(v[:, None])[:, 0], starts) for v in (left, signal)]
         return products[0], products[1]
 

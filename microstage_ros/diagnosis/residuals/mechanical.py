@@ -25,10 +25,13 @@ from microstage_ros.diagnosis.preprocessing.whitening import whiten_states
 BLOCK = 20  # periods
 STUCK_TIME, STUCK_TRAVEL = 0.5, 3.0e-6  # s, m: how long an unknown pre-sliding state is remembered
 SETTLING_TRAVEL = 8.0e-6  # m: until then the record's unknown first friction state counts
-STUCK_SHARE = 0.07   # of the contact's static limit that the unknown state of sticking blocks leaves open: 15 of 219 µN m were found
+# of the contact's static limit that the unknown state of sticking blocks leaves open: 15 of 219 µN m were found
+STUCK_SHARE = 0.07
 #: in healthy records of the shipped axis, by `fit_spreads`, which measures it wherever a baseline is given
-LEAST_RELATIVE = 0.01   # random friction of an axis file that states none: no friction repeats better than to a hundredth
-PRIOR = {"relative": 0.7, "stuck": 0.7, "travel_length": 0.7, "share": 1.0}   # standard deviations of the logarithms (of the odds, for
+# random friction of an axis file that states none: no friction repeats better than to a hundredth
+LEAST_RELATIVE = 0.01
+# standard deviations of the logarithms (of the odds, for
+PRIOR = {"relative": 0.7, "stuck": 0.7, "travel_length": 0.7, "share": 1.0}
 #: the share) about the axis file's figures: a factor of two, as a figure of one significant digit is uncertain
 
 
@@ -92,7 +95,8 @@ class Mechanical:
         return white + (150.0e-6 * first) ** 2
 
     def whiten(self, matrix, spreads=None):
-        """Unit-variance innovations of (blocks, k), and Σ ln S; ``spreads``: `Spreads`, those of the axis file by default."""
+        """Unit-variance innovations of (blocks, k), and Σ ln S; ``spreads``: `Spreads`, those of the axis file by
+        default."""
         spreads = spreads or stated_spreads(self.drive)
         period = BLOCK * self.prepared.period
         ahead = np.append(self.step[1:], 0.0)
@@ -106,8 +110,8 @@ class Mechanical:
 
 @dataclasses.dataclass(frozen=True)
 class Spreads:
-    """Random friction as the whitening knows it: relative standard deviation, its share of variance with travel, lengths [m, s];
-    ``stuck`` [N m]: standard deviation of the state of sticking blocks."""
+    """Random friction as the whitening knows it: relative standard deviation, its share of variance with travel,
+    lengths [m, s]; ``stuck`` [N m]: standard deviation of the state of sticking blocks."""
 
     relative: float
     share: float
@@ -147,8 +151,8 @@ def _weights(drive, period, coarse):
 def fit_spreads(channels):
     """`Spreads` that healthy channels show, by maximum a posteriori about the axis file's figures.
 
-    Size, share, travel length and sticking state are fitted. The time length is the axis file's: records of half a minute
-    cannot tell it.
+    Size, share, travel length and sticking state are fitted. The time length is the axis file's: records of half a
+    minute cannot tell it.
     """
     stated = stated_spreads(channels[0].drive)
     middle = np.array([math.log(stated.relative), math.log(stated.stuck), math.log(stated.travel_length),

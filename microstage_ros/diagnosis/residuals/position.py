@@ -1,8 +1,8 @@
 """Encoder against interferometer: residual = interferometer − encoder [m], in means over half a millisecond.
 
 Neither friction nor drive can enter. Noise: white, and the rounding of the encoder, which repeats
-while the stage rests (a slow process that about a count of travel renews). How large it is follows from the count that the
-record shows and from the encoder's noise: only noise makes a mean of counts tell more than the nearest count.
+while the stage rests (a slow process that about a count of travel renews). How large it is follows from the count that
+the record shows and from the encoder's noise: only noise makes a mean of counts tell more than the nearest count.
 """
 
 import math
@@ -30,8 +30,9 @@ def course_columns(time):
 def rounding_left(count, noise):
     """Standard deviation [m] of what rounding to counts leaves in a mean over many readings of one place.
 
-    Mean of round((x + n)/q) q − x over Gaussian n of standard deviation σ: Σₖ (−1)ᵏ q/(π k) e^(−2π²k²σ²/q²) sin(2πk x/q),
-    of which the root mean square over x is taken (Widrow and Kollár, Quantization Noise, 2008); q/√12 without noise.
+    Mean of round((x + n)/q) q − x over Gaussian n of standard deviation σ: Σₖ (−1)ᵏ q/(π k) e^(−2π²k²σ²/q²) sin(2πk
+    x/q), of which the root mean square over x is taken (Widrow and Kollár, Quantization Noise, 2008); q/√12 without
+    noise.
 
     Parameters
     ----------

@@ -3,8 +3,8 @@
     K_E Δθ = T (u − R i_s);   residual = x − (r/N) θ + (F_g + m a) / K_c        [m], means over 20 ms
 
 so it holds the amplifier and the winding (integrated), lost motion, wind-up and lead errors. Noise: the
-amplifier's noise makes θ a random walk (1 mV on the shipped axis: some 25 nm per √s); the reading is nearly exact in the mean,
-except where the stage rattles; the guideway's random friction winds the drive up by some nanometres.
+amplifier's noise makes θ a random walk (1 mV on the shipped axis: some 25 nm per √s); the reading is nearly exact in
+the mean, except where the stage rattles; the guideway's random friction winds the drive up by some nanometres.
 """
 
 import math
@@ -18,7 +18,8 @@ BLOCK = 200
 SPREAD = 1.0e-2      # m: the walk as a first-order process so wide that it forgets nothing
 READING = 1.0e-9     # m: mean of a block that does not move
 EDGE = 0.5           # share of a sudden change that a block's mean may miss
-LEAST_NOISE = 1.0e-5 # V of an amplifier whose axis file states no noise: derived: a thirtieth of a 16-bit converter's step over ±10 V
+# V of an amplifier whose axis file states no noise: derived: a thirtieth of a 16-bit converter's step over ±10 V
+LEAST_NOISE = 1.0e-5
 WIDER = 1.7          # times the stated walk that the records may show before it is no noise any more
 
 
@@ -55,7 +56,8 @@ class Windup:
         return middle * (BLOCK * self.prepared.period * self.drive.lever / self.drive.back_emf)
 
     def _noise(self, residual):
-        """Walk per block [m], and the variance of each block's mean: what rattles within a block is not known better."""
+        """Walk per block [m], and the variance of each block's mean: what rattles within a block is not known
+        better."""
         rows = len(residual) // BLOCK * BLOCK
         blocks = residual[:rows].reshape(-1, BLOCK)
         inner = blocks.reshape(len(blocks), 10, -1).mean(axis=2)

@@ -1,10 +1,10 @@
 """What a re-simulated axis may lack: effects of the catalogue as candidates.
 
-A candidate (`model.effects.resimulated.Candidate`) has *sizes*, which are zero where the effect is absent and enter nearly
-linearly, and *shapes* (a speed, an exponent), tried on a short grid before they are fitted. Several forms of one
-effect compete; effects that a re-simulation sees alike are listed as look-alikes by the judge. Effects of one kind of drive
-or sensor bring their candidates along (`Effect.resimulated`); a drive that is commanded with a position has no others
-but the timing: friction and loads hardly move it.
+A candidate (`model.effects.resimulated.Candidate`) has *sizes*, which are zero where the effect is absent and enter
+nearly linearly, and *shapes* (a speed, an exponent), tried on a short grid before they are fitted. Several forms of one
+effect compete; effects that a re-simulation sees alike are listed as look-alikes by the judge. Effects of one kind of
+drive or sensor bring their candidates along (`Effect.resimulated`); a drive that is commanded with a position has no
+others but the timing: friction and loads hardly move it.
 """
 
 import math
@@ -57,30 +57,64 @@ def own_candidates(axis):
         return {"contact": contact, "factor": float(1.0 + p[0])}
 
     found = [
-        Candidate("payload_change", "other mass", (Fitted("mass_kg", "kg", 0.02 * mass, -0.9 * mass, 20 * mass),),
-                  lambda p: {"mass_kg": float(p[0])}, lambda p: f"The moving mass differs by {p[0]:+.3g} kg.",
-                  stands_for=("stage.mass",), of=mass),
-        Candidate("gravity_tilt", "constant force", (Fitted("force_N", "N", 0.05 * level_N),),
-                  lambda p: {"angle_rad": float(math.asin(np.clip(p[0] / mass / GRAVITY, -1, 1)))},
-                  lambda p: f"A constant force of {p[0]:.3g} N, as of a tilt of {1e3 * p[0] / mass / GRAVITY:.3g} mrad.",
-                  stands_for=offset, of=level_N),
-        Candidate("amplifier_offset", "constant voltage", (Fitted("offset_V", "V", 0.05 * level_N / gain),),
-                  lambda p: {"offset_V": float(p[0])}, lambda p: f"The amplifier is off zero by {1e3 * p[0]:.3g} mV.",
-                  stands_for=offset, of=level_N / gain),
-        Candidate("amplifier_gain", "gain", (change,), lambda p: {"factor": float(1.0 + p[0])},
-                  lambda p: f"The drive's gain differs by {p[0]:+.1%}."),
+        Candidate(
+            "payload_change",
+            "other mass",
+            (Fitted("mass_kg", "kg", 0.02 * mass, -0.9 * mass, 20 * mass),),
+            lambda p: {"mass_kg": float(p[0])},
+            lambda p: f"The moving mass differs by {p[0]:+.3g} kg.",
+            stands_for=("stage.mass",),
+            of=mass,
+        ),
+        Candidate(
+            "gravity_tilt",
+            "constant force",
+            (Fitted("force_N", "N", 0.05 * level_N),),
+            lambda p: {"angle_rad": float(math.asin(np.clip(p[0] / mass / GRAVITY, -1, 1)))},
+            lambda p: f"A constant force of {p[0]:.3g} N, as of a tilt of {1e3 * p[0] / mass / GRAVITY:.3g} mrad.",
+            stands_for=offset,
+            of=level_N,
+        ),
+        Candidate(
+            "amplifier_offset",
+            "constant voltage",
+            (Fitted("offset_V", "V", 0.05 * level_N / gain),),
+            lambda p: {"offset_V": float(p[0])},
+            lambda p: f"The amplifier is off zero by {1e3 * p[0]:.3g} mV.",
+            stands_for=offset,
+            of=level_N / gain,
+        ),
+        Candidate(
+            "amplifier_gain",
+            "gain",
+            (change,),
+            lambda p: {"factor": float(1.0 + p[0])},
+            lambda p: f"The drive's gain differs by {p[0]:+.1%}.",
+        ),
     ]
     if axis.has(viscous[0]) and axis.value(viscous[0]) > 0.0:
         found.append(Candidate("viscous_change", "viscosity", (change,), factor,
                                lambda p: f"Viscous friction differs by {p[0]:+.0%}.", stands_for=viscous))
     if level:
         found += [
-            Candidate("friction_level_change", "all friction scaled", (change,), factor,
-                      lambda p: f"All friction differs by {p[0]:+.0%}.", stands_for=level),
-            Candidate("direction_asymmetry", "level of friction differs between directions",
-                      (Fitted("asymmetry", "1", 0.05, -0.9, 0.9),), lambda p: {"contact": contact, "asymmetry": float(p[0])},
-                      lambda p: f"Friction is {abs(2 * p[0]):.0%} larger in the {'positive' if p[0] > 0 else 'negative'} direction.",
-                      stands_for=offset),
+            Candidate(
+                "friction_level_change",
+                "all friction scaled",
+                (change,),
+                factor,
+                lambda p: f"All friction differs by {p[0]:+.0%}.",
+                stands_for=level,
+            ),
+            Candidate(
+                "direction_asymmetry",
+                "level of friction differs between directions",
+                (Fitted("asymmetry", "1", 0.05, -0.9, 0.9),),
+                lambda p: {"contact": contact, "asymmetry": float(p[0])},
+                lambda p: (
+                    f"Friction is {abs(2 * p[0]):.0%} larger in the {'positive' if p[0] > 0 else 'negative'} direction."
+                ),
+                stands_for=offset,
+            ),
         ]
     return [candidate for candidate in found if candidate.id not in axis.effects]
 
@@ -100,20 +134,37 @@ def _friction(contact, friction, top_speed):
         return {"contact": contact, "coefficient": float(p[0] / top_speed ** p[1]), "exponent": float(p[1])}
 
     return [
-        Candidate("direction_asymmetry", "viscous friction differs between directions",
-                  (Fitted("viscous_asymmetry", "1", 0.05, -0.9, 0.9),), asymmetry,
-                  lambda p: f"Viscous friction is {abs(2 * p[0]) / (1 - abs(p[0])):.0%} larger in the "
-                            f"{'positive' if p[0] > 0 else 'negative'} direction than in the other."),
-        Candidate("nonlinear_viscous", "friction builds up with speed and levels off",
-                  (Fitted("rise_N", "N", 0.1 * friction, -20 * friction, 20 * friction),), film,
-                  lambda p: f"Friction {'grows' if p[0] > 0 else 'falls'} by {abs(p[0]):.3g} N between standstill and about "
-                            f"{3e3 * p[1]:.3g} mm/s, and is linear in speed above.",
-                  (Fitted("saturation_speed", "m/s", 0.005 * top_speed, 1e-3 * top_speed, top_speed),),
-                  ((0.03 * top_speed, 0.1 * top_speed, 0.3 * top_speed),)),
-        Candidate("nonlinear_viscous", "friction curved in speed",
-                  (Fitted("at_top_speed_N", "N", 0.1 * friction, -20 * friction, 20 * friction),), power,
-                  lambda p: f"Friction at the highest speed differs from a straight line in speed by {p[0]:.3g} N.",
-                  (Fitted("exponent", "1", 0.1, 0.1, 4.0),), ((2.0, 3.0),)),
+        Candidate(
+            "direction_asymmetry",
+            "viscous friction differs between directions",
+            (Fitted("viscous_asymmetry", "1", 0.05, -0.9, 0.9),),
+            asymmetry,
+            lambda p: (
+                f"Viscous friction is {abs(2 * p[0]) / (1 - abs(p[0])):.0%} larger in the "
+                f"{'positive' if p[0] > 0 else 'negative'} direction than in the other."
+            ),
+        ),
+        Candidate(
+            "nonlinear_viscous",
+            "friction builds up with speed and levels off",
+            (Fitted("rise_N", "N", 0.1 * friction, -20 * friction, 20 * friction),),
+            film,
+            lambda p: (
+                f"Friction {'grows' if p[0] > 0 else 'falls'} by {abs(p[0]):.3g} N between standstill and about "
+                f"{3e3 * p[1]:.3g} mm/s, and is linear in speed above."
+            ),
+            (Fitted("saturation_speed", "m/s", 0.005 * top_speed, 1e-3 * top_speed, top_speed),),
+            ((0.03 * top_speed, 0.1 * top_speed, 0.3 * top_speed),),
+        ),
+        Candidate(
+            "nonlinear_viscous",
+            "friction curved in speed",
+            (Fitted("at_top_speed_N", "N", 0.1 * friction, -20 * friction, 20 * friction),),
+            power,
+            lambda p: f"Friction at the highest speed differs from a straight line in speed by {p[0]:.3g} N.",
+            (Fitted("exponent", "1", 0.1, 0.1, 4.0),),
+            ((2.0, 3.0),),
+        ),
     ]
 
 
@@ -168,10 +219,15 @@ def _cable(friction, low, high):
 
 
 def _drive(axis, friction):
-    found = [Candidate(
-        "amplifier_deadband", "no force about zero command",
-        (Fitted("half_width_V", "V", 0.02 * friction / actuator_of(axis).force_per_command(axis), 0.0, 1.0),),
-        lambda p: {"half_width_V": float(p[0])}, lambda p: f"The amplifier gives nothing within ±{1e3 * p[0]:.3g} mV of zero.")]
+    found = [
+        Candidate(
+            "amplifier_deadband",
+            "no force about zero command",
+            (Fitted("half_width_V", "V", 0.02 * friction / actuator_of(axis).force_per_command(axis), 0.0, 1.0),),
+            lambda p: {"half_width_V": float(p[0])},
+            lambda p: f"The amplifier gives nothing within ±{1e3 * p[0]:.3g} mV of zero.",
+        )
+    ]
     if axis.choices["transmission.type"] != "rigid":
         found += [
             Candidate("backlash", "lost motion of the drive", (Fitted("width_rad", "rad", 1e-3, 0.0, 1.0),),
@@ -186,11 +242,25 @@ def _drive(axis, friction):
 def _timing(period):
     size = 0.3 * period
     return [
-        Candidate("actuator_lag", "drive follows with a time constant", (Fitted("time_s", "s", size, 0.0, 50 * period),),
-                  lambda p: {"time_s": float(max(p[0], 1e-9))},
-                  lambda p: f"The drive's force follows the command with a time constant of {1e3 * p[0]:.2g} ms."),
-        Candidate("transport_delay", "command arrives late", (Fitted("delay_s", "s", size, 0.0, 50 * period),),
-                  lambda p: {"delay_s": float(p[0])}, lambda p: f"The command arrives {1e3 * p[0]:.2g} ms late."),
-        Candidate("sampling_jitter", "encoder read late", (Fitted("late_s", "s", size, 0.0, 5 * period),),
-                  lambda p: {"late_s": float(p[0])}, lambda p: f"The encoder is read {1e3 * p[0]:.2g} ms after its stamp."),
+        Candidate(
+            "actuator_lag",
+            "drive follows with a time constant",
+            (Fitted("time_s", "s", size, 0.0, 50 * period),),
+            lambda p: {"time_s": float(max(p[0], 1e-9))},
+            lambda p: f"The drive's force follows the command with a time constant of {1e3 * p[0]:.2g} ms.",
+        ),
+        Candidate(
+            "transport_delay",
+            "command arrives late",
+            (Fitted("delay_s", "s", size, 0.0, 50 * period),),
+            lambda p: {"delay_s": float(p[0])},
+            lambda p: f"The command arrives {1e3 * p[0]:.2g} ms late.",
+        ),
+        Candidate(
+            "sampling_jitter",
+            "encoder read late",
+            (Fitted("late_s", "s", size, 0.0, 5 * period),),
+            lambda p: {"late_s": float(p[0])},
+            lambda p: f"The encoder is read {1e3 * p[0]:.2g} ms after its stamp.",
+        ),
     ]

@@ -64,8 +64,11 @@ def measured(record, axis):
     start, speed = _start(record, axis)
     law = _law_residual(axis, record, voltage - added, speed)
     if law > LAW_MISMATCH * np.std(voltage):
-        raise InputError(f"{axis.place}: controller", axis.controller,
-                         f"the controller that gave {name} of {record.source} (it leaves {law:.3g} {command.unit} rms unexplained)")
+        raise InputError(
+            f"{axis.place}: controller",
+            axis.controller,
+            f"the controller that gave {name} of {record.source} (it leaves {law:.3g} {command.unit} rms unexplained)",
+        )
     return Measured(record.source, np.arange(len(record)) * period, record["reference_m"], record["encoder_m"], gain * voltage,
                     added, start, speed, gain * law)
 
@@ -73,8 +76,8 @@ def measured(record, axis):
 def _start(record, axis):
     """(position [m], speed [m/s]) at the first row.
 
-    A drive that holds a position is at rest where the reference is; it stands on the reference if the sensor says so within
-    its noise, since the noise of a start would stay in its history.
+    A drive that holds a position is at rest where the reference is; it stands on the reference if the sensor says so
+    within its noise, since the noise of a start would stay in its history.
     """
     first, reference = record["encoder_m"][:START_ROWS], record["reference_m"][:START_ROWS]
     if actuator_of(axis).holds_position and np.ptp(reference) == 0.0:
@@ -189,7 +192,8 @@ class ClosedLoop:
         return actuator_of(axis).judged(axis)[0] * trace[:, VOLTAGE], trace[:, ENCODER]
 
     def stated_noise(self, axis):
-        """Rms of what the noise that the axis file states makes of the command, through the model's own loop [as `Actuator.judged`].
+        """Rms of what the noise that the axis file states makes of the command, through the model's own loop [as
+        `Actuator.judged`].
 
         Drive, sensor and random friction as the file has them, each record once with a seed of its own, against none.
         """

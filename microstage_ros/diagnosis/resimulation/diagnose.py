@@ -1,4 +1,5 @@
-"""The diagnosis of an axis by re-simulation, from records to the answer: its command is a force at the stage, or a position."""
+"""The diagnosis of an axis by re-simulation, from records to the answer: its command is a force at the stage, or a
+position."""
 
 import math
 
@@ -32,7 +33,8 @@ def diagnose_force_axis(axis, records, holdout=(), baseline=(), seed=0, progress
     ----------
     axis : `Axis` whose command is a force at the stage, or sets a position, with the controller that was in the loop.
     records, holdout, baseline : lists of `Record`. Without ``holdout`` some of every record's time is
-        held back (see `folds`). ``baseline`` (the axis while the model was right) re-identifies the axis's own numbers first.
+        held back (see `folds`). ``baseline`` (the axis while the model was right) re-identifies the axis's own numbers
+        first.
     seed : of thresholds and intervals.
     progress : function (text), or None. jobs : threads that re-simulate.
 
@@ -93,9 +95,18 @@ def _answer(axis, parts, folds, loop, selection, floor, records, holdout, seed):
                        bootstrap_interval(last.residual[own], block, seed))
     names = [cause.candidate.id for cause in last.model.chosen]
     return Diagnosis(
-        _verdict(causes, rivals, open_share, before, after, floor, found), tuple(causes), tuple(rivals), gain, found,
-        pictures.pictures(coordinates, selection.given.residual[own], last.residual[own], names, folds.period_rows, (quantity, unit)),
-        _notes(selection, folds, loop, before, after, own), seed, _identified(last.model, errors), provisional,
+        _verdict(causes, rivals, open_share, before, after, floor, found),
+        tuple(causes),
+        tuple(rivals),
+        gain,
+        found,
+        pictures.pictures(
+            coordinates, selection.given.residual[own], last.residual[own], names, folds.period_rows, (quantity, unit)
+        ),
+        _notes(selection, folds, loop, before, after, own),
+        seed,
+        _identified(last.model, errors),
+        provisional,
         turning_effects(last.model.extended),
     )
 

@@ -53,7 +53,8 @@ class Model:
 
     @classmethod
     def of(cls, axis):
-        """The axis as given, every parameter of `OWN` that it has and the offset free; none where the command sets a position."""
+        """The axis as given, every parameter of `OWN` that it has and the offset free; none where the command sets a
+        position."""
         keys = [] if actuator_of(axis).holds_position else [key for key, _ in OWN if axis.has(key) and axis.value(key) > 0.0] + [OFFSET]
         return cls(axis, tuple(keys), tuple(axis.value(key) for key in keys))
 

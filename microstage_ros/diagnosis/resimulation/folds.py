@@ -18,7 +18,8 @@ STRETCHES = 10                 # pieces of a motion without repetition, of which
 REPEAT = 1e-3                  # a motion repeats itself if it differs by less than this share of its stroke
 FAST = 0.1                     # of the sampling rate: motion and loop are slower
 BOOTSTRAP = 500
-SETTLING = 0.1                 # s after a disturbance has ended until the loop has forgotten it: 16 time constants of a position loop
+# s after a disturbance has ended until the loop has forgotten it: 16 time constants of a position loop
+SETTLING = 0.1
 #: with a gain of 160 1/s (config/emps.yaml), e^-16 of a pulse of 175 N
 ENOUGH_ALIKE = 0.05            # of the repeated rows that must have been alike for the repetitions to say what noise is
 
@@ -126,10 +127,10 @@ def noise_floor(parts, period_rows, residual):
     """Rms of the force that no model of the motion can explain [N].
 
     What differs between repetitions of the motion, on rows where nothing else differed: a disturbance that was added on
-    purpose in one repetition and not in the other (`Measured.disturbance`) makes them differ without any noise, and goes on
-    for `SETTLING` in the loop. Without repetition, or with less than `ENOUGH_ALIKE` of it left, what lies above `FAST` of
-    the sampling rate in the ``residual`` (measured minus simulated, the records one after the other), where neither the
-    loop nor the motion reaches: the encoder's noise through the controller.
+    purpose in one repetition and not in the other (`Measured.disturbance`) makes them differ without any noise, and
+    goes on for `SETTLING` in the loop. Without repetition, or with less than `ENOUGH_ALIKE` of it left, what lies above
+    `FAST` of the sampling rate in the ``residual`` (measured minus simulated, the records one after the other), where
+    neither the loop nor the motion reaches: the encoder's noise through the controller.
     """
     if period_rows:
         pieces = [_between_repetitions(part, period_rows) for part in parts if len(part) > period_rows]
@@ -142,7 +143,8 @@ def noise_floor(parts, period_rows, residual):
 
 
 def _between_repetitions(part, period_rows):
-    """Difference of the force between one repetition and the next [N], on rows that both went through undisturbed or alike."""
+    """Difference of the force between one repetition and the next [N], on rows that both went through undisturbed or
+    alike."""
     change = part.force[period_rows:] - part.force[:-period_rows]
     unlike = part.disturbance[period_rows:] != part.disturbance[:-period_rows]
     reach = max(int(round(SETTLING / (part.time[1] - part.time[0]))), 1)

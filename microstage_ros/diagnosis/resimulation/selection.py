@@ -87,7 +87,8 @@ class _Forward:
         return next((trial for trial in trials if self.selector.pays(trial, now, self.smallest)), None)
 
     def extended(self, now, winner, trials):
-        """The winner's stage, its look-alikes noted; what repeats with the turn is found anew where there are several records."""
+        """The winner's stage, its look-alikes noted; what repeats with the turn is found anew where there are several
+        records."""
         own, name = self.selector, winner.last.candidate.id
         self.rivals[name] = own.look_alikes(winner, trials, now)
         homes = len(own.loop.parts) > 1 and turning_effects(winner.model.extended)

@@ -1,8 +1,9 @@
 """Whether an effect is more than what the model of the healthy axis leaves unexplained.
 
-χ² of a candidate is right if the noise is as the model has it. Friction of another law, or friction that varies otherwise, leaves
-residuals that no noise model holds; they look like an effect of another size, or of another sign, in every stretch of the records.
-So the scatter of the fitted size between stretches, of the records under test and of the baseline, is its noise.
+χ² of a candidate is right if the noise is as the model has it. Friction of another law, or friction that varies
+otherwise, leaves residuals that no noise model holds; they look like an effect of another size, or of another sign, in
+every stretch of the records. So the scatter of the fitted size between stretches, of the records under test and of the
+baseline, is its noise.
 """
 
 import math
@@ -11,16 +12,20 @@ from scipy.stats import t as student
 
 from microstage_ros.model.effects import REGISTRY
 
-OF_NAMES = math.log(0.01 / len(REGISTRY))   # derived: by Bonferroni's inequality one healthy axis in a hundred gets any of the names
-OF_ONE = math.log(0.01)      # derived: the name is chosen by then, and is asked once whether it is there and was not before
-LEAST_SIZE = 1.0e-3          # in units of what was learned; derived: least squares learn one, and only a prior takes less of it
+# derived: by Bonferroni's inequality one healthy axis in a hundred gets any of the names
+OF_NAMES = math.log(0.01 / len(REGISTRY))
+# derived: the name is chosen by then, and is asked once whether it is there and was not before
+OF_ONE = math.log(0.01)
+# in units of what was learned; derived: least squares learn one, and only a prior takes less of it
+LEAST_SIZE = 1.0e-3
 
 
 def agrees_with_itself(evidences, choice, others):
-    """Whether an effect is there beyond how its own size scatters between stretches of the records, and between these and the baseline.
+    """Whether an effect is there beyond how its own size scatters between stretches of the records, and between these
+    and the baseline.
 
-    Its significance by χ² holds if the noise is as the model has it. A healthy axis whose friction follows another law leaves
-    more, which then looks like an effect of another size, or sign, in every stretch (`Evidences.agreement`).
+    Its significance by χ² holds if the noise is as the model has it. A healthy axis whose friction follows another law
+    leaves more, which then looks like an effect of another size, or sign, in every stretch (`Evidences.agreement`).
     """
     learned = evidences.agreement(choice, others, "learn")
     if learned is None:     # the rows were not kept
@@ -33,13 +38,15 @@ def agrees_with_itself(evidences, choice, others):
 
 
 def log_tail(size):
-    """ln of the probability that a size (value, standard error, degrees of freedom) is as large by chance (Student's t, one-sided)."""
+    """ln of the probability that a size (value, standard error, degrees of freedom) is as large by chance (Student's t,
+    one-sided)."""
     value, stderr, freedom = size
     return float(student.logsf(value / stderr, freedom))
 
 
 def shortfall(evidences, choice, others):
-    """Factor on what an effect takes from χ² at which its size would just be certain in the learning records: below one where it is."""
+    """Factor on what an effect takes from χ² at which its size would just be certain in the learning records: below one
+    where it is."""
     learned = evidences.agreement(choice, others, "learn")
     if learned is None:
         return 0.0

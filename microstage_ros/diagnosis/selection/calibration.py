@@ -3,9 +3,10 @@
     logit p = a + b log10(1 + χ²) + c log10(share)
 
 χ² is what the cause takes from the held-out records, share its part of what stood out of the noise there. The three
-numbers are the maximum a posteriori of all causes that a campaign named, right or wrong, under a weak prior; they stand in
-``calibration.yaml`` beside this file with the campaign that gave them (``./microstage campaign … --calibrate FILE``). No
-probability goes beyond what so many cases can say, 1 − 1/(n + 2) by Laplace's rule.
+numbers are the maximum a posteriori of all causes that a campaign named, right or wrong, under a weak prior; they stand
+in ``calibration.yaml`` beside this file with the campaign that gave them
+(``./microstage campaign … --calibrate FILE``). No probability goes beyond what so many cases can say, 1 − 1/(n + 2) by
+Laplace's rule.
 """
 
 import dataclasses

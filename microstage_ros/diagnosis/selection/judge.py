@@ -25,11 +25,14 @@ RIVAL_SHARE = 0.02      # and share of its own gain
 FLAT = 0.5              # spread of a profile over its mean, below which it is a level
 SCATTER = 1.35          # χ² per row over the baseline's that no healthy record reaches
 LARGEST_ASYMMETRY = REGISTRY["direction_asymmetry"].parameters["asymmetry"].maximum   # of the guideways' limits
-CONSTANT = 0.5           # share of a tilt's gain from which the asymmetry, but for the record's first 40 µm the same, explains it too
-UNSEEN = 1.5            # times the model's own noise that a healthy channel may show where no baseline says what it usually shows
+# share of a tilt's gain from which the asymmetry, but for the record's first 40 µm the same, explains it too
+CONSTANT = 0.5
+# times the model's own noise that a healthy channel may show where no baseline says what it usually shows
+UNSEEN = 1.5
 STRANGER = {"torque": 40.0}  # times its own part that may be left in the channel of a named cause; friction is random
 STRANGER_ELSE = 6.0
-READING_SHARE = 0.1     # of what is left between the two readings that a cause must hold if only one of them tells of it
+# of what is left between the two readings that a cause must hold if only one of them tells of it
+READING_SHARE = 0.1
 ALONE = 2.0             # times its threshold that a dependence must reach if only the learning records show it
 LEFT_SHARE = 0.08       # of what stood out, above which something is left
 COORDINATES = {
@@ -59,7 +62,8 @@ class Ledger:
 
 
 def usual_size(evidences, channel):
-    """χ² per row of a channel on an axis where nothing is wrong: the baseline's; without one 1, what the noise of the model predicts."""
+    """χ² per row of a channel on an axis where nothing is wrong: the baseline's; without one 1, what the noise of the
+    model predicts."""
     base = evidences.base.get(channel)
     return 1.0 if base is None else base.energy() / base.rows
 
@@ -220,7 +224,8 @@ def stands_out(evidences, choices):
 
 
 def without_strangers(evidences, choices):
-    """Drop causes that explain next to nothing of a channel in which much more stands out: the nearest name is no answer."""
+    """Drop causes that explain next to nothing of a channel in which much more stands out: the nearest name is no
+    answer."""
     kept = list(choices)
     for choice in choices:
         others = [c for c in kept if c is not choice]
@@ -237,7 +242,8 @@ def without_strangers(evidences, choices):
 
 
 def _told_by_a_reading(evidences, choices):
-    """Without causes that only the stage's reading tells of, where the two readings differ by more than these explain."""
+    """Without causes that only the stage's reading tells of, where the two readings differ by more than these
+    explain."""
     if "position" not in stands_out(evidences, choices):
         return choices
     held = evidences.held["position"]

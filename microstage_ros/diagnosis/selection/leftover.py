@@ -2,8 +2,8 @@
 
 The mean of a residual may depend on nothing while its size does: a force that swings in time averages out along the
 stroke, bursts of friction have no sign. So the whitened residual z of the held-out records is squared, and z² compared
-between classes of one coordinate after the other (one-way analysis of variance on means over `PIECE`, within which z² is
-not independent); a line in time shows in the periodogram of z.
+between classes of one coordinate after the other (one-way analysis of variance on means over `PIECE`, within which z²
+is not independent); a line in time shows in the periodogram of z.
 """
 
 import numpy as np
@@ -73,9 +73,16 @@ def _table(collection, evidences, choices, channel):
         limit = 25.0 * np.median(z**2) / 0.455       # one spike is no dependence
         speed = one.speed if hasattr(one, "speed") else one.prepared.speed
         position = one.position if hasattr(one, "position") else one.prepared.position
-        rows.append({"z2": piece(np.minimum(z**2, limit)), "time": piece(time), "position": piece(position),
-                     "velocity": np.abs(piece(speed)), "direction": np.sign(piece(speed)) * (np.abs(piece(speed)) > 2e-5),
-                     "dwell": _since_motion(piece(np.abs(speed)), PIECE)})
+        rows.append(
+            {
+                "z2": piece(np.minimum(z**2, limit)),
+                "time": piece(time),
+                "position": piece(position),
+                "velocity": np.abs(piece(speed)),
+                "direction": np.sign(piece(speed)) * (np.abs(piece(speed)) > 2e-5),
+                "dwell": _since_motion(piece(np.abs(speed)), PIECE),
+            }
+        )
         lines.append(_line(piece(np.clip(z, -np.sqrt(limit), np.sqrt(limit))), PIECE))
     if not rows or sum(len(r["z2"]) for r in rows) < LEAST_PIECES:
         return None

@@ -1,4 +1,5 @@
-"""Causes that are no matter of regression: what had to be known first, a drift with a course of its own, late readings."""
+"""Causes that are no matter of regression: what had to be known first, a drift with a course of its own, late
+readings."""
 
 import numpy as np
 
@@ -43,7 +44,8 @@ def _slowness(slow, book, unsure):
 
 def _lost_motion(gap, radius, book):
     """The cause ``backlash`` from the replayed gap."""
-    # a replay that lost its place in the gap makes the held-out record worse: no part of the whole; its own gain tells it
+    # a replay that lost its place in the gap makes the held-out record worse: no part of the whole; its own gain tells
+    # it
     part = max(gap.held_before - gap.held_after, 0.0)
     book.before += part
     book.parts["backlash"] = part
@@ -54,7 +56,8 @@ def _lost_motion(gap, radius, book):
 
 
 def _drift(course, collection, book):
-    """The cause ``thermal_drift`` from a course of its own in every record; an axis file can hold its mean rate only."""
+    """The cause ``thermal_drift`` from a course of its own in every record; an axis file can hold its mean rate
+    only."""
     part = course.held_before - course.held_after
     book.before += part
     book.parts["thermal_drift"] = part
@@ -67,8 +70,8 @@ def _drift(course, collection, book):
 
 
 def _vibration(lines, held_records, book):
-    """The cause ``floor_vibration`` from its lines; its gain is what the amplitudes learned take from the held-out records,
-    each line with the phase that it has there."""
+    """The cause ``floor_vibration`` from its lines; its gain is what the amplitudes learned take from the held-out
+    records, each line with the phase that it has there."""
     held = sum(line.held for line in lines)
     book.before += held
     book.parts["floor_vibration"] = held

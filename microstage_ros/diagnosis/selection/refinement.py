@@ -9,7 +9,8 @@ from microstage_ros.diagnosis.catalogue.form import Form
 from microstage_ros.diagnosis.residuals.evidence_set import Choice
 
 STEPS = (0.08, 0.03, 0.015)   # of the size's logarithm
-MOST_MOVES = 5   # with one step, while the best size lies at the end of those tried; derived: 5 · 2 steps of 8 % reach a factor of 2.2
+# with one step, while the best size lies at the end of those tried; derived: 5 · 2 steps of 8 % reach a factor of 2.2
+MOST_MOVES = 5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,7 +25,9 @@ class Family:
 
 FAMILIES = {
     ("drive_compliance", "resonance"): Family(electrical.drive_compliance, "stiffness_factor", "1", lambda s, f: s),
-    ("payload_change", "resonance"): Family(electrical.payload_resonance, "mass_kg", "kg", lambda s, f: (s - 1) * f.drive.mass),
+    ("payload_change", "resonance"): Family(
+        electrical.payload_resonance, "mass_kg", "kg", lambda s, f: (s - 1) * f.drive.mass
+    ),
     ("frictional_lag", "torque"): Family(friction.frictional_lag, "time_s", "s", lambda s, f: s),
 }
 

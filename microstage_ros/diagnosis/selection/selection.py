@@ -10,21 +10,26 @@ from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, T
 from microstage_ros.diagnosis.selection.agreement import agrees_with_itself
 from microstage_ros.diagnosis.selection.stepwise import forward
 
-LEVEL = math.log(1e-6)   # of one candidate; derived: some hundred candidates at 10⁻⁶ name a cause of a healthy axis by chance in 10⁻⁴ of the cases
+# of one candidate; derived: some hundred candidates at 10⁻⁶ name a cause of a healthy axis by chance in 10⁻⁴ of the
+# cases
+LEVEL = math.log(1e-6)
 HELD_SHARE = 0.1            # of the gain expected on held-out records that must arrive
 DOMINANCE = 0.5              # of the gain of a stronger name that does not stand, below which a weaker one is not taken
-ONE_RESONANCE = 0.35          # share of the gain of payload and soft drive that the payload alone must reach on the coarse grid
+# share of the gain of payload and soft drive that the payload alone must reach on the coarse grid
+ONE_RESONANCE = 0.35
 MISFIT = 0.5                 # a wider shape may explain at most this share beside the named one
 FAINT = 1.0e-3               # share of all gain on held-out records below which a further cause is not told
 FAINT_GAIN = 60.0            # and χ² above which it is told all the same
-BASE_SHARE = 0.2             # of a cause's size that the baseline may show, if that stands two standard errors out there
+# of a cause's size that the baseline may show, if that stands two standard errors out there
+BASE_SHARE = 0.2
 MAJOR = 0.15                 # share of what its channel's others explain above which a cause is no misfit of them
 MINOR = 0.03                 # a further cause must explain this share of what its channel's others explain,
 #: and more where their forms are a coarse grid that leaves that much
 MINOR_BESIDE = {"rising_static_friction": 0.25, "presliding_creep": 0.25, "nonlinear_viscous": 0.08, "backlash": 0.08,
                 "position_dependent_friction": 0.08}
 RESONANT = ("payload_change", "drive_compliance")
-ALIKE = 0.9                  # share of a soft drive's gain in resonance and wind-up from which a payload explains them as well
+# share of a soft drive's gain in resonance and wind-up from which a payload explains them as well
+ALIKE = 0.9
 SURE = 4.0   # standard errors; derived: a chance of 6·10⁻⁵ on both sides
 FRICTIONS = ("friction_level_change", "viscous_change")
 CLEARLY_LESS = 0.5           # of the other's mean
@@ -135,7 +140,8 @@ def acceptable(evidences, trial, choices):
 
 
 def _masses_agree(evidences, choice, choices):
-    """A payload shows in friction and in resonance with the same mass, or it is none: more friction alone is no mass."""
+    """A payload shows in friction and in resonance with the same mass, or it is none: more friction alone is no
+    mass."""
     if choice.effect == "cable_spring":  # a force without friction's balance knowing of it is none
         return any(form.channel == "torque" for form in choice.forms)
     if choice.effect != "payload_change":
@@ -162,7 +168,8 @@ def sizes_of(evidences, choice, others, form):
 
 
 def _splinter(evidences, trial, choices):
-    """Whether the gain is but the misfit of a cause already named: small beside it, or gone with a wider shape of it."""
+    """Whether the gain is but the misfit of a cause already named: small beside it, or gone with a wider shape of
+    it."""
     for form in trial.choice.forms:
         channel = form.channel
         there = [c for c in choices if c.keys(channel)]
@@ -256,7 +263,8 @@ def profile_of(evidences, profile, choices):
 
 
 def _one_resonance(evidences, choices):
-    """Beside a payload that its friction proves, the resonance is the payload's too, unless it says much less than a drive."""
+    """Beside a payload that its friction proves, the resonance is the payload's too, unless it says much less than a
+    drive."""
     if not {"payload_change", "drive_compliance"} <= {c.effect for c in choices}:
         return choices
     others = [c for c in choices if c.effect not in ("payload_change", "drive_compliance")]
@@ -266,8 +274,8 @@ def _one_resonance(evidences, choices):
 
 
 def torque_mass(evidences, choice, others):
-    """Mass [kg] that the torque balance tells beside ``others``, its standard error, and the one that the resonance or the
-    wind-up of ``choice`` (a `Choice` of ``payload_change``) tells; None where a channel is missing."""
+    """Mass [kg] that the torque balance tells beside ``others``, its standard error, and the one that the resonance or
+    the wind-up of ``choice`` (a `Choice` of ``payload_change``) tells; None where a channel is missing."""
     form = next((f for f in evidences.forms if f.effect == "payload_change" and f.channel == "torque"), None)
     fast = [f for f in choice.forms if f.channel in ("resonance", "windup")]
     if form is None or "torque" not in evidences.learn or not fast:
@@ -320,7 +328,8 @@ def resonance_is(evidences, trials, others):
 
 
 def _first_acceptable(evidences, trials, choices):
-    """The strongest trial that stands, unless a much stronger one of the same channel does not: then nothing fits there."""
+    """The strongest trial that stands, unless a much stronger one of the same channel does not: then nothing fits
+    there."""
     blocked = {}
     for trial in trials[:8]:
         channels = {form.channel for form in trial.choice.forms}

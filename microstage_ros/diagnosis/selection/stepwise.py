@@ -1,7 +1,9 @@
-"""Forward selection, the one loop of every engine of diagnosis: what competes, what stands and how it is kept is the residual model's.
+"""Forward selection, the one loop of every engine of diagnosis: what competes, what stands and how it is kept is the
+residual model's.
 
-The balance of the motor (`selection.selection`), the re-simulated closed loop (`resimulation.selection`) and the logs without a
-model (`logs.selection.decide`) differ in their evidence and so in their thresholds; docs/decisions/one-selection.md says in what.
+The balance of the motor (`selection.selection`), the re-simulated closed loop (`resimulation.selection`) and the logs
+without a model (`logs.selection.decide`) differ in their evidence and so in their thresholds;
+docs/decisions/one-selection.md says in what.
 """
 
 from typing import Protocol, TypeVar
@@ -11,7 +13,8 @@ Trial = TypeVar("Trial")
 
 
 class ResidualModel(Protocol[State, Trial]):
-    """What the loop asks of a residual model. ``state``: the causes chosen so far, with whatever is fitted with them."""
+    """What the loop asks of a residual model. ``state``: the causes chosen so far, with whatever is fitted with
+    them."""
 
     def count(self, state: State) -> int:
         """How many causes are chosen."""
@@ -20,14 +23,16 @@ class ResidualModel(Protocol[State, Trial]):
         """One more cause each, fitted beside those chosen, the strongest first."""
 
     def first_standing(self, trials: list[Trial], state: State) -> Trial | None:
-        """The strongest trial that is significant, holds on data left out and is no misfit of the causes chosen; or None."""
+        """The strongest trial that is significant, holds on data left out and is no misfit of the causes chosen; or
+        None."""
 
     def extended(self, state: State, winner: Trial, trials: list[Trial]) -> State:
         """The state with the winner, everything fitted or pruned anew; rivals are looked for among the trials."""
 
 
 def forward(model: ResidualModel, state: State, most: int) -> tuple[State, list]:
-    """Add causes as long as one stands, ``most`` at most: the last state, and the trials of the last round that was won."""
+    """Add causes as long as one stands, ``most`` at most: the last state, and the trials of the last round that was
+    won."""
     last: list = []
     while model.count(state) < most:
         trials = model.trials(state)

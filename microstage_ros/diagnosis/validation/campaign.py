@@ -109,11 +109,17 @@ def examine(examination):
                        floor=nothing, seconds=time.perf_counter() - start, error=f"{type(error).__name__}: {error}")
     gain = answer.gain
     return Outcome(
-        **known, verdict=answer.verdict, named=tuple(cause.id for cause in answer.causes),
-        rivals=tuple(tuple(rivals.ids) for rivals in answer.rivals), covered=tuple(covered(answer.causes, what.effects)),
-        before=gain.before if gain else float("nan"), after=gain.after if gain else float("nan"),
-        floor=gain.floor if gain else float("nan"), seconds=time.perf_counter() - start,
-        told=tuple((c.id, c.probability, c.evidence, c.share, c.id in what.ids) for c in answer.causes))
+        **known,
+        verdict=answer.verdict,
+        named=tuple(cause.id for cause in answer.causes),
+        rivals=tuple(tuple(rivals.ids) for rivals in answer.rivals),
+        covered=tuple(covered(answer.causes, what.effects)),
+        before=gain.before if gain else float("nan"),
+        after=gain.after if gain else float("nan"),
+        floor=gain.floor if gain else float("nan"),
+        seconds=time.perf_counter() - start,
+        told=tuple((c.id, c.probability, c.evidence, c.share, c.id in what.ids) for c in answer.causes),
+    )
 
 
 def covered(causes, truth):
@@ -123,7 +129,8 @@ def covered(causes, truth):
     for cause in causes:
         for name, number in cause.parameters.items():
             value = truth.get(cause.id, {}).get(name)
-            value = value[0] if isinstance(value, list) and len(value) < MOST_TERMS else value   # the largest term is told first
+            # the largest term is told first
+            value = value[0] if isinstance(value, list) and len(value) < MOST_TERMS else value
             if isinstance(value, (int, float)) and np.isfinite(number.stderr):
                 error = number.value - value
                 if number.unit == "rad" and name.startswith("phase"):
@@ -179,7 +186,10 @@ def scores(outcomes):
         "two: both named": (sum(set(o.hidden) <= set(o.named) for o in by["two"]), len(by["two"])),
         "two: at least one named": (sum(bool(set(o.hidden) & set(o.named)) for o in by["two"]), len(by["two"])),
         "healthy: false alarms": (sum(bool(o.named or o.rivals) for o in by["healthy"]), len(by["healthy"])),
-        "a wrong name anywhere in the answer": (sum(bool(set(o.named) - set(o.hidden)) for o in outcomes), len(outcomes)),
+        "a wrong name anywhere in the answer": (
+            sum(bool(set(o.named) - set(o.hidden)) for o in outcomes),
+            len(outcomes),
+        ),
         "outside: a wrong name": (sum(bool(o.named) for o in by["outside"]), len(by["outside"])),
         "sizes inside their 95 % interval": (sum(covers), len(covers)),
         "right and 90 % of the way to the noise": (sum(o.removed >= 0.9 for o in right), len(right)),
@@ -187,8 +197,13 @@ def scores(outcomes):
         "errors": (sum(bool(o.error) for o in outcomes), len(outcomes)),
     }
     seconds = [o.seconds for o in outcomes]
-    medians = {"held-out gain, median share of the way": float(np.nanmedian([o.removed for o in right])) if right else float("nan"),
-               "seconds per case, median": float(np.median(seconds)), "seconds per case, longest": float(np.max(seconds))}
+    medians = {
+        "held-out gain, median share of the way": float(np.nanmedian([o.removed for o in right]))
+        if right
+        else float("nan"),
+        "seconds per case, median": float(np.median(seconds)),
+        "seconds per case, longest": float(np.max(seconds)),
+    }
     return counts, medians
 
 

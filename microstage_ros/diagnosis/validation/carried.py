@@ -1,9 +1,9 @@
 """Whether the signals of a simulated machine carry an effect at all, judged without the method that is examined.
 
-The change that an effect makes to the logged signals is the difference of two simulations with the same random numbers, with and
-without it. It is compared with the scatter of healthy logs of the same programme: other runs, and other states of assembly where
-the case has them, or where its baseline is a single log, which cannot tell. Both are reduced to parts of the run's time:
-mean, range, and the logarithm of the roughness of each signal there.
+The change that an effect makes to the logged signals is the difference of two simulations with the same random numbers,
+with and without it. It is compared with the scatter of healthy logs of the same programme: other runs, and other states
+of assembly where the case has them, or where its baseline is a single log, which cannot tell. Both are reduced to parts
+of the run's time: mean, range, and the logarithm of the roughness of each signal there.
 """
 
 import numpy as np
@@ -23,8 +23,8 @@ LIMIT = float(norm.isf(0.5 * FALSE_ALARMS / len(simulated_logs.EFFECTS)) + norm.
 
 
 def distance(case, number):
-    """Largest change by effect ``number`` of a `LogCase` over signals and parts of the run, in standard deviations of the
-    healthy scatter."""
+    """Largest change by effect ``number`` of a `LogCase` over signals and parts of the run, in standard deviations of
+    the healthy scatter."""
     _, before, after, extra = case.steps[number]
     runs = len(case.now[0].runs)
 
@@ -50,8 +50,8 @@ def distance(case, number):
 def features(log):
     """Mean, range and log roughness of each signal in each part of the run, mean over runs: (signals × 3, PARTS).
 
-    Where no set point is logged, nobody knows which motion was asked for: then a run counts from its first motion, and of
-    position and speed only the roughness tells.
+    Where no set point is logged, nobody knows which motion was asked for: then a run counts from its first motion, and
+    of position and speed only the roughness tells.
     """
     rows = []
     asked = "following_error" in log.signals

@@ -1,10 +1,12 @@
-"""Machines of nobody's make, simulated for the examination of `diagnose --log`: an axis apart from the project's own model.
+"""Machines of nobody's make, simulated for the examination of `diagnose --log`: an axis apart from the project's own
+model.
 
     m dv/dt = u − F_friction(v, x, z) − F_const − k_s (x − x_mid) − F_ripple sin(2π n x / lead + φ)
 
-the force u late by the lag of an amplifier where it has one, with one of four friction laws (Coulomb with Stribeck drop and viscosity; LuGre; Dahl; a power law of the speed), one of three
-controllers (P position with PI speed; PID; P position with P speed and friction feed-forward), one of four profiles (trapezoid,
-S-curve, sine, steps of random targets). It shares no code with `solver`, so that no figure rests on one simulator alone.
+the force u late by the lag of an amplifier where it has one, with one of four friction laws (Coulomb with Stribeck drop
+and viscosity; LuGre; Dahl; a power law of the speed), one of three controllers (P position with PI speed; PID; P
+position with P speed and friction feed-forward), one of four profiles (trapezoid, S-curve, sine, steps of random
+targets). It shares no code with `solver`, so that no figure rests on one simulator alone.
 """
 
 import math
@@ -28,10 +30,77 @@ def run(reference, dt, p, law, controller, noise_seed):
     n = len(reference)
     x, v, z, integral = reference[0], 0.0, 0.0, 0.0
     out = np.zeros((n, 4))
-    (m, level, stribeck, vs, viscous, asym, const, spring, middle, half, wave1, wave2, bump, bump_at, bump_width, ripple, order,
-     phase, ripple2, order2, lead, rise, kp, kv, ki, ff, gain, gap, delay, jitter_level, walk, quad, lag, memory) = (
-        p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8], p[9], p[10], p[11], p[12], p[13], p[14], p[15], p[16],
-        p[17], p[18], p[19], p[20], p[21], p[22], p[23], p[24], p[25], p[26], p[27], p[28], p[29], p[30], p[31], p[32], p[33])
+    (
+        m,
+        level,
+        stribeck,
+        vs,
+        viscous,
+        asym,
+        const,
+        spring,
+        middle,
+        half,
+        wave1,
+        wave2,
+        bump,
+        bump_at,
+        bump_width,
+        ripple,
+        order,
+        phase,
+        ripple2,
+        order2,
+        lead,
+        rise,
+        kp,
+        kv,
+        ki,
+        ff,
+        gain,
+        gap,
+        delay,
+        jitter_level,
+        walk,
+        quad,
+        lag,
+        memory,
+    ) = (
+        p[0],
+        p[1],
+        p[2],
+        p[3],
+        p[4],
+        p[5],
+        p[6],
+        p[7],
+        p[8],
+        p[9],
+        p[10],
+        p[11],
+        p[12],
+        p[13],
+        p[14],
+        p[15],
+        p[16],
+        p[17],
+        p[18],
+        p[19],
+        p[20],
+        p[21],
+        p[22],
+        p[23],
+        p[24],
+        p[25],
+        p[26],
+        p[27],
+        p[28],
+        p[29],
+        p[30],
+        p[31],
+        p[32],
+        p[33],
+    )
     stage, last_ref, rest, random_level, extra = x, reference[0], 0.0, 0.0, 0.0
     late = int(round(delay / dt))
     previous, acting, slow = 0.0, 0.0, 0.0

@@ -1,4 +1,5 @@
-"""The examination of `diagnose --log`: rates of right and wrong names, false alarms, coverage, and what shows in which signals."""
+"""The examination of `diagnose --log`: rates of right and wrong names, false alarms, coverage, and what shows in which
+signals."""
 
 import collections
 import dataclasses
@@ -21,9 +22,9 @@ __all__ = ["EFFECTS", "run", "scores", "sentences", "line", "visibility_table", 
 class Outcome:
     """What was hidden in one case and what was said.
 
-    ``visible``: hidden effects that the signals carry (`carried`); ``declared``: those that the diagnosis says these signals
-    show; ``distance``: change of the signals by each hidden effect, in standard deviations of the healthy scatter.
-    ``covered``: (effect, parameter, truth inside the 95 % interval, truth, value, standard error).
+    ``visible``: hidden effects that the signals carry (`carried`); ``declared``: those that the diagnosis says these
+    signals show; ``distance``: change of the signals by each hidden effect, in standard deviations of the healthy
+    scatter. ``covered``: (effect, parameter, truth inside the 95 % interval, truth, value, standard error).
     """
 
     number: int
@@ -73,7 +74,8 @@ def run(cases, seed=1, kind="mixed", effect="", strength=1.0):
 
 
 def _covered(case, result):
-    """Whether the 95 % intervals of the hidden effects' sizes hold the truth, where these are named or among the rivals."""
+    """Whether the 95 % intervals of the hidden effects' sizes hold the truth, where these are named or among the
+    rivals."""
     out = []
     told = [(cause.id, cause.parameters) for cause in result.diagnosis.causes]
     told += [(name, parameters) for group in result.rival_sizes for name, parameters in group.items()]
@@ -101,7 +103,10 @@ def scores(outcomes):
         "visible: right name first, or a rival": (sum(o.result in ("right", "rival") for o in seen), len(seen)),
         "visible: right name without rival": (sum(o.result == "right" for o in seen), len(seen)),
         "visible: wrong name": (sum(o.result == "wrong" for o in seen), len(seen)),
-        "visible and declared so: right name first, or a rival": (sum(o.result in ("right", "rival") for o in both), len(both)),
+        "visible and declared so: right name first, or a rival": (
+            sum(o.result in ("right", "rival") for o in both),
+            len(both),
+        ),
         "hidden: no wrong name": (sum(o.result != "wrong" for o in hidden), len(hidden)),
         "95 % intervals that hold the truth": (sum(c[2] for c in covered), len(covered)),
     }

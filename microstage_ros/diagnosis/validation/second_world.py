@@ -2,10 +2,10 @@
 
 Same machine, same effects, everything else other than in `simulated_records`: programmes (raised-cosine journeys,
 staircases, chirps, noise in place of tones, long rests), controllers (PID of other strength, PID with feed-forward, the
-self-tuning law), encoders and noise levels, what scales the friction (a fixed wavy profile of the place that every record
-repeats, and jumps in time, neither of them Gaussian), and the friction law of the machine itself: the diagnosis is given
-the axis file with its generalised Maxwell-slip law while the machine may be one of Leuven's or of LuGre's law, with the
-stiffness, limit and Stribeck curve of the file.
+self-tuning law), encoders and noise levels, what scales the friction (a fixed wavy profile of the place that every
+record repeats, and jumps in time, neither of them Gaussian), and the friction law of the machine itself: the diagnosis
+is given the axis file with its generalised Maxwell-slip law while the machine may be one of Leuven's or of LuGre's law,
+with the stiffness, limit and Stribeck curve of the file.
 """
 
 import dataclasses
@@ -52,12 +52,21 @@ def habits(generator, friction):
     waves = tuple((2.0 * np.pi / length, generator.uniform(0.0, 2.0 * np.pi), friction * np.sqrt(2.0 * share / 5.0))
                   for length in np.exp(generator.uniform(*np.log([6.0e-5, 9.0e-4]), 5)))
     return Habits(
-        law=str(generator.choice(LAWS, p=LAW_SHARES)), controller=str(generator.choice(CONTROLLERS)),
+        law=str(generator.choice(LAWS, p=LAW_SHARES)),
+        controller=str(generator.choice(CONTROLLERS)),
         proportional=float(np.exp(generator.uniform(*np.log([1.0e5, 4.0e5])))),
         encoder_resolution=float(generator.choice([5.0e-9, 10.0e-9, 25.0e-9, 50.0e-9])),
-        noise=NoiseSpec(encoder_m=generator.uniform(2.0e-9, 1.2e-8), voltage_V=generator.uniform(3.0e-4, 2.0e-3), current_A=0.0,
-                        interferometer_m=generator.uniform(3.0e-9, 1.5e-8), friction_relative=0.0),
-        friction=friction, profile=waves, jump_every=float(generator.uniform(0.5, 4.0)), jump=float(friction * np.sqrt(1.0 - share)),
+        noise=NoiseSpec(
+            encoder_m=generator.uniform(2.0e-9, 1.2e-8),
+            voltage_V=generator.uniform(3.0e-4, 2.0e-3),
+            current_A=0.0,
+            interferometer_m=generator.uniform(3.0e-9, 1.5e-8),
+            friction_relative=0.0,
+        ),
+        friction=friction,
+        profile=waves,
+        jump_every=float(generator.uniform(0.5, 4.0)),
+        jump=float(friction * np.sqrt(1.0 - share)),
     )
 
 
@@ -70,10 +79,12 @@ def make_case(axis, hidden, seed, friction=0.04, law=None):
     hidden : `simulated_records.Hidden`.
     seed : of everything drawn.
     friction : relative standard deviation of the friction's variation.
-    law : friction law of the machine's actuator, one of `LAWS`; None draws one (the first where an effect is hidden that needs its blocks).
+    law : friction law of the machine's actuator, one of `LAWS`; None draws one (the first where an effect is hidden
+    that needs its blocks).
     """
     own = habits(np.random.default_rng([seed, 77]), friction)
-    if law is None and any(REGISTRY[effect].needs in (BLOCKS, STRIBECK) for effect in hidden.effects):   # not every law has blocks
+    # not every law has blocks
+    if law is None and any(REGISTRY[effect].needs in (BLOCKS, STRIBECK) for effect in hidden.effects):
         law = LAWS[0]
     own = own if law is None else dataclasses.replace(own, law=law)
     machine = machine_of(axis, own)
@@ -83,14 +94,16 @@ def make_case(axis, hidden, seed, friction=0.04, law=None):
 
 
 def machine_of(axis, own):
-    """The machine behind an axis file: its encoder, and its actuator's friction law with the file's stiffness and limits."""
+    """The machine behind an axis file: its encoder, and its actuator's friction law with the file's stiffness and
+    limits."""
     tree = axis.with_values({"sensors.encoder.resolution": own.encoder_resolution}).as_dict()
     if own.law != axis.law("actuator"):
         stiffness, weight = blocks_of(axis, "actuator")
         old, new = tree["contacts"]["actuator"], {"law": own.law}
         for leaf in ("static", "coulomb", "stribeck_velocity", "stribeck_exponent", "viscous"):
             new[leaf] = old[leaf]
-        if own.law == "lugre":      # one bristle: the stiffness at which half of the limit is reached as with the blocks
+        # one bristle: the stiffness at which half of the limit is reached as with the blocks
+        if own.law == "lugre":
             limit = axis.value("contacts.actuator.static")
             way = np.geomspace(1e-7, 1.0, 4000)
             curve = np.minimum(stiffness * way[:, None], weight * limit).sum(axis=1)
@@ -135,8 +148,8 @@ def _record(axis, hidden, own, seed, name):
 
 
 def _variation(own, generator):
-    """What `_run_varied` needs of the friction's variation: waves along the stroke (k, 3), moments of its jumps [s], their
-    heights, and the factor that stands in the plant."""
+    """What `_run_varied` needs of the friction's variation: waves along the stroke (k, 3), moments of its jumps [s],
+    their heights, and the factor that stands in the plant."""
     times = np.cumsum(generator.exponential(own.jump_every, 400))
     heights = own.jump * generator.uniform(-np.sqrt(3.0), np.sqrt(3.0), len(times) + 1)
     return np.array(own.profile), times, heights, np.ones(1)
@@ -158,7 +171,8 @@ def _vary(plant, state, vary, time):
 
 @compiled
 def _run_varied(plant, state, work, readings, parameters, memory, reference, zero, trace, vary, first, period):
-    """`run_loop` over rows of a record that begin at row ``first``; every `CHUNK` periods the friction's factor is set anew."""
+    """`run_loop` over rows of a record that begin at row ``first``; every `CHUNK` periods the friction's factor is set
+    anew."""
     start = 0
     while start < len(reference):
         stop = min(start + CHUNK - (first + start) % CHUNK, len(reference))

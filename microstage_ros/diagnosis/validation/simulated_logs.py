@@ -1,7 +1,7 @@
 """Logs of simulated foreign machines, degraded as real ones are: 25–1000 Hz, no sign, no voltage, quantised, few runs.
 
-A case draws a machine, its signals, its healthy spread (run to run, and a reassembly between baseline and now, within the
-baseline too or not), and at most two effects with their sizes. All from one seed.
+A case draws a machine, its signals, its healthy spread (run to run, and a reassembly between baseline and now, within
+the baseline too or not), and at most two effects with their sizes. All from one seed.
 """
 
 import dataclasses
@@ -65,7 +65,8 @@ class Machine:
 class LogCase:
     """One drawn case: the logs, what LOG.yaml says, and the truth.
 
-    ``steps``: per effect the machine before and after it and what it does to the readings. ``degrade``: how the logs are spoilt.
+    ``steps``: per effect the machine before and after it and what it does to the readings. ``degrade``: how the logs
+    are spoilt.
     """
 
     number: int
@@ -251,7 +252,8 @@ def _degrade(rng, machine, name, rate):
 
 
 def log_of(machine, runs, cycles, rng, degrade, extra, source, programme=None):
-    """One `Log` of several runs. ``programme``: generator of random targets, where they are not to come from ``rng``."""
+    """One `Log` of several runs. ``programme``: generator of random targets, where they are not to come from
+    ``rng``."""
     parts = []
     step = max(int(round(1.0 / degrade["rate"] / machines.DT)), 1)
     for run in range(runs):
@@ -274,7 +276,8 @@ def log_of(machine, runs, cycles, rng, degrade, extra, source, programme=None):
     every = {"reference": reference, "position": place, "following_error": reference - place, "velocity": speed,
              "current": effort if degrade["signed"] else np.abs(effort), "torque": effort, "voltage": _voltage(machine, force, speed, degrade, extra, rng)}
     if "voltage" in degrade["names"]:
-        every["current"] = effort * machine.values["gain"]      # behind the amplifier: what flows, not what was asked for
+        # behind the amplifier: what flows, not what was asked for
+        every["current"] = effort * machine.values["gain"]
     signals = {name: every[name] for name in degrade["names"]}
     if "following_error" in signals and "position" not in signals:
         signals["position"] = signals["reference"] - signals["following_error"]
@@ -286,7 +289,8 @@ def log_of(machine, runs, cycles, rng, degrade, extra, source, programme=None):
 
 
 def _read(place, out, reference, rows, machine, degrade, extra, rng):
-    """The position as the log has it at ``rows``: with what lies between motor and stage, and with errors of the reading."""
+    """The position as the log has it at ``rows``: with what lies between motor and stage, and with errors of the
+    reading."""
     values = machine.values
     if "vibration" in extra:
         place = place + extra["vibration"] * degrade["place_noise"] * np.sin(2 * np.pi * 0.31 * degrade["rate"] * rows * machines.DT)
@@ -313,9 +317,11 @@ def _read(place, out, reference, rows, machine, degrade, extra, rng):
 
 
 def _voltage(machine, force, speed, degrade, extra, rng):
-    """Voltage of the amplifier behind a force of the motor: 1 V of resistance and of back-EMF together at the friction level and top speed.
+    """Voltage of the amplifier behind a force of the motor: 1 V of resistance and of back-EMF together at the friction
+    level and top speed.
 
-    u = (R i + K v) / gain + offset + dead zone sgn i, the force loop being faster than the log; one volt is the usual level.
+    u = (R i + K v) / gain + offset + dead zone sgn i, the force loop being faster than the log; one volt is the usual
+    level.
     """
     ohmic = degrade["ohmic"] * force / degrade["force_of_1_V"] * machine.values["gain"]
     induced = (1.0 - degrade["ohmic"]) * speed / machine.top

@@ -10,9 +10,21 @@ from microstage_ros.quantities.errors import InputError
 
 #: (heading, kind, cases, strength, figures of `campaign.scores` that are told)
 PARTS = (
-    ("mixed", "mixed", 300, 1.0, ("single: right name first", "single: undetermined", "single: a wrong name first", "outside: a wrong name",
-                                  "a wrong name anywhere in the answer", "sizes inside their 95 % interval",
-                                  "named, and 90 % of the way to the noise")),
+    (
+        "mixed",
+        "mixed",
+        300,
+        1.0,
+        (
+            "single: right name first",
+            "single: undetermined",
+            "single: a wrong name first",
+            "outside: a wrong name",
+            "a wrong name anywhere in the answer",
+            "sizes inside their 95 % interval",
+            "named, and 90 % of the way to the noise",
+        ),
+    ),
     ("single effects at half the size", "single", 135, 0.5, ("single: right name first", "single: a wrong name first")),
     ("pairs", "two", 100, 1.0, ("two: both named", "two: at least one named", "a wrong name anywhere in the answer")),
     ("healthy axes", "healthy", 1000, 1.0, ("healthy: false alarms",)),
@@ -32,7 +44,8 @@ def second_world_table():
 
 
 def _table(world, parts=PARTS, scale=float(os.environ.get("MICROSTAGE_FIGURES_SCALE", "1"))):
-    """The Markdown table of one world; ``scale`` multiplies the numbers of cases (environment: MICROSTAGE_FIGURES_SCALE)."""
+    """The Markdown table of one world; ``scale`` multiplies the numbers of cases (environment:
+    MICROSTAGE_FIGURES_SCALE)."""
     lines, told = ["| cases | figure | | 95 % interval |", "|---|---|---|---|"], []
     for number, (heading, kind, cases, strength, figures) in enumerate(parts):
         count = max(math.ceil(cases * scale), 1)
@@ -53,7 +66,8 @@ def _table(world, parts=PARTS, scale=float(os.environ.get("MICROSTAGE_FIGURES_SC
 
 
 def emps_record(name):
-    """A record of the EMPS benchmark as `Record`; ``name`` without suffix. Raises `InputError` where the file is not there."""
+    """A record of the EMPS benchmark as `Record`; ``name`` without suffix. Raises `InputError` where the file is not
+    there."""
     import scipy.io
 
     from microstage_ros.records import Record

@@ -1,7 +1,7 @@
 """Cycles of the compiled loop without ROS: machine, limits and control law, period after period, as the nodes run them.
 
-Shows that neither memory, open files, threads nor the processor time of a cycle grow with the number of cycles, for numbers that a cell
-on topics takes hours for.
+Shows that neither memory, open files, threads nor the processor time of a cycle grow with the number of cycles, for
+numbers that a cell on topics takes hours for.
 """
 
 import math

@@ -1,9 +1,10 @@
-"""Commands delayed, reordered, replayed and duplicated, by the very process that may command: what the driver makes of them.
+"""Commands delayed, reordered, replayed and duplicated, by the very process that may command: what the driver makes of
+them.
 
-A stand-in for the controller answers the states of a real driver at the wall clock. Commands that may be obeyed have the
-voltage `GOOD`, those that may not `BAD`: answers that come a second time, older ones after newer ones, whole stretches of old
-ones played again. A stranger plays the good ones again from a process of its own. Whatever voltage the driver reports as
-applied shows which were obeyed.
+A stand-in for the controller answers the states of a real driver at the wall clock. Commands that may be obeyed have
+the voltage `GOOD`, those that may not `BAD`: answers that come a second time, older ones after newer ones, whole
+stretches of old ones played again. A stranger plays the good ones again from a process of its own. Whatever voltage the
+driver reports as applied shows which were obeyed.
 """
 
 import random

@@ -48,7 +48,8 @@ class FaultCell:
 
     Parameters
     ----------
-    mode : of `trial_cell.PERIODS`. folder : for logs and bags, empty. chance : `random.Random`. witness : `witness.Witness`.
+    mode : of `trial_cell.PERIODS`. folder : for logs and bags, empty. chance : `random.Random`. witness :
+    `witness.Witness`.
 
     Attributes
     ----------
@@ -163,7 +164,8 @@ class FaultCell:
         return {"restarted_s": None if took is None else round(took, 3), "repaired": again}
 
     def _usable_again(self):
-        """The axis is active, without fault, and its move server answers. False, and `usable` too, if that does not come."""
+        """The axis is active, without fault, and its move server answers. False, and `usable` too, if that does not
+        come."""
         try:
             end = time.monotonic() + REPAIR_S
             while time.monotonic() < end and not self._says:

@@ -1,8 +1,8 @@
 """The fault campaign: processes of real cells killed and stopped at random while the axis moves.
 
-A cell of each mode is kept through many faults (`fault_cell`). Time to zero volts is read from the output that driver and
-watchdog share, from the last valid command on; time for which the host of the machine kept a processor from everybody is
-measured beside it (`witness`) and told apart.
+A cell of each mode is kept through many faults (`fault_cell`). Time to zero volts is read from the output that driver
+and watchdog share, from the last valid command on; time for which the host of the machine kept a processor from
+everybody is measured beside it (`witness`) and told apart.
 """
 
 import random

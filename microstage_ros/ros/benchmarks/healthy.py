@@ -1,9 +1,10 @@
-"""Healthy running: a real cell of six nodes that moves now and then, nothing injected: does it trip, does a process grow.
+"""Healthy running: a real cell of six nodes that moves now and then, nothing injected: does it trip, does a process
+grow.
 
-Paced, the wall clock matters: time for which the host kept the driver from its processor is counted by the driver and told
-apart. In lockstep as many control periods go by as the machine can do. What every process holds (memory, open files,
-threads) is read from ``/proc`` now and then; growth counts from `SETTLED` of the time on, since a process fills its caches and
-its recorder its buffers at the beginning.
+Paced, the wall clock matters: time for which the host kept the driver from its processor is counted by the driver and
+told apart. In lockstep as many control periods go by as the machine can do. What every process holds (memory, open
+files, threads) is read from ``/proc`` now and then; growth counts from `SETTLED` of the time on, since a process fills
+its caches and its recorder its buffers at the beginning.
 """
 
 import os
@@ -66,7 +67,8 @@ class Healthy:
 
     Parameters
     ----------
-    seconds : of wall clock. mode : of `trial_cell.PERIODS`. seed : of the axis and of the targets. tell : called with the facts
+    seconds : of wall clock. mode : of `trial_cell.PERIODS`. seed : of the axis and of the targets. tell : called with
+    the facts
         so far, now and then.
     """
 

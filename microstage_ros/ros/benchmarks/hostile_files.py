@@ -1,8 +1,8 @@
 """Files of every kind, truncated, bit-flipped and with bad values in them: read or refused in one line, quickly.
 
-Truncated and flipped files may still be good (a flipped bit in a comment); those count as read. Of a bag every such change in
-a chunk is found by its checksum, and what is left of it is made whole. Files with a bad value, or with a part that is no YAML,
-have to be refused.
+Truncated and flipped files may still be good (a flipped bit in a comment); those count as read. Of a bag every such
+change in a chunk is found by its checksum, and what is left of it is made whole. Files with a bad value, or with a part
+that is no YAML, have to be refused.
 """
 
 import random

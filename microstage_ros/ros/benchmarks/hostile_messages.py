@@ -1,4 +1,5 @@
-"""Messages that are none: random bytes, blocks of the wrong size, numbers out of range, from a stranger to every topic."""
+"""Messages that are none: random bytes, blocks of the wrong size, numbers out of range, from a stranger to every
+topic."""
 
 import random
 import struct

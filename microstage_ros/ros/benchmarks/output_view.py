@@ -64,7 +64,8 @@ class OutputView:
         return self._word(TAKEN) > 0
 
     def zero_after(self, wait=5.0):
-        """How long after the last valid command the voltage went to zero [s]; None if it has not within ``wait`` [s]."""
+        """How long after the last valid command the voltage went to zero [s]; None if it has not within ``wait``
+        [s]."""
         end = time.monotonic() + wait
         while self.volts != 0.0:
             if time.monotonic() > end:

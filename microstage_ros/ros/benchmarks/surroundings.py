@@ -26,8 +26,8 @@ SOURCE = Path(__file__).with_name("clock_shift.c")
 
 @contextmanager
 def shiftable_clock(folder):
-    """Processes started in here have a clock of the day that can be set: yields a function of the shift [s], None without a
-    C compiler."""
+    """Processes started in here have a clock of the day that can be set: yields a function of the shift [s], None
+    without a C compiler."""
     compiler, library, word = shutil.which("cc"), Path(folder) / "clock_shift.so", Path(folder) / "clock_shift"
     if compiler is None:
         yield None

@@ -1,9 +1,10 @@
 """A witness of what the host does: when did it keep each processor from everybody.
 
-One small process per processor, above the driver and its watchdog in rank, sleeps a millisecond again and again and writes
-down when it woke too late. Nothing in this computer can keep it from its processor, apart from the host of a virtual machine
-(and the limit of 95 % that Linux sets to real-time threads), so a late zero voltage while a witness was late too is none of
-this project's. Without the right to real-time priority it sees this computer's own load as well, and says so.
+One small process per processor, above the driver and its watchdog in rank, sleeps a millisecond again and again and
+writes down when it woke too late. Nothing in this computer can keep it from its processor, apart from the host of a
+virtual machine (and the limit of 95 % that Linux sets to real-time threads), so a late zero voltage while a witness was
+late too is none of this project's. Without the right to real-time priority it sees this computer's own load as well,
+and says so.
 """
 
 import gc
@@ -20,7 +21,8 @@ SLEEP_S, LATE_NS = 1e-3, 500_000
 
 ROWS = 4096
 BYTES = 16 + 16 * ROWS
-"""Words of the shared memory: number of gaps so far, 1 with real-time priority; then begin and end of each gap [ns], in a ring."""
+"""Words of the shared memory: number of gaps so far, 1 with real-time priority; then begin and end of each gap [ns], in
+a ring."""
 
 
 def watch(descriptor, processor):

@@ -1,12 +1,13 @@
 """One process that imports what the nodes of an axis need once, and forks each of them: started in half the time.
 
 Started by `forked.ForkedNodes`, with the descriptor of a socket as argument, over which lines of JSON go. To here: the
-list of nodes, ``{"name", "arguments", "log"}``, then ``{"name", "signal"}`` and ``{"start": node}``. Back: ``{"name", "pid"}``,
-``{"name", "status"}``, ``{"name", "stopped"}``. When the other end closes, or on SIGINT and SIGTERM, it stops all nodes. Each node is a process of
-its own as if it had been started alone; only its command line reads as that of this process.
+list of nodes, ``{"name", "arguments", "log"}``, then ``{"name", "signal"}`` and ``{"start": node}``. Back:
+``{"name", "pid"}``, ``{"name", "status"}``, ``{"name", "stopped"}``. When the other end closes, or on SIGINT and
+SIGTERM, it stops all nodes. Each node is a process of its own as if it had been started alone; only its command line
+reads as that of this process.
 
-Forked is before any thread of ours or of the middleware exists, and before `rclpy.init`. Where that cannot be (a library
-that starts a thread when it is loaded, a system without fork), it says so and starts each node alone, slower.
+Forked is before any thread of ours or of the middleware exists, and before `rclpy.init`. Where that cannot be (a
+library that starts a thread when it is loaded, a system without fork), it says so and starts each node alone, slower.
 """
 
 import ctypes
@@ -57,7 +58,8 @@ class ForkServer:
         for node in nodes:
             if not why:
                 getattr(modules[node["name"]], "warm_up", lambda: None)()
-                gc.freeze()  # so that a collection in a child does not write to, and copy, what it shares with the others
+                # so that a collection in a child does not write to, and copy, what it shares with the others
+                gc.freeze()
             child = self._start(node, modules, why, tracing, wakened)
             if child:
                 return child
@@ -89,8 +91,8 @@ class ForkServer:
         self._closed = self._closed or number in STOPPING
 
     def _go_on(self, wakened, start):
-        """Until every child has ended and nobody can ask for another: pass on signals, tell who ended. In a child that is
-        forked meanwhile: what `_start` gives."""
+        """Until every child has ended and nobody can ask for another: pass on signals, tell who ended. In a child that
+        is forked meanwhile: what `_start` gives."""
         wakened = wakened[0]
         with selectors.DefaultSelector() as selector:
             selector.register(self._link, selectors.EVENT_READ)

@@ -30,8 +30,8 @@ SHARED = "<kind>AUTOMATIC</kind>"
 def own_memory(folder):
     """Environment in which nodes share memory with each other alone.
 
-    Messages of a process outside go through the ordinary transports: one that writes into shared memory faster than it is
-    read can make a reader of it deaf to everybody.
+    Messages of a process outside go through the ordinary transports: one that writes into shared memory faster than it
+    is read can make a reader of it deaf to everybody.
     """
     given = next((os.environ[name] for name in PROFILES if os.environ.get(name)), None)
     if folder is None or given is None:
@@ -54,7 +54,8 @@ class ForkedNodes:
     Parameters
     ----------
     nodes : dicts ``name``, ``arguments`` (command line), ``log`` (file for what it prints, None: our own output).
-    log : file for what the server itself prints. folder : for a profile of their own, None: the one of this environment.
+    log : file for what the server itself prints. folder : for a profile of their own, None: the one of this
+    environment.
 
     Attributes
     ----------
@@ -115,7 +116,8 @@ class ForkedNodes:
                 process.returncode = self.server_status or UNKNOWN
 
     def send(self, process, number):
-        """A signal to a child: directly, since the server may be stopped, or through it while the number is not known."""
+        """A signal to a child: directly, since the server may be stopped, or through it while the number is not
+        known."""
         if process.signal_directly(number):
             return
         name = next(name for name, its in self.processes.items() if its is process)
@@ -150,7 +152,8 @@ class ForkedNodes:
 
 
 class NodeProcess:
-    """One node's process, in the words of `subprocess.Popen`; ``stopped``: by a signal, it is there and does nothing."""
+    """One node's process, in the words of `subprocess.Popen`; ``stopped``: by a signal, it is there and does
+    nothing."""
 
     def __init__(self, owner):
         self._owner, self.told_pid, self.returncode, self.stopped = owner, None, None, False

@@ -1,11 +1,11 @@
 """Keys, certificates and signed permissions for DDS security (SROS 2), made with the program openssl.
 
-The folder is laid out as ROS 2 expects it below ``ROS_SECURITY_KEYSTORE``: ``public``, ``private``, ``enclaves`` with one
-folder per node, named by namespace and node. Who may do what comes from ``config/security/policy.yaml``. Where the ROS 2
-security tools are installed, ``ros2 security`` works on the same folder.
+The folder is laid out as ROS 2 expects it below ``ROS_SECURITY_KEYSTORE``: ``public``, ``private``, ``enclaves`` with
+one folder per node, named by namespace and node. Who may do what comes from ``config/security/policy.yaml``. Where the
+ROS 2 security tools are installed, ``ros2 security`` works on the same folder.
 
-Source of the formats: OMG DDS Security 1.1, sections 9.3 and 9.4; names of topics below DDS: ROS 2 design, topic and service
-names.
+Source of the formats: OMG DDS Security 1.1, sections 9.3 and 9.4; names of topics below DDS: ROS 2 design, topic and
+service names.
 """
 
 import os
@@ -104,7 +104,8 @@ def permissions(namespace, node, rules, domain):
 
 
 def governance(domain):
-    """The governance document: nobody without a certificate, everything signed and encrypted, every topic under control."""
+    """The governance document: nobody without a certificate, everything signed and encrypted, every topic under
+    control."""
 
     def element(name, text, depth):
         return f"{'  ' * depth}<{name}>{text}</{name}>\n"

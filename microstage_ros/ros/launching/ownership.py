@@ -1,9 +1,9 @@
 """One axis has one owner: a lock per domain and namespace, held by whoever started its processes and by its driver.
 
-The lock is the operating system's (`flock`), so it goes with the process that holds it, however that ends. The file says
-who it is: computer, process, command, since when. It lies in `$XDG_RUNTIME_DIR`, or in the folder for temporary files, under
-the user's number. It covers one computer; over a network `driver_status` names computer and process of the driver
-(docs/safety.md).
+The lock is the operating system's (`flock`), so it goes with the process that holds it, however that ends. The file
+says who it is: computer, process, command, since when. It lies in `$XDG_RUNTIME_DIR`, or in the folder for temporary
+files, under the user's number. It covers one computer; over a network `driver_status` names computer and process of the
+driver (docs/safety.md).
 """
 
 import errno
@@ -107,7 +107,8 @@ def free_namespace(wanted="/axis", others=("/demo", *(f"/demo_{number}" for numb
 
 
 def owned_namespaces():
-    """Namespaces of this domain that a process of this user on this computer owns, sorted; known at once, without discovery."""
+    """Namespaces of this domain that a process of this user on this computer owns, sorted; known at once, without
+    discovery."""
     domain, found = f"{os.environ.get('ROS_DOMAIN_ID', '0')}-", set()
     for path in folder().glob(f"{domain}*"):
         if path.suffix[1:] in KINDS and owner(path) is not None:

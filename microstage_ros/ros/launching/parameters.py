@@ -53,8 +53,13 @@ def _expected(entry):
 def _descriptor(name, entry):
     unit = f" [{entry['unit']}]" if "unit" in entry else ""
     descriptor = ParameterDescriptor(
-        name=name, description=entry["description"] + unit, read_only=False,
-        additional_constraints="one of " + ", ".join(str(choice) or '""' for choice in entry["one_of"]) if "one_of" in entry else "")
+        name=name,
+        description=entry["description"] + unit,
+        read_only=False,
+        additional_constraints="one of " + ", ".join(str(choice) or '""' for choice in entry["one_of"])
+        if "one_of" in entry
+        else "",
+    )
     if "minimum" in entry and entry["type"] == "double":
         descriptor.floating_point_range = [FloatingPointRange(from_value=float(entry["minimum"]),
                                                               to_value=float(entry["maximum"]))]

@@ -27,8 +27,8 @@ STOPPING = (signal.SIGINT, signal.SIGTERM)
 URGENT = signal.SIGUSR1
 
 ACKNOWLEDGED = {signal.SIGINT: 5.0, signal.SIGTERM: 0.3}
-"""Longest wait [s] at the end until every reader has what was sent to it, by the signal that asked to stop: a reader that
-was killed never has it, and who sends SIGTERM is in a hurry."""
+"""Longest wait [s] at the end until every reader has what was sent to it, by the signal that asked to stop: a reader
+that was killed never has it, and who sends SIGTERM is in a hurry."""
 
 LAST_RESORT = 10.0
 """A process that has been asked to stop and is still there after so long [s] ends at once, whatever it waits for."""
@@ -48,8 +48,8 @@ def running():
 
 
 def on_stop(call):
-    """Have ``call`` called when the process is asked to stop, by a thread of its own, at once: the main thread may be in
-    compiled code, where Python handles no signal."""
+    """Have ``call`` called when the process is asked to stop, by a thread of its own, at once: the main thread may be
+    in compiled code, where Python handles no signal."""
     _told_to_stop.append(call)
 
 
@@ -59,7 +59,8 @@ def on_urgent(call):
 
 
 def _hear_signals():
-    """Hear SIGINT and SIGTERM in a thread: the operating system's handler writes to a socket, whatever the main thread does."""
+    """Hear SIGINT and SIGTERM in a thread: the operating system's handler writes to a socket, whatever the main thread
+    does."""
     ours, theirs = socket.socketpair()
     theirs.setblocking(False)
     signal.set_wakeup_fd(theirs.fileno(), warn_on_full_buffer=False)
@@ -98,8 +99,8 @@ def started(arguments, context=None):
 def run_node(make, arguments=None, threads=1):
     """Make a node, serve it, run its `loop` until the process is asked to stop, and end the process.
 
-    ROS goes on working while the node closes, so that nothing that was sent is lost. Returns a status only where no node
-    could be made; else the process ends here with 0, or with 1 and the traceback in its log if the loop failed.
+    ROS goes on working while the node closes, so that nothing that was sent is lost. Returns a status only where no
+    node could be made; else the process ends here with 0, or with 1 and the traceback in its log if the loop failed.
 
     Parameters
     ----------
@@ -146,8 +147,8 @@ def run_node(make, arguments=None, threads=1):
 def _end_process(node, executor, thread, failed):
     """Take the node out of the graph and end the process, without unloading the interpreter.
 
-    A thread that comes back from the middleware while the interpreter is unloaded is ended inside a C++ destructor, and that
-    aborts the process (status -6). On a busy machine it comes back late: so nothing is unloaded.
+    A thread that comes back from the middleware while the interpreter is unloaded is ended inside a C++ destructor, and
+    that aborts the process (status -6). On a busy machine it comes back late: so nothing is unloaded.
     """
     thread.join(timeout=SERVED)
     try:
@@ -166,7 +167,8 @@ def _end_process(node, executor, thread, failed):
 
 
 def _leave_garbage_alone():
-    """What is there now stays: collections, each a millisecond's stop of the loop, look at new objects only, and rarely."""
+    """What is there now stays: collections, each a millisecond's stop of the loop, look at new objects only, and
+    rarely."""
     gc.collect()
     gc.freeze()
     gc.set_threshold(50_000, 20, 100)

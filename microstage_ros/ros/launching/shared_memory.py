@@ -1,9 +1,9 @@
 """Shared memory that killed nodes have left behind: found by what each node wrote down while it lived, and removed.
 
-The middleware keeps one file per writer in ``/dev/shm``, named by the 12 bytes that are the same for all endpoints of a process.
-A process that ends removes its files; one that is killed does not. Every node of this project writes its bytes into a file of
-its own beside the locks (`ownership.folder`). Whoever starts a cell looks which of these processes are dead and removes their
-files, and no others.
+The middleware keeps one file per writer in ``/dev/shm``, named by the 12 bytes that are the same for all endpoints of a
+process. A process that ends removes its files; one that is killed does not. Every node of this project writes its bytes
+into a file of its own beside the locks (`ownership.folder`). Whoever starts a cell looks which of these processes are
+dead and removes their files, and no others.
 """
 
 import os
@@ -33,7 +33,8 @@ def _began(pid):
 
 
 def remember(node, running=lambda: True):
-    """Write down which shared memory is this process's, while ``running()``; the file, None if that cannot be told here."""
+    """Write down which shared memory is this process's, while ``running()``; the file, None if that cannot be told
+    here."""
     topic = next(
         (
             publisher.topic_name

@@ -1,7 +1,7 @@
 """The watch over the processes of an axis: who ended is named and, where it may be, started again.
 
-Observer, logger, recorder and move server may be started again while the axis goes on; they take their place again. Driver
-and controller may not: without either of them the axis stands at zero volts, and a person decides.
+Observer, logger, recorder and move server may be started again while the axis goes on; they take their place again.
+Driver and controller may not: without either of them the axis stands at zero volts, and a person decides.
 """
 
 import os
@@ -44,7 +44,8 @@ class Supervisor:
         self._publish("")
 
     def look(self):
-        """See who has ended or stands still; start again what may be. Raises `CellFailure` where the axis cannot go on."""
+        """See who has ended or stands still; start again what may be. Raises `CellFailure` where the axis cannot go
+        on."""
         missing = []
         if self._cell.server_status is not None:
             says = f"the process that starts the nodes ended {_how(self._cell.server_status)}, and with it all nodes"
@@ -122,7 +123,8 @@ def _how(status):
 
 
 def run_until_interrupted(supervisor, spin, every=0.05):
-    """Look after the processes until SIGINT or SIGTERM, which raise KeyboardInterrupt; ``spin(seconds)`` passes the time."""
+    """Look after the processes until SIGINT or SIGTERM, which raise KeyboardInterrupt; ``spin(seconds)`` passes the
+    time."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)
     while True:

@@ -62,7 +62,8 @@ def new_guard(command, watch):
 
 
 class Watch(NamedTuple):
-    """What watches the compiled loop: shared memory of `OutputGuard`, words of `identity.Holder`, records of `hardware.limits`."""
+    """What watches the compiled loop: shared memory of `OutputGuard`, words of `identity.Holder`, records of
+    `hardware.limits`."""
 
     words: np.ndarray
     volts: np.ndarray
@@ -87,14 +88,16 @@ class QuickPeriods:
 
     Parameters
     ----------
-    servo, reader : `FastServoPath` and its reader of commands. sender : semaphore of who sends the blocks. topics : `DriverTopics`. gate : `CommandGate`.
-    stop : int64 (1,), 1 while another thread asks for something. responses : `ResponseTimes`. arrays : `SimulatedAxis.own_arrays`.
-    settings : field of `COUNTS` or `VALUES` to its constant value. watch : `Watch`.
+    servo, reader : `FastServoPath` and its reader of commands. sender : semaphore of who sends the blocks. topics :
+    `DriverTopics`. gate : `CommandGate`. stop : int64 (1,), 1 while another thread asks for something. responses :
+    `ResponseTimes`. arrays : `SimulatedAxis.own_arrays`. settings : field of `COUNTS` or `VALUES` to its constant
+    value. watch : `Watch`.
 
     Attributes
     ----------
     state, command : frames of what was sent and came last.
-    answered, late, lost, overruns, zeroed, host_stops, host_stopped_ns, foreign, malformed : counters of all periods in compiled code, beside those of the gate; they may be read
+    answered, late, lost, overruns, zeroed, host_stops, host_stopped_ns, foreign, malformed : counters of all periods in
+    compiled code, beside those of the gate; they may be read
         by any thread while the loop goes on, as may `sequence` and `time_ns`.
     """
 

@@ -140,9 +140,9 @@ def answer(desk, work, times):
     ----------
     desk : `desk.Desk.words`.
     work : stop, int64 of shape (1,), made 1 by another thread that asks for something; links and counts, records above;
-        parameters and memories of the law, arrays of one; positions, the plan [m], `start` its first period; messages of
-        state, command and inside (`c_calls.Frame.message`); bytes of the last two; blocks of the last two (`kept_rows`); the
-        guard: int64 (INFO_WORDS,), the driver's `identity.Holder.words`, length of the state.
+        parameters and memories of the law, arrays of one; positions, the plan [m], `start` its first period; messages
+        of state, command and inside (`c_calls.Frame.message`); bytes of the last two; blocks of the last two
+        (`kept_rows`); the guard: int64 (INFO_WORDS,), the driver's `identity.Holder.words`, length of the state.
     times : int64 (2,), to work in.
     """
     stop, c = work[0], work[2][0]
@@ -191,7 +191,8 @@ class QuickAnswers:
     ----------
     servo, reader : `FastServoPath` and its reader of states. sender : semaphore of who sends the blocks. commands,
         insides : `Outlet`. controller, player : the law and the reference. requests : `Requests`. every, block :
-        periods between two messages of `insides`, and in a block. holder : words of the driver's `Holder`. moment : longest wait [s] for the next state of a running axis.
+        periods between two messages of `insides`, and in a block. holder : words of the driver's `Holder`. moment :
+        longest wait [s] for the next state of a running axis.
     """
 
     def __init__(self, servo, reader, sender, commands, insides, controller, player, requests, every, block, moment, holder):

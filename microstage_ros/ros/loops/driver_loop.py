@@ -32,8 +32,9 @@ from microstage_ros.solver.period import advance_and_read
 
 GOOD, ASKED, CROWDED, NO_CREDIT, TAKEN_AWAY, TRAVEL, WAITED, STRANGE, MISSED = range(9)
 """Why `run_periods` returned. From `TRAVEL` on, the period that is under way has to be ended by the caller:
-TAKEN_AWAY: the watchdog has taken the voltage away. TRAVEL: a limit of `hardware.limits` was breached; read, nothing sent. WAITED: no command within a slice (lockstep). STRANGE: a command that is no answer to
-this period, nor, paced, to one just before. MISSED: no valid command for longer than `trip_ns` (paced)."""
+TAKEN_AWAY: the watchdog has taken the voltage away. TRAVEL: a limit of `hardware.limits` was breached; read, nothing
+sent. WAITED: no command within a slice (lockstep). STRANGE: a command that is no answer to this period, nor, paced, to
+one just before. MISSED: no valid command for longer than `trip_ns` (paced)."""
 
 COUNTS = np.dtype([(name, "i8") for name in (
     "sequence", "credit", "paced", "pace_ns", "due_ns", "slice_ns", "spin_ns", "waking_ns", "grace_ns", "priority", "block", "every", "status",
@@ -52,18 +53,18 @@ HOST_STOP_NS = 1_000_000
 """A sleep that ends so much too late [ns] is time for which the host has stopped the loop; counted apart."""
 
 SHORT_TIMER, GRACE = 5e-4, 5e-3
-"""A kernel timer shorter than a scheduler's tick has to be put into the hardware: 16 us on a virtual machine, a sixth of
-a period at 10 kHz. So with periods shorter than the first figure [s] the loop spins until the next one is due, and waits
-so much longer [s] for a command that is late: the next period begins late. After a period without any command periods
-begin in time again. The time without a command after which the driver trips stays the same."""
+"""A kernel timer shorter than a scheduler's tick has to be put into the hardware: 16 us on a virtual machine, a sixth
+of a period at 10 kHz. So with periods shorter than the first figure [s] the loop spins until the next one is due, and
+waits so much longer [s] for a command that is late: the next period begins late. After a period without any command
+periods begin in time again. The time without a command after which the driver trips stays the same."""
 
 RELAXED = 3
 """One in so many periods the loop spins as a normal thread: Linux takes the processor from real-time threads for 50 ms
 if they keep it for more than 95 % of a second (`sched_rt_runtime_us`), the time spent spinning included."""
 
 MOMENT_NS = 5_000_000
-"""Who is asked for credit has every block that is full, and answers soon; only after this wait [ns] are those sent that are
-not: small blocks are many blocks."""
+"""Who is asked for credit has every block that is full, and answers soon; only after this wait [ns] are those sent that
+are not: small blocks are many blocks."""
 
 SPARE_NS, FORGET = 5_000, 64
 """With longer periods the loop sleeps, and wakes this much sooner [ns] than its sleeps are late: at once as late as the
@@ -97,7 +98,8 @@ def count_host_stop(c, late):
 
 @compiled
 def zero_when_silent(c, v, guard, present, ahead):
-    """No voltage if the last valid command will be older than `hold_ns` at the next look, ``ahead`` from ``present`` [ns]."""
+    """No voltage if the last valid command will be older than `hold_ns` at the next look, ``ahead`` from ``present``
+    [ns]."""
     if present + ahead > c.valid_ns + c.hold_ns and (v.voltage != 0.0 or v.command != 0.0):
         v.voltage = v.command = guard[1][VOLTS] = 0.0
         guard[0][WENT_TO_ZERO] = present
@@ -168,7 +170,8 @@ def send_truth(links, c, plant_state, reading, message, raw, ring):
 
 @compiled
 def take_command(links, c, guard):
-    """The oldest command that waits and comes from the holder of the axis, whole, into its frame; False if none does."""
+    """The oldest command that waits and comes from the holder of the axis, whole, into its frame; False if none
+    does."""
     _, _, info, holder, length, _, _ = guard
     while take_from(links.commands, links.command, info):
         if not known(info, holder):
@@ -317,8 +320,8 @@ def timed_periods(desk, work, times):
 
 @compiled
 def sleep_at_desk(desk, c, work, times):
-    """Until it is time to wait for the next period (`hold_back`); the command is taken by who brings it. WAITING, or why
-    the loop ends."""
+    """Until it is time to wait for the next period (`hold_back`); the command is taken by who brings it. WAITING, or
+    why the loop ends."""
     until = c.due_ns + c.pace_ns - early_ns(c)
     woken, why = True, WAITING
     while woken and why == WAITING and now(MONOTONIC, times) < until:
@@ -353,12 +356,13 @@ def run_periods(desk, work, times):
     Parameters
     ----------
     desk : `desk.Desk.words`.
-    work : stop, int64 of shape (1,), made 1 by another thread that asks for something; records `LINKS`, `COUNTS`, `VALUES`;
+    work : stop, int64 of shape (1,), made 1 by another thread that asks for something; records `LINKS`, `COUNTS`,
+    `VALUES`;
         plants, states, works, readings, arrays of one as in `solver.period`; messages of state, truth, command, clock
         (`c_calls.Frame.message`); bytes of the first two; blocks of state and truth (`kept_rows`); arrays of
-        `ResponseTimes`; int64 (2,), to work in; the guard: shared words and volts of `OutputGuard`, int64 (INFO_WORDS,) for
-        what the middleware tells of a command, the holder of the axis (`identity.Holder.words`), length of the command, limits
-        and their memory (`hardware.limits`).
+        `ResponseTimes`; int64 (2,), to work in; the guard: shared words and volts of `OutputGuard`, int64 (INFO_WORDS,)
+        for what the middleware tells of a command, the holder of the axis (`identity.Holder.words`), length of the
+        command, limits and their memory (`hardware.limits`).
     times : another int64 (2,), for the loop's thread while others work.
     """
     c = work[2][0]
@@ -382,7 +386,8 @@ def run_periods(desk, work, times):
 
 
 def on_message(work, count):
-    """A command has come: it is obeyed, and in lockstep the next period begins, where it came, unless the loop's thread is needed."""
+    """A command has come: it is obeyed, and in lockstep the next period begins, where it came, unless the loop's thread
+    is needed."""
     desk = desk_of(work)
     if may_sit(desk):
         get_up(desk, go_on(work[0]))

@@ -60,7 +60,8 @@ class DriverPeriods:
         self.hardware.open()
 
     def _taken_away(self):
-        """The watchdog took the voltage away: this loop stood still. A short stop of the host is no fault, a long one is."""
+        """The watchdog took the voltage away: this loop stood still. A short stop of the host is no fault, a long one
+        is."""
         silent, gate = self.gate.silent_s, self.gate
         gate.zero()
         self._write(0.0)
@@ -125,7 +126,8 @@ class DriverPeriods:
                 self.gate.trip("hardware", str(error))
 
     def _arm_card(self, on):
-        """The card's own watchdog, where the backend has one: armed while the driver is active and writes in every period."""
+        """The card's own watchdog, where the backend has one: armed while the driver is active and writes in every
+        period."""
         if "watchdog" in self._safety:
             try:
                 self._safety["watchdog"](self._card_watchdog_s if on else 0.0)

@@ -1,4 +1,5 @@
-"""What people and other processes may ask of the driver: status, stop, reset, taking over; answered in any mode at once.
+"""What people and other processes may ask of the driver: status, stop, reset, taking over; answered in any mode at
+once.
 
 The services belong to a group of callbacks of their own, so that a lifecycle transition that waits for readers holds
 nobody up.
@@ -43,7 +44,8 @@ class DriverRequests:
         self._answer_bad_transitions()
 
     def _answer_bad_transitions(self):
-        """A transition that does not exist from here is refused; rclpy's own service leaves whoever asks without an answer."""
+        """A transition that does not exist from here is refused; rclpy's own service leaves whoever asks without an
+        answer."""
         for service in self.services:
             if service.srv_name.endswith("/change_state"):
                 service.callback = self._guarded(service.callback)

@@ -37,7 +37,8 @@ class DriverTopics:
 
     Parameters
     ----------
-    node : the driver. servo : its servo path. axis : `Axis`. instruments : the hardware tells what simulated instruments see.
+    node : the driver. servo : its servo path. axis : `Axis`. instruments : the hardware tells what simulated
+    instruments see.
     """
 
     def __init__(self, node, servo, axis, instruments):

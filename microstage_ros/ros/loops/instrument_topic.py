@@ -1,4 +1,5 @@
-"""A real interferometer that enters by a topic: ``geometry_msgs/PointStamped``, x the reading [m], stamped when it was read."""
+"""A real interferometer that enters by a topic: ``geometry_msgs/PointStamped``, x the reading [m], stamped when it was
+read."""
 
 import time
 from collections import deque

@@ -72,8 +72,14 @@ class AxisDriver(DriverPeriods, DriverRequests, LifecycleNode):
         actuator = actuator_of(self.axis)
         self.gate = CommandGate(actuator.command_limit(self.axis), unit=actuator.command.unit)
         self._hold_s = max(p.command_hold_s, HOLD_PERIODS * self.period)
-        self.limits, self.memory = new_limits(self.axis, self._travel, {
-            name: getattr(p, f"limit_{name}") for name in ("velocity", "current", "following_error", "encoder_motor", "voltage_rate")})
+        self.limits, self.memory = new_limits(
+            self.axis,
+            self._travel,
+            {
+                name: getattr(p, f"limit_{name}")
+                for name in ("velocity", "current", "following_error", "encoder_motor", "voltage_rate")
+            },
+        )
         self.guard = OutputGuard(0.0 if self._lockstep else self._hold_s + WATCHDOG_LATER_S)
         self.ledger = Ledger(p.followers)
         self.responses = ResponseTimes()
@@ -103,9 +109,18 @@ class AxisDriver(DriverPeriods, DriverRequests, LifecycleNode):
             AxisState.STATUS_LOCKSTEP if p.mode == "lockstep" else 0)
         self.topics = DriverTopics(self, servo, self.axis, getattr(self.hardware, "has_truth", self.hardware.simulated))
         if quick:
-            self._quick = QuickPeriods(servo, self._commands, side.semaphore, self.topics, self.gate, self._requests.asked,
-                                       self.responses, self.hardware.own_arrays, self._settings(),
-                                       Watch(self.guard.words, self.guard.volts, self.holder.words, self.limits, self.memory))
+            self._quick = QuickPeriods(
+                servo,
+                self._commands,
+                side.semaphore,
+                self.topics,
+                self.gate,
+                self._requests.asked,
+                self.responses,
+                self.hardware.own_arrays,
+                self._settings(),
+                Watch(self.guard.words, self.guard.volts, self.holder.words, self.limits, self.memory),
+            )
             self._sender = Sender(self.topics.outlets, side.semaphore, self._look_aside)
         on_stop(self._requests.interrupt)
         on_urgent(self.stop_now)

@@ -61,10 +61,16 @@ def _fill(messages, e):
     slipping = np.hstack([e.block_slips, e.guideway_block_slips])
     messages["sliding_share"] = slipping.mean(axis=1) if slipping.shape[1] else 0.0
     for name, values in (
-            ("actuator_torque", e.actuator_torque), ("actuator_torque_stddev", e.actuator_torque_stderr),
-            ("guideway_force", e.guideway_force), ("guideway_force_stddev", e.guideway_force_stderr), ("level", e.level),
-            ("level_stddev", e.level_stderr), ("asymmetry", e.asymmetry), ("actuator_share", e.actuator_share),
-            ("equivalent_voltage", e.equivalent_voltage)):
+        ("actuator_torque", e.actuator_torque),
+        ("actuator_torque_stddev", e.actuator_torque_stderr),
+        ("guideway_force", e.guideway_force),
+        ("guideway_force_stddev", e.guideway_force_stderr),
+        ("level", e.level),
+        ("level_stddev", e.level_stderr),
+        ("asymmetry", e.asymmetry),
+        ("actuator_share", e.actuator_share),
+        ("equivalent_voltage", e.equivalent_voltage),
+    ):
         messages[name] = values
 
 

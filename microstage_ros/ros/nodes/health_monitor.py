@@ -1,7 +1,7 @@
 """health_monitor: publishes `health` after each window of motion, and finds the cause of an alarm on request.
 
-The mathematics is `monitoring` and, for the action ``investigate``, `diagnosis`; this node follows `state`, cuts it into
-windows, and moves the axis through the move server where it is asked to.
+The mathematics is `monitoring` and, for the action ``investigate``, `diagnosis`; this node follows `state`, cuts it
+into windows, and moves the axis through the move server where it is asked to.
 """
 
 import queue
@@ -232,7 +232,8 @@ class HealthMonitor(Node):
         return said
 
     def _make_moves(self, goal, limits, request):
-        """Moves within the limits until the time is over. Returns what was done, in words; raises InputError if none was."""
+        """Moves within the limits until the time is over. Returns what was done, in words; raises InputError if none
+        was."""
         if not self._move.wait_for_server(5.0):
             raise InputError(
                 "investigate",

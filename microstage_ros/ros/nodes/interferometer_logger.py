@@ -1,7 +1,8 @@
 """interferometer_logger: corrected positions with their uncertainty; the physics is `metrology.interferometer`.
 
-Follows the instrument (of a simulated axis: topic `simulation`; a real one: `instrument_topic`), publishes `interferometer`. The air comes from
-the instrument's weather station or from `air_temperature`, `air_pressure`, `air_humidity`.
+Follows the instrument (of a simulated axis: topic `simulation`; a real one: `instrument_topic`), publishes
+`interferometer`. The air comes from the instrument's weather station or from `air_temperature`, `air_pressure`,
+`air_humidity`.
 """
 
 import sys

@@ -110,7 +110,8 @@ class StrController(Node):
             self._flush()
         elif why == CROWDED:
             lockstep = bool(self._quick.state.message["status"][0] & AxisState.STATUS_LOCKSTEP)
-            self._commands.send_closed(lockstep)  # paced, the loop waits for nobody: messages that find no place are missing
+            # paced, the loop waits for nobody: messages that find no place are missing
+            self._commands.send_closed(lockstep)
             self._insides.send_closed(lockstep)
         self._patience = WAIT if why == QUIET else MOMENT
         return self._quick.state.bytes if why == STRANGE else None

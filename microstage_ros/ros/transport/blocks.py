@@ -138,7 +138,8 @@ class Outlet:
         self.closed()
 
     def send_closed(self, wait=True):
-        """Send all closed blocks; not ``wait``: nothing while another thread sends, which may be kept from its processor."""
+        """Send all closed blocks; not ``wait``: nothing while another thread sends, which may be kept from its
+        processor."""
         rows, fill, ends = self.ring
         if not self._sending.acquire(blocking=wait):
             return
@@ -229,7 +230,8 @@ class Stream:
         return self._single is not None
 
     def take(self):
-        """The oldest messages that wait, uint8 of shape (n, size); None if none do. What is no block of these is dropped."""
+        """The oldest messages that wait, uint8 of shape (n, size); None if none do. What is no block of these is
+        dropped."""
         while (raw := self._blocks.take()) is not None:
             _, _, size, length = HEAD.unpack_from(raw)
             if self._size <= size < self._size + WORD and 0 < length <= len(raw) - HEAD.size and length % size == 0:
@@ -239,7 +241,8 @@ class Stream:
         return None if raw is None else np.frombuffer(raw, np.uint8).reshape(1, -1)
 
     def take_all(self):
-        """All messages that wait, uint8 of shape (n, size); None if none do. Those of another size are left for the next call."""
+        """All messages that wait, uint8 of shape (n, size); None if none do. Those of another size are left for the
+        next call."""
         found, self._left = [] if self._left is None else [self._left], None
         while (rows := self.take()) is not None:
             if found and rows.shape[1] != found[0].shape[1]:

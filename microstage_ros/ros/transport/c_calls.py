@@ -21,8 +21,8 @@ MONOTONIC, REALTIME, ABSOLUTE = 1, 0, 1
 POINTER = "uintp"
 
 INFO_WORDS, GID_AT, HALF = 16, 5, 0xffffffff
-"""Room for an `rmw_message_info_t` in words of 8 bytes; where in it the identity of the publisher begins (after two times,
-two numbers and the name of the middleware); the half of its second word that belongs to the process."""
+"""Room for an `rmw_message_info_t` in words of 8 bytes; where in it the identity of the publisher begins (after two
+times, two numbers and the name of the middleware); the half of its second word that belongs to the process."""
 
 _take = external("rcl_take_serialized_message", "int32", POINTER, POINTER, POINTER, POINTER)
 _publish = external("rcl_publish_serialized_message", "int32", POINTER, POINTER, POINTER)
@@ -105,13 +105,15 @@ def take(subscription, frame):
 
 @compiled
 def take_from(subscription, frame, sender):
-    """As `take`; ``sender``: int64 of shape (`INFO_WORDS`,), filled with the middleware's information about the message."""
+    """As `take`; ``sender``: int64 of shape (`INFO_WORDS`,), filled with the middleware's information about the
+    message."""
     return _take(subscription, frame, sender.ctypes.data, 0) == 0
 
 
 @compiled
 def known(sender, holder):
-    """True if a message came from the process ``holder``, int64 (2,), as `identity.process_of` gives it; all zero: anybody.
+    """True if a message came from the process ``holder``, int64 (2,), as `identity.process_of` gives it; all zero:
+    anybody.
 
     The identity of a DDS endpoint is 16 bytes, of which the first 12 are those of its process.
     """
@@ -164,14 +166,16 @@ def unlock(mutex):
 
 @compiled
 def set_policy(policy, priority, words):
-    """Scheduling of the calling thread; ``words``: int64 array to work in. Where it is not permitted nothing changes."""
+    """Scheduling of the calling thread; ``words``: int64 array to work in. Where it is not permitted nothing
+    changes."""
     words[0] = priority
     _setscheduler(0, policy, words.ctypes.data)
 
 
 @compiled
 def sleep_until(deadline, spin, times):
-    """Sleep until ``spin`` [ns] before the monotonic clock says ``deadline`` [ns], then look at the clock until it does.
+    """Sleep until ``spin`` [ns] before the monotonic clock says ``deadline`` [ns], then look at the clock until it
+    does.
 
     Returns how late the sleep ended [ns]; -1 where there was no time for one.
     """

@@ -16,7 +16,8 @@ LOOK_AGAIN = 0.2
 """At most so often [s] the graph is asked who publishes, because of a message from somebody else."""
 
 SILENT = 1.0
-"""A holder that has sent nothing for so long [s] is given up for another that sends, where the topic may change hands."""
+"""A holder that has sent nothing for so long [s] is given up for another that sends, where the topic may change
+hands."""
 
 MOST = 2**62
 """Numbers of control periods are smaller."""

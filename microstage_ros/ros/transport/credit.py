@@ -16,8 +16,8 @@ from microstage_ros.ros.transport.topics import CREDIT, SLOW
 UNLIMITED = 2**62
 
 TAKES_OVER = 0.7
-"""A follower's process that has been silent for so long [s] may be followed by another of its name; credits are repeated
-at least every 0.5 s."""
+"""A follower's process that has been silent for so long [s] may be followed by another of its name; credits are
+repeated at least every 0.5 s."""
 
 
 def repeat_after(last):
@@ -58,8 +58,9 @@ class CreditReader:
 
     Parameters
     ----------
-    reader : `checked.CheckedReader` of the topic. ledger : `Ledger`. raised : called with the limit when it has changed.
-    present : called for the number of the present control period. named : called with a name and the numbers of a process
+    reader : `checked.CheckedReader` of the topic. ledger : `Ledger`. raised : called with the limit when it has
+    changed. present : called for the number of the present control period. named : called with a name and the numbers
+    of a process
         (`identity.process_of`): is it that of the node of this name.
     """
 

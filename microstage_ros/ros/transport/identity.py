@@ -1,9 +1,9 @@
 """Who published a message: known by the DDS identity of its process, never by what the message says.
 
-The middleware tells with every message the 16 bytes (GID) of the endpoint that sent it. The first 12 are the same for all
-endpoints of one process, and no other process in the domain has them. `Holder` keeps those of the one process that may
-publish on a topic: the endpoint that the graph showed first under the expected name, for as long as it is there. A second
-endpoint of that name gets nowhere, whatever it claims to be. Without DDS security a hostile program could still
+The middleware tells with every message the 16 bytes (GID) of the endpoint that sent it. The first 12 are the same for
+all endpoints of one process, and no other process in the domain has them. `Holder` keeps those of the one process that
+may publish on a topic: the endpoint that the graph showed first under the expected name, for as long as it is there. A
+second endpoint of that name gets nowhere, whatever it claims to be. Without DDS security a hostile program could still
 forge the bytes on the wire (docs/safety.md).
 """
 
@@ -64,7 +64,8 @@ class Holder:
 
     Parameters
     ----------
-    node : rclpy node that looks. topic : name. names : nodes of the own namespace that are preferred where several publish.
+    node : rclpy node that looks. topic : name. names : nodes of the own namespace that are preferred where several
+    publish.
 
     Attributes
     ----------

@@ -57,16 +57,18 @@ HIGHEST = -20
 """Rank among normal threads."""
 
 DELIVERY_PRIORITY = 10
-"""Highest real-time priority of the middleware's threads, below that of every servo loop: such a thread turns while a message
-is half written. If it ranked as high as the loop that writes the message, on the same processor, neither would ever go on."""
+"""Highest real-time priority of the middleware's threads, below that of every servo loop: such a thread turns while a
+message is half written. If it ranked as high as the loop that writes the message, on the same processor, neither would
+ever go on."""
 
 LONGEST_UNBROKEN_S = 1.0
-"""Longest processor time [s] that a real-time thread may take without waiting for anything; then the kernel ends the process
-(SIGXCPU, and SIGKILL after as long again). The watchdog takes the voltage away long before.
+"""Longest processor time [s] that a real-time thread may take without waiting for anything; then the kernel ends the
+process (SIGXCPU, and SIGKILL after as long again). The watchdog takes the voltage away long before.
 
-A thread of the middleware that reads shared memory can turn for ever after the writer was killed in the middle of a write.
-At a real-time priority it would starve the servo loop of its own process, which then could not even be asked to stop, and
-everything else on that processor. A loop that works waits in every period, and loading compiled code takes tenths of a second.
+A thread of the middleware that reads shared memory can turn for ever after the writer was killed in the middle of a
+write. At a real-time priority it would starve the servo loop of its own process, which then could not even be asked to
+stop, and everything else on that processor. A loop that works waits in every period, and loading compiled code takes
+tenths of a second.
 """
 
 
@@ -102,7 +104,8 @@ def take_place(logger, cpus, scheduling="normal", priority=0):
 
 
 def bound_real_time(seconds=LONGEST_UNBROKEN_S):
-    """Have the kernel end this process once a real-time thread of it has run for ``seconds`` without a wait (RLIMIT_RTTIME)."""
+    """Have the kernel end this process once a real-time thread of it has run for ``seconds`` without a wait
+    (RLIMIT_RTTIME)."""
     soft = int(seconds * 1e6)
     _, most = resource.getrlimit(resource.RLIMIT_RTTIME)
     hard = 2 * soft if most == resource.RLIM_INFINITY else min(2 * soft, most)

@@ -107,8 +107,9 @@ class Reader:
 def never_raising(publish):
     """``publish`` as a call that returns whether the message went out.
 
-    The middleware refuses a message while it has no memory left for one: readers that were killed or stopped acknowledge
-    nothing, and what waits for them fills the writer's history. That must not end a servo loop; who records sees the gap.
+    The middleware refuses a message while it has no memory left for one: readers that were killed or stopped
+    acknowledge nothing, and what waits for them fills the writer's history. That must not end a servo loop; who records
+    sees the gap.
     """
 
     def send(raw):
@@ -177,7 +178,8 @@ class FastServoPath:
         return self._notify(subscription.handle.pointer, self.semaphore.post, self.semaphore.address) == 0
 
     def call(self, reader, function, argument, owner):
-        """Have ``function`` called in the middleware's thread for every message of ``reader``, in place of the semaphore.
+        """Have ``function`` called in the middleware's thread for every message of ``reader``, in place of the
+        semaphore.
 
         Parameters
         ----------
@@ -206,8 +208,8 @@ class FastServoPath:
 
 
 _KEPT = []
-"""Semaphores and what is called for a message live as long as the process: a thread of the middleware may still use them
-while a node is destroyed."""
+"""Semaphores and what is called for a message live as long as the process: a thread of the middleware may still use
+them while a node is destroyed."""
 
 
 class QueueReader:

@@ -22,8 +22,14 @@ INTERFEROMETER = "interferometer"
 SIMULATION = "simulation"
 TIMING = "timing"
 CREDIT = "credit"
-SENDERS = {STATE: ("axis_driver",), SIMULATION: ("axis_driver",), COMMAND: ("str_controller",),
-           CONTROLLER_STATE: ("str_controller",), FRICTION: ("gms_observer",), INTERFEROMETER: ("interferometer_logger",)}
+SENDERS = {
+    STATE: ("axis_driver",),
+    SIMULATION: ("axis_driver",),
+    COMMAND: ("str_controller",),
+    CONTROLLER_STATE: ("str_controller",),
+    FRICTION: ("gms_observer",),
+    INTERFEROMETER: ("interferometer_logger",),
+}
 """Nodes that publish on a topic of the servo path; others only where none of these does."""
 
 BLOCKS = "_blocks/"

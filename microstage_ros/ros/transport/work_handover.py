@@ -20,8 +20,8 @@ WAITING = -1
 """Nothing else to do than to wait for the next message. Any other value is why a loop has ended."""
 
 SEMAPHORE, WHY, HEAD = 8, 9, 16
-"""Places in a desk: a mutex of C before the first, the address of the loop's semaphore, WAITING while others may carry on,
-and where what the loop works on begins."""
+"""Places in a desk: a mutex of C before the first, the address of the loop's semaphore, WAITING while others may carry
+on, and where what the loop works on begins."""
 WORD = 8
 SIZE = 1024
 

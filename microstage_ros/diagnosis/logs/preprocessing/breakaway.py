@@ -19,13 +19,15 @@ def starts_of(motion):
 
 
 def resolved(motion, period):
-    """Share of a break-away that the sampling keeps: it lasts until the axis has left the speed of presliding, a = v / t."""
+    """Share of a break-away that the sampling keeps: it lasts until the axis has left the speed of presliding, a = v /
+    t."""
     lasts = STILL * motion.top_speed / max(motion.top_acceleration, 1e-300)
     return min(1.0, (lasts + SMOOTH_S) / period)
 
 
 def breakaways(rows, values, signed):
-    """{repetition: {(condition, "breakaway", direction): (peak over the mean of the start, decades of dwell that the sampling keeps)}}.
+    """{repetition: {(condition, "breakaway", direction): (peak over the mean of the start, decades of dwell that the
+    sampling keeps)}}.
 
     ``values`` (n,) the channel relative to its scale; ``signed``: whether it turns with the motion.
     """
@@ -36,9 +38,11 @@ def breakaways(rows, values, signed):
 
 
 def trace(rows, columns, scale, signed):
-    """{(condition, "breakaway", direction): (k,)}: what columns (n, k) of an effect put into the peak over the mean of the start.
+    """{(condition, "breakaway", direction): (k,)}: what columns (n, k) of an effect put into the peak over the mean of
+    the start.
 
-    Taken as the column where motion begins less its mean over the start, relative to ``scale`` (n,); magnitudes are turned already.
+    Taken as the column where motion begins less its mean over the start, relative to ``scale`` (n,); magnitudes are
+    turned already.
     """
     m, out = rows.motion, {}
     for k in starts_of(m)[:MOST_STARTS]:

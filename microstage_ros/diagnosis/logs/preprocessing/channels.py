@@ -2,11 +2,12 @@
 
 effort   force, torque, current or voltage:  y = c + F sgn v + B v + M a + k x (+ a level of its own at rest)
 error    following error (or speed error):   the same form in metres through the loop: a force passes a low-pass, and where the
-         loop has an integrator a high-pass (E/F = s / ((s + 1/T1)(s + 1/T2)) for P position with PI speed), fitted to the baseline
+         loop has an integrator a high-pass (E/F = s / ((s + 1/T1)(s + 1/T2)) for P position with PI speed), fitted to
+         the baseline
 voltage  u − R i − K v, where voltage and current are both there
 
-A magnitude |y| is that of a signed effort whose sign is the direction of motion (friction outweighs the constant force): its
-columns are the signed ones times the direction. `sign_is_open` tells where that cannot be decided.
+A magnitude |y| is that of a signed effort whose sign is the direction of motion (friction outweighs the constant
+force): its columns are the signed ones times the direction. `sign_is_open` tells where that cannot be decided.
 """
 
 import dataclasses
@@ -47,10 +48,10 @@ class Rows:
 class Channel:
     """One residual channel.
 
-    ``name`` effort, error or voltage; ``unit``; ``signed``. ``models``: condition code → coefficients of `base_columns`;
-    ``scale``: condition code → size in ``unit`` that changes are told against (the friction level; the error's rms);
-    ``stderr``: condition code → standard errors. ``kind``: the quantity. ``memory``, ``lag``: time constants of the
-    error's high-pass and low-pass [s].
+    ``name`` effort, error or voltage; ``unit``; ``signed``. ``models``: condition code → coefficients of
+    `base_columns`; ``scale``: condition code → size in ``unit`` that changes are told against (the friction level; the
+    error's rms); ``stderr``: condition code → standard errors. ``kind``: the quantity. ``memory``, ``lag``: time
+    constants of the error's high-pass and low-pass [s].
     ``signs``: condition code → (constant, level, viscous, inertia) of the signed effort behind a magnitude.
     """
 
@@ -79,7 +80,8 @@ class Channel:
         return signals["reference_velocity"] - signals["velocity"]
 
     def orientation(self, rows):
-        """What turns a signed column into this channel's: 1, or for a magnitude the sign of the effort behind it (1 at rest).
+        """What turns a signed column into this channel's: 1, or for a magnitude the sign of the effort behind it (1 at
+        rest).
 
         That is the direction of motion, but where braking needs more than friction gives.
         """
@@ -151,7 +153,8 @@ def base_columns(channel, rows):
 
 
 def high_pass(values, memory, period):
-    """First-order high-pass of a signal, settled at its first value: what an integrator of time constant ``memory`` [s] leaves of it."""
+    """First-order high-pass of a signal, settled at its first value: what an integrator of time constant ``memory`` [s]
+    leaves of it."""
     share = memory / (memory + period)
     return lfilter([share, -share], [1.0, -share], values - values[0])
 
@@ -165,7 +168,8 @@ def low_pass(values, lag, period):
 
 
 def through_loop(channel, rows, force):
-    """What a force of the baseline's friction level times ``force`` (n,) makes of the error, in the channel's unit, shape (n,)."""
+    """What a force of the baseline's friction level times ``force`` (n,) makes of the error, in the channel's unit,
+    shape (n,)."""
     models = np.array([channel.models.get(int(c), np.zeros(len(base_names(channel)))) for c in range(int(rows.condition.max()) + 1)])
     own = models[np.maximum(rows.condition, 0)]
     passed = low_pass(force, channel.lag, rows.log.period)
@@ -173,7 +177,8 @@ def through_loop(channel, rows, force):
 
 
 def fit_models(channel, baseline):
-    """Fit the healthy model per condition to the baseline; fills ``models``, ``stderr``, ``scale`` and the error's ``memory``."""
+    """Fit the healthy model per condition to the baseline; fills ``models``, ``stderr``, ``scale`` and the error's
+    ``memory``."""
     if channel.name == "error" and channel.kind != FLUCTUATION:
         channel.lag, part = FIRST_LAG, [beginning(rows, max(TRIED_ROWS // len(baseline), LEAST_TRIED)) for rows in baseline]
         channel.memory = min(MEMORIES, key=lambda memory: _left(channel, part, memory=memory))
@@ -200,12 +205,22 @@ def _left(channel, baseline, **constants):
 
 
 def _signs(channel, baseline):
-    """Signed effort behind a magnitude, per condition, where it fits the baseline better than the direction of motion does."""
+    """Signed effort behind a magnitude, per condition, where it fits the baseline better than the direction of motion
+    does."""
     found = {}
     for code in sorted({int(c) for rows in baseline for c in np.unique(rows.condition) if c >= 0}):
-        parts = [(np.stack([np.ones(len(rows.log)), rows.motion.direction, rows.motion.speed, rows.motion.acceleration], axis=1)[own],
-                  channel.values(rows)[own], rows.motion.state[own])
-                 for rows in baseline for own in [(rows.condition == code) & (rows.motion.direction != 0.0)] if own.any()]
+        parts = [
+            (
+                np.stack(
+                    [np.ones(len(rows.log)), rows.motion.direction, rows.motion.speed, rows.motion.acceleration], axis=1
+                )[own],
+                channel.values(rows)[own],
+                rows.motion.state[own],
+            )
+            for rows in baseline
+            for own in [(rows.condition == code) & (rows.motion.direction != 0.0)]
+            if own.any()
+        ]
         columns, y, state = (np.concatenate([p[k] for p in parts]) for k in range(3))
         good = np.isfinite(y)
         step = max(1, int(good.sum() // MOST_ROWS))
@@ -247,7 +262,8 @@ def _fit(channel, baseline):
 
 
 def _fitted_rows(channel, baseline, code):
-    """Columns (n, k), values (n,), direction (n,) of at most about `MOST_ROWS` rows of one condition, and whether levels were shifted."""
+    """Columns (n, k), values (n,), direction (n,) of at most about `MOST_ROWS` rows of one condition, and whether
+    levels were shifted."""
     good = [np.flatnonzero((rows.condition == code) & np.isfinite(channel.values(rows))) for rows in baseline]
     step = max(1, sum(map(len, good)) // MOST_ROWS)
     before = np.cumsum([0, *map(len, good)])
@@ -276,9 +292,9 @@ def _scale(channel, model, y, direction, shifted, columns):
 def sign_is_open(channel, baseline):
     """Whether a magnitude could as well be that of a force that outweighs the friction.
 
-    Friction F and a constant force L give |F + L| out and |F − L| back: F and L may change places. What decides is inertia:
-    starting adds to the magnitude in both directions if friction outweighs (L < F), in one only if it does not.
-    Returns (open, ratio of the directions' levels).
+    Friction F and a constant force L give |F + L| out and |F − L| back: F and L may change places. What decides is
+    inertia: starting adds to the magnitude in both directions if friction outweighs (L < F), in one only if it does
+    not. Returns (open, ratio of the directions' levels).
     """
     if channel.signed or channel.name != "effort":
         return False, 1.0

@@ -1,8 +1,8 @@
 """Repetitions as short vectors: means over cells of like motion, amplitudes of ripple, roughness.
 
-A cell holds rows of one condition, one phase of the move, one direction, one class of speed and one part of the stroke: like
-is compared with like, whatever the programme was. Every column of every effect is reduced in the same way, so that a fit
-to the vectors is a fit to the rows.
+A cell holds rows of one condition, one phase of the move, one direction, one class of speed and one part of the stroke:
+like is compared with like, whatever the programme was. Every column of every effect is reduced in the same way, so that
+a fit to the vectors is a fit to the rows.
 """
 
 import dataclasses
@@ -31,12 +31,12 @@ LEAST_ROWS = 40             # moving rows of one direction in a repetition for a
 class Coordinates:
     """All repetitions of one channel as vectors of K coordinates, relative to the channel's scale.
 
-    ``baseline``, ``now``: arrays (repetitions, K). ``group_baseline``, ``group_now``: number of the file of each repetition.
-    ``condition``: code per coordinate. ``kind``: per coordinate: state name, ``ripple``, ``ripple high``, ``breakaway`` or ``rough``.
-    ``direction``, ``place``: per coordinate. ``columns``: name → (K, k) array of every effect.
-    ``count``: rows per coordinate and repetition, on average. ``shifted``: (K, m) what levels that were shifted afterwards
-    may differ by, in standard deviations. ``grown``: (K,) variance of one repetition's mean by which faster fluctuations of now exceed
-    those of the baseline.
+    ``baseline``, ``now``: arrays (repetitions, K). ``group_baseline``, ``group_now``: number of the file of each
+    repetition. ``condition``: code per coordinate. ``kind``: per coordinate: state name, ``ripple``, ``ripple high``,
+    ``breakaway`` or ``rough``. ``direction``, ``place``: per coordinate. ``columns``: name → (K, k) array of every
+    effect. ``count``: rows per coordinate and repetition, on average. ``shifted``: (K, m) what levels that were shifted
+    afterwards may differ by, in standard deviations. ``grown``: (K,) variance of one repetition's mean by which faster
+    fluctuations of now exceed those of the baseline.
     """
 
     channel: object
@@ -89,7 +89,8 @@ def stroke_of(everything):
 
 
 def choose_cells(baseline, now, stroke, top):
-    """(number of places, cells that both sides fill, share of the rows of now in them): the finest division that is filled.
+    """(number of places, cells that both sides fill, share of the rows of now in them): the finest division that is
+    filled.
 
     Cells that most repetitions fill, or, where repetitions differ (one slow, one fast), those that enough of them fill.
     """
@@ -103,7 +104,8 @@ def choose_cells(baseline, now, stroke, top):
 
 
 def _filled_cells(rows, stroke, top):
-    """Cells of the finest division by repetition in one log, repetition and key packed in one number; and the rows in each."""
+    """Cells of the finest division by repetition in one log, repetition and key packed in one number; and the rows in
+    each."""
     keys = cell_keys(rows, stroke, PLACES[0], top)
     inside = keys >= 0
     return np.unique(rows.repetition[inside].astype(np.int64) * KEYS + keys[inside], return_counts=True)
@@ -201,14 +203,16 @@ def only_rough(coordinates):
 
 
 def stretches_of(repetition):
-    """Pairs (number, slice from its first row to its last) of every repetition: a log of a million rows may have hundreds."""
+    """Pairs (number, slice from its first row to its last) of every repetition: a log of a million rows may have
+    hundreds."""
     numbers, first = np.unique(repetition, return_index=True)
     last = len(repetition) - np.unique(repetition[::-1], return_index=True)[1]
     return [(int(number), slice(int(a), int(b))) for number, a, b in zip(numbers, first, last)]
 
 
 def _amplitudes(rows, part, own, left, slot, mean, turn):
-    """Amplitudes of ripple by direction and roughness by state of one repetition: {(condition, kind, direction): value}.
+    """Amplitudes of ripple by direction and roughness by state of one repetition: {(condition, kind, direction):
+    value}.
 
     ``part``: slice of its rows; ``own``, ``left``, ``slot`` are of that slice.
     """
@@ -243,7 +247,8 @@ def _amplitudes(rows, part, own, left, slot, mean, turn):
 
 
 def _fluctuation(left, slot, size):
-    """Sum and number, per cell, of the variance of white noise that second differences within the cell tell of: two arrays (size,)."""
+    """Sum and number, per cell, of the variance of white noise that second differences within the cell tell of: two
+    arrays (size,)."""
     inside = (slot[1:-1] >= 0) & (slot[1:-1] == slot[:-2]) & (slot[1:-1] == slot[2:])
     square = (left[2:] - 2.0 * left[1:-1] + left[:-2])[inside] ** 2 / 6.0
     return np.bincount(slot[1:-1][inside], square, size), np.bincount(slot[1:-1][inside], minlength=size)
@@ -262,14 +267,16 @@ def _growth(fluctuations):
 
 
 def _detrended(x, values):
-    """Values less a cubic of the place: ripple is told from what is slow along the stroke, not from cells narrower than a turn."""
+    """Values less a cubic of the place: ripple is told from what is slow along the stroke, not from cells narrower than
+    a turn."""
     u = (x - x.mean()) / max(float(np.std(x)), 1e-300)
     columns = np.stack([np.ones(len(u)), u, u**2, u**3], axis=1)
     return values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
 
 
 def _orders(speed, turn, period):
-    """Harmonics of the turn that the sampling resolves and of which the repetition sees one and a half periods or more."""
+    """Harmonics of the turn that the sampling resolves and of which the repetition sees one and a half periods or
+    more."""
     travel = np.abs(speed)
     usual = float(np.median(travel))
     if float(np.sum(travel) * period) < 1.5 * turn:
@@ -302,11 +309,21 @@ def _assembled(channel, cells, sides, sums, weights, shifted, spectra, starts, g
                for name, total in sums.items()}
     columns["breakaway"] = np.concatenate([np.zeros(len(cells)), [np.mean(decades.get(key, [0.0])) for key in common]])[:, None]
     return Coordinates(
-        channel, np.hstack([base, pick(extra_base)]), np.hstack([now, pick(extra_now)]), groups_base, groups_now,
-        np.array([*condition, *(key[0] for key in common)], int), kinds, np.array([*direction, *(key[2] for key in common)], float),
-        np.array([*place, *([0] * len(common))], int), columns, np.concatenate([counts.mean(axis=0), np.full(len(common), np.nan)]),
-        np.concatenate([basis, np.zeros((len(common), basis.shape[1]))]), _mean_spectrum(spectra),
-        np.concatenate([growth / np.maximum(counts.mean(axis=0), 1.0), np.zeros(len(common))]))
+        channel,
+        np.hstack([base, pick(extra_base)]),
+        np.hstack([now, pick(extra_now)]),
+        groups_base,
+        groups_now,
+        np.array([*condition, *(key[0] for key in common)], int),
+        kinds,
+        np.array([*direction, *(key[2] for key in common)], float),
+        np.array([*place, *([0] * len(common))], int),
+        columns,
+        np.concatenate([counts.mean(axis=0), np.full(len(common), np.nan)]),
+        np.concatenate([basis, np.zeros((len(common), basis.shape[1]))]),
+        _mean_spectrum(spectra),
+        np.concatenate([growth / np.maximum(counts.mean(axis=0), 1.0), np.zeros(len(common))]),
+    )
 
 
 def _at_starts(traces, keys, width):
@@ -320,10 +337,11 @@ def _at_starts(traces, keys, width):
 
 
 def _range_of(shifted, own):
-    """What the shifts span in the cells ``own`` (K,) of one condition, each direction times its standard deviation: (K, m).
+    """What the shifts span in the cells ``own`` (K,) of one condition, each direction times its standard deviation: (K,
+    m).
 
-    Constants that change within a repetition make levels incomparable (`FREE`); one constant per repetition, where repetitions still
-    agree, is `SHIFTED` of the scale.
+    Constants that change within a repetition make levels incomparable (`FREE`); one constant per repetition, where
+    repetitions still agree, is `SHIFTED` of the scale.
     """
     size = len(own)
     parts = [w * own[:, None] for w in shifted]

@@ -22,9 +22,9 @@ ENDLESS = 8.0 * np.pi   # rad, travel from which on an angle counts as endless: 
 class Motion:
     """Per row of a log, all of shape (n,).
 
-    ``x`` coordinate [m or rad]; ``speed``; ``acceleration``; ``direction`` −1, 0, 1; ``last`` direction of the last motion (held
-    at rest); ``state`` index into `STATES`; ``since`` time since motion or rest began [s]; ``dwell`` rest before this motion [s];
-    ``stroke`` number of the motion. ``absolute``: whether x is the same place in every log.
+    ``x`` coordinate [m or rad]; ``speed``; ``acceleration``; ``direction`` −1, 0, 1; ``last`` direction of the last
+    motion (held at rest); ``state`` index into `STATES`; ``since`` time since motion or rest began [s]; ``dwell`` rest
+    before this motion [s]; ``stroke`` number of the motion. ``absolute``: whether x is the same place in every log.
     """
 
     x: np.ndarray
@@ -44,8 +44,9 @@ class Motion:
 def speed_of(log):
     """Coordinate, speed and acceleration of a log, and whether the coordinate is absolute.
 
-    The reference's derivative is used where there is one, for it has no noise; else the speed asked for, the measured one, the smoothed
-    derivative of the position. Without any position the coordinate is the speed's integral from each piece's start.
+    The reference's derivative is used where there is one, for it has no noise; else the speed asked for, the measured
+    one, the smoothed derivative of the position. Without any position the coordinate is the speed's integral from each
+    piece's start.
     """
     signals = log.signals
     has = [name for name in ("reference", "position") if name in signals]
@@ -72,7 +73,8 @@ def speed_of(log):
 
 
 def _integrated(v, log):
-    """Place as the integral of the speed, from the middle of each piece's travel, and whether that is the same place in every piece.
+    """Place as the integral of the speed, from the middle of each piece's travel, and whether that is the same place in
+    every piece.
 
     It is where pieces go back and forth; what the integral drifts over a piece is taken out as a straight line.
     """
@@ -133,7 +135,8 @@ def _bounds(piece):
 
 
 def tops(logs):
-    """Top speed and top acceleration that are usual: 95th percentile over moving rows, third quartile over accelerating ones."""
+    """Top speed and top acceleration that are usual: 95th percentile over moving rows, third quartile over accelerating
+    ones."""
     speeds, accelerations = [], []
     for log in logs:
         _, v, a, _ = speed_of(log)
@@ -147,7 +150,8 @@ def tops(logs):
 
 
 def lag_of(log):
-    """Time by which the position follows the set point [s]: the error in proportion to the speed; 0 where one is not logged."""
+    """Time by which the position follows the set point [s]: the error in proportion to the speed; 0 where one is not
+    logged."""
     signals = log.signals
     if "reference" not in signals or "following_error" not in signals:
         return 0.0
@@ -166,8 +170,8 @@ def later(values, log, rows):
 def motion_of(log, top_speed, top_acceleration, lag=0.0):
     """`Motion` of a log, with what counts as moving and as accelerating told by the baseline's usual tops.
 
-    ``lag``: time by which the axis follows its set point later than in the baseline [s]: forces go with the motion, not with
-    its order.
+    ``lag``: time by which the axis follows its set point later than in the baseline [s]: forces go with the motion, not
+    with its order.
     """
     x, v, a, absolute = speed_of(log)
     rows = int(round(lag / log.period))

@@ -6,18 +6,19 @@ MOST = 10               # repetitions that one file without labels is divided in
 TURNS = 2               # turns that a part of an endless rotation must have, for its ripple to be read
 FILES = 5               # files from which on each file is one repetition
 PARTS = 3               # parts of the stroke by which repetitions are compared
-COMPLETE = 0.75         # of the directions and parts of the stroke that a repetition must hold, if labels cut at the moves
+# of the directions and parts of the stroke that a repetition must hold, if labels cut at the moves
+COMPLETE = 0.75
 COMMON = 0.03           # of the moving rows, from which on a direction and part counts
 
 
 def repetitions(log, motion, description, files):
-    """Number of the repetition of each row of a file, int array of shape (n,), from 0; and a sentence, empty where labels
-    were kept.
+    """Number of the repetition of each row of a file, int array of shape (n,), from 0; and a sentence, empty where
+    labels were kept.
 
-    By the columns ``run``, by the pieces where time begins again with every cycle, or by `by_reversals`. Labels cut where the
-    logger was started or its buffer was full, which need not be where the axis moves: where most labelled stretches lack a
-    direction or a part of the stroke that the file has, and stretches between reversals are more complete, these count
-    instead. With `FILES` files or more and no ``run``, a file is one repetition.
+    By the columns ``run``, by the pieces where time begins again with every cycle, or by `by_reversals`. Labels cut
+    where the logger was started or its buffer was full, which need not be where the axis moves: where most labelled
+    stretches lack a direction or a part of the stroke that the file has, and stretches between reversals are more
+    complete, these count instead. With `FILES` files or more and no ``run``, a file is one repetition.
     """
     if description.run:
         labels, source = np.unique(log.run, return_inverse=True)[1], "The columns that number the runs"
@@ -37,7 +38,8 @@ def repetitions(log, motion, description, files):
 
 
 def completeness(labels, log, motion):
-    """Median share of the directions and parts of the stroke, of its conditions, that a labelled stretch holds (0 … 1)."""
+    """Median share of the directions and parts of the stroke, of its conditions, that a labelled stretch holds (0 …
+    1)."""
     moving = motion.direction != 0.0
     if not moving.any():
         return 1.0
@@ -57,7 +59,8 @@ def completeness(labels, log, motion):
 
 
 def by_reversals(log, motion):
-    """The file divided at its reversals into at most `MOST` parts of equally many strokes, or, moving one way only, of equal time."""
+    """The file divided at its reversals into at most `MOST` parts of equally many strokes, or, moving one way only, of
+    equal time."""
     strokes = np.unique(motion.stroke[motion.direction != 0.0])
     directions = [motion.direction[motion.stroke == s][0] for s in strokes[:2000]]
     turns = np.flatnonzero(np.diff(directions) != 0) if len(directions) > 1 else np.array([])

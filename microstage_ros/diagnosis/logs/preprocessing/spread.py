@@ -1,9 +1,11 @@
-"""How much a healthy machine differs from itself: from repetition to repetition, and from one state of assembly to another.
+"""How much a healthy machine differs from itself: from repetition to repetition, and from one state of assembly to
+another.
 
 A repetition's vector is  z = H b + e:  modes H that healthy machines are known to vary in (level, asymmetry, viscous part,
-waves along the stroke, starts, ripple …) with sizes b of variance τ², and independent e of variance σ². A machine taken apart
-and put together again differs further by H c with c of variance ρ². τ and σ come from the baseline's repetitions, ρ from its
-files; where there are few, the figures of `USUAL` carry weight (empirical Bayes: variance = (ν₀ v₀ + Σ b²) / (ν₀ + n)).
+waves along the stroke, starts, ripple …) with sizes b of variance τ², and independent e of variance σ². A machine taken
+apart and put together again differs further by H c with c of variance ρ². τ and σ come from the baseline's repetitions,
+ρ from its files; where there are few, the figures of `USUAL` carry weight (empirical Bayes: variance = (ν₀ v₀ + Σ b²) /
+(ν₀ + n)).
 """
 
 import dataclasses
@@ -14,28 +16,76 @@ PRIOR_REPETITIONS = 3.0   # weight of the usual figures, in repetitions; a judge
 PRIOR_GROUPS = 4.0        # the same, in states of assembly
 ROUNDS = 6
 #: Usual healthy standard deviations of a mode, relative to the channel's scale: (repetition, state of assembly).
-#: A judgement from the machine states of published logs (docs/logs.md), as are the figures below; no command writes them. What they
-#: cost and save, `microstage log --examine` measures: false alarms, effects found, intervals that hold.
+#: A judgement from the machine states of published logs (docs/logs.md), as are the figures below; no command writes
+#: them. What they cost and save, `microstage log --examine` measures: false alarms, effects found, intervals that hold.
 USUAL = {
-    "level": (0.010, 0.030), "moving": (0.010, 0.025), "viscous": (0.008, 0.030), "inertia": (0.010, 0.030), "start": (0.020, 0.060),
-    "brake": (0.020, 0.060), "spring": (0.005, 0.015), "waves": (0.005, 0.025), "waves of force": (0.005, 0.015),
-    "lost motion": (0.010, 0.020), "speed": (0.005, 0.030), "acceleration": (0.010, 0.060), "place": (0.004, 0.030),
-    "creep": (0.005, 0.010), "gain": (0.003, 0.010), "constant": (0.005, 0.020), "resistive": (0.004, 0.015), "offset": (1.0, 1.0),
-    "turn": (0.004, 0.010), "turn of friction": (0.004, 0.010),      # and the ripple itself, for its phase is another after assembly
-    "level transient": (0.010, 0.040), "speed transient": (0.010, 0.040), "force in error": (0.010, 0.025),
+    "level": (0.010, 0.030),
+    "moving": (0.010, 0.025),
+    "viscous": (0.008, 0.030),
+    "inertia": (0.010, 0.030),
+    "start": (0.020, 0.060),
+    "brake": (0.020, 0.060),
+    "spring": (0.005, 0.015),
+    "waves": (0.005, 0.025),
+    "waves of force": (0.005, 0.015),
+    "lost motion": (0.010, 0.020),
+    "speed": (0.005, 0.030),
+    "acceleration": (0.010, 0.060),
+    "place": (0.004, 0.030),
+    "creep": (0.005, 0.010),
+    "gain": (0.003, 0.010),
+    "constant": (0.005, 0.020),
+    "resistive": (0.004, 0.015),
+    "offset": (1.0, 1.0),
+    # and the ripple itself, for its phase is another after assembly
+    "turn": (0.004, 0.010),
+    "turn of friction": (0.004, 0.010),
+    "level transient": (0.010, 0.040),
+    "speed transient": (0.010, 0.040),
+    "force in error": (0.010, 0.025),
 }
 MODES = {
-    "effort": ("level", "moving", "viscous", "inertia", "start", "brake", "spring", "waves", "waves of force", "turn",
-               "turn of friction"),
-    "error": ("level", "level transient", "speed transient", "force in error", "lost motion", "speed", "acceleration", "start", "brake", "place", "waves", "creep", "offset", "turn",
-              "turn of friction"),
+    "effort": (
+        "level",
+        "moving",
+        "viscous",
+        "inertia",
+        "start",
+        "brake",
+        "spring",
+        "waves",
+        "waves of force",
+        "turn",
+        "turn of friction",
+    ),
+    "error": (
+        "level",
+        "level transient",
+        "speed transient",
+        "force in error",
+        "lost motion",
+        "speed",
+        "acceleration",
+        "start",
+        "brake",
+        "place",
+        "waves",
+        "creep",
+        "offset",
+        "turn",
+        "turn of friction",
+    ),
     "voltage": ("gain", "constant", "resistive"),
 }
 #: A mode of its own per cell at rest: what friction holds there is open, a magnitude at rest less so.
 REST = {"effort": (0.10, 0.20), "magnitude": (0.03, 0.08), "error": (0.02, 0.04), "voltage": (0.05, 0.05)}
 HOLD = (0.03, 0.15)       # of the error's rms: where within its friction an axis comes to rest
-AMPLITUDE = {"ripple": (0.003, 0.010, 0.10, 0.25), "ripple high": (0.003, 0.010, 0.10, 0.20), "rough": (0.06, 0.25, 0.0, 0.0),
-             "breakaway": (0.02, 0.05, 0.05, 0.15)}
+AMPLITUDE = {
+    "ripple": (0.003, 0.010, 0.10, 0.25),
+    "ripple high": (0.003, 0.010, 0.10, 0.20),
+    "rough": (0.06, 0.25, 0.0, 0.0),
+    "breakaway": (0.02, 0.05, 0.05, 0.15),
+}
 PATTERN = 0.012           # of the scale: what assembly changes in single cells beyond the modes
 
 
@@ -43,8 +93,9 @@ PATTERN = 0.012           # of the scale: what assembly changes in single cells 
 class Spread:
     """Healthy variation of one channel's coordinates.
 
-    ``modes`` (K, m); ``names``; ``repetition``, ``assembly``: variances (m,); ``noise``: variances (K,) of one repetition;
-    ``repetitions``: {condition: number}; ``groups``: {condition: number}; ``dof``: degrees of freedom behind the variances.
+    ``modes`` (K, m); ``names``; ``repetition``, ``assembly``: variances (m,); ``noise``: variances (K,) of one
+    repetition; ``repetitions``: {condition: number}; ``groups``: {condition: number}; ``dof``: degrees of freedom
+    behind the variances.
     """
 
     modes: np.ndarray
@@ -60,7 +111,8 @@ class Spread:
     def covariance(self, coordinates, now, base, assembly=True):
         """Covariance (K, K) of the difference of two means.
 
-        ``now``, ``base``: repetitions behind each coordinate's mean (K,); ``assembly``: whether the two may be different states of assembly.
+        ``now``, ``base``: repetitions behind each coordinate's mean (K,); ``assembly``: whether the two may be
+        different states of assembly.
         """
         same = coordinates.condition[:, None] == coordinates.condition[None, :]
         count = 1.0 / np.maximum(now, 1) + 1.0 / np.maximum(base, 1)
@@ -78,7 +130,8 @@ def _pattern(coordinates):
 
 
 def deviations(vectors, groups, coordinates):
-    """Repetitions less the mean of their file and condition, NaN where a repetition has no such cell; and the files' means."""
+    """Repetitions less the mean of their file and condition, NaN where a repetition has no such cell; and the files'
+    means."""
     out, means = np.full(vectors.shape, np.nan), []
     for group in np.unique(groups):
         own = groups == group
@@ -142,7 +195,8 @@ def _modes(coordinates):
             sigma = sigma if kind == "settled" else (2.0 * sigma[0], 2.0 * sigma[1])
         elif kind in AMPLITUDE:
             least_r, least_a, share_r, share_a = AMPLITUDE[kind]
-            if channel == "error" and kind != "rough":      # a loop turns what assembly does to the force into more of it
+            # a loop turns what assembly does to the force into more of it
+            if channel == "error" and kind != "rough":
                 least_a, share_a = 3.0 * least_a, 2.0 * share_a
             sigma = (least_r + share_r * usual[kind], least_a + share_a * usual[kind])
         else:
@@ -171,7 +225,8 @@ def _mean_amplitude(coordinates, kind):
 def _fit(apart, modes, prior, coordinates, weight, free):
     """Variances of the modes (m,) and of what is left (K,) by a few rounds of empirical Bayes.
 
-    ``apart``: (repetitions, K) deviations; ``prior``: usual variances; ``free``: degrees of freedom that the deviations have.
+    ``apart``: (repetitions, K) deviations; ``prior``: usual variances; ``free``: degrees of freedom that the deviations
+    have.
     """
     variance = prior.copy()
     filled = np.nan_to_num(apart)

@@ -32,23 +32,64 @@ def report_fields(result, description, sources, axis=None):
     """The mapping of report.json: the fields of every diagnosis, and what is particular to logs."""
     diagnosis, gain = result.diagnosis, result.diagnosis.gain
     return {
-        "format": FORMAT, "verdict": diagnosis.verdict,
+        "format": FORMAT,
+        "verdict": diagnosis.verdict,
         "causes": [_cause(cause) for cause in diagnosis.causes],
-        "rivals": [{"ids": list(r.ids), "why": r.why, "experiment": r.experiment["decides"],
-                    "parameters": {name: _parameters(p) for name, p in sizes.items()}} for r, sizes in zip(diagnosis.rivals, result.rival_sizes)],
-        "gain": {"metric": gain.metric, "unit": gain.unit, "records": list(gain.records), "before": _plain(gain.before),
-                 "after": _plain(gain.after), "floor": _plain(gain.floor), "ci95": [_plain(v) for v in gain.ci95]},
+        "rivals": [
+            {
+                "ids": list(r.ids),
+                "why": r.why,
+                "experiment": r.experiment["decides"],
+                "parameters": {name: _parameters(p) for name, p in sizes.items()},
+            }
+            for r, sizes in zip(diagnosis.rivals, result.rival_sizes)
+        ],
+        "gain": {
+            "metric": gain.metric,
+            "unit": gain.unit,
+            "records": list(gain.records),
+            "before": _plain(gain.before),
+            "after": _plain(gain.after),
+            "floor": _plain(gain.floor),
+            "ci95": [_plain(v) for v in gain.ci95],
+        },
         "extended_axis": None,
-        "findings": [{"channel": f.channel, "coordinate": f.coordinate, "statistic": _plain(f.statistic), "threshold": _plain(f.threshold),
-                      "left": _plain(f.left), "significant": bool(f.significant)} for f in diagnosis.findings],
-        "since": since(result), "compared": float(result.evidence["compared"]),
-        "visible": {name: {"visible": entry[0], "detectable": _plain(entry[1]), "of": "level of the channel"}
-                    for name, entry in sorted(result.visibility.items())},
+        "findings": [
+            {
+                "channel": f.channel,
+                "coordinate": f.coordinate,
+                "statistic": _plain(f.statistic),
+                "threshold": _plain(f.threshold),
+                "left": _plain(f.left),
+                "significant": bool(f.significant),
+            }
+            for f in diagnosis.findings
+        ],
+        "since": since(result),
+        "compared": float(result.evidence["compared"]),
+        "visible": {
+            name: {"visible": entry[0], "detectable": _plain(entry[1]), "of": "level of the channel"}
+            for name, entry in sorted(result.visibility.items())
+        },
         "not_visible": dict(sorted(result.hidden.items())),
-        "healthy": [{"channel": c, "condition": _condition(result, code), "name": name, "value": _plain(v), "stderr": _plain(e), "unit": u}
-                    for c, code, name, v, e, u in result.healthy],
-        "identified": {}, "consequences": [], "notes": list(diagnosis.notes),
-        "axis": axis.place if axis is not None else None, "log": description.place, "sources": sources, "seed": diagnosis.seed,
+        "healthy": [
+            {
+                "channel": c,
+                "condition": _condition(result, code),
+                "name": name,
+                "value": _plain(v),
+                "stderr": _plain(e),
+                "unit": u,
+            }
+            for c, code, name, v, e, u in result.healthy
+        ],
+        "identified": {},
+        "consequences": [],
+        "notes": list(diagnosis.notes),
+        "axis": axis.place if axis is not None else None,
+        "log": description.place,
+        "sources": sources,
+        "seed": diagnosis.seed,
         "version": __version__,
     }
 
@@ -62,7 +103,8 @@ def _condition(result, code):
 
 
 def since(result):
-    """Per named or open effect: {"id", "source", "repetition"} from which on its course differs from the baseline, or None."""
+    """Per named or open effect: {"id", "source", "repetition"} from which on its course differs from the baseline, or
+    None."""
     out = []
     for stage in result.evidence["stages"]:
         for choice in stage.chosen:

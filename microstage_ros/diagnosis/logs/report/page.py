@@ -1,4 +1,5 @@
-"""The page that a technician reads: what changed, how much, since when, how sure, what else, what to look at, what would decide."""
+"""The page that a technician reads: what changed, how much, since when, how sure, what else, what to look at, what
+would decide."""
 
 from microstage_ros.diagnosis.logs.preprocessing.channels import FLUCTUATION
 from microstage_ros.diagnosis.logs.selection import course as course_module
@@ -8,7 +9,8 @@ from microstage_ros.report.page import Page
 from microstage_ros.quantities.readable import quantity
 
 SHOWN = 4
-LEAST_COMPARED = 0.5       # of the rows of now, below which an answer that nothing has changed says so with that reserve
+# of the rows of now, below which an answer that nothing has changed says so with that reserve
+LEAST_COMPARED = 0.5
 VERDICTS = {
     "agrees": "Nothing has changed beyond what this machine differs from itself.",
     "explained": "What has changed is found",
@@ -125,10 +127,21 @@ def _causes(page, report):
         page.table(("one of", "why", "this would decide"), [
             (", ".join(name_of(i).lower() for i in r["ids"]), r["why"], r["experiment"]) for r in report["rivals"]])
     with page.details("All fitted sizes with their 95 % intervals"):
-        page.table(("cause", "size", "value", "from", "to"), [
-            (c["id"], name, quantity(p["value"], p["unit"]), quantity(p["value"] - 1.96 * p["stderr"], p["unit"]),
-             quantity(p["value"] + 1.96 * p["stderr"], p["unit"])) for c in report["causes"] for name, p in c["parameters"].items()
-            if p["value"] is not None and p["stderr"] is not None])
+        page.table(
+            ("cause", "size", "value", "from", "to"),
+            [
+                (
+                    c["id"],
+                    name,
+                    quantity(p["value"], p["unit"]),
+                    quantity(p["value"] - 1.96 * p["stderr"], p["unit"]),
+                    quantity(p["value"] + 1.96 * p["stderr"], p["unit"]),
+                )
+                for c in report["causes"]
+                for name, p in c["parameters"].items()
+                if p["value"] is not None and p["stderr"] is not None
+            ],
+        )
 
 
 def _since(entry):

@@ -12,7 +12,8 @@ SECONDS = 30.0             # of the overlay in time
 
 
 def over_stroke(result, name):
-    """Figure: mean of a channel over the stroke, each direction by itself: baseline with its spread, now, model with the causes; or None."""
+    """Figure: mean of a channel over the stroke, each direction by itself: baseline with its spread, now, model with
+    the causes; or None."""
     coordinates = result.evidence["reduced"].get(name)
     if coordinates is None:
         return None

@@ -14,13 +14,28 @@ from microstage_ros.diagnosis.report.wording import advice_for, name_of
 from microstage_ros.files import complete_folder
 from microstage_ros.report.page import Page
 
-FOLLOWED = ("friction_level_change", "viscous_change", "direction_asymmetry", "gravity_tilt", "cable_spring", "position_dependent_friction",
-            "torque_ripple", "payload_change", "backlash", "transport_delay", "scale_error", "floor_vibration", "resistance_rise", "amplifier_gain")
+FOLLOWED = (
+    "friction_level_change",
+    "viscous_change",
+    "direction_asymmetry",
+    "gravity_tilt",
+    "cable_spring",
+    "position_dependent_friction",
+    "torque_ripple",
+    "payload_change",
+    "backlash",
+    "transport_delay",
+    "scale_error",
+    "floor_vibration",
+    "resistance_rise",
+    "amplifier_gain",
+)
 
 
 @dataclasses.dataclass
 class Trend:
-    """``courses``: {effect id: (points, indices of change points)}; ``groups``: answers for the logs after the last change and before."""
+    """``courses``: {effect id: (points, indices of change points)}; ``groups``: answers for the logs after the last
+    change and before."""
 
     courses: dict
     last: object
@@ -31,8 +46,8 @@ class Trend:
 def diagnose_over_time(baseline, now, description, seed=0):
     """`Trend` of the logs of now, in the order given, each against the baseline.
 
-    The courses are of single effects, each fitted alone; what the change is, the diagnosis of the logs after the last common change
-    point says, with all its rivals. Raises InputError as `case.diagnose_logs` does.
+    The courses are of single effects, each fitted alone; what the change is, the diagnosis of the logs after the last
+    common change point says, with all its rivals. Raises InputError as `case.diagnose_logs` does.
     """
     whole = case.diagnose_logs(baseline, now, description, seed)
     courses = {}
@@ -57,7 +72,8 @@ def _movement(points):
 
 
 def write_trend(trend, description, folder, sources):
-    """Write trend.json, report.json (of the logs after the last change) and report.html; returns the mapping of trend.json."""
+    """Write trend.json, report.json (of the logs after the last change) and report.html; returns the mapping of
+    trend.json."""
     report = report_fields(trend.last, description, sources)
     rows = {}
     for name, (points, changes) in trend.courses.items():
@@ -91,6 +107,10 @@ def _page(trend, report, tree, description, path):
     page.section("Courses")
     for name, (points, changes) in sorted(trend.courses.items(), key=lambda item: -_movement(item[1][0])):
         page.heading(name_of(name))
-        page.figure(pictures.course(points, "change over the level [1]", changes), "One point per log with its 95 % interval; each effect is fitted by "
-                    "itself, so that effects which look alike move together. Dashed: where the mean changes.", name_of(name))
+        page.figure(
+            pictures.course(points, "change over the level [1]", changes),
+            "One point per log with its 95 % interval; each effect is fitted by "
+            "itself, so that effects which look alike move together. Dashed: where the mean changes.",
+            name_of(name),
+        )
     page.save(path)

@@ -1,4 +1,5 @@
-"""What is known of a case beside its coordinates, and the answer in the common words with what is particular to logs."""
+"""What is known of a case beside its coordinates, and the answer in the common words with what is particular to
+logs."""
 
 import dataclasses
 import math
@@ -42,7 +43,8 @@ class Context:
         return (value, error) if value > 0.0 and share > 0.1 and error < 0.1 * value else None
 
     def coulomb(self, channel):
-        """(level, stderr) of the baseline's friction that does not grow with speed, in the channel's unit; None if unknown."""
+        """(level, stderr) of the baseline's friction that does not grow with speed, in the channel's unit; None if
+        unknown."""
         own = self.channels[channel]
         value, error = (float(np.mean([table[c][1] for c in self.codes])) for table in (own.models, own.stderr))
         return (value, max(error, SPLIT * value)) if value > 0.1 * self.scale(channel) and error < 0.2 * value else None
@@ -70,8 +72,8 @@ class LogDiagnosis:
     """`Diagnosis` in the common words, and what is particular to logs.
 
     ``visibility``: {id: (visible, detectable size, column, largest)}; ``hidden``: {id: what would show it};
-    ``healthy``: rows of the table of the baseline's model; ``evidence``: what the pictures need. ``rival_sizes``: per group of rivals
-    {id: parameters}, each as if it were the one.
+    ``healthy``: rows of the table of the baseline's model; ``evidence``: what the pictures need. ``rival_sizes``: per
+    group of rivals {id: parameters}, each as if it were the one.
     """
 
     diagnosis: Diagnosis
@@ -129,11 +131,20 @@ def healthy_table(context, spreads):
     for name, channel in context.channels.items():
         if channel.kind == FLUCTUATION:
             continue
-        units = {"constant": channel.unit, "level": channel.unit, "viscous": f"{channel.unit} s/{context.place_unit}",
-                 "inertia": f"{channel.unit} s²/{context.place_unit}", "spring": f"{channel.unit}/{context.place_unit}",
-                 "rest": channel.unit, "rest after motion": channel.unit, "level transient": channel.unit,
-                 "viscous transient": f"{channel.unit} s/{context.place_unit}",
-                 "inertia transient": f"{channel.unit} s²/{context.place_unit}", "resistance": "ohm", "per speed": f"V s/{context.place_unit}"}
+        units = {
+            "constant": channel.unit,
+            "level": channel.unit,
+            "viscous": f"{channel.unit} s/{context.place_unit}",
+            "inertia": f"{channel.unit} s²/{context.place_unit}",
+            "spring": f"{channel.unit}/{context.place_unit}",
+            "rest": channel.unit,
+            "rest after motion": channel.unit,
+            "level transient": channel.unit,
+            "viscous transient": f"{channel.unit} s/{context.place_unit}",
+            "inertia transient": f"{channel.unit} s²/{context.place_unit}",
+            "resistance": "ohm",
+            "per speed": f"V s/{context.place_unit}",
+        }
         for code in context.codes:
             for k, label in enumerate(base_names(channel)):
                 value, error = float(channel.models[code][k]), float(channel.stderr[code][k])

@@ -1,7 +1,8 @@
 """The course of a size from repetition to repetition and from log to log, and where it changes.
 
 A change point is accepted where two means describe the course better than one by more than chance gives:
-likelihood ratio with the price 3 log n per further mean (a modified Schwarz criterion: Zhang and Siegmund, Biometrics 63, 2007).
+likelihood ratio with the price 3 log n per further mean (a modified Schwarz criterion: Zhang and Siegmund, Biometrics
+63, 2007).
 """
 
 import dataclasses
@@ -14,7 +15,8 @@ LEAST = 1                  # points on either side of a change
 
 @dataclasses.dataclass(frozen=True)
 class Point:
-    """One point of a course: log, number within it, size and standard error; ``baseline``: whether it belongs to the baseline."""
+    """One point of a course: log, number within it, size and standard error; ``baseline``: whether it belongs to the
+    baseline."""
 
     source: str
     number: int
@@ -26,8 +28,8 @@ class Point:
 def course_of(stage, name, groups, per_file=False):
     """List of `Point`: the size of one effect in every repetition (or file) against the baseline's mean.
 
-    ``name``: effect of the stage's problem with one leading size; sizes are relative to the channel's scale. The standard error is
-    that of a single repetition (file), without what assembly may change.
+    ``name``: effect of the stage's problem with one leading size; sizes are relative to the channel's scale. The
+    standard error is that of a single repetition (file), without what assembly may change.
     """
     problem = stage.problem
     spreads, points = stage.spreads, []

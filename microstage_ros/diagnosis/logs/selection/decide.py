@@ -2,8 +2,8 @@
 
 All channels together:  D = Σ X_e s_e + n,  n ~ (0, C).  An effect is named if what it removes of Dᵀ C⁻¹ D is more than chance
 gives with the degrees of freedom that the baseline has (F test), the strongest first, each beside those already named.
-Another effect that removes as much is a rival. An effect whose smallest detectable size lies above what machines do is not
-visible in these signals.
+Another effect that removes as much is a rival. An effect whose smallest detectable size lies above what machines do is
+not visible in these signals.
 """
 
 import dataclasses
@@ -15,8 +15,9 @@ from scipy.stats import t as t_law
 from microstage_ros.diagnosis.logs.selection.effects import ALSO, RARER, SIGNATURES
 from microstage_ros.diagnosis.selection.stepwise import forward
 
-#: log p below which an effect is named: of the healthy machines one in sixty may alarm, over the six or seven ways, hardly
-#: dependent on one another, in which some twenty effects can show (held by `microstage log --examine N --kind healthy`).
+#: log p below which an effect is named: of the healthy machines one in sixty may alarm, over the six or seven ways,
+#: hardly dependent on one another, in which some twenty effects can show (held by
+#: `microstage log --examine N --kind healthy`).
 LEVEL = np.log(1.0 / 400.0)
 RIVAL = 3.0                # difference of log p within which another effect explains as much (odds of 20)
 BEAM = 4                   # first causes that are followed up
@@ -35,7 +36,8 @@ LARGEST = {"level": 0.6, "viscous": 0.8, "quadratic": 0.8, "moving": 0.5, "const
 POSITIVE = {"torque_ripple+", "backlash", "rising_static_friction", "floor_vibration", "sampling_jitter", "screw_pitch_error",
             "amplifier_deadband", "transport_delay", "actuator_lag"}
 NEGATIVE = {"presliding_creep"}      # on in the direction of motion, which lessens the error
-#: Wider or other forms of an effect: friction that differs in one place; friction that a loop without integrator shows at rest too.
+#: Wider or other forms of an effect: friction that differs in one place; friction that a loop without integrator shows
+#: at rest too.
 LOCAL = {"position_dependent_friction": ("bumps",), "friction_level_change": ("friction in error", "lost motion")}
 #: The same where an effort is logged: friction whose part in proportion to the speed has stayed as it was.
 OF_EFFORT = {"friction_level_change": ("dead zone",)}
@@ -46,7 +48,8 @@ FAMILY = ({"friction_level_change", "viscous_change", "nonlinear_viscous", "ampl
           {"amplifier_gain", "payload_change"}, {"backlash", "friction_level_change", "drive_compliance", "transport_delay"})
 WIDER_FORM = 2.0           # log odds against a wider form of an effect
 FAMILY_RIVAL = 6.0         # the margin within a family, whose forms are the least exact
-#: What a cause brings with it, and is no further cause: fluctuations beside ripple, an error at rest that settles later.
+#: What a cause brings with it, and is no further cause: fluctuations beside ripple, an error at rest that settles
+#: later.
 BRINGS = {"torque_ripple": ("sampling_jitter", "floor_vibration", "screw_pitch_error"),
           "transport_delay": ("floor_vibration", "sampling_jitter")}
 MOST_RIVALS = 6
@@ -60,8 +63,8 @@ WIDER = {"friction_level_change": ("position_dependent_friction",), "cable_sprin
 class Problem:
     """The stacked difference D (K,), its covariance C, and the matrix X_e of every effect: {id: (K, k)}.
 
-    ``parts``: {id: list of column names}; ``inflation``: {id: factor on variances from leaving repetitions out}; ``dof``.
-    ``where``: (K,) channel name of each coordinate.
+    ``parts``: {id: list of column names}; ``inflation``: {id: factor on variances from leaving repetitions out};
+    ``dof``. ``where``: (K,) channel name of each coordinate.
     """
 
     difference: np.ndarray
@@ -115,8 +118,8 @@ def log_sf(ratio, k, dof):
 
 
 def effects_of(channels, only=None, without=()):
-    """{id: (K, k)} and {id: column names} for stacked coordinates; ``channels``: {name: Coordinates}; ``only``: ids, or None for all;
-    ``without``: ids that are left out.
+    """{id: (K, k)} and {id: column names} for stacked coordinates; ``channels``: {name: Coordinates}; ``only``: ids, or
+    None for all; ``without``: ids that are left out.
 
     A trace in fluctuations with and without motion comes in a wider form too (``id+``).
     """
@@ -214,12 +217,14 @@ def candidates(problem, visible):
 
 
 def choose(problem, possible, open_sign=False, also=None):
-    """Causes, the strongest first, each with its rivals. ``possible``: ids that these signals can show, if only in unusual sizes.
+    """Causes, the strongest first, each with its rivals. ``possible``: ids that these signals can show, if only in
+    unusual sizes.
 
     ``also``: further rivals by name.
 
-    The first cause is tried with each of the `BEAM` most significant effects; of the sets that follow, the one that takes most
-    with fewest causes is kept, so that two effects which make up for each other's misfit do not replace a single true one.
+    The first cause is tried with each of the `BEAM` most significant effects; of the sets that follow, the one that
+    takes most with fewest causes is kept, so that two effects which make up for each other's misfit do not replace a
+    single true one.
     """
     forms = candidates(problem, possible)
     starts = [entry for entry in _tried(problem, forms, [], set()) if _alone(problem, entry, []) < LEVEL][:BEAM]
@@ -258,7 +263,8 @@ def _complete(problem, forms, start):
 
 @dataclasses.dataclass
 class _Difference:
-    """The difference of a `Problem` as a `stepwise.ResidualModel`; its state is the list of `Choice`, a trial (log p, form)."""
+    """The difference of a `Problem` as a `stepwise.ResidualModel`; its state is the list of `Choice`, a trial (log p,
+    form)."""
 
     problem: Problem
     forms: list
@@ -284,7 +290,8 @@ class _Difference:
 
 
 def _alone(problem, entry, beside):
-    """log p of an entry of `_tried` without what its rarity costs: how rare a cause is does not make a change less of one."""
+    """log p of an entry of `_tried` without what its rarity costs: how rare a cause is does not make a change less of
+    one."""
     return problem.log_p(entry[1], beside) + (WIDER_FORM if entry[1].endswith("+") else 0.0)
 
 
@@ -320,7 +327,8 @@ def _tried(problem, forms, beside, taken):
 
 
 def acceptable(problem, name, beside):
-    """Whether the fitted size has a sense: some effects only grow, and a wider form must show more than the uniform change it holds."""
+    """Whether the fitted size has a sense: some effects only grow, and a wider form must show more than the uniform
+    change it holds."""
     uniform = UNIFORM.get(name)
     if uniform in problem.effects and uniform not in [plain(b) for b in beside] and problem.log_p(name, [*beside, uniform]) > LEVEL:
         return False
@@ -344,8 +352,8 @@ def _backward(problem, chosen):
 def visibility(problem, largest_of=None):
     """{id: (visible, smallest detectable size, column name, largest usual size)} of every effect that has columns.
 
-    The size is that which is found nine times of ten. ``largest_of``: usual sizes by column in place of those of `LARGEST`, where a
-    quantity of another kind bounds them.
+    The size is that which is found nine times of ten. ``largest_of``: usual sizes by column in place of those of
+    `LARGEST`, where a quantity of another kind bounds them.
     """
     out = {}
     for name, white in problem.white.items():

@@ -1,7 +1,8 @@
 """How each effect of the catalogue would show in a log: columns per channel, and what else carries its trace.
 
-A column is what the channel's signal changes by, in the channel's unit, for one unit of the effect's size; sizes are relative
-to the channel's scale (the friction level F, the error's rms E), so a column in the effort is F times a pure number.
+A column is what the channel's signal changes by, in the channel's unit, for one unit of the effect's size; sizes are
+relative to the channel's scale (the friction level F, the error's rms E), so a column in the effort is F times a pure
+number.
 """
 
 import dataclasses
@@ -19,8 +20,9 @@ DWELL = 0.05            # s, at which rising static friction begins to grow (def
 
 @dataclasses.dataclass(frozen=True)
 class Signature:
-    """One effect. ``effort``, ``error``, ``voltage``: names of columns that it moves there (those of the error where no effort is
-    logged); ``amplitudes``: kinds of amplitude coordinates by channel. ``kinds``: efforts in which it can be, empty for all."""
+    """One effect. ``effort``, ``error``, ``voltage``: names of columns that it moves there (those of the error where no
+    effort is logged); ``amplitudes``: kinds of amplitude coordinates by channel. ``kinds``: efforts in which it can be,
+    empty for all."""
 
     effort: tuple = ()
     error: tuple = ()
@@ -70,44 +72,109 @@ SEPARATE = {
     frozenset(("friction_level_change", "viscous_change")): "the same move at two speeds, at least a factor 3 apart",
     frozenset(("friction_level_change", "nonlinear_viscous")): "the same move at three speeds",
     frozenset(("viscous_change", "nonlinear_viscous")): "the same move at three speeds",
-    frozenset(("gravity_tilt", "direction_asymmetry")): "the effort at rest with the brake off, reached from both sides: a constant force is "
-                                                      "there at rest too, friction that differs between directions is not",
-    frozenset(("friction_level_change", "gravity_tilt")): "the sign of the current: friction turns round with the motion, a constant force does not",
+    frozenset(
+        ("gravity_tilt", "direction_asymmetry")
+    ): "the effort at rest with the brake off, reached from both sides: a constant force is "
+    "there at rest too, friction that differs between directions is not",
+    frozenset(
+        ("friction_level_change", "gravity_tilt")
+    ): "the sign of the current: friction turns round with the motion, a constant force does not",
     frozenset(("friction_level_change", "direction_asymmetry")): "the sign of the current",
-    frozenset(("friction_level_change", "amplifier_gain")): "the same move at twice the acceleration: a gain scales inertia and friction alike",
-    frozenset(("payload_change", "rising_static_friction")): "the same move after dwells of 0.1 s, 1 s and 10 s: mass does not know the dwell",
-    frozenset(("torque_ripple", "rising_static_friction")): "the same move after dwells of 0.1 s, 1 s and 10 s: ripple does not know the dwell",
-    frozenset(("torque_ripple", "screw_pitch_error")): "set point, motor current and the motor's own position together: a force shows in the current, an "
-                                                     "uneven lead in the difference of the positions",
+    frozenset(
+        ("friction_level_change", "amplifier_gain")
+    ): "the same move at twice the acceleration: a gain scales inertia and friction alike",
+    frozenset(
+        ("payload_change", "rising_static_friction")
+    ): "the same move after dwells of 0.1 s, 1 s and 10 s: mass does not know the dwell",
+    frozenset(
+        ("torque_ripple", "rising_static_friction")
+    ): "the same move after dwells of 0.1 s, 1 s and 10 s: ripple does not know the dwell",
+    frozenset(
+        ("torque_ripple", "screw_pitch_error")
+    ): "set point, motor current and the motor's own position together: a force shows in the current, an "
+    "uneven lead in the difference of the positions",
     frozenset(("payload_change", "drive_compliance")): "the set point, or the motor's own position beside the load's",
     frozenset(("payload_change", "backlash")): "the set point, or the motor's own position beside the load's",
-    frozenset(("payload_change", "cable_spring")): "the same stroke at half the speed: inertia needs a quarter, a spring as much as before",
+    frozenset(
+        ("payload_change", "cable_spring")
+    ): "the same stroke at half the speed: inertia needs a quarter, a spring as much as before",
     frozenset(("friction_level_change", "amplifier_deadband")): "the motor's current beside its voltage",
-    frozenset(("torque_ripple", "floor_vibration")): "a log of ten rows or more per turn, and some seconds at rest with the motor off: what ripples with "
-                                                   "the turn stops with it, what comes from outside does not",
-    frozenset(("backlash", "friction_level_change")): "the drive's current: friction needs more of it, lost motion does not",
-    frozenset(("backlash", "drive_compliance")): "the same reversal under two loads: a gap is of one width, a soft drive gives in proportion",
-    frozenset(("transport_delay", "viscous_change")): "the drive's current: viscous friction needs more of it, a delay does not",
-    frozenset(("cable_spring", "position_dependent_friction")): "the same stroke in both directions: a spring does not turn round with the motion",
+    frozenset(
+        ("torque_ripple", "floor_vibration")
+    ): "a log of ten rows or more per turn, and some seconds at rest with the motor off: what ripples with "
+    "the turn stops with it, what comes from outside does not",
+    frozenset(
+        ("backlash", "friction_level_change")
+    ): "the drive's current: friction needs more of it, lost motion does not",
+    frozenset(
+        ("backlash", "drive_compliance")
+    ): "the same reversal under two loads: a gap is of one width, a soft drive gives in proportion",
+    frozenset(
+        ("transport_delay", "viscous_change")
+    ): "the drive's current: viscous friction needs more of it, a delay does not",
+    frozenset(
+        ("cable_spring", "position_dependent_friction")
+    ): "the same stroke in both directions: a spring does not turn round with the motion",
     frozenset(("amplifier_offset", "gravity_tilt")): "voltage and current at rest with the axis unclamped",
     frozenset(("resistance_rise", "friction_level_change")): "the motor's current beside its voltage",
 }
 #: Columns of the error that a changed force moves, whatever the loop: free where the effort has changed.
-FORCED = ("level", "level transient", "viscous", "speed transient", "force in error", "inertia", "start", "brake", "waves", "spring")
+FORCED = (
+    "level",
+    "level transient",
+    "viscous",
+    "speed transient",
+    "force in error",
+    "inertia",
+    "start",
+    "brake",
+    "waves",
+    "spring",
+)
 #: Effects on the error that a changed effort brings with it and that are therefore not looked for beside one.
-FOLLOWING = ("backlash", "floor_vibration", "drive_compliance", "sampling_jitter", "screw_pitch_error", "presliding_creep", "actuator_lag")
+FOLLOWING = (
+    "backlash",
+    "floor_vibration",
+    "drive_compliance",
+    "sampling_jitter",
+    "screw_pitch_error",
+    "presliding_creep",
+    "actuator_lag",
+)
 #: What a trace in the error beside an unchanged effort may as well be, although the effort does not prove it.
-ALSO = {"torque_ripple+": ("floor_vibration",), "actuator_lag": ("payload_change",), "drive_compliance": ("backlash",), "presliding_creep": ("backlash",),
-        "rising_static_friction": ("torque_ripple",)}
+ALSO = {
+    "torque_ripple+": ("floor_vibration",),
+    "actuator_lag": ("payload_change",),
+    "drive_compliance": ("backlash",),
+    "presliding_creep": ("backlash",),
+    "rising_static_friction": ("torque_ripple",),
+}
 #: The same where no effort is logged, and where the motion itself is known from the reading alone.
 WITHOUT_EFFORT = {"torque_ripple": ("screw_pitch_error",), "screw_pitch_error": ("torque_ripple",)}
-FROM_READING = {"payload_change": ("drive_compliance", "backlash"), "torque_ripple": ("screw_pitch_error", "sampling_jitter"),
-                "rising_static_friction": ("presliding_creep", "backlash")}
-#: How much rarer than the commonest causes an effect is taken to be, as log odds: what decides between names that fit alike.
-#: An opinion, not a measurement: frequencies of causes differ between shops.
-RARER = {"viscous_change": 1.0, "nonlinear_viscous": 1.5, "amplifier_gain": 2.0, "cable_spring": 1.0, "presliding_creep": 2.0, "actuator_lag": 2.0,
-         "drive_compliance": 1.5, "scale_error": 1.0, "sampling_jitter": 1.5, "screw_pitch_error": 1.0, "rising_static_friction": 1.0,
-         "direction_asymmetry": 0.3, "amplifier_deadband": 1.0, "resistance_rise": 0.5, "amplifier_offset": 0.5}
+FROM_READING = {
+    "payload_change": ("drive_compliance", "backlash"),
+    "torque_ripple": ("screw_pitch_error", "sampling_jitter"),
+    "rising_static_friction": ("presliding_creep", "backlash"),
+}
+#: How much rarer than the commonest causes an effect is taken to be, as log odds: what decides between names that fit
+#: alike. An opinion, not a measurement: frequencies of causes differ between shops.
+RARER = {
+    "viscous_change": 1.0,
+    "nonlinear_viscous": 1.5,
+    "amplifier_gain": 2.0,
+    "cable_spring": 1.0,
+    "presliding_creep": 2.0,
+    "actuator_lag": 2.0,
+    "drive_compliance": 1.5,
+    "scale_error": 1.0,
+    "sampling_jitter": 1.5,
+    "screw_pitch_error": 1.0,
+    "rising_static_friction": 1.0,
+    "direction_asymmetry": 0.3,
+    "amplifier_deadband": 1.0,
+    "resistance_rise": 0.5,
+    "amplifier_offset": 0.5,
+}
 GENERAL = "the same move at a slow and a fast speed, in both directions, with a rest of some seconds at each end"
 
 
@@ -119,7 +186,8 @@ def separation(ids):
 
 
 def columns_of(stroke, turn=0.0):
-    """Function (channel, rows) → {column name: (n, k)} in the channel's unit, for logs over ``stroke``; ``turn``: length of a turn or 0."""
+    """Function (channel, rows) → {column name: (n, k)} in the channel's unit, for logs over ``stroke``; ``turn``:
+    length of a turn or 0."""
     low, high = stroke
 
     def columns(channel, rows):
@@ -195,7 +263,8 @@ def columns_of(stroke, turn=0.0):
 
 
 def _friction(channel, rows, scale):
-    """The baseline's friction along the motion, F sgn v + B v: what a change of the level scales. Where levels were shifted, its scale."""
+    """The baseline's friction along the motion, F sgn v + B v: what a change of the level scales. Where levels were
+    shifted, its scale."""
     m = rows.motion
     out = scale * m.direction
     if channel.name != "effort" or rows.log.shift is not None:

@@ -1,4 +1,5 @@
-"""Sizes of the named effects in the words and units of the catalogue, with standard errors that few baseline runs widen."""
+"""Sizes of the named effects in the words and units of the catalogue, with standard errors that few baseline runs
+widen."""
 
 import math
 
@@ -23,11 +24,11 @@ def mean_scale(channel, codes):
 def parameters_of(name, parts, beta, covariance, context, shown, reach=1.0):
     """{parameter: `Parameter`} of an effect.
 
-    ``parts``: column names in order; ``beta`` (k,), ``covariance`` (k, k): relative sizes; ``context``: `Context`; ``shown``: name of
-    the channel in which the effect shows; ``reach``: rms of the leading column over its coordinates.
+    ``parts``: column names in order; ``beta`` (k,), ``covariance`` (k, k): relative sizes; ``context``: `Context`;
+    ``shown``: name of the channel in which the effect shows; ``reach``: rms of the leading column over its coordinates.
 
-    A force that shows in the following error alone has its size as what it adds to the error (``error_m``): how much force
-    that is, only the loop's stiffness tells.
+    A force that shows in the following error alone has its size as what it adds to the error (``error_m``): how much
+    force that is, only the loop's stiffness tells.
     """
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     scale, unit = context.scale(shown), context.channels[shown].unit
@@ -89,16 +90,19 @@ def parameters_of(name, parts, beta, covariance, context, shown, reach=1.0):
         sharp = context.top_acceleration
         return {"error_per_acceleration": Parameter(b * scale / sharp, s * scale / sharp, "s²")}
     if name == "scale_error":
-        return {"relative": Parameter(-2.0 * b * scale / stroke, 2.0 * s * scale / stroke, "1")}   # a reading too long lessens the error
+        # a reading too long lessens the error
+        return {"relative": Parameter(-2.0 * b * scale / stroke, 2.0 * s * scale / stroke, "1")}
     if name in ("floor_vibration", "sampling_jitter"):
         return {"roughness_factor": Parameter(math.exp(b), math.exp(b) * s, "1")}
     if name == "presliding_creep":
-        return {"amplitude_m": Parameter(-b * scale, s * scale, unit)}       # on in the direction of motion lessens the error
+        # on in the direction of motion lessens the error
+        return {"amplitude_m": Parameter(-b * scale, s * scale, unit)}
     return {"relative_change": Parameter(b, s, "1")}
 
 
 def _of_coulomb(b, s, scale, coulomb):
-    """(value, stderr) of a size relative to the Coulomb level instead of the channel's scale, or None if that is unknown."""
+    """(value, stderr) of a size relative to the Coulomb level instead of the channel's scale, or None if that is
+    unknown."""
     if coulomb is None:
         return None
     value = b * scale / coulomb[0]

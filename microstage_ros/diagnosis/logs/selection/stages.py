@@ -1,4 +1,5 @@
-"""A stage of the diagnosis: one set of channels, its difference between now and baseline, and the causes chosen in it."""
+"""A stage of the diagnosis: one set of channels, its difference between now and baseline, and the causes chosen in
+it."""
 
 import dataclasses
 
@@ -10,12 +11,13 @@ from microstage_ros.diagnosis.logs.preprocessing.channels import FLUCTUATION
 from microstage_ros.diagnosis.logs.preprocessing.coordinates import FREE
 from microstage_ros.diagnosis.logs.selection.effects import SIGNATURES
 
-UNUSUAL = 4.0              # times the usual largest size, up to which an effect may be named: a size is no reason to doubt it
+# times the usual largest size, up to which an effect may be named: a size is no reason to doubt it
+UNUSUAL = 4.0
 PEAK = 2.0                 # standard deviations by which the largest of some twenty samples exceeds their mean
 TELLING = 0.1              # of the information on an effect that a repetition left out must have to judge its spread
 PRIOR_LOO = 4.0            # weight, in repetitions, of "the spread is as learned" against the repetitions left out
-#: Shares of a change that a column misses at steady speed, and at starts and stops, where friction is not yet that of sliding.
-#: A judgement, held by `microstage log --examine` on machines of four friction laws.
+#: Shares of a change that a column misses at steady speed, and at starts and stops, where friction is not yet that of
+#: sliding. A judgement, held by `microstage log --examine` on machines of four friction laws.
 FORM = {"effort": (0.08, 0.35), "voltage": (0.08, 0.35), "error": (0.15, 0.6)}
 MOST_LEFT_OUT = 30         # repetitions that are left out in turn
 
@@ -24,8 +26,9 @@ MOST_LEFT_OUT = 30         # repetitions that are left out in turn
 class Stage:
     """One problem with its answer: the drive's effort (and voltage), or the following error.
 
-    ``coordinates``, ``spreads``: {channel: …}; ``only``: ids that are looked for here, None for all; ``without``: ids that are not; ``also``: rivals by nature of these signals; ``free``: names of columns that
-    the error may follow without a cause of its own; ``largest``: usual sizes by column (`decide.visibility`).
+    ``coordinates``, ``spreads``: {channel: …}; ``only``: ids that are looked for here, None for all; ``without``: ids
+    that are not; ``also``: rivals by nature of these signals; ``free``: names of columns that the error may follow
+    without a cause of its own; ``largest``: usual sizes by column (`decide.visibility`).
     """
 
     coordinates: dict
@@ -81,7 +84,8 @@ def _of_peaks(coordinates, difference):
     rough = (kinds == "rough") & (coordinates.direction != 0.0)
     noise = 0.0
     if rough.any():
-        level = np.exp(np.nanmean(coordinates.baseline[:, rough])) / np.sqrt(6.0)      # of a second difference of white noise
+        # of a second difference of white noise
+        level = np.exp(np.nanmean(coordinates.baseline[:, rough])) / np.sqrt(6.0)
         noise = PEAK * level * (np.exp(np.mean(difference[rough])) - 1.0)
     return (float(np.sum(difference[ripple] ** 2)) if ripple.any() else 0.0) + float(noise) ** 2
 
@@ -101,8 +105,8 @@ def stages_of(reduced, spreads, without=()):
 def build(stage, now=None, base=None, assembly=True, form=True):
     """`Problem` of the mean of now against the mean of the baseline.
 
-    ``now``, ``base``: {channel: vectors (repetitions, K)} in place of those of the stage; ``assembly``: whether the two sides may be
-    different states of assembly; ``form``: whether what columns miss of the change itself counts as noise.
+    ``now``, ``base``: {channel: vectors (repetitions, K)} in place of those of the stage; ``assembly``: whether the two
+    sides may be different states of assembly; ``form``: whether what columns miss of the change itself counts as noise.
     """
     differences, blocks, where, kinds = [], [], [], []
     for name, coordinates in stage.coordinates.items():
@@ -137,7 +141,8 @@ def build(stage, now=None, base=None, assembly=True, form=True):
 
 
 def _dof(learned):
-    """Degrees of freedom behind the covariance: those of the repetitions and of assembly, by their usual shares (Satterthwaite)."""
+    """Degrees of freedom behind the covariance: those of the repetitions and of assembly, by their usual shares
+    (Satterthwaite)."""
     share = 0.4
     return 1.0 / (share**2 / learned.dof_repetition + (1.0 - share) ** 2 / learned.dof_assembly)
 

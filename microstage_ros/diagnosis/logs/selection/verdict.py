@@ -20,18 +20,22 @@ from microstage_ros.diagnosis.result import Cause, Diagnosis, Finding, Gain, Ove
 LATE_S, GAP = 0.02, 0.005  # s, and share of the stroke: sizes that are told as visible if they would be found
 #: Names in the effort that a rough reading can feign where the motion is known from that reading alone.
 MISREAD = ("rising_static_friction", "torque_ripple", "payload_change", "friction_level_change", "cable_spring")
-HINT = math.log(0.01)      # log p of the strongest effect in the effort, below which it may be behind what the error shows
+# log p of the strongest effect in the effort, below which it may be behind what the error shows
+HINT = math.log(0.01)
 BRINGS_NO_ERROR = ("torque_ripple", "floor_vibration", "amplifier_offset")
 #: What the error would show of lost motion and the like, were the effort as before.
 BESIDE = "logs from after the changed effort has been dealt with: beside it, what the error does is its consequence"
 CREEP = 0.001              # of the stroke: creep at rest that is told as usual
-LAG_S, LOOP_S = 0.002, 0.05   # s: a lag of the amplifier that is told as usual, and the position loop's time constant that it acts through
-FORM_SIZE = 0.04           # of a size, by which its form's misfit may mislead it; a judgement, held by the coverage that `log --examine` measures
+# s: a lag of the amplifier that is told as usual, and the position loop's time constant that it acts through
+LAG_S, LOOP_S = 0.002, 0.05
+# of a size, by which its form's misfit may mislead it; a judgement, held by the coverage that `log --examine` measures
+FORM_SIZE = 0.04
 FEW = 6                    # repetitions of the baseline below which thresholds are called wide
 
 
 def answer(reduced, spreads, groups, context, notes, open_sign, seed):
-    """`LogDiagnosis` of reduced channels: stages solved in order, the effort first, then what the error shows beside it."""
+    """`LogDiagnosis` of reduced channels: stages solved in order, the effort first, then what the error shows beside
+    it."""
     stages = stages_of(reduced, spreads, BEHIND if context.position_at == "motor" else ())
     changed = False
     signals = groups["baseline"][0].log.signals
@@ -113,7 +117,8 @@ def _suspected(first, stage):
 
 
 def largest_in_error(context):
-    """Usual largest sizes in the following error, relative to its rms: a delay of `LATE_S`, lost motion of `GAP` of the stroke."""
+    """Usual largest sizes in the following error, relative to its rms: a delay of `LATE_S`, lost motion of `GAP` of the
+    stroke."""
     scale = max(context.scale("error"), 1e-300)
     of_place = GAP * context.stroke / scale
     usual = {"speed": LATE_S * context.top_speed / scale, **dict.fromkeys(("lost motion", "load", "place", "acceleration", "creep"), of_place)}
@@ -122,7 +127,8 @@ def largest_in_error(context):
 
 
 def largest_in_effort(context):
-    """Usual largest sizes in the effort, relative to its level: a mass of twice the baseline's, as far as that is known."""
+    """Usual largest sizes in the effort, relative to its level: a mass of twice the baseline's, as far as that is
+    known."""
     channel = context.channels.get("effort")
     if channel is None:
         return {}
@@ -136,7 +142,8 @@ def told(cause):
 
 
 def _verdict(stages, causes, rivals):
-    """One of `result.VERDICTS`. What the error does beside a changed effort is its consequence and stands for nothing."""
+    """One of `result.VERDICTS`. What the error does beside a changed effort is its consequence and stands for
+    nothing."""
     first = stages[0]
     apart = [s for s in stages if s is first or not s.free]
     if rivals:
@@ -153,8 +160,10 @@ def _sentences(notes, spreads):
         notes.append(f"Few baseline repetitions ({repeats}): thresholds are wide.")
     if assemblies < 2:
         level = 100.0 * spread.USUAL["level"][1]
-        notes.append("The baseline shows one state of assembly only; how much taking apart, restarts and days change is taken from other machines "
-                     f"(friction ± {level:.1f} %). Baseline logs of several days make the thresholds this machine's own.")
+        notes.append(
+            "The baseline shows one state of assembly only; how much taking apart, restarts and days change is taken from other machines "
+            f"(friction ± {level:.1f} %). Baseline logs of several days make the thresholds this machine's own."
+        )
 
 
 def _cause(stage, choice, context, parts):
@@ -224,12 +233,28 @@ def _gain(stages, groups):
     half = 1.96 / math.sqrt(2.0 * totals["k"]) * rms["after"]
     single = len(next(iter(stages[0].coordinates.values())).now) < 2
     held_names = tuple(dict.fromkeys(rows.log.source for rows in groups["now"]))
-    return OverallGain("rms of the change over its healthy spread" + (", on the repetition that taught it" if single else ", every second repetition"), "1",
-                       held_names, rms["before"], rms["after"], rms["floor"], (max(rms["after"] - half, 0.0), rms["after"] + half)), parts
+    return OverallGain(
+        "rms of the change over its healthy spread"
+        + (", on the repetition that taught it" if single else ", every second repetition"),
+        "1",
+        held_names,
+        rms["before"],
+        rms["after"],
+        rms["floor"],
+        (max(rms["after"] - half, 0.0), rms["after"] + half),
+    ), parts
 
 
-COORDINATES = {"steady": "position", "start": "start of motion", "brake": "braking", "rest": "end of motion", "settled": "rest",
-               "ripple": "angle, once per turn", "ripple high": "angle, more than once per turn", "rough": "fast fluctuation"}
+COORDINATES = {
+    "steady": "position",
+    "start": "start of motion",
+    "brake": "braking",
+    "rest": "end of motion",
+    "settled": "rest",
+    "ripple": "angle, once per turn",
+    "ripple high": "angle, more than once per turn",
+    "rough": "fast fluctuation",
+}
 
 
 def _findings(stage):
