@@ -29,8 +29,10 @@ def counts(source):
     named = unnamed = 0
     for node in tree.body:
         if isinstance(node, (ast.Assign, ast.AnnAssign)):
-            before = lines[node.lineno - 2] if node.lineno > 1 and lines[node.lineno - 2].startswith("#") else ""
-            comment = " ".join([before, *lines[node.lineno - 1:node.end_lineno]])
+            first = node.lineno - 1
+            while first > 0 and lines[first - 1].startswith("#"):   # the comment above, however many lines it has
+                first -= 1
+            comment = " ".join(lines[first:node.end_lineno])
             named += any(map(is_number, ast.walk(node))) and not SAYS.search(comment)
         elif isinstance(node, (ast.FunctionDef, ast.ClassDef)):
             unnamed += sum(map(is_number, ast.walk(node)))

@@ -8,10 +8,9 @@ import numpy as np
 from scipy.stats import chi2
 
 
-# s; derived: between 0.25 and 2 s the standard errors change by a fifth at most (a healthy axis of Leuven's and one of
+# s; derived: between 0.25 and 2 s the standard errors change by a third at most (healthy axes of Leuven's and of LuGre's
+# law), so whitened rows this far apart agree by chance only; longer stretches waste degrees of freedom
 STRETCH = 0.25
-#: LuGre's law, a cable of another simulator), so whitened rows this far apart agree by chance only; longer ones waste
-#: degrees of freedom
 LEAST_FREEDOM = 1.0    # degrees; derived: one stretch that holds all is compared with one other
 
 

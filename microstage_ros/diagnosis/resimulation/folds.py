@@ -19,8 +19,8 @@ REPEAT = 1e-3                  # a motion repeats itself if it differs by less t
 FAST = 0.1                     # of the sampling rate: motion and loop are slower
 BOOTSTRAP = 500
 # s after a disturbance has ended until the loop has forgotten it: 16 time constants of a position loop
+# with a gain of 160 1/s (config/emps.yaml), e^-16 of a pulse of 175 N
 SETTLING = 0.1
-#: with a gain of 160 1/s (config/emps.yaml), e^-16 of a pulse of 175 N
 ENOUGH_ALIKE = 0.05            # of the repeated rows that must have been alike for the repetitions to say what noise is
 
 
