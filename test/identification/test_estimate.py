@@ -10,7 +10,7 @@ from microstage_ros.quantities.readable import interval
 
 @pytest.mark.parametrize("low, high, unit, written", [
     (-6.78e-4, -5.02e-4, "H", "−678 … −502 µH"), (6.28e-3, 6.4e-3, "N m", "6.28 … 6.40 mN m"), (0.1, np.inf, "V", "above 100 mV"),
-    (-np.inf, np.inf, "V", "anything"), (-np.inf, 2e-3, "m", "below 2.00 mm"), (0.2, 0.3, "1", "0.200 … 0.300"), (1e-7, 2e-7, "kg m^2", "1.00e−7 … 2.00e−7 kg m^2")])
+    (-np.inf, np.inf, "V", "anything"), (-np.inf, 2e-3, "m", "below 2.00 mm"), (0.2, 0.3, "1", "0.200 … 0.300"), (1e-7, 2e-7, "kg m^2", "1.00e−7 … 2.00e−7 kg m²")])
 def test_interval_with_one_prefix(low, high, unit, written):
     assert interval(low, high, unit) == written
 
