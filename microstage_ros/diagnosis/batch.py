@@ -156,8 +156,7 @@ def diagnose_many(cases, jobs=1, scheduler=None):
     ----------
     jobs : processes on this machine.
     scheduler : address of a Dask scheduler (``tcp://host:port``). Paths are made absolute; where the workers do not see
-    them
-        the files' bytes are sent and the answers' files come back.
+        them the files' bytes are sent and the answers' files come back.
 
     Raises
     ------

@@ -33,7 +33,7 @@ class EncoderWatch:
     Parameters
     ----------
     period : s. resistance : ohm. volts_per_speed : V s/m at the stage; too large a number makes the watch slower, not
-    wrong. offset : of the current [A]. count : of the encoder [m].
+        wrong. offset : of the current [A]. count : of the encoder [m].
     inertia, friction : V s²/m and V, as `open_loop.Strokes` has them; inertia 0: not known, nothing is braked.
     rough : resistance and volts_per_speed are not measured yet.
     """

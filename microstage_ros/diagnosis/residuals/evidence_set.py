@@ -8,8 +8,8 @@ import numpy as np
 from scipy.stats import chi2
 
 
-# s; derived: between 0.25 and 2 s the standard errors change by a third at most (healthy axes of Leuven's and of LuGre's
-# law), so whitened rows this far apart agree by chance only; longer stretches waste degrees of freedom
+# s; derived: between 0.25 and 2 s the standard errors change by a third at most (healthy axes of Leuven's and of
+# LuGre's law), so whitened rows this far apart agree by chance only; longer stretches waste degrees of freedom
 STRETCH = 0.25
 LEAST_FREEDOM = 1.0    # degrees; derived: one stretch that holds all is compared with one other
 

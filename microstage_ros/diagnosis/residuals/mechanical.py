@@ -30,8 +30,8 @@ SETTLING_TRAVEL = 8.0e-6  # m: until then the record's unknown first friction st
 STUCK_SHARE = 0.07
 # random friction of an axis file that states none: no friction repeats better than to a hundredth
 LEAST_RELATIVE = 0.01
-# standard deviations of the logarithms (of the odds, for the share) about the axis file's figures: a factor of two, as a
-# figure of one significant digit is uncertain
+# standard deviations of the logarithms (of the odds, for the share) about the axis file's figures: a factor of two, as
+# a figure of one significant digit is uncertain
 PRIOR = {"relative": 0.7, "stuck": 0.7, "travel_length": 0.7, "share": 1.0}
 
 

@@ -80,7 +80,7 @@ def make_case(axis, hidden, seed, friction=0.04, law=None):
     seed : of everything drawn.
     friction : relative standard deviation of the friction's variation.
     law : friction law of the machine's actuator, one of `LAWS`; None draws one (the first where an effect is hidden
-    that needs its blocks).
+        that needs its blocks).
     """
     own = habits(np.random.default_rng([seed, 77]), friction)
     # not every law has blocks

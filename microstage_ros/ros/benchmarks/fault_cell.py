@@ -49,7 +49,7 @@ class FaultCell:
     Parameters
     ----------
     mode : of `trial_cell.PERIODS`. folder : for logs and bags, empty. chance : `random.Random`. witness :
-    `witness.Witness`.
+        `witness.Witness`.
 
     Attributes
     ----------

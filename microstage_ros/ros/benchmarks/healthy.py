@@ -68,8 +68,7 @@ class Healthy:
     Parameters
     ----------
     seconds : of wall clock. mode : of `trial_cell.PERIODS`. seed : of the axis and of the targets. tell : called with
-    the facts
-        so far, now and then.
+        the facts so far, now and then.
     """
 
     def __init__(self, seconds, mode, seed, tell=lambda facts: None):

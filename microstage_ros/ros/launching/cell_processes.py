@@ -173,17 +173,18 @@ class CellProcesses:
         self.processes[name] = self._forked.start_again(self._node(name))
 
     def last_words(self, name):
-        """The last line that a process has printed into its log, after a colon; empty if there is none."""
+        """The last error in a process's log, or else its last line, after a colon; empty if there is none. A warning of
+        a library that comes after the error, such as of an answer that nobody waited for, says nothing of it."""
         log = self._log(name)
         if log is None:
             return ""
         if not Path(log).exists():  # the server failed before it began any node
             log = self._log("fork_server")
         lines = Path(log).read_text(encoding="utf-8", errors="replace").strip().splitlines()
-        lines = [
-            line for line in lines if not line.startswith(" ")
-        ]  # of a warning or a traceback the line that says what it is
-        return f": {lines[-1]}" if lines else ""
+        # of a warning or a traceback the line that says what it is
+        lines = [line for line in lines if not line.startswith(" ")]
+        errors = [line for line in lines if line.startswith(("[ERROR]", "[FATAL]"))]
+        return f": {(errors or lines)[-1]}" if lines else ""
 
     def activate(self, node):
         """Configure and activate the driver, through ``node``. Raises `CellFailure`."""

@@ -55,7 +55,7 @@ class ForkedNodes:
     ----------
     nodes : dicts ``name``, ``arguments`` (command line), ``log`` (file for what it prints, None: our own output).
     log : file for what the server itself prints. folder : for a profile of their own, None: the one of this
-    environment.
+        environment.
 
     Attributes
     ----------

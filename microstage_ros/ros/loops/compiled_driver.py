@@ -89,16 +89,16 @@ class QuickPeriods:
     Parameters
     ----------
     servo, reader : `FastServoPath` and its reader of commands. sender : semaphore of who sends the blocks. topics :
-    `DriverTopics`. gate : `CommandGate`. stop : int64 (1,), 1 while another thread asks for something. responses :
-    `ResponseTimes`. arrays : `SimulatedAxis.own_arrays`. settings : field of `COUNTS` or `VALUES` to its constant
-    value. watch : `Watch`.
+        `DriverTopics`. gate : `CommandGate`. stop : int64 (1,), 1 while another thread asks for something. responses :
+        `ResponseTimes`. arrays : `SimulatedAxis.own_arrays`. settings : field of `COUNTS` or `VALUES` to its constant
+        value. watch : `Watch`.
 
     Attributes
     ----------
     state, command : frames of what was sent and came last.
     answered, late, lost, overruns, zeroed, host_stops, host_stopped_ns, foreign, malformed : counters of all periods in
-    compiled code, beside those of the gate; they may be read
-        by any thread while the loop goes on, as may `sequence` and `time_ns`.
+        compiled code, beside those of the gate; they may be read by any thread while the loop goes on, as may
+        `sequence` and `time_ns`.
     """
 
     def __init__(self, servo, reader, sender, topics, gate, stop, responses, arrays, settings, watch):

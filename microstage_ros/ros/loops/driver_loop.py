@@ -357,12 +357,11 @@ def run_periods(desk, work, times):
     ----------
     desk : `desk.Desk.words`.
     work : stop, int64 of shape (1,), made 1 by another thread that asks for something; records `LINKS`, `COUNTS`,
-    `VALUES`;
-        plants, states, works, readings, arrays of one as in `solver.period`; messages of state, truth, command, clock
-        (`c_calls.Frame.message`); bytes of the first two; blocks of state and truth (`kept_rows`); arrays of
-        `ResponseTimes`; int64 (2,), to work in; the guard: shared words and volts of `OutputGuard`, int64 (INFO_WORDS,)
-        for what the middleware tells of a command, the holder of the axis (`identity.Holder.words`), length of the
-        command, limits and their memory (`hardware.limits`).
+        `VALUES`; plants, states, works, readings, arrays of one as in `solver.period`; messages of state, truth,
+        command, clock (`c_calls.Frame.message`); bytes of the first two; blocks of state and truth (`kept_rows`);
+        arrays of `ResponseTimes`; int64 (2,), to work in; the guard: shared words and volts of `OutputGuard`, int64
+        (INFO_WORDS,) for what the middleware tells of a command, the holder of the axis (`identity.Holder.words`),
+        length of the command, limits and their memory (`hardware.limits`).
     times : another int64 (2,), for the loop's thread while others work.
     """
     c = work[2][0]

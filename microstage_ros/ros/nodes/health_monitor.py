@@ -33,6 +33,7 @@ from microstage_ros.ros.launching.parameters import Parameters
 from microstage_ros.ros.launching.process import run_node, running
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.blocks import Stream
+from microstage_ros.ros.transport.calls_in_turn import CallsInTurn
 from microstage_ros.ros.transport.codec import Codec, stamps_ns
 from microstage_ros.ros.transport.servo_path import make_servo_path
 
@@ -64,7 +65,8 @@ class HealthMonitor(Node):
         group = ReentrantCallbackGroup()
         self._health = self.create_publisher(Health, topics.HEALTH, topics.LATCHED)
         self.create_service(Trigger, topics.RESET_HEALTH, self._reset, callback_group=group)
-        self._move = ActionClient(self, MoveTo, topics.MOVE_TO, callback_group=group)
+        self._in_turn = CallsInTurn(self)
+        self._move = ActionClient(self, MoveTo, topics.MOVE_TO, callback_group=self._in_turn.group)
         self._action = ActionServer(
             self,
             Investigate,
@@ -181,8 +183,11 @@ class HealthMonitor(Node):
             self.get_logger().info(f"healthy window {message.healthy_windows} of {self.parameters.healthy_windows}")
             return
         score, channel, trait = max(zip(message.score, message.channel, message.trait))
-        say = self.get_logger().warning if any(message.alarm) else self.get_logger().info
-        say(f"{'ALARM, ' if any(message.alarm) else ''}largest score {score:.2f} (1 is the threshold): {channel}, {trait}")
+        said = f"largest score {score:.2f} (1 is the threshold): {channel}, {trait}"
+        if any(message.alarm):  # a line of code has one severity in rclpy's log
+            self.get_logger().warning(f"ALARM, {said}")
+        else:
+            self.get_logger().info(said)
 
     def _reset(self, _, response):
         """Service reset_health: the machine was put right."""
@@ -253,15 +258,16 @@ class HealthMonitor(Node):
 
     def _one_move(self, target, velocity, limits):
         """One move; False if the voltage passed its limit, whereupon the move is cancelled."""
-        sent = self._move.send_goal_async(MoveTo.Goal(target=target, max_velocity=velocity))
+        wanted = MoveTo.Goal(target=target, max_velocity=velocity)
+        sent = self._in_turn.call(lambda: self._move.send_goal_async(wanted))
         end, handle, result = time.monotonic() + MOVE_TIME, None, None
         while time.monotonic() < end:
             if handle is None and sent.done():
                 handle = sent.result()
-                result = handle.get_result_async()
+                result = self._in_turn.call(handle.get_result_async)
             if self._largest > limits.voltage:
                 if handle is not None:
-                    handle.cancel_goal_async()
+                    self._in_turn.call(handle.cancel_goal_async)
                 return False
             if result is not None and result.done():
                 return True

@@ -59,9 +59,8 @@ class CreditReader:
     Parameters
     ----------
     reader : `checked.CheckedReader` of the topic. ledger : `Ledger`. raised : called with the limit when it has
-    changed. present : called for the number of the present control period. named : called with a name and the numbers
-    of a process
-        (`identity.process_of`): is it that of the node of this name.
+        changed. present : called for the number of the present control period. named : called with a name and the
+        numbers of a process (`identity.process_of`): is it that of the node of this name.
     """
 
     def __init__(

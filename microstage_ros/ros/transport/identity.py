@@ -65,7 +65,7 @@ class Holder:
     Parameters
     ----------
     node : rclpy node that looks. topic : name. names : nodes of the own namespace that are preferred where several
-    publish.
+        publish.
 
     Attributes
     ----------
