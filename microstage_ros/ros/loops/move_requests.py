@@ -12,6 +12,8 @@ from microstage_ros.ros.transport import topics
 LONGEST_JOG_S = 10.0
 JOG_TOLERANCE = 1e-6
 SETTLED_AFTER_S = 5.0
+HEARD_S = 0.05
+"""Wait for the driver's word that it is active [s]: who has just reset a fault may ask before it is heard here."""
 
 
 class MoveRequests:
@@ -26,9 +28,10 @@ class MoveRequests:
     def _why_not(self):
         """Why nothing can move, in words; empty if it can."""
         with self._changed:
-            status = self._status
             if self._cell_says:
                 return self._cell_says
+            self._changed.wait_for(lambda: self._status is not None and self._status.active, timeout=HEARD_S)
+            status = self._status
         if status is None:
             return "no driver: nobody publishes driver_status"
         if not status.active:
