@@ -123,23 +123,28 @@ def fit_strokes(record, sketch, first, period):
     keep = np.zeros(len(v), bool)
     keep[cut] = fast[cut]
     v, a, u = v[keep], a[keep], u[keep]
-    ones, sign = np.ones(len(v)), np.sign(v)
-    if not first.has_current:
-        inertia, friction, viscous, offset = np.linalg.lstsq(np.column_stack([a, sign, v, ones]), u, rcond=None)[0]
+    motion = np.column_stack([a, np.sign(v), v, np.ones(len(v))])
+    i = None
+    if first.has_current:
+        i = savgol_filter(np.nan_to_num(record["current_A"]), window_rows(period), 3)[keep]
+    return _balanced(motion, u, i, sketch, float(np.abs(v).max()))
+
+
+def _balanced(motion, u, i, sketch, top):
+    """`Strokes` by least squares of u = R i + K v + o and R i = J a + F sign(v) + B v + o; without a current of both in
+    one.
+
+    Parameters
+    ----------
+    motion : (n, 4): acceleration, sign of the velocity, velocity [SI], ones. u : voltage (n,) [V].
+        i : current (n,) [A], or None. top : largest speed [m/s].
+    """
+    if i is None:
+        inertia, friction, viscous, offset = np.linalg.lstsq(motion, u, rcond=None)[0]
         resistance = sketch.axis.value("drive.resistance") if sketch.axis.has("drive.resistance") else math.nan
-        return Strokes(
-            resistance,
-            float(viscous),
-            float(inertia),
-            float(friction),
-            float(offset),
-            0.0,
-            False,
-            float(np.abs(v).max()),
-        )
-    i = savgol_filter(np.nan_to_num(record["current_A"]), window_rows(period), 3)[keep]
-    resistance, emf, offset = np.linalg.lstsq(np.column_stack([i, v, ones]), u, rcond=None)[0]
-    inertia, friction, viscous, zero = np.linalg.lstsq(np.column_stack([a, sign, v, ones]), i, rcond=None)[0]
+        return Strokes(resistance, float(viscous), float(inertia), float(friction), float(offset), 0.0, False, top)
+    resistance, emf, offset = np.linalg.lstsq(np.column_stack([i, motion[:, 2], motion[:, 3]]), u, rcond=None)[0]
+    inertia, friction, viscous, zero = np.linalg.lstsq(motion, i, rcond=None)[0]
     return Strokes(
         float(resistance),
         float(emf),
@@ -148,7 +153,7 @@ def fit_strokes(record, sketch, first, period):
         float(offset + zero * resistance),
         float(viscous * resistance),
         True,
-        float(np.abs(v).max()),
+        top,
     )
 
 
@@ -171,24 +176,8 @@ def strokes_below_swing(record, sketch, first, period):
     fast = np.abs(speed) > 0.15 * np.abs(speed).max()
     u = low(of_row_before(record["voltage_V"]))[fast]
     motion = np.column_stack([low(c)[fast] for c in (np.gradient(rows, period), np.sign(v), rows, np.ones(len(v)))])
-    top = float(np.abs(speed).max())
-    if not first.has_current:
-        inertia, friction, viscous, offset = np.linalg.lstsq(motion, u, rcond=None)[0]
-        resistance = sketch.axis.value("drive.resistance") if sketch.axis.has("drive.resistance") else math.nan
-        return Strokes(resistance, float(viscous), float(inertia), float(friction), float(offset), 0.0, False, top)
-    i = low(np.nan_to_num(record["current_A"]))[fast]
-    resistance, emf, offset = np.linalg.lstsq(np.column_stack([i, motion[:, 2], motion[:, 3]]), u, rcond=None)[0]
-    inertia, friction, viscous, zero = np.linalg.lstsq(motion, i, rcond=None)[0]
-    return Strokes(
-        float(resistance),
-        float(emf),
-        float(inertia * resistance),
-        float(friction * resistance),
-        float(offset + zero * resistance),
-        float(viscous * resistance),
-        True,
-        top,
-    )
+    i = low(np.nan_to_num(record["current_A"]))[fast] if first.has_current else None
+    return _balanced(motion, u, i, sketch, float(np.abs(speed).max()))
 
 
 def _long_rows(axis, period):

@@ -29,7 +29,7 @@ def write_answer(diagnosis, axis, folder, sources):
         report = report_fields(diagnosis, experiments, axis, sources)
         extended = write_extended(axis, diagnosis, folder / "extended.yaml", sources)
         if extended.effects != axis.effects or diagnosis.identified:
-            report["consequences"] = [{"name": c.name, "before": _plain(c.before), "after": _plain(c.after), "unit": "m"}
+            report["consequences"] = [{"name": c.name, "before": plain(c.before), "after": plain(c.after), "unit": "m"}
                                       for c in consequences(axis, extended)]
         (folder / "report.json").write_text(json.dumps(report, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
         write_page(report, diagnosis, axis, folder / "report.html")
@@ -47,29 +47,9 @@ def report_fields(diagnosis, experiments, axis, sources):
             {"ids": list(rivals.ids), "why": rivals.why, "experiment": name}
             for rivals, name in zip(diagnosis.rivals, experiments)
         ],
-        "gain": None
-        if gain is None
-        else {
-            "metric": gain.metric,
-            "unit": gain.unit,
-            "records": [str(name) for name in gain.records],
-            "before": _plain(gain.before),
-            "after": _plain(gain.after),
-            "floor": _plain(gain.floor),
-            "ci95": [_plain(v) for v in gain.ci95],
-        },
+        "gain": None if gain is None else gain_fields(gain),
         "extended_axis": "extended.yaml",
-        "findings": [
-            {
-                "channel": f.channel,
-                "coordinate": f.coordinate,
-                "statistic": _plain(f.statistic),
-                "threshold": _plain(f.threshold),
-                "left": _plain(f.left),
-                "significant": bool(f.significant),
-            }
-            for f in diagnosis.findings
-        ],
+        "findings": finding_fields(diagnosis.findings),
         "identified": {key: _parameter(number) for key, number in diagnosis.identified.items()},
         "consequences": [],
         "notes": list(diagnosis.notes),
@@ -84,19 +64,47 @@ def _cause(cause):
     return {
         "id": cause.id,
         "parameters": {name: _parameter(number) for name, number in cause.parameters.items()},
-        "probability": _plain(cause.probability),
-        "share": _plain(cause.share),
-        "gain": {"before": _plain(cause.gain.before), "after": _plain(cause.gain.after), "unit": cause.gain.unit},
+        "probability": plain(cause.probability),
+        "share": plain(cause.share),
+        "gain": {"before": plain(cause.gain.before), "after": plain(cause.gain.after), "unit": cause.gain.unit},
         "channel": cause.channel,
         "sentence": cause.sentence or sentence_of(cause.id, cause.parameters),
     }
 
 
 def _parameter(number):
-    return {"value": _plain(number.value), "stderr": _plain(number.stderr), "unit": number.unit}
+    return {"value": plain(number.value), "stderr": plain(number.stderr), "unit": number.unit}
 
 
-def _plain(value):
+def gain_fields(gain):
+    """The field ``gain`` of report.json of a `Gain`."""
+    return {
+        "metric": gain.metric,
+        "unit": gain.unit,
+        "records": [str(name) for name in gain.records],
+        "before": plain(gain.before),
+        "after": plain(gain.after),
+        "floor": plain(gain.floor),
+        "ci95": [plain(v) for v in gain.ci95],
+    }
+
+
+def finding_fields(findings):
+    """The field ``findings`` of report.json: one mapping per `Finding`."""
+    return [
+        {
+            "channel": f.channel,
+            "coordinate": f.coordinate,
+            "statistic": plain(f.statistic),
+            "threshold": plain(f.threshold),
+            "left": plain(f.left),
+            "significant": bool(f.significant),
+        }
+        for f in findings
+    ]
+
+
+def plain(value):
     """A float that JSON can hold: None for what is not a number."""
     value = float(value)
     return value if math.isfinite(value) else None

@@ -1,12 +1,11 @@
 """The answer of a log's diagnosis in files: report.json, report.html, extended.yaml where an axis file was given."""
 
 import json
-import math
 
 from microstage_ros import __version__
 from microstage_ros.diagnosis.logs.selection import course as course_module
 from microstage_ros.diagnosis.logs.report.page import write_page
-from microstage_ros.diagnosis.report.answer import FORMAT
+from microstage_ros.diagnosis.report.answer import FORMAT, finding_fields, gain_fields, plain
 from microstage_ros.diagnosis.report.extended import write_extended
 from microstage_ros.diagnosis.report.wording import sentence_of
 from microstage_ros.files import complete_folder
@@ -44,31 +43,13 @@ def report_fields(result, description, sources, axis=None):
             }
             for r, sizes in zip(diagnosis.rivals, result.rival_sizes)
         ],
-        "gain": {
-            "metric": gain.metric,
-            "unit": gain.unit,
-            "records": list(gain.records),
-            "before": _plain(gain.before),
-            "after": _plain(gain.after),
-            "floor": _plain(gain.floor),
-            "ci95": [_plain(v) for v in gain.ci95],
-        },
+        "gain": gain_fields(gain),
         "extended_axis": None,
-        "findings": [
-            {
-                "channel": f.channel,
-                "coordinate": f.coordinate,
-                "statistic": _plain(f.statistic),
-                "threshold": _plain(f.threshold),
-                "left": _plain(f.left),
-                "significant": bool(f.significant),
-            }
-            for f in diagnosis.findings
-        ],
+        "findings": finding_fields(diagnosis.findings),
         "since": since(result),
         "compared": float(result.evidence["compared"]),
         "visible": {
-            name: {"visible": entry[0], "detectable": _plain(entry[1]), "of": "level of the channel"}
+            name: {"visible": entry[0], "detectable": plain(entry[1]), "of": "level of the channel"}
             for name, entry in sorted(result.visibility.items())
         },
         "not_visible": dict(sorted(result.hidden.items())),
@@ -77,8 +58,8 @@ def report_fields(result, description, sources, axis=None):
                 "channel": c,
                 "condition": _condition(result, code),
                 "name": name,
-                "value": _plain(v),
-                "stderr": _plain(e),
+                "value": plain(v),
+                "stderr": plain(e),
                 "unit": u,
             }
             for c, code, name, v, e, u in result.healthy
@@ -119,18 +100,13 @@ def since(result):
 
 def _cause(cause):
     return {"id": cause.id, "parameters": _parameters(cause.parameters),
-            "probability": _plain(cause.probability), "share": _plain(cause.share),
-            "gain": {"before": _plain(cause.gain.before), "after": _plain(cause.gain.after), "unit": cause.gain.unit},
+            "probability": plain(cause.probability), "share": plain(cause.share),
+            "gain": {"before": plain(cause.gain.before), "after": plain(cause.gain.after), "unit": cause.gain.unit},
             "channel": cause.channel, "sentence": cause.sentence or sentence_of(cause.id, cause.parameters)}
 
 
 def _parameters(parameters):
-    return {name: {"value": _plain(p.value), "stderr": _plain(p.stderr), "unit": p.unit} for name, p in parameters.items()}
-
-
-def _plain(value):
-    value = float(value)
-    return value if math.isfinite(value) else None
+    return {name: {"value": plain(p.value), "stderr": plain(p.stderr), "unit": p.unit} for name, p in parameters.items()}
 
 
 def _extended(diagnosis, axis, folder, sources, report):
