@@ -14,6 +14,8 @@ import re
 import sys
 import tempfile
 
+from threadpoolctl import threadpool_limits
+
 from microstage_ros.diagnosis import fleet, pooling
 from microstage_ros.diagnosis.case import diagnose_case
 from microstage_ros.diagnosis.fleet import AHEAD, as_they_end
@@ -91,11 +93,15 @@ def diagnose_records(axis, records, holdout, baseline, seed, progress=None, jobs
 
     The axis file has been checked before: an effect out of its range is one that was fitted here, and no fault of the
     file. The answer is then ``unexplained``, with that size in its notes.
+
+    Linear algebra runs on one thread meanwhile: its matrices are small, records are worked on side by side as it is
+    (`preprocessing.threads`), and threads that wait for each other cost three times the processor time.
     """
     try:
-        if actuator_of(axis).estimated(axis, "diagnose") != "motor":
-            return diagnose_force_axis(axis, records, holdout, baseline, seed, progress, jobs)
-        return diagnose_case(axis, records, holdout, baseline, seed)
+        with threadpool_limits(limits=1, user_api="blas"):
+            if actuator_of(axis).estimated(axis, "diagnose") != "motor":
+                return diagnose_force_axis(axis, records, holdout, baseline, seed, progress, jobs)
+            return diagnose_case(axis, records, holdout, baseline, seed)
     except InputError as error:
         if not re.search(r"(^|: )effects: ", error.place):
             raise
