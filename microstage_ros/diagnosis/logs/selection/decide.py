@@ -41,6 +41,9 @@ NEGATIVE = {"presliding_creep"}      # on in the direction of motion, which less
 LOCAL = {"position_dependent_friction": ("bumps",), "friction_level_change": ("friction in error", "lost motion")}
 #: The same where an effort is logged: friction whose part in proportion to the speed has stayed as it was.
 OF_EFFORT = {"friction_level_change": ("dead zone",)}
+#: What belongs to a place of the stroke is there on the way out and on the way back: else it goes with the way since
+#: the last stop, not with the place. (In the following error the loop shifts one against the other.)
+OF_PLACE = ("position_dependent_friction", "position_dependent_friction+")
 #: Wider forms that hold a uniform change too, and the effect whose it is.
 UNIFORM = {"position_dependent_friction+": "friction_level_change"}
 FAMILY = ({"friction_level_change", "viscous_change", "nonlinear_viscous", "amplifier_gain", "amplifier_deadband", "resistance_rise"},
@@ -64,7 +67,7 @@ class Problem:
     """The stacked difference D (K,), its covariance C, and the matrix X_e of every effect: {id: (K, k)}.
 
     ``parts``: {id: list of column names}; ``inflation``: {id: factor on variances from leaving repetitions out};
-    ``dof``. ``where``: (K,) channel name of each coordinate.
+    ``dof``. ``where``: (K,) channel name of each coordinate; ``direction``: (K,) of motion, or None.
     """
 
     difference: np.ndarray
@@ -77,6 +80,7 @@ class Problem:
     inflation: dict = dataclasses.field(default_factory=dict)
     whole_inflation: float = 1.0
     factor: tuple = None
+    direction: np.ndarray = None
 
     def __post_init__(self):
         root = np.linalg.cholesky(self.covariance + 1e-14 * np.trace(self.covariance) / len(self.covariance) * np.eye(len(self.covariance)))
@@ -109,6 +113,19 @@ class Problem:
         k = self.white[name].shape[1]
         ratio = max(both - alone, 0.0) / k / max(self.inflation.get(name, 1.0), 1.0)
         return float(log_sf(ratio, k, self.dof))
+
+
+    def directions_disagree(self, name, beside=()):
+        """log of the chance that an effect of one size shows as differently in the two directions of motion."""
+        both = self.taken([*beside, name])[0]
+        root = self.factor[1]
+        halves = [np.linalg.solve(root, self.effects[name] * own[:, None]) for own in (self.direction > 0, self.direction <= 0)]
+        if not all(np.any(half) for half in halves):
+            return 0.0
+        split = dataclasses.replace(self)
+        split.inflation, split.white = self.inflation, {**self.white, "forward": halves[0], "backward": halves[1]}
+        k = self.white[name].shape[1]
+        return float(log_sf(max(split.taken([*beside, "forward", "backward"])[0] - both, 0.0) / k, k, self.dof))
 
 
 def log_sf(ratio, k, dof):
@@ -207,13 +224,8 @@ class Choice:
 
 
 def candidates(problem, visible):
-    """Forms that may be tried: visible effects; a wider form only if the effort's own part is significant by itself."""
-    found = []
-    for name in problem.effects:
-        if plain(name) not in visible:
-            continue
-        found.append(name)
-    return found
+    """Forms that may be tried: those of visible effects."""
+    return [name for name in problem.effects if plain(name) in visible]
 
 
 def choose(problem, possible, open_sign=False, also=None):
@@ -327,10 +339,12 @@ def _tried(problem, forms, beside, taken):
 
 
 def acceptable(problem, name, beside):
-    """Whether the fitted size has a sense: some effects only grow, and a wider form must show more than the uniform
-    change it holds."""
+    """Whether the fitted size has a sense: some effects only grow, a wider form must show more than the uniform change
+    it holds, and what belongs to a place must be there in both directions."""
     uniform = UNIFORM.get(name)
     if uniform in problem.effects and uniform not in [plain(b) for b in beside] and problem.log_p(name, [*beside, uniform]) > LEVEL:
+        return False
+    if name in OF_PLACE and problem.direction is not None and problem.directions_disagree(name, beside) < LEVEL:
         return False
     if plain(name) not in POSITIVE and name not in POSITIVE and plain(name) not in NEGATIVE:
         return True

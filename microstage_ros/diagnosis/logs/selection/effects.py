@@ -116,6 +116,9 @@ SEPARATE = {
         ("cable_spring", "position_dependent_friction")
     ): "the same stroke in both directions: a spring does not turn round with the motion",
     frozenset(("amplifier_offset", "gravity_tilt")): "voltage and current at rest with the axis unclamped",
+    frozenset(
+        ("transport_delay", "amplifier_gain")
+    ): "the drive's current: an amplifier that gives less makes the controller ask for more, a delay does not",
     frozenset(("resistance_rise", "friction_level_change")): "the motor's current beside its voltage",
 }
 #: Columns of the error that a changed force moves, whatever the loop: free where the effort has changed.
@@ -149,8 +152,14 @@ ALSO = {
     "presliding_creep": ("backlash",),
     "rising_static_friction": ("torque_ripple",),
 }
-#: The same where no effort is logged, and where the motion itself is known from the reading alone.
-WITHOUT_EFFORT = {"torque_ripple": ("screw_pitch_error",), "screw_pitch_error": ("torque_ripple",)}
+#: The same where no effort is logged, and where the motion itself is known from the reading alone. A loop whose
+#: amplifier gives less follows later, and yields more to the same friction: the error alone does not tell which.
+WITHOUT_EFFORT = {
+    "torque_ripple": ("screw_pitch_error",),
+    "screw_pitch_error": ("torque_ripple",),
+    "transport_delay": ("amplifier_gain",),
+    "friction_level_change": ("amplifier_gain",),
+}
 FROM_READING = {
     "payload_change": ("drive_compliance", "backlash"),
     "torque_ripple": ("screw_pitch_error", "sampling_jitter"),

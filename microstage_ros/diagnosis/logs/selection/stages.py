@@ -136,8 +136,9 @@ def build(stage, now=None, base=None, assembly=True, form=True):
         covariance[at: at + len(block), at: at + len(block)] = block
         at += len(block)
     effects, parts = decide.effects_of(stage.coordinates, stage.only, stage.without)
+    direction = None if "error" in stage.coordinates else np.concatenate([c.direction for c in stage.coordinates.values()])
     return decide.Problem(np.concatenate(differences), covariance, effects, parts, np.array(where), np.array(kinds, dtype=object),
-                          _dof(next(iter(stage.spreads.values()))))
+                          _dof(next(iter(stage.spreads.values()))), direction=direction)
 
 
 def _dof(learned):
