@@ -119,7 +119,8 @@ class Problem:
         """log of the chance that an effect of one size shows as differently in the two directions of motion."""
         both = self.taken([*beside, name])[0]
         root = self.factor[1]
-        halves = [np.linalg.solve(root, self.effects[name] * own[:, None]) for own in (self.direction > 0, self.direction <= 0)]
+        forward = (self.direction > 0)[:, None]
+        halves = [np.linalg.solve(root, self.effects[name] * own) for own in (forward, ~forward)]
         if not all(np.any(half) for half in halves):
             return 0.0
         split = dataclasses.replace(self)

@@ -136,9 +136,17 @@ def build(stage, now=None, base=None, assembly=True, form=True):
         covariance[at: at + len(block), at: at + len(block)] = block
         at += len(block)
     effects, parts = decide.effects_of(stage.coordinates, stage.only, stage.without)
-    direction = None if "error" in stage.coordinates else np.concatenate([c.direction for c in stage.coordinates.values()])
-    return decide.Problem(np.concatenate(differences), covariance, effects, parts, np.array(where), np.array(kinds, dtype=object),
-                          _dof(next(iter(stage.spreads.values()))), direction=direction)
+    of_effort = "error" not in stage.coordinates
+    return decide.Problem(
+        np.concatenate(differences),
+        covariance,
+        effects,
+        parts,
+        np.array(where),
+        np.array(kinds, dtype=object),
+        _dof(next(iter(stage.spreads.values()))),
+        direction=np.concatenate([c.direction for c in stage.coordinates.values()]) if of_effort else None,
+    )
 
 
 def _dof(learned):
