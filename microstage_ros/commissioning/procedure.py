@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from microstage_ros.commissioning.experiments import proof
+from microstage_ros.commissioning.experiments import measured_loop, proof
 from microstage_ros.commissioning.experiments.closed_loop import LOOSE, Loop, programme, stroke
 from microstage_ros.commissioning.findings import Check, Refused, Stopped, refused
 from microstage_ros.commissioning.experiments.first_motion import first_motion
@@ -316,7 +316,7 @@ def _candidates(law, gains, axis, drawn):
 def _tried(loop, first, found, seed, progress, keep):
     progress(f"loop of {loop.law}, measured at rest and in motion")
     keep("hold", loop.settle())
-    motion = proof.loop_in_motion(loop, found, seed, keep)
+    motion = measured_loop.loop_in_motion(loop, found, seed, keep)
     if motion[1] is not None:
         margins = measured_margins(motion[1])
         little = too_little(margins)
@@ -324,6 +324,6 @@ def _tried(loop, first, found, seed, progress, keep):
             raise refused(
                 "runaway", margins.phase_deg, "deg", f"the loop of {loop.law}, measured in motion, leaves {little}"
             )
-    rest = proof.loop_at_rest(loop, first.breakaway, seed, keep)
+    rest = measured_loop.loop_at_rest(loop, first.breakaway, seed, keep)
     progress(f"moves of 1 to 1000 µm and a slow sine under {loop.law}")
     return Tried(loop, rest, motion, *proof.prove(loop, keep))

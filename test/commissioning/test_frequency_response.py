@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from microstage_ros.commissioning.design import loop_shaping
-from microstage_ros.commissioning.experiments import proof
+from microstage_ros.commissioning.experiments import measured_loop
 from microstage_ros.commissioning.experiments.closed_loop import Loop
 from microstage_ros.commissioning.estimation.frequency_response import Response, measured_margins, multi_sine, responses, write_responses
 from microstage_ros.commissioning.experiments.machine import Machine
@@ -61,7 +61,7 @@ def test_the_margins_of_a_loop_in_motion():
     machine.begin()
     loop = Loop(machine, axis, "pid", 0.07)
     found = Strokes(3.41, 394.0, 3.1, 0.07, 0.0, 0.0, True, 0.01)
-    _, measured = proof.loop_in_motion(loop, found, 1, lambda name, record: None)
+    _, measured = measured_loop.loop_in_motion(loop, found, 1, lambda name, record: None)
     margins = measured_margins(measured)
     parameters = controller_parameters("pid", axis, {})["pid"]
     transfer = pid_transfer({name: float(parameters[name]) for name in parameters.dtype.names}, PERIOD)

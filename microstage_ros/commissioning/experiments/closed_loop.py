@@ -32,7 +32,7 @@ class Loop:
 
     def __init__(self, machine, axis, law="self_tuning", sliding=0.0, gains=None):
         self.machine, self.axis, self.law, self.share = machine, axis, law, 1.0
-        self._sliding, self._gains, self._slowed = sliding, dict(gains or {}), {}
+        self.sliding, self._gains, self._slowed = sliding, dict(gains or {}), {}
         self._model = controller_parameters("pid_feedforward", axis, {})["feedforward"]
         self.controller = self._made()
 
@@ -61,7 +61,7 @@ class Loop:
     def top_speed(self):
         """Speed [m/s] that leaves half of the voltage, and is safe should the encoder fail."""
         volts = max(float(self._model["volts_per_velocity"]), 0.0)
-        fastest = 0.5 * max(self.machine.limit - 2.0 * self._sliding, 0.1 * self.machine.limit) / volts if volts > 0.0 else 0.1
+        fastest = 0.5 * max(self.machine.limit - 2.0 * self.sliding, 0.1 * self.machine.limit) / volts if volts > 0.0 else 0.1
         return min(fastest, self.machine.safe_speed)
 
     def follow(self, reference, disturbance=None, error=ERROR, window=None, gentle=False, fresh=True, go_on=False):
@@ -75,7 +75,7 @@ class Loop:
         speed = float(np.abs(np.diff(reference)).max() / period) if len(reference) > 1 else 0.0
         controller = self.controller
         if gentle:
-            need = 2.5 * self._sliding + float(self._model["volts_per_velocity"]) * speed + 0.05 * machine.limit
+            need = 2.5 * self.sliding + float(self._model["volts_per_velocity"]) * speed + 0.05 * machine.limit
             controller = self._made(min(PUSH * need, machine.limit))
         if fresh or gentle:
             controller.reset()
@@ -128,7 +128,7 @@ class Loop:
         place, sign = machine.position, math.copysign(1.0, asked or (r[-1] - x[-1]))
         last = min(machine.periods(0.004, 4), rows)
         volts = float(np.mean(record["voltage_V"][-last:]))
-        free = max(abs(volts) - 2.0 * self._sliding, 0.0) / max(float(self._model["volts_per_velocity"]), 1e-9)
+        free = max(abs(volts) - 2.0 * self.sliding, 0.0) / max(float(self._model["volts_per_velocity"]), 1e-9)
         speed = abs(float(x[-1] - x[-last])) / (last * machine.period)
         if speed < STANDS * min(free, abs(asked) / (rows * machine.period)) or abs(asked) < 2.0 * machine.count:
             back = self._retreat(-sign)
@@ -183,7 +183,7 @@ class Loop:
                 wound = self._wound_up(before, after) + abs(braked)
                 watch.unseen = tuple(wound + each for each in usual)
             stage = machine.periods(0.03, 10)
-            volts = [sign * min(factor * max(self._sliding, 0.01 * machine.limit), machine.limit) for factor in (2.0, 3.0, 4.5)]
+            volts = [sign * min(factor * max(self.sliding, 0.01 * machine.limit), machine.limit) for factor in (2.0, 3.0, 4.5)]
             machine.run(np.full(3 * stage, start), lambda n, x, i: volts[n // stage], until=lambda n, x, i: sign * (x - start) > way)
             return sign * (machine.position - start) > 0.5 * way
         finally:

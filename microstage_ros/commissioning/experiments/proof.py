@@ -1,13 +1,10 @@
-"""Proof of a law on the machine: its measured loop, repeated moves, a slow sine."""
-
-import math
+"""Proof of a law on the machine: repeated moves, a slow sine."""
 
 import numpy as np
 
 from microstage_ros.commissioning.experiments.closed_loop import LOOSE
+from microstage_ros.commissioning.experiments.first_motion import joined
 from microstage_ros.commissioning.findings import Refused, refused
-from microstage_ros.commissioning.estimation.frequency_response import multi_sine, responses
-from microstage_ros.control.observer.drive_learning import NOISE_DOUBT
 from microstage_ros.control.trajectories.profiles import jerk_limited_move, sine
 from microstage_ros.metrology.iso230 import iso230
 from microstage_ros.metrology.repeatability import repeatability
@@ -28,105 +25,6 @@ BAND_COUNTS, BAND = 2.0, 5e-8  # settled: within so many counts, or metres
 SINE = {"amplitude": 1e-5, "frequency": 0.1, "cycles": 1.0}
 OFF = 2e-6  # beside the target 0.2 to 0.3 s after a move: not at rest there [m]
 SWING = 6e-7  # peak to peak in the judged part that is an oscillation [m]
-LEARNING = "self_tuning_observer"
-STEP_SHARE, FLAT, FAST = 0.2, 100.0, 1e-4
-"""The observer law learns how noisy the voltage behind the back-EMF is, from its steps between periods, and gives way
-where it is noisier than its doubt: a loud multi-sine measures another loop. What is added has steps of at most
-``STEP_SHARE`` of the noise that the doubt stands for (more at longer periods than ``FAST`` [s], where a minute holds
-fewer of them): lines of one size up to ``FLAT`` [Hz], and from there falling with 1/f, so that slow lines cost nothing
-of it."""
-USUAL_SHARE = 0.35
-REST_SHARE = 0.25  # of breakaway, rms of the voltage added at rest
-SLIDE_SPEED = 1e-3  # m/s
-LINES, REST_PERIODS, SLIDES = 60, 20, 6
-LEARNING_SLIDES, LEARNT = 16, 6  # of the observer law, and the first of them that are not counted
-
-
-def loop_at_rest(loop, breakaway, seed, keep):
-    """(plant, loop) responses while the law holds still; a law that learns goes on with what it knows."""
-    machine = loop.machine
-    most = REST_SHARE * breakaway
-    if loop.law == LEARNING:
-        made = _unnoticed(loop, 5.0, most, seed)
-    else:
-        made = multi_sine(machine.period, 5.0, 0.42 / machine.period, lambda f: 1.0, seed, LINES)
-        made = _scaled(made, most / np.sqrt(np.mean(made.signal**2)))
-    settle = machine.periods(0.3)
-    extra = np.concatenate([np.zeros(settle), made.times(REST_PERIODS + 1), made.signal[:1]])
-    record = loop.follow(np.full(len(extra), machine.position), extra, fresh=loop.law != LEARNING)
-    keep("response_at_rest", record)
-    first = settle + made.rows
-    return responses([_part(record, first, first + REST_PERIODS * made.rows + 1)], made, machine.period, "rest")
-
-
-def loop_in_motion(loop, found, seed, keep):
-    """(plant, loop) responses while the law slides the stage to and fro."""
-    machine = loop.machine
-    speed = min(SLIDE_SPEED, 0.5 * loop.top_speed)
-    length = min(2.5e-3, 0.1 * machine.stroke)
-    period = machine.period
-    corner = found.volts_per_speed / max(found.inertia, 1e-12) / (2.0 * math.pi)
-    lowest, volts = max(5.0, 4.0 * speed / length), USUAL_SHARE * (found.friction + found.volts_per_speed * speed)
-    if loop.law == LEARNING:
-        made = _unnoticed(loop, lowest, volts, seed)
-    else:
-        made = multi_sine(period, lowest, 0.42 / period, lambda f: math.sqrt(1.0 + (f / corner) ** 2), seed, LINES)
-        made = _scaled(
-            made, min(volts / np.sqrt(np.mean(made.signal**2)), 0.4 * machine.limit / np.abs(made.signal).max())
-        )
-    centre, parts, records = machine.position, [], []
-    learning = loop.law == LEARNING  # it goes on from slide to slide, and is measured once it knows the drive
-    for number in range(LEARNING_SLIDES if learning else SLIDES):
-        move = jerk_limited_move(
-            machine.position, centre + (length if number % 2 == 0 else 0.0), period, loop.limits(speed)
-        )
-        steady = np.flatnonzero(np.abs(np.abs(np.diff(move)) / period - speed) < 1e-3 * speed)
-        if len(steady) < made.rows * 2:
-            return None, None
-        first = steady[0] + min(machine.periods(0.1), made.rows)
-        count = (steady[-1] - first) // made.rows
-        extra = np.zeros(len(move))
-        extra[first : first + count * made.rows] = made.times(int(count))
-        lead = min(first, made.rows)
-        extra[first - lead : first] = made.signal[-lead:]
-        record = loop.follow(
-            np.append(move, np.full(machine.periods(0.1), move[-1])),
-            np.append(extra, np.zeros(machine.periods(0.1))),
-            error=LOOSE,
-            fresh=not learning or number == 0,
-            go_on=learning,
-        )
-        records.append(record)
-        if count >= 1 and (not learning or number >= LEARNT):
-            parts.append(_part(record, first, first + int(count) * made.rows + 1))
-    if learning:
-        machine.rest(0.0)
-    from microstage_ros.commissioning.experiments.first_motion import joined
-
-    keep("response_in_motion", joined(records))
-    return responses(parts, made, period, "sliding") if parts else (None, None)
-
-
-def _unnoticed(loop, lowest, most, seed):
-    """`MultiSine` that the observer law does not take for noise: see `STEP_SHARE`; ``most``: rms [V]."""
-    period = loop.machine.period
-    made = multi_sine(period, lowest, 0.42 / period, lambda f: min(1.0, FLAT / f), seed, LINES)
-    allowed = (
-        STEP_SHARE
-        * max(period / FAST, 1.0)
-        * float(loop.controller.parameters["observer"]["voltage_noise"])
-        / NOISE_DOUBT
-    )
-    steps = np.sqrt(np.mean(np.diff(made.times(2)) ** 2))
-    return _scaled(made, min(allowed / steps, most / np.sqrt(np.mean(made.signal**2))))
-
-
-def _scaled(made, factor):
-    return type(made)(made.lines, made.rows, made.signal * factor)
-
-
-def _part(record, start, stop):
-    return tuple(record[name][start:stop] for name in ("encoder_m", "voltage_V", "disturbance_V"))
 
 
 def moves(loop, keep):
@@ -135,8 +33,6 @@ def moves(loop, keep):
 
     Returns (rows of report.json, figures of ISO 230-2 over all targets [m]). Raises Refused (runaway).
     """
-    from microstage_ros.commissioning.experiments.first_motion import joined
-
     machine, records, rows, swing = loop.machine, [], [], 0.0
     start, fresh, sides = machine.position, True, []
     band = max(BAND_COUNTS * machine.count, BAND)

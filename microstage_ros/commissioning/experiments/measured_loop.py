@@ -1,0 +1,175 @@
+"""The open loop of a law, measured on the machine at rest and in motion with a multi-sine added to the voltage.
+
+The self-tuning laws answer a test signal: their gains follow the error that it makes, and the observer law learns the
+drive from it. What is measured here is the law as the axis file holds it, with nothing learned on the way (`FROZEN`):
+the loop that the margins of the design are of, and with which every start begins.
+"""
+
+import math
+
+import numpy as np
+from scipy.signal import lfilter
+
+from microstage_ros.commissioning.estimation.frequency_response import multi_sine, responses
+from microstage_ros.commissioning.experiments.closed_loop import LOOSE, Loop
+from microstage_ros.commissioning.experiments.first_motion import joined
+from microstage_ros.control.laws.controller import controller_parameters, gain_list
+from microstage_ros.control.observer.drive_learning import NOISE_DOUBT
+from microstage_ros.control.observer.motor_constant import FILTER_TIME, UNTOLD
+from microstage_ros.control.trajectories.profiles import jerk_limited_move
+from microstage_ros.control.tuning.margins import frequency_response, loop_of, pid_transfer, regimes
+from microstage_ros.control.tuning.tuning import GUARDED
+
+FROZEN = {
+    "speed": 0.0,
+    "back_off": 0.0,
+    "calm_gain": 1.0,
+    "calm_damping": 1.0,
+    "resistance_spread": 0.0,
+    "zero_spread": 0.0,
+    "emf_spread": 0.0,
+    "level_variability": 0.0,
+}
+"""Gains with which a self-tuning law learns nothing."""
+OBSERVED = "self_tuning_observer"
+STEP_SHARE, FAST = 0.2, 1e-4
+"""The observer law takes steps of the voltage between periods for noise, and believes the back-EMF less where they are
+beyond its doubt; that cannot be turned off. What is added has steps of at most ``STEP_SHARE`` of the noise that the
+doubt stands for (more at longer periods than ``FAST`` [s], where a minute holds fewer of them)."""
+FLAT = (30.0, 60.0, 120.0, 240.0)
+"""Frequencies [Hz] up to which all lines have one size; from there they fall with 1/f, so that every line has the same
+share of the steps. The first is taken that keeps the next limit too."""
+PEAK_UNTOLD = 0.5
+"""Slow voltages added, at most, over the voltage of which the observer law says nothing: more is taken for another
+motor constant."""
+SPEED_SHARE = 0.25  # rms of the speed added in motion, over that of the motion: the stage does not turn round
+PEAK_SHARE = 0.3  # of the voltage limit, largest voltage added
+UNSEEN = 0.03  # modelled loop gain above which there are lines
+REST_SHARE = 0.25  # of breakaway, rms of the voltage added at rest
+USUAL_SHARE = 0.35  # of the voltage that slides the stage, rms of the voltage added for the observer law
+SLIDE_SPEED = 1e-3  # m/s
+LINES, REST_PERIODS = 60, 20
+SLIDES, OBSERVED_SLIDES = 6, 10
+
+
+def frozen(loop):
+    """The same law on the same machine, learning nothing."""
+    known = {gain.name for gain in gain_list(loop.law)}
+    return Loop(
+        loop.machine,
+        loop.axis,
+        loop.law,
+        loop.sliding,
+        {**loop.gains, **{name: value for name, value in FROZEN.items() if name in known}},
+    )
+
+
+def loop_at_rest(loop, breakaway, seed, keep):
+    """(plant, loop) responses while the frozen law holds still."""
+    machine, held = loop.machine, frozen(loop)
+    most = REST_SHARE * breakaway
+    if loop.law == OBSERVED:
+        made = _unnoticed(held, 5.0, most, seed)
+    else:
+        made = multi_sine(machine.period, 5.0, 0.42 / machine.period, lambda f: 1.0, seed, LINES)
+        made = _scaled(made, most / np.sqrt(np.mean(made.signal**2)))
+    settle = machine.periods(0.3)
+    extra = np.concatenate([np.zeros(settle), made.times(REST_PERIODS + 1), made.signal[:1]])
+    record = held.follow(np.full(len(extra), machine.position), extra)
+    keep("response_at_rest", record)
+    first = settle + made.rows
+    return responses([_part(record, first, first + REST_PERIODS * made.rows + 1)], made, machine.period, "rest")
+
+
+def loop_in_motion(loop, found, seed, keep):
+    """(plant, loop) responses while the frozen law slides the stage to and fro; (None, None) without a slide that holds
+    two periods of the multi-sine."""
+    machine, held = loop.machine, frozen(loop)
+    speed = min(SLIDE_SPEED, 0.5 * held.top_speed)
+    length = min(2.5e-3, 0.1 * machine.stroke)
+    period, observed = machine.period, loop.law == OBSERVED
+    lowest = max(5.0, 4.0 * speed / length)
+    if observed:
+        made = _unnoticed(held, lowest, USUAL_SHARE * (found.friction + found.volts_per_speed * speed), seed)
+    else:
+        made = _loud(held, found, lowest, speed, seed)
+    centre, parts, records = machine.position, [], []
+    for number in range(OBSERVED_SLIDES if observed else SLIDES):
+        move = jerk_limited_move(
+            machine.position, centre + (length if number % 2 == 0 else 0.0), period, held.limits(speed)
+        )
+        steady = np.flatnonzero(np.abs(np.abs(np.diff(move)) / period - speed) < 1e-3 * speed)
+        if len(steady) < made.rows * 2:
+            return None, None
+        first = steady[0] + min(machine.periods(0.1), made.rows)
+        count = int((steady[-1] - first) // made.rows)
+        extra, lead = np.zeros(len(move)), min(first, made.rows)
+        extra[first : first + count * made.rows] = made.times(count)
+        extra[first - lead : first] = made.signal[-lead:]
+        pause = machine.periods(0.1)
+        record = held.follow(
+            np.append(move, np.full(pause, move[-1])),
+            np.append(extra, np.zeros(pause)),
+            error=LOOSE,
+            fresh=not observed or number == 0,
+            go_on=observed,
+        )
+        records.append(record)
+        if count >= 1:
+            parts.append(_part(record, first, first + count * made.rows + 1))
+    if observed:
+        machine.rest(0.0)
+    keep("response_in_motion", joined(records))
+    return responses(parts, made, period, "sliding") if parts else (None, None)
+
+
+def _loud(loop, found, lowest, speed, seed):
+    """`MultiSine` for a law on the encoder: lines that each shake the stage at the same speed, as far up as the
+    modelled loop gain is above `UNSEEN`, together `SPEED_SHARE` of the ``speed`` [m/s] of the motion."""
+    period, limit = loop.machine.period, loop.machine.limit
+    corner = found.volts_per_speed / max(found.inertia, 1e-12) / (2.0 * math.pi)
+    highest = min(max(_highest(loop), 20.0 * lowest), 0.42 / period)
+    made = multi_sine(period, lowest, highest, lambda f: math.sqrt(1.0 + (f / corner) ** 2), seed, LINES)
+    line = SPEED_SHARE * speed * found.volts_per_speed * math.sqrt(2.0 / len(made.lines))
+    return _scaled(made, min(line, PEAK_SHARE * limit / np.abs(made.signal).max()))
+
+
+def _highest(loop):
+    """Highest frequency [Hz] at which the modelled loop of a law on the encoder, in sliding, is above `UNSEEN`."""
+    period = loop.machine.period
+    rule = controller_parameters(loop.law, loop.axis, loop.gains)["pid"]
+    transfer = pid_transfer({name: float(rule[name]) for name in rule.dtype.names}, period)
+    plant = next(plant for name, plant, _ in regimes(loop.axis) if name == GUARDED[1])
+    frequency = np.geomspace(1.0, 0.49 / period, 400)
+    response = frequency_response(loop_of(plant, transfer, period), 2.0 * math.pi * frequency, period)
+    return float(frequency[np.abs(response) > UNSEEN].max(initial=0.0))
+
+
+def _unnoticed(loop, lowest, most, seed):
+    """`MultiSine` that the observer law takes neither for noise (`STEP_SHARE`) nor for another motor constant
+    (`PEAK_UNTOLD`); ``most``: rms [V]."""
+    period = loop.machine.period
+    doubt = float(loop.controller.parameters["observer"]["voltage_noise"])
+    allowed = STEP_SHARE * max(period / FAST, 1.0) * doubt / NOISE_DOUBT
+    for flat in FLAT:
+        made = multi_sine(period, lowest, 0.42 / period, lambda f, flat=flat: min(1.0, flat / f), seed, LINES)
+        two = made.times(2)
+        by_steps = allowed / np.sqrt(np.mean(np.diff(two) ** 2))
+        by_peak = PEAK_UNTOLD * UNTOLD / np.abs(_low_passed(two, period)[made.rows :]).max()
+        if by_steps <= by_peak:
+            break
+    return _scaled(made, min(by_steps, by_peak, most / np.sqrt(np.mean(made.signal**2))))
+
+
+def _low_passed(values, period):
+    """Through the filter of first order behind which the observer law compares speeds (`FILTER_TIME`)."""
+    share = min(period / FILTER_TIME, 1.0)
+    return lfilter([share], [1.0, share - 1.0], values)
+
+
+def _scaled(made, factor):
+    return type(made)(made.lines, made.rows, made.signal * factor)
+
+
+def _part(record, start, stop):
+    return tuple(record[name][start:stop] for name in ("encoder_m", "voltage_V", "disturbance_V"))
