@@ -12,7 +12,6 @@ import os
 import pathlib
 import re
 import sys
-import tempfile
 
 from threadpoolctl import threadpool_limits
 
@@ -22,7 +21,6 @@ from microstage_ros.diagnosis.fleet import AHEAD, as_they_end
 from microstage_ros.diagnosis.report.answer import write_answer
 from microstage_ros.diagnosis.resimulation.diagnose import diagnose_force_axis
 from microstage_ros.diagnosis.result import Diagnosis
-from microstage_ros.files import complete_folder
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.quantities.errors import InputError
@@ -55,11 +53,11 @@ class Case:
         """Every file that is read."""
         return (self.axis, *self.records, *self.holdout, *self.baseline)
 
-    def absolute(self):
-        """The case with absolute paths: other processes stand in other folders."""
-        every = lambda paths: tuple(map(fleet.absolute, paths))
-        return dataclasses.replace(self, axis=fleet.absolute(self.axis), records=every(self.records), holdout=every(self.holdout),
-                                   baseline=every(self.baseline), out=fleet.absolute(self.out))
+    def placed(self, place):
+        """The case with every path put through ``place``."""
+        every = lambda paths: tuple(map(place, paths))
+        return dataclasses.replace(self, axis=place(self.axis), records=every(self.records), holdout=every(self.holdout),
+                                   baseline=every(self.baseline), out=place(self.out))
 
     @property
     def is_series(self):
@@ -169,47 +167,12 @@ def diagnose_many(cases, jobs=1, scheduler=None):
     InputError : the scheduler cannot be reached, or its workers lack this project.
     """
     if scheduler:
-        yield from _far_away(cases, scheduler)
+        yield from fleet.written_by(cases, _attempt, scheduler)
     elif jobs <= 1:
         for case in cases:
             yield case, _attempt(case)
     else:
         yield from on_cores(cases, _attempt, jobs)
-
-
-def _far_away(cases, scheduler):
-    """Cases on a cluster, with files that its workers see or that go along."""
-    cases = [case.absolute() for case in cases]
-    if not cases:
-        return
-    client_sees = fleet.checked(scheduler, [path for path in cases[0].files if not fleet.is_address(path)])
-    if client_sees:
-        yield from fleet.on_cluster(cases, _attempt, scheduler)
-        return
-    shipments = (fleet.ship(case, [path for path in case.files if not fleet.is_address(path)]) for case in cases)
-    for shipment, outcome in fleet.on_cluster(shipments, _attempt_shipped, scheduler):
-        if isinstance(outcome, Exception):
-            yield shipment.case, outcome
-            continue
-        report, files = outcome
-        with complete_folder(shipment.case.out) as folder:
-            for name, content in files:
-                (folder / name).write_bytes(content)
-        yield shipment.case, report
-
-
-def _attempt_shipped(shipment):
-    """On a worker: the report of a shipped case and the files of its answer, or the error that ended it."""
-    with tempfile.TemporaryDirectory() as folder:
-        local = fleet.unpacked(shipment, folder)
-        case = shipment.case
-        there = lambda paths: tuple(p if fleet.is_address(p) else local(p) for p in paths)
-        out = pathlib.Path(folder) / "answer"
-        report = _attempt(dataclasses.replace(case, axis=there([case.axis])[0], records=there(case.records), holdout=there(case.holdout),
-                                              baseline=there(case.baseline), out=str(out)))
-        if isinstance(report, Exception):
-            return report
-        return report, tuple((str(f.relative_to(out)), f.read_bytes()) for f in sorted(out.rglob("*")) if f.is_file())
 
 
 def _attempt(case):

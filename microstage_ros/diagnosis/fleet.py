@@ -14,6 +14,7 @@ import pathlib
 import tempfile
 
 from microstage_ros import __version__
+from microstage_ros.files import complete_folder
 from microstage_ros.quantities.errors import InputError
 
 PATIENCE = "10s"               # for a scheduler to answer
@@ -173,3 +174,50 @@ def checked(scheduler, paths):
     with client:
         check_workers(client, scheduler)
         return all(all(client.run(os.path.exists, path).values()) for path in paths[:3])
+
+
+def written_by(cases, work, scheduler):
+    """Cases that read files and write a folder, on a cluster: yields (case, report mapping or exception) as they end.
+
+    Files are read where they lie if the workers see them, else they go along and the answer's folder comes back.
+
+    Parameters
+    ----------
+    cases : with ``files`` (paths that are read), ``out`` (folder that is written) and ``placed(f)``: the case with
+        every path put through ``f``.
+    work : function of a case that may be sent to another process; returns the report's mapping.
+
+    Raises
+    ------
+    InputError : as `on_cluster`.
+    """
+    cases = [case.placed(absolute) for case in cases]
+    if not cases:
+        return
+    if checked(scheduler, _local(cases[0])):
+        yield from on_cluster(cases, work, scheduler)
+        return
+    shipments = (ship(case, _local(case)) for case in cases)
+    for shipment, outcome in on_cluster(shipments, functools.partial(_shipped, work), scheduler):
+        if isinstance(outcome, tuple):
+            outcome, files = outcome
+            with complete_folder(shipment.case.out) as folder:
+                for name, content in files:
+                    (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                    (folder / name).write_bytes(content)
+        yield shipment.case, outcome
+
+
+def _local(case):
+    return [path for path in case.files if not is_address(path)]
+
+
+def _shipped(work, shipment):
+    """On a worker: the report of a shipped case and the files of its answer, or the error that ended it."""
+    with tempfile.TemporaryDirectory() as folder:
+        local, out = unpacked(shipment, folder), pathlib.Path(folder) / "answer"
+        case = shipment.case.placed(lambda path: path if is_address(path) else local(path))
+        report = work(dataclasses.replace(case, out=str(out)))
+        if isinstance(report, Exception):
+            return report
+        return report, tuple((str(f.relative_to(out)), f.read_bytes()) for f in sorted(out.rglob("*")) if f.is_file())

@@ -4,20 +4,11 @@ import math
 
 import numpy as np
 
+from microstage_ros.control.tuning.margins import MARGIN_HEADS
 from microstage_ros.report.acceptance import floors_table
 from microstage_ros.report.page import Page
 from microstage_ros.report.plots import new_figure, plot_signal
 
-MARGIN_HEADS = [
-    "controller",
-    "regime",
-    "stable",
-    "phase (deg)",
-    "gain up (dB)",
-    "gain down (dB)",
-    "crossover (Hz)",
-    "peak sensitivity",
-]
 BEST = "self_tuning_observer"
 
 
@@ -302,7 +293,7 @@ def _margins(result):
             numbers = [m["phase_deg"], m["gain_db"], m["gain_down_db"]]
             rows.append([kind, m["regime"].replace(" um/s", " µm/s"), "yes" if m["stable"] else "no", *("any" if math.isinf(v) else f"{v:.0f}" for v in numbers),
                          f"{m['crossover_hz']:.0f}", f"{m['sensitivity']:.1f}"])
-    return "Margins on the linearised axis", MARGIN_HEADS, rows, (
+    return "Margins on the linearised axis", ["controller", *MARGIN_HEADS], rows, (
         "Creeping at 1 µm/s, the falling Stribeck curve makes the linearised axis itself unstable; blocks that stick again bound what "
         "follows. The observer law is cut at the amplifier with its learned resistance frozen."
     )

@@ -2,13 +2,11 @@
 
 import dataclasses
 import pathlib
-import tempfile
 
 from microstage_ros.diagnosis import fleet
 from microstage_ros.diagnosis.batch import on_cores
 from microstage_ros.diagnosis.logs.case import diagnose_logs
 from microstage_ros.diagnosis.logs.report.answer import write_log_answer
-from microstage_ros.files import complete_folder
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.logs import load_description, read_log
@@ -99,22 +97,10 @@ def with_axis(description, axis):
 def diagnose_many_logs(cases, jobs=1, scheduler=None):
     """Diagnose `LogCase`s, yielding (case, report mapping or exception) as they end; ``jobs``, ``scheduler`` as in
     `batch.diagnose_many`."""
-    if not scheduler:
+    if scheduler:
+        yield from fleet.written_by(cases, _attempt, scheduler)
+    else:
         yield from on_cores(cases, _attempt, jobs) if jobs > 1 else ((case, _attempt(case)) for case in cases)
-        return
-    cases = [case.placed(fleet.absolute) for case in cases]
-    local = [path for case in cases[:1] for path in case.files if not fleet.is_address(path)]
-    if fleet.checked(scheduler, local):
-        yield from fleet.on_cluster(cases, _attempt, scheduler)
-        return
-    shipments = (fleet.ship(case, [path for path in case.files if not fleet.is_address(path)]) for case in cases)
-    for shipment, outcome in fleet.on_cluster(shipments, _attempt_shipped, scheduler):
-        if isinstance(outcome, tuple):
-            outcome, files = outcome
-            with complete_folder(shipment.case.out) as folder:
-                for name, content in files:
-                    (folder / name).write_bytes(content)
-        yield shipment.case, outcome
 
 
 def _attempt(case):
@@ -123,14 +109,3 @@ def _attempt(case):
         return diagnose_log_files(case)
     except Exception as error:  # noqa: BLE001  handed to the caller with its case
         return error
-
-
-def _attempt_shipped(shipment):
-    """On a worker: the report of a shipped case and the files of its answer, or the error that ended it."""
-    with tempfile.TemporaryDirectory() as folder:
-        local, out = fleet.unpacked(shipment, folder), pathlib.Path(folder) / "answer"
-        case = shipment.case.placed(lambda path: path if fleet.is_address(path) else local(path))
-        report = _attempt(dataclasses.replace(case, out=str(out)))
-        if isinstance(report, Exception):
-            return report
-        return report, tuple((str(f.relative_to(out)), f.read_bytes()) for f in sorted(out.rglob("*")) if f.is_file())

@@ -51,7 +51,7 @@ def test_no_scheduler_is_told(monkeypatch):
 
 def test_relative_paths_become_absolute(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    case = Case("a", "axis.yaml", ("r.csv", "s3://bucket/r.csv"), (), (), "out").absolute()
+    case = Case("a", "axis.yaml", ("r.csv", "s3://bucket/r.csv"), (), (), "out").placed(fleet.absolute)
     assert case.axis == str(tmp_path / "axis.yaml") and case.records == (str(tmp_path / "r.csv"), "s3://bucket/r.csv")
 
 
