@@ -3,8 +3,11 @@
 import csv
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
+import types
 from pathlib import Path
 
 import numpy as np
@@ -112,7 +115,8 @@ def test_an_interrupted_one_goes_on(tmp_path, monkeypatch):
     from microstage_ros.commissioning import procedure
 
     def interrupted(*arguments, **named):
-        raise KeyboardInterrupt
+        os.kill(os.getpid(), signal.SIGTERM)  # as a closed terminal or a shutdown of the host does: like Ctrl-C
+        time.sleep(10.0)
 
     with monkeypatch.context() as patch:
         patch.setattr(procedure, "identified", interrupted)
@@ -125,6 +129,20 @@ def test_an_interrupted_one_goes_on(tmp_path, monkeypatch):
     assert run(tmp_path, tmp_path / "out") == 3
     assert len(seen[0]) == 2 and Store(tmp_path / "out", _identity(tmp_path)).resumed
     assert len(list((tmp_path / "out" / "records").iterdir())) - before <= 5  # neither stroke nor programme was made again
+
+
+def test_a_killed_one_leaves_no_voltage(tmp_path, monkeypatch):
+    """Where a backend says how, another process takes the voltage away when this one is gone."""
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(HERE), os.environ.get("PYTHONPATH", "")]))
+    cut = tmp_path / "cut"
+    told = types.SimpleNamespace(simulated=False, outside_stop=lambda: ("machines:cut_voltage", {"path": str(cut)}))
+    guard = commission.watched(told)
+    assert guard.watching and not cut.exists()
+    guard.close()  # as the end of this process would: its end of the pipe is closed
+    assert cut.exists()
+    assert commission.watched(types.SimpleNamespace(simulated=False)) is None
+    told.simulated = True
+    assert commission.watched(told) is None
 
 
 def _identity(folder):

@@ -133,3 +133,28 @@ def test_a_heavy_drive_is_braked_when_the_encoder_freezes(tmp_path):
     hand.watch = None
     hand.rest(0.05)
     assert machine.wrong < 1e-5
+
+
+def test_the_cards_watchdog_is_armed_while_voltages_are_written():
+    """Between two runs something is computed at zero volts: a card that cuts its output then would end everything."""
+    calls = []
+
+    class Card:
+        simulated = True
+
+        def read(self):
+            calls.append("read")
+            return 0.0, 0.0, 0.0
+
+        def write(self, voltage):
+            calls.append("write")
+
+        def watchdog(self, seconds):
+            calls.append(seconds)
+
+    hand = Hand(Card(), SKETCH.axis)
+    hand.begin()
+    assert calls.index(0.0) < calls.index("read")
+    del calls[:]
+    hand.rest(3e-4)
+    assert calls[0] == pytest.approx(0.1) and calls[-2:] == ["write", 0.0] and calls.count("read") == 3

@@ -159,6 +159,21 @@ def test_the_watchdog_bites_when_the_program_is_silent(emulate):
     assert emulated.end()["volts"] == 0.0
 
 
+def test_a_watchdog_that_has_bitten_gives_the_output_back_when_it_is_armed_anew(emulate):
+    """As the commissioning does between two runs, and the driver after a reset."""
+    emulated = emulate()
+    card = emulated.backend(watchdog_s=0.05)
+    card.open()
+    time.sleep(0.3)
+    card.write(0.0)
+    card.watchdog(0.0)
+    time.sleep(0.2)
+    card.read()
+    card.write(0.05)
+    card.read()
+    assert emulated.end()["volts"] == pytest.approx(0.05, rel=0.05) and emulated.end()["bites"] == 1
+
+
 def test_closed_means_zero(emulate):
     emulated = emulate(clock=PERIOD)
     card = emulated.backend()

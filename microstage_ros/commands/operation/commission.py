@@ -3,7 +3,9 @@ reason."""
 
 import argparse
 import math
+import signal
 import sys
+import threading
 from pathlib import Path
 
 import yaml
@@ -74,21 +76,55 @@ def _run(arguments, sketch, backend, store):
         if sys.stderr.isatty():
             print(f"{machine.time:6.1f} s  {text}", file=sys.stderr, flush=True)
 
+    guard, before = None, _stop_by_signal()
     try:
         try:
             backend.open()
+            guard = watched(backend)
             outcome = commission(machine, sketch, store, arguments.seed, progress)
         finally:
             for switch in filter(callable, [getattr(backend, "enable", None)]):
                 switch(False)
             backend.close()
+            if guard is not None:
+                guard.close()
     except HardwareError as error:
         outcome = Outcome(says=f"the hardware reported: {error}")
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
     provenance = {"sketch": str(arguments.axis), "backend": arguments.backend, "seed": arguments.seed}
     write_answer(outcome, machine, Path(arguments.out), provenance)
     answer.state(**report_tree(outcome, machine), out=str(arguments.out))
     _tell(outcome, machine, Path(arguments.out))
     return 0 if outcome.verdict == "ready" else REFUSED
+
+
+def _stop_by_signal():
+    """A closed terminal or a request to end stops like Ctrl-C: with zero volts. Returns the handlers that were there."""
+    if threading.current_thread() is not threading.main_thread():
+        return {}
+
+    def stop(number, frame):
+        raise KeyboardInterrupt
+
+    return {number: signal.signal(number, stop) for number in (signal.SIGTERM, signal.SIGHUP)}
+
+
+def watched(backend):
+    """`OutputGuard` of a process that takes the voltage away should this one be killed; None for a simulated backend,
+    and for one that does not say how (`SafetyMembers.outside_stop`). Raises HardwareError."""
+    from microstage_ros.hardware.output_guard import OutputGuard
+    from microstage_ros.hardware.protocol import HardwareError, safety_members
+
+    members = safety_members(backend)
+    if backend.simulated or "outside_stop" not in members:
+        return None
+    guard = OutputGuard()
+    if not guard.start(members["outside_stop"]()):
+        guard.close()
+        raise HardwareError("the process that takes the voltage away, should this one be killed, does not start")
+    return guard
 
 
 def _tell(outcome, machine, folder):

@@ -24,6 +24,10 @@ BRAKES, LONGEST_BRAKE, AFTER_BRAKE = (
 )  # pulses against the motion, their length [s], rows without voltage after each
 SLOWEST_BRAKED = 1e-4  # m/s
 LONGEST = 290.0  # of machine time [s]
+SILENCE = 0.1
+"""Longest time [s] without a voltage in a run before the card's own watchdog cuts the output, where it has one: longer
+than the pause between two runs of which the second goes on. Between others, while something is computed at zero volts,
+it is disarmed."""
 JUMP = 3.0  # times the speed at the voltage limit that no encoder can show
 SPIN = 2e-4  # the last part of a wait that is spun [s]
 
@@ -60,6 +64,7 @@ class Machine:
         self.watch, self.top_speed, self.time_offset, self.delay = None, math.inf, 0.0, 0
         self.safe_speed, self.braked = math.inf, 0.0
         self.noise, self.current_offset, self.last, self.failed = 0.0, 0.0, None, None
+        self._armed = False
         self.used = {"travel_min_m": math.inf, "travel_max_m": -math.inf, "voltage_max_V": 0.0}
 
     @property
@@ -104,6 +109,7 @@ class Machine:
         if watch is not None:
             watch.begin()
         try:
+            self._arm(True)
             for n in range(rows):
                 if self._paced:
                     self._wait()
@@ -197,6 +203,8 @@ class Machine:
         """The first reading: where the machine stands."""
         try:
             self._backend.write(0.0)
+            self._armed = True  # as the backend has left it
+            self._arm(False)
             if "enable" in self._members:
                 self._members["enable"](True)
             x, i, _ = self._backend.read()
@@ -226,9 +234,16 @@ class Machine:
             f"the encoder reads {x * 1e6:.6g} µm",
         )
 
+    def _arm(self, on):
+        """Arm the card's own watchdog, where it has one, for a run; disarm it between runs."""
+        if "watchdog" in self._members and on != self._armed:
+            self._members["watchdog"](SILENCE if on else 0.0)
+        self._armed = on
+
     def _zero(self):
         try:
             self._backend.write(0.0)
+            self._arm(False)
         except HardwareError as problem:
             raise Stopped(f"the hardware refused zero volts: {problem}") from problem
 

@@ -274,12 +274,15 @@ class MesaCard:
             self._link.write(write32(self._pwm.address(4), 1 << int(self.options["output"]) if on else 0))
 
     def watchdog(self, seconds):
-        """Arm the card's watchdog with another time [s]; 0 for the longest it can be."""
+        """Arm the card's watchdog with another time [s]; 0 for the longest it can be. One that has cut the output gives
+        it back: the caller has written zero volts."""
         if self._link is not None:
             ticks = round(seconds * self._watchdog.clock) - 1 if seconds > 0.0 else 0x7FFFFFFF
             self._send_checked(
                 write32(self._watchdog.address(0), min(max(ticks, 1), 0x7FFFFFFF)),
+                write32(self._watchdog.address(1), 0),
                 write32(self._watchdog.address(2), PET),
+                *self._pins(int(self.options["output"])),
             )
 
     def close(self):
