@@ -44,6 +44,13 @@ class Outcome:
     seconds: float
 
     @property
+    def first_right(self):
+        """Whether the first name is right, or, where none is sure, a rival is."""
+        if self.named:
+            return self.named[0] in self.truth
+        return any(i in self.truth for group in self.rivals for i in group)
+
+    @property
     def result(self):
         """right, rival, nothing, unexplained or wrong; for a healthy machine quiet or alarm."""
         if not self.truth:
@@ -100,11 +107,11 @@ def scores(outcomes):
     covered = [c for o in outcomes for c in o.covered]
     sets = {
         "healthy machines left in peace": (sum(o.result == "quiet" for o in healthy), len(healthy)),
-        "visible: right name first, or a rival": (sum(o.result in ("right", "rival") for o in seen), len(seen)),
+        "visible: right name first, or a rival": (sum(o.first_right for o in seen), len(seen)),
         "visible: right name without rival": (sum(o.result == "right" for o in seen), len(seen)),
-        "visible: wrong name": (sum(o.result == "wrong" for o in seen), len(seen)),
+        "visible: wrong name anywhere": (sum(o.result == "wrong" for o in seen), len(seen)),
         "visible and declared so: right name first, or a rival": (
-            sum(o.result in ("right", "rival") for o in both),
+            sum(o.first_right for o in both),
             len(both),
         ),
         "hidden: no wrong name": (sum(o.result != "wrong" for o in hidden), len(hidden)),

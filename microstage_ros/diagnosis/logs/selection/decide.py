@@ -54,6 +54,7 @@ FAMILY_RIVAL = 6.0         # the margin within a family, whose forms are the lea
 #: What a cause brings with it, and is no further cause: fluctuations beside ripple, an error at rest that settles
 #: later.
 BRINGS = {"torque_ripple": ("sampling_jitter", "floor_vibration", "screw_pitch_error"),
+          "screw_pitch_error": ("sampling_jitter", "floor_vibration"),
           "transport_delay": ("floor_vibration", "sampling_jitter")}
 MOST_RIVALS = 6
 MISSED = 0.1               # share of effects of the detectable size that go unseen (ISO 11843: capability of detection)
