@@ -1,4 +1,7 @@
-"""What happens to every command on its way to the amplifier; every fault leads to zero voltage and is latched.
+"""What happens to every command on its way to the amplifier; every fault leads to the safe command and is latched.
+
+The safe command is zero voltage, or, for a drive whose command sets a position (`Actuator.holds_on_fault`), the last
+command that was obeyed: zero would be a move.
 
 | command                                        | effect |
 |------------------------------------------------|--------|
@@ -55,6 +58,7 @@ class CommandGate:
 
     Attributes
     ----------
+    placed : False while a drive that holds a position has had no command yet.
     voltage : in force now [V]. command : the same before clipping [V]; saturated : it was clipped.
     fault : a name of `FAULTS`, latched. message : the fault in words, with the value.
     answered, late, lost, duplicated, reordered, zeroed : counters of periods and commands.
@@ -64,10 +68,12 @@ class CommandGate:
     Parameters
     ----------
     limit : largest command [unit]. clock_ns : the monotonic clock. unit : of the command, for the messages.
+    holds : the safe command is the last one obeyed, not zero.
     """
 
-    def __init__(self, limit, clock_ns=time.monotonic_ns, unit="V"):
-        self.limit, self.unit = float(limit), unit
+    def __init__(self, limit, clock_ns=time.monotonic_ns, unit="V", holds=False):
+        self.limit, self.unit, self.holds = float(limit), unit, holds
+        self.placed = not holds
         self.period = -1
         self.active = False
         self.last = -1
@@ -119,6 +125,7 @@ class CommandGate:
         else:
             self.late += 1
         self.last = sequence
+        self.placed = True
         self.command = voltage
         self.voltage = min(max(voltage, -self.limit), self.limit)
         self.saturated = self.voltage != voltage
@@ -133,7 +140,7 @@ class CommandGate:
     def hold(self, longest, ahead=0.0):
         """Zero voltage if there was no valid command for longer than ``longest`` [s], or will not have been in
         ``ahead`` [s]."""
-        if self.command != 0.0 and self.silent_s + ahead > longest:
+        if not self.holds and self.command != 0.0 and self.silent_s + ahead > longest:
             self.zero()
             self.zeroed += 1
 
@@ -161,6 +168,20 @@ class CommandGate:
         self.valid_ns = self._clock_ns() + FIRST_NS
 
     def zero(self):
-        """No voltage."""
-        self.voltage = self.command = 0.0
+        """The safe command: no voltage, or the last command where the drive holds a position."""
+        if not self.holds:
+            self.voltage = 0.0
+        self.command = self.voltage
         self.saturated = False
+
+    def place(self, voltage):
+        """A drive that holds a position stands where ``voltage`` holds it; None: nobody knows, so nothing is written
+        before the first command."""
+        self.placed = not self.holds or voltage is not None
+        if self.holds and voltage is not None:
+            self.voltage = self.command = float(voltage)
+
+    @property
+    def safe_words(self):
+        """What the safe command is, for messages."""
+        return "the command keeps its last value" if self.holds else "the voltage is zero"

@@ -12,6 +12,7 @@ the calls are tested against the signatures of the package ``nidaqmx``.
 """
 
 from microstage_ros.hardware.protocol import HardwareError, Reading
+from microstage_ros.model.actuators import actuator_of
 from microstage_ros.quantities.errors import InputError
 
 OPTIONS = {
@@ -65,6 +66,7 @@ class DaqCard:
                 "DAQ card: option samples_per_period", self._options["samples_per_period"], "a whole number from 1"
             )
         self._range = setup.axis.value("drive.dac_range")
+        self._holds = actuator_of(setup.axis).holds_on_fault
         self._count = setup.axis.value("sensors.encoder.resolution")
         self._rate = self._options["samples_per_period"] / setup.axis.value("period")
         self._tasks, self._watchdog = {}, None
@@ -90,7 +92,8 @@ class DaqCard:
     def _output(self, nidaqmx):
         task = self._tasks["output"] = nidaqmx.Task()
         task.ao_channels.add_ao_voltage_chan(self._options["output"], min_val=-self._range, max_val=self._range)
-        task.write(0.0, auto_start=True)
+        if not self._holds:
+            task.write(0.0, auto_start=True)
 
     def _lines(self, nidaqmx):
         """Digital lines of the safety chain, where there are any; the drive is not enabled."""
@@ -208,11 +211,11 @@ class DaqCard:
         return "microstage_ros.hardware.daq:zero_output", {"output": self._options["output"], "span": self._range}
 
     def close(self):
-        """Output to zero, channels free; may be called twice."""
+        """Output to zero (as it is, for a drive that holds a position), channels free; may be called twice."""
         self.watchdog(0.0)
         tasks, self._tasks = self._tasks, {}
         try:
-            if "output" in tasks:
+            if "output" in tasks and not self._holds:
                 tasks["output"].write(0.0)
             if "enable" in tasks:
                 tasks["enable"].write(False)

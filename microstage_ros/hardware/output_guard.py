@@ -21,7 +21,7 @@ import time
 import numpy as np
 
 from microstage_ros.hardware import watchdog
-from microstage_ros.hardware.watchdog import BEAT, DOG, LIMIT, TAKEN, TAKEN_COUNT, VOLTS, ZEROED
+from microstage_ros.hardware.watchdog import BEAT, DOG, HOLDS, LIMIT, TAKEN, TAKEN_COUNT, VOLTS, ZEROED
 
 SILENT = 2.0
 """A watchdog that has not looked for so long [s] does not watch: it is replaced."""
@@ -37,20 +37,22 @@ class OutputGuard:
     Parameters
     ----------
     limit : longest time [s] without a valid command before the watchdog acts; 0: only when the driver dies.
+    holds : the output keeps its value whatever happens; the watchdog has nothing to take away.
 
     Attributes
     ----------
-    words, volts : the shared memory as int64 and as float64, shape (8,); places as in `hardware.watchdog`.
+    words, volts : the shared memory as int64 and as float64, shape (`watchdog.WORDS`,); places as there.
     pid : of the watchdog's process, None while there is none.
     restarts : how often it had to be started again.
     """
 
-    def __init__(self, limit=0.0):
-        self._limit_ns = round(limit * 1e9)
+    def __init__(self, limit=0.0, holds=False):
+        self._limit_ns = 0 if holds else round(limit * 1e9)
         self._memory = os.memfd_create("microstage_output", 0)
         os.ftruncate(self._memory, watchdog.BYTES)
         self._map = mmap.mmap(self._memory, watchdog.BYTES)
         self.words, self.volts = np.frombuffer(self._map, np.int64), np.frombuffer(self._map, np.float64)
+        self.words[HOLDS] = holds
         self._process, self._alive, self.restarts = None, None, 0
         self._starting, self._closed = threading.Lock(), False
 
@@ -155,10 +157,11 @@ class OutputGuard:
         self.words[TAKEN] = 0
 
     def close(self):
-        """End the watchdog; the voltage is zero before."""
+        """End the watchdog; the voltage is zero before, where it does not hold."""
         self._closed = True
         self.disarm()
-        self.put(0.0)
+        if not self.words[HOLDS]:
+            self.put(0.0)
         with self._starting:
             self._end()
 

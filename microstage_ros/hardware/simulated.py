@@ -1,6 +1,7 @@
 """The simulated axis: the compiled step of `solver.step` behind the calls of a real one."""
 
 from microstage_ros.hardware.protocol import Reading, Truth
+from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.solver.period import advance_and_read, as_array, read
@@ -36,6 +37,10 @@ class SimulatedAxis:
         random where the friction is), ``machine`` (axis file of the machine that is simulated, where it is not the one
         that the controller is given).
 
+    Attributes
+    ----------
+    standing : command under which it stands where it is at the start [unit of the command]; 0 where that is a force.
+
     Example
     -------
     >>> axis = SimulatedAxis(Setup(load_axis("config/axis.yaml"), seed=1))
@@ -59,6 +64,8 @@ class SimulatedAxis:
         ]
         self.own_arrays = self._arrays
         self._voltage = None
+        self._holds = actuator_of(machine).holds_on_fault
+        self.standing = float(self._state["voltage"]) if self._holds else 0.0
         self._compile()
 
     def _compile(self):
@@ -76,7 +83,7 @@ class SimulatedAxis:
         if self._voltage is None:
             plant, state, _, readings = self._arrays
             read(plant, state, readings)
-            self._voltage = 0.0
+            self._voltage = self.standing
         else:
             advance_and_read(*self._arrays, self._voltage)
         return self.last_reading
@@ -98,8 +105,9 @@ class SimulatedAxis:
         self._voltage = float(voltage)
 
     def close(self):
-        """No voltage."""
-        self._voltage = 0.0
+        """No voltage; a drive that holds a position stands."""
+        if not self._holds:
+            self._voltage = 0.0
 
     @property
     def truth(self):

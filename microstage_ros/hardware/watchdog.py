@@ -15,11 +15,14 @@ import struct
 import sys
 import time
 
-BYTES = 64
-VOLTS, BEAT, LIMIT, TAKEN, DOG, TAKEN_COUNT, DIED, ZEROED = range(8)
+VOLTS, BEAT, LIMIT, TAKEN, DOG, TAKEN_COUNT, DIED, ZEROED, HOLDS = range(9)
 """Words of the shared memory: what is put out [V, float64]; when the last valid command came, the longest time without
 one (0: not watched), when the watchdog acted (0: it did not), when it last looked [all ns of the monotonic clock]; how
-often it acted; when it heard of the driver's death, when the driver itself last went to zero [ns]."""
+often it acted; when it heard of the driver's death, when the driver itself last went to zero [ns]; 1: the
+output keeps its value, since zero would be a move (`Actuator.holds_on_fault`)."""
+
+WORDS = 9
+BYTES = 8 * WORDS
 
 LONGEST = 0.1
 """It looks at least so often [s]."""
@@ -63,7 +66,8 @@ class Watch:
 
     def take(self, now):
         """Take the voltage away."""
-        struct.pack_into("<d", self._memory, 8 * VOLTS, 0.0)
+        if not self.word(HOLDS):
+            struct.pack_into("<d", self._memory, 8 * VOLTS, 0.0)
         self.set(TAKEN, now)
         self.set(TAKEN_COUNT, self.word(TAKEN_COUNT) + 1)
         self._stop()

@@ -106,6 +106,26 @@ def test_the_first_fault_stays_until_reset(gate):
     assert gate.fault == "none" and gate.offer(1, 1.0)
 
 
+def test_a_drive_that_holds_a_position_keeps_its_last_command(clock):
+    """Zero would be a move: neither silence nor a fault nor the end of the activity changes what it is told."""
+    gate = CommandGate(6.0, clock, unit="rad", holds=True)
+    assert not gate.placed
+    gate.activate()
+    gate.begin(0)
+    gate.offer(0, -9.0)
+    assert gate.placed and gate.voltage == -6.0
+    clock.now_ns = 10**8
+    gate.hold(0.004)
+    gate.begin(1)
+    assert not gate.offer(1, math.nan) and gate.fault == "command_not_finite"
+    gate.deactivate()
+    assert gate.voltage == gate.command == -6.0 and not gate.saturated and gate.zeroed == 0
+    gate.place(None)
+    assert not gate.placed and gate.voltage == -6.0
+    gate.place(2.0)
+    assert gate.placed and gate.voltage == 2.0
+
+
 def test_codes_match_the_message():
     messages = pytest.importorskip("microstage_msgs.msg", reason="interfaces are not built: run ./microstage test")
     codes = {name.removeprefix("FAULT_").lower(): getattr(messages.AxisState, name)

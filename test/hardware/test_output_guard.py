@@ -13,7 +13,7 @@ import pytest
 
 from microstage_ros.hardware import watchdog
 from microstage_ros.hardware.output_guard import OutputGuard
-from microstage_ros.hardware.watchdog import BEAT, BYTES, LIMIT, TAKEN, TAKEN_COUNT, VOLTS, Watch
+from microstage_ros.hardware.watchdog import BEAT, BYTES, HOLDS, LIMIT, TAKEN, TAKEN_COUNT, VOLTS, Watch
 
 LIMIT_S = 0.05
 
@@ -57,6 +57,20 @@ def test_the_loop_that_has_gone_to_zero_itself_is_left_alone():
     watch.set(LIMIT, 1)
     watch.look()
     assert watch.word(TAKEN) == 0
+
+
+def test_an_output_that_holds_a_position_is_left_as_it_is():
+    memory = bytearray(BYTES)
+    watch = Watch(memory)
+    watch.set(HOLDS, 1)
+    struct.pack_into("<d", memory, 8 * VOLTS, 1.5)
+    watch.died()
+    assert struct.unpack_from("<d", memory, 8 * VOLTS)[0] == 1.5 and watch.word(TAKEN)
+    guard = OutputGuard(LIMIT_S, holds=True)
+    guard.arm()
+    guard.put(1.5)
+    guard.close()
+    assert guard.words[LIMIT] == 0 and guard.words[HOLDS] == 1 and guard.volts[VOLTS] == 1.5
 
 
 def test_commands_stop(guard):

@@ -117,6 +117,7 @@ def test_the_later_goal_counts_even_if_it_begins_first(running, monkeypatch):
 @pytest.mark.parametrize("field, value, words", [
     ("target", 1.0, "-0.025 to 0.025"), ("target", math.nan, "target"), ("tolerance", 0.0, "tolerance"),
     ("tolerance", -1e-8, "tolerance"), ("timeout", math.inf, "timeout"), ("settle_time", math.nan, "settle_time"),
+    ("settle_time", 1e9, "settle_time"),
     ("max_velocity", -1.0, "max_velocity")])
 def test_refusals_name_the_reason(running, field, value, words):
     options = {**SETTLE, field: value}

@@ -13,6 +13,7 @@ from microstage_ros.model.axis_file import load_axis
 from microstage_ros.records import read_record
 from microstage_ros.ros.client import AxisClient
 from microstage_ros.ros.launching.cell_processes import CellProcesses
+from microstage_ros.ros.operator import Operator
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.topics import LATCHED
 
@@ -40,11 +41,22 @@ def test_a_move_in_the_unit_of_the_drive(name, tmp_path):
         assert seen[-1].voltage_limit == pytest.approx(actuator_of(axis).command_limit(axis))
         status = ask(node, GetStatus, topics.STATUS, GetStatus.Request())
         assert status.driver.command_unit == command.unit
+        with Operator("/axis", node) as operator:
+            stopped = operator.stop()
+            assert stopped[0] and actuator_of(axis).holds_on_fault == ("keeps its last value" in stopped[1])
+            first = operator.status()
+            spin_until(node, lambda: operator.status().driver.sequence > first.driver.sequence + 50)
+            last = operator.status()
+        if actuator_of(axis).holds_on_fault:  # zero would be a move back
+            assert last.voltage == first.voltage != 0.0 and abs(last.position - target) < 3 * tolerance
+        else:
+            assert last.voltage == 0.0
         cell.deactivate(node)
     record = read_record(tmp_path / "bag")
     assert record.metadata["command"] == command.as_dict()
     assert command.column in record and (command.unit == "V") == ("voltage_V" in record)
     assert np.nanmax(np.abs(record[command.column])) <= actuator_of(axis).command_limit(axis)
-    reached = record["encoder_m"][np.isfinite(record["encoder_m"])]
-    assert np.abs(reached[-50:] - target).max() < 3 * tolerance
+    if actuator_of(axis).holds_position:
+        reached = record["encoder_m"][np.isfinite(record["encoder_m"])]
+        assert np.abs(reached[-50:] - target).max() < 3 * tolerance  # also under the fault
     assert ("current_A" in record) == actuator_of(axis).measures_current     # no sensor, no column

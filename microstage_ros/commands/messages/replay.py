@@ -10,6 +10,15 @@ from microstage_ros.commands.progress import progress
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.bags.bag import Bag
 
+DEPTH = 10_000
+"""Messages that a publisher keeps for slow readers."""
+
+AHEAD = DEPTH // 4
+"""After so many on one topic its readers are waited for: faster than they read, older messages would be overwritten."""
+
+PATIENCE_S = 30.0
+"""Longest wait [s] for readers; one that was killed counts until the middleware gives it up, 20 s later."""
+
 
 def main(argv=None):
     """Run the command. Returns 0; raises InputError for bad input."""
@@ -40,10 +49,10 @@ def _replay(bag, arguments):
         time.sleep(arguments.delay)
         with progress("replaying", total=bag.end_ns - bag.start_ns if bag.start_ns is not None else 0) as bar:
             count = _play(bag, senders, arguments.rate, bar)
+        for publisher in senders.values():
+            _wait_for_readers(publisher)
         answer.state(messages=count, topics=sorted(senders))
         print(f"{count} messages on {len(senders)} topics")
-        for publisher in senders.values():
-            publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=2))
     finally:
         rclpy.try_shutdown()
     return 0
@@ -65,7 +74,7 @@ def _senders(node, bag, wanted):
         latched = name.rsplit("/", 1)[-1] == "driver_status"
         durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
         senders[name] = node.create_publisher(message_class, name, QoSProfile(
-            depth=10_000, reliability=ReliabilityPolicy.RELIABLE, durability=durability))
+            depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE, durability=durability))
     return senders
 
 
@@ -92,9 +101,18 @@ def message_class_of(kind):
         return None
 
 
+def _wait_for_readers(publisher):
+    """Until every reader has what was sent. Raises `InputError` if one does not take it."""
+    import rclpy
+
+    if not publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=PATIENCE_S)):
+        raise InputError(publisher.topic_name, f"a reader has not taken what was sent for {PATIENCE_S:g} s",
+                         "readers that go on; stop those that hang, or replay with a lower --rate")
+
+
 def _play(bag, senders, rate, bar):
     """Send every message when its time has come; the number of messages."""
-    began, first, count = time.monotonic(), None, 0
+    began, first, count, ahead = time.monotonic(), None, 0, dict.fromkeys(senders, 0)
     for topic, time_ns, raw in bag.raw_messages(list(senders)):
         first = time_ns if first is None else first
         rest = (time_ns - first) * 1e-9 / rate - (time.monotonic() - began)
@@ -102,5 +120,9 @@ def _play(bag, senders, rate, bar):
             time.sleep(rest)
         senders[topic].publish(raw)
         count += 1
+        ahead[topic] += 1
+        if ahead[topic] == AHEAD:
+            _wait_for_readers(senders[topic])
+            ahead[topic] = 0
         bar.reach(time_ns - first)
     return count

@@ -19,6 +19,7 @@ A noise that is not named keeps the axis's own figure; 0 turns it off. Moves, sc
 segment before ended. A key that is not known, and a value out of range, are refused with file and key.
 """
 
+import math
 import pathlib
 from dataclasses import dataclass, field
 
@@ -26,6 +27,7 @@ import numpy as np
 
 from microstage_ros.control.laws import registry as laws
 from microstage_ros.control.trajectories import profiles
+from microstage_ros.control.trajectories.reference_player import check_speed
 from microstage_ros.files import read_yaml
 from microstage_ros.model.effects import check_effects
 from microstage_ros.quantities.errors import InputError
@@ -77,10 +79,11 @@ class Run:
     place: str = "run"
     folder: pathlib.Path = pathlib.Path(".")
 
-    def tables(self, period):
-        """The program as arrays over time, each of one value per period.
+    def tables(self, period, fastest=math.inf):
+        """The program as arrays over time, each of one value per ``period`` [s].
 
-        Returns a dict: ``reference`` [m], ``disturbance`` [V], ``open_loop`` [V], and ``start`` [m].
+        Returns a dict: ``reference`` [m], ``disturbance`` [V], ``open_loop`` [V], and ``start`` [m]. A reference file
+        that is faster than ``fastest`` [m/s] in any period, or begins with such a step, is an `InputError`.
         """
         parts = {"reference": [], "disturbance": [], "open_loop": []}
         position, start, total = self.start_m, self.start_m, 0
@@ -92,6 +95,9 @@ class Run:
             rows = _segment_rows(segment, position or 0.0, period, self.limits, self.folder)
             if position is None:
                 position = start = float(rows["reference"][0]) if "reference" in rows else 0.0
+            if "reference_file" in segment:
+                file = str(self.folder / segment["reference_file"])
+                check_speed(np.concatenate([[position], rows["reference"]]), period, fastest, file)
             length = len(next(iter(rows.values())))
             total += length
             rows.setdefault("reference", np.full(length, position))

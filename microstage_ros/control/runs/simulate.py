@@ -7,6 +7,7 @@ from microstage_ros.control.laws.controller import Controller, controller_parame
 from microstage_ros.control.runs.closed_loop import SURROUNDINGS, TRACE, run_loop, surroundings
 from microstage_ros.control.trajectories.lead_in import lead_in
 from microstage_ros.model.actuators import actuator_of
+from microstage_ros.model.top_speed import top_speed
 from microstage_ros.quantities.command import VOLTAGE
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records import Record
@@ -47,7 +48,7 @@ def simulate(axis, run, seed=0, machine=None, progress=None):
     if run.period_s is not None:
         axis, machine = (each.with_values({"period": run.period_s}, source="derived") for each in (axis, machine))
     period = axis.value("period")
-    tables = run.tables(period)
+    tables = run.tables(period, top_speed(machine))
     plant = make_plant(machine, noise=NoiseSpec(**run.noise), effects=run.effects)
     before = np.empty(0) if run.start_m is not None else lead_in(tables["reference"], axis.value("sensors.encoder.resolution"))
     friction = run.friction or usual_start(plant)

@@ -15,6 +15,21 @@ JOINT = 1e-9
 """Largest step [m] between where the reference stands and where a plan begins."""
 
 
+def check_speed(positions, period, fastest, place):
+    """Raise `InputError` where a reference moves faster than ``fastest`` [m/s] from one control period to the next.
+
+    ``positions`` [m], shape (n,), one per ``period`` [s]; ``place``: whose they are, for the message.
+    """
+    steps = np.abs(np.diff(positions))
+    if len(steps) and steps.max() > fastest * period:
+        bad = int(steps.argmax())
+        raise InputError(
+            f"{place}, positions {bad} and {bad + 1}",
+            f"{steps[bad] / period:.3g} m/s",
+            f"at most {fastest:.3g} m/s, which the axis can follow",
+        )
+
+
 class ReferencePlayer:
     """Plays plans and stops them; safe to use from two threads.
 
@@ -87,11 +102,7 @@ class ReferencePlayer:
         if not np.isfinite(positions).all():
             bad = int(np.flatnonzero(~np.isfinite(positions))[0])
             raise InputError(f"reference, position {bad}", float(positions[bad]), "finite positions in m")
-        steps = np.abs(np.diff(positions))
-        if len(steps) and steps.max() > self.fastest * self.period:
-            bad = int(steps.argmax())
-            raise InputError(f"reference, positions {bad} and {bad + 1}", f"{steps[bad] / self.period:.3g} m/s",
-                             f"at most {self.fastest:.3g} m/s, which the axis can follow")
+        check_speed(positions, self.period, self.fastest, "reference")
         with self._lock:
             if self._positions is None:
                 raise InputError("reference", "no state so far", "a driver that is active")

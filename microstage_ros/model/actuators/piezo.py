@@ -45,6 +45,9 @@ class Piezo(Actuator):
     transmissions = ("rigid",)
     measures_current = False
     holds_position = True
+    # zero volts are a jump by up to the whole stroke; so is an amplifier that is switched off and discharges the stack
+    holds_on_fault = True
+    disables_on_fault = False
     estimation = "position"
     identified = ("drive.displacement_per_volt", "drive.hysteresis_weight", "drive.creep_gain")
     laws = ("none", "pid", "pid_feedforward")

@@ -48,6 +48,9 @@ class Stepper(Actuator):
     command = ANGLE
     measures_current = False
     holds_position = True
+    # zero would be a run to angle zero. No more pulses, then no current: without it nothing drives the rotor, and screw
+    # and detent torque hold it as they hold a motor without voltage
+    holds_on_fault = True
     estimation = "position"
     laws = ("none", "pid", "pid_feedforward")
     parameters = {

@@ -35,13 +35,17 @@ class Stranger:
     Parameters
     ----------
     node : rclpy node in the namespace of the axis. seed : of the bytes.
+
+    Attributes
+    ----------
+    sent : messages so far. refused : by the middleware. commands : of them on the topic ``command``.
     """
 
     def __init__(self, node, seed):
         self._chance = random.Random(seed)
         self._single = {topic: node.create_publisher(kind, topic, 10) for topic, kind in KINDS.items()}
         self._blocks = {topic: node.create_publisher(MessageBlock, topics.BLOCKS + topic, 10) for topic in BLOCKED}
-        self.sent = self.refused = 0
+        self.sent = self.refused = self.commands = 0
 
     def send(self):
         """One message. Some cannot even be sent: the middleware refuses what is longer than its type."""
@@ -50,6 +54,7 @@ class Stranger:
         try:
             if choice == 0:
                 publisher = chance.choice([*self._single.values(), *self._blocks.values()])
+                self.commands += publisher is self._single[topics.COMMAND]
                 publisher.publish(ENCAPSULATION[: chance.randrange(5)] + chance.randbytes(chance.randrange(120)))
             elif choice == 1:
                 length = chance.randrange(200)
@@ -73,6 +78,7 @@ class Stranger:
         if chance.random() < 0.5:
             self._single[topics.STATE].publish(AxisState(sequence=number, position=value))
         else:
+            self.commands += 1
             self._single[topics.COMMAND].publish(VoltageCommand(sequence=number, voltage=value, sender=1))
 
 

@@ -64,6 +64,8 @@ def flood_a_cell(count, seed):
         "sent": stranger.sent,
         "refused_by_the_driver": heard,
         "refused_by_the_middleware": stranger.refused,
+        "commands_sent": stranger.commands,
+        "commands_arrived": None if None in heard.values() else sum(heard.values()),
         "seconds": round(took, 2),
         "moved_before": bool(before),
         "moved_after": bool(after),

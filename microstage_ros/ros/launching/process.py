@@ -74,7 +74,10 @@ def _wait_for_signal(ours, theirs):
     while not (heard := set(ours.recv(64))) & set(STOPPING):
         if URGENT in heard:
             for call in _told_of_urgency:
-                call()
+                try:
+                    call()
+                except Exception:  # noqa: BLE001 - whatever it is, the next signal has to be heard
+                    traceback.print_exc()
     _asked["number"] = signal.SIGTERM if signal.SIGTERM in heard else signal.SIGINT
     _stop.set()
     for call in _told_to_stop:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from microstage_ros.hardware.limits import LIMITS, MEMORY, look
+from microstage_ros.hardware.watchdog import WORDS
 from microstage_ros.numerics.compiled import called_from_c, kind_of
 from microstage_ros.ros.loops.driver_loop import (
     COUNTS,
@@ -17,6 +18,7 @@ from microstage_ros.ros.loops.driver_loop import (
     run_periods,
 )
 from microstage_ros.ros.transport.block_buffer import new_ring
+from microstage_ros.ros.transport.blocks import Refusals
 from microstage_ros.ros.transport.c_calls import INFO_WORDS, Frame, load_libraries
 from microstage_ros.ros.transport.response_times import ResponseTimes
 from microstage_ros.ros.transport.scheduling import SPIN
@@ -73,7 +75,7 @@ class Watch(NamedTuple):
 
 
 def _no_watch():
-    words = np.zeros(8, np.int64)
+    words = np.zeros(WORDS, np.int64)
     return Watch(words, words.view(np.float64), np.zeros(2, np.int64), np.zeros(1, LIMITS), np.zeros(1, MEMORY))
 
 
@@ -103,7 +105,7 @@ class QuickPeriods:
 
     def __init__(self, servo, reader, sender, topics, gate, stop, responses, arrays, settings, watch):
         load_libraries()
-        self._topics, self._gate = topics, gate
+        self._topics, self._gate, self._refused = topics, gate, Refusals(topics.states)
         self._frames = [Frame(*name) for name in FRAMES]
         self.state, _, self.command, _ = self._frames
         self._links, self._counts, self._values = np.zeros(1, LINKS), np.zeros(1, COUNTS), np.zeros(1, VALUES)
@@ -125,7 +127,9 @@ class QuickPeriods:
         self._counts["credit"] = credit
 
     def look_for_listeners(self):
-        """Begin or end to send the simulated instruments singly; by any thread, while the loop goes on."""
+        """Begin or end to send the simulated instruments singly, renew a publisher that refuses; while the loop goes
+        on."""
+        self._refused.look(self._counts, self._links, "states")
         self._counts["truth_listened"] = self._topics.truths.listeners if self._topics.truths is not None else 0
 
     def run(self, sequence, credit, due, valid_ns):
@@ -146,6 +150,7 @@ class QuickPeriods:
         why = run_periods(self._desk.words, self._work, self._times)
         gate.voltage, gate.command = float(v["voltage"]), float(v["command"])
         gate.saturated = gate.voltage != gate.command
+        gate.placed = gate.placed or gate.last != int(c["last"])
         gate.last, gate.valid_ns = int(c["last"]), int(c["valid_ns"])
         gate.begin(self.sequence - (why == TRAVEL))
         return why

@@ -12,6 +12,7 @@ from microstage_ros.control.laws.registry import controller_step
 from microstage_ros.control.trajectories.reference_player import HOLDING, MOVING, STOPPING
 from microstage_ros.numerics.compiled import called_from_c, compiled, kind_of
 from microstage_ros.ros.transport.block_buffer import close, crowded, keep, new_ring
+from microstage_ros.ros.transport.blocks import Refusals
 from microstage_ros.ros.transport.c_calls import (
     INFO_WORDS,
     MONOTONIC,
@@ -40,7 +41,7 @@ CROWDED, ASKED, QUIET, STRANGE = range(4)
 
 COUNTS = np.dtype([(name, "i8") for name in (
     "last", "start", "stopping", "every", "block", "inside_block", "inside_listened", "patience_ns", "moment_ns",
-    "foreign", "malformed", "state_bytes")])
+    "foreign", "malformed", "state_bytes", "refused")])
 LINKS = np.dtype([(name, "u8") for name in (
     "states", "state", "commands", "command", "insides", "inside", "sender")])
 """Addresses: of the subscription and its frame, of publishers and their frames, of the sender's semaphore."""
@@ -103,7 +104,8 @@ def answer_state(stop, links, c, parameters, memories, positions, frames, raws, 
     command["header.stamp.sec"] = state["header.stamp.sec"]
     command["header.stamp.nanosec"] = state["header.stamp.nanosec"]
     command["sequence"], command["reference"], command["sender"] = n, reference, SENDER
-    publish(links.commands, links.command)
+    if not publish(links.commands, links.command):
+        c.refused += 1
     c.last, c.patience_ns = n, c.moment_ns
     keep(rings[0], raws[0], n)
     if n % c.every == 0:
@@ -198,6 +200,7 @@ class QuickAnswers:
     def __init__(self, servo, reader, sender, commands, insides, controller, player, requests, every, block, moment, holder):
         load_libraries()
         self._insides, self._player, self._stop = insides, player, requests.asked
+        self._refused = Refusals(commands)
         self._frames = [Frame(name) for name in FRAMES]
         self.state, self.command, _ = state, command, inside = self._frames
         self._links, self._counts = np.zeros(1, LINKS), np.zeros(1, COUNTS)
@@ -219,7 +222,8 @@ class QuickAnswers:
         return int(self._counts["last"][0])
 
     def look_for_listeners(self):
-        """Begin or end to send `controller_state` singly; by any thread, while the loop goes on."""
+        """Begin or end to send `controller_state` singly, renew a publisher that refuses; while the loop goes on."""
+        self._refused.look(self._counts, self._links, "commands")
         self._counts["inside_listened"] = self._insides.listeners
 
     @property

@@ -40,8 +40,8 @@ COUNTS = np.dtype([(name, "i8") for name in (
     "sequence", "credit", "paced", "pace_ns", "due_ns", "slice_ns", "spin_ns", "waking_ns", "grace_ns", "priority", "block", "every", "status",
     "held", "silent", "truth_listened", "last", "answered", "late", "lost", "overruns", "begun_ns", "time_ns", "valid_ns",
     "hold_ns", "ahead_ns", "trip_ns", "zeroed", "host_stops", "host_stopped_ns", "foreign", "malformed", "command_bytes",
-    "fault")])
-VALUES = np.dtype([(name, "f8") for name in ("voltage", "limit", "period", "command")])
+    "fault", "refused")])
+VALUES = np.dtype([(name, "f8") for name in ("voltage", "limit", "period", "command", "holds")])
 LINKS = np.dtype([(name, "u8") for name in (
     "states", "state", "truths", "truth", "clocks", "clock", "commands", "command", "semaphore", "sender")])
 """Addresses: of publishers and the frames they send, of the subscription, its frame, its semaphore, the sender's."""
@@ -100,7 +100,7 @@ def count_host_stop(c, late):
 def zero_when_silent(c, v, guard, present, ahead):
     """No voltage if the last valid command will be older than `hold_ns` at the next look, ``ahead`` from ``present``
     [ns]."""
-    if present + ahead > c.valid_ns + c.hold_ns and (v.voltage != 0.0 or v.command != 0.0):
+    if v.holds == 0.0 and present + ahead > c.valid_ns + c.hold_ns and (v.voltage != 0.0 or v.command != 0.0):
         v.voltage = v.command = guard[1][VOLTS] = 0.0
         guard[0][WENT_TO_ZERO] = present
         c.zeroed += 1
@@ -145,7 +145,8 @@ def send_state(links, c, v, reading, message, raw, ring):
     zeroed = c.paced and c.begun_ns + c.ahead_ns > c.valid_ns + c.hold_ns
     message["status"] = c.status | (SATURATED if v.command != v.voltage else 0) | (LATE if c.held else 0) | (ZEROED if zeroed else 0)
     message["fault"] = 0
-    publish(links.states, links.state)
+    if not publish(links.states, links.state):
+        c.refused += 1
     keep(ring, raw, c.sequence)
 
 
@@ -192,7 +193,8 @@ def in_force(c, v, command, guard, times):
         return False
     c.last = n
     if words[TAKEN]:  # it waited while we stood still: whether we go on is decided first
-        v.voltage = v.command = 0.0
+        if v.holds == 0.0:
+            v.voltage = v.command = 0.0
         return True
     v.command = command["voltage"]
     v.voltage = min(max(v.command, -v.limit), v.limit)

@@ -58,13 +58,17 @@ class DriverPeriods:
 
     def _open(self):
         self.hardware.open()
+        self._written = 0.0
+        if self.gate.holds:
+            self.gate.place(getattr(self.hardware, "standing", None))
+            self._written = self.gate.voltage
 
     def _taken_away(self):
         """The watchdog took the voltage away: this loop stood still. A short stop of the host is no fault, a long one
         is."""
         silent, gate = self.gate.silent_s, self.gate
         gate.zero()
-        self._write(0.0)
+        self._make_safe()
         if gate.active and silent > self.parameters.command_timeout_s:
             gate.trip("watchdog", f"no valid command for {silent * 1e3:.1f} ms and this loop stood still; the watchdog took the "
                       f"voltage away after {self.guard.taken_after * 1e3:.1f} ms")
@@ -77,7 +81,7 @@ class DriverPeriods:
             return False
         self._due = None
         begin_anew(self.memory[0])
-        self._write(0.0)
+        self._make_safe()
         self._arm_card(True)
         self._enable(True)
         if not self._lockstep:
@@ -88,7 +92,7 @@ class DriverPeriods:
     def _deactivate(self):
         self.gate.deactivate()
         self.guard.disarm()
-        self._write(0.0)
+        self._make_safe()
         self._enable(False)
         self._arm_card(False)
         self._tell()
@@ -101,7 +105,7 @@ class DriverPeriods:
         """Latch a fault for another process or person: zero voltage now. False if another was latched before."""
         first = self.gate.fault == "none"
         self.gate.trip(fault, message)
-        self._write(0.0)
+        self._make_safe()
         return first
 
     def _forget_fault(self):
@@ -127,8 +131,8 @@ class DriverPeriods:
 
     def _arm_card(self, on):
         """The card's own watchdog, where the backend has one: armed while the driver is active and writes in every
-        period."""
-        if "watchdog" in self._safety:
+        period. It puts the output to zero, so not for a drive that holds a position."""
+        if "watchdog" in self._safety and not self.gate.holds:
             try:
                 self._safety["watchdog"](self._card_watchdog_s if on else 0.0)
             except HardwareError as error:
@@ -138,9 +142,10 @@ class DriverPeriods:
         self._told = (self.gate.active, self.gate.fault)
         if self.gate.fault != "none":
             self.guard.disarm()
-            self._write(0.0)
-            self._enable(False)
-            self.get_logger().error(f"fault {self.gate.fault}: {self.gate.message}; the voltage is zero")
+            self._make_safe()
+            if self._disables:
+                self._enable(False)
+            self.get_logger().error(f"fault {self.gate.fault}: {self.gate.message}; {self.gate.safe_words}")
         self.topics.status(self._time_ns, self.sequence, self.gate, self.hardware.simulated)
 
     def _idle(self):
@@ -190,17 +195,31 @@ class DriverPeriods:
         raw = self.topics.state(time_ns, n, reading, gate.voltage, status, FAULTS.index(gate.fault))
         self._begun = (time_ns, n, raw, self.hardware)
 
+    def _make_safe(self):
+        """Write the safe command: zero, or what a drive that holds a position was last told, if anything."""
+        if self.gate.placed:
+            self._write(self.gate.voltage if self.gate.holds else 0.0)
+
     def _write(self, voltage):
+        if not self.gate.placed:
+            return
         low, high = self._switches
-        if low and voltage < 0.0 or high and voltage > 0.0:
-            self.gate.trip("limit_switch", f"{voltage:.3g} {self.gate.unit} towards the {'lower' if low else 'upper'} limit switch, which is actuated")
-            voltage = 0.0
+        push = voltage - self._written if self.gate.holds else voltage
+        if low and push < 0.0 or high and push > 0.0:
+            self.gate.trip(
+                "limit_switch",
+                f"{voltage:.3g} {self.gate.unit} towards the {'lower' if low else 'upper'} limit switch, "
+                "which is actuated",
+            )
+            self.gate.place(self._written)
+            voltage = self.gate.voltage
         try:
             self.hardware.write(voltage)
         except HardwareError as error:
             self.gate.trip("hardware", str(error))
             self._enable(False)
             return
+        self._written = voltage
         self.guard.put(voltage)
 
     def _lockstep_period(self):
@@ -300,9 +319,9 @@ class DriverPeriods:
             self.topics.end_of_block(self._time_ns, n)
 
     def _faulted_period(self):
-        """Go on measuring in real time with zero voltage, whatever commands say."""
+        """Go on measuring in real time under the safe command, whatever commands say."""
         self._hold_back(max(self.period, 1e-3))
-        self._write(0.0)
+        self._make_safe()
         self._begin(round((self.sequence + 1) * self.period * 1e9) if self.parameters.mode == "lockstep"
                     else time.time_ns())
         self.topics.rest(*self._begun)

@@ -25,6 +25,22 @@ MOVING_M_S = 1e-6
 HERE = {"host": socket.gethostname(), "process": os.getpid()}
 
 
+def _answering(answer):
+    """``answer``, which also answers when the servo loop does not: not done, and why."""
+
+    def answered(request, response):
+        try:
+            return answer(request, response)
+        except TimeoutError as error:
+            for name in ("success", "accepted"):
+                if hasattr(response, name):
+                    setattr(response, name, False)
+            response.message = str(error)
+            return response
+
+    return answered
+
+
 class DriverRequests:
     """Services of `AxisDriver`; the attributes are the node's."""
 
@@ -40,7 +56,7 @@ class DriverRequests:
             (GetStatus, topics.STATUS, self._serve_status),
             (TakeOver, topics.TAKE_OVER, self._serve_take_over),
         ):
-            self.create_service(kind, name, answer, callback_group=group)
+            self.create_service(kind, name, _answering(answer), callback_group=group)
         self._answer_bad_transitions()
 
     def _answer_bad_transitions(self):
@@ -70,15 +86,17 @@ class DriverRequests:
         return found | {"since": type(DriverStatus().since)(sec=seconds, nanosec=nanoseconds)}
 
     def stop_now(self):
-        """Zero volts, latched. False if another fault was latched before."""
-        self.guard.put(0.0)
-        return self._requests.ask(lambda: self._trip("stopped", "stopped by an operator or a program (stop)"))
+        """The safe command, latched. False if another fault was latched before. It is done even if it comes late."""
+        if not self.gate.holds:
+            self.guard.put(0.0)
+        return self._requests.ask(lambda: self._trip("stopped", "stopped by an operator or a program (stop)"),
+                                  withdraw=False)
 
     def _serve_stop(self, request, response):
         first = self.stop_now() or self.gate.fault == "stopped"
         response.success = True
         response.message = (
-            "the voltage is zero"
+            self.gate.safe_words
             + ("" if first else f"; fault {self.gate.fault} was latched before")
             + "; reset lets the axis go on"
         )
@@ -86,7 +104,9 @@ class DriverRequests:
 
     def _serve_trip(self, request, response):
         name = FAULTS[request.fault] if 0 < request.fault < len(FAULTS) else ""
-        response.success = bool(name) and self._requests.ask(lambda: self._trip(name, request.message[:500]))
+        response.success = bool(name) and self._requests.ask(
+            lambda: self._trip(name, request.message[:500]), withdraw=False
+        )
         response.message = (
             "" if response.success else f"fault {self.gate.fault} was latched before" if name else "no such fault"
         )
@@ -141,15 +161,16 @@ class DriverRequests:
         response.voltage = float(self.guard.volts[0])
         response.lifecycle = self._state_machine.current_state[1]
         response.summary = (
-            f"fault {gate.fault}: {gate.message}; the voltage is zero"
+            f"fault {gate.fault}: {gate.message}; {gate.safe_words}"
             if gate.fault != "none"
             else f"active, commanded by {self.holder.name or 'nobody'}"
             if gate.active
-            else f"{response.lifecycle}, the voltage is zero"
+            else f"{response.lifecycle}, {gate.safe_words}"
         )
         return response
 
     def _watch_the_watchdog(self):
         """A watchdog that ended or hangs is replaced; without one nothing may move."""
         if self._configured and not self.guard.renew(self._stop_from_outside) and self.gate.active:
-            self._requests.ask(lambda: self._trip("watchdog", "there is no watchdog: its process does not start"))
+            self._requests.ask(lambda: self._trip("watchdog", "there is no watchdog: its process does not start"),
+                               withdraw=False)

@@ -70,7 +70,9 @@ class AxisDriver(DriverPeriods, DriverRequests, LifecycleNode):
                         self.axis.value("travel.maximum") + TRAVEL_MARGIN)
         self._lockstep = p.mode == "lockstep"
         actuator = actuator_of(self.axis)
-        self.gate = CommandGate(actuator.command_limit(self.axis), unit=actuator.command.unit)
+        self.gate = CommandGate(actuator.command_limit(self.axis), unit=actuator.command.unit,
+                                holds=actuator.holds_on_fault)
+        self._disables = actuator.disables_on_fault
         self._hold_s = max(p.command_hold_s, HOLD_PERIODS * self.period)
         self.limits, self.memory = new_limits(
             self.axis,
@@ -80,7 +82,7 @@ class AxisDriver(DriverPeriods, DriverRequests, LifecycleNode):
                 for name in ("velocity", "current", "following_error", "encoder_motor", "voltage_rate")
             },
         )
-        self.guard = OutputGuard(0.0 if self._lockstep else self._hold_s + WATCHDOG_LATER_S)
+        self.guard = OutputGuard(0.0 if self._lockstep else self._hold_s + WATCHDOG_LATER_S, actuator.holds_on_fault)
         self.ledger = Ledger(p.followers)
         self.responses = ResponseTimes()
         self._stop_from_outside, self._configured = None, False
@@ -134,7 +136,7 @@ class AxisDriver(DriverPeriods, DriverRequests, LifecycleNode):
         """What stays as it is in the compiled loop."""
         p = self.parameters
         return {"paced": not self._lockstep, "block": self.topics.block, "every": p.simulation_decimation,
-                "status": self._constant_status | AxisState.STATUS_ACTIVE, "limit": self.gate.limit,
+                "status": self._constant_status | AxisState.STATUS_ACTIVE, "limit": self.gate.limit, "holds": self.gate.holds,
                 "period": self.period, **timing(self.period, p.rate_limit, SLICE, not self._lockstep,
                                                  p.real_time_priority if p.scheduling == "real_time" else 0,
                                                  self._hold_s, p.command_timeout_s)}
@@ -145,7 +147,8 @@ class AxisDriver(DriverPeriods, DriverRequests, LifecycleNode):
         """Take hold of the hardware, and have the output watched."""
         done = self._in_loop(self._open)
         if done == TransitionCallbackReturn.SUCCESS:
-            self._stop_from_outside = self._safety["outside_stop"]() if "outside_stop" in self._safety else None
+            self._stop_from_outside = (
+                self._safety["outside_stop"]() if "outside_stop" in self._safety and not self.gate.holds else None)
             if not self.guard.start(self._stop_from_outside):
                 self.get_logger().error("not configured: the watchdog's process does not start")
                 self._in_loop(self.hardware.close)
@@ -233,7 +236,7 @@ class AxisDriver(DriverPeriods, DriverRequests, LifecycleNode):
         self.gate.deactivate()
         self.guard.disarm()
         try:
-            self._write(0.0)
+            self._make_safe()
             self._enable(False)
         finally:
             try:

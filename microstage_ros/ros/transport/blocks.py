@@ -61,9 +61,9 @@ class Outlet:
     """
 
     def __init__(self, node, servo, kind, topic, always=False):
-        self._single = node.create_publisher(kind, topic, SERVO)
+        self._kind, self._single, self._left_singles = kind, node.create_publisher(kind, topic, SERVO), []
         self._blocks = node.create_publisher(MessageBlock, BLOCKS + topic, BLOCK_QOS)
-        self.send_single, self._send_block = servo.writer(self._single), servo.writer(self._blocks)
+        self._write_single, self._send_block = servo.writer(self._single), servo.writer(self._blocks)
         self._always = self._listened = always
         self._codec = Codec(kind.__name__)
         self.ring = new_ring(BLOCK_BYTES // self._codec.size, self._codec.size)
@@ -79,6 +79,26 @@ class Outlet:
     def followers(self):
         """Matched readers of blocks."""
         return self._blocks.get_subscription_count()
+
+    def send_single(self, raw):
+        """Send one message to those who listen; through a new publisher if the middleware refuses it."""
+        if not self._write_single(raw):
+            self.renew_single()
+            self._write_single(raw)
+
+    def renew_single(self):
+        """A new publisher of single messages in place of one that refuses them, as `_send_anew`; nobody is waited for.
+
+        The old one stays until the next: compiled code may be about to send through it.
+        """
+        self._left_singles.append(self._single)
+        if len(self._left_singles) > 2:
+            self._node.destroy_publisher(self._left_singles.pop(0))
+        self._node.get_logger().warning(
+            f"the middleware refuses messages on {self._single.topic_name}: they go through a new publisher"
+        )
+        self._single = self._node.create_publisher(self._kind, self._single.topic_name, SERVO)
+        self._write_single = self._writer(self._single)
 
     def send(self, sequence, raw):
         """Send one message; it goes into the block that `flush` sends."""
@@ -158,6 +178,30 @@ class Outlet:
     def address(self):
         """Of the C structure of the publisher of single messages."""
         return int(self._single.handle.pointer)
+
+
+class Refusals:
+    """Sees that compiled code's messages were refused, and gives it a new publisher.
+
+    Parameters
+    ----------
+    outlet : whose single messages compiled code sends.
+    """
+
+    def __init__(self, outlet):
+        self._outlet, self._seen = outlet, 0
+
+    def look(self, counts, links, name):
+        """Renew if ``counts.refused`` has grown.
+
+        ``counts``, ``links``: arrays of one record that the compiled loop works with; ``name``: the publisher's place
+        in ``links``. One thread, the sender's.
+        """
+        refused = int(counts["refused"][0])
+        if refused != self._seen:
+            self._outlet.renew_single()
+            links[name] = self._outlet.address
+            self._seen = int(counts["refused"][0])
 
 
 class Sender:

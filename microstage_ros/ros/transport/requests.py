@@ -6,6 +6,18 @@ import threading
 import numpy as np
 
 
+class _Request:
+    """One action; whoever takes it first decides whether it is done: the loop, or the asker whose patience has ended."""
+
+    def __init__(self, action):
+        self.action, self.done, self.result, self.error = action, threading.Event(), None, None
+        self._free = threading.Lock()
+
+    def claim(self):
+        """True for the first who asks."""
+        return self._free.acquire(blocking=False)
+
+
 class Requests:
     """Actions for the loop of a process.
 
@@ -22,18 +34,25 @@ class Requests:
         self._queue, self._wake = queue.SimpleQueue(), wake
         self.asked = np.zeros(1, np.int64)
 
-    def ask(self, action, timeout=5.0):
-        """Have the loop do it; returns or raises what ``action`` does. Raises `TimeoutError`."""
-        done, outcome = threading.Event(), []
-        self._queue.put((action, done, outcome))
+    def ask(self, action, timeout=5.0, withdraw=True):
+        """Have the loop do it; returns or raises what ``action`` does. Raises `TimeoutError`.
+
+        An action that has not begun within ``timeout`` [s] is withdrawn: whoever asked has been told that it was not
+        done. Without ``withdraw`` it is done late rather than never, as a stop must be.
+        """
+        request = _Request(action)
+        self._queue.put(request)
         self.asked[0] = 1
         self._wake()
-        if not done.wait(timeout):
-            raise TimeoutError(f"the servo loop did not answer within {timeout} s")
-        result, error = outcome
-        if error is not None:
-            raise error
-        return result
+        if not request.done.wait(timeout):
+            withdrawn = withdraw and request.claim()
+            raise TimeoutError(
+                f"the servo loop did not answer within {timeout} s"
+                + ("; the request is withdrawn" if withdrawn else "; it is done as soon as the loop goes on")
+            )
+        if request.error is not None:
+            raise request.error
+        return request.result
 
     def interrupt(self):
         """End compiled code and the loop's sleep: somebody has to look, now."""
@@ -41,14 +60,16 @@ class Requests:
         self._wake()
 
     def serve(self):
-        """Do all that waits; called by the loop."""
+        """Do all that waits and was not withdrawn; called by the loop."""
         if not self.asked[0]:
             return
         self.asked[0] = 0
         while not self._queue.empty():
-            action, done, outcome = self._queue.get()
+            request = self._queue.get()
+            if not request.claim():
+                continue
             try:
-                outcome += [action(), None]
+                request.result = request.action()
             except Exception as error:  # noqa: BLE001 - it belongs to who asked
-                outcome += [None, error]
-            done.set()
+                request.error = error
+            request.done.set()

@@ -4,6 +4,7 @@ import math
 import time
 
 import pytest
+from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from microstage_msgs.msg import AxisState, ServoTiming, VoltageCommand
 from rcl_interfaces.srv import SetParameters
@@ -69,7 +70,12 @@ def test_bad_commands(node, tmp_path):
     with driver(tmp_path, resend_s=0.2, command_timeout_lockstep_s=60.0) as cell:
         commander = Commander(node)
         spin_until(node, lambda: commander.publisher.get_subscription_count() == 1)
-        ask(node, GetState, "/axis/axis_driver/get_state", GetState.Request())
+        for _ in range(6):  # each is answered
+            found = ask(node, GetState, "/axis/axis_driver/get_state", GetState.Request())
+            assert found.current_state.label == "unconfigured"
+        for wrong in (Transition(id=77), Transition(label="fly"), Transition(id=Transition.TRANSITION_ACTIVATE)):
+            answer = ask(node, ChangeState, "/axis/axis_driver/change_state", ChangeState.Request(transition=wrong))
+            assert not answer.success  # there is none from here; rclpy alone would never answer
 
         commander.send(5, 1.0)  # nobody asked for it
         commander.wait_for_fault("FAULT_COMMAND_INACTIVE")
@@ -110,8 +116,6 @@ def test_bad_commands(node, tmp_path):
 
 
 def _activate(node, cell):
-    from lifecycle_msgs.msg import State, Transition
-
     state = ask(node, GetState, "/axis/axis_driver/get_state", GetState.Request()).current_state.id
     if state == State.PRIMARY_STATE_UNCONFIGURED:
         cell.activate(node)

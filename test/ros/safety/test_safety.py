@@ -52,12 +52,14 @@ def running_cell(tmp_path, mode="paced", nodes=WITHOUT_RECORDER, supervised=Fals
                 cell.stop(QUICK)  # who was killed acknowledges nothing: nobody waits for it
 
 
-def begin_move(client, target=2e-2, **options):
-    """A long move that has begun; its handle and the future of its result."""
+def begin_move(client, heard, target=2e-2, **options):
+    """A long move that has begun; its handle and the future of its result. A fault before it begins ends the test."""
     goal = MoveTo.Goal(target=target, **{"max_velocity": 1e-3, "timeout": 60.0, **options})
     under_way = []
     sent = client._action.send_goal_async(goal, feedback_callback=under_way.append)
-    spin_until(client.node, lambda: under_way)  # accepted is not begun: on a loaded machine a fault may come between
+    # accepted is not begun: on a loaded machine a fault may come between
+    spin_until(client.node, lambda: under_way or heard and heard[-1].fault)
+    assert under_way, heard[-1].message
     return sent.result(), sent.result().get_result_async()
 
 
@@ -78,7 +80,7 @@ def gone(pid):
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT, signal.SIGSTOP])
 def test_the_voltage_goes_whatever_happens_to_the_driver(tmp_path, number):
     with running_cell(tmp_path) as (cell, node, client, heard, _):
-        begin_move(client)
+        begin_move(client, heard)
         pid = cell.processes["axis_driver"].pid
         view = OutputView(pid)
         moving(view, node, heard)
@@ -98,7 +100,7 @@ def test_the_voltage_goes_whatever_happens_to_the_driver(tmp_path, number):
 @pytest.mark.parametrize("mode", ["paced", "lockstep"])
 def test_a_dead_controller_is_zero_volts_and_an_answered_move(tmp_path, mode):
     with running_cell(tmp_path, mode, supervised=True) as (cell, node, client, heard, supervisor):
-        _, result = begin_move(client)
+        _, result = begin_move(client, heard)
         view = OutputView(cell.processes["axis_driver"].pid)
         moving(view, node, heard)
         cell.processes["str_controller"].kill()

@@ -8,7 +8,7 @@ from microstage_msgs.msg import VoltageCommand
 from ros_support import spin_until
 
 from microstage_ros.ros.transport.block_buffer import SLOTS, close, crowded, keep, new_ring
-from microstage_ros.ros.transport.blocks import Outlet, Sender, Stream, periods_per_block
+from microstage_ros.ros.transport.blocks import Outlet, Refusals, Sender, Stream, periods_per_block
 from microstage_ros.ros.transport.codec import Codec
 from microstage_ros.ros.transport.servo_path import RCLError, Semaphore, make_servo_path, never_raising
 
@@ -72,6 +72,30 @@ def test_what_the_middleware_refuses_ends_nobody_and_is_counted(node):
     outlet.send(5, command(5))
     outlet.flush()
     assert heard(stream, servo, 1) == [5]
+
+
+def test_single_messages_that_are_refused_go_through_a_new_publisher(node):
+    """In Python at once; compiled code is given the new publisher's address by the sender's thread."""
+    servo = make_servo_path(node)
+    outlet = Outlet(node, servo, VoltageCommand, "command", always=True)
+    before = outlet.address
+    outlet._write_single = never_raising(_refusal)
+    outlet.send_single(command(0))
+    assert outlet.address != before and outlet._write_single(command(1))
+    counts, links = np.zeros(1, [("refused", "i8")]), np.zeros(1, [("commands", "u8")])
+    refusals = Refusals(outlet)
+    refusals.look(counts, links, "commands")
+    assert links["commands"][0] == 0
+    for _ in range(4):
+        counts["refused"] += 3
+        refusals.look(counts, links, "commands")
+        refusals.look(counts, links, "commands")
+        assert links["commands"][0] == outlet.address
+    assert sum(publisher.topic_name == "/axis/command" for publisher in node.publishers) == 3
+
+
+def _refusal(raw):
+    raise RCLError("Failed to publish: cannot publish data")
 
 
 def test_a_loop_does_not_wait_for_another_thread_that_sends(node):
