@@ -103,9 +103,9 @@ def message_class_of(kind):
 
 def _wait_for_readers(publisher):
     """Until every reader has what was sent. Raises `InputError` if one does not take it."""
-    import rclpy
+    from rclpy.duration import Duration
 
-    if not publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=PATIENCE_S)):
+    if not publisher.wait_for_all_acked(Duration(seconds=PATIENCE_S)):
         raise InputError(publisher.topic_name, f"a reader has not taken what was sent for {PATIENCE_S:g} s",
                          "readers that go on; stop those that hang, or replay with a lower --rate")
 
