@@ -183,6 +183,7 @@ class CellProcesses:
         lines = Path(log).read_text(encoding="utf-8", errors="replace").strip().splitlines()
         # of a warning or a traceback the line that says what it is
         lines = [line for line in lines if not line.startswith(" ")]
+        lines = [line for line in lines if "Warning: " not in line]  # of Python's libraries
         errors = [line for line in lines if line.startswith(("[ERROR]", "[FATAL]"))]
         return f": {(errors or lines)[-1]}" if lines else ""
 

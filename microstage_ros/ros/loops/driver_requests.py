@@ -16,6 +16,7 @@ from std_srvs.srv import Trigger
 
 from microstage_ros.hardware.command_gate import FAULTS
 from microstage_ros.model.actuators import actuator_of
+from microstage_ros.ros.launching.process import running
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.identity import ANYBODY
 
@@ -131,6 +132,17 @@ class DriverRequests:
         if others and not self.holder.name:
             return f"several publish on {topics.COMMAND}, one must: {', '.join(sorted(others.values()))}"
         return ""
+
+    def _await_commander(self):
+        """As `_find_commander`, with a wait: the graph of a busy machine may learn late who publishes. Until it has,
+        a command could be anybody's."""
+        until = time.monotonic() + self.parameters.ready_timeout_s
+        while not (why := self._find_commander()) and not self.holder.found:
+            if time.monotonic() > until or not running():
+                return f"nobody publishes on {topics.COMMAND}"
+            time.sleep(0.01)
+        self.holder.be_strict()
+        return why
 
     def _serve_take_over(self, request, response):
         found = self.holder.publishers()

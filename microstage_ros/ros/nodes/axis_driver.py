@@ -158,7 +158,7 @@ class AxisDriver(DriverPeriods, DriverRequests, LifecycleNode):
 
     def on_activate(self, state):
         """Begin; refused while a fault is latched, or readers or followers are missing."""
-        missing = self._missing_readers() or self._find_commander()
+        missing = self._missing_readers() or self._await_commander()
         if missing:
             self.get_logger().error(f"not activated: {missing}")
             return TransitionCallbackReturn.FAILURE
@@ -220,6 +220,8 @@ class AxisDriver(DriverPeriods, DriverRequests, LifecycleNode):
     def _once_per_second(self):
         """Timing and diagnostics, read while the loop goes on: to stop it would cost it many periods."""
         self._watch_the_watchdog()
+        if not self.holder.found:
+            self._find_commander()
         counters = {name: getattr(self.gate, name) for name in COUNTERS} | {
             "overruns": self.overruns, "foreign": self._checked.foreign, "malformed": self._checked.malformed,
             "taken_away": self.guard.taken_count, "host_stops": self.host_stops, "host_stopped": self.host_stopped}

@@ -252,6 +252,7 @@ class Stream:
     def __init__(self, node, servo, kind, topic):
         self._node, self._servo, self._kind, self._topic = node, servo, kind, topic
         self._size, names = Codec(kind.__name__).size, SENDERS.get(topic, ())
+        self._expected = {(node.get_namespace(), name) for name in names}
         self._holder, self._single_holder = Holder(node, BLOCKS + topic, names), Holder(node, topic, names)
         self._blocks = CheckedReader(
             servo.reader(MessageBlock, BLOCKS + topic, reader_qos(BLOCK_DEPTH, reliable=True)),
@@ -296,10 +297,17 @@ class Stream:
         return None if not found else found[0] if len(found) == 1 else np.concatenate(found)
 
     def look(self):
-        """Read singly too if there is a sender that makes no blocks; to be called now and then. True if new."""
+        """Read singly too if there is a sender that makes no blocks; to be called now and then. True if that changed.
+
+        A stranger beside the expected sender of blocks is nobody to be read: what the latter sends would come twice.
+        """
+        in_blocks = _senders(self._node, BLOCKS + self._topic)
+        if in_blocks & self._expected:
+            self._suspects = set()
+            return self._single is not None and self._read_blocks_alone()
         if self._single is not None:
             return False
-        blockless = _senders(self._node, self._topic) - _senders(self._node, BLOCKS + self._topic)
+        blockless = _senders(self._node, self._topic) - in_blocks
         seen_twice, self._suspects = blockless & self._suspects, blockless  # its blocks may be found a moment later
         if not seen_twice:
             return False
@@ -310,6 +318,11 @@ class Stream:
             self._size + WORD,
         )
         self.readers = (self._blocks.reader, self._single.reader)
+        return True
+
+    def _read_blocks_alone(self):
+        self._node.destroy_subscription(self._single.reader.subscription)
+        self._single, self.readers = None, (self._blocks.reader,)
         return True
 
 

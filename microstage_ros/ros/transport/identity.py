@@ -14,6 +14,8 @@ import numpy as np
 from microstage_ros.ros.transport.c_calls import GID_AT, HALF
 
 ANYBODY = (0, 0)
+NOBODY = (-1, 0)
+"""Numbers that no process has."""
 
 
 def process_of(gid):
@@ -69,13 +71,26 @@ class Holder:
 
     Attributes
     ----------
-    words : int64 (2,), the holder's numbers as compiled code compares them; zeros: none so far.
+    words : int64 (2,), the holder's numbers as compiled code compares them; while there is none, zeros, or `NOBODY` if
+        it is strict.
     name : of its node, empty if none.
     """
 
     def __init__(self, node, topic, names=()):
         self._node, self._topic, self._names = node, node.resolve_topic_name(topic), names
+        self._none = ANYBODY
         self.words, self.name = np.zeros(2, np.int64), ""
+
+    def be_strict(self):
+        """From now on nobody is obeyed while nobody holds the topic; until now anybody is heard."""
+        self._none = NOBODY
+        if not self.words[0]:
+            self.words[:] = NOBODY
+
+    @property
+    def found(self):
+        """True while somebody holds the topic."""
+        return tuple(self.words.tolist()) != self._none
 
     def publishers(self):
         """Process numbers to full node name, of all that publish on the topic now."""
@@ -113,7 +128,7 @@ class Holder:
 
     def take(self, found, numbers):
         """Make ``numbers``, of ``found``, the holder; `ANYBODY`: nobody."""
-        self.words[:] = numbers
+        self.words[:] = self._none if numbers == ANYBODY else numbers
         self.name = found.get(numbers, "")
 
     def forget(self):

@@ -178,3 +178,11 @@ def test_a_driver_that_nobody_reads_is_not_activated(node, tmp_path):
         with pytest.raises(CellFailure, match="no credit from.*bag_recorder"):
             cell.activate(node)
         assert time.monotonic() > began
+
+
+def test_a_driver_that_nobody_commands_is_not_activated(node, tmp_path):
+    """Activated without a commander it would obey whoever comes first."""
+    with driver(tmp_path, ready_timeout_s=1.0) as cell:
+        node.create_subscription(AxisState, "/axis/state", lambda state: None, 10)
+        with pytest.raises(CellFailure, match="nobody publishes on command"):
+            cell.activate(node)

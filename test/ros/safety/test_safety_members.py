@@ -9,9 +9,11 @@ from microstage_msgs.msg import AxisState, DriverStatus
 from ros_support import ros_node, spin_until
 from test_driver_safety import Commander
 
+from microstage_ros.hardware.command_gate import CommandGate
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 from microstage_ros.ros.launching.cell_processes import CellProcesses
+from microstage_ros.ros.loops.driver_periods import DriverPeriods
 from microstage_ros.ros.operator import Operator
 from microstage_ros.ros.transport.topics import LATCHED
 
@@ -56,6 +58,41 @@ CARD = """
         def limit_switches(self):
             return (self._folder / "lower").exists(), (self._folder / "upper").exists()
 """
+
+
+class Rail(DriverPeriods):
+    """What `_write` needs of a driver, with a drive that holds a position."""
+
+    def __init__(self):
+        self.gate, self._switches, self._written = CommandGate(10.0, unit="rad", holds=True), (False, False), 0.0
+        self.hardware = self.guard = self
+        self.written = []
+
+    def write(self, command):
+        self.written.append(command)
+
+    def put(self, command):
+        pass
+
+
+def test_a_limit_switch_of_a_drive_that_holds_a_position():
+    """Towards the switch is a command below the last one, whatever its sign; then the last one stays."""
+    rail = Rail()
+    rail._make_safe()
+    assert not rail.written  # nobody has said where it stands
+    rail.gate.activate()
+    for period, command in enumerate((-3.0, -2.0)):  # away from the lower switch
+        rail.gate.begin(period)
+        rail.gate.offer(period, command)
+        rail._write(rail.gate.voltage)
+        rail._switches = (True, False)
+    assert rail.written == [-3.0, -2.0] and rail.gate.fault == "none"
+    rail.gate.begin(2)
+    rail.gate.offer(2, -2.5)
+    rail._write(rail.gate.voltage)
+    assert rail.written[-1] == -2.0 and rail.gate.fault == "limit_switch" and "-2.5 rad" in rail.gate.message
+    rail._make_safe()
+    assert rail.written[-1] == rail.gate.voltage == -2.0
 
 
 @pytest.fixture

@@ -155,3 +155,27 @@ def test_a_sender_without_blocks_is_followed_singly(node):
     for n in range(20):
         publisher.publish(VoltageCommand(sequence=n, voltage=0.5 * n))
     assert heard(stream, servo, 20) == list(range(20))
+
+
+def test_a_stranger_beside_the_sender_of_blocks_is_not_followed(node):
+    """Else every message of the expected sender would be read twice: in its block, and singly."""
+    import rclpy
+
+    stranger = node.create_publisher(VoltageCommand, "command", 10)
+    servo = make_servo_path(node)
+    stream = Stream(node, servo, VoltageCommand, "command")
+    spin_until(node, lambda: stream.look())
+    assert stream.singly  # alone it is somebody
+    controller = rclpy.create_node("str_controller", namespace="/axis")
+    try:
+        outlet = Outlet(controller, make_servo_path(controller), VoltageCommand, "command", always=True)
+        spin_until(node, lambda: stream.look())
+        assert not stream.singly and len(stream.readers) == 1
+        spin_until(node, lambda: outlet.followers == 1 and stream.publishers == 1)
+        for n in range(4):
+            stranger.publish(VoltageCommand(sequence=2**40))
+            outlet.send(n, command(n))
+        outlet.flush()
+        assert not stream.look() and not stream.look() and heard(stream, servo, 4) == [0, 1, 2, 3]
+    finally:
+        controller.destroy_node()

@@ -1,0 +1,34 @@
+"""Who may publish on a topic is known by the identity of its process; without a holder nobody is obeyed where it counts."""
+
+import numpy as np
+from microstage_msgs.msg import VoltageCommand
+from ros_support import spin_until
+
+from microstage_ros.ros.transport.c_calls import GID_AT, INFO_WORDS, known
+from microstage_ros.ros.transport.identity import ANYBODY, Holder
+
+
+def message_of(numbers):
+    """What the middleware tells of a message from a process."""
+    info = np.zeros(INFO_WORDS, np.int64)
+    info[GID_AT : GID_AT + 2] = numbers
+    return info
+
+
+def test_without_a_holder_a_strict_topic_obeys_nobody(node):
+    strict, open_to_all = Holder(node, "command"), Holder(node, "command")
+    strict.be_strict()
+    stranger = message_of((77, 5))
+    for holder in (strict, open_to_all):
+        holder.look()
+        assert not holder.found
+    assert not strict.is_of(stranger) and not known(stranger, strict.words)
+    assert open_to_all.is_of(stranger) and known(stranger, open_to_all.words)
+    publisher = node.create_publisher(VoltageCommand, "command", 10)
+    spin_until(node, lambda: strict.look() is not None and strict.found)
+    mine = tuple(strict.words.tolist())
+    assert mine != ANYBODY and strict.name == node.get_fully_qualified_name()
+    assert known(message_of(mine), strict.words) and not known(stranger, strict.words)
+    node.destroy_publisher(publisher)
+    spin_until(node, lambda: strict.look() is not None and not strict.found)
+    assert not known(message_of(mine), strict.words)
