@@ -14,7 +14,8 @@ from microstage_ros.commissioning.experiments.machine import Machine
 from microstage_ros.commissioning.experiments.open_loop import Strokes
 from microstage_ros.commissioning.estimation.plant_fit import fit_plant, held_response, resonance_of
 from microstage_ros.control.laws.controller import controller_parameters
-from microstage_ros.control.tuning.margins import loop_margins, loop_of, pid_transfer, regimes
+from microstage_ros.control.tuning.margins import controller_margins, loop_margins, loop_of, pid_transfer, regimes
+from microstage_ros.control.tuning.tuning import GUARDED
 from microstage_ros.hardware import make_hardware
 from microstage_ros.hardware.protocol import Setup
 from microstage_ros.model.axis_file import load_axis
@@ -52,23 +53,21 @@ def test_a_linear_plant_in_closed_loop_with_noise():
     assert np.abs(loop.value / (8.0 * truth) - 1.0)[kept].max() < 0.1
 
 
-def test_the_margins_of_a_loop_in_motion():
-    """Measured with the axis in motion under a fixed PID: within 3 degrees and 1 dB of the linearised loop."""
+@pytest.mark.parametrize("law, gains", [("self_tuning_feedforward", {}), ("self_tuning_observer", {"voltage_noise": 9.2e-3})])
+def test_the_margins_of_a_loop_in_motion(law, gains):
+    """Measured in motion under a law that learns: within 3 degrees and 1 dB of the linearised loop of its gains."""
     axis = AXIS.with_controller({"type": "self_tuning"})
     backend = make_hardware("simulated", Setup(axis, 1, {}))
     backend.open()
     machine = Machine(backend, axis)
     machine.begin()
-    loop = Loop(machine, axis, "pid", 0.07)
+    loop = Loop(machine, axis, law, 0.07, gains)
     found = Strokes(3.41, 394.0, 3.1, 0.07, 0.0, 0.0, True, 0.01)
     _, measured = measured_loop.loop_in_motion(loop, found, 1, lambda name, record: None)
     margins = measured_margins(measured)
-    parameters = controller_parameters("pid", axis, {})["pid"]
-    transfer = pid_transfer({name: float(parameters[name]) for name in parameters.dtype.names}, PERIOD)
-    name, plant, _ = regimes(axis)[2]
-    truth = loop_margins(loop_of(plant, transfer, PERIOD), PERIOD, name)
-    assert margins.phase_deg == pytest.approx(truth.phase_deg, abs=3.0)
-    assert margins.gain_dB == pytest.approx(truth.gain_db, abs=1.0)
+    truth = next(m for m in controller_margins(axis, controller_parameters(law, axis, gains)) if m.regime == GUARDED[1])
+    assert margins.phase_deg == pytest.approx(truth.phase_deg, abs=3.0) and margins.phase_error_deg < 1.5
+    assert margins.gain_dB == pytest.approx(truth.gain_db, abs=1.0) and margins.gain_error_dB < 0.5
 
 
 def modelled(noise=0.0, seed=1, **values):
