@@ -7,6 +7,7 @@ import pytest
 from machines import Machine, random_axis
 
 from microstage_ros.commissioning.findings import Refused
+from microstage_ros.commissioning.experiments.closed_loop import Loop
 from microstage_ros.commissioning.experiments.dead_encoder import EncoderWatch
 from microstage_ros.commissioning.experiments.first_motion import first_motion
 from microstage_ros.commissioning.experiments.machine import Machine as Hand
@@ -18,6 +19,7 @@ from microstage_ros.hardware import make_hardware
 from microstage_ros.hardware.protocol import Setup
 from microstage_ros.model.transmission import motor_ratio
 from microstage_ros.places import config_file
+from microstage_ros.records.record import Record
 
 SKETCH = load_sketch(config_file("axis.yaml"))
 
@@ -158,3 +160,15 @@ def test_the_cards_watchdog_is_armed_while_voltages_are_written():
     del calls[:]
     hand.rest(3e-4)
     assert calls[0] == pytest.approx(0.1) and calls[-2:] == ["write", 0.0] and calls.count("read") == 3
+
+
+def test_a_stage_that_runs_on_past_its_target_is_not_blocked(tmp_path):
+    """The reference has come to its end and stands, the stage goes on at 2 mm/s: it does not follow."""
+    hand = begun(tmp_path)
+    loop = Loop(hand, SKETCH.axis, "self_tuning", 0.1)
+    n, period = 400, hand.period
+    beyond = 1e-4 + 2e-3 * period * np.arange(n)
+    table = {"encoder_m": beyond, "reference_m": np.zeros(n), "voltage_V": np.full(n, 1.6)}
+    with pytest.raises(Refused, match="does not follow") as end:
+        loop._explain(Record(period, table), 1e-4)
+    assert end.value.check.id == "runaway"

@@ -130,7 +130,8 @@ class Loop:
         volts = float(np.mean(record["voltage_V"][-last:]))
         free = max(abs(volts) - 2.0 * self.sliding, 0.0) / max(float(self._model["volts_per_velocity"]), 1e-9)
         speed = abs(float(x[-1] - x[-last])) / (last * machine.period)
-        if speed < STANDS * min(free, abs(asked) / (rows * machine.period)) or abs(asked) < 2.0 * machine.count:
+        wanted = abs(asked) / (rows * machine.period) if abs(asked) >= 2.0 * machine.count else math.inf
+        if speed < STANDS * min(free, wanted):  # one that runs on past a reference that stands is not blocked
             back = self._retreat(-sign)
             if back:
                 raise refused(
