@@ -52,21 +52,34 @@ LINES, REST_PERIODS = 60, 20
 SLIDES, OBSERVED_SLIDES = 6, 10
 
 
-def frozen(loop):
-    """The same law on the same machine, learning nothing."""
-    known = {gain.name for gain in gain_list(loop.law)}
-    return Loop(
-        loop.machine,
-        loop.axis,
-        loop.law,
-        loop.sliding,
-        {**loop.gains, **{name: value for name, value in FROZEN.items() if name in known}},
-    )
+class Frozen(Loop):
+    """The law of another `Loop` on the same machine, learning nothing.
+
+    The observer law doubts encoder or back-EMF after some swings in a row (`observer.source_doubt`); no gain turns that
+    off, and a test signal makes swings, so their count stays at zero.
+    """
+
+    def __init__(self, loop):
+        known = {gain.name for gain in gain_list(loop.law)}
+        held = {name: value for name, value in FROZEN.items() if name in known}
+        super().__init__(loop.machine, loop.axis, loop.law, loop.sliding, {**loop.gains, **held})
+
+    def _made(self, limit=None):
+        controller = super()._made(limit)
+        if self.law == OBSERVED:
+            observer, plain = controller.memory["observer"], controller.step
+
+            def step(reference, encoder, current=0.0):
+                observer["waves"] = 0
+                return plain(reference, encoder, current)
+
+            controller.step = step
+        return controller
 
 
 def loop_at_rest(loop, breakaway, seed, keep):
     """(plant, loop) responses while the frozen law holds still."""
-    machine, held = loop.machine, frozen(loop)
+    machine, held = loop.machine, Frozen(loop)
     most = REST_SHARE * breakaway
     if loop.law == OBSERVED:
         made = _unnoticed(held, 5.0, most, seed)
@@ -84,7 +97,7 @@ def loop_at_rest(loop, breakaway, seed, keep):
 def loop_in_motion(loop, found, seed, keep):
     """(plant, loop) responses while the frozen law slides the stage to and fro; (None, None) without a slide that holds
     two periods of the multi-sine."""
-    machine, held = loop.machine, frozen(loop)
+    machine, held = loop.machine, Frozen(loop)
     speed = min(SLIDE_SPEED, 0.5 * held.top_speed)
     length = min(2.5e-3, 0.1 * machine.stroke)
     period, observed = machine.period, loop.law == OBSERVED
