@@ -89,7 +89,9 @@ class SafetyMembers(Protocol):
 
     def enable(self, on: bool) -> None:
         """Switch the drive's enable output. On when the driver is activated, after ``write(0.0)``; off after
-        ``write(0.0)`` when it is deactivated, on every fault, and on every way out.
+        ``write(0.0)`` when it is deactivated, on every fault, and on every way out. For a drive that holds a position
+        (`Actuator.holds_on_fault`) the last command is written in place of zero, and a fault may leave the enable on
+        (`Actuator.disables_on_fault`).
         """
 
     def e_stop(self) -> bool:
@@ -108,7 +110,7 @@ class SafetyMembers(Protocol):
         """Arm the card's own watchdog: its output goes to zero by itself when no `write` comes for so long [s]; 0
         disarms. Armed when the driver is activated and after a reset, with the backend's option ``watchdog_s`` or,
         where it has none, with what the watchdog's process has (4.5 ms by default); disarmed when it is deactivated,
-        since it writes no more then.
+        since it writes no more then. Not called for a drive that holds a position.
         """
 
     def outside_stop(self) -> tuple[str, dict]:

@@ -152,6 +152,7 @@ def test_inactive_driver_is_a_refusal_and_the_bag_is_whole(running):
     running.client.wait_until_still()
     running.cell.stop()
     streams = read_bag(running.bag)
+    assert not streams["/axis/driver_status"]["active"][-1]  # the last word of the driver
     state, command = streams["/axis/state"], streams["/axis/command"]
     assert np.array_equal(state["sequence"], np.arange(len(state))) and len(state) > 3000
     assert np.array_equal(command["sequence"], state["sequence"])

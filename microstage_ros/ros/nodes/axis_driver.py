@@ -234,12 +234,15 @@ class AxisDriver(DriverPeriods, DriverRequests, LifecycleNode):
 
     def close(self):
         """Zero voltage, let go of the hardware, send what is left."""
-        self._configured = False
+        self._configured, was_active = False, self.gate.active
         self.gate.deactivate()
         self.guard.disarm()
         try:
             self._make_safe()
             self._enable(False)
+            if was_active and not self._lockstep:  # a last state that shows it; in lockstep no period is without its command
+                self._begin(time.time_ns())
+                self.topics.rest(*self._begun)
         finally:
             try:
                 self.hardware.close()
@@ -248,6 +251,7 @@ class AxisDriver(DriverPeriods, DriverRequests, LifecycleNode):
         if self._quick is not None:
             self._sender.stop()
         self.topics.flush()
+        self.topics.status(self._time_ns, self.sequence, self.gate, self.hardware.simulated)
 
 
 def warm_up():

@@ -14,6 +14,7 @@ from microstage_msgs.action import MoveTo
 from microstage_msgs.msg import AxisState, DriverStatus
 from ros_support import PATIENCE_S, own_domain, real_time_place, ros_node, spin_until
 
+from microstage_ros.records.bags.bag import read_bag
 from microstage_ros.ros.benchmarks.output_view import OutputView
 from microstage_ros.ros.client import AxisClient
 from microstage_ros.ros.launching.cell_processes import NODES, QUICK, CellFailure, CellProcesses
@@ -155,7 +156,8 @@ def test_two_owners_are_one_too_many(tmp_path):
 @pytest.mark.parametrize("mode", ["paced"])
 def test_ctrl_c_of_a_cell_leaves_nothing(tmp_path, mode):
     with own_domain():
-        cell = subprocess.Popen([sys.executable, "-m", "microstage_ros.commands", "cell", "--mode", mode], text=True,
+        cell = subprocess.Popen([sys.executable, "-m", "microstage_ros.commands", "cell", "--mode", mode,
+                                 "--record", str(tmp_path / "bag")], text=True,
                                 stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
         assert any("is active" in line for line in cell.stdout)  # the middleware prints there too
         family = children(cell.pid)
@@ -165,6 +167,8 @@ def test_ctrl_c_of_a_cell_leaves_nothing(tmp_path, mode):
         out, err = cell.communicate(timeout=PATIENCE_S)
         took = time.monotonic() - began
         assert cell.returncode == 0 and "Traceback" not in err
+        states = read_bag(tmp_path / "bag", ["/axis/state"])["/axis/state"]
+        assert states["applied_voltage"][-1] == 0.0 and not states["status"][-1] & AxisState.STATUS_ACTIVE
         assert took < 30.0  # the figure is 2 s on a machine of its own; waiting for each process in turn could take 120 s
         end = time.monotonic() + PATIENCE_S
         while not all(map(gone, family)):
