@@ -101,7 +101,7 @@ def _run(arguments, sketch, backend, store):
 
 
 def _stop_by_signal():
-    """A closed terminal or a request to end stops like Ctrl-C: with zero volts. Returns the handlers that were there."""
+    """A closed terminal or a request to end stops like Ctrl-C: with zero volts. Returns the handlers there were."""
     if threading.current_thread() is not threading.main_thread():
         return {}
 

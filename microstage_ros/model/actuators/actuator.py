@@ -32,8 +32,9 @@ class Actuator:
     command : `quantities.command.Command`, what it is commanded with.
     parameters : {key below ``drive``: `Spec`}. transmissions : the types that it can be joined to.
     measures_current : whether the drive has a current sensor. holds_position : whether the command sets a position
-        (stepper, piezo) and not a force. holds_on_fault : the safe command is the last one obeyed, since zero would be a
-        move. disables_on_fault : the drive's enable output goes off with a fault. laws : control laws that can drive it, None: all.
+        (stepper, piezo) and not a force.
+    holds_on_fault : the safe command is the last one obeyed, since zero would be a move. disables_on_fault : the
+        drive's enable output goes off with a fault. laws : control laws that can drive it, None: all.
     estimation : what its records are identified and diagnosed by: ``motor`` (voltage and current), ``force`` (the command
         is a force at the stage), ``position`` (the command sets a position), None: nothing yet.
     identified : keys that `identify` scales where ``estimation`` is ``position``.

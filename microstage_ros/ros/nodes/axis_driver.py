@@ -136,7 +136,8 @@ class AxisDriver(DriverPeriods, DriverRequests, LifecycleNode):
         """What stays as it is in the compiled loop."""
         p = self.parameters
         return {"paced": not self._lockstep, "block": self.topics.block, "every": p.simulation_decimation,
-                "status": self._constant_status | AxisState.STATUS_ACTIVE, "limit": self.gate.limit, "holds": self.gate.holds,
+                "status": self._constant_status | AxisState.STATUS_ACTIVE, "limit": self.gate.limit,
+                "holds": self.gate.holds,
                 "period": self.period, **timing(self.period, p.rate_limit, SLICE, not self._lockstep,
                                                  p.real_time_priority if p.scheduling == "real_time" else 0,
                                                  self._hold_s, p.command_timeout_s)}
@@ -240,7 +241,7 @@ class AxisDriver(DriverPeriods, DriverRequests, LifecycleNode):
         try:
             self._make_safe()
             self._enable(False)
-            if was_active and not self._lockstep:  # a last state that shows it; in lockstep no period is without its command
+            if was_active and not self._lockstep:  # a last state shows it; in lockstep no period lacks its command
                 self._begin(time.time_ns())
                 self.topics.rest(*self._begun)
         finally:

@@ -136,7 +136,9 @@ class Outlet:
         self._left.append(self._blocks)
         if len(self._left) > 1:
             self._node.destroy_publisher(self._left.pop(0))
-        self._node.get_logger().warning("the middleware refuses blocks, perhaps because a reader was killed: they go through a new publisher")
+        self._node.get_logger().warning(
+            "the middleware refuses blocks, perhaps because a reader was killed: they go through a new publisher"
+        )
         self._blocks = self._node.create_publisher(MessageBlock, self._blocks.topic_name, BLOCK_QOS)
         self._send_block = self._writer(self._blocks)
         while self.followers < followers and time.monotonic() < end:

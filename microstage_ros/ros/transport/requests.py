@@ -7,7 +7,7 @@ import numpy as np
 
 
 class _Request:
-    """One action; whoever takes it first decides whether it is done: the loop, or the asker whose patience has ended."""
+    """One action; whoever takes it first decides whether it is done: the loop, or the asker who waits no longer."""
 
     def __init__(self, action):
         self.action, self.done, self.result, self.error = action, threading.Event(), None, None
