@@ -62,6 +62,8 @@ def find_gap(prepared, drive):
     width = _refined(channels["learn"], first)
     if width < LEAST or _explained(channels["learn"], width, _losses, usual) < EXPLAINS:
         return None
+    if _wound_up(channels["learn"]) < _losses(channels["learn"], width):
+        return None
     # a record that crosses the gap a few times only may lose its place in it: then the others must agree one by one
     alone = min(_explained([c], width, _losses, usual) for c in channels["learn"]) if len(channels["learn"]) > 1 else 0.0
     again = max(_explained(channels["held"], width, *how) for how in ((_losses, usual), (_squares, 1.0)))
@@ -107,6 +109,19 @@ def _behind(channel, gap):
     p = channel.prepared
     residual = channel.mean(p.stage - p.angle - (stage_behind_gap(p.travel, gap, channel.drive, p.period) - p.travel))
     return residual - residual[0]
+
+
+def _wound_up(channels):
+    """Loss with a drive train that only winds up more, or less, under the guideways' friction and the stage's inertia: a
+    soft drive, or a payload. It hangs back to one side or the other as behind a gap of twice friction over stiffness."""
+    more, product, square = [], 0.0, 0.0
+    for channel in channels:
+        p, drive = channel.prepared, channel.drive
+        force = p.guideway + drive.guideway.viscous * p.stage_speed + drive.mass * np.gradient(p.stage_speed, p.period)
+        more.append(channel.mean(force / drive.stiffness))
+        residual, column = channel.whiten(np.stack([channel.residual, more[-1]], axis=1))[0].T
+        product, square = product + column @ residual, square + column @ column
+    return _mean(_loss(c, c.residual - product / square * column) for c, column in zip(channels, more))
 
 
 def _explained(channels, gap, loss, usual):
