@@ -13,6 +13,7 @@ from microstage_ros.diagnosis.residuals.command import Command
 from microstage_ros.diagnosis.residuals.evidence import gather
 from microstage_ros.diagnosis.residuals.evidence_set import Evidences
 from microstage_ros.diagnosis.residuals.growing import Growing
+from microstage_ros.diagnosis.residuals.healthy import laws_of, profile_of, take_healthy
 from microstage_ros.diagnosis.residuals.mechanical import Mechanical, fit_spreads, stated_spreads
 from microstage_ros.diagnosis.residuals.position import Position
 from microstage_ros.diagnosis.residuals.resonance import Resonance
@@ -25,7 +26,8 @@ GROUPS = ("learn", "held", "base")
 class Collection:
     """Channels of all records in the groups ``learn``, ``held`` and ``base``, and what is common to them.
 
-    ``channels`` {group: [{name: channel}]}; ``spreads`` of the random friction (from the baseline).
+    ``channels`` {group: [{name: channel}]}; ``spreads`` of the random friction (from the baseline);
+    ``healthy`` [(form, sizes)] that the baseline shows and that were taken out of every torque balance.
     """
 
     def __init__(self, prepared, drive, fast_only=False):
@@ -35,8 +37,15 @@ class Collection:
         self.channels = {group: [_channels(p, drive, fast_only) for p in prepared[group]] for group in GROUPS}
         self.spreads = stated_spreads(drive)
         healthy = [c["torque"] for c in self.channels["base"] if "torque" in c]
+        self.healthy = []
         if healthy:
             self.spreads = fit_spreads(healthy)
+            every = [c["torque"] for group in GROUPS for c in self.channels[group] if "torque" in c]
+            self.healthy = take_healthy(every, healthy, laws_of(FORMS), self.frame, self.spreads)
+            if self.healthy:
+                self.spreads = fit_spreads(healthy)
+            # where the baseline did not go, friction along the stroke stays random: the spreads keep it
+            self.healthy += take_healthy(every, healthy, [profile_of(self.frame, self.spreads)], self.frame, self.spreads)
         self.names = set.intersection(*({*c} for group in ("learn", "held") for c in self.channels[group]))
 
     def gather(self, channel, forms, group):

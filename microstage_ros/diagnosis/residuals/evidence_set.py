@@ -117,6 +117,36 @@ class Evidences:
         spread = ((u - a * d) ** 2).sum() * count / (count - 1.0)
         return float(a), math.sqrt(max(spread, total)) / float(total), float(count - 1.0)
 
+    def lead(self, one, other, others):
+        """How much more of χ² one `Choice` takes from the learning records than another, beside ``others``.
+
+        Returns
+        -------
+        (lead, its standard error): the latter from how the stretches disagree about which is the better (Vuong's test of
+        models that do not contain each other, Econometrica 1989); or None where the rows were not kept.
+        """
+        total, square = 0.0, 0.0
+        for channel in sorted({form.channel for choice in (one, other) for form in choice.forms}):
+            rows = self._rows_of(channel, "learn")
+            if rows is None:
+                return None
+            taken = []
+            for choice in (one, other):
+                keys = self._keys(channel, [*others, choice])
+                u, d = rows.stretches(keys, self.learn[channel].fit(keys)[0], keys, STRETCH) if keys else (0.0, 0.0)
+                taken.append((2.0 * u - d) / self.scatter[channel])
+            more = np.atleast_1d(taken[0] - taken[1])
+            total, square = total + more.sum(), square + ((more - more.mean()) ** 2).sum()
+        return float(total), math.sqrt(float(square))
+
+    def usual(self, channel, key):
+        """Reduction of χ² by a form that as many rows of the healthy axis as the learning records have would show; 0
+        without a baseline."""
+        base = self.base.get(channel)
+        if base is None:
+            return 0.0
+        return base.fit([key])[2] / self.scatter[channel] * self.learn[channel].rows / base.rows
+
     def _rows_of(self, channel, group):
         if group != "learn":
             rows = getattr(self, group).get(channel)

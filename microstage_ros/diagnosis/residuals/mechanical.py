@@ -31,8 +31,8 @@ STUCK_SHARE = 0.07
 # random friction of an axis file that states none: no friction repeats better than to a hundredth
 LEAST_RELATIVE = 0.01
 # standard deviations of the logarithms (of the odds, for the share) about the axis file's figures: a factor of two, as
-# a figure of one significant digit is uncertain
-PRIOR = {"relative": 0.7, "stuck": 0.7, "travel_length": 0.7, "share": 1.0}
+# a figure of one significant digit is uncertain; a factor of ten for the time, which nobody has measured
+PRIOR = {"relative": 0.7, "stuck": 0.7, "travel_length": 0.7, "share": 1.0, "time_length": 2.3}
 
 
 class Mechanical:
@@ -60,6 +60,11 @@ class Mechanical:
         step = np.abs(np.diff(self.position, prepend=self.position[0]))
         self.step = np.where(step > 5.0e-9, step, 0.0)
         self.travel = np.cumsum(self.step)
+        self.white = self._white()
+
+    def take_out(self, torque):
+        """Take a torque (blocks,) [N m] that the healthy axis shows, too, out of the residual."""
+        self.residual = self.residual - torque
         self.white = self._white()
 
     def mean(self, values, coarse=1):
@@ -151,25 +156,30 @@ def _weights(drive, period, coarse):
 def fit_spreads(channels):
     """`Spreads` that healthy channels show, by maximum a posteriori about the axis file's figures.
 
-    Size, share, travel length and sticking state are fitted. The time length is the axis file's: records of half a
-    minute cannot tell it.
+    Size, share, lengths and sticking state are fitted. A time length far beyond the record's is the prior's. One that is
+    far shorter than the file's must not stay there: what changes within a second would then be taken for the start of
+    changes of tens of per cent in twenty, and a friction that is another by a fifth for nothing.
     """
     stated = stated_spreads(channels[0].drive)
     middle = np.array([math.log(stated.relative), math.log(stated.stuck), math.log(stated.travel_length),
-                       math.log(stated.share / (1.0 - stated.share))])
-    spread = np.array([PRIOR[name] for name in ("relative", "stuck", "travel_length", "share")])
+                       math.log(stated.share / (1.0 - stated.share)), math.log(stated.time_length)])
+    spread = np.array([PRIOR[name] for name in ("relative", "stuck", "travel_length", "share", "time_length")])
+
+    # along the last coordinate the size grows with the root of the time: what changes from block to block stays the same
+    def sized(point):
+        return point + np.array([0.5 * (point[-1] - middle[-1]), *np.zeros(len(point) - 1)])
 
     def at(point):
-        relative, stuck, length = np.exp(point[:3])
-        return Spreads(float(relative), float(1.0 / (1.0 + math.exp(-point[3]))), float(length), stated.time_length, float(stuck))
+        relative, stuck, length, odds, time = map(float, np.exp(sized(point)))
+        return Spreads(relative, odds / (1.0 + odds), length, time, stuck)
 
     def cost(point):
         total = 0.0
         for channel in channels:
             out, determinant = channel.whiten(channel.residual[:, None], at(point))
             total += np.minimum(out[:, 0] ** 2, 25.0).sum() + determinant
-        return total + float((((point - middle) / spread) ** 2).sum())
+        return total + float((((sized(point) - middle) / spread) ** 2).sum())
 
-    simplex = np.concatenate([middle[None], middle + np.diag([0.5, 0.5, 0.4, 0.6])])
-    best = minimize(cost, middle, method="Nelder-Mead", options={"xatol": 0.03, "fatol": 0.5, "maxiter": 160, "initial_simplex": simplex})
+    simplex = np.concatenate([middle[None], middle + np.diag([0.5, 0.5, 0.4, 0.6, -1.0])])
+    best = minimize(cost, middle, method="Nelder-Mead", options={"xatol": 0.03, "fatol": 0.5, "maxiter": 240, "initial_simplex": simplex})
     return at(best.x)

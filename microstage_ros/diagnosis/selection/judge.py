@@ -22,6 +22,7 @@ from microstage_ros.model.effects import REGISTRY
 
 RIVAL_MARGIN = 12.0     # χ² by which a cause must beat every other name; derived: odds of exp(12/2), 400 to one
 RIVAL_SHARE = 0.02      # and share of its own gain
+LEAD_SURE = 2.33        # standard errors of a lead; derived: one wrong name in a hundred, one-sided
 FLAT = 0.5              # spread of a profile over its mean, below which it is a level
 SCATTER = 1.35          # χ² per row over the baseline's that no healthy record reaches
 LARGEST_ASYMMETRY = REGISTRY["direction_asymmetry"].parameters["asymmetry"].maximum   # of the guideways' limits
@@ -111,9 +112,19 @@ def rivals_of(evidences, choice, choices, effects):
         if trial is None or not acceptable(evidences, trial, others) or _level(evidences, trial.choice, others):
             continue
         lead = own.gain + own.held - 2 * own.sizes - (trial.gain + trial.held - 2 * trial.sizes)
-        if lead < max(RIVAL_MARGIN, RIVAL_SHARE * own.gain):
+        if lead < max(RIVAL_MARGIN, RIVAL_SHARE * own.gain) or not _leads(evidences, choice, trial.choice, others):
             found.append(effect)
     return found
+
+
+def _leads(evidences, choice, other, others):
+    """Whether the stretches of the records agree that one name explains more than another.
+
+    χ² knows the noise alone. Where the model's own errors are larger, on a machine of another friction law, a name may lead
+    by hundreds because of one breakaway.
+    """
+    lead = evidences.lead(choice, other, others)
+    return lead is None or lead[0] > LEAD_SURE * lead[1]
 
 
 def is_constant_force(evidences, choice, effect, others):
@@ -163,10 +174,7 @@ def findings_of(evidences, choices, generic):
         after = evidences.channel_gain(form.channel, choices, [(form.channel, form.key)])
         after -= evidences.channel_gain(form.channel, choices)
         threshold = chi2.isf(1e-6, count) * LOOSE.get(form.effect, 1.5)
-        base = evidences.base.get(form.channel)
-        if base is not None:
-            usual = base.fit([form.key])[2] / evidences.scatter[form.channel]
-            threshold = max(threshold, 3.0 * usual * learn.rows / base.rows)
+        threshold = max(threshold, 3.0 * evidences.usual(form.channel, form.key))
         if after > threshold:
             threshold = max(threshold, after * shortfall(evidences, Choice(form.effect, (form,)), choices))
         held = evidences.held_more(form.channel, Evidences._keys(form.channel, choices), form.key)

@@ -8,6 +8,7 @@ from scipy.stats import chi2
 from microstage_ros.diagnosis.catalogue import CONTAINS, WIDER
 from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, Trial
 from microstage_ros.diagnosis.selection.agreement import agrees_with_itself
+from microstage_ros.diagnosis.selection.sizes import sizes_of, width
 from microstage_ros.diagnosis.selection.stepwise import forward
 
 # of one candidate; derived: some hundred candidates at 10⁻⁶ name a cause of a healthy axis by chance in 10⁻⁴ of the
@@ -34,25 +35,6 @@ SURE = 4.0   # standard errors; derived: a chance of 6·10⁻⁵ on both sides
 FRICTIONS = ("friction_level_change", "viscous_change")
 CLEARLY_LESS = 0.5           # of the other's mean
 
-#: Standard errors of a channel, by what simulated cases show beyond the noise model (random friction is no
-#: exact sum of two processes, and is clipped).
-CAUTION = {"torque": 2.0}
-#: Share of a size that is not known because the form itself is not (a grid of shapes, a soft flank, a noisy input);
-#: where an effect shows in several channels, the share differs by channel.
-FORM_ERROR = {
-    "backlash": 0.08, "resistance_rise": 0.08, "thermal_drift": 0.05, "nonlinear_viscous": 0.2,
-    "rising_static_friction": 0.25, "presliding_creep": 0.3, "frictional_lag": 0.05, "friction_level_change": 0.1,
-    "cable_spring": 0.08, "position_dependent_friction": 0.12, "direction_asymmetry": 0.05, "viscous_change": 0.05,
-    ("drive_compliance", "resonance"): 0.08, ("drive_compliance", "windup"): 0.03,
-    ("payload_change", "resonance"): 0.1, ("payload_change", "windup"): 0.1, ("payload_change", "torque"): 0.05,
-}
-
-
-def form_error(effect, channel=None):
-    """`FORM_ERROR` of an effect, in a channel."""
-    return FORM_ERROR.get((effect, channel), FORM_ERROR.get(effect, 0.005))
-
-
 def best_forms(evidences, effect, choices):
     """The effect in its best form of each channel, beside ``choices``: a `Trial`, or None if no form makes sense."""
     used, gain, sizes = [], 0.0, 0
@@ -65,7 +47,7 @@ def best_forms(evidences, effect, choices):
             if form.key in keys:
                 continue
             beta, _, total = evidences.learn[channel].fit([*keys, form.key])
-            own = beta[len(beta) - _width(evidences, channel, form):]
+            own = beta[len(beta) - width(evidences, channel, form):]
             if not form.possible(own, evidences.frame):
                 continue
             more = total / evidences.scatter[channel] - before
@@ -82,15 +64,10 @@ def best_forms(evidences, effect, choices):
         if 0 < len(good) < len(used):
             used = good
             gain = evidences.gain([*choices, Choice(effect, tuple(used))]) - evidences.gain(choices)
-            sizes = sum(_width(evidences, f.channel, f) for f in used)
+            sizes = sum(width(evidences, f.channel, f) for f in used)
     trial = Trial(Choice(effect, tuple(used)), gain, sizes)
     trial.held = evidences.held_gain([*choices, trial.choice]) - evidences.held_gain(choices)
     return trial
-
-
-def _width(evidences, channel, form):
-    where = evidences.learn[channel].where[form.key]
-    return where.stop - where.start
 
 
 def wider_keys(evidences, effect, channel):
@@ -102,7 +79,8 @@ def wider_keys(evidences, effect, channel):
 def misfit(evidences, choice, choices):
     """Share that a wider nameless shape explains beside the named cause: 0 if the name says it all.
 
-    Beside another cause, whose own misfit a wide shape finds worth fitting, it is the share on held-out records.
+    What the healthy axis shows of the shape, too, is no misfit. Beside another cause, whose own misfit a wide shape finds
+    worth fitting, it is the share on held-out records.
     """
     others = [c for c in choices if c is not choice]
     own = evidences.gain([*others, choice]) - evidences.gain(others)
@@ -112,7 +90,7 @@ def misfit(evidences, choice, choices):
         keys = Evidences._keys(channel, [*others, choice])
         for pair in wider_keys(evidences, choice.effect, channel):
             where = evidences.learn[channel].where[pair[1]]
-            more = evidences.more(channel, keys, pair[1]) - 2.0 * (where.stop - where.start)
+            more = evidences.more(channel, keys, pair[1]) - 2.0 * (where.stop - where.start) - evidences.usual(*pair)
             share = more / (own + max(more, 0.0))
             if others:
                 held = evidences.held_more(channel, keys, pair[1])
@@ -150,21 +128,7 @@ def _masses_agree(evidences, choice, choices):
     if not {"torque", "resonance"} <= set(masses):
         return False
     (friction, stderr), (resonance, _) = masses["torque"], masses["resonance"]
-    return abs(friction) > 3.0 * stderr and 0.4 < resonance / friction < 2.5
-
-
-def sizes_of(evidences, choice, others, form):
-    """(parameters, effect) of one form fitted beside the other choices on the learning records."""
-    evidence = evidences.learn[form.channel]
-    keys = Evidences._keys(form.channel, [c for c in others if c.effect != choice.effect])
-    beta, covariance, _ = evidence.fit([*keys, form.key])
-    n = _width(evidences, form.channel, form)
-    scale = evidences.scatter[form.channel] * CAUTION.get(form.channel, 1.0) ** 2
-    parameters, effect = form.sizes(beta[-n:], covariance[-n:, -n:] * scale, evidences.frame)
-    share = form_error(form.effect, form.channel)
-    # a factor is one plus its size: the error of the form is a share of what was added
-    return {name: (value, math.hypot(stderr, share * abs(value - (name == "factor"))), unit)
-            for name, (value, stderr, unit) in parameters.items()}, effect
+    return abs(friction) > 3.0 * stderr and _alike(resonance, friction)
 
 
 def _splinter(evidences, trial, choices):
@@ -273,6 +237,11 @@ def _one_resonance(evidences, choices):
     return [*others, alone.choice] if alone and alone.gain > ONE_RESONANCE * both else choices
 
 
+def _alike(mass, other):
+    """Whether two channels tell of one mass."""
+    return 0.4 < mass / other < 2.5
+
+
 def torque_mass(evidences, choice, others):
     """Mass [kg] that the torque balance tells beside ``others``, its standard error, and the one that the resonance or
     the wind-up of ``choice`` (a `Choice` of ``payload_change``) tells; None where a channel is missing."""
@@ -315,16 +284,28 @@ def resonance_is(evidences, trials, others):
     gains = [sum(evidences.channel_gain(ch, [*others, t.choice]) - evidences.channel_gain(ch, others) for ch in fast if ch in evidences.learn)
              for t in (payload, drive)]
     if gains[0] < ALIKE * gains[1]:
-        return "drive_compliance"
+        return "open" if _mass_of_a_soft_drive(evidences, drive.choice, others) else "drive_compliance"
     told = torque_mass(evidences, payload.choice, others)
     if told is None:
         return "open"
     mass, stderr, expected, error = told
-    if abs(mass) > SURE * stderr and 0.4 < mass / expected < 2.5:
+    if abs(mass) > SURE * stderr and _alike(mass, expected):
         return "payload_change"
     if abs(mass - expected) > SURE * math.hypot(stderr, error) and abs(mass) < SURE * stderr:
         return "drive_compliance"
     return "open"
+
+
+def _mass_of_a_soft_drive(evidences, choice, others):
+    """Whether the torque balance is sure of a mass, and of the one that the resonance of this soft drive would stand for:
+    K_c times k moves it as a mass of m/k. A soft drive shows no inertia there."""
+    form = next((f for f in evidences.forms if f.effect == "payload_change" and f.channel == "torque"), None)
+    soft = [sizes_of(evidences, choice, others, f)[0].get("stiffness_factor") for f in choice.forms if f.channel == "resonance"]
+    if form is None or "torque" not in evidences.learn or not soft or soft[0] is None:
+        return False
+    mass, stderr, _ = sizes_of(evidences, Choice("payload_change", (form,)), others, form)[0]["mass_kg"]
+    expected = evidences.frame.drive.mass * (1.0 / soft[0][0] - 1.0)
+    return bool(abs(mass) > SURE * stderr and _alike(mass, expected))
 
 
 def _first_acceptable(evidences, trials, choices):

@@ -10,9 +10,12 @@ from microstage_ros.diagnosis.preprocessing.gap_replay import stage_behind_gap
 from microstage_ros.diagnosis.preprocessing.preparation import prepare
 from microstage_ros.diagnosis.prerequisites.amplifier import find_slowness
 from microstage_ros.diagnosis.prerequisites.drive import drive_of
+from microstage_ros.diagnosis.prerequisites.encoder import seen_interpolation
 from microstage_ros.diagnosis.prerequisites.lines import find_lines
-from microstage_ros.diagnosis.prerequisites.lost_motion import find_gap
+from microstage_ros.diagnosis.prerequisites.lost_motion import _losses, _wound_up, find_gap
 from microstage_ros.diagnosis.residuals.resonance import Resonance
+from microstage_ros.diagnosis.residuals.transmission_deflection import Windup
+from microstage_ros.diagnosis.validation import second_world
 from microstage_ros.diagnosis.validation.simulated_records import Hidden, make_case
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
@@ -65,6 +68,18 @@ def test_a_gap_is_found_whether_the_loop_rattles_or_not(axis, drive, width, seed
 ], ids=["healthy", "soft drive", "dead zone of the amplifier"])
 def test_nothing_else_is_taken_for_a_gap(axis, drive, effects):
     assert find_gap(prepared_case(axis, drive, effects, 13), drive) is None
+
+
+def test_a_soft_drive_that_hangs_back_is_no_gap_however_fine_the_encoder(axis):
+    """An eighth of the stiffness winds up by as much at every reversal as a gap of 0.8 µm: the balance of forces tells it."""
+    hidden = Hidden("soft", ("drive_compliance",), {"drive_compliance": {"stiffness_factor": 0.1233, "damping_factor": 1.28}})
+    groups = second_world.make_case(axis, hidden, 833 * 100_003 + 3, 0.0225)
+    drive = seen_interpolation(drive_of(axis), groups[2])
+    prepared = {name: [prepare(record, drive) for record in group] for name, group in zip(GROUPS, groups)}
+    assert find_gap(prepared, drive) is None
+    channels = [Windup(p, drive) for p in prepared["learn"]]
+    assert _losses(channels, 7.7e-7) < 0.7 * _losses(channels, 0.0)      # a gap would explain much of it
+    assert _wound_up(channels) < 0.5 * _losses(channels, 7.7e-7)
 
 
 def test_a_line_faster_than_rest_is_found_with_its_amplitude(axis, drive):

@@ -12,7 +12,7 @@ from microstage_ros.diagnosis.catalogue.form import Form, one
 from microstage_ros.diagnosis.prerequisites.timing import repeat_speed
 from microstage_ros.diagnosis.residuals.evidence_set import STRETCH, Choice, Evidences
 from microstage_ros.diagnosis.residuals.growing import Growing
-from microstage_ros.diagnosis.selection import selection
+from microstage_ros.diagnosis.selection import judge, selection
 from microstage_ros.diagnosis.selection.agreement import OF_NAMES, agrees_with_itself, log_tail, shortfall
 
 STEP, ROWS = 0.01, 3000     # s, rows of one record of 30 s
@@ -87,6 +87,23 @@ def test_one_healthy_axis_in_a_hundred_by_all_names_together():
     assert log_tail((4.0, 1.0, 9.0)) == pytest.approx(math.log(student.sf(4.0, 9.0)))
     learned = [log_tail(evidences(lambda k: 0.0, seed=seed).agreement(CHOICE, [], "learn")) for seed in range(100)]
     assert min(learned) > OF_NAMES and np.mean(np.array(learned) < math.log(0.05)) < 0.2
+
+
+def test_the_lead_of_a_name_is_its_chi_square_more_and_sure_if_the_stretches_agree():
+    other = Choice("amplifier_offset", (OTHER,))
+    case = evidences(lambda k: 0.3)
+    lead, stderr = case.lead(CHOICE, other, [])
+    assert lead == pytest.approx(case.gain([CHOICE]) - case.gain([other]))
+    assert judge._leads(case, CHOICE, other, []) and not judge._leads(case, other, CHOICE, [])
+    once = evidences(lambda k: 6.0 * (k == 17))      # one breakaway, and nothing else
+    lead, stderr = once.lead(CHOICE, other, [])
+    assert lead > judge.RIVAL_MARGIN and not judge._leads(once, CHOICE, other, [])
+
+
+def test_what_the_healthy_axis_shows_is_counted_for_as_many_rows():
+    case = evidences(lambda k: 0.3, base=lambda k: 0.2)
+    assert case.usual("torque", EFFECT.key) == pytest.approx(2.0 * case.base["torque"].fit([EFFECT.key])[2], rel=0.01)
+    assert evidences(lambda k: 0.3).usual("torque", EFFECT.key) == 0.0
 
 
 def test_readings_that_repeat_because_the_count_is_coarse_are_not_lost():

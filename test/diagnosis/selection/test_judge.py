@@ -7,6 +7,7 @@ one where nothing is wrong.
 import dataclasses
 import itertools
 import math
+import types
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, T
 from microstage_ros.diagnosis.result import Finding
 from microstage_ros.diagnosis.selection import judge, selection
 from microstage_ros.diagnosis.selection.judge import Ledger
+from microstage_ros.diagnosis.selection.sizes import CAUTION, FORM_ERROR, form_error
 
 ROWS = {"learn": 8000, "held": 4000, "base": 4000}
 FORM = {form.key + (form.channel,): form for form in FORMS}
@@ -211,14 +213,14 @@ def test_sizes_hold_the_error_of_the_form_and_the_caution_of_the_channel():
     value, stderr, unit = sizes["factor"]
     beta, covariance, _ = world.evidences.learn["torque"].fit([form.key])
     assert (value, unit) == (pytest.approx(1.0 + beta[0]), "1") and effect["factor"] == pytest.approx(value)
-    own = math.sqrt(covariance[0, 0]) * selection.CAUTION["torque"]
-    share = selection.FORM_ERROR["friction_level_change"]
+    own = math.sqrt(covariance[0, 0]) * CAUTION["torque"]
+    share = FORM_ERROR["friction_level_change"]
     assert share > 0.0 and stderr == pytest.approx(math.hypot(own, share * (value - 1.0)))
 
 
 def test_every_form_error_is_a_share_between_nothing_and_one():
-    assert all(0.0 < share < 1.0 for share in selection.FORM_ERROR.values())
-    assert selection.form_error("gravity_tilt") > 0.0
+    assert all(0.0 < share < 1.0 for share in FORM_ERROR.values())
+    assert form_error("gravity_tilt") > 0.0
 
 
 def resonant(mass_in_torque, payload=0.6, drive=0.6, stderr_rows=None):
@@ -264,7 +266,13 @@ def test_a_drive_that_the_payload_does_not_follow_is_a_drive():
     world = resonant(3.0)
     payload, drive = (selection.best_forms(world.evidences, effect, []) for effect in selection.RESONANT)
     loose = Trial(Choice("payload_change", (payload.choice.forms[-1],)), payload.gain, 1, payload.held)
-    assert selection.resonance_is(world.evidences, {"payload_change": loose, "drive_compliance": drive}, []) == "drive_compliance"
+    trials = {"payload_change": loose, "drive_compliance": drive}
+    told = drive.choice.forms[0].sizes(world.evidences.learn["resonance"].fit([drive.choice.forms[0].key])[0], np.eye(1), None)[0]
+    factor = told["stiffness_factor"][0]
+    for mass, said in ((3.0 / (1.0 / factor - 1.0), "open"), (30.0 / (1.0 / factor - 1.0), "drive_compliance")):
+        # the mass of the torque is the one that the drive's stiffness stands for, or a tenth of it
+        world.evidences.frame = types.SimpleNamespace(drive=types.SimpleNamespace(mass=mass))
+        assert selection.resonance_is(world.evidences, trials, []) == said
     assert selection.resonance_is(world.evidences, {"payload_change": None, "drive_compliance": drive}, []) is None
 
 

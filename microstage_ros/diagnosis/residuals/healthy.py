@@ -1,0 +1,120 @@
+"""What the healthy axis does that the model does not: taken from the baseline into the model.
+
+A friction law is never the machine's own. Where the machine follows another one (LuGre's, Leuven's), or where its friction
+has a profile along the stroke, the torque balance of every record shows it, the baseline's included, as what looks like
+creep, mass, viscosity or a worn place. What of this the baseline shows again and again is no fault: it is fitted there
+and taken out of the balance of all records, so that what is under test is judged against the healthy axis.
+
+Forms are taken forward; one is taken if sizes from three quarters of the baseline's pieces say something of
+the last quarter, each in turn (four-fold cross-validation), beyond the scatter between pieces.
+"""
+
+import numpy as np
+from scipy.stats import t as student
+
+from microstage_ros.diagnosis.catalogue.form import Form, splines
+
+#: Effects that depend on rest, speed and acceleration alone: the same on every part of the stroke, at any time.
+KINDS = ("rising_static_friction", "presliding_creep", "frictional_lag", "nonlinear_viscous", "payload_change",
+         "friction_level_change", "viscous_change", "generic:velocity")
+# s; derived: twice the time for which sticking blocks are remembered (`mechanical.STUCK_TIME`), so that pieces are
+# independent
+PIECE = 1.0
+FOLDS = 4         # derived: three quarters of a baseline of half a minute are as long as a short record
+MOST = 4          # derived: rest, speed, acceleration, and one more
+# derived: that a machine that the model describes gets any form; shared by them (Bonferroni's inequality)
+CHANCE = 0.01
+KNOTS = 0.5       # of the random friction's travel length between the knots of its profile; derived: two per length
+RIDGE = 1.0e-6    # relative; derived: of the order of a column's rounding, it parts columns that one baseline does not
+TINY = np.finfo(float).tiny
+
+
+def take_healthy(channels, baseline, forms, frame, spreads):
+    """Fit forms to the baseline's torque balance, and take them out of every record's.
+
+    Parameters
+    ----------
+    channels : `Mechanical` of all records, the baseline's among them; their residuals are changed.
+    baseline : those of the healthy axis.
+    forms : those that may be taken, as `laws_of` or `profile_of` give them.
+    frame : `Frame` of the case.
+    spreads : `Spreads` of the random friction.
+
+    Returns
+    -------
+    [(form, sizes)] that were taken out; [] where the model leaves nothing that repeats.
+    """
+    pieces, where = _pieces(baseline, forms, frame, spreads)
+    chosen = _chosen(pieces, where, forms)
+    sizes = _fit(pieces.sum(axis=0), chosen, where)
+    for channel in channels if chosen else ():
+        channel.take_out(sum(form.columns(channel, frame) @ own for form, own in zip(chosen, sizes)))
+    return list(zip(chosen, sizes))
+
+
+def laws_of(forms):
+    """Those of the catalogue's forms by which friction laws differ: `KINDS` in the torque."""
+    return [form for form in forms if form.channel == "torque" and form.effect in KINDS]
+
+
+def profile_of(frame, spreads):
+    """`Form` of friction × splines of x, as fine as the random friction, with its size as prior."""
+    count = max(round((frame.high - frame.low) / (KNOTS * spreads.travel_length)), 2)
+
+    def columns(channel, frame):
+        return channel.friction[:, None] * splines(channel.position, frame.low, frame.high, count)
+
+    return Form("position_dependent_friction", "torque", "healthy", columns, prior=spreads.relative)
+
+
+def _pieces(baseline, forms, frame, spreads):
+    """Inner products (pieces, 1 + k, 1 + k) of the whitened residual and all columns, and {form key: slice}."""
+    found, where = [], {}
+    for channel in baseline:
+        every = [form.columns(channel, frame) for form in forms]
+        ends = np.cumsum([1, *(columns.shape[1] for columns in every)])
+        where = {form.key: slice(a, b) for form, a, b in zip(forms, ends, ends[1:])}
+        white = channel.whiten(np.concatenate([channel.residual[:, None], *every], axis=1), spreads)[0]
+        count = max(round(PIECE / float(channel.time[1] - channel.time[0])), 1)
+        found += [part.T @ part for part in np.array_split(white, max(len(white) // count, FOLDS))]
+    return np.array(found), where
+
+
+def _fit(matrix, forms, where):
+    """Sizes of these forms, each (k,), by least squares with their priors."""
+    if not forms:
+        return []
+    index = np.concatenate([np.arange(where[f.key].start, where[f.key].stop) for f in forms])
+    precision = np.concatenate([np.full(where[f.key].stop - where[f.key].start, 1.0 / f.prior**2 if f.prior else 0.0) for f in forms])
+    a = matrix[np.ix_(index, index)]
+    scale = np.sqrt(np.maximum(np.diag(a) + precision, TINY))
+    scaled = (a + np.diag(precision)) / np.outer(scale, scale) + RIDGE * np.eye(len(index))
+    beta = np.linalg.solve(scaled, matrix[index, 0] / scale) / scale
+    return np.split(beta, np.cumsum([where[f.key].stop - where[f.key].start for f in forms])[:-1])
+
+
+def _told(pieces, forms, where):
+    """Reduction of χ² of every piece, (pieces,), by sizes from the pieces of the other folds."""
+    gains, fold = np.zeros(len(pieces)), np.arange(len(pieces)) % FOLDS
+    index = np.concatenate([np.arange(where[f.key].start, where[f.key].stop) for f in forms]) if forms else np.zeros(0, int)
+    for k in range(FOLDS if forms else 0):
+        beta = np.concatenate(_fit(pieces[fold != k].sum(axis=0), forms, where))
+        for number in np.flatnonzero(fold == k):
+            matrix = pieces[number]
+            gains[number] = 2.0 * matrix[index, 0] @ beta - beta @ matrix[np.ix_(index, index)] @ beta
+    return gains
+
+
+def _chosen(pieces, where, forms):
+    """The forms that stand, forward, one of an effect."""
+    chosen, gains, left = [], np.zeros(len(pieces)), list(forms)
+    while left and len(chosen) < MOST:
+        trials = [(_told(pieces, [*chosen, form], where), form) for form in left]
+        best, form = max(trials, key=lambda trial: trial[0].sum())
+        more = best - gains
+        surprise = student.sf(more.mean() / (more.std(ddof=1) / np.sqrt(len(more)) + TINY), len(more) - 1)
+        if surprise > CHANCE / len(forms):
+            break
+        chosen, gains = [*chosen, form], best
+        left = [other for other in left if other.effect != form.effect]
+    return chosen
