@@ -82,6 +82,15 @@ def test_what_the_held_out_record_lacks_or_the_baseline_shows_as_well_is_none(he
     assert not agrees_with_itself(evidences(lambda k: 0.3, held, base), CHOICE, [])
 
 
+def test_a_baseline_without_the_column_of_an_effect_says_nothing_of_it():
+    """As air temperature, which is recorded only where it varies."""
+    silent = Channel(9, lambda k: 0.0)
+    silent.signal = np.zeros(ROWS)
+    case = evidences(lambda k: 0.3)
+    case.base = {"torque": Growing([silent], [EFFECT, OTHER], None)}
+    assert math.isinf(case.agreement(CHOICE, [], "base")[1]) and agrees_with_itself(case, CHOICE, [])
+
+
 def test_one_healthy_axis_in_a_hundred_by_all_names_together():
     """The tail is Student's, and white noise passes at no more than its share: none of 100 at some 3·10⁻⁴."""
     assert log_tail((4.0, 1.0, 9.0)) == pytest.approx(math.log(student.sf(4.0, 9.0)))
