@@ -155,6 +155,16 @@ class Evidences:
             self._learn_rows[channel] = self._in_rows(channel) if self._in_rows else None
         return self._learn_rows[channel]
 
+    def held_signal(self, choice, others):
+        """χ² that the learned signal of an effect has in the held-out records: what it would take there if it is true."""
+        total = 0.0
+        for channel in {form.channel for form in choice.forms}:
+            own, beta = choice.keys(channel), self.learn[channel].fit(self._keys(channel, [*others, choice]))[0]
+            part = beta[len(beta) - len(self.learn[channel].indices(own)):]
+            index = self.held[channel].indices(own)
+            total += part @ self.held[channel].matrix[np.ix_(index, index)] @ part / self.scatter[channel]
+        return float(total)
+
     def amplitude_in_base(self, choice, others):
         """How much of the effect the baseline shows, relative to the records: (amplitude, stderr)."""
         if not self.base:

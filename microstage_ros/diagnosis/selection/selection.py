@@ -105,7 +105,9 @@ def acceptable(evidences, trial, choices):
         return False
     rows = {c: evidences.held[c].rows / max(evidences.learn[c].rows, 1) for c in evidences.held}
     share = np.mean([rows[form.channel] for form in trial.choice.forms])
-    if trial.held < max(HELD_SHARE * share * trial.gain, 5.0):
+    # a cable slack where the held-out records go pulls little there
+    expected = min(share * trial.gain, evidences.held_signal(trial.choice, choices))
+    if trial.held < max(HELD_SHARE * expected, 5.0):
         return False
     if not _masses_agree(evidences, trial.choice, choices) or _level_of_a_profile(evidences, trial.choice, choices):
         return False

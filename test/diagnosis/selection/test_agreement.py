@@ -91,6 +91,16 @@ def test_a_baseline_without_the_column_of_an_effect_says_nothing_of_it():
     assert math.isinf(case.agreement(CHOICE, [], "base")[1]) and agrees_with_itself(case, CHOICE, [])
 
 
+def test_an_effect_that_the_held_out_record_hardly_goes_to_needs_to_show_no_more_there_than_it_would():
+    case = evidences(lambda k: 1.0)
+    quiet = Channel(8, lambda k: 0.0)
+    quiet.residual, quiet.signal = quiet.residual + 0.15 * quiet.signal, 0.15 * quiet.signal
+    case.held = {"torque": Growing([quiet], [EFFECT, OTHER], None)}
+    trial = selection.best_forms(case, "gravity_tilt", [])
+    assert case.held_signal(CHOICE, []) == pytest.approx(ROWS * 0.15**2, rel=0.1)
+    assert trial.held < 0.05 * trial.gain and selection.acceptable(case, trial, [])
+
+
 def test_one_healthy_axis_in_a_hundred_by_all_names_together():
     """The tail is Student's, and white noise passes at no more than its share: none of 100 at some 3·10⁻⁴."""
     assert log_tail((4.0, 1.0, 9.0)) == pytest.approx(math.log(student.sf(4.0, 9.0)))
