@@ -112,8 +112,10 @@ def _behind(channel, gap):
 
 
 def _wound_up(channels):
-    """Loss with a drive train that only winds up more, or less, under the guideways' friction and the stage's inertia: a
-    soft drive, or a payload. It hangs back to one side or the other as behind a gap of twice friction over stiffness."""
+    """Loss with a drive train that only winds up more, or less, under the guideways' friction and the stage's inertia.
+
+    So does a soft drive, or one with a payload: it hangs back as behind a gap of twice friction over stiffness.
+    """
     more, product, square = [], 0.0, 0.0
     for channel in channels:
         p, drive = channel.prepared, channel.drive

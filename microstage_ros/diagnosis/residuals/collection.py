@@ -45,7 +45,8 @@ class Collection:
             if self.healthy:
                 self.spreads = fit_spreads(healthy)
             # where the baseline did not go, friction along the stroke stays random: the spreads keep it
-            self.healthy += take_healthy(every, healthy, [profile_of(self.frame, self.spreads)], self.frame, self.spreads)
+            profile = profile_of(self.frame, self.spreads)
+            self.healthy += take_healthy(every, healthy, [profile], self.frame, self.spreads)
         self.names = set.intersection(*({*c} for group in ("learn", "held") for c in self.channels[group]))
 
     def gather(self, channel, forms, group):

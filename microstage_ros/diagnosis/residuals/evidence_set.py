@@ -122,8 +122,8 @@ class Evidences:
 
         Returns
         -------
-        (lead, its standard error): the latter from how the stretches disagree about which is the better (Vuong's test of
-        models that do not contain each other, Econometrica 1989); or None where the rows were not kept.
+        (lead, its standard error): the latter from how the stretches disagree about which is the better (Vuong's test
+        of models that do not contain each other, Econometrica 1989); or None where the rows were not kept.
         """
         total, square = 0.0, 0.0
         for channel in sorted({form.channel for choice in (one, other) for form in choice.forms}):
@@ -156,7 +156,7 @@ class Evidences:
         return self._learn_rows[channel]
 
     def held_signal(self, choice, others):
-        """χ² that the learned signal of an effect has in the held-out records: what it would take there if it is true."""
+        """χ² of an effect's learned signal in the held-out records: what it would take there if it is true."""
         total = 0.0
         for channel in {form.channel for form in choice.forms}:
             own, beta = choice.keys(channel), self.learn[channel].fit(self._keys(channel, [*others, choice]))[0]

@@ -1,7 +1,7 @@
 """What the healthy axis does that the model does not: taken from the baseline into the model.
 
-A friction law is never the machine's own. Where the machine follows another one (LuGre's, Leuven's), or where its friction
-has a profile along the stroke, the torque balance of every record shows it, the baseline's included, as what looks like
+A friction law is never the machine's own. Where the machine follows another one (LuGre's, Leuven's), or where its
+friction has a profile along the stroke, the torque balance of every record shows it, the baseline's included, as what looks like
 creep, mass, viscosity or a worn place. What of this the baseline shows again and again is no fault: it is fitted there
 and taken out of the balance of all records, so that what is under test is judged against the healthy axis.
 
@@ -85,7 +85,8 @@ def _fit(matrix, forms, where):
     if not forms:
         return []
     index = np.concatenate([np.arange(where[f.key].start, where[f.key].stop) for f in forms])
-    precision = np.concatenate([np.full(where[f.key].stop - where[f.key].start, 1.0 / f.prior**2 if f.prior else 0.0) for f in forms])
+    priors = [np.full(where[f.key].stop - where[f.key].start, f.prior or np.inf) for f in forms]
+    precision = np.concatenate(priors) ** -2.0
     a = matrix[np.ix_(index, index)]
     scale = np.sqrt(np.maximum(np.diag(a) + precision, TINY))
     scaled = (a + np.diag(precision)) / np.outer(scale, scale) + RIDGE * np.eye(len(index))
@@ -96,7 +97,7 @@ def _fit(matrix, forms, where):
 def _told(pieces, forms, where):
     """Reduction of χ² of every piece, (pieces,), by sizes from the pieces of the other folds."""
     gains, fold = np.zeros(len(pieces)), np.arange(len(pieces)) % FOLDS
-    index = np.concatenate([np.arange(where[f.key].start, where[f.key].stop) for f in forms]) if forms else np.zeros(0, int)
+    index = np.concatenate([np.zeros(0, int), *(np.arange(where[f.key].start, where[f.key].stop) for f in forms)])
     for k in range(FOLDS if forms else 0):
         beta = np.concatenate(_fit(pieces[fold != k].sum(axis=0), forms, where))
         for number in np.flatnonzero(fold == k):

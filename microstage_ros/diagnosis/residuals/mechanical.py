@@ -156,8 +156,8 @@ def _weights(drive, period, coarse):
 def fit_spreads(channels):
     """`Spreads` that healthy channels show, by maximum a posteriori about the axis file's figures.
 
-    Size, share, lengths and sticking state are fitted. A time length far beyond the record's is the prior's. One that is
-    far shorter than the file's must not stay there: what changes within a second would then be taken for the start of
+    Size, share, lengths and sticking state are fitted. A time length far beyond the record's is the prior's. One far
+    shorter than the file's must not stay there: what changes within a second would then be taken for the start of
     changes of tens of per cent in twenty, and a friction that is another by a fifth for nothing.
     """
     stated = stated_spreads(channels[0].drive)
@@ -165,7 +165,7 @@ def fit_spreads(channels):
                        math.log(stated.share / (1.0 - stated.share)), math.log(stated.time_length)])
     spread = np.array([PRIOR[name] for name in ("relative", "stuck", "travel_length", "share", "time_length")])
 
-    # along the last coordinate the size grows with the root of the time: what changes from block to block stays the same
+    # along the last coordinate the size grows with the root of the time: the change from block to block stays the same
     def sized(point):
         return point + np.array([0.5 * (point[-1] - middle[-1]), *np.zeros(len(point) - 1)])
 
@@ -181,5 +181,6 @@ def fit_spreads(channels):
         return total + float((((sized(point) - middle) / spread) ** 2).sum())
 
     simplex = np.concatenate([middle[None], middle + np.diag([0.5, 0.5, 0.4, 0.6, -1.0])])
-    best = minimize(cost, middle, method="Nelder-Mead", options={"xatol": 0.03, "fatol": 0.5, "maxiter": 240, "initial_simplex": simplex})
+    options = {"xatol": 0.03, "fatol": 0.5, "maxiter": 240, "initial_simplex": simplex}
+    best = minimize(cost, middle, method="Nelder-Mead", options=options)
     return at(best.x)

@@ -33,7 +33,7 @@ def agrees_with_itself(evidences, choice, others):
     if log_tail(learned) > OF_NAMES:
         return False
     held, base = (evidences.agreement(choice, others, group) for group in ("held", "base"))
-    if base is None or not math.isfinite(base[1]):     # there is none, or it lacks the column that the effect acts through
+    if base is None or not math.isfinite(base[1]):     # none, or without the column that the effect acts through
         base = (0.0, 0.0, 0.0)
     return log_tail((held[0] - base[0], math.hypot(held[1], base[1]), held[2] + base[2])) < OF_ONE
 

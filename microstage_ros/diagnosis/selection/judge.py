@@ -120,8 +120,8 @@ def rivals_of(evidences, choice, choices, effects):
 def _leads(evidences, choice, other, others):
     """Whether the stretches of the records agree that one name explains more than another.
 
-    χ² knows the noise alone. Where the model's own errors are larger, on a machine of another friction law, a name may lead
-    by hundreds because of one breakaway.
+    χ² knows the noise alone. Where the model's own errors are larger, on a machine of another friction law, a name may
+    lead by hundreds because of one breakaway.
     """
     lead = evidences.lead(choice, other, others)
     return lead is None or lead[0] > LEAD_SURE * lead[1]

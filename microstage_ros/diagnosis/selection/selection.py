@@ -79,8 +79,8 @@ def wider_keys(evidences, effect, channel):
 def misfit(evidences, choice, choices):
     """Share that a wider nameless shape explains beside the named cause: 0 if the name says it all.
 
-    What the healthy axis shows of the shape, too, is no misfit. Beside another cause, whose own misfit a wide shape finds
-    worth fitting, it is the share on held-out records.
+    What the healthy axis shows of the shape, too, is no misfit. Beside another cause, whose own misfit a wide shape
+    finds worth fitting, it is the share on held-out records.
     """
     others = [c for c in choices if c is not choice]
     own = evidences.gain([*others, choice]) - evidences.gain(others)
@@ -299,14 +299,17 @@ def resonance_is(evidences, trials, others):
 
 
 def _mass_of_a_soft_drive(evidences, choice, others):
-    """Whether the torque balance is sure of a mass, and of the one that the resonance of this soft drive would stand for:
-    K_c times k moves it as a mass of m/k. A soft drive shows no inertia there."""
+    """Whether the torque balance is sure of a mass, and of the one that the resonance of this soft drive stands for.
+
+    K_c times k moves the resonance as a mass of m/k; a soft drive shows no inertia in the torque.
+    """
     form = next((f for f in evidences.forms if f.effect == "payload_change" and f.channel == "torque"), None)
-    soft = [sizes_of(evidences, choice, others, f)[0].get("stiffness_factor") for f in choice.forms if f.channel == "resonance"]
-    if form is None or "torque" not in evidences.learn or not soft or soft[0] is None:
+    fast = next((f for f in choice.forms if f.channel == "resonance"), None)
+    if form is None or fast is None or "torque" not in evidences.learn:
         return False
+    soft, _, _ = sizes_of(evidences, choice, others, fast)[0]["stiffness_factor"]
     mass, stderr, _ = sizes_of(evidences, Choice("payload_change", (form,)), others, form)[0]["mass_kg"]
-    expected = evidences.frame.drive.mass * (1.0 / soft[0][0] - 1.0)
+    expected = evidences.frame.drive.mass * (1.0 / soft - 1.0)
     return bool(abs(mass) > SURE * stderr and _alike(mass, expected))
 
 
