@@ -120,9 +120,11 @@ def rivals_of(evidences, choice, choices, effects):
 def _leads(evidences, choice, other, others):
     """Whether the stretches of the records agree that one name explains more than another.
 
-    χ² knows the noise alone. Where the model's own errors are larger, on a machine of another friction law, a name may
-    lead by hundreds because of one breakaway.
+    χ² knows the noise alone. In the torque, the model's own errors are larger on a machine of another friction law, and a
+    name may lead by hundreds because of one breakaway. The other channels have no friction law in them.
     """
+    if any(form.channel != "torque" for form in (*choice.forms, *other.forms)):
+        return True
     lead = evidences.lead(choice, other, others)
     return lead is None or lead[0] > LEAD_SURE * lead[1]
 
