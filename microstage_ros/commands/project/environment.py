@@ -223,7 +223,8 @@ def _build(root, venv, build, sourced, tools, folder):
     if not sourced:
         environment |= {"AMENT_PREFIX_PATH": str(venv), "CMAKE_PREFIX_PATH": str(venv)}
         environment.pop("PYTHONPATH", None)
-    arguments = [f"-DPython3_EXECUTABLE={python}", *tools.generator]
+    only = [] if sourced else ["-DMICROSTAGE_PYTHON_ONLY=ON"]  # the wheels bring no C++ node that could use the rest
+    arguments = [f"-DPython3_EXECUTABLE={python}", *tools.generator, *only]
     if not tools.headers:
         arguments += _fetched_headers(folder, environment)
     _step("interfaces", ["colcon", "--log-base", str(folder / "log"), "build", "--event-handlers", "console_direct+", "--base-paths", str(root / "msg_defs"),

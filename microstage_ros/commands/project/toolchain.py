@@ -20,7 +20,7 @@ ZIG_TARGETS = {"x86_64": "x86_64-linux-gnu.2.28", "aarch64": "aarch64-linux-gnu.
 
 WRAPPER = """\
 #!/bin/sh
-exec "{python}" -m ziglang {words} "$@"
+exec "{zig}" {words} "$@"
 """
 
 
@@ -91,13 +91,15 @@ def fetch_headers(folder):
 
 def zig_wrappers(folder, python):
     """Write ``cc``, ``c++``, ``ar``, ``ranlib`` that are Zig's into ``folder``; returns the variables CMake and others
-    read."""
+    read. Zig's own program is called, not its Python module, which would start a Python for each file."""
+    asked = [str(python), "-c", "import pathlib, ziglang; print(pathlib.Path(ziglang.__file__).with_name('zig'))"]
+    zig = subprocess.run(asked, capture_output=True, text=True, check=True).stdout.strip()
     target = ZIG_TARGETS.get(platform.machine())
     aim = f" -target {target}" if target else ""
     folder.mkdir(parents=True, exist_ok=True)
     for name, words in (("cc", f"cc{aim}"), ("c++", f"c++{aim}"), ("ar", "ar"), ("ranlib", "ranlib")):
         path = folder / name
-        path.write_text(WRAPPER.format(python=python, words=words), encoding="utf-8")
+        path.write_text(WRAPPER.format(zig=zig, words=words), encoding="utf-8")
         path.chmod(0o755)
     return {"CC": str(folder / "cc"), "CXX": str(folder / "c++"), "AR": str(folder / "ar"), "RANLIB": str(folder / "ranlib"),
             "PATH": f"{folder}{os.pathsep}{os.environ.get('PATH', '')}"}
