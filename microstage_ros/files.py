@@ -88,7 +88,7 @@ def unwritable(path, error):
 
 
 def keep_earlier(option, paths, force=False):
-    """Refuse to replace results that are there already.
+    """Refuse to replace results that are there already, and places that no file can be written to, before any work.
 
     Parameters
     ----------
@@ -96,9 +96,16 @@ def keep_earlier(option, paths, force=False):
 
     Raises
     ------
-    InputError : one of them exists and ``force`` is not set.
+    InputError : one of them exists and ``force`` is not set, or its folder cannot be made or written.
     """
     for path in paths:
+        place = Path(path).absolute().parent
+        while not os.path.lexists(place):
+            place = place.parent
+        if not place.is_dir():
+            raise FileProblem(f"{option} {place}", "not a directory", "a place that can be written")
+        if not os.access(place, os.W_OK | os.X_OK):
+            raise FileProblem(f"{option} {place}", "permission denied", "a place that can be written")
         if not force and Path(path).exists():
             raise FileProblem(f"{option} {path}", "exists already", "a new name, or --force to replace it")
 

@@ -31,6 +31,7 @@ import sys
 
 from microstage_ros.commands import answer
 from microstage_ros.commands.units import LENGTHS, SPEEDS, TIMES, VOLTAGES
+from microstage_ros.files import keep_earlier
 
 _UNITS = sorted({*LENGTHS, *SPEEDS, *TIMES, *VOLTAGES}, key=len, reverse=True)
 NEGATIVE = re.compile(rf"-(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*({'|'.join(map(re.escape, _UNITS))})?")
@@ -74,6 +75,7 @@ class Parser(argparse.ArgumentParser):
                 metavar="FILE",
                 help="write the answer as JSON to FILE; without FILE print it (text goes to standard error)",
             )
+            self.add_force()
 
     def add_force(self):
         """Add ``--force``: replace earlier results."""
@@ -88,6 +90,8 @@ class Parser(argparse.ArgumentParser):
         found, unknown = super().parse_known_args(protected, namespace)
         if getattr(found, "json", None) is True:
             answer.want()
+        if isinstance(getattr(found, "json", None), str) and not getattr(found, "resume", False):
+            keep_earlier("--json", [found.json], getattr(found, "force", True))
         return found, unknown
 
     def error(self, message):

@@ -40,6 +40,9 @@ class Store:
         if report and report.get("verdict") == "ready":
             raise InputError("--out", str(folder), "a folder without a finished commissioning")
         before = self._read(PROGRESS)
+        others = [name for name in (REPORT, "report.html", "axis.yaml") if (self.folder / name).exists()]
+        if before is None and others and (report or {}).get("verdict") not in ("refused", "stopped"):
+            raise InputError("--out", str(self.folder / others[0]), "a folder without results of anything else")
         if before and not (report and report.get("verdict") == "refused"):
             if before.get("identity") != digest:
                 raise InputError("--out", str(folder), "a new folder: the unfinished commissioning there is of another sketch or backend")

@@ -1,6 +1,10 @@
 """The one error that means: the input is wrong, and this is what would be right."""
 
 
+LONGEST_VALUE = 120
+"""Characters of a bad value that are shown; a whole file given for a mapping is not printed."""
+
+
 class InputError(ValueError):
     """Bad input, told in one line: where, what was found, what would be right.
 
@@ -12,7 +16,9 @@ class InputError(ValueError):
     """
 
     def __init__(self, place: object, value: object, expected: object) -> None:
-        super().__init__(f"{place}: got {value!r}, expected {expected}")
+        shown = repr(value)
+        shown = shown if len(shown) <= LONGEST_VALUE else f"{shown[:LONGEST_VALUE]} …"
+        super().__init__(f"{place}: got {shown}, expected {expected}")
         self.place = str(place)
         self.value = value
         self.expected = str(expected)

@@ -47,7 +47,7 @@ def no_axis(here, node):
     return f"no axis at {here} ({'live axes: ' + ', '.join(found) if found else 'no axis is live; ./microstage cell starts one'})"
 
 
-SOUGHT_HERE, SOUGHT_ANYWHERE = 0.8, 1.7
+SOUGHT_HERE, SOUGHT_ANYWHERE = 0.5, 1.5
 """Longest look for a sign of an axis [s]: where discovery keeps to this computer, and where others may answer."""
 
 

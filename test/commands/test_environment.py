@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+import sysconfig
 from pathlib import Path
 
 import pytest
@@ -43,9 +44,41 @@ def test_without_a_compiler_the_package_index_has_one(tmp_path, monkeypatch):
     assert tools.zig and tools.packages == ("ziglang", "ninja") and tools.generator == ["-G", "Ninja"]
     assert "no C and C++ compiler" in tools.says
     assert set(tools.packages) <= set(environment._requirements(SOURCE, "", tools))
-    variables = toolchain.zig_wrappers(tmp_path / "zig", "/a folder/python")
-    text = Path(variables["CXX"]).read_text(encoding="utf-8")
-    assert text.startswith("#!/bin/sh") and '"/a folder/python" -m ziglang c++' in text and os.access(variables["CC"], os.X_OK)
+    package = tmp_path / "a folder" / "ziglang"
+    package.mkdir(parents=True)
+    (package / "__init__.py").touch()
+    (package / "zig").write_text('#!/bin/sh\nprintf "<%s>" "$@"\n', encoding="utf-8")
+    (package / "zig").chmod(0o755)
+    monkeypatch.setenv("PYTHONPATH", str(package.parent))
+    variables = toolchain.zig_wrappers(tmp_path / "zig tools", sys.executable)
+    said = subprocess.run([variables["CXX"], "-c", "a file.cpp"], capture_output=True, text=True, check=True, env={"PATH": "/bin"}).stdout
+    headers = Path(sysconfig.get_path("include")).parent
+    assert said.startswith("<c++>") and said.endswith(f"<-idirafter><{headers}><-c><a file.cpp>")
+    archive = subprocess.run([variables["AR"], "q"], capture_output=True, text=True, check=True, env={"PATH": "/bin"}).stdout
+    assert archive == "<ar><q>"
+
+
+def test_libraries_are_installed_beside_the_interfaces(tmp_path, monkeypatch):
+    """What the interfaces need comes first, the rest beside them; a failure of either ends both."""
+    steps = []
+    monkeypatch.setattr(environment, "_step", lambda what, command, *_, stop=None: steps.append((what, command[7:], stop)))
+    venv, tools = tmp_path / "venv", toolchain.Toolchain("", ("ziglang",), True)
+    (venv / "bin").mkdir(parents=True)
+    (venv / "bin" / "python").touch()
+    with environment._libraries_beside(SOURCE, venv, sys.executable, tmp_path, "", tools):
+        assert [what for what, _, _ in steps][:1] == ["ROS 2"]
+    (_, first, _), (name, everything, stop) = steps
+    assert name == "libraries" and set(first) < set(everything) and {"ziglang", "numpy>=1.26"} <= set(first) and not stop.is_set()
+    assert (venv / environment.MARK).read_text(encoding="utf-8").splitlines() == everything
+    steps.clear()
+    with environment._libraries_beside(SOURCE, venv, sys.executable, tmp_path, "", tools):
+        pass
+    assert not steps
+    (venv / environment.MARK).unlink()
+    with pytest.raises(environment.Failure, match="interfaces"), environment._libraries_beside(
+            SOURCE, venv, sys.executable, tmp_path, "", tools):
+        raise environment.Failure("interfaces: failed")
+    assert steps[-1][2].is_set()
 
 
 def test_with_compilers_nothing_more_is_installed(tmp_path, monkeypatch):

@@ -55,6 +55,13 @@ FILES = {
     "twice.yaml": lambda: RUN + "controller: {type: self_tuning}\n",
     "long.yaml": lambda: RUN.replace("0.01", "1.0e+6"),
     "slow.yaml": lambda: RUN.replace("dwell_s: 0.01", "velocity_m_s: 1.0e-9, acceleration_m_s2: 1.0e-6"),
+    "nanmass.yaml": lambda: changed(r"mass: \{value: 3.06", "mass: {value: .nan"),
+    "period.yaml": lambda: RUN + "period_s: 0\n",
+    "double.csv": lambda: RECORD.replace("reference_m", "encoder_m"),
+    "ragged.csv": lambda: RECORD.replace("0.0010,0,0,0", "0.0010,0,0"),
+    "back.csv": lambda: RECORD.replace("0.0010,", "0.0002,"),
+    "logs/examination.json": lambda: "{}\n",
+    "failures/nominal_1/run.yaml": lambda: RUN,
     "targets.txt": lambda: "10um\nten\n",
 }
 
@@ -152,6 +159,26 @@ MISTAKES = {
     "no records": (["identify", "--axis", "axis.yaml", "--out", "n.yaml"], "required: RECORD"),
     "too many blocks": (["identify", "--axis", "axis.yaml", "rec.csv", "--blocks", "99", "--out", "n.yaml"], "from 1 to 8"),
     "a seed of the demo below zero": (["demo", "--seed", "-1"], "--seed: got -1"),
+    "a mass that is no number": (simulate(axis="nanmass.yaml"), "a finite number > 0 in kg"),
+    "an empty axis file": (simulate(axis="empty.csv"), "empty.csv"),
+    "a period of nothing": (simulate(run="period.yaml"), "period_s"),
+    "a seed with an exponent": (simulate(seed="1e3"), "invalid int value: '1e3'"),
+    "a target that is infinite": (["move", "--to", "1e400"], "expected a length"),
+    "a tolerance that is no number": (["move", "--to", "1um", "--tolerance", "nan"], "expected a length"),
+    "a record for an axis file": (["commission", "--axis", "rec.csv", "--out", "c"], "a mapping of sections"),
+    "a sketch over earlier results": (["commission", "--axis", "axis.yaml", "--out", "answer"], "without results of anything else"),
+    "a file for the folder of a comparison": (["compare", "--out", "rec.csv"], "not a directory"),
+    "a file for the folder of a demo": (["demo", "--out", "rec.csv"], "not a directory"),
+    "a file for the folder of an experiment": (["experiment", "--run", "run.yaml", "--out", "rec.csv"], "not a directory"),
+    "tuned gains under a record's name": (["tune", "--axis", "axis.yaml", "--out", "t.csv"], "ending in .yaml"),
+    "an earlier campaign in the way": (["campaign", "--cases", "1", "--json", "answer/report.json"], "--force"),
+    "an earlier examination of logs in the way": (["log", "--examine", "1", "--out", "logs"], "--force"),
+    "failures of robustness in the way": (["robustness", "--out", "failures"], "--force"),
+    "a log for a LOG.yaml": (["diagnose", "--log", "rec.csv", "--baseline", "rec.csv", "--out", "new", "rec.csv"], "rec.csv"),
+    "a holdout that is not there": (["diagnose", "--axis", "axis.yaml", "rec.csv", "--holdout", "r.csv", "--out", "new"], "not found"),
+    "columns that stand twice": (["identify", "--axis", "axis.yaml", "double.csv", "--out", "n.yaml"], "every column once"),
+    "a row too short": (["identify", "--axis", "axis.yaml", "ragged.csv", "--out", "n.yaml"], "line 12"),
+    "time that runs back": (["identify", "--axis", "axis.yaml", "back.csv", "--out", "n.yaml"], "line 12"),
     "no cases": (["campaign", "--cases", "0"], "1 or more"),
 }
 
@@ -160,7 +187,7 @@ MISTAKES = {
 def folder(tmp_path, monkeypatch):
     """A folder with the files that the mistakes name."""
     for name, text in FILES.items():
-        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(text(), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -184,4 +211,4 @@ def test_a_mistake_is_one_line_and_status_2_and_nothing_is_lost(name, folder, ca
 
 
 def test_there_are_forty_and_more():
-    assert len(MISTAKES) >= 75
+    assert len(MISTAKES) >= 95

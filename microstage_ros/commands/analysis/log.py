@@ -17,7 +17,7 @@ from microstage_ros.records.logs.description import description_of
 from microstage_ros.records.logs.log import read_log, read_table
 from microstage_ros.records.logs.propose import oddities, propose
 from microstage_ros.report.page import Page
-from microstage_ros.report.plots import COLOURS, new_figure, plot_signal
+from microstage_ros.report.plots import COLOURS, new_figure, plot_signal, readable
 
 DESCRIPTION = """\
 Looks at a log of any machine (CSV with any separator and preamble, EPOS Studio, TwinCAT Scope, halscope, camonitor,
@@ -125,14 +125,16 @@ def _picture(log):
     motion = motion_of(log, *tops([log]))
     time = np.arange(len(log)) * log.period
     for axis, name in zip(axes[:, 0], names):
-        plot_signal(axis, time[shown], log.signals[name][shown], color=COLOURS["blue"])
+        unit = {log.effort: log.effort_unit, "velocity": f"{log.place_unit}/s"}.get(name, log.place_unit)
+        factor, label = readable(f"{name.replace('_', ' ')} [{unit}]", [log.signals[name][shown]])
+        plot_signal(axis, time[shown], factor * log.signals[name][shown], color=COLOURS["blue"])
         state = motion.state[shown]
         edges = np.concatenate([[0], np.flatnonzero(np.diff(state)) + 1, [len(state)]])
         for a, b in list(zip(edges[:-1], edges[1:]))[:200]:
             colour = {"start": COLOURS["yellow"], "brake": COLOURS["yellow"], "rest": COLOURS["grey"], "settled": COLOURS["grey"]}.get(STATES[state[a]])
             if colour:
                 axis.axvspan(time[a], time[b - 1] + log.period, color=colour, alpha=0.18, lw=0)
-        axis.set_ylabel(name.replace("_", " "))
+        axis.set_ylabel(label)
     axes[-1, 0].set_xlabel("time [s]")
     return figure
 
@@ -144,6 +146,8 @@ def _examine(arguments):
         raise InputError("--examine", arguments.examine, "1 case or more")
     if arguments.effect and arguments.effect not in log_campaign.EFFECTS:
         raise InputError("--effect", arguments.effect, "one of " + ", ".join(log_campaign.EFFECTS))
+    if arguments.out:
+        keep_earlier("--out", [pathlib.Path(arguments.out) / "examination.json"], arguments.force)
     outcomes = []
     with progress("examining", arguments.examine) as bar:
         for outcome in log_campaign.run(arguments.examine, arguments.seed, arguments.kind, arguments.effect, arguments.strength):
@@ -156,6 +160,5 @@ def _examine(arguments):
     for text in log_campaign.sentences(figures, outcomes):
         print(text)
     if arguments.out:
-        keep_earlier("--out", [pathlib.Path(arguments.out) / "examination.json"], arguments.force)
         log_campaign.write(outcomes, figures, arguments)
     return 0

@@ -22,7 +22,7 @@ from microstage_ros.control.laws.registry import LAWS
 from microstage_ros.control.robustness import campaign
 from microstage_ros.control.robustness.conditions import Condition, conditions, random_machine
 from microstage_ros.diagnosis.fleet import in_order
-from microstage_ros.files import write_text
+from microstage_ros.files import keep_earlier, write_text
 from microstage_ros.hardware.simulated import machine_for
 from microstage_ros.places import config_file
 from microstage_ros.metrology.rates import rate
@@ -41,6 +41,9 @@ def main(argv=None):
     if arguments.list:
         print("\n".join(condition.name for condition in conditions(axis)))
         return 0
+    if arguments.out:
+        folder = pathlib.Path(arguments.out)
+        keep_earlier("--out", [*folder.glob("*/run.yaml"), folder / "failure" / "run.yaml"], arguments.force)
     chosen, seeds = _chosen(arguments, axis), [arguments.seed + n for n in range(arguments.seeds)]
     each = functools.partial(in_order, scheduler=arguments.scheduler) if arguments.scheduler else None
     with progress(law, total=len(chosen) * len(seeds)) as bar:

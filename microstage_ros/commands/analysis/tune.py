@@ -56,6 +56,8 @@ def main(argv=None):
     if arguments.evaluations < 0:
         raise InputError("--evaluations", arguments.evaluations, "0 or more")
     if arguments.out:
+        if Path(arguments.out).suffix not in (".yaml", ".yml"):
+            raise InputError("--out", arguments.out, "a file name ending in .yaml")
         keep_earlier("--out", [arguments.out], arguments.force)
     if arguments.running != bool(arguments.record) or (arguments.running and arguments.response):
         raise InputError(

@@ -17,7 +17,9 @@ import re
 import shutil
 import subprocess
 import sys
+import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from microstage_ros.commands.project import toolchain
@@ -25,6 +27,10 @@ from microstage_ros.commands.project import toolchain
 OLDEST, NEWEST = (3, 10), (3, 14)
 MOST_SILENT = 1800
 """Longest time [s] for which a step may write nothing into its log."""
+
+
+MARK = "microstage_requirements"
+"""File in the Python environment that lists what was installed into it."""
 
 
 class Failure(Exception):
@@ -74,13 +80,35 @@ def _make(root, build, ready, digest):
     python = Path(shutil.which("python3") if sourced else _python())
     tools = _tools(root, python, sourced)
     venv = root / (".venv-ros" if sourced else ".venv")
-    _environment(venv, _requirements(root, sourced, tools), python, build, sourced)
-    prefix = _interfaces(root, venv, build, sourced, tools)
+    with _libraries_beside(root, venv, python, build, sourced, tools):
+        prefix = _interfaces(root, venv, build, sourced, tools)
     text = f"# {digest}\n# {prefix}\n# {venv}\n" + _exports(root, venv, prefix, sourced)
     beside = ready.with_suffix(".partial")
     beside.write_text(text, encoding="utf-8")
     os.replace(beside, ready)
     print(f"  ready after {time.monotonic() - began:.0f} s", file=sys.stderr)
+
+
+@contextlib.contextmanager
+def _libraries_beside(root, venv, python, build, sourced, tools):
+    """Makes the Python environment. Where interfaces must be built against the wheels, what that needs comes first and
+    the other libraries are installed beside the block: the generators of interfaces leave a processor idle."""
+    requirements = _requirements(root, sourced, tools)
+    if sourced or tools is None:
+        _environment(venv, requirements, python, build, sourced)
+        yield
+        return
+    first = [*_lines_of_wheels(root), *tools.packages, *(line for line in requirements if re.match("numpy|setuptools", line))]
+    _environment(venv, first, python, build, sourced, "ROS 2")
+    stop = threading.Event()
+    with ThreadPoolExecutor(1) as others:
+        done = others.submit(_environment, venv, requirements, python, build, sourced, "libraries", stop)
+        try:
+            yield
+            done.result()
+        except BaseException:
+            stop.set()
+            raise
 
 
 def _tools(root, python, sourced):
@@ -146,15 +174,15 @@ def _pip(venv, requirements):
             *requirements]
 
 
-def _environment(venv, requirements, python, build, sourced):
-    """The Python environment with everything in ``requirements``."""
-    mark = venv / "microstage_requirements"
+def _environment(venv, requirements, python, build, sourced, name="", stop=None):
+    """The Python environment with everything in ``requirements``; ``name`` of the step, ``stop`` as `_step` takes it."""
+    mark = venv / MARK
     if mark.exists() and set(requirements) <= set(mark.read_text(encoding="utf-8").splitlines()):
         return
     if not (venv / "bin" / "python").exists():
         options = ["--system-site-packages"] if sourced else []
         _step("Python environment", [str(python), "-m", "venv", *options, str(venv)], build)
-    _step("libraries" if sourced else "libraries and ROS 2", _pip(venv, requirements), build)
+    _step(name or ("libraries" if sourced else "libraries and ROS 2"), _pip(venv, requirements), build, stop=stop)
     mark.write_text("\n".join(requirements), encoding="utf-8")
 
 
@@ -247,10 +275,11 @@ def _any_library():
     return next(iter(sorted(Path("/usr/lib").glob("**/libpython3*.so*"))), Path(os.devnull))
 
 
-def _step(what, command, build, environment=None):
-    """Run one command with its output in ``.build/setup.log``, and a line of progress on a terminal."""
-    began, live, usual = time.monotonic(), sys.stderr.isatty(), _durations().get(f"set-up: {what}")
-    log = build / "setup.log"
+def _step(what, command, build, environment=None, stop=None):
+    """Run one command with its output in ``.build/setup.log``, and a line of progress on a terminal. One with an event
+    ``stop`` runs beside another, with a log of its own and no progress, and ends when the event is set."""
+    began, live, usual = time.monotonic(), sys.stderr.isatty() and not stop, _durations().get(f"set-up: {what}")
+    log = build / (f"setup-{what}.log" if stop else "setup.log")
     with open(log, "a", encoding="utf-8") as output:
         output.write(f"\n$ {' '.join(command)}\n")
         output.flush()
@@ -265,12 +294,14 @@ def _step(what, command, build, environment=None):
                     print(f"\r\033[K  {what}: {passed:3.0f} s{left}  {_last_line(log, start)}", end="", file=sys.stderr, flush=True)
                 if time.time() - log.stat().st_mtime > MOST_SILENT:
                     process.kill()
+                if stop and stop.is_set():
+                    process.terminate()
                 time.sleep(0.2)
         except BaseException:
             process.terminate()
             process.wait()
             raise
-    if live:
+    if sys.stderr.isatty():
         print("\r\033[K", end="", file=sys.stderr)
     if process.returncode:
         raise Failure(f"{what}: failed ({_last_line(log, start)}); all of it is in {log}")

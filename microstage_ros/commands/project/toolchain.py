@@ -92,11 +92,13 @@ def fetch_headers(folder):
 def zig_wrappers(folder, python):
     """Write ``cc``, ``c++``, ``ar``, ``ranlib`` that are Zig's into ``folder``; returns the variables CMake and others
     read. Zig's own program is called, not its Python module, which would start a Python for each file."""
-    asked = [str(python), "-c", "import pathlib, ziglang; print(pathlib.Path(ziglang.__file__).with_name('zig'))"]
-    zig = subprocess.run(asked, capture_output=True, text=True, check=True).stdout.strip()
+    asked = [str(python), "-c", "import pathlib, sysconfig, ziglang; print(pathlib.Path(ziglang.__file__).with_name('zig')); "
+             "print(pathlib.Path(sysconfig.get_path('include')).parent)"]
+    zig, headers = subprocess.run(asked, capture_output=True, text=True, check=True).stdout.splitlines()
     target = ZIG_TARGETS.get(platform.machine())
     aim = f" -target {target}" if target else ""
     folder.mkdir(parents=True, exist_ok=True)
+    aim += f' -idirafter "{headers}"'  # Debian's Python.h includes a file beside its folder, where Zig does not look
     for name, words in (("cc", f"cc{aim}"), ("c++", f"c++{aim}"), ("ar", "ar"), ("ranlib", "ranlib")):
         path = folder / name
         path.write_text(WRAPPER.format(zig=zig, words=words), encoding="utf-8")

@@ -106,9 +106,9 @@ def _figures(report, result):
     groups = max(max(spread.groups.values()) for spread in result.evidence["spreads"].values())
     figures = [("Baseline", f"{min(repeats.values())} repetitions", f"{groups} log{'s' if groups > 1 else ''}")]
     gain = report["gain"]
-    figures.append(("Change", f"{gain['before']:.1f} ×", "over the machine's own spread (1: none)"))
+    figures.append(("Change from the baseline", f"{gain['before']:.1f} ×", "the usual scatter from run to run (rms)"))
     if report["causes"] or report["rivals"]:
-        figures.append(("Left", f"{gain['after']:.1f} ×", "with what is named taken out"))
+        figures.append(("Left over", f"{gain['after']:.1f} ×", "the same, with what is named taken out"))
     for cause in report["causes"][:2]:
         figures.append((name_of(cause["id"]), size_of(cause).partition(",")[0], f"sure to {100 * cause['probability']:.1f} %"))
     return figures
