@@ -98,7 +98,8 @@ def _libraries_beside(root, venv, python, build, sourced, tools):
         _environment(venv, requirements, python, build, sourced)
         yield
         return
-    first = [*_lines_of_wheels(root), *tools.packages, *(line for line in requirements if re.match("numpy|setuptools", line))]
+    built_with = [line for line in requirements if re.match("numpy|setuptools", line)]
+    first = [*_lines_of_wheels(root), *tools.packages, *built_with]
     _environment(venv, first, python, build, sourced, "ROS 2")
     stop = threading.Event()
     with ThreadPoolExecutor(1) as others:
@@ -175,7 +176,7 @@ def _pip(venv, requirements):
 
 
 def _environment(venv, requirements, python, build, sourced, name="", stop=None):
-    """The Python environment with everything in ``requirements``; ``name`` of the step, ``stop`` as `_step` takes it."""
+    """The Python environment with everything in ``requirements``; ``name`` of the step, ``stop`` as in `_step`."""
     mark = venv / MARK
     if mark.exists() and set(requirements) <= set(mark.read_text(encoding="utf-8").splitlines()):
         return

@@ -92,7 +92,8 @@ def fetch_headers(folder):
 def zig_wrappers(folder, python):
     """Write ``cc``, ``c++``, ``ar``, ``ranlib`` that are Zig's into ``folder``; returns the variables CMake and others
     read. Zig's own program is called, not its Python module, which would start a Python for each file."""
-    asked = [str(python), "-c", "import pathlib, sysconfig, ziglang; print(pathlib.Path(ziglang.__file__).with_name('zig')); "
+    asked = [str(python), "-c", "import pathlib, sysconfig, ziglang; "
+             "print(pathlib.Path(ziglang.__file__).with_name('zig')); "
              "print(pathlib.Path(sysconfig.get_path('include')).parent)"]
     zig, headers = subprocess.run(asked, capture_output=True, text=True, check=True).stdout.splitlines()
     target = ZIG_TARGETS.get(platform.machine())
