@@ -39,7 +39,9 @@ LISTED = {
         "test": "all the tests",
         "bench": "the project's own benchmarks",
         "figures": "the documentation's tables of figures, measured anew and stamped",
-        "faults": "the fault campaign: processes killed and stopped, hostile messages and files; what was noticed, how soon",
+        "faults": (
+            "the fault campaign: processes killed and stopped, hostile messages and files; what was noticed, how soon"
+        ),
         "security": "keys, certificates and signed permissions for DDS security (SROS 2)",
         "mutation": "do the tests notice when the code is wrong: small faults put in one by one",
         "shell": "a shell, or one program, in the environment of the nodes",

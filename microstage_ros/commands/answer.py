@@ -55,8 +55,11 @@ def finish(command, status):
         return
     out, _stdout = _stdout, None
     sys.stdout = out
-    print(json.dumps(plain({"command": command, "status": status, "version": __version__, **_facts}), ensure_ascii=False),
-          file=out, flush=True)
+    print(
+        json.dumps(plain({"command": command, "status": status, "version": __version__, **_facts}), ensure_ascii=False),
+        file=out,
+        flush=True,
+    )
 
 
 def plain(value):

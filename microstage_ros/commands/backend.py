@@ -62,8 +62,12 @@ def add_backend(parser):
                         help=f"{', '.join(BACKENDS)}, an entry point, or package.module:Class from PYTHONPATH "
                              f"(default {SIMULATED})")
     parser.add_argument("--backend-options", metavar="FILE", help="YAML file with the options of the backend")
-    parser.add_argument("--machine", metavar="FILE", help="axis file of the machine that is simulated, where it is not the "
-                                                          "one that the controller is given (backend simulated only)")
+    parser.add_argument(
+        "--machine",
+        metavar="FILE",
+        help="axis file of the machine that is simulated, where it is not the "
+        "one that the controller is given (backend simulated only)",
+    )
 
 
 def load_options(path):

@@ -57,14 +57,20 @@ def main(argv):
             logs.append(read_log(path, description))
             bar.advance()
         baseline, now = logs[: len(arguments.baseline)], logs[len(arguments.baseline):]
-        sources = {"records": [str(p) for p in arguments.records], "now": [str(p) for p in arguments.records], "holdout": [],
-                   "baseline": [str(p) for p in arguments.baseline]}
+        sources = {
+            "records": [str(p) for p in arguments.records],
+            "now": [str(p) for p in arguments.records],
+            "holdout": [],
+            "baseline": [str(p) for p in arguments.baseline],
+        }
         if arguments.over_time:
             trend = diagnose_over_time(baseline, now, description, arguments.seed)
             report = write_trend(trend, description, arguments.out, sources)
         else:
             bar.say("comparing with the baseline")
-            report = write_log_answer(diagnose_logs(baseline, now, description, arguments.seed), description, arguments.out, sources, axis)
+            report = write_log_answer(
+                diagnose_logs(baseline, now, description, arguments.seed), description, arguments.out, sources, axis
+            )
     answer.state(report=report, folder=str(arguments.out))
     tell_trend(report, arguments.out) if arguments.over_time else tell(report, arguments.out)
     return 0
@@ -72,13 +78,21 @@ def main(argv):
 
 def parser():
     """The options of ``diagnose --log``."""
-    found = Parser(prog="microstage diagnose", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter)
+    found = Parser(
+        prog="microstage diagnose", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     found.add_argument("--log", required=True, metavar="LOG.yaml", help="what the columns of the files mean")
-    found.add_argument("--baseline", nargs="+", default=[], metavar="FILE", help="logs of the machine while it was healthy")
+    found.add_argument(
+        "--baseline", nargs="+", default=[], metavar="FILE", help="logs of the machine while it was healthy"
+    )
     found.add_argument("--axis", metavar="FILE", help="axis file, for lead, gear ratio and mass, and for extended.yaml")
     found.add_argument("records", nargs="+", metavar="NOW", help="logs to examine")
     found.add_argument("--out", required=True, metavar="DIR", help="folder for the answer")
-    found.add_argument("--over-time", action="store_true", help="every NOW file is a point of a course; writes trend.json and report.html")
+    found.add_argument(
+        "--over-time",
+        action="store_true",
+        help="every NOW file is a point of a course; writes trend.json and report.html",
+    )
     found.add_argument("--seed", type=int, default=0, metavar="N", help="written into the answer")
     found.add_argument(
         "--each",
@@ -87,7 +101,9 @@ def parser():
         "--baseline; LOG.yaml and axis.yaml in place of those given); answers go to DIR/NAME and DIR/summary.json",
     )
     found.add_argument("--jobs", type=int, default=1, metavar="N", help="with --each: processes here (default 1)")
-    found.add_argument("--scheduler", metavar="ADDRESS", help="with --each: hand the work to this Dask scheduler, tcp://host:port")
+    found.add_argument(
+        "--scheduler", metavar="ADDRESS", help="with --each: hand the work to this Dask scheduler, tcp://host:port"
+    )
     found.add_force()
     return found
 

@@ -9,7 +9,9 @@ from microstage_ros.commands.parser import Parser
 def operator_parser(name, description):
     """A parser with ``--namespace``."""
     parser = Parser(prog=f"microstage {name}", description=description)
-    parser.add_argument("--namespace", type=units.namespace, default="/axis", metavar="NS", help="of the axis (default /axis)")
+    parser.add_argument(
+        "--namespace", type=units.namespace, default="/axis", metavar="NS", help="of the axis (default /axis)"
+    )
     return parser
 
 

@@ -66,7 +66,9 @@ class Parser(argparse.ArgumentParser):
         super().__init__(conflict_handler="resolve", **options)  # a command may have a --json of its own
         self._given = []
         if json == "flag":
-            self.add_argument("--json", action="store_true", help="print the answer as one JSON object (text goes to standard error)")
+            self.add_argument(
+                "--json", action="store_true", help="print the answer as one JSON object (text goes to standard error)"
+            )
         elif json == "file":
             self.add_argument(
                 "--json",

@@ -66,7 +66,13 @@ def progress(what, total=None, remembered=None):
 
     before = _durations().get(remembered) if remembered else None
     began = time.monotonic()
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(24), TimeElapsedColumn(), _left_column(before))
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(24),
+        TimeElapsedColumn(),
+        _left_column(before),
+    )
     with Progress(*columns, console=Console(stderr=True), transient=True) as shown:
         yield Bar(shown, shown.add_task(what, total=total), what)
     if remembered:

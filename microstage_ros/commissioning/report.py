@@ -131,8 +131,9 @@ def page(outcome, machine, provenance):
         if outcome.margins:
             m = outcome.margins
             made.text(
-                f"Loop in motion, measured: phase margin {m.phase_deg:.1f}° ± {2 * m.phase_error_deg:.1f}°, gain margin {m.gain_dB:.1f} dB ± "
-                f"{2 * m.gain_error_dB:.1f} dB, crossover {m.crossover_Hz:.0f} Hz, largest sensitivity {m.sensitivity:.2g}."
+                f"Loop in motion, measured: phase margin {m.phase_deg:.1f}° ± {2 * m.phase_error_deg:.1f}°, gain margin"
+                f" {m.gain_dB:.1f} dB ± {2 * m.gain_error_dB:.1f} dB, crossover {m.crossover_Hz:.0f} Hz, largest"
+                f" sensitivity {m.sensitivity:.2g}."
             )
     if outcome.along is not None:
         made.section("Along the travel")
@@ -163,8 +164,8 @@ def page(outcome, machine, provenance):
                 )
                 for row in outcome.moves
             ],
-            "Bias, 4s and settling of the approaches in the positive direction, reversal and both sides with five more from above "
-            "(ISO 230-2); errors by the encoder, mean over the last 0.1 s at rest.",
+            "Bias, 4s and settling of the approaches in the positive direction, reversal and both sides with five more"
+            " from above (ISO 230-2); errors by the encoder, mean over the last 0.1 s at rest.",
         )
         made.text(
             "ISO 230-2 over these targets: "
@@ -175,11 +176,15 @@ def page(outcome, machine, provenance):
     made.section("What was used")
     used = machine.used
     made.text(
-        f"{machine.time:.0f} s of machine time; encoder from {used['travel_min_m'] * 1e3:.4g} to {used['travel_max_m'] * 1e3:.4g} mm; "
-        f"at most {used['voltage_max_V']:.3g} V."
+        f"{machine.time:.0f} s of machine time; encoder from {used['travel_min_m'] * 1e3:.4g} to"
+        f" {used['travel_max_m'] * 1e3:.4g} mm; at most {used['voltage_max_V']:.3g} V."
     )
     if machine.instruments:
-        made.text("By the machine's own instruments: " + "; ".join(_instrument(name, value) for name, value in machine.instruments.items()) + ".")
+        made.text(
+            "By the machine's own instruments: "
+            + "; ".join(_instrument(name, value) for name, value in machine.instruments.items())
+            + "."
+        )
     if outcome.remarks:
         made.list(outcome.remarks)
     made.note("Signed: ______________________   Date: ______________")

@@ -88,8 +88,10 @@ def _instead(drive):
     actuator = BY_NAME[drive]
     sets = ", which sets a position" if actuator.holds_position else ""
     records = " and, from records, of identify" if actuator.estimation != "position" or actuator.identified else ""
-    return (f"{known}: commissioning has steps for these two only. A {drive} is commanded with {actuator.command.quantity} "
-            f"[{actuator.command.unit}]{sets}: write its axis file with the numbers of the data sheet{records}")
+    return (
+        f"{known}: commissioning has steps for these two only. A {drive} is commanded with {actuator.command.quantity} "
+        f"[{actuator.command.unit}]{sets}: write its axis file with the numbers of the data sheet{records}"
+    )
 
 
 def _choice(tree, section, place):
@@ -114,7 +116,9 @@ def _without_tolerances(node, key, tolerance, place):
         return leaf
     if key in ("effects", "controller", "provenance"):
         return node
-    return {name: _without_tolerances(child, f"{key}.{name}".lstrip("."), tolerance, place) for name, child in node.items()}
+    return {
+        name: _without_tolerances(child, f"{key}.{name}".lstrip("."), tolerance, place) for name, child in node.items()
+    }
 
 
 def _leaves(node, key=""):

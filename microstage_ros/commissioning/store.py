@@ -45,7 +45,11 @@ class Store:
             raise InputError("--out", str(self.folder / others[0]), "a folder without results of anything else")
         if before and not (report and report.get("verdict") == "refused"):
             if before.get("identity") != digest:
-                raise InputError("--out", str(folder), "a new folder: the unfinished commissioning there is of another sketch or backend")
+                raise InputError(
+                    "--out",
+                    str(folder),
+                    "a new folder: the unfinished commissioning there is of another sketch or backend",
+                )
             self._progress = before
         elif before:
             self._progress["number"] = before.get("number", 0)  # its records stay
@@ -61,7 +65,9 @@ class Store:
         try:
             return json.loads(path.read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
-            raise InputError(str(path), " ".join(str(error).split())[:120], "a whole JSON file; remove it to begin anew") from None
+            raise InputError(
+                str(path), " ".join(str(error).split())[:120], "a whole JSON file; remove it to begin anew"
+            ) from None
 
     @property
     def time(self):

@@ -56,8 +56,14 @@ class Case:
     def placed(self, place):
         """The case with every path put through ``place``."""
         every = lambda paths: tuple(map(place, paths))
-        return dataclasses.replace(self, axis=place(self.axis), records=every(self.records), holdout=every(self.holdout),
-                                   baseline=every(self.baseline), out=place(self.out))
+        return dataclasses.replace(
+            self,
+            axis=place(self.axis),
+            records=every(self.records),
+            holdout=every(self.holdout),
+            baseline=every(self.baseline),
+            out=place(self.out),
+        )
 
     @property
     def is_series(self):
@@ -72,7 +78,9 @@ def diagnose_files(case, progress=None, jobs=1):
     """
     with fleet.reached(case.axis) as place:
         axis = load_axis(place)
-    records, holdout, baseline = ([_checked(path, axis) for path in paths] for paths in (case.records, case.holdout, case.baseline))
+    records, holdout, baseline = (
+        [_checked(path, axis) for path in paths] for paths in (case.records, case.holdout, case.baseline)
+    )
     answer = diagnose_records(axis, records, holdout, baseline, case.seed, progress, jobs)
     return write_answer(answer, axis, case.out, case.sources)
 
@@ -104,9 +112,17 @@ def diagnose_records(axis, records, holdout, baseline, seed, progress=None, jobs
         if not re.search(r"(^|: )effects: ", error.place):
             raise
         size = re.sub(r".*effects: ", "", error.place)
-        return Diagnosis("unexplained", seed=seed, notes=(
-            f"The records differ from the model by more than any cause of the catalogue can: {size} came out as {error.value!r}, "
-            f"possible is {error.expected}. Check what the columns of the records are, and whether this is the axis file of this machine.",))
+        return Diagnosis(
+            "unexplained",
+            seed=seed,
+            notes=(
+                (
+                    f"The records differ from the model by more than any cause of the catalogue can: {size} came out as"
+                    f" {error.value!r}, possible is {error.expected}. Check what the columns of the records are, and"
+                    " whether this is the axis file of this machine."
+                ),
+            ),
+        )
 
 
 def cases_of(folders, axis, out, seed):

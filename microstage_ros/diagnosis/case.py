@@ -68,8 +68,9 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
     slow, gap = known.slow, known.gap
     collection = Collection(prepared, drive)
     effects = [effect for effect in EFFECTS if gap is None or effect != "backlash"]
-    evidences = collection.evidences([*(form for form in FORMS if form.channel != "command"), *periodic_forms(collection),
-                                       *damped_forms(collection)])
+    evidences = collection.evidences(
+        [*(form for form in FORMS if form.channel != "command"), *periodic_forms(collection), *damped_forms(collection)]
+    )
     choices, _ = select(evidences, effects)
     course = find_course(collection, evidences, choices)
     if course is not None:
@@ -133,13 +134,22 @@ def _answer(collection, evidences, choices, rivals, apart, holdout, notes, seed)
     left = judge.leftovers(found)
     if not (left or causes or unsure):
         left = judge.of_learning_records(found)
-        notes += ["What stands out does so in the learning records only; the held-out ones may not go there."] if left else []
+        notes += (
+            ["What stands out does so in the learning records only; the held-out ones may not go there."]
+            if left
+            else []
+        )
     by_size, words = scatter_findings(collection, evidences, choices, scattered)
     if scattered:
-        notes.append(f"The residual{' that is left' if causes else ''} stands above the noise floor in {', '.join(scattered)}"
-                     + "".join(f"; {words[name]}" for name in scattered if name in words) + ".")
+        notes.append(
+            f"The residual{' that is left' if causes else ''} stands above the noise floor in {', '.join(scattered)}"
+            + "".join(f"; {words[name]}" for name in scattered if name in words)
+            + "."
+        )
     if known.gap is not None and known.gap.held_after >= known.gap.held_before:
-        notes.append("The replay behind the gap makes the held-out record no better; the gap rests on the learning records.")
+        notes.append(
+            "The replay behind the gap makes the held-out record no better; the gap rests on the learning records."
+        )
     if course is not None:
         notes.append("Every record drifts on a course of its own; the extended axis holds the mean rate only.")
     verdict = judge.verdict_of(causes, unsure, left, book, scattered)
@@ -212,4 +222,8 @@ def _hold_back(records, holdout):
     if len(records) > 1:
         return records[:-1], records[-1:], [f"Held back for judging: {records[-1].source}."]
     only, cut = records[0], int(len(records[0]) * 0.65)
-    return [only.rows(0, cut)], [only.rows(cut, len(only))], [f"Held back for judging: the last third of {only.source}."]
+    return (
+        [only.rows(0, cut)],
+        [only.rows(cut, len(only))],
+        [f"Held back for judging: the last third of {only.source}."],
+    )

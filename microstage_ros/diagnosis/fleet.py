@@ -21,7 +21,10 @@ PATIENCE = "10s"               # for a scheduler to answer
 AHEAD = 2                      # cases per worker that are handed out before the first comes back
 HELP = "docs/logs.md, 'Many machines on many computers'"
 #: Evaluated on every worker: builtins alone, for what is asked is whether this project can be imported there.
-PROBE = "(lambda u: __import__('microstage_ros').__version__ if u.find_spec('microstage_ros') else '')(__import__('importlib.util').util)"
+PROBE = (
+    "(lambda u: __import__('microstage_ros').__version__ if u.find_spec('microstage_ros') else"
+    " '')(__import__('importlib.util').util)"
+)
 
 
 def is_address(path):
@@ -51,9 +54,15 @@ def reached(path):
             with fsspec.open(str(path), "rb") as source:
                 local.write_bytes(source.read())
         except ImportError as error:
-            raise InputError(path, str(error).splitlines()[0], "an address whose library is installed (s3fs for s3://, aiohttp for https://)") from None
+            raise InputError(
+                path,
+                str(error).splitlines()[0],
+                "an address whose library is installed (s3fs for s3://, aiohttp for https://)",
+            ) from None
         except (OSError, ValueError) as error:
-            raise InputError(path, " ".join(str(error).split())[:120] or type(error).__name__, "an address that can be read") from None
+            raise InputError(
+                path, " ".join(str(error).split())[:120] or type(error).__name__, "an address that can be read"
+            ) from None
         yield str(local)
 
 
@@ -69,8 +78,12 @@ def on_cluster(cases, work, scheduler):
     with client:
         check_workers(client, scheduler)
         workers = max(sum(client.ncores().values()), 1)
-        yield from as_they_end(iter(cases), lambda case: client.submit(work, case, pure=False, retries=2), AHEAD * workers,
-                               lambda running: wait(list(running), return_when="FIRST_COMPLETED").done)
+        yield from as_they_end(
+            iter(cases),
+            lambda case: client.submit(work, case, pure=False, retries=2),
+            AHEAD * workers,
+            lambda running: wait(list(running), return_when="FIRST_COMPLETED").done,
+        )
 
 
 def in_order(function, items, scheduler):
@@ -94,7 +107,11 @@ def _client(scheduler):
     try:
         return Client(scheduler, timeout=PATIENCE)
     except (OSError, ValueError) as error:
-        raise InputError("--scheduler", scheduler, f"the address of a running Dask scheduler, tcp://host:port ({type(error).__name__}); see {HELP}") from None
+        raise InputError(
+            "--scheduler",
+            scheduler,
+            f"the address of a running Dask scheduler, tcp://host:port ({type(error).__name__}); see {HELP}",
+        ) from None
 
 
 def check_workers(client, scheduler):
@@ -102,9 +119,15 @@ def check_workers(client, scheduler):
     try:
         versions = client.run(eval, PROBE)
     except Exception as error:  # noqa: BLE001  whatever a worker answers is told in one line
-        raise InputError("--scheduler", scheduler, f"workers that answer ({type(error).__name__}: {' '.join(str(error).split())[:80]})") from None
+        raise InputError(
+            "--scheduler",
+            scheduler,
+            f"workers that answer ({type(error).__name__}: {' '.join(str(error).split())[:80]})",
+        ) from None
     if not versions:
-        raise InputError("--scheduler", scheduler, f"a scheduler with workers; start some with `dask worker {scheduler}`, see {HELP}")
+        raise InputError(
+            "--scheduler", scheduler, f"a scheduler with workers; start some with `dask worker {scheduler}`, see {HELP}"
+        )
     lacking = [address for address, version in versions.items() if not version]
     if lacking:
         raise InputError("--scheduler", f"{len(lacking)} of {len(versions)} workers lack microstage_ros ({lacking[0]})",
@@ -112,7 +135,11 @@ def check_workers(client, scheduler):
     other = {address: version for address, version in versions.items() if version != __version__}
     if other:
         address, version = next(iter(other.items()))
-        raise InputError("--scheduler", f"worker {address} has microstage_ros {version}", f"workers of version {__version__}, as here")
+        raise InputError(
+            "--scheduler",
+            f"worker {address} has microstage_ros {version}",
+            f"workers of version {__version__}, as here",
+        )
 
 
 def as_they_end(cases, submit, most, finished):

@@ -54,8 +54,10 @@ def pool(groups, reports, seed):
     sure = [name for name in named if _is_sure(where[name], len(reports))]
     causes = [_pooled(named[name], groups, reports) for name in sure]
     causes.sort(key=lambda cause: -cause.share)
-    notes = [(f"{len(reports)} groups of up to {GROUP} records were diagnosed one by one; what more than half of them name, "
-              "or all from some group on, is a cause.")]
+    notes = [
+        f"{len(reports)} groups of up to {GROUP} records were diagnosed one by one; what more than half of them name, "
+        "or all from some group on, is a cause."
+    ]
     notes += [f"{name} was named in {len(where[name])} of {len(reports)} groups (first in group {where[name][0] + 1})"
               + ("." if name in sure else " and not named as a cause.") for name in sorted(named)]
     rivals = _rivals(reports, AGREED * len(reports))
@@ -68,17 +70,30 @@ def _pooled(found, groups, reports):
     numbers, causes = [number for number, _ in found], [cause for _, cause in found]
     parameters = {}
     for name, first in causes[0]["parameters"].items():
-        values = [c["parameters"][name] for c in causes if name in c["parameters"] and c["parameters"][name]["value"] is not None]
+        values = [
+            c["parameters"][name]
+            for c in causes
+            if name in c["parameters"] and c["parameters"][name]["value"] is not None
+        ]
         sizes, spread = np.array([v["value"] for v in values]), np.array([v["stderr"] or 0.0 for v in values])
         between = np.std(sizes, ddof=1) if len(sizes) > 1 else 0.0
         error = max(between, float(np.median(spread))) / math.sqrt(len(sizes))
         parameters[name] = Parameter(float(np.median(sizes)), float(error), first["unit"])
     middle = numbers[int(np.argsort([cause["share"] for cause in causes])[len(causes) // 2])]
     effect = load_axis(pathlib.Path(groups[middle].out) / "extended.yaml").effects[causes[0]["id"]]
-    gain = Gain(*(_rms([cause["gain"][key] for cause in causes]) for key in ("before", "after")), causes[0]["gain"]["unit"])
+    gain = Gain(
+        *(_rms([cause["gain"][key] for cause in causes]) for key in ("before", "after")), causes[0]["gain"]["unit"]
+    )
     share = float(np.sum([cause["share"] for cause in causes]) / len(reports))
-    return Cause(causes[0]["id"], parameters, effect, float(max(cause["probability"] or 0.0 for cause in causes)), share, gain,
-                 causes[0]["channel"])
+    return Cause(
+        causes[0]["id"],
+        parameters,
+        effect,
+        float(max(cause["probability"] or 0.0 for cause in causes)),
+        share,
+        gain,
+        causes[0]["channel"],
+    )
 
 
 def _rms(values):
@@ -91,7 +106,9 @@ def _rivals(reports, needed):
     for report in reports:
         for rivals in report["rivals"]:
             found.setdefault(tuple(sorted(rivals["ids"])), []).append(rivals)
-    return tuple(Rivals(tuple(entries[0]["ids"]), entries[0]["why"], {}) for entries in found.values() if len(entries) > needed)
+    return tuple(
+        Rivals(tuple(entries[0]["ids"]), entries[0]["why"], {}) for entries in found.values() if len(entries) > needed
+    )
 
 
 def _is_sure(where, count):
@@ -105,7 +122,11 @@ def _verdict(reports, causes, rivals):
     if rivals:
         return "undetermined"
     if causes:
-        return "explained" if sum(v in ("explained", "agrees") for v in verdicts) > len(verdicts) / 2 else "partly_explained"
+        return (
+            "explained"
+            if sum(v in ("explained", "agrees") for v in verdicts) > len(verdicts) / 2
+            else "partly_explained"
+        )
     common = max(sorted(set(verdicts)), key=verdicts.count)
     return common if common in ("agrees", "unexplained") else "unexplained"
 
@@ -118,7 +139,9 @@ def _gain(reports):
     afters = np.array([gain["after"] for gain in gains])
     error = 1.96 * float(np.std(afters, ddof=1)) / math.sqrt(len(afters)) if len(afters) > 1 else 0.0
     records = tuple(name for gain in gains for name in gain["records"])
-    return OverallGain(gains[0]["metric"], gains[0]["unit"], records, before, after, floor, (max(after - error, 0.0), after + error))
+    return OverallGain(
+        gains[0]["metric"], gains[0]["unit"], records, before, after, floor, (max(after - error, 0.0), after + error)
+    )
 
 
 def _findings(reports):
@@ -139,4 +162,6 @@ def _pictures(named, count):
         for number, cause in found:
             share[number] = cause["share"]
         curves[name] = (np.arange(1, count + 1), share)
-    return (Picture("series", "Share of each cause over the series", "group of records", "share of what stood out", curves),)
+    return (
+        Picture("series", "Share of each cause over the series", "group of records", "share of what stood out", curves),
+    )

@@ -61,7 +61,10 @@ def implausible(axis: Axis) -> list[str]:
         if not usual.low <= abs(value) <= usual.high and not (value == 0.0 and key in ZERO_MEANS_NONE):
             unit = axis.quantity(key).unit if axis.has(key) else "Hz" if "frequency" in key else "m"
             line = f": line {lines[key]}" if key in lines else ""
-            found.append(f"{axis.place}{line}: {key}: {value:g} {unit} is unlikely; usual: {usual.low:g} … {usual.high:g} {unit} ({usual.what})")
+            found.append(
+                f"{axis.place}{line}: {key}: {value:g} {unit} is unlikely; usual: {usual.low:g} … {usual.high:g} {unit}"
+                f" ({usual.what})"
+            )
 
     rigid = axis.choices.get("transmission.type") == "rigid"
     for key, usual in USUAL.items():
@@ -86,8 +89,10 @@ def _constants(axis, lines):
     if max(emf, torque) <= 0.0 or abs(emf - torque) <= SAME_CONSTANTS * max(emf, torque):
         return []
     line = f": line {lines['drive.torque_constant']}" if "drive.torque_constant" in lines else ""
-    return [f"{axis.place}{line}: drive.torque_constant: {torque:g} N m/A is unlikely beside drive.back_emf {emf:g} V s/rad; "
-            "usual: the same number in SI, within some per cent (K_T = K_E for a DC motor)"]
+    return [
+        f"{axis.place}{line}: drive.torque_constant: {torque:g} N m/A is unlikely beside drive.back_emf {emf:g} V"
+        " s/rad; usual: the same number in SI, within some per cent (K_T = K_E for a DC motor)"
+    ]
 
 
 def _lines_of(path):

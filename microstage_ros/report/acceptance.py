@@ -34,8 +34,9 @@ def floors_table(result):
         ["figure", "asked", *laws],
         rows,
         (
-            "Worst of the seeds unless it says median; true position unless it says interferometer. no: misses what was asked; the tables "
-            "below tell by how much, and what limits it. A condition counts as stable if the peak of the sine stays below 2 µm."
+            "Worst of the seeds unless it says median; true position unless it says interferometer. no: misses what was"
+            " asked; the tables below tell by how much, and what limits it. A condition counts as stable if the peak of"
+            " the sine stays below 2 µm."
         ),
     )
 

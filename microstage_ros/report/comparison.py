@@ -14,7 +14,13 @@ BEST = "self_tuning_observer"
 
 def nm(value):
     """Metres as nanometres, for a table."""
-    return "–" if value is None or not math.isfinite(value) else f"{value * 1e9:.0f}" if abs(value) >= 1e-7 else f"{value * 1e9:.1f}"
+    return (
+        "–"
+        if value is None or not math.isfinite(value)
+        else f"{value * 1e9:.0f}"
+        if abs(value) >= 1e-7
+        else f"{value * 1e9:.1f}"
+    )
 
 
 def ms(value):
@@ -59,10 +65,18 @@ def comparison_page(result, paper_four_s, paper_sine, configuration, seed):
     page.table(header, rows, marked=[n for n, row in enumerate(rows) if any("(no)" in cell for cell in row)])
     page.note(remark)
     page.section("Sine of 10 µm at 0.03 Hz (Fig. 10)")
-    page.figure(tracking_figure(result), "Tracking error of the true position, one seed", "One curve of error against time per controller")
+    page.figure(
+        tracking_figure(result),
+        "Tracking error of the true position, one seed",
+        "One curve of error against time per controller",
+    )
     page.table(*tables[1][1:3])
     page.section("Moves (Fig. 11)")
-    page.figure(moves_figure(result), "First forward move, approach to the target", "Distance from the target against time for four distances")
+    page.figure(
+        moves_figure(result),
+        "First forward move, approach to the target",
+        "Distance from the target against time for four distances",
+    )
     for title, header, rows, remark in tables[2:]:
         page.section(title)
         page.table(header, rows)
@@ -94,9 +108,13 @@ def moves_figure(result):
             curve = result["positioning"][kind][distance]["curve"]
             arrival = curve["t"][np.argmax(np.abs(curve["reference"] - distance) < band)]
             shown = (curve["t"] > arrival - 0.01) & (curve["t"] < arrival + 0.12)
-            plot_signal(ax, 1e3 * curve["t"][shown], 1e9 * (curve["stage"][shown] - distance), label=kind, linewidth=0.8)
+            plot_signal(
+                ax, 1e3 * curve["t"][shown], 1e9 * (curve["stage"][shown] - distance), label=kind, linewidth=0.8
+            )
         reference = 1e9 * (curve["reference"][shown] - distance)
-        plot_signal(ax, 1e3 * curve["t"][shown], reference, color="black", linestyle=":", linewidth=0.8, label="reference")
+        plot_signal(
+            ax, 1e3 * curve["t"][shown], reference, color="black", linestyle=":", linewidth=0.8, label="reference"
+        )
         ax.set_ylim(-1e9 * band, 1e9 * band)
         ax.set_title(f"{distance * 1e6:g} µm", fontsize="small", loc="left")
         ax.set_ylabel("from the\ntarget (nm)")
@@ -115,8 +133,18 @@ def _tracking(result, paper):
 
 
 def _positioning(result, paper):
-    header = ["controller", "4s worst", "4s pooled (95 %)", "bias worst", "bias pooled (95 %)", "4s interferometer", "paper 4s",
-              "settling (ms)", "worst (ms)", "overshoot"]
+    header = [
+        "controller",
+        "4s worst",
+        "4s pooled (95 %)",
+        "bias worst",
+        "bias pooled (95 %)",
+        "4s interferometer",
+        "paper 4s",
+        "settling (ms)",
+        "worst (ms)",
+        "overshoot",
+    ]
     for distance in next(iter(result["positioning"].values())):
         rows = []
         for kind, by_distance in result["positioning"].items():
@@ -128,16 +156,29 @@ def _positioning(result, paper):
                 f"{nm(f['bias_pooled'])} ({nm(left)} … {nm(right)})", nm(f["instrument_four_s_worst"]),
                 nm(paper.get(distance)), ms(f["settling_median"]), ms(f["settling_worst"]), nm(f["overshoot_worst"]),
             ])
-        yield f"Moves of {distance * 1e6:g} µm (Table 4), in nm", header, rows, (
-            "Settled: within one count (25 nm) of the target for good, from the start of the move. Interferometer: one reading, "
-            "10 nm of noise."
+        yield (
+            f"Moves of {distance * 1e6:g} µm (Table 4), in nm",
+            header,
+            rows,
+            (
+                "Settled: within one count (25 nm) of the target for good, from the start of the move. Interferometer:"
+                " one reading, 10 nm of noise."
+            ),
         )
 
 
 def _sines(result):
     kinds = list(result["sines"][0]["peak"]) if result["sines"] else []
-    rows = [[f"{s['amplitude'] * 1e6:g} µm, {s['frequency']:g} Hz", *(nm(s["peak"][kind]) for kind in kinds)] for s in result["sines"]]
-    return "Sines, worst peak (nm)", ["sine", *kinds], rows, "best_pid: the fixed PID found by search for that very sine, judged on other seeds."
+    rows = [
+        [f"{s['amplitude'] * 1e6:g} µm, {s['frequency']:g} Hz", *(nm(s["peak"][kind]) for kind in kinds)]
+        for s in result["sines"]
+    ]
+    return (
+        "Sines, worst peak (nm)",
+        ["sine", *kinds],
+        rows,
+        "best_pid: the fixed PID found by search for that very sine, judged on other seeds.",
+    )
 
 
 YARDSTICKS = ("best_pid", "best_pid_feedforward", "perfect_pid", "perfect_observer", "least")
@@ -149,8 +190,11 @@ OWN_LIMITS = {
 
 
 def _stress(result):
-    for figure, title in (("peak", "sine of 10 µm at 0.1 Hz, worst peak (nm)"), ("learned_peak", "the same sine in its third cycle (nm)"),
-                          ("four_s_worst", "moves of 10 µm, 4s from the fourth move on (nm)")):
+    for figure, title in (
+        ("peak", "sine of 10 µm at 0.1 Hz, worst peak (nm)"),
+        ("learned_peak", "the same sine in its third cycle (nm)"),
+        ("four_s_worst", "moves of 10 µm, 4s from the fourth move on (nm)"),
+    ):
         kinds = [kind for kind in next(iter(result["stress"].values())) if kind not in YARDSTICKS]
         rows = [[name, *(nm(by_kind[kind][figure]) for kind in kinds)] for name, by_kind in result["stress"].items()]
         yield f"Stress: {title}", ["condition", *kinds], rows, ""
@@ -169,13 +213,24 @@ def _stress_limits(result):
         for name, by_kind in result["stress"].items()
         if name != "nominal"
     ]
-    header = ["condition", *(f"{kind} within {nm(2 * result['stress']['nominal'][kind]['peak'])}" for kind in kinds), *yardsticks]
-    return "Stress: within twice the nominal peak, and what limits it (nm)", header, rows, (
-        "Yes or no: whether the law's worst peak in the sine above is within twice its nominal one; in brackets the ratio. Limit: "
-        "nothing better was found, the law and its yardsticks under that very condition taken together, and it is not within it either. best_pid, best_pid_feedforward: fixed laws searched under that very "
-        "condition without regard to margins, judged on other seeds (yardsticks of the encoder-only laws). perfect_pid: PID searched with an "
-        "encoder and an amplifier without noise or rounding. perfect_observer: the observer law with these sensors. least: what noise alone leaves of the sliding axis under the best linear "
-        "regulator, where only the period differs (yardstick of the observer law)."
+    header = [
+        "condition",
+        *(f"{kind} within {nm(2 * result['stress']['nominal'][kind]['peak'])}" for kind in kinds),
+        *yardsticks,
+    ]
+    return (
+        "Stress: within twice the nominal peak, and what limits it (nm)",
+        header,
+        rows,
+        (
+            "Yes or no: whether the law's worst peak in the sine above is within twice its nominal one; in brackets the"
+            " ratio. Limit: nothing better was found, the law and its yardsticks under that very condition taken"
+            " together, and it is not within it either. best_pid, best_pid_feedforward: fixed laws searched under that"
+            " very condition without regard to margins, judged on other seeds (yardsticks of the encoder-only laws)."
+            " perfect_pid: PID searched with an encoder and an amplifier without noise or rounding. perfect_observer:"
+            " the observer law with these sensors. least: what noise alone leaves of the sliding axis under the best"
+            " linear regulator, where only the period differs (yardstick of the observer law)."
+        ),
     )
 
 
@@ -202,7 +257,8 @@ def _gain_jumps(result):
         ["controller", "", *(f"{f:g}" for f in factors)],
         rows,
         (
-            "From the start: wrong before the first period. Jump: from nominal to wrong in the fourth second; afterwards: the last 2.5 s."
+            "From the start: wrong before the first period. Jump: from nominal to wrong in the fourth second;"
+            " afterwards: the last 2.5 s."
         ),
     )
 
@@ -225,17 +281,37 @@ def _weak_start(result):
         ]
         for kind, values in found.items()
     ]
-    header = ["controller", *(f"move {k}" for k in range(1, 6)), "move 3 over guarded_pid", "over kept_pid", "over best_pid"]
-    return "From a tenth of the gains: rms error of moves of 10 µm (nm)", header, rows, (
-        "best_pid: the fixed PID found by search for these moves alone. kept_pid: the best of those whose moves of 1 and 10 µm keep the other "
-        "figures (4s 25 nm, overshoot 5 % or 50 nm, 50 nm at rest). guarded_pid: the best of those with the margins that `tune` asks for, in "
-        "pre-sliding and at full speed. Searched on other seeds than those judged."
+    header = [
+        "controller",
+        *(f"move {k}" for k in range(1, 6)),
+        "move 3 over guarded_pid",
+        "over kept_pid",
+        "over best_pid",
+    ]
+    return (
+        "From a tenth of the gains: rms error of moves of 10 µm (nm)",
+        header,
+        rows,
+        (
+            "best_pid: the fixed PID found by search for these moves alone. kept_pid: the best of those whose moves of"
+            " 1 and 10 µm keep the other figures (4s 25 nm, overshoot 5 % or 50 nm, 50 nm at rest). guarded_pid: the"
+            " best of those with the margins that `tune` asks for, in pre-sliding and at full speed. Searched on other"
+            " seeds than those judged."
+        ),
     )
 
 
 def _observer(result):
-    rows = [[motion.replace(" um", " µm"), f"{100 * f['total']:.1f}", f"{100 * f['level']:.1f}", nm(f["position"])] for motion, f in result["observer"].items()]
-    return "Friction observer, worst of the seeds", ["motion", "total friction, rms (%)", "level, rms (%)", "position, rms (nm)"], rows, ""
+    rows = [
+        [motion.replace(" um", " µm"), f"{100 * f['total']:.1f}", f"{100 * f['level']:.1f}", nm(f["position"])]
+        for motion, f in result["observer"].items()
+    ]
+    return (
+        "Friction observer, worst of the seeds",
+        ["motion", "total friction, rms (%)", "level, rms (%)", "position, rms (nm)"],
+        rows,
+        "",
+    )
 
 
 def _level_jumps(result):
@@ -250,8 +326,14 @@ def _level_jumps(result):
         for f in result["level_jumps"]
     ]
     header = ["sine", "friction times", "seen to 2 % after (ms)", "mean error 2 to 4 s later (%)", "rms error (%)"]
-    return "Friction observer, a jump of the level, worst of the seeds", header, rows, (
-        "The friction of both contacts jumps in the fourth second, its random part of 6 % goes on varying (over 100 µm or 20 s), also after."
+    return (
+        "Friction observer, a jump of the level, worst of the seeds",
+        header,
+        rows,
+        (
+            "The friction of both contacts jumps in the fourth second, its random part of 6 % goes on varying (over 100"
+            " µm or 20 s), also after."
+        ),
     )
 
 
@@ -283,7 +365,12 @@ def _informed(result):
 def _told_gap(result):
     names = {"nothing": "nothing", "gap": "the gap", "contact": "the gap, and when its contacts open and close"}
     rows = [[names[told], *map(nm, peaks)] for told, peaks in result["told_gap"].items()]
-    return "Observer law, told of a gap of 0.5 deg: sine of 10 µm at 0.1 Hz, worst peak (nm)", ["told", "first cycle", "third cycle"], rows, ""
+    return (
+        "Observer law, told of a gap of 0.5 deg: sine of 10 µm at 0.1 Hz, worst peak (nm)",
+        ["told", "first cycle", "third cycle"],
+        rows,
+        "",
+    )
 
 
 def _margins(result):
@@ -291,8 +378,16 @@ def _margins(result):
     for kind, margins in result["margins"].items():
         for m in margins or []:
             numbers = [m["phase_deg"], m["gain_db"], m["gain_down_db"]]
-            rows.append([kind, m["regime"].replace(" um/s", " µm/s"), "yes" if m["stable"] else "no", *("any" if math.isinf(v) else f"{v:.0f}" for v in numbers),
-                         f"{m['crossover_hz']:.0f}", f"{m['sensitivity']:.1f}"])
+            rows.append(
+                [
+                    kind,
+                    m["regime"].replace(" um/s", " µm/s"),
+                    "yes" if m["stable"] else "no",
+                    *("any" if math.isinf(v) else f"{v:.0f}" for v in numbers),
+                    f"{m['crossover_hz']:.0f}",
+                    f"{m['sensitivity']:.1f}",
+                ]
+            )
     return "Margins on the linearised axis", ["controller", *MARGIN_HEADS], rows, (
         "Creeping at 1 µm/s, the falling Stribeck curve makes the linearised axis itself unstable; blocks that stick again bound what "
         "follows. The observer law is cut at the amplifier with its learned resistance frozen."

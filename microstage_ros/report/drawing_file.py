@@ -88,7 +88,8 @@ def _dots(text):
         faint = re.search(r"(?:fill-)?opacity: ?([\d.]+)", uses[0][3])
         way = "".join(f"M{x} {y}h0" for _, x, y, _ in uses)
         return (
-            f'<path d="{way}" style="fill: none; stroke: {colour}; stroke-width: {sizes[uses[0][0]]:.2f}; stroke-linecap: round'
+            f'<path d="{way}" style="fill: none; stroke: {colour}; stroke-width: {sizes[uses[0][0]]:.2f};'
+            " stroke-linecap: round"
             + (f"; stroke-opacity: {faint[1]}" if faint else "")
             + '"/>'
         )

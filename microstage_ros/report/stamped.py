@@ -26,7 +26,8 @@ from microstage_ros.quantities.errors import InputError
 
 MARK = "*These figures were measured with an earlier state of the code; `./microstage figures {name}` makes them anew.*"
 OPENING = re.compile(
-    r'<!-- figures: (?P<name>[\w-]+) version=(?P<version>\S+) code=(?P<code>\w+) made=(?P<made>\S+) machine="(?P<machine>[^"]*)" -->\n'
+    r"<!-- figures: (?P<name>[\w-]+) version=(?P<version>\S+) code=(?P<code>\w+) made=(?P<made>\S+)"
+    r' machine="(?P<machine>[^"]*)" -->\n'
 )
 
 
@@ -122,7 +123,10 @@ def write_table(root, table, body):
     text = page.read_text(encoding="utf-8")
     opening, _, end = _find(text, table, page)
     today = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
-    stamp = f'<!-- figures: {table.name} version={__version__} code={digest(root, table.code)} made={today} machine="{machine()}" -->\n'
+    stamp = (
+        f"<!-- figures: {table.name} version={__version__} code={digest(root, table.code)} made={today}"
+        f' machine="{machine()}" -->\n'
+    )
     page.write_text(text[:opening.start()] + stamp + body.strip("\n") + "\n" + text[end:], encoding="utf-8")
 
 

@@ -44,7 +44,10 @@ def no_axis(here, node):
     found = live_axes(node)
     if here in found:
         return f"no axis at {here} that answers: its processes are starting, stopped or hung"
-    return f"no axis at {here} ({'live axes: ' + ', '.join(found) if found else 'no axis is live; ./microstage cell starts one'})"
+    return (
+        f"no axis at {here}"
+        f" ({'live axes: ' + ', '.join(found) if found else 'no axis is live; ./microstage cell starts one'})"
+    )
 
 
 SOUGHT_HERE, SOUGHT_ANYWHERE = 0.5, 1.5
@@ -114,7 +117,10 @@ class AxisClient:
         ):
             return ""
         how = "is stopped by a signal" if now[2] == CellStatus.STATE_STOPPED else "has ended"
-        return f"{self._prefix}{topics.MOVE_TO}: the move server {how}; the move's result is lost, and the axis stops and holds"
+        return (
+            f"{self._prefix}{topics.MOVE_TO}: the move server {how}; the move's result is lost, and the axis stops and"
+            " holds"
+        )
 
     def wait_for_server(self, wait):
         """Until the server has answered once: then both sides know each other. Raises `NoAnswer`."""

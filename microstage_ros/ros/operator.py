@@ -41,7 +41,9 @@ class Operator:
         self._prefix = namespace.rstrip("/") + "/"
         self.node = rclpy.create_node("operator", namespace=namespace) if self._own else node
         self._cell, self._clients = None, {}
-        self._subscription = self.node.create_subscription(CellStatus, self._prefix + topics.CELL_STATUS, self._hear, topics.LATCHED)
+        self._subscription = self.node.create_subscription(
+            CellStatus, self._prefix + topics.CELL_STATUS, self._hear, topics.LATCHED
+        )
 
     def __enter__(self):
         return self

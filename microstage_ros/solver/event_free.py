@@ -46,7 +46,9 @@ class Moving(NamedTuple):
 
 
 class Held(NamedTuple):
-    """What stays as long as periods are quiet: the sticking blocks, where they must be looked at, and the slip at both contacts."""
+    """What stays as long as periods are quiet: the sticking blocks, where they must be looked at, and the slip at both
+    contacts.
+    """
 
     slot: int
     a_force: float
@@ -118,7 +120,13 @@ def guard_of(c):
 def write_state(state, moving):
     """`Moving` back into the state it was taken from."""
     a, g = state.actuator, state.guideway
-    state.current, state.omega, state.theta, state.v, state.x = moving.current, moving.omega, moving.theta, moving.v, moving.x
+    state.current, state.omega, state.theta, state.v, state.x = (
+        moving.current,
+        moving.omega,
+        moving.theta,
+        moving.v,
+        moving.x,
+    )
     if a.mask != 0:
         a.stretch = moving.a_stretch
     if g.mask != 0:
@@ -198,7 +206,9 @@ def far(plant, c, omega0, omega_mid, omega1, f0, h):
 
 @internal
 def _look(plant, state, a_stretch, g_stretch, turned, w, moved, v):
-    """EVENT if a sticking block comes to its limit in a period with these travels and velocities at its end, else LOOKED."""
+    """EVENT if a sticking block comes to its limit in a period with these travels and velocities at its end, else
+    LOOKED.
+    """
     not_inlined()
     a, g = state.actuator, state.guideway
     if a.mask != 0:

@@ -80,8 +80,12 @@ def _system(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, cha
     else:
         k, d = plant.stiffness * in_contact, plant.damping * in_contact
         k_motor, d_motor = ratio * ratio * k / inertia, ratio * ratio * d / inertia
-        a[1, 1], a[2, 1], a[3, 1], a[4,
-                                     1] = -damp_a / gear / inertia - d_motor, -stiff_a / gear / inertia - k_motor, d_motor, k_motor
+        a[1, 1], a[2, 1], a[3, 1], a[4, 1] = (
+            -damp_a / gear / inertia - d_motor,
+            -stiff_a / gear / inertia - k_motor,
+            d_motor,
+            k_motor,
+        )
         a[1, 3], a[2, 3], a[3, 3], a[4, 3] = d / mass, k / mass, -(d + damp_g) / mass, -(k + stiff_g) / mass
         a[9, 3] = 1.0
         a[3, 4] = 1.0
@@ -117,7 +121,9 @@ def _horner(x, a, scale, out):
 
 @internal
 def _exponential(a, h, result, spare):
-    """The states' part of exp(a h) into ``result``: scaled until the norm is below 1/16, Taylor to order 8, squared back."""
+    """The states' part of exp(a h) into ``result``: scaled until the norm is below 1/16, Taylor to order 8, squared
+    back.
+    """
     not_inlined()
     norm = 0.0
     for i in range(_STATES):       # in units of time of 1/PACE, so that speeds and positions weigh alike
@@ -166,15 +172,23 @@ def _write_level(e, half, h, plant, inertia, out):
     for column in range(INPUTS):
         source, unit = _SOURCES[column], units[column]
         metres = unit * ratio
-        out[column, O_I], out[column, O_OMEGA], out[column, O_THETA] = unit * e[source, 0], unit * e[source,
-                                                                                                     1], unit * e[source, 2]
-        out[column, O_V], out[column, O_X], out[column, O_OMEGA_MID] = metres * e[source, v], metres * e[source,
-                                                                                                         x], unit * half[source, 1]
+        out[column, O_I], out[column, O_OMEGA], out[column, O_THETA] = (
+            unit * e[source, 0],
+            unit * e[source, 1],
+            unit * e[source, 2],
+        )
+        out[column, O_V], out[column, O_X], out[column, O_OMEGA_MID] = (
+            metres * e[source, v],
+            metres * e[source, x],
+            unit * half[source, 1],
+        )
 
 
 @compiled
 def build_mode(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, change, matrices):
-    """All levels' matrices of one mode into ``matrices`` (LEVELS, INPUTS, OUTPUTS); ``change``: of k_M and K_E, relative."""
+    """All levels' matrices of one mode into ``matrices`` (LEVELS, INPUTS, OUTPUTS); ``change``: of k_M and K_E,
+    relative.
+    """
     a, half, e = np.zeros((_SIZE, OUTPUTS)), np.empty((_SIZE, OUTPUTS)), np.empty((_SIZE, OUTPUTS))
     inertia = _system(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, change, a)
     h = plant.period / TICKS

@@ -126,10 +126,20 @@ def new_readings():
 def _set_flags(plant):
     """What the compiled step may leave out."""
     plant["varies"] = int(plant["modulated"] or has_random_friction(plant))
-    extra = plant["smooth"] or plant["leads"] or plant["lead_slope"] or plant["cable"] or plant["gap"] or plant["rigid"] or plant["flexure"]
+    extra = (
+        plant["smooth"]
+        or plant["leads"]
+        or plant["lead_slope"]
+        or plant["cable"]
+        or plant["gap"]
+        or plant["rigid"]
+        or plant["flexure"]
+    )
     plant["plain"] = int(not extra)
-    plant["random_share_root"], plant["random_rest_root"] = math.sqrt(plant["random_share"]), math.sqrt(1.0
-                                                                                                        - plant["random_share"])
+    plant["random_share_root"], plant["random_rest_root"] = (
+        math.sqrt(plant["random_share"]),
+        math.sqrt(1.0 - plant["random_share"]),
+    )
     plant["rate"] = 1.0 / plant["period"]
     plant["simple"] = int(not plant["electrical"] and not plant["shaped"] and plant["base_level"] == 0)
     plant["sensing"] = int(any(np.any(plant[name]) for name in SENSING))
@@ -161,8 +171,15 @@ def _fill_drive(plant, axis):
     span, bits = actuator.converter(axis)
     plant["dac_range"], plant["gain"], plant["limit"] = span, 1.0, actuator.command_limit(axis)
     plant["quantum"] = 2.0 * span / 2.0**bits if bits else 0.0
-    plant["flexure"], plant["flexure_damping"] = axis.value("stage.flexure_stiffness"), axis.value("stage.flexure_damping")
-    plant["drive"], plant["shaped"], plant["pulls"] = actuator.number, int(actuator.shape is not None), int(actuator.torque is not None)
+    plant["flexure"], plant["flexure_damping"] = (
+        axis.value("stage.flexure_stiffness"),
+        axis.value("stage.flexure_damping"),
+    )
+    plant["drive"], plant["shaped"], plant["pulls"] = (
+        actuator.number,
+        int(actuator.shape is not None),
+        int(actuator.torque is not None),
+    )
     plant["smooth"] = plant["pulls"]
     actuator.fill(plant, axis)
 

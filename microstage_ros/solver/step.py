@@ -10,7 +10,16 @@ from microstage_ros.numerics.compiled import compiled, inlined_before_typing, in
 from microstage_ros.solver.amplifier import amplifier_output, delayed_output, lag_output, warm_up
 from microstage_ros.solver.contact import block_force
 from microstage_ros.solver.drive import shape_command
-from microstage_ros.solver.event_free import COARSE, EVENT, LOOKED, EVENT_FREE, write_state, held_of, moving_of, try_period
+from microstage_ros.solver.event_free import (
+    COARSE,
+    EVENT,
+    LOOKED,
+    EVENT_FREE,
+    write_state,
+    held_of,
+    moving_of,
+    try_period,
+)
 from microstage_ros.solver.event_step import slot_of, walk
 from microstage_ros.solver.linear_core import TICKS
 from microstage_ros.solver.variability import vary_now, waited

@@ -69,7 +69,9 @@ def _vary_contact(plant, contact, c, state, by_travel, by_time):
 
 @inlined_before_typing
 def _pace(step):
-    """(what is kept, share of chance) of an Ornstein–Uhlenbeck process a ``step`` (in its own length) later, exact in law."""
+    """(what is kept, share of chance) of an Ornstein–Uhlenbeck process a ``step`` (in its own length) later, exact in
+    law.
+    """
     if step == 0.0:
         return 1.0, 0.0
     keep = decay(step)
@@ -80,7 +82,9 @@ def _pace(step):
 def _random_walk(plant, contact, c, state, by_travel, by_time):
     """Advance q by the paces of its two processes, each where it has one."""
     if by_travel[1] > 0.0:
-        c.q_travel = by_travel[0] * c.q_travel + contact.random * plant.random_share_root * by_travel[1] * normal(state.random)
+        c.q_travel = by_travel[0] * c.q_travel + contact.random * plant.random_share_root * by_travel[1] * normal(
+            state.random
+        )
     if by_time[1] > 0.0:
         c.q_time = by_time[0] * c.q_time + contact.random * plant.random_rest_root * by_time[1] * normal(state.random)
     c.q = min(max(c.q_travel + c.q_time, -plant.random_clip), plant.random_clip)

@@ -64,11 +64,17 @@ def _parse(argv):
     parser.add_argument("--cases", type=int, default=27, metavar="N", help="number of cases (default 27)")
     parser.add_argument("--seed", type=int, default=1, metavar="S", help="of everything drawn (default 1)")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes (default 1)")
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="hand the cases to this Dask scheduler, tcp://host:port (docs/logs.md)")
-    parser.add_argument("--kind", default="mixed", choices=("mixed", *campaign.KINDS), help="what to hide (default mixed)")
+    parser.add_argument(
+        "--scheduler", metavar="ADDRESS", help="hand the cases to this Dask scheduler, tcp://host:port (docs/logs.md)"
+    )
+    parser.add_argument(
+        "--kind", default="mixed", choices=("mixed", *campaign.KINDS), help="what to hide (default mixed)"
+    )
     parser.add_argument("--effect", default="", metavar="ID", help="always hide this effect")
     parser.add_argument("--strength", type=float, default=1.0, metavar="X", help="factor on all sizes (default 1)")
-    parser.add_argument("--axis", type=pathlib.Path, default=DEFAULT_AXIS, metavar="FILE", help="axis file (default the shipped one)")
+    parser.add_argument(
+        "--axis", type=pathlib.Path, default=DEFAULT_AXIS, metavar="FILE", help="axis file (default the shipped one)"
+    )
     parser.add_argument(
         "--world",
         default="first",
@@ -76,15 +82,26 @@ def _parse(argv):
         help="who makes the records: the first world, or "
         "one of other programmes, controllers, encoders, noise, variability and friction laws (default first)",
     )
-    parser.add_argument("--calibrate", type=pathlib.Path, metavar="FILE", help="write the calibration of the stated probabilities that "
-                        "these cases give; with --from, of those")
+    parser.add_argument(
+        "--calibrate",
+        type=pathlib.Path,
+        metavar="FILE",
+        help="write the calibration of the stated probabilities that these cases give; with --from, of those",
+    )
     parser.add_argument("--from", dest="earlier", nargs="+", type=pathlib.Path, default=[], metavar="JSON",
                         help="count the cases of earlier campaigns (their --json files) too")
-    parser.add_argument("--resume", action="store_true", help="with --json FILE: run only the cases that FILE lacks, and write it after "
-                        "every case")
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="with --json FILE: run only the cases that FILE lacks, and write it after every case",
+    )
     parser.add_argument("--verbose", action="store_true", help="a line per case")
     arguments = parser.parse_args(argv)
-    for name, value, least in (("--cases", arguments.cases, 0 if arguments.earlier else 1), ("--jobs", arguments.jobs, 1), ("--seed", arguments.seed, 0)):
+    for name, value, least in (
+        ("--cases", arguments.cases, 0 if arguments.earlier else 1),
+        ("--jobs", arguments.jobs, 1),
+        ("--seed", arguments.seed, 0),
+    ):
         if value < least:
             raise InputError(name, value, f"{least} or more")
     if arguments.resume and not isinstance(arguments.json, str):
@@ -121,7 +138,9 @@ def _earlier(path, option="--from"):
     try:
         cases = json.loads(path.read_text(encoding="utf-8"))["cases"]
         fields = {field.name for field in dataclasses.fields(campaign.Outcome)}
-        return [campaign.Outcome(**{key: _tuples(value) for key, value in case.items() if key in fields}) for case in cases]
+        return [
+            campaign.Outcome(**{key: _tuples(value) for key, value in case.items() if key in fields}) for case in cases
+        ]
     except OSError as error:
         raise InputError(f"{option} {path}", error.strerror, "the --json file of a campaign") from None
     except (ValueError, KeyError, TypeError) as error:
@@ -137,7 +156,10 @@ def _tuples(value):
 def _line(outcome):
     way = "" if math.isnan(outcome.removed) else f" {outcome.removed:4.0%}"
     opened = "".join(f" open({'|'.join(ids)})" for ids in outcome.rivals)
-    return f"{outcome.number:4d} {outcome.name:32s} {outcome.verdict:17s}{', '.join(outcome.named)}{opened}{way} {outcome.seconds:.0f} s {outcome.error}"
+    return (
+        f"{outcome.number:4d} {outcome.name:32s} {outcome.verdict:17s}{', '.join(outcome.named)}{opened}{way}"
+        f" {outcome.seconds:.0f} s {outcome.error}"
+    )
 
 
 def _tree(arguments, outcomes):
@@ -178,11 +200,15 @@ def show(outcomes, counts, medians, console):
     figures = Table("figure", "", "", title="Figures", title_justify="left")
     for name, (hits, of) in counts.items():
         interval = rate(hits, of)
-        figures.add_row(name, f"{hits} of {of}", f"{hits / of:.0%} ({interval.low:.0%} … {interval.high:.0%})" if of else "")
+        figures.add_row(
+            name, f"{hits} of {of}", f"{hits / of:.0%} ({interval.low:.0%} … {interval.high:.0%})" if of else ""
+        )
     for name, value in medians.items():
         figures.add_row(name, f"{value:.3g}", "")
     console.print(figures)
-    diagram = Table("stated probability", "mean stated", "right", title="Are the stated probabilities true", title_justify="left")
+    diagram = Table(
+        "stated probability", "mean stated", "right", title="Are the stated probabilities true", title_justify="left"
+    )
     for low, high, mean, right, named in campaign.reliability(outcomes):
         diagram.add_row(f"{low:.2f} … {high:.2f}", f"{mean:.3f}", str(rate(right, named)))
     console.print(diagram)

@@ -49,7 +49,9 @@ def main(argv=None):
             bar.say,
             functools.partial(in_order, scheduler=arguments.scheduler) if arguments.scheduler else None,
         )
-    page = comparison_page(result, comparison.PAPER_4S, comparison.PAPER_SINE, arguments.axis, f"0 … {extent.seeds - 1}")
+    page = comparison_page(
+        result, comparison.PAPER_4S, comparison.PAPER_SINE, arguments.axis, f"0 … {extent.seeds - 1}"
+    )
     facts = {"version": __version__, "axis": axis.as_dict(), "seeds": extent.seeds, **_plain(result)}
     tables = comparison_tables(result, comparison.PAPER_4S, comparison.PAPER_SINE)
     with complete_folder(arguments.out) as folder:
@@ -88,11 +90,23 @@ def _contest(arguments, axis):
 def _parse(argv):
     parser = Parser(prog="microstage compare", description="Compare all controllers on the simulated axis.")
     parser.add_argument("--axis", default=DEFAULT_AXIS, metavar="FILE", help="axis file (default the paper's axis)")
-    parser.add_argument("--machine", metavar="FILE", help="axis file of the machine that is simulated, where it is not the one "
-                                                          "that the controllers are given with --axis")
-    parser.add_argument("--out", required=True, metavar="DIR", help="folder for report.html, comparison.json, tables.md")
-    parser.add_argument("--controllers", nargs="+", default=list(comparison.CONTROLLERS), choices=comparison.CONTROLLERS, metavar="TYPE",
-                        help="controllers to compare (default all: %(default)s)")
+    parser.add_argument(
+        "--machine",
+        metavar="FILE",
+        help="axis file of the machine that is simulated, where it is not the one "
+        "that the controllers are given with --axis",
+    )
+    parser.add_argument(
+        "--out", required=True, metavar="DIR", help="folder for report.html, comparison.json, tables.md"
+    )
+    parser.add_argument(
+        "--controllers",
+        nargs="+",
+        default=list(comparison.CONTROLLERS),
+        choices=comparison.CONTROLLERS,
+        metavar="TYPE",
+        help="controllers to compare (default all: %(default)s)",
+    )
     parser.add_argument("--seeds", type=int, metavar="N", help="friction seeds (default 20, quick 3)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="threads (default all cores)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="hand the runs to this Dask scheduler, tcp://host:port")

@@ -55,7 +55,9 @@ def main(argv=None):
 
 def _alone(case, jobs):
     """One case in this process, with a line of progress on a terminal."""
-    with progress("diagnosing", remembered=f"diagnose {len(case.records) + len(case.holdout) + len(case.baseline)} records") as bar:
+    with progress(
+        "diagnosing", remembered=f"diagnose {len(case.records) + len(case.holdout) + len(case.baseline)} records"
+    ) as bar:
         return diagnose_files(case, bar.say, jobs)
 
 
@@ -69,13 +71,23 @@ def _parse(argv):
     parser = Parser(prog="microstage diagnose", description=DESCRIPTION,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--axis", required=True, metavar="FILE", help="axis file of the model")
-    parser.add_argument("records", nargs="+", metavar="RECORD", help="records to learn from: .mcap, bag folder, .csv[.gz|.xz]")
-    parser.add_argument("--holdout", nargs="+", default=[], metavar="RECORD", help="records on which the gain is measured")
-    parser.add_argument("--baseline", nargs="+", default=[], metavar="RECORD", help="records of the axis while it was healthy")
+    parser.add_argument(
+        "records", nargs="+", metavar="RECORD", help="records to learn from: .mcap, bag folder, .csv[.gz|.xz]"
+    )
+    parser.add_argument(
+        "--holdout", nargs="+", default=[], metavar="RECORD", help="records on which the gain is measured"
+    )
+    parser.add_argument(
+        "--baseline", nargs="+", default=[], metavar="RECORD", help="records of the axis while it was healthy"
+    )
     parser.add_argument("--out", required=True, metavar="DIR", help="folder for the answer")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of thresholds and intervals (default 0)")
-    parser.add_argument("--each", action="store_true", help="every RECORD is a folder with the records of one axis (hold* held out, "
-                        "base* baseline, axis.yaml in place of --axis); answers go to DIR/NAME and DIR/summary.json")
+    parser.add_argument(
+        "--each",
+        action="store_true",
+        help="every RECORD is a folder with the records of one axis (hold* held out, "
+        "base* baseline, axis.yaml in place of --axis); answers go to DIR/NAME and DIR/summary.json",
+    )
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes on this machine (default 1)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="hand the work to this Dask scheduler, tcp://host:port")
     parser.add_force()
@@ -87,7 +99,10 @@ def _parse(argv):
 
 def _each(arguments):
     """Many axes: one line per axis as it ends, a summary file."""
-    cases, summary = cases_of(arguments.records, arguments.axis, arguments.out, arguments.seed), pathlib.Path(arguments.out) / "summary.json"
+    cases, summary = (
+        cases_of(arguments.records, arguments.axis, arguments.out, arguments.seed),
+        pathlib.Path(arguments.out) / "summary.json",
+    )
     keep_earlier("--out", [summary], arguments.force)
     rows, failed = [], 0
     with progress("diagnosing", len(cases)) as bar:

@@ -30,11 +30,23 @@ def main(argv=None):
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--axis", required=True, metavar="FILE", help="axis file of the machine the records come from")
     parser.add_argument("records", nargs="+", metavar="RECORD", help="records: .mcap, bag folder, .csv[.gz|.xz]")
-    parser.add_argument("--out", required=True, metavar="FILE", help="axis file to write (.yaml); the page goes beside it as .html")
-    parser.add_argument("--into", metavar="FILE", help="write the results into this axis file's numbers instead of those of --axis "
-                        "(bench results into the whole axis)")
-    parser.add_argument("--blocks", type=int, metavar="N", help="number of Maxwell-slip blocks, 1 to 8 (default: the data choose)")
-    parser.add_argument("--refine", action="store_true", help="force-driven axes: values of least closed-loop error in place of the inverse model's")
+    parser.add_argument(
+        "--out", required=True, metavar="FILE", help="axis file to write (.yaml); the page goes beside it as .html"
+    )
+    parser.add_argument(
+        "--into",
+        metavar="FILE",
+        help="write the results into this axis file's numbers instead of those of --axis "
+        "(bench results into the whole axis)",
+    )
+    parser.add_argument(
+        "--blocks", type=int, metavar="N", help="number of Maxwell-slip blocks, 1 to 8 (default: the data choose)"
+    )
+    parser.add_argument(
+        "--refine",
+        action="store_true",
+        help="force-driven axes: values of least closed-loop error in place of the inverse model's",
+    )
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the bootstrap (default 0)")
     parser.add_force()
     arguments = parser.parse_args(argv)
@@ -53,8 +65,14 @@ def main(argv=None):
         if not pathlib.Path(path).exists():
             raise missing(path, "a record: .mcap, bag folder, .csv[.gz|.xz]")
     with progress("identifying", len(arguments.records)) as bar:
-        result = identify(_taken(arguments.records, axis, warnings, bar), axis, arguments.seed, bar.say, arguments.blocks,
-                          arguments.refine)
+        result = identify(
+            _taken(arguments.records, axis, warnings, bar),
+            axis,
+            arguments.seed,
+            bar.say,
+            arguments.blocks,
+            arguments.refine,
+        )
     result.to_axis(target).save(
         out,
         provenance={

@@ -29,7 +29,11 @@ def main(argv=None):
     arguments = parser.parse_args(argv)
     console = Console(width=None if sys.stdout.isatty() else 160)
     table = measure(_counted)
-    answer.state(properties={row: {law: {"shown": f.shown, "value": f.value} for law, f in found.items()} for row, found in table.items()})
+    answer.state(
+        properties={
+            row: {law: {"shown": f.shown, "value": f.value} for law, f in found.items()} for row, found in table.items()
+        }
+    )
     if arguments.markdown:
         sys.stdout.write(markdown(table))
     else:

@@ -32,13 +32,22 @@ without something hidden; prints rates with their 95 % intervals.
 
 def main(argv=None):
     """Run the command. Returns 0; raises InputError for bad input."""
-    parser = Parser(prog="microstage log", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter, json="flag")
+    parser = Parser(
+        prog="microstage log",
+        description=DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        json="flag",
+    )
     parser.add_argument("file", nargs="?", metavar="FILE", help="the log")
     parser.add_argument("--out", metavar="DIR", help="folder for LOG.yaml and report.html")
     parser.add_argument("--separator", default="", metavar="C", help="where the one that is found is wrong")
-    parser.add_argument("--skip-rows", type=int, metavar="N", help="lines before the header, where what is found is wrong")
+    parser.add_argument(
+        "--skip-rows", type=int, metavar="N", help="lines before the header, where what is found is wrong"
+    )
     parser.add_argument("--examine", type=int, metavar="N", help="examine diagnose --log on N simulated machines")
-    parser.add_argument("--kind", default="mixed", choices=("mixed", "healthy", "one", "two"), help="with --examine: what is hidden")
+    parser.add_argument(
+        "--kind", default="mixed", choices=("mixed", "healthy", "one", "two"), help="with --examine: what is hidden"
+    )
     parser.add_argument("--effect", default="", metavar="ID", help="with --examine: always hide this effect")
     parser.add_argument("--strength", type=float, default=1.0, metavar="X", help="with --examine: factor on all sizes")
     parser.add_argument("--seed", type=int, default=1, metavar="S", help="with --examine: of everything drawn")
@@ -63,7 +72,15 @@ def _look(arguments):
     found = propose(table)
     odd = oddities(table, found.tree)
     text = as_yaml(found, arguments)
-    answer.state(proposal=found.tree, reasons=found.reasons, missing=found.missing, unused=found.unused, oddities=odd, kind=found.kind, rows=found.rows)
+    answer.state(
+        proposal=found.tree,
+        reasons=found.reasons,
+        missing=found.missing,
+        unused=found.unused,
+        oddities=odd,
+        kind=found.kind,
+        rows=found.rows,
+    )
     print(text, end="")
     for sentence in odd:
         print(f"# {sentence}")
@@ -77,13 +94,21 @@ def _look(arguments):
 
 def as_yaml(found, arguments):
     """The proposal as LOG.yaml, guesses marked, missing entries as comments."""
-    lines = [f"# Proposed for {arguments.file}: {found.kind}, {found.rows} rows. Correct it, then: microstage diagnose --log LOG.yaml …"]
+    lines = [
+        f"# Proposed for {arguments.file}: {found.kind}, {found.rows} rows. Correct it, then: microstage diagnose --log"
+        " LOG.yaml …"
+    ]
     if arguments.separator:
         lines.append(f"separator: {arguments.separator!r}")
     if arguments.skip_rows is not None:
         lines.append(f"skip_rows: {arguments.skip_rows}")
     for key, value in found.tree.items():
-        entry = yaml.safe_dump(value, default_flow_style=True, allow_unicode=True, width=200).strip().removesuffix("...").strip()
+        entry = (
+            yaml.safe_dump(value, default_flow_style=True, allow_unicode=True, width=200)
+            .strip()
+            .removesuffix("...")
+            .strip()
+        )
         why = "; ".join(reason for name, reason in found.reasons.items() if name.split(".")[0] == key)
         lines.append(f"{key}: {entry}" + (f"     # {why}" if why else ""))
     lines += [f"# missing  {sentence}" for sentence in found.missing]
@@ -95,14 +120,19 @@ def _page(path, found, odd, text, where):
     """A page with the picture of what was understood."""
     page = Page("What this log seems to be", str(path))
     page.verdict(
-        f"{found.kind.capitalize()}, {found.rows} rows; {', '.join(k for k in found.tree if isinstance(found.tree[k], dict))} found.",
+        f"{found.kind.capitalize()}, {found.rows} rows;"
+        f" {', '.join(k for k in found.tree if isinstance(found.tree[k], dict))} found.",
         "caution" if found.reasons else "good",
         more="Guesses are marked in LOG.yaml; correct them before they are used.",
     )
     try:
         log = read_log(path, description_of({k: v for k, v in found.tree.items() if v is not None}, "the proposal"))
-        page.figure(_picture(log), "The first stretch, with the phases of motion as they are understood: shaded where the axis accelerates or brakes, "
-                    "white at constant speed, grey at rest.", "signals against time")
+        page.figure(
+            _picture(log),
+            "The first stretch, with the phases of motion as they are understood: shaded where the axis accelerates or"
+            " brakes, white at constant speed, grey at rest.",
+            "signals against time",
+        )
     except InputError as error:
         page.text(f"The log cannot be read with this proposal yet: {error}")
     page.section("LOG.yaml")
@@ -131,7 +161,12 @@ def _picture(log):
         state = motion.state[shown]
         edges = np.concatenate([[0], np.flatnonzero(np.diff(state)) + 1, [len(state)]])
         for a, b in list(zip(edges[:-1], edges[1:]))[:200]:
-            colour = {"start": COLOURS["yellow"], "brake": COLOURS["yellow"], "rest": COLOURS["grey"], "settled": COLOURS["grey"]}.get(STATES[state[a]])
+            colour = {
+                "start": COLOURS["yellow"],
+                "brake": COLOURS["yellow"],
+                "rest": COLOURS["grey"],
+                "settled": COLOURS["grey"],
+            }.get(STATES[state[a]])
             if colour:
                 axis.axvspan(time[a], time[b - 1] + log.period, color=colour, alpha=0.18, lw=0)
         axis.set_ylabel(label)
@@ -150,7 +185,9 @@ def _examine(arguments):
         keep_earlier("--out", [pathlib.Path(arguments.out) / "examination.json"], arguments.force)
     outcomes = []
     with progress("examining", arguments.examine) as bar:
-        for outcome in log_campaign.run(arguments.examine, arguments.seed, arguments.kind, arguments.effect, arguments.strength):
+        for outcome in log_campaign.run(
+            arguments.examine, arguments.seed, arguments.kind, arguments.effect, arguments.strength
+        ):
             outcomes.append(outcome)
             bar.advance()
             if arguments.verbose:

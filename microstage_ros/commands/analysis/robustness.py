@@ -50,17 +50,30 @@ def main(argv=None):
         outcomes = campaign.campaign(axis, chosen, seeds, law, arguments.jobs, lambda done: bar.advance(), each=each)
     rows = campaign.summary(outcomes)
     _show(rows, law, arguments)
-    title = f"{law}, {f'{arguments.random} random machines within {arguments.factor:g}' if arguments.random else 'conditions'}"
+    title = (
+        f"{law},"
+        f" {f'{arguments.random} random machines within {arguments.factor:g}' if arguments.random else 'conditions'}"
+    )
     for document in arguments.update:
         update_tables(pathlib.Path(document), [(title, *_document(rows, arguments))], "robustness")
     failures = [o for o in outcomes if o.fault]
     folder = pathlib.Path(arguments.out) if arguments.out else None
     for outcome in failures:
         condition = next(c for c in chosen if c.name == outcome.condition)
-        print(f"{outcome.condition}, seed {outcome.seed}: {outcome.fault}\n  {_again(arguments, axis, condition, outcome, law, folder)}")
+        print(
+            f"{outcome.condition}, seed {outcome.seed}: {outcome.fault}\n "
+            f" {_again(arguments, axis, condition, outcome, law, folder)}"
+        )
     print(f"{len(failures)} of {len(outcomes)} runs failed; {_of_machines(rows)}")
-    facts = {"version": __version__, "axis": axis.as_dict(), "law": law, "seeds": seeds, "failed": len(failures), "conditions": rows,
-             "runs": [{**o._asdict(), "fault": o.fault} for o in outcomes]}
+    facts = {
+        "version": __version__,
+        "axis": axis.as_dict(),
+        "law": law,
+        "seeds": seeds,
+        "failed": len(failures),
+        "conditions": rows,
+        "runs": [{**o._asdict(), "fault": o.fault} for o in outcomes],
+    }
     answer.state(**facts)
     if isinstance(arguments.json, str):
         write_text(arguments.json, json.dumps(facts, indent=1) + "\n")
@@ -68,15 +81,31 @@ def main(argv=None):
 
 
 def _parse(argv):
-    parser = Parser(prog="microstage robustness", json="file", description=(
-        "Runs a law on machines that it was not given: named conditions, and machines whose numbers are drawn at random. "
-        "Prints what failed and the command that shows it again. Exit status 1 if a run failed."))
-    parser.add_argument("--axis", default=DEFAULT_AXIS, metavar="FILE", help="axis file that the controller is given (default the shipped one)")
+    parser = Parser(
+        prog="microstage robustness",
+        json="file",
+        description=(
+            "Runs a law on machines that it was not given: named conditions, and machines whose numbers are drawn at"
+            " random. Prints what failed and the command that shows it again. Exit status 1 if a run failed."
+        ),
+    )
+    parser.add_argument(
+        "--axis",
+        default=DEFAULT_AXIS,
+        metavar="FILE",
+        help="axis file that the controller is given (default the shipped one)",
+    )
     parser.add_argument("--machine", metavar="FILE", help="examine on this machine alone, in place of the conditions")
     parser.add_argument("--law", metavar="TYPE", help="type of controller (default that of the axis file)")
-    parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="these conditions or random machines alone, by name")
-    parser.add_argument("--random", type=int, default=0, metavar="N", help="that many machines at random, in place of the conditions")
-    parser.add_argument("--factor", type=float, default=2.0, metavar="F", help="within which each of their numbers lies (default 2)")
+    parser.add_argument(
+        "--only", nargs="+", default=[], metavar="NAME", help="these conditions or random machines alone, by name"
+    )
+    parser.add_argument(
+        "--random", type=int, default=0, metavar="N", help="that many machines at random, in place of the conditions"
+    )
+    parser.add_argument(
+        "--factor", type=float, default=2.0, metavar="F", help="within which each of their numbers lies (default 2)"
+    )
     parser.add_argument("--seeds", type=int, default=5, metavar="N", help="runs of each (default 5)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the first run (default 0)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="threads (default all cores)")
@@ -106,7 +135,11 @@ def _chosen(arguments, axis):
     """The conditions that were asked for."""
     if arguments.machine:
         machine = machine_for(axis, arguments.machine)
-        values = {key: machine.value(key) for key in machine.quantities if axis.has(key) and machine.value(key) != axis.value(key)}
+        values = {
+            key: machine.value(key)
+            for key in machine.quantities
+            if axis.has(key) and machine.value(key) != axis.value(key)
+        }
         return [Condition(arguments.machine, values=values, effects=machine.effects)]
     if arguments.random:
         return [random_machine(axis, number, arguments.factor) for number in range(arguments.random)]
@@ -134,7 +167,9 @@ def _again(arguments, axis, condition, outcome, law, folder):
     if folder is None:
         own = [] if arguments.axis == DEFAULT_AXIS else ["--axis", arguments.axis]
         own += ["--machine", arguments.machine] if arguments.machine else ["--only", condition.name]
-        return shlex.join(["./microstage", "robustness", *own, "--law", law, "--seed", str(outcome.seed), "--seeds", "1"])
+        return shlex.join(
+            ["./microstage", "robustness", *own, "--law", law, "--seed", str(outcome.seed), "--seeds", "1"]
+        )
     place = folder / f"{''.join(c if c.isalnum() else '_' for c in condition.name)}_{outcome.seed}"
     place.mkdir(parents=True, exist_ok=True)
     told = condition.told(axis)
@@ -146,8 +181,17 @@ def _again(arguments, axis, condition, outcome, law, folder):
         tree["period_s"] = run.period_s
     (place / "run.yaml").write_text(yaml.safe_dump(tree, sort_keys=False))
     files = {name: str(place / f"{name}.yaml") for name in ("axis", "machine", "run")}
-    return shlex.join(["./microstage", "simulate", *[word for name, path in files.items() for word in (f"--{name}", path)],
-                       "--seed", str(outcome.seed), "--out", str(place / "record.csv")])
+    return shlex.join(
+        [
+            "./microstage",
+            "simulate",
+            *[word for name, path in files.items() for word in (f"--{name}", path)],
+            "--seed",
+            str(outcome.seed),
+            "--out",
+            str(place / "record.csv"),
+        ]
+    )
 
 
 def _of_machines(rows):
@@ -205,7 +249,9 @@ def _document(rows, arguments):
         )
     found = []
     for words, share in (("median", 0.5), ("90 %", 0.9), ("worst", 1.0)):
-        figures = [np.quantile([row[name] for row in rows], share) for name in ("largest", "sine", "settled", "swing", "left")]
+        figures = [
+            np.quantile([row[name] for row in rows], share) for name in ("largest", "sine", "settled", "swing", "left")
+        ]
         found.append([words, f"{figures[0] * 1e6:.3g}", *(f"{figure * 1e9:.3g}" for figure in figures[1:])])
     return ["over the machines", *HEADS[5:]], found, remark
 
@@ -213,7 +259,9 @@ def _document(rows, arguments):
 def _show(rows, law, arguments):
     table = Table(*HEADS, title=f"{law}: worst of {arguments.seeds} seeds")
     for row in rows:
-        counts = [f"{row[name]} of {row['runs']}" if row[name] else "–" for name in ("failed", "beyond", "swinging", "off")]
+        counts = [
+            f"{row[name]} of {row['runs']}" if row[name] else "–" for name in ("failed", "beyond", "swinging", "off")
+        ]
         table.add_row(row["condition"], *counts, f"{row['largest'] * 1e6:.3g}",
                       *(f"{row[name] * 1e9:.3g}" for name in ("sine", "settled", "swing", "left")))
     console = Console()

@@ -22,8 +22,12 @@ def main(argv=None):
     """Run the command. Returns 0; raises InputError for bad input."""
     parser = Parser(prog="microstage simulate", description="Simulate one run of an axis.")
     parser.add_argument("--axis", required=True, metavar="FILE", help="axis file")
-    parser.add_argument("--machine", metavar="FILE", help="axis file of the machine that is simulated, where it is not the one "
-                                                          "that the controller is given with --axis")
+    parser.add_argument(
+        "--machine",
+        metavar="FILE",
+        help="axis file of the machine that is simulated, where it is not the one "
+        "that the controller is given with --axis",
+    )
     parser.add_argument("--run", required=True, metavar="FILE", help="run file: controller, noise, effects, program")
     parser.add_argument("--out", required=True, metavar="FILE", help="record to write: " + ", ".join(ENDINGS))
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of every random number (default 0)")
@@ -50,5 +54,7 @@ def main(argv=None):
         bar.say("writing")
         with complete_folder(out.parent) as folder:
             write_record(record, folder / out.name)
-    answer.state(record=str(out), rows=len(record), period_s=record.period_s, columns=list(record.columns), seed=arguments.seed)
+    answer.state(
+        record=str(out), rows=len(record), period_s=record.period_s, columns=list(record.columns), seed=arguments.seed
+    )
     return 0

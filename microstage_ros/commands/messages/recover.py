@@ -10,9 +10,13 @@ from microstage_ros.records.bags.recovery import DAMAGED, recover
 
 def main(argv=None):
     """Run the command. Returns 0; raises InputError where nothing can be read."""
-    parser = Parser(prog="microstage recover", description=(
-        "Makes a bag whole again that was cut off or damaged, so that every tool opens it. What cannot be read is left out "
-        f"and told; the file as it was found stays beside it (name ends in {DAMAGED})."))
+    parser = Parser(
+        prog="microstage recover",
+        description=(
+            "Makes a bag whole again that was cut off or damaged, so that every tool opens it. What cannot be read is"
+            f" left out and told; the file as it was found stays beside it (name ends in {DAMAGED})."
+        ),
+    )
     parser.add_argument("bag", metavar="BAG", help="an MCAP file or a rosbag2 folder")
     arguments = parser.parse_args(argv)
     if not Path(arguments.bag).exists():
@@ -36,6 +40,8 @@ def main(argv=None):
         if one.whole:
             print(f"{one.file}: whole, {one.messages} messages; nothing to do")
         else:
-            print(f"{one.file}: {one.messages} messages in {one.chunks} chunks kept; lost: {one.lost_chunks} damaged chunks, "
-                  f"{one.lost_bytes} bytes after the last whole one")
+            print(
+                f"{one.file}: {one.messages} messages in {one.chunks} chunks kept; lost: {one.lost_chunks} damaged"
+                f" chunks, {one.lost_bytes} bytes after the last whole one"
+            )
     return 0

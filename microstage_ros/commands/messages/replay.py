@@ -45,7 +45,9 @@ def _replay(bag, arguments):
         node = rclpy.create_node("replay")
         senders = _senders(node, bag, arguments.topics or list(bag.topics))
         if not senders:
-            raise InputError(str(arguments.bag), ", ".join(bag.topics) or "no topics", "a topic whose type is installed")
+            raise InputError(
+                str(arguments.bag), ", ".join(bag.topics) or "no topics", "a topic whose type is installed"
+            )
         time.sleep(arguments.delay)
         with progress("replaying", total=bag.end_ns - bag.start_ns if bag.start_ns is not None else 0) as bar:
             count = _play(bag, senders, arguments.rate, bar)

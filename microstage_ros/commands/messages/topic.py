@@ -16,17 +16,38 @@ LONGEST = 20
 
 def main(argv=None):
     """Run the command. Returns 0; 1 where nothing was heard."""
-    parser = Parser(prog="microstage topic", description="Topics of the running nodes: list them, show messages, measure rates.")
+    parser = Parser(
+        prog="microstage topic", description="Topics of the running nodes: list them, show messages, measure rates."
+    )
     parser.add_argument("verb", choices=("list", "echo", "hz"), help="list all; echo the messages of one; hz: its rate")
     parser.add_argument("name", nargs="?", metavar="TOPIC", help="such as /axis/driver_status (echo, hz)")
-    parser.add_argument("--number", "-n", type=int, default=0, metavar="N", help="echo: so many messages, then end (default: until Ctrl-C)")
+    parser.add_argument(
+        "--number",
+        "-n",
+        type=int,
+        default=0,
+        metavar="N",
+        help="echo: so many messages, then end (default: until Ctrl-C)",
+    )
     parser.add_argument("--once", action="store_true", help="echo: one message, then end")
-    parser.add_argument("--time", type=units.duration, default=2.0, metavar="TIME", help="hz: measure so long (default 2s)")
-    parser.add_argument("--wait", type=units.duration, default=5.0, metavar="TIME", help="longest wait for the topic and its first message (default 5s)")
+    parser.add_argument(
+        "--time", type=units.duration, default=2.0, metavar="TIME", help="hz: measure so long (default 2s)"
+    )
+    parser.add_argument(
+        "--wait",
+        type=units.duration,
+        default=5.0,
+        metavar="TIME",
+        help="longest wait for the topic and its first message (default 5s)",
+    )
     parser.add_argument("--all", action="store_true", help="list: hidden topics too")
     arguments = parser.parse_args(argv)
     if (arguments.name is None) != (arguments.verb == "list"):
-        raise InputError(f"topic {arguments.verb}", arguments.name, "no name" if arguments.verb == "list" else "the name of a topic, such as /axis/driver_status")
+        raise InputError(
+            f"topic {arguments.verb}",
+            arguments.name,
+            "no name" if arguments.verb == "list" else "the name of a topic, such as /axis/driver_status",
+        )
     if arguments.number < 0:
         raise InputError("--number", arguments.number, "1 or more messages")
     return _run(arguments)
@@ -42,7 +63,11 @@ def _run(arguments):
         if arguments.verb == "list":
             return _list(node, arguments)
         reader = _Reader(node, arguments)
-        return reader.echo(1 if arguments.once else arguments.number) if arguments.verb == "echo" else reader.rate(arguments.time)
+        return (
+            reader.echo(1 if arguments.once else arguments.number)
+            if arguments.verb == "echo"
+            else reader.rate(arguments.time)
+        )
     finally:
         rclpy.try_shutdown()
 
@@ -59,7 +84,10 @@ def _list(node, arguments):
     answer.state(topics=[dict(zip(("name", "type", "publishers", "readers"), row)) for row in rows])
     width = max((len(row[0]) for row in rows), default=0)
     for name, kind, publishers, readers in rows:
-        print(f"{name:{width}}  {kind}  {publishers} publisher{'s' * (publishers != 1)}, {readers} reader{'s' * (readers != 1)}")
+        print(
+            f"{name:{width}}  {kind}  {publishers} publisher{'s' * (publishers != 1)}, {readers}"
+            f" reader{'s' * (readers != 1)}"
+        )
     return 0
 
 
@@ -81,9 +109,16 @@ class _Reader:
         reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in profiles)
         latched = all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in profiles)
         self._heard = []
-        node.create_subscription(message_class, self.name, lambda message: self._heard.append((time.monotonic(), message)), QoSProfile(
-            depth=10_000, reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE))
+        node.create_subscription(
+            message_class,
+            self.name,
+            lambda message: self._heard.append((time.monotonic(), message)),
+            QoSProfile(
+                depth=10_000,
+                reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+                durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+            ),
+        )
 
     def _offered(self, end):
         """What the publishers of the topic offer. Raises `InputError` with the topics there are."""
@@ -91,7 +126,11 @@ class _Reader:
             self._spin(self._node, timeout_sec=0.05)
             if time.monotonic() > end:
                 names = sorted(name for name, _ in self._node.get_topic_names_and_types() if "/_" not in name)
-                raise InputError("topic", self.name, f"one that somebody publishes{nearest(self.name, names)} (./microstage topic list)")
+                raise InputError(
+                    "topic",
+                    self.name,
+                    f"one that somebody publishes{nearest(self.name, names)} (./microstage topic list)",
+                )
         return offered
 
     def _first(self):
@@ -133,8 +172,13 @@ class _Reader:
             return 0
         gaps = [b - a for a, b in zip(times, times[1:])]
         rate = len(gaps) / (times[-1] - times[0]) if times[-1] > times[0] else float("nan")
-        answer.state(topic=self.name, messages=len(times), rate_Hz=rate, spacing_min_s=min(gaps), spacing_max_s=max(gaps))
-        print(f"{self.name}: {rate:.1f} Hz, {len(times)} messages, spacing {min(gaps) * 1e3:.2f} … {max(gaps) * 1e3:.2f} ms")
+        answer.state(
+            topic=self.name, messages=len(times), rate_Hz=rate, spacing_min_s=min(gaps), spacing_max_s=max(gaps)
+        )
+        print(
+            f"{self.name}: {rate:.1f} Hz, {len(times)} messages, spacing {min(gaps) * 1e3:.2f} …"
+            f" {max(gaps) * 1e3:.2f} ms"
+        )
         return 0
 
 

@@ -21,7 +21,9 @@ def main(argv=None):
     """Run the command. Returns 0 when interrupted, 1 if a process ended by itself."""
     parser = Parser(prog="microstage cell", description="Start the nodes of an axis; Ctrl-C stops them.")
     parser.add_argument("--axis", metavar="FILE", help="axis file (default: the shipped config/axis.yaml)")
-    parser.add_argument("--namespace", type=units.namespace, default="/axis", metavar="NS", help="of the nodes (default /axis)")
+    parser.add_argument(
+        "--namespace", type=units.namespace, default="/axis", metavar="NS", help="of the nodes (default /axis)"
+    )
     add_backend(parser)
     parser.add_argument(
         "--mode",
@@ -38,7 +40,9 @@ def main(argv=None):
     if arguments.record:
         keep_earlier("--record", [arguments.record], arguments.force)
         if Path(arguments.record).exists() and not is_bag(arguments.record):
-            raise InputError("--record", arguments.record, "a folder that does not exist yet, or one that holds nothing but a bag")
+            raise InputError(
+                "--record", arguments.record, "a folder that does not exist yet, or one that holds nothing but a bag"
+            )
     axis = read_axis(arguments.axis or config_file("axis.yaml"))
     backend = chosen_backend(arguments, axis)
     arguments.mode = backend.mode_or(arguments.mode)

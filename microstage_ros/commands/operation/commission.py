@@ -29,11 +29,17 @@ REFUSED = 3
 def main(argv=None):
     """Run the command. Returns 0 if the machine is ready, 3 if it was refused or stopped; raises InputError for bad
     input."""
-    parser = Parser(prog="microstage commission", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--axis", required=True, metavar="SKETCH", help="axis file; most numbers may be missing or have a tolerance")
+    parser = Parser(
+        prog="microstage commission", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--axis", required=True, metavar="SKETCH", help="axis file; most numbers may be missing or have a tolerance"
+    )
     add_backend(parser)
     parser.add_argument("--out", required=True, metavar="DIR", help="folder of the answer")
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of a simulated axis, of phases and draws (default 1)")
+    parser.add_argument(
+        "--seed", type=int, default=1, metavar="N", help="of a simulated axis, of phases and draws (default 1)"
+    )
     parser.add_argument("--yes", action="store_true", help="do not ask before the machine moves")
     arguments = parser.parse_args(argv)
     if not 0 <= arguments.seed < 2**32:
@@ -134,7 +140,10 @@ def _tell(outcome, machine, folder):
         if not check.passed:
             print(f"  failed: {check.id}: {check.says}")
     for row in outcome.moves:
-        print(f"  {row['target_m'] * 1e6:7.4g} µm: bias {row['bias_m'] * 1e9:+7.1f} nm, 4s {row['four_s_m'] * 1e9:6.1f} nm, settled after {row['settling_s'] * 1e3:.0f} ms")
+        print(
+            f"  {row['target_m'] * 1e6:7.4g} µm: bias {row['bias_m'] * 1e9:+7.1f} nm, 4s {row['four_s_m'] * 1e9:6.1f}"
+            f" nm, settled after {row['settling_s'] * 1e3:.0f} ms"
+        )
     if outcome.moves and math.isfinite(outcome.sine):
         print(f"  slow sine: {outcome.sine * 1e9:.0f} nm at most")
     if outcome.margins:

@@ -30,11 +30,17 @@ PAUSE = 30.0
 
 def main(argv=None):
     """Run the command. Returns 0; 1 if a process failed or a target was not reached."""
-    parser = Parser(prog="microstage demo", description=(
-        "The main job, on the simulated axis unless a backend is named: separate ROS 2 processes make the paper's point-to-point moves; the run is "
-        "recorded to MCAP and told in DIR/report.html."))
+    parser = Parser(
+        prog="microstage demo",
+        description=(
+            "The main job, on the simulated axis unless a backend is named: separate ROS 2 processes make the paper's"
+            " point-to-point moves; the run is recorded to MCAP and told in DIR/report.html."
+        ),
+    )
     parser.add_argument("--out", metavar="DIR", help="folder for bag and report (default demo, demo-2, ...)")
-    parser.add_argument("--quick", action="store_true", help=f"{QUICK_REPEATS} repeats in place of {REPEATS}: under a minute")
+    parser.add_argument(
+        "--quick", action="store_true", help=f"{QUICK_REPEATS} repeats in place of {REPEATS}: under a minute"
+    )
     parser.add_argument("--axis", metavar="FILE", help="axis file (default: the shipped config/axis.yaml)")
     add_controller(parser)
     add_backend(parser)
@@ -125,8 +131,12 @@ def _make_moves(arguments, axis, out, folder, moves, backend):
     out.mkdir(parents=True, exist_ok=True)
     rclpy.init()
     node = rclpy.create_node("demo", namespace=namespace)
-    with CellProcesses(namespace, backend.nodes(NODES), cell_parameters(arguments, axis, folder, backend), logs=out / "logs") as cell, \
-            progress("moves", len(moves)) as bar:
+    with (
+        CellProcesses(
+            namespace, backend.nodes(NODES), cell_parameters(arguments, axis, folder, backend), logs=out / "logs"
+        ) as cell,
+        progress("moves", len(moves)) as bar,
+    ):
         cell.activate(node)
         axis_client = AxisClient(namespace, node)
         results = []
@@ -147,10 +157,17 @@ def cell_parameters(arguments, axis, out, backend):
     file = {"axis_file": str(Path(arguments.axis).resolve())} if arguments.axis else {}
     law = {"controller": arguments.controller or axis.controller["type"]}
     run = {"program": "paper's point-to-point moves", "command": "demo --quick" if arguments.quick else "demo"}
-    return {"axis_driver": {"mode": backend.mode, "seed": arguments.seed, **file, **backend.driver_parameters}, "str_controller": {**file, **law},
-            "gms_observer": file, "move_server": {"pause_s": PAUSE},
-            "bag_recorder": {"directory": str((out / "bag").resolve()), "run": yaml.safe_dump(run),
-                             "log_time": "stamp" if backend.mode == "lockstep" else "arrival"}}
+    return {
+        "axis_driver": {"mode": backend.mode, "seed": arguments.seed, **file, **backend.driver_parameters},
+        "str_controller": {**file, **law},
+        "gms_observer": file,
+        "move_server": {"pause_s": PAUSE},
+        "bag_recorder": {
+            "directory": str((out / "bag").resolve()),
+            "run": yaml.safe_dump(run),
+            "log_time": "stamp" if backend.mode == "lockstep" else "arrival",
+        },
+    }
 
 
 def move_facts(target, result):

@@ -108,20 +108,30 @@ def write_report(path, bag, rows, results, facts):
     for target in sorted({abs(row["target"]) for row in rows}):
         move = next((m for m in results if m["target_m"] == target), None)
         if move and move["end_sequence"]:
-            page.figure(_move_figure(streams, move, facts["period_s"]), f"First move to {target * 1e6:g} µm: position, error, voltage.",
-                        "Reference, encoder and interferometer against time")
+            page.figure(
+                _move_figure(streams, move, facts["period_s"]),
+                f"First move to {target * 1e6:g} µm: position, error, voltage.",
+                "Reference, encoder and interferometer against time",
+            )
     page.section("Gains and friction over the run")
-    page.figure(_gain_figure(streams, facts["period_s"]), "Gains of the self-tuning regulator.", "Three gains against time")
+    page.figure(
+        _gain_figure(streams, facts["period_s"]), "Gains of the self-tuning regulator.", "Three gains against time"
+    )
     if len(streams.get("simulation", ())):
-        page.figure(_friction_figure(streams, facts["period_s"]), "Friction of both contacts: the observer's estimate and what "
-                    "the simulation knows to be true.", "Estimated and true friction against time")
+        page.figure(
+            _friction_figure(streams, facts["period_s"]),
+            "Friction of both contacts: the observer's estimate and what the simulation knows to be true.",
+            "Estimated and true friction against time",
+        )
         page.text(_friction_words(streams))
     page.section("The loop")
     page.figure(_timing_figure(streams), "From publishing a state to the command that answers it (wall clock); in "
                 "lockstep simulated time waits for it.", "Histogram of response times")
     with page.details("How it was run"):
-        page.text("Separate processes over ROS 2 topics. The bag holds every message, every node's parameters, the seed and "
-                  "the axis file.")
+        page.text(
+            "Separate processes over ROS 2 topics. The bag holds every message, every node's parameters, the seed and "
+            "the axis file."
+        )
         page.table(("topic", "messages"), [[name, len(values)] for name, values in sorted(streams.items())])
     page.save(path)
 
@@ -246,7 +256,11 @@ def _friction_words(streams):
         error = estimate[field] - truth[field]
         share = np.sqrt(np.mean(error**2) / np.mean(truth[field] ** 2))
         words.append(f"{name} {share * 100:.1f} %")
-    return "Error of the friction estimate over the run, rms relative to the true friction's rms: " + ", ".join(words) + "."
+    return (
+        "Error of the friction estimate over the run, rms relative to the true friction's rms: "
+        + ", ".join(words)
+        + "."
+    )
 
 
 def _timing_figure(streams):
@@ -260,7 +274,9 @@ def _timing_figure(streams):
         axes.bar(edges[taken], counts[taken], width=edges[taken] * (10 ** (1 / 16) - 1), align="edge")
         for field, words, colour in (("response_median", "median", "orange"), ("response_p99", "99 %", "pink"),
                                      ("response_p9999", "99.99 %", "green")):
-            axes.axvline(last[field] * 1e6, color=COLOURS[colour], label=f"{words}: {quantity(float(last[field]), 's')}")
+            axes.axvline(
+                last[field] * 1e6, color=COLOURS[colour], label=f"{words}: {quantity(float(last[field]), 's')}"
+            )
         axes.legend(loc="upper right")
     axes.set_xscale("log")
     axes.set_yscale("symlog", linthresh=1.0)  # the few late ones are what matters

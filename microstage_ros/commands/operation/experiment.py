@@ -28,17 +28,28 @@ LONGEST = 120.0  # seconds of program: one request carries all its positions
 
 def main(argv=None):
     """Run the command. Returns 0, 1 if a process failed; raises InputError for bad input."""
-    parser = Parser(prog="microstage experiment", description=(
-        "Starts the nodes of an axis, or with --running joins those that are there, plays the reference of a run file (moves, scans, "
-        "sines) through the controller's service follow_reference, and records everything; the bag is a record for identify and diagnose."))
-    parser.add_argument("--run", required=True, metavar="FILE", help="run file with a closed-loop program, up to two minutes")
+    parser = Parser(
+        prog="microstage experiment",
+        description=(
+            "Starts the nodes of an axis, or with --running joins those that are there, plays the reference of a run"
+            " file (moves, scans, sines) through the controller's service follow_reference, and records everything; the"
+            " bag is a record for identify and diagnose."
+        ),
+    )
+    parser.add_argument(
+        "--run", required=True, metavar="FILE", help="run file with a closed-loop program, up to two minutes"
+    )
     parser.add_argument("--axis", metavar="FILE", help="axis file (default: the shipped config/axis.yaml)")
     parser.add_argument("--out", required=True, metavar="DIR", help="folder for the bag and the nodes' logs")
     add_backend(parser)
     parser.add_argument("--mode", choices=("lockstep", "paced"),
                         help="simulated time (default where the backend is simulated), or wall clock")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of a simulated axis (default 1)")
-    parser.add_argument("--running", action="store_true", help="on the cell that runs already, lockstep or paced; --axis is its axis file")
+    parser.add_argument(
+        "--running",
+        action="store_true",
+        help="on the cell that runs already, lockstep or paced; --axis is its axis file",
+    )
     parser.add_argument("--namespace", default="/axis", metavar="NS", help="of the axis (default /axis)")
     parser.add_force()
     arguments = parser.parse_args(argv)
@@ -52,7 +63,11 @@ def main(argv=None):
     if backend:
         arguments.mode = backend.mode_or(arguments.mode)
     with complete_folder(out) as folder:
-        status = _run(arguments, out, folder, reference, axis, backend) if backend else _join(arguments, out, folder, reference, axis)
+        status = (
+            _run(arguments, out, folder, reference, axis, backend)
+            if backend
+            else _join(arguments, out, folder, reference, axis)
+        )
     return status or _said(out, reference)
 
 
@@ -63,13 +78,21 @@ def reference_of(run, axis):
         raise InputError(f"{run.place}: period_s", run.period_s, f"{period:g} s, the control period of the axis")
     tables = run.tables(period)
     if np.any(tables["open_loop"]) or np.any(tables["disturbance"]):
-        raise InputError(f"{run.place}: program", "voltages", "moves, scans, sines or a reference_file: the cell is in closed loop")
+        raise InputError(
+            f"{run.place}: program", "voltages", "moves, scans, sines or a reference_file: the cell is in closed loop"
+        )
     reference = tables["reference"]
     if len(reference) * period > LONGEST:
-        raise InputError(f"{run.place}: program", f"{len(reference) * period:.0f} s", f"at most {LONGEST:g} s in one experiment")
+        raise InputError(
+            f"{run.place}: program", f"{len(reference) * period:.0f} s", f"at most {LONGEST:g} s in one experiment"
+        )
     low, high = axis.value("travel.minimum"), axis.value("travel.maximum")
     if reference.min() < low or reference.max() > high:
-        raise InputError(f"{run.place}: program", f"{reference.min():g} … {reference.max():g} m", f"places within {low:g} … {high:g} m")
+        raise InputError(
+            f"{run.place}: program",
+            f"{reference.min():g} … {reference.max():g} m",
+            f"places within {low:g} … {high:g} m",
+        )
     return reference
 
 
@@ -94,7 +117,9 @@ def _run(arguments, out, folder, reference, axis, backend):
     rclpy.init()
     node = rclpy.create_node("experiment", namespace=arguments.namespace)
     try:
-        with CellProcesses(arguments.namespace, backend.nodes(n for n in NODES if n != "move_server"), parameters, out / "logs") as cell:
+        with CellProcesses(
+            arguments.namespace, backend.nodes(n for n in NODES if n != "move_server"), parameters, out / "logs"
+        ) as cell:
             player = _Player(node, cell, axis.value("period"))
             cell.activate(node)
             player.play(reference)

@@ -9,9 +9,13 @@ LONGEST_S = 10.0
 
 def main(argv=None):
     """Run the command. Returns 0 if the axis moves, 1 otherwise."""
-    parser = operator_parser("jog", "Moves at a constant speed for a while, then holds; a newer jog or goal supersedes it.")
+    parser = operator_parser(
+        "jog", "Moves at a constant speed for a while, then holds; a newer jog or goal supersedes it."
+    )
     parser.add_argument("--speed", type=units.speed, required=True, metavar="SPEED", help="such as 0.5mm/s")
-    parser.add_argument("--for", dest="duration", type=units.duration, default=1.0, metavar="TIME", help="at most 10s (default 1s)")
+    parser.add_argument(
+        "--for", dest="duration", type=units.duration, default=1.0, metavar="TIME", help="at most 10s (default 1s)"
+    )
     parser.add_argument("--back", action="store_true", help="towards smaller positions")
     arguments = parser.parse_args(argv)
     if not 0.0 < arguments.duration <= LONGEST_S:

@@ -19,19 +19,41 @@ def main(argv=None):
         "Moves a running axis (microstage cell). Lengths are typed as 10um, -50nm, 0.5mm, or in metres as 1e-5; "
         "one that begins with + counts from where the axis stands."))
     place = parser.add_mutually_exclusive_group(required=True)
-    place.add_argument("--to", nargs="+", type=units.target, metavar="PLACE", help="target from home, or several one after the other")
-    place.add_argument("--by", type=units.length, metavar="LENGTH", help="so far from where the axis stands, either sign")
+    place.add_argument(
+        "--to", nargs="+", type=units.target, metavar="PLACE", help="target from home, or several one after the other"
+    )
+    place.add_argument(
+        "--by", type=units.length, metavar="LENGTH", help="so far from where the axis stands, either sign"
+    )
     place.add_argument("--targets", metavar="FILE", help="a target per line; # begins a comment")
     parser.add_argument("--repeat", type=int, default=1, metavar="N", help="all targets so many times (default 1)")
-    parser.add_argument("--dwell", type=units.duration, default=0.0, metavar="TIME", help="rest between two moves (default none)")
-    parser.add_argument("--namespace", type=units.namespace, default="/axis", metavar="NS", help="of the axis (default /axis)")
-    parser.add_argument("--tolerance", type=units.positive_length, default=5e-8, metavar="LENGTH", help="half width that counts as reached (default 50nm)")
-    parser.add_argument("--speed", type=units.speed, default=0.0, metavar="SPEED", help="largest speed (default: that of the axis)")
-    parser.add_argument("--timeout", type=units.duration, default=10.0, metavar="TIME", help="from start to settled (default 10s)")
+    parser.add_argument(
+        "--dwell", type=units.duration, default=0.0, metavar="TIME", help="rest between two moves (default none)"
+    )
+    parser.add_argument(
+        "--namespace", type=units.namespace, default="/axis", metavar="NS", help="of the axis (default /axis)"
+    )
+    parser.add_argument(
+        "--tolerance",
+        type=units.positive_length,
+        default=5e-8,
+        metavar="LENGTH",
+        help="half width that counts as reached (default 50nm)",
+    )
+    parser.add_argument(
+        "--speed", type=units.speed, default=0.0, metavar="SPEED", help="largest speed (default: that of the axis)"
+    )
+    parser.add_argument(
+        "--timeout", type=units.duration, default=10.0, metavar="TIME", help="from start to settled (default 10s)"
+    )
     arguments = parser.parse_args(argv)
     if arguments.repeat < 1:
         raise InputError("--repeat", arguments.repeat, "1 or more")
-    targets = [units.Target(arguments.by, True)] if arguments.by is not None else arguments.to or read_targets(arguments.targets)
+    targets = (
+        [units.Target(arguments.by, True)]
+        if arguments.by is not None
+        else arguments.to or read_targets(arguments.targets)
+    )
     return _run(arguments, targets * arguments.repeat)
 
 
@@ -49,7 +71,9 @@ def read_targets(path):
         try:
             found += [units.target(text)] if text else []
         except argparse.ArgumentTypeError:
-            raise InputError(f"{path}: line {number}", text[:40], "a length such as 10um, +50nm or 1e-5 (metres)") from None
+            raise InputError(
+                f"{path}: line {number}", text[:40], "a length such as 10um, +50nm or 1e-5 (metres)"
+            ) from None
     if not found:
         raise InputError(path, "no target", "a target per line, such as 10um")
     return found
@@ -92,7 +116,9 @@ def _move(axis, place, arguments, results, several):
     """One move; its result goes to ``results``. Returns the exit status."""
     from microstage_msgs.action import MoveTo
 
-    result = axis.move(place, tell_feedback, tolerance=arguments.tolerance, timeout=arguments.timeout, max_velocity=arguments.speed)
+    result = axis.move(
+        place, tell_feedback, tolerance=arguments.tolerance, timeout=arguments.timeout, max_velocity=arguments.speed
+    )
     if sys.stderr.isatty():
         print("\r\033[K", end="", file=sys.stderr)
     results.append({"target_m": place, "reached": bool(result.reached), "final_error_m": result.final_error,
@@ -110,11 +136,18 @@ def sentence(result):
     parts = [f"{1e9 * value:+.1f} nm by the {who}" for value, who in (
         (result.final_error, "encoder"), (result.interferometer_error, "interferometer")) if value == value]
     text = result.message + (": error " + ", ".join(parts) if parts else "")
-    return text + (f", settled after {result.settling_time * 1e3:.0f} ms" if result.settling_time == result.settling_time else "")
+    return text + (
+        f", settled after {result.settling_time * 1e3:.0f} ms" if result.settling_time == result.settling_time else ""
+    )
 
 
 def tell_feedback(feedback):
     """Where the stage is, on a terminal."""
     if sys.stderr.isatty():
-        print(f"\r{feedback.position * 1e6:+12.3f} µm  {feedback.error * 1e9:+14.1f} nm to go  {PHASES[feedback.phase]:9}",
-              end="", file=sys.stderr, flush=True)
+        print(
+            f"\r{feedback.position * 1e6:+12.3f} µm  {feedback.error * 1e9:+14.1f} nm to go "
+            f" {PHASES[feedback.phase]:9}",
+            end="",
+            file=sys.stderr,
+            flush=True,
+        )

@@ -13,7 +13,9 @@ STATES = {0: "starting", 1: "running", 2: "stopped by a signal", 3: "ended", 4: 
 def main(argv=None):
     """Run the command. Returns 0 if the axis is active and without fault, 1 otherwise."""
     parser = operator_parser("status", "Says how an axis is: position, voltage, fault, who commands, its nodes.")
-    parser.add_argument("--processes", action="store_true", help="one line for every node, with the number of its process")
+    parser.add_argument(
+        "--processes", action="store_true", help="one line for every node, with the number of its process"
+    )
     return _run(parser.parse_args(argv))
 
 
@@ -57,7 +59,10 @@ def _run(arguments):
     )
     since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(driver.since.sec))
     print(f"{arguments.namespace}: {found.summary}")
-    print(f"  {found.position * 1e6:.3f} µm, {found.voltage:.3g} {unit}; {'lockstep' if driver.lockstep else 'paced'}, backend {driver.backend}")
+    print(
+        f"  {found.position * 1e6:.3f} µm, {found.voltage:.3g} {unit}; {'lockstep' if driver.lockstep else 'paced'},"
+        f" backend {driver.backend}"
+    )
     print(f"  driver on {driver.host} since {since}; watchdog {'there' if driver.watched else 'missing'}")
     _print_nodes(processes, arguments.processes)
     if cell is not None and cell.message:
@@ -67,7 +72,9 @@ def _run(arguments):
 
 def _print_nodes(processes, every):
     """Nodes that run in one line; a line of its own for whatever is not as it was started, or for ``every`` node."""
-    well = [name for name, facts in processes.items() if facts["state"] == STATES[1] and not facts["restarts"] and not every]
+    well = [
+        name for name, facts in processes.items() if facts["state"] == STATES[1] and not facts["restarts"] and not every
+    ]
     if well:
         print(f"  running: {', '.join(well)}")
     for name, facts in processes.items():

@@ -21,9 +21,9 @@ def main(argv=None):
     parser = Parser(
         prog="microstage watch",
         description=(
-            "Watches an axis. With records: judges them in the order given, which is to be that of time. Without: runs the "
-            "node health_monitor beside a cell until interrupted. A score of 1 is the threshold; an alarm takes "
-            f"{IN_A_ROW} windows in a row."
+            "Watches an axis. With records: judges them in the order given, which is to be that of time. Without: runs"
+            " the node health_monitor beside a cell until interrupted. A score of 1 is the threshold; an alarm takes"
+            f" {IN_A_ROW} windows in a row."
         ),
     )
     parser.add_argument(
@@ -53,7 +53,9 @@ def main(argv=None):
     parser.add_argument(
         "--store", metavar="FILE", help="history file (SQLite): healthy windows and every score are kept there"
     )
-    parser.add_argument("--namespace", type=units.namespace, default="/axis", metavar="NS", help="of the running axis (default /axis)")
+    parser.add_argument(
+        "--namespace", type=units.namespace, default="/axis", metavar="NS", help="of the running axis (default /axis)"
+    )
     parser.add_argument(
         "--examine",
         type=int,
@@ -114,8 +116,8 @@ def _learn(paths, machine, store, window_s):
 def _say_reference(watch):
     r = watch.reference
     print(
-        f"healthy: {r.windows} windows of {r.window_s:g} s, {len(r.spread)} traits; threshold {watch.limit:.2f} standard deviations "
-        f"for {watch.per_month:g} false alarms in a month of motion"
+        f"healthy: {r.windows} windows of {r.window_s:g} s, {len(r.spread)} traits; threshold {watch.limit:.2f}"
+        f" standard deviations for {watch.per_month:g} false alarms in a month of motion"
         + (f" (few windows: with {r.windows} the threshold is wide)" if r.windows < 30 else "")
     )
 
@@ -180,7 +182,8 @@ def _examine(axis, arguments):
     healthy = [o for o in outcomes if not o.effect]
     motion = sum(o.windows if o.delay is None else o.delay for o in healthy) * EXAMINED_WINDOW
     print(
-        f"healthy motion examined: {motion:.0f} s, {sum(o.delay is not None for o in healthy)} false alarms; windows of {EXAMINED_WINDOW:g} s"
+        f"healthy motion examined: {motion:.0f} s, {sum(o.delay is not None for o in healthy)} false alarms; windows of"
+        f" {EXAMINED_WINDOW:g} s"
     )
     answer.state(
         seed=arguments.seed,
@@ -217,6 +220,9 @@ def _live(arguments):
         for name, value in parameters.items()
         if not (isinstance(value, float) and math.isnan(value))
     ]
-    print(f"watching {arguments.namespace}: a score after each {arguments.window:g} s of motion, the first {arguments.healthy} windows count as "
-          "healthy. Ctrl-C ends it.", flush=True)
+    print(
+        f"watching {arguments.namespace}: a score after each {arguments.window:g} s of motion, the first"
+        f" {arguments.healthy} windows count as healthy. Ctrl-C ends it.",
+        flush=True,
+    )
     return run(["--ros-args", "-r", f"__ns:={arguments.namespace}", *(part for word in words for part in ("-p", word))])

@@ -76,11 +76,20 @@ def machine():
     name = platform.processor() or platform.machine()
     cpuinfo = pathlib.Path("/proc/cpuinfo")
     if cpuinfo.is_file():
-        name = next((row.split(":")[1].strip() for row in cpuinfo.read_text().splitlines() if row.startswith("model name")), name)
+        name = next(
+            (row.split(":")[1].strip() for row in cpuinfo.read_text().splitlines() if row.startswith("model name")),
+            name,
+        )
     versions = {}
     for library in LIBRARIES:
         try:
             versions[library] = importlib.metadata.version(library)
         except importlib.metadata.PackageNotFoundError:
             versions[library] = None
-    return {"processor": name, "cores": os.cpu_count(), "load": os.getloadavg()[0], "python": sys.version.split()[0], "versions": versions}
+    return {
+        "processor": name,
+        "cores": os.cpu_count(),
+        "load": os.getloadavg()[0],
+        "python": sys.version.split()[0],
+        "versions": versions,
+    }

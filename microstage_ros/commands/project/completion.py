@@ -36,7 +36,9 @@ def bash(words, zsh=False):
     """The script for bash; zsh runs it through its own emulation."""
     cases = []
     for name, known in words.items():
-        cases += [f'    {name}:{option}) choices="{" ".join(choices)}" ;;' for option, choices in known.items() if choices]
+        cases += [
+            f'    {name}:{option}) choices="{" ".join(choices)}" ;;' for option, choices in known.items() if choices
+        ]
         cases.append(f'    {name}:*) options="{" ".join(known)}" ;;')
     head = "autoload -U +X bashcompinit && bashcompinit\n" if zsh else ""
     return head + f"""\

@@ -75,7 +75,11 @@ def _locked(path):
 
 def _make(root, build, ready, digest):
     began, sourced = time.monotonic(), _sourced()
-    whose = f"with the ROS 2 {sourced} that is sourced" if sourced else "ROS 2 Jazzy from the Python package index, into .venv; no root needed"
+    whose = (
+        f"with the ROS 2 {sourced} that is sourced"
+        if sourced
+        else "ROS 2 Jazzy from the Python package index, into .venv; no root needed"
+    )
     print(f"microstage: setting up once: {whose}.", file=sys.stderr)
     python = Path(shutil.which("python3") if sourced else _python())
     tools = _tools(root, python, sourced)
@@ -155,14 +159,21 @@ def _config(root):
 
 
 def _lines(lists):
-    return [line.strip() for text in lists for line in text.splitlines() if line.strip() and not line.strip().startswith("#")]
+    return [
+        line.strip()
+        for text in lists
+        for line in text.splitlines()
+        if line.strip() and not line.strip().startswith("#")
+    ]
 
 
 def add_test_tools(root):
     """Install what the tests need beside, once; raises `Failure`. The environment is the one this Python runs in."""
     wanted = _lines([_config(root)["options.extras_require"]["test"]])
     mark, build = Path(sys.prefix) / "microstage_test_requirements", root / ".build"
-    if not (build / "environment.sh").exists() or (mark.exists() and mark.read_text(encoding="utf-8") == "\n".join(wanted)):
+    if not (build / "environment.sh").exists() or (
+        mark.exists() and mark.read_text(encoding="utf-8") == "\n".join(wanted)
+    ):
         return
     with _locked(build / "lock"):
         _step("test tools", _pip(Path(sys.prefix), wanted), build)
@@ -171,8 +182,16 @@ def add_test_tools(root):
 
 def _pip(venv, requirements):
     """The command that installs; modules are compiled when they are first imported, not all of them now."""
-    return [str(venv / "bin" / "python"), "-m", "pip", "install", "--disable-pip-version-check", "--no-input", "--no-compile",
-            *requirements]
+    return [
+        str(venv / "bin" / "python"),
+        "-m",
+        "pip",
+        "install",
+        "--disable-pip-version-check",
+        "--no-input",
+        "--no-compile",
+        *requirements,
+    ]
 
 
 def _environment(venv, requirements, python, build, sourced, name="", stop=None):
@@ -206,8 +225,12 @@ def cache_folder():
 
 def _interfaces_folder(root, python, sourced):
     """Folder of the built interfaces: one for each definition, Python, machine and ROS 2."""
-    version = subprocess.run([str(python), "-c", "import sys; print(sys.version_info[:2])"], capture_output=True, text=True, check=True).stdout
-    digest = hashlib.sha256(f"{version}{platform.machine()} {platform.libc_ver()} {sourced} {_lines_of_wheels(root)}".encode())
+    version = subprocess.run(
+        [str(python), "-c", "import sys; print(sys.version_info[:2])"], capture_output=True, text=True, check=True
+    ).stdout
+    digest = hashlib.sha256(
+        f"{version}{platform.machine()} {platform.libc_ver()} {sourced} {_lines_of_wheels(root)}".encode()
+    )
     for path in sorted((root / "msg_defs").rglob("*")):
         if path.is_file():
             digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
@@ -292,7 +315,12 @@ def _step(what, command, build, environment=None, stop=None):
                 passed = time.monotonic() - began
                 if live:
                     left = f", about {usual - passed:.0f} s left" if usual and usual > passed + 1 else ""
-                    print(f"\r\033[K  {what}: {passed:3.0f} s{left}  {_last_line(log, start)}", end="", file=sys.stderr, flush=True)
+                    print(
+                        f"\r\033[K  {what}: {passed:3.0f} s{left}  {_last_line(log, start)}",
+                        end="",
+                        file=sys.stderr,
+                        flush=True,
+                    )
                 if time.time() - log.stat().st_mtime > MOST_SILENT:
                     process.kill()
                 if stop and stop.is_set():

@@ -18,10 +18,11 @@ def main(argv=None):
     parser = Parser(
         prog="microstage faults",
         description=(
-            "Starts cells of the simulated axis, kills and stops their processes at random while the axis moves, and measures from "
-            "outside: was it noticed, how long after the last valid command the voltage was zero, was every action answered, is "
-            "anything left behind, does every bag open. Then messages and files that are none, commands delayed, reordered, replayed "
-            "and doubled, a full disk, the clock set back, a second owner. Fails if a figure falls short."
+            "Starts cells of the simulated axis, kills and stops their processes at random while the axis moves, and"
+            " measures from outside: was it noticed, how long after the last valid command the voltage was zero, was"
+            " every action answered, is anything left behind, does every bag open. Then messages and files that are"
+            " none, commands delayed, reordered, replayed and doubled, a full disk, the clock set back, a second owner."
+            " Fails if a figure falls short."
         ),
     )
     parser.add_argument(

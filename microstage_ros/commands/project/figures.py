@@ -40,10 +40,17 @@ TABLES = (
 def main(argv=None):
     """Run the command. Returns 0, with ``--check`` 1 if a stale table does not say so; raises InputError for bad
     input."""
-    parser = Parser(prog="microstage figures", description="Measures tables of the documentation anew and stamps them: version, "
-                    "machine, date, and a digest of the code that they are about.")
-    parser.add_argument("names", nargs="*", metavar="NAME", help="tables (default all): " + ", ".join(t.name for t in TABLES))
-    parser.add_argument("--check", action="store_true", help="measure nothing; list the tables and fail if a stale one does not say so")
+    parser = Parser(
+        prog="microstage figures",
+        description="Measures tables of the documentation anew and stamps them: version, "
+        "machine, date, and a digest of the code that they are about.",
+    )
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help="tables (default all): " + ", ".join(t.name for t in TABLES)
+    )
+    parser.add_argument(
+        "--check", action="store_true", help="measure nothing; list the tables and fail if a stale one does not say so"
+    )
     parser.add_argument("--mark", action="store_true", help="measure nothing; let stale tables say so to their reader")
     arguments = parser.parse_args(argv)
     known = {table.name: table for table in TABLES}
@@ -72,6 +79,15 @@ def _check(tables, mark):
         state = "fresh" if not stale else "stale, and says so" if stamp.marked else "stale, and does not say so"
         bad += stale and not stamp.marked
         print(f"{table.name:14s} {table.page:22s} {stamp.version} {stamp.made}  {state}  ({stamp.machine})")
-        rows.append({"name": table.name, "page": table.page, "version": stamp.version, "made": str(stamp.made), "state": state, "machine": stamp.machine})
+        rows.append(
+            {
+                "name": table.name,
+                "page": table.page,
+                "version": stamp.version,
+                "made": str(stamp.made),
+                "state": state,
+                "machine": stamp.machine,
+            }
+        )
     answer.state(tables=rows)
     return 1 if bad else 0

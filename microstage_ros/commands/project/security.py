@@ -13,8 +13,9 @@ def main(argv=None):
     parser = Parser(
         prog="microstage security",
         description=(
-            "Makes a ROS 2 keystore for the nodes of an axis: an authority, a key and a certificate per node, and signed permissions from "
-            "config/security/policy.yaml. What is there already is kept; permissions are signed anew. The private folder is a secret."
+            "Makes a ROS 2 keystore for the nodes of an axis: an authority, a key and a certificate per node, and"
+            " signed permissions from config/security/policy.yaml. What is there already is kept; permissions are"
+            " signed anew. The private folder is a secret."
         ),
     )
     parser.add_argument("--keystore", required=True, metavar="DIR", help="folder of the keystore")

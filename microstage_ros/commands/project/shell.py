@@ -21,12 +21,17 @@ def main(argv=None):
         print(USAGE)
         return 0
     if words and words[0].startswith("-") and words[0] != "--":
-        print(f"microstage shell: there is no option {words[0]} (microstage shell --help lists the options)", file=sys.stderr)
+        print(
+            f"microstage shell: there is no option {words[0]} (microstage shell --help lists the options)",
+            file=sys.stderr,
+        )
         sys.exit(2)
     words = words[1:] if words[:1] == ["--"] else words
     if words and not shutil.which(words[0]):
         known = [name for name in ("python", "python3", "pip", "ros2", "bash") if shutil.which(name)]
-        print(f"microstage shell: there is no program {words[0]!r} on the path{nearest(words[0], known)}", file=sys.stderr)
+        print(
+            f"microstage shell: there is no program {words[0]!r} on the path{nearest(words[0], known)}", file=sys.stderr
+        )
         return 2
     if words:
         os.execvp(words[0], words)

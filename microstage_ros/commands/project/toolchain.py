@@ -56,7 +56,11 @@ def find(headers=None):
         packages = ("ziglang",)
     if not (shutil.which("make") or shutil.which("ninja")):
         packages += ("ninja",)
-    says = "C and C++ compilers of this machine" if all(found) else "no C and C++ compiler here: Zig's, from the Python package index"
+    says = (
+        "C and C++ compilers of this machine"
+        if all(found)
+        else "no C and C++ compiler here: Zig's, from the Python package index"
+    )
     headers = Path(headers or sysconfig.get_path("include"))
     return Toolchain(says, packages, (headers / "Python.h").is_file())
 
@@ -104,5 +108,10 @@ def zig_wrappers(folder, python):
         path = folder / name
         path.write_text(WRAPPER.format(zig=zig, words=words), encoding="utf-8")
         path.chmod(0o755)
-    return {"CC": str(folder / "cc"), "CXX": str(folder / "c++"), "AR": str(folder / "ar"), "RANLIB": str(folder / "ranlib"),
-            "PATH": f"{folder}{os.pathsep}{os.environ.get('PATH', '')}"}
+    return {
+        "CC": str(folder / "cc"),
+        "CXX": str(folder / "c++"),
+        "AR": str(folder / "ar"),
+        "RANLIB": str(folder / "ranlib"),
+        "PATH": f"{folder}{os.pathsep}{os.environ.get('PATH', '')}",
+    }

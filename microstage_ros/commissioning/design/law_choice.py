@@ -51,14 +51,20 @@ def choose_law(axis, drawn, has_current):
                 f"{OBSERVER}{changed}: at least {FLOOR_PHASE:g}° and {FLOOR_GAIN:g} dB at the amplifier {where}",
             )
         left = "is not stable" if reach < 0.0 else f"leaves {reach * FLOOR_PHASE:.1f}° or {reach * FLOOR_GAIN:.2f} dB"
-        reason = f"{OBSERVER} {left} {where}, whatever its bandwidth and doubt: {FLOOR_PHASE:g}° and {FLOOR_GAIN:g} dB are asked; "
+        reason = (
+            f"{OBSERVER} {left} {where}, whatever its bandwidth and doubt: {FLOOR_PHASE:g}° and {FLOOR_GAIN:g} dB are"
+            " asked; "
+        )
     law = "self_tuning_feedforward"
     gains, share = soft_gains(law, axis, drawn)
     if share > SOFTEST:
         return (
             law,
             gains,
-            f"{reason}{law} with {share:.0%} of the rule's bandwidth: {LEAST_PHASE:g}° and {LEAST_GAIN:g} dB in sliding on all of them",
+            (
+                f"{reason}{law} with {share:.0%} of the rule's bandwidth: {LEAST_PHASE:g}° and {LEAST_GAIN:g} dB in"
+                " sliding on all of them"
+            ),
         )
     phase, gain = encoder_margins(law, axis, drawn, gains)
     if phase < FLOOR_PHASE or gain < FLOOR_GAIN:
@@ -66,8 +72,9 @@ def choose_law(axis, drawn, has_current):
             "runaway",
             phase,
             "deg",
-            f"{reason}{law} at {share:.0%} of the rule's bandwidth leaves {phase:.1f}° and {gain:.1f} dB in sliding: "
-            "no law can be called safe on this drive train (weigh the load, look for a loose coupling, give its mass and stiffness with tolerances)",
+            f"{reason}{law} at {share:.0%} of the rule's bandwidth leaves {phase:.1f}° and {gain:.1f} dB in sliding: no"
+            " law can be called safe on this drive train (weigh the load, look for a loose coupling, give its mass and"
+            " stiffness with tolerances)",
         )
     return (
         law,
@@ -97,11 +104,13 @@ def too_little(margins):
     said = []
     if margins.crossover_Hz > 0.0 and margins.phase_deg + 2.0 * margins.phase_error_deg < FLOOR_PHASE:
         said.append(
-            f"{margins.phase_deg:.1f}° ± {2.0 * margins.phase_error_deg:.1f}° of phase (at least {FLOOR_PHASE:g}° is asked)"
+            f"{margins.phase_deg:.1f}° ± {2.0 * margins.phase_error_deg:.1f}° of phase (at least {FLOOR_PHASE:g}° is"
+            " asked)"
         )
     if margins.gain_dB + 2.0 * margins.gain_error_dB < FLOOR_GAIN:
         said.append(
-            f"{margins.gain_dB:.2f} dB ± {2.0 * margins.gain_error_dB:.2f} dB of gain (at least {FLOOR_GAIN:g} dB is asked)"
+            f"{margins.gain_dB:.2f} dB ± {2.0 * margins.gain_error_dB:.2f} dB of gain (at least {FLOOR_GAIN:g} dB is"
+            " asked)"
         )
     return " and ".join(said)
 

@@ -62,7 +62,9 @@ def read_response(path):
             best.append(row)
     order = np.array(best)
     value = order[:, 1] * np.exp(1j * np.radians(order[:, 2]))
-    return Response("plant", wanted or "as measured", order[:, 0], value, order[:, 3], np.zeros(len(order)), order[:, 4]).kept()
+    return Response(
+        "plant", wanted or "as measured", order[:, 0], value, order[:, 3], np.zeros(len(order)), order[:, 4]
+    ).kept()
 
 
 @dataclass(frozen=True)
@@ -95,8 +97,15 @@ def loop_on(response, gains, period, notch=None):
     controller = pid_transfer(gains, period)(z)
     if notch is not None:
         controller = controller * notch.response(response.frequency)
-    return Response("loop", response.condition, response.frequency, np.asarray(controller * response.value), response.coherence,
-                    response.amplitude, response.relative)
+    return Response(
+        "loop",
+        response.condition,
+        response.frequency,
+        np.asarray(controller * response.value),
+        response.coherence,
+        response.amplitude,
+        response.relative,
+    )
 
 
 def shape(response, gains, period, notch=None):
@@ -123,8 +132,11 @@ def enough(margins, response):
     low, high = response.frequency[0], response.frequency[-1]
     if not 1.2 * low < margins.crossover_Hz < 0.6 * high:
         return False
-    return (margins.phase_deg - 2.0 * margins.phase_error_deg >= LEAST_PHASE and margins.gain_dB - 2.0 * margins.gain_error_dB >= LEAST_GAIN
-            and margins.sensitivity <= MOST_SENSITIVITY)
+    return (
+        margins.phase_deg - 2.0 * margins.phase_error_deg >= LEAST_PHASE
+        and margins.gain_dB - 2.0 * margins.gain_error_dB >= LEAST_GAIN
+        and margins.sensitivity <= MOST_SENSITIVITY
+    )
 
 
 def resonance_in(response):
@@ -166,14 +178,27 @@ def exported(gains, axis):
     kd = gains["proportional"] * gains["derivative_time"]
     filtered = gains["filter_time"]
     found = [
-        ("ros2_control pid_controller",
-         [f"gains: {{{axis.name.replace(' ', '_')}: {{p: {kp:.6g}, i: {ki:.6g}, d: {kd:.6g}, i_clamp_max: {axis.value('drive.voltage_limit'):g}, "
-          f"i_clamp_min: {-axis.value('drive.voltage_limit'):g}}}}}"],
-         f"command = p e + i ∫e dt + d de/dt, e = reference − position in m, command in V; no filter of d there: filter the position by {filtered:.3g} s"),
-        ("LinuxCNC pid",
-         [f"setp pid.0.Pgain {kp * 1e-3:.6g}", f"setp pid.0.Igain {ki * 1e-3:.6g}", f"setp pid.0.Dgain {kd * 1e-3:.6g}",
-          f"setp pid.0.maxoutput {axis.value('drive.voltage_limit'):g}"],
-         "machine units mm: V per mm, V per mm s, V s per mm; output in V; Dgain on the error's derivative"),
+        (
+            "ros2_control pid_controller",
+            [
+                f"gains: {{{axis.name.replace(' ', '_')}: {{p: {kp:.6g}, i: {ki:.6g}, d: {kd:.6g}, i_clamp_max:"
+                f" {axis.value('drive.voltage_limit'):g}, i_clamp_min: {-axis.value('drive.voltage_limit'):g}}}}}"
+            ],
+            (
+                "command = p e + i ∫e dt + d de/dt, e = reference − position in m, command in V; no filter of d there:"
+                f" filter the position by {filtered:.3g} s"
+            ),
+        ),
+        (
+            "LinuxCNC pid",
+            [
+                f"setp pid.0.Pgain {kp * 1e-3:.6g}",
+                f"setp pid.0.Igain {ki * 1e-3:.6g}",
+                f"setp pid.0.Dgain {kd * 1e-3:.6g}",
+                f"setp pid.0.maxoutput {axis.value('drive.voltage_limit'):g}",
+            ],
+            "machine units mm: V per mm, V per mm s, V s per mm; output in V; Dgain on the error's derivative",
+        ),
     ]
     if axis.choices["drive.type"] == "voltage_motor":
         ratio = motor_ratio(axis)
@@ -187,9 +212,16 @@ def exported(gains, axis):
                     f"P {kp * to * 1e3:.6g} mA/rad",
                     f"I {ki * to * 1e3:.6g} mA/(rad s)",
                     f"D {damping * to * 1e3:.6g} mA s/rad",
-                    f"FF acceleration {axis.value('drive.rotor_inertia') / axis.value('drive.torque_constant') * 1e3:.6g} mA s²/rad",
+                    (
+                        "FF acceleration"
+                        f" {axis.value('drive.rotor_inertia') / axis.value('drive.torque_constant') * 1e3:.6g} mA"
+                        " s²/rad"
+                    ),
                 ],
-                "angle of the motor; output is the set value of the current loop, so D holds the damping that the back-EMF gave in voltage mode",
+                (
+                    "angle of the motor; output is the set value of the current loop, so D holds the damping that the"
+                    " back-EMF gave in voltage mode"
+                ),
             ),
             (
                 "TwinCAT NC, cascade",

@@ -96,7 +96,14 @@ def responses(parts, sine, period, condition):
             x = np.fft.rfft(np.diff(encoder[rows.start:rows.stop + 1]))[sine.lines] / shift
             u, d = (np.fft.rfft(values[rows])[sine.lines] for values in (voltage, disturbance))
             c = u - d
-            for name, (a, b) in (("xd", (x, d)), ("ud", (u, d)), ("cd", (c, d)), ("xx", (x, x)), ("dd", (d, d)), ("cc", (c, c))):
+            for name, (a, b) in (
+                ("xd", (x, d)),
+                ("ud", (u, d)),
+                ("cd", (c, d)),
+                ("xx", (x, x)),
+                ("dd", (d, d)),
+                ("cc", (c, c)),
+            ):
                 sums[name] = sums[name] + a * b.conj()
             amplitude = amplitude + 2.0 * np.abs(x) / sine.rows
             periods += 1
@@ -145,7 +152,9 @@ def measured_margins(loop):
     # no crossing in the coherent band: what the nearest approach to −1 leaves at least
     if not math.isfinite(phase_margin):
         phase_margin = math.degrees(2.0 * math.asin(min(0.5 * float(np.min(np.abs(1.0 + loop.value))), 1.0)))
-    return MeasuredMargins(phase_margin, phase_error, gain_margin, gain_error, crossover, float(np.max(1.0 / np.abs(1.0 + loop.value))))
+    return MeasuredMargins(
+        phase_margin, phase_error, gain_margin, gain_error, crossover, float(np.max(1.0 / np.abs(1.0 + loop.value)))
+    )
 
 
 def _gain_margin(loop, phase, size):

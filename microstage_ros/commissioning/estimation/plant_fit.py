@@ -89,7 +89,9 @@ def fit_plant(axis, response, period, slope=0.0, held=()):
         values = {name: math.exp(v) for name, v in zip(names, vector[:-1])}
         model = held_response(axis, values, response.frequency, period, slope, vector[-1] * period)
         error = np.log(response.value / model) * weight
-        return np.concatenate([error.real, np.arctan2(np.sin(error.imag / weight), np.cos(error.imag / weight)) * weight])
+        return np.concatenate(
+            [error.real, np.arctan2(np.sin(error.imag / weight), np.cos(error.imag / weight)) * weight]
+        )
 
     starts = [np.append(start, 0.0)]
     if not rigid:

@@ -53,7 +53,9 @@ class Loop:
     def limits(self, speed):
         """`MotionLimits` of a motion at up to ``speed`` [m/s]: within what the drive can do."""
         machine = self.machine
-        volts = max(float(self._model["rotor"]) + float(self._model["volts_per_force"]) * float(self._model["mass"]), 1e-9)
+        volts = max(
+            float(self._model["rotor"]) + float(self._model["volts_per_force"]) * float(self._model["mass"]), 1e-9
+        )
         acceleration = min(0.15, 0.2 * machine.limit / volts)
         return MotionLimits(min(speed, self.top_speed), acceleration, 100.0 * acceleration)
 
@@ -61,7 +63,9 @@ class Loop:
     def top_speed(self):
         """Speed [m/s] that leaves half of the voltage, and is safe should the encoder fail."""
         volts = max(float(self._model["volts_per_velocity"]), 0.0)
-        fastest = 0.5 * max(self.machine.limit - 2.0 * self.sliding, 0.1 * self.machine.limit) / volts if volts > 0.0 else 0.1
+        fastest = (
+            0.5 * max(self.machine.limit - 2.0 * self.sliding, 0.1 * self.machine.limit) / volts if volts > 0.0 else 0.1
+        )
         return min(fastest, self.machine.safe_speed)
 
     def follow(self, reference, disturbance=None, error=ERROR, window=None, gentle=False, fresh=True, go_on=False):
@@ -100,7 +104,11 @@ class Loop:
     def go(self, place, speed=2e-3, gentle=False, dwell=0.15):
         """To a place, and rest there a little."""
         move = jerk_limited_move(self.machine.position, place, self.machine.period, self.limits(speed))
-        return self.follow(np.append(move, np.full(self.machine.periods(dwell), place)), gentle=gentle, error=ERROR if gentle else LOOSE)
+        return self.follow(
+            np.append(move, np.full(self.machine.periods(dwell), place)),
+            gentle=gentle,
+            error=ERROR if gentle else LOOSE,
+        )
 
     def settle(self):
         """Hold still; where the stage swings, softer gains, until it rests. Raises Refused (runaway)."""
@@ -114,7 +122,12 @@ class Loop:
                 return record
             self.share *= SOFTER
             if self.share < SOFTEST:
-                raise refused("runaway", swing, "m", f"at rest in closed loop the stage swings by {swing * 1e6:.3g} µm even at a third of the bandwidth")
+                raise refused(
+                    "runaway",
+                    swing,
+                    "m",
+                    f"at rest in closed loop the stage swings by {swing * 1e6:.3g} µm even at a third of the bandwidth",
+                )
             self.controller = self._made()
             machine.rest(0.2)
 
@@ -142,15 +155,26 @@ class Loop:
                     f"({volts:.3g} V) and goes back freely: an end stop or an obstacle inside the travel of the sketch",
                 )
             if np.ptp(x) == 0.0 and machine.position == x[-1]:
-                raise refused("encoder_dead", place, "m", f"the encoder stands on one count at {place * 1e3:.4g} mm whatever the voltage "
-                              f"({volts:.3g} V and back), where a live one would show the drive train give way")
-            raise refused("stuck", place, "m", f"at {place * 1e3:.4g} mm the stage does not follow ({volts:.3g} V), nor does it go back")
+                raise refused(
+                    "encoder_dead",
+                    place,
+                    "m",
+                    f"the encoder stands on one count at {place * 1e3:.4g} mm whatever the voltage "
+                    f"({volts:.3g} V and back), where a live one would show the drive train give way",
+                )
+            raise refused(
+                "stuck",
+                place,
+                "m",
+                f"at {place * 1e3:.4g} mm the stage does not follow ({volts:.3g} V), nor does it go back",
+            )
         raise refused(
             "runaway",
             float(r[-1] - x[-1]),
             "m",
-            f"the stage does not follow: {allowed * 1e6:.3g} µm behind and moving at "
-            f"{moved / (rows * machine.period) * 1e3:.3g} mm/s where {asked / (rows * machine.period) * 1e3:.3g} mm/s is asked",
+            f"the stage does not follow: {allowed * 1e6:.3g} µm behind and moving at"
+            f" {moved / (rows * machine.period) * 1e3:.3g} mm/s where {asked / (rows * machine.period) * 1e3:.3g} mm/s"
+            " is asked",
         )
 
     def _blocked_or_dead(self, end):
@@ -184,8 +208,15 @@ class Loop:
                 wound = self._wound_up(before, after) + abs(braked)
                 watch.unseen = tuple(wound + each for each in usual)
             stage = machine.periods(0.03, 10)
-            volts = [sign * min(factor * max(self.sliding, 0.01 * machine.limit), machine.limit) for factor in (2.0, 3.0, 4.5)]
-            machine.run(np.full(3 * stage, start), lambda n, x, i: volts[n // stage], until=lambda n, x, i: sign * (x - start) > way)
+            volts = [
+                sign * min(factor * max(self.sliding, 0.01 * machine.limit), machine.limit)
+                for factor in (2.0, 3.0, 4.5)
+            ]
+            machine.run(
+                np.full(3 * stage, start),
+                lambda n, x, i: volts[n // stage],
+                until=lambda n, x, i: sign * (x - start) > way,
+            )
             return sign * (machine.position - start) > 0.5 * way
         finally:
             machine.watch = watch
@@ -195,7 +226,9 @@ class Loop:
     def _wound_up(self, *records):
         """Way [m at the stage] that the drive train is wound up at most at the end of records: what the motor has
         turned while the encoder stood."""
-        x, u, i = (np.concatenate([record[name] for record in records]) for name in ("encoder_m", "voltage_V", "current_A"))
+        x, u, i = (
+            np.concatenate([record[name] for record in records]) for name in ("encoder_m", "voltage_V", "current_A")
+        )
         gone = np.flatnonzero(np.abs(x - x[-1]) > 4.0 * self.machine.count)
         return self.machine.watch.turned_at_most(u, i, int(gone[-1]) if len(gone) else 0)
 
@@ -257,4 +290,6 @@ def programme(loop, centre):
 
     machine = loop.machine
     fast = min(FASTEST, 0.8 * loop.top_speed)
-    return Run(program=segments(centre, machine.stroke, fast), limits=loop.limits(fast), start_m=centre).tables(machine.period)["reference"]
+    return Run(program=segments(centre, machine.stroke, fast), limits=loop.limits(fast), start_m=centre).tables(
+        machine.period
+    )["reference"]

@@ -62,7 +62,12 @@ def look_at_rest(machine):
     x = x[np.isfinite(x)]
     drift = float(np.mean(x[-len(x) // 4:]) - np.mean(x[:len(x) // 4]))
     if abs(drift) > DRIFT:
-        raise refused("runaway", drift, "m", f"without voltage the stage moved by {drift * 1e6:.3g} µm in 0.3 s: something else drives it")
+        raise refused(
+            "runaway",
+            drift,
+            "m",
+            f"without voltage the stage moved by {drift * 1e6:.3g} µm in 0.3 s: something else drives it",
+        )
     noise = max(float(np.std(np.diff(x))) / math.sqrt(2.0), 0.3 * machine.count)
     current = record.columns.get("current_A")
     if current is None:
@@ -149,8 +154,13 @@ class Pulses:
             if self._turning is not None and math.isfinite(i) and n > settle + 8:
                 self._watch(state, n, voltage, i - self.offset)
                 if state["drop"] > TURNED and abs(moved) < 0.2 * state["drop"]:
-                    raise refused("encoder_dead", moved, "m", f"at {voltage:.3g} V the motor turned as for {state['drop'] * 1e6:.2g} µm "
-                                  f"(by its back-EMF), and the encoder showed {moved * 1e6:.2g} µm")
+                    raise refused(
+                        "encoder_dead",
+                        moved,
+                        "m",
+                        f"at {voltage:.3g} V the motor turned as for {state['drop'] * 1e6:.2g} µm "
+                        f"(by its back-EMF), and the encoder showed {moved * 1e6:.2g} µm",
+                    )
             return False
 
         state["first"] = []
@@ -224,9 +234,22 @@ def _judge(machine, sketch, pulses, record, moved, level):
     signs = [math.copysign(1.0, voltage * displacement) for voltage, displacement in moved]
     farthest = max(abs(displacement) for _, displacement in moved)
     if np.mean(signs) < 0.0:
-        raise refused("polarity", farthest, "m", f"a positive voltage moves the encoder backwards ({len(moved)} pulses up to {level:.3g} V, "
-                      f"{farthest * 1e6:.2g} µm): swap the motor's leads or the encoder's tracks A and B")
-    checks = [Check("polarity", True, farthest, "m", f"a positive voltage moves the stage forwards ({len(moved)} pulses, {level:.3g} V)")]
+        raise refused(
+            "polarity",
+            farthest,
+            "m",
+            f"a positive voltage moves the encoder backwards ({len(moved)} pulses up to {level:.3g} V, "
+            f"{farthest * 1e6:.2g} µm): swap the motor's leads or the encoder's tracks A and B",
+        )
+    checks = [
+        Check(
+            "polarity",
+            True,
+            farthest,
+            "m",
+            f"a positive voltage moves the stage forwards ({len(moved)} pulses, {level:.3g} V)",
+        )
+    ]
     checks.append(Check("encoder_dead", True, farthest, "m", "the encoder counts when the stage moves"))
     checks.append(Check("stuck", True, level, "V", f"the stage moves from {level:.3g} V"))
     has_current = "current_A" in record.columns
@@ -240,14 +263,29 @@ def _judge(machine, sketch, pulses, record, moved, level):
         error = abs(resistance) * spread / max(abs(slope), 1e-300)
     if not has_current:
         resistance = error = delay = math.nan
-        checks.append(Check("current_missing", True, math.nan, "A", "no current sensor answers: the resistance stays as sketched, and "
-                            "friction and back-EMF are told from the voltage"))
+        checks.append(
+            Check(
+                "current_missing",
+                True,
+                math.nan,
+                "A",
+                "no current sensor answers: the resistance stays as sketched, and "
+                "friction and back-EMF are told from the voltage",
+            )
+        )
     else:
         checks.append(Check("current_missing", True, 1.0 / resistance, "A/V", "the current answers the voltage"))
         if resistance < 0.0:
-            raise refused("current_polarity", resistance, "ohm", "the current is negative for a positive voltage that moves the stage "
-                          "forwards: turn the current sensor round, or the sign of its scale")
-        checks.append(Check("current_polarity", True, resistance, "ohm", f"{resistance:.3g} ohm from voltage and current at rest"))
+            raise refused(
+                "current_polarity",
+                resistance,
+                "ohm",
+                "the current is negative for a positive voltage that moves the stage "
+                "forwards: turn the current sensor round, or the sign of its scale",
+            )
+        checks.append(
+            Check("current_polarity", True, resistance, "ohm", f"{resistance:.3g} ohm from voltage and current at rest")
+        )
         if delay > MOST_DELAY:
             raise refused("delay", delay, "periods", f"the current follows the command {delay:g} periods late "
                           f"({delay * machine.period * 1e3:.3g} ms): buffers of the card, filters, the bus")

@@ -220,8 +220,8 @@ class Machine:
                 "end_stop",
                 x,
                 "m",
-                f"the encoder reads {x * 1e3:.4g} mm, outside the travel less its margin "
-                f"({self.travel[0] * 1e3:.4g} to {self.travel[1] * 1e3:.4g} mm): home the encoder, or move the stage inside by hand",
+                f"the encoder reads {x * 1e3:.4g} mm, outside the travel less its margin ({self.travel[0] * 1e3:.4g} to"
+                f" {self.travel[1] * 1e3:.4g} mm): home the encoder, or move the stage inside by hand",
             )
 
     def _beyond(self, x, window):

@@ -74,7 +74,8 @@ def strokes(machine, sketch, first, keep):
                 "stuck",
                 level,
                 "V",
-                f"the stage gives way by {abs(machine.position - centre) * 1e6:.3g} µm and does not slide at {level:.3g} V",
+                f"the stage gives way by {abs(machine.position - centre) * 1e6:.3g} µm and does not slide at"
+                f" {level:.3g} V",
             )
     for scale in (1.0, 1.5, 2.0, 1.0, 1.5):
         for sign in (-1.0, 1.0):
@@ -107,8 +108,8 @@ def _stroke(machine, centre, reach, voltage, longest, parts):
                 "encoder_dead",
                 0.0,
                 "m",
-                f"{voltage:.3g} V for {STANDS * 1e3:.0f} ms do not move the encoder by one count, where less did before: "
-                "its cable or reading head has failed since (or the stage was clamped)",
+                f"{voltage:.3g} V for {STANDS * 1e3:.0f} ms do not move the encoder by one count, where less did"
+                " before: its cable or reading head has failed since (or the stage was clamped)",
             )
         parts.append(machine.rest(STANDS))
     return arrived
@@ -240,8 +241,8 @@ def scale_check(found, sketch):
             True,
             seen,
             "1",
-            f"the encoder counts {seen:.2g} times what the sketched back-EMF says, and {math.exp(-0.5 * turned):.2g} times "
-            "what the sketched inertia says: no scale explains both, one of them is beyond its tolerance",
+            f"the encoder counts {seen:.2g} times what the sketched back-EMF says, and {math.exp(-0.5 * turned):.2g}"
+            " times what the sketched inertia says: no scale explains both, one of them is beyond its tolerance",
         )
     seen = math.exp(0.5 * (low + high))
     if low > LEAST_SCALE or high < -LEAST_SCALE:
@@ -257,15 +258,17 @@ def scale_check(found, sketch):
             "encoder_scale",
             seen,
             "1",
-            f"the encoder counts {seen:.2g} times ({math.exp(low):.2g} to {math.exp(high):.2g}) what the motor's back-EMF and "
-            f"inertia say: {held} (decoding of the tracks: 1, 2 or 4 edges; resolution, pitch or gear in the sketch)",
+            f"the encoder counts {seen:.2g} times ({math.exp(low):.2g} to {math.exp(high):.2g}) what the motor's"
+            f" back-EMF and inertia say: {held} (decoding of the tracks: 1, 2 or 4 edges; resolution, pitch or gear in"
+            " the sketch)",
         )
     return Check(
         "encoder_scale",
         True,
         seen,
         "1",
-        f"the encoder counts {math.exp(low):.2g} to {math.exp(high):.2g} times what back-EMF and inertia of the sketch say",
+        f"the encoder counts {math.exp(low):.2g} to {math.exp(high):.2g} times what back-EMF and inertia of the"
+        " sketch say",
     )
 
 

@@ -71,7 +71,9 @@ def _mass_sizes(beta, covariance, frame):
 
 def ripple_form(numbers):
     """Form of a ripple with these cycles per turn of the motor together."""
-    return Form("torque_ripple", "torque", ",".join(f"{n:g}" for n in numbers), torque_ripple(numbers), _ripple_sizes(numbers))
+    return Form(
+        "torque_ripple", "torque", ",".join(f"{n:g}" for n in numbers), torque_ripple(numbers), _ripple_sizes(numbers)
+    )
 
 
 FORMS = (

@@ -57,13 +57,19 @@ def guideway_asymmetry(channel, frame):
 
 def _guideway_sizes(beta, covariance, frame):
     value = float(beta[0])
-    return {"asymmetry": (value, float(np.sqrt(covariance[0, 0])), "1")}, {"asymmetry": float(np.clip(value, -0.9, 0.9)), "contact": "guideway"}
+    return {"asymmetry": (value, float(np.sqrt(covariance[0, 0])), "1")}, {
+        "asymmetry": float(np.clip(value, -0.9, 0.9)),
+        "contact": "guideway",
+    }
 
 
 def _asymmetry_sizes(beta, covariance, frame):
     values, sigma = [float(b) for b in beta], np.sqrt(np.diag(covariance))
     names = ("asymmetry", "viscous_asymmetry")
-    return ({name: (value, float(s), "1") for name, value, s in zip(names, values, sigma)}, dict(zip(names, np.clip(values, -0.9, 0.9).tolist())))
+    return (
+        {name: (value, float(s), "1") for name, value, s in zip(names, values, sigma)},
+        dict(zip(names, np.clip(values, -0.9, 0.9).tolist())),
+    )
 
 
 def friction_level_change(channel, frame):
@@ -149,7 +155,9 @@ def _periodic_sizes(period):
 
 def periodic_form(period):
     """Form of friction × (1 + a sin(2π x / period + phase)) at a period that the records showed [m]."""
-    return Form("position_dependent_friction", "torque", f"wave {period:.6g}", _periodic(period), _periodic_sizes(period))
+    return Form(
+        "position_dependent_friction", "torque", f"wave {period:.6g}", _periodic(period), _periodic_sizes(period)
+    )
 
 
 def frictional_lag(time):

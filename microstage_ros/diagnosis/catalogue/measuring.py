@@ -18,7 +18,9 @@ def encoder_sde(period, harmonics=2):
     """Harmonics of the signal period; β = −(s₁, c₁, s₂, c₂ …) of the encoder's error."""
     def columns(channel, frame):
         angle = 2.0 * np.pi * channel.prepared.stage_position / period
-        return -channel.mean(np.stack([f(n * angle) for n in range(1, harmonics + 1) for f in (np.sin, np.cos)], axis=1))
+        return -channel.mean(
+            np.stack([f(n * angle) for n in range(1, harmonics + 1) for f in (np.sin, np.cos)], axis=1)
+        )
     return columns
 
 
@@ -100,8 +102,14 @@ def _told(beta, frame):
 
 def sde_form(period):
     """Form of a signal period that the records showed [m]."""
-    return Form("encoder_sde", "position", f"{period:.7g}", encoder_sde(period, 3), _sde_sizes(period, 3, 1e-4 * period),
-                beyond=_told)
+    return Form(
+        "encoder_sde",
+        "position",
+        f"{period:.7g}",
+        encoder_sde(period, 3),
+        _sde_sizes(period, 3, 1e-4 * period),
+        beyond=_told,
+    )
 
 
 FORMS = (

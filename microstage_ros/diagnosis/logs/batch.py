@@ -35,8 +35,14 @@ class LogCase:
 
     def placed(self, place):
         """The case with every path put through ``place``."""
-        return dataclasses.replace(self, log=place(self.log), axis=place(self.axis) if self.axis else "", baseline=tuple(map(place, self.baseline)),
-                                   now=tuple(map(place, self.now)), out=place(self.out))
+        return dataclasses.replace(
+            self,
+            log=place(self.log),
+            axis=place(self.axis) if self.axis else "",
+            baseline=tuple(map(place, self.baseline)),
+            now=tuple(map(place, self.now)),
+            out=place(self.out),
+        )
 
 
 def cases_of_logs(folders, log, baseline, axis, out, seed):
@@ -53,11 +59,17 @@ def cases_of_logs(folders, log, baseline, axis, out, seed):
         base = tuple(f for f in files if pathlib.Path(f).name.startswith("base")) or tuple(map(str, baseline))
         now = tuple(f for f in files if f not in base)
         if not base or not now:
-            raise InputError(folder, f"{len(base)} logs of the baseline, {len(now)} of now", "files base* (or --baseline) and at least one other log")
+            raise InputError(
+                folder,
+                f"{len(base)} logs of the baseline, {len(now)} of now",
+                "files base* (or --baseline) and at least one other log",
+            )
         taken[folder.name] = taken.get(folder.name, 0) + 1
         name = folder.name if taken[folder.name] == 1 else f"{folder.name}_{taken[folder.name]}"
         own = lambda file, given: str(folder / file) if (folder / file).exists() else str(given or "")
-        cases.append(LogCase(name, own("LOG.yaml", log), base, now, str(pathlib.Path(out) / name), own("axis.yaml", axis), seed))
+        cases.append(
+            LogCase(name, own("LOG.yaml", log), base, now, str(pathlib.Path(out) / name), own("axis.yaml", axis), seed)
+        )
     return cases
 
 

@@ -31,7 +31,11 @@ def diagnose_logs(baseline, now, description, seed=0):
     groups, channels, stroke, top, sharp, notes = prepared
     places_cells = reduction.choose_cells(groups["baseline"], groups["now"], stroke, top)
     if not len(places_cells[1]):
-        raise InputError("records", "no phase of motion in common with the baseline", "logs with like speeds and places as the baseline's")
+        raise InputError(
+            "records",
+            "no phase of motion in common with the baseline",
+            "logs with like speeds and places as the baseline's",
+        )
     if places_cells[2] < 0.5:
         notes.append(f"Only {places_cells[2]:.0%} of the rows move as the baseline does; the others are not compared.")
     reduced, spreads, spectra = {}, {}, {}
@@ -40,7 +44,9 @@ def diagnose_logs(baseline, now, description, seed=0):
         notes.append(guess)
     for name, channel in list(channels.items()):
         places, cells, _ = places_cells
-        reduced[name] = reduction.reduce(channel, groups["baseline"], groups["now"], cells, places, stroke, top, columns_of(stroke, turn), turn)
+        reduced[name] = reduction.reduce(
+            channel, groups["baseline"], groups["now"], cells, places, stroke, top, columns_of(stroke, turn), turn
+        )
         if channel.kind == channel_module.FLUCTUATION:
             reduced[name] = reduction.only_rough(reduced[name])
             if reduced[name] is None:
@@ -50,15 +56,38 @@ def diagnose_logs(baseline, now, description, seed=0):
         if name == "effort" or not spectra:
             spectra = reduced[name].spectrum
     codes = sorted({int(c) for r in groups["now"] for c in np.unique(r.condition) if c >= 0})
-    context = Context(channels, description.facts, abs(stroke[1] - stroke[0]), top, sharp, groups["baseline"][0].log.place_unit, codes, spectra,
-                      description.position_at)
-    open_sign, ratio = channel_module.sign_is_open(channels["effort"], groups["baseline"]) if "effort" in channels else (False, 1.0)
+    context = Context(
+        channels,
+        description.facts,
+        abs(stroke[1] - stroke[0]),
+        top,
+        sharp,
+        groups["baseline"][0].log.place_unit,
+        codes,
+        spectra,
+        description.position_at,
+    )
+    open_sign, ratio = (
+        channel_module.sign_is_open(channels["effort"], groups["baseline"]) if "effort" in channels else (False, 1.0)
+    )
     if open_sign:
-        notes.append("The current has no sign, and the logs do not tell whether friction or a constant force is the larger: the two may change places.")
+        notes.append(
+            "The current has no sign, and the logs do not tell whether friction or a constant force is the larger: the"
+            " two may change places."
+        )
     if any(r.log.shift is not None for side in groups.values() for r in side):
-        notes.append("Levels of the effort were shifted after the recording; only its shape within stretches of one constant is compared.")
+        notes.append(
+            "Levels of the effort were shifted after the recording; only its shape within stretches of one constant is"
+            " compared."
+        )
     result = answer(reduced, spreads, groups, context, notes, open_sign, seed)
-    result.evidence |= {"cells": places_cells[1], "places": places_cells[0], "stroke": stroke, "turn": turn, "compared": places_cells[2]}
+    result.evidence |= {
+        "cells": places_cells[1],
+        "places": places_cells[0],
+        "stroke": stroke,
+        "turn": turn,
+        "compared": places_cells[2],
+    }
     return result
 
 
@@ -68,7 +97,9 @@ def prepare(baseline, now, description):
     notes = []
     if not baseline:
         raise InputError("--baseline", "none", "at least one log of the machine while it was healthy")
-    common = {label for log in baseline for label in log.conditions} & {label for log in now for label in log.conditions}
+    common = {label for log in baseline for label in log.conditions} & {
+        label for log in now for label in log.conditions
+    }
     if not common:
         raise InputError(
             f"{description.place}: condition",
@@ -103,7 +134,11 @@ def prepare(baseline, now, description):
         else:
             channel_module.fit_models(channel, groups["baseline"])
     if not channels:
-        raise InputError("--baseline", "no signal that tells how the machine answered", "following_error, current, torque, force or voltage")
+        raise InputError(
+            "--baseline",
+            "no signal that tells how the machine answered",
+            "following_error, current, torque, force or voltage",
+        )
     everything = [*groups["baseline"], *groups["now"]]
     return groups, channels, reduction.stroke_of(everything), top, sharp, _shorter(notes)
 

@@ -19,12 +19,20 @@ STATES = 16     # entries that hold the state of any law: eight blocks and what 
 
 def pack(contact, asymmetry=0.0):
     """Flat parameters of a `drive.Contact` for the law; limits × (1 + asymmetry · sgn w)."""
-    own = generalised_maxwell_slip.pack({name: getattr(contact, name) for name in ("stiffness", "weight", "attraction")})
+    own = generalised_maxwell_slip.pack(
+        {name: getattr(contact, name) for name in ("stiffness", "weight", "attraction")}
+    )
     head = []
     for sign in (1.0, -1.0):
         factor = 1.0 + sign * asymmetry
-        head += pack_curve({"static": contact.static * factor, "coulomb": contact.coulomb * factor, "viscous": contact.viscous,
-                            **{name: getattr(contact, name) for name in ("stribeck_velocity", "stribeck_exponent")}})
+        head += pack_curve(
+            {
+                "static": contact.static * factor,
+                "coulomb": contact.coulomb * factor,
+                "viscous": contact.viscous,
+                **{name: getattr(contact, name) for name in ("stribeck_velocity", "stribeck_exponent")},
+            }
+        )
     return np.array(head + own)
 
 
@@ -48,7 +56,9 @@ def replay(contact, speed, period, asymmetry=0.0, factor=None, flow=None):
     flow = np.zeros(1) if flow is None else flow
     if contact.law >= 0 and not creeps:
         _, stuck = _replay(pack(contact, asymmetry), len(contact.weight), speed, factor, flow, contact.static, period)
-        return _replay_law(contact.law, _both_ways(contact.packed, asymmetry), np.zeros(STATES), speed, factor, period), stuck
+        return _replay_law(
+            contact.law, _both_ways(contact.packed, asymmetry), np.zeros(STATES), speed, factor, period
+        ), stuck
     return _replay(pack(contact, asymmetry), len(contact.weight), speed, factor, flow, contact.static, period)
 
 

@@ -86,7 +86,9 @@ def _candidates(fast):
     """Forms to try: the catalogue's, and delays around the one at which the residual repeats the command."""
     length, total = 2 * LONGEST, 0.0
     for channel in (c["command"] for c in fast.channels["learn"]):
-        residual, command = (channel.fast(v[:, None])[:, 0] / channel.noise for v in (channel.residual, channel.command))
+        residual, command = (
+            channel.fast(v[:, None])[:, 0] / channel.noise for v in (channel.residual, channel.command)
+        )
         size = 2 ** int(np.ceil(np.log2(len(residual) + length)))
         spectrum = np.fft.rfft(np.clip(residual, -30.0, 30.0), size) * np.conj(np.fft.rfft(command, size))
         total = total + np.fft.irfft(spectrum, size)[1:LONGEST]
@@ -108,7 +110,9 @@ def lateness(prepared):
 
 
 def _form(effect, time, period):
-    return delay_form(time / period, period, anyway=True) if effect == "transport_delay" else lag_form(time, anyway=True)
+    return (
+        delay_form(time / period, period, anyway=True) if effect == "transport_delay" else lag_form(time, anyway=True)
+    )
 
 
 def _refine(learn, trial, period):
@@ -123,12 +127,17 @@ def _refine(learn, trial, period):
     if form.effect == "transport_delay" and start >= period:
         # within a period the winding makes much of a little: a narrow optimum beside a broad one
         wholes = np.arange(np.ceil(start / period - 0.75), start / period + 0.76)
-        tried = np.sort(np.concatenate([start / period + DELAY_STEPS, *(wholes - part for part in SHORT_OF_WHOLE)])) * period
+        tried = (
+            np.sort(np.concatenate([start / period + DELAY_STEPS, *(wholes - part for part in SHORT_OF_WHOLE)]))
+            * period
+        )
         at = min(range(1, len(tried) - 1), key=lambda n: loss(tried[n]))
         low, start, high = tried[at - 1: at + 2]
     else:
         low, high = (0.01 * start, 1.3 * start) if beta < 0.4 else (0.6 * start, 1.7 * start)
-    found = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": min(2e-3 * start, 2e-3 * period), "maxiter": 14})
+    found = minimize_scalar(
+        loss, bounds=(low, high), method="bounded", options={"xatol": min(2e-3 * start, 2e-3 * period), "maxiter": 14}
+    )
     time = float(found.x)
     step = 0.02 * time
     bend = (loss(time - step) + loss(time + step) - 2.0 * found.fun) / step**2

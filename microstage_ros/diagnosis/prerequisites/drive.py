@@ -81,7 +81,9 @@ class Drive:
         """What the encoder of the axis file reads beyond ``position`` [m], (n,), by interpolation [m]."""
         phase = 2.0 * math.pi * position / self.signal_period
         error = sum((size * np.sin(n * phase) for n, size in enumerate(self.interpolation, 1)), np.zeros(len(position)))
-        return error + sum((size * np.cos(n * phase) for n, size in enumerate(self.interpolation_cosine, 1)), np.zeros(len(position)))
+        return error + sum(
+            (size * np.cos(n * phase) for n, size in enumerate(self.interpolation_cosine, 1)), np.zeros(len(position))
+        )
 
     @property
     def radius(self):
@@ -132,9 +134,14 @@ def _contact(axis, name):
     law = axis.law(name)
     if law == "none":
         if name == "actuator":
-            raise InputError(f"{axis.place}: contacts.actuator.law", law, "a friction law: the torque balance is judged against "
-                             "the actuator's friction")
-        return Contact(np.array([1.0]), np.ones(1), NO_FRICTION, NO_FRICTION, 1.0, 1.0, FAST_ATTRACTION * NO_FRICTION, 0.0)
+            raise InputError(
+                f"{axis.place}: contacts.actuator.law",
+                law,
+                "a friction law: the torque balance is judged against the actuator's friction",
+            )
+        return Contact(
+            np.array([1.0]), np.ones(1), NO_FRICTION, NO_FRICTION, 1.0, 1.0, FAST_ATTRACTION * NO_FRICTION, 0.0
+        )
 
     def get(key, default):
         full = f"contacts.{name}.{key}"

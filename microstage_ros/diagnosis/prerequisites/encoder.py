@@ -33,7 +33,10 @@ def seen_interpolation(drive, baseline):
         return drive
     matrix, vector = np.zeros((2 * harmonics, 2 * harmonics)), np.zeros(2 * harmonics)
     for record in told:
-        encoder, stage = (np.nan_to_num(record[name], nan=float(np.nanmean(record[name]))) for name in ("encoder_m", "interferometer_m"))
+        encoder, stage = (
+            np.nan_to_num(record[name], nan=float(np.nanmean(record[name])))
+            for name in ("encoder_m", "interferometer_m")
+        )
         error = encoder - stage
         phase = 2.0 * np.pi * stage / drive.signal_period
         waves = [f(n * phase) for n in range(1, harmonics + 1) for f in (np.sin, np.cos)]

@@ -48,7 +48,12 @@ class Spectrum:
     def __init__(self, channel):
         p = channel.prepared
         self.noise = channel.noise
-        self.walk = max(channel.drive.amplifier_noise, LEAST_NOISE) * self._period(channel) * channel.drive.lever / channel.drive.back_emf
+        self.walk = (
+            max(channel.drive.amplifier_noise, LEAST_NOISE)
+            * self._period(channel)
+            * channel.drive.lever
+            / channel.drive.back_emf
+        )
         white = whiten_walk(channel.mean(p.stage - p.angle)[:, None], self.walk, self.noise)[:, 0]
         self.time = channel.time
         self.step = channel.time[1] - channel.time[0]

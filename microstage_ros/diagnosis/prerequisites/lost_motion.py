@@ -65,7 +65,9 @@ def find_gap(prepared, drive):
     if _wound_up(channels["learn"]) < _losses(channels["learn"], width):
         return None
     # a record that crosses the gap a few times only may lose its place in it: then the others must agree one by one
-    alone = min(_explained([c], width, _losses, usual) for c in channels["learn"]) if len(channels["learn"]) > 1 else 0.0
+    alone = (
+        min(_explained([c], width, _losses, usual) for c in channels["learn"]) if len(channels["learn"]) > 1 else 0.0
+    )
     again = max(_explained(channels["held"], width, *how) for how in ((_losses, usual), (_squares, 1.0)))
     if again < EXPLAINS_HELD and alone < EXPLAINS_ALONE:
         return None

@@ -39,7 +39,9 @@ class Train:
 
     def drive(self, nominal):
         """`Drive` with these factors."""
-        return dataclasses.replace(nominal, stiffness=nominal.stiffness * self.stiffness, damping=nominal.damping * self.damping)
+        return dataclasses.replace(
+            nominal, stiffness=nominal.stiffness * self.stiffness, damping=nominal.damping * self.damping
+        )
 
 
 def fit_train(learn, base):
@@ -69,7 +71,9 @@ def damped_forms(collection):
     """
     if "resonance" not in collection.names:
         return []
-    learn, base = ([c["resonance"] for c in collection.channels[group] if "resonance" in c] for group in ("learn", "base"))
+    learn, base = (
+        [c["resonance"] for c in collection.channels[group] if "resonance" in c] for group in ("learn", "base")
+    )
     train = fit_train(learn, base)
     if train is None:
         return []
@@ -96,7 +100,14 @@ def _mass_form(learn, train):
         mass = frame.drive.mass
         return {"mass_kg": (mass * (factor - 1.0), mass * error, "kg")}, {"mass_kg": mass * (factor - 1.0)}
 
-    return Form("payload_change", "resonance", f"{factor:.6g}", payload_resonance(factor), sizes, lambda beta: 0.5 < beta[0] < 1.8)
+    return Form(
+        "payload_change",
+        "resonance",
+        f"{factor:.6g}",
+        payload_resonance(factor),
+        sizes,
+        lambda beta: 0.5 < beta[0] < 1.8,
+    )
 
 
 def _left_with_mass(channel, factor):
@@ -139,5 +150,11 @@ def _form(at, errors):
                  "damping_factor": (damping, damping * float(np.hypot(errors[1], DAMPING_ERROR)), "1")},
                 {"stiffness_factor": stiffness, "damping_factor": damping})
 
-    return Form("drive_compliance", "resonance", f"{stiffness:.4g},{damping:.4g}", compliance_and_damping(stiffness, damping),
-                sizes, lambda beta: 0.5 < beta[0] < 1.8)
+    return Form(
+        "drive_compliance",
+        "resonance",
+        f"{stiffness:.4g},{damping:.4g}",
+        compliance_and_damping(stiffness, damping),
+        sizes,
+        lambda beta: 0.5 < beta[0] < 1.8,
+    )

@@ -41,8 +41,17 @@ def find_course(collection, evidences, choices):
         return None
     forms = [form for choice in choices for form in choice.forms if form.channel == "position"]
     beta = evidences.learn["position"].fit([form.key for form in forms])[0]
-    told = {group: [_told(*_means(_left(c["position"], forms, beta, collection.frame), c["position"].time), np.var(c["position"].residual))
-                    for c in records if "position" in c] for group, records in collection.channels.items()}
+    told = {
+        group: [
+            _told(
+                *_means(_left(c["position"], forms, beta, collection.frame), c["position"].time),
+                np.var(c["position"].residual),
+            )
+            for c in records
+            if "position" in c
+        ]
+        for group, records in collection.channels.items()
+    }
     ours = told["learn"] + told["held"]
     if not _agree(ours, told["base"], LEAST) or min(t.size**2 / t.whole for t in ours) < OF_ALL:
         return None
@@ -107,13 +116,21 @@ def _told(values, time, whole=1.0):
     noise = np.mean(np.diff(values) ** 2) / 2.0
     moves = max(np.var(values) - noise, 1e-24)
     course = basis @ np.linalg.lstsq(basis, values, rcond=None)[0]
-    return _Told(1.0 - (np.mean(error**2) - noise) / moves, float(np.std(course)), float(np.polyfit(time, course, 1)[0]),
-                 whole, time, course)
+    return _Told(
+        1.0 - (np.mean(error**2) - noise) / moves,
+        float(np.std(course)),
+        float(np.polyfit(time, course, 1)[0]),
+        whole,
+        time,
+        course,
+    )
 
 
 def _left(channel, forms, beta, frame):
     """Residual of a record without what these forms explain."""
-    return channel.residual - sum((f.columns(channel, frame) @ b for f, b in zip(forms, _parts(forms, beta, channel, frame))), 0.0)
+    return channel.residual - sum(
+        (f.columns(channel, frame) @ b for f, b in zip(forms, _parts(forms, beta, channel, frame))), 0.0
+    )
 
 
 def _parts(forms, beta, channel, frame):
@@ -133,6 +150,8 @@ def take_out(collection, evidences, course):
     for group, table in sums.items():
         table["position"] = collection.gather("position", forms, group)
     after = sums["held"]["position"].energy()
-    free = type(evidences)(sums["learn"], sums["held"], evidences.base, evidences.forms, evidences.scatter, evidences.frame)
+    free = type(evidences)(
+        sums["learn"], sums["held"], evidences.base, evidences.forms, evidences.scatter, evidences.frame
+    )
     scale = evidences.scatter["position"]
     return free, dataclasses.replace(course, held_before=before / scale, held_after=after / scale)

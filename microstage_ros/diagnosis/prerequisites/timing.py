@@ -75,7 +75,9 @@ def timing_of(prepared, sde=None):
         steps = np.abs(np.diff(p.encoder))
         rounding = max(rounding, float(np.min(steps[steps > 1.0e-12], initial=1.0e-3)) ** 2 / 12.0)
         same = (np.diff(p.encoder) == 0.0) & (np.diff(p.current) == 0.0) & (p.current[1:] != 0.0)
-        moving = np.abs(p.speed[1:]) > repeat_speed(p.count, float(np.sqrt(np.median(spreads[-1]))) if len(spreads[-1]) else 0.0, p.period)
+        moving = np.abs(p.speed[1:]) > repeat_speed(
+            p.count, float(np.sqrt(np.median(spreads[-1]))) if len(spreads[-1]) else 0.0, p.period
+        )
         repeated, samples = repeated + int((same & moving).sum()), samples + int(moving.sum())
         missing, rows = missing + int(p.lost.sum()), rows + len(p.lost)
     lost = repeated / max(samples, 1) + missing / max(rows, 1)
@@ -109,7 +111,9 @@ def _subdivisional(position, sde):
     error = np.zeros(len(position))
     for n in (1, 2, 3):
         if sde.get(f"amplitude{n}_m"):
-            error += sde[f"amplitude{n}_m"] * np.sin(2.0 * np.pi * n * position / sde["period_m"] + sde[f"phase{n}_rad"])
+            error += sde[f"amplitude{n}_m"] * np.sin(
+                2.0 * np.pi * n * position / sde["period_m"] + sde[f"phase{n}_rad"]
+            )
     return error
 
 

@@ -34,11 +34,16 @@ def consequences(axis, extended):
     reference, ends, scanning = _program(axis)
     found = []
     for model in (axis, extended):
-        columns = simulate(model, Run(program=[{"reference": reference}], start_m=float(reference[0]), friction="relaxed"), SEED)
+        columns = simulate(
+            model, Run(program=[{"reference": reference}], start_m=float(reference[0]), friction="relaxed"), SEED
+        )
         error = columns["stage_m"] - reference
         last = max(int(LAST_S / axis.value("period")), 1)
         settled = [abs(float(np.mean(error[end - last: end]))) for end in ends]
-        found.append([float(np.mean(pair)) for pair in np.reshape(settled, (-1, 2))] + [float(np.sqrt(np.mean(error[scanning] ** 2)))])
+        found.append(
+            [float(np.mean(pair)) for pair in np.reshape(settled, (-1, 2))]
+            + [float(np.sqrt(np.mean(error[scanning] ** 2)))]
+        )
     names = [f"position after a move of {_plain(step)}" for step in _steps(axis)]
     names.append(f"tracking in a scan at {_plain(SCAN * _stroke(axis))}/s, rms")
     return tuple(Consequence(name, *pair) for name, pair in zip(names, zip(*found)))
@@ -68,6 +73,8 @@ def _program(axis):
             rows += len(motion) + wait
             ends.append(rows)
             at = target
-    motion = np.concatenate([scan(middle, middle + 0.5 * speed, speed, period), scan(middle + 0.5 * speed, middle, speed, period)])
+    motion = np.concatenate(
+        [scan(middle, middle + 0.5 * speed, speed, period), scan(middle + 0.5 * speed, middle, speed, period)]
+    )
     pieces.append(motion)
     return np.concatenate(pieces), ends, slice(rows, rows + len(motion))

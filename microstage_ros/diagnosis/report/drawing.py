@@ -41,7 +41,10 @@ def strengths(findings):
     figure, axes = new_figure(height=0.9 + 0.34 * len(findings))
     place = np.arange(len(findings))[::-1]
     largest = 1.0
-    for shift, colour, label, field in ((0.18, BEFORE, "axis file", "statistic"), (-0.18, AFTER, "with the causes", "left")):
+    for shift, colour, label, field in (
+        (0.18, BEFORE, "axis file", "statistic"),
+        (-0.18, AFTER, "with the causes", "left"),
+    ):
         ratio = np.array([getattr(f, field) / max(f.threshold, 1e-300) for f in findings])
         largest = max(largest, float(np.nanmax(ratio)))
         axes.barh(place + shift, ratio, 0.34, color=colour, label=label)

@@ -9,11 +9,15 @@ import numpy as np
 from microstage_ros.model.effects import REGISTRY
 
 WHY = {
-    "frequency": "they differ in how phase and amplitude go with frequency; sines up to a tenth of the sampling rate show it",
+    "frequency": (
+        "they differ in how phase and amplitude go with frequency; sines up to a tenth of the sampling rate show it"
+    ),
     "dwell": "they differ in how they grow with time at rest; dwells from 0.1 s to 100 s show it",
     "speed": "they differ in how friction goes with speed; the same stroke at speeds over two decades shows it",
     "rest": "they differ near standstill, where friction changes sign; slow sweeps through zero force show it",
-    "stroke": "they differ in their dependence on position and speed; the same stroke at a slow and a fast speed shows it",
+    "stroke": (
+        "they differ in their dependence on position and speed; the same stroke at a slow and a fast speed shows it"
+    ),
 }
 
 
@@ -58,8 +62,10 @@ def _dwell(middle, stroke, period, count):
 def _speed(middle, stroke, period, count):
     reach, program = 0.2 * stroke, []
     for speed in np.geomspace(0.002 * stroke, 0.2 * stroke, 5):
-        program += [{"scan": {"to_m": _tidy(middle + min(reach, 3 * speed)), "speed_m_s": _tidy(speed)}, "dwell_s": 0.2},
-                    {"scan": {"to_m": _tidy(middle), "speed_m_s": _tidy(speed)}, "dwell_s": 0.2}]
+        program += [
+            {"scan": {"to_m": _tidy(middle + min(reach, 3 * speed)), "speed_m_s": _tidy(speed)}, "dwell_s": 0.2},
+            {"scan": {"to_m": _tidy(middle), "speed_m_s": _tidy(speed)}, "dwell_s": 0.2},
+        ]
     return program
 
 

@@ -64,19 +64,36 @@ def _sources(names):
 
 def _more(report):
     removed = _removed(report["gain"]) if report["gain"] and report["causes"] else None
-    return "" if removed is None else f"On records it had not seen this takes away {removed:.0%} of what stood out of the noise."
+    return (
+        ""
+        if removed is None
+        else f"On records it had not seen this takes away {removed:.0%} of what stood out of the noise."
+    )
 
 
 def _key_figures(gain):
     """What stands out of the noise, before and after: the residuals themselves may differ in the last digit only."""
     unit = gain["unit"]
     low, high = (quantity(v, unit, 4) for v in gain["ci95"])
-    cards = [("Beyond the noise before", quantity(_beyond(gain, "before"), unit), f"axis file as given; {quantity(gain['before'], unit, 4)} with the noise"),
-             ("Beyond the noise after", quantity(_beyond(gain, "after"), unit),
-              f"with the causes; {quantity(gain['after'], unit, 4)} with the noise, 95 %: {low} … {high}"),
-             ("Noise", quantity(gain["floor"], unit), "no model can go below")]
+    cards = [
+        (
+            "Beyond the noise before",
+            quantity(_beyond(gain, "before"), unit),
+            f"axis file as given; {quantity(gain['before'], unit, 4)} with the noise",
+        ),
+        (
+            "Beyond the noise after",
+            quantity(_beyond(gain, "after"), unit),
+            f"with the causes; {quantity(gain['after'], unit, 4)} with the noise, 95 %: {low} … {high}",
+        ),
+        ("Noise", quantity(gain["floor"], unit), "no model can go below"),
+    ]
     removed = _removed(gain)
-    return cards if removed is None else [*cards, ("Taken away", f"{removed:.0%}", "of the mean square beyond the noise, held-out records")]
+    return (
+        cards
+        if removed is None
+        else [*cards, ("Taken away", f"{removed:.0%}", "of the mean square beyond the noise, held-out records")]
+    )
 
 
 def _beyond(gain, when):
@@ -140,15 +157,19 @@ def _interval(number):
 def _next(report):
     entries = [f"{name_of(cause['id'])}: {advice_for(cause['id'])}" for cause in report["causes"]]
     for rivals in report["rivals"]:
-        entries.append(f"Open, {' or '.join(rivals['ids'])}: {rivals['why']}. Run {rivals['experiment']} on the machine, "
-                       "record it, and diagnose again with that record.")
+        entries.append(
+            f"Open, {' or '.join(rivals['ids'])}: {rivals['why']}. Run {rivals['experiment']} on the machine, "
+            "record it, and diagnose again with that record."
+        )
     if report["verdict"] in ("unexplained", "partly_explained"):
         strongest = [f"{f['coordinate']} ({f['channel']})" for f in report["findings"]
                      if f["significant"] and (f["left"] or 0.0) > f["threshold"]][:STRONGEST]
         if strongest:
             entries.append(f"What is left goes with {listed(strongest, 'and')}: look for what changes along it.")
         elif report["verdict"] == "unexplained":
-            entries.append("The residual goes with none of the coordinates examined; more records of other motions may show it.")
+            entries.append(
+                "The residual goes with none of the coordinates examined; more records of other motions may show it."
+            )
     if report["verdict"] == "agrees":
         entries.append("Nothing. Keep these records: they can serve as --baseline later.")
     elif report["causes"]:

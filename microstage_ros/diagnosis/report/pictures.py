@@ -48,7 +48,9 @@ def gap_picture(prepared):
     time = prepared.time[part][::5]
     curves = {"measured": (time, (ahead - np.median(ahead[part]))[part][::5]),
               "stage replayed behind the gap": (time, (prepared.behind - np.median(prepared.behind[part]))[part][::5])}
-    return Picture("backlash-windup-time", "backlash: stage against motor", LABELS["time"], Y_LABELS["windup"], curves, "backlash")
+    return Picture(
+        "backlash-windup-time", "backlash: stage against motor", LABELS["time"], Y_LABELS["windup"], curves, "backlash"
+    )
 
 
 def drift_picture(prepared):
@@ -78,7 +80,15 @@ def course_pictures(collection, evidences, choices):
     model = one.torque - one.residual
     curves = {"measured": (one.time[part], one.torque[part]), "axis file": (one.time[part], model[part]),
               "with the causes": (one.time[part], (model + change)[part])}
-    return [Picture("course-torque-time", "measurement and model in time", LABELS["time"], "torque of friction and loads [N m]", curves)]
+    return [
+        Picture(
+            "course-torque-time",
+            "measurement and model in time",
+            LABELS["time"],
+            "torque of friction and loads [N m]",
+            curves,
+        )
+    ]
 
 
 def _picture(collection, evidences, choices, choice, channel, coordinate):
@@ -109,7 +119,9 @@ def _picture(collection, evidences, choices, choice, channel, coordinate):
         if choice:
             curves["model with the cause" + way] = _binned(x[rows], model[rows], bins)[:2]
     title = f"{name or 'what is left'}: residual against {coordinate}"
-    return Picture(f"{name or 'left'}-{channel}-{coordinate}", title, LABELS[coordinate], Y_LABELS[channel], curves, name)
+    return Picture(
+        f"{name or 'left'}-{channel}-{coordinate}", title, LABELS[coordinate], Y_LABELS[channel], curves, name
+    )
 
 
 def _directions(speed, coordinate):

@@ -26,7 +26,14 @@ def within_range(diagnosis: Diagnosis, axis: Axis) -> Diagnosis:
     verdict = diagnosis.verdict
     if len(causes) < len(diagnosis.causes) and verdict != "undetermined":
         verdict = "partly_explained" if causes else "unexplained"
-    return dataclasses.replace(diagnosis, causes=tuple(causes), provisional=provisional, identified=identified, verdict=verdict, notes=tuple(notes))
+    return dataclasses.replace(
+        diagnosis,
+        causes=tuple(causes),
+        provisional=provisional,
+        identified=identified,
+        verdict=verdict,
+        notes=tuple(notes),
+    )
 
 
 def _possible(name, effect, notes):
@@ -34,7 +41,10 @@ def _possible(name, effect, notes):
     try:
         REGISTRY[name].check(effect or {}, name)
     except InputError as error:
-        notes.append(f"{error.place} was fitted as {error.value!r}, outside of what is possible ({error.expected}): not named as a cause.")
+        notes.append(
+            f"{error.place} was fitted as {error.value!r}, outside of what is possible ({error.expected}): not named as"
+            " a cause."
+        )
         return False
     return True
 
@@ -44,6 +54,9 @@ def _in_spec(specs, key, number, notes):
     try:
         specs[key].check(number.value, key)
     except InputError as error:
-        notes.append(f"{error.place} was fitted as {error.value!r}, outside of what is possible ({error.expected}): left as given.")
+        notes.append(
+            f"{error.place} was fitted as {error.value!r}, outside of what is possible ({error.expected}): left as"
+            " given."
+        )
         return False
     return True

@@ -52,7 +52,9 @@ class Collection:
     def gather(self, channel, forms, group):
         """`Evidence` of one channel for some forms, summed over the records of a group; None if there are none."""
         records = [record[channel] for record in self.channels[group] if channel in record]
-        parts = side_by_side(lambda one: gather(one, forms, self.frame, SYSTEMATIC.get(channel), **self._noise(channel)), records)
+        parts = side_by_side(
+            lambda one: gather(one, forms, self.frame, SYSTEMATIC.get(channel), **self._noise(channel)), records
+        )
         return functools.reduce(operator.add, parts) if parts else None
 
     def growing(self, channel, forms, group):

@@ -58,7 +58,10 @@ class Growing(Evidence):
         """
         index = self.indices(keys) - 1       # columns of a record without its residual
         mine = np.concatenate([np.full(self.where[key].stop - self.where[key].start, key in own) for key in keys])
-        parts = [record.stretches(index, np.where(mine, 0.0, beta), np.where(mine, beta, 0.0), length) for record in self._records]
+        parts = [
+            record.stretches(index, np.where(mine, 0.0, beta), np.where(mine, beta, 0.0), length)
+            for record in self._records
+        ]
         return tuple(np.concatenate(values) for values in zip(*parts))
 
     def alone(self, form):
@@ -100,7 +103,9 @@ class _Record:
         """The columns b − S (S'S + 1/spread²)⁻¹ S'b."""
         if self._factor is None:
             return white
-        sizes = scipy.linalg.cho_solve(self._factor, self._errors.T @ white / self._scale[:, None]) / self._scale[:, None]
+        sizes = (
+            scipy.linalg.cho_solve(self._factor, self._errors.T @ white / self._scale[:, None]) / self._scale[:, None]
+        )
         return white - self._errors @ sizes
 
     def _white(self, form):

@@ -1,9 +1,9 @@
 """What the healthy axis does that the model does not: taken from the baseline into the model.
 
 A friction law is never the machine's own. Where the machine follows another one (LuGre's, Leuven's), or where its
-friction has a profile along the stroke, the torque balance of every record shows it, the baseline's included, as what looks like
-creep, mass, viscosity or a worn place. What of this the baseline shows again and again is no fault: it is fitted there
-and taken out of the balance of all records, so that what is under test is judged against the healthy axis.
+friction has a profile along the stroke, the torque balance of every record shows it, the baseline's included, as what
+looks like creep, mass, viscosity or a worn place. What of this the baseline shows again and again is no fault: it is
+fitted there and taken out of the balance of all records, so that what is under test is judged against the healthy axis.
 
 Forms are taken forward; one is taken if sizes from three quarters of the baseline's pieces say something of
 the last quarter, each in turn (four-fold cross-validation), beyond the scatter between pieces.

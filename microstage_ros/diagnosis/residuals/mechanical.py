@@ -49,7 +49,9 @@ class Mechanical:
     def __init__(self, prepared, drive):
         self.prepared, self.drive, self._coarse = prepared, drive, {}
         p = prepared
-        self.time, self.position, self.speed, self.torque = (_means(v, BLOCK) for v in (p.time, p.position, p.speed, p.load))
+        self.time, self.position, self.speed, self.torque = (
+            _means(v, BLOCK) for v in (p.time, p.position, p.speed, p.load)
+        )
         guideway = drive.lever * (p.guideway + drive.guideway.viscous * p.stage_speed)
         viscous = drive.actuator.viscous * p.speed / drive.radius
         inertial = drive.lever * drive.mass * np.gradient(p.stage_speed, p.period)
@@ -94,7 +96,9 @@ class Mechanical:
         change = np.diff(self.residual, prepend=self.residual[0])
         scatter = np.minimum(np.abs(change), 5e-4)
         local = median_filter(scatter, 101, mode="nearest") / 0.6745 / np.sqrt(2.0)
-        smooth = np.convolve(np.pad(np.minimum(scatter, 6 * local), 10, mode="edge") ** 2, np.ones(21) / 21, "valid") / 2
+        smooth = (
+            np.convolve(np.pad(np.minimum(scatter, 6 * local), 10, mode="edge") ** 2, np.ones(21) / 21, "valid") / 2
+        )
         white = np.maximum(local**2, smooth) + (1.0e-6) ** 2
         first = np.exp(-np.maximum(self.travel / SETTLING_TRAVEL - 2.0, 0.0) * 3.0)
         return white + (150.0e-6 * first) ** 2
@@ -133,8 +137,13 @@ class Spreads:
 def stated_spreads(drive):
     """`Spreads` by the axis file."""
     v = drive.variability
-    return Spreads(max(v.relative, LEAST_RELATIVE), min(max(v.travel_share, 0.05), 0.95), v.travel_length, v.time_length,
-                   STUCK_SHARE * drive.actuator.static)
+    return Spreads(
+        max(v.relative, LEAST_RELATIVE),
+        min(max(v.travel_share, 0.05), 0.95),
+        v.travel_length,
+        v.time_length,
+        STUCK_SHARE * drive.actuator.static,
+    )
 
 
 def _means(values, block):

@@ -41,7 +41,11 @@ def rounding_left(count, noise):
     if not count > 0.0:
         return 0.0
     order = np.arange(1, ORDERS)
-    return float(math.sqrt(np.sum((count / (math.pi * order)) ** 2 / 2.0 * np.exp(-((2.0 * math.pi * order * noise / count) ** 2)))))
+    return float(
+        math.sqrt(
+            np.sum((count / (math.pi * order)) ** 2 / 2.0 * np.exp(-((2.0 * math.pi * order * noise / count) ** 2)))
+        )
+    )
 
 
 class Position:

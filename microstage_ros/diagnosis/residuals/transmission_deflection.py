@@ -83,6 +83,8 @@ class Windup:
         rows = len(self.residual)
         ahead = np.append(np.abs(np.diff(self.position)), 0.0)
         vary = stated_spreads(self.drive)
-        keeps = np.stack([np.full(rows, np.sqrt(1.0 - (self.walk / SPREAD) ** 2)), np.exp(-ahead / vary.travel_length)], axis=1)
+        keeps = np.stack(
+            [np.full(rows, np.sqrt(1.0 - (self.walk / SPREAD) ** 2)), np.exp(-ahead / vary.travel_length)], axis=1
+        )
         gains = np.stack([np.ones(rows), self.force / self.drive.stiffness], axis=1)
         return whiten_states(matrix, gains, keeps, (SPREAD, vary.relative), self.white)

@@ -23,7 +23,12 @@ HARMONICS = (1, 2, 3)          # of the screw turn
 
 def candidates(axis, parts):
     """All candidates for an axis and its records (list of `closed_loop.Measured`)."""
-    brought = [candidate for effect in REGISTRY.values() if effect.acts_on(axis) for candidate in effect.resimulated(axis, parts)]
+    brought = [
+        candidate
+        for effect in REGISTRY.values()
+        if effect.acts_on(axis)
+        for candidate in effect.resimulated(axis, parts)
+    ]
     if actuator_of(axis).holds_position:
         found = [*brought, *_timing(axis.value("period"))]
     else:
@@ -49,7 +54,10 @@ def own_candidates(axis):
         return []
     contact = "guideway" if axis.law("guideway") != "none" else "actuator"
     key, gain, mass = f"contacts.{contact}", actuator_of(axis).force_per_command(axis), axis.value("stage.mass")
-    viscous, level = (f"{key}.viscous",), tuple(f"{key}.{leaf}" for leaf in ("coulomb", "static") if axis.has(f"{key}.{leaf}"))
+    viscous, level = (
+        (f"{key}.viscous",),
+        tuple(f"{key}.{leaf}" for leaf in ("coulomb", "static") if axis.has(f"{key}.{leaf}")),
+    )
     offset, change = ("stage.offset_force",), Fitted("change", "1", 0.05, -0.9, 10.0)
     level_N = axis.value(level[0]) if level else mass
 
@@ -213,9 +221,15 @@ def _ripple(axis, harmonics):
 def _cable(friction, low, high):
     middle = round(0.5 * (low + high), 4)
     return Candidate(
-        "cable_spring", "force linear in position", (Fitted("stiffness_N_m", "N/m", 0.05 * friction / (high - low)),),
+        "cable_spring",
+        "force linear in position",
+        (Fitted("stiffness_N_m", "N/m", 0.05 * friction / (high - low)),),
         lambda p: {"stiffness_N_m": float(p[0]), "anchor_m": middle},
-        lambda p: f"A force of {p[0]:.3g} N per metre of stroke, which does not change with direction (cable, tilt of the guide).")
+        lambda p: (
+            f"A force of {p[0]:.3g} N per metre of stroke, which does not change with direction (cable, tilt of the"
+            " guide)."
+        ),
+    )
 
 
 def _drive(axis, friction):

@@ -54,7 +54,9 @@ def measured(record, axis):
     actuator = actuator_of(axis)
     period, gain, command = axis.value("period"), actuator.judged(axis)[0], actuator.command
     if abs(record.period_s / period - 1.0) > 1e-3:
-        raise InputError(f"{record.source}: t_s", record.period_s, f"rows {period:g} s apart, the period of {axis.place}")
+        raise InputError(
+            f"{record.source}: t_s", record.period_s, f"rows {period:g} s apart, the period of {axis.place}"
+        )
     for name in ("encoder_m", "reference_m"):
         _no_gaps(record, name)
     name = command.column if command.column in record else "force_N"
@@ -69,8 +71,17 @@ def measured(record, axis):
             axis.controller,
             f"the controller that gave {name} of {record.source} (it leaves {law:.3g} {command.unit} rms unexplained)",
         )
-    return Measured(record.source, np.arange(len(record)) * period, record["reference_m"], record["encoder_m"], gain * voltage,
-                    added, start, speed, gain * law)
+    return Measured(
+        record.source,
+        np.arange(len(record)) * period,
+        record["reference_m"],
+        record["encoder_m"],
+        gain * voltage,
+        added,
+        start,
+        speed,
+        gain * law,
+    )
 
 
 def _start(record, axis):
@@ -95,7 +106,9 @@ def _no_gaps(record, name):
 def _controller(axis):
     section = {key: value for key, value in axis.controller.items() if not isinstance(value, dict)}
     if "type" not in section:
-        raise InputError(f"{axis.place}: controller.type", None, "the controller that was in the loop, for instance cascade")
+        raise InputError(
+            f"{axis.place}: controller.type", None, "the controller that was in the loop, for instance cascade"
+        )
     return make_controller(section.pop("type"), axis, **section)
 
 
@@ -197,7 +210,10 @@ class ClosedLoop:
 
         Drive, sensor and random friction as the file has them, each record once with a seed of its own, against none.
         """
-        made = [self._trace(axis, part, seed=k + 1)[:, VOLTAGE] - self._trace(axis, part)[:, VOLTAGE] for k, part in enumerate(self.parts)]
+        made = [
+            self._trace(axis, part, seed=k + 1)[:, VOLTAGE] - self._trace(axis, part)[:, VOLTAGE]
+            for k, part in enumerate(self.parts)
+        ]
         return actuator_of(axis).judged(axis)[0] * float(np.sqrt(np.mean(np.concatenate(made) ** 2)))
 
     @staticmethod
@@ -210,6 +226,16 @@ class ClosedLoop:
         state = new_state(plant, seed=seed or 0, position=part.position_at_start, speed=part.speed_at_start)
         controller = _primed(axis, part.position_at_start, part.speed_at_start)
         trace = np.empty((len(part), len(TRACE)))
-        run_loop(plant, state, new_work(plant), new_readings(), controller.parameters, controller.memory, part.reference,
-                 np.zeros(len(part)), part.disturbance, trace)
+        run_loop(
+            plant,
+            state,
+            new_work(plant),
+            new_readings(),
+            controller.parameters,
+            controller.memory,
+            part.reference,
+            np.zeros(len(part)),
+            part.disturbance,
+            trace,
+        )
         return trace

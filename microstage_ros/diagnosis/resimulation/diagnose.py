@@ -54,7 +54,9 @@ def diagnose_force_axis(axis, records, holdout=(), baseline=(), seed=0, progress
     floor = max(noise_floor(parts, folds.period_rows, loop.residual(axis)), healthy)
     if not baseline:
         floor = max(floor, loop.stated_noise(axis))
-    floor = math.hypot(floor, actuator_of(axis).judged(axis)[0] * actuator_of(axis).command_step(axis) / math.sqrt(12.0))
+    floor = math.hypot(
+        floor, actuator_of(axis).judged(axis)[0] * actuator_of(axis).command_step(axis) / math.sqrt(12.0)
+    )
     selector = Selector(loop, folds, axis.value("period"), floor, progress)
     learnt = parts[: len(records)]
     selection = selector.select(Model.of(axis), own_candidates(axis), candidates(axis, learnt))
@@ -91,8 +93,15 @@ def _answer(axis, parts, folds, loop, selection, floor, records, holdout, seed):
     coordinates = pictures.coordinates(parts, axis, own)
     found = pictures.findings(coordinates, selection.given.residual[own], last.residual[own], seed, quantity)
     block = max(int(BLOCK_S / period), 1)
-    gain = OverallGain(METRIC.format(quantity), unit, _held_names(records, holdout, parts, folds.period_rows), before, after, floor,
-                       bootstrap_interval(last.residual[own], block, seed))
+    gain = OverallGain(
+        METRIC.format(quantity),
+        unit,
+        _held_names(records, holdout, parts, folds.period_rows),
+        before,
+        after,
+        floor,
+        bootstrap_interval(last.residual[own], block, seed),
+    )
     names = [cause.candidate.id for cause in last.model.chosen]
     return Diagnosis(
         _verdict(causes, rivals, open_share, before, after, floor, found),
@@ -159,35 +168,51 @@ def _held_names(records, holdout, parts, period_rows):
         return tuple(str(record.source) for record in holdout)
     if not period_rows:
         return tuple(f"{record.source} (every third tenth of its time, held back by the program)" for record in records)
-    return tuple(f"{record.source} (t ≥ {(1 - HELD_BACK) * len(part) * record.period_s:.4g} s, held back by the program)"
-                 for record, part in zip(records, parts))
+    return tuple(
+        f"{record.source} (t ≥ {(1 - HELD_BACK) * len(part) * record.period_s:.4g} s, held back by the program)"
+        for record, part in zip(records, parts)
+    )
 
 
 def _identified(model, errors):
     unit = {key: model.axis.quantity(key).unit for key in model.keys}
-    return {key: Parameter(float(value), float(error), unit[key]) for key, value, error in zip(model.keys, model.own, errors)}
+    return {
+        key: Parameter(float(value), float(error), unit[key])
+        for key, value, error in zip(model.keys, model.own, errors)
+    }
 
 
 def _notes(selection, folds, loop, before, after, held):
     axis = selection.given.model.axis
     _, unit, quantity = actuator_of(axis).judged(axis)
     own = math.sqrt(mean_square(selection.own.residual, folds.held))
-    notes = [f"Fitting the axis file's own numbers again, without any cause, gives {own:.3g} {unit} ({before:.3g} {unit} as given)."]
+    notes = [
+        f"Fitting the axis file's own numbers again, without any cause, gives {own:.3g} {unit} ({before:.3g} {unit} as"
+        " given)."
+    ]
     if actuator_of(axis).holds_position:
-        notes = [f"The command sets the position; the model in closed loop asks for another {quantity} by {before:.3g} {unit} as given."]
+        notes = [
+            f"The command sets the position; the model in closed loop asks for another {quantity} by {before:.3g}"
+            f" {unit} as given."
+        ]
     if folds.period_rows:
         notes.append("The motion repeats itself: causes were also tested on parts of the motion left out in every "
                      "repetition, and the noise floor is what differs between repetitions.")
     positions = [loop.position[held] - loop.simulate(model.extended)[1][held]
                  for model in (selection.given.model, selection.final.model)]
     rms = [1e6 * float(np.sqrt(np.mean(p**2))) for p in positions]
-    notes.append(f"Position in closed loop: predicted to {rms[0]:.3g} µm rms with the axis file, {rms[1]:.3g} µm with the causes.")
+    notes.append(
+        f"Position in closed loop: predicted to {rms[0]:.3g} µm rms with the axis file, {rms[1]:.3g} µm with the"
+        " causes."
+    )
     names = turning_effects(selection.final.model.extended)
     if names:
         pitch = selection.final.model.axis.value("transmission.pitch")
         places = ", ".join(f"{360.0 * shift / pitch:.0f}°" for shift in loop.shifts)
-        notes.append(f"The phase of {' and '.join(names)} belongs to one homing of the machine and is found anew in each record "
-                     f"(turn of the screw against the extended axis, record by record: {places}).")
+        notes.append(
+            f"The phase of {' and '.join(names)} belongs to one homing of the machine and is found anew in each record "
+            f"(turn of the screw against the extended axis, record by record: {places})."
+        )
     if after > before:
         notes.append("On held-out time the causes do not help: the records to learn from are not like those held out.")
     return tuple(notes)

@@ -55,7 +55,11 @@ class Model:
     def of(cls, axis):
         """The axis as given, every parameter of `OWN` that it has and the offset free; none where the command sets a
         position."""
-        keys = [] if actuator_of(axis).holds_position else [key for key, _ in OWN if axis.has(key) and axis.value(key) > 0.0] + [OFFSET]
+        keys = (
+            []
+            if actuator_of(axis).holds_position
+            else [key for key, _ in OWN if axis.has(key) and axis.value(key) > 0.0] + [OFFSET]
+        )
         return cls(axis, tuple(keys), tuple(axis.value(key) for key in keys))
 
     @property
@@ -98,7 +102,9 @@ class Model:
     def steps_and_bounds(self):
         """Steps of the derivatives and bounds of every free number, three arrays."""
         relative = dict(OWN)
-        scale = max(self.axis.value(key) for key, _ in OWN if self.axis.has(key) and key.endswith(("coulomb", "static", "mass")))
+        scale = max(
+            self.axis.value(key) for key, _ in OWN if self.axis.has(key) and key.endswith(("coulomb", "static", "mass"))
+        )
         steps, low, high = [], [], []
         for key, value in zip(self.keys, self.own):
             steps.append(0.02 * scale if key == OFFSET else relative[key] * value)

@@ -50,7 +50,9 @@ def repetition(reference):
     below = np.flatnonzero(likeness < 0.0)
     if not len(below):
         return 0
-    rough = below[0] + int(np.argmax(likeness[below[0]: len(reference) // 2 + 1])) if below[0] < len(reference) // 2 else 0
+    rough = (
+        below[0] + int(np.argmax(likeness[below[0] : len(reference) // 2 + 1])) if below[0] < len(reference) // 2 else 0
+    )
     around = range(max(rough - rough // 50, 1), min(rough + rough // 50 + 1, len(reference) // 2 + 1))
     best, error = 0, np.inf
     for rows in around:

@@ -75,7 +75,9 @@ def pictures(coordinates, before, after, causes, period_rows, judged=("force", "
         if cause in causes and f"{quantity} over {name}" not in [picture.title for picture in shown]:
             shown.append(_binned(name, coordinates[name], before, after, cause, quantity, unit))
     if len(shown) == 1:
-        shown += [_binned(name, coordinates[name], before, after, "", quantity, unit) for name in ("velocity", "position")]
+        shown += [
+            _binned(name, coordinates[name], before, after, "", quantity, unit) for name in ("velocity", "position")
+        ]
     return tuple(shown)
 
 
@@ -100,4 +102,6 @@ def _binned(name, coordinate, before, after, cause, quantity, unit):
     x = (np.bincount(bins, values, minlength=CURVE_BINS)[kept]) / count[kept]
     curves = {text: (x, np.bincount(bins, residual, minlength=CURVE_BINS)[kept] / count[kept])
               for text, residual in (("axis file", before), ("with the causes", after))}
-    return Picture(name.replace(" ", "_"), f"{quantity} over {name}", label, f"measured − model [{unit}], mean", curves, cause)
+    return Picture(
+        name.replace(" ", "_"), f"{quantity} over {name}", label, f"measured − model [{unit}], mean", curves, cause
+    )

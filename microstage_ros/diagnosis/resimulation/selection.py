@@ -219,7 +219,11 @@ class Selector:
         most = best.time * fisher.isf(RULED_OUT, blocks, blocks) if at_noise else np.inf
         for trial in trials:
             candidate = trial.last.candidate
-            if candidate.id == best.last.candidate.id or now.time - trial.time < (1 - LOOK_ALIKE) * gain or trial.time > most:
+            if (
+                candidate.id == best.last.candidate.id
+                or now.time - trial.time < (1 - LOOK_ALIKE) * gain
+                or trial.time > most
+            ):
                 continue
             shape = trial.last.values[len(candidate.sizes):]
             both = np.hstack([best.columns, self.size_columns(best, candidate, shape)])

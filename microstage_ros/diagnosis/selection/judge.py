@@ -120,8 +120,8 @@ def rivals_of(evidences, choice, choices, effects):
 def _leads(evidences, choice, other, others):
     """Whether the stretches of the records agree that one name explains more than another.
 
-    χ² knows the noise alone. In the torque, the model's own errors are larger on a machine of another friction law, and a
-    name may lead by hundreds because of one breakaway. The other channels have no friction law in them.
+    χ² knows the noise alone. In the torque, the model's own errors are larger on a machine of another friction law, and
+    a name may lead by hundreds because of one breakaway. The other channels have no friction law in them.
     """
     if any(form.channel != "torque" for form in (*choice.forms, *other.forms)):
         return True
@@ -244,7 +244,9 @@ def without_strangers(evidences, choices):
             keys = Evidences._keys(channel, kept)
             beta = evidences.learn[channel].fit(keys)[0]
             left = held.energy() - held.reduction(keys, beta) - held.rows * usual_size(evidences, channel)
-            own = (evidences.held_gain(kept, [channel]) - evidences.held_gain(others, [channel])) * evidences.scatter[channel]
+            own = (evidences.held_gain(kept, [channel]) - evidences.held_gain(others, [channel])) * evidences.scatter[
+                channel
+            ]
             if left > STRANGER.get(channel, STRANGER_ELSE) * max(own, 0.0):
                 kept = others
                 break
@@ -258,7 +260,11 @@ def _told_by_a_reading(evidences, choices):
         return choices
     held = evidences.held["position"]
     keys = Evidences._keys("position", choices)
-    left = held.energy() - held.reduction(keys, evidences.learn["position"].fit(keys)[0]) - held.rows * usual_size(evidences, "position")
+    left = (
+        held.energy()
+        - held.reduction(keys, evidences.learn["position"].fit(keys)[0])
+        - held.rows * usual_size(evidences, "position")
+    )
     kept = []
     for choice in choices:
         own = evidences.held_gain(choices) - evidences.held_gain([c for c in choices if c is not choice])

@@ -51,8 +51,15 @@ def _lost_motion(gap, radius, book):
     book.parts["backlash"] = part
     rms = [gap.noise * np.sqrt(v / gap.held_rows) for v in (gap.held_before, gap.held_after)]
     width = gap.width / radius
-    return Cause("backlash", {"width_rad": Parameter(width, gap.stderr / radius, "rad")}, {"width_rad": width}, 0.0, 0.0,
-                 Gain(float(rms[0]), float(rms[1]), "m"), "windup")
+    return Cause(
+        "backlash",
+        {"width_rad": Parameter(width, gap.stderr / radius, "rad")},
+        {"width_rad": width},
+        0.0,
+        0.0,
+        Gain(float(rms[0]), float(rms[1]), "m"),
+        "windup",
+    )
 
 
 def _drift(course, collection, book):

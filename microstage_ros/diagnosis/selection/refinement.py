@@ -40,7 +40,9 @@ def refine(collection, choices):
             family = FAMILIES.get((choice.effect, form.channel))
             if family is not None and "," not in form.variant:  # a pair was fitted as one
                 new = _refined(collection, family, form, result, choice)
-                forms = tuple(new if f is form else f for f in result[place].forms)  # noqa: PLR1736  changed in this loop
+                forms = tuple(
+                    new if f is form else f for f in result[place].forms
+                )  # noqa: PLR1736  changed in this loop
                 result[place] = Choice(choice.effect, forms)
     return result
 
@@ -62,7 +64,11 @@ def _refined(collection, family, form, choices, choice):
             matrix = evidence.matrix.copy()
             matrix[0] -= evidence.matrix[index].sum(axis=0)
             matrix[:, 0] = matrix[0]
-            matrix[0, 0] = evidence.matrix[0, 0] - 2 * evidence.matrix[0, index].sum() + evidence.matrix[np.ix_(index, index)].sum()
+            matrix[0, 0] = (
+                evidence.matrix[0, 0]
+                - 2 * evidence.matrix[0, index].sum()
+                + evidence.matrix[np.ix_(index, index)].sum()
+            )
             left = dataclasses.replace(evidence, matrix=matrix)
             gains.append(evidence.energy() - left.energy() + left.fit(keys)[2])
         return np.array(gains)

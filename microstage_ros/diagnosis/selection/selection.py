@@ -141,7 +141,10 @@ def _splinter(evidences, trial, choices):
         there = [c for c in choices if c.keys(channel)]
         if not there:
             return False
-        minor, explained = max(MINOR_BESIDE.get(c.effect, MINOR) for c in there), evidences.channel_gain(channel, choices)
+        minor, explained = (
+            max(MINOR_BESIDE.get(c.effect, MINOR) for c in there),
+            evidences.channel_gain(channel, choices),
+        )
         if trial.gain < minor * explained:
             continue
         if trial.gain > max(minor, MAJOR) * explained:
@@ -283,8 +286,14 @@ def resonance_is(evidences, trials, others):
     if payload is None or drive is None:
         return None
     fast = ("resonance", "windup")
-    gains = [sum(evidences.channel_gain(ch, [*others, t.choice]) - evidences.channel_gain(ch, others) for ch in fast if ch in evidences.learn)
-             for t in (payload, drive)]
+    gains = [
+        sum(
+            evidences.channel_gain(ch, [*others, t.choice]) - evidences.channel_gain(ch, others)
+            for ch in fast
+            if ch in evidences.learn
+        )
+        for t in (payload, drive)
+    ]
     if gains[0] < ALIKE * gains[1]:
         return "open" if _mass_of_a_soft_drive(evidences, drive.choice, others) else "drive_compliance"
     told = torque_mass(evidences, payload.choice, others)
@@ -342,7 +351,9 @@ def without_splinters(evidences, choices):
     """Drop causes whose part on held-out records is small beside another one's in the same channel, worst first."""
     kept = list(choices)
     while len(kept) > 1:
-        parts = {c.effect: evidences.held_gain(kept) - evidences.held_gain([o for o in kept if o is not c]) for c in kept}
+        parts = {
+            c.effect: evidences.held_gain(kept) - evidences.held_gain([o for o in kept if o is not c]) for c in kept
+        }
         weak = min(parts.values()) < min(FAINT * sum(parts.values()), FAINT_GAIN)
         small = [c for c in kept if weak and parts[c.effect] == min(parts.values())] or [
             c for c in kept if any(_small_beside(evidences, c, o, kept) for o in kept if o is not c)]

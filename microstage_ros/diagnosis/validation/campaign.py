@@ -98,7 +98,9 @@ def examine(examination):
     """Make one case, diagnose it, compare. Returns `Outcome`; an error becomes part of it."""
     axis = load_axis(examination.axis)
     what, friction = draw(examination)
-    records, holdout, baseline = WORLDS[examination.world](axis, what, examination.seed * 100_003 + examination.number, friction)
+    records, holdout, baseline = WORLDS[examination.world](
+        axis, what, examination.seed * 100_003 + examination.number, friction
+    )
     start = time.perf_counter()      # making the records does not count
     known = dict(number=examination.number, kind=examination.kind, hidden=what.ids, name=what.name, sizes=what.effects)
     try:
@@ -159,7 +161,11 @@ def said(outcome):
     if outcome.named:
         return outcome.named[0]
     if outcome.rivals:
-        return "undetermined, right one among them" if set(outcome.hidden) & set(sum(outcome.rivals, ())) else "undetermined"
+        return (
+            "undetermined, right one among them"
+            if set(outcome.hidden) & set(sum(outcome.rivals, ()))
+            else "undetermined"
+        )
     return NOTHING if outcome.verdict == "agrees" else outcome.verdict
 
 
@@ -214,5 +220,7 @@ def reliability(outcomes):
     for low, high in zip(RELIABILITY, RELIABILITY[1:]):
         inside = [(p, right) for p, right in told if low <= p < high or p == high == 1.0]
         if inside:
-            rows.append((low, high, float(np.mean([p for p, _ in inside])), sum(right for _, right in inside), len(inside)))
+            rows.append(
+                (low, high, float(np.mean([p for p, _ in inside])), sum(right for _, right in inside), len(inside))
+            )
     return rows

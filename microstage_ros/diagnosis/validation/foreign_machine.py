@@ -128,7 +128,10 @@ def run(reference, dt, p, law, controller, noise_seed):
         profile = 1.0 + wave1 * math.cos(math.pi * (w + 1.0) * 0.5) + wave2 * math.sin(math.pi * w)
         profile += bump * math.exp(-0.5 * ((x - bump_at) / bump_width) ** 2)
         if walk > 0.0:
-            random_level += -random_level * min(abs(v) * dt / (0.1 * half), 1.0) + walk * math.sqrt(2.0 * abs(v) * dt / (0.1 * half)) * np.random.randn()  # noqa: NPY002
+            random_level += (
+                -random_level * min(abs(v) * dt / (0.1 * half), 1.0)
+                + walk * math.sqrt(2.0 * abs(v) * dt / (0.1 * half)) * np.random.randn()  # noqa: NPY002
+            )
         profile += random_level + jitter_level
         if abs(v) < 0.02 * vs:
             rest += dt
@@ -150,7 +153,9 @@ def run(reference, dt, p, law, controller, noise_seed):
             friction = top * math.tanh(v / (0.05 * vs)) + viscous * slow
         friction += quad * v * abs(v)
         force = gain * acting - const - spring * (x - middle)
-        force -= ripple * math.sin(2 * math.pi * order * x / lead + phase) + ripple2 * math.sin(2 * math.pi * order2 * x / lead + 1.7 * phase)
+        force -= ripple * math.sin(2 * math.pi * order * x / lead + phase) + ripple2 * math.sin(
+            2 * math.pi * order2 * x / lead + 1.7 * phase
+        )
         v_new = v + (force - friction) / m * dt
         if law == 0 or law == 3:
             if v * v_new < 0.0 and abs(force) < abs(top):
@@ -174,7 +179,10 @@ def reference_of(profile, low, high, top, sharp, dwell, cycles, rng, dt=DT):
     if profile == "random":
         targets = []
         for _ in range(cycles):
-            targets += [float(rng.uniform(low + 0.6 * (high - low), high)), float(rng.uniform(low, low + 0.4 * (high - low)))]
+            targets += [
+                float(rng.uniform(low + 0.6 * (high - low), high)),
+                float(rng.uniform(low, low + 0.4 * (high - low))),
+            ]
     for target in targets:
         pieces.append(_move(at, target, top, sharp, dt, profile == "s_curve"))
         pieces.append(np.full(int(dwell / dt), target))

@@ -73,11 +73,23 @@ def run(cases, seed=1, kind="mixed", effect="", strength=1.0):
         result = diagnose_logs(list(case.baseline), list(case.now), case.description, seed)
         found, seconds = result.diagnosis, time.monotonic() - began
         sizes = [(step[0], carried.distance(case, k)) for k, step in enumerate(case.steps)]
-        yield Outcome(number, tuple(map(str, case.truth)), case.signals, case.rate, case.runs, case.files, case.reassembled, found.verdict,
-                      tuple(c.id for c in found.causes), tuple(r.ids for r in found.rivals),
-                      tuple(name for name, size in sizes if size > carried.LIMIT),
-                      tuple(name for name, _ in sizes if result.visibility.get(name, (False,))[0]),
-                      tuple(round(size, 2) for _, size in sizes), _covered(case, result), seconds)
+        yield Outcome(
+            number,
+            tuple(map(str, case.truth)),
+            case.signals,
+            case.rate,
+            case.runs,
+            case.files,
+            case.reassembled,
+            found.verdict,
+            tuple(c.id for c in found.causes),
+            tuple(r.ids for r in found.rivals),
+            tuple(name for name, size in sizes if size > carried.LIMIT),
+            tuple(name for name, _ in sizes if result.visibility.get(name, (False,))[0]),
+            tuple(round(size, 2) for _, size in sizes),
+            _covered(case, result),
+            seconds,
+        )
 
 
 def _covered(case, result):
@@ -121,7 +133,12 @@ def scores(outcomes):
     for name, (hits, cases) in sets.items():
         if cases:
             found = rate(hits, cases)
-            out[name] = {"hits": hits, "cases": cases, "rate": hits / cases, "ci95": [float(found.low), float(found.high)]}
+            out[name] = {
+                "hits": hits,
+                "cases": cases,
+                "rate": hits / cases,
+                "ci95": [float(found.low), float(found.high)],
+            }
     return out
 
 
@@ -139,19 +156,28 @@ def visibility_table(outcomes):
 def line(outcome):
     """One case in one line."""
     opened = "".join(f" ({' | '.join(ids)})" for ids in outcome.rivals)
-    return (f"{outcome.number:4d} {'+'.join(outcome.truth) or 'healthy':40s} {outcome.signals:26s} {outcome.rate:6g} Hz {outcome.runs:3d} runs {'seen' if outcome.visible else 'blind' if outcome.truth else '':5s} "
-            f"{'declared' if outcome.declared else '':8s} {' '.join(f'{d:.3g}' for d in outcome.distance):>6s} sd "
-            f"{outcome.result:11s} {outcome.verdict:16s} {', '.join(outcome.named)}{opened} {outcome.seconds:.1f} s"
-            + "".join(f" [{c[1]} {c[4]:.3g} ± {c[5]:.2g}, truth {c[3]:.3g}]" for c in outcome.covered))
+    return (
+        f"{outcome.number:4d} {'+'.join(outcome.truth) or 'healthy':40s} {outcome.signals:26s} {outcome.rate:6g} Hz"
+        f" {outcome.runs:3d} runs {'seen' if outcome.visible else 'blind' if outcome.truth else '':5s}"
+        f" {'declared' if outcome.declared else '':8s} {' '.join(f'{d:.3g}' for d in outcome.distance):>6s} sd"
+        f" {outcome.result:11s} {outcome.verdict:16s} {', '.join(outcome.named)}{opened} {outcome.seconds:.1f} s"
+        + "".join(f" [{c[1]} {c[4]:.3g} ± {c[5]:.2g}, truth {c[3]:.3g}]" for c in outcome.covered)
+    )
 
 
 def sentences(figures, outcomes):
     """Lines for a terminal."""
-    out = [f"{name}: {f['hits']} of {f['cases']} ({f['rate']:.0%}, 95 %: {f['ci95'][0]:.0%} … {f['ci95'][1]:.0%})" for name, f in figures.items()]
+    out = [
+        f"{name}: {f['hits']} of {f['cases']} ({f['rate']:.0%}, 95 %: {f['ci95'][0]:.0%} … {f['ci95'][1]:.0%})"
+        for name, f in figures.items()
+    ]
     table = visibility_table(outcomes)
     out.append("found (named or among the rivals) by set of signals:")
     for effect, row in sorted(table.items()):
-        out.append(f"  {effect:30s}" + "".join(f"  {signals}: {row[signals][0]}/{row[signals][1]}" for signals in SIGNALS if signals in row))
+        out.append(
+            f"  {effect:30s}"
+            + "".join(f"  {signals}: {row[signals][0]}/{row[signals][1]}" for signals in SIGNALS if signals in row)
+        )
     wrong = collections.Counter((o.truth, o.named or o.rivals) for o in outcomes if o.result == "wrong")
     out += [f"  wrong: {' + '.join(truth)} told as {said} ({n})" for (truth, said), n in wrong.most_common(12)]
     return out
@@ -162,6 +188,12 @@ def write(outcomes, figures, arguments):
     def plain(value):
         return None if isinstance(value, float) and not math.isfinite(value) else value
 
-    tree = {"version": __version__, "seed": arguments.seed, "kind": arguments.kind, "figures": figures, "visibility": visibility_table(outcomes),
-            "cases": [{k: plain(v) for k, v in dataclasses.asdict(o).items()} | {"result": o.result} for o in outcomes]}
+    tree = {
+        "version": __version__,
+        "seed": arguments.seed,
+        "kind": arguments.kind,
+        "figures": figures,
+        "visibility": visibility_table(outcomes),
+        "cases": [{k: plain(v) for k, v in dataclasses.asdict(o).items()} | {"result": o.result} for o in outcomes],
+    }
     write_text(pathlib.Path(arguments.out) / "examination.json", json.dumps(tree, indent=1) + "\n")

@@ -177,14 +177,26 @@ def _run_varied(plant, state, work, readings, parameters, memory, reference, zer
     while start < len(reference):
         stop = min(start + CHUNK - (first + start) % CHUNK, len(reference))
         _vary(plant, state, vary, (first + start) * period)
-        run_loop(plant, state, work, readings, parameters, memory, reference[start:stop], zero[start:stop], zero[start:stop],
-                 trace[start:stop])
+        run_loop(
+            plant,
+            state,
+            work,
+            readings,
+            parameters,
+            memory,
+            reference[start:stop],
+            zero[start:stop],
+            zero[start:stop],
+            trace[start:stop],
+        )
         start = stop
 
 
 def program(generator, home, period):
     """Reference [m] of one record of 22 to 30 s, and the rows (start, stop) where the motor is off."""
-    parts = [_journey(home, generator, speed, period) for speed in np.exp(generator.uniform(*np.log([8e-5, 2.2e-3]), 4))]
+    parts = [
+        _journey(home, generator, speed, period) for speed in np.exp(generator.uniform(*np.log([8e-5, 2.2e-3]), 4))
+    ]
     parts += [_stairs(home, generator, period), _chirp(home, generator, period), _shaken(home, generator, period),
               _rests(home, generator, period), _rests(home, generator, period)]
     idle = np.full(int(generator.uniform(0.8, 1.5) / period), home)

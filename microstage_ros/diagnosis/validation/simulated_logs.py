@@ -13,11 +13,35 @@ from microstage_ros.records.logs.description import description_of
 from microstage_ros.records.logs.log import Log
 
 #: effect → (parameters drawn, how); sizes relative to the friction level F unless the name says otherwise.
-EFFECTS = ("friction_level_change", "viscous_change", "direction_asymmetry", "gravity_tilt", "cable_spring",
-           "position_dependent_friction", "torque_ripple", "payload_change", "rising_static_friction", "backlash", "transport_delay",
-           "floor_vibration", "amplifier_gain", "scale_error", "nonlinear_viscous", "drive_compliance", "screw_pitch_error", "actuator_lag",
-           "presliding_creep", "sampling_jitter", "amplifier_offset", "amplifier_deadband", "resistance_rise", "frictional_lag", "encoder_sde",
-           "thermal_drift", "refractive_index")
+EFFECTS = (
+    "friction_level_change",
+    "viscous_change",
+    "direction_asymmetry",
+    "gravity_tilt",
+    "cable_spring",
+    "position_dependent_friction",
+    "torque_ripple",
+    "payload_change",
+    "rising_static_friction",
+    "backlash",
+    "transport_delay",
+    "floor_vibration",
+    "amplifier_gain",
+    "scale_error",
+    "nonlinear_viscous",
+    "drive_compliance",
+    "screw_pitch_error",
+    "actuator_lag",
+    "presliding_creep",
+    "sampling_jitter",
+    "amplifier_offset",
+    "amplifier_deadband",
+    "resistance_rise",
+    "frictional_lag",
+    "encoder_sde",
+    "thermal_drift",
+    "refractive_index",
+)
 #: Sets of signals: names of what is logged, and whether the effort has its sign.
 SIGNALS = {
     "reference position current": (("reference", "position", "current"), True),
@@ -47,9 +71,42 @@ class Machine:
 
     def vector(self):
         """Parameters in the order of `foreign_machine.run`."""
-        names = ("m", "level", "stribeck", "vs", "viscous", "asym", "const", "spring", "middle", "half", "wave1", "wave2", "bump", "bump_at",
-                 "bump_width", "ripple", "order", "phase", "ripple2", "order2", "lead", "rise", "kp", "kv", "ki", "ff", "gain", "gap",
-                 "delay", "jitter_level", "walk", "quad", "lag", "memory")
+        names = (
+            "m",
+            "level",
+            "stribeck",
+            "vs",
+            "viscous",
+            "asym",
+            "const",
+            "spring",
+            "middle",
+            "half",
+            "wave1",
+            "wave2",
+            "bump",
+            "bump_at",
+            "bump_width",
+            "ripple",
+            "order",
+            "phase",
+            "ripple2",
+            "order2",
+            "lead",
+            "rise",
+            "kp",
+            "kv",
+            "ki",
+            "ff",
+            "gain",
+            "gap",
+            "delay",
+            "jitter_level",
+            "walk",
+            "quad",
+            "lag",
+            "memory",
+        )
         return np.array([float(self.values[name]) for name in names])
 
     def at_top(self):
@@ -104,17 +161,26 @@ def draw_machine(rng):
               "phase": rng.uniform(0, 6.28), "ripple2": level * rng.uniform(0.0, 0.04), "order2": 1.0, "lead": lead, "rise": 0.0,
               "kp": bandwidth / 6.0, "kv": m * bandwidth, "ki": bandwidth / 8.0, "ff": rng.uniform(0.7, 1.0), "gain": 1.0, "gap": 0.0,
               "delay": 0.0, "jitter_level": 0.0, "walk": rng.uniform(0.0, 0.03), "quad": 0.0, "lag": 0.0, "memory": 0.0}
-    return Machine(str(rng.choice(machines.LAWS)), controller, profile, values, 0.0, stroke, top, sharp, rng.uniform(0.2, 1.5))
+    return Machine(
+        str(rng.choice(machines.LAWS)), controller, profile, values, 0.0, stroke, top, sharp, rng.uniform(0.2, 1.5)
+    )
 
 
 def reassembled(machine, rng, strength=1.0):
     """The machine taken apart and put together again: levels, pattern, phases a little different."""
     v = machine.values
     s = strength
-    return machine.changed(level=v["level"] * np.exp(s * rng.normal(0, 0.03)), viscous=v["viscous"] * np.exp(s * rng.normal(0, 0.05)),
-                           asym=v["asym"] + s * rng.normal(0, 0.015), wave1=v["wave1"] + s * rng.normal(0, 0.01), wave2=v["wave2"] + s * rng.normal(0, 0.01),
-                           ripple=abs(v["ripple"] * (1 + s * rng.normal(0, 0.15))), ripple2=abs(v["ripple2"] * (1 + s * rng.normal(0, 0.15))),
-                           phase=v["phase"] + (rng.uniform(0, 6.28) if s > 0 else 0.0), const=v["const"] + s * v["level"] * rng.normal(0, 0.01))
+    return machine.changed(
+        level=v["level"] * np.exp(s * rng.normal(0, 0.03)),
+        viscous=v["viscous"] * np.exp(s * rng.normal(0, 0.05)),
+        asym=v["asym"] + s * rng.normal(0, 0.015),
+        wave1=v["wave1"] + s * rng.normal(0, 0.01),
+        wave2=v["wave2"] + s * rng.normal(0, 0.01),
+        ripple=abs(v["ripple"] * (1 + s * rng.normal(0, 0.15))),
+        ripple2=abs(v["ripple2"] * (1 + s * rng.normal(0, 0.15))),
+        phase=v["phase"] + (rng.uniform(0, 6.28) if s > 0 else 0.0),
+        const=v["const"] + s * v["level"] * rng.normal(0, 0.01),
+    )
 
 
 def with_effect(machine, effect, rng, strength=1.0):
@@ -257,7 +323,10 @@ def log_of(machine, runs, cycles, rng, degrade, extra, source, programme=None):
     parts = []
     step = max(int(round(1.0 / degrade["rate"] / machines.DT)), 1)
     for run in range(runs):
-        warm = machine.changed(jitter_level=rng.normal(0, degrade["run"]), viscous=machine.values["viscous"] * (1 + rng.normal(0, degrade["temperature"])))
+        warm = machine.changed(
+            jitter_level=rng.normal(0, degrade["run"]),
+            viscous=machine.values["viscous"] * (1 + rng.normal(0, degrade["temperature"])),
+        )
         reference = machines.reference_of(warm.profile, warm.low, warm.high, warm.top, warm.sharp, warm.dwell, cycles, programme or rng)
         out = machines.run(reference, machines.DT, warm.vector(), machines.LAWS.index(warm.law), machines.CONTROLLERS.index(warm.controller),
                            int(rng.integers(2**31)))

@@ -128,14 +128,19 @@ def _out_and_back(at, generator, speed, period):
 def _there_and_back(at, length, pause, generator, period):
     far = at + length * generator.choice([-1.0, 1.0])
     wait = _dwell(far, pause * generator.uniform(0.5, 1.5), period)
-    return np.concatenate([profiles.jerk_limited_move(at, far, period), wait, profiles.jerk_limited_move(far, at, period)])
+    return np.concatenate(
+        [profiles.jerk_limited_move(at, far, period), wait, profiles.jerk_limited_move(far, at, period)]
+    )
 
 
 def _steps(at, generator, period):
     sizes = (2e-6, 1e-5, 3e-5, 5e-6, 0.0)
     moves, here = [], at
     for size in sizes:
-        moves += [profiles.jerk_limited_move(here, at + size, period), _dwell(at + size, generator.uniform(0.15, 0.6), period)]
+        moves += [
+            profiles.jerk_limited_move(here, at + size, period),
+            _dwell(at + size, generator.uniform(0.15, 0.6), period),
+        ]
         here = at + size
     return np.concatenate(moves)
 

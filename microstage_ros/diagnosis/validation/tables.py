@@ -49,7 +49,9 @@ def _table(world, parts=PARTS, scale=float(os.environ.get("MICROSTAGE_FIGURES_SC
     lines, told = ["| cases | figure | | 95 % interval |", "|---|---|---|---|"], []
     for number, (heading, kind, cases, strength, figures) in enumerate(parts):
         count = max(math.ceil(cases * scale), 1)
-        examined = campaign.examinations(count, SEEDS[world] + number, str(config_file("axis.yaml")), kind, strength, world=world)
+        examined = campaign.examinations(
+            count, SEEDS[world] + number, str(config_file("axis.yaml")), kind, strength, world=world
+        )
         outcomes = list(campaign.run(examined, os.cpu_count() or 1))
         counts, _ = campaign.scores(outcomes)
         told += outcomes
@@ -89,7 +91,10 @@ def emps_table():
 
     axis = load_axis(config_file("emps.yaml"))
     first, second = emps_record("DATA_EMPS"), emps_record("DATA_EMPS_PULSES")
-    lines = ["| learned on | judged on | verdict | force before | after (95 %) | noise | named |", "|---|---|---|---|---|---|---|"]
+    lines = [
+        "| learned on | judged on | verdict | force before | after (95 %) | noise | named |",
+        "|---|---|---|---|---|---|---|",
+    ]
     for learn, held in (([first], []), ([second], []), ([first], [second]), ([second], [first])):
         answer = diagnose_force_axis(axis, learn, held, jobs=os.cpu_count() or 1)
         gain, named = answer.gain, ", ".join(f"`{c.id}` {c.share:.0%}" for c in answer.causes)

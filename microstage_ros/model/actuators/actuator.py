@@ -35,10 +35,12 @@ class Actuator:
         (stepper, piezo) and not a force.
     holds_on_fault : the safe command is the last one obeyed, since zero would be a move. disables_on_fault : the
         drive's enable output goes off with a fault. laws : control laws that can drive it, None: all.
-    estimation : what its records are identified and diagnosed by: ``motor`` (voltage and current), ``force`` (the command
+    estimation : what its records are identified and diagnosed by: ``motor`` (voltage and current), ``force`` (the
+    command
         is a force at the stage), ``position`` (the command sets a position), None: nothing yet.
     identified : keys that `identify` scales where ``estimation`` is ``position``.
-    shape : compiled function (plant, state, u) -> u, or None. torque : compiled (plant, state, theta, omega) -> N m, or None.
+    shape : compiled function (plant, state, u) -> u, or None. torque : compiled (plant, state, theta, omega) -> N m, or
+    None.
     """
 
     name = ""
@@ -84,13 +86,19 @@ class Actuator:
         ``volts``: the run's ``noise.voltage_V``; InputError where it is not zero and the command is not a voltage.
         """
         if volts and cls.command is not VOLTAGE:
-            raise InputError("noise.voltage_V", volts, f"0 or nothing: {cls.name} is commanded in {cls.command.units}; "
-                                                       f"its noise is drive.noise [{cls.command.unit}] of the axis file")
+            raise InputError(
+                "noise.voltage_V",
+                volts,
+                f"0 or nothing: {cls.name} is commanded in {cls.command.units}; "
+                f"its noise is drive.noise [{cls.command.unit}] of the axis file",
+            )
         return volts
 
     @classmethod
     def linearised(cls, plant):
-        """(gain, stiffness, damping) of ``torque`` at small commands and motion: torque = gain u − stiffness θ − damping ω."""
+        """(gain, stiffness, damping) of ``torque`` at small commands and motion: torque = gain u − stiffness θ −
+        damping ω.
+        """
         return 0.0, 0.0, 0.0
 
     @classmethod
@@ -109,12 +117,16 @@ class Actuator:
 
     @classmethod
     def force_per_command(cls, axis):
-        """Force on the stage per unit of the command, at rest [N per unit]; InputError where the command sets no force."""
+        """Force on the stage per unit of the command, at rest [N per unit]; InputError where the command sets no
+        force.
+        """
         raise InputError(f"{axis.place}: drive.type", cls.name, "a drive whose command is a force at the stage")
 
     @classmethod
     def judged(cls, axis):
-        """(factor, unit, quantity) in which a re-simulated command is compared with the recorded one: a force, or the command itself."""
+        """(factor, unit, quantity) in which a re-simulated command is compared with the recorded one: a force, or the
+        command itself.
+        """
         if cls.holds_position:
             return 1.0, cls.command.unit, cls.command.quantity
         return cls.force_per_command(axis), "N", "force"
@@ -128,8 +140,12 @@ class Actuator:
     def estimated(cls, axis, task):
         """``estimation``, or InputError where ``task`` (identify, diagnose) has nothing for this drive."""
         if cls.estimation is None:
-            raise InputError(f"{axis.place}: drive.type", cls.name, f"a drive that {task} has a model of: a voltage-driven motor, or one "
-                             "whose command is a force at the stage")
+            raise InputError(
+                f"{axis.place}: drive.type",
+                cls.name,
+                f"a drive that {task} has a model of: a voltage-driven motor, or one "
+                "whose command is a force at the stage",
+            )
         return cls.estimation
 
     @classmethod
@@ -144,14 +160,22 @@ class Actuator:
         """InputError for parameters that contradict each other or the transmission."""
         kind = axis.choices["transmission.type"]
         if kind not in cls.transmissions:
-            raise InputError(f"{axis.place}: transmission.type", kind, f"{' or '.join(cls.transmissions)}, with a drive of type {cls.name}")
+            raise InputError(
+                f"{axis.place}: transmission.type",
+                kind,
+                f"{' or '.join(cls.transmissions)}, with a drive of type {cls.name}",
+            )
 
     @classmethod
     def check_law(cls, law, place):
         """InputError if the control law ``law`` cannot drive this actuator."""
         if cls.laws is not None and law not in cls.laws:
-            raise InputError(place, law, f"one of {', '.join(cls.laws)}: {cls.name} is commanded with {cls.command.quantity} [{cls.command.unit}], "
-                                         "which sets a position and not a force")
+            raise InputError(
+                place,
+                law,
+                f"one of {', '.join(cls.laws)}: {cls.name} is commanded with {cls.command.quantity}"
+                f" [{cls.command.unit}], which sets a position and not a force",
+            )
 
 
 def lever(axis):

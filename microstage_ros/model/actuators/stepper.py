@@ -100,7 +100,11 @@ class Stepper(Actuator):
     @classmethod
     def fill(cls, plant, axis):
         """Rotor, damping, the numbers of `_torque`; chunks short against the rotor's own oscillation."""
-        holding, detent, poles = axis.value("drive.holding_torque"), axis.value("drive.detent_torque"), axis.value("drive.full_steps") / 4
+        holding, detent, poles = (
+            axis.value("drive.holding_torque"),
+            axis.value("drive.detent_torque"),
+            axis.value("drive.full_steps") / 4,
+        )
         plant["inertia"], plant["motor_damping"] = axis.value("drive.rotor_inertia"), axis.value("drive.damping")
         plant["inductance"] = 1.0
         rate = max(round(axis.value("drive.pulse_rate") * float(plant["period"])), 1)

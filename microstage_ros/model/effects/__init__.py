@@ -4,7 +4,17 @@ An effect is one class (`effect.Effect`) with all that is known of it; its docst
 file beside these and its name in `FILES`: simulation, checks, diagnosis, reports and campaigns have it from there.
 """
 
-from microstage_ros.model.effects import drive, electrical, environment, friction, piezo, position_sensors, sensing, stepper, voice_coil
+from microstage_ros.model.effects import (
+    drive,
+    electrical,
+    environment,
+    friction,
+    piezo,
+    position_sensors,
+    sensing,
+    stepper,
+    voice_coil,
+)
 from microstage_ros.model.plant_record import EXTRA, EXTRAS
 from microstage_ros.quantities.errors import InputError
 

@@ -9,10 +9,16 @@ from microstage_ros.quantities.spec import Spec, check_all
 INF = math.inf
 CONTACTS = ("actuator", "guideway")
 #: What an effect may need: a test of the record it acts on (a plant, or a contact of it), and the words for it.
-MOTOR = (lambda plant: plant["winding"], "a drive whose winding the command drives, such as a voltage-driven motor (drive.type)")
+MOTOR = (
+    lambda plant: plant["winding"],
+    "a drive whose winding the command drives, such as a voltage-driven motor (drive.type)",
+)
 DRIVE_TRAIN = (lambda plant: not plant["rigid"], "a transmission that is not rigid (transmission.type)")
 FRICTION = (lambda contact: contact["blocks"] or contact["law"], "a contact with friction")
-BLOCKS = (lambda contact: contact["blocks"] and not contact["stick_damping"], "a contact with pre-sliding blocks (of the Maxwell-slip family)")
+BLOCKS = (
+    lambda contact: contact["blocks"] and not contact["stick_damping"],
+    "a contact with pre-sliding blocks (of the Maxwell-slip family)",
+)
 STRIBECK = (lambda contact: contact["blocks"] and contact["drops"], "a contact of blocks with a Stribeck curve")
 
 
@@ -39,7 +45,8 @@ class Effect:
     within : nameless shapes (``generic:…``) that hold it: what they explain beyond it is not this effect.
     contained_in : wider effects that contain it and so always fit as well: no rivals of it.
     drives, sensors : types of drives and of position sensors that it is of; empty: any.
-    force : compiled ``force(parameters, x, v, t)`` → N on the stage, or None. ``parameters`` are the values in the order of
+    force : compiled ``force(parameters, x, v, t)`` → N on the stage, or None. ``parameters`` are the values in the
+    order of
         `parameters` (at most `plant_record.EXTRA`), x [m], v [m/s], t [s]: a force of its own on the stage needs no
         other line in the solver.
     """
@@ -82,7 +89,9 @@ class Effect:
         has, words = cls.needs
         if not has(plant[p["contact"]] if cls.on_contact else plant):
             place = f"effects: {cls.id}"
-            raise InputError(f"{place}.contact" if cls.on_contact else place, p["contact"] if cls.on_contact else p, words)
+            raise InputError(
+                f"{place}.contact" if cls.on_contact else place, p["contact"] if cls.on_contact else p, words
+            )
 
     @classmethod
     def resimulated(cls, axis, parts):
@@ -115,7 +124,9 @@ def same_length(checked, names, place):
     """InputError unless the named parameters are lists (or scalars) of one length."""
     lengths = {name: len(as_list(checked[name])) for name in names}
     if len(set(lengths.values())) > 1:
-        raise InputError(f"{place}.{names[-1]}", lengths[names[-1]], f"as many numbers as {names[0]} has ({lengths[names[0]]})")
+        raise InputError(
+            f"{place}.{names[-1]}", lengths[names[-1]], f"as many numbers as {names[0]} has ({lengths[names[0]]})"
+        )
 
 
 def as_list(value):

@@ -86,7 +86,11 @@ class ResistanceRise(Effect):
 
     @classmethod
     def apply(cls, plant, p):
-        plant["rise_per_joule"], plant["rise_time"], plant["rise_initial"] = p["rise_per_joule"], p["time_s"], p["initial"]
+        plant["rise_per_joule"], plant["rise_time"], plant["rise_initial"] = (
+            p["rise_per_joule"],
+            p["time_s"],
+            p["initial"],
+        )
         plant["electrical"] = 1
 
 

@@ -46,9 +46,16 @@ class ThermalDrift(Effect):
 
     @classmethod
     def apply(cls, plant, p):
-        plant["drift_amplitude"], plant["drift_time"], plant["drift_rate"] = p["amplitude_m"], p["time_s"], p["rate_m_s"]
+        plant["drift_amplitude"], plant["drift_time"], plant["drift_rate"] = (
+            p["amplitude_m"],
+            p["time_s"],
+            p["rate_m_s"],
+        )
         plant["drift_expansion"] = p["expansion_m_K"]
-        plant["stage_temperature_rise"], plant["stage_temperature_time"] = p["temperature_rise_K"], p["temperature_time_s"]
+        plant["stage_temperature_rise"], plant["stage_temperature_time"] = (
+            p["temperature_rise_K"],
+            p["temperature_time_s"],
+        )
 
 
 class RefractiveIndex(Effect):
@@ -87,7 +94,9 @@ class RefractiveIndex(Effect):
 
 
 class FloorVibration(Effect):
-    """Narrow lines in position, with the motor off too: both sensors see x + Σ amplitudes_m_n sin(2π f_n t + phase_n)."""
+    """Narrow lines in position, with the motor off too: both sensors see x + Σ amplitudes_m_n sin(2π f_n t +
+    phase_n).
+    """
 
     id = "floor_vibration"
     label = "The floor vibrates"

@@ -36,7 +36,14 @@ class PiezoHysteresis(Effect):
     def resimulated(cls, axis, parts):
         if not axis.value("drive.hysteresis_weight"):
             return ()
-        return (one_size(cls, "all weights scaled", Fitted("change", "1", 0.05, -1.0, 10.0), "The stack's hysteresis differs by {:+.0%}."),)
+        return (
+            one_size(
+                cls,
+                "all weights scaled",
+                Fitted("change", "1", 0.05, -1.0, 10.0),
+                "The stack's hysteresis differs by {:+.0%}.",
+            ),
+        )
 
 
 class PiezoCreep(Effect):
@@ -44,7 +51,10 @@ class PiezoCreep(Effect):
 
     id = "piezo_creep"
     label = "The piezo stack creeps more than its file says"
-    remedy = "Wait after large steps, close the loop with more integral action, or identify the creep anew; a warm stack creeps more."
+    remedy = (
+        "Wait after large steps, close the loop with more integral action, or identify the creep anew; a warm stack"
+        " creeps more."
+    )
     separated_by = "dwell"
     shows_against = "time"
     needs = STACK
@@ -72,8 +82,14 @@ class PiezoCreep(Effect):
         if len(axis.value("drive.creep_gain")) >= CREEPS:
             return ()
         size, time = Fitted("gain", "1", 0.005, -0.2, 0.5), Fitted("time_s", "s", 0.05, 1e-2, 1e2)
-        found = one_size(cls, "one further time constant", size, "The stack creeps by a further {:.1%} of what it is given.",
-                         shapes=(time,), grid=((0.1, 0.3, 1.0, 3.0),))
+        found = one_size(
+            cls,
+            "one further time constant",
+            size,
+            "The stack creeps by a further {:.1%} of what it is given.",
+            shapes=(time,),
+            grid=((0.1, 0.3, 1.0, 3.0),),
+        )
         return (replace(found, effect=lambda p: {"gain": float(p[0]), "time_s": float(p[1])}),)
 
 
@@ -98,7 +114,11 @@ class PiezoGain(Effect):
 
     @classmethod
     def resimulated(cls, axis, parts):
-        return (one_size(cls, "gain", Fitted("change", "1", 0.02, -0.9, 10.0), "The stack's stroke per volt differs by {:+.1%}."),)
+        return (
+            one_size(
+                cls, "gain", Fitted("change", "1", 0.02, -0.9, 10.0), "The stack's stroke per volt differs by {:+.1%}."
+            ),
+        )
 
 
 EFFECTS = (PiezoHysteresis, PiezoCreep, PiezoGain)

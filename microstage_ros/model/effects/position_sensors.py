@@ -11,7 +11,10 @@ from microstage_ros.model.sensors.lvdt import DRIFT as CORE_DRIFT
 from microstage_ros.model.sensors.lvdt import NONLINEARITY, Lvdt
 
 CORE = (lambda plant: plant["position_sensor"] == Lvdt.number, "an LVDT (sensors.encoder.type)")
-ANALOG = (lambda plant: plant["position_sensor"] in (Lvdt.number, Capacitive.number), "an LVDT or a capacitive sensor (sensors.encoder.type)")
+ANALOG = (
+    lambda plant: plant["position_sensor"] in (Lvdt.number, Capacitive.number),
+    "an LVDT or a capacitive sensor (sensors.encoder.type)",
+)
 
 
 class LvdtNonlinearity(Effect):
@@ -23,7 +26,9 @@ class LvdtNonlinearity(Effect):
     separated_by = "stroke"
     needs = CORE
     sensors = ("lvdt",)
-    parameters = {"change": Parameter("1", "largest further departure from the straight line, of the range", None, -0.1, 0.1)}
+    parameters = {
+        "change": Parameter("1", "largest further departure from the straight line, of the range", None, -0.1, 0.1)
+    }
 
     @classmethod
     def draw(cls, generator, strength):
@@ -35,7 +40,14 @@ class LvdtNonlinearity(Effect):
 
     @classmethod
     def resimulated(cls, axis, parts):
-        return (one_size(cls, "cubic", Fitted("change", "1", 1e-4, -0.09, 0.09), "The LVDT departs by a further {:+.2%} of its range from a line."),)
+        return (
+            one_size(
+                cls,
+                "cubic",
+                Fitted("change", "1", 1e-4, -0.09, 0.09),
+                "The LVDT departs by a further {:+.2%} of its range from a line.",
+            ),
+        )
 
 
 class SensorDrift(Effect):
@@ -63,7 +75,9 @@ class SensorDrift(Effect):
     def resimulated(cls, axis, parts):
         stroke = float(np.ptp(np.concatenate([part.position for part in parts])))
         step = max(1e-3 * stroke, 1e-10) / max(float(part.time[-1]) for part in parts)
-        return (one_size(cls, "even", Fitted("rate_m_s", "m/s", step), "The sensor's zero drifts by {:.2g} m per second."),)
+        return (
+            one_size(cls, "even", Fitted("rate_m_s", "m/s", step), "The sensor's zero drifts by {:.2g} m per second."),
+        )
 
 
 EFFECTS = (LvdtNonlinearity, SensorDrift)

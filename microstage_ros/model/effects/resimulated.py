@@ -1,4 +1,6 @@
-"""How an effect shows where records are judged by re-simulation: its sizes, and the section of an axis file they make."""
+"""How an effect shows where records are judged by re-simulation: its sizes, and the section of an axis file they
+make.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,8 @@ class Candidate:
     grid : values to try for each shape.
     effect : function (values of sizes and shapes, one sequence) → the effect's section in an axis file.
     sentence : function (values) → one sentence for a technician.
-    stands_for : own parameters of the axis that would take its place if they were free. of : the size of what it changes.
+    stands_for : own parameters of the axis that would take its place if they were free. of : the size of what it
+    changes.
     """
 
     id: str
@@ -57,4 +60,6 @@ class Candidate:
 
 def one_size(effect, form, size, sentence, **more):
     """`Candidate` of a single size that is the effect's parameter of the same name."""
-    return Candidate(effect.id, form, (size,), lambda p: {size.name: float(p[0])}, lambda p: sentence.format(p[0]), **more)
+    return Candidate(
+        effect.id, form, (size,), lambda p: {size.name: float(p[0])}, lambda p: sentence.format(p[0]), **more
+    )

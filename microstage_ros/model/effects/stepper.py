@@ -10,12 +10,16 @@ from microstage_ros.model.effects.effect import Effect, Parameter
 from microstage_ros.model.effects.resimulated import Fitted, one_size
 
 FIELD = (lambda plant: plant["drive"] == Stepper.number, "a stepper (drive.type)")
-LOSING_RATE = 500.0     # full steps lost per second while pulses are missing: slow enough for the rotor to follow the field
+LOSING_RATE = (
+    500.0  # full steps lost per second while pulses are missing: slow enough for the rotor to follow the field
+)
 WINDOW_S = 0.05         # means before and behind a possible loss are taken over so long
 
 
 class LostSteps(Effect):
-    """The driver loses pulses: from time_s on 500 full steps per second are missing, until the field is ``steps`` short of the command."""
+    """The driver loses pulses: from time_s on 500 full steps per second are missing, until the field is ``steps`` short
+    of the command.
+    """
 
     id = "lost_steps"
     label = "The stepper has lost steps"
@@ -51,7 +55,12 @@ class LostSteps(Effect):
         means = (total[width:] - total[:-width]) / width
         jump = np.abs(means[width:] - means[:-width])
         moment = float((np.argmax(jump) + width) * period)
-        found = one_size(cls, "at one moment", Fitted("steps", "1", 1.0, -1e4, 1e4), f"{{:+.1f}} full steps were lost at {moment:.3g} s.")
+        found = one_size(
+            cls,
+            "at one moment",
+            Fitted("steps", "1", 1.0, -1e4, 1e4),
+            f"{{:+.1f}} full steps were lost at {moment:.3g} s.",
+        )
         return (replace(found, effect=lambda p: {"steps": float(p[0]), "time_s": moment}),)
 
 
@@ -60,7 +69,10 @@ class DetentTorqueChange(Effect):
 
     id = "detent_torque"
     label = "The stepper's microsteps are uneven"
-    remedy = "Check that the driver gives both windings their full, equal current; its tables of microsteps may be corrected."
+    remedy = (
+        "Check that the driver gives both windings their full, equal current; its tables of microsteps may be"
+        " corrected."
+    )
     separated_by = "stroke"
     needs = FIELD
     drives = ("stepper",)

@@ -31,8 +31,14 @@ class ForceConstantDroop(Effect):
     def resimulated(cls, axis, parts):
         reach = max(float(abs(part.position).max()) for part in parts)
         size = 0.02 / reach**2
-        return (one_size(cls, "with the square of the position", Fitted("droop_1_m2", "1/m^2", size, -25 * size, 25 * size),
-                         "The force constant falls by a further {:.3g} per square metre of its value in the middle."),)
+        return (
+            one_size(
+                cls,
+                "with the square of the position",
+                Fitted("droop_1_m2", "1/m^2", size, -25 * size, 25 * size),
+                "The force constant falls by a further {:.3g} per square metre of its value in the middle.",
+            ),
+        )
 
 
 EFFECTS = (ForceConstantDroop,)

@@ -5,7 +5,14 @@ import math
 import numpy as np
 
 from microstage_ros.model.sensors import POSITION_SENSORS
-from microstage_ros.numerics.compiled import compiled, dispatch, inlined_before_typing, internal, not_inlined, always_inlined
+from microstage_ros.numerics.compiled import (
+    compiled,
+    dispatch,
+    inlined_before_typing,
+    internal,
+    not_inlined,
+    always_inlined,
+)
 from microstage_ros.numerics.random import normal, uniform
 from microstage_ros.numerics.turns import sine_and_cosine
 

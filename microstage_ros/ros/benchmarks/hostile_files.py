@@ -42,7 +42,10 @@ program:
   - {scan: {to_m: 1.0e-3, speed_m_s: 5.0e-4}}
 """
 LOG = "time: {column: t, unit: s}\nposition: {column: x, unit: mm}\ncurrent: {column: i, unit: A}\n"
-PARAMETERS = "/**:\n  ros__parameters:\n    window: 100\n    idle_window: 1000\n    driver_timeout_s: 5.0\n    max_velocity: 0.004\n"
+PARAMETERS = (
+    "/**:\n  ros__parameters:\n    window: 100\n    idle_window: 1000\n    driver_timeout_s: 5.0\n    max_velocity:"
+    " 0.004\n"
+)
 BAD_VALUES = (
     ".nan",
     ".inf",

@@ -33,7 +33,11 @@ class ParameterCollector:
         """Ask nodes below ``prefix`` that have not been asked."""
         for name, namespace in self._node.get_node_names_and_namespaces():
             full = f"{namespace.rstrip('/')}/{name}"
-            if not full.startswith(prefix) or full in self.found or time.monotonic() - self._asked.get(full, -ASK_AGAIN_S) < ASK_AGAIN_S:
+            if (
+                not full.startswith(prefix)
+                or full in self.found
+                or time.monotonic() - self._asked.get(full, -ASK_AGAIN_S) < ASK_AGAIN_S
+            ):
                 continue
             if full not in self._clients:
                 self._clients[full] = AsyncParameterClient(self._node, full)

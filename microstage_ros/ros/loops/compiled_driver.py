@@ -51,7 +51,9 @@ def load(arrays):
     frames = [Frame(*name) for name in FRAMES]
     rings = tuple(new_ring(1, len(frame.raw)) for frame in frames[:2])
     records = np.zeros(1, LINKS), np.zeros(1, COUNTS), np.zeros(1, VALUES)
-    work = new_work(np.ones(1, np.int64), records, arrays, frames, rings, ResponseTimes(), new_guard(frames[2], _no_watch()))
+    work = new_work(
+        np.ones(1, np.int64), records, arrays, frames, rings, ResponseTimes(), new_guard(frames[2], _no_watch())
+    )
     look(np.zeros(1, LIMITS), np.zeros(1, MEMORY), 0.0, 0.0, 0.0, 0.0)
     run_periods(np.zeros(SIZE, np.int64), work, np.zeros(2, np.int64))
     called_from_c(on_message, kind_of(work))
@@ -60,7 +62,15 @@ def load(arrays):
 
 def new_guard(command, watch):
     """What `run_periods` takes as its guard; ``command``: the frame of commands. ``watch`` : `Watch`."""
-    return (watch.words, watch.volts, np.zeros(INFO_WORDS, np.int64), watch.holder, command.length, watch.limits, watch.memory)
+    return (
+        watch.words,
+        watch.volts,
+        np.zeros(INFO_WORDS, np.int64),
+        watch.holder,
+        command.length,
+        watch.limits,
+        watch.memory,
+    )
 
 
 class Watch(NamedTuple):

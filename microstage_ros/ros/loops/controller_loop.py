@@ -66,7 +66,10 @@ def mode_at(index, size, stopping):
 def fill_inside(message, state, n, reference, mode, memory):
     """ControllerState, as `Controller.state` tells it."""
     pid = memory.pid
-    message["header.stamp.sec"], message["header.stamp.nanosec"] = state["header.stamp.sec"], state["header.stamp.nanosec"]
+    message["header.stamp.sec"], message["header.stamp.nanosec"] = (
+        state["header.stamp.sec"],
+        state["header.stamp.nanosec"],
+    )
     message["sequence"], message["position"], message["reference"] = n, state["position"], reference
     message["error"] = pid.error
     message["proportional_gain"], message["integral_gain"], message["derivative_gain"] = pid.kp, pid.ki, pid.kd
@@ -197,7 +200,9 @@ class QuickAnswers:
         longest wait [s] for the next state of a running axis.
     """
 
-    def __init__(self, servo, reader, sender, commands, insides, controller, player, requests, every, block, moment, holder):
+    def __init__(
+        self, servo, reader, sender, commands, insides, controller, player, requests, every, block, moment, holder
+    ):
         load_libraries()
         self._insides, self._player, self._stop = insides, player, requests.asked
         self._refused = Refusals(commands)
@@ -206,7 +211,12 @@ class QuickAnswers:
         self._links, self._counts = np.zeros(1, LINKS), np.zeros(1, COUNTS)
         self._links[0] = (reader.address, state.address, commands.address, command.address, insides.address,
                           inside.address, sender.address.value)
-        settings = {"every": every, "block": block, "inside_block": max(block // 2, 1), "moment_ns": round(moment * 1e9)}
+        settings = {
+            "every": every,
+            "block": block,
+            "inside_block": max(block // 2, 1),
+            "moment_ns": round(moment * 1e9),
+        }
         for name, value in settings.items():  # a move server holds time still until it has heard of a period
             self._counts[name] = value
         self._work = new_work(self._stop, self._links, self._counts, controller.arrays, np.zeros(1), self._frames,

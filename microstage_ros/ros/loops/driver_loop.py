@@ -143,7 +143,9 @@ def send_state(links, c, v, reading, message, raw, ring):
     message["current"] = reading.current
     message["motor_angle"] = reading.motor_angle
     zeroed = c.paced and c.begun_ns + c.ahead_ns > c.valid_ns + c.hold_ns
-    message["status"] = c.status | (SATURATED if v.command != v.voltage else 0) | (LATE if c.held else 0) | (ZEROED if zeroed else 0)
+    message["status"] = (
+        c.status | (SATURATED if v.command != v.voltage else 0) | (LATE if c.held else 0) | (ZEROED if zeroed else 0)
+    )
     message["fault"] = 0
     if not publish(links.states, links.state):
         c.refused += 1

@@ -70,8 +70,11 @@ class DriverPeriods:
         gate.zero()
         self._make_safe()
         if gate.active and silent > self.parameters.command_timeout_s:
-            gate.trip("watchdog", f"no valid command for {silent * 1e3:.1f} ms and this loop stood still; the watchdog took the "
-                      f"voltage away after {self.guard.taken_after * 1e3:.1f} ms")
+            gate.trip(
+                "watchdog",
+                f"no valid command for {silent * 1e3:.1f} ms and this loop stood still; the watchdog took the "
+                f"voltage away after {self.guard.taken_after * 1e3:.1f} ms",
+            )
         self.guard.give_back()
 
     def _activate(self):
@@ -165,8 +168,14 @@ class DriverPeriods:
         late = gate.active and gate.last != gate.period
         code = 0
         if gate.active and gate.fault == "none":
-            code = look(self.limits, self.memory, float(reading.encoder), float(reading.current), float(reading.motor_angle),
-                        gate.voltage)
+            code = look(
+                self.limits,
+                self.memory,
+                float(reading.encoder),
+                float(reading.current),
+                float(reading.motor_angle),
+                gate.voltage,
+            )
         self._announce(time_ns, reading, late, code)
         if self._safety:
             self._look_at_signals()
@@ -189,8 +198,14 @@ class DriverPeriods:
         if code and gate.fault == "none":
             gate.trip(*in_words(code, self.limits, self.memory, gate.unit))
         zeroed = gate.active and not self._lockstep and gate.silent_s + self.period > self._hold_s
-        status = self._constant_status | (zeroed and _ZEROED) | (gate.active and _ACTIVE) | (gate.saturated and _SATURATED) | (late and _LATE) \
+        status = (
+            self._constant_status
+            | (zeroed and _ZEROED)
+            | (gate.active and _ACTIVE)
+            | (gate.saturated and _SATURATED)
+            | (late and _LATE)
             | (gate.fault != "none" and _FAULT)
+        )
         gate.begin(n)
         raw = self.topics.state(time_ns, n, reading, gate.voltage, status, FAULTS.index(gate.fault))
         self._begun = (time_ns, n, raw, self.hardware)

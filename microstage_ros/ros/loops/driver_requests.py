@@ -154,7 +154,9 @@ class DriverRequests:
                 f"({self.gate.voltage:.3g} {self.gate.unit}); stop it first"
             )
         elif len(wanted) != 1:
-            response.message = f"node: got {request.node!r}, expected one of {', '.join(sorted(found.values())) or 'nobody publishes'}"
+            response.message = (
+                f"node: got {request.node!r}, expected one of {', '.join(sorted(found.values())) or 'nobody publishes'}"
+            )
         else:
             self._requests.ask(lambda: self.holder.take(found, wanted[0]))
             response.accepted, response.message = True, f"{request.node} commands from now on"

@@ -72,7 +72,9 @@ class DriverTopics:
     def missing_readers(self, absent):
         """What is missing for the first period, in words, empty if nothing; ``absent``: names without credit."""
         p, states = self._node.parameters, self.states
-        instruments = len({"interferometer_logger", "bag_recorder"} & set(p.followers)) if self.truths is not None else 0
+        instruments = (
+            len({"interferometer_logger", "bag_recorder"} & set(p.followers)) if self.truths is not None else 0
+        )
         if states.listeners >= p.expected_subscribers and states.followers >= p.expected_followers and not absent \
                 and (not instruments or self.truths.followers >= instruments):
             return ""
@@ -122,8 +124,13 @@ class DriverTopics:
     def _states_sent(self, states):
         """A joint state every so many periods, from a block of states."""
         for k in _multiples(states["sequence"], self._joint_every):
-            never_raising(self._joint.publish)(stamp(JointState(name=[self._frame], position=[float(states["position"][k])]),
-                                               int(stamps_ns(states[k:k + 1])[0]), self._frame))
+            never_raising(self._joint.publish)(
+                stamp(
+                    JointState(name=[self._frame], position=[float(states["position"][k])]),
+                    int(stamps_ns(states[k : k + 1])[0]),
+                    self._frame,
+                )
+            )
 
     def _truths_sent(self, truths):
         """The air every so many periods, from a block of what the simulated instruments see."""

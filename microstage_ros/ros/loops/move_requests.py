@@ -61,7 +61,10 @@ class MoveRequests:
         response.message = self._why_not()
         velocity, duration = request.velocity, request.duration
         if not response.message and not (math.isfinite(velocity) and abs(velocity) <= self.parameters.max_velocity):
-            response.message = f"velocity: got {velocity!r}, expected a number from {-self.parameters.max_velocity} to {self.parameters.max_velocity} m/s"
+            response.message = (
+                f"velocity: got {velocity!r}, expected a number from {-self.parameters.max_velocity} to"
+                f" {self.parameters.max_velocity} m/s"
+            )
         if not response.message and not 0.0 <= duration <= LONGEST_JOG_S:
             response.message = f"duration: got {duration!r}, expected 0 to {LONGEST_JOG_S} s"
         if response.message:

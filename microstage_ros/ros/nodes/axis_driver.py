@@ -99,7 +99,9 @@ class AxisDriver(DriverPeriods, DriverRequests, LifecycleNode):
         quick = p.compiled_loop and isinstance(servo, FastServoPath) and hasattr(self.hardware, "arrays")
         side = make_servo_path(self) if quick else servo
         self._requests, self._quick = Requests(servo.semaphore.post_now if quick else lambda: None), None
-        granted = CheckedReader(side.reader(Credit, topics.CREDIT, reader_qos(1000, reliable=True)), 8, largest=CREDIT_BYTES)
+        granted = CheckedReader(
+            side.reader(Credit, topics.CREDIT, reader_qos(1000, reliable=True)), 8, largest=CREDIT_BYTES
+        )
         self._credits = CreditReader(granted, self.ledger, self._on_credit, self._present,
                                      Names(self, topics.CREDIT))
         self._commands = servo.reader(VoltageCommand, topics.COMMAND, reader_qos(100, reliable=False))

@@ -168,7 +168,9 @@ class BagRecorder(Node):
         """Credit as far as the window goes, once all servo topics have their publisher."""
         state = self._tracks.get(self._prefix + topics.STATE)
         until = (state.last if state else -1) + self.parameters.window
-        if until <= self._granter.until + self.parameters.window // 4 and now - self._granted < repeat_after(state.last if state else -1):
+        if until <= self._granter.until + self.parameters.window // 4 and now - self._granted < repeat_after(
+            state.last if state else -1
+        ):
             return
         if all(track.stream.publishers for track in self._tracks.values() if isinstance(track, ServoTrack)):
             self._granted = now
@@ -206,7 +208,9 @@ class BagRecorder(Node):
 
     def _add_servo_topic(self, name, kind, by_stamp):
         """Begin to record one topic of the servo path."""
-        channel = self._bag.add_channel(self._prefix + name, installed_definition(_OURS + kind), (Qos(depth=topics.DEPTH),))
+        channel = self._bag.add_channel(
+            self._prefix + name, installed_definition(_OURS + kind), (Qos(depth=topics.DEPTH),)
+        )
         stream = Stream(self, self._servo, _message_class(_OURS + kind), name)
         self._tracks[self._prefix + name] = ServoTrack(stream, channel, kind, by_stamp)
 

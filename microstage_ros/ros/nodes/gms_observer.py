@@ -28,7 +28,9 @@ class GmsObserver(Node):
         super().__init__("gms_observer")
         p = self.parameters = Parameters(self, "gms_observer")
         axis = load_axis(p.axis_file or config_file("axis.yaml"))
-        self._observer = FrictionObserver(axis, **yaml_mapping("gms_observer: gains", p.gains, "{encoder_noise: 3.0e-8}"))
+        self._observer = FrictionObserver(
+            axis, **yaml_mapping("gms_observer: gains", p.gains, "{encoder_noise: 3.0e-8}")
+        )
         FrictionObserver(axis).advance_all(*np.zeros((3, 2)))  # compiled before anybody waits for credit
         self._codec, self._every = Codec("FrictionState"), p.decimation
         servo = make_servo_path(self)

@@ -252,7 +252,9 @@ class HealthMonitor(Node):
                 break
             self._tell(goal, "moving", min(spent / request.duration, 1.0))
             if not self._one_move(target, velocity, limits):
-                return f"{made} moves; ended: the command reached {self._largest:.3g} V, more than {limits.voltage:.3g} V"
+                return (
+                    f"{made} moves; ended: the command reached {self._largest:.3g} V, more than {limits.voltage:.3g} V"
+                )
             made += 1
         return f"{made} moves between {limits.low:g} m and {limits.high:g} m, largest command {self._largest:.3g} V"
 

@@ -170,7 +170,9 @@ class StrController(Node):
         state = self.controller.state
         if state.handovers != self._said:
             self._said = state.handovers
-            self.get_logger().warning(f"the encoder-only law took over ({REASONS[state.law_reason]}), {state.handovers} times since the start")
+            self.get_logger().warning(
+                f"the encoder-only law took over ({REASONS[state.law_reason]}), {state.handovers} times since the start"
+            )
 
     def _in_loop(self, action):
         """Do something to player or law between two periods."""
@@ -191,8 +193,13 @@ class StrController(Node):
         """Credit without limit as long as all readers of the command are there."""
         p = self.parameters
         self._holder.look()
-        if self._holder.words[0] and self._commands.listeners >= p.expected_subscribers and self._commands.followers >= p.expected_followers \
-                and self._insides.followers >= p.expected_state_followers and self._reader.publishers:
+        if (
+            self._holder.words[0]
+            and self._commands.listeners >= p.expected_subscribers
+            and self._commands.followers >= p.expected_followers
+            and self._insides.followers >= p.expected_state_followers
+            and self._reader.publishers
+        ):
             self._granter.grant(UNLIMITED)
             self._ready.cancel()
             self._again.reset()  # the driver may not have heard the first one

@@ -137,8 +137,11 @@ def _run_group(plants, states, works, space, voltage):
         forget(works[k])
         tables[0, k], tables[1, k] = plant.actuator.sliding.ctypes.data, plant.actuator.first_cell
         _take_plant(plant, numbers, k)
-        numbers[TIME, k], numbers[RANDOM_TRAVEL, k], numbers[RANDOM_WAIT,
-                                                             k] = states[k].time, states[k].random_travel, states[k].random_wait
+        numbers[TIME, k], numbers[RANDOM_TRAVEL, k], numbers[RANDOM_WAIT, k] = (
+            states[k].time,
+            states[k].random_travel,
+            states[k].random_wait,
+        )
         _take(plant, states[k], works[k], numbers, matrix, k)
         noisy |= plant.amplifier_noise > 0.0
         varies |= plant.varies == 1
@@ -197,8 +200,11 @@ def _take(plant, state, work, numbers, matrix, k):
     numbers[CURRENT, k], numbers[SPEED, k], numbers[STAGE_SPEED, k] = moving.current, moving.omega, moving.v
     numbers[THETA, k], numbers[X, k] = moving.theta, moving.x
     numbers[A_STRETCH, k], numbers[G_STRETCH, k] = moving.a_stretch, moving.g_stretch
-    numbers[SLIP_FORCE, k], numbers[SLIP_CHANGE, k], numbers[SLIP_OFFSET,
-                                                             k] = moving.slip_force, moving.slip_change, moving.slip_offset
+    numbers[SLIP_FORCE, k], numbers[SLIP_CHANGE, k], numbers[SLIP_OFFSET, k] = (
+        moving.slip_force,
+        moving.slip_change,
+        moving.slip_offset,
+    )
     numbers[PULL, k], numbers[DIRECTION, k], numbers[TURN, k] = held.pull, held.direction, held.turn
     numbers[GUIDE_DIRECTION, k] = held.guide_direction
     numbers[A_FORCE, k], numbers[A_STIFFNESS, k], numbers[A_AHEAD, k], numbers[A_BEHIND, k] = (
@@ -316,7 +322,9 @@ def _at(matrix, column, row):
 
 @inlined_before_typing
 def _slip(numbers, matrix, tables, rows, omega0, direction, pull, f0, grow):
-    """(rows, lanes that `slip.near` holds for, slip force at the end, decay of the offsets), as in `event_free.try_period`."""
+    """(rows, lanes that `slip.near` holds for, slip force at the end, decay of the offsets), as in
+    `event_free.try_period`.
+    """
     pieces = table_pieces(tables, abs(omega0) * load(numbers, PER_GEAR), FRACTION_BITS, START_MASK, ENTRIES)
     s, per_s, slope, bend = cubics(pieces[1], pieces[2:])
     level = load(numbers, SLIP_LEVEL)

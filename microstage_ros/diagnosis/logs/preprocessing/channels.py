@@ -170,7 +170,9 @@ def low_pass(values, lag, period):
 def through_loop(channel, rows, force):
     """What a force of the baseline's friction level times ``force`` (n,) makes of the error, in the channel's unit,
     shape (n,)."""
-    models = np.array([channel.models.get(int(c), np.zeros(len(base_names(channel)))) for c in range(int(rows.condition.max()) + 1)])
+    models = np.array(
+        [channel.models.get(int(c), np.zeros(len(base_names(channel)))) for c in range(int(rows.condition.max()) + 1)]
+    )
     own = models[np.maximum(rows.condition, 0)]
     passed = low_pass(force, channel.lag, rows.log.period)
     return own[:, 1] * passed + own[:, 7] * high_pass(passed, channel.memory, rows.log.period)
@@ -180,7 +182,10 @@ def fit_models(channel, baseline):
     """Fit the healthy model per condition to the baseline; fills ``models``, ``stderr``, ``scale`` and the error's
     ``memory``."""
     if channel.name == "error" and channel.kind != FLUCTUATION:
-        channel.lag, part = FIRST_LAG, [beginning(rows, max(TRIED_ROWS // len(baseline), LEAST_TRIED)) for rows in baseline]
+        channel.lag, part = (
+            FIRST_LAG,
+            [beginning(rows, max(TRIED_ROWS // len(baseline), LEAST_TRIED)) for rows in baseline],
+        )
         channel.memory = min(MEMORIES, key=lambda memory: _left(channel, part, memory=memory))
         channel.lag = min(LAGS, key=lambda lag: _left(channel, part, lag=lag))
     if channel.name == "effort" and not channel.signed:
@@ -229,7 +234,9 @@ def _signs(channel, baseline):
         if pushing.sum() < 20 or (~pushing).sum() < 10:
             continue
         scaled = columns / np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-300)
-        fit = lambda turned, rows_used: np.linalg.lstsq((scaled * turned[:, None])[rows_used], y[rows_used], rcond=None)[0]
+        fit = lambda turned, rows_used: np.linalg.lstsq(
+            (scaled * turned[:, None])[rows_used], y[rows_used], rcond=None
+        )[0]
         turned = columns[:, 1].copy()
         plain = float(np.mean((y - scaled @ fit(turned, slice(None)) * turned) ** 2))
         beta = fit(turned, pushing)

@@ -134,8 +134,10 @@ def _cells(fine, tried, least):
     for places in tried:
         sides = [_coarser(side, places) for side in fine]
         codes = {key: int(unpack(np.array([key]))[0][0]) for key in {*sides[0][0], *sides[1][0]}}
-        shares = [{code: max((m for k, m in met.items() if codes[k] == code), default=1) for code in set(codes.values())}
-                  for met, _ in sides]
+        shares = [
+            {code: max((m for k, m in met.items() if codes[k] == code), default=1) for code in set(codes.values())}
+            for met, _ in sides
+        ]
         kept = sorted(key for key in sides[0][0] if sides[0][0][key] >= least[0] * shares[0][codes[key]]
                       and sides[1][0].get(key, 0) >= least[1] * shares[1][codes[key]])
         covered = sum(sides[1][1][k] for k in kept) / max(sum(sides[1][1].values()), 1)
@@ -158,13 +160,17 @@ def reduce(channel, baseline, now, cells, places, stroke, top, columns_of, turn)
             slot = np.searchsorted(cells, keys)
             slot = np.where((slot < len(cells)) & (cells[np.minimum(slot, len(cells) - 1)] == keys), slot, -1)
             y = channel.values(rows)
-            scale = np.array([channel.scale.get(int(c), 1.0) for c in range(int(rows.condition.max()) + 1)] or [1.0])[np.maximum(rows.condition, 0)]
+            scale = np.array([channel.scale.get(int(c), 1.0) for c in range(int(rows.condition.max()) + 1)] or [1.0])[
+                np.maximum(rows.condition, 0)
+            ]
             left = (y - channel.predicted(rows)) / scale
             good = (slot >= 0) & np.isfinite(left)
             _add(fluctuations, side is now, *_fluctuation(left, np.where(good, slot, -1), len(cells)))
             if side is now:
                 for name, columns in columns_of(channel, rows).items():
-                    part = np.stack([np.bincount(slot[good], c[good] / scale[good], len(cells)) for c in columns.T], axis=1)
+                    part = np.stack(
+                        [np.bincount(slot[good], c[good] / scale[good], len(cells)) for c in columns.T], axis=1
+                    )
                     sums[name] = sums.get(name, 0.0) + part
                     traces.setdefault(name, []).append(trace(rows, columns, scale, channel.signed))
                 weights += np.bincount(slot[good], minlength=len(cells))
@@ -262,7 +268,9 @@ def _add(totals, key, power, number):
 
 def _growth(fluctuations):
     """Variance per row by which now fluctuates more than the baseline, per cell (size,)."""
-    base, now = ((power + 1e-300) / np.maximum(number, 1) for power, number in (fluctuations[False], fluctuations[True]))
+    base, now = (
+        (power + 1e-300) / np.maximum(number, 1) for power, number in (fluctuations[False], fluctuations[True])
+    )
     return np.maximum(now - base, 0.0)
 
 
@@ -288,7 +296,9 @@ def _orders(speed, turn, period):
 def _aligned(extras):
     """Amplitude coordinates of all repetitions: (keys, array of repetitions × keys with NaN where one lacks it)."""
     keys = sorted({key for extra in extras for key in extra}, key=str)
-    return keys, np.array([[extra.get(key, np.nan) for key in keys] for extra in extras]).reshape(len(extras), len(keys))
+    return keys, np.array([[extra.get(key, np.nan) for key in keys] for extra in extras]).reshape(
+        len(extras), len(keys)
+    )
 
 
 def _shift_columns(classes, slot, size):
@@ -300,14 +310,24 @@ def _shift_columns(classes, slot, size):
 def _assembled(channel, cells, sides, sums, weights, shifted, spectra, starts, growth):
     (base, groups_base, extra_base, counts), (now, groups_now, extra_now, _) = sides
     common = [key for key in extra_base[0] if key in extra_now[0]]
-    pick = lambda extra: extra[1][:, [extra[0].index(key) for key in common]] if common else np.zeros((len(extra[1]), 0))
+    pick = lambda extra: (
+        extra[1][:, [extra[0].index(key) for key in common]] if common else np.zeros((len(extra[1]), 0))
+    )
     condition, state, direction, _, place = unpack(cells)
     kinds = np.array([*(STATES[s] for s in state), *(key[1] for key in common)], dtype=object)
-    basis = np.hstack([_range_of(shifted, condition == code) for code in np.unique(condition)] or [np.zeros((len(cells), 0))])
+    basis = np.hstack(
+        [_range_of(shifted, condition == code) for code in np.unique(condition)] or [np.zeros((len(cells), 0))]
+    )
     decades, traces = starts
-    columns = {name: np.concatenate([total / np.maximum(weights, 1)[:, None], _at_starts(traces[name], common, total.shape[1])])
-               for name, total in sums.items()}
-    columns["breakaway"] = np.concatenate([np.zeros(len(cells)), [np.mean(decades.get(key, [0.0])) for key in common]])[:, None]
+    columns = {
+        name: np.concatenate(
+            [total / np.maximum(weights, 1)[:, None], _at_starts(traces[name], common, total.shape[1])]
+        )
+        for name, total in sums.items()
+    }
+    columns["breakaway"] = np.concatenate([np.zeros(len(cells)), [np.mean(decades.get(key, [0.0])) for key in common]])[
+        :, None
+    ]
     return Coordinates(
         channel,
         np.hstack([base, pick(extra_base)]),
@@ -359,5 +379,12 @@ def _mean_spectrum(spectra):
     for is_now, spectrum in spectra:
         for (code, direction), (orders, size) in spectrum.items():
             gathered.setdefault((is_now, code, direction), []).append((orders, size))
-    return {key: (entries[0][0], np.sqrt(np.mean([s[: len(entries[0][0])] ** 2 for o, s in entries if len(s) >= len(entries[0][0])], axis=0)))
-            for key, entries in gathered.items()}
+    return {
+        key: (
+            entries[0][0],
+            np.sqrt(
+                np.mean([s[: len(entries[0][0])] ** 2 for o, s in entries if len(s) >= len(entries[0][0])], axis=0)
+            ),
+        )
+        for key, entries in gathered.items()
+    }

@@ -207,4 +207,6 @@ def motion_of(log, top_speed, top_acceleration, lag=0.0):
     state[moving & (pushing < -limit) & ~early] = STATES.index("brake")
     state[~moving] = STATES.index("settled")
     state[~moving & (since < np.maximum(2.5 * log.period, 0.3 * took))] = STATES.index("rest")
-    return Motion(x, v, a, direction, last[number], state, since, dwell[number], number, absolute, top_speed, top_acceleration)
+    return Motion(
+        x, v, a, direction, last[number], state, since, dwell[number], number, absolute, top_speed, top_acceleration
+    )

@@ -34,7 +34,13 @@ def repetitions(log, motion, description, files):
     moves = by_reversals(log, motion)
     if completeness(moves, log, motion) <= share:
         return labels, ""
-    return moves, f"{source} cut within the motion: stretches of whole strokes, found from the motion, count as repetitions instead."
+    return (
+        moves,
+        (
+            f"{source} cut within the motion: stretches of whole strokes, found from the motion, count as repetitions"
+            " instead."
+        ),
+    )
 
 
 def completeness(labels, log, motion):
@@ -66,7 +72,9 @@ def by_reversals(log, motion):
     turns = np.flatnonzero(np.diff(directions) != 0) if len(directions) > 1 else np.array([])
     if len(turns) >= 5:
         first = float(directions[0])
-        begin = [s for s, d, before in zip(strokes, directions, [-first, *directions]) if d == first and before != first]
+        begin = [
+            s for s, d, before in zip(strokes, directions, [-first, *directions]) if d == first and before != first
+        ]
         cycles = len(begin)
         parts = min(MOST, cycles)
         edges = [begin[int(k * cycles / parts)] for k in range(1, parts)]

@@ -120,7 +120,9 @@ class Spread:
         total = within * same * np.sqrt(np.outer(count, count))
         if assembly:
             share = np.array([1.0 + 1.0 / max(self.groups.get(int(c), 1), 1) for c in coordinates.condition])
-            total = total + ((self.modes * self.assembly) @ self.modes.T + np.diag(_pattern(coordinates))) * np.sqrt(np.outer(share, share))
+            total = total + ((self.modes * self.assembly) @ self.modes.T + np.diag(_pattern(coordinates))) * np.sqrt(
+                np.outer(share, share)
+            )
         free = coordinates.shifted
         return total + free @ free.T if free.shape[1] else total
 
@@ -165,10 +167,22 @@ def learn(coordinates):
     lost = max(len(groups), 1)
     if single:
         repetition, noise = _fit(between, modes, prior_r**2, coordinates, PRIOR_REPETITIONS, len(means) - lost)
-    assembly, more = (_fit(between, modes, prior_a**2, coordinates, PRIOR_GROUPS, len(means) - lost)[0], len(means) - lost) \
-        if len(means) > lost else (prior_a**2, 0)
-    return Spread(modes, names, repetition, assembly, noise, sizes, groups, PRIOR_REPETITIONS + max(free, len(means) - lost if single else 0),
-                  30.0 if not more else PRIOR_GROUPS + 8.0 + more)
+    assembly, more = (
+        (_fit(between, modes, prior_a**2, coordinates, PRIOR_GROUPS, len(means) - lost)[0], len(means) - lost)
+        if len(means) > lost
+        else (prior_a**2, 0)
+    )
+    return Spread(
+        modes,
+        names,
+        repetition,
+        assembly,
+        noise,
+        sizes,
+        groups,
+        PRIOR_REPETITIONS + max(free, len(means) - lost if single else 0),
+        30.0 if not more else PRIOR_GROUPS + 8.0 + more,
+    )
 
 
 def _count(vectors, coordinates, code):

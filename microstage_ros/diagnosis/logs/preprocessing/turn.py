@@ -19,7 +19,10 @@ def turn_of(groups, channels, description, stroke):
     period = _guess(groups, channels["effort"], stroke)
     if not period:
         return 0.0, ""
-    return period, f"No lead was given; a ripple of {period * 1e3:.4g} mm of travel is taken for one turn. This is a guess."
+    return (
+        period,
+        f"No lead was given; a ripple of {period * 1e3:.4g} mm of travel is taken for one turn. This is a guess.",
+    )
 
 
 def _guess(groups, channel, stroke):
@@ -39,7 +42,9 @@ def _guess(groups, channel, stroke):
             step = float(np.median(np.abs(m.speed[index]))) * rows.log.period
             x, r = m.x[index], y[index] - y[index].mean()
             limit = frequencies < 0.4 / max(step, 1e-300)
-            wave = np.array([np.abs(np.mean(r * np.exp(-2j * np.pi * f * x))) ** 2 for f in frequencies[limit]]) / max(np.var(r), 1e-300)
+            wave = np.array([np.abs(np.mean(r * np.exp(-2j * np.pi * f * x))) ** 2 for f in frequencies[limit]]) / max(
+                np.var(r), 1e-300
+            )
             full = np.zeros(len(frequencies))
             full[limit] = wave
             power, count = power + full, count + 1

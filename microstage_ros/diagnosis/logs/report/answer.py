@@ -23,7 +23,9 @@ def write_log_answer(result, description, folder, sources, axis=None):
         if axis is not None:
             report["extended_axis"] = _extended(result.diagnosis, axis, folder, sources, report)
         write_page(report, result, folder / "report.html", description)
-        (folder / "report.json").write_text(json.dumps(report, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+        (folder / "report.json").write_text(
+            json.dumps(report, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
+        )
     return report
 
 
@@ -79,7 +81,11 @@ def _condition(result, code):
     if code < 0:
         return None
     rows = result.evidence["groups"]["baseline"][0]
-    labels = [label for k, label in enumerate(rows.log.conditions) if code in set(rows.condition[rows.log.condition == k].tolist())]
+    labels = [
+        label
+        for k, label in enumerate(rows.log.conditions)
+        if code in set(rows.condition[rows.log.condition == k].tolist())
+    ]
     return " ".join(map(str, labels[0])) if labels and labels[0] else None
 
 
@@ -106,7 +112,9 @@ def _cause(cause):
 
 
 def _parameters(parameters):
-    return {name: {"value": plain(p.value), "stderr": plain(p.stderr), "unit": p.unit} for name, p in parameters.items()}
+    return {
+        name: {"value": plain(p.value), "stderr": plain(p.stderr), "unit": p.unit} for name, p in parameters.items()
+    }
 
 
 def _extended(diagnosis, axis, folder, sources, report):
@@ -120,7 +128,9 @@ def _extended(diagnosis, axis, folder, sources, report):
         try:
             check_effects({cause.id: effect}, "effects")
         except InputError:
-            report["notes"].append(f"{cause.id} is not in extended.yaml: its size in these signals is no parameter of the axis file.")
+            report["notes"].append(
+                f"{cause.id} is not in extended.yaml: its size in these signals is no parameter of the axis file."
+            )
             continue
         if effect:
             kept.append(dataclasses.replace(cause, effect=effect))

@@ -26,7 +26,10 @@ def headline(report):
     opened = [" or ".join(name_of(i).lower() for i in r["ids"]) for r in report["rivals"]]
     text = VERDICTS[report["verdict"]]
     if report["verdict"] == "agrees" and report["compared"] < LEAST_COMPARED:
-        return f"Only {report['compared']:.0%} of these logs move as the baseline does; in that part nothing has changed, the rest is not known."
+        return (
+            f"Only {report['compared']:.0%} of these logs move as the baseline does; in that part nothing has changed,"
+            " the rest is not known."
+        )
     if names:
         text = f"{text}: {'; '.join(names)}" if report["verdict"] != "undetermined" else f"Found: {'; '.join(names)}"
     if opened:
@@ -35,7 +38,9 @@ def headline(report):
 
 
 def _tone(report):
-    return "caution" if report["verdict"] == "agrees" and report["compared"] < LEAST_COMPARED else TONES[report["verdict"]]
+    return (
+        "caution" if report["verdict"] == "agrees" and report["compared"] < LEAST_COMPARED else TONES[report["verdict"]]
+    )
 
 
 def size_of(cause):
@@ -45,10 +50,19 @@ def size_of(cause):
         if value is None:
             continue
         if name == "factor" or name.endswith("_factor"):
-            return f"{100 * (value - 1):+.0f} %, 95 %: {100 * (value - 1 - 1.96 * spread):+.0f} … {100 * (value - 1 + 1.96 * spread):+.0f} %"
+            return (
+                f"{100 * (value - 1):+.0f} %, 95 %: {100 * (value - 1 - 1.96 * spread):+.0f} …"
+                f" {100 * (value - 1 + 1.96 * spread):+.0f} %"
+            )
         if p["unit"] == "1":
-            return f"{100 * value:.0f} %, 95 %: {100 * (value - 1.96 * spread):.0f} … {100 * (value + 1.96 * spread):.0f} %"
-        return f"{quantity(value, p['unit'])}, 95 %: {quantity(value - 1.96 * spread, p['unit'])} … {quantity(value + 1.96 * spread, p['unit'])}"
+            return (
+                f"{100 * value:.0f} %, 95 %: {100 * (value - 1.96 * spread):.0f} …"
+                f" {100 * (value + 1.96 * spread):.0f} %"
+            )
+        return (
+            f"{quantity(value, p['unit'])}, 95 %: {quantity(value - 1.96 * spread, p['unit'])} …"
+            f" {quantity(value + 1.96 * spread, p['unit'])}"
+        )
     return "size open"
 
 
@@ -63,8 +77,12 @@ def write_page(report, result, path, description):
     of_error = any(c["channel"] == "error" for c in report["causes"])
     if of_error and result.context.channels["error"].kind != FLUCTUATION:
         main = "error"
-    _figure(page, pictures.over_stroke(result, main), "Over the stroke, each direction by itself: the baseline with its spread from run to run, now, "
-            "and the baseline with the named causes added.")
+    _figure(
+        page,
+        pictures.over_stroke(result, main),
+        "Over the stroke, each direction by itself: the baseline with its spread from run to run, now, "
+        "and the baseline with the named causes added.",
+    )
     if report["causes"] or report["rivals"]:
         _causes(page, report)
     page.section("What to do next")
@@ -72,8 +90,12 @@ def write_page(report, result, path, description):
     _course(page, report, result)
     page.section("Measured and model in time")
     for channel in (name for name, c in result.evidence["reduced"].items() if c.channel.kind != FLUCTUATION):
-        _figure(page, pictures.in_time(result, channel), f"{channel.capitalize()}: the first stretch of the logs of now.")
-    if any("ripple" in i for i in [c["id"] for c in report["causes"]] + [i for r in report["rivals"] for i in r["ids"]]):
+        _figure(
+            page, pictures.in_time(result, channel), f"{channel.capitalize()}: the first stretch of the logs of now."
+        )
+    if any(
+        "ripple" in i for i in [c["id"] for c in report["causes"]] + [i for r in report["rivals"] for i in r["ids"]]
+    ):
         _figure(page, pictures.ripple(result), "Ripple by its order: cycles per turn.")
     _blind(page, report)
     _healthy(page, report)
@@ -110,7 +132,9 @@ def _figures(report, result):
     if report["causes"] or report["rivals"]:
         figures.append(("Left over", f"{gain['after']:.1f} ×", "the same, with what is named taken out"))
     for cause in report["causes"][:2]:
-        figures.append((name_of(cause["id"]), size_of(cause).partition(",")[0], f"sure to {100 * cause['probability']:.1f} %"))
+        figures.append(
+            (name_of(cause["id"]), size_of(cause).partition(",")[0], f"sure to {100 * cause['probability']:.1f} %")
+        )
     return figures
 
 
@@ -119,7 +143,15 @@ def _causes(page, report):
     since = {entry["id"]: entry for entry in report["since"]}
     rows = []
     for cause in report["causes"]:
-        rows.append((name_of(cause["id"]), size_of(cause), _since(since.get(cause["id"])), f"{100 * cause['probability']:.1f} %", f"{cause['share']:.0%}"))
+        rows.append(
+            (
+                name_of(cause["id"]),
+                size_of(cause),
+                _since(since.get(cause["id"])),
+                f"{100 * cause['probability']:.1f} %",
+                f"{cause['share']:.0%}",
+            )
+        )
     if rows:
         page.table(("cause", "how much", "since", "sure", "share of what stands out"), rows)
     if report["rivals"]:
@@ -156,9 +188,13 @@ def _next(report):
         entries.append(f"To decide between {' and '.join(rivals['ids'])}: {rivals['experiment']}. "
                        f"If it is the first: {advice_for(rivals['ids'][0])}")
     if report["verdict"] in ("unexplained", "partly_explained"):
-        strongest = sorted((f for f in report["findings"] if f["significant"]), key=lambda f: -(f["left"] or 0.0) / f["threshold"])[:2]
+        strongest = sorted(
+            (f for f in report["findings"] if f["significant"]), key=lambda f: -(f["left"] or 0.0) / f["threshold"]
+        )[:2]
         entries += [f"What is left shows at: {f['coordinate']} ({f['channel']})." for f in strongest]
-    return entries or ["Nothing. Keep these logs: with every further healthy log the thresholds become more this machine's own."]
+    return entries or [
+        "Nothing. Keep these logs: with every further healthy log the thresholds become more this machine's own."
+    ]
 
 
 def _course(page, report, result):
@@ -171,21 +207,44 @@ def _course(page, report, result):
                 points = course_module.course_of(stage, choice.name, result.evidence["groups"])
                 changes = course_module.change_points([p.value for p in points], [p.stderr for p in points])
                 page.section("Since when")
-                _figure(page, pictures.course(points, "change over the level [1]", changes),
-                        f"{name_of(ids[0])}: size in every repetition with its 95 % interval, against the baseline's mean. Dashed: where its mean changes.")
+                _figure(
+                    page,
+                    pictures.course(points, "change over the level [1]", changes),
+                    f"{name_of(ids[0])}: size in every repetition with its 95 % interval, against the baseline's mean."
+                    " Dashed: where its mean changes.",
+                )
                 return
 
 
 def _blind(page, report):
     page.section("What these logs can and cannot show")
-    shown = [(name_of(name), f"{100 * entry['detectable']:.0f} %") for name, entry in report["visible"].items() if entry["visible"]]
+    shown = [
+        (name_of(name), f"{100 * entry['detectable']:.0f} %")
+        for name, entry in report["visible"].items()
+        if entry["visible"]
+    ]
     if shown:
-        page.table(("visible here", "from about"), shown, "Smallest change that would be named, in per cent of the level of friction (or of the following error).")
-    page.table(("not visible here", "would need"), [(name_of(name), need) for name, need in report["not_visible"].items()])
+        page.table(
+            ("visible here", "from about"),
+            shown,
+            "Smallest change that would be named, in per cent of the level of friction (or of the following error).",
+        )
+    page.table(
+        ("not visible here", "would need"), [(name_of(name), need) for name, need in report["not_visible"].items()]
+    )
 
 
 def _healthy(page, report):
     page.section("The healthy machine, as its baseline shows it")
-    rows = [(h["channel"], h["condition"], h["name"], quantity(h["value"], h["unit"]), quantity(h["stderr"], h["unit"]) if h["stderr"] else None)
-            for h in report["healthy"] if h["value"] is not None]
+    rows = [
+        (
+            h["channel"],
+            h["condition"],
+            h["name"],
+            quantity(h["value"], h["unit"]),
+            quantity(h["stderr"], h["unit"]) if h["stderr"] else None,
+        )
+        for h in report["healthy"]
+        if h["value"] is not None
+    ]
     page.table(("channel", "condition", "size", "value", "standard error"), rows)

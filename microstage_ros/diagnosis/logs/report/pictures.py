@@ -37,7 +37,9 @@ def over_stroke(result, name):
         order = speeds[np.argsort(coordinates.place[speeds], kind="stable")]
         unique = np.unique(coordinates.place[order])
         x = across * (low + (unique + 0.5) / places * (high - low))
-        fold = lambda values: up * scale * np.array([np.nanmean(values[order[coordinates.place[order] == p]]) for p in unique])
+        fold = lambda values: (
+            up * scale * np.array([np.nanmean(values[order[coordinates.place[order] == p]]) for p in unique])
+        )
         with np.errstate(all="ignore"):
             base, now = np.nanmean(coordinates.baseline, axis=0) + level, np.nanmean(coordinates.now, axis=0) + level
             spread = np.nanstd(coordinates.baseline, axis=0)
@@ -73,7 +75,9 @@ def _cell_means(result, name, values):
     total, count = np.zeros(len(cells)), np.zeros(len(cells))
     for rows in result.evidence["groups"]["now"]:
         slot, good = _slots(result, rows)
-        scale = np.array([reduced.channel.scale.get(c, 1.0) for c in range(int(rows.condition.max()) + 1)] or [1.0])[np.maximum(rows.condition, 0)]
+        scale = np.array([reduced.channel.scale.get(c, 1.0) for c in range(int(rows.condition.max()) + 1)] or [1.0])[
+            np.maximum(rows.condition, 0)
+        ]
         total += np.bincount(slot[good], (values(reduced.channel, rows) / scale)[good], len(cells))
         count += np.bincount(slot[good], minlength=len(cells))
     return total / np.maximum(count, 1)
@@ -123,7 +127,14 @@ def in_time(result, name):
     plot_signal(axes, time, up * measured, color=NOW, lw=0.9, label="measured now")
     plot_signal(axes, time, up * base[shown], color=BASE, label="as the baseline has it")
     if fitted is not None:
-        plot_signal(axes, time, up * (base + _rows_fitted(result, name, rows))[shown], color=MODEL, ls="--", label="with the causes")
+        plot_signal(
+            axes,
+            time,
+            up * (base + _rows_fitted(result, name, rows))[shown],
+            color=MODEL,
+            ls="--",
+            label="with the causes",
+        )
     axes.set_xlabel("time [s]")
     axes.set_ylabel(f"{_label(channel)} [{unit}]")
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
@@ -133,7 +144,9 @@ def in_time(result, name):
 def _rows_fitted(result, name, rows):
     """What the chosen effects add to each row, in the channel's unit."""
     stage = _stage_of(result, name)
-    columns = columns_of(result.evidence["stroke"], result.evidence["turn"])(result.evidence["reduced"][name].channel, rows)
+    columns = columns_of(result.evidence["stroke"], result.evidence["turn"])(
+        result.evidence["reduced"][name].channel, rows
+    )
     names = [c.name for c in stage.chosen]
     beta = stage.problem.taken(names)[1]
     total, at = np.zeros(len(rows.log)), 0
@@ -153,8 +166,16 @@ def course(points, label, changes=()):
     for baseline, colour, name in ((True, BASE, "baseline"), (False, NOW, "now")):
         index = [k for k, p in enumerate(points) if p.baseline == baseline]
         if index:
-            axes.errorbar(index, [points[k].value for k in index], yerr=[1.96 * points[k].stderr for k in index], fmt="o", ms=3.5, color=colour,
-                          elinewidth=1.0, label=name)
+            axes.errorbar(
+                index,
+                [points[k].value for k in index],
+                yerr=[1.96 * points[k].stderr for k in index],
+                fmt="o",
+                ms=3.5,
+                color=colour,
+                elinewidth=1.0,
+                label=name,
+            )
     for change in changes:
         axes.axvline(change - 0.5, color=COLOURS["black"], ls="--", lw=1.0)
     axes.axhline(0.0, color=COLOURS["grey"], lw=0.7, zorder=0)
@@ -167,7 +188,11 @@ def course(points, label, changes=()):
 def ripple(result):
     """Figure: amplitude by order of the turn, before and now, or None."""
     spectra = result.context.spectra
-    keys = [key for key in spectra if key[0] and (False, *key[1:]) in spectra and len(spectra[key][0]) == len(spectra[(False, *key[1:])][0])]
+    keys = [
+        key
+        for key in spectra
+        if key[0] and (False, *key[1:]) in spectra and len(spectra[key][0]) == len(spectra[(False, *key[1:])][0])
+    ]
     if not keys:
         return None
     figure, axes = new_figure(len(keys[:2]), 1, height=1.8, sharex=True, squeeze=False)

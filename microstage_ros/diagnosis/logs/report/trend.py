@@ -55,7 +55,10 @@ def diagnose_over_time(baseline, now, description, seed=0):
         for name in stage.problem.effects:
             if name in FOLLOWED and whole.visibility.get(name, (False,))[0]:
                 points = course_module.course_of(stage, name, whole.evidence["groups"], per_file=True)
-                courses[name] = (points, course_module.change_points([p.value for p in points], [p.stderr for p in points]))
+                courses[name] = (
+                    points,
+                    course_module.change_points([p.value for p in points], [p.stderr for p in points]),
+                )
     after_baseline = sum(p.baseline for p in next(iter(courses.values()))[0]) if courses else len(baseline)
     # the effect whose course moves most, over its own errors, dates the change
     best = max(courses, key=lambda n: _movement(courses[n][0]), default=None)
@@ -77,17 +80,34 @@ def write_trend(trend, description, folder, sources):
     report = report_fields(trend.last, description, sources)
     rows = {}
     for name, (points, changes) in trend.courses.items():
-        rows[name] = {"points": [{"source": p.source, "value": _plain(p.value), "stderr": _plain(p.stderr), "baseline": p.baseline} for p in points],
-                      "unit": "1", "of": "level of the channel", "changes_at": [points[c].source for c in changes]}
+        rows[name] = {
+            "points": [
+                {"source": p.source, "value": _plain(p.value), "stderr": _plain(p.stderr), "baseline": p.baseline}
+                for p in points
+            ],
+            "unit": "1",
+            "of": "level of the channel",
+            "changes_at": [points[c].source for c in changes],
+        }
     sentences = [f"After the last change: {headline(report)}"]
     for change in trend.changes:
         sentences.append(f"  changes at {trend.order[change]}")
-    tree = {"format": 1, "verdict": report["verdict"], "courses": rows, "changes_at": [trend.order[c] for c in trend.changes], "report": report,
-            "sentences": sentences, "sources": sources, "version": __version__}
+    tree = {
+        "format": 1,
+        "verdict": report["verdict"],
+        "courses": rows,
+        "changes_at": [trend.order[c] for c in trend.changes],
+        "report": report,
+        "sentences": sentences,
+        "sources": sources,
+        "version": __version__,
+    }
     with complete_folder(folder) as place:
         _page(trend, report, tree, description, place / "report.html")
         for name, content in (("trend.json", tree), ("report.json", report)):
-            (place / name).write_text(json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+            (place / name).write_text(
+                json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
+            )
     return tree
 
 
@@ -98,9 +118,16 @@ def _plain(value):
 def _page(trend, report, tree, description, path):
     from microstage_ros.diagnosis.report.wording import TONES
 
-    page = Page("The course of this machine", description.name or description.place, configuration=description.place, seed=report["seed"],
-                about={"Logs": f"{len(trend.order)}"})
-    page.verdict(tree["sentences"][0], TONES[report["verdict"]], more="; ".join(s.strip() for s in tree["sentences"][1:]))
+    page = Page(
+        "The course of this machine",
+        description.name or description.place,
+        configuration=description.place,
+        seed=report["seed"],
+        about={"Logs": f"{len(trend.order)}"},
+    )
+    page.verdict(
+        tree["sentences"][0], TONES[report["verdict"]], more="; ".join(s.strip() for s in tree["sentences"][1:])
+    )
     page.section("What has changed")
     page.list([f"{name_of(c['id'])}: {size_of(c)}. {advice_for(c['id'])}" for c in report["causes"]]
               + [f"{' or '.join(r['ids'])}: {r['experiment']} would decide." for r in report["rivals"]] or ["Nothing."])

@@ -54,7 +54,11 @@ class Context:
         own = self.channels[channel]
         value = float(np.mean([own.models[c][3] for c in self.codes]))
         error = float(np.mean([own.stderr[c][3] for c in self.codes]))
-        return value if abs(value) > 5.0 * error and abs(value) * self.top_acceleration > 0.05 * self.scale(channel) else None
+        return (
+            value
+            if abs(value) > 5.0 * error and abs(value) * self.top_acceleration > 0.05 * self.scale(channel)
+            else None
+        )
 
     def dominant_order(self):
         """Cycles per turn of the ripple that changed most, or None."""
@@ -96,7 +100,11 @@ def hidden_effects(seen, context):
             continue
         if name in seen:
             _, size, part, largest = seen[name]
-            from_size = f"not below {size:.0%} of the {'friction' if signature.effort else 'error'} level in these logs; " if size < SAID else ""
+            from_size = (
+                f"not below {size:.0%} of the {'friction' if signature.effort else 'error'} level in these logs; "
+                if size < SAID
+                else ""
+            )
             out[name] = from_size + _need(name, context)
         else:
             out[name] = _need(name, context)
@@ -155,5 +163,7 @@ def healthy_table(context, spreads):
             if mode in learned.names:
                 k = learned.names.index(mode)
                 rows.append((name, -1, f"{mode}: spread from run to run", math.sqrt(learned.repetition[k]), 0.0, "1"))
-                rows.append((name, -1, f"{mode}: spread from assembly to assembly", math.sqrt(learned.assembly[k]), 0.0, "1"))
+                rows.append(
+                    (name, -1, f"{mode}: spread from assembly to assembly", math.sqrt(learned.assembly[k]), 0.0, "1")
+                )
     return rows

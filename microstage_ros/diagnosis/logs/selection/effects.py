@@ -190,7 +190,13 @@ GENERAL = "the same move at a slow and a fast speed, in both directions, with a 
 def separation(ids):
     """Signal or move that separates these effects, in words."""
     ids = list(ids)
-    said = [SEPARATE[pair] for k, a in enumerate(ids) for b in ids[k + 1:] for pair in [frozenset((a, b))] if pair in SEPARATE]
+    said = [
+        SEPARATE[pair]
+        for k, a in enumerate(ids)
+        for b in ids[k + 1 :]
+        for pair in [frozenset((a, b))]
+        if pair in SEPARATE
+    ]
     return "; ".join(dict.fromkeys(said)) or GENERAL
 
 
@@ -214,8 +220,12 @@ def columns_of(stroke, turn=0.0):
             predicted = channel.predicted(rows)
             model = np.array([channel.models.get(int(c), np.zeros(3)) for c in range(int(rows.condition.max()) + 1)])
             ohmic = np.nan_to_num(rows.log.signals["current"]) * model[np.maximum(rows.condition, 0), 1]
-            return {"gain": predicted[:, None], "constant": scale[:, None], "dead zone": (scale * np.sign(ohmic))[:, None],
-                    "resistive": ohmic[:, None]}
+            return {
+                "gain": predicted[:, None],
+                "constant": scale[:, None],
+                "dead zone": (scale * np.sign(ohmic))[:, None],
+                "resistive": ohmic[:, None],
+            }
         if channel.kind == FLUCTUATION:
             return {}
         unit = scale * turned
@@ -230,11 +240,17 @@ def columns_of(stroke, turn=0.0):
         if m.absolute:
             found["spring"] = (unit * (2.0 * u - 1.0) * (moving if not channel.signed else 1.0))[:, None]
             found["waves"] = np.stack([unit * s * np.cos(np.pi * k * u) for k in range(1, WAVES + 1)], axis=1)
-            found["bumps"] = np.stack([unit * s * np.clip(1.0 - np.abs(u * BUMPS - k), 0.0, 1.0) for k in range(BUMPS + 1)], axis=1)
-            found["waves of force"] = np.stack([unit * moving * np.cos(np.pi * k * u) for k in range(2, WAVES + 1)], axis=1)
+            found["bumps"] = np.stack(
+                [unit * s * np.clip(1.0 - np.abs(u * BUMPS - k), 0.0, 1.0) for k in range(BUMPS + 1)], axis=1
+            )
+            found["waves of force"] = np.stack(
+                [unit * moving * np.cos(np.pi * k * u) for k in range(2, WAVES + 1)], axis=1
+            )
         if turn:
             phase = 2.0 * np.pi * m.x / turn
-            found["turn"] = np.stack([unit * moving * w for k in (1, 2) for w in (np.cos(k * phase), np.sin(k * phase))], axis=1)
+            found["turn"] = np.stack(
+                [unit * moving * w for k in (1, 2) for w in (np.cos(k * phase), np.sin(k * phase))], axis=1
+            )
             found["turn of friction"] = found["turn"] * s[:, None]
         if m.absolute:
             found["place"] = (scale * (2.0 * u - 1.0))[:, None]
@@ -246,20 +262,31 @@ def columns_of(stroke, turn=0.0):
             found["resistive"] = electric[:, None]
         else:
             found["gain"] = channel.predicted(rows)[:, None]
-            slow = {name: low_pass(v, channel.lag, rows.log.period) for name, v in (("s", s), ("v", m.speed / top), ("m", moving))}
+            slow = {
+                name: low_pass(v, channel.lag, rows.log.period)
+                for name, v in (("s", s), ("v", m.speed / top), ("m", moving))
+            }
             passed = {name: high_pass(v, channel.memory, rows.log.period) for name, v in slow.items()}
             found["level transient"] = (scale * passed["s"])[:, None]
             found["speed transient"] = (scale * passed["v"])[:, None]
             found["force in error"] = np.stack([scale * moving, scale * passed["m"]], axis=1)
-            forces = {"friction": s, "viscous": m.speed / top * moving, "quadratic": m.speed * np.abs(m.speed) / top**2, "asymmetry": moving,
-                      "constant": np.ones(len(s)), "inertia": m.acceleration / sharp * moving}
+            forces = {
+                "friction": s,
+                "viscous": m.speed / top * moving,
+                "quadratic": m.speed * np.abs(m.speed) / top**2,
+                "asymmetry": moving,
+                "constant": np.ones(len(s)),
+                "inertia": m.acceleration / sharp * moving,
+            }
             if m.absolute:
                 forces["spring"] = 2.0 * u - 1.0
             for name, force in forces.items():
                 found[f"{name} in error"] = through_loop(channel, rows, force)[:, None]
             found["constant in error"] *= moving[:, None]       # at rest friction may hold it
             if m.absolute:
-                found["waves in error"] = np.stack([through_loop(channel, rows, s * np.cos(np.pi * k * u)) for k in range(1, WAVES + 1)], axis=1)
+                found["waves in error"] = np.stack(
+                    [through_loop(channel, rows, s * np.cos(np.pi * k * u)) for k in range(1, WAVES + 1)], axis=1
+                )
             found["lost motion"] = (scale * m.last)[:, None]
             found["speed"] = (scale * m.speed / top * moving)[:, None]
             found["acceleration"] = (scale * m.acceleration / sharp)[:, None]

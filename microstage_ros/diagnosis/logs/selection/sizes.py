@@ -50,8 +50,14 @@ def parameters_of(name, parts, beta, covariance, context, shown, reach=1.0):
         out = {"coefficient_change": Parameter(b * scale / top, s * scale / top, f"{unit} s/{place}")}
         known = context.viscous(shown)
         if known is not None:
-            out = {"factor": Parameter(1.0 + b * scale / top / known[0], math.hypot(s * scale / top / known[0], b * scale / top * known[1] / known[0] ** 2),
-                                       "1"), **out}
+            out = {
+                "factor": Parameter(
+                    1.0 + b * scale / top / known[0],
+                    math.hypot(s * scale / top / known[0], b * scale / top * known[1] / known[0] ** 2),
+                    "1",
+                ),
+                **out,
+            }
         return out
     if name == "nonlinear_viscous":
         return {"coefficient": Parameter(b * scale / top**2, s * scale / top**2, f"{unit} s²/{place}²")}
@@ -73,7 +79,11 @@ def parameters_of(name, parts, beta, covariance, context, shown, reach=1.0):
         return {"roughness_factor": Parameter(math.exp(b), math.exp(b) * s, "1")}
     if name in ("torque_ripple", "screw_pitch_error"):
         k = int(np.argmax(np.abs(beta)))
-        out = {("amplitude_m" if name == "screw_pitch_error" else "amplitude"): Parameter(float(beta[k]) * scale, float(sigma[k]) * scale, unit)}
+        out = {
+            ("amplitude_m" if name == "screw_pitch_error" else "amplitude"): Parameter(
+                float(beta[k]) * scale, float(sigma[k]) * scale, unit
+            )
+        }
         order = context.dominant_order()
         return {**out, "cycles_per_turn": Parameter(float(order), 0.0, "1")} if order else out
     if name == "payload_change":
@@ -83,7 +93,11 @@ def parameters_of(name, parts, beta, covariance, context, shown, reach=1.0):
     if name == "backlash":
         out = {"width_m": Parameter(2.0 * b * scale, 2.0 * s * scale, context.place_unit)}
         lead = context.facts.get("lead")
-        return {**out, "width_rad": Parameter(4.0 * math.pi * b * scale / lead, 4.0 * math.pi * s * scale / lead, "rad")} if lead else out
+        return (
+            {**out, "width_rad": Parameter(4.0 * math.pi * b * scale / lead, 4.0 * math.pi * s * scale / lead, "rad")}
+            if lead
+            else out
+        )
     if name == "transport_delay":
         return {"delay_s": Parameter(b * scale / top, s * scale / top, "s")}
     if name == "actuator_lag":
@@ -111,7 +125,11 @@ def _of_coulomb(b, s, scale, coulomb):
 
 def _inertia(b, s, scale, context, shown):
     sharp = context.top_acceleration
-    out = {f"{shown}_per_acceleration": Parameter(b * scale / sharp, s * scale / sharp, f"{context.channels[shown].unit} s²/{context.place_unit}")}
+    out = {
+        f"{shown}_per_acceleration": Parameter(
+            b * scale / sharp, s * scale / sharp, f"{context.channels[shown].unit} s²/{context.place_unit}"
+        )
+    }
     own = context.inertia(shown) if shown == "effort" else None
     if own:
         factor = b * scale / sharp / own

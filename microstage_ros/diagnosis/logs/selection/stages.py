@@ -56,13 +56,24 @@ class Stage:
         self.chosen = decide.choose(self.problem, possible, open_sign, self.also)
         self.whole, self.share = decide.stands_out(self.problem, self.chosen)
         said = ""
-        if self.chosen and self.share < decide.EXPLAINED and self.whole < decide.WHOLE and self.chosen[0].log_p > decide.BEYOND_DOUBT:
-            said = (f"Best single name, not held to be the answer because it removes only {self.share:.0%} of what stands out: "
-                    f"{decide.plain(self.chosen[0].name)}.")
+        if (
+            self.chosen
+            and self.share < decide.EXPLAINED
+            and self.whole < decide.WHOLE
+            and self.chosen[0].log_p > decide.BEYOND_DOUBT
+        ):
+            said = (
+                f"Best single name, not held to be the answer because it removes only {self.share:.0%} of what stands"
+                f" out: {decide.plain(self.chosen[0].name)}."
+            )
             self.chosen = []
         removed = self.problem.taken([c.name for c in self.chosen])[0]
         k = len(self.problem.difference)
-        self.left = float(decide.log_sf(max(self.problem.whole - removed, 0.0) / k / self.problem.whole_inflation, k, self.problem.dof))
+        self.left = float(
+            decide.log_sf(
+                max(self.problem.whole - removed, 0.0) / k / self.problem.whole_inflation, k, self.problem.dof
+            )
+        )
         return said
 
 
@@ -74,7 +85,11 @@ def form_error(coordinates, difference):
     at_speed, at_change = (float(np.mean(difference[own] ** 2)) if own.any() else 0.0 for own in (steady, changing))
     of_steady = steadily**2 * (at_speed + at_change)       # a start rings on into the steady part
     of_change = starting**2 * max(at_speed, 0.5 * at_change)
-    return np.select([steady, changing, kinds == "breakaway"], [of_steady, of_change, of_change + _of_peaks(coordinates, difference)], 0.0)
+    return np.select(
+        [steady, changing, kinds == "breakaway"],
+        [of_steady, of_change, of_change + _of_peaks(coordinates, difference)],
+        0.0,
+    )
 
 
 def _of_peaks(coordinates, difference):
@@ -95,7 +110,15 @@ def stages_of(reduced, spreads, without=()):
     strong = {n: c for n, c in reduced.items() if n != "error"}
     stages = [Stage(strong, {n: spreads[n] for n in strong}, without=without)] if strong else []
     if "error" in reduced:
-        only = tuple(n for n, s in SIGNATURES.items() if not s.effort and (s.error or any(c == "error" for c, _ in s.amplitudes))) if strong else None
+        only = (
+            tuple(
+                n
+                for n, s in SIGNATURES.items()
+                if not s.effort and (s.error or any(c == "error" for c, _ in s.amplitudes))
+            )
+            if strong
+            else None
+        )
         if reduced["error"].channel.kind == FLUCTUATION:
             only = ("floor_vibration", "sampling_jitter")
         stages.append(Stage({"error": reduced["error"]}, {"error": spreads["error"]}, only, without))

@@ -47,7 +47,11 @@ def answer(reduced, spreads, groups, context, notes, open_sign, seed):
         stage.largest = largest_in_error(context) if "error" in stage.coordinates else largest_in_effort(context)
         of_reading = _is_fluctuation(stage)
         if "error" in stage.coordinates and (of_reading or not _rests(stage.coordinates["error"])):
-            stage.also = {**stage.also, "sampling_jitter": ("floor_vibration",), "floor_vibration": ("sampling_jitter",)}
+            stage.also = {
+                **stage.also,
+                "sampling_jitter": ("floor_vibration",),
+                "floor_vibration": ("sampling_jitter",),
+            }
         if changed and not of_reading:
             stage.free = FORCED
             stage.without += FOLLOWING
@@ -65,8 +69,13 @@ def answer(reduced, spreads, groups, context, notes, open_sign, seed):
             cause = _cause(stage, choice, context, parts)
             if choice.rivals:
                 ids = (cause.id, *choice.rivals)
-                rivals.append(Rivals(ids, f"{' and '.join(ids)} would show alike in these signals. If it is {cause.id}: {told(cause)}.",
-                                     {"decides": separation(ids)}))
+                rivals.append(
+                    Rivals(
+                        ids,
+                        f"{' and '.join(ids)} would show alike in these signals. If it is {cause.id}: {told(cause)}.",
+                        {"decides": separation(ids)},
+                    )
+                )
                 rival_sizes.append({cause.id: cause.parameters, **_sizes_of_rivals(stage, choice, context)})
             else:
                 causes.append(cause)
@@ -121,9 +130,16 @@ def largest_in_error(context):
     stroke."""
     scale = max(context.scale("error"), 1e-300)
     of_place = GAP * context.stroke / scale
-    usual = {"speed": LATE_S * context.top_speed / scale, **dict.fromkeys(("lost motion", "load", "place", "acceleration", "creep"), of_place)}
+    usual = {
+        "speed": LATE_S * context.top_speed / scale,
+        **dict.fromkeys(("lost motion", "load", "place", "acceleration", "creep"), of_place),
+    }
     usual = {name: max(value, decide.LARGEST[name]) for name, value in usual.items()}
-    return {**usual, "creep": CREEP * context.stroke / scale, "acceleration": LAG_S * LOOP_S * context.top_acceleration / scale}
+    return {
+        **usual,
+        "creep": CREEP * context.stroke / scale,
+        "acceleration": LAG_S * LOOP_S * context.top_acceleration / scale,
+    }
 
 
 def largest_in_effort(context):
@@ -132,7 +148,11 @@ def largest_in_effort(context):
     channel = context.channels.get("effort")
     if channel is None:
         return {}
-    shares = [(abs(channel.models[c][3]) + 2.0 * channel.stderr[c][3]) * context.top_acceleration / channel.scale[c] for c in context.codes if c in channel.models]
+    shares = [
+        (abs(channel.models[c][3]) + 2.0 * channel.stderr[c][3]) * context.top_acceleration / channel.scale[c]
+        for c in context.codes
+        if c in channel.models
+    ]
     return {"inertia": min(float(np.mean(shares)), decide.LARGEST["inertia"])} if shares else {}
 
 
@@ -149,7 +169,9 @@ def _verdict(stages, causes, rivals):
     if rivals:
         return "undetermined"
     if causes:
-        return "explained" if all(s.left > decide.WHOLE or s.share > decide.MOSTLY for s in apart) else "partly_explained"
+        return (
+            "explained" if all(s.left > decide.WHOLE or s.share > decide.MOSTLY for s in apart) else "partly_explained"
+        )
     return "unexplained" if any(s.whole < decide.WHOLE for s in apart) else "agrees"
 
 
@@ -161,8 +183,9 @@ def _sentences(notes, spreads):
     if assemblies < 2:
         level = 100.0 * spread.USUAL["level"][1]
         notes.append(
-            "The baseline shows one state of assembly only; how much taking apart, restarts and days change is taken from other machines "
-            f"(friction ± {level:.1f} %). Baseline logs of several days make the thresholds this machine's own."
+            "The baseline shows one state of assembly only; how much taking apart, restarts and days change is taken"
+            f" from other machines (friction ± {level:.1f} %). Baseline logs of several days make the thresholds this"
+            " machine's own."
         )
 
 
@@ -177,7 +200,11 @@ def _cause(stage, choice, context, parts):
 def _sizes_of_rivals(stage, choice, context):
     """{id: sizes} of the rivals that were tried in the place of a cause."""
     beside = [c.name for c in stage.chosen if c is not choice]
-    return {name: _sizes(stage, [*beside, form], form, context)[0] for name, form in choice.forms.items() if name in choice.rivals}
+    return {
+        name: _sizes(stage, [*beside, form], form, context)[0]
+        for name, form in choice.forms.items()
+        if name in choice.rivals
+    }
 
 
 def _sizes(stage, names, name, context):
@@ -205,7 +232,9 @@ def _gain(stages, groups):
         if count >= 2:
             learn, held = np.arange(0, count, 2), np.arange(1, count, 2)
             base = {n: r.baseline for n, r in stage.coordinates.items()}
-            teacher, judge = (build(stage, {n: r.now[which] for n, r in stage.coordinates.items()}, base) for which in (learn, held))
+            teacher, judge = (
+                build(stage, {n: r.now[which] for n, r in stage.coordinates.items()}, base) for which in (learn, held)
+            )
         else:
             teacher = judge = stage.problem
         names = [c.name for c in stage.chosen]
@@ -273,4 +302,6 @@ def _findings(stage):
             k = int(own.sum())
             ratio = lambda d: float(d[own] @ np.linalg.lstsq(block, d[own], rcond=None)[0]) / k
             threshold = float(f_law.isf(1e-3, k, problem.dof)) * problem.whole_inflation
-            yield Finding(str(channel), COORDINATES.get(str(kind), str(kind)), ratio(problem.difference), threshold, ratio(rest))
+            yield Finding(
+                str(channel), COORDINATES.get(str(kind), str(kind)), ratio(problem.difference), threshold, ratio(rest)
+            )
