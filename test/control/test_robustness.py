@@ -2,10 +2,11 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from microstage_ros.commands.__main__ import main
-from microstage_ros.control.robustness.campaign import Outcome, examine, summary
+from microstage_ros.control.robustness.campaign import Outcome, examine, summary, worse_for
 from microstage_ros.control.robustness.conditions import MASS, Condition, conditions, random_machine, rests
 
 
@@ -55,22 +56,33 @@ def test_summary_takes_the_worst_of_the_seeds(axis):
     assert rows[0]["failed"] == rows[0]["beyond"] == 1 and rows[0]["largest"] == 9e-6 and rows[0]["settled"] == 2e-8
 
 
+def test_worse_is_counted_in_time_and_not_where_both_move(axis):
+    """1.2 s of 1 um beside 0.1 um, of which 0.25 s lie near a peak of the other law; below 200 nm nothing counts."""
+    ours, theirs = np.full(4000, 1e-7), np.full(4000, 1e-7)
+    ours[1000:2200] = 1e-6
+    assert worse_for(ours, theirs, 1e-3) == pytest.approx(1.2)
+    theirs[2000:2200] = 9e-7
+    assert worse_for(ours, theirs, 1e-3) == pytest.approx(0.75)
+    assert worse_for(0.19 * ours, 0.01 * theirs, 1e-3) == 0.0
+
+
 def test_the_shipped_law_passes_on_the_shipped_machine(axis):
     found = examine(axis, Condition("nominal"), 3, "self_tuning_observer")
     assert not found.fault and found.moving < 2.5e-8 and found.worst_settled < 2e-8
 
 
 def test_the_command_prints_what_fails_and_how_to_see_it_again(tmp_path, capsys):
-    arguments = ["robustness", "--law", "pid", "--only", "mass x 10", "nominal", "--seeds", "1", "--out", str(tmp_path)]
+    arguments = ["robustness", "--law", "pid", "--only", "mass x 10", "nominal", "--seeds", "1", "--beside", "self_tuning", "--out", str(tmp_path)]
     assert main(arguments) == 1
     printed = capsys.readouterr().out
-    assert "1 of 2 runs failed" in printed and "mass x 10, seed 0: error" in printed
+    assert "1 of 2 runs failed" in printed and "worse for (s)" in printed and "mass x 10, seed 0: error" in printed
     again = next(line for line in printed.splitlines() if line.strip().startswith("./microstage simulate"))
     assert main(again.split()[1:]) == 0 and (tmp_path / "mass_x_10_0" / "record.csv").exists()
 
 
 @pytest.mark.parametrize("wrong, words", [
     (["--only", "mass x 77"], "--only"), (["--seeds", "0"], "--seeds"), (["--law", "none"], "--law"), (["--factor", "0.5"], "--factor"),
+    (["--beside", "none"], "--beside"),
 ])
 def test_bad_input_is_one_line(capsys, wrong, words):
     assert main(["robustness", *wrong]) == 2

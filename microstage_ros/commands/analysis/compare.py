@@ -70,12 +70,16 @@ def _contest(arguments, axis):
     """Fixed laws searched by differential evolution against the self-tuning ones: tables, and what was found."""
     keep_earlier("--out", [pathlib.Path(arguments.out) / "opponents.json"], arguments.force)
     with progress("searching", remembered=f"opponents {arguments.opponents}") as bar:
-        found, table = opponents.contest(axis, arguments.opponents, progress=bar.say)
+        found, table = opponents.contest(axis, arguments.opponents, progress=bar.say, known=_known(arguments))
     tables = opponents.contest_tables(found, table)
-    facts = {"version": __version__, "axis": axis.as_dict(), "search_seeds": list(opponents.SEARCH_SEEDS),
-             "judged_seeds": list(opponents.JUDGED_SEEDS), "opponents": [opponent._asdict() for opponent in found],
-             "figures": {name: {kind: figures._asdict() for kind, figures in row.items()}
-                         for name, row in table.items()}}
+    facts = {
+        "version": __version__,
+        "axis": axis.as_dict(),
+        "search_seeds": list(opponents.SEARCH_SEEDS),
+        "judged_seeds": list(opponents.JUDGED_SEEDS),
+        "opponents": [opponent._asdict() for opponent in found],
+        "figures": {name: {kind: figures._asdict() for kind, figures in row.items()} for name, row in table.items()},
+    }
     with complete_folder(arguments.out) as folder:
         (folder / "opponents.json").write_text(json.dumps(_plain(facts), indent=1) + "\n")
         (folder / "tables.md").write_text("\n".join(_markdown(*entry) for entry in tables))
@@ -85,6 +89,20 @@ def _contest(arguments, axis):
     _show(tables)
     print(pathlib.Path(arguments.out) / "opponents.json")
     return 0
+
+
+def _known(arguments):
+    """Fixed laws that an earlier search found, from its opponents.json."""
+    if not arguments.found:
+        return []
+    try:
+        listed = json.loads(pathlib.Path(arguments.found).read_text())["opponents"]
+        found = [opponents.Opponent(**entry) for entry in listed if entry["evaluations"]]
+    except (OSError, ValueError, KeyError, TypeError):
+        raise InputError("--found", arguments.found, "an opponents.json of an earlier compare --opponents") from None
+    return [
+        opponent for opponent in found if opponent.evaluations >= opponents.budget(opponent.kind, arguments.opponents)
+    ]
 
 
 def _parse(argv):
@@ -117,9 +135,20 @@ def _parse(argv):
         metavar="FILE",
         help="Markdown files whose tables between <!-- compare: TITLE --> and <!-- end --> are to be replaced",
     )
-    parser.add_argument("--opponents", type=int, default=0, metavar="N",
-                        help="search fixed laws by differential evolution, N runs of each, and judge them beside the "
-                             "self-tuning ones on seeds and machines that no search saw; nothing else")
+    parser.add_argument(
+        "--opponents",
+        type=int,
+        default=0,
+        metavar="N",
+        help="search fixed laws by differential evolution, N runs of each, and judge them beside the "
+        "self-tuning ones on seeds and machines that no search saw; nothing else",
+    )
+    parser.add_argument(
+        "--found",
+        default="",
+        metavar="FILE",
+        help="opponents.json of an earlier search on this axis: its laws are not searched again, if they had N runs",
+    )
     parser.add_argument("--quick", action="store_true", help="few seeds, moves and searches")
     parser.add_force()
     arguments = parser.parse_args(argv)

@@ -47,13 +47,12 @@ def main(argv=None):
     chosen, seeds = _chosen(arguments, axis), [arguments.seed + n for n in range(arguments.seeds)]
     each = functools.partial(in_order, scheduler=arguments.scheduler) if arguments.scheduler else None
     with progress(law, total=len(chosen) * len(seeds)) as bar:
-        outcomes = campaign.campaign(axis, chosen, seeds, law, arguments.jobs, lambda done: bar.advance(), each=each)
+        outcomes = campaign.campaign(
+            axis, chosen, seeds, law, arguments.jobs, lambda done: bar.advance(), each=each, beside=arguments.beside
+        )
     rows = campaign.summary(outcomes)
     _show(rows, law, arguments)
-    title = (
-        f"{law},"
-        f" {f'{arguments.random} random machines within {arguments.factor:g}' if arguments.random else 'conditions'}"
-    )
+    title = f"{law}, {f'{arguments.random} random machines within {arguments.factor:g}' if arguments.random else 'conditions'}"
     for document in arguments.update:
         update_tables(pathlib.Path(document), [(title, *_document(rows, arguments))], "robustness")
     failures = [o for o in outcomes if o.fault]
@@ -61,8 +60,7 @@ def main(argv=None):
     for outcome in failures:
         condition = next(c for c in chosen if c.name == outcome.condition)
         print(
-            f"{outcome.condition}, seed {outcome.seed}: {outcome.fault}\n "
-            f" {_again(arguments, axis, condition, outcome, law, folder)}"
+            f"{outcome.condition}, seed {outcome.seed}: {outcome.fault}\n  {_again(arguments, axis, condition, outcome, law, folder)}"
         )
     print(f"{len(failures)} of {len(outcomes)} runs failed; {_of_machines(rows)}")
     facts = {
@@ -85,8 +83,8 @@ def _parse(argv):
         prog="microstage robustness",
         json="file",
         description=(
-            "Runs a law on machines that it was not given: named conditions, and machines whose numbers are drawn at"
-            " random. Prints what failed and the command that shows it again. Exit status 1 if a run failed."
+            "Runs a law on machines that it was not given: named conditions, and machines whose numbers are drawn at random. "
+            "Prints what failed and the command that shows it again. Exit status 1 if a run failed."
         ),
     )
     parser.add_argument(
@@ -98,11 +96,18 @@ def _parse(argv):
     parser.add_argument("--machine", metavar="FILE", help="examine on this machine alone, in place of the conditions")
     parser.add_argument("--law", metavar="TYPE", help="type of controller (default that of the axis file)")
     parser.add_argument(
+        "--beside",
+        default="",
+        metavar="TYPE",
+        help="run this law on the same as well: its largest error, and for how long it was better",
+    )
+    parser.add_argument(
         "--only", nargs="+", default=[], metavar="NAME", help="these conditions or random machines alone, by name"
     )
     parser.add_argument(
         "--random", type=int, default=0, metavar="N", help="that many machines at random, in place of the conditions"
     )
+    parser.add_argument("--first", type=int, default=0, metavar="N", help="number of the first of them (default 0)")
     parser.add_argument(
         "--factor", type=float, default=2.0, metavar="F", help="within which each of their numbers lies (default 2)"
     )
@@ -123,9 +128,11 @@ def _parse(argv):
     for name in ("seeds", "jobs"):
         if getattr(arguments, name) < 1:
             raise InputError(f"--{name}", getattr(arguments, name), "1 or more")
-    for name in ("seed", "random"):
+    for name in ("seed", "random", "first"):
         if getattr(arguments, name) < 0:
             raise InputError(f"--{name}", getattr(arguments, name), "0 or more")
+    if arguments.beside and (arguments.beside not in LAWS or arguments.beside == "none"):
+        raise InputError("--beside", arguments.beside, "one of " + ", ".join(name for name in LAWS if name != "none"))
     if not 1.0 <= arguments.factor <= 100.0:
         raise InputError("--factor", arguments.factor, "a number from 1 to 100")
     return arguments
@@ -142,7 +149,7 @@ def _chosen(arguments, axis):
         }
         return [Condition(arguments.machine, values=values, effects=machine.effects)]
     if arguments.random:
-        return [random_machine(axis, number, arguments.factor) for number in range(arguments.random)]
+        return [random_machine(axis, arguments.first + number, arguments.factor) for number in range(arguments.random)]
     known = conditions(axis)
     if not arguments.only:
         return known
@@ -220,6 +227,20 @@ HEADS = [
 ]
 
 
+def _heads(arguments):
+    """Heads of the columns with figures."""
+    return [*HEADS[5:], *([f"{arguments.beside} (um)", "worse for (s)"] if arguments.beside else [])]
+
+
+def _figures(row, arguments):
+    """Figures of a row as text, below `_heads`."""
+    found = [
+        f"{row['largest'] * 1e6:.3g}",
+        *(f"{row[name] * 1e9:.3g}" for name in ("sine", "settled", "swing", "left")),
+    ]
+    return found + ([f"{row['other'] * 1e6:.3g}", f"{row['worse_s']:.3g}"] if arguments.beside else [])
+
+
 def _document(rows, arguments):
     """(header, rows, remark) of the table for a document: conditions one by one, random machines as quantiles."""
     total = sum(row["runs"] for row in rows)
@@ -232,38 +253,53 @@ def _document(rows, arguments):
             ("off", "rest beside their target"),
         )
     )
-    remark = f"Worst of {arguments.seeds} seeds. Of {total} runs {counts}; {_of_machines(rows)}."
+    last = arguments.seed + arguments.seeds - 1
+    remark = f"Worst of the seeds {arguments.seed} … {last}. Of {total} runs {counts}; {_of_machines(rows)}."
+    if arguments.random:
+        remark = f"Machines {arguments.first} … {arguments.first + arguments.random - 1}. {remark}"
+    if arguments.beside:
+        beyond = [
+            row["condition"] for row in rows if row["largest"] > max(campaign.FACTOR * row["other"], campaign.HARMLESS)
+        ]
+        long = [row["condition"] for row in rows if row["worse_s"] > 1.0]
+        remark += (
+            f" Largest error beyond {campaign.FACTOR:g} times that of {arguments.beside} and {campaign.HARMLESS * 1e9:g} nm: "
+            f"{_listed(beyond)}. Worse than it for more than a second: {_listed(long)}."
+        )
     if not arguments.random:
         return (
-            ["condition", "failed", *HEADS[5:]],
+            ["condition", "failed", *_heads(arguments)],
             [
                 [
                     row["condition"],
                     f"{row['failed']} of {row['runs']}" if row["failed"] else "–",
-                    f"{row['largest'] * 1e6:.3g}",
-                    *(f"{row[name] * 1e9:.3g}" for name in ("sine", "settled", "swing", "left")),
+                    *_figures(row, arguments),
                 ]
                 for row in rows
             ],
             remark,
         )
+    keys = ("largest", "sine", "settled", "swing", "left", "other", "worse_s")
     found = []
     for words, share in (("median", 0.5), ("90 %", 0.9), ("worst", 1.0)):
-        figures = [
-            np.quantile([row[name] for row in rows], share) for name in ("largest", "sine", "settled", "swing", "left")
-        ]
-        found.append([words, f"{figures[0] * 1e6:.3g}", *(f"{figure * 1e9:.3g}" for figure in figures[1:])])
-    return ["over the machines", *HEADS[5:]], found, remark
+        found.append(
+            [words, *_figures({key: np.quantile([row[key] for row in rows], share) for key in keys}, arguments)]
+        )
+    return ["over the machines", *_heads(arguments)], found, remark
+
+
+def _listed(names, most=12):
+    """Number and names, as far as a sentence bears them."""
+    return f"{len(names)} ({', '.join(names)})" if 0 < len(names) <= most else str(len(names))
 
 
 def _show(rows, law, arguments):
-    table = Table(*HEADS, title=f"{law}: worst of {arguments.seeds} seeds")
+    table = Table(*HEADS[:5], *_heads(arguments), title=f"{law}: worst of {arguments.seeds} seeds")
     for row in rows:
         counts = [
             f"{row[name]} of {row['runs']}" if row[name] else "–" for name in ("failed", "beyond", "swinging", "off")
         ]
-        table.add_row(row["condition"], *counts, f"{row['largest'] * 1e6:.3g}",
-                      *(f"{row[name] * 1e9:.3g}" for name in ("sine", "settled", "swing", "left")))
+        table.add_row(row["condition"], *counts, *_figures(row, arguments))
     console = Console()
     console.width = max(console.width, 150)  # the table is wide
     console.print(table)

@@ -16,7 +16,8 @@ from microstage_ros.control.tuning.margins import MARGIN_HEADS, margin_rows
 from microstage_ros.files import complete_folder, keep_earlier
 from microstage_ros.quantities.errors import InputError
 
-TYPES = ("pid", "pid_feedforward", "self_tuning", "self_tuning_feedforward")
+OBSERVER = "self_tuning_observer"
+TYPES = ("pid", "pid_feedforward", "self_tuning", "self_tuning_feedforward", OBSERVER)
 
 
 def main(argv=None):
@@ -24,9 +25,9 @@ def main(argv=None):
     parser = Parser(
         prog="microstage tune",
         description=(
-            "Tune a PID law for an axis: by simulation, or with --response on a measured frequency response (margins"
-            " with bands, a notch where the response asks for one), or with --running on the cell that runs. Prints the"
-            " gains as other controllers write them."
+            "Tune a PID law for an axis: by simulation, or with --response on a measured frequency response (margins with bands, a notch "
+            "where the response asks for one), or with --running on the cell that runs. Prints the gains as other controllers write them. "
+            f"{OBSERVER} is designed from the axis file's numbers by rule, and checked on its model: there is nothing to search."
         ),
     )
     parser.add_argument("--axis", required=True, metavar="FILE", help="axis file")
@@ -46,10 +47,7 @@ def main(argv=None):
     parser.add_argument(
         "--running",
         action="store_true",
-        help=(
-            "on the cell that runs, lockstep or paced: half a minute of motion, identification, tuning of what was"
-            " found"
-        ),
+        help="on the cell that runs, lockstep or paced: half a minute of motion, identification, tuning of what was found",
     )
     parser.add_argument(
         "--namespace", type=units.namespace, default="/axis", metavar="NS", help="of the running cell (default /axis)"
@@ -63,6 +61,10 @@ def main(argv=None):
         if Path(arguments.out).suffix not in (".yaml", ".yml"):
             raise InputError("--out", arguments.out, "a file name ending in .yaml")
         keep_earlier("--out", [arguments.out], arguments.force)
+    if arguments.type == OBSERVER and arguments.response:
+        raise InputError(
+            "--type", arguments.type, f"one of {', '.join(TYPES[:-1])}: a response tells nothing of the current"
+        )
     if arguments.running != bool(arguments.record) or (arguments.running and arguments.response):
         raise InputError(
             "--running, --record", arguments.record, "both together, for a cell that runs, and not with --response"
@@ -73,6 +75,8 @@ def main(argv=None):
         if axis is None:
             return 1
     console.width = max(console.width, 110)  # the table of margins is wide
+    if arguments.type == OBSERVER:
+        return _by_rule(arguments, axis, console)
     if arguments.response:
         return _shape(arguments, axis)
     cycle = tuning.limit_cycle(axis, seed=arguments.seed)
@@ -101,6 +105,35 @@ def main(argv=None):
     )
     if arguments.out:
         _save(arguments, axis, found.gains)
+    return 0
+
+
+def _by_rule(arguments, axis, console):
+    """The observer law's gains by rule, the doubts with which it holds the model, its margins with the learned drive frozen."""
+    from microstage_ros.control.laws.controller import Controller, controller_parameters, designed_gains
+    from microstage_ros.control.tuning.margins import controller_margins
+
+    record = controller_parameters(OBSERVER, axis.with_controller({"tuned_period": axis.value("period")}), {})
+    gains = designed_gains(OBSERVER, record["feedforward"], axis.value("period"))
+    doubts = {name: float(record["observer"][name]) for name in ("encoder_doubt", "voltage_doubt")}
+    remark = Controller(OBSERVER, record).start_remark
+    console.print(
+        "by rule: " + _told({name: gains[name] for name in ("proportional", "integral_time", "derivative_time")})
+    )
+    console.print(
+        "least doubts that hold the file's model: " + ", ".join(f"{name} {value:g}" for name, value in doubts.items())
+    )
+    if remark:
+        console.print(remark)
+    margins = controller_margins(axis, record)
+    table = Table(*MARGIN_HEADS)
+    for row in margin_rows(margins):
+        table.add_row(*row)
+    console.print(table)
+    answer.state(type=OBSERVER, gains=gains, **doubts, margins=margin_rows(margins), remark=remark, axis=arguments.out)
+    if arguments.out:
+        section = {key: value for key, value in axis.controller.items() if key != OBSERVER}
+        _save(arguments, axis.with_controller({**section, "type": OBSERVER}), gains)
     return 0
 
 
@@ -161,15 +194,14 @@ def _shape(arguments, axis):
     before = loop_shaping.measured_margins(loop_shaping.loop_on(response, gains, period))
     found = loop_shaping.shape(response, gains, period)
     print(
-        f"response: {arguments.response}, {response.condition}, {len(response.kept().frequency)} coherent lines of"
-        f" {len(response.frequency)}"
+        f"response: {arguments.response}, {response.condition}, {len(response.kept().frequency)} coherent lines of {len(response.frequency)}"
     )
     print(f"gains of the axis file: {_told(gains)}\n  {_margins(before)}")
     print(f"shaped, {found.bandwidth:.2f} of that bandwidth: {_told(found.gains)}\n  {_margins(found.margins)}")
     if not loop_shaping.enough(found.margins, response):
         print(
-            f"  not enough: {loop_shaping.LEAST_PHASE:g}°, {loop_shaping.LEAST_GAIN:g} dB, sensitivity"
-            f" {loop_shaping.MOST_SENSITIVITY:g} are not reached on this response"
+            f"  not enough: {loop_shaping.LEAST_PHASE:g}°, {loop_shaping.LEAST_GAIN:g} dB, sensitivity {loop_shaping.MOST_SENSITIVITY:g} are not reached "
+            "on this response"
         )
     peak, notched = loop_shaping.resonance_in(response), loop_shaping.with_notch(response, gains, period)
     if peak:
@@ -181,8 +213,8 @@ def _shape(arguments, axis):
     if notched:
         n = notched.notch
         print(
-            f"a notch at {n.frequency:.4g} Hz (zeta {n.zeta_zero:.2g} over {n.zeta_pole:.2g}) would allow"
-            f" {notched.bandwidth:.2f} of the bandwidth: {_told(notched.gains)}\n  {_margins(notched.margins)}"
+            f"a notch at {n.frequency:.4g} Hz (zeta {n.zeta_zero:.2g} over {n.zeta_pole:.2g}) would allow {notched.bandwidth:.2f} of the bandwidth: "
+            f"{_told(notched.gains)}\n  {_margins(notched.margins)}"
         )
     _export(found.gains, axis)
     answer.state(
@@ -204,8 +236,8 @@ def _shape(arguments, axis):
 
 def _margins(m):
     return (
-        f"phase margin {m.phase_deg:.1f}° ± {2 * m.phase_error_deg:.1f}°, gain margin {m.gain_dB:.1f} dB ±"
-        f" {2 * m.gain_error_dB:.1f} dB, crossover {m.crossover_Hz:.1f} Hz, largest sensitivity {m.sensitivity:.2f}"
+        f"phase margin {m.phase_deg:.1f}° ± {2 * m.phase_error_deg:.1f}°, gain margin {m.gain_dB:.1f} dB ± {2 * m.gain_error_dB:.1f} dB, crossover "
+        f"{m.crossover_Hz:.1f} Hz, largest sensitivity {m.sensitivity:.2f}"
     )
 
 

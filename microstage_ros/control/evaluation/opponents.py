@@ -7,6 +7,10 @@ K. Price, Journal of Global Optimization 11, 1997), within a factor of `REACH` o
     ln(rms error in the sine) + mean over the moves of [ln(rms error of a move with its dwell)
                                                         + ln(1 nm + error at its end)]
 
+Iterative learning and repetitive control (`repetition`) are searched after the fixed laws, beside the PID with
+feed-forward that its own search found, and judged in their last trial, on a machine on which they learned. The linear
+quadratic law is given current and voltage as the observer law is.
+
 Nothing is asked of margins, since the observer law's own at the amplifier is 1 dB (docs/control_evidence.md): a search
 with margins could only do worse. All laws are then judged on seeds that no search saw, on machines that no search had.
 """
@@ -17,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from microstage_ros.control.evaluation import repetition
 from microstage_ros.control.laws.controller import controller_parameters, make_controller
 from microstage_ros.control.laws.registry import law
 from microstage_ros.control.robustness.conditions import conditions
@@ -30,6 +35,10 @@ OPPONENTS = {
     "pid": (*FIXED, "derivative_on_reference"),
     "pid_feedforward": (*FIXED, "friction_share", "motion_share"),
     "nctf": ("beta", "velocity_proportional", "velocity_integral", "filter_time"),
+    "cascade_disturbance": ("position_rate", "velocity_rate", "disturbance_rate", "inertia_share", "filter_time"),
+    "disturbance_rejection": ("controller_rate", "observer_rate", "inertia_share"),
+    "sliding_mode": ("surface_rate", "switching", "layer", "filter_time"),
+    "linear_quadratic": ("regulator_rate", "encoder_noise", "voltage_noise", "acceleration_noise", "friction_drift"),
 }
 NOT_SEARCHED = ("self_tuning", "self_tuning_observer")
 REACH = 6.0
@@ -37,10 +46,21 @@ SHARES = {"derivative_on_reference": 1.0, "friction_share": 1.5, "motion_share":
 SEARCH_SEEDS, JUDGED_SEEDS = (0, 1), tuple(range(500, 510))
 SINE_ROWS = 2.0  # s
 TARGETS = (1e-6, 0.0, 1e-5, 0.0, 1e-4, 0.0, 1e-3, 0.0)  # m
-PROGRAM = [{"sine": {"amplitude_m": 1e-5, "frequency_hz": 0.5, "cycles": 1.0}, "dwell_s": 0.1},
-           *[{"move_to_m": target, "dwell_s": 0.2} for target in TARGETS]]
-JUDGED = ("nominal", "mass x 3", "stiffness x 0.5", "friction x 0.5", "friction x 2", "motor constant x 1.2",
-          "delay 0.3 ms", "backlash 0.25 deg", "current noise 5 mA")
+PROGRAM = [
+    {"sine": {"amplitude_m": 1e-5, "frequency_hz": 0.5, "cycles": 1.0}, "dwell_s": 0.1},
+    *[{"move_to_m": target, "dwell_s": 0.2} for target in TARGETS],
+]
+JUDGED = (
+    "nominal",
+    "mass x 3",
+    "stiffness x 0.5",
+    "friction x 0.5",
+    "friction x 2",
+    "motor constant x 1.2",
+    "delay 0.3 ms",
+    "backlash 0.25 deg",
+    "current noise 5 mA",
+)
 
 
 class Opponent(NamedTuple):
@@ -70,20 +90,50 @@ def _path(period, resolution):
     return np.concatenate([before, reference]), len(before), starts[starts > SINE_ROWS / period]
 
 
+class _Cell:
+    """One machine with one law, which go on from call to call: see `repetition.run_trials`."""
+
+    def __init__(self, axis, kind, gains, seed, condition, first):
+        machine, noise = (condition.machine(axis), condition.noise) if condition else (axis, {})
+        self.plant, self.controller = make_plant(machine, NoiseSpec(**noise)), make_controller(kind, axis, **gains)
+        self.state = new_state(self.plant, seed, first, usual_start(self.plant))
+        self.work, self.readings = new_work(self.plant), new_readings()
+        self.limit = float(self.controller.parameters["voltage_limit"])
+
+    def __call__(self, reference, added, anew):
+        """(encoder [m], stage [m]) along the reference [m] with an added voltage [V]; the law starts anew or goes on."""
+        if anew:
+            self.controller.reset()
+        trace, none = np.empty((len(reference), len(TRACE))), np.zeros(len(reference))
+        run_loop(
+            self.plant,
+            self.state,
+            self.work,
+            self.readings,
+            self.controller.parameters,
+            self.controller.memory,
+            reference,
+            added,
+            none,
+            trace,
+        )
+        return trace[:, TRACE.index("encoder_m")], trace[:, TRACE.index("stage_m")]
+
+
 def run_program(axis, kind, gains, seed, condition=None):
     """(error [m], first rows of the moves, control period [s]) of `PROGRAM`.
 
     As `runs.simulate` does it, without the columns that nobody asks for here.
     """
-    machine, noise = (condition.machine(axis), condition.noise) if condition else (axis, {})
     period = float(axis.value("period"))
     reference, led, starts = _path(period, axis.value("sensors.encoder.resolution"))
-    plant, controller = make_plant(machine, NoiseSpec(**noise)), make_controller(kind, axis, **gains)
-    state = new_state(plant, seed, float(reference[0]), usual_start(plant))
-    trace, none = np.empty((len(reference), len(TRACE))), np.zeros(len(reference))
-    run_loop(plant, state, new_work(plant), new_readings(), controller.parameters, controller.memory, reference, none,
-             none, trace)
-    return (trace[:, TRACE.index("stage_m")] - reference)[led:], starts, period
+    repeats = kind in repetition.KINDS
+    own = {name: value for name, value in gains.items() if name not in repetition.BOUNDS}
+    cell = _Cell(axis, repetition.BASE if repeats else kind, own, seed, condition, float(reference[0]))
+    if repeats:
+        return repetition.run_trials(kind, cell, reference, led, gains, period), starts, period
+    _, stage = cell(reference, np.zeros(len(reference)), True)
+    return (stage - reference)[led:], starts, period
 
 
 def cost(axis, kind, gains, seeds=SEARCH_SEEDS):
@@ -104,33 +154,43 @@ def _rms(values):
 
 def bounds_of(axis, kind):
     """(names, [(low, high)]) of a search: logarithms of gains about the shipped ones, shares as they are."""
+    if kind in repetition.KINDS:
+        return tuple(repetition.BOUNDS), [(math.log(low), math.log(high)) for low, high in repetition.BOUNDS.values()]
     record = controller_parameters(kind, axis, {})
     bounds = []
     for name in OPPONENTS[kind]:
         if name in SHARES:
             bounds.append((0.0, SHARES[name]))
             continue
-        part, gain = next((part, gain) for part, entry in law(kind).parts.items()
-                          for gain in entry.gains if gain.name == name)
+        part, gain = next(
+            (part, gain) for part, entry in law(kind).parts.items() for gain in entry.gains if gain.name == name
+        )
         value = math.log(float(record[part][name]))
         low, high = math.log(max(gain.minimum, 1e-12)), math.log(gain.maximum)
         bounds.append((max(value - math.log(REACH), low), min(value + math.log(REACH), high)))
     return OPPONENTS[kind], bounds
 
 
-def searched(axis, kind, evaluations=2000, seed=0):
-    """`Opponent` found by at least ``evaluations`` runs of `cost`."""
-    from scipy.optimize import differential_evolution          # half a second to load
+def searched(axis, kind, evaluations=2000, seed=0, base=None):
+    """`Opponent` found by at least ``evaluations`` runs of `cost`, with the gains of ``base`` {name: value} as they are."""
+    from scipy.optimize import differential_evolution  # half a second to load
 
     names, bounds = bounds_of(axis, kind)
 
     def gains_of(place):
-        return {name: float(x if name in SHARES else math.exp(x)) for name, x in zip(names, place)}
+        found = {name: float(x if name in SHARES else math.exp(x)) for name, x in zip(names, place)}
+        return {**(base or {}), **found}
 
     many = 8 * len(names)
-    found = differential_evolution(lambda place: cost(axis, kind, gains_of(place)), bounds, popsize=8, tol=0.0,
-                                   polish=False, maxiter=max(math.ceil(evaluations / many) - 1, 1),
-                                   rng=np.random.default_rng(seed))
+    found = differential_evolution(
+        lambda place: cost(axis, kind, gains_of(place)),
+        bounds,
+        popsize=8,
+        tol=0.0,
+        polish=False,
+        maxiter=max(math.ceil(evaluations / many) - 1, 1),
+        rng=np.random.default_rng(seed),
+    )
     return Opponent(kind, gains_of(found.x), float(found.fun), int(found.nfev))
 
 
@@ -146,10 +206,24 @@ def judged(axis, opponent, condition, seeds=JUDGED_SEEDS):
     return Figures(float(max(sine)), float(max(moving)), float(max(settled)))
 
 
-def contest(axis, evaluations=2000, seed=0, each=map, progress=lambda words: None):
-    """(opponents [list of `Opponent`], {condition: {kind: `Figures`}}) of all laws; ``each`` maps over laws."""
-    progress("searching opponents")
-    found = list(each(functools.partial(searched, axis, evaluations=evaluations, seed=seed), OPPONENTS))
+def budget(kind, evaluations):
+    """Runs of `cost` for a law; what repeats gets an eighth, since each goes through the program `repetition.TRIALS`
+    times."""
+    return evaluations // 8 if kind in repetition.KINDS else evaluations
+
+
+def contest(axis, evaluations=2000, seed=0, progress=lambda words: None, known=()):
+    """(opponents [list of `Opponent`], {condition: {kind: `Figures`}}) of all laws.
+
+    ``known`` : `Opponent` list of an earlier search, which are not searched again.
+    """
+    found = {opponent.kind: opponent for opponent in known}
+    for kind in (*OPPONENTS, *repetition.KINDS):
+        progress(f"searching {kind}")
+        if kind not in found:
+            base = found[repetition.BASE].gains if kind in repetition.KINDS else None
+            found[kind] = searched(axis, kind, budget(kind, evaluations), seed, base)
+    found = [found[kind] for kind in (*OPPONENTS, *repetition.KINDS)]
     found += [Opponent(kind, {}, cost(axis, kind, {}), 0) for kind in NOT_SEARCHED]
     table = {}
     for condition in conditions(axis):
@@ -161,8 +235,15 @@ def contest(axis, evaluations=2000, seed=0, each=map, progress=lambda words: Non
 
 def contest_tables(found, table, ours="self_tuning_observer"):
     """Two tables for a document, (title, heads, rows): gains that were found, and all laws under every condition."""
-    gains = [[o.kind, str(o.evaluations) if o.evaluations else "shipped", f"{o.cost:.2f}",
-              ", ".join(f"{name} {value:.3g}" for name, value in o.gains.items()) or "–"] for o in found]
+    gains = [
+        [
+            o.kind,
+            str(o.evaluations) if o.evaluations else "shipped",
+            f"{o.cost:.2f}",
+            ", ".join(f"{name} {value:.3g}" for name, value in o.gains.items()) or "–",
+        ]
+        for o in found
+    ]
     rows = []
     for name, by_law in table.items():
         cells = [f"{f.sine * 1e9:.0f}, {f.moving * 1e9:.0f}, {f.settled * 1e9:.0f}" for f in by_law.values()]
@@ -170,7 +251,11 @@ def contest_tables(found, table, ours="self_tuning_observer"):
         lost = [field for field, least in zip(Figures._fields, best) if getattr(by_law[ours], field) > least]
         rows.append([name, *cells, ", ".join(lost) or "–"])
     heads = ["condition", *[o.kind for o in found], f"{ours} loses in"]
-    remark = (f"Worst of {len(JUDGED_SEEDS)} seeds that no search saw: peak in the sine, largest error in a move, "
-              "error at the end of a move's dwell. The searches had the nominal machine alone.")
-    return [("Opponents: what the searches found", ["law", "evaluations", "cost", "gains"], gains, ""),
-            ("Opponents: sine, move, end of a move (nm), worst of the seeds", heads, rows, remark)]
+    remark = (
+        f"Worst of {len(JUDGED_SEEDS)} seeds that no search saw: peak in the sine, largest error in a move, "
+        "error at the end of a move's dwell. The searches had the nominal machine alone."
+    )
+    return [
+        ("Opponents: what the searches found", ["law", "evaluations", "cost", "gains"], gains, ""),
+        ("Opponents: sine, move, end of a move (nm), worst of the seeds", heads, rows, remark),
+    ]
