@@ -18,15 +18,17 @@ from microstage_ros.control.observer.lost_motion import TOUCHING
 from microstage_ros.numerics.compiled import compiled, not_inlined
 
 PARTS = {
-    "pid": PID, "adaptation": ADAPTATION, "feedforward": FEEDFORWARD,
+    "pid": PID,
+    "adaptation": ADAPTATION,
+    "feedforward": FEEDFORWARD,
     "observer": Part(observer_law.GAINS, observer_law.PARAMETERS, observer_law.STATE_FIELDS),
     "supervision": Part(supervision.GAINS, record_type(supervision.GAINS), supervision.FIELDS),
     "crossing": Part(state=gap_crossing.FIELDS),
     # of the encoder-only law that the observer law hands over to
     "encoder_pid": Part((), pid.PARAMETERS, pid.STATE_FIELDS),
     "encoder_adaptation": Part((), adaptation.PARAMETERS, adaptation.STATE_FIELDS),
-    "encoder_filter": Part((), "f8"),   # factor on its filter time at the start, where the observer law is unstable
-    "unstable": Part((), "i8"),         # 1: the observer law is unstable on the axis file's own model
+    "encoder_filter": Part((), "f8"),  # factor on its filter time at the start, where the observer law is unstable
+    "unstable": Part((), "i8"),  # 1: the observer law is unstable on the axis file's own model
 }
 
 
@@ -65,11 +67,20 @@ def observed_step(parameters, state, reference, encoder, current):
     period, rule, watched, observer = parameters.period, parameters.supervision, state.supervision, state.observer
     pid.pid_motion(parameters.pid, state.pid, period, reference, encoder)
     observer.drives = 1 if watched.law == supervision.OBSERVER else 0
-    observer_law.observer_step(parameters.observer, parameters.feedforward, observer, period, encoder, state.voltage, current)
+    observer_law.observer_step(
+        parameters.observer, parameters.feedforward, observer, period, encoder, state.voltage, current
+    )
     if rule.supervised == 0.0:
         return regulate(parameters, state, reference)
     pid.pid_motion(parameters.encoder_pid, state.encoder_pid, period, reference, encoder)
-    supervision.watch_error(rule, watched, state.encoder_pid.error, state.encoder_pid.reference_velocity, observer.contact != TOUCHING, period)
+    supervision.watch_error(
+        rule,
+        watched,
+        state.encoder_pid.error,
+        state.encoder_pid.reference_velocity,
+        observer.contact != TOUCHING,
+        period,
+    )
     found = observer.voltage_noise / observer.voltage_factor  # without the doubt that is added to it
     if watched.law == supervision.OBSERVER:
         # a gap explains innovations that one mass does not
@@ -103,14 +114,22 @@ def encoder_only_step(parameters, state, reference):
     crossing."""
     not_inlined()
     period, model, own, shown = parameters.period, parameters.feedforward, state.encoder_pid, state.pid
-    feedforward.feedforward_step(model, state.feedforward, period, reference, state.observer.level, 1.0, 0.0, state.observer.inertia)
+    feedforward.feedforward_step(
+        model, state.feedforward, period, reference, state.observer.level, 1.0, 0.0, state.observer.inertia
+    )
     gap_crossing.crossing_reset(state.crossing)
-    adaptation.adaptation_step(parameters.encoder_adaptation, state.encoder_adaptation, parameters.encoder_pid, own, period, 1.0, True)
+    adaptation.adaptation_step(
+        parameters.encoder_adaptation, state.encoder_adaptation, parameters.encoder_pid, own, period, 1.0, True
+    )
     voltage = pid.pid_output(parameters.encoder_pid, own, period, parameters.voltage_limit, 0.0)
     state.feed_forward = 0.0
     state.observer.rest_time_s = state.supervision.rest_time_s
     shown.kp, shown.ki, shown.kd, shown.integral, shown.error = own.kp, own.ki, own.kd, own.integral, own.error
-    shown.proportional_term, shown.derivative_term, shown.saturated = own.proportional_term, own.derivative_term, own.saturated
+    shown.proportional_term, shown.derivative_term, shown.saturated = (
+        own.proportional_term,
+        own.derivative_term,
+        own.saturated,
+    )
     return voltage
 
 
@@ -122,8 +141,12 @@ def regulate(parameters, state, reference):
     observer.rest_time_s = observer.rest_time_s + period if speed == 0.0 else 0.0
     state.pid.velocity = observer.v
     state.pid.error = gap_crossing.cross_step(
-        crossing, parameters.observer, observer, period,
-        reference - observer.x - swing.read_swing(parameters.observer, observer), speed,
+        crossing,
+        parameters.observer,
+        observer,
+        period,
+        reference - observer.x - swing.read_swing(parameters.observer, observer),
+        speed,
     )
     state.pid.reference_velocity = speed + crossing.held_speed
     state.feed_forward = feedforward.feedforward_step(
@@ -132,9 +155,19 @@ def regulate(parameters, state, reference):
     integral = state.pid.integral
     in_gap = observer.contact != TOUCHING
     if not in_gap:
-        adaptation.adaptation_step(parameters.adaptation, state.adaptation, parameters.pid, state.pid, period, observer.inertia, not source_doubt.lost_motion_suspected(observer))
+        adaptation.adaptation_step(
+            parameters.adaptation,
+            state.adaptation,
+            parameters.pid,
+            state.pid,
+            period,
+            observer.inertia,
+            not source_doubt.lost_motion_suspected(observer),
+        )
     limit = parameters.voltage_limit
-    voltage = pid.pid_output(parameters.pid, state.pid, period, limit / max(observer.applied[0], 1.0), state.feed_forward)
+    voltage = pid.pid_output(
+        parameters.pid, state.pid, period, limit / max(observer.applied[0], 1.0), state.feed_forward
+    )
     if in_gap:
         state.pid.integral = integral
     motion = model.volts_per_velocity * state.pid.reference_velocity
@@ -148,6 +181,14 @@ def complete(record):
 
 
 LAWS = (
-    Law("self_tuning_observer", PARTS, observed_step, observed_reset, observed_start, rules=rules.observer_gains,
-        complete=complete, loop="observer"),
+    Law(
+        "self_tuning_observer",
+        PARTS,
+        observed_step,
+        observed_reset,
+        observed_start,
+        rules=rules.observer_gains,
+        complete=complete,
+        loop="observer",
+    ),
 )

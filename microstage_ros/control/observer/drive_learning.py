@@ -84,7 +84,9 @@ def drive_changed(p, model, s, period, drop):
     first.
     """
     low, high = min(s.voltages), max(s.voltages)
-    confirmed = s.answers[s.lag] * model.resistance * s.learned[0] > LAG_CONFIRMED * s.excitation and s.excitation > EXCITED
+    confirmed = (
+        s.answers[s.lag] * model.resistance * s.learned[0] > LAG_CONFIRMED * s.excitation and s.excitation > EXCITED
+    )
     unsettled = (WINDING if confirmed else 1.0) * (high - low)
     before = s.unexplained
     expected = voltage_variance(model, s, drop - s.drop, s.v - s.speed, 0.0)
@@ -195,7 +197,9 @@ def bound_learned(p, s):
     # a gain of the amplifier looks like both R and back-EMF, a warm winding like R alone; the motor itself hardly
     # changes
     low, high = min(s.learned[0], 1.0), max(s.learned[0], 1.0)
-    s.learned[2] = min(max(s.learned[2], s.emf_centre * low * (1.0 - p.emf_spread)), s.emf_centre * high * (1.0 + p.emf_spread))
+    s.learned[2] = min(
+        max(s.learned[2], s.emf_centre * low * (1.0 - p.emf_spread)), s.emf_centre * high * (1.0 + p.emf_spread)
+    )
 
 
 @compiled
@@ -214,7 +218,12 @@ def find_lag(p, model, s, step):
     s.excitation += 0.01 * (change * change - s.excitation)
     restored = s.changes == 0 or s.since > STEADY_TIME  # what a change of the drive shakes says nothing of the delay
     told = s.excitation > LAG_LIMIT * LAG_LIMIT * p.voltage_noise * p.voltage_noise
-    if not told or best == s.lag or not restored or s.answers[best] * model.resistance * s.learned[0] < LAG_LEAST * s.excitation:
+    if (
+        not told
+        or best == s.lag
+        or not restored
+        or s.answers[best] * model.resistance * s.learned[0] < LAG_LEAST * s.excitation
+    ):
         return False
     s.lag = best
     return True
