@@ -80,7 +80,12 @@ class FrictionObserver:
             raise InputError(f"observer.{name}", gains[name], "one of " + ", ".join(sorted(known)))
         designed = observer_gains(self.model, self.period)
         self.parameters = np.zeros(1, law.PARAMETERS)[0]
-        fill(self.parameters, law.GAINS, {**{name: designed[name] for name in known & set(designed)}, **gains}, "observer")
+        fill(
+            self.parameters,
+            law.GAINS,
+            {**{name: designed[name] for name in known & set(designed)}, **gains},
+            "observer",
+        )
         law.design_motion(self.parameters, self.model, self.period)
         self.memory = np.zeros(1, np.dtype(law.STATE_FIELDS))[0]
         self._arrays = [as_array(record) for record in (self.parameters, self.model, self.memory)]

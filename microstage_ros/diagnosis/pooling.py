@@ -51,15 +51,15 @@ def pool(groups, reports, seed):
         for cause in report["causes"]:
             named.setdefault(cause["id"], []).append((number, cause))
     where = {name: [number for number, _ in found] for name, found in named.items()}
-    sure = [name for name in named if _is_sure(where[name], len(reports))]
-    causes = [_pooled(named[name], groups, reports) for name in sure]
+    confirmed = [name for name in named if _is_confirmed(where[name], len(reports))]
+    causes = [_pooled(named[name], groups, reports) for name in confirmed]
     causes.sort(key=lambda cause: -cause.share)
     notes = [
         f"{len(reports)} groups of up to {GROUP} records were diagnosed one by one; what more than half of them name, "
         "or all from some group on, is a cause."
     ]
     notes += [f"{name} was named in {len(where[name])} of {len(reports)} groups (first in group {where[name][0] + 1})"
-              + ("." if name in sure else " and not named as a cause.") for name in sorted(named)]
+              + ("." if name in confirmed else " and not named as a cause.") for name in sorted(named)]
     rivals = _rivals(reports, AGREED * len(reports))
     return Diagnosis(_verdict(reports, causes, rivals), tuple(causes), rivals, _gain(reports), _findings(reports),
                      _pictures(named, len(reports)), tuple(notes), seed)
@@ -111,7 +111,7 @@ def _rivals(reports, needed):
     )
 
 
-def _is_sure(where, count):
+def _is_confirmed(where, count):
     """Whether the groups that name a cause are most, or all from one on to the end."""
     return len(where) > AGREED * count or (len(where) >= STAYED and where == list(range(where[0], count)))
 

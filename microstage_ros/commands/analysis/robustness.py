@@ -52,7 +52,10 @@ def main(argv=None):
         )
     rows = campaign.summary(outcomes)
     _show(rows, law, arguments)
-    title = f"{law}, {f'{arguments.random} random machines within {arguments.factor:g}' if arguments.random else 'conditions'}"
+    title = (
+        f"{law},"
+        f" {f'{arguments.random} random machines within {arguments.factor:g}' if arguments.random else 'conditions'}"
+    )
     for document in arguments.update:
         update_tables(pathlib.Path(document), [(title, *_document(rows, arguments))], "robustness")
     failures = [o for o in outcomes if o.fault]
@@ -60,7 +63,8 @@ def main(argv=None):
     for outcome in failures:
         condition = next(c for c in chosen if c.name == outcome.condition)
         print(
-            f"{outcome.condition}, seed {outcome.seed}: {outcome.fault}\n  {_again(arguments, axis, condition, outcome, law, folder)}"
+            f"{outcome.condition}, seed {outcome.seed}: {outcome.fault}\n "
+            f" {_again(arguments, axis, condition, outcome, law, folder)}"
         )
     print(f"{len(failures)} of {len(outcomes)} runs failed; {_of_machines(rows)}")
     facts = {
@@ -83,8 +87,8 @@ def _parse(argv):
         prog="microstage robustness",
         json="file",
         description=(
-            "Runs a law on machines that it was not given: named conditions, and machines whose numbers are drawn at random. "
-            "Prints what failed and the command that shows it again. Exit status 1 if a run failed."
+            "Runs a law on machines that it was not given: named conditions, and machines whose numbers are drawn at"
+            " random. Prints what failed and the command that shows it again. Exit status 1 if a run failed."
         ),
     )
     parser.add_argument(
@@ -263,8 +267,9 @@ def _document(rows, arguments):
         ]
         long = [row["condition"] for row in rows if row["worse_s"] > 1.0]
         remark += (
-            f" Largest error beyond {campaign.FACTOR:g} times that of {arguments.beside} and {campaign.HARMLESS * 1e9:g} nm: "
-            f"{_listed(beyond)}. Worse than it for more than a second: {_listed(long)}."
+            f" Largest error beyond {campaign.FACTOR:g} times that of {arguments.beside} and"
+            f" {campaign.HARMLESS * 1e9:g} nm: {_listed(beyond)}. Worse than it for more than a second:"
+            f" {_listed(long)}."
         )
     if not arguments.random:
         return (

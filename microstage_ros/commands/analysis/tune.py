@@ -25,9 +25,10 @@ def main(argv=None):
     parser = Parser(
         prog="microstage tune",
         description=(
-            "Tune a PID law for an axis: by simulation, or with --response on a measured frequency response (margins with bands, a notch "
-            "where the response asks for one), or with --running on the cell that runs. Prints the gains as other controllers write them. "
-            f"{OBSERVER} is designed from the axis file's numbers by rule, and checked on its model: there is nothing to search."
+            "Tune a PID law for an axis: by simulation, or with --response on a measured frequency response (margins"
+            " with bands, a notch where the response asks for one), or with --running on the cell that runs. Prints"
+            f" the gains as other controllers write them. {OBSERVER} is designed from the axis file's numbers by rule,"
+            " and checked on its model: there is nothing to search."
         ),
     )
     parser.add_argument("--axis", required=True, metavar="FILE", help="axis file")
@@ -47,7 +48,10 @@ def main(argv=None):
     parser.add_argument(
         "--running",
         action="store_true",
-        help="on the cell that runs, lockstep or paced: half a minute of motion, identification, tuning of what was found",
+        help=(
+            "on the cell that runs, lockstep or paced: half a minute of motion, identification, tuning of what was"
+            " found"
+        ),
     )
     parser.add_argument(
         "--namespace", type=units.namespace, default="/axis", metavar="NS", help="of the running cell (default /axis)"
@@ -109,7 +113,8 @@ def main(argv=None):
 
 
 def _by_rule(arguments, axis, console):
-    """The observer law's gains by rule, the doubts with which it holds the model, its margins with the learned drive frozen."""
+    """The observer law's gains by rule, the doubts with which it holds the model, its margins with the learned drive
+    frozen."""
     from microstage_ros.control.laws.controller import Controller, controller_parameters, designed_gains
     from microstage_ros.control.tuning.margins import controller_margins
 
@@ -194,14 +199,15 @@ def _shape(arguments, axis):
     before = loop_shaping.measured_margins(loop_shaping.loop_on(response, gains, period))
     found = loop_shaping.shape(response, gains, period)
     print(
-        f"response: {arguments.response}, {response.condition}, {len(response.kept().frequency)} coherent lines of {len(response.frequency)}"
+        f"response: {arguments.response}, {response.condition}, {len(response.kept().frequency)} coherent lines of"
+        f" {len(response.frequency)}"
     )
     print(f"gains of the axis file: {_told(gains)}\n  {_margins(before)}")
     print(f"shaped, {found.bandwidth:.2f} of that bandwidth: {_told(found.gains)}\n  {_margins(found.margins)}")
     if not loop_shaping.enough(found.margins, response):
         print(
-            f"  not enough: {loop_shaping.LEAST_PHASE:g}°, {loop_shaping.LEAST_GAIN:g} dB, sensitivity {loop_shaping.MOST_SENSITIVITY:g} are not reached "
-            "on this response"
+            f"  not enough: {loop_shaping.LEAST_PHASE:g}°, {loop_shaping.LEAST_GAIN:g} dB, sensitivity"
+            f" {loop_shaping.MOST_SENSITIVITY:g} are not reached on this response"
         )
     peak, notched = loop_shaping.resonance_in(response), loop_shaping.with_notch(response, gains, period)
     if peak:
@@ -213,8 +219,8 @@ def _shape(arguments, axis):
     if notched:
         n = notched.notch
         print(
-            f"a notch at {n.frequency:.4g} Hz (zeta {n.zeta_zero:.2g} over {n.zeta_pole:.2g}) would allow {notched.bandwidth:.2f} of the bandwidth: "
-            f"{_told(notched.gains)}\n  {_margins(notched.margins)}"
+            f"a notch at {n.frequency:.4g} Hz (zeta {n.zeta_zero:.2g} over {n.zeta_pole:.2g}) would allow"
+            f" {notched.bandwidth:.2f} of the bandwidth: {_told(notched.gains)}\n  {_margins(notched.margins)}"
         )
     _export(found.gains, axis)
     answer.state(
@@ -236,8 +242,8 @@ def _shape(arguments, axis):
 
 def _margins(m):
     return (
-        f"phase margin {m.phase_deg:.1f}° ± {2 * m.phase_error_deg:.1f}°, gain margin {m.gain_dB:.1f} dB ± {2 * m.gain_error_dB:.1f} dB, crossover "
-        f"{m.crossover_Hz:.1f} Hz, largest sensitivity {m.sensitivity:.2f}"
+        f"phase margin {m.phase_deg:.1f}° ± {2 * m.phase_error_deg:.1f}°, gain margin {m.gain_dB:.1f} dB ±"
+        f" {2 * m.gain_error_dB:.1f} dB, crossover {m.crossover_Hz:.1f} Hz, largest sensitivity {m.sensitivity:.2f}"
     )
 
 

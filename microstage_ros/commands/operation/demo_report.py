@@ -171,8 +171,8 @@ def headline(rows, results):
 
 def _verdict(page, rows, results, simulated):
     good = [row for row in rows if row["repeatability"] is not None]
-    text, sure = headline(rows, results)
-    page.verdict(text, "good" if sure else "caution",
+    text, significant = headline(rows, results)
+    page.verdict(text, "good" if significant else "caution",
                  "The axis is simulated: this compares a model with a measured device." if simulated else "")
     page.key_figures([(f"4s at {row['target'] * 1e6:+.0f} µm", f"{row['repeatability'].four_s * 1e9:.0f} nm",
                        f"paper: {row['paper'] * 1e9:.0f} nm") for row in good if row["target"] > 0])

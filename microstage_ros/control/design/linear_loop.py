@@ -50,8 +50,13 @@ def linear_matrices(axis, actuator=(0.0, 0.0), guideway=(0.0, 0.0)):
     direct, torque = float(plant["direct"]) * float(plant["gain"]) + pull, float(plant["torque_constant"])
     if plant["rigid"]:
         mass = m + inertia / q**2
-        a = np.array([[0.0, torque / q / mass, 0.0], [0.0, -(d_motor / q**2 + d_stage) / mass, -(k_motor / q**2 + k_stage) / mass],
-                      [0.0, 1.0, 0.0]])
+        a = np.array(
+            [
+                [0.0, torque / q / mass, 0.0],
+                [0.0, -(d_motor / q**2 + d_stage) / mass, -(k_motor / q**2 + k_stage) / mass],
+                [0.0, 1.0, 0.0],
+            ]
+        )
         a[0, 1], a[1, 0] = -float(plant["back_emf"]) / q, a[0, 1]
         b = np.array([[0.0], [direct / q / mass], [0.0]])
     else:
@@ -123,7 +128,11 @@ def cut_loop(ap, bp, cp, step, size):
 def pid_step(gains, period):
     """One linear period of the PID law on the encoder, for `cut_loop`; ``gains``: mapping with the names of
     `pid.GAINS`."""
-    kp, ki, kd = gains["proportional"], gains["proportional"] / gains["integral_time"], gains["proportional"] * gains["derivative_time"]
+    kp, ki, kd = (
+        gains["proportional"],
+        gains["proportional"] / gains["integral_time"],
+        gains["proportional"] * gains["derivative_time"],
+    )
     share = period / (period + gains["filter_time"])
 
     def step(values):

@@ -89,19 +89,34 @@ def held_start(axis, gains, period):
     plants = _plants(axis, period)
     for lower in LOWER ** np.arange(STEPS):
         for longer in FILTERS:
-            changed = {**gains, "proportional": gains["proportional"] * lower, "filter_time": gains["filter_time"] * longer}
+            changed = {
+                **gains,
+                "proportional": gains["proportional"] * lower,
+                "filter_time": gains["filter_time"] * longer,
+            }
             if _pid_settles(plants, changed, period, GAIN_ROOM):
                 return float(lower), longer
-    raise InputError(f"{axis.place}: controller", gains["proportional"], "a machine that a PID law can hold: none is stable on its model")
+    raise InputError(
+        f"{axis.place}: controller",
+        gains["proportional"],
+        "a machine that a PID law can hold: none is stable on its model",
+    )
 
 
 def _plants(axis, period):
-    return [_sampled(axis, actuator, guideway, period) for name, actuator, guideway, _ in regime_slopes(axis) if name != CREEPING]
+    return [
+        _sampled(axis, actuator, guideway, period)
+        for name, actuator, guideway, _ in regime_slopes(axis)
+        if name != CREEPING
+    ]
 
 
 def _pid_settles(plants, gains, period, room):
-    return all(_settles(a, b, c[:1], pid_step({**gains, "proportional": factor * gains["proportional"]}, period), PID_STATES)
-               for factor in (1.0, room) for a, b, c in plants)
+    return all(
+        _settles(a, b, c[:1], pid_step({**gains, "proportional": factor * gains["proportional"]}, period), PID_STATES)
+        for factor in (1.0, room)
+        for a, b, c in plants
+    )
 
 
 def _sampled(axis, actuator, guideway, period):

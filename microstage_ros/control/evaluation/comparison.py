@@ -113,7 +113,9 @@ def tracking(bench, controllers):
     found = {}
     for kind in controllers:
         bench.progress(f"sine, {kind}")
-        trials = bench.each(lambda seed: sine_trial(bench.axis, kind, {}, *TRACKING_SINE, seed), range(bench.extent.seeds))
+        trials = bench.each(
+            lambda seed: sine_trial(bench.axis, kind, {}, *TRACKING_SINE, seed), range(bench.extent.seeds)
+        )
         peaks = np.array([t.peak for t in trials])
         columns = trials[0].columns
         found[kind] = {
@@ -210,12 +212,24 @@ def stress(bench, controllers):
     def one(job):
         kind, name = job
         conditions, seeds = STRESS[name], range(bench.extent.seeds)
-        peaks = [cycle_peaks(sine_trial(bench.axis, kind, {}, *STRESS_SINE, seed, STRESS_CYCLES, **conditions), STRESS_SINE[1]) for seed in seeds]
+        peaks = [
+            cycle_peaks(
+                sine_trial(bench.axis, kind, {}, *STRESS_SINE, seed, STRESS_CYCLES, **conditions), STRESS_SINE[1]
+            )
+            for seed in seeds
+        ]
         peak, learned_peak = max(p[0] for p in peaks), max(p[-1] for p in peaks)
         trials = [step_trial(bench.axis, kind, {}, 1e-5, seed, 8, **conditions) for seed in seeds]
-        learned = [t._replace(errors=t.errors[3:], interferometer=t.interferometer[3:], settling=t.settling[3:]) for t in trials]
+        learned = [
+            t._replace(errors=t.errors[3:], interferometer=t.interferometer[3:], settling=t.settling[3:])
+            for t in trials
+        ]
         figures = positioning_figures(learned, 1e-5)
-        return {"peak": peak, "learned_peak": learned_peak, **{key: figures[key] for key in ("four_s_worst", "bias_worst", "settling_median", "rest_worst")}}
+        return {
+            "peak": peak,
+            "learned_peak": learned_peak,
+            **{key: figures[key] for key in ("four_s_worst", "bias_worst", "settling_median", "rest_worst")},
+        }
 
     bench.progress("stress set")
     jobs = [(kind, name) for kind in controllers for name in STRESS]
@@ -258,12 +272,18 @@ def trade_off(bench):
     Per doubt in the voltage: smallest gain margin [dB] and phase margin [deg] in pre-sliding and at full speed, and
     the worst peak [m] of a sine of 10 um at 0.1 Hz under each condition.
     """
-    names = [name for name in ("nominal", "friction x 0.5", "friction x 2", "payload +200 %", "drive stiffness x 0.33") if name in STRESS]
+    names = [
+        name
+        for name in ("nominal", "friction x 0.5", "friction x 2", "payload +200 %", "drive stiffness x 0.33")
+        if name in STRESS
+    ]
 
     def one(job):
         gains, name = {"voltage_noise": job[0]}, job[1]
         seeds = range(bench.extent.seeds)
-        return max(sine_trial(bench.axis, "self_tuning_observer", gains, 1e-5, 0.1, k, **STRESS[name]).peak for k in seeds)
+        return max(
+            sine_trial(bench.axis, "self_tuning_observer", gains, 1e-5, 0.1, k, **STRESS[name]).peak for k in seeds
+        )
 
     bench.progress("margin against robustness")
     jobs = [(doubt, name) for doubt in DOUBTS for name in names]
@@ -272,8 +292,14 @@ def trade_off(bench):
     for doubt in DOUBTS:
         parameters = controller_parameters("self_tuning_observer", bench.axis, {"voltage_noise": doubt})
         guarded = [m for m in controller_margins(bench.axis, parameters) if m.regime in GUARDED]
-        found.append({"doubt": doubt, "gain_db": min(m.gain_db for m in guarded), "phase_deg": min(m.phase_deg for m in guarded),
-                      "peak": {name: peaks[doubt, name] for name in names}})
+        found.append(
+            {
+                "doubt": doubt,
+                "gain_db": min(m.gain_db for m in guarded),
+                "phase_deg": min(m.phase_deg for m in guarded),
+                "peak": {name: peaks[doubt, name] for name in names},
+            }
+        )
     return found
 
 

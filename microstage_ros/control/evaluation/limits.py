@@ -122,12 +122,18 @@ def gap_sine(axis, seed, told, width, amplitude=1e-5, frequency=0.1, cycles=3.25
     plant = make_plant(axis.machine or axis, NoiseSpec(), effects={"backlash": {"width_rad": width}})
     gains = {} if told == "nothing" else {"known_gap": float(plant["gap"])}
     controller, stage = make_controller("self_tuning_observer", axis, **gains), np.empty(len(reference))
-    state, work, none = new_state(plant, seed=seed, friction=usual_start(plant)), new_work(plant), np.zeros_like(reference)
+    state, work, none = (
+        new_state(plant, seed=seed, friction=usual_start(plant)),
+        new_work(plant),
+        np.zeros_like(reference),
+    )
     if told == "contact":
         run_told_contact(plant, state, work, new_readings(), controller.parameters, controller.memory, reference, stage)
     else:
         trace = np.empty((len(reference), len(TRACE)))
-        run_loop(plant, state, work, new_readings(), controller.parameters, controller.memory, reference, none, none, trace)
+        run_loop(
+            plant, state, work, new_readings(), controller.parameters, controller.memory, reference, none, none, trace
+        )
         stage = trace[:, TRACE.index("stage_m")]
     cycle = round(1.0 / frequency / axis.value("period"))
     error = np.abs(stage - reference)[cycle // 4 :]
@@ -142,7 +148,9 @@ def limits(bench, periods=PERIODS):
     bench.progress("what not knowing costs")
     jobs = [(period, told, seed) for period in periods for told in TOLD for seed in range(bench.extent.seeds)]
     found = {period: dict.fromkeys(TOLD, 0.0) for period in periods}
-    for (period, told, _), peak in zip(jobs, bench.each(lambda job: informed_sine(bench.axis, job[2], job[1], job[0]), jobs)):
+    for (period, told, _), peak in zip(
+        jobs, bench.each(lambda job: informed_sine(bench.axis, job[2], job[1], job[0]), jobs)
+    ):
         found[period][told] = max(found[period][told], peak)
     for period in periods:
         found[period]["least"] = least_error(bench.axis, period, bench.extent.seeds)[1]
@@ -155,4 +163,7 @@ def gap_limits(bench):
     bench.progress("what not knowing a gap costs")
     jobs = [(seed, told) for told in TOLD_OF_GAP for seed in range(bench.extent.seeds)]
     peaks = bench.each(lambda job: gap_sine(bench.axis, *job, GAP_WIDTH), jobs)
-    return {told: tuple(max(p[k] for (_, of), p in zip(jobs, peaks) if of == told) for k in range(2)) for told in TOLD_OF_GAP}
+    return {
+        told: tuple(max(p[k] for (_, of), p in zip(jobs, peaks) if of == told) for k in range(2))
+        for told in TOLD_OF_GAP
+    }

@@ -101,7 +101,8 @@ class _Cell:
         self.limit = float(self.controller.parameters["voltage_limit"])
 
     def __call__(self, reference, added, anew):
-        """(encoder [m], stage [m]) along the reference [m] with an added voltage [V]; the law starts anew or goes on."""
+        """(encoder [m], stage [m]) along the reference [m] with an added voltage [V]; the law starts anew or goes
+        on."""
         if anew:
             self.controller.reset()
         trace, none = np.empty((len(reference), len(TRACE))), np.zeros(len(reference))
@@ -172,7 +173,8 @@ def bounds_of(axis, kind):
 
 
 def searched(axis, kind, evaluations=2000, seed=0, base=None):
-    """`Opponent` found by at least ``evaluations`` runs of `cost`, with the gains of ``base`` {name: value} as they are."""
+    """`Opponent` found by at least ``evaluations`` runs of `cost`, with the gains of ``base`` {name: value} as they
+    are."""
     from scipy.optimize import differential_evolution  # half a second to load
 
     names, bounds = bounds_of(axis, kind)

@@ -61,14 +61,23 @@ def stress_limits(bench, stress):
     def one(job):
         name, yardstick = job
         if yardstick == "perfect_observer":
-            trials = (sine_trial(perfect, "self_tuning_observer", {}, *STRESS_SINE, k, noise=PERFECT, **stress[name]) for k in seeds)
+            trials = (
+                sine_trial(perfect, "self_tuning_observer", {}, *STRESS_SINE, k, noise=PERFECT, **stress[name])
+                for k in seeds
+            )
             return max(trial.peak for trial in trials)
         axis, noise = (perfect, PERFECT) if yardstick == "perfect_pid" else (bench.axis, {})
         kind = "pid_feedforward" if yardstick == "best_pid_feedforward" else "pid"
-        return best_for_sine(axis, seeds, *STRESS_SINE, bench.extent.stress_searches, kind, noise=noise, **stress[name])[1]
+        return best_for_sine(
+            axis, seeds, *STRESS_SINE, bench.extent.stress_searches, kind, noise=noise, **stress[name]
+        )[1]
 
     bench.progress("limits under stress")
-    jobs = [(name, yardstick) for name in stress for yardstick in ("best_pid", "best_pid_feedforward", "perfect_pid", "perfect_observer")]
+    jobs = [
+        (name, yardstick)
+        for name in stress
+        for yardstick in ("best_pid", "best_pid_feedforward", "perfect_pid", "perfect_observer")
+    ]
     found = {name: {} for name in stress}
     for (name, yardstick), peak in zip(jobs, bench.each(one, jobs)):
         found[name][yardstick] = peak

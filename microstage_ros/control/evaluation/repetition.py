@@ -28,7 +28,8 @@ TRIALS = 6  # of which the last is judged
 
 
 def update(added, error, gains, period, limit):
-    """The voltage [V] of the next trial, from that of the last, ``added``, and its ``error`` [m]; each of shape (n,)."""
+    """The voltage [V] of the next trial, from that of the last, ``added``, and its ``error`` [m]; each of shape
+    (n,)."""
     from scipy.signal import sosfiltfilt  # half a second to load
 
     lead = round(gains["learn_lead"] / period)

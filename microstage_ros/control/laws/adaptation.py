@@ -306,5 +306,12 @@ def adaptation_step(p, s, pid_p, pid_s, period, scale, fades):
     fade = math.exp(s.hush) if s.hush < 0.0 else 1.0
     kp = fade * share * pid_p.proportional * math.exp(s.log_kp)
     ki = share * pid_p.proportional / pid_p.integral_time * math.exp(s.log_ki)
-    kd = fade * share * (1.0 - s.calm * (1.0 - p.calm_damping)) * pid_p.proportional * pid_p.derivative_time * math.exp(s.log_kd)
+    kd = (
+        fade
+        * share
+        * (1.0 - s.calm * (1.0 - p.calm_damping))
+        * pid_p.proportional
+        * pid_p.derivative_time
+        * math.exp(s.log_kd)
+    )
     pid_change(pid_p, pid_s, kp, ki, kd)

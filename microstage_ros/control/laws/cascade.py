@@ -53,7 +53,9 @@ def law_start(parameters, state, reference, encoder):
 @compiled
 def law_step(parameters, state, reference, encoder, current):
     """`cascade_step` on the records of a controller."""
-    return cascade_step(parameters.cascade, state.cascade, state.pid, parameters.period, parameters.voltage_limit, reference, encoder)
+    return cascade_step(
+        parameters.cascade, state.cascade, state.pid, parameters.period, parameters.voltage_limit, reference, encoder
+    )
 
 
 LAWS = (Law("cascade", {"cascade": Part(GAINS, PARAMETERS, STATE_FIELDS)}, law_step, start=law_start),)

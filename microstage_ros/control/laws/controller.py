@@ -71,10 +71,17 @@ def controller_parameters(type_name, axis, gains, period=None, place="controller
     record["period"] = period
     record["voltage_limit"] = actuator_of(axis).command_limit(axis)
     feedforward.fill_model(record["feedforward"], axis)
-    values = {**designed_gains(type_name, record["feedforward"], period), **shipped_gains(type_name, axis, period), **gains}
+    values = {
+        **designed_gains(type_name, record["feedforward"], period),
+        **shipped_gains(type_name, axis, period),
+        **gains,
+    }
     _fill_parts(record, law, values, place)
     if "supervision" in law.parts:
-        own = {**designed_gains("self_tuning", record["feedforward"], period), **shipped_gains("self_tuning", axis, period)}
+        own = {
+            **designed_gains("self_tuning", record["feedforward"], period),
+            **shipped_gains("self_tuning", axis, period),
+        }
         for part, entry in laws.LAWS["self_tuning"].parts.items():
             fill(record[f"encoder_{part}"], entry.gains, own, place)
         adaptation.take_logarithms(record["encoder_adaptation"])

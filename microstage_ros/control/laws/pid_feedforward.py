@@ -31,7 +31,9 @@ def feedforward_start(parameters, state, reference, encoder):
 def fed_forward_step(parameters, state, reference, encoder, current):
     """One period of the PID with feed-forward: command within its limit."""
     period = parameters.period
-    state.feed_forward = feedforward.feedforward_step(parameters.feedforward, state.feedforward, period, reference, 1.0, 1.0, 0.0, 1.0)
+    state.feed_forward = feedforward.feedforward_step(
+        parameters.feedforward, state.feedforward, period, reference, 1.0, 1.0, 0.0, 1.0
+    )
     pid.pid_motion(parameters.pid, state.pid, period, reference, encoder)
     return pid.pid_output(parameters.pid, state.pid, period, parameters.voltage_limit, state.feed_forward)
 

@@ -10,7 +10,12 @@ import numpy as np
 
 from microstage_ros.control.laws import cascade, nctf, none, pid, pid_feedforward, self_tuning, self_tuning_observer
 from microstage_ros.control.laws.law import Law
-from microstage_ros.control.laws.published import disturbance_observer, disturbance_rejection, linear_quadratic, sliding_mode
+from microstage_ros.control.laws.published import (
+    disturbance_observer,
+    disturbance_rejection,
+    linear_quadratic,
+    sliding_mode,
+)
 from microstage_ros.numerics.compiled import always_inlined, compiled, dispatch, not_inlined
 from microstage_ros.quantities.errors import InputError
 

@@ -32,7 +32,9 @@ def fed_forward_self_tuning_step(parameters, state, reference, encoder, current)
     state.feed_forward = feedforward.feedforward_step(model, state.feedforward, period, reference, 1.0, 1.0, 0.0, 1.0)
     pid.pid_motion(parameters.pid, state.pid, period, reference, encoder)
     adaptation.adaptation_step(tuned, learned, parameters.pid, state.pid, period, 1.0, True)
-    state.feed_forward += adaptation.take_over(tuned, learned, state.pid, state.feedforward.friction, model.friction_share)
+    state.feed_forward += adaptation.take_over(
+        tuned, learned, state.pid, state.feedforward.friction, model.friction_share
+    )
     state.feed_forward *= adaptation.fed_forward(tuned, learned)
     return pid.pid_output(parameters.pid, state.pid, period, parameters.voltage_limit, state.feed_forward)
 

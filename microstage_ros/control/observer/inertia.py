@@ -65,6 +65,8 @@ def learn_inertia(s, period, net, speed, lost):
         s.rho_variance *= 1.0 - gain * driven
     off = -math.log(s.rho) - math.log(s.inertia)
     beyond = -math.log(s.rho)
-    target = beyond if abs(beyond) > SLACK and abs(beyond) > 3.0 * math.sqrt(s.rho_variance) / s.rho else math.log(s.inertia)
+    target = (
+        beyond if abs(beyond) > SLACK and abs(beyond) > 3.0 * math.sqrt(s.rho_variance) / s.rho else math.log(s.inertia)
+    )
     if abs(off) > 0.3 * SLACK:
         s.inertia *= math.exp(min(period / APPLY_TIME, 1.0) * (target - math.log(s.inertia)))

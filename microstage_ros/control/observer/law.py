@@ -335,7 +335,9 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         if s.contact == TOUCHING:
             force = s.guideway_friction + model.offset_force + model.mass * s.acceleration
             pulls = abs(drop) > PULL * model.volts_per_torque * model.actuator[COULOMB]
-            if lost_motion.watch_contact(p, s, force, model.guideway[0], math.sqrt(doubt) / model.volts_per_velocity, pulls):
+            if lost_motion.watch_contact(
+                p, s, force, model.guideway[0], math.sqrt(doubt) / model.volts_per_velocity, pulls
+            ):
                 forget_drive(p, s)
         elif lost_motion.cross(p, s, period, position):
             forget_drive(p, s)
@@ -381,6 +383,8 @@ def design_motion(record, model, period):
     settling = float(model["settling"])
     record["transient"] = 0.0
     if settling > 0.0:
-        record["transient"] = sensed_transient(period, settling, float(model["current_bandwidth"]), float(model["current_skew"]))
+        record["transient"] = sensed_transient(
+            period, settling, float(model["current_bandwidth"]), float(model["current_skew"])
+        )
     record["motion_gain"] = motion_filter.steady_gain(record, model, period)
     record["swing_matrix"] = swing.swing_matrix(record, model, period)

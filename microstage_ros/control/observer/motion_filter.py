@@ -164,7 +164,9 @@ def steady_gain(record, model, period, stiffness=0.0, slope=0.0):
     P C' (C P C' + R)^-1 of the filtered estimate, by the discrete Riccati equation in scaled units.
     """
     a, q = motion_matrices(record, period, stiffness, slope)
-    speed = float(record["voltage_doubt"]) * float(record["voltage_noise"]) / max(float(model["volts_per_velocity"]), 1e-9)
+    speed = (
+        float(record["voltage_doubt"]) * float(record["voltage_noise"]) / max(float(model["volts_per_velocity"]), 1e-9)
+    )
     noise = np.array([float(record["encoder_doubt"]) * float(record["encoder_noise"]), speed])
     scale = np.array([noise[0], noise[0] * 1e2, noise[0] * 1e4])
     s, inverse, n = np.diag(scale), np.diag(1 / scale), np.diag(1 / noise)

@@ -3,9 +3,9 @@
 One run: two sines, twenty moves of 1 to 1000 um, six seconds at rest. A run fails by an error beyond `LARGEST`
 anywhere, by a swing of more than `SWING` peak to peak in the last second, or by a mean error beyond `LEFT` there.
 
-Beside another law, which is run on the same machine with the same seed, two figures more: its largest error, and for how
-long without a break the first law was worse. Worse is a `BLOCK` of time whose largest error is beyond `HARMLESS` and more than
-`FACTOR` times the other's largest error within `NEAR` of it.
+Beside another law, which is run on the same machine with the same seed, two figures more: its largest error, and for
+how long without a break the first law was worse. Worse is a `BLOCK` of time whose largest error is beyond `HARMLESS`
+and more than `FACTOR` times the other's largest error within `NEAR` of it.
 """
 
 import functools
@@ -114,7 +114,8 @@ def campaign(axis, chosen, seeds, law, jobs=1, progress=None, gains=None, each=N
     """`Outcome` of every condition and seed, in order.
 
     ``chosen`` : `conditions.Condition` list. ``seeds`` : of the runs. ``progress`` is called with the number done.
-    ``beside`` : another law that is run on the same. ``each`` : function (function, items) → results in order, in place of ``jobs`` threads: other computers.
+    ``beside`` : another law that is run on the same. ``each`` : function (function, items) → results in order, in place
+    of ``jobs`` threads: other computers.
     """
     if each:
         return each(

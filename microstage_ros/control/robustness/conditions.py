@@ -119,7 +119,9 @@ def _effect(name, effect, **parameters):
 def _sensing():
     """Conditions of the sensors."""
     found = [Condition(f"current noise {1e3 * a:g} mA", noise={"current_A": a}) for a in (3e-4, 1e-3, 3e-3, 5e-3, 2e-2)]
-    found += [Condition(f"current offset {1e3 * a:g} mA", values={"sensors.current.offset": a}) for a in (-2e-3, 2e-3, 2e-2)]
+    found += [
+        Condition(f"current offset {1e3 * a:g} mA", values={"sensors.current.offset": a}) for a in (-2e-3, 2e-3, 2e-2)
+    ]
     found += [
         Condition("current converter of 10 bits", values={"sensors.current.bits": 10}),
         Condition("current filter 1 kHz", values={"sensors.current.bandwidth": 1e3}),
@@ -188,7 +190,9 @@ def _draw(axis, generator, factor):
     def one():
         return float(np.exp(generator.uniform(-math.log(factor), math.log(factor))))
 
-    factors = {key: one() for key in (MASS, STIFFNESS, "transmission.damping", INERTIA, "drive.resistance", "drive.inductance")}
+    factors = {
+        key: one() for key in (MASS, STIFFNESS, "transmission.damping", INERTIA, "drive.resistance", "drive.inductance")
+    }
     factors |= dict.fromkeys(MOTOR, one())
     for contact in ("actuator", "guideway"):
         for name in ("stiffness", "static", "coulomb", "stribeck_velocity", "attraction", "viscous"):
@@ -208,6 +212,16 @@ def rests(machine, seed, seconds=1.0, moved=1e-7):
     push, none = np.zeros(rows), np.zeros(rows)
     push[: rows // 20] = 0.5
     trace = np.empty((rows, len(TRACE)))
-    run_loop(plant, new_state(plant, seed, friction=usual_start(plant)), new_work(plant), new_readings(), controller.parameters,
-             controller.memory, none, push, none, trace)
+    run_loop(
+        plant,
+        new_state(plant, seed, friction=usual_start(plant)),
+        new_work(plant),
+        new_readings(),
+        controller.parameters,
+        controller.memory,
+        none,
+        push,
+        none,
+        trace,
+    )
     return float(np.ptp(trace[-rows // 4 :, TRACE.index("stage_m")])) < moved

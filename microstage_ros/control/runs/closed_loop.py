@@ -69,7 +69,18 @@ def run_loop(plant, state, work, readings, parameters, memory, reference, open_l
 @compiled
 def run_pieces(plants, states, works, readings, parameters, memories, reference, open_loop, disturbance, trace):
     """`run_loop` of the only record of each array (`solver.period.as_array`): for many calls of few periods each."""
-    run_loop(plants[0], states[0], works[0], readings[0], parameters[0], memories[0], reference, open_loop, disturbance, trace)
+    run_loop(
+        plants[0],
+        states[0],
+        works[0],
+        readings[0],
+        parameters[0],
+        memories[0],
+        reference,
+        open_loop,
+        disturbance,
+        trace,
+    )
 
 
 def surroundings(trace):

@@ -49,8 +49,22 @@ def run_both(coarse, fine, reference, disturbance, mass, trace):
     ``coarse``, ``fine``: tuples of plant, state, work, readings, parameters and memory of the law, each an array of
     one.
     """
-    plant, state, work, readings, law, memory = (coarse[0][0], coarse[1][0], coarse[2][0], coarse[3][0], coarse[4][0], coarse[5][0])
-    plant_f, state_f, work_f, readings_f, law_f, memory_f = (fine[0][0], fine[1][0], fine[2][0], fine[3][0], fine[4][0], fine[5][0])
+    plant, state, work, readings, law, memory = (
+        coarse[0][0],
+        coarse[1][0],
+        coarse[2][0],
+        coarse[3][0],
+        coarse[4][0],
+        coarse[5][0],
+    )
+    plant_f, state_f, work_f, readings_f, law_f, memory_f = (
+        fine[0][0],
+        fine[1][0],
+        fine[2][0],
+        fine[3][0],
+        fine[4][0],
+        fine[5][0],
+    )
     push, push_f, speed, speed_f = plant.push, plant_f.push, state.v, state_f.v
     pull_f = 0.0
     for n in range(len(reference)):
@@ -59,7 +73,12 @@ def run_both(coarse, fine, reference, disturbance, mass, trace):
         top = readings.interferometer + state_f.x
         command = laws.controller_step(law, memory, reference[n], readings.encoder, readings.current) + disturbance[n]
         command_f = laws.controller_step(law_f, memory_f, reference[n], top, np.nan)
-        trace[n, 0], trace[n, 1], trace[n, 2], trace[n, 3] = readings.encoder, readings.current, readings.motor_angle, top
+        trace[n, 0], trace[n, 1], trace[n, 2], trace[n, 3] = (
+            readings.encoder,
+            readings.current,
+            readings.motor_angle,
+            top,
+        )
         trace[n, 4], trace[n, 5], trace[n, 6] = command, readings_f.encoder, command_f
         trace[n, 7], trace[n, 8] = state.x + state_f.x, state.v + state_f.v
         for _ in range(PIECES):
@@ -102,7 +121,9 @@ def simulate_coarse_fine(machine, run, seed=0):
         raise InputError(f"{run.place}: period_s", run.period_s, f"{period:g} s, the period of both components")
     tables = run.tables(period)
     if np.any(tables["open_loop"]):
-        raise InputError(f"{run.place}: program", "voltage_file", "references: each component has a controller of its own")
+        raise InputError(
+            f"{run.place}: program", "voltage_file", "references: each component has a controller of its own"
+        )
     loaded = coarse.with_values({"stage.mass": coarse.value("stage.mass") + mass})
     plant, plant_f = make_piece(loaded, NoiseSpec(**run.noise), run.effects), make_piece(fine)
     controller, controller_f = run_controller(coarse, run), make_controller(FINE_LAW, fine)
@@ -123,7 +144,14 @@ def simulate_coarse_fine(machine, run, seed=0):
 def coarse_fine_record(machine, run, seed=0):
     """`Record` of `simulate_coarse_fine`, with version, seed, components and run in its metadata."""
     columns = simulate_coarse_fine(machine, run, seed)
-    metadata = {"version": __version__, "seed": seed, "axis": machine.name, "run": run.place, "controller": run.controller,
-                "noise": run.noise, "effects": run.effects,
-                "components": {"coarse": machine.coarse.name, "fine": machine.fine.name}}
+    metadata = {
+        "version": __version__,
+        "seed": seed,
+        "axis": machine.name,
+        "run": run.place,
+        "controller": run.controller,
+        "noise": run.noise,
+        "effects": run.effects,
+        "components": {"coarse": machine.coarse.name, "fine": machine.fine.name},
+    }
     return Record(float(machine.coarse.value("period")), columns, run.place, metadata)

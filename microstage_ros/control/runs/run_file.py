@@ -127,15 +127,30 @@ def run_from_dict(tree, place="run", folder="."):
         laws.law(controller.get("type"), f"{place}: controller.type")
     noise = tree.get("noise") or {}
     _mapping(noise, f"{place}: noise", NOISES)
-    noise = {key: _number(value, f"{place}: noise.{key}", 0.0, 1e3, "(standard deviation)") for key, value in noise.items()}
+    noise = {
+        key: _number(value, f"{place}: noise.{key}", 0.0, 1e3, "(standard deviation)") for key, value in noise.items()
+    }
     effects = check_effects(tree.get("effects") or {}, f"{place}: effects")
     limits = _limits(tree.get("limits") or {}, profiles.DEFAULT_LIMITS, f"{place}: limits")
     start = tree.get("start_m")
     start = None if start is None else _number(start, f"{place}: start_m", -1e3, 1e3, "m")
     program = _program(tree.get("program"), f"{place}: program", pathlib.Path(folder))
     if any("voltage_file" in segment for segment in program) and controller.get("type") != "none":
-        raise InputError(f"{place}: controller.type", controller.get("type"), "none, because the program has a voltage_file")
-    return Run(period, dict(controller), noise, effects, program, limits, start, _friction(tree.get("start"), f"{place}: start"), place, pathlib.Path(folder))
+        raise InputError(
+            f"{place}: controller.type", controller.get("type"), "none, because the program has a voltage_file"
+        )
+    return Run(
+        period,
+        dict(controller),
+        noise,
+        effects,
+        program,
+        limits,
+        start,
+        _friction(tree.get("start"), f"{place}: start"),
+        place,
+        pathlib.Path(folder),
+    )
 
 
 def _mapping(node, place, known):
@@ -198,7 +213,10 @@ def _segment(segment, place, folder):
         if key not in body:
             raise InputError(f"{place}.{kind}.{key}", None, "a number")
     low = {"to_m": -1e3}
-    return {kind: {key: _number(body[key], f"{place}.{kind}.{key}", low.get(key, 1e-12), 1e6, "(SI)") for key in inner}, **checked}
+    return {
+        kind: {key: _number(body[key], f"{place}.{kind}.{key}", low.get(key, 1e-12), 1e6, "(SI)") for key in inner},
+        **checked,
+    }
 
 
 def _segment_rows(segment, position, period, limits, folder):
@@ -210,7 +228,10 @@ def _segment_rows(segment, position, period, limits, folder):
         return {"open_loop": _columns(folder / segment["voltage_file"], ("voltage_V",), (), period)["voltage_V"]}
     if "reference_file" in segment:
         columns = _columns(folder / segment["reference_file"], ("reference_m",), ("disturbance_V",), period)
-        return {"reference": columns["reference_m"], "disturbance": columns.get("disturbance_V", np.zeros(len(columns["reference_m"])))}
+        return {
+            "reference": columns["reference_m"],
+            "disturbance": columns.get("disturbance_V", np.zeros(len(columns["reference_m"]))),
+        }
     if "move_to_m" in segment:
         own = {LIMIT_KEYS[key]: segment[key] for key in LIMIT_KEYS if key in segment}
         motion = profiles.jerk_limited_move(position, segment["move_to_m"], period, limits._replace(**own))

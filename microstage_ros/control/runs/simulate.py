@@ -50,9 +50,15 @@ def simulate(axis, run, seed=0, machine=None, progress=None):
     period = axis.value("period")
     tables = run.tables(period, top_speed(machine))
     plant = make_plant(machine, noise=NoiseSpec(**run.noise), effects=run.effects)
-    before = np.empty(0) if run.start_m is not None else lead_in(tables["reference"], axis.value("sensors.encoder.resolution"))
+    before = (
+        np.empty(0)
+        if run.start_m is not None
+        else lead_in(tables["reference"], axis.value("sensors.encoder.resolution"))
+    )
     friction = run.friction or usual_start(plant)
-    state = new_state(plant, seed=seed, position=float(before[0]) if len(before) else tables["start"], friction=friction)
+    state = new_state(
+        plant, seed=seed, position=float(before[0]) if len(before) else tables["start"], friction=friction
+    )
     controller = run_controller(axis, run)
     led = {name: np.concatenate([before if name == "reference" else 0.0 * before, tables[name]])
            for name in ("reference", "open_loop", "disturbance")}

@@ -99,10 +99,25 @@ def jump_trace(axis, kind, seed, reference, row, jump):
     """Trace (rows, len(TRACE)) of a run along ``reference`` [m] on an axis that ``jump(plant)`` changes before
     ``row``."""
     plant, readings = make_plant(axis.machine or axis, NoiseSpec()), new_readings()
-    state, work, controller = new_state(plant, seed=seed, friction=usual_start(plant)), new_work(plant), make_controller(kind, axis)
+    state, work, controller = (
+        new_state(plant, seed=seed, friction=usual_start(plant)),
+        new_work(plant),
+        make_controller(kind, axis),
+    )
     trace = np.empty((len(reference), len(TRACE)))
     for part in (slice(0, row), slice(row, None)):
         none = np.zeros_like(reference[part])
-        run_loop(plant, state, work, readings, controller.parameters, controller.memory, reference[part], none, none, trace[part])
+        run_loop(
+            plant,
+            state,
+            work,
+            readings,
+            controller.parameters,
+            controller.memory,
+            reference[part],
+            none,
+            none,
+            trace[part],
+        )
         jump(plant)
     return trace

@@ -22,7 +22,9 @@ def check_move(target, tolerance, settle_time, timeout, travel, place="move"):
         raise InputError(f"{place}: target", target, f"a position from {low} to {high} m")
     for name, value in (("tolerance", tolerance), ("timeout", timeout)):
         if not (math.isfinite(value) and value > 0.0):
-            raise InputError(f"{place}: {name}", value, f"a finite {'width in m' if name == 'tolerance' else 'time in s'} above 0")
+            raise InputError(
+                f"{place}: {name}", value, f"a finite {'width in m' if name == 'tolerance' else 'time in s'} above 0"
+            )
     if not (math.isfinite(settle_time) and 0.0 <= settle_time <= timeout):
         raise InputError(f"{place}: settle_time", settle_time, f"a time in s from 0 to the timeout, {timeout:g} s")
     if timeout > LONGEST:

@@ -47,7 +47,9 @@ def check_limits(limits, place="limits"):
     """Refuse limits that are not positive and finite (`InputError`)."""
     for name, value in limits._asdict().items():
         if not (isinstance(value, (int, float)) and SLOWEST <= value <= FASTEST):
-            raise InputError(f"{place}.{name}", value, f"a positive number, {SLOWEST:g} to {FASTEST:g} m/s, m/s^2 or m/s^3")
+            raise InputError(
+                f"{place}.{name}", value, f"a positive number, {SLOWEST:g} to {FASTEST:g} m/s, m/s^2 or m/s^3"
+            )
 
 
 def move_times(distance, limits):

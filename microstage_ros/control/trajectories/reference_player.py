@@ -110,7 +110,9 @@ class ReferencePlayer:
             if start <= self._last:
                 raise InputError("reference: start_sequence", start, f"a period after {self._last}, which has begun")
             if start < self._start + len(self._positions) - 1:
-                raise InputError("reference: start_sequence", start, "the end of the motion under way, or a stop before")
+                raise InputError(
+                    "reference: start_sequence", start, "the end of the motion under way, or a stop before"
+                )
             here = self._value(start)
             if abs(positions[0] - here) > JOINT:
                 raise InputError("reference: first position", float(positions[0]), f"{here!r} m, where it stands")

@@ -47,7 +47,10 @@ def regimes(axis):
 
     Pre-sliding: all blocks stick. Sliding: at each of `SLIDING_SPEEDS`.
     """
-    return [(name, linear_axis(axis, actuator, guideway), slopes) for name, actuator, guideway, slopes in regime_slopes(axis)]
+    return [
+        (name, linear_axis(axis, actuator, guideway), slopes)
+        for name, actuator, guideway, slopes in regime_slopes(axis)
+    ]
 
 
 def pid_transfer(gains, period, delay=0):
@@ -75,7 +78,9 @@ def observer_loop(axis, plant, stiffness, damping, parameters):
     """
     period = float(parameters["period"])
     sampled = control.sample_system(plant, period, "zoh")
-    big, inputs, row = cut_loop(sampled.A, sampled.B, sampled.C, observer_step(parameters, stiffness, damping), OBSERVER_STATES)
+    big, inputs, row = cut_loop(
+        sampled.A, sampled.B, sampled.C, observer_step(parameters, stiffness, damping), OBSERVER_STATES
+    )
     return control.ss(big, inputs, -row, 0.0, period)
 
 

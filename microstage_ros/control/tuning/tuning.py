@@ -77,7 +77,9 @@ def limit_cycle(axis, relay=None, hysteresis=None, duration=2.0, seed=0):
     encoder, voltage = encoder[rows // 2 :], voltage[rows // 2 :]
     turns = np.flatnonzero((voltage[:-1] < 0) & (voltage[1:] > 0))
     if len(turns) < 4:
-        raise InputError("relay", relay, f"a voltage above breakaway, {breakaway_voltage(axis):.3g} V, that swings the axis")
+        raise InputError(
+            "relay", relay, f"a voltage above breakaway, {breakaway_voltage(axis):.3g} V, that swings the axis"
+        )
     first, last = turns[0] + 1, turns[-1] + 1
     period = (last - first) / (len(turns) - 1) * axis.value("period")
     phase = np.exp(-2j * math.pi * np.arange(last - first) * axis.value("period") / period)

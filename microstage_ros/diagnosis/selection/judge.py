@@ -22,7 +22,7 @@ from microstage_ros.model.effects import REGISTRY
 
 RIVAL_MARGIN = 12.0     # χ² by which a cause must beat every other name; derived: odds of exp(12/2), 400 to one
 RIVAL_SHARE = 0.02      # and share of its own gain
-LEAD_SURE = 2.33        # standard errors of a lead; derived: one wrong name in a hundred, one-sided
+DECISIVE_LEAD = 2.33        # standard errors of a lead; derived: one wrong name in a hundred, one-sided
 FLAT = 0.5              # spread of a profile over its mean, below which it is a level
 SCATTER = 1.35          # χ² per row over the baseline's that no healthy record reaches
 LARGEST_ASYMMETRY = REGISTRY["direction_asymmetry"].parameters["asymmetry"].maximum   # of the guideways' limits
@@ -126,7 +126,7 @@ def _leads(evidences, choice, other, others):
     if any(form.channel != "torque" for form in (*choice.forms, *other.forms)):
         return True
     lead = evidences.lead(choice, other, others)
-    return lead is None or lead[0] > LEAD_SURE * lead[1]
+    return lead is None or lead[0] > DECISIVE_LEAD * lead[1]
 
 
 def is_constant_force(evidences, choice, effect, others):

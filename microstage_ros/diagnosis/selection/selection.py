@@ -31,7 +31,7 @@ MINOR_BESIDE = {"rising_static_friction": 0.25, "presliding_creep": 0.25, "nonli
 RESONANT = ("payload_change", "drive_compliance")
 # share of a soft drive's gain in resonance and wind-up from which a payload explains them as well
 ALIKE = 0.9
-SURE = 4.0   # standard errors; derived: a chance of 6·10⁻⁵ on both sides
+DECISIVE = 4.0   # standard errors; derived: a chance of 6·10⁻⁵ on both sides
 FRICTIONS = ("friction_level_change", "viscous_change")
 CLEARLY_LESS = 0.5           # of the other's mean
 
@@ -300,9 +300,9 @@ def resonance_is(evidences, trials, others):
     if told is None:
         return "open"
     mass, stderr, expected, error = told
-    if abs(mass) > SURE * stderr and _alike(mass, expected):
+    if abs(mass) > DECISIVE * stderr and _alike(mass, expected):
         return "payload_change"
-    if abs(mass - expected) > SURE * math.hypot(stderr, error) and abs(mass) < SURE * stderr:
+    if abs(mass - expected) > DECISIVE * math.hypot(stderr, error) and abs(mass) < DECISIVE * stderr:
         return "drive_compliance"
     return "open"
 
@@ -319,7 +319,7 @@ def _mass_of_a_soft_drive(evidences, choice, others):
     soft, _, _ = sizes_of(evidences, choice, others, fast)[0]["stiffness_factor"]
     mass, stderr, _ = sizes_of(evidences, Choice("payload_change", (form,)), others, form)[0]["mass_kg"]
     expected = evidences.frame.drive.mass * (1.0 / soft - 1.0)
-    return bool(abs(mass) > SURE * stderr and _alike(mass, expected))
+    return bool(abs(mass) > DECISIVE * stderr and _alike(mass, expected))
 
 
 def _first_acceptable(evidences, trials, choices):

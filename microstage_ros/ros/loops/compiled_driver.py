@@ -22,7 +22,7 @@ from microstage_ros.ros.transport.blocks import Refusals
 from microstage_ros.ros.transport.c_calls import INFO_WORDS, Frame, load_libraries
 from microstage_ros.ros.transport.response_times import ResponseTimes
 from microstage_ros.ros.transport.scheduling import SPIN
-from microstage_ros.ros.transport.work_handover import SIZE, Desk
+from microstage_ros.ros.transport.work_handover import SIZE, Handover
 
 FRAMES = (("AxisState",), ("SimulationTruth",), ("VoltageCommand",), ("Clock", "rosgraph_msgs"))
 
@@ -129,8 +129,8 @@ class QuickPeriods:
                               new_guard(self.command, watch))
         self._counts["command_bytes"] = len(self.command.raw)
         load(arrays)
-        self._desk, self._times = Desk(on_message, self._work, servo), np.zeros(2, np.int64)
-        self._desk.answer(reader)
+        self._handover, self._times = Handover(on_message, self._work, servo), np.zeros(2, np.int64)
+        self._handover.answer(reader)
 
     def grant(self, credit):
         """Periods up to this one may begin; heard by the running loop."""
@@ -157,7 +157,7 @@ class QuickPeriods:
         c["last"] = gate.last
         c["truth_listened"] = self._topics.truths.listeners
         v["voltage"], v["command"] = gate.voltage, gate.command
-        why = run_periods(self._desk.words, self._work, self._times)
+        why = run_periods(self._handover.words, self._work, self._times)
         gate.voltage, gate.command = float(v["voltage"]), float(v["command"])
         gate.saturated = gate.voltage != gate.command
         gate.placed = gate.placed or gate.last != int(c["last"])

@@ -27,13 +27,13 @@ from microstage_ros.ros.transport.c_calls import (
 from microstage_ros.ros.transport.work_handover import (
     SIZE,
     WAITING,
-    Desk,
-    desk_of,
-    get_up,
-    go_home,
-    leave,
-    may_sit,
-    sit_down,
+    Handover,
+    handover_of,
+    give_back,
+    end_work,
+    hand_over,
+    may_take,
+    begin_work,
 )
 
 CROWDED, ASKED, QUIET, STRANGE = range(4)
@@ -138,12 +138,12 @@ def answer_waiting(work, most):
 
 
 @compiled
-def answer(desk, work, times):
+def answer(handover, work, times):
     """Answer states until one of the reasons at the top.
 
     Parameters
     ----------
-    desk : `desk.Desk.words`.
+    handover : `work_handover.Handover.words`.
     work : stop, int64 of shape (1,), made 1 by another thread that asks for something; links and counts, records above;
         parameters and memories of the law, arrays of one; positions, the plan [m], `start` its first period; messages
         of state, command and inside (`c_calls.Frame.message`); bytes of the last two; blocks of the last two
@@ -151,7 +151,7 @@ def answer(desk, work, times):
     times : int64 (2,), to work in.
     """
     stop, c = work[0], work[2][0]
-    sit_down(desk)
+    begin_work(handover)
     why, woken, before = WAITING, True, c.last
     while why == WAITING and stop[0] == 0:
         why = answer_waiting(work, ALL)
@@ -159,16 +159,16 @@ def answer(desk, work, times):
             why = QUIET
         elif why == WAITING:
             before = c.last
-            woken, why = leave(desk, work, now(MONOTONIC, times) + c.patience_ns, times)
-    go_home(desk)
+            woken, why = hand_over(handover, work, now(MONOTONIC, times) + c.patience_ns, times)
+    end_work(handover)
     return ASKED if why == WAITING else why
 
 
 def on_message(work, count):
     """A state has come: answered where it came, unless the loop's thread is needed."""
-    desk = desk_of(work)
-    if may_sit(desk):
-        get_up(desk, answer_waiting(work[0], np.int64(count)))
+    handover = handover_of(work)
+    if may_take(handover):
+        give_back(handover, answer_waiting(work[0], np.int64(count)))
 
 
 def new_work(stop, links, counts, records, positions, frames, rings, holder):
@@ -223,8 +223,8 @@ class QuickAnswers:
                               (commands.ring, insides.ring), holder)
         self._counts["state_bytes"] = len(self.state.raw)
         load(controller.arrays)
-        self._desk, self._times = Desk(on_message, self._work, servo), np.zeros(2, np.int64)
-        self._desk.answer(reader)
+        self._handover, self._times = Handover(on_message, self._work, servo), np.zeros(2, np.int64)
+        self._handover.answer(reader)
 
     @property
     def last(self):
@@ -248,6 +248,6 @@ class QuickAnswers:
         c["last"], c["patience_ns"] = last, round(patience * 1e9)
         c["inside_listened"] = self._insides.listeners
         work = (*self._work[:POSITIONS], positions, *self._work[POSITIONS + 1:])
-        why = answer(self._desk.words, work, self._times)
+        why = answer(self._handover.words, work, self._times)
         self._player.passed(int(c["last"]))
         return why, int(c["last"])

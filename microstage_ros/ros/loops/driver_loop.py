@@ -27,7 +27,7 @@ from microstage_ros.ros.transport.c_calls import (
     take_from,
     wait,
 )
-from microstage_ros.ros.transport.work_handover import WAITING, desk_of, get_up, go_home, leave, may_sit, sit_down
+from microstage_ros.ros.transport.work_handover import WAITING, handover_of, give_back, end_work, hand_over, may_take, begin_work
 from microstage_ros.solver.period import advance_and_read
 
 GOOD, ASKED, CROWDED, NO_CREDIT, TAKEN_AWAY, TRAVEL, WAITED, STRANGE, MISSED = range(9)
@@ -300,14 +300,14 @@ def begin_with_credit(work, times):
 
 
 @compiled
-def timed_periods(desk, work, times):
+def timed_periods(handover, work, times):
     """Control periods that begin when they are due. Why they ended."""
     links, c, v, frames, responses, guard = work[1][0], work[2][0], work[3][0], work[8], work[11], work[13]
     carried = c.paced != 0 and c.grace_ns == 0
     while True:
         why = begin_period(*work)
         if why == WAITING and carried:
-            why = sleep_at_desk(desk, c, work, times)
+            why = wait_for_work(handover, c, work, times)
         if why == WAITING and c.last == c.sequence:
             continue  # whoever brought the command has done the rest
         if why == WAITING:
@@ -323,13 +323,13 @@ def timed_periods(desk, work, times):
 
 
 @compiled
-def sleep_at_desk(desk, c, work, times):
+def wait_for_work(handover, c, work, times):
     """Until it is time to wait for the next period (`hold_back`); the command is taken by who brings it. WAITING, or
     why the loop ends."""
     until = c.due_ns + c.pace_ns - early_ns(c)
     woken, why = True, WAITING
     while woken and why == WAITING and now(MONOTONIC, times) < until:
-        woken, why = leave(desk, work, until, times)
+        woken, why = hand_over(handover, work, until, times)
         if woken and why == WAITING:
             why = go_on(work)
     if not woken:
@@ -354,12 +354,12 @@ def go_on(work):
 
 
 @compiled
-def run_periods(desk, work, times):
+def run_periods(handover, work, times):
     """Control periods until one of the reasons at the top.
 
     Parameters
     ----------
-    desk : `desk.Desk.words`.
+    handover : `work_handover.Handover.words`.
     work : stop, int64 of shape (1,), made 1 by another thread that asks for something; records `LINKS`, `COUNTS`,
         `VALUES`; plants, states, works, readings, arrays of one as in `solver.period`; messages of state, truth,
         command, clock (`c_calls.Frame.message`); bytes of the first two; blocks of state and truth (`kept_rows`);
@@ -369,28 +369,28 @@ def run_periods(desk, work, times):
     times : another int64 (2,), for the loop's thread while others work.
     """
     c = work[2][0]
-    sit_down(desk)
+    begin_work(handover)
     if c.pace_ns > 0:
-        why = timed_periods(desk, work, times)
-        go_home(desk)
+        why = timed_periods(handover, work, times)
+        end_work(handover)
         return why
     why = begin_with_credit(work, times)
     while why == WAITING:
         before = c.sequence
-        woken, why = leave(desk, work, now(MONOTONIC, times) + c.slice_ns, times)
+        woken, why = hand_over(handover, work, now(MONOTONIC, times) + c.slice_ns, times)
         if why == WAITING:
             why = go_on(work)
             if why == WAITING and not woken and c.sequence == before:
                 why = WAITED
         if why == NO_CREDIT:
             why = begin_with_credit(work, times)
-    go_home(desk)
+    end_work(handover)
     return why
 
 
 def on_message(work, count):
     """A command has come: it is obeyed, and in lockstep the next period begins, where it came, unless the loop's thread
     is needed."""
-    desk = desk_of(work)
-    if may_sit(desk):
-        get_up(desk, go_on(work[0]))
+    handover = handover_of(work)
+    if may_take(handover):
+        give_back(handover, go_on(work[0]))

@@ -2,13 +2,13 @@
 
 The middleware calls us in the thread in which it heard of a message. To answer there and then spares two of the four
 wakings of a control period: nobody has to wake the loop's thread, and none of the loop's answers wait for it. So a loop
-that has nothing left to do leaves all that it works on on its desk (`leave`); whoever brings the next message sits down
-at it (`may_sit`), does the period, and gets up again (`get_up`). When something is out of the ordinary, or the loop's
-thread is at its desk itself, the message stays where it is and the loop is woken for it, as it would be for every
-message without all this.
+that has nothing left to do hands over all that it works on (`hand_over`); whoever brings the next message takes it
+(`may_take`), does the period, and gives it back (`give_back`). When something is out of the ordinary, or the loop's
+thread is at work itself, the message stays where it is and the loop is woken for it, as it would be for every message
+without all this.
 
 Who brings a message holds the lock of the middleware's reader, which the loop needs to take one: so he never waits for
-the desk, he only tries. The loop may wait for him.
+the handover, he only tries. The loop may wait for him.
 """
 
 import numpy as np
@@ -20,19 +20,19 @@ WAITING = -1
 """Nothing else to do than to wait for the next message. Any other value is why a loop has ended."""
 
 SEMAPHORE, WHY, HEAD = 8, 9, 16
-"""Places in a desk: a mutex of C before the first, the address of the loop's semaphore, WAITING while others may carry
-on, and where what the loop works on begins."""
+"""Places in a handover: a mutex of C before the first, the address of the loop's semaphore, WAITING while others may
+carry on, and where what the loop works on begins."""
 WORD = 8
 SIZE = 1024
 
 
-class Desk:
-    """The desk of one loop.
+class Handover:
+    """What one loop hands over while it waits.
 
     Parameters
     ----------
-    on_message : compiled by `called_from_c`: ``on_message(pointer, count)`` with ``pointer[0]`` what `leave` was given.
-    work : example of it, a tuple. servo : `FastServoPath`.
+    on_message : compiled by `called_from_c`: ``on_message(pointer, count)`` with ``pointer[0]`` what `hand_over` was
+    given. work : example of it, a tuple. servo : `FastServoPath`.
 
     Attributes
     ----------
@@ -51,14 +51,14 @@ class Desk:
 
 
 @compiled
-def sit_down(desk):
+def begin_work(handover):
     """The loop's thread begins to work."""
-    lock(desk.ctypes.data)
-    desk[WHY] = 0
+    lock(handover.ctypes.data)
+    handover[WHY] = 0
 
 
 @compiled
-def leave(desk, work, until, times):
+def hand_over(handover, work, until, times):
     """The loop's thread waits for its semaphore, until the monotonic clock says ``until`` [ns]; others may carry on.
 
     Parameters
@@ -69,44 +69,44 @@ def leave(desk, work, until, times):
     -------
     True if it was woken, and why whoever carried on ended, WAITING if he did not.
     """
-    put_at(desk.ctypes.data + HEAD * WORD, work)
-    desk[WHY] = WAITING
-    unlock(desk.ctypes.data)
-    woken = wait(desk[SEMAPHORE], until, times)
-    lock(desk.ctypes.data)
-    why, desk[WHY] = desk[WHY], 0
+    put_at(handover.ctypes.data + HEAD * WORD, work)
+    handover[WHY] = WAITING
+    unlock(handover.ctypes.data)
+    woken = wait(handover[SEMAPHORE], until, times)
+    lock(handover.ctypes.data)
+    why, handover[WHY] = handover[WHY], 0
     return woken, why
 
 
 @compiled
-def go_home(desk):
+def end_work(handover):
     """The loop's thread ends its work."""
-    unlock(desk.ctypes.data)
+    unlock(handover.ctypes.data)
 
 
 @compiled
-def desk_of(pointer):
-    """The desk on which `leave` has left what this points to."""
+def handover_of(pointer):
+    """The handover that holds what this points to."""
     return words_at(address_of(pointer) - HEAD * WORD, SIZE)
 
 
 @compiled
-def may_sit(desk):
+def may_take(handover):
     """True for who brings a message if he is to answer it himself; else the loop's thread has been woken for it."""
-    if not try_lock(desk.ctypes.data):
-        post(desk[SEMAPHORE])
+    if not try_lock(handover.ctypes.data):
+        post(handover[SEMAPHORE])
         return False
-    if desk[WHY] != WAITING:
-        unlock(desk.ctypes.data)
-        post(desk[SEMAPHORE])
+    if handover[WHY] != WAITING:
+        unlock(handover.ctypes.data)
+        post(handover[SEMAPHORE])
         return False
     return True
 
 
 @compiled
-def get_up(desk, why):
+def give_back(handover, why):
     """He has done it; unless it is WAITING, ``why`` the loop's thread is needed."""
-    desk[WHY] = why
-    unlock(desk.ctypes.data)
+    handover[WHY] = why
+    unlock(handover.ctypes.data)
     if why != WAITING:
-        post(desk[SEMAPHORE])
+        post(handover[SEMAPHORE])

@@ -15,12 +15,12 @@ from microstage_ros.ros.transport.work_handover import (
     SIZE,
     WAITING,
     WORD,
-    desk_of,
-    get_up,
-    go_home,
-    leave,
-    may_sit,
-    sit_down,
+    handover_of,
+    give_back,
+    end_work,
+    hand_over,
+    may_take,
+    begin_work,
 )
 
 ENOUGH, LATE = 7, 8
@@ -35,38 +35,38 @@ def do_one(done, most):
 
 def on_message(work, count):
     """As `driver_loop.on_message`."""
-    desk = desk_of(work)
-    if may_sit(desk):
-        get_up(desk, do_one(*work[0]))
+    handover = handover_of(work)
+    if may_take(handover):
+        give_back(handover, do_one(*work[0]))
 
 
 @compiled
-def loop(desk, work, patience_ns, times):
+def loop(handover, work, patience_ns, times):
     """Wait until somebody else has found a reason to end, LATE when nobody came for ``patience_ns``. Also: wakings."""
     wakings, woken, why = 0, True, WAITING
-    sit_down(desk)
+    begin_work(handover)
     while woken and why == WAITING:
-        woken, why = leave(desk, work, now(MONOTONIC, times) + patience_ns, times)
+        woken, why = hand_over(handover, work, now(MONOTONIC, times) + patience_ns, times)
         wakings += woken
-    go_home(desk)
+    end_work(handover)
     return LATE if why == WAITING else why, wakings
 
 
 class Place:
-    """A desk with its work, and `bring`, a message as the middleware brings it."""
+    """A handover with its work, and `bring`, a message as the middleware brings it."""
 
     def __init__(self, most):
         self.done, self.times, self.semaphore = np.zeros(1, np.int64), np.zeros(2, np.int64), Semaphore()
         self.work = (self.done, np.full(1, most))
-        self.desk = np.zeros(SIZE, np.int64)
-        self.desk[SEMAPHORE] = self.semaphore.address.value
+        self.handover = np.zeros(SIZE, np.int64)
+        self.handover[SEMAPHORE] = self.semaphore.address.value
         self._called = called_from_c(on_message, kind_of(self.work))
         call = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint64)(self._called.address)
-        self.bring = lambda: call(self.desk.ctypes.data + HEAD * WORD, 1)
+        self.bring = lambda: call(self.handover.ctypes.data + HEAD * WORD, 1)
 
     def run(self, patience=0.01):
         """`loop`."""
-        return loop(self.desk, self.work, round(patience * 1e9), self.times)
+        return loop(self.handover, self.work, round(patience * 1e9), self.times)
 
 
 @pytest.fixture
