@@ -115,7 +115,7 @@ class MagnetPull(Effect):
 EFFECTS = (MagnetPull,)
 '''},
     "edits": {"model/effects/__init__.py": [
-        ("environment, friction, piezo,", "environment, friction, magnet, piezo,"),
+        ("    friction,\n    piezo,", "    friction,\n    magnet,\n    piezo,"),
         ("piezo, position_sensors)\n", "piezo, position_sensors, magnet)\n"),
     ]},
 }

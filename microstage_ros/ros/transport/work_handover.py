@@ -31,8 +31,9 @@ class Handover:
 
     Parameters
     ----------
-    on_message : compiled by `called_from_c`: ``on_message(pointer, count)`` with ``pointer[0]`` what `hand_over` was
-    given. work : example of it, a tuple. servo : `FastServoPath`.
+    on_message : compiled by `called_from_c`: ``on_message(pointer, count)`` with ``pointer[0]`` what `hand_over`
+        was given.
+    work : example of it, a tuple. servo : `FastServoPath`.
 
     Attributes
     ----------
