@@ -79,6 +79,7 @@ ctypes.CDLL(None).prctl({PR_SET_PDEATHSIG}, signal.SIGKILL)
 del sys.argv[0]
 runpy.run_module("pytest", run_name="__main__", alter_sys=True)
 """
+LONGEST = 3600.0  # s, of the unchanged tests
 SLOWEST = 5.0  # times the unchanged tests' time, after which a mutant counts as noticed (it hangs)
 
 
@@ -162,12 +163,13 @@ def _items(modules):
 def _examine(items, tests, jobs):
     """[(item, outcome, diff)] of every mutant, on ``jobs`` copies of the checkout."""
     with tempfile.TemporaryDirectory(prefix="microstage-mutation-") as folder:
-        copies = multiprocessing.Manager().Queue()
+        fresh = multiprocessing.get_context("spawn")  # a fork of many threads may inherit a lock that nobody opens
+        copies = fresh.Manager().Queue()
         for number in range(max(jobs, 1)):
             copies.put(_copy(pathlib.Path(folder) / str(number)))
         slow = SLOWEST * _unchanged(folder, tests) + 5.0
         work = [(copies, item, tests, slow) for item in items]
-        with multiprocessing.get_context("spawn").Pool(max(jobs, 1), _ends_with, (os.getpid(),)) as pool:
+        with fresh.Pool(max(jobs, 1), _ends_with, (os.getpid(),)) as pool:
             results = pool.imap(_one, work)
             return list(
                 track(results, "mutants", total=len(items), console=Console(stderr=True, quiet=not sys.stderr.isatty()))
@@ -246,7 +248,9 @@ def _unchanged(folder, tests):
     copy = str(pathlib.Path(folder) / "0")
     for _ in range(2):  # the first run fills the cache of compiled code
         began = time.monotonic()
-        status, output = _run(copy, tests)
+        status, output = _run(copy, tests, LONGEST)
+        if status is None:
+            raise InputError("mutation: --tests", " ".join(tests), f"tests that end within {LONGEST:.0f} s")
         if status:
             raise InputError(
                 "mutation: --tests", " ".join(tests), "tests that pass on the unchanged code: " + output[-300:]
