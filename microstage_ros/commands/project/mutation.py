@@ -170,10 +170,11 @@ def _examine(items, tests, jobs):
         slow = SLOWEST * _unchanged(folder, tests) + 5.0
         work = [(copies, item, tests, slow) for item in items]
         with fresh.Pool(max(jobs, 1), _ends_with, (os.getpid(),)) as pool:
-            results = pool.imap(_one, work)
-            return list(
-                track(results, "mutants", total=len(items), console=Console(stderr=True, quiet=not sys.stderr.isatty()))
-            )
+            bar = Console(stderr=True, quiet=not sys.stderr.isatty())
+            found = list(track(pool.imap(_one, work), "mutants", total=len(items), console=bar))
+            pool.close()  # the workers end by themselves: a signal at their end may find them waiting for ever
+            pool.join()
+            return found
 
 
 def _copy(folder):
