@@ -41,6 +41,7 @@ SOFT_SHARE = {"windup": 0.02, "torque": 0.001}    # beside a drive train far fro
 SWUNG = ("nonlinear_viscous", "rising_static_friction", "presliding_creep", "frictional_lag", "viscous_change")
 SWUNG_SHARE = {"torque": 0.25}
 SLOW_IN_TIME = ("thermal_drift", "refractive_index")   # what a course of every record's own leaves no room for
+LIKELY = 0.5               # probability of a further cause; derived: more likely right than wrong
 GENERIC = tuple(form for form in FORMS if not form.named)
 
 
@@ -130,7 +131,9 @@ def _answer(collection, evidences, choices, rivals, apart, holdout, notes, seed)
         # what is left follows the motor otherwise than the model at the very frequencies that tell a delay from a lag
         known = dataclasses.replace(known, slow=dataclasses.replace(known.slow, rival=True))
     causes += causes_apart(collection, known, course, causes, book, unsure)
-    causes = _with_shares(causes, book)
+    causes, doubtful = _likely(_with_shares(causes, book))
+    if doubtful:
+        notes.append(f"Beside the causes, more likely wrong than right and so not named: {', '.join(doubtful)}.")
     left = judge.leftovers(found)
     if not (left or causes or unsure):
         left = judge.of_learning_records(found)
@@ -197,6 +200,14 @@ def _with_shares(causes, book):
         share = min(part / total, 1.0)
         shared.append(dataclasses.replace(c, probability=probability(part, share), share=share, evidence=part))
     return sorted(shared, key=lambda c: -c.share)
+
+
+def _likely(causes):
+    """(causes, ids of those left out): a further cause that is more likely wrong than right, by the calibration, is no
+    cause. The first one stands: something has changed, and its probability says how sure its name is.
+    """
+    doubtful = [c.id for c in causes[1:] if c.probability < LIKELY]
+    return [c for c in causes if c.id not in doubtful], doubtful
 
 
 def _units(collection):
