@@ -41,8 +41,8 @@ SOFT_SHARE = {"windup": 0.02, "torque": 0.001}    # beside a drive train far fro
 SWUNG = ("nonlinear_viscous", "rising_static_friction", "presliding_creep", "frictional_lag", "viscous_change")
 SWUNG_SHARE = {"torque": 0.25}
 SLOW_IN_TIME = ("thermal_drift", "refractive_index")   # what a course of every record's own leaves no room for
-#: Least probability of a further cause; calibrated by `microstage campaign --world second --kind single --seed 843`: four
-#: that were wrong had at most 0.35 there, right ones of the tests' pairs 0.43 and more.
+#: Least probability of a further cause; calibrated by `microstage campaign --world second --kind single --seed 843`:
+#: four that were wrong had at most 0.35 there, right ones of the tests' pairs 0.43 and more.
 LIKELY = 0.4
 GENERIC = tuple(form for form in FORMS if not form.named)
 
