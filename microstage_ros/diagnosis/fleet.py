@@ -126,7 +126,9 @@ def check_workers(client, scheduler):
         ) from None
     if not versions:
         raise InputError(
-            "--scheduler", scheduler, f"a scheduler with workers; start some with `dask worker {scheduler}`, see {HELP}"
+            "--scheduler",
+            scheduler,
+            f"a scheduler with workers; start some with `./microstage shell dask worker {scheduler}`, see {HELP}",
         )
     lacking = [address for address, version in versions.items() if not version]
     if lacking:
