@@ -10,9 +10,9 @@ MARGIN = 1.3
 
 
 def top_speed(axis):
-    """Highest speed of the stage [m/s]: ``MARGIN u / k_e p / (2 pi g)`` of a voltage-driven motor, infinity where
-    nothing says.
+    """Highest speed of the stage [m/s]; infinity where nothing says.
 
+    Of a voltage-driven motor it is ``MARGIN u / k_e p / (2 pi g)``.
     Of any other drive it is ``MARGIN`` times what its `Actuator.feed_forward` says.
 
     Parameters

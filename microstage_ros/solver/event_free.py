@@ -46,8 +46,9 @@ class Moving(NamedTuple):
 
 
 class Held(NamedTuple):
-    """What stays as long as periods are quiet: the sticking blocks, where they must be looked at, and the slip at both
-    contacts.
+    """What stays as long as periods are without event.
+
+    The sticking blocks, where they must be looked at, and the slip at both contacts.
     """
 
     slot: int
@@ -206,8 +207,9 @@ def far(plant, c, omega0, omega_mid, omega1, f0, h):
 
 @internal
 def _look(plant, state, a_stretch, g_stretch, turned, w, moved, v):
-    """EVENT if a sticking block comes to its limit in a period with these travels and velocities at its end, else
-    LOOKED.
+    """EVENT if a sticking block comes to its limit in this period, else LOOKED.
+
+    The travels of the period, and the velocities at its end, are given.
     """
     not_inlined()
     a, g = state.actuator, state.guideway

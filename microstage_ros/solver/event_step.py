@@ -180,8 +180,9 @@ def _chunk(plant, state, work, u, slot, level):
 
 @inlined_before_typing
 def _slip(plant, state, rows, f0, grow, h, level):
-    """(what `corrections` gives, slip force at the end, decay of its offsets, too COARSE) of a chunk whose ``rows``
-    were guessed.
+    """(what `corrections` gives, slip force at the end, decay of its offsets, too COARSE) of a chunk.
+
+    Its ``rows`` were guessed.
     """
     a, ca, omega0 = plant.actuator, state.actuator, state.omega
     pull = -ca.direction * ca.slip_weight

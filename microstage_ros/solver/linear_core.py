@@ -121,8 +121,9 @@ def _horner(x, a, scale, out):
 
 @internal
 def _exponential(a, h, result, spare):
-    """The states' part of exp(a h) into ``result``: scaled until the norm is below 1/16, Taylor to order 8, squared
-    back.
+    """The states' part of exp(a h) into ``result``.
+
+    Scaled until the norm is below 1/16, Taylor to order 8, squared back.
     """
     not_inlined()
     norm = 0.0
@@ -186,8 +187,9 @@ def _write_level(e, half, h, plant, inertia, out):
 
 @compiled
 def build_mode(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, change, matrices):
-    """All levels' matrices of one mode into ``matrices`` (LEVELS, INPUTS, OUTPUTS); ``change``: of k_M and K_E,
-    relative.
+    """All levels' matrices of one mode into ``matrices`` (LEVELS, INPUTS, OUTPUTS).
+
+    ``change``: of k_M and K_E, relative.
     """
     a, half, e = np.zeros((_SIZE, OUTPUTS)), np.empty((_SIZE, OUTPUTS)), np.empty((_SIZE, OUTPUTS))
     inertia = _system(plant, stiff_a, damp_a, stiff_g, damp_g, in_contact, resistance, change, a)

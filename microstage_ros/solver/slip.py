@@ -42,8 +42,9 @@ def decay_series(g):
 
 @inlined_before_typing
 def forgotten(offset):
-    """``offset``, or 0 when nothing is left of it: it would end as the smallest of all numbers, with which processors
-    are slow.
+    """``offset``, or 0 when nothing is left of it.
+
+    It would end as the smallest of all numbers, with which processors are slow.
     """
     return offset if offset > LEAST_OFFSET else 0.0
 
@@ -66,8 +67,9 @@ def relax(attraction, f0, s0, s_mid, s1, h):
 
 @compiled(inline="always")
 def near(g, f0, s0):
-    """(f(h/2), f(h)) at ε = 0, their derivatives by ε_m and ε_1, and exp(−G): (mid, mid_m, mid_1, end, end_m, end_1,
-    fade).
+    """(f(h/2), f(h)) at ε = 0, their derivatives by ε_m and ε_1, and exp(−G).
+
+    As (mid, mid_m, mid_1, end, end_m, end_1, fade).
     """
     return near_with(g, decay(0.5 * g), f0, s0)
 
@@ -116,7 +118,8 @@ def with_change(parts, by_mid, by_end):
 
 @inlined_before_typing
 def corrections(pull, f0, f_mid, f1, grow):
-    """What the parabola of the slip's torque pull·f through f0, f_mid, f1 adds to pull·(f0 + grow t/h): of t/h, of
-    (t/h)².
+    """What the parabola of the slip's torque pull·f through f0, f_mid, f1 adds to pull·(f0 + grow t/h).
+
+    The coefficients of t/h and of (t/h)².
     """
     return pull * (fused(4.0, f_mid, -f1) - fused(3.0, f0, grow)), pull * (fused(-4.0, f_mid, 2.0 * f0) + 2.0 * f1)

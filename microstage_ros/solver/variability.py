@@ -69,8 +69,9 @@ def _vary_contact(plant, contact, c, state, by_travel, by_time):
 
 @inlined_before_typing
 def _pace(step):
-    """(what is kept, share of chance) of an Ornstein–Uhlenbeck process a ``step`` (in its own length) later, exact in
-    law.
+    """(what is kept, share of chance) of an Ornstein–Uhlenbeck process a ``step`` later, exact in law.
+
+    ``step`` is in the process's own length.
     """
     if step == 0.0:
         return 1.0, 0.0

@@ -96,9 +96,7 @@ class Actuator:
 
     @classmethod
     def linearised(cls, plant):
-        """(gain, stiffness, damping) of ``torque`` at small commands and motion: torque = gain u − stiffness θ −
-        damping ω.
-        """
+        """(gain, stiffness, damping) at small commands and motion: ``torque`` = gain u − stiffness θ − damping ω."""
         return 0.0, 0.0, 0.0
 
     @classmethod
@@ -117,15 +115,14 @@ class Actuator:
 
     @classmethod
     def force_per_command(cls, axis):
-        """Force on the stage per unit of the command, at rest [N per unit]; InputError where the command sets no
-        force.
-        """
+        """Force on the stage per unit of the command, at rest [N per unit]; InputError where it sets none."""
         raise InputError(f"{axis.place}: drive.type", cls.name, "a drive whose command is a force at the stage")
 
     @classmethod
     def judged(cls, axis):
-        """(factor, unit, quantity) in which a re-simulated command is compared with the recorded one: a force, or the
-        command itself.
+        """(factor, unit, quantity) in which re-simulated and recorded commands are compared.
+
+        A force, or the command itself.
         """
         if cls.holds_position:
             return 1.0, cls.command.unit, cls.command.quantity

@@ -92,8 +92,9 @@ class CurrentMotor(Actuator):
 
     @classmethod
     def command_as_force(cls, axis, record):
-        """k_M i N/r at the start of each period [N]: i measured, or else the loop's answer to the torques commanded
-        before.
+        """k_M i N/r at the start of each period [N].
+
+        i is measured, or else the loop's answer to the torques commanded before.
         """
         constant = axis.value("drive.torque_constant")
         if "current_A" in record:

@@ -94,8 +94,9 @@ class RefractiveIndex(Effect):
 
 
 class FloorVibration(Effect):
-    """Narrow lines in position, with the motor off too: both sensors see x + Σ amplitudes_m_n sin(2π f_n t +
-    phase_n).
+    """Narrow lines in position, with the motor off too.
+
+    Both sensors see x + Σ amplitudes_m_n sin(2π f_n t + phase_n).
     """
 
     id = "floor_vibration"

@@ -1,6 +1,4 @@
-"""Forces on the stage that effects bring with them, each compiled from the effect's own file
-(`model.effects.WITH_FORCE`).
-"""
+"""Forces on the stage that effects bring, each compiled from the effect's own file (`model.effects.WITH_FORCE`)."""
 
 from microstage_ros.model.effects import WITH_FORCE
 from microstage_ros.numerics.compiled import internal

@@ -1,6 +1,4 @@
-"""How an effect shows where records are judged by re-simulation: its sizes, and the section of an axis file they
-make.
-"""
+"""How an effect shows where records are judged by re-simulation: its sizes, and their section of an axis file."""
 
 from __future__ import annotations
 

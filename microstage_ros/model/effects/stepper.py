@@ -17,9 +17,7 @@ WINDOW_S = 0.05         # means before and behind a possible loss are taken over
 
 
 class LostSteps(Effect):
-    """The driver loses pulses: from time_s on 500 full steps per second are missing, until the field is ``steps`` short
-    of the command.
-    """
+    """The driver loses pulses: from time_s on 500 full steps per second, until the field is ``steps`` short."""
 
     id = "lost_steps"
     label = "The stepper has lost steps"

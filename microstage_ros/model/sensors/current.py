@@ -27,8 +27,9 @@ def current_filter(time, period, settling, bandwidth):
 
 
 def sensed_transient(period, settling, bandwidth, skew):
-    """What a reading still shows of a step of the voltage a period before [1]: 1 less its share of the current's new
-    end.
+    """What a reading still shows of a step of the voltage a period before [1].
+
+    1 less its share of the current's new end.
 
     Parameters
     ----------

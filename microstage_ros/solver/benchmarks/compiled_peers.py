@@ -1,5 +1,4 @@
-"""Compiled solvers of others for the same equations: an adaptive Dormand–Prince pair and Runge–Kutta 4 in numba,
-SUNDIALS in C.
+"""Compiled solvers of others for the same equations: Dormand–Prince and Runge–Kutta 4 in numba, SUNDIALS in C.
 
 The right-hand side is that of `peers.Equations`, written out in scalars so that numba compiles it; state
 z = [i, ω, θ, v, x, F_a…, F_g…]. `numba.njit` stands here without this project's cache: it is how a user would do it.
@@ -14,8 +13,9 @@ SAFETY, LEAST, MOST = 0.9, 0.2, 5.0  # of an adaptive step: usual factors (Haire
 
 
 def packed(equations):
-    """(numbers, blocks): the parameters (11,) in the order of `rates`, and per contact [k…, α…], [F_s, F_C, V, δ, C, σ,
-    drops].
+    """(numbers, blocks): parameters (11,) in the order of `rates`; blocks of each contact.
+
+    Per contact [k…, α…], [F_s, F_C, V, δ, C, σ, drops].
     """
     p = equations.p
     numbers = np.array(
@@ -138,8 +138,9 @@ def dormand_prince(z, voltage, p, blocks, rtol, scale, x):
 
 
 def solve_compiled(equations, voltage, method, accuracy, scale):
-    """Stage positions (n,) [m] by `runge_kutta` (``accuracy``: substeps) or `dormand_prince` (``accuracy``: relative
-    tolerance).
+    """Stage positions (n,) [m] by `runge_kutta` or `dormand_prince`.
+
+    ``accuracy``: substeps of the former, relative tolerance of the latter.
     """
     numbers, blocks = packed(equations)
     x = np.empty(len(voltage))

@@ -1,5 +1,4 @@
-"""The same equations solved by others, for the benchmarks: scipy's LSODA and Radau, numpy, plain Python
-(`compiled_peers`: compiled).
+"""The same equations solved by others, for the benchmarks: scipy's LSODA and Radau, numpy, plain Python.
 
 Right-hand side of MODEL's nominal axis with every block its own state, z = [i, ω, θ, v, x, F_a…, F_g…]:
 a block slips where its force, in the direction of motion, has reached its limit, and sticks otherwise.

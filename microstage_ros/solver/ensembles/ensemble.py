@@ -322,8 +322,9 @@ def _at(matrix, column, row):
 
 @inlined_before_typing
 def _slip(numbers, matrix, tables, rows, omega0, direction, pull, f0, grow):
-    """(rows, lanes that `slip.near` holds for, slip force at the end, decay of the offsets), as in
-    `event_free.try_period`.
+    """(rows, lanes that `slip.near` holds for, slip force at the end, decay of the offsets).
+
+    As in `event_free.try_period`.
     """
     pieces = table_pieces(tables, abs(omega0) * load(numbers, PER_GEAR), FRACTION_BITS, START_MASK, ENTRIES)
     s, per_s, slope, bend = cubics(pieces[1], pieces[2:])

@@ -121,8 +121,9 @@ def lanes_set(typingctx, mask):
 
 @intrinsic
 def load(typingctx, start, row):
-    """Row ``row`` of a float64 array whose last axis has `LANES` entries; ``start``: its address (an array would be
-    counted).
+    """Row ``row`` of a float64 array whose last axis has `LANES` entries.
+
+    ``start``: its address (an array would be counted).
     """
     def build(context, builder, sig, args):
         return builder.load(_place(builder, *args), align=8)

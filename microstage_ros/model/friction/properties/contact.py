@@ -26,9 +26,7 @@ ONE_SPRING = {"stiffness": sum(STIFFNESS)}
 
 
 def own_parameters(law):
-    """Parameters of a law on this contact: the paper's where it gives them, else the law file's ``EXAMPLE``
-    (estimates).
-    """
+    """Parameters of a law on this contact: the paper's, or else the law file's ``EXAMPLE`` (estimates)."""
     paper = {name: BLOCKS[name] if spec.is_list else sum(STIFFNESS) for name, spec in law.own.items() if name in BLOCKS}
     return {**paper, **getattr(law.file, "EXAMPLE", {})}
 
