@@ -25,6 +25,9 @@ MOST = 4          # derived: rest, speed, acceleration, and one more
 # derived: that a machine that the model describes gets any form; shared by them (Bonferroni's inequality)
 CHANCE = 0.01
 KNOTS = 0.5       # of the random friction's travel length between the knots of its profile; derived: two per length
+# derived: the inner products of a baseline of thirty pieces then fill 38 MB. Where hardly any of the random friction is
+# bound to a place its travel length is undetermined, and may come out at nanometres
+MOST_SPLINES = 400
 RIDGE = 1.0e-6    # relative; derived: of the order of a column's rounding, it parts columns that one baseline does not
 TINY = np.finfo(float).tiny
 
@@ -58,8 +61,10 @@ def laws_of(forms):
 
 
 def profile_of(frame, spreads):
-    """`Form` of friction × splines of x, as fine as the random friction, with its size as prior."""
-    count = max(round((frame.high - frame.low) / (KNOTS * spreads.travel_length)), 2)
+    """`Form` of friction × splines of x, as fine as the random friction (at most `MOST_SPLINES`), with its size as
+    prior."""
+    count = round((frame.high - frame.low) / (KNOTS * spreads.travel_length))
+    count = min(max(count, 2), MOST_SPLINES)
 
     def columns(channel, frame):
         return channel.friction[:, None] * splines(channel.position, frame.low, frame.high, count)

@@ -63,6 +63,14 @@ def test_friction_along_the_stroke_is_the_baselines():
     assert Balance(5, profile=wave).residual.std() > 3.0
 
 
+def test_a_travel_length_of_nanometres_makes_no_columns_without_end():
+    """A seed of the campaign: hardly any random friction bound to a place, its travel length 55 nm, 171 474 columns."""
+    base = Balance(7)
+    form = profile_of(FRAME, Spreads(0.18, 9.0e-4, 5.5e-9, 0.8, 1.0e-5))
+    assert form.columns(base, FRAME).shape[1] < 450
+    assert take_healthy([base], [base], [form], FRAME, SPREADS) == []
+
+
 def test_only_shapes_of_rest_speed_and_acceleration_are_asked():
     forms = [*FORMS, Form("gravity_tilt", "torque", "", None), Form(KINDS[0], "windup", "", None)]
     assert laws_of(forms) == FORMS
