@@ -251,6 +251,7 @@ class AxisDriver(DriverPeriods, DriverRequests, LifecycleNode):
                 self.hardware.close()
             finally:
                 self.guard.close()
+        self._requests.close()
         if self._quick is not None:
             self._sender.stop()
         self.topics.flush()

@@ -223,6 +223,7 @@ class StrController(Node):
 
     def close(self):
         """Send what is left; the driver stops the axis when commands end."""
+        self._requests.close()
         if self._quick is not None:
             self._sender.stop()
 

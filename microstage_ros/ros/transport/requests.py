@@ -5,12 +5,14 @@ import threading
 
 import numpy as np
 
+ENDED = "the servo loop has ended"
+
 
 class _Request:
     """One action; whoever takes it first decides whether it is done: the loop, or the asker who waits no longer."""
 
-    def __init__(self, action):
-        self.action, self.done, self.result, self.error = action, threading.Event(), None, None
+    def __init__(self, action, withdraw):
+        self.action, self.withdraw, self.done, self.result, self.error = action, withdraw, threading.Event(), None, None
         self._free = threading.Lock()
 
     def claim(self):
@@ -33,17 +35,21 @@ class Requests:
     def __init__(self, wake=lambda: None):
         self._queue, self._wake = queue.SimpleQueue(), wake
         self.asked = np.zeros(1, np.int64)
+        self._ended = False
 
     def ask(self, action, timeout=5.0, withdraw=True):
-        """Have the loop do it; returns or raises what ``action`` does. Raises `TimeoutError`.
+        """Have the loop do it; returns or raises what ``action`` does. Raises `TimeoutError`, at once if the loop has
+        ended.
 
         An action that has not begun within ``timeout`` [s] is withdrawn: whoever asked has been told that it was not
         done. Without ``withdraw`` it is done late rather than never, as a stop must be.
         """
-        request = _Request(action)
+        request = _Request(action, withdraw)
         self._queue.put(request)
         self.asked[0] = 1
         self._wake()
+        if self._ended and request.claim():
+            raise TimeoutError(ENDED)
         if not request.done.wait(timeout):
             withdrawn = withdraw and request.claim()
             raise TimeoutError(
@@ -68,8 +74,27 @@ class Requests:
             request = self._queue.get()
             if not request.claim():
                 continue
-            try:
-                request.result = request.action()
-            except Exception as error:  # noqa: BLE001 - it belongs to who asked
-                request.error = error
+            self._do(request)
+            request.done.set()
+
+    @staticmethod
+    def _do(request):
+        try:
+            request.result, request.error = request.action(), None
+        except Exception as error:  # noqa: BLE001 - it belongs to who asked
+            request.error = error
+
+    def close(self):
+        """The loop has ended: do what must not be withdrawn, and refuse all else, now and from now on.
+
+        A callback that waited for a loop that had ended kept its process for 2 s, and with it the end of the cell.
+        """
+        self._ended = True
+        while not self._queue.empty():
+            request = self._queue.get()
+            if not request.claim():
+                continue
+            request.error = TimeoutError(ENDED)
+            if not request.withdraw:
+                self._do(request)
             request.done.set()

@@ -32,3 +32,26 @@ def test_an_answer_and_an_error_reach_who_asked():
         requests.serve()
         thread.join(0.001)
     assert found == [7, "told"]
+
+
+def test_nobody_waits_for_a_loop_that_has_ended():
+    """The controller's callback did, for 2 s after every second Ctrl-C of a cell."""
+    requests, done, errors = Requests(), [], []
+
+    def asker(action, **how):
+        try:
+            requests.ask(action, timeout=60.0, **how)
+        except TimeoutError as error:
+            errors.append(str(error))
+
+    waiting = [threading.Thread(target=asker, args=(lambda: done.append("activate"),)),
+               threading.Thread(target=asker, args=(lambda: done.append("stop"),), kwargs={"withdraw": False})]
+    for thread in waiting:
+        thread.start()
+    while requests._queue.qsize() < 2:
+        pass
+    requests.close()
+    for thread in waiting:
+        thread.join(60.0)
+    asker(lambda: done.append("too late"))
+    assert done == ["stop"] and errors == ["the servo loop has ended"] * 2
