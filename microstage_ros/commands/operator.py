@@ -15,6 +15,22 @@ def operator_parser(name, description):
     return parser
 
 
+def say(sentence):
+    """A line for the person who waits, on standard error."""
+    print(sentence, file=sys.stderr, flush=True)
+
+
+def name_live_axes(namespace):
+    """Where nobody of this user owns ``namespace`` on this computer: say so, and which axes are live, before the second that
+    loading ROS takes. It may be on another computer or another user's, so it is looked for all the same."""
+    from microstage_ros.ros.launching.ownership import owned_namespaces
+
+    found = owned_namespaces()
+    if namespace not in found:
+        here = f"live here: {', '.join(found)}" if found else "no axis is live here; ./microstage cell starts one"
+        say(f"looking for {namespace}, which was not started here ({here}) …")
+
+
 def ask(namespace, question, first=lambda: None):
     """Ask a running axis and say the answer. Returns 0 if it is yes, 1 if it is no or nobody answers.
 
@@ -24,6 +40,7 @@ def ask(namespace, question, first=lambda: None):
     first : called before anything of ROS is loaded.
     """
     first()
+    name_live_axes(namespace)
     from microstage_ros.ros.client import NoAnswer
     from microstage_ros.ros.operator import Operator
 

@@ -16,7 +16,7 @@ from microstage_msgs.srv import Statistics
 from rclpy.action import ActionClient
 from sensor_msgs.msg import JointState
 
-from microstage_ros.ros.launching.ownership import owned_namespaces
+from microstage_ros.ros.launching.ownership import owned_namespaces, starting_for
 from microstage_ros.ros.transport import topics
 
 ASK_AGAIN = 2.0
@@ -53,6 +53,13 @@ def no_axis(here, node):
 SOUGHT_HERE, SOUGHT_ANYWHERE = 0.5, 1.5
 """Longest look for a sign of an axis [s]: where discovery keeps to this computer, and where others may answer."""
 
+STARTING = 180.0
+"""A cell that was started less than so long ago [s] may be compiling its loop (30 s alone on two cores, three times that
+beside other work); calibrated by `./microstage cell` in a fresh clone with an empty cache."""
+
+STARTING_SAID = 3.0
+"""After so long [s] a person who waits for a cell that is starting is told so."""
+
 
 def patience():
     """How long to look for any sign of an axis [s]; one that this user started on this computer is known at once, by
@@ -67,14 +74,16 @@ class AxisClient:
     ----------
     namespace : of the axis. node : to work through; None: one of its own. wait : longest wait [s] for the server.
     sought : longest wait [s] for any sign of an axis of that name; one that is starting has ``wait``.
+    starting : None, or called once with a sentence while a cell that was started on this computer less than `STARTING`
+        ago has not activated its axis yet; it is waited for.
 
     Raises
     ------
     NoAnswer : none answers; the text names the axes that are live.
     """
 
-    def __init__(self, namespace="/axis", node=None, wait=15.0, sought=math.inf):
-        self._sought = sought
+    def __init__(self, namespace="/axis", node=None, wait=15.0, sought=math.inf, starting=None):
+        self._sought, self._starting = sought, starting
         self._own = node is None
         if self._own and not rclpy.ok():
             rclpy.init()
@@ -124,13 +133,24 @@ class AxisClient:
 
     def wait_for_server(self, wait):
         """Until the server has answered once: then both sides know each other. Raises `NoAnswer`."""
+        here = self._prefix.rstrip("/") or "/"
+        self._await_start(here)
         began = time.monotonic()
         while not (self._action.server_is_ready() and self._statistics.service_is_ready()):
             rclpy.spin_once(self.node, timeout_sec=0.05)
-            waited, here = time.monotonic() - began, self._prefix.rstrip("/") or "/"
+            waited = time.monotonic() - began
             if waited > wait or (waited > min(wait, self._sought) and here not in live_axes(self.node)):
                 raise NoAnswer(no_axis(here, self.node))
         self.statistics()
+
+    def _await_start(self, here):
+        """Until a cell that is starting has activated its axis, or is as old as `STARTING`."""
+        began = time.monotonic()
+        while self._starting and starting_for(here) < STARTING:
+            if time.monotonic() - began > STARTING_SAID:
+                self._starting(f"the axis at {here} is starting (a first start compiles its loop); waiting for it")
+                began = math.inf
+            time.sleep(0.05)
 
     def _result(self, future, wait, again=None):
         """Result of a future; ``again``: makes a new one where the answer may have been lost."""

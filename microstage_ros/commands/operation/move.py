@@ -6,6 +6,7 @@ import time
 from pathlib import Path
 
 from microstage_ros.commands import answer, units
+from microstage_ros.commands.operator import name_live_axes, say
 from microstage_ros.commands.parser import Parser
 from microstage_ros.files import unreadable
 from microstage_ros.quantities.errors import InputError
@@ -80,6 +81,7 @@ def read_targets(path):
 
 
 def _run(arguments, targets):
+    name_live_axes(arguments.namespace)
     import rclpy
 
     from microstage_ros.ros.client import AxisClient, NoAnswer, patience
@@ -87,7 +89,7 @@ def _run(arguments, targets):
     results, status = [], 0
     rclpy.init()
     try:
-        with AxisClient(arguments.namespace, sought=patience()) as axis:
+        with AxisClient(arguments.namespace, sought=patience(), starting=say) as axis:
             for number, target in enumerate(targets):
                 if number and arguments.dwell:
                     time.sleep(arguments.dwell)

@@ -4,7 +4,7 @@ import sys
 import time
 
 from microstage_ros.commands import answer
-from microstage_ros.commands.operator import operator_parser
+from microstage_ros.commands.operator import name_live_axes, operator_parser
 from microstage_ros.hardware.command_gate import FAULTS
 
 STATES = {0: "starting", 1: "running", 2: "stopped by a signal", 3: "ended", 4: "started again"}
@@ -20,6 +20,7 @@ def main(argv=None):
 
 
 def _run(arguments):
+    name_live_axes(arguments.namespace)
     from microstage_ros.ros.client import NoAnswer
     from microstage_ros.ros.operator import Operator
 

@@ -193,6 +193,7 @@ class CellProcesses:
 
         self._transition(node, Transition.TRANSITION_CONFIGURE, State.PRIMARY_STATE_INACTIVE, "configured")
         self._transition(node, Transition.TRANSITION_ACTIVATE, State.PRIMARY_STATE_ACTIVE, "activated")
+        self._owned.activated()
 
     def deactivate(self, node):
         """Deactivate the driver: zero voltage."""

@@ -9,6 +9,7 @@ driver (docs/safety.md).
 import errno
 import fcntl
 import json
+import math
 import os
 import socket
 import sys
@@ -58,10 +59,20 @@ class Ownership:
         except InputError:
             self.release()
             raise
+        self._who = {"host": socket.gethostname(), "process": os.getpid(), "since": time.time(),
+                     "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])[:200]}
+        self._write()
+
+    def _write(self):
+        self._file.seek(0)
         self._file.truncate(0)
-        self._file.write(json.dumps({"host": socket.gethostname(), "process": os.getpid(), "since": time.time(),
-                                     "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])[:200]}))
+        self._file.write(json.dumps(self._who))
         self._file.flush()
+
+    def activated(self):
+        """Note in the lock's file that the axis is active: it is not starting any more."""
+        self._who["active"] = True
+        self._write()
 
     def _free(self, path):
         """Raise `InputError` if somebody else holds another lock of the axis."""
@@ -115,6 +126,12 @@ def owned_namespaces():
             name = path.stem.removeprefix(domain)
             found.add("/" if name == "root" else "/" + name.replace("+", "/"))
     return sorted(found)
+
+
+def starting_for(namespace):
+    """For how long [s] a cell of this user on this computer has been starting at ``namespace``; infinite if none is."""
+    who = owner(lock_file("cell", namespace))
+    return max(time.time() - who["since"], 0.0) if who and not who.get("active") else math.inf
 
 
 def owner(path):
