@@ -21,8 +21,8 @@ def say(sentence):
 
 
 def name_live_axes(namespace):
-    """Where nobody of this user owns ``namespace`` on this computer: say so, and which axes are live, before the second that
-    loading ROS takes. It may be on another computer or another user's, so it is looked for all the same."""
+    """Where nobody of this user owns ``namespace`` on this computer: say so, and which axes are live, before the second
+    that loading ROS takes. It may be on another computer or another user's, so it is looked for all the same."""
     from microstage_ros.ros.launching.ownership import owned_namespaces
 
     found = owned_namespaces()
