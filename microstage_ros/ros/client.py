@@ -54,8 +54,8 @@ SOUGHT_HERE, SOUGHT_ANYWHERE = 0.5, 1.5
 """Longest look for a sign of an axis [s]: where discovery keeps to this computer, and where others may answer."""
 
 STARTING = 180.0
-"""A cell that was started less than so long ago [s] may be compiling its loop (30 s alone on two cores, three times that
-beside other work); calibrated by `./microstage cell` in a fresh clone with an empty cache."""
+"""A cell that was started less than so long ago [s] may be compiling its loop (some 100 s beside other work on two
+cores); calibrated by `./microstage cell` in a fresh clone with an empty cache."""
 
 STARTING_SAID = 3.0
 """After so long [s] a person who waits for a cell that is starting is told so."""
