@@ -24,6 +24,8 @@ import sys
 import time
 from pathlib import Path
 
+from microstage_ros.numerics.compiled import cache_folder
+
 PACKAGE = "microstage_ros.ros.nodes"
 PR_SET_PDEATHSIG, PR_SET_NAME = 1, 15
 STOPPING = (signal.SIGINT, signal.SIGTERM)
@@ -55,9 +57,14 @@ class ForkServer:
             _load_message_types()
         wakened = self._watch_children()
         nodes.sort(key=lambda node: hasattr(modules[node["name"]], "warm_up"))  # what is ready goes to work meanwhile
+        warming = [modules[node["name"]].warm_up for node in nodes if hasattr(modules[node["name"]], "warm_up")]
+        beside = None if why else _compile_beside(warming[1:])
         for node in nodes:
             if not why:
-                getattr(modules[node["name"]], "warm_up", lambda: None)()
+                warm_up = getattr(modules[node["name"]], "warm_up", lambda: None)
+                if beside and warm_up in warming[1:]:
+                    beside = os.waitpid(beside, 0) and None
+                warm_up()
                 # so that a collection in a child does not write to, and copy, what it shares with the others
                 gc.freeze()
             child = self._start(node, modules, why, tracing, wakened)
@@ -107,10 +114,11 @@ class ForkServer:
                 if rest is not None and rest <= 0.0:
                     self._signal_all(signal.SIGKILL)
                     rest = None
-                for key, _ in selector.select(rest):
-                    if key.fileobj is wakened:
-                        wakened.recv(4096)
-                        continue
+                # what has come already does not make the socket readable again
+                ready = [] if b"\n" in self._text else selector.select(rest)
+                if any(key.fileobj is wakened for key, _ in ready):
+                    wakened.recv(4096)
+                if b"\n" in self._text or any(key.fileobj is self._link for key, _ in ready):
                     asked = self._receive()
                     if asked is None:
                         selector.unregister(self._link)
@@ -205,6 +213,22 @@ def _load_message_types():
     }
     for kind in kinds:
         type(kind).__import_type_support__()
+
+
+def _compile_beside(warming):
+    """Where nothing is compiled yet: a child that compiles for ``warming`` into the cache while this process compiles
+    for the first node. Its number; None where there is nothing to do."""
+    if not warming or os.path.isdir(cache_folder("ros")):
+        return None
+    child = os.fork()
+    if child:
+        return child
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    try:
+        for warm_up in warming:
+            warm_up()
+    finally:
+        os._exit(0)
 
 
 def _become(node, module):

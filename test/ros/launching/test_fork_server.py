@@ -56,6 +56,17 @@ def test_each_node_is_a_process_of_its_own(domain, tmp_path):
     assert (tmp_path / "gms_observer.log").exists() and not (tmp_path / "fork_server.log").read_text()
 
 
+def test_signals_that_come_together_before_a_node_is_there_all_reach_it(domain, tmp_path):
+    """A cell that was stopped while its loop was being compiled waited for ever: of several lines in the socket, the
+    server read one."""
+    with CellProcesses("/axis", ("interferometer_logger",), logs=tmp_path) as cell:
+        process = cell.processes["interferometer_logger"]
+        assert process.told_pid is None
+        for number in (signal.SIGCONT, signal.SIGCONT, signal.SIGKILL):
+            process.send_signal(number)
+        assert process.wait(120.0) == -signal.SIGKILL
+
+
 def test_bad_parameter_is_status_2_and_one_line(domain, tmp_path):
     with CellProcesses("/axis", NODES, {"str_controller": {"controller": "magic"}}, tmp_path) as cell:
         assert cell.processes["str_controller"].wait(240.0) == 2
