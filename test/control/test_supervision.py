@@ -99,7 +99,7 @@ def test_noise_is_told_from_a_models_error(axis):
     assert float(memory["voltage_noise"]) == pytest.approx(drive_learning.NOISE_DOUBT * 8e-3, rel=0.12)
 
 
-@pytest.mark.parametrize("noise", [1e-3])
+@pytest.mark.parametrize("noise", [1e-3, 5e-3])
 def test_with_a_bad_current_it_is_no_worse_than_without(axis, noise):
     """Rms, worst of three seeds, of a sine of 10 um at 0.5 Hz; the encoder-only law needs no current."""
     from microstage_ros.control.runs.trials import sine_trial

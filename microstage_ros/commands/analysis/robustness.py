@@ -15,6 +15,7 @@ from rich.table import Table
 from microstage_ros import __version__
 from microstage_ros.commands import answer
 from microstage_ros.commands.analysis.compare import update_tables
+from microstage_ros.commands.analysis.ends_of_moves import show_ends
 from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
@@ -45,6 +46,8 @@ def main(argv=None):
         folder = pathlib.Path(arguments.out)
         keep_earlier("--out", [*folder.glob("*/run.yaml"), folder / "failure" / "run.yaml"], arguments.force)
     chosen, seeds = _chosen(arguments, axis), [arguments.seed + n for n in range(arguments.seeds)]
+    if arguments.moves:
+        return show_ends(arguments, axis, chosen, law)
     each = functools.partial(in_order, scheduler=arguments.scheduler) if arguments.scheduler else None
     with progress(law, total=len(chosen) * len(seeds)) as bar:
         outcomes = campaign.campaign(
@@ -115,6 +118,16 @@ def _parse(argv):
     parser.add_argument(
         "--factor", type=float, default=2.0, metavar="F", help="within which each of their numbers lies (default 2)"
     )
+    parser.add_argument(
+        "--moves",
+        type=int,
+        default=0,
+        metavar="N",
+        help="at least N moves there and back in place of the program: how many end beside their target",
+    )
+    parser.add_argument(
+        "--distance", type=float, default=1e-5, metavar="M", help="of these moves, in metres (default 1e-5)"
+    )
     parser.add_argument("--seeds", type=int, default=5, metavar="N", help="runs of each (default 5)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the first run (default 0)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="threads (default all cores)")
@@ -132,11 +145,13 @@ def _parse(argv):
     for name in ("seeds", "jobs"):
         if getattr(arguments, name) < 1:
             raise InputError(f"--{name}", getattr(arguments, name), "1 or more")
-    for name in ("seed", "random", "first"):
+    for name in ("seed", "random", "first", "moves"):
         if getattr(arguments, name) < 0:
             raise InputError(f"--{name}", getattr(arguments, name), "0 or more")
     if arguments.beside and (arguments.beside not in LAWS or arguments.beside == "none"):
         raise InputError("--beside", arguments.beside, "one of " + ", ".join(name for name in LAWS if name != "none"))
+    if not 1e-9 <= arguments.distance <= 1.0:
+        raise InputError("--distance", arguments.distance, "metres from 1e-9 to 1")
     if not 1.0 <= arguments.factor <= 100.0:
         raise InputError("--factor", arguments.factor, "a number from 1 to 100")
     return arguments

@@ -279,7 +279,7 @@ def correct_in_gap(p, model, s, period, position, speed, trust):
 @compiled
 def observer_step(p, model, s, period, encoder, voltage, current):
     """One control period: ``encoder`` [m] and ``current`` [A] of now, ``voltage`` [V] held until now."""
-    senses, fall = model.force_per_ampere > 0.0 and math.isfinite(current), 0.0
+    senses, fall, used = model.force_per_ampere > 0.0 and math.isfinite(current), 0.0, current
     if senses:
         keep_voltage(s, voltage)
         rest = p.transient
@@ -367,7 +367,8 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     motion_filter.take_readings(s, variance)
     correct(s, position, speed)
     if senses:
-        learn_drive(p, model, s, period, drop, position, speed)
+        # noise of a measured current times itself would teach too small an R
+        learn_drive(p, model, s, period, drop if used == current else model.resistance * used, position, speed)
         compare_voltage(model, s, drop)
     friction_level.learn_level(p, model, s, period)
     if model.has_actuator != 0:
