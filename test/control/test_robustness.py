@@ -1,11 +1,13 @@
 """Campaigns: the machine is changed and the controller's axis file is not; what fails is told with the command that shows it."""
 
+import json
 import math
 
 import numpy as np
 import pytest
 
 from microstage_ros.commands.__main__ import main
+from microstage_ros.control.robustness import ends_of_moves
 from microstage_ros.control.robustness.campaign import Outcome, examine, summary, worse_for
 from microstage_ros.control.robustness.conditions import MASS, Condition, conditions, random_machine, rests
 
@@ -80,7 +82,26 @@ def test_the_command_prints_what_fails_and_how_to_see_it_again(tmp_path, capsys)
     assert main(again.split()[1:]) == 0 and (tmp_path / "mass_x_10_0" / "record.csv").exists()
 
 
+def test_moves_that_end_beside_their_target_are_counted_and_drawn_by_record():
+    """All misses in one of ten records: the interval holds the rate and is wider than that of independent moves."""
+    errors = np.full((10, 20), 1e-9)
+    assert (ends_of_moves.rates_of(errors).moves.hits, ends_of_moves.rates_of(errors).moves.low) == (0, 0.0)
+    errors[3, :8], errors[3, 8] = -2e-7, np.nan
+    found = ends_of_moves.rates_of(errors)
+    assert (found.moves.hits, found.moves.cases, found.records.hits, found.records.cases) == (9, 200, 1, 10)
+    assert found.moves.low == 0.0 and found.moves.low < found.moves.value < 0.1 < found.moves.high <= 0.3
+
+
+def test_the_command_counts_moves_of_the_shipped_law(tmp_path, capsys):
+    place = tmp_path / "ends.json"
+    assert main(["robustness", "--only", "nominal", "--moves", "17", "--seed", "5", "--jobs", "1", "--json", str(place)]) == 0
+    assert "0 of 17" in capsys.readouterr().out
+    (found,) = json.loads(place.read_text())["conditions"]
+    assert np.abs(found["errors_m"]).max() < 2e-8 and found["records"]["cases"] == 1
+
+
 @pytest.mark.parametrize("wrong, words", [
+    (["--moves", "-1"], "--moves"), (["--moves", "1", "--distance", "0"], "--distance"),
     (["--only", "mass x 77"], "--only"), (["--seeds", "0"], "--seeds"), (["--law", "none"], "--law"), (["--factor", "0.5"], "--factor"),
     (["--beside", "none"], "--beside"),
 ])

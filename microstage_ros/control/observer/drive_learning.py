@@ -35,6 +35,7 @@ OUTLIER = 9.0  # variances, at which a square is cut: a change of the drive is n
 NOISE_DOUBT = 1.95
 LOUD = 3.0  # times the shipped doubt, beyond which the found one also says what a sudden change is
 WORTH = 3e-3  # A, noise of the current at which the voltage tells the force as well
+BIASED = 2e-3  # A, noise of the current beyond which R is no longer learned from the measured one
 GAIN_SPREAD = 1.0  # standard deviation of gain over former gain after a change
 ZERO_SPREAD = 0.03  # V, of the amplifier's zero after a change
 
@@ -126,16 +127,32 @@ def learn_noise(p, s, step, period):
 
 
 @compiled
+def current_variance(p, model, s):
+    """Variance [A^2] of the measured current: what was found beyond the amplifier's noise, over R; 0 or less: none."""
+    found = s.voltage_noise / s.voltage_factor
+    excess = found * found - p.voltage_noise * p.voltage_noise
+    return excess / (NOISE_DOUBT * NOISE_DOUBT * model.resistance * model.resistance)
+
+
+@compiled
+def drop_to_learn(p, model, s, drop, used):
+    """R i [V] from which R is learned: ``drop`` of the measured current, or of the weighed one, ``used`` [A], if noisy.
+
+    The noise of a measured current, times itself, teaches too small an R (errors in variables); the weighed one leans
+    on the model that is to be learned. Lost samples and dead bands look like up to 1.4 mA of noise.
+    """
+    return model.resistance * used if current_variance(p, model, s) > BIASED * BIASED else drop
+
+
+@compiled
 def weighed_current(p, model, s, current):
     """Current [A] for the driving force: the measured one as far as it is worth more than what voltage and speed say.
 
-    Its noise is what was found beyond the amplifier's, over R; both are weighed by their variances.
+    Both are weighed by their variances.
     """
-    found = s.voltage_noise / s.voltage_factor
-    excess = found * found - p.voltage_noise * p.voltage_noise
-    if excess <= 0.0:
+    noise = current_variance(p, model, s)
+    if noise <= 0.0:
         return current
-    noise = excess / (NOISE_DOUBT * NOISE_DOUBT * model.resistance * model.resistance)
     motion = s.learned[1] + s.learned[2] * model.volts_per_velocity * s.v
     expected = (s.voltages[s.lag] - motion) / (model.resistance * s.learned[0])
     return expected + WORTH * WORTH / (WORTH * WORTH + noise) * (current - expected)

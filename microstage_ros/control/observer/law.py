@@ -36,6 +36,7 @@ from microstage_ros.control.observer.drive_learning import (
     apply_learned,
     compare_voltage,
     drive_changed,
+    drop_to_learn,
     find_lag,
     forget_drive,
     keep_voltage,
@@ -367,8 +368,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     motion_filter.take_readings(s, variance)
     correct(s, position, speed)
     if senses:
-        # noise of a measured current times itself would teach too small an R
-        learn_drive(p, model, s, period, drop if used == current else model.resistance * used, position, speed)
+        learn_drive(p, model, s, period, drop_to_learn(p, model, s, drop, used), position, speed)
         compare_voltage(model, s, drop)
     friction_level.learn_level(p, model, s, period)
     if model.has_actuator != 0:
