@@ -28,7 +28,8 @@ def show_ends(arguments, axis, chosen, law):
     title = f"{law}, ends of moves of {arguments.distance * 1e6:g} µm"
     remark = (
         f"Seeds {arguments.seed} … {seeds[-1]}, {2 * ends_of_moves.ROUNDS} moves each, judged from number"
-        f" {ends_of_moves.FIRST + 1} on. Intervals of 95 %: of the moves by drawing records again, of the records exact."
+        f" {ends_of_moves.FIRST + 1} on. Intervals of 95 %: of the moves by drawing records again, of the records"
+        " exact."
     )
     table = Table(*ends_of_moves.HEADS, title=title, caption=remark)
     for cells in rows:
@@ -45,8 +46,13 @@ def show_ends(arguments, axis, chosen, law):
         "seeds": list(seeds),
         "distance_m": arguments.distance,
         "conditions": [
-            {"condition": name, "moves": dataclasses.asdict(e.moves), "records": dataclasses.asdict(e.records), "errors_m": e.errors.tolist()}
-            for name, e in found.items()
+            {
+                "condition": name,
+                "moves": dataclasses.asdict(ends.moves),
+                "records": dataclasses.asdict(ends.records),
+                "errors_m": ends.errors.tolist(),
+            }
+            for name, ends in found.items()
         ],
     }
     answer.state(**facts)

@@ -310,7 +310,7 @@ def _document(rows, arguments):
 
 def _listed(names, most=12):
     """Number and names, as far as a sentence bears them."""
-    return f"{len(names)} ({', '.join(names)})" if 0 < len(names) <= most else str(len(names))
+    return f"{len(names)} ({'; '.join(names)})" if 0 < len(names) <= most else str(len(names))
 
 
 def _show(rows, law, arguments):
