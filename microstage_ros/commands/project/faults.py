@@ -35,7 +35,8 @@ def main(argv=None):
         "--messages",
         type=int,
         metavar="N",
-        help="malformed messages from a stranger to a running cell (default 2000)",
+        help="malformed messages from a stranger to a running cell, and as many to the callbacks of all nodes"
+        " (default 2000)",
     )
     parser.add_argument(
         "--files",
@@ -121,9 +122,13 @@ def _one(facts):
 
 
 def _messages(arguments):
+    from microstage_ros.ros.benchmarks.hostile_callbacks import feed_in_a_process
     from microstage_ros.ros.benchmarks.hostile_trial import flood_a_cell
 
-    return _one(flood_a_cell(arguments.messages, arguments.seed))
+    sent, fed = flood_a_cell(arguments.messages, arguments.seed), feed_in_a_process(arguments.messages, arguments.seed)
+    return {"to_a_cell": sent, "to_callbacks": fed}, [
+        facts["fell_short"] for facts in (sent, fed) if facts["fell_short"]
+    ]
 
 
 def _files(arguments):

@@ -180,6 +180,8 @@ class MoveServer(MoveRequests, MoveResults, Node):
         self._granter.grant(self._granter.until + self.parameters.window)
 
     def _on_status(self, status):
+        if status.sequence > MOST:  # no driver counts so far, and such a credit would end all others
+            return
         with self._changed:
             if status.active and not (self._status and self._status.active):
                 # where the reference stands now is known from the first period after this

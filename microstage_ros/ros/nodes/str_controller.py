@@ -57,6 +57,7 @@ class StrController(Node):
         self._servo = make_servo_path(self)
         states = self._servo.reader(AxisState, topics.STATE, reader_qos(topics.DEPTH, reliable=False))
         self._holder = Holder(self, topics.STATE, topics.SENDERS[topics.STATE])
+        self._holder.be_strict()  # until the graph names the driver, nobody's state is answered
         self._reader = CheckedReader(states, Codec("AxisState").size, self._holder)
         self._malformed, self._heard = 0, (0.0, -1)
         self._commands = Outlet(self, self._servo, VoltageCommand, topics.COMMAND, always=True)
@@ -163,7 +164,7 @@ class StrController(Node):
         if now - self._heard[0] > SILENT:
             self._holder.look_beyond()
         else:
-            self._holder.look()
+            self._holder.look_for_expected()
 
     def _say_hand_over(self):
         """One line in the log for every hand-over of the observer law."""
@@ -185,16 +186,16 @@ class StrController(Node):
         self.controller.reset()
 
     def _on_status(self, status):
-        if not status.active and status.sequence > 0:
+        if not status.active and 0 < status.sequence <= MOST:
             left_at = status.sequence
             self._in_loop(lambda: setattr(self, "_left_at", left_at))
 
     def _grant_when_ready(self):
         """Credit without limit as long as all readers of the command are there."""
         p = self.parameters
-        self._holder.look()
+        self._holder.look_for_expected()
         if (
-            self._holder.words[0]
+            self._holder.found
             and self._commands.listeners >= p.expected_subscribers
             and self._commands.followers >= p.expected_followers
             and self._insides.followers >= p.expected_state_followers

@@ -118,10 +118,21 @@ class Holder:
             self.take(others, choice)
         return self.look()
 
+    def look_for_expected(self):
+        """As `look`; a holder of another name, taken while it was alone, gives way to the one of an expected name."""
+        others = self.look()
+        own = self._own
+        return self.look_beyond() if self.name not in own and own & set(others.values()) else others
+
+    @property
+    def _own(self):
+        """Full names of the nodes that are preferred."""
+        return {f"{self._node.get_namespace().rstrip('/')}/{name}" for name in self._names}
+
     def _first(self, found, strictly=False):
         """Whom to take of ``found``: the only one with an expected name, or the only one at all where none has it; the
         latter not if ``strictly``."""
-        own = {f"{self._node.get_namespace().rstrip('/')}/{name}" for name in self._names}
+        own = self._own
         named = {numbers: name for numbers, name in found.items() if name in own}
         choice = named if strictly and own else named or found
         return next(iter(choice)) if len(choice) == 1 else ANYBODY

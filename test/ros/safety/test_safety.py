@@ -233,6 +233,19 @@ def test_a_stranger_is_not_heard(tmp_path):
     assert facts["sent"] == 3000 and not facts["fell_short"]
 
 
+def test_malformed_messages_reach_every_callback_and_end_none():
+    from microstage_ros.ros.benchmarks.hostile_callbacks import LONGEST_S, NODES, feed_in_a_process
+
+    with own_domain():
+        facts = feed_in_a_process(2000, 3)
+    slow_machine = facts["longest_s"] > LONGEST_S  # a figure for a machine of its own
+    assert facts["exceptions"] == 0 and facts["voltage"] == 0.0 and facts["left_waiting"] == 0
+    assert slow_machine or not facts["fell_short"]
+    assert facts["arrived"] > 1500 and set(facts["by_topic"]) == set(NODES)
+    for heard in facts["by_topic"].values():
+        assert all(heard["arrived"].get(topic) for topic in (*heard["arrived"], *heard["refused"]))
+
+
 def test_the_operator_is_answered(tmp_path):
     from microstage_ros.ros.operator import Operator
 

@@ -1,7 +1,9 @@
 """Who may publish on a topic is known by the identity of its process; without a holder nobody is obeyed where it counts."""
 
 import numpy as np
+import rclpy
 from microstage_msgs.msg import VoltageCommand
+from rclpy.context import Context
 from ros_support import spin_until
 
 from microstage_ros.ros.transport.c_calls import GID_AT, INFO_WORDS, known
@@ -32,3 +34,26 @@ def test_without_a_holder_a_strict_topic_obeys_nobody(node):
     node.destroy_publisher(publisher)
     spin_until(node, lambda: strict.look() is not None and not strict.found)
     assert not known(message_of(mine), strict.words)
+
+
+def test_a_stranger_that_came_first_gives_way_to_the_expected_sender(node):
+    """The controller hears nobody until the graph names a driver, and leaves a stranger for the driver."""
+    holder = Holder(node, "command", ("str_controller",))
+    holder.be_strict()
+    stranger = node.create_publisher(VoltageCommand, "command", 10)
+    spin_until(node, lambda: holder.look_for_expected() is not None and holder.found)
+    assert holder.name == node.get_fully_qualified_name()
+    context = Context()
+    rclpy.init(context=context)
+    controller = rclpy.create_node("str_controller", namespace=node.get_namespace(), context=context)
+    try:
+        controller.create_publisher(VoltageCommand, "command", 10)
+        wanted = controller.get_fully_qualified_name()
+        spin_until(node, lambda: holder.look_for_expected() is not None and holder.name == wanted)
+        assert not holder.is_of(message_of((77, 5)))
+        holder.look_for_expected()
+        assert holder.name == wanted  # and stays
+    finally:
+        controller.destroy_node()
+        rclpy.try_shutdown(context=context)
+        node.destroy_publisher(stranger)
