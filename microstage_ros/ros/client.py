@@ -57,6 +57,12 @@ STARTING = 180.0
 """A cell that was started less than so long ago [s] may be compiling its loop (some 100 s beside other work on two
 cores); calibrated by `./microstage cell` in a fresh clone with an empty cache."""
 
+NEEDED = ("axis_driver", "str_controller")
+"""Processes without which no move goes on."""
+
+OVERDUE = 0.5
+"""The move server says so long [s] after one of these has ended that the move has ended with it, at the latest."""
+
 STARTING_SAID = 3.0
 """After so long [s] a person who waits for a cell that is starting is told so."""
 
@@ -91,7 +97,7 @@ class AxisClient:
         self._prefix = namespace.rstrip("/") + "/"
         self._action = ActionClient(self.node, MoveTo, self._prefix + topics.MOVE_TO)
         self._statistics = self.node.create_client(Statistics, self._prefix + topics.STATISTICS)
-        self._cell = None
+        self._cell = self._gone = None
         self._processes = self.node.create_subscription(
             CellStatus, self._prefix + topics.CELL_STATUS, self._on_cell_status, topics.LATCHED
         )
@@ -105,6 +111,9 @@ class AxisClient:
 
     def _on_cell_status(self, status):
         self._cell = status
+        gone = [name for name, state in zip(status.names, status.states)
+                if name in NEEDED and state == CellStatus.STATE_ENDED]
+        self._gone = (self._gone[0] if self._gone else time.monotonic(), " and ".join(gone)) if gone else None
 
     @property
     def server_started(self):
@@ -130,6 +139,16 @@ class AxisClient:
             f"{self._prefix}{topics.MOVE_TO}: the move server {how}; the move's result is lost, and the axis stops and"
             " holds"
         )
+
+    def lost(self, before):
+        """As `server_lost`, or that driver or controller has ended and the move server has not said so within
+        `OVERDUE`: the middleware may hold its answer up while it looks after a dead reader."""
+        if self._gone and time.monotonic() - self._gone[0] > OVERDUE:
+            return (
+                f"{self._prefix}{topics.MOVE_TO}: {self._gone[1]}: the process has ended, the axis stands still at zero"
+                " volts; the move server has not answered"
+            )
+        return self.server_lost(before)
 
     def wait_for_server(self, wait):
         """Until the server has answered once: then both sides know each other. Raises `NoAnswer`."""
@@ -182,7 +201,7 @@ class AxisClient:
         end, cancelled = time.monotonic() + wait, False
         while not result.done():
             rclpy.spin_once(self.node, timeout_sec=0.02)
-            lost = self.server_lost(before)
+            lost = self.lost(before)
             if lost and not result.done():
                 raise NoAnswer(lost)
             if cancel is not None and not cancelled and cancel():

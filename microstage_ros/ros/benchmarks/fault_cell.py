@@ -93,11 +93,12 @@ class FaultCell:
         self._do(pid, what)
         still = (name, what) in STILL
         answered = self._await(
-            lambda: result.done() or self._client.server_lost(lost_before),
+            lambda: result.done() or self._client.lost(lost_before),
             ANSWER_S + 0.5,
             stop=lambda: not still and name != "move_server",
         )  # a dead server's client has to notice
         facts["answered_s"] = round(answered, 4) if answered is not None else None
+        facts["by_the_client"] = answered is not None and not result.done()
         if still:
             facts |= self._rested(began_ns)
         elif what == "stop":

@@ -139,6 +139,7 @@ def judged(done, ends):
         "of_these_while_the_host_stopped": len(by_host),
         "actions_to_be_answered": len(answering),
         "answered_within_1s": sum(answer <= ANSWER_S for answer in answers),
+        "of_these_by_the_client_itself": sum(facts.get("by_the_client", False) for facts in answering),
         "answer_median_s": _median(answers),
         "answer_worst_s": _worst(answers),
         "orphans": sum(facts["orphans"] for facts in ends),

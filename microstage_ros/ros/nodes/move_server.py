@@ -280,17 +280,17 @@ class MoveServer(MoveRequests, MoveResults, Node):
         answer = self._hand_over(request, limits)
         if not answer.accepted:
             self._stop(lambda *_: None)
-            answer = self._hand_over(request, limits)
+            answer = self._hand_over(request, limits, self._rest)  # the controller's own word: blocks may be late
         if not answer.accepted:
             raise Refused(RESULT.CODE_REFUSED, f"the controller refused: {answer.message}")
         return self._move
 
-    def _hand_over(self, request, limits):
+    def _hand_over(self, request, limits, here=None):
         """Plan from where the reference stands and hand the plan to the controller; its answer. `_move` watches it then."""
         with self._changed:
             lockstep = self._status.lockstep
             self._hold(lockstep)
-            here = self._latest[2]
+            here = self._latest[2] if here is None else here
         try:
             positions = jerk_limited_move(here, request.target, self._status.period, limits)
             answer = self._ask(FollowReference.Request(
@@ -365,6 +365,7 @@ class MoveServer(MoveRequests, MoveResults, Node):
         finally:
             self._go_on()
         with self._changed:
+            self._rest = answer.rest_position
             if self._move is not None:
                 self._move.done = True
             self._changed.wait_for(lambda: self._cell_says or self._latest[0] > answer.rest_sequence, timeout=self._patience)
