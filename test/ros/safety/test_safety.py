@@ -176,6 +176,24 @@ def test_ctrl_c_of_a_cell_leaves_nothing(tmp_path, mode):
             time.sleep(0.05)
 
 
+def test_ctrl_c_of_the_demo_is_one_line(tmp_path):
+    """Early, while its processes start, and it leaves none of them."""
+    with own_domain():
+        demo = subprocess.Popen([sys.executable, "-m", "microstage_ros.commands", "demo", "--quick", "--out",
+                                 str(tmp_path / "out")], text=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+                                start_new_session=True)
+        end = time.monotonic() + PATIENCE_S
+        while not (family := children(demo.pid)):
+            assert time.monotonic() < end and demo.poll() is None
+            time.sleep(0.05)
+        demo.send_signal(signal.SIGINT)
+        _, err = demo.communicate(timeout=PATIENCE_S)
+        assert demo.returncode == 130 and "Traceback" not in err and err.endswith("microstage demo: interrupted\n")
+        while not all(map(gone, family)):
+            assert time.monotonic() < end
+            time.sleep(0.05)
+
+
 def test_nothing_outlives_a_cell_that_is_killed(tmp_path):
     with own_domain():
         cell = subprocess.Popen([sys.executable, "-m", "microstage_ros.commands", "cell"], stdout=subprocess.PIPE, text=True,
