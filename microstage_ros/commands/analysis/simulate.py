@@ -45,6 +45,8 @@ def main(argv=None):
     if both and arguments.machine:
         raise InputError("--machine", arguments.machine, f"nothing: {arguments.axis} has two components")
     machine = machine_for(axis, arguments.machine) if arguments.machine else None
+    if not both:
+        within_travel(machine or axis, run)
     out = Path(arguments.out)
     with progress("simulating") as bar:
         if both:
@@ -58,3 +60,14 @@ def main(argv=None):
         record=str(out), rows=len(record), period_s=record.period_s, columns=list(record.columns), seed=arguments.seed
     )
     return 0
+
+
+def within_travel(machine, run):
+    """Raise InputError where a move of the run ends beyond the travel of the machine: the model has no end stops, and a
+    machine has."""
+    low, high = machine.value("travel.minimum"), machine.value("travel.maximum")
+    for number, segment in enumerate(run.program, 1):
+        target = segment.get("move_to_m", 0.5 * (low + high))
+        if not low <= target <= high:
+            raise InputError(f"{run.place}: program[{number}].move_to_m", target,
+                             f"{low:g} to {high:g} m, the travel of {machine.place}")

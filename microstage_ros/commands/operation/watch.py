@@ -4,6 +4,7 @@ import math
 
 from microstage_ros import __version__
 from microstage_ros.commands import answer, units
+from microstage_ros.commands.operator import name_live_axes
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
 from microstage_ros.model.axis_file import load_axis
@@ -205,6 +206,7 @@ def _examine(axis, arguments):
 
 def _live(arguments):
     """Run the node beside a cell until interrupted. Returns its exit status."""
+    name_live_axes(arguments.namespace)
     from microstage_ros.ros.nodes.health_monitor import main as run
 
     parameters = {

@@ -71,6 +71,8 @@ def main(argv=None):
     for name in COUNTS:  # who asks for one part gets this part
         default = 0 if asked or arguments.healthy is not None else COUNTS[name]
         setattr(arguments, name, default if getattr(arguments, name) is None else getattr(arguments, name))
+    if not any(getattr(arguments, name) for name in PARTS):
+        raise InputError(f"--{asked[0]}", 0, "1 or more of something: nothing is examined so")
     return _run(arguments)
 
 
