@@ -17,6 +17,7 @@ from microstage_ros.solver.plant import NoiseSpec, make_plant
 SLIDING_SPEEDS = (1e-6, 1e-3)
 # x, v, d, current of the period before, integral, force of the stuck blocks, the stage's swing and its rate
 OBSERVER_STATES = 8
+QUADRATIC_STATES = 4
 PID_STATES = 3  # integral, filtered velocity, position of the period before
 
 
@@ -175,5 +176,25 @@ def observer_step(parameters, stiffness, damping):
         error = x + share * swing + time * rate
         integral = integral - ki * period * error
         return np.array([x, v, d, current, integral, spring, swing, rate, -kp * error - kd * v + integral])
+
+    return step
+
+
+def quadratic_step(parameters):
+    """One linear period of the linear quadratic law: (x, v, d, current, position, current, last voltage) -> (state,
+    voltage)."""
+    own, model, period = parameters["quadratic"], parameters["feedforward"], float(parameters["period"])
+    gain, rest = np.array(own["gain"]), float(own["transient"])
+    inertia, emf, rate = (float(own[name]) for name in ("inertia", "emf", "regulator_rate"))
+    push = float(model["force_per_ampere"] / model["moving_mass"])
+
+    def step(values):
+        x, v, d, before, position, current, voltage = values
+        v = v + period * (0.5 * push * (current + before) - d)
+        x = x + period * v
+        settled = (current - rest * before) / (1.0 - rest)
+        innovation = np.array([position - x, (voltage - float(model["resistance"]) * settled) / emf - v])
+        x, v, d = np.array([x, v, d]) + gain @ innovation
+        return np.array([x, v, d, current, emf * v - inertia * (rate * (rate * x + np.sqrt(2.0) * v) - d)])
 
     return step

@@ -17,12 +17,13 @@ import numpy as np
 from microstage_ros.control.laws import registry as laws
 from microstage_ros.control.design.linear_loop import (
     OBSERVER_STATES,
+    QUADRATIC_STATES,
     cut_loop,
     linear_matrices,
     observer_step,
+    quadratic_step,
     regime_slopes,
 )
-
 
 
 class Margins(NamedTuple):
@@ -114,6 +115,16 @@ def pid_margins(axis, gains, delay=0):
     period = axis.value("period")
     transfer = pid_transfer(gains, period, delay)
     return [loop_margins(loop_of(plant, transfer, period), period, name) for name, plant, _ in regimes(axis)]
+
+
+def quadratic_margins(axis, parameters):
+    """`Margins` of the linear quadratic law (its parameter record), cut at the amplifier, in every regime (list)."""
+    period, found = float(parameters["period"]), []
+    for name, plant, _ in regimes(axis):
+        sampled = control.sample_system(plant, period, "zoh")
+        big, inputs, row = cut_loop(sampled.A, sampled.B, sampled.C, quadratic_step(parameters), QUADRATIC_STATES)
+        found.append(loop_margins(control.ss(big, inputs, -row, 0.0, period), period, name))
+    return found
 
 
 def controller_margins(axis, parameters):
