@@ -85,7 +85,7 @@ def test_observer_loop_is_the_compiled_one(ideal):
 def test_the_quadratic_law_is_its_linear_form_and_gains_searched_without_margins_have_none(axis):
     """Gains of docs/control_evidence.md: best of 2000 runs on the nominal machine, with the sensors of the observer law.
 
-    Without its axis the law grows about fivefold in a period: few periods are compared.
+    Without its axis the law grows 25-fold in a period: few periods are compared.
     """
     searched = {"regulator_rate": 1.11e3, "encoder_noise": 3.89e-9, "voltage_noise": 4.89e-3, "acceleration_noise": 8.61e-4, "friction_drift": 5.11}
     controller = make_controller("linear_quadratic", axis, **searched)
