@@ -12,7 +12,7 @@ import numpy as np
 
 from microstage_ros.diagnosis.catalogue import FORMS
 from microstage_ros.diagnosis.prerequisites.drive import drive_of
-from microstage_ros.diagnosis.prerequisites.encoder import seen_interpolation
+from microstage_ros.diagnosis.prerequisites.encoder import seen_count, seen_interpolation
 from microstage_ros.diagnosis.prerequisites.periods import periodic_forms
 from microstage_ros.diagnosis.prerequisites.prerequisites import find_known
 from microstage_ros.diagnosis.prerequisites.resonant import damped_forms
@@ -69,7 +69,7 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
         notes.append("No baseline was given: thresholds come from the model's own figures.")
     prepared, known = find_known(groups, drive)
     slow, gap = known.slow, known.gap
-    collection = Collection(prepared, drive)
+    collection = Collection(prepared, seen_count(drive, prepared))
     effects = [effect for effect in EFFECTS if gap is None or effect != "backlash"]
     evidences = collection.evidences(
         [*(form for form in FORMS if form.channel != "command"), *periodic_forms(collection), *damped_forms(collection)]
@@ -93,7 +93,7 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
     refined = refine(collection, choices)
     if refined != choices:
         evidences, choices = _final(collection, refined)
-    choices = judge.without_strangers(evidences, choices)
+    choices = judge.without_faint(evidences, judge.without_strangers(evidences, choices))
     return _answer(collection, evidences, choices, rivals, (known, course), holdout, notes, seed)
 
 

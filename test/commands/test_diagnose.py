@@ -140,14 +140,15 @@ def test_scores_count_what_they_say():
         _outcome("single", ["backlash"], ["cable_spring"], after=0.9),
         _outcome("single", ["backlash"], [], "undetermined", (("backlash", "drive_compliance"),)),
         _outcome("two", ["backlash", "gravity_tilt"], ["gravity_tilt"], covers=(("gravity_tilt.angle_rad", False),)),
-        _outcome("healthy", [], [], "agrees"), _outcome("healthy", [], ["backlash"]),
-        _outcome("outside", [], [], "unexplained"),
+        _outcome("healthy", [], [], "agrees"), _outcome("healthy", [], ["backlash"]), _outcome("healthy", [], [], "unexplained"),
+        _outcome("outside", [], [], "unexplained"), _outcome("outside", [], [], "agrees"),
     ]
     counts, medians = campaign.scores(outcomes)
     assert counts["single: right name first"] == (1, 3) and counts["single: undetermined"] == (1, 3)
     assert counts["single: a wrong name first"] == (1, 3)
     assert counts["two: both named"] == (0, 1) and counts["two: at least one named"] == (1, 1)
-    assert counts["healthy: false alarms"] == (1, 2) and counts["outside: a wrong name"] == (0, 1)
+    assert counts["healthy: something named"] == counts["healthy: unexplained"] == (1, 3) and counts["healthy: false alarms"] == (2, 3)
+    assert counts["outside: a wrong name"] == (0, 2) and counts["outside: seen, and not explained away"] == (1, 2)
     assert counts["sizes inside their 95 % interval"] == (1, 2)
     assert counts["right and 90 % of the way to the noise"] == (1, 1) and medians["seconds per case, median"] == 2.0
     table = campaign.confusion(outcomes)

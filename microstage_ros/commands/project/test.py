@@ -10,9 +10,12 @@ from microstage_ros.commands.project import environment
 from microstage_ros.places import SOURCE
 from microstage_ros.quantities.errors import InputError
 
-USAGE = """usage: microstage test [options of pytest]
+USAGE = """usage: microstage test [--last-bits] [--seeds K] [options of pytest]
 
 All the tests, two at a time. Examples: microstage test test/ros   microstage test -k lockstep -n 0
+
+  --last-bits  simulated machines begin with last bits that differ (by 10^-15), as on another processor
+  --seeds K    every noise of simulated machines from the K-th other set of seeds, K = 1, 2, ...
 """
 
 
@@ -30,8 +33,28 @@ def main(argv=None):
     except environment.Failure as failure:
         print(f"microstage: {failure}", file=sys.stderr)
         return 1
+    variables = _other_trajectories(arguments)
     options = arguments
     if importlib.util.find_spec("xdist") and not any(option.startswith("-n") for option in arguments):
         options = ["-n", "2", "--dist", "loadfile", *arguments]
-    variables = {**os.environ, "NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    variables = {**os.environ, **variables}
+    variables |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     return subprocess.call([sys.executable, "-m", "pytest", *options], cwd=SOURCE, env=variables)
+
+
+def _other_trajectories(arguments):
+    """Environment of `test/last_bits.py`; its options are taken out of ``arguments``, and its plugin put in."""
+    variables = {}
+    if "--last-bits" in arguments:
+        arguments.remove("--last-bits")
+        variables["MICROSTAGE_LAST_BITS"] = "1"
+    if "--seeds" in arguments:
+        at = arguments.index("--seeds")
+        number = arguments[at + 1] if at + 1 < len(arguments) else ""
+        if not number.isdecimal():
+            raise InputError("microstage test --seeds", number, "a whole number")
+        del arguments[at:at + 2]
+        variables["MICROSTAGE_SEEDS"] = number
+    if variables:
+        arguments += ["-p", "test.last_bits"]
+    return variables

@@ -8,8 +8,10 @@ from microstage_ros.diagnosis.catalogue.form import Form, one, splines, wave
 SIGNAL_PERIODS = (10e-6, 20e-6, 5e-6, 4e-6, 2e-6)  # m
 DRIFT_TIMES = (3.0, 10.0, 30.0)                     # s
 PER_KELVIN, PER_PASCAL, PER_HUMIDITY = -0.93e-6, 2.7e-9, -0.85e-8  # relative air index; first-order Edlén terms
-# of a count: the amplitude that rounding may leave in the mean over many
-LEAST_SHARE = 0.02
+# of a count q: the largest amplitude that rounding leaves at any of the periods looked for; derived: rounding is worth
+# q/√12, N counts passed leave q/√12 √(2/N) in the sine and the cosine of one period, of which the largest of M
+# periods is √(2 ln M) times that: 0.039 q with N = 2000 counts of a few records and M = 10⁴ periods and harmonics
+LEAST_SHARE = 0.04
 LEAST_DRIFT = 1.0e-9                                # m over half a minute: rounding at rest leaves as much
 SMOOTHING = 1.0                                     # s, of the air and temperature columns
 

@@ -50,3 +50,14 @@ def seen_interpolation(drive, baseline):
     sizes = np.linalg.solve(matrix, vector)
     return dataclasses.replace(drive, interpolation=tuple(float(v) for v in sizes[::2]),
                                interpolation_cosine=tuple(float(v) for v in sizes[1::2]))
+
+
+def seen_count(drive, prepared):
+    """`Drive` with the encoder's count that the records show, the largest where they differ.
+
+    Parameters
+    ----------
+    drive : `prerequisites.drive.Drive`. prepared : {group: list of `preparation.Prepared`}.
+    """
+    counts = [one.count for group in prepared.values() for one in group if one.count]
+    return dataclasses.replace(drive, encoder_resolution=max(counts)) if counts else drive

@@ -12,6 +12,7 @@ from scipy.optimize import minimize, minimize_scalar
 from microstage_ros.diagnosis.catalogue.electrical import STIFFNESS_FACTORS, payload_resonance
 from microstage_ros.diagnosis.catalogue.form import Form
 from microstage_ros.diagnosis.preprocessing.threads import side_by_side
+from microstage_ros.model.effects import REGISTRY
 
 DAMPINGS = (0.25, 1.0, 4.0)
 STANDS_OUT = 1.15     # χ² per row over the baseline's from which the search is worth its time
@@ -53,13 +54,20 @@ def fit_train(learn, base):
         return None
     table = {(k, d): _energy(learn, k, d) for k in (1.0, *STIFFNESS_FACTORS) for d in DAMPINGS}
     start = min(table, key=table.get)
-    fit = minimize(lambda at: _energy(learn, *np.exp(at)), np.log(start), method="Nelder-Mead",
+    fit = minimize(lambda at: _energy(learn, *np.exp(at)), np.log(start), method="Nelder-Mead", bounds=_bounds(),
                    options={"xatol": 2e-3, "fatol": 1.0, "maxiter": 50,
                             "initial_simplex": np.log(start) + np.array([[0.0, 0.0], [0.12, 0.0], [0.0, 0.5]])})
     if before - fit.fun < EXPLAINS * (before - usual * rows):
         return None
     alone = min(value for (_, d), value in table.items() if d == 1.0)
     return Train(*(float(v) for v in np.exp(fit.x)), before, float(fit.fun), alone)
+
+
+def _bounds():
+    """Of the logarithms of stiffness and damping, by the effect's largest factors: where nothing depends on one of them
+    the search would go for ever."""
+    known = REGISTRY["drive_compliance"].parameters
+    return [(-np.log(known[n].maximum), np.log(known[n].maximum)) for n in ("stiffness_factor", "damping_factor")]
 
 
 def damped_forms(collection):

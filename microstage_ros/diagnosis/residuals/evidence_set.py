@@ -11,6 +11,9 @@ from scipy.stats import chi2
 # s; derived: between 0.25 and 2 s the standard errors change by a third at most (healthy axes of Leuven's and of
 # LuGre's law), so whitened rows this far apart agree by chance only; longer stretches waste degrees of freedom
 STRETCH = 0.25
+# s; derived: the friction of the axis file's kind keeps its size over fractions of a second to some seconds, and
+# stretches must not share it; 2 s leave ten degrees of freedom in a record of half a minute
+LOUDNESS_STRETCH = 2.0
 LEAST_FREEDOM = 1.0    # degrees; derived: one stretch that holds all is compared with one other
 
 
@@ -116,6 +119,22 @@ class Evidences:
         a, count = u.sum() / total, max(total**2 / (d**2).sum(), 1.0 + LEAST_FREEDOM)
         spread = ((u - a * d) ** 2).sum() * count / (count - 1.0)
         return float(a), math.sqrt(max(spread, total)) / float(total), float(count - 1.0)
+
+    def loudness(self, channel, choices, group):
+        """χ² per row that the learned sizes leave in a group of records, and how sure that is.
+
+        Returns
+        -------
+        (mean, its standard error from how stretches of `LOUDNESS_STRETCH` disagree, degrees of freedom), or None where
+        the rows were not kept. The baseline is taken as it is, without the causes.
+        """
+        rows, keys = self._rows_of(channel, group), self._keys(channel, choices) if group != "base" else []
+        if rows is None or not hasattr(rows, "energies"):
+            return None
+        energy, count = rows.energies(keys, self.learn[channel].fit(keys)[0], LOUDNESS_STRETCH)
+        mean, stretches = energy.sum() / count.sum(), max(len(energy), 1.0 + LEAST_FREEDOM)
+        spread = ((energy - mean * count) ** 2).sum() * stretches / (stretches - 1.0)
+        return float(mean), math.sqrt(spread) / float(count.sum()), stretches - 1.0
 
     def lead(self, one, other, others):
         """How much more of χ² one `Choice` takes from the learning records than another, beside ``others``.

@@ -64,6 +64,13 @@ class Growing(Evidence):
         ]
         return tuple(np.concatenate(values) for values in zip(*parts))
 
+    def energies(self, keys, beta, length):
+        """χ² that these forms with sizes ``beta`` leave, and number of rows, stretch by stretch of ``length`` [s]: two
+        arrays of shape (stretches,)."""
+        index = self.indices(keys) - 1 if keys else np.zeros(0, int)
+        parts = [record.energies(index, beta, length) for record in self._records]
+        return tuple(np.concatenate(values) for values in zip(*parts))
+
     def alone(self, form):
         """`Evidence` of the residual and one form, which is not kept."""
         blocks = [record.with_form(form) for record in self._records]
@@ -124,12 +131,23 @@ class _Record:
         of the matrix."""
         columns = np.concatenate(self._columns[1:], axis=1)[:, index]
         signal, left = columns @ mine, self._columns[0][:, 0] - columns @ others
-        time = self._channel.time if hasattr(self._channel, "time") else self._channel.prepared.time
-        count = max(round(length / float(time[1] - time[0])), 1)
-        # the last stretch takes what is less than half of one
-        starts = np.arange(0, max(len(signal) - count // 2, 1), count)
+        starts = self._starts(length)
         products = [np.add.reduceat(signal * self._spared(v[:, None])[:, 0], starts) for v in (left, signal)]
         return products[0], products[1]
+
+    def energies(self, index, beta, length):
+        """`Growing.energies` of this record."""
+        left, starts = self._columns[0][:, 0], self._starts(length)
+        if len(index):
+            left = left - np.concatenate(self._columns[1:], axis=1)[:, index] @ beta
+        energy = np.add.reduceat(left * self._spared(left[:, None])[:, 0], starts)
+        return energy, np.diff([*starts, len(left)]).astype(float)
+
+    def _starts(self, length):
+        """First rows of stretches of ``length`` [s]; the last one takes what is less than half of one."""
+        time = self._channel.time if hasattr(self._channel, "time") else self._channel.prepared.time
+        count = max(round(length / float(time[1] - time[0])), 1)
+        return np.arange(0, max(len(self._columns[0]) - count // 2, 1), count)
 
     def with_form(self, form):
         """Matrix of the residual and a form's columns."""

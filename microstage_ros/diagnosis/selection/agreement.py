@@ -18,6 +18,8 @@ OF_NAMES = math.log(0.01 / len(REGISTRY))
 OF_ONE = math.log(0.01)
 # in units of what was learned; derived: least squares learn one, and only a prior takes less of it
 LEAST_SIZE = 1.0e-3
+# of a cause's size that the baseline may show, if that stands two standard errors out there
+BASE_SHARE = 0.2
 
 
 def agrees_with_itself(evidences, choice, others):
@@ -32,10 +34,24 @@ def agrees_with_itself(evidences, choice, others):
         return True
     if log_tail(learned) > OF_NAMES:
         return False
-    held, base = (evidences.agreement(choice, others, group) for group in ("held", "base"))
-    if base is None or not math.isfinite(base[1]):     # none, or without the column that the effect acts through
-        base = (0.0, 0.0, 0.0)
-    return log_tail((held[0] - base[0], math.hypot(held[1], base[1]), held[2] + base[2])) < OF_ONE
+    held = evidences.agreement(choice, others, "held")
+    return log_tail(_beyond(held, _of_baseline(evidences, choice, others))) < OF_ONE
+
+
+def in_baseline(evidences, choice, others):
+    """Whether the baseline shows the effect already, at half its size or clearly at `BASE_SHARE` of it.
+
+    Clearly: beyond the noise model's error, and beyond how the baseline's own stretches disagree where that is more.
+    """
+    amplitude, stderr = evidences.amplitude_in_base(choice, others)
+    if not _shown(amplitude, stderr):
+        return False
+    scatter = evidences.agreement(choice, others, "base") if evidences.base else None
+    return scatter is None or not math.isfinite(scatter[1]) or _shown(amplitude, max(stderr, scatter[1]))
+
+
+def _shown(amplitude, stderr):
+    return (amplitude > 0.5 and stderr < 0.5) or amplitude > max(BASE_SHARE, 2.0 * stderr)
 
 
 def log_tail(size):
@@ -47,9 +63,30 @@ def log_tail(size):
 
 def shortfall(evidences, choice, others):
     """Factor on what an effect takes from χ² at which its size would just be certain in the learning records: below one
-    where it is."""
+    where it is.
+
+    What counts is the size beyond the one that the baseline shows, the scatter of both counted: on a machine of another
+    friction law a healthy record has such shapes too, larger or smaller as its programme goes.
+    """
     learned = evidences.agreement(choice, others, "learn")
     if learned is None:
         return 0.0
-    value, stderr, freedom = learned
+    base = _of_baseline(evidences, choice, others)
+    return max(_shortfall(learned), _shortfall(_beyond(learned, base)))
+
+
+def _shortfall(size):
+    value, stderr, freedom = size
     return float((student.isf(math.exp(OF_NAMES), freedom) * stderr / max(value, LEAST_SIZE)) ** 2)
+
+
+def _of_baseline(evidences, choice, others):
+    """`Evidences.agreement` of the baseline; zeros where there is none, or one without the column that the effect acts
+    through."""
+    base = evidences.agreement(choice, others, "base")
+    return (0.0, 0.0, 0.0) if base is None or not math.isfinite(base[1]) else base
+
+
+def _beyond(size, base):
+    """A size less the baseline's: value, standard error, degrees of freedom."""
+    return size[0] - base[0], math.hypot(size[1], base[1]), size[2] + base[2]

@@ -7,7 +7,7 @@ from scipy.stats import chi2
 
 from microstage_ros.diagnosis.catalogue import CONTAINS, WIDER
 from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, Trial
-from microstage_ros.diagnosis.selection.agreement import agrees_with_itself
+from microstage_ros.diagnosis.selection.agreement import agrees_with_itself, in_baseline
 from microstage_ros.diagnosis.selection.sizes import sizes_of, width
 from microstage_ros.diagnosis.selection.stepwise import forward
 
@@ -21,8 +21,6 @@ ONE_RESONANCE = 0.35
 MISFIT = 0.5                 # a wider shape may explain at most this share beside the named one
 FAINT = 1.0e-3               # share of all gain on held-out records below which a further cause is not told
 FAINT_GAIN = 60.0            # and χ² above which it is told all the same
-# of a cause's size that the baseline may show, if that stands two standard errors out there
-BASE_SHARE = 0.2
 MAJOR = 0.15                 # share of what its channel's others explain above which a cause is no misfit of them
 MINOR = 0.03                 # a further cause must explain this share of what its channel's others explain,
 #: and more where their forms are a coarse grid that leaves that much
@@ -111,8 +109,7 @@ def acceptable(evidences, trial, choices):
         return False
     if not _masses_agree(evidences, trial.choice, choices) or _level_of_a_profile(evidences, trial.choice, choices):
         return False
-    amplitude, stderr = evidences.amplitude_in_base(trial.choice, choices)
-    if (amplitude > 0.5 and stderr < 0.5) or amplitude > max(BASE_SHARE, 2.0 * stderr):
+    if in_baseline(evidences, trial.choice, choices):
         return False
     if misfit(evidences, trial.choice, [*choices, trial.choice]) >= MISFIT or _splinter(evidences, trial, choices):
         return False

@@ -169,6 +169,16 @@ def said(outcome):
     return NOTHING if outcome.verdict == "agrees" else outcome.verdict
 
 
+def unexplained(outcome):
+    """Whether the answer names nothing, not even rivals, but says that something stands out."""
+    return outcome.verdict == "unexplained" and not outcome.named and not outcome.rivals
+
+
+def false_alarm(outcome):
+    """Whether anything but ``agrees`` is said of an axis; of a healthy one a false alarm. An error is counted apart."""
+    return outcome.verdict not in ("agrees", "error")
+
+
 def confusion(outcomes):
     """{hidden name: Counter of what was said first}, single effects, healthy axes and outside causes."""
     table = collections.defaultdict(collections.Counter)
@@ -191,12 +201,18 @@ def scores(outcomes):
         "single: a wrong name first": (sum(bool(o.named) and o.named[0] not in o.hidden for o in single), len(single)),
         "two: both named": (sum(set(o.hidden) <= set(o.named) for o in by["two"]), len(by["two"])),
         "two: at least one named": (sum(bool(set(o.hidden) & set(o.named)) for o in by["two"]), len(by["two"])),
-        "healthy: false alarms": (sum(bool(o.named or o.rivals) for o in by["healthy"]), len(by["healthy"])),
+        "healthy: something named": (sum(bool(o.named or o.rivals) for o in by["healthy"]), len(by["healthy"])),
+        "healthy: unexplained": (sum(unexplained(o) for o in by["healthy"]), len(by["healthy"])),
+        "healthy: false alarms": (sum(false_alarm(o) for o in by["healthy"]), len(by["healthy"])),
         "a wrong name anywhere in the answer": (
             sum(bool(set(o.named) - set(o.hidden)) for o in outcomes),
             len(outcomes),
         ),
         "outside: a wrong name": (sum(bool(o.named) for o in by["outside"]), len(by["outside"])),
+        "outside: seen, and not explained away": (
+            sum(o.verdict in ("unexplained", "partly_explained") for o in by["outside"]),
+            len(by["outside"]),
+        ),
         "sizes inside their 95 % interval": (sum(covers), len(covers)),
         "right and 90 % of the way to the noise": (sum(o.removed >= 0.9 for o in right), len(right)),
         "named, and 90 % of the way to the noise": (sum(o.removed >= 0.9 for o in named), len(named)),

@@ -27,7 +27,13 @@ PARTS = (
     ),
     ("single effects at half the size", "single", 135, 0.5, ("single: right name first", "single: a wrong name first")),
     ("pairs", "two", 100, 1.0, ("two: both named", "two: at least one named", "a wrong name anywhere in the answer")),
-    ("healthy axes", "healthy", 1000, 1.0, ("healthy: false alarms",)),
+    (
+        "healthy axes",
+        "healthy",
+        1000,
+        1.0,
+        ("healthy: something named", "healthy: unexplained", "healthy: false alarms"),
+    ),
 )
 SEEDS = {"first": 81, "second": 181}
 EMPS = SOURCE.parent / "shared" / "data" / "emps"

@@ -7,6 +7,7 @@ import pytest
 
 from microstage_ros.diagnosis.case import diagnose_case
 from microstage_ros.diagnosis.validation.simulated_records import Hidden, make_case
+from microstage_ros.diagnosis.selection.calibration import probability
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records import Record
@@ -48,6 +49,14 @@ def test_two_causes_of_other_shape_than_the_candidates(axis):
     assert answer.gain.floor <= answer.gain.after < answer.gain.before
 
 
+def of_no_literal(answer):
+    """Every probability is the calibrated one of what the cause took from the held-out records, every gain measured there."""
+    for cause in answer.causes:
+        assert cause.probability == probability(cause.evidence, cause.share)
+        assert 0.0 < cause.gain.after < cause.gain.before
+    assert len({cause.evidence for cause in answer.causes}) == len(answer.causes)
+
+
 def test_slow_amplifier_and_offset(axis):
     """The delay is taken into the input before the rest is judged, so the offset keeps its size."""
     effects = {"transport_delay": {"delay_s": 2.5e-4}, "amplifier_offset": {"offset_V": 0.02}}
@@ -58,6 +67,7 @@ def test_slow_amplifier_and_offset(axis):
     assert abs(delay.value - 2.5e-4) < 1.0e-5
     assert abs(offset.value - 0.02) < 5.0e-4
     axis.with_effects(answer.effects)  # the extended axis is one that the simulator takes
+    of_no_literal(answer)
 
 
 def test_records_that_cannot_be_used(axis):
@@ -78,4 +88,5 @@ def test_creep_beside_a_vibration_of_the_floor(axis):
     assert set(named) == set(effects)
     creep = named["presliding_creep"].parameters["amplitude_m"]
     assert abs(creep.value - 6.0e-8) < 2.5 * creep.stderr
+    of_no_literal(answer)
     assert named["floor_vibration"].parameters["amplitude_1_m"].value == pytest.approx(1.2e-7, rel=0.03)

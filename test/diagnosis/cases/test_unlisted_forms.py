@@ -1,10 +1,13 @@
 """What no list of the analysis foresees: periods, courses of a drift, damping, delays next to a whole number of periods."""
 
+import types
+
 import numpy as np
 import pytest
 
 from microstage_ros.diagnosis.case import diagnose_case
 from microstage_ros.diagnosis.preprocessing.preparation import prepare
+from microstage_ros.diagnosis.prerequisites import resonant
 from microstage_ros.diagnosis.prerequisites.amplifier import find_slowness
 from microstage_ros.diagnosis.prerequisites.drive import drive_of
 from microstage_ros.diagnosis.prerequisites.periods import both_ways, periods
@@ -111,3 +114,16 @@ def test_a_drive_that_swings_is_no_slow_amplifier(axis):
     prepared, known = find_known(dict(zip(GROUPS, groups)), drive_of(axis))
     assert known.slow is None
     assert known.train.stiffness == pytest.approx(0.068, rel=0.05)
+
+
+def test_a_search_for_a_drive_train_ends_where_nothing_depends_on_it(monkeypatch):
+    """χ² that falls for ever with the stiffness: the pair stays within the factors that the effect takes."""
+    seen = []
+
+    def energy(channels, stiffness, damping):
+        seen.append((stiffness, damping))
+        return 1e6 / (4.0 + np.log10(stiffness))
+
+    monkeypatch.setattr(resonant, "_energy", energy)
+    train = resonant.fit_train([types.SimpleNamespace(residual=np.zeros(1000))], [])
+    assert np.isfinite(seen).all() and np.max(seen) <= 1000.0 and 1.0 < train.stiffness <= 1000.0

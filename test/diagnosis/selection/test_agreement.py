@@ -10,10 +10,10 @@ from scipy.stats import t as student
 from microstage_ros.diagnosis.catalogue import measuring
 from microstage_ros.diagnosis.catalogue.form import Form, one
 from microstage_ros.diagnosis.prerequisites.timing import repeat_speed
-from microstage_ros.diagnosis.residuals.evidence_set import STRETCH, Choice, Evidences
+from microstage_ros.diagnosis.residuals.evidence_set import LOUDNESS_STRETCH, STRETCH, Choice, Evidences
 from microstage_ros.diagnosis.residuals.growing import Growing
 from microstage_ros.diagnosis.selection import judge, selection
-from microstage_ros.diagnosis.selection.agreement import OF_NAMES, agrees_with_itself, log_tail, shortfall
+from microstage_ros.diagnosis.selection.agreement import OF_NAMES, agrees_with_itself, in_baseline, log_tail, shortfall
 
 STEP, ROWS = 0.01, 3000     # s, rows of one record of 30 s
 EFFECT = Form("gravity_tilt", "torque", "", lambda channel, frame: channel.signal[:, None], one("size", "1"))
@@ -135,3 +135,46 @@ def test_the_least_signal_period_error_follows_the_encoder_of_the_axis():
     fine, coarse = (types.SimpleNamespace(drive=types.SimpleNamespace(encoder_resolution=q)) for q in (5e-9, 50e-9))
     size = np.array([6.0e-10, 0.0, 0.0, 0.0, 0.0, 0.0])
     assert form.possible(size, fine) and not form.possible(size, coarse)
+
+
+def test_a_shape_that_the_baseline_shows_too_is_not_certain_beyond_it():
+    assert shortfall(evidences(lambda k: 0.3, base=lambda k: 0.0), CHOICE, []) < 1.0
+    assert shortfall(evidences(lambda k: 0.3, base=lambda k: 0.27), CHOICE, []) > 1.0
+    assert shortfall(evidences(lambda k: 0.3, base=lambda k: -0.3), CHOICE, []) < 1.0
+
+
+def loud(pieces, base=None):
+    """`Evidences` whose learning record is ``pieces(stretch of 2 s)`` times as loud as white noise."""
+    case = evidences(lambda k: 0.0, base=lambda k: 0.0)
+    channels = [Channel([4, number], lambda k: 0.0) for number in range(2)]
+    for channel in channels:
+        channel.residual = channel.residual * np.array([pieces(int(t / LOUDNESS_STRETCH)) for t in channel.time])
+    made = Growing(channels, [EFFECT, OTHER], None)
+    case.learn, case.held, case._in_rows = {"torque": made}, {"torque": made}, lambda channel: made
+    return case
+
+
+def test_loudness_is_chi_square_per_row_and_its_error_that_of_the_stretches():
+    case = evidences(lambda k: 0.3)
+    mean, stderr, freedom = case.loudness("torque", [CHOICE], "learn")
+    rows, keys = case.learn["torque"], [EFFECT.key]
+    left = rows.energy() - rows.reduction(keys, rows.fit(keys)[0])
+    assert mean * 2 * ROWS == pytest.approx(left) and freedom == 2 * ROWS * STEP / LOUDNESS_STRETCH - 1
+    assert stderr == pytest.approx(math.sqrt(2.0 / (2 * ROWS)), rel=0.4)       # of a mean of squares of unit noise
+    assert case.loudness("torque", [], "learn")[0] == pytest.approx(mean + 0.3**2, rel=0.1)
+
+
+def test_what_is_loud_in_one_stretch_only_does_not_stand_out_of_the_noise():
+    """Friction that jumps every few seconds: 1.3 times the noise in every stretch stands out, four times in one does not."""
+    assert judge.stands_out(loud(lambda k: 1.3), []) == ["torque"]
+    once = loud(lambda k: 4.0 if k == 3 else 1.0)
+    assert once.learn["torque"].energy() / (2 * ROWS) > judge.SCATTER and judge.stands_out(once, []) == []
+
+
+def test_what_the_baseline_shows_counts_by_how_its_stretches_disagree():
+    """Two fifths of the effect on average, of another sign in every other stretch, is nothing; the same in every stretch is."""
+    for course, there in ((lambda k: 0.12, True), (lambda k: 0.12 + (1.0 if k % 2 else -1.0), False), (lambda k: 0.0, False)):
+        case = evidences(lambda k: 0.3, base=course)
+        amplitude, stderr = case.amplitude_in_base(CHOICE, [])
+        assert amplitude == pytest.approx(course(0) / 2 / 0.3 + course(1) / 2 / 0.3, abs=0.15) and stderr < 0.07
+        assert in_baseline(case, CHOICE, []) == there

@@ -341,3 +341,11 @@ def test_more_friction_alone_is_no_payload():
     assert not selection.acceptable(world.evidences, Trial(torque, both.gain, 1, both.held), [])
     apart = resonant(3.0, payload=0.1)      # half a kilogram in the resonance
     assert not selection.acceptable(apart.evidences, selection.best_forms(apart.evidences, "payload_change", []), [])
+
+
+def test_a_cause_that_holds_little_of_the_held_out_records_is_not_named():
+    """χ² of a² n: 0.4² · 4000 = 640 stays, 0.12² · 4000 = 58 goes, and beside it the other keeps all of its own."""
+    world = World(PLAIN, {"torque_ripple": 0.4, "scale_error": 0.12}, seed=31)
+    both = [choice(world, "torque_ripple"), choice(world, "scale_error")]
+    assert judge.without_faint(world.evidences, both) == both[:1]
+    assert judge.without_faint(world.evidences, both[1:]) == [] == judge.without_faint(world.evidences, [])

@@ -1,0 +1,102 @@
+"""Decisions of the judge do not hang on the scale of χ², and each of its thresholds stands where it says.
+
+The scatter of a channel divides every χ² of it; multiplied into rows, it must cancel from every comparison within a channel.
+"""
+
+import types
+
+import pytest
+
+from microstage_ros.diagnosis.residuals.evidence import Evidence
+from microstage_ros.diagnosis.result import Finding
+from microstage_ros.diagnosis.selection import judge
+from test.diagnosis.selection.test_judge import PLAIN, World, choice, simple
+from test.diagnosis.selection.test_judge_margins import GUIDEWAY, NAMELESS, WHOLE
+
+
+def louder(evidence, factor):
+    """The same rows ``factor`` times as loud in χ²."""
+    return Evidence(evidence.matrix * factor, evidence.where, evidence.rows)
+
+
+def scaled(world, channel, scatter):
+    """The world with rows of a channel √scatter times as loud, which its scatter says: every decision stays."""
+    evidences = world.evidences
+    for group in (evidences.learn, evidences.held, evidences.base):
+        group[channel] = louder(group[channel], scatter)
+    evidences.scatter[channel] = scatter
+    return evidences
+
+
+@pytest.mark.parametrize("scatter", [1.0, 9.0])
+@pytest.mark.parametrize(("excess", "stands"), [(2.5, []), (5.0, ["torque"])])
+def test_loudness_is_judged_in_units_of_the_baseline(scatter, excess, stands):
+    """Against a baseline three times as loud as its model: 3.5/3 is nothing, 6/3 is."""
+    world = World(PLAIN, {}, seed=41, excess={"torque": excess})
+    world.evidences.base["torque"] = louder(world.evidences.base["torque"], 3.0)
+    assert judge.stands_out(scaled(world, "torque", scatter), []) == stands
+
+
+@pytest.mark.parametrize("scatter", [1.0, 9.0])
+@pytest.mark.parametrize(("size", "is_one"), [(0.4, True), (1.2, False)])
+def test_a_constant_force_is_judged_at_any_scale(scatter, size, is_one):
+    world = World([WHOLE, simple("gravity_tilt"), GUIDEWAY], {"gravity_tilt": size}, seed=42, shared={GUIDEWAY.key: ("gravity_tilt", "")})
+    tilt = choice(world, "gravity_tilt")
+    assert judge.is_constant_force(scaled(world, "torque", scatter), tilt, "direction_asymmetry", []) is is_one
+    assert not judge.is_constant_force(world.evidences, choice(world, "direction_asymmetry"), "torque_ripple", [])
+
+
+@pytest.mark.parametrize("scatter", [1.0, 9.0])
+@pytest.mark.parametrize(("size", "kept"), [(0.5, False), (0.9, True)])
+def test_a_stranger_is_one_by_what_it_explains_itself(scatter, size, kept):
+    """Of 4000 rows five times as loud, 16000 are left: six times its own part is 6·0.25·4000 = 6000, or 6·0.81·4000 = 19440."""
+    world = World([simple("encoder_sde", "position"), simple("torque_ripple")], {"encoder_sde": size, "torque_ripple": 0.5}, excess={"position": 4.0}, seed=43)
+    evidences, mine = scaled(world, "position", scatter), [choice(world, "encoder_sde"), choice(world, "torque_ripple")]
+    assert (mine[0] in judge.without_strangers(evidences, mine)) is kept
+
+
+@pytest.mark.parametrize("scatter", [1.0, 9.0])
+@pytest.mark.parametrize(("size", "kept"), [(0.2, False), (0.7, True)])
+def test_a_reading_is_judged_at_any_scale_of_the_position(scatter, size, kept):
+    """Readings that differ by 3·4000, of which a tenth, 1200, lies between 0.04·4000 and 0.49·4000."""
+    forms = [simple("drive_compliance", "resonance"), simple("encoder_sde", "position"), simple("torque_ripple")]
+    world = World(forms, {"drive_compliance": size, "torque_ripple": 0.5}, seed=44, excess={"position": 3.0})
+    evidences, mine = scaled(world, "position", scatter), [choice(world, "drive_compliance"), choice(world, "torque_ripple")]
+    evidences.scatter["position"], evidences.learn["position"] = 1.0, louder(evidences.learn["position"], 1.0 / scatter)
+    evidences.held["position"], evidences.base["position"] = (louder(group["position"], 1.0 / scatter) for group in (evidences.held, evidences.base))
+    assert (mine[0] in judge.without_strangers(evidences, mine)) is kept
+
+
+@pytest.mark.parametrize("scatter", [0.5, 4.0])
+def test_what_the_readings_differ_by_is_in_the_unit_of_what_a_cause_holds(scatter):
+    """What is left of the position is divided by its scatter as the cause's own part is: (3·4000)/scatter·0.1 against 0.36·4000."""
+    forms = [simple("drive_compliance", "resonance"), simple("encoder_sde", "position")]
+    world = World(forms, {"drive_compliance": 0.45}, seed=45, excess={"position": 3.0})
+    world.evidences.scatter["position"] = scatter
+    mine = choice(world, "drive_compliance")
+    assert (mine in judge.without_strangers(world.evidences, [mine])) is (0.1 * 12000.0 / scatter < 0.45**2 * 4000.0)
+
+
+@pytest.mark.parametrize(("left", "stands"), [(15.0, False), (19.9, False), (20.1, True), (25.0, True)])
+def test_what_only_the_learning_records_show_must_be_twice_its_threshold(left, stands):
+    finding = Finding("torque", "time", left, 10.0, left)
+    assert bool(judge.of_learning_records([(finding, 0.0)])) is stands
+
+
+def test_shapes_of_which_healthy_axes_show_a_little_have_three_times_the_threshold():
+    loose = [simple(f"generic:{name}") for name in ("time", "velocity", "friction in time", "viscous in time", "position")]
+    world = World(loose, {}, seed=46)
+    thresholds = [finding.threshold for finding, _ in judge.findings_of(world.evidences, [], loose)]
+    assert [value / thresholds[4] for value in thresholds[:4]] == pytest.approx([2.0] * 4) and NAMELESS
+
+
+@pytest.mark.parametrize(("gain", "held", "sizes", "rival"), [(1000.0, 500.0, 1, True), (985.0, 485.0, 1, False), (994.0, 500.0, 1, True), (989.0, 500.0, 1, True),
+                                                             (970.0, 490.0, 1, False), (994.0, 500.0, 6, True), (990.0, 500.0, 9, False)])
+def test_the_lead_of_a_name_counts_both_groups_and_every_size(monkeypatch, gain, held, sizes, rival):
+    """Lead 1000 + 500 − 2 of the name over gain + held − 2·sizes of the other, against 2 % of 1000 = 20."""
+    mine, other = (types.SimpleNamespace(effect=e, forms=()) for e in ("torque_ripple", "amplifier_offset"))
+    monkeypatch.setattr(judge, "best_or_same", lambda *_: types.SimpleNamespace(gain=1000.0, held=500.0, sizes=1))
+    monkeypatch.setattr(judge, "best_forms", lambda *_: types.SimpleNamespace(choice=other, gain=gain, held=held, sizes=sizes))
+    for name, value in (("acceptable", True), ("_leads", True), ("level_or_viscous", None), ("is_constant_force", False)):
+        monkeypatch.setattr(judge, name, lambda *_, value=value: value)
+    assert judge.rivals_of(None, mine, [mine], ["torque_ripple", "amplifier_offset"]) == (["amplifier_offset"] if rival else [])

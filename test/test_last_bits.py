@@ -1,0 +1,31 @@
+"""Other trajectories: last bits drawn anew change a state by no more than that, and the command hands the choice on."""
+
+import numpy as np
+import pytest
+
+from microstage_ros.commands.project import test as command
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.places import config_file
+from microstage_ros.quantities.errors import InputError
+from microstage_ros.solver.plant import make_plant, new_state
+from test.last_bits import RELATIVE, USUAL, wrapped
+
+
+def test_last_bits_differ_and_nothing_else():
+    plant = make_plant(load_axis(config_file("axis.yaml")))
+    plain, again, other = (make(plant, 3, 1e-3, "random") for make in (new_state, wrapped(new_state, False, 0), wrapped(new_state, True, 0)))
+    assert plain == again and plain != other
+    for name, usual in USUAL.items():
+        assert plain[name] != other[name]
+        assert abs(plain[name] - other[name]) <= 2.0 * RELATIVE * max(abs(plain[name]), usual)
+    np.testing.assert_array_equal(plain["random"], other["random"])
+    assert not np.array_equal(plain["random"], wrapped(new_state, False, 1)(plant, 3)["random"])
+
+
+def test_options_of_the_command_become_the_plugins():
+    arguments = ["--last-bits", "-n", "0", "--seeds", "2", "test/control"]
+    assert command._other_trajectories(arguments) == {"MICROSTAGE_LAST_BITS": "1", "MICROSTAGE_SEEDS": "2"}
+    assert arguments == ["-n", "0", "test/control", "-p", "test.last_bits"]
+    assert command._other_trajectories(arguments := ["-k", "x"]) == {} and arguments == ["-k", "x"]
+    with pytest.raises(InputError, match="whole number"):
+        command._other_trajectories(["--seeds", "few"])
