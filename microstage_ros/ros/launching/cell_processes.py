@@ -252,6 +252,8 @@ class CellProcesses:
         ----------
         within : longest time [s] for all together; None: `STOP_WAIT` for each.
         """
+        if self._forked:
+            self._forked.go_on()
         if within is None:
             ranks = {"axis_driver": 0, "bag_recorder": 2}  # a recorder waits until nothing comes
             for rank in range(3):

@@ -136,6 +136,11 @@ class ForkedNodes:
             self._ended()
         return process
 
+    def go_on(self):
+        """Let a server that was stopped by a signal go on: without it the end of every process is told late."""
+        if self.server_status is None:
+            self._server.send_signal(signal.SIGCONT)
+
     def close(self):
         """Let the server go; whatever still runs, it stops, within `GRACE`."""
         try:

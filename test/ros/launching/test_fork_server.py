@@ -139,6 +139,11 @@ def test_without_forking_nodes_start_one_by_one(domain, tmp_path, monkeypatch):
     assert "one by one, slower: a library has started threads" in (tmp_path / "logs" / "fork_server.log").read_text()
 
 
+def state_of(pid):
+    """The letter of a process's state."""
+    return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
+
+
 def test_close_ends_within_its_grace_when_the_server_hangs(domain, tmp_path, monkeypatch):
     """A server that is stopped answers nothing; closing neither waits for it for ever nor leaves its children behind."""
     monkeypatch.setattr(forked, "GRACE", 0.5)
@@ -146,6 +151,10 @@ def test_close_ends_within_its_grace_when_the_server_hangs(domain, tmp_path, mon
                                 for name in NODES], str(tmp_path / "server"))
     pids = [process.pid for process in nodes.processes.values()]
     wait_for(lambda: all(map(loops, pids)))
+    os.kill(nodes._server.pid, signal.SIGSTOP)
+    wait_for(lambda: state_of(nodes._server.pid) == "T")
+    nodes.go_on()
+    wait_for(lambda: state_of(nodes._server.pid) != "T")
     os.kill(nodes._server.pid, signal.SIGSTOP)
     began = time.monotonic()
     nodes.close()
