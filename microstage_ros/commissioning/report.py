@@ -8,6 +8,7 @@ from microstage_ros import __version__
 from microstage_ros.commissioning.findings import CHECKS
 from microstage_ros.commissioning.estimation.frequency_response import write_responses
 from microstage_ros.commissioning.store import write_json
+from microstage_ros.quantities.readable import people
 from microstage_ros.report.page import Page
 from microstage_ros.report.plots import COLOURS, new_figure
 
@@ -111,11 +112,11 @@ def page(outcome, machine, provenance):
         )
     made.section("Checks")
     rows = [
-        (c.id, "passed" if c.passed else "FAILED", c.value, c.unit, c.says)
+        (c.id, "passed" if c.passed else "FAILED", people(c.value, c.unit), c.says)
         for c in sorted(outcome.checks.values(), key=lambda c: CHECKS.index(c.id))
     ]
     made.table(
-        ("check", "", "value", "unit", "what it says"),
+        ("check", "", "value", "what it says"),
         rows,
         marked=[k for k, row in enumerate(rows) if row[1] == "FAILED"],
     )
@@ -203,16 +204,8 @@ def _parameters(made, outcome):
     made.section("Parameters")
     told = [e for e in outcome.estimates.values() if e.determined]
     made.table(
-        ("parameter", "value", "standard uncertainty", "unit"),
-        [
-            (
-                e.key,
-                "; ".join(f"{v:.5g}" for v in np.atleast_1d(e.value)),
-                "" if e.stderr is None else "; ".join(f"{v:.2g}" for v in np.atleast_1d(e.stderr)),
-                e.unit,
-            )
-            for e in told
-        ],
+        ("parameter", "value ± standard uncertainty"),
+        [(e.key, people(e.value, e.unit, e.stderr, "\n")) for e in told],
         "Determined by the records",
     )
     open_ones = [(e.key, e.remark) for e in outcome.estimates.values() if not e.determined]

@@ -4,7 +4,7 @@ import numpy as np
 
 from microstage_ros.identification.estimators.estimate import DETERMINED_HALF_WIDTH
 from microstage_ros.report.page import Page
-from microstage_ros.quantities.readable import interval, quantity
+from microstage_ros.quantities.readable import interval, people
 from microstage_ros.report.plots import COLOURS, new_figure, readable
 
 MOST_POINTS = 3000
@@ -70,13 +70,6 @@ def _row(estimate, axis):
 def in_words(estimate, between="; "):
     """What an `Estimate` that is determined says: its number, or that it is an offset too small to matter."""
     return estimate.remark or people(estimate.value, estimate.unit, estimate.stderr, between)
-
-
-def people(value, unit, stderr=None, between="; "):
-    """A number or several with their unit as people read them: ``10.6 ± 0.2 µN m``; ``between`` stands between two."""
-    values = np.atleast_1d(value)
-    spreads = np.full(len(values), None) if stderr is None else np.atleast_1d(stderr)
-    return between.join(quantity(float(v), unit, 4, None if s is None else float(s)) for v, s in zip(values, spreads))
 
 
 def draw(curve):

@@ -3,9 +3,12 @@
 import math
 import re
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
-TAKES_PREFIX = re.compile(r"(?!kg|1|dB)[A-Za-zΩ]+(?![\^²³\w])")
-"""Units that a prefix may stand before: not kg, not areas, not pure numbers."""
+TAKES_PREFIX = re.compile(r"(?!kg|1|dB|deg|periods)[A-Za-zΩ]+(?![\^²³\w])")
+"""Units that a prefix may stand before: not kg, not areas, not pure numbers, degrees and periods."""
 
 
 SIGNS = (("ohm", "Ω"), ("^2", "²"), ("^3", "³"), ("degC", "°C"))
@@ -46,6 +49,20 @@ def quantity(value: float | None, unit: str, digits: int = 3, stderr: float | No
         return f"{_plain(scaled, 4)} ± {_plain(spread, 2)}{name}"
     decimals = max(0, 1 - math.floor(math.log10(spread) + 1e-9))
     return f"{scaled:.{decimals}f} ± {spread:.{decimals}f}{name}".replace("-", "−")
+
+
+def people(value: ArrayLike | None, unit: str, stderr: ArrayLike | None = None, between: str = "; ") -> str:
+    """A number or several with their unit as people read them: ``10.6 ± 0.2 µN m``, a dash where there is none.
+
+    Parameters
+    ----------
+    value, stderr : in ``unit``, SI, of the same shape (n,) or scalars, or None. between : stands between two numbers.
+    """
+    if value is None:
+        return "–"
+    values = np.atleast_1d(value)
+    spreads = np.full(len(values), None) if stderr is None else np.atleast_1d(stderr)
+    return between.join(quantity(float(v), unit, 4, None if s is None else float(s)) for v, s in zip(values, spreads))
 
 
 def _plain(value: float, digits: int) -> str:
