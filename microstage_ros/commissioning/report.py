@@ -8,7 +8,7 @@ from microstage_ros import __version__
 from microstage_ros.commissioning.findings import CHECKS
 from microstage_ros.commissioning.estimation.frequency_response import write_responses
 from microstage_ros.commissioning.store import write_json
-from microstage_ros.quantities.readable import people
+from microstage_ros.quantities.readable import people, quantity
 from microstage_ros.report.page import Page
 from microstage_ros.report.plots import COLOURS, new_figure
 
@@ -104,8 +104,8 @@ def page(outcome, machine, provenance):
             [
                 (
                     f"4s at {row['target_m'] * 1e6:g} µm",
-                    f"{row['four_s_m'] * 1e9:.0f} nm",
-                    f"bias {row['bias_m'] * 1e9:+.0f} nm",
+                    quantity(row["four_s_m"], "m", 2),
+                    f"bias {quantity(row['bias_m'], 'm', 2)}",
                 )
                 for row in outcome.moves
             ]
