@@ -21,6 +21,13 @@ HOLD = 0.5  # s
 PUSH = 1.6  # times the voltage that a speed needs, that a motion may use
 
 
+def there_and_back(x):
+    """Way [m] that a position, shape (n,), went beyond both its first and its last value: nothing for one that stands,
+    is wound up against a stop, or runs one way."""
+    x = x[np.isfinite(x)]
+    return float(max(x.max() - max(x[0], x[-1]), min(x[0], x[-1]) - x.min())) if len(x) else 0.0
+
+
 class Loop:
     """One controller on one machine.
 
@@ -186,6 +193,11 @@ class Loop:
         self.machine.failed = self.machine.last
         volts = float(np.mean(self.machine.last["voltage_V"][-self.machine.periods(0.005, 5):]))
         sign, place = math.copysign(1.0, volts), self.machine.position
+        swing = there_and_back(self.machine.last["encoder_m"])
+        stands = float(np.ptp(self.machine.last["reference_m"])) == 0.0
+        if stands and swing > max(5.0 * SWING, SWING_COUNTS * self.machine.count):
+            raise refused("runaway", swing, "m",
+                          f"in closed loop the stage swings: {swing * 1e6:.3g} µm there and back") from end
         if self._retreat(-sign):
             raise refused(
                 "end_stop",
