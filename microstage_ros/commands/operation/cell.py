@@ -90,6 +90,7 @@ def _run(arguments, backend, machine, recording):
                   "bag_recorder": {"directory": str(arguments.record),
                                    "log_time": "stamp" if arguments.mode == "lockstep" else "arrival"}}
     nodes = list(backend.nodes(name for name in NODES if arguments.record or name != "bag_recorder"))
+    node = None
     try:
         cell = CellProcesses(arguments.namespace, nodes, parameters)
         try:
@@ -112,6 +113,9 @@ def _run(arguments, backend, machine, recording):
             for number in (signal.SIGINT, signal.SIGTERM):  # a second Ctrl-C must not keep the processes from ending
                 signal.signal(number, signal.SIG_IGN)
             cell.stop(QUICK)
+            if node is not None:
+                node.destroy_node()
+                rclpy.try_shutdown()
     except KeyboardInterrupt:
         return 0
     except CellFailure as failure:
