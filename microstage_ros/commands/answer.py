@@ -15,7 +15,7 @@ import sys
 
 from microstage_ros import __version__
 
-_facts = {}
+_facts: dict = {}
 _stdout = None
 
 

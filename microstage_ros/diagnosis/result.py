@@ -130,7 +130,7 @@ class Diagnosis:
     verdict: str
     causes: tuple = ()
     rivals: tuple = ()
-    gain: OverallGain = None
+    gain: OverallGain | None = None
     findings: tuple = ()
     pictures: tuple = ()
     notes: tuple = ()

@@ -28,7 +28,7 @@ LOWER, STEPS = 0.75, 14  # of the gains with every step, and the most steps: to 
 #: Doubts in encoder and voltage over the shipped ones, in the order in which they are tried.
 START_DOUBTS = ((1.0, 1.0), (1.5, 1.0), (2.0, 1.0), (3.0, 1.0), (4.0, 1.0), (4.0, 2.0), (6.0, 2.0), (8.0, 4.0))
 FILTERS = (1.0, 2.0, 3.2)  # times the filter time that are tried
-_found = {}  # by the numbers that it follows from: a campaign asks the same thousands of times
+_found: dict = {}  # by the numbers that it follows from: a campaign asks the same thousands of times
 CREEPING = "sliding, 1 um/s"  # where the axis itself is unstable, and blocks that stick again bound what follows
 
 

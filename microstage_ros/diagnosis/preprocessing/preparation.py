@@ -71,7 +71,7 @@ class Prepared:
     has_current: bool
     air: dict
     stage: np.ndarray
-    behind: np.ndarray = None
+    behind: np.ndarray | None = None
     count: float = 0.0
 
 

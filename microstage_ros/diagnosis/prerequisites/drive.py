@@ -75,7 +75,7 @@ class Drive:
     encoder_noise: float = 0.0
     current_offset: float = 0.0
     amplifier_noise: float = 0.0
-    variability: "Variability" = None
+    variability: "Variability | None" = None
 
     def interpolation_error(self, position):
         """What the encoder of the axis file reads beyond ``position`` [m], (n,), by interpolation [m]."""

@@ -42,8 +42,8 @@ class Hidden:
     name: str
     ids: tuple = ()
     effects: dict = dataclasses.field(default_factory=dict)
-    change: Callable = None
-    after: Callable = None
+    change: Callable | None = None
+    after: Callable | None = None
     outside: bool = False
 
 

@@ -51,11 +51,11 @@ class Curve:
     y_label: str
     x: np.ndarray
     y: np.ndarray
-    model_x: np.ndarray = None
-    model_y: np.ndarray = None
-    low: np.ndarray = None
-    high: np.ndarray = None
-    residual: np.ndarray = None
+    model_x: np.ndarray | None = None
+    model_y: np.ndarray | None = None
+    low: np.ndarray | None = None
+    high: np.ndarray | None = None
+    residual: np.ndarray | None = None
 
 
 @dataclass

@@ -54,7 +54,7 @@ NUMBERS = (0, 1, 7, 2**31, 2**62, 2**63, 2**63 + 5, 2**64 - 1)
 class FedPath(servo_path.PlainServoPath):
     """A servo path whose readers are given their messages by hand; nobody waits."""
 
-    made = []
+    made: list = []
 
     def reader(self, message_type, topic, qos):
         """A `QueueReader` that is kept in `made`."""

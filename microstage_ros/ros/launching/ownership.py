@@ -101,7 +101,7 @@ class Ownership:
             self._file = None
 
 
-def free_namespace(wanted="/axis", others=("/demo", *(f"/demo_{number}" for number in range(2, 100)))):
+def free_namespace(wanted="/axis", others=("/demo", *map("/demo_{}".format, range(2, 100)))):
     """``wanted`` if no process of this machine owns an axis of that name, else the first of the others that is free.
 
     Raises `InputError`, which names the owner of ``wanted``, if all are taken.

@@ -38,7 +38,8 @@ SERVED = 2.0
 
 _stop = threading.Event()
 _asked = {"number": signal.SIGINT}
-_told_to_stop, _told_of_urgency = [], []
+_told_to_stop: list = []
+_told_of_urgency: list = []
 _noted: list = []
 
 

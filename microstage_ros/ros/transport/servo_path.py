@@ -207,7 +207,7 @@ class FastServoPath:
         self.semaphore.wait(timeout)
 
 
-_KEPT = []
+_KEPT: list = []
 """Semaphores and what is called for a message live as long as the process: a thread of the middleware may still use
 them while a node is destroyed."""
 

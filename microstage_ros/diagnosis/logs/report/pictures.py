@@ -17,7 +17,8 @@ def over_stroke(result, name):
     coordinates = result.evidence["reduced"].get(name)
     if coordinates is None:
         return None
-    channel, low, high = coordinates.channel, *result.evidence["stroke"]
+    channel = coordinates.channel
+    low, high = result.evidence["stroke"]
     steady = coordinates.kind == STATES[STEADY]
     places = result.evidence["places"]
     if places < 3 or not steady.any():

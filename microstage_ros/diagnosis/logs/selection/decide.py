@@ -80,8 +80,8 @@ class Problem:
     dof: float
     inflation: dict = dataclasses.field(default_factory=dict)
     whole_inflation: float = 1.0
-    factor: tuple = None
-    direction: np.ndarray = None
+    factor: tuple | None = None
+    direction: np.ndarray | None = None
 
     def __post_init__(self):
         root = np.linalg.cholesky(self.covariance + 1e-14 * np.trace(self.covariance) / len(self.covariance) * np.eye(len(self.covariance)))

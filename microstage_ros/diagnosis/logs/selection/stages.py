@@ -33,7 +33,7 @@ class Stage:
 
     coordinates: dict
     spreads: dict
-    only: tuple = None
+    only: tuple | None = None
     without: tuple = ()
     also: dict = dataclasses.field(default_factory=dict)
     free: tuple = ()
