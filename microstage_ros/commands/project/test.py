@@ -12,7 +12,7 @@ from microstage_ros.quantities.errors import InputError
 
 USAGE = """usage: microstage test [--last-bits] [--seeds K] [options of pytest]
 
-All the tests, two at a time. Examples: microstage test test/ros   microstage test -k lockstep -n 0
+All the tests, three at a time: cells wait often. Examples: microstage test test/ros   microstage test -k lockstep -n 0
 
   --last-bits  simulated machines begin with last bits that differ (by 10^-15), as on another processor
   --seeds K    every noise of simulated machines from the K-th other set of seeds, K = 1, 2, ...
@@ -36,7 +36,7 @@ def main(argv=None):
     variables = _other_trajectories(arguments)
     options = arguments
     if importlib.util.find_spec("xdist") and not any(option.startswith("-n") for option in arguments):
-        options = ["-n", "2", "--dist", "loadfile", *arguments]
+        options = ["-n", "3", "--dist", "loadfile", *arguments]
     variables = {**os.environ, **variables}
     variables |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     return subprocess.call([sys.executable, "-m", "pytest", *options], cwd=SOURCE, env=variables)
