@@ -50,8 +50,10 @@ def in_baseline(evidences, choice, others):
 
 def log_tail(size):
     """ln of the probability that a size (value, standard error, degrees of freedom) is as large by chance (Student's t,
-    one-sided)."""
+    one-sided). A size without any scatter is no chance where it is above zero, and nothing where it is not."""
     value, stderr, freedom = size
+    if stderr == 0.0:
+        return -math.inf if value > 0.0 else 0.0
     return float(student.logsf(value / stderr, freedom))
 
 

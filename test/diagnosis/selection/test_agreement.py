@@ -178,3 +178,9 @@ def test_what_the_baseline_shows_of_an_effect_is_asked_by_the_noise_models_error
         amplitude, stderr = case.amplitude_in_base(CHOICE, [])
         assert amplitude == pytest.approx(course(0) / 2 / 0.3 + course(1) / 2 / 0.3, abs=0.15) and stderr < 0.07
         assert in_baseline(case, CHOICE, []) == there
+
+
+def test_a_size_without_scatter_is_no_chance_or_nothing():
+    """A law of friction whose records hold no row of an effect gave 0 ± 0, and the diagnosis a division by zero."""
+    assert log_tail((0.5, 0.0, 7)) == -math.inf
+    assert log_tail((0.0, 0.0, 7)) == log_tail((-0.5, 0.0, 7)) == 0.0
