@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from microstage_ros.commands.project import environment, toolchain
+from microstage_ros.commands.project import environment, packages, toolchain
 from microstage_ros.commands.project.environment import _exports
 from microstage_ros.places import SOURCE
 
@@ -61,6 +61,7 @@ def test_without_a_compiler_the_package_index_has_one(tmp_path, monkeypatch):
 def test_libraries_are_installed_beside_the_interfaces(tmp_path, monkeypatch):
     """What the interfaces need comes first, the rest beside them; a failure of either ends both."""
     steps = []
+    monkeypatch.setattr(packages, "uv", lambda venv, requirements: None)
     monkeypatch.setattr(environment, "_step", lambda what, command, *_, stop=None: steps.append((what, command[7:], stop)))
     venv, tools = tmp_path / "venv", toolchain.Toolchain("", ("ziglang",), True)
     (venv / "bin").mkdir(parents=True)
@@ -79,6 +80,34 @@ def test_libraries_are_installed_beside_the_interfaces(tmp_path, monkeypatch):
             SOURCE, venv, sys.executable, tmp_path, "", tools):
         raise environment.Failure("interfaces: failed")
     assert steps[-1][2].is_set()
+
+
+def test_packages_come_from_where_pip_is_configured_to_look(tmp_path, monkeypatch):
+    """uv is handed pip's sources, the environment's before the file's; where it fails, pip installs."""
+    (tmp_path / "pip.conf").write_text("[global]\nindex-url = https://a/simple\nextra-index-url = https://b\n  https://c\nfind-links = /old\n")
+    for name in [name for name in os.environ if name.startswith("PIP_")]:
+        monkeypatch.delenv(name)
+    monkeypatch.setenv("PIP_CONFIG_FILE", str(tmp_path / "pip.conf"))
+    monkeypatch.setenv("PIP_FIND_LINKS", "/wheels /more")
+    monkeypatch.setenv("PIP_CERT", "/certificates")
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    (tmp_path / "uv").write_text("#!/bin/sh\n")
+    (tmp_path / "uv").chmod(0o755)
+    command, variables = packages.uv(Path(sys.prefix), ["numpy>=1.26"])
+    assert command[0] == str(tmp_path / "uv") and command[-1] == "numpy>=1.26" and variables["SSL_CERT_FILE"] == "/certificates"
+    assert " ".join(command).endswith("--default-index https://a/simple --index https://b --index https://c "
+                                      "--find-links /wheels --find-links /more numpy>=1.26")
+    steps = []
+
+    def step(what, command, *_, **options):
+        steps.append(command)
+        if command[0].endswith("uv"):
+            raise environment.Failure("no index")
+
+    monkeypatch.setattr(environment, "_step", step)
+    environment._install("libraries", Path(sys.prefix), ["numpy>=1.26"], tmp_path)
+    environment._install("libraries", Path(sys.prefix), ["numpy>=1.26"], tmp_path, "jazzy")
+    assert [command[1:3] for command in steps] == [["pip", "install"], ["-m", "pip"], ["-m", "pip"]]
 
 
 def test_with_compilers_nothing_more_is_installed(tmp_path, monkeypatch):

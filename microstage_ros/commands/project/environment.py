@@ -22,7 +22,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from microstage_ros.commands.project import toolchain
+from microstage_ros.commands.project import packages, toolchain
 
 OLDEST, NEWEST = (3, 10), (3, 14)
 MOST_SILENT = 1800
@@ -176,22 +176,21 @@ def add_test_tools(root):
     ):
         return
     with _locked(build / "lock"):
-        _step("test tools", _pip(Path(sys.prefix), wanted), build)
+        _install("test tools", Path(sys.prefix), wanted, build, _sourced())
         mark.write_text("\n".join(wanted), encoding="utf-8")
 
 
-def _pip(venv, requirements):
-    """The command that installs; modules are compiled when they are first imported, not all of them now."""
-    return [
-        str(venv / "bin" / "python"),
-        "-m",
-        "pip",
-        "install",
-        "--disable-pip-version-check",
-        "--no-input",
-        "--no-compile",
-        *requirements,
-    ]
+def _install(what, venv, requirements, build, sourced="", stop=None):
+    """Install, by uv where it serves; beside a sourced ROS 2 by pip, which sees the packages of the system."""
+    fast = None if sourced else packages.uv(venv, requirements)
+    if fast:
+        try:
+            return _step(what, fast[0], build, fast[1], stop)
+        except Failure:
+            if stop and stop.is_set():
+                raise
+            print(f"  {what}: uv could not; now with pip", file=sys.stderr)
+    return _step(what, packages.pip(venv, requirements), build, stop=stop)
 
 
 def _environment(venv, requirements, python, build, sourced, name="", stop=None):
@@ -202,7 +201,7 @@ def _environment(venv, requirements, python, build, sourced, name="", stop=None)
     if not (venv / "bin" / "python").exists():
         options = ["--system-site-packages"] if sourced else []
         _step("Python environment", [str(python), "-m", "venv", *options, str(venv)], build)
-    _step(name or ("libraries" if sourced else "libraries and ROS 2"), _pip(venv, requirements), build, stop=stop)
+    _install(name or ("libraries" if sourced else "libraries and ROS 2"), venv, requirements, build, sourced, stop)
     mark.write_text("\n".join(requirements), encoding="utf-8")
 
 
