@@ -157,19 +157,24 @@ class AxisClient:
         began = time.monotonic()
         while not (self._action.server_is_ready() and self._statistics.service_is_ready()):
             rclpy.spin_once(self.node, timeout_sec=0.05)
+            if self._await_start(here):  # a cell that was started after this client
+                began = time.monotonic()
             waited = time.monotonic() - began
             if waited > wait or (waited > min(wait, self._sought) and here not in live_axes(self.node)):
                 raise NoAnswer(no_axis(here, self.node))
+        self._await_start(here)
         self.statistics()
 
     def _await_start(self, here):
-        """Until a cell that is starting has activated its axis, or is as old as `STARTING`."""
-        began = time.monotonic()
+        """Until a cell that is starting has activated its axis, or is as old as `STARTING`. Returns whether it waited."""
+        began, waited = time.monotonic(), False
         while self._starting and starting_for(here) < STARTING:
             if time.monotonic() - began > STARTING_SAID:
                 self._starting(f"the axis at {here} is starting (a first start compiles its loop); waiting for it")
                 began = math.inf
+            waited = True
             time.sleep(0.05)
+        return waited
 
     def _result(self, future, wait, again=None):
         """Result of a future; ``again``: makes a new one where the answer may have been lost."""
