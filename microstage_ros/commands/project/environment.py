@@ -28,7 +28,6 @@ OLDEST, NEWEST = (3, 10), (3, 14)
 MOST_SILENT = 1800
 """Longest time [s] for which a step may write nothing into its log."""
 
-
 MARK = "microstage_requirements"
 """File in the Python environment that lists what was installed into it."""
 
@@ -107,13 +106,21 @@ def _libraries_beside(root, venv, python, build, sourced, tools):
     _environment(venv, first, python, build, sourced, "ROS 2")
     stop = threading.Event()
     with ThreadPoolExecutor(1) as others:
-        done = others.submit(_environment, venv, requirements, python, build, sourced, "libraries", stop)
+        done = others.submit(_libraries_and_code, root, venv, requirements, python, build, stop)
         try:
             yield
             done.result()
         except BaseException:
             stop.set()
             raise
+
+
+def _libraries_and_code(root, venv, requirements, python, build, stop):
+    """The libraries, and with them the compiled code of the shipped axis, which the first cell would wait for."""
+    _environment(venv, requirements, python, build, "", "libraries", stop)
+    ahead = [str(venv / "bin" / "python"), "-m", "microstage_ros.commands.project.compile_ahead"]
+    with contextlib.suppress(Failure):
+        _step("compiled code", ahead, build, {**os.environ, "PYTHONPATH": str(root)}, stop=stop)
 
 
 def _tools(root, python, sourced):
@@ -159,12 +166,8 @@ def _config(root):
 
 
 def _lines(lists):
-    return [
-        line.strip()
-        for text in lists
-        for line in text.splitlines()
-        if line.strip() and not line.strip().startswith("#")
-    ]
+    lines = [line.strip() for text in lists for line in text.splitlines()]
+    return [line for line in lines if line and not line.startswith("#")]
 
 
 def add_test_tools(root):
