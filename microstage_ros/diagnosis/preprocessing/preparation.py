@@ -107,13 +107,12 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None):
     off = (rounded == 0.0) & (answered == 0.0)
     if amplifier is not None:
         answered = amplifier(answered, period)
-    keep = np.exp(-period * drive.resistance / drive.inductance)
     stage = columns.get("interferometer_m", columns["encoder_m"])
     if course is not None and "interferometer_m" in columns:
         stage = stage - course
     if "current_A" in columns:
         current = columns["current_A"]
-        settled = settled_current(current, keep)
+        settled = settled_current(current, drive.current_transient(period))
         angle = motor_travel(answered, settled, drive, period)
     else:
         angle = triangle(stage, 61)

@@ -7,6 +7,7 @@ import numpy as np
 
 from microstage_ros.model.friction.contact import OTHER_LAWS, blocks_of, law_values, limit_of
 from microstage_ros.model.friction.registry import law_named
+from microstage_ros.model.sensors.current import sensed_transient
 from microstage_ros.quantities.errors import InputError
 
 # N: limit of a contact without friction; derived: 10⁻¹⁰ of what winds the drive train up by a nanometre, 10⁻² N
@@ -74,6 +75,8 @@ class Drive:
     encoder_resolution: float = 0.0
     encoder_noise: float = 0.0
     current_offset: float = 0.0
+    current_bandwidth: float = 0.0
+    current_skew: float = 0.0
     amplifier_noise: float = 0.0
     variability: "Variability | None" = None
 
@@ -84,6 +87,11 @@ class Drive:
         return error + sum(
             (size * np.cos(n * phase) for n, size in enumerate(self.interpolation_cosine, 1)), np.zeros(len(position))
         )
+
+    def current_transient(self, period):
+        """Share [1] of the current before in a reading of the current, by the winding and the sensor's own filter."""
+        settling = self.inductance / self.resistance
+        return sensed_transient(period, settling, self.current_bandwidth, self.current_skew)
 
     @property
     def radius(self):
@@ -122,6 +130,8 @@ def drive_of(axis):
         encoder_resolution=value("sensors.encoder.resolution"),
         encoder_noise=value("sensors.encoder.noise"),
         current_offset=value("sensors.current.offset"),
+        current_bandwidth=value("sensors.current.bandwidth"),
+        current_skew=value("sensors.current.skew"),
         amplifier_noise=value("drive.noise"),
         variability=Variability(
             *(value(f"variability.{key}") for key in ("relative", "travel_length", "time_length", "travel_share"))

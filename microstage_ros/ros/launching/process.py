@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 import traceback
+import warnings
 
 import rclpy
 from rclpy.duration import Duration
@@ -115,6 +116,8 @@ def run_node(make, arguments=None, threads=1):
     """
     _hear_signals()
     sys.setswitchinterval(SWITCH_INTERVAL)
+    # a client that was not discovered within 0.1 s asks again (`client.ASK_AGAIN`): nothing that a person has to see
+    warnings.filterwarnings("ignore", "failed to send response", RuntimeWarning)
     try:
         started(arguments)
         node = make()
