@@ -34,7 +34,7 @@ def main(argv=None):
     """Run the command. Returns 0; raises InputError for bad input."""
     arguments = _parse(argv)
     examined = campaign.examinations(arguments.cases, arguments.seed, str(arguments.axis), arguments.kind,
-                                     arguments.strength, arguments.effect, arguments.world)
+                                     arguments.strength, arguments.effect, arguments.world, not arguments.no_baseline)
     outcomes = _resumed(arguments)
     finished = {outcome.number for outcome in outcomes}
     examined = [one for one in examined if one.number not in finished]
@@ -82,6 +82,8 @@ def _parse(argv):
         help="who makes the records: the first world, or "
         "one of other programmes, controllers, encoders, noise, variability and friction laws (default first)",
     )
+    parser.add_argument("--no-baseline", action="store_true",
+                        help="give the diagnosis no record of the healthy axis: the axis file alone says what noise there is")
     parser.add_argument(
         "--calibrate",
         type=pathlib.Path,
@@ -117,7 +119,7 @@ def _parse(argv):
 def _settings(arguments):
     """What must be the same for two runs to be parts of one campaign."""
     return {"seed": arguments.seed, "axis": str(arguments.axis), "kind": arguments.kind, "strength": arguments.strength,
-            "effect": arguments.effect, "world": arguments.world}
+            "effect": arguments.effect, "world": arguments.world, "baseline": not arguments.no_baseline}
 
 
 def _resumed(arguments):
@@ -126,7 +128,7 @@ def _resumed(arguments):
     if path is None or not path.exists():
         return []
     outcomes = _earlier(path, "--resume")
-    tree = json.loads(path.read_text(encoding="utf-8"))
+    tree = {"baseline": True, **json.loads(path.read_text(encoding="utf-8"))}  # older files do not say it
     for name, value in _settings(arguments).items():
         if tree.get(name) != value:
             raise InputError(f"--resume {path}: {name}", value, f"{tree.get(name)!r}, with which its cases were made")

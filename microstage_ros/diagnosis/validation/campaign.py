@@ -39,6 +39,7 @@ class Examination:
     strength: float = 1.0
     effect: str = ""
     world: str = "first"
+    baseline: bool = True
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,11 +70,11 @@ class Outcome:
         return (self.before - self.after) / way if way > 0.0 else float("nan")
 
 
-def examinations(count, seed, axis, kind="mixed", strength=1.0, effect="", world="first"):
+def examinations(count, seed, axis, kind="mixed", strength=1.0, effect="", world="first", baseline=True):
     """``count`` cases. Singles and pairs go through the whole catalogue before an effect comes again."""
     order = np.random.default_rng([seed, 0]).choice(len(KINDS), count, p=SHARES)
     kinds = [KINDS[k] for k in order] if kind == "mixed" else [kind] * count
-    return [Examination(number, seed, one, axis, strength, effect, world) for number, one in enumerate(kinds)]
+    return [Examination(number, seed, one, axis, strength, effect, world, baseline) for number, one in enumerate(kinds)]
 
 
 def draw(examination):
@@ -101,6 +102,8 @@ def examine(examination):
     records, holdout, baseline = WORLDS[examination.world](
         axis, what, examination.seed * 100_003 + examination.number, friction
     )
+    if not examination.baseline:  # the axis file alone says what noise there is
+        baseline = []
     start = time.perf_counter()      # making the records does not count
     known = dict(number=examination.number, kind=examination.kind, hidden=what.ids, name=what.name, sizes=what.effects)
     try:

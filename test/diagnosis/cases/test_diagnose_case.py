@@ -25,9 +25,13 @@ def diagnosed(axis, hidden, seed, friction=0.04):
     return diagnose_case(axis, records, holdout, baseline)
 
 
-def test_healthy_axis_agrees(axis):
-    answer = diagnosed(axis, Hidden("healthy"), 41, 0.06)
-    assert (answer.verdict, answer.causes, answer.rivals) == ("agrees", (), ())
+def test_healthy_axis_agrees_with_and_without_a_baseline(axis):
+    """Without a baseline the axis file alone says what is healthy: the current sensor's filter, too, is no late command."""
+    assert axis.value("sensors.current.bandwidth") > 0.0 and axis.value("sensors.current.skew") > 0.0
+    records, holdout, baseline = make_case(axis, Hidden("healthy"), 41, 0.06)
+    for healthy in (baseline, []):
+        answer = diagnose_case(axis, records, holdout, healthy)
+        assert (answer.verdict, answer.causes, answer.rivals) == ("agrees", (), ())
 
 
 def exponential_cable(plant, state, time):
