@@ -10,8 +10,8 @@ from scipy.ndimage import median_filter, uniform_filter1d
 from microstage_ros.diagnosis.preprocessing.preparation import reading_noise, stage_filter
 from microstage_ros.numerics.compiled import compiled
 
-BLOCK = 5
-WINDOW = 21          # blocks: slower parts belong to the wind-up channel
+BLOCK = 5.0e-4       # s; at least a period
+WINDOW = 1.05e-2     # s: slower parts belong to the wind-up channel
 CALM = 1.8           # local size of a whitened residual that noise alone reaches
 
 
@@ -23,24 +23,26 @@ class Resonance:
     def __init__(self, prepared, drive):
         self.prepared, self.drive = prepared, drive
         p = prepared
+        self.block = max(round(BLOCK / p.period), 1)
+        self._window = 2 * int(0.5 * WINDOW / (self.block * p.period)) + 1
         self.time, self.position, self.speed = (self.mean(v) for v in (p.time, p.position, p.speed))
         self.force = p.guideway + drive.guideway.viscous * p.stage_speed
         self._nominal = self.predict()
         self.residual = self.mean(p.stage - p.stage[0]) - self._nominal
-        self.noise = reading_noise(p.stage) / np.sqrt(BLOCK)
+        self.noise = reading_noise(p.stage) / np.sqrt(self.block)
         self.weight = self._weight()
 
     def mean(self, values):
         """Block means of a signal of shape (n,) or (n, k)."""
-        rows = len(values) // BLOCK * BLOCK
-        return values[:rows].reshape(-1, BLOCK, *values.shape[1:]).mean(axis=1)
+        rows = len(values) // self.block * self.block
+        return values[:rows].reshape(-1, self.block, *values.shape[1:]).mean(axis=1)
 
     def predict(self, stiffness=1.0, damping=1.0, mass=1.0, load=1.0):
         """Stage position from the motor's [m], in block means, with factors on K_c, D_c, m and the guideway force."""
         factors = {"stiffness": stiffness, "damping": damping, "mass": mass}
         b, a = stage_filter(self.drive, self.prepared.period, **factors)
         g, _ = stage_filter(self.drive, self.prepared.period, **factors, force=True)
-        return _passed_on(self.prepared.travel, self.force, b, -load * g, a, BLOCK)
+        return _passed_on(self.prepared.travel, self.force, b, -load * g, a, self.block)
 
     def change(self, stiffness=1.0, damping=1.0, mass=1.0, load=1.0):
         """`predict` with these factors less `predict` without any."""
@@ -58,10 +60,9 @@ class Resonance:
         power = uniform_filter1d(clipped**2, 21, mode="nearest")
         return 1.0 / np.maximum(np.sqrt(power) / CALM, 1.0)
 
-    @staticmethod
-    def _fast(values):
+    def _fast(self, values):
         """Without the running mean along the first axis."""
-        return values - uniform_filter1d(values, WINDOW, axis=0, mode="nearest")
+        return values - uniform_filter1d(values, self._window, axis=0, mode="nearest")
 
     def whiten(self, matrix):
         """Unit-variance columns (blocks, k), and 0."""
