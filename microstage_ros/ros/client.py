@@ -166,7 +166,7 @@ class AxisClient:
         self.statistics()
 
     def _await_start(self, here):
-        """Until a cell that is starting has activated its axis, or is as old as `STARTING`. Returns whether it waited."""
+        """Until a cell that is starting has activated its axis, or is as old as `STARTING`; returns whether it was."""
         began, waited = time.monotonic(), False
         while self._starting and starting_for(here) < STARTING:
             if time.monotonic() - began > STARTING_SAID:

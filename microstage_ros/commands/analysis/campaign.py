@@ -83,7 +83,7 @@ def _parse(argv):
         "one of other programmes, controllers, encoders, noise, variability and friction laws (default first)",
     )
     parser.add_argument("--no-baseline", action="store_true",
-                        help="give the diagnosis no record of the healthy axis: the axis file alone says what noise there is")
+                        help="give the diagnosis no healthy record: the axis file alone says what noise there is")
     parser.add_argument(
         "--calibrate",
         type=pathlib.Path,

@@ -17,9 +17,9 @@ OPTIONS = {"index-url": "--default-index", "extra-index-url": "--index", "find-l
 
 
 def pip(venv, requirements):
-    """The command of pip for these requirements; modules are compiled when they are first imported, not all of them now."""
-    return [str(venv / "bin" / "python"), "-m", "pip", "install", "--disable-pip-version-check", "--no-input", "--no-compile",
-            *requirements]
+    """The command of pip for these requirements; modules are compiled when they are first imported, not all now."""
+    options = ["--disable-pip-version-check", "--no-input", "--no-compile"]
+    return [str(venv / "bin" / "python"), "-m", "pip", "install", *options, *requirements]
 
 
 def uv(venv, requirements):
@@ -31,14 +31,17 @@ def uv(venv, requirements):
     if not program:
         return None
     settings = _pip_settings(venv)
-    options = [word for name, option in OPTIONS.items() for value in settings.get(name, "").split() for word in (option, value)]
+    options = []
+    for name, option in OPTIONS.items():
+        options += [word for value in settings.get(name, "").split() for word in (option, value)]
     if settings.get("no-index", "").lower() in ("1", "true", "yes", "on"):
         options.append("--no-index")
     environment = dict(os.environ)
-    environment.update({variable: settings[name] for name, variable in (("cert", "SSL_CERT_FILE"), ("proxy", "ALL_PROXY"))
-                        if settings.get(name)})
-    command = [program, "pip", "install", "--python", str(venv / "bin" / "python"), "--index-strategy", "unsafe-best-match"]
-    return [*command, *options, *requirements], environment
+    for name, variable in (("cert", "SSL_CERT_FILE"), ("proxy", "ALL_PROXY")):
+        if settings.get(name):
+            environment[variable] = settings[name]
+    command = [program, "pip", "install", "--python", str(venv / "bin" / "python")]
+    return [*command, "--index-strategy", "unsafe-best-match", *options, *requirements], environment
 
 
 def _uv(venv):
@@ -53,7 +56,8 @@ def _uv(venv):
 
 
 def _pip_settings(venv):
-    """What is configured for ``pip install``: {option: value}; the environment's word before the command's and the general one."""
+    """What is configured for ``pip install``: {option: value}; the environment before the command's section before the
+    general one."""
     asked = [str(venv / "bin" / "python"), "-m", "pip", "config", "list"]
     said = subprocess.run(asked, capture_output=True, text=True, check=False).stdout
     found = {}

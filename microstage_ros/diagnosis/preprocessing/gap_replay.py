@@ -13,26 +13,26 @@ from microstage_ros.diagnosis.preprocessing.friction_replay import pack
 from microstage_ros.model.friction.generalised_maxwell_slip import stretch
 from microstage_ros.numerics.compiled import compiled
 
-PARTS = 4       # steps per period: the drive train rings at some hundred hertz
+STEP = 2.5e-5   # s, at most: the drive train rings at some hundred hertz
 
 
 def stage_behind_gap(travel, gap, drive, period):
     """Stage position [m], shape (n,), for a motor that travels (n,) [m] through a gap [m]."""
-    contact = drive.guideway
+    contact, parts = drive.guideway, int(np.ceil(period / STEP - 1e-6))
     return _replay(np.ascontiguousarray(travel), gap, drive.stiffness, drive.damping, drive.mass, contact.viscous,
-                   pack(contact), len(contact.weight), period)
+                   pack(contact), len(contact.weight), period, parts)
 
 
 @compiled
-def _replay(travel, gap, stiffness, damping, mass, viscous, law, blocks, period):
+def _replay(travel, gap, stiffness, damping, mass, viscous, law, blocks, period, parts):
     out = np.empty(travel.size)
     state = np.zeros(2 * blocks)
-    step = period / PARTS
+    step = period / parts
     x, v = travel[0], 0.0
     out[0] = x
     for i in range(travel.size - 1):
-        slope = (travel[i + 1] - travel[i]) / PARTS
-        for part in range(PARTS):
+        slope = (travel[i + 1] - travel[i]) / parts
+        for part in range(parts):
             d = travel[i] + part * slope - x
             force = 0.0
             if abs(d) > 0.5 * gap:

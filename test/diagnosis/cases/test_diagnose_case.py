@@ -34,6 +34,17 @@ def test_healthy_axis_agrees_with_and_without_a_baseline(axis):
         assert (answer.verdict, answer.causes, answer.rivals) == ("agrees", (), ())
 
 
+def test_a_card_at_a_kilohertz(axis):
+    """Healthy agrees, a warm winding is named: means, gaps and filters are times, not numbers of periods."""
+    slow = axis.with_values({"period": 1.0e-3})
+    records, holdout, baseline = make_case(slow, Hidden("healthy"), 43, 0.06)
+    for healthy in (baseline, []):
+        assert diagnose_case(slow, records, holdout, healthy).verdict == "agrees"
+    hidden = Hidden("winding", ("resistance_rise",), {"resistance_rise": {"rise_per_joule": 0.195, "time_s": 26.8}})
+    records, holdout, baseline = make_case(slow, hidden, 44, 0.04)
+    assert [cause.id for cause in diagnose_case(slow, records, holdout, baseline).causes] == ["resistance_rise"]
+
+
 def exponential_cable(plant, state, time):
     """A spring that stiffens along the stroke: no straight line, as the candidate of the analysis is."""
     x = float(state["x"])
