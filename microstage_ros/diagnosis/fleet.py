@@ -158,7 +158,8 @@ def as_they_end(cases, submit, most, finished):
         for future in finished(running):
             try:
                 outcome = future.result()
-            except Exception as error:  # noqa: BLE001  a worker that died, a result that cannot come back: this case's alone
+            # a worker that died, a result that cannot come back: this case's alone
+            except Exception as error:  # noqa: BLE001
                 outcome = error
             yield running.pop(future), outcome
 

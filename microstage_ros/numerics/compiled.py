@@ -12,7 +12,8 @@ import os
 import pathlib
 import sys
 
-_hidden = sys.modules.setdefault("coverage", None) is None  # type: ignore[arg-type]  # numba loads it where it is installed, 0.1 s, for nothing here
+# numba loads coverage where it is installed: 0.1 s, for nothing here
+_hidden = sys.modules.setdefault("coverage", None) is None  # type: ignore[arg-type]
 import numba  # noqa: E402
 from numba.core.ccallback import CFunc  # noqa: E402
 from numba.core.runtime import rtsys  # noqa: E402

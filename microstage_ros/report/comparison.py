@@ -358,7 +358,8 @@ def _informed(result):
     rows = [[f"{1e3 * period:.1f}", *map(nm, peaks.values())] for period, peaks in result["informed"].items()]
     header = ["period (ms)", "told nothing", "the stage's position", "the motor's speed", "both", "noise alone"]
     return "Observer law, its regulator told the true motion: sine of 10 µm at 0.1 Hz, worst peak (nm)", header, rows, (
-        "Noise alone: the best linear regulator of the axis while it slides, at the sampling instants, told everything but the noise."
+        "Noise alone: the best linear regulator of the axis while it slides, at the sampling instants, which knows "
+        "everything but the noise."
     )
 
 
@@ -389,6 +390,6 @@ def _margins(result):
                 ]
             )
     return "Margins on the linearised axis", ["controller", *MARGIN_HEADS], rows, (
-        "Creeping at 1 µm/s, the falling Stribeck curve makes the linearised axis itself unstable; blocks that stick again bound what "
-        "follows. The observer law is cut at the amplifier with its learned resistance frozen."
+        "Creeping at 1 µm/s, the falling Stribeck curve makes the linearised axis itself unstable; blocks that stick "
+        "again bound what follows. The observer law is cut at the amplifier with its learned resistance frozen."
     )

@@ -12,10 +12,12 @@
 """
 
 import base64
+import functools
 import io
 import math
 import re
 from contextlib import contextmanager
+from pathlib import Path
 
 import jinja2
 from markupsafe import Markup, escape
@@ -24,7 +26,6 @@ from microstage_ros import __version__
 from microstage_ros.files import write_text
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.report.drawing_file import drawing, fits_narrow
-from microstage_ros.report.template import PAGE, SCRIPT, STYLE
 
 TONES = {"good": "✓", "caution": "!", "bad": "✗", "neutral": "i"}
 """Tone of a verdict to its mark; tone is never told by colour alone."""
@@ -34,6 +35,12 @@ LARGEST_SVG = 300_000
 
 PICTURE_DPI = 180
 SCREEN_DPI = 96
+
+
+@functools.cache
+def _beside(name):
+    """The text of the template, its style or its script, which lie beside this file and are put into every page."""
+    return Path(__file__).with_name(name).read_text(encoding="utf-8")
 
 
 class Page:
@@ -146,8 +153,8 @@ class Page:
         """The page as text."""
         environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
         environment.filters |= {"breakable": breakable, "short": is_short}
-        environment.globals |= {"style": Markup(STYLE), "script": Markup(SCRIPT)}
-        template = environment.from_string(PAGE)
+        environment.globals |= {"style": Markup(_beside("page.css")), "script": Markup(_beside("page.js"))}
+        template = environment.from_string(_beside("page.html"))
         return template.render(title=self.title, subtitle=self.subtitle, verdict=self._verdict, lead=self._lead,
                                sections=self._sections, about=self._about)
 

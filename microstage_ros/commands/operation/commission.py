@@ -51,7 +51,8 @@ def main(argv=None):
 
     sketch, options = load_sketch(arguments.axis), backend_options(arguments)
     backend = make_hardware(arguments.backend, Setup(sketch.axis, arguments.seed, options))
-    identity = f"{Path(arguments.axis).read_text(encoding='utf-8')}\n{arguments.backend}\n{yaml.safe_dump(options)}\n{arguments.seed}"
+    description = Path(arguments.axis).read_text(encoding="utf-8")
+    identity = f"{description}\n{arguments.backend}\n{yaml.safe_dump(options)}\n{arguments.seed}"
     store = Store(arguments.out, identity)
     if not backend.simulated and not arguments.yes:
         _ask(sketch.axis, arguments.backend)

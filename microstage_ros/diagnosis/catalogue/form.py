@@ -3,7 +3,8 @@
 import numpy as np
 from scipy.interpolate import BSpline
 
-from microstage_ros.model.effects.signature import Form, Frame, one, wave  # noqa: F401  (the catalogue has them from here)
+# the catalogue has them from here
+from microstage_ros.model.effects.signature import Form, Frame, one, wave  # noqa: F401
 
 
 def splines(x, low, high, pieces, degree=3):

@@ -1,6 +1,7 @@
 """A piezo stack that pushes the stage against its flexure.
 
-    x̄ = k_s d h / (k_s + k_f)   at rest;    force = k_s (d h − x) on a stage with the flexure k_f, c_f (``stage.flexure_…``)
+    x̄ = k_s d h / (k_s + k_f)   at rest;
+    force = k_s (d h − x) on a stage with the flexure k_f, c_f (``stage.flexure_…``)
     h  = y + Σ_k c_k,            y = u + Σ_j w_j P_j[u],       τ_k dc_k/dt = g_k y − c_k
 
 P_j: play operator of radius r_j, P_j u (t) = max(u − r_j, min(u + r_j, P_j before)), the rate-independent hysteresis

@@ -1,6 +1,7 @@
 """A capacitive gap sensor whose electronics take the gap from the reciprocal of the capacitance.
 
-    d = d_0 − x,    C/C_0 = (d_0/d) t(a) + κ,    reading = d_0 − d_0 (1 + κ) C_0/C,    t = 2 (1 − √(1 − a²))/a²,  a = α ϱ/d
+    d = d_0 − x,    C/C_0 = (d_0/d) t(a) + κ,    reading = d_0 − d_0 (1 + κ) C_0/C,
+    t = 2 (1 − √(1 − a²))/a²,    a = α ϱ/d
 
 d_0: gap at x = 0; κ: stray capacitance over C_0; α: tilt between the plates, ϱ: radius of the sensing plate. Without
 stray capacitance and tilt the reading is x; with κ it is d (1 + κ)/(1 + κ d/d_0), bent and of smaller slope.

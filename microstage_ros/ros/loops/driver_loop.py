@@ -27,7 +27,15 @@ from microstage_ros.ros.transport.c_calls import (
     take_from,
     wait,
 )
-from microstage_ros.ros.transport.work_handover import WAITING, handover_of, give_back, end_work, hand_over, may_take, begin_work
+from microstage_ros.ros.transport.work_handover import (
+    WAITING,
+    begin_work,
+    end_work,
+    give_back,
+    hand_over,
+    handover_of,
+    may_take,
+)
 from microstage_ros.solver.period import advance_and_read
 
 GOOD, ASKED, CROWDED, NO_CREDIT, TAKEN_AWAY, TRAVEL, WAITED, STRANGE, MISSED = range(9)
@@ -37,10 +45,10 @@ sent. WAITED: no command within a slice (lockstep). STRANGE: a command that is n
 one just before. MISSED: no valid command for longer than `trip_ns` (paced)."""
 
 COUNTS = np.dtype([(name, "i8") for name in (
-    "sequence", "credit", "paced", "pace_ns", "due_ns", "slice_ns", "spin_ns", "waking_ns", "grace_ns", "priority", "block", "every", "status",
-    "held", "silent", "truth_listened", "last", "answered", "late", "lost", "overruns", "begun_ns", "time_ns", "valid_ns",
-    "hold_ns", "ahead_ns", "trip_ns", "zeroed", "host_stops", "host_stopped_ns", "foreign", "malformed", "command_bytes",
-    "fault", "refused")])
+    "sequence", "credit", "paced", "pace_ns", "due_ns", "slice_ns", "spin_ns", "waking_ns", "grace_ns", "priority",
+    "block", "every", "status", "held", "silent", "truth_listened", "last", "answered", "late", "lost",
+    "overruns", "begun_ns", "time_ns", "valid_ns", "hold_ns", "ahead_ns", "trip_ns", "zeroed", "host_stops",
+    "host_stopped_ns", "foreign", "malformed", "command_bytes", "fault", "refused")])
 VALUES = np.dtype([(name, "f8") for name in ("voltage", "limit", "period", "command", "holds")])
 LINKS = np.dtype([(name, "u8") for name in (
     "states", "state", "truths", "truth", "clocks", "clock", "commands", "command", "semaphore", "sender")])

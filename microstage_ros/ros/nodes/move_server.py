@@ -25,13 +25,14 @@ from microstage_ros.control.trajectories.profiles import MotionLimits, jerk_limi
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.ros.launching.parameters import Parameters
 from microstage_ros.ros.launching.process import run_node, running
+from microstage_ros.ros.loops.move_credit import MoveCredit
 from microstage_ros.ros.loops.move_requests import MoveRequests
 from microstage_ros.ros.loops.move_results import RESULT, SILENT, MoveResults, Readings
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.blocks import Stream
 from microstage_ros.ros.transport.checked import MOST
 from microstage_ros.ros.transport.codec import Codec
-from microstage_ros.ros.transport.credit import Granter, repeat_after
+from microstage_ros.ros.transport.credit import Granter
 from microstage_ros.ros.transport.servo_path import make_servo_path
 
 WAIT = 0.05
@@ -51,7 +52,7 @@ class Refused(Exception):
         self.code = code
 
 
-class MoveServer(MoveRequests, MoveResults, Node):
+class MoveServer(MoveCredit, MoveRequests, MoveResults, Node):
     """The process that turns goals into references."""
 
     def __init__(self):
@@ -121,7 +122,7 @@ class MoveServer(MoveRequests, MoveResults, Node):
             self._trip.call_async(Trip.Request(fault=AxisState.FAULT_ENCODER_INTERFEROMETER, message=says))
 
     def _end_inherited_move(self):
-        """A reference that moves when this process begins belongs to one that is gone: nobody waits for it, so it stops."""
+        """Stop a reference that moves when this process begins: it belongs to a process that has ended."""
         if self._inherited and self._follow.service_is_ready():
             self._inherited = False
             self.get_logger().warning("the axis was moving for a move server that is gone: it stops and holds")
@@ -132,7 +133,8 @@ class MoveServer(MoveRequests, MoveResults, Node):
         with self._changed:
             gone = [name for name, state in zip(status.names, status.states)
                     if name in NEEDED and state in (CellStatus.STATE_ENDED, CellStatus.STATE_STOPPED)]
-            self._cell_says = f"{' and '.join(gone)}: the process {'has' if len(gone) == 1 else 'have'} ended or stand still" if gone else ""
+            have = "has" if len(gone) == 1 else "have"
+            self._cell_says = f"{' and '.join(gone)}: the process {have} ended or stand still" if gone else ""
             self._changed.notify_all()
 
     def _on_inside(self, sequence, position, reference, mode):
@@ -147,37 +149,7 @@ class MoveServer(MoveRequests, MoveResults, Node):
             self._move.update(sequence, position)
             if self._move.done and self.parameters.pause_s > 0.0:
                 self._held_since = time.monotonic()
-        window = self._window
-        if self._held_since is None and (sequence // (window // 2) != before // (window // 2) or window != self._granted_window):
-            self._granted_window = window
-            self._granter.until = max(self._granter.until, sequence + window)
-
-    @property
-    def _window(self):
-        """How far the axis may run ahead now."""
-        p = self.parameters
-        idle = p.pause_s == 0.0 and not self._talking and (self._move is None or self._move.done)
-        return p.idle_window if idle else p.window
-
-    def _keep_credit_alive(self):
-        """Repeat the last credit now and then; end a pause that has lasted too long."""
-        with self._changed:
-            if self._granter.until < 0:
-                if self._inside.publishers and self._follow.service_is_ready():
-                    self._held_since = time.monotonic() if self.parameters.pause_s > 0.0 else None
-                    self._granter.grant(self.parameters.window)
-            elif self._held_since is not None and not self._talking and time.monotonic() - self._held_since > self.parameters.pause_s:
-                self._let_go()
-            elif self._held_since is None and self._latest and self._granter.until < self._latest[0] + self._window // 2:
-                self._granter.grant(self._latest[0] + self._window)  # the window has grown while nothing came
-            elif time.monotonic() - self._repeated > repeat_after(self._latest[0] if self._latest else -1):
-                self._repeated = time.monotonic()
-                self._granter.grant(self._granter.until)
-
-    def _let_go(self):
-        """Time goes on."""
-        self._held_since = None
-        self._granter.grant(self._granter.until + self.parameters.window)
+        self._grant_at(sequence, before)
 
     def _on_status(self, status):
         if status.sequence > MOST:  # no driver counts so far, and such a credit would end all others
@@ -186,7 +158,8 @@ class MoveServer(MoveRequests, MoveResults, Node):
             if status.active and not (self._status and self._status.active):
                 # where the reference stands now is known from the first period after this
                 self._stale = status.sequence if status.sequence > 0 else -1
-                if self._granter.until >= 0:  # a driver with a fault went on counting without credit, perhaps past all that was granted
+                # a driver with a fault went on counting without credit, perhaps past all that was granted
+                if self._granter.until >= 0:
                     self._granter.grant(max(self._granter.until, self._stale) + self.parameters.window)
             self._status = status
             self._changed.notify_all()
@@ -270,8 +243,9 @@ class MoveServer(MoveRequests, MoveResults, Node):
         limits = MotionLimits(request.max_velocity or p.max_velocity, request.max_acceleration or p.max_acceleration,
                               request.max_jerk or p.max_jerk)
         with self._changed:
-            if not self._changed.wait_for(lambda: self._cell_says or self._latest is not None and self._latest[0] > self._stale,
-                                          timeout=self._patience):
+            if not self._changed.wait_for(
+                    lambda: self._cell_says or self._latest is not None and self._latest[0] > self._stale,
+                    timeout=self._patience):
                 raise Refused(RESULT.CODE_REFUSED, "no controller: nobody publishes controller_state")
             self._check_alive()
             moving = self._latest[3] in (ControllerState.MODE_MOVING, ControllerState.MODE_STOPPING)
@@ -286,7 +260,7 @@ class MoveServer(MoveRequests, MoveResults, Node):
         return self._move
 
     def _hand_over(self, request, limits, here=None):
-        """Plan from where the reference stands and hand the plan to the controller; its answer. `_move` watches it then."""
+        """Plan from where the reference stands, hand the plan to the controller, return its answer; sets `_move`."""
         with self._changed:
             lockstep = self._status.lockstep
             self._hold(lockstep)
@@ -305,20 +279,9 @@ class MoveServer(MoveRequests, MoveResults, Node):
         finally:
             self._go_on()
 
-    def _hold(self, lockstep):
-        """In lockstep time stands still while we talk with the controller, within the window."""
-        self._talking, self._held_since = lockstep, time.monotonic() if lockstep else None
-
-    def _go_on(self):
-        """The talk is over."""
-        with self._changed:
-            if self._talking:
-                self._talking = False
-                self._let_go()
-
     def _watch(self, move, mine, cancelled, feedback):
         """Wait for the end of the move, with feedback; stop it for a cancel, a newer goal or a fault."""
-        told = 0.0
+        published = 0.0
         while True:
             with self._changed:
                 self._changed.wait(timeout=0.02)
@@ -335,8 +298,8 @@ class MoveServer(MoveRequests, MoveResults, Node):
                 raise Refused(RESULT.CODE_CANCELLED, f"cancelled {self._stop(feedback)}")
             if self._newest_goal > mine:
                 raise Refused(RESULT.CODE_SUPERSEDED, f"a newer goal came {self._stop(feedback)}")
-            if time.monotonic() - told > FEEDBACK:
-                told = time.monotonic()
+            if time.monotonic() - published > FEEDBACK:
+                published = time.monotonic()
                 feedback(position, move.target - position, move.phase(sequence))
 
     @property
@@ -346,7 +309,7 @@ class MoveServer(MoveRequests, MoveResults, Node):
         return timeout if self._status is None or self._status.lockstep else min(timeout, SILENT)
 
     def _check_alive(self):
-        """Raise `Refused` if the move cannot go on: a process is missing, or nothing has been heard of it for too long."""
+        """Raise `Refused` if the move cannot go on: a process is missing or has been silent for too long."""
         if self._cell_says:
             raise Refused(RESULT.CODE_FAULT, self._cell_says)
         silent = time.monotonic() - self._heard
@@ -368,7 +331,8 @@ class MoveServer(MoveRequests, MoveResults, Node):
             self._rest = answer.rest_position
             if self._move is not None:
                 self._move.done = True
-            self._changed.wait_for(lambda: self._cell_says or self._latest[0] > answer.rest_sequence, timeout=self._patience)
+            self._changed.wait_for(lambda: self._cell_says or self._latest[0] > answer.rest_sequence,
+                                   timeout=self._patience)
             position = self._latest[1]
         feedback(position, answer.rest_position - position, MoveTo.Feedback.PHASE_STOPPING)
         return (f"in period {asked}; the reference rests at {answer.rest_position:.9f} m "

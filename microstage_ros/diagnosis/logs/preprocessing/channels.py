@@ -1,9 +1,9 @@
 """Residual channels of a log: what the signals allow, each with the healthy model that its baseline gives.
 
 effort   force, torque, current or voltage:  y = c + F sgn v + B v + M a + k x (+ a level of its own at rest)
-error    following error (or speed error):   the same form in metres through the loop: a force passes a low-pass, and where the
-         loop has an integrator a high-pass (E/F = s / ((s + 1/T1)(s + 1/T2)) for P position with PI speed), fitted to
-         the baseline
+error    following error (or speed error):   the same form in metres through the loop: a force passes a low-pass, and
+         where the loop has an integrator a high-pass (E/F = s / ((s + 1/T1)(s + 1/T2)) for P position with PI speed),
+         fitted to the baseline
 voltage  u − R i − K v, where voltage and current are both there
 
 A magnitude |y| is that of a signed effort whose sign is the direction of motion (friction outweighs the constant

@@ -1,11 +1,11 @@
 """How much a healthy machine differs from itself: from repetition to repetition, and from one state of assembly to
 another.
 
-A repetition's vector is  z = H b + e:  modes H that healthy machines are known to vary in (level, asymmetry, viscous part,
-waves along the stroke, starts, ripple …) with sizes b of variance τ², and independent e of variance σ². A machine taken
-apart and put together again differs further by H c with c of variance ρ². τ and σ come from the baseline's repetitions,
-ρ from its files; where there are few, the figures of `USUAL` carry weight (empirical Bayes: variance = (ν₀ v₀ + Σ b²) /
-(ν₀ + n)).
+A repetition's vector is  z = H b + e:  modes H in which healthy machines vary (level, asymmetry, viscous part, waves
+along the stroke, starts, ripple …) with sizes b of variance τ², and independent e of variance σ². A machine that was
+disassembled and assembled again differs further by H c with c of variance ρ². τ and σ come from the baseline's
+repetitions, ρ from its files; where there are few, the figures of `USUAL` carry weight (empirical Bayes:
+variance = (ν₀ v₀ + Σ b²) / (ν₀ + n)).
 """
 
 import dataclasses

@@ -1,24 +1,19 @@
 """Which causes: effects tried on the difference between now and the baseline, against the healthy spread.
 
-All channels together:  D = Σ X_e s_e + n,  n ~ (0, C).  An effect is named if what it removes of Dᵀ C⁻¹ D is more than chance
-gives with the degrees of freedom that the baseline has (F test), the strongest first, each beside those already named.
-Another effect that removes as much is a rival. An effect whose smallest detectable size lies above what machines do is
-not visible in these signals.
+All channels together:  D = Σ X_e s_e + n,  n ~ (0, C).  An effect is named if what it removes of Dᵀ C⁻¹ D is more than
+chance gives with the degrees of freedom that the baseline has (F test), the strongest first, each beside those already
+named. Another effect that removes as much is a rival. What these signals cannot show: `visibility`.
 """
 
 import dataclasses
 
 import numpy as np
 from scipy.stats import f as f_law
-from scipy.stats import t as t_law
 
 from microstage_ros.diagnosis.logs.selection.effects import ALSO, RARER, SIGNATURES
+from microstage_ros.diagnosis.logs.selection.visibility import LEVEL
 from microstage_ros.diagnosis.selection.stepwise import forward
 
-#: log p below which an effect is named: of the healthy machines one in sixty may alarm, over the six or seven ways,
-#: hardly dependent on one another, in which some twenty effects can show (held by
-#: `microstage log --examine N --kind healthy`).
-LEVEL = np.log(1.0 / 400.0)
 RIVAL = 3.0                # difference of log p within which another effect explains as much (odds of 20)
 BEAM = 4                   # first causes that are followed up
 PRICE = 8.0                # log likelihood that a further cause must bring beyond its sizes
@@ -28,13 +23,8 @@ EXPLAINED = 0.25           # share of what stands out that the causes must remov
 BEYOND_DOUBT = -16.0       # log p of a first cause that stands whatever else there is
 MOSTLY = 0.7               # share from which on little more is to be explained
 WHOLE = np.log(1e-5)       # log p below which the difference as a whole stands out
-#: Largest size (of `Size.value`) that is told as visible; beyond it an effect counts as not visible in these signals.
-LARGEST = {"level": 0.6, "viscous": 0.8, "quadratic": 0.8, "moving": 0.5, "constant": 0.8, "spring": 0.8, "waves": 0.8, "inertia": 1.0,
-           "breakaway": 0.6, **{f"{name} in error": 0.8 for name in ("friction", "viscous", "quadratic", "asymmetry", "constant", "spring", "waves", "inertia")},
-           "lost motion": 3.0, "speed": 3.0, "acceleration": 3.0, "place": 2.0, "creep": 1.0, "gain": 0.6, "load": 3.0,
-           "dead zone": 0.8, "resistive": 0.8, "ripple": 0.6, "ripple high": 0.6, "rough": 1.8}
-POSITIVE = {"torque_ripple+", "backlash", "rising_static_friction", "floor_vibration", "sampling_jitter", "screw_pitch_error",
-            "amplifier_deadband", "transport_delay", "actuator_lag"}
+POSITIVE = {"torque_ripple+", "backlash", "rising_static_friction", "floor_vibration", "sampling_jitter",
+            "screw_pitch_error", "amplifier_deadband", "transport_delay", "actuator_lag"}
 NEGATIVE = {"presliding_creep"}      # on in the direction of motion, which lessens the error
 #: Wider or other forms of an effect: friction that differs in one place; friction that a loop without integrator shows
 #: at rest too.
@@ -46,9 +36,11 @@ OF_EFFORT = {"friction_level_change": ("dead zone",)}
 OF_PLACE = ("position_dependent_friction", "position_dependent_friction+")
 #: Wider forms that hold a uniform change too, and the effect whose it is.
 UNIFORM = {"position_dependent_friction+": "friction_level_change"}
-FAMILY = ({"friction_level_change", "viscous_change", "nonlinear_viscous", "amplifier_gain", "amplifier_deadband", "resistance_rise"},
+FAMILY = ({"friction_level_change", "viscous_change", "nonlinear_viscous", "amplifier_gain", "amplifier_deadband",
+           "resistance_rise"},
           {"cable_spring", "payload_change"}, {"gravity_tilt", "direction_asymmetry"},
-          {"amplifier_gain", "payload_change"}, {"backlash", "friction_level_change", "drive_compliance", "transport_delay"})
+          {"amplifier_gain", "payload_change"},
+          {"backlash", "friction_level_change", "drive_compliance", "transport_delay"})
 WIDER_FORM = 2.0           # log odds against a wider form of an effect
 FAMILY_RIVAL = 6.0         # the margin within a family, whose forms are the least exact
 #: What a cause brings with it, and is no further cause: fluctuations beside ripple, an error at rest that settles
@@ -57,10 +49,9 @@ BRINGS = {"torque_ripple": ("sampling_jitter", "floor_vibration", "screw_pitch_e
           "screw_pitch_error": ("sampling_jitter", "floor_vibration"),
           "transport_delay": ("floor_vibration", "sampling_jitter")}
 MOST_RIVALS = 6
-MISSED = 0.1               # share of effects of the detectable size that go unseen (ISO 11843: capability of detection)
-ORDERLESS = 0.7            # largest log roughness told as visible for a ripple that the sampling does not resolve
 #: Effects that hold another one as a special case and so always fit as well: no rivals of it.
-WIDER = {"friction_level_change": ("position_dependent_friction",), "cable_spring": (), "viscous_change": ("nonlinear_viscous",)}
+WIDER = {"friction_level_change": ("position_dependent_friction",), "cable_spring": (),
+         "viscous_change": ("nonlinear_viscous",)}
 
 
 @dataclasses.dataclass
@@ -84,7 +75,8 @@ class Problem:
     direction: np.ndarray | None = None
 
     def __post_init__(self):
-        root = np.linalg.cholesky(self.covariance + 1e-14 * np.trace(self.covariance) / len(self.covariance) * np.eye(len(self.covariance)))
+        count = len(self.covariance)
+        root = np.linalg.cholesky(self.covariance + 1e-14 * np.trace(self.covariance) / count * np.eye(count))
         self.factor = (np.linalg.solve(root, self.difference), root)
         self.white = {name: np.linalg.solve(root, x) for name, x in self.effects.items()}
 
@@ -114,7 +106,6 @@ class Problem:
         k = self.white[name].shape[1]
         ratio = max(both - alone, 0.0) / k / max(self.inflation.get(name, 1.0), 1.0)
         return float(log_sf(ratio, k, self.dof))
-
 
     def directions_disagree(self, name, beside=()):
         """log of the chance that an effect of one size shows as differently in the two directions of motion."""
@@ -163,7 +154,8 @@ def effects_of(channels, only=None, without=()):
             continue
         block, names = _block(channels, signature, placed)
         amplitudes = []
-        wanted_of = [("error", w) if effect == "torque_ripple" and "effort" not in channels else (c, w) for c, w in signature.amplitudes]
+        in_error = effect == "torque_ripple" and "effort" not in channels
+        wanted_of = [("error", w) if in_error else (c, w) for c, w in signature.amplitudes]
         for channel, wanted in wanted_of:
             if channel in channels:
                 coordinates = channels[channel]
@@ -175,7 +167,7 @@ def effects_of(channels, only=None, without=()):
                     out[offsets[channel] + np.flatnonzero(own), 0] = 1.0
                     amplitudes.append((base if base == "rough" else wanted, out))
         if effect == "floor_vibration":
-            if amplitudes and "rough 0" in [w for c, w in signature.amplitudes if c in channels] and len(amplitudes) == 2:
+            if len(amplitudes) == 2 and "rough 0" in [w for c, w in signature.amplitudes if c in channels]:
                 effects[effect + "+"], parts[effect + "+"] = np.hstack([a for _, a in amplitudes]), ["rough", "rough"]
             amplitudes = amplitudes[:1] if len(amplitudes) == 2 else []
         if effect in LOCAL and block is not None:
@@ -204,7 +196,9 @@ def _block(channels, signature, placed):
     if "voltage" in channels and signature.voltage:
         return placed("voltage", signature.voltage), list(signature.voltage)
     if "effort" in channels and signature.effort:
-        return (placed("effort", signature.effort), list(signature.effort)) if not signature.kinds or kind in signature.kinds else (None, [])
+        if signature.kinds and kind not in signature.kinds:
+            return None, []
+        return placed("effort", signature.effort), list(signature.effort)
     if "error" in channels and signature.error and "effort" not in channels:
         return placed("error", signature.error), list(signature.error)
     return None, []
@@ -250,15 +244,18 @@ def choose(problem, possible, open_sign=False, also=None):
         wider = WIDER.get(plain(choice.name), ())
         found, also = {}, also or {}
         for value, name in _tried(problem, forms, beside, {plain(b) for b in beside}):
-            if plain(name) != plain(choice.name) and plain(name) not in wider and value < own + _margin(name, choice.name) and value < 0.5 * LEVEL:
+            other = plain(name) != plain(choice.name) and plain(name) not in wider
+            if other and value < own + _margin(name, choice.name) and value < 0.5 * LEVEL:
                 found.setdefault(plain(name), name)
         choice.forms = found
         choice.rivals = list(found)[:MOST_RIVALS]
         choice.log_p = own
-        choice.rivals += [name for name in (*ALSO.get(choice.name, ALSO.get(plain(choice.name), ())), *also.get(plain(choice.name), ()))
+        always = ALSO.get(choice.name, ALSO.get(plain(choice.name), ()))
+        choice.rivals += [name for name in (*always, *also.get(plain(choice.name), ()))
                           if name not in choice.rivals and name not in [plain(b) for b in beside]]
         if open_sign:
-            swap = {"friction_level_change": "gravity_tilt", "gravity_tilt": "friction_level_change"}.get(plain(choice.name))
+            swap = {"friction_level_change": "gravity_tilt",
+                    "gravity_tilt": "friction_level_change"}.get(plain(choice.name))
             if swap and swap not in choice.rivals and swap not in [plain(b) for b in beside]:
                 choice.rivals.append(swap)
     return sorted(chosen, key=lambda c: c.log_p)
@@ -323,8 +320,9 @@ def _worth(problem, chosen):
     sizes = sum(problem.white[n].shape[1] for n in names)
     k = len(problem.difference)
     rarer = sum(RARER.get(plain(n), 0.0) for n in names)
-    gain = 0.5 * (problem.dof + k) * (np.log1p(problem.whole / scale) - np.log1p(max(problem.whole - taken, 0.0) / scale))
-    return gain - PRICE * len(names) - sizes - rarer
+    left = max(problem.whole - taken, 0.0)
+    likelihood = 0.5 * (problem.dof + k) * (np.log1p(problem.whole / scale) - np.log1p(left / scale))
+    return likelihood - PRICE * len(names) - sizes - rarer
 
 
 def _tried(problem, forms, beside, taken):
@@ -344,7 +342,8 @@ def acceptable(problem, name, beside):
     """Whether the fitted size has a sense: some effects only grow, a wider form must show more than the uniform change
     it holds, and what belongs to a place must be there in both directions."""
     uniform = UNIFORM.get(name)
-    if uniform in problem.effects and uniform not in [plain(b) for b in beside] and problem.log_p(name, [*beside, uniform]) > LEVEL:
+    if (uniform in problem.effects and uniform not in [plain(b) for b in beside]
+            and problem.log_p(name, [*beside, uniform]) > LEVEL):
         return False
     if name in OF_PLACE and problem.direction is not None and problem.directions_disagree(name, beside) < LEVEL:
         return False
@@ -363,29 +362,6 @@ def _backward(problem, chosen):
         if len(kept) > 1 and problem.log_p(choice.name, beside) > LEVEL:
             kept.remove(choice)
     return kept
-
-
-def visibility(problem, largest_of=None):
-    """{id: (visible, smallest detectable size, column name, largest usual size)} of every effect that has columns.
-
-    The size is that which is found nine times of ten. ``largest_of``: usual sizes by column in place of those of
-    `LARGEST`, where a quantity of another kind bounds them.
-    """
-    out = {}
-    for name, white in problem.white.items():
-        if name.endswith("+"):
-            continue
-        info = float(np.max((white**2).sum(axis=0)))
-        size = float(t_law.isf(0.5 * np.exp(LEVEL), problem.dof) + t_law.isf(MISSED, problem.dof)) / np.sqrt(max(info, 1e-300))
-        size *= np.sqrt(max(problem.inflation.get(name, 1.0), 1.0))
-        part = problem.parts[name][0]
-        largest = (largest_of or {}).get(part, LARGEST.get(part, 0.8))
-        if name == "torque_ripple" and "ripple high" not in problem.parts[name]:
-            largest = ORDERLESS if part == "rough" else largest
-        # fewer than ten rows per turn: most cogging is of higher order and would not show
-        unresolved = name == "torque_ripple" and part == "ripple" and "ripple high" not in problem.parts[name]
-        out[name] = (bool(size < largest) and not unresolved, size, part, largest)
-    return out
 
 
 def stands_out(problem, chosen):

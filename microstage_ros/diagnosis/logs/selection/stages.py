@@ -10,6 +10,7 @@ from microstage_ros.diagnosis.logs.preprocessing import spread
 from microstage_ros.diagnosis.logs.preprocessing.channels import FLUCTUATION
 from microstage_ros.diagnosis.logs.preprocessing.coordinates import FREE
 from microstage_ros.diagnosis.logs.selection.effects import SIGNATURES
+from microstage_ros.diagnosis.logs.selection.visibility import visibility
 
 # times the usual largest size, up to which an effect may be named: a size is no reason to doubt it
 UNUSUAL = 4.0
@@ -28,7 +29,7 @@ class Stage:
 
     ``coordinates``, ``spreads``: {channel: …}; ``only``: ids that are looked for here, None for all; ``without``: ids
     that are not; ``also``: rivals by nature of these signals; ``free``: names of columns that the error may follow
-    without a cause of its own; ``largest``: usual sizes by column (`decide.visibility`).
+    without a cause of its own; ``largest``: usual sizes by column (`visibility.visibility`).
     """
 
     coordinates: dict
@@ -51,7 +52,7 @@ class Stage:
         calibrate(self)
         quiet = build(self, form=False)        # what would show does not depend on how large a change there is
         quiet.inflation = self.problem.inflation
-        self.seen = decide.visibility(quiet, self.largest)
+        self.seen = visibility(quiet, self.largest)
         possible = {name for name, entry in self.seen.items() if entry[1] < UNUSUAL * entry[3]}
         self.chosen = decide.choose(self.problem, possible, open_sign, self.also)
         self.whole, self.share = decide.stands_out(self.problem, self.chosen)

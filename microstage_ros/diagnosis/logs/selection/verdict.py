@@ -14,6 +14,7 @@ from microstage_ros.diagnosis.logs.selection.effects import (
 )
 from microstage_ros.diagnosis.logs.selection.sizes import parameters_of, widening
 from microstage_ros.diagnosis.logs.selection.stages import build, stages_of
+from microstage_ros.diagnosis.logs.selection.visibility import LARGEST
 from microstage_ros.diagnosis.report.wording import sentence_of
 from microstage_ros.diagnosis.result import Cause, Diagnosis, Finding, Gain, OverallGain, Rivals
 
@@ -134,7 +135,7 @@ def largest_in_error(context):
         "speed": LATE_S * context.top_speed / scale,
         **dict.fromkeys(("lost motion", "load", "place", "acceleration", "creep"), of_place),
     }
-    usual = {name: max(value, decide.LARGEST[name]) for name, value in usual.items()}
+    usual = {name: max(value, LARGEST[name]) for name, value in usual.items()}
     return {
         **usual,
         "creep": CREEP * context.stroke / scale,
@@ -153,7 +154,7 @@ def largest_in_effort(context):
         for c in context.codes
         if c in channel.models
     ]
-    return {"inertia": min(float(np.mean(shares)), decide.LARGEST["inertia"])} if shares else {}
+    return {"inertia": min(float(np.mean(shares)), LARGEST["inertia"])} if shares else {}
 
 
 def told(cause):
