@@ -28,13 +28,7 @@ from microstage_ros.ros.transport.c_calls import (
     wait,
 )
 from microstage_ros.ros.transport.work_handover import (
-    WAITING,
-    begin_work,
-    end_work,
-    give_back,
-    hand_over,
-    handover_of,
-    may_take,
+    WAITING, begin_work, end_work, give_back, hand_over, handover_of, may_take
 )
 from microstage_ros.solver.period import advance_and_read
 
