@@ -281,10 +281,9 @@ def _build(root, venv, build, sourced, tools, folder):
     arguments = [f"-DPython3_EXECUTABLE={python}", *tools.generator, *only]
     if not tools.headers:
         arguments += _fetched_headers(folder, environment)
-    _step("interfaces", ["colcon", "--log-base", str(folder / "log"), "build",
-                         "--event-handlers", "console_direct+", "--base-paths", str(root / "msg_defs"),
-                         "--build-base", str(folder / "build"), "--install-base", str(folder / "install"),
-                         "--cmake-args", *arguments], build, environment)
+    _step("interfaces", ["colcon", "--log-base", str(folder / "log"), "build", "--event-handlers", "console_direct+",
+                         "--base-paths", str(root / "msg_defs"), "--build-base", str(folder / "build"),
+                         "--install-base", str(folder / "install"), "--cmake-args", *arguments], build, environment)
 
 
 def _fetched_headers(folder, environment):
@@ -292,8 +291,7 @@ def _fetched_headers(folder, environment):
     print(f"  Python.h is not here: {toolchain.headers_package()} from Debian, unpacked without root", file=sys.stderr)
     folders = toolchain.fetch_headers(folder / "headers")
     if not folders:
-        raise Failure("Python.h is missing, which compiling the interfaces needs"
-                      f" (Debian, Ubuntu: install {toolchain.headers_package()})")
+        raise Failure(f"Python.h is missing, which compiling needs (Debian: install {toolchain.headers_package()})")
     environment["CPATH"] = os.pathsep.join(map(str, folders))
     return [f"-DPython3_INCLUDE_DIR={folders[0]}", f"-DPython3_LIBRARY={_any_library()}"]
 
