@@ -21,7 +21,7 @@ from microstage_ros.diagnosis.report.pictures import drift_picture, gap_picture,
 from microstage_ros.diagnosis.residuals.collection import Collection
 from microstage_ros.diagnosis.residuals.systematic import SYSTEMATIC
 from microstage_ros.diagnosis.result import Cause, Diagnosis, Parameter
-from microstage_ros.diagnosis.selection import judge
+from microstage_ros.diagnosis.selection import judge, limit_cycle
 from microstage_ros.diagnosis.selection.calibration import probability
 from microstage_ros.diagnosis.selection.leftover import scatter_findings
 from microstage_ros.diagnosis.selection.nonregression_causes import causes_apart
@@ -134,6 +134,9 @@ def _answer(collection, evidences, choices, rivals, apart, holdout, notes, seed)
         known = dataclasses.replace(known, slow=dataclasses.replace(known.slow, rival=True))
     causes += causes_apart(collection, known, course, causes, book, unsure)
     causes, doubtful = _likely(_with_shares(causes, book))
+    at_limit = limit_cycle.share_at_limit(collection.prepared["learn"], collection.frame.drive.voltage_limit)
+    causes, unsure, swings = limit_cycle.judged(at_limit, causes, unsure, scattered)
+    notes += [swings] if swings else []
     if doubtful:
         notes.append(f"Beside the causes, too unlikely to be named: {', '.join(doubtful)}.")
     left = judge.leftovers(found)

@@ -1,0 +1,41 @@
+"""Records of a loop that drives its amplifier from one limit to the other.
+
+Such a loop rattles through every gap and excites every resonance by itself: lost motion, a soft drive and a payload
+then leave residuals of the same kind, and no linear form follows the motion cycle by cycle.
+"""
+
+import numpy as np
+
+from microstage_ros.diagnosis.result import Rivals
+
+LOOSE_OR_SOFT = ("backlash", "drive_compliance", "payload_change")
+#: Share of the periods with the command at the amplifier's limit. Calibrated by simulation, `microstage simulate` with a
+#: gap of 0.005, 0.01 and 0.02 rad under the plain PID and the self-tuning law: 0.001 and less where the gap is named,
+#: 0.4 where the loop swings between the limits and the gap was taken for a soft drive.
+MOST_AT_LIMIT = 0.05
+
+
+def share_at_limit(prepared, limit):
+    """Share of the periods [1] of some `Prepared` records in which the command stands at the voltage limit [V]."""
+    at = [np.abs(record.commanded) >= 0.999 * limit for record in prepared]
+    return float(np.mean(np.concatenate(at)))
+
+
+def judged(share, causes, unsure, scattered):
+    """(causes, rivals, note) of records with this share at the limit: what rattle feigns becomes an open question.
+
+    Parameters
+    ----------
+    share : of `share_at_limit`. causes, unsure : sequences of `Cause` and `Rivals`, as found.
+    scattered : channels that stand above the noise floor.
+    """
+    followed = any(cause.id == "backlash" for cause in causes)  # the replay through the gap kept its place
+    feigned = [cause for cause in causes if cause.id in LOOSE_OR_SOFT and not followed]
+    nameless = not causes and not unsure and {"windup", "resonance"} & set(scattered)
+    if share <= MOST_AT_LIMIT or not (feigned or nameless):
+        return causes, unsure, None
+    note = (f"The command stands at its limit {share:.0%} of the time: the loop swings by itself. Records under a law "
+            "that rests (self_tuning) would tell lost motion from a soft drive.")
+    why = "a loop that swings between the amplifier's limits rattles and rings, whichever of these it is"
+    open_question = Rivals(LOOSE_OR_SOFT, why, {})
+    return [cause for cause in causes if cause not in feigned], [*unsure, open_question], note

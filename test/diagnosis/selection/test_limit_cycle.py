@@ -1,0 +1,32 @@
+"""A loop that swings between the amplifier's limits: a gap is not called a soft drive."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from microstage_ros.diagnosis.selection.limit_cycle import LOOSE_OR_SOFT, judged, share_at_limit
+
+
+def causes(*names):
+    return [SimpleNamespace(id=name) for name in names]
+
+
+def test_share_of_periods_at_the_limit():
+    command = np.array([6.0, -6.0, 5.9, 0.0])
+    assert share_at_limit([SimpleNamespace(commanded=command), SimpleNamespace(commanded=np.zeros(4))], 6.0) == 0.25
+
+
+def test_what_rattle_feigns_is_an_open_question():
+    soft, friction = causes("drive_compliance", "viscous_change")
+    kept, open_questions, note = judged(0.4, [soft, friction], [], [])
+    assert kept == [friction] and open_questions[0].ids == LOOSE_OR_SOFT and "40%" in note
+    kept, open_questions, note = judged(0.4, [], [], ["windup"])
+    assert not kept and open_questions[0].ids == LOOSE_OR_SOFT and note
+
+
+def test_a_loop_that_rests_keeps_its_answer():
+    soft = causes("drive_compliance")
+    assert judged(0.01, soft, [], ["windup"]) == (soft, [], None)
+    gap = causes("backlash", "payload_change")
+    assert judged(0.4, gap, [], []) == (gap, [], None)       # the replay through the gap followed it
+    assert judged(0.4, [], [], ["torque"]) == ([], [], None)
