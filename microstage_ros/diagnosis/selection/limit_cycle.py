@@ -9,9 +9,9 @@ import numpy as np
 from microstage_ros.diagnosis.result import Rivals
 
 LOOSE_OR_SOFT = ("backlash", "drive_compliance", "payload_change")
-#: Share of the periods with the command at the amplifier's limit. Calibrated by simulation, `microstage simulate` with a
-#: gap of 0.005, 0.01 and 0.02 rad under the plain PID and the self-tuning law: 0.001 and less where the gap is named,
-#: 0.4 where the loop swings between the limits and the gap was taken for a soft drive.
+#: Share of the periods with the command at the amplifier's limit; calibrated by: microstage simulate with gaps of
+#: 0.005, 0.01 and 0.02 rad under the plain PID and the self-tuning law: 0.001 and less where the gap is named, 0.4
+#: where the loop swings between the limits and the gap was taken for a soft drive.
 MOST_AT_LIMIT = 0.05
 
 
