@@ -13,11 +13,12 @@ LOOSE_OR_SOFT = ("backlash", "drive_compliance", "payload_change")
 #: 0.005, 0.01 and 0.02 rad under the plain PID and the self-tuning law: 0.001 and less where the gap is named, 0.4
 #: where the loop swings between the limits and the gap was taken for a soft drive.
 MOST_AT_LIMIT = 0.05
+AT_LIMIT = 0.999    # of the limit; derived: the converter's rounding is a thousandth of it at most
 
 
 def share_at_limit(prepared, limit):
     """Share of the periods [1] of some `Prepared` records in which the command stands at the voltage limit [V]."""
-    at = [np.abs(record.commanded) >= 0.999 * limit for record in prepared]
+    at = [np.abs(record.commanded) >= AT_LIMIT * limit for record in prepared]
     return float(np.mean(np.concatenate(at)))
 
 
