@@ -84,10 +84,9 @@ def draw(curve):
         across * curve.x[pick],
         up * curve.y[pick],
         ".",
-        markersize=3,
+        markersize=5,
         color=COLOURS["blue"],
-        alpha=0.6,
-        zorder=3,
+        alpha=0.35,
         label="data",
     )
     if curve.model_x is not None:
@@ -98,7 +97,8 @@ def draw(curve):
             up * curve.model_y[order],
             style,
             color=COLOURS["orange"],
-            markersize=2,
+            markersize=1.5,
+            zorder=3,
             label="model",
         )
         if curve.low is not None:

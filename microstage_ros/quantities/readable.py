@@ -7,12 +7,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
-TAKES_PREFIX = re.compile(r"(?!kg|1|dB|deg|periods)[A-Za-zΩ]+(?![\^²³\w])")
-"""Units that a prefix may stand before: not kg, not areas, not pure numbers, degrees and periods."""
+TAKES_PREFIX = re.compile(r"(?!kg|g cm|1|dB|deg|periods)[A-Za-zΩ]+(?![\^²³\w])")
+"""Units that a prefix may stand before: not kg, not g cm², not areas, not pure numbers, degrees and periods."""
 
 
 SIGNS = (("ohm", "Ω"), ("^2", "²"), ("^3", "³"), ("degC", "°C"))
 """Names of units in files to the signs that people read."""
+
+CUSTOMARY = {"kg m²": (1.0e-3, 1.0e7, "g cm²")}
+"""Units of which small numbers (below the first, in SI) are read in another: its number of the SI one, its sign."""
 
 
 def unit_sign(unit: str) -> str:
@@ -38,7 +41,8 @@ def quantity(value: float | None, unit: str, digits: int = 3, stderr: float | No
     """
     if value is None or not math.isfinite(value):
         return "–"
-    unit = unit_sign(unit)
+    unit, factor = _customary(unit_sign(unit), abs(value))
+    value, stderr = value * factor, stderr * factor if stderr else stderr
     exponent = exponent_of(max(abs(value), stderr or 0.0)) if TAKES_PREFIX.match(unit) else 0
     name = "" if unit in ("", "1") else f" {PREFIXES[exponent]}{unit}"
     scaled = value / 10.0**exponent
@@ -75,13 +79,15 @@ def _plain(value: float, digits: int) -> str:
 
 
 def interval(low: float, high: float, unit: str, digits: int = 3) -> str:
-    """Both ends of an interval with one prefix: ``−0.678 … −0.502 mH``; with one end open ``above 2.00 mm``.
+    """Both ends of an interval with one prefix: ``−0.68 … −0.50 mH``; with one end open ``above 2.00 mm``.
 
     Parameters
     ----------
-    low, high : in `unit`, SI; may be infinite. digits : significant ones of each end.
+    low, high : in `unit`, SI; may be infinite. digits : significant ones of a single end; two ends have as many decimals
+        as give their distance two digits.
     """
-    unit = unit_sign(unit)
+    unit, factor = _customary(unit_sign(unit), max(abs(end) for end in (low, high)))
+    low, high = low * factor, high * factor
     ends = [abs(end) for end in (low, high) if math.isfinite(end)]
     exponent = exponent_of(max(ends, default=0.0)) if TAKES_PREFIX.match(unit) else 0
     name = "" if unit in ("", "1") else f" {PREFIXES[exponent]}{unit}"
@@ -90,4 +96,14 @@ def interval(low: float, high: float, unit: str, digits: int = 3) -> str:
     texts = [_plain(end / 10.0**exponent, digits) for end in (low, high) if math.isfinite(end)]
     if len(texts) == 1:
         return f"{'above' if math.isfinite(low) else 'below'} {texts[0]}{name}"
+    width = (high - low) / 10.0**exponent
+    decimals = max(0, 1 - math.floor(math.log10(width))) if width > 0.0 else 9
+    if decimals < 9:
+        texts = [f"{end / 10.0**exponent:.{decimals}f}".replace("-", "−") for end in (low, high)]
     return f"{texts[0]} … {texts[1]}{name}"
+
+
+def _customary(unit: str, size: float) -> tuple[str, float]:
+    """(unit, its number of the given one) in which a number of this size is read."""
+    least, factor, name = CUSTOMARY.get(unit, (0.0, 1.0, unit))
+    return (name, factor) if size < least else (unit, 1.0)

@@ -34,7 +34,7 @@ def write_page(report, diagnosis, axis, path):
                 about={kind.capitalize(): _sources(names) for kind, names in report["sources"].items()})
     page.verdict(headline(report), TONES[report["verdict"]], more=_more(report))
     if report["gain"]:
-        page.key_figures(_key_figures(report["gain"]))
+        page.key_figures(_key_figures(report["gain"]) if _stands_out(report) else _of_learning_records(report))
     if diagnosis.pictures:
         _picture(page, diagnosis.pictures[0])
     if report["causes"]:
@@ -69,6 +69,22 @@ def _more(report):
         if removed is None
         else f"On records it had not seen this takes away {removed:.0%} of what stood out of the noise."
     )
+
+
+def _stands_out(report):
+    """Whether the held-out records show anything beyond the noise, or nothing was said to."""
+    return report["verdict"] == "agrees" or (_beyond(report["gain"], "before") or 0.0) > 0.0
+
+
+def _of_learning_records(report):
+    """What is said where the held-out records hold nothing: the strongest dependence in those to learn from."""
+    strongest = max(report["findings"], key=lambda f: f["left"] / f["threshold"], default=None)
+    cards = [("Noise", quantity(report["gain"]["floor"], report["gain"]["unit"]), "held-out records: nothing beyond it")]
+    if strongest is None:
+        return cards
+    over = strongest["left"] / strongest["threshold"]
+    where = f"{strongest['channel']} against {strongest['coordinate']}, records to learn from"
+    return [("Strongest dependence", f"{over:.2g} ×", f"the threshold of a healthy axis: {where}"), *cards]
 
 
 def _key_figures(gain):
