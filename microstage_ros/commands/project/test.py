@@ -35,7 +35,7 @@ def main(argv=None):
         return 1
     variables = _other_trajectories(arguments)
     options = arguments
-    if importlib.util.find_spec("xdist") and not any(option.startswith("-n") for option in arguments):
+    if importlib.util.find_spec("xdist"):  # tests of one file may share a cell, so a file stays with one worker
         options = ["-n", "3", "--dist", "loadfile", *arguments]
     variables = {**os.environ, **variables}
     variables |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
