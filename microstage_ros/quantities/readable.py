@@ -83,8 +83,8 @@ def interval(low: float, high: float, unit: str, digits: int = 3) -> str:
 
     Parameters
     ----------
-    low, high : in `unit`, SI; may be infinite. digits : significant ones of a single end; two ends have as many decimals
-        as give their distance two digits.
+    low, high : in `unit`, SI; may be infinite. digits : significant ones of a single end; two ends have as many
+        decimals as give their distance two digits.
     """
     unit, factor = _customary(unit_sign(unit), max(abs(end) for end in (low, high)))
     low, high = low * factor, high * factor

@@ -79,7 +79,8 @@ def _stands_out(report):
 def _of_learning_records(report):
     """What is said where the held-out records hold nothing: the strongest dependence in those to learn from."""
     strongest = max(report["findings"], key=lambda f: f["left"] / f["threshold"], default=None)
-    cards = [("Noise", quantity(report["gain"]["floor"], report["gain"]["unit"]), "held-out records: nothing beyond it")]
+    noise = quantity(report["gain"]["floor"], report["gain"]["unit"])
+    cards = [("Noise", noise, "held-out records: nothing beyond it")]
     if strongest is None:
         return cards
     over = strongest["left"] / strongest["threshold"]
