@@ -177,6 +177,8 @@ MISTAKES = {
     "an earlier campaign in the way": (["campaign", "--cases", "1", "--json", "answer/report.json"], "--force"),
     "an earlier examination of logs in the way": (["log", "--examine", "1", "--out", "logs"], "--force"),
     "failures of robustness in the way": (["robustness", "--out", "failures"], "--force"),
+    "judged on what it learned from": (["diagnose", "--axis", "axis.yaml", "rec.csv", "--holdout", "./rec.csv", "--out", "new"], "given as RECORD too"),
+    "a healthy axis with the fault": (["diagnose", "--axis", "axis.yaml", "rec.csv", "--baseline", "rec.csv", "--out", "new"], "given as RECORD too"),
     "a log for a LOG.yaml": (["diagnose", "--log", "rec.csv", "--baseline", "rec.csv", "--out", "new", "rec.csv"], "rec.csv"),
     "a holdout that is not there": (["diagnose", "--axis", "axis.yaml", "rec.csv", "--holdout", "r.csv", "--out", "new"], "not found"),
     "columns that stand twice": (["identify", "--axis", "axis.yaml", "double.csv", "--out", "n.yaml"], "every column once"),

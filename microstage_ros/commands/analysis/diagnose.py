@@ -46,11 +46,24 @@ def main(argv=None):
     for path in (*case.records, *case.holdout, *case.baseline):
         if not is_address(path) and not pathlib.Path(path).exists():
             raise missing(path, "a record: .mcap, bag folder, .csv[.gz|.xz]")
+    _refuse_double_use(case)
     keep_earlier("--out", [pathlib.Path(arguments.out) / "report.json"], arguments.force)
     report = _series(case, arguments) if case.is_series or arguments.scheduler else _alone(case, arguments.jobs)
     answer.state(report=report, folder=str(arguments.out))
     tell(report, arguments.out)
     return 0
+
+
+def _refuse_double_use(case):
+    """A cause is judged on records that taught nothing, and thresholds come from an axis without it. Raises InputError
+    for a record given in two places."""
+    place = {}
+    for option, paths in (("RECORD", case.records), ("--holdout", case.holdout), ("--baseline", case.baseline)):
+        for path in paths:
+            name = path if is_address(path) else pathlib.Path(path).resolve()
+            if place.setdefault(name, option) != option:
+                raise InputError(f"{option} {path}", f"a record that is given as {place[name]} too",
+                                 "records to learn from, to judge on and of the healthy axis that are different ones")
 
 
 def _alone(case, jobs):
