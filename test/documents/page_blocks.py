@@ -196,6 +196,11 @@ class Cells:
             assert ended is None, ended
 
 
+def _is_plain_cell(line):
+    """Whether a line is the shared cell's command."""
+    return line.partition("#")[0].strip() == Cells.PLAIN
+
+
 class Reader:
     """Someone who tries a page: runs its blocks in ``folder``, one after the other.
 
@@ -205,12 +210,15 @@ class Reader:
     """
 
     def __init__(self, folder, cells):
-        self.folder, self.said, self._cells, self._staying, self._names, self._section = folder, [], cells, [], {}, 0
+        self.folder, self.said, self._cells, self._staying, self._names, self._section = folder, [], cells, [], {}, None
+        self._with_plain_cell = set()
         self.environment = {name: value for name, value in os.environ.items() if name != "MICROSTAGE_ROOT"}
 
     def save_named(self, page_blocks):
-        """Save every block that names its file."""
+        """Save every block that names its file; note the sections that use the shared cell."""
         for block in page_blocks:
+            if any(_is_plain_cell(line) for line in block.text.splitlines()):
+                self._with_plain_cell.add(block.section)
             if block.name:
                 path = self.folder / block.name
                 path.parent.mkdir(parents=True, exist_ok=True)
@@ -221,6 +229,8 @@ class Reader:
         if block.section != self._section:
             self.close()
             self._section = block.section
+            if block.section not in self._with_plain_cell:
+                self._cells.close()  # simulated time never rests: it would take the processor from what comes
         if block.language == "sh":
             for line in map(str.strip, block.text.replace("\\\n", " ").splitlines()):
                 if line and not line.startswith(("#", "./microstage test")):  # this is it
@@ -258,7 +268,7 @@ class Reader:
         return status, out.getvalue(), err.getvalue()
 
     def _stay(self, line):
-        if line.partition("#")[0].strip() == Cells.PLAIN:
+        if _is_plain_cell(line):
             self._cells.plain(self.folder, self.environment)
             return
         if line.startswith(Cells.PLAIN) and "--namespace" not in line:

@@ -16,6 +16,7 @@ from microstage_ros.solver.contact import limit, limit_and_slopes
 from microstage_ros.solver.plant import NoiseSpec, make_plant, new_state, new_work
 from microstage_ros.solver.slip import near, relax
 from microstage_ros.solver.step import advance
+from microstage_ros.solver.variability import vary
 from microstage_ros.solver.vectors import add_columns, fused, mode_rows
 
 
@@ -106,17 +107,20 @@ def test_relaxation_is_exact_in_steady_sliding_and_fourth_order_otherwise():
     assert error(1e-4) < 1e-5 * 1.85e-4
 
 
-def test_random_friction_has_the_stated_spread_and_lengths(axis):
-    from microstage_ros.solver.variability import vary
+@compiled
+def vary_for(plant, state, periods):
+    for _ in range(periods):
+        vary(plant, state)
 
+
+def test_random_friction_has_the_stated_spread_and_lengths(axis):
     plant = make_plant(axis, NoiseSpec(friction_relative=0.04))
     q = []
     for seed in range(300):
         state = new_state(plant, seed)
         first = float(state["actuator"]["q"])
         state["v"] = 1e-3
-        for _ in range(1000):                 # 100 µm of travel in 0.1 s
-            vary(plant, state)
+        vary_for(plant, state, 1000)          # 100 µm of travel in 0.1 s
         q.append([first, float(state["actuator"]["q"]), float(state["guideway"]["q"])])
     q = np.array(q)
     # seeded, 300 draws: 0.15 is nearly four standard errors 1/√600 of a spread, and 2.5 of a mean product (√(1 + ρ²)/√300 = 0.06)
