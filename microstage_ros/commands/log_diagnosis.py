@@ -8,7 +8,7 @@ from microstage_ros.commands import answer
 from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
-from microstage_ros.diagnosis.logs.batch import cases_of_logs, diagnose_many_logs, with_axis
+from microstage_ros.diagnosis.logs.batch import cases_of_logs, diagnose_log_batch, with_axis
 from microstage_ros.diagnosis.logs.case import diagnose_logs
 from microstage_ros.diagnosis.logs.report.page import headline
 from microstage_ros.diagnosis.logs.report.answer import write_log_answer
@@ -116,7 +116,7 @@ def _each(arguments):
     keep_earlier("--out", [summary], arguments.force)
     rows = []
     with progress("diagnosing", len(cases)) as bar:
-        for case, report in diagnose_many_logs(cases, arguments.jobs, arguments.scheduler):
+        for case, report in diagnose_log_batch(cases, arguments.jobs, arguments.scheduler):
             bar.advance()
             row = _row(case, report)
             rows = sorted([*rows, row], key=lambda one: one["case"])

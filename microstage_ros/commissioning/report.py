@@ -202,10 +202,10 @@ def _instrument(name, value):
 
 def _parameters(made, outcome):
     made.section("Parameters")
-    told = [e for e in outcome.estimates.values() if e.determined]
+    determined = [e for e in outcome.estimates.values() if e.determined]
     made.table(
         ("parameter", "value ± standard uncertainty"),
-        [(e.key, people(e.value, e.unit, e.stderr, "\n")) for e in told],
+        [(e.key, people(e.value, e.unit, e.stderr, "\n")) for e in determined],
         "Determined by the records",
     )
     open_ones = [(e.key, e.remark) for e in outcome.estimates.values() if not e.determined]

@@ -50,13 +50,13 @@ def _step(parameters, models, memories, period, encoder, voltage, current):
 def _steps(parameters, models, memories, period, encoders, voltages, currents, seen, found):
     """`_step` for every period of three columns; one without an encoder value is passed over. ``found`` gets the memory
     after each period at the places ``seen``, rising."""
-    told = 0
+    written = 0
     for k in range(encoders.size):
         if math.isfinite(encoders[k]):
             law.observer_step(parameters[0], models[0], memories[0], period, encoders[k], voltages[k], currents[k])
-        if told < seen.size and seen[told] == k:
-            found[told] = memories[0]
-            told += 1
+        if written < seen.size and seen[written] == k:
+            found[written] = memories[0]
+            written += 1
 
 
 class FrictionObserver:

@@ -159,7 +159,7 @@ def diagnose_series(case, jobs=1, scheduler=None, progress=None):
     ``progress``: function (groups done, groups in all), or None. Raises the first group's error, if one fails.
     """
     groups, reports = pooling.groups_of(case), {}
-    for group, report in diagnose_many(groups, jobs, scheduler):
+    for group, report in diagnose_batch(groups, jobs, scheduler):
         if isinstance(report, Exception):
             raise report
         reports[group.name] = report
@@ -169,7 +169,7 @@ def diagnose_series(case, jobs=1, scheduler=None, progress=None):
     return write_answer(answer, load_axis(case.axis), case.out, case.sources)
 
 
-def diagnose_many(cases, jobs=1, scheduler=None):
+def diagnose_batch(cases, jobs=1, scheduler=None):
     """Diagnose cases, yielding (case, report mapping or Exception) as they end.
 
     Parameters

@@ -3,7 +3,7 @@
 Order: records are prepared, and what spoils every residual is found and taken into the model (`known`); the
 channels' evidence is gathered, for the catalogue's forms and for those that the records suggest (`periods`,
 `resonant`); causes are selected forward and backward and their non-linear sizes refined; what is no matter of
-regression is added (`apart`); everything is judged on held-out records.
+regression is added (`nonregression`); everything is judged on held-out records.
 """
 
 import dataclasses
@@ -24,7 +24,7 @@ from microstage_ros.diagnosis.result import Cause, Diagnosis, Parameter
 from microstage_ros.diagnosis.selection import judge, limit_cycle
 from microstage_ros.diagnosis.selection.calibration import probability
 from microstage_ros.diagnosis.selection.leftover import scatter_findings
-from microstage_ros.diagnosis.selection.nonregression_causes import causes_apart
+from microstage_ros.diagnosis.selection.nonregression_causes import nonregression_causes
 from microstage_ros.diagnosis.selection.refinement import refine
 from microstage_ros.diagnosis.selection.selection import select, sizes_of
 from microstage_ros.quantities.errors import InputError
@@ -116,7 +116,7 @@ def _final(collection, choices):
     return final, kept
 
 
-def _answer(collection, evidences, choices, rivals, apart, holdout, notes, seed):
+def _answer(collection, evidences, choices, rivals, nonregression, holdout, notes, seed):
     book = judge.ledger_of(evidences, choices)
     found = judge.findings_of(evidences, choices, GENERIC)
     units = _units(collection)
@@ -127,12 +127,12 @@ def _answer(collection, evidences, choices, rivals, apart, holdout, notes, seed)
             unsure.append(judge.rivals_entry([choice.effect, *others]))
         else:
             causes.append(_cause(evidences, choice, choices, units))
-    known, course = apart
+    known, course = nonregression
     scattered = judge.stands_out(evidences, choices)
     if known.slow is not None and "resonance" in scattered:
         # what is left follows the motor otherwise than the model at the very frequencies that tell a delay from a lag
         known = dataclasses.replace(known, slow=dataclasses.replace(known.slow, rival=True))
-    causes += causes_apart(collection, known, course, causes, book, unsure)
+    causes += nonregression_causes(collection, known, course, causes, book, unsure)
     causes, doubtful = _likely(_with_shares(causes, book))
     at_limit = limit_cycle.share_at_limit(collection.prepared["learn"], collection.frame.drive.voltage_limit)
     causes, unsure, swings = limit_cycle.judged(at_limit, causes, unsure, scattered)

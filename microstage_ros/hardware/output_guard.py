@@ -152,7 +152,7 @@ class OutputGuard:
         """How often it did."""
         return int(self.words[TAKEN_COUNT])
 
-    def give_back(self):
+    def hand_back(self):
         """The loop goes on."""
         self.words[TAKEN] = 0
 

@@ -84,19 +84,19 @@ class Watch:
 
 def outside_stop(text):
     """The function of a backend that takes the voltage away, from JSON; nothing to do for ``null``."""
-    told = json.loads(text)
-    if not told:
+    instruction = json.loads(text)
+    if not instruction:
         return lambda: None
     import importlib
 
-    module, _, name = told[0].partition(":")
+    module, _, name = instruction[0].partition(":")
     function = getattr(importlib.import_module(module), name)
 
     def stop():
         try:
-            function(**told[1])
+            function(**instruction[1])
         except Exception as error:  # noqa: BLE001 - it is tried again, and the driver's end must still be heard
-            print(f"watchdog: {told[0]}: {type(error).__name__}: {error}", file=sys.stderr, flush=True)
+            print(f"watchdog: {instruction[0]}: {type(error).__name__}: {error}", file=sys.stderr, flush=True)
 
     return stop
 

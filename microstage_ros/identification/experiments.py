@@ -15,7 +15,7 @@ SPEEDS = tuple(np.round(np.concatenate([np.geomspace(0.03, 1.0, 24), np.geomspac
 """Speeds of the gearhead's output [rad/s]: down to 0.03, without which M_s and ω_S cannot be told apart."""
 
 
-def slow_reversals(ratio, start=0.0, speed=3.0e-3, way=0.024, places=5, apart=3.0e-4):
+def slow_reversals(ratio, start=0.0, speed=3.0e-3, way=0.024, places=5, spacing=3.0e-4):
     """Pre-sliding of the actuator: out, back and out again so slowly that friction is that of rest.
 
     Each reversal out of sliding gives one branch, by Masing's rule the virgin curve scaled by two, whatever
@@ -23,17 +23,17 @@ def slow_reversals(ratio, start=0.0, speed=3.0e-3, way=0.024, places=5, apart=3.
     way, because the falling Stribeck curve outweighs the back EMF.
 
     ``ratio`` r [m/rad], ``speed`` [rad/s], ``way`` [rad]: more than twice the slip displacement. ``places``
-    a distance ``apart`` [m] are visited: further than the friction remembers.
+    a distance ``spacing`` [m] are visited: further than the friction remembers.
     """
     program = []
-    for place in start + np.arange(places) * apart:
+    for place in start + np.arange(places) * spacing:
         slow = [
             {"scan": {"to_m": float(to), "speed_m_s": speed * ratio}}
             for to in (place + way * ratio, place, place + way * ratio)
         ]
         program += [{"move_to_m": float(place)}, *slow]
     return Run(
-        controller={"type": "pid"}, noise=BENCH_NOISE, friction="relaxed", program=program, start_m=start - apart
+        controller={"type": "pid"}, noise=BENCH_NOISE, friction="relaxed", program=program, start_m=start - spacing
     )
 
 

@@ -21,17 +21,17 @@ def identification_page(result, axis, records, seed, warnings=()):
     page = Page(
         "Identification", f"{axis.name}: parameters from {len(records)} records", configuration=axis.place, seed=seed
     )
-    told = [e for e in result.estimates.values() if e.determined]
+    determined = [e for e in result.estimates.values() if e.determined]
     open_ones = [e for e in result.estimates.values() if not e.determined]
     page.verdict(
-        f"{len(told)} parameters are determined by these records, {len(open_ones)} are not.",
-        "good" if told and not open_ones else "caution" if told else "bad",
+        f"{len(determined)} parameters are determined by these records, {len(open_ones)} are not.",
+        "good" if determined and not open_ones else "caution" if determined else "bad",
         "What is not determined keeps the value of the axis file; the table says which experiment would tell it.",
     )
     page.section("Parameters")
     page.table(
         ["parameter", "identified", "95 % interval", "axis file before", "how"],
-        [_row(e, axis) for e in told],
+        [_row(e, axis) for e in determined],
         "Determined by these records: the half width of the 95 % interval is at most "
         f"{DETERMINED_HALF_WIDTH:.0%} of the value (for an offset, of the size from which it "
         "would matter). ± is the standard uncertainty.",

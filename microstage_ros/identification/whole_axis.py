@@ -33,7 +33,7 @@ what the records do not tell. The exponent is held closely: a few speeds cannot 
 METHOD = np.array([0.002, 0.1, 0.08, 0.06, 0.002, 0.05, 0.007, 0.0])
 """What the method itself puts off (low-pass before a nonlinear law), measured on a simulated record without any
 noise; added to the standard deviations of the logarithms."""
-TOLD = 0.5  # a parameter is told by the records if they shrink its prior's deviation at least to this share
+DETERMINED_SHARE = 0.5  # a parameter is told by the records if they shrink its prior's deviation at least to this share
 SPEED_NOISE = 0.05  # of the Stribeck velocity, that the resolution may put on the speed
 WINDUP_EDGE = 50.0  # band of the acceleration that winds the drive train up [Hz]
 LEAST_COUNTS = 4  # travel about a row, in counts over a tenth of a second, that counts as motion
@@ -222,7 +222,7 @@ def _report(result, vector, free, covariance, axis, inertia, held):
     full = np.zeros((len(PARAMETERS), len(PARAMETERS)))
     full[np.ix_(free, free)] = covariance + np.diag(METHOD[free] ** 2)
     spread = np.sqrt(np.diag(full))
-    told = spread <= TOLD * PRIOR
+    determined = spread <= DETERMINED_SHARE * PRIOR
     # static = coulomb + drop, both free: propagate
     slope = np.array([values["coulomb"], values["static"] - values["coulomb"]])
     static_spread = math.sqrt(max(slope @ full[:2, :2] @ slope, 0.0))
@@ -255,7 +255,7 @@ def _report(result, vector, free, covariance, axis, inertia, held):
                 experiment=EXPERIMENT,
                 floor=values["coulomb"] if index == 7 else 0.0,
             )
-            if not told[index]:
+            if not determined[index]:
                 estimate = replace(
                     estimate,
                     determined=False,
@@ -264,7 +264,7 @@ def _report(result, vector, free, covariance, axis, inertia, held):
             result.add(estimate)
     stiffness = np.asarray(values["stiffness"])
     spreads = stiffness * spread[5]
-    if 5 not in held and told[5] and narrow(stiffness, stiffness - 1.96 * spreads, stiffness + 1.96 * spreads):
+    if 5 not in held and determined[5] and narrow(stiffness, stiffness - 1.96 * spreads, stiffness + 1.96 * spreads):
         result.add(
             Estimate(
                 "contacts.actuator.stiffness",

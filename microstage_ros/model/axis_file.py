@@ -164,8 +164,8 @@ def _collect(node, key, choices, leaves, place):
 
 def _known(key, specs, place):
     if key not in specs:
-        room = key.rsplit(".", 1)[0]
-        near = [k for k in specs if k.startswith(room.split(".")[0])]
+        prefix = key.rsplit(".", 1)[0]
+        near = [k for k in specs if k.startswith(prefix.split(".")[0])]
         raise InputError(f"{place}: {key}", "unknown key", "one of " + ", ".join(sorted(near or specs)))
     return specs[key]
 

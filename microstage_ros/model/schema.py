@@ -84,8 +84,8 @@ def leaf_specs(choices, place):
         chosen = choices.get(key)
         if not isinstance(chosen, str) or chosen not in table:
             raise InputError(f"{place}: {key}", chosen, "one of " + ", ".join(table))
-        room = key.split(".")[0]
-        specs.update({f"{room}.{name}": spec for name, spec in table[chosen].items()})
+        prefix = key.split(".")[0]
+        specs.update({f"{prefix}.{name}": spec for name, spec in table[chosen].items()})
     sensor = choices.get(SENSOR_KEY, POSITION_SENSORS[0].name)
     if not isinstance(sensor, str) or sensor not in SENSORS_BY_NAME:
         raise InputError(f"{place}: {SENSOR_KEY}", sensor, "one of " + ", ".join(SENSORS_BY_NAME))

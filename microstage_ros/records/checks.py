@@ -121,14 +121,14 @@ def _period(record, bounds):
 
 def _missing(record, bounds):
     """Missing samples: a few are told, half a column is no column."""
-    told = []
+    remarks = []
     for name, values in record.columns.items():
         lost = int(np.isnan(values).sum())
         if name in ("encoder_m", *COLUMNS) and lost > MOST_MISSING * len(values):
             _refuse(record, name, f"{lost} of {len(values)} samples missing", "most samples present")
         if lost and name in record:
-            told.append(f"{record.source}: {name} lacks {lost} of {len(values)} samples")
-    return told
+            remarks.append(f"{record.source}: {name} lacks {lost} of {len(values)} samples")
+    return remarks
 
 
 def _ranges(record, bounds):
@@ -253,7 +253,7 @@ def _clipped(record, bounds):
         ("interferometer_m", "encoder_m", 200 * bounds.resolution_m),
         ("encoder_m", "reference_m", 200 * bounds.resolution_m),
     ]
-    told = []
+    remarks = []
     for name, driver, least in pairs:
         if name not in record or driver not in record or span(record, name) == 0:
             continue
@@ -264,9 +264,9 @@ def _clipped(record, bounds):
             if share > MOST_CLIPPED and name != "encoder_m":
                 _refuse(record, name, f"{extreme:.6g} for {share:.0%} of the time",
                         f"readings that follow {driver}; the sensor is at the end of its range")
-            told.append(f"{record.source}: {name} stands at {extreme:.6g} for {share:.0%} of the time, while {driver} "
-                        f"covers {moved:.3g}")
-    return told
+            remarks.append(f"{record.source}: {name} stands at {extreme:.6g} for {share:.0%} of the time, while"
+                           f" {driver} covers {moved:.3g}")
+    return remarks
 
 
 def _standing(record, name, driver, extreme):

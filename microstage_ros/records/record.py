@@ -41,8 +41,8 @@ class Record:
             raise InputError(f"{self.source}: period", self.period_s, "a sampling period above 0 s")
         shapes = {values.shape for values in self.columns.values()}
         if len(shapes) != 1 or len(next(iter(shapes))) != 1:
-            told = {name: values.shape for name, values in self.columns.items()}
-            raise InputError(f"{self.source}: columns", told, "columns of one and the same length")
+            lengths = {name: values.shape for name, values in self.columns.items()}
+            raise InputError(f"{self.source}: columns", lengths, "columns of one and the same length")
         if "t_s" not in self.columns:
             rows = len(next(iter(self.columns.values())))
             self.columns = {"t_s": np.arange(rows) * self.period_s, **self.columns}

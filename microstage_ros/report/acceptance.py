@@ -43,10 +43,10 @@ def floors_table(result):
 
 def _row(name, laws, most, figure, scale, digits=3):
     """A row whose figures may be at most ``most``; both times ``scale`` for a reader."""
-    return [name, f"≤ {scale * most:g}", *(_told(figure(kind), most, scale, digits) for kind in laws)]
+    return [name, f"≤ {scale * most:g}", *(_figure_in_words(figure(kind), most, scale, digits) for kind in laws)]
 
 
-def _told(value, most, scale, digits=3):
+def _figure_in_words(value, most, scale, digits=3):
     if not math.isfinite(value):
         return "never (no)"
     return f"{scale * value:.{digits}g}" + ("" if value <= most else " (no)")
@@ -150,5 +150,5 @@ def _observer_rows(result, laws):
         yield [
             name,
             f"≤ {scale * most:g}",
-            *(_told(value, most, scale, 2) if kind == OBSERVER else "–" for kind in laws),
+            *(_figure_in_words(value, most, scale, 2) if kind == OBSERVER else "–" for kind in laws),
         ]

@@ -43,7 +43,7 @@ def comparison_tables(result, paper_four_s, paper_sine):
         _margins(result),
         _trade_off(result),
         _informed(result),
-        _told_gap(result),
+        _given_gap(result),
     ]
 
 
@@ -264,16 +264,16 @@ def _gain_jumps(result):
 
 
 def _weak_start(result):
-    told = {"pid": " (full gains)", "best_pid": " (searched)", "kept_pid": " (searched, other figures kept)",
+    given = {"pid": " (full gains)", "best_pid": " (searched)", "kept_pid": " (searched, other figures kept)",
             "guarded_pid": " (searched, 30 degrees and 6 dB)"}
     found = result["weak_start"]
 
     def over(kind, yardstick):
-        return "–" if kind in told else f"{found[kind][2] / found[yardstick][2]:.2f}"
+        return "–" if kind in given else f"{found[kind][2] / found[yardstick][2]:.2f}"
 
     rows = [
         [
-            kind + told.get(kind, ""),
+            kind + given.get(kind, ""),
             *(nm(v) for v in values),
             over(kind, "guarded_pid"),
             over(kind, "kept_pid"),
@@ -363,9 +363,9 @@ def _informed(result):
     )
 
 
-def _told_gap(result):
+def _given_gap(result):
     names = {"nothing": "nothing", "gap": "the gap", "contact": "the gap, and when its contacts open and close"}
-    rows = [[names[told], *map(nm, peaks)] for told, peaks in result["told_gap"].items()]
+    rows = [[names[given], *map(nm, peaks)] for given, peaks in result["told_gap"].items()]
     return (
         "Observer law, told of a gap of 0.5 deg: sine of 10 µm at 0.1 Hz, worst peak (nm)",
         ["told", "first cycle", "third cycle"],

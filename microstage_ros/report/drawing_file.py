@@ -11,7 +11,7 @@ NARROW_INCH = 4.1
 NARROWEST_ROW_INCH = 2.1
 SHORT_LABEL = 18
 """Letters of a label of which two stand side by side in the narrow form."""
-MANY = 60
+JOINED_FROM = 60
 """Markers in a row that are joined to one path."""
 INK = {"#1d2329": "ink", "#000000": "ink", "#59636e": "soft", "#e4e8ec": "line", "#d8dde3": "line", "#8a949e": "soft",
        "#cccccc": "line", "#b0b0b0": "line", "#808080": "soft"}
@@ -94,7 +94,7 @@ def _dots(text):
             + '"/>'
         )
 
-    return re.sub(rf"(?:<use [^>]*/>\s*){{{MANY},}}", joined, text)
+    return re.sub(rf"(?:<use [^>]*/>\s*){{{JOINED_FROM},}}", joined, text)
 
 
 def _as_page_element(text):

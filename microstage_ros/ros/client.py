@@ -253,14 +253,14 @@ class AxisClient:
 
         return self._result(ask(), 20.0, ask).rows
 
-    def wait_until_still(self, quiet=0.5, wait=30.0):
-        """Until simulated time stands still (`pause_s` of the move server): no state for ``quiet`` [s]."""
+    def wait_until_still(self, silence=0.5, wait=30.0):
+        """Until simulated time stands still (`pause_s` of the move server): no state for ``silence`` [s]."""
         heard = [time.monotonic()]
         watch = self.node.create_subscription(
             ControllerState, self._prefix + topics.CONTROLLER_STATE, lambda _: heard.append(time.monotonic()), 10
         )
         end = time.monotonic() + wait
-        while time.monotonic() - heard[-1] < quiet and time.monotonic() < end:
+        while time.monotonic() - heard[-1] < silence and time.monotonic() < end:
             rclpy.spin_once(self.node, timeout_sec=0.05)
         self.node.destroy_subscription(watch)
 

@@ -14,10 +14,10 @@ from microstage_ros.control.robustness.conditions import MASS, Condition, condit
 
 def test_a_condition_changes_the_machine_and_not_what_the_controller_is_given(axis):
     condition = Condition("heavy", {MASS: 3.0}, effects={"gravity_tilt": {"angle_rad": 0.1}})
-    told = condition.told(axis)
-    assert told.value(MASS) == axis.value(MASS) and told.machine.value(MASS) == pytest.approx(3.0 * axis.value(MASS))
-    assert told.machine.effects == {"gravity_tilt": {"angle_rad": 0.1}} and told.effects == axis.effects
-    right = Condition("heavy", {MASS: 3.0}, given=True).told(axis)
+    assumed_axis = condition.assumed_axis(axis)
+    assert assumed_axis.value(MASS) == axis.value(MASS) and assumed_axis.machine.value(MASS) == pytest.approx(3.0 * axis.value(MASS))
+    assert assumed_axis.machine.effects == {"gravity_tilt": {"angle_rad": 0.1}} and assumed_axis.effects == axis.effects
+    right = Condition("heavy", {MASS: 3.0}, given=True).assumed_axis(axis)
     assert right.value(MASS) == right.machine.value(MASS)
 
 

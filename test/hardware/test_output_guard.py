@@ -81,7 +81,7 @@ def test_commands_stop(guard):
         time.sleep(LIMIT_S / 5)
     wait(lambda: guard.taken)
     assert guard.volts[VOLTS] == 0.0 and guard.taken_after >= LIMIT_S and guard.taken_count >= 1
-    guard.give_back()
+    guard.hand_back()
     assert not guard.taken and guard.volts[VOLTS] == 0.0
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from microstage_ros.model.plant_record import PLANT, STATE
-from microstage_ros.solver.ensembles.ensemble import respond_many
+from microstage_ros.solver.ensembles.ensemble import respond_batch
 from microstage_ros.solver.open_loop import COLUMNS, respond, run_open_loop
 from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
 
@@ -41,7 +41,7 @@ def test_same_seed_same_bits_and_threads_do_not_matter(axis):
         states = np.zeros(6, STATE)
         for k in range(6):
             plants[k], states[k] = plant, new_state(plant, k)
-        respond_many(plants, voltage, states, threads)
+        respond_batch(plants, voltage, states, threads)
         ends.append(states["x"].copy())
     assert np.array_equal(*ends) and len(set(ends[0])) == 6
 
@@ -58,7 +58,7 @@ def test_axes_side_by_side_are_to_the_bit_what_each_is_alone(axis):
         states, alone = np.zeros(21, STATE), np.zeros(21, STATE)
         for k in range(21):
             states[k] = alone[k] = new_state(plants[k], k)
-        respond_many(plants, voltage, states, 1)
+        respond_batch(plants, voltage, states, 1)
         for k in range(21):
             run_open_loop(plants[k], alone[k], new_work(plants[k]), new_readings(), voltage, np.empty((0, len(COLUMNS))))
         assert _differences(states, alone) == [], name

@@ -49,11 +49,11 @@ def main(argv=None):
     outcomes.sort(key=lambda outcome: outcome.number)
     outcomes += [outcome for path in arguments.earlier for outcome in _earlier(path)]
     counts, medians = campaign.scores(outcomes)
-    _give(arguments, outcomes)
+    _write_result(arguments, outcomes)
     if arguments.calibrate:
-        told = [(evidence, share, right) for o in outcomes for _, _, evidence, share, right in o.told]
+        named = [(evidence, share, right) for o in outcomes for _, _, evidence, share, right in o.told]
         words = " ".join(["./microstage campaign", *(sys.argv[1:] if argv is None else argv)])
-        write_calibration(arguments.calibrate, calibrate(told), words)
+        write_calibration(arguments.calibrate, calibrate(named), words)
     show(outcomes, counts, medians, Console(width=None if sys.stdout.isatty() else 160))
     return 0
 
@@ -176,7 +176,7 @@ def _tree(arguments, outcomes):
     }
 
 
-def _give(arguments, outcomes):
+def _write_result(arguments, outcomes):
     answer.state(**_tree(arguments, outcomes))
     if isinstance(arguments.json, str) and not arguments.resume:
         _write(arguments, outcomes)

@@ -9,7 +9,7 @@ from microstage_ros.commands import answer
 from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
-from microstage_ros.diagnosis.batch import Case, cases_of, diagnose_files, diagnose_many, diagnose_series
+from microstage_ros.diagnosis.batch import Case, cases_of, diagnose_files, diagnose_batch, diagnose_series
 from microstage_ros.diagnosis.fleet import is_address
 from microstage_ros.diagnosis.report.page import headline
 from microstage_ros.files import keep_earlier, missing, write_text
@@ -119,7 +119,7 @@ def _each(arguments):
     keep_earlier("--out", [summary], arguments.force)
     rows, failed = [], 0
     with progress("diagnosing", len(cases)) as bar:
-        for case, report in diagnose_many(cases, arguments.jobs, arguments.scheduler):
+        for case, report in diagnose_batch(cases, arguments.jobs, arguments.scheduler):
             bar.advance()
             row = _row(case, report)
             failed += "error" in row

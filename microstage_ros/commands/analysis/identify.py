@@ -100,8 +100,8 @@ def main(argv=None):
 
 def _taken(paths, axis, warnings, bar):
     for path in paths:
-        record, told = take_in(read_record(path), axis)
-        warnings.extend(told)
+        record, notes = take_in(read_record(path), axis)
+        warnings.extend(notes)
         yield record
         bar.advance()
 

@@ -198,9 +198,9 @@ def _again(arguments, axis, condition, outcome, law, folder):
         )
     place = folder / f"{''.join(c if c.isalnum() else '_' for c in condition.name)}_{outcome.seed}"
     place.mkdir(parents=True, exist_ok=True)
-    told = condition.told(axis)
-    told.save(place / "axis.yaml")
-    told.machine.save(place / "machine.yaml")
+    assumed_axis = condition.assumed_axis(axis)
+    assumed_axis.save(place / "axis.yaml")
+    assumed_axis.machine.save(place / "machine.yaml")
     run = campaign.run_of(condition, law)
     tree = {"controller": run.controller, "noise": run.noise, "program": run.program}
     if run.period_s:

@@ -89,11 +89,11 @@ def main(argv=None):
         f"amplitude {cycle.amplitude * 1e6:.3g} um under a relay of {cycle.relay:.3g} V"
     )
     start = tuning.ziegler_nichols(cycle)
-    console.print("Ziegler-Nichols: " + _told(start))
+    console.print("Ziegler-Nichols: " + _in_words(start))
     with progress("fine tuning", arguments.evaluations) as bar:
         seeds = (arguments.seed, arguments.seed + 1)
         found = tuning.fine_tune(axis, arguments.type, start, seeds, arguments.evaluations, arguments.seed, bar.reach)
-    console.print("fine tuned: " + _told(found.gains))
+    console.print("fine tuned: " + _in_words(found.gains))
     table = Table(*MARGIN_HEADS)
     for row in margin_rows(found.margins):
         table.add_row(*row)
@@ -123,7 +123,7 @@ def _by_rule(arguments, axis, console):
     doubts = {name: float(record["observer"][name]) for name in ("encoder_doubt", "voltage_doubt")}
     remark = Controller(OBSERVER, record).start_remark
     console.print(
-        "by rule: " + _told({name: gains[name] for name in ("proportional", "integral_time", "derivative_time")})
+        "by rule: " + _in_words({name: gains[name] for name in ("proportional", "integral_time", "derivative_time")})
     )
     console.print(
         "least doubts that hold the file's model: " + ", ".join(f"{name} {value:g}" for name, value in doubts.items())
@@ -202,8 +202,8 @@ def _shape(arguments, axis):
         f"response: {arguments.response}, {response.condition}, {len(response.kept().frequency)} coherent lines of"
         f" {len(response.frequency)}"
     )
-    print(f"gains of the axis file: {_told(gains)}\n  {_margins(before)}")
-    print(f"shaped, {found.bandwidth:.2f} of that bandwidth: {_told(found.gains)}\n  {_margins(found.margins)}")
+    print(f"gains of the axis file: {_in_words(gains)}\n  {_margins(before)}")
+    print(f"shaped, {found.bandwidth:.2f} of that bandwidth: {_in_words(found.gains)}\n  {_margins(found.margins)}")
     if not loop_shaping.enough(found.margins, response):
         print(
             f"  not enough: {loop_shaping.LEAST_PHASE:g}°, {loop_shaping.LEAST_GAIN:g} dB, sensitivity"
@@ -220,7 +220,7 @@ def _shape(arguments, axis):
         n = notched.notch
         print(
             f"a notch at {n.frequency:.4g} Hz (zeta {n.zeta_zero:.2g} over {n.zeta_pole:.2g}) would allow"
-            f" {notched.bandwidth:.2f} of the bandwidth: {_told(notched.gains)}\n  {_margins(notched.margins)}"
+            f" {notched.bandwidth:.2f} of the bandwidth: {_in_words(notched.gains)}\n  {_margins(notched.margins)}"
         )
     _export(found.gains, axis)
     answer.state(
@@ -263,5 +263,5 @@ def _rounded(gains):
     return {name: float(f"{value:.4g}") for name, value in gains.items()}
 
 
-def _told(gains):
+def _in_words(gains):
     return ", ".join(f"{name} {value:.4g}" for name, value in gains.items())

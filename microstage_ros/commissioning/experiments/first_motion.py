@@ -180,8 +180,8 @@ class Pulses:
         if abs(level) < 8.0 * max(self.current_noise, 1e-9):
             return
         state["drop"] = max(state["drop"] + abs(self._turning) * abs(voltage) * (1.0 - current / level), 0.0)
-        quiet = 4.0 * abs(self._turning) * abs(voltage) * self.current_noise / abs(level) * math.sqrt(n)
-        state["drop"] = state["drop"] if state["drop"] > quiet else state["drop"] * 0.999
+        noise_level = 4.0 * abs(self._turning) * abs(voltage) * self.current_noise / abs(level) * math.sqrt(n)
+        state["drop"] = state["drop"] if state["drop"] > noise_level else state["drop"] * 0.999
 
     def record(self):
         """All pulses as one record."""

@@ -133,8 +133,8 @@ def fed_forward_self_tuning_gains(model, period):
 def self_tuning_gains(period, fed_forward):
     """How far the encoder-only self-tuning may go, and how it rests."""
     calm, damped = (max(min(1.0, math.sqrt(bound / period)), LEAST_CALM) for bound in (CALM_PERIOD, DAMPED_PERIOD))
-    room = min(max((ENCODER_PERIOD - period) / (ENCODER_PERIOD - TUNED_PERIOD), 0.0), 1.0)
-    raised = 1.2 + 0.8 * room
+    share = min(max((ENCODER_PERIOD - period) / (ENCODER_PERIOD - TUNED_PERIOD), 0.0), 1.0)
+    raised = 1.2 + 0.8 * share
     gains = {"calm_gain": calm, "calm_damping": damped, "integral_ceiling": raised, "damping_ceiling": raised}
     if fed_forward:  # moves that are fed forward swing under a raised K_I
         return gains | {"integral_ceiling": 1.2}

@@ -4,7 +4,7 @@ out.
 The eigenvalues of the sampled loop in every regime of `linear_loop.regime_slopes` say it, for the numbers of the file
 and for each of `DOUBTED` moved by twice its standard uncertainty, a tenth at least. The observer law starts with the
 first of `START_DOUBTS` in encoder and voltage that holds all of them. Where there is none, the encoder-only
-self-tuning law starts, from gains that are stable with `GAIN_ROOM` to spare.
+self-tuning law starts, from gains that are stable with `GAIN_MARGIN` to spare.
 """
 
 import numpy as np
@@ -23,7 +23,7 @@ from microstage_ros.quantities.errors import InputError
 
 DOUBTED = ("stage.mass", "transmission.stiffness", "drive.rotor_inertia")
 UNCERTAINTIES, LEAST_DOUBT = 2.0, 0.1  # by which each is moved, and the least share of it: no file is exact
-GAIN_ROOM = 1.4  # factor on all gains under which the encoder-only law must be stable
+GAIN_MARGIN = 1.4  # factor on all gains under which the encoder-only law must be stable
 LOWER, STEPS = 0.75, 14  # of the gains with every step, and the most steps: to a fortieth
 #: Doubts in encoder and voltage over the shipped ones, in the order in which they are tried.
 START_DOUBTS = ((1.0, 1.0), (1.5, 1.0), (2.0, 1.0), (3.0, 1.0), (4.0, 1.0), (4.0, 2.0), (6.0, 2.0), (8.0, 4.0))
@@ -74,16 +74,16 @@ def _observer_is_stable(axis, parameters):
     )
 
 
-def pid_is_stable(axis, gains, period, room=GAIN_ROOM):
-    """Whether PID ``gains`` on the encoder, and ``room`` times them, are stable in every regime but creeping."""
-    return _pid_settles(_plants(axis, period), gains, period, room)
+def pid_is_stable(axis, gains, period, margin=GAIN_MARGIN):
+    """Whether PID ``gains`` on the encoder, and ``margin`` times them, are stable in every regime but creeping."""
+    return _pid_settles(_plants(axis, period), gains, period, margin)
 
 
 def held_start(axis, gains, period):
     """(factor on the gains, factor on the filter time) from which the encoder-only self-tuning law holds the axis at
     its start.
 
-    The largest factor of a grid for which the PID ``gains`` times it are stable with `GAIN_ROOM`, then the shortest
+    The largest factor of a grid for which the PID ``gains`` times it are stable with `GAIN_MARGIN`, then the shortest
     filter. Raises `InputError` if there is none.
     """
     plants = _plants(axis, period)
@@ -94,7 +94,7 @@ def held_start(axis, gains, period):
                 "proportional": gains["proportional"] * lower,
                 "filter_time": gains["filter_time"] * longer,
             }
-            if _pid_settles(plants, changed, period, GAIN_ROOM):
+            if _pid_settles(plants, changed, period, GAIN_MARGIN):
                 return float(lower), longer
     raise InputError(
         f"{axis.place}: controller",
@@ -111,10 +111,10 @@ def _plants(axis, period):
     ]
 
 
-def _pid_settles(plants, gains, period, room):
+def _pid_settles(plants, gains, period, margin):
     return all(
         _settles(a, b, c[:1], pid_step({**gains, "proportional": factor * gains["proportional"]}, period), PID_STATES)
-        for factor in (1.0, room)
+        for factor in (1.0, margin)
         for a, b, c in plants
     )
 

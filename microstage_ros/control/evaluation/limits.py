@@ -24,10 +24,10 @@ from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new
 from microstage_ros.solver.step import advance
 
 LEFT = 2e-9  # m, from the contact at which it is told to be open
-TOLD_OF_GAP = ("nothing", "gap", "contact")
+GIVEN_OF_GAP = ("nothing", "gap", "contact")
 GAP_WIDTH = 0.00873  # rad, 0.5 degrees
 PERIODS = (1e-4, 2e-4, 5e-4, 1e-3)  # s
-TOLD = {"nothing": (False, False), "position": (True, False), "speed": (False, True), "both": (True, True)}
+GIVEN = {"nothing": (False, False), "position": (True, False), "speed": (False, True), "both": (True, True)}
 
 
 @compiled
@@ -65,8 +65,8 @@ def run_informed(plant, state, work, readings, parameters, memory, reference, po
         advance(plant, state, work, memory.voltage)
 
 
-def informed_sine(axis, seed, told="both", period=None, amplitude=1e-5, frequency=0.1, cycles=1.25):
-    """Largest |true position - reference| [m] of a sine, without its first quarter of a cycle; ``told``: of `TOLD`."""
+def informed_sine(axis, seed, given="both", period=None, amplitude=1e-5, frequency=0.1, cycles=1.25):
+    """Largest |true position - reference| [m] of a sine, without its first quarter cycle; ``given``: of `GIVEN`."""
     axis = axis if period is None else axis.with_values({"period": period}, source="derived")
     reference = sine(0.0, amplitude, frequency, cycles, axis.value("period"))
     plant, controller = make_plant(axis.machine or axis, NoiseSpec()), make_controller("self_tuning_observer", axis)
@@ -79,14 +79,14 @@ def informed_sine(axis, seed, told="both", period=None, amplitude=1e-5, frequenc
         controller.parameters,
         controller.memory,
         reference,
-        *TOLD[told],
+        *GIVEN[given],
         stage,
     )
     return float(np.abs(stage - reference)[int(0.25 / cycles * len(reference)) :].max())
 
 
 @compiled
-def run_told_contact(plant, state, work, readings, parameters, memory, reference, stage):
+def run_given_contact(plant, state, work, readings, parameters, memory, reference, stage):
     """The loop of `closed_loop` whose observer is told of lost motion what the simulator knows; fills ``stage`` [m].
 
     That is the gap, the moment at which the contact opens and at which it closes, and the motor's way and speed
@@ -112,23 +112,24 @@ def run_told_contact(plant, state, work, readings, parameters, memory, reference
         advance(plant, state, work, memory.voltage)
 
 
-def gap_sine(axis, seed, told, width, amplitude=1e-5, frequency=0.1, cycles=3.25):
+def gap_sine(axis, seed, given, width, amplitude=1e-5, frequency=0.1, cycles=3.25):
     """Largest |true position - reference| [m] of a sine through lost motion of ``width`` [rad]: (first cycle, last
     cycle).
 
-    ``told``: "nothing", the "gap", or the gap and the "contact", see `run_told_contact`.
+    ``given``: "nothing", the "gap", or the gap and the "contact", see `run_given_contact`.
     """
     reference = sine(0.0, amplitude, frequency, cycles, axis.value("period"))
     plant = make_plant(axis.machine or axis, NoiseSpec(), effects={"backlash": {"width_rad": width}})
-    gains = {} if told == "nothing" else {"known_gap": float(plant["gap"])}
+    gains = {} if given == "nothing" else {"known_gap": float(plant["gap"])}
     controller, stage = make_controller("self_tuning_observer", axis, **gains), np.empty(len(reference))
     state, work, none = (
         new_state(plant, seed=seed, friction=usual_start(plant)),
         new_work(plant),
         np.zeros_like(reference),
     )
-    if told == "contact":
-        run_told_contact(plant, state, work, new_readings(), controller.parameters, controller.memory, reference, stage)
+    if given == "contact":
+        run_given_contact(plant, state, work, new_readings(), controller.parameters, controller.memory, reference,
+                          stage)
     else:
         trace = np.empty((len(reference), len(TRACE)))
         run_loop(
@@ -141,29 +142,29 @@ def gap_sine(axis, seed, told, width, amplitude=1e-5, frequency=0.1, cycles=3.25
 
 
 def limits(bench, periods=PERIODS):
-    """Worst peak [m] of the sine of 10 um at 0.1 Hz, by what the regulator is told: {period [s]: {`TOLD`: peak}}.
+    """Worst peak [m] of the sine of 10 um at 0.1 Hz, by what the regulator is told: {period [s]: {`GIVEN`: peak}}.
 
     Beside them `least`, of `least_error`.
     """
     bench.progress("what not knowing costs")
-    jobs = [(period, told, seed) for period in periods for told in TOLD for seed in range(bench.extent.seeds)]
-    found = {period: dict.fromkeys(TOLD, 0.0) for period in periods}
-    for (period, told, _), peak in zip(
+    jobs = [(period, given, seed) for period in periods for given in GIVEN for seed in range(bench.extent.seeds)]
+    found = {period: dict.fromkeys(GIVEN, 0.0) for period in periods}
+    for (period, given, _), peak in zip(
         jobs, bench.each(lambda job: informed_sine(bench.axis, job[2], job[1], job[0]), jobs)
     ):
-        found[period][told] = max(found[period][told], peak)
+        found[period][given] = max(found[period][given], peak)
     for period in periods:
         found[period]["least"] = least_error(bench.axis, period, bench.extent.seeds)[1]
     return found
 
 
 def gap_limits(bench):
-    """Worst peak [m] of the sine of 10 um at 0.1 Hz with a gap of 0.5 degrees, {of `TOLD_OF_GAP`: (first cycle,
+    """Worst peak [m] of the sine of 10 um at 0.1 Hz with a gap of 0.5 degrees, {of `GIVEN_OF_GAP`: (first cycle,
     third)}."""
     bench.progress("what not knowing a gap costs")
-    jobs = [(seed, told) for told in TOLD_OF_GAP for seed in range(bench.extent.seeds)]
+    jobs = [(seed, given) for given in GIVEN_OF_GAP for seed in range(bench.extent.seeds)]
     peaks = bench.each(lambda job: gap_sine(bench.axis, *job, GAP_WIDTH), jobs)
     return {
-        told: tuple(max(p[k] for (_, of), p in zip(jobs, peaks) if of == told) for k in range(2))
-        for told in TOLD_OF_GAP
+        given: tuple(max(p[k] for (_, of), p in zip(jobs, peaks) if of == given) for k in range(2))
+        for given in GIVEN_OF_GAP
     }

@@ -183,14 +183,14 @@ def searched(axis, kind, evaluations=2000, seed=0, base=None):
         found = {name: float(x if name in SHARES else math.exp(x)) for name, x in zip(names, place)}
         return {**(base or {}), **found}
 
-    many = 8 * len(names)
+    population = 8 * len(names)
     found = differential_evolution(
         lambda place: cost(axis, kind, gains_of(place)),
         bounds,
         popsize=8,
         tol=0.0,
         polish=False,
-        maxiter=max(math.ceil(evaluations / many) - 1, 1),
+        maxiter=max(math.ceil(evaluations / population) - 1, 1),
         rng=np.random.default_rng(seed),
     )
     return Opponent(kind, gains_of(found.x), float(found.fun), int(found.nfev))

@@ -234,9 +234,9 @@ def find_lag(p, model, s, step):
     change = s.voltages[0] - s.voltages[1]
     s.excitation += 0.01 * (change * change - s.excitation)
     restored = s.changes == 0 or s.since > STEADY_TIME  # what a change of the drive shakes says nothing of the delay
-    told = s.excitation > LAG_LIMIT * LAG_LIMIT * p.voltage_noise * p.voltage_noise
+    excited = s.excitation > LAG_LIMIT * LAG_LIMIT * p.voltage_noise * p.voltage_noise
     if (
-        not told
+        not excited
         or best == s.lag
         or not restored
         or s.answers[best] * model.resistance * s.learned[0] < LAG_LEAST * s.excitation

@@ -94,7 +94,7 @@ def examine(axis, condition, seed, law, gains=None, beside=""):
 
 def _run(axis, condition, seed, law, gains):
     """(period [s], columns, true error [m])."""
-    columns = simulate(condition.told(axis), run_of(condition, law, gains), seed)
+    columns = simulate(condition.assumed_axis(axis), run_of(condition, law, gains), seed)
     return columns["t_s"][1], columns, columns["stage_m"] - columns["reference_m"]
 
 

@@ -47,7 +47,7 @@ class Condition:
         machine = axis.with_values({**changed, **self.values}, source="derived")
         return machine.with_effects({**axis.effects, **self.effects})
 
-    def told(self, axis):
+    def assumed_axis(self, axis):
         """`Axis` that the controller is given, to be simulated on `machine`."""
         machine = self.machine(axis)
         return (machine.with_effects(axis.effects) if self.given else axis).simulated_on(machine)

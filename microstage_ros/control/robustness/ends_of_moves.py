@@ -52,7 +52,7 @@ def record(axis, condition, law, distance, seed, gains=None):
     run = Run(
         period_s=condition.period_s, controller={"type": law, **(gains or {})}, noise=condition.noise, program=program
     )
-    columns = simulate(condition.told(axis), run, seed)
+    columns = simulate(condition.assumed_axis(axis), run, seed)
     rows = len(columns["t_s"]) // (2 * ROUNDS)
     last = rows * np.arange(FIRST + 1, 2 * ROUNDS + 1) - 1
     return columns["stage_m"][last] - columns["reference_m"][last]

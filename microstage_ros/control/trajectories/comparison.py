@@ -20,7 +20,7 @@ class EncoderComparison:
         self._bound = bound
         self._encoder, self._light = OrderedDict(), OrderedDict()
         self._first, self._beyond, self._last = None, 0, 0.0
-        self.told = False
+        self.reported = False
 
     def add_encoder(self, sequence, position):
         """The encoder read ``position`` [m] in a period."""
@@ -37,7 +37,7 @@ class EncoderComparison:
         if kept and sequence < next(reversed(kept)):  # the driver began anew
             self._encoder.clear()
             self._light.clear()
-            self._first, self._beyond, self.told = None, 0, False
+            self._first, self._beyond, self.reported = None, 0, False
         kept[sequence] = position
         while len(kept) > KEPT:
             kept.popitem(last=False)
@@ -51,7 +51,7 @@ class EncoderComparison:
             self._first = difference if self._first is None else self._first
             self._last = difference - self._first
             self._beyond = self._beyond + 1 if not abs(self._last) <= self._bound else 0
-        if self._beyond < IN_A_ROW or self.told:
+        if self._beyond < IN_A_ROW or self.reported:
             return ""
-        self.told = True
+        self.reported = True
         return f"encoder and interferometer have moved {self._last:.3g} m apart, the bound is {self._bound:.3g} m"

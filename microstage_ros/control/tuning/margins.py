@@ -143,12 +143,12 @@ def controller_margins(axis, parameters):
 
 def margin_rows(margins):
     """Rows of text for a table: regime, stable, phase, gain up and down, crossover, peak sensitivity."""
-    def told(value, pattern):
+    def formatted(value, pattern):
         return "any" if math.isinf(value) else format(value, pattern)
 
     return [
-        [m.regime, "yes" if m.stable else "no", told(m.phase_deg, ".0f"), told(m.gain_db, ".1f"),
-         told(m.gain_down_db, ".1f"), f"{m.crossover_hz:.0f}", f"{m.sensitivity:.1f}"]
+        [m.regime, "yes" if m.stable else "no", formatted(m.phase_deg, ".0f"), formatted(m.gain_db, ".1f"),
+         formatted(m.gain_down_db, ".1f"), f"{m.crossover_hz:.0f}", f"{m.sensitivity:.1f}"]
         for m in margins
     ]
 

@@ -97,7 +97,7 @@ def _sde_sizes(period, harmonics=2, stderr=0.0):
     return sizes
 
 
-def _told(beta, frame):
+def _exceeds_rounding(beta, frame):
     """Whether an amplitude is more than what the rounding of this axis's encoder leaves in the mean over its counts."""
     return np.hypot(beta[::2], beta[1::2]).max() > LEAST_SHARE * frame.drive.encoder_resolution
 
@@ -110,12 +110,13 @@ def sde_form(period):
         f"{period:.7g}",
         encoder_sde(period, 3),
         _sde_sizes(period, 3, 1e-4 * period),
-        beyond=_told,
+        beyond=_exceeds_rounding,
     )
 
 
 FORMS = (
-    *(Form("encoder_sde", "position", f"{p:g}", encoder_sde(p), _sde_sizes(p), beyond=_told) for p in SIGNAL_PERIODS),
+    *(Form("encoder_sde", "position", f"{p:g}", encoder_sde(p), _sde_sizes(p), beyond=_exceeds_rounding)
+      for p in SIGNAL_PERIODS),
     Form("scale_error", "position", "", scale_error, one("relative", "1")),
     *(
         Form(

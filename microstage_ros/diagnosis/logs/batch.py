@@ -106,9 +106,9 @@ def with_axis(description, axis):
     return dataclasses.replace(description, facts=facts)
 
 
-def diagnose_many_logs(cases, jobs=1, scheduler=None):
+def diagnose_log_batch(cases, jobs=1, scheduler=None):
     """Diagnose `LogCase`s, yielding (case, report mapping or exception) as they end; ``jobs``, ``scheduler`` as in
-    `batch.diagnose_many`."""
+    `batch.diagnose_batch`."""
     if scheduler:
         yield from fleet.written_by(cases, _attempt, scheduler)
     else:

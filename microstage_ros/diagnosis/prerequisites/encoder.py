@@ -28,11 +28,11 @@ def seen_interpolation(drive, baseline):
     The drive unchanged where the file states no such error or no baseline record has both readings.
     """
     harmonics = len(drive.interpolation)
-    told = [r for r in baseline if "interferometer_m" in r and "encoder_m" in r]
-    if not (any(drive.interpolation) and told):
+    usable = [r for r in baseline if "interferometer_m" in r and "encoder_m" in r]
+    if not (any(drive.interpolation) and usable):
         return drive
     matrix, vector = np.zeros((2 * harmonics, 2 * harmonics)), np.zeros(2 * harmonics)
-    for record in told:
+    for record in usable:
         encoder, stage = (
             np.nan_to_num(record[name], nan=float(np.nanmean(record[name])))
             for name in ("encoder_m", "interferometer_m")

@@ -110,8 +110,8 @@ def find_lines(learn, held, base):
         total[(frequency < LOWEST) | (frequency > HIGHEST)] = 0.0
         at = int(np.argmax(total))
         near = total[max(at - 400, 0): at + 400]
-        apart = np.abs(frequency - frequency[at])
-        skirt = np.median(total[(apart > 0.3) & (apart < 1.5)])
+        distance = np.abs(frequency - frequency[at])
+        skirt = np.median(total[(distance > 0.3) & (distance < 1.5)])
         if skirt > NARROW * total[at]:
             break
         if total[at] < LEAST_POWER * max(np.median(near) / (1.68 if len(learn) > 1 else 0.69), 1.0):

@@ -137,8 +137,8 @@ def _bound_to_the_place(collection, found):
         fits = [gather(channels["torque"], [form], collection.frame, spreads=collection.spreads).fit([form.key])
                 for channels in collection.channels["learn"]]
         phases = np.concatenate([np.exp(1j * np.arctan2(beta[1::2], beta[::2])) for beta, _, _ in fits])
-        apart = np.abs(np.angle(phases / phases.mean()))
-        if sum(gain for *_, gain in fits) > REAL and apart.max() < ONE_PHASE:
+        phase_deviation = np.abs(np.angle(phases / phases.mean()))
+        if sum(gain for *_, gain in fits) > REAL and phase_deviation.max() < ONE_PHASE:
             kept.append(n)
     return kept
 

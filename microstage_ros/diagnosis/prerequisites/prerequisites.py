@@ -101,14 +101,14 @@ def _train_instead(groups, prompt, drive, prepared, known):
     if train is None:
         return prepared, known
     other = dataclasses.replace(known, slow=None, train=train)
-    told = other.prepare(groups, drive, prompt)
-    slow = find_slowness(told, drive)
+    corrected = other.prepare(groups, drive, prompt)
+    slow = find_slowness(corrected, drive)
     if slow is not None and slow.gain > SWING * known.slow.gain:
         return prepared, known
     if slow is not None:
         other = dataclasses.replace(other, slow=slow)
-        told = other.prepare(groups, drive, prompt)
-    return told, other
+        corrected = other.prepare(groups, drive, prompt)
+    return corrected, other
 
 
 def _slow_or_loose(groups, prepared, drive, known):

@@ -15,7 +15,7 @@ LEFT_OUT = 0.5     # s, predicted from what is on both sides
 FOLDS = 3
 MEANS = 40   # blocks of the position channel in a mean of 20 ms; derived: half a millisecond each,
 SAMPLES = 200   # and samples in one; derived: at 10 kHz
-TOLD = 0.7         # share of what moves that the course must tell
+PREDICTED_SHARE = 0.7         # share of what moves that the course must tell
 ABOVE_BASE = 3.0   # times the baseline's course
 LEAST = 2.0e-9     # m rms
 MATTERS = 2.0e-8   # m rms: above it, other residuals must be told of it
@@ -41,9 +41,9 @@ def find_course(collection, evidences, choices):
         return None
     forms = [form for choice in choices for form in choice.forms if form.channel == "position"]
     beta = evidences.learn["position"].fit([form.key for form in forms])[0]
-    told = {
+    trends = {
         group: [
-            _told(
+            _trend(
                 *_means(_left(c["position"], forms, beta, collection.frame), c["position"].time),
                 np.var(c["position"].residual),
             )
@@ -52,8 +52,8 @@ def find_course(collection, evidences, choices):
         ]
         for group, records in collection.channels.items()
     }
-    ours = told["learn"] + told["held"]
-    if not _agree(ours, told["base"], LEAST) or min(t.size**2 / t.whole for t in ours) < OF_ALL:
+    ours = trends["learn"] + trends["held"]
+    if not _agree(ours, trends["base"], LEAST) or min(t.size**2 / t.whole for t in ours) < OF_ALL:
         return None
     sizes, rates = np.array([t.size for t in ours]), np.array([t.rate for t in ours])
     root = np.sqrt(len(ours))
@@ -69,7 +69,7 @@ def courses(prepared):
     records = [p for group in ("learn", "held") for p in prepared[group]]
     if any(p.interferometer is None for p in records):
         return ()
-    ours, base = ([_told(*_means(p.interferometer - p.encoder, p.time, SAMPLES)) for p in group] for group in (
+    ours, base = ([_trend(*_means(p.interferometer - p.encoder, p.time, SAMPLES)) for p in group] for group in (
         records, [p for p in prepared["base"] if p.interferometer is not None]))
     if not _agree(ours, base, MATTERS):
         return ()
@@ -78,12 +78,12 @@ def courses(prepared):
 
 def course_of(prepared):
     """(interferometer less encoder, time, smooth course) of one record in means of 20 ms, each shape (k,) [m, s, m]."""
-    told = _told(*_means(prepared.interferometer - prepared.encoder, prepared.time, SAMPLES))
-    return _means(prepared.interferometer - prepared.encoder, prepared.time, SAMPLES)[0], told.time, told.course
+    trends = _trend(*_means(prepared.interferometer - prepared.encoder, prepared.time, SAMPLES))
+    return _means(prepared.interferometer - prepared.encoder, prepared.time, SAMPLES)[0], trends.time, trends.course
 
 
 @dataclasses.dataclass(frozen=True)
-class _Told:
+class _Trend:
     """What a smooth course predicts: share of what moves, its rms [m] and mean rate [m/s], and itself over time;
     ``whole`` is the variance of the residual it was taken from [m²]."""
 
@@ -98,7 +98,7 @@ class _Told:
 def _agree(ours, base, least):
     """Whether every record has a course, and the baseline none like it."""
     usual = max((t.size for t in base), default=0.0)
-    return min(t.share for t in ours) >= TOLD and min(t.size for t in ours) >= max(least, ABOVE_BASE * usual)
+    return min(t.share for t in ours) >= PREDICTED_SHARE and min(t.size for t in ours) >= max(least, ABOVE_BASE * usual)
 
 
 def _means(values, time, count=MEANS):
@@ -106,8 +106,8 @@ def _means(values, time, count=MEANS):
     return tuple(v[:rows].reshape(-1, count).mean(axis=1) for v in (values, time))
 
 
-def _told(values, time, whole=1.0):
-    """`_Told` of means over 20 ms."""
+def _trend(values, time, whole=1.0):
+    """`_Trend` of means over 20 ms."""
     basis, part = course_columns(time), (time / LEFT_OUT).astype(int) % FOLDS
     error = np.empty(len(values))
     for fold in range(FOLDS):
@@ -116,7 +116,7 @@ def _told(values, time, whole=1.0):
     noise = np.mean(np.diff(values) ** 2) / 2.0
     moves = max(np.var(values) - noise, 1e-24)
     course = basis @ np.linalg.lstsq(basis, values, rcond=None)[0]
-    return _Told(
+    return _Trend(
         1.0 - (np.mean(error**2) - noise) / moves,
         float(np.std(course)),
         float(np.polyfit(time, course, 1)[0]),

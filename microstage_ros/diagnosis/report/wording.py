@@ -36,10 +36,10 @@ def advice_for(cause_id):
 
 def sentence_of(cause_id, parameters):
     """Name and sizes in one sentence; ``parameters``: {name: `diagnosis.Parameter`}."""
-    told = [f"{_plain(name)} {quantity(number.value, number.unit, stderr=number.stderr)}"
+    sizes = [f"{_plain(name)} {quantity(number.value, number.unit, stderr=number.stderr)}"
             for name, number in list(parameters.items())[:MOST]]
     more = f" and {len(parameters) - MOST} more sizes" if len(parameters) > MOST else ""
-    return f"{name_of(cause_id)}: {', '.join(told)}{more}." if told else f"{name_of(cause_id)}."
+    return f"{name_of(cause_id)}: {', '.join(sizes)}{more}." if sizes else f"{name_of(cause_id)}."
 
 
 def _plain(name):

@@ -99,7 +99,7 @@ def _fit(matrix, forms, where):
     return np.split(beta, np.cumsum([where[f.key].stop - where[f.key].start for f in forms])[:-1])
 
 
-def _told(pieces, forms, where):
+def _reductions(pieces, forms, where):
     """Reduction of χ² of every piece, (pieces,), by sizes from the pieces of the other folds."""
     gains, fold = np.zeros(len(pieces)), np.arange(len(pieces)) % FOLDS
     index = np.concatenate([np.zeros(0, int), *(np.arange(where[f.key].start, where[f.key].stop) for f in forms)])
@@ -115,7 +115,7 @@ def _chosen(pieces, where, forms):
     """The forms that stand, forward, one of an effect."""
     chosen, gains, left = [], np.zeros(len(pieces)), list(forms)
     while left and len(chosen) < MOST:
-        trials = [(_told(pieces, [*chosen, form], where), form) for form in left]
+        trials = [(_reductions(pieces, [*chosen, form], where), form) for form in left]
         best, form = max(trials, key=lambda trial: trial[0].sum())
         more = best - gains
         surprise = student.sf(more.mean() / (more.std(ddof=1) / np.sqrt(len(more)) + TINY), len(more) - 1)

@@ -54,23 +54,23 @@ def probability(evidence, share):
     return _stored().probability(evidence, share)
 
 
-def calibrate(told):
+def calibrate(named):
     """`Calibration` from (χ² on held-out records, share, was it hidden) of every named cause of a campaign.
 
     Raises `InputError` without any.
     """
-    told = list(told)
-    if not told:
+    named = list(named)
+    if not named:
         raise InputError("--calibrate", "no named cause", "a campaign in which something was named")
-    x = np.array([_features(evidence, share) for evidence, share, _ in told])
-    sign = np.where([right for *_, right in told], 1.0, -1.0)
+    x = np.array([_features(evidence, share) for evidence, share, _ in named])
+    sign = np.where([right for *_, right in named], 1.0, -1.0)
     mean, spread = np.array(PRIOR).T
 
     def cost(c):
         return float(np.logaddexp(0.0, -sign * (x @ c)).sum() + 0.5 * (((c - mean) / spread) ** 2).sum())
 
     best = minimize(cost, mean, method="BFGS")
-    return Calibration(tuple(float(c) for c in best.x), len(told), int((sign > 0).sum()))
+    return Calibration(tuple(float(c) for c in best.x), len(named), int((sign > 0).sum()))
 
 
 def write_calibration(path, calibration, command):

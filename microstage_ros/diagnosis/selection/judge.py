@@ -270,7 +270,7 @@ def without_strangers(evidences, choices):
             if left > STRANGER.get(channel, STRANGER_ELSE) * max(own, 0.0):
                 kept = others
                 break
-    return _told_by_a_reading(evidences, kept)
+    return _shown_by_more_than_the_reading(evidences, kept)
 
 
 def without_faint(evidences, choices):
@@ -287,7 +287,7 @@ def without_faint(evidences, choices):
     return kept
 
 
-def _told_by_a_reading(evidences, choices):
+def _shown_by_more_than_the_reading(evidences, choices):
     """Without causes that only the stage's reading tells of, where the two readings differ by more than these
     explain."""
     if "position" not in stands_out(evidences, choices):

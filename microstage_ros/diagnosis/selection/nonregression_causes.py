@@ -8,7 +8,7 @@ from microstage_ros.diagnosis.result import Cause, Gain, Parameter
 from microstage_ros.diagnosis.selection import judge
 
 
-def causes_apart(collection, known, course, others, book, unsure):
+def nonregression_causes(collection, known, course, others, book, unsure):
     """Causes of a `known.Known`, of a `slow_drift.Course` or None, and late readings; their χ² is added to the book.
 
     ``others``: causes of the regression. Rivals are added to ``unsure``.

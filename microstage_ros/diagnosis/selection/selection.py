@@ -252,8 +252,8 @@ def torque_mass(evidences, choice, others):
     if form is None or "torque" not in evidences.learn or not fast:
         return None
     mass, stderr, _ = sizes_of(evidences, choice, others, form)[0]["mass_kg"]
-    told = min((sizes_of(evidences, choice, others, f)[0]["mass_kg"] for f in fast), key=lambda size: size[1])
-    return mass, stderr, told[0], told[1]
+    from_torque = min((sizes_of(evidences, choice, others, f)[0]["mass_kg"] for f in fast), key=lambda size: size[1])
+    return mass, stderr, from_torque[0], from_torque[1]
 
 
 def mass_or_stiffness(evidences, choices):
@@ -293,10 +293,10 @@ def resonance_is(evidences, trials, others):
     ]
     if gains[0] < ALIKE * gains[1]:
         return "open" if _mass_of_a_soft_drive(evidences, drive.choice, others) else "drive_compliance"
-    told = torque_mass(evidences, payload.choice, others)
-    if told is None:
+    from_torque = torque_mass(evidences, payload.choice, others)
+    if from_torque is None:
         return "open"
-    mass, stderr, expected, error = told
+    mass, stderr, expected, error = from_torque
     if abs(mass) > DECISIVE * stderr and _alike(mass, expected):
         return "payload_change"
     if abs(mass - expected) > DECISIVE * math.hypot(stderr, error) and abs(mass) < DECISIVE * stderr:

@@ -234,10 +234,10 @@ def scores(outcomes):
 
 def reliability(outcomes):
     """Reliability diagram of the stated probabilities: list of (low, high, mean stated, right, named) by class."""
-    told = [(probability, right) for o in outcomes for _, probability, _, _, right in o.told]
+    stated = [(probability, right) for o in outcomes for _, probability, _, _, right in o.told]
     rows = []
     for low, high in zip(RELIABILITY, RELIABILITY[1:]):
-        inside = [(p, right) for p, right in told if low <= p < high or p == high == 1.0]
+        inside = [(p, right) for p, right in stated if low <= p < high or p == high == 1.0]
         if inside:
             rows.append(
                 (low, high, float(np.mean([p for p, _ in inside])), sum(right for _, right in inside), len(inside))

@@ -61,7 +61,7 @@ def features(log):
     edge = np.linspace(0.0, 1.0, PARTS + 1)
     for name, values in signals.items():
         parts, least = [], SMOOTHEST * float(np.std(values))
-        told = asked or name not in ("velocity", "position")
+        level_counts = asked or name not in ("velocity", "position")
         for run in np.unique(log.run):
             own = np.flatnonzero(log.run == run)
             own = own[0 if asked else _first_motion(log, own):]
@@ -69,7 +69,7 @@ def features(log):
             share = (time - time[0]) / max(time[-1] - time[0], 1e-300)
             pieces = np.split(values[own], np.searchsorted(share, edge[1:-1]))
             rough = [0.5 * np.log(np.mean(np.diff(p, 2) ** 2) + least**2) if len(p) > 4 else 0.0 for p in pieces]
-            level = [(p.mean(), np.ptp(p)) if len(p) and told else (0.0, 0.0) for p in pieces]
+            level = [(p.mean(), np.ptp(p)) if len(p) and level_counts else (0.0, 0.0) for p in pieces]
             parts.append([[m for m, _ in level], [r for _, r in level], rough])
         rows.extend(np.mean(parts, axis=0))
     return np.array(rows)

@@ -96,9 +96,9 @@ def _covered(case, result):
     """Whether the 95 % intervals of the hidden effects' sizes hold the truth, where these are named or among the
     rivals."""
     out = []
-    told = [(cause.id, cause.parameters) for cause in result.diagnosis.causes]
-    told += [(name, parameters) for group in result.rival_sizes for name, parameters in group.items()]
-    for effect, parameters in told:
+    stated = [(cause.id, cause.parameters) for cause in result.diagnosis.causes]
+    stated += [(name, parameters) for group in result.rival_sizes for name, parameters in group.items()]
+    for effect, parameters in stated:
         for name, value in case.sizes.get(effect, {}).items():
             p = parameters.get(name)
             of_force = name in ("force", "stiffness", "coefficient", "coefficient_change")

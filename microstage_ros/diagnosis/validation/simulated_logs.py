@@ -169,9 +169,9 @@ def draw_case(number, seed, kind="mixed", effect="", signals="", strength=1.0):
     name = signals or str(rng.choice(list(SIGNALS)))
     rate = float(rng.choice([25.0, 50.0, 100.0, 250.0, 500.0, 1000.0]))
     runs, files = int(rng.choice([3, 5, 8, 15])), int(rng.choice([1, 1, 2, 4]))
-    apart = bool(rng.uniform() < 0.5)
+    assembled_anew = bool(rng.uniform() < 0.5)
     degrade = _degrade(rng, machine, name, rate)
-    sizes, extra, faulty, steps = {}, {}, reassembled(machine, rng) if apart else machine, []
+    sizes, extra, faulty, steps = {}, {}, reassembled(machine, rng) if assembled_anew else machine, []
     for one in truth:
         before = faulty
         faulty, size, more = with_effect(faulty, one, rng, strength)
@@ -181,10 +181,10 @@ def draw_case(number, seed, kind="mixed", effect="", signals="", strength=1.0):
     cycles = cycles_of(machine)
     baseline = []
     for k in range(files):
-        state = reassembled(machine, rng) if apart and k else machine
+        state = reassembled(machine, rng) if assembled_anew and k else machine
         baseline.append(log_of(state, max(runs // files, 2), cycles, rng, degrade, {}, f"baseline_{k}"))
     now = [log_of(faulty, int(rng.choice([1, 3, 5])), cycles, rng, degrade, extra, "now")]
-    return LogCase(number, truth, sizes, name, rate, runs, files, apart, machine, tuple(baseline), tuple(now),
+    return LogCase(number, truth, sizes, name, rate, runs, files, assembled_anew, machine, tuple(baseline), tuple(now),
                    _description(number, machine, degrade), _unit_of_effort(degrade), tuple(steps), degrade)
 
 

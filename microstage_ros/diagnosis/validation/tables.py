@@ -52,7 +52,7 @@ def second_world_table():
 def _table(world, parts=PARTS, scale=float(os.environ.get("MICROSTAGE_FIGURES_SCALE", "1"))):
     """The Markdown table of one world; ``scale`` multiplies the numbers of cases (environment:
     MICROSTAGE_FIGURES_SCALE)."""
-    lines, told = ["| cases | figure | | 95 % interval |", "|---|---|---|---|"], []
+    lines, all_outcomes = ["| cases | figure | | 95 % interval |", "|---|---|---|---|"], []
     for number, (heading, kind, cases, strength, figures) in enumerate(parts):
         count = max(math.ceil(cases * scale), 1)
         examined = campaign.examinations(
@@ -60,14 +60,14 @@ def _table(world, parts=PARTS, scale=float(os.environ.get("MICROSTAGE_FIGURES_SC
         )
         outcomes = list(campaign.run(examined, os.cpu_count() or 1))
         counts, _ = campaign.scores(outcomes)
-        told += outcomes
+        all_outcomes += outcomes
         for figure in figures:
             result = rate(*counts[figure])
             if result.cases:
                 lines.append(f"| {heading} | {figure.split(': ')[-1]} | {result.hits} of {result.cases} | "
                              f"{100 * result.low:.1f} … {100 * result.high:.1f} % |")
     lines += ["", "| stated probability | mean stated | right | 95 % interval |", "|---|---|---|---|"]
-    for low, high, mean, right, named in campaign.reliability(told):
+    for low, high, mean, right, named in campaign.reliability(all_outcomes):
         result = rate(right, named)
         lines.append(f"| {low:g} … {high:g} | {mean:.3f} | {right} of {named} | {result.low:.3f} … {result.high:.3f} |")
     return "\n".join(lines)

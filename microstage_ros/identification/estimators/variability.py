@@ -150,10 +150,10 @@ def _profile(likelihood, best, index):
     return tuple(natural)
 
 
-def position_locked_share(position, deviation, travel, cell, apart):
+def position_locked_share(position, deviation, travel, cell, separation):
     """Share of the variance of q that comes back at the same position on a later pass.
 
-    Mean product of pairs in one cell of position whose travel differs by more than ``apart`` [m], over the
+    Mean product of pairs in one cell of position whose travel differs by more than ``separation`` [m], over the
     variance. Zero for the processes above; one for friction that is a function of position.
 
     Parameters
@@ -172,7 +172,7 @@ def position_locked_share(position, deviation, travel, cell, apart):
     products = []
     for group in np.split(order, np.flatnonzero(np.diff(cells[order])) + 1):
         first, second = np.triu_indices(len(group), 1)
-        far = np.abs(travel[group[second]] - travel[group[first]]) > apart
+        far = np.abs(travel[group[second]] - travel[group[first]]) > separation
         products.append((centred[group[first]] * centred[group[second]])[far])
     products = np.concatenate(products)
     return (float(products.mean() / centred.var()), len(products)) if len(products) else (float("nan"), 0)

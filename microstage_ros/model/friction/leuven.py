@@ -67,10 +67,10 @@ def free_elements(parameters, state, direction, limit_factor):
     tangent, way = 0.0, math.inf
     for i in range(n):
         stiffness = parameters[STIFFNESS + i]
-        room = (parameters[STIFFNESS + n + i] * limit - direction * state[i]) / stiffness
-        if room > 0.0:
+        headroom = (parameters[STIFFNESS + n + i] * limit - direction * state[i]) / stiffness
+        if headroom > 0.0:
             tangent += stiffness
-            way = min(way, room)
+            way = min(way, headroom)
     return tangent, way
 
 

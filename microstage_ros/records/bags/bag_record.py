@@ -170,8 +170,8 @@ def record_to_bag(record, path, namespace=NAMESPACE):
 def _command(custom_data):
     """The `Command` that a bag's field ``voltage`` holds: as its metadata or its axis file says, volts if neither
     does."""
-    told = metadata_value(custom_data.get("command", "null"))
-    column = told.get("column") if isinstance(told, dict) else None
+    saved = metadata_value(custom_data.get("command", "null"))
+    column = saved.get("column") if isinstance(saved, dict) else None
     if column is None and "axis_file" in custom_data:
         try:
             drive = yaml.safe_load(custom_data["axis_file"])["drive"]["type"]

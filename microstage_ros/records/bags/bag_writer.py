@@ -153,10 +153,10 @@ class BagWriter:
             self._close_at_ns = int(log_times[-1]) + CHUNK_NS
         done = 0
         while done < len(payloads):
-            room = max((CHUNK_BYTES - len(self._chunk)) // record, 1)
-            part = slice(done, done + room)
+            rows_left = max((CHUNK_BYTES - len(self._chunk)) // record, 1)
+            part = slice(done, done + rows_left)
             self._chunk.add_block(channel, log_times[part], payloads[part])
-            done += room
+            done += rows_left
             if len(self._chunk) + record > CHUNK_BYTES:
                 self._close_chunk()
 

@@ -188,7 +188,7 @@ class McapSink:
         self.start_time = start if self.start_time is None else min(start, self.start_time)
         self.end_time = end if self.end_time is None else max(end, self.end_time)
 
-    def _give_up_last_chunk(self):
+    def _drop_last_chunk(self):
         """Make the place of the last whole chunk free again."""
         self._place, counts, self.start_time, self.end_time = self._chunks.pop()
         self._metadata = [index for index in self._metadata if index.offset < self._place]
@@ -206,7 +206,7 @@ class McapSink:
             except OSError:
                 if not len(self._chunks):
                     return
-                self._give_up_last_chunk()
+                self._drop_last_chunk()
 
     def _closing(self):
         """Everything after the data: summary, offsets, footer."""

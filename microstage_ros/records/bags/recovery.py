@@ -169,15 +169,15 @@ def _closed(file, good):
     """True if the closing part is there, can be read, and its index is that of the messages themselves."""
     try:
         source = McapSource(file)
-        told = {chunk.data: source.entries(chunk) for chunk in source.chunks}
+        indexed = {chunk.data: source.entries(chunk) for chunk in source.chunks}
     except (InputError, McapError, ValueError, IndexError, OverflowError):
         return False
-    return not source.cut_off and set(told) == {chunk.data for chunk, _, _ in good} and all(
-        _same(told[chunk.data], entries) for chunk, _, entries in good)
+    return not source.cut_off and set(indexed) == {chunk.data for chunk, _, _ in good} and all(
+        _same(indexed[chunk.data], entries) for chunk, _, entries in good)
 
 
-def _same(told, found):
-    return set(told) == set(found) and all(told[channel].tolist() == found[channel].tolist() for channel in found)
+def _same(indexed, found):
+    return set(indexed) == set(found) and all(indexed[channel].tolist() == found[channel].tolist() for channel in found)
 
 
 def _write_anew(file, source, channels, schemas, part):
@@ -213,9 +213,9 @@ def _profiles(channel):
     import yaml
 
     try:
-        told = yaml.safe_load(dict(channel.metadata).get("offered_qos_profiles", "")) or []
+        indexed = yaml.safe_load(dict(channel.metadata).get("offered_qos_profiles", "")) or []
         names = ("history", "depth", "reliability", "durability")
-        return tuple(Qos(**{name: profile[name] for name in names}) for profile in told) or (Qos(),)
+        return tuple(Qos(**{name: profile[name] for name in names}) for profile in indexed) or (Qos(),)
     except (yaml.YAMLError, KeyError, TypeError):
         return (Qos(),)
 

@@ -89,8 +89,8 @@ def propose(table):
 
 def _may_be(quantity, name, table):
     """Whether the unit that the file tells, or a plainer word in the name, allows this quantity."""
-    told = known_unit(table.units.get(name, "")) if table.units.get(name) else None
-    if told is not None and told[0] not in QUANTITIES[quantity]:
+    declared = known_unit(table.units.get(name, "")) if table.units.get(name) else None
+    if declared is not None and declared[0] not in QUANTITIES[quantity]:
         return False
     other = r"torq|curr|volt|force|veloc|speed|\brpm\b|(?<![a-z])i[dq](?![a-z])"
     return quantity not in ("reference", "position") or not re.search(other, name.lower())
@@ -98,9 +98,9 @@ def _may_be(quantity, name, table):
 
 def _unit(quantity, name, table, reasons):
     """Unit as the file tells it, else a guess from the size of the numbers."""
-    told = table.units.get(name)
-    if told and known_unit(told):
-        return told
+    declared = table.units.get(name)
+    if declared and known_unit(declared):
+        return declared
     if table.kind.startswith("MCAP") and quantity in ("position", "velocity", "torque"):
         reasons[f"{quantity}.unit"] = "a guess: ROS messages are in SI, of a slide or of a turning joint"
         return {"position": "m", "velocity": "m/s", "torque": "N m"}[quantity]
@@ -155,16 +155,16 @@ def _signs(tree, table, reasons):
     if "following_error" in tree:
         error = column("following_error")
         if "reference" in tree and "position" in tree:
-            told = np.nansum(error * (column("reference") - column("position")))
+            declared = np.nansum(error * (column("reference") - column("position")))
             reasons["following_error.sign"] = "compared with reference − position"
         elif direction is not None:
-            told = np.nansum(error * direction)
+            declared = np.nansum(error * direction)
             reasons["following_error.sign"] = (
                 "the axis lags: an error of reference − position has the sign of the motion"
             )
         else:
-            told = 1.0
-        if told < 0.0:
+            declared = 1.0
+        if declared < 0.0:
             tree["following_error"]["sign"] = -1
     for quantity in ("current", "torque", "force"):
         if quantity not in tree:

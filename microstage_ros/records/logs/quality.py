@@ -54,10 +54,10 @@ def outliers(values, piece):
         return np.zeros(len(values), bool)
     before, after = np.roll(values, 1), np.roll(values, -1)
     middle = 0.5 * (before + after)
-    apart = np.abs(values - middle)
+    deviation = np.abs(values - middle)
     between = np.abs(after - before)
-    scale = float(np.nanquantile(apart, 0.95)) / 1.96 + 1e-300
-    found = (apart > OUTLIER * scale) & (between < 0.2 * apart)
+    scale = float(np.nanquantile(deviation, 0.95)) / 1.96 + 1e-300
+    found = (deviation > OUTLIER * scale) & (between < 0.2 * deviation)
     same = (piece == np.roll(piece, 1)) & (piece == np.roll(piece, -1))
     return found & same
 

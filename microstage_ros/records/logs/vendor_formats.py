@@ -128,11 +128,11 @@ def _twincat(text, path):
     raw = list(table.columns.values())
     heads = meta.get("SymbolName") or meta.get("Name") or []
     units = meta.get("Unit", [])
-    columns, told, notes, step = {}, {}, list(table.notes), None
+    columns, units_of_columns, notes, step = {}, {}, list(table.notes), None
     keys = set(TWINCAT_META)
     times = [k for k in range(len(raw)) if k < len(heads) and heads[k] in keys] or [0]
     main = raw[times[0]] * 1e-3
-    columns["time"], told["time"] = main, "s"
+    columns["time"], units_of_columns["time"] = main, "s"
     for k, values in enumerate(raw):
         if k in times:
             continue
@@ -145,10 +145,10 @@ def _twincat(text, path):
         name = name if name not in columns else f"{name} ({k + 1})"
         columns[name] = values if own is main or np.array_equal(own, main, equal_nan=True) else _at(own, values, main)
         if k < len(units) and units[k]:
-            told[name] = units[k].split(" (")[0]        # 'mm (Length)'
+            units_of_columns[name] = units[k].split(" (")[0]        # 'mm (Length)'
     if len(main) > 1:
         step = float(np.median(np.diff(main)))
-    return Table(columns, told, "TwinCAT Scope export", step, notes)
+    return Table(columns, units_of_columns, "TwinCAT Scope export", step, notes)
 
 
 def _at(own, values, wanted):

@@ -25,7 +25,7 @@ from microstage_ros.ros.launching.supervision import RESTARTED, STOPPED_S, Super
 from microstage_ros.ros.operator import Operator
 from microstage_ros.ros.transport import topics
 
-ROOM = 30_000
+SPARE_BYTES = 30_000
 """Bytes that a bag may still grow when the disk is full: files of the recorder can then be no longer."""
 
 SIGNALS = {"kill": signal.SIGKILL, "stop": signal.SIGSTOP}
@@ -117,7 +117,7 @@ class FaultCell:
             os.kill(pid, SIGNALS[what])
             return
         largest = max((path.stat().st_size for path in self._bag_folders()[-1].glob("*.mcap")), default=0)
-        resource.prlimit(pid, resource.RLIMIT_FSIZE, (largest + ROOM, resource.RLIM_INFINITY))
+        resource.prlimit(pid, resource.RLIMIT_FSIZE, (largest + SPARE_BYTES, resource.RLIM_INFINITY))
 
     def _rested(self, began_ns):
         """Zero volts, when, and that they stay."""
@@ -236,7 +236,7 @@ class FaultCell:
             return self._cell.server_pid
         if name == "watchdog":
             return next(iter(children(self._cell.processes["axis_driver"].pid, "watchdog")), None)
-        return self._cell.processes[name].told_pid
+        return self._cell.processes[name].reported_pid
 
     def _remember_processes(self):
         for name in PROCESSES:

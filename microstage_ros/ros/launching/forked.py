@@ -104,7 +104,7 @@ class ForkedNodes:
         *lines, self._text = (self._text + more).split(b"\n")
         for line in map(json.loads, lines):
             process = self.processes[line.pop("name")]
-            process.began(line.get("pid", process.told_pid))
+            process.began(line.get("pid", process.reported_pid))
             process.returncode = line.get("status", process.returncode)
             process.stopped = line.get("stopped", process.stopped) and process.returncode is None
 
@@ -161,13 +161,13 @@ class NodeProcess:
     nothing."""
 
     def __init__(self, owner):
-        self._owner, self.told_pid, self.returncode, self.stopped = owner, None, None, False
+        self._owner, self.reported_pid, self.returncode, self.stopped = owner, None, None, False
         self._handle = None
 
     def began(self, pid):
         """It has this number now."""
-        if pid is not None and pid != self.told_pid:
-            self.told_pid = pid
+        if pid is not None and pid != self.reported_pid:
+            self.reported_pid = pid
             try:
                 self._handle = os.pidfd_open(pid)  # means this process for ever, also when the number is given anew
             except (OSError, AttributeError):
@@ -204,9 +204,9 @@ class NodeProcess:
     @property
     def pid(self):
         """Its number; waits until it is there, None if it never came."""
-        while self.told_pid is None and self.returncode is None:
+        while self.reported_pid is None and self.returncode is None:
             self._owner.listen(0.5)
-        return self.told_pid
+        return self.reported_pid
 
     def poll(self):
         """Exit status, None while it runs."""

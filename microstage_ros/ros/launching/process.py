@@ -39,8 +39,8 @@ SERVED = 2.0
 
 _stop = threading.Event()
 _asked = {"number": signal.SIGINT}
-_told_to_stop: list = []
-_told_of_urgency: list = []
+_stop_requested: list = []
+_urgency_reported: list = []
 _noted: list = []
 
 
@@ -52,12 +52,12 @@ def running():
 def on_stop(call):
     """Have ``call`` called when the process is asked to stop, by a thread of its own, at once: the main thread may be
     in compiled code, where Python handles no signal."""
-    _told_to_stop.append(call)
+    _stop_requested.append(call)
 
 
 def on_urgent(call):
     """Have ``call`` called at SIGUSR1, by the same thread."""
-    _told_of_urgency.append(call)
+    _urgency_reported.append(call)
 
 
 def _hear_signals():
@@ -75,14 +75,14 @@ def _hear_signals():
 def _wait_for_signal(ours, theirs):
     while not (heard := set(ours.recv(64))) & set(STOPPING):
         if URGENT in heard:
-            for call in _told_of_urgency:
+            for call in _urgency_reported:
                 try:
                     call()
                 except Exception:  # noqa: BLE001 - whatever it is, the next signal has to be heard
                     traceback.print_exc()
     _asked["number"] = signal.SIGTERM if signal.SIGTERM in heard else signal.SIGINT
     _stop.set()
-    for call in _told_to_stop:
+    for call in _stop_requested:
         call()
     time.sleep(LAST_RESORT)
     os._exit(1)

@@ -40,7 +40,7 @@ class Supervisor:
         self._publisher = node.create_publisher(CellStatus, topics.CELL_STATUS, topics.LATCHED)
         self._trip = node.create_client(Trip, topics.TRIP)
         self._restarts = {name: [] for name in cell.processes}
-        self._stopped_since, self._since, self._told = {}, time.time_ns(), None
+        self._stopped_since, self._since, self._published = {}, time.time_ns(), None
         self._publish("")
 
     def look(self):
@@ -95,11 +95,11 @@ class Supervisor:
             else kind.STATE_RUNNING
             for process in processes.values()
         ]
-        numbers = [process.told_pid or 0 for process in processes.values()]
+        numbers = [process.reported_pid or 0 for process in processes.values()]
         found = (tuple(processes), tuple(states), tuple(numbers), missing)
-        if found == self._told:
+        if found == self._published:
             return
-        self._told = found
+        self._published = found
         stamp, since = kind().stamp, kind().since
         stamp.sec, stamp.nanosec = divmod(time.time_ns(), 1_000_000_000)
         since.sec, since.nanosec = divmod(self._since, 1_000_000_000)

@@ -29,14 +29,14 @@ from microstage_ros.ros.transport.work_handover import (
     WAITING,
     Handover,
     handover_of,
-    give_back,
+    hand_back,
     end_work,
     hand_over,
     may_take,
     begin_work,
 )
 
-CROWDED, ASKED, QUIET, STRANGE = range(4)
+CROWDED, ASKED, NOTHING_CAME, STRANGE = range(4)
 """Why `answer` returned. STRANGE: the state in its frame has to be answered by the caller."""
 
 COUNTS = np.dtype([(name, "i8") for name in (
@@ -156,7 +156,7 @@ def answer(handover, work, times):
     while why == WAITING and stop[0] == 0:
         why = answer_waiting(work, ALL)
         if why == WAITING and not woken and c.last == before:
-            why = QUIET
+            why = NOTHING_CAME
         elif why == WAITING:
             before = c.last
             woken, why = hand_over(handover, work, now(MONOTONIC, times) + c.patience_ns, times)
@@ -168,7 +168,7 @@ def on_message(work, count):
     """A state has come: answered where it came, unless the loop's thread is needed."""
     handover = handover_of(work)
     if may_take(handover):
-        give_back(handover, answer_waiting(work[0], np.int64(count)))
+        hand_back(handover, answer_waiting(work[0], np.int64(count)))
 
 
 def new_work(stop, links, counts, records, positions, frames, rings, holder):

@@ -28,7 +28,7 @@ from microstage_ros.ros.transport.c_calls import (
     wait,
 )
 from microstage_ros.ros.transport.work_handover import (
-    WAITING, begin_work, end_work, give_back, hand_over, handover_of, may_take
+    WAITING, begin_work, end_work, hand_back, hand_over, handover_of, may_take
 )
 from microstage_ros.solver.period import advance_and_read
 
@@ -395,4 +395,4 @@ def on_message(work, count):
     is needed."""
     handover = handover_of(work)
     if may_take(handover):
-        give_back(handover, go_on(work[0]))
+        hand_back(handover, go_on(work[0]))

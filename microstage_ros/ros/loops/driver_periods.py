@@ -53,7 +53,7 @@ class DriverPeriods:
                 period()
             else:
                 self._idle()
-            if self._told != (self.gate.active, self.gate.fault):
+            if self._reported != (self.gate.active, self.gate.fault):
                 self._tell()
 
     def _open(self):
@@ -75,7 +75,7 @@ class DriverPeriods:
                 f"no valid command for {silent * 1e3:.1f} ms and this loop stood still; the watchdog took the "
                 f"voltage away after {self.guard.taken_after * 1e3:.1f} ms",
             )
-        self.guard.give_back()
+        self.guard.hand_back()
 
     def _activate(self):
         if not self.gate.activate():
@@ -142,7 +142,7 @@ class DriverPeriods:
                 self.gate.trip("hardware", str(error))
 
     def _tell(self):
-        self._told = (self.gate.active, self.gate.fault)
+        self._reported = (self.gate.active, self.gate.fault)
         if self.gate.fault != "none":
             self.guard.disarm()
             self._make_safe()

@@ -9,7 +9,7 @@ from microstage_ros.ros.transport.blocks import Stream
 from microstage_ros.ros.transport.codec import Codec
 from microstage_ros.ros.transport.credit import Granter, repeat_after
 
-QUIET = 0.05
+WAIT_S = 0.05
 LOOK = 0.5
 BATCH = 0.02
 """Time [s] between two looks: fewer wakings, each for more."""
@@ -38,7 +38,7 @@ class Follower:
     def loop(self):
         """Until the process is asked to stop."""
         while running():
-            self._servo.wait(self._stream.readers, QUIET)
+            self._servo.wait(self._stream.readers, WAIT_S)
             self.drain()
             now = time.monotonic()
             self._grant(now)

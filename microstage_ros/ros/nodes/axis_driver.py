@@ -87,7 +87,7 @@ class AxisDriver(DriverPeriods, DriverRequests, LifecycleNode):
         self.responses = ResponseTimes()
         self._stop_from_outside, self._configured = None, False
         self.host_stops, self.host_stopped = 0, 0.0
-        self.sequence, self.overruns, self._time_ns, self._due, self._told = -1, 0, 0, None, None
+        self.sequence, self.overruns, self._time_ns, self._due, self._reported = -1, 0, 0, None, None
         options = yaml_mapping("axis_driver: backend_options", p.backend_options, "{position: 0.0}")
         self._card_watchdog_s = options.get("watchdog_s", self._hold_s + WATCHDOG_LATER_S)
         self.hardware = make_hardware(p.backend, Setup(self.axis, p.seed, options))

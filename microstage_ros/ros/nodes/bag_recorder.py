@@ -29,7 +29,7 @@ from microstage_ros.ros.transport.servo_path import make_servo_path, reader_qos
 
 BATCH = 0.05
 """Time [s] between two looks at all topics: fewer looks, each for more; half a second's worth could wait."""
-QUIET = 0.05
+WAIT_S = 0.05
 LOOK = 0.5
 DRAIN = 0.3
 GLOBAL_TOPICS = ("/clock", "/diagnostics", "/parameter_events")
@@ -154,7 +154,7 @@ class BagRecorder(Node):
         """Sleep until something comes."""
         if self._readers is None:
             self._readers = tuple(reader for track in self._tracks.values() for reader in track.readers)
-        self._servo.wait(self._readers, QUIET)
+        self._servo.wait(self._readers, WAIT_S)
 
     def _drain(self):
         """Write all that waits; the number of messages."""
@@ -217,11 +217,11 @@ class BagRecorder(Node):
     def close(self):
         """Take what is still coming, put the parameters into the bag, close it."""
         try:
-            quiet = time.monotonic() + DRAIN
+            silent_until = time.monotonic() + DRAIN
             end = time.monotonic() + self.parameters.longest_drain_s   # an axis that goes on never falls silent
-            while time.monotonic() < min(quiet, end):
+            while time.monotonic() < min(silent_until, end):
                 if self._drain():
-                    quiet = time.monotonic() + DRAIN
+                    silent_until = time.monotonic() + DRAIN
                 time.sleep(BATCH)
             for name, values in self._collector.found.items():
                 self._bag.custom_data[f"parameters {name}"] = json.dumps(values)

@@ -40,11 +40,11 @@ class GmsObserver(Node):
 
     def _take(self, states):
         columns = [np.ascontiguousarray(states[name]) for name in ("position", "applied_voltage", "current")]
-        told = np.flatnonzero(states["sequence"] % self._every == 0)
-        found = self._observer.advance_all(*columns, told)
-        if len(told):
-            messages = self._codec.blank(stamps_ns(states[told]))
-            messages["sequence"] = states["sequence"][told]
+        reported = np.flatnonzero(states["sequence"] % self._every == 0)
+        found = self._observer.advance_all(*columns, reported)
+        if len(reported):
+            messages = self._codec.blank(stamps_ns(states[reported]))
+            messages["sequence"] = states["sequence"][reported]
             _fill(messages, self._observer.estimates(found))
             self._outlet.send_all(messages)
 

@@ -21,7 +21,7 @@ from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.ros.launching.parameters import Parameters, yaml_mapping
 from microstage_ros.ros.launching.process import on_stop, run_node, running
-from microstage_ros.ros.loops.controller_loop import CROWDED, QUIET, STRANGE, QuickAnswers, load
+from microstage_ros.ros.loops.controller_loop import CROWDED, NOTHING_CAME, STRANGE, QuickAnswers, load
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.blocks import Outlet, Sender, periods_per_block
 from microstage_ros.ros.transport.checked import MOST, SILENT, CheckedReader
@@ -107,14 +107,14 @@ class StrController(Node):
         why, self._last = self._quick.run(before, self._patience)
         if self._last != before:
             self._answer = self._quick.command.bytes
-        if why == QUIET:
+        if why == NOTHING_CAME:
             self._flush()
         elif why == CROWDED:
             lockstep = bool(self._quick.state.message["status"][0] & AxisState.STATUS_LOCKSTEP)
             # paced, the loop waits for nobody: messages that find no place are missing
             self._commands.send_closed(lockstep)
             self._insides.send_closed(lockstep)
-        self._patience = WAIT if why == QUIET else MOMENT
+        self._patience = WAIT if why == NOTHING_CAME else MOMENT
         return self._quick.state.bytes if why == STRANGE else None
 
     def _flush(self):

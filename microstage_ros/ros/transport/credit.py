@@ -34,22 +34,22 @@ class Granter:
     def __init__(self, node):
         self._name = node.get_name()
         self._publish = never_raising(node.create_publisher(Credit, CREDIT, SLOW).publish)
-        self.until = self.told = -1
+        self.until = self.published = -1
 
     def forget(self):
         """The driver began anew: what was granted before counts no more."""
-        self.until = self.told = -1
+        self.until = self.published = -1
 
     def grant(self, until):
         """The driver may begin control periods up to ``until``; never less than before."""
         self.until = max(until, self.until)
-        self.told = -1
+        self.published = -1
         self.tell()
 
     def tell(self):
         """Send what has been granted, if it was not sent before."""
-        if self.until >= 0 and self.until != self.told:
-            self.told = self.until
+        if self.until >= 0 and self.until != self.published:
+            self.published = self.until
             self._publish(Credit(follower=self._name, until=self.until))
 
 

@@ -188,7 +188,7 @@ class FastServoPath:
         _KEPT.append((function, owner))
         self._notify(reader.address, function.address, argument)
 
-    def told_of_messages(self):
+    def reports_messages(self):
         """True if the middleware tells of new messages; tried with a subscription that is taken back."""
         from microstage_msgs.msg import Credit
 
@@ -275,7 +275,7 @@ def make_servo_path(node, plain=False):
     lacking = missing_private_calls()
     if not lacking:
         path = FastServoPath(node)
-        if path.told_of_messages():
+        if path.reports_messages():
             return path
         lacking = ["news of messages from the middleware"]
     node.get_logger().warning("missing here: " + ", ".join(lacking) + "; the servo path uses an executor, slower")

@@ -3,7 +3,7 @@
 The middleware calls us in the thread in which it heard of a message. To answer there and then spares two of the four
 wakings of a control period: nobody has to wake the loop's thread, and none of the loop's answers wait for it. So a loop
 that has nothing left to do hands over all that it works on (`hand_over`); whoever brings the next message takes it
-(`may_take`), does the period, and gives it back (`give_back`). When something is out of the ordinary, or the loop's
+(`may_take`), does the period, and gives it back (`hand_back`). When something is out of the ordinary, or the loop's
 thread is at work itself, the message stays where it is and the loop is woken for it, as it would be for every message
 without all this.
 
@@ -105,7 +105,7 @@ def may_take(handover):
 
 
 @compiled
-def give_back(handover, why):
+def hand_back(handover, why):
     """He has done it; unless it is WAITING, ``why`` the loop's thread is needed."""
     handover[WHY] = why
     unlock(handover.ctypes.data)

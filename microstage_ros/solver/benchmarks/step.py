@@ -19,7 +19,7 @@ from microstage_ros.solver.benchmarks.compiled_peers import (
     solve_with_sundials,
 )
 from microstage_ros.solver.benchmarks.peers import Equations, sizes, solve_with_runge_kutta, solve_with_scipy
-from microstage_ros.solver.ensembles.ensemble import respond_many
+from microstage_ros.solver.ensembles.ensemble import respond_batch
 from microstage_ros.solver.open_loop import COLUMNS, respond, run_open_loop
 from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
 
@@ -93,7 +93,7 @@ def ensemble_row(axis, axes=1000, periods=2000, noise=None):
 
     def run():
         states[:] = rested
-        respond_many(plants, voltage, states, threads)
+        respond_batch(plants, voltage, states, threads)
 
     rested[:] = new_state(plants[0])
     run()

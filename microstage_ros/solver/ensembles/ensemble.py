@@ -72,7 +72,7 @@ NUMBERS = (
  DAC_RANGE, QUANTUM, PER_QUANTUM, OFFSET, GAIN, LIMIT, NOISE) = range(len(NUMBERS))
 
 
-def respond_many(plants, voltage, states, threads=2):
+def respond_batch(plants, voltage, states, threads=2):
     """Advance many axes (arrays of `PLANT` and `STATE` records, states changed in place) by the same voltage.
 
     ``threads``: the axes are shared out over this many threads; the result depends neither on it nor on the other axes.
@@ -158,11 +158,11 @@ def _run_group(plants, states, works, space, voltage):
                 _vary_lanes(plants, states, works, numbers, due)
         ahead, f1, fade, rough = _period(rows, columns, places, voltage[n])
         if rough:
-            _give(states, numbers, rough)
+            _store(states, numbers, rough)
         _keep(rows, ahead, f1, fade)
         if rough:
             _periods_alone(plants, states, works, numbers, matrix, rough)
-    _give(states, numbers, ALL)
+    _store(states, numbers, ALL)
     for k in range(len(plants)):
         states[k].time = numbers[TIME, k]
         states[k].periods += voltage.size
@@ -233,7 +233,7 @@ def _vary_lanes(plants, states, works, numbers, which):
 
 
 @internal
-def _give(states, numbers, which):
+def _store(states, numbers, which):
     """The lanes ``which`` (bit k: lane k) back into their states."""
     not_inlined()
     for k in range(len(states)):
@@ -267,10 +267,10 @@ def _period(numbers, matrix, tables, voltage):
     push = (load(numbers, PUSH) - _stuck_force(numbers, G_FORCE, G_STIFFNESS, G_STRETCH) + spring) - load(numbers,
                                                                                                           GUIDE_SLIP)
     rows = _rows(matrix, load(numbers, CURRENT), omega0, v0, u, t0, pull * grow, push)
-    quiet, f1, fade = direction == direction, f0, load(numbers, SLIP_OFFSET)
+    no_event_yet, f1, fade = direction == direction, f0, load(numbers, SLIP_OFFSET)
     if lanes_set(direction == 0.0) != ALL:
-        rows, quiet, f1, fade = _slip(numbers, matrix, tables, rows, omega0, direction, pull, f0, grow)
-    rough = ALL - lanes_set(quiet & _no_event(numbers, rows))
+        rows, no_event_yet, f1, fade = _slip(numbers, matrix, tables, rows, omega0, direction, pull, f0, grow)
+    rough = ALL - lanes_set(no_event_yet & _no_event(numbers, rows))
     return rows, f1, fade, rough
 
 

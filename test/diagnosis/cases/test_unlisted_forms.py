@@ -12,7 +12,7 @@ from microstage_ros.diagnosis.prerequisites.amplifier import find_slowness
 from microstage_ros.diagnosis.prerequisites.drive import drive_of
 from microstage_ros.diagnosis.prerequisites.periods import both_ways, periods
 from microstage_ros.diagnosis.prerequisites.prerequisites import find_known
-from microstage_ros.diagnosis.prerequisites.slow_drift import MEANS, _told
+from microstage_ros.diagnosis.prerequisites.slow_drift import MEANS, _trend
 from microstage_ros.diagnosis.residuals.position import course_columns
 from microstage_ros.diagnosis.validation.simulated_records import Hidden, make_case
 from microstage_ros.model.axis_file import load_axis
@@ -55,8 +55,8 @@ def test_a_smooth_course_predicts_what_was_left_out_and_a_wave_of_the_stroke_doe
     time = np.arange(1250) * 0.02
     noise = 1e-9 * generator.normal(size=len(time))
     drift = 2e-7 * np.sin(2 * np.pi * time / 19.0) + 1e-8 * time
-    assert _told(drift + noise, time).share > 0.99
-    assert _told(2e-7 * np.sin(2 * np.pi * time / 0.9) + noise, time).share < 0.3
+    assert _trend(drift + noise, time).share > 0.99
+    assert _trend(2e-7 * np.sin(2 * np.pi * time / 0.9) + noise, time).share < 0.3
     assert np.linalg.matrix_rank(course_columns(time)) == course_columns(time).shape[1]
     assert MEANS * 5 == 200     # the same 20 ms from blocks as from samples
 

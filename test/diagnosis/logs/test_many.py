@@ -11,7 +11,7 @@ import pytest
 from microstage_ros.commands.analysis.diagnose import main as diagnose
 from microstage_ros.control.evaluation.comparison import QUICK, Bench
 from microstage_ros.diagnosis import fleet
-from microstage_ros.diagnosis.logs.batch import cases_of_logs, diagnose_many_logs
+from microstage_ros.diagnosis.logs.batch import cases_of_logs, diagnose_log_batch
 from microstage_ros.quantities.errors import InputError
 from test.diagnosis.logs.test_file_kinds import motion
 
@@ -67,7 +67,7 @@ def test_a_killed_worker_loses_nothing(machines, cluster, tmp_path):
     address, workers = cluster
     cases = cases_of_logs(machines, str(tmp_path / "LOG.yaml"), (), "", str(tmp_path / "out"), 0)
     reports = {}
-    for case, report in diagnose_many_logs(cases, scheduler=address):
+    for case, report in diagnose_log_batch(cases, scheduler=address):
         if not reports:
             workers[0].kill()
         reports[case.name] = report

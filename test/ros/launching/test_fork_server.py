@@ -61,7 +61,7 @@ def test_signals_that_come_together_before_a_node_is_there_all_reach_it(domain, 
     server read one."""
     with CellProcesses("/axis", ("interferometer_logger",), logs=tmp_path) as cell:
         process = cell.processes["interferometer_logger"]
-        assert process.told_pid is None
+        assert process.reported_pid is None
         for number in (signal.SIGCONT, signal.SIGCONT, signal.SIGKILL):
             process.send_signal(number)
         assert process.wait(120.0) == -signal.SIGKILL

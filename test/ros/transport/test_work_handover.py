@@ -16,7 +16,7 @@ from microstage_ros.ros.transport.work_handover import (
     WAITING,
     WORD,
     handover_of,
-    give_back,
+    hand_back,
     end_work,
     hand_over,
     may_take,
@@ -37,7 +37,7 @@ def on_message(work, count):
     """As `driver_loop.on_message`."""
     handover = handover_of(work)
     if may_take(handover):
-        give_back(handover, do_one(*work[0]))
+        hand_back(handover, do_one(*work[0]))
 
 
 @compiled

@@ -157,11 +157,11 @@ def mean_of(vectors):
 def learn(coordinates):
     """`Spread` from the baseline's repetitions and files."""
     modes, names, prior_r, prior_a = _modes(coordinates)
-    apart, means = deviations(coordinates.baseline, coordinates.group_baseline, coordinates)
+    residuals, means = deviations(coordinates.baseline, coordinates.group_baseline, coordinates)
     sizes = {int(c): _count(coordinates.baseline, coordinates, c) for c in np.unique(coordinates.condition)}
     groups = {int(c): _count(means, coordinates, c) for c in np.unique(coordinates.condition)}
-    free = len(apart) - len(means)
-    repetition, noise = _fit(apart, modes, prior_r**2, coordinates, PRIOR_REPETITIONS, free)
+    free = len(residuals) - len(means)
+    repetition, noise = _fit(residuals, modes, prior_r**2, coordinates, PRIOR_REPETITIONS, free)
     between = means - _nanmean(means)
     single = free == 0                      # one repetition per file: files tell of both
     lost = max(len(groups), 1)
@@ -236,27 +236,27 @@ def _mean_amplitude(coordinates, kind):
     return float(np.nan_to_num(np.nanmean(coordinates.baseline[:, own])))
 
 
-def _fit(apart, modes, prior, coordinates, weight, free):
+def _fit(residuals, modes, prior, coordinates, weight, free):
     """Variances of the modes (m,) and of what is left (K,) by a few rounds of empirical Bayes.
 
-    ``apart``: (repetitions, K) deviations; ``prior``: usual variances; ``free``: degrees of freedom that the deviations
-    have.
+    ``residuals``: (repetitions, K) deviations; ``prior``: usual variances; ``free``: degrees of freedom that the
+    deviations have.
     """
     variance = prior.copy()
-    filled = np.nan_to_num(apart)
-    seen = np.isfinite(apart)
+    filled = np.nan_to_num(residuals)
+    seen = np.isfinite(residuals)
     groups = _noise_groups(coordinates)
     noise = np.full(len(coordinates.kind), max(float(np.var(filled[seen])) if seen.any() else 0.0, 1e-10))
     if free <= 0 or not seen.any():
         return variance, noise
-    stretch = len(apart) / free
+    stretch = len(residuals) / free
     for _ in range(ROUNDS):
         inverse = 1.0 / noise
         gram = modes.T @ (modes * inverse[:, None]) + np.diag(1.0 / variance)
         covariance = np.linalg.inv(gram)
         sizes = filled @ (modes * inverse[:, None]) @ covariance
-        second = (sizes**2).sum(axis=0) * stretch + len(apart) * np.diag(covariance) * 0.5
-        variance = (weight * prior + second) / (weight + len(apart))
+        second = (sizes**2).sum(axis=0) * stretch + len(residuals) * np.diag(covariance) * 0.5
+        variance = (weight * prior + second) / (weight + len(residuals))
         left = np.where(seen, filled - sizes @ modes.T, np.nan)
         for members in groups:
             used = np.isfinite(left[:, members])

@@ -50,9 +50,9 @@ class Stage:
         """Choose causes; keep none that explain too little of what stands out. Returns a sentence, or an empty one."""
         self.problem = build(self)
         calibrate(self)
-        quiet = build(self, form=False)        # what would show does not depend on how large a change there is
-        quiet.inflation = self.problem.inflation
-        self.seen = visibility(quiet, self.largest)
+        without_form = build(self, form=False)        # what would show does not depend on how large a change there is
+        without_form.inflation = self.problem.inflation
+        self.seen = visibility(without_form, self.largest)
         possible = {name for name, entry in self.seen.items() if entry[1] < UNUSUAL * entry[3]}
         self.chosen = decide.choose(self.problem, possible, open_sign, self.also)
         self.whole, self.share = decide.stands_out(self.problem, self.chosen)

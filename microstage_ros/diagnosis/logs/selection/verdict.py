@@ -73,7 +73,8 @@ def answer(reduced, spreads, groups, context, notes, open_sign, seed):
                 rivals.append(
                     Rivals(
                         ids,
-                        f"{' and '.join(ids)} would show alike in these signals. If it is {cause.id}: {told(cause)}.",
+                        f"{' and '.join(ids)} would show alike in these signals."
+                        f" If it is {cause.id}: {sizes_in_words(cause)}.",
                         {"decides": separation(ids)},
                     )
                 )
@@ -157,7 +158,7 @@ def largest_in_effort(context):
     return {"inertia": min(float(np.mean(shares)), LARGEST["inertia"])} if shares else {}
 
 
-def told(cause):
+def sizes_in_words(cause):
     """Sizes of a cause in words."""
     return sentence_of(cause.id, cause.parameters).rstrip(".").partition(": ")[2] or "size open"
 
@@ -166,14 +167,14 @@ def _verdict(stages, causes, rivals):
     """One of `result.VERDICTS`. What the error does beside a changed effort is its consequence and stands for
     nothing."""
     first = stages[0]
-    apart = [s for s in stages if s is first or not s.free]
+    judged = [s for s in stages if s is first or not s.free]
     if rivals:
         return "undetermined"
     if causes:
         return (
-            "explained" if all(s.left > decide.WHOLE or s.share > decide.MOSTLY for s in apart) else "partly_explained"
+            "explained" if all(s.left > decide.WHOLE or s.share > decide.MOSTLY for s in judged) else "partly_explained"
         )
-    return "unexplained" if any(s.whole < decide.WHOLE for s in apart) else "agrees"
+    return "unexplained" if any(s.whole < decide.WHOLE for s in judged) else "agrees"
 
 
 def _sentences(notes, spreads):
