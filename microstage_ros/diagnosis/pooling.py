@@ -11,7 +11,9 @@ import pathlib
 
 import numpy as np
 
-from microstage_ros.diagnosis.result import Cause, Diagnosis, Finding, Gain, OverallGain, Parameter, Picture, Rivals
+from microstage_ros.diagnosis.result import (
+    Cause, Diagnosis, Finding, Improvement, OverallImprovement, Parameter, Picture, Rivals
+)
 from microstage_ros.model.axis_file import load_axis
 
 GROUP = 8                      # records to learn from in one group
@@ -81,7 +83,7 @@ def _pooled(found, groups, reports):
         parameters[name] = Parameter(float(np.median(sizes)), float(error), first["unit"])
     middle = numbers[int(np.argsort([cause["share"] for cause in causes])[len(causes) // 2])]
     effect = load_axis(pathlib.Path(groups[middle].out) / "extended.yaml").effects[causes[0]["id"]]
-    gain = Gain(
+    gain = Improvement(
         *(_rms([cause["gain"][key] for cause in causes]) for key in ("before", "after")), causes[0]["gain"]["unit"]
     )
     share = float(np.sum([cause["share"] for cause in causes]) / len(reports))
@@ -139,7 +141,7 @@ def _gain(reports):
     afters = np.array([gain["after"] for gain in gains])
     error = 1.96 * float(np.std(afters, ddof=1)) / math.sqrt(len(afters)) if len(afters) > 1 else 0.0
     records = tuple(name for gain in gains for name in gain["records"])
-    return OverallGain(
+    return OverallImprovement(
         gains[0]["metric"], gains[0]["unit"], records, before, after, floor, (max(after - error, 0.0), after + error)
     )
 

@@ -19,7 +19,7 @@ class Parameter:
 
 
 @dataclasses.dataclass(frozen=True)
-class Gain:
+class Improvement:
     """Root mean square residual on the held-out records, before and after, in ``unit``."""
 
     before: float
@@ -50,7 +50,7 @@ class Cause:
     effect: dict
     probability: float
     share: float
-    gain: Gain
+    gain: Improvement
     channel: str
     sentence: str = ""
     evidence: float = 0.0
@@ -67,7 +67,7 @@ class Rivals:
 
 
 @dataclasses.dataclass(frozen=True)
-class OverallGain:
+class OverallImprovement:
     """Residual over all channels on held-out records: before, after, noise floor and the 95 % interval of after."""
 
     metric: str
@@ -130,7 +130,7 @@ class Diagnosis:
     verdict: str
     causes: tuple = ()
     rivals: tuple = ()
-    gain: OverallGain | None = None
+    gain: OverallImprovement | None = None
     findings: tuple = ()
     pictures: tuple = ()
     notes: tuple = ()

@@ -17,8 +17,8 @@ from microstage_ros.diagnosis.result import (
     Cause,
     Diagnosis,
     Finding,
-    Gain,
-    OverallGain,
+    Improvement,
+    OverallImprovement,
     Parameter,
     Picture,
     Rivals,
@@ -39,9 +39,9 @@ def axis():
 @pytest.fixture
 def diagnosis():
     cause = Cause("backlash", {"width_rad": Parameter(0.017, 0.001, "rad")}, {"width_rad": 0.017}, 0.99, 0.83,
-                  Gain(0.031, 0.012, "V"), "voltage", "The gearhead has 17 mrad of lost motion.")
+                  Improvement(0.031, 0.012, "V"), "voltage", "The gearhead has 17 mrad of lost motion.")
     rivals = Rivals(("transport_delay", "actuator_lag"), "both shift the phase", {})
-    gain = OverallGain("voltage", "V", ("hold.csv",), 0.031, 0.012, 0.01, (0.011, 0.013))
+    gain = OverallImprovement("voltage", "V", ("hold.csv",), 0.031, 0.012, 0.01, (0.011, 0.013))
     x = np.linspace(0, 1, 50)
     picture = Picture("travel", "Lost motion", "position [m]", "voltage [V]", {"measured": (x, x), "model": (x, x**2, 0.1 * x)}, "backlash")
     findings = (Finding("voltage", "reversal", 9.0, 1.2, 0.8), Finding("voltage", "position", 1.0, 1.2, float("nan")))

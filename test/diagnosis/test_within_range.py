@@ -4,7 +4,7 @@ import pytest
 
 from microstage_ros.diagnosis import batch
 from microstage_ros.diagnosis.report.within_range import within_range
-from microstage_ros.diagnosis.result import Cause, Diagnosis, Gain, Parameter
+from microstage_ros.diagnosis.result import Cause, Diagnosis, Improvement, Parameter
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.model.effects import check_effects
 from microstage_ros.places import config_file
@@ -13,7 +13,7 @@ AXIS = load_axis(config_file("axis.yaml"))
 
 
 def cause(name, effect):
-    return Cause(name, {}, effect, 0.99, 0.5, Gain(1.0, 0.5, "V"), "torque")
+    return Cause(name, {}, effect, 0.99, 0.5, Improvement(1.0, 0.5, "V"), "torque")
 
 
 def test_an_impossible_size_is_not_named():

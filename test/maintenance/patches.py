@@ -222,7 +222,7 @@ CONTROLLER = {
 """Proportional-derivative law: U = K_P (reference − x) − K_D v, v a backward difference."""
 
 from microstage_ros.control.gains import Gain, record_type
-from microstage_ros.control.laws.law import Law, Part
+from microstage_ros.control.laws.law import ControlLaw, Part
 from microstage_ros.numerics.compiled import compiled
 
 GAINS = (
@@ -243,7 +243,7 @@ def pd_step(parameters, state, reference, encoder, current):
     return min(max(base.proportional_term + base.derivative_term, -limit), limit)
 
 
-LAWS = (Law("pd", {"pd": Part(GAINS, record_type(GAINS))}, pd_step),)
+LAWS = (ControlLaw("pd", {"pd": Part(GAINS, record_type(GAINS))}, pd_step),)
 '''},
     "edits": {"control/laws/registry.py": [
         ("import cascade, nctf, none, pid,", "import cascade, nctf, none, pd, pid,"),

@@ -68,7 +68,7 @@ class Extent(NamedTuple):
 QUICK = Extent(3, 5, 8, ((1e-6, 1.0), (1e-5, 0.3), (1e-4, 1.0)), 4)
 
 
-class Bench:
+class Evaluation:
     """The axis, the threads and the progress of one comparison."""
 
     def __init__(self, axis, extent, jobs=1, progress=None, elsewhere=None):
@@ -90,31 +90,31 @@ class Bench:
 
 def compare(axis, extent=Extent(), controllers=CONTROLLERS, jobs=1, progress=None, elsewhere=None):
     """Run the whole comparison. Returns plain data: numbers in SI, and the curves of Figs. 10 and 11."""
-    bench = Bench(axis, extent, jobs, progress, elsewhere)
+    evaluation = Evaluation(axis, extent, jobs, progress, elsewhere)
     result = {"controllers": list(controllers), "seeds": extent.seeds, "moves": extent.moves}
-    result["tracking"] = tracking(bench, controllers)
-    result["positioning"] = positioning(bench, controllers)
-    result["rest"] = rest(bench, controllers)
-    result["sines"] = sines(bench)
-    result["stress"] = stress(bench, controllers)
-    result["gain_jumps"] = gain_jumps(bench, controllers)
-    result["trade_off"] = trade_off(bench)
-    result["informed"] = limits(bench)
-    result["told_gap"] = gap_limits(bench)
-    result["weak_start"] = weak_start(bench)
-    result["observer"] = observation(bench)
-    result["level_jumps"] = level_jumps(bench)
+    result["tracking"] = tracking(evaluation, controllers)
+    result["positioning"] = positioning(evaluation, controllers)
+    result["rest"] = rest(evaluation, controllers)
+    result["sines"] = sines(evaluation)
+    result["stress"] = stress(evaluation, controllers)
+    result["gain_jumps"] = gain_jumps(evaluation, controllers)
+    result["trade_off"] = trade_off(evaluation)
+    result["informed"] = limits(evaluation)
+    result["told_gap"] = gap_limits(evaluation)
+    result["weak_start"] = weak_start(evaluation)
+    result["observer"] = observation(evaluation)
+    result["level_jumps"] = level_jumps(evaluation)
     result["margins"] = {kind: _margins(axis, kind) for kind in controllers}
     return result
 
 
-def tracking(bench, controllers):
+def tracking(evaluation, controllers):
     """Fig. 10: sine of 10 um at 0.03 Hz. Per controller: worst and median peak, rms, one curve."""
     found = {}
     for kind in controllers:
-        bench.progress(f"sine, {kind}")
-        trials = bench.each(
-            lambda seed: sine_trial(bench.axis, kind, {}, *TRACKING_SINE, seed), range(bench.extent.seeds)
+        evaluation.progress(f"sine, {kind}")
+        trials = evaluation.each(
+            lambda seed: sine_trial(evaluation.axis, kind, {}, *TRACKING_SINE, seed), range(evaluation.extent.seeds)
         )
         peaks = np.array([t.peak for t in trials])
         columns = trials[0].columns
@@ -131,16 +131,16 @@ def tracking(bench, controllers):
     return found
 
 
-def positioning(bench, controllers):
+def positioning(evaluation, controllers):
     """Table 4 and Fig. 11: repeated moves over each distance. Per controller and distance: figures and a curve."""
     found = {}
     for kind in controllers:
         found[kind] = {}
         for distance in DISTANCES:
-            bench.progress(f"moves of {distance * 1e6:g} um, {kind}")
-            trials = bench.each(
-                lambda seed: step_trial(bench.axis, kind, {}, distance, seed, bench.extent.moves),
-                range(bench.extent.seeds),
+            evaluation.progress(f"moves of {distance * 1e6:g} um, {kind}")
+            trials = evaluation.each(
+                lambda seed: step_trial(evaluation.axis, kind, {}, distance, seed, evaluation.extent.moves),
+                range(evaluation.extent.seeds),
             )
             found[kind][distance] = positioning_figures(trials, distance)
     return found
@@ -176,34 +176,34 @@ def positioning_figures(trials, distance):
     }
 
 
-def rest(bench, controllers):
+def rest(evaluation, controllers):
     """Ten seconds at rest after a move of 10 um: largest peak-to-peak of the true position [m] over seeds."""
     program = [{"move_to_m": 1e-5, "dwell_s": 11.0}]
 
     def held(kind, seed):
-        stage = trial(bench.axis, kind, {}, program, seed)["stage_m"]
+        stage = trial(evaluation.axis, kind, {}, program, seed)["stage_m"]
         return float(np.ptp(stage[len(stage) - 100_000 :]))
 
     found = {}
     for kind in controllers:
-        bench.progress(f"rest, {kind}")
-        found[kind] = max(bench.each(lambda seed: held(kind, seed), range(min(bench.extent.seeds, 5))))
+        evaluation.progress(f"rest, {kind}")
+        found[kind] = max(evaluation.each(lambda seed: held(kind, seed), range(min(evaluation.extent.seeds, 5))))
     return found
 
 
-def sines(bench, kinds=("pid", "self_tuning", "self_tuning_feedforward", "self_tuning_observer")):
+def sines(evaluation, kinds=("pid", "self_tuning", "self_tuning_feedforward", "self_tuning_observer")):
     """Sines of many sizes: worst peak [m] of each law, and of the best fixed PID searched for that very sine."""
     def one(sine):
-        seeds = fresh_seeds(bench)
-        worst = {kind: max(sine_trial(bench.axis, kind, {}, *sine, seed).peak for seed in seeds) for kind in kinds}
-        gains, worst["best_pid"] = best_for_sine(bench.axis, seeds, *sine, bench.extent.searches)
+        seeds = fresh_seeds(evaluation)
+        worst = {kind: max(sine_trial(evaluation.axis, kind, {}, *sine, seed).peak for seed in seeds) for kind in kinds}
+        gains, worst["best_pid"] = best_for_sine(evaluation.axis, seeds, *sine, evaluation.extent.searches)
         return {"amplitude": sine[0], "frequency": sine[1], "gains": gains, "peak": worst}
 
-    bench.progress("best fixed PID for every sine")
-    return bench.each(one, bench.extent.sines)
+    evaluation.progress("best fixed PID for every sine")
+    return evaluation.each(one, evaluation.extent.sines)
 
 
-def stress(bench, controllers):
+def stress(evaluation, controllers):
     """Every controller under every condition: sine (10 um, 0.1 Hz) and 10 um moves, from the fourth on.
 
     ``peak``, ``learned_peak`` [m]: worst of the sine's first full cycle, and of its third. Beside them `stress_limits`.
@@ -211,15 +211,15 @@ def stress(bench, controllers):
 
     def one(job):
         kind, name = job
-        conditions, seeds = STRESS[name], range(bench.extent.seeds)
+        conditions, seeds = STRESS[name], range(evaluation.extent.seeds)
         peaks = [
             cycle_peaks(
-                sine_trial(bench.axis, kind, {}, *STRESS_SINE, seed, STRESS_CYCLES, **conditions), STRESS_SINE[1]
+                sine_trial(evaluation.axis, kind, {}, *STRESS_SINE, seed, STRESS_CYCLES, **conditions), STRESS_SINE[1]
             )
             for seed in seeds
         ]
         peak, learned_peak = max(p[0] for p in peaks), max(p[-1] for p in peaks)
-        trials = [step_trial(bench.axis, kind, {}, 1e-5, seed, 8, **conditions) for seed in seeds]
+        trials = [step_trial(evaluation.axis, kind, {}, 1e-5, seed, 8, **conditions) for seed in seeds]
         learned = [
             t._replace(errors=t.errors[3:], interferometer=t.interferometer[3:], settling=t.settling[3:])
             for t in trials
@@ -231,42 +231,42 @@ def stress(bench, controllers):
             **{key: figures[key] for key in ("four_s_worst", "bias_worst", "settling_median", "rest_worst")},
         }
 
-    bench.progress("stress set")
+    evaluation.progress("stress set")
     jobs = [(kind, name) for kind in controllers for name in STRESS]
     found = {name: {} for name in STRESS}
-    for (kind, name), figures in zip(jobs, bench.each(one, jobs)):
+    for (kind, name), figures in zip(jobs, evaluation.each(one, jobs)):
         found[name][kind] = figures
     for name, conditions in STRESS.items():
         if set(conditions) <= {"period_s"}:
-            period = conditions.get("period_s", bench.axis.value("period"))
-            found[name]["least"] = {"peak": least_error(bench.axis, period, bench.extent.seeds)[1]}
-    for name, found_limits in stress_limits(bench, STRESS).items():
+            period = conditions.get("period_s", evaluation.axis.value("period"))
+            found[name]["least"] = {"peak": least_error(evaluation.axis, period, evaluation.extent.seeds)[1]}
+    for name, found_limits in stress_limits(evaluation, STRESS).items():
         found[name] |= {yardstick: {"peak": peak} for yardstick, peak in found_limits.items()}
     return found
 
 
-def gain_jumps(bench, controllers):
+def gain_jumps(evaluation, controllers):
     """The amplifier's gain jumps during a sine (10 um, 0.1 Hz): {controller: [{factor, start, after, end}]}, m.
 
     ``start``: peak if the gain is wrong from the start; ``after``, ``end``: peak after a jump, and once it is over.
     """
     def one(job):
         kind, factor = job
-        seeds = range(bench.extent.seeds)
+        seeds = range(evaluation.extent.seeds)
         wrong = {"effects": {"amplifier_gain": {"factor": factor}}}
-        start = max(sine_trial(bench.axis, kind, {}, 1e-5, 0.1, seed, **wrong).peak for seed in seeds)
-        jumps = [gain_jump_trial(bench.axis, kind, factor, seed) for seed in seeds]
+        start = max(sine_trial(evaluation.axis, kind, {}, 1e-5, 0.1, seed, **wrong).peak for seed in seeds)
+        jumps = [gain_jump_trial(evaluation.axis, kind, factor, seed) for seed in seeds]
         return {"factor": factor, "start": start, "after": max(j[0] for j in jumps), "end": max(j[1] for j in jumps)}
 
-    bench.progress("gain of the amplifier")
+    evaluation.progress("gain of the amplifier")
     jobs = [(kind, factor) for kind in controllers for factor in GAIN_JUMPS]
     found = {kind: [] for kind in controllers}
-    for (kind, _), figures in zip(jobs, bench.each(one, jobs)):
+    for (kind, _), figures in zip(jobs, evaluation.each(one, jobs)):
         found[kind].append(figures)
     return found
 
 
-def trade_off(bench):
+def trade_off(evaluation):
     """What margin at the amplifier costs the observer law: the less it trusts the back-EMF, the larger the margin.
 
     Per doubt in the voltage: smallest gain margin [dB] and phase margin [deg] in pre-sliding and at full speed, and
@@ -280,18 +280,18 @@ def trade_off(bench):
 
     def one(job):
         gains, name = {"voltage_noise": job[0]}, job[1]
-        seeds = range(bench.extent.seeds)
+        seeds = range(evaluation.extent.seeds)
         return max(
-            sine_trial(bench.axis, "self_tuning_observer", gains, 1e-5, 0.1, k, **STRESS[name]).peak for k in seeds
+            sine_trial(evaluation.axis, "self_tuning_observer", gains, 1e-5, 0.1, k, **STRESS[name]).peak for k in seeds
         )
 
-    bench.progress("margin against robustness")
+    evaluation.progress("margin against robustness")
     jobs = [(doubt, name) for doubt in DOUBTS for name in names]
-    peaks = dict(zip(jobs, bench.each(one, jobs)))
+    peaks = dict(zip(jobs, evaluation.each(one, jobs)))
     found = []
     for doubt in DOUBTS:
-        parameters = controller_parameters("self_tuning_observer", bench.axis, {"voltage_noise": doubt})
-        guarded = [m for m in controller_margins(bench.axis, parameters) if m.regime in GUARDED]
+        parameters = controller_parameters("self_tuning_observer", evaluation.axis, {"voltage_noise": doubt})
+        guarded = [m for m in controller_margins(evaluation.axis, parameters) if m.regime in GUARDED]
         found.append(
             {
                 "doubt": doubt,
@@ -303,24 +303,26 @@ def trade_off(bench):
     return found
 
 
-def observation(bench):
+def observation(evaluation):
     """Errors of the friction observer (see `observer_trial`): worst over seeds, per motion."""
-    bench.progress("observer")
+    evaluation.progress("observer")
     found = {}
     for motion in ("sine 10 um", "sine 1 mm", "moves 1 um", "moves 10 um", "moves 1 mm"):
-        trials = bench.each(lambda seed: observer_trial(bench.axis, motion, seed), range(min(bench.extent.seeds, 5)))
+        seeds = range(min(evaluation.extent.seeds, 5))
+        trials = evaluation.each(lambda seed: observer_trial(evaluation.axis, motion, seed), seeds)
         found[motion] = {key: max(t[key] for t in trials) for key in trials[0]}
     return found
 
 
-def level_jumps(bench):
+def level_jumps(evaluation):
     """How soon and how well the observer sees the level jump (see `level_jump_trial`): worst over seeds, per sine and
     jump."""
-    bench.progress("jumps of the level")
+    evaluation.progress("jumps of the level")
     jobs = [(*sine, factor) for sine in LEVEL_SINES for factor in LEVEL_JUMPS]
     found = []
     for job in jobs:
-        trials = bench.each(lambda seed: level_jump_trial(bench.axis, *job, seed), range(bench.extent.seeds))
+        seeds = range(evaluation.extent.seeds)
+        trials = evaluation.each(lambda seed: level_jump_trial(evaluation.axis, *job, seed), seeds)
         worst = {key: max(t[key] for t in trials) for key in trials[0]}
         found.append(dict(zip(("amplitude", "frequency", "factor"), job)) | worst)
     return found

@@ -141,29 +141,29 @@ def gap_sine(axis, seed, given, width, amplitude=1e-5, frequency=0.1, cycles=3.2
     return float(error[:cycle].max()), float(error[-cycle:].max())
 
 
-def limits(bench, periods=PERIODS):
+def limits(evaluation, periods=PERIODS):
     """Worst peak [m] of the sine of 10 um at 0.1 Hz, by what the regulator is told: {period [s]: {`GIVEN`: peak}}.
 
     Beside them `least`, of `least_error`.
     """
-    bench.progress("what not knowing costs")
-    jobs = [(period, given, seed) for period in periods for given in GIVEN for seed in range(bench.extent.seeds)]
+    evaluation.progress("what not knowing costs")
+    jobs = [(period, given, seed) for period in periods for given in GIVEN for seed in range(evaluation.extent.seeds)]
     found = {period: dict.fromkeys(GIVEN, 0.0) for period in periods}
     for (period, given, _), peak in zip(
-        jobs, bench.each(lambda job: informed_sine(bench.axis, job[2], job[1], job[0]), jobs)
+        jobs, evaluation.each(lambda job: informed_sine(evaluation.axis, job[2], job[1], job[0]), jobs)
     ):
         found[period][given] = max(found[period][given], peak)
     for period in periods:
-        found[period]["least"] = least_error(bench.axis, period, bench.extent.seeds)[1]
+        found[period]["least"] = least_error(evaluation.axis, period, evaluation.extent.seeds)[1]
     return found
 
 
-def gap_limits(bench):
+def gap_limits(evaluation):
     """Worst peak [m] of the sine of 10 um at 0.1 Hz with a gap of 0.5 degrees, {of `GIVEN_OF_GAP`: (first cycle,
     third)}."""
-    bench.progress("what not knowing a gap costs")
-    jobs = [(seed, given) for given in GIVEN_OF_GAP for seed in range(bench.extent.seeds)]
-    peaks = bench.each(lambda job: gap_sine(bench.axis, *job, GAP_WIDTH), jobs)
+    evaluation.progress("what not knowing a gap costs")
+    jobs = [(seed, given) for given in GIVEN_OF_GAP for seed in range(evaluation.extent.seeds)]
+    peaks = evaluation.each(lambda job: gap_sine(evaluation.axis, *job, GAP_WIDTH), jobs)
     return {
         given: tuple(max(p[k] for (_, of), p in zip(jobs, peaks) if of == given) for k in range(2))
         for given in GIVEN_OF_GAP

@@ -30,9 +30,9 @@ def shipped_gains_of(axis, kind="pid"):
     return gains | {name: float(parameters["feedforward"][name]) for name in SHARES[kind]}
 
 
-def fresh_seeds(bench):
+def fresh_seeds(evaluation):
     """Seeds that no search has seen, as many as the comparison judges."""
-    return range(FIRST_FRESH_SEED, FIRST_FRESH_SEED + bench.extent.seeds)
+    return range(FIRST_FRESH_SEED, FIRST_FRESH_SEED + evaluation.extent.seeds)
 
 
 def best_for_sine(axis, seeds, amplitude, frequency, evaluations, kind="pid", **conditions):
@@ -47,16 +47,16 @@ def best_for_sine(axis, seeds, amplitude, frequency, evaluations, kind="pid", **
     return gains, peak(gains, seeds)
 
 
-def stress_limits(bench, stress):
+def stress_limits(evaluation, stress):
     """What can be had under each condition of ``stress``: {condition: {yardstick: worst peak [m] of the sine}}.
 
     `best_pid`, `best_pid_feedforward`: searched under that very condition, encoder as it is.
     `perfect_pid`: searched with an encoder and an amplifier without noise or rounding: what mechanics and rate leave.
     `perfect_observer`: the observer law with these sensors.
     """
-    perfect = bench.axis.with_values({"sensors.encoder.resolution": PERFECT_STEP}, source="derived")
+    perfect = evaluation.axis.with_values({"sensors.encoder.resolution": PERFECT_STEP}, source="derived")
 
-    seeds = fresh_seeds(bench)
+    seeds = fresh_seeds(evaluation)
 
     def one(job):
         name, yardstick = job
@@ -66,49 +66,50 @@ def stress_limits(bench, stress):
                 for k in seeds
             )
             return max(trial.peak for trial in trials)
-        axis, noise = (perfect, PERFECT) if yardstick == "perfect_pid" else (bench.axis, {})
+        axis, noise = (perfect, PERFECT) if yardstick == "perfect_pid" else (evaluation.axis, {})
         kind = "pid_feedforward" if yardstick == "best_pid_feedforward" else "pid"
         return best_for_sine(
-            axis, seeds, *STRESS_SINE, bench.extent.stress_searches, kind, noise=noise, **stress[name]
+            axis, seeds, *STRESS_SINE, evaluation.extent.stress_searches, kind, noise=noise, **stress[name]
         )[1]
 
-    bench.progress("limits under stress")
+    evaluation.progress("limits under stress")
     jobs = [
         (name, yardstick)
         for name in stress
         for yardstick in ("best_pid", "best_pid_feedforward", "perfect_pid", "perfect_observer")
     ]
     found = {name: {} for name in stress}
-    for (name, yardstick), peak in zip(jobs, bench.each(one, jobs)):
+    for (name, yardstick), peak in zip(jobs, evaluation.each(one, jobs)):
         found[name][yardstick] = peak
     return found
 
 
-def weak_start(bench, kinds=("self_tuning", "self_tuning_feedforward", "self_tuning_observer")):
+def weak_start(evaluation, kinds=("self_tuning", "self_tuning_feedforward", "self_tuning_observer")):
     """From a tenth of the gains: error of moves 1 ... 5 of 10 um against fixed PIDs.
 
     Figure of a move: rms of the true position's error from the move's start to its end, median over seeds. Beside
     the laws: `pid`, shipped; `best_pid`, searched for these moves alone; `kept_pid`, the best of those that
     `keeps_figures`; `guarded_pid`, the best of those with the margins that `tune` asks for.
     """
-    bench.progress("tenth of the gains")
+    evaluation.progress("tenth of the gains")
 
     def rms_by_move(kind, gains):
-        seeds = range(bench.extent.seeds)
-        return np.median(bench.each(lambda seed: move_errors(bench.axis, kind, gains, seed, 5), seeds), axis=0).tolist()
+        seeds = range(evaluation.extent.seeds)
+        errors = evaluation.each(lambda seed: move_errors(evaluation.axis, kind, gains, seed, 5), seeds)
+        return np.median(errors, axis=0).tolist()
 
     def searched(rule):
         return search(
-            lambda gains: max(move_errors(bench.axis, "pid", gains, seed, 2)[-1] for seed in MOVE_SEARCH_SEEDS),
-            shipped_gains_of(bench.axis),
-            bench.extent.stress_searches,
-            accept=rule and (lambda gains: rule(bench.axis, gains)),
+            lambda gains: max(move_errors(evaluation.axis, "pid", gains, seed, 2)[-1] for seed in MOVE_SEARCH_SEEDS),
+            shipped_gains_of(evaluation.axis),
+            evaluation.extent.stress_searches,
+            accept=rule and (lambda gains: rule(evaluation.axis, gains)),
         )[0]
 
     found = {kind: rms_by_move(kind, {"start": 0.1}) for kind in kinds}
     found["pid"] = rms_by_move("pid", {})
     rules = {"best_pid": None, "kept_pid": keeps_figures, "guarded_pid": keeps_margins}
-    for name, gains in zip(rules, bench.each(searched, rules.values())):
+    for name, gains in zip(rules, evaluation.each(searched, rules.values())):
         found[name] = rms_by_move("pid", gains)
     return found
 

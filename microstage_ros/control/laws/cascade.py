@@ -7,7 +7,7 @@ Source of the form: EMPS data set (Janot, Gautier, Brunot 2019): position gain 1
 """
 
 from microstage_ros.control.gains import Gain, record_type
-from microstage_ros.control.laws.law import Law, Part
+from microstage_ros.control.laws.law import ControlLaw, Part
 from microstage_ros.numerics.compiled import compiled
 
 GAINS = (
@@ -58,4 +58,4 @@ def law_step(parameters, state, reference, encoder, current):
     )
 
 
-LAWS = (Law("cascade", {"cascade": Part(GAINS, PARAMETERS, STATE_FIELDS)}, law_step, start=law_start),)
+LAWS = (ControlLaw("cascade", {"cascade": Part(GAINS, PARAMETERS, STATE_FIELDS)}, law_step, start=law_start),)

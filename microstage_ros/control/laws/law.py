@@ -20,7 +20,7 @@ class Part(NamedTuple):
     state: Any = None
 
 
-class Law(NamedTuple):
+class ControlLaw(NamedTuple):
     """A control law; a file lists its own as ``LAWS``.
 
     Attributes

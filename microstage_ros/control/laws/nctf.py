@@ -18,7 +18,8 @@ import numpy as np
 
 from microstage_ros.control.design import rules
 from microstage_ros.control.gains import Gain, record_type
-from microstage_ros.control.laws.law import Law, Part
+from microstage_ros.control.laws.filtered_motion import filtered_motion
+from microstage_ros.control.laws.law import ControlLaw, Part
 from microstage_ros.numerics.compiled import compiled
 
 GAINS = (
@@ -71,12 +72,7 @@ def trajectory_speed(p, error):
 @compiled
 def nctf_step(p, base, period, limit, reference, encoder):
     """Output [V] within +-limit; ``base`` keeps motion, integral and terms."""
-    base.error = reference - encoder
-    base.reference_velocity = (reference - base.previous_reference) / period
-    share = period / (period + p.filter_time)
-    base.velocity += share * ((encoder - base.previous_encoder) / period - base.velocity)
-    base.previous_reference = reference
-    base.previous_encoder = encoder
+    filtered_motion(base, period, p.filter_time, reference, encoder)
     distance = base.reference_velocity - base.velocity + trajectory_speed(p, base.error)
     base.kp = p.velocity_proportional * p.beta
     base.ki = p.velocity_integral * p.beta
@@ -103,4 +99,4 @@ def complete(record):
     fill_trajectory(record["nctf"], record["feedforward"])
 
 
-LAWS = (Law("nctf", {"nctf": Part(GAINS, PARAMETERS)}, law_step, rules=rules.nctf_gains, complete=complete),)
+LAWS = (ControlLaw("nctf", {"nctf": Part(GAINS, PARAMETERS)}, law_step, rules=rules.nctf_gains, complete=complete),)

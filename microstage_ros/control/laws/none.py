@@ -1,6 +1,6 @@
 """No control: command zero, whatever the error; for runs in open loop."""
 
-from microstage_ros.control.laws.law import Law
+from microstage_ros.control.laws.law import ControlLaw
 from microstage_ros.numerics.compiled import compiled
 
 
@@ -11,4 +11,4 @@ def none_step(parameters, state, reference, encoder, current):
     return 0.0
 
 
-LAWS = (Law("none", {}, none_step),)
+LAWS = (ControlLaw("none", {}, none_step),)

@@ -7,7 +7,7 @@ U = PID(e) + U_ff(reference), where U_ff holds inertia, back-EMF and a share of 
 from microstage_ros.control.design import rules
 from microstage_ros.control.feedforward import axis as feedforward
 from microstage_ros.control.laws import pid
-from microstage_ros.control.laws.law import Law, Part
+from microstage_ros.control.laws.law import ControlLaw, Part
 from microstage_ros.numerics.compiled import compiled
 
 PID = Part(pid.GAINS, pid.PARAMETERS, pid.STATE_FIELDS)
@@ -39,7 +39,7 @@ def fed_forward_step(parameters, state, reference, encoder, current):
 
 
 LAWS = (
-    Law("pid", {"pid": PID}, pid_step, rules=rules.encoder_gains, loop="pid"),
-    Law("pid_feedforward", {"pid": PID, "feedforward": FEEDFORWARD}, fed_forward_step, start=feedforward_start,
+    ControlLaw("pid", {"pid": PID}, pid_step, rules=rules.encoder_gains, loop="pid"),
+    ControlLaw("pid_feedforward", {"pid": PID, "feedforward": FEEDFORWARD}, fed_forward_step, start=feedforward_start,
         rules=rules.fed_forward_gains, loop="pid"),
 )

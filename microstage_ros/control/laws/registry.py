@@ -1,7 +1,7 @@
 """The registry of control laws and the one compiled dispatch that node and simulator share.
 
-A law is added by writing one file with its gains, its state fields and its compiled step (see `law.Law`), and by naming
-that file in `FILES`: parameter record, memory and dispatch are made from what the files say.
+A law is added by writing one file with its gains, its state fields and its compiled step (see `law.ControlLaw`), and
+by naming that file in `FILES`: parameter record, memory and dispatch are made from what the files say.
 """
 
 import math
@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from microstage_ros.control.laws import cascade, nctf, none, pid, pid_feedforward, self_tuning, self_tuning_observer
-from microstage_ros.control.laws.law import Law
+from microstage_ros.control.laws.law import ControlLaw
 from microstage_ros.control.laws.published import (
     disturbance_observer,
     disturbance_rejection,
@@ -54,8 +54,8 @@ law_step = dispatch(
 )
 
 
-def law(type_name: str, place: str = "controller.type") -> Law:
-    """The `Law` of that name; `InputError` with the known names otherwise."""
+def law(type_name: str, place: str = "controller.type") -> ControlLaw:
+    """The `ControlLaw` of that name; `InputError` with the known names otherwise."""
     if not isinstance(type_name, str) or type_name not in LAWS:
         raise InputError(place, type_name, "one of " + ", ".join(LAWS))
     return LAWS[type_name]

@@ -3,7 +3,7 @@
 from microstage_ros.control.design import rules
 from microstage_ros.control.feedforward import axis as feedforward
 from microstage_ros.control.laws import adaptation, pid
-from microstage_ros.control.laws.law import Law, Part
+from microstage_ros.control.laws.law import ControlLaw, Part
 from microstage_ros.control.laws.pid_feedforward import FEEDFORWARD, PID, feedforward_start
 from microstage_ros.numerics.compiled import compiled
 
@@ -45,9 +45,9 @@ def complete(record):
 
 
 LAWS = (
-    Law("self_tuning", {"pid": PID, "adaptation": ADAPTATION}, self_tuning_step, self_tuning_reset,
+    ControlLaw("self_tuning", {"pid": PID, "adaptation": ADAPTATION}, self_tuning_step, self_tuning_reset,
         rules=rules.self_tuning_encoder_gains, complete=complete, loop="pid"),
-    Law("self_tuning_feedforward", {"pid": PID, "adaptation": ADAPTATION, "feedforward": FEEDFORWARD},
+    ControlLaw("self_tuning_feedforward", {"pid": PID, "adaptation": ADAPTATION, "feedforward": FEEDFORWARD},
         fed_forward_self_tuning_step, self_tuning_reset, feedforward_start,
         rules=rules.fed_forward_self_tuning_gains, complete=complete, loop="pid"),
 )

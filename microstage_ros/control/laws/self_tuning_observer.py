@@ -7,7 +7,7 @@ from microstage_ros.control.design import rules
 from microstage_ros.control.feedforward import axis as feedforward
 from microstage_ros.control.gains import record_type
 from microstage_ros.control.laws import adaptation, pid, supervision
-from microstage_ros.control.laws.law import Law, Part
+from microstage_ros.control.laws.law import ControlLaw, Part
 from microstage_ros.control.laws.pid_feedforward import FEEDFORWARD, PID
 from microstage_ros.control.laws.self_tuning import ADAPTATION, self_tuning_reset
 from microstage_ros.control.observer import flexible_mode as swing
@@ -181,7 +181,7 @@ def complete(record):
 
 
 LAWS = (
-    Law(
+    ControlLaw(
         "self_tuning_observer",
         PARTS,
         observed_step,

@@ -77,7 +77,7 @@ def _parameter(number):
 
 
 def gain_fields(gain):
-    """The field ``gain`` of report.json of a `Gain`."""
+    """The field ``gain`` of report.json of an `Improvement`."""
     return {
         "metric": gain.metric,
         "unit": gain.unit,

@@ -18,7 +18,7 @@ from microstage_ros.diagnosis.resimulation.folds import (
     noise_floor,
 )
 from microstage_ros.diagnosis.resimulation.selection import AT_THE_FLOOR, Selector
-from microstage_ros.diagnosis.result import Cause, Diagnosis, Gain, OverallGain, Parameter, Rivals
+from microstage_ros.diagnosis.result import Cause, Diagnosis, Improvement, OverallImprovement, Parameter, Rivals
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.quantities.errors import InputError
 
@@ -79,7 +79,7 @@ def _answer(axis, parts, folds, loop, selection, floor, records, holdout, seed):
     causes, rivals, provisional, open_share = [], [], {}, 0.0
     for position, cause in enumerate(last.model.chosen):
         found = _cause(cause, _errors_of(last.model, errors, position), shares[cause.candidate.id],
-                       Gain(alone[cause.candidate.id], after, unit), quantity)
+                       Improvement(alone[cause.candidate.id], after, unit), quantity)
         alike = selection.rivals.get(found.id, [])
         if alike:
             ids = (found.id, *alike)
@@ -93,7 +93,7 @@ def _answer(axis, parts, folds, loop, selection, floor, records, holdout, seed):
     coordinates = pictures.coordinates(parts, axis, own)
     found = pictures.findings(coordinates, selection.given.residual[own], last.residual[own], seed, quantity)
     block = max(int(BLOCK_S / period), 1)
-    gain = OverallGain(
+    gain = OverallImprovement(
         METRIC.format(quantity),
         unit,
         _held_names(records, holdout, parts, folds.period_rows),

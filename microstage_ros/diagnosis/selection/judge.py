@@ -7,7 +7,7 @@ from scipy.stats import chi2
 
 from microstage_ros.diagnosis.catalogue import CONTAINS
 from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, Trial
-from microstage_ros.diagnosis.result import Finding, Gain, OverallGain, Rivals
+from microstage_ros.diagnosis.result import Finding, Improvement, OverallImprovement, Rivals
 from microstage_ros.diagnosis.selection.agreement import OF_ONE, agrees_with_itself, log_tail, shortfall
 from microstage_ros.diagnosis.selection.selection import (
     FRICTIONS,
@@ -309,12 +309,12 @@ def _shown_by_more_than_the_reading(evidences, choices):
 
 
 def overall_gain(book, names):
-    """`OverallGain` as root mean square of the standardised residual, with the interval of after."""
+    """`OverallImprovement` as root mean square of the standardised residual, with the interval of after."""
     rows = max(book.rows, 1)
     before, after, floor = (math.sqrt(max(v, 0.0) / rows) for v in (book.before, book.after, book.floor))
     half = 1.96 / math.sqrt(2.0 * rows) * after
-    return OverallGain("rms of the residual over its noise, all channels", "1", tuple(names), before, after, floor,
-                       (after - half, after + half))
+    return OverallImprovement("rms of the residual over its noise, all channels", "1", tuple(names), before, after,
+                              floor, (after - half, after + half))
 
 
 def rivals_entry(ids):
@@ -325,7 +325,7 @@ def rivals_entry(ids):
 
 
 def cause_gain(evidences, choice, choices, units):
-    """`Gain` of one cause in the channel where it shows most: rms before and after, in the channel's unit."""
+    """`Improvement` of one cause in the channel where it shows most: rms before and after, in the channel's unit."""
     others = [c for c in choices if c is not choice]
     best = max({f.channel for f in choice.forms},
                key=lambda ch: evidences.held_gain(choices, [ch]) - evidences.held_gain(others, [ch]))
@@ -334,4 +334,4 @@ def cause_gain(evidences, choice, choices, units):
     before = energy - evidences.held_gain(others, [best])
     after = energy - evidences.held_gain(choices, [best])
     rms = lambda value: factor * math.sqrt(max(value, 0.0) / max(held.rows, 1))
-    return best, Gain(rms(before), rms(after), unit)
+    return best, Improvement(rms(before), rms(after), unit)

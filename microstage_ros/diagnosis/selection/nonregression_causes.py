@@ -4,7 +4,7 @@ readings."""
 import numpy as np
 
 from microstage_ros.diagnosis.prerequisites.timing import readings_late
-from microstage_ros.diagnosis.result import Cause, Gain, Parameter
+from microstage_ros.diagnosis.result import Cause, Improvement, Parameter
 from microstage_ros.diagnosis.selection import judge
 
 
@@ -39,7 +39,7 @@ def _slowness(slow, book, unsure):
     name = "delay_s" if slow.effect == "transport_delay" else "time_s"
     rms = [slow.noise * np.sqrt(v / slow.held_rows) for v in (slow.held_before, slow.held_before - slow.held)]
     return [Cause(slow.effect, {name: Parameter(slow.time, slow.stderr, "s")}, {name: slow.time}, 0.0, 0.0,
-                  Gain(float(rms[0]), float(rms[1]), "V"), "command")]
+                  Improvement(float(rms[0]), float(rms[1]), "V"), "command")]
 
 
 def _lost_motion(gap, radius, book):
@@ -57,7 +57,7 @@ def _lost_motion(gap, radius, book):
         {"width_rad": width},
         0.0,
         0.0,
-        Gain(float(rms[0]), float(rms[1]), "m"),
+        Improvement(float(rms[0]), float(rms[1]), "m"),
         "windup",
     )
 
@@ -73,7 +73,7 @@ def _drift(course, collection, book):
     rms = [float(noise * np.sqrt(v / rows)) for v in (course.held_before, course.held_after)]
     parameters = {"drift_rms_m": Parameter(course.size, course.size_stderr, "m"),
                   "rate_m_s": Parameter(course.rate, course.rate_stderr, "m/s")}
-    return Cause("thermal_drift", parameters, {"rate_m_s": course.rate}, 0.0, 0.0, Gain(*rms, "m"), "position")
+    return Cause("thermal_drift", parameters, {"rate_m_s": course.rate}, 0.0, 0.0, Improvement(*rms, "m"), "position")
 
 
 def _vibration(lines, held_records, book):
@@ -91,7 +91,7 @@ def _vibration(lines, held_records, book):
     sizes = np.abs([line.traces[-held_records:] for line in lines])          # (lines, held-out records)
     learned = np.array([[line.amplitude] for line in lines])
     before, left = (float(np.sqrt(np.mean(np.sum(values**2, axis=0)) / 2.0)) for values in (sizes, sizes - learned))
-    return Cause("floor_vibration", parameters, effect, 0.0, 0.0, Gain(before, left, "m"), "position")
+    return Cause("floor_vibration", parameters, effect, 0.0, 0.0, Improvement(before, left, "m"), "position")
 
 
 def _late(late, book):
@@ -103,4 +103,4 @@ def _late(late, book):
     parameters = {"jitter_s": Parameter(jitter, float(stderr), "s"),
                   "lost_fraction": Parameter(taught.lost, taught.lost_stderr, "1")}
     return Cause("sampling_jitter", parameters, {"jitter_s": jitter, "lost_fraction": min(taught.lost, 0.5)}, 0.0, 0.0,
-                 Gain(float(np.sqrt(again.left(0.0))), float(np.sqrt(again.left(jitter**2))), "m"), "position")
+                 Improvement(float(np.sqrt(again.left(0.0))), float(np.sqrt(again.left(jitter**2))), "m"), "position")

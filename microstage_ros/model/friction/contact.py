@@ -49,6 +49,6 @@ def limit_of(axis, name):
 
 
 def law_values(axis, name):
-    """Parameters of a contact with a law of `OTHER_LAWS`, as `model.friction.registry.Law.pack` takes them."""
+    """Parameters of a contact with a law of `OTHER_LAWS`, as `model.friction.registry.FrictionLaw.pack` takes them."""
     key = f"contacts.{name}"
     return {leaf: axis.value(f"{key}.{leaf}") for leaf in law_named(axis.law(name)).keys() if axis.has(f"{key}.{leaf}")}

@@ -28,7 +28,7 @@ def equivalent_blocks(name, values):
     Parameters
     ----------
     name : name of a law in `registry.NAMES` that has a stiffness.
-    values : its parameters as `registry.Law.pack` takes them.
+    values : its parameters as `registry.FrictionLaw.pack` takes them.
 
     Returns
     -------

@@ -42,7 +42,7 @@ NEGATIVE = "_negative"  # suffix of a curve parameter that holds for motion in t
 
 
 @dataclasses.dataclass(frozen=True)
-class Law:
+class FrictionLaw:
     """A friction law of the library: its name in files, its number in compiled code, its file."""
 
     name: str
@@ -116,7 +116,7 @@ class Law:
         return self.file.stored_energy(packed, state)
 
 
-LAWS = tuple(Law(file.__name__.rpartition(".")[2], number, file) for number, file in enumerate(FILES))
+LAWS = tuple(FrictionLaw(file.__name__.rpartition(".")[2], number, file) for number, file in enumerate(FILES))
 NAMES = tuple(law.name for law in LAWS)
 #: {name: {parameter: `Spec`}} of every law that an axis file may choose; ``none`` is a contact without friction.
 SECTIONS: dict = {"none": {}}
@@ -166,7 +166,7 @@ def advance_law(law, parameters, state, velocity_start, velocity_end, duration, 
     Parameters
     ----------
     law : number of the law, see ``LAWS``.
-    parameters, state : arrays from :meth:`Law.pack` and :meth:`Law.initial_state`; state is changed.
+    parameters, state : arrays from :meth:`FrictionLaw.pack` and :meth:`FrictionLaw.initial_state`; state is changed.
     velocity_start, velocity_end : [q/s]; the step is split where the velocity changes sign.
     duration : [s], >= 0.
     limit_factor : multiplies the friction limits over this step [1], > 0.
@@ -200,8 +200,8 @@ def run_law(law, packed, velocity, duration, limit_factor=1.0, state=None):
 
     Parameters
     ----------
-    law : :class:`Law`.
-    packed : from :meth:`Law.pack`.
+    law : :class:`FrictionLaw`.
+    packed : from :meth:`FrictionLaw.pack`.
     velocity : (n,) [q/s], one sample every ``duration`` [s].
     limit_factor : scalar or (n,) [1].
     state : changed; None begins with a contact that has never been loaded.

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from microstage_ros.commands.analysis.diagnose import main as diagnose
-from microstage_ros.control.evaluation.comparison import QUICK, Bench
+from microstage_ros.control.evaluation.comparison import QUICK, Evaluation
 from microstage_ros.diagnosis import fleet
 from microstage_ros.diagnosis.logs.batch import cases_of_logs, diagnose_log_batch
 from microstage_ros.quantities.errors import InputError
@@ -78,8 +78,8 @@ def test_a_killed_worker_loses_nothing(machines, cluster, tmp_path):
 
 
 def test_what_compare_sends_can_be_sent(cluster):
-    bench = Bench(None, QUICK, progress=lambda text, lock=open(os.devnull): None, elsewhere=None)
-    assert fleet.in_order(lambda seed: seed + bench.extent.seeds, range(5), cluster[0]) == [QUICK.seeds + seed for seed in range(5)]
+    evaluated = Evaluation(None, QUICK, progress=lambda text, lock=open(os.devnull): None, elsewhere=None)
+    assert fleet.in_order(lambda seed: seed + evaluated.extent.seeds, range(5), cluster[0]) == [QUICK.seeds + seed for seed in range(5)]
 
 
 def test_each_folder_is_a_machine(machines, tmp_path, capsys, monkeypatch):

@@ -11,7 +11,8 @@ import math
 
 from microstage_ros.control.design.rules import volts_per_acceleration
 from microstage_ros.control.gains import Gain, record_type
-from microstage_ros.control.laws.law import Law, Part
+from microstage_ros.control.laws.filtered_motion import filtered_motion
+from microstage_ros.control.laws.law import ControlLaw, Part
 from microstage_ros.numerics.compiled import compiled
 
 GAINS = (
@@ -37,12 +38,7 @@ def law_step(parameters, state, reference, encoder, current):
     """One period: command within its limit; the error, the terms and the disturbance [V] stand in ``state.pid``."""
     p, s, base, period = parameters.disturbance, state.disturbance, state.pid, parameters.period
     limit = parameters.voltage_limit
-    base.error = reference - encoder
-    base.reference_velocity = (reference - base.previous_reference) / period
-    share = period / (period + p.filter_time)
-    base.velocity += share * ((encoder - base.previous_encoder) / period - base.velocity)
-    base.previous_reference = reference
-    base.previous_encoder = encoder
+    filtered_motion(base, period, p.filter_time, reference, encoder)
     shifted = p.disturbance_rate * p.inertia * base.velocity
     s.filtered = p.keep * s.filtered + (1.0 - p.keep) * (s.output - p.emf * base.velocity + shifted)
     base.integral = s.filtered - shifted
@@ -68,7 +64,7 @@ def complete(record):
 
 
 LAWS = (
-    Law(
+    ControlLaw(
         "cascade_disturbance",
         {"disturbance": Part(GAINS, PARAMETERS, STATE_FIELDS)},
         law_step,

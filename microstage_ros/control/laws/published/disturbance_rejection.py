@@ -15,7 +15,7 @@ import math
 
 from microstage_ros.control.design.rules import volts_per_acceleration
 from microstage_ros.control.gains import Gain, record_type
-from microstage_ros.control.laws.law import Law, Part
+from microstage_ros.control.laws.law import ControlLaw, Part
 from microstage_ros.numerics.compiled import compiled
 
 GAINS = (
@@ -74,7 +74,7 @@ def complete(record):
 
 
 LAWS = (
-    Law(
+    ControlLaw(
         "disturbance_rejection",
         {"rejection": Part(GAINS, PARAMETERS, STATE_FIELDS)},
         law_step,

@@ -15,7 +15,7 @@ import math
 
 from microstage_ros.control.design.rules import volts_per_acceleration
 from microstage_ros.control.gains import Gain, record_type
-from microstage_ros.control.laws.law import Law, Part
+from microstage_ros.control.laws.law import ControlLaw, Part
 from microstage_ros.control.observer import motion_filter
 from microstage_ros.model.sensors.current import sensed_transient
 from microstage_ros.numerics.compiled import compiled
@@ -101,7 +101,7 @@ def complete(record):
 
 
 LAWS = (
-    Law(
+    ControlLaw(
         "linear_quadratic",
         {"quadratic": Part(GAINS, PARAMETERS, STATE_FIELDS)},
         law_step,

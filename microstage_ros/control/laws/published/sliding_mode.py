@@ -9,7 +9,8 @@ W. Li, Applied nonlinear control, Prentice Hall 1991, sections 7.1 and 7.2.
 
 from microstage_ros.control.design.rules import volts_per_acceleration
 from microstage_ros.control.gains import Gain, record_type
-from microstage_ros.control.laws.law import Law, Part
+from microstage_ros.control.laws.filtered_motion import filtered_motion
+from microstage_ros.control.laws.law import ControlLaw, Part
 from microstage_ros.numerics.compiled import compiled
 
 GAINS = (
@@ -33,12 +34,7 @@ def law_step(parameters, state, reference, encoder, current):
     """One period: command within its limit; error and terms stand in ``state.pid``."""
     p, s, base, period = parameters.sliding, state.sliding, state.pid, parameters.period
     limit = parameters.voltage_limit
-    base.error = reference - encoder
-    base.reference_velocity = (reference - base.previous_reference) / period
-    share = period / (period + p.filter_time)
-    base.velocity += share * ((encoder - base.previous_encoder) / period - base.velocity)
-    base.previous_reference = reference
-    base.previous_encoder = encoder
+    filtered_motion(base, period, p.filter_time, reference, encoder)
     acceleration = (base.reference_velocity - s.wanted_velocity) / period
     s.wanted_velocity = base.reference_velocity
     rate, behind = p.surface_rate, base.reference_velocity - base.velocity
@@ -65,7 +61,7 @@ def complete(record):
 
 
 LAWS = (
-    Law(
+    ControlLaw(
         "sliding_mode", {"sliding": Part(GAINS, PARAMETERS, STATE_FIELDS)}, law_step, start=law_start, complete=complete
     ),
 )

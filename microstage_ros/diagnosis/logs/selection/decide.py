@@ -8,7 +8,7 @@ named. Another effect that removes as much is a rival. What these signals cannot
 import dataclasses
 
 import numpy as np
-from scipy.stats import f as f_law
+from scipy.stats import f as f_distribution
 
 from microstage_ros.diagnosis.logs.selection.effects import ALSO, RARER, SIGNATURES
 from microstage_ros.diagnosis.logs.selection.visibility import LEVEL
@@ -123,7 +123,7 @@ class Problem:
 
 def log_sf(ratio, k, dof):
     """log of the F law's upper tail, with the leading term where the number itself underflows."""
-    value = f_law.logsf(ratio, k, dof)
+    value = f_distribution.logsf(ratio, k, dof)
     return value if np.isfinite(value) else -0.5 * dof * np.log1p(k * ratio / dof)
 
 

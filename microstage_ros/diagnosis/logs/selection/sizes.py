@@ -4,7 +4,7 @@ widen."""
 import math
 
 import numpy as np
-from scipy.stats import t as t_law
+from scipy.stats import t as t_distribution
 
 from microstage_ros.diagnosis.result import Parameter
 
@@ -13,7 +13,7 @@ NORMAL_95 = 1.959964      # a reader multiplies a standard error by this; `widen
 
 def widening(dof):
     """Factor on a standard error so that ± 1.96 of it is the 95 % interval of Student's law with ``dof``."""
-    return float(t_law.ppf(0.975, dof)) / NORMAL_95
+    return float(t_distribution.ppf(0.975, dof)) / NORMAL_95
 
 
 def mean_scale(channel, codes):

@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from scipy.stats import f as f_law
+from scipy.stats import f as f_distribution
 
 from microstage_ros.diagnosis.logs.preprocessing import spread
 from microstage_ros.diagnosis.logs.preprocessing.channels import FLUCTUATION
@@ -16,7 +16,7 @@ from microstage_ros.diagnosis.logs.selection.sizes import parameters_of, widenin
 from microstage_ros.diagnosis.logs.selection.stages import build, stages_of
 from microstage_ros.diagnosis.logs.selection.visibility import LARGEST
 from microstage_ros.diagnosis.report.wording import sentence_of
-from microstage_ros.diagnosis.result import Cause, Diagnosis, Finding, Gain, OverallGain, Rivals
+from microstage_ros.diagnosis.result import Cause, Diagnosis, Finding, Improvement, OverallImprovement, Rivals
 
 LATE_S, GAP = 0.02, 0.005  # s, and share of the stroke: sizes that are told as visible if they would be found
 #: Names in the effort that a rough reading can feign where the motion is known from that reading alone.
@@ -196,7 +196,8 @@ def _cause(stage, choice, context, parts):
     parameters, channel = _sizes(stage, [c.name for c in stage.chosen], choice.name, context)
     probability = float(np.clip(1.0 - math.exp(max(choice.log_p, -30.0)) * len(SIGNATURES), 0.0, 1.0))
     share, before, after = parts.get(choice.name, (0.0, 0.0, 0.0))
-    return Cause(decide.plain(choice.name), parameters, {}, probability, share, Gain(before, after, "1"), channel)
+    improvement = Improvement(before, after, "1")
+    return Cause(decide.plain(choice.name), parameters, {}, probability, share, improvement, channel)
 
 
 def _sizes_of_rivals(stage, choice, context):
@@ -225,7 +226,8 @@ def _sizes(stage, names, name, context):
 
 
 def _gain(stages, groups):
-    """`OverallGain` on repetitions that the sizes were not learned from, and each cause's (share, before, after)."""
+    """`OverallImprovement` on repetitions that the sizes were not learned from, and each cause's (share, before,
+    after)."""
     totals = {"before": 0.0, "after": 0.0, "floor": 0.0, "k": 0}
     parts, excesses = {}, []
     for stage in stages:
@@ -264,7 +266,7 @@ def _gain(stages, groups):
     half = 1.96 / math.sqrt(2.0 * totals["k"]) * rms["after"]
     single = len(next(iter(stages[0].coordinates.values())).now) < 2
     held_names = tuple(dict.fromkeys(rows.log.source for rows in groups["now"]))
-    return OverallGain(
+    return OverallImprovement(
         "rms of the change over its healthy spread"
         + (", on the repetition that taught it" if single else ", every second repetition"),
         "1",
@@ -303,7 +305,7 @@ def _findings(stage):
             block = problem.covariance[np.ix_(own, own)]
             k = int(own.sum())
             ratio = lambda d: float(d[own] @ np.linalg.lstsq(block, d[own], rcond=None)[0]) / k
-            threshold = float(f_law.isf(1e-3, k, problem.dof)) * problem.whole_inflation
+            threshold = float(f_distribution.isf(1e-3, k, problem.dof)) * problem.whole_inflation
             yield Finding(
                 str(channel), COORDINATES.get(str(kind), str(kind)), ratio(problem.difference), threshold, ratio(rest)
             )

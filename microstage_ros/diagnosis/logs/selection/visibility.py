@@ -6,7 +6,7 @@ Source: ISO 11843-1, capability of detection.
 """
 
 import numpy as np
-from scipy.stats import t as t_law
+from scipy.stats import t as t_distribution
 
 #: log p below which an effect is named: of the healthy machines one in sixty may alarm, over the six or seven ways,
 #: hardly dependent on one another, in which some twenty effects can show (held by
@@ -33,8 +33,8 @@ def visibility(problem, largest_of=None):
         if name.endswith("+"):
             continue
         info = float(np.max((white**2).sum(axis=0)))
-        quantiles = float(t_law.isf(0.5 * np.exp(LEVEL), problem.dof) + t_law.isf(MISSED, problem.dof))
-        size = quantiles / np.sqrt(max(info, 1e-300))
+        alarm, miss = t_distribution.isf([0.5 * np.exp(LEVEL), MISSED], problem.dof)
+        size = float(alarm + miss) / np.sqrt(max(info, 1e-300))
         size *= np.sqrt(max(problem.inflation.get(name, 1.0), 1.0))
         part = problem.parts[name][0]
         largest = (largest_of or {}).get(part, LARGEST.get(part, 0.8))
