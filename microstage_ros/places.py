@@ -9,7 +9,10 @@ SOURCE = Path(__file__).resolve().parent.parent
 
 
 def share():
-    """The folder that holds ``config/`` and ``launch/``."""
+    """The folder that holds ``config/`` and ``launch/``.
+
+    Raises InputError: a workspace is installed but not sourced.
+    """
     if (SOURCE / "config").is_dir():
         return SOURCE
     for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):

@@ -20,7 +20,10 @@ LEAD_IN = 0.2  # start of a record that is not judged [s]: the axis may have bee
 
 
 def closed_loop_force(axis, record):
-    """Force [N], shape (n,), that the axis asks for along the record's reference, without noise or counts."""
+    """Force [N], shape (n,), that the axis asks for along the record's reference, without noise or counts.
+
+    Raises InputError: the axis file has no controller.
+    """
     if axis.controller.get("type", "none") == "none":
         raise InputError(
             f"{axis.place}: controller.type", "none", "the controller of the record, to simulate its closed loop"

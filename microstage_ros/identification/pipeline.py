@@ -154,7 +154,10 @@ def identify_guideway(records, axis, seed=0, progress=lambda text: None, blocks=
 
 
 def identify_motor_axis(records, axis, seed=0, progress=lambda text: None, blocks=None):
-    """An axis with a voltage-driven motor, alone on its bench or with the stage."""
+    """An axis with a voltage-driven motor, alone on its bench or with the stage.
+
+    Raises InputError: there is no record.
+    """
     _needs(
         axis,
         "actuator",

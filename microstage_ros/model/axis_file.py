@@ -125,7 +125,10 @@ def load_axis(path):
 
 
 def axis_from_dict(tree, place="axis"):
-    """`Axis` from plain data as `Axis.as_dict` gives it; same checks as `load_axis`."""
+    """`Axis` from plain data as `Axis.as_dict` gives it; same checks as `load_axis`.
+
+    Raises InputError: an unknown key, a missing or impossible value; place, value and what would be right.
+    """
     if not isinstance(tree, dict):
         raise InputError(place, tree, "a mapping of sections")
     if tree.get("format") != FORMAT:

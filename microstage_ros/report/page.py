@@ -65,7 +65,10 @@ class Page:
         self._parts = self._lead
 
     def verdict(self, sentence, tone="neutral", more=""):
-        """The answer in one sentence. tone : good, caution, bad or neutral; more : what to do next."""
+        """The answer in one sentence. tone : good, caution, bad or neutral; more : what to do next.
+
+        Raises InputError: an unknown tone.
+        """
         if tone not in TONES:
             raise InputError("verdict: tone", tone, "one of " + ", ".join(TONES))
         self._verdict = {"sentence": sentence, "tone": tone, "mark": TONES[tone], "more": more}

@@ -69,7 +69,10 @@ class Stamp:
 
 
 def digest(root, code):
-    """Digest of Python files below ``root``/microstage_ros: names and contents, in order (16 hexadecimal digits)."""
+    """Digest of Python files below ``root``/microstage_ros: names and contents, in order (16 hexadecimal digits).
+
+    Raises InputError: an entry that is no file or folder of the package.
+    """
     total = hashlib.sha256()
     for entry in code:
         path = Path(root) / "microstage_ros" / entry

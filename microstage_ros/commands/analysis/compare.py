@@ -13,6 +13,7 @@ from rich.table import Table
 from microstage_ros import __version__
 from microstage_ros.commands import answer
 from microstage_ros.commands.axis import read_axis
+from microstage_ros.commands.drives import check_drive
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
 from microstage_ros.control.evaluation import comparison, opponents
@@ -32,8 +33,7 @@ def main(argv=None):
     axis = read_axis(arguments.axis)
     if arguments.machine:
         axis = axis.simulated_on(machine_for(axis, arguments.machine))
-    if axis.choices["drive.type"] != "voltage_motor":
-        raise InputError(f"{arguments.axis}: drive.type", axis.choices["drive.type"], "voltage_motor, the paper's axis")
+    check_drive("compare", axis)
     if arguments.opponents:
         return _contest(arguments, axis)
     extent = comparison.QUICK if arguments.quick else comparison.Extent()
@@ -186,7 +186,10 @@ def _body(header, rows, remark):
 
 
 def update_tables(path, tables, command="compare"):
-    """Replace the tables of a Markdown file that stand between <!-- COMMAND: TITLE --> and <!-- end -->."""
+    """Replace the tables of a Markdown file that stand between <!-- COMMAND: TITLE --> and <!-- end -->.
+
+    Raises InputError: a table of the file has no end mark.
+    """
     text = path.read_text()
     for title, *table in tables:
         mark = f"<!-- {command}: {title} -->"

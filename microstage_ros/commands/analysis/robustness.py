@@ -17,6 +17,7 @@ from microstage_ros.commands import answer
 from microstage_ros.commands.analysis.compare import update_tables
 from microstage_ros.commands.analysis.ends_of_moves import show_ends
 from microstage_ros.commands.axis import read_axis
+from microstage_ros.commands.drives import check_drive
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
 from microstage_ros.control.laws.registry import LAWS
@@ -36,6 +37,7 @@ def main(argv=None):
     """Run the command. Returns 0, or 1 if a run failed; raises InputError for bad input."""
     arguments = _parse(argv)
     axis = read_axis(arguments.axis)
+    check_drive("robustness", axis)
     law = arguments.law or axis.controller.get("type", "none")
     if law not in LAWS or law == "none":
         raise InputError("--law", law, "one of " + ", ".join(name for name in LAWS if name != "none"))

@@ -9,6 +9,7 @@ from rich.table import Table
 from microstage_ros import __version__
 from microstage_ros.commands import answer, units
 from microstage_ros.commands.axis import read_axis
+from microstage_ros.commands.drives import check_drive
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
 from microstage_ros.control.tuning import tuning
@@ -74,6 +75,7 @@ def main(argv=None):
             "--running, --record", arguments.record, "both together, for a cell that runs, and not with --response"
         )
     axis, console = read_axis(arguments.axis), Console()
+    check_drive("tune", axis)
     if arguments.running:
         axis = _identified_running(arguments, axis)
         if axis is None:

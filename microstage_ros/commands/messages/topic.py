@@ -15,7 +15,10 @@ LONGEST = 20
 
 
 def main(argv=None):
-    """Run the command. Returns 0; 1 where nothing was heard."""
+    """Run the command. Returns 0; 1 where nothing was heard.
+
+    Raises InputError: a name where none is expected or none where one is, a count below 1.
+    """
     parser = Parser(
         prog="microstage topic", description="Topics of the running nodes: list them, show messages, measure rates."
     )

@@ -18,7 +18,10 @@ from microstage_ros.quantities.errors import InputError
 
 
 def main(argv=None):
-    """Run the command. Returns 0 when interrupted, 1 if a process ended by itself."""
+    """Run the command. Returns 0 when interrupted, 1 if a process ended by itself.
+
+    Raises InputError: a seed out of range, a record's folder that holds something else.
+    """
     parser = Parser(prog="microstage cell", description="Start the nodes of an axis; Ctrl-C stops them.")
     parser.add_argument("--axis", metavar="FILE", help="axis file (default: the shipped config/axis.yaml)")
     parser.add_argument(

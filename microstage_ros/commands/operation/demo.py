@@ -29,7 +29,10 @@ PAUSE = 30.0
 
 
 def main(argv=None):
-    """Run the command. Returns 0; 1 if a process failed or a target was not reached."""
+    """Run the command. Returns 0; 1 if a process failed or a target was not reached.
+
+    Raises InputError: a seed out of range.
+    """
     parser = Parser(
         prog="microstage demo",
         description=(

@@ -8,7 +8,10 @@ LONGEST_S = 10.0
 
 
 def main(argv=None):
-    """Run the command. Returns 0 if the axis moves, 1 otherwise."""
+    """Run the command. Returns 0 if the axis moves, 1 otherwise.
+
+    Raises InputError: a duration out of range.
+    """
     parser = operator_parser(
         "jog", "Moves at a constant speed for a while, then holds; a newer jog or goal supersedes it."
     )

@@ -15,7 +15,10 @@ PHASES = {1: "moving", 2: "settling", 3: "stopping"}
 
 
 def main(argv=None):
-    """Run the command. Returns 0 if every target was reached, 2 if a move was refused, 1 otherwise."""
+    """Run the command. Returns 0 if every target was reached, 2 if a move was refused, 1 otherwise.
+
+    Raises InputError: less than one repetition.
+    """
     parser = Parser(prog="microstage move", description=(
         "Moves a running axis (microstage cell). Lengths are typed as 10um, -50nm, 0.5mm, or in metres as 1e-5; "
         "one that begins with + counts from where the axis stands."))

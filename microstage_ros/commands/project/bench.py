@@ -27,7 +27,10 @@ LIBRARIES = ("numpy", "numba", "scipy", "mcap", "rosbags", "mcap-ros2-support")
 
 
 def main(argv=None):
-    """Run the chosen parts, print a line per figure, write JSON if asked. Returns 0."""
+    """Run the chosen parts, print a line per figure, write JSON if asked. Returns 0.
+
+    Raises InputError: a duration out of range, a JSON file in a folder that does not exist.
+    """
     parser = Parser(prog="microstage bench", json="file", description="Benchmarks of this machine. Parts: " + "; ".join(
         f"{name}: {text}" for name, text in PARTS.items()) + ".")
     parser.add_argument("--part", action="append", choices=PARTS, help="only this part (may be given again)")

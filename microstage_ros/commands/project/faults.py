@@ -14,7 +14,10 @@ COUNTS = {"trials": 51, "messages": 2000, "files": 500, "commands": 2000, "cycle
 
 
 def main(argv=None):
-    """Run the command. Returns 0 if every figure is kept, 1 if one falls short."""
+    """Run the command. Returns 0 if every figure is kept, 1 if one falls short.
+
+    Raises InputError: a number out of range, or nothing asked for.
+    """
     parser = Parser(
         prog="microstage faults",
         description=(

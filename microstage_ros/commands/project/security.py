@@ -9,7 +9,10 @@ from microstage_ros.quantities.errors import InputError
 
 
 def main(argv=None):
-    """Run the command. Returns 0."""
+    """Run the command. Returns 0.
+
+    Raises InputError: a domain out of range, a folder that cannot be written.
+    """
     parser = Parser(
         prog="microstage security",
         description=(

@@ -20,7 +20,10 @@ All the tests, three at a time: cells wait often. Examples: microstage test test
 
 
 def main(argv=None):
-    """Run the command. Returns pytest's exit status."""
+    """Run the command. Returns pytest's exit status.
+
+    Raises InputError: there is no folder test/ (an installed package).
+    """
     arguments = list(argv or [])
     if arguments and arguments[0] in ("-h", "--help"):
         print(USAGE)

@@ -115,7 +115,10 @@ def load_run(path):
 
 
 def run_from_dict(tree, place="run", folder="."):
-    """`Run` from plain data, with the same checks as `load_run`; file names are relative to ``folder``."""
+    """`Run` from plain data, with the same checks as `load_run`; file names are relative to ``folder``.
+
+    Raises InputError: an unknown key, a wrong type, a number out of range; the place and what would be right.
+    """
     _mapping(tree, place, SECTIONS)
     period = tree.get("period_s")
     if period is not None:

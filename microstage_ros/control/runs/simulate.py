@@ -40,6 +40,10 @@ def simulate(axis, run, seed=0, machine=None, progress=None):
     -------
     dict of columns, each of shape (rows,): those of a record (`records.columns`), and what only a
     simulator knows: true stage position and velocity, motor speed, friction and friction levels.
+
+    Raises
+    ------
+    InputError : the machine's drive is commanded in another quantity than the axis's.
     """
     machine = machine or axis.machine or axis
     if actuator_of(machine).command != actuator_of(axis).command:

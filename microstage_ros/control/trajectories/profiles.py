@@ -116,7 +116,10 @@ def _piecewise_cubic(times, durations, jerks):
 
 
 def scan(start, to, speed, period, limits=DEFAULT_LIMITS):
-    """Reference [m] of a travel at constant ``speed`` [m/s], with jerk-limited ends."""
+    """Reference [m] of a travel at constant ``speed`` [m/s], with jerk-limited ends.
+
+    Raises InputError: a speed that is not positive.
+    """
     if not (math.isfinite(speed) and speed > 0):
         raise InputError("scan.speed_m_s", speed, "a positive speed in m/s")
     return jerk_limited_move(start, to, period, limits._replace(velocity=speed))
@@ -128,6 +131,8 @@ def sine(centre, amplitude, frequency, cycles, period, limits=DEFAULT_LIMITS):
     The phase rate runs up to 2 pi f and down again within a hundredth of a cycle (longer where the
     acceleration limit asks for it), so that the motion begins and ends without a step of velocity; ``cycles``
     full turns of the phase in all.
+
+    Raises InputError: an amplitude, frequency or count that is not positive.
     """
     for name, value in (("amplitude_m", amplitude), ("frequency_hz", frequency), ("cycles", cycles)):
         if not (math.isfinite(value) and value > 0):

@@ -120,7 +120,10 @@ class ReferencePlayer:
             return start, start + len(positions) - 1, float(positions[-1])
 
     def stop(self):
-        """Ramp to rest from the next period on. Returns what `follow` returns."""
+        """Ramp to rest from the next period on. Returns what `follow` returns.
+
+        Raises InputError: no state has been heard of so far.
+        """
         with self._lock:
             if self._positions is None:
                 raise InputError("reference", "no state so far", "a driver that is active")

@@ -93,7 +93,10 @@ def diagnose_logs(baseline, now, description, seed=0):
 
 def prepare(baseline, now, description):
     """Rows with motion, repetition and condition; channels with their healthy models; stroke, top speed and
-    acceleration; notes."""
+    acceleration; notes.
+
+    Raises InputError: no baseline, no condition in common with it, no motion in it, no signal to judge by.
+    """
     notes = []
     if not baseline:
         raise InputError("--baseline", "none", "at least one log of the machine while it was healthy")

@@ -56,7 +56,10 @@ class CurrentMotor(Actuator):
 
     @classmethod
     def check(cls, axis):
-        """A supply needs a winding."""
+        """A supply needs a winding.
+
+        Raises InputError: a supply voltage without the winding's resistance.
+        """
         super().check(axis)
         if axis.value("drive.supply_voltage") > 0.0 and not axis.value("drive.resistance") > 0.0:
             raise InputError(f"{axis.place}: drive.resistance", axis.value("drive.resistance"),

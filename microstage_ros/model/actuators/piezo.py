@@ -69,7 +69,10 @@ class Piezo(Actuator):
 
     @classmethod
     def check(cls, axis):
-        """Lists of one length, no longer than the record holds."""
+        """Lists of one length, no longer than the record holds.
+
+        Raises InputError: lists of unequal length, or longer than the plant's record holds.
+        """
         super().check(axis)
         for one, other, most in (("hysteresis_radius", "hysteresis_weight", PLAYS),
                                  ("creep_gain", "creep_time", CREEPS)):

@@ -90,7 +90,10 @@ class Stepper(Actuator):
 
     @classmethod
     def check(cls, axis):
-        """The field is held over a period, so it may not move on by more than a full step in one."""
+        """The field is held over a period, so it may not move on by more than a full step in one.
+
+        Raises InputError: a pulse rate of more than one full step per control period.
+        """
         super().check(axis)
         most = axis.value("drive.microsteps") / axis.value("period")
         if axis.value("drive.pulse_rate") > most * (1 + 1e-9):

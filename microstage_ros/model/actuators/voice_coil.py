@@ -50,7 +50,10 @@ class VoiceCoil(Actuator):
 
     @classmethod
     def check(cls, axis):
-        """The force constant has to stay positive over the travel."""
+        """The force constant has to stay positive over the travel.
+
+        Raises InputError: a force constant that vanishes within the travel.
+        """
         super().check(axis)
         ends = [axis.value("travel.minimum"), axis.value("travel.maximum")]
         least = min(cls.constant(axis, x) for x in ends)
@@ -91,7 +94,10 @@ class VoiceCoil(Actuator):
 
     @classmethod
     def command_as_force(cls, axis, record):
-        """K(x) i [N]: from the measured current, since the back-EMF takes its part of the voltage."""
+        """K(x) i [N]: from the measured current, since the back-EMF takes its part of the voltage.
+
+        Raises InputError: the record has no measured current.
+        """
         if "current_A" not in record:
             raise InputError(f"{record.source}: column current_A", "missing",
                              f"current_A, since {axis.place} has a voice coil")

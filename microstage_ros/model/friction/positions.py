@@ -57,6 +57,10 @@ def stop_operators(displacement, thresholds, initial=0.0):
     Returns
     -------
     (m, n) [q].
+
+    Raises
+    ------
+    InputError : more than one record, or a threshold that is not positive.
     """
     rows, lead = _records(displacement)
     thresholds = _finite("thresholds", thresholds)
@@ -72,6 +76,8 @@ def force_along(law, packed, displacement, duration, limit_factor=1.0, state=Non
 
     Parameters as :func:`~microstage_ros.model.friction.registry.run_law`, ``displacement`` (n,) [q] in place
     of the velocity. Returns force (n,) [F]; the first entry is that of the state as given, at rest.
+
+    Raises InputError: more than one record, or a sampling period that is not positive.
     """
     rows, lead = _records(displacement)
     if lead:

@@ -54,7 +54,10 @@ class Capacitive(PositionSensor):
 
     @classmethod
     def fill(cls, plant, axis):
-        """Gap, stray, filter, range, converter step, tilt times radius."""
+        """Gap, stray, filter, range, converter step, tilt times radius.
+
+        Raises InputError: a range in which the plates would touch.
+        """
         gap, span, stray, tilt, radius, band, drift, bits = (axis.value(f"sensors.encoder.{key}") for key in (
             "gap", "range", "stray", "tilt", "radius", "bandwidth", "drift", "bits"))
         if not tilt * radius + span < gap:

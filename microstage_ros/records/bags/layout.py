@@ -182,7 +182,10 @@ class _Walk:
         self.at += (ENCAPSULATION - self.at) % size
 
     def length(self, path, ending=0):
-        """The length word at this place: from the message, or as given plus the string's final zero."""
+        """The length word at this place: from the message, or as given plus the string's final zero.
+
+        Raises InputError: the length is negative or reaches beyond the message.
+        """
         self.align(4)
         if self.raw is None:
             count = self.given.get(path, 0) + ending

@@ -63,6 +63,10 @@ def read_mcap(path, topic=""):
     Parameters
     ----------
     topic : its name, or an empty string: the one with joint states, else the one with the most messages.
+
+    Raises
+    ------
+    InputError : a file that cannot be read, no such topic, or none of its messages.
     """
     from mcap.exceptions import McapError
     from mcap.reader import make_reader

@@ -47,6 +47,8 @@ def speed_of(log):
     The reference's derivative is used where there is one, for it has no noise; else the speed asked for, the measured
     one, the smoothed derivative of the position. Without any position the coordinate is the speed's integral from each
     piece's start.
+
+    Raises InputError: the log has no signal of motion.
     """
     signals = log.signals
     has = [name for name in ("reference", "position") if name in signals]
