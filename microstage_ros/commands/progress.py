@@ -55,8 +55,8 @@ def progress(what, total=None, remembered=None):
     Parameters
     ----------
     what : is being done, such as "diagnosing". total : steps there are; None: not known.
-    remembered : name of this kind of work, where its steps cannot be counted: the time left is then told from how long
-        it took the last time on this machine (kept in the user's cache folder).
+    remembered : name of this kind of work, where its steps cannot be counted: the time left is then estimated from how
+        long it took the last time on this machine (kept in the user's cache folder).
     """
     if not sys.stderr.isatty():
         yield Bar()
@@ -103,7 +103,7 @@ def _remember(name, seconds):
 
 
 def _left_column(before):
-    """The column of the time left: nothing before it can be told. ``before``: seconds of the last time, or None."""
+    """The column of the time left: empty before it can be estimated. ``before``: seconds of the last time, or None."""
     from rich.progress import ProgressColumn
     from rich.text import Text
 

@@ -1,4 +1,4 @@
-"""Python face of the friction observer: friction of both contacts, live, and what tells the effects apart.
+"""Python face of the friction observer: friction of both contacts, live, and what distinguishes the effects.
 
 The law is in `observer_law`; this file turns its record into figures with units, for node and scripts.
 """

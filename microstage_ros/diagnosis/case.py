@@ -217,7 +217,7 @@ def _likely(causes):
 
 
 def _units(collection):
-    """Factor from a standardised residual to the channel's unit, and that unit; torque is told as voltage."""
+    """Factor from a standardised residual to the channel's unit, and that unit; torque is reported as voltage."""
     units = {}
     for name in collection.names:
         channels = [c[name] for c in collection.channels["held"]]

@@ -118,7 +118,7 @@ def check_workers(client, scheduler):
     """InputError if there are no workers, or if one of them lacks this project or has another version."""
     try:
         versions = client.run(eval, PROBE)
-    except Exception as error:  # noqa: BLE001  whatever a worker answers is told in one line
+    except Exception as error:  # noqa: BLE001  whatever a worker answers is reported in one line
         raise InputError(
             "--scheduler",
             scheduler,

@@ -12,7 +12,7 @@ from microstage_ros.control.runs.simulate import simulated_record
 BENCH_NOISE = {"encoder_m": 0.4e-9, "voltage_V": 1.0e-3, "current_A": 0.0}
 GUIDEWAY_NOISE = {"encoder_m": 0.0, "voltage_V": 0.0}
 SPEEDS = tuple(np.round(np.concatenate([np.geomspace(0.03, 1.0, 24), np.geomspace(1.6, 16.0, 8)]), 4))
-"""Speeds of the gearhead's output [rad/s]: down to 0.03, without which M_s and ω_S cannot be told apart."""
+"""Speeds of the gearhead's output [rad/s]: down to 0.03, without which M_s and ω_S cannot be distinguished."""
 
 
 def slow_reversals(ratio, start=0.0, speed=3.0e-3, way=0.024, places=5, spacing=3.0e-4):

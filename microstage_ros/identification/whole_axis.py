@@ -33,7 +33,7 @@ what the records do not tell. The exponent is held closely: a few speeds cannot 
 METHOD = np.array([0.002, 0.1, 0.08, 0.06, 0.002, 0.05, 0.007, 0.0])
 """What the method itself puts off (low-pass before a nonlinear law), measured on a simulated record without any
 noise; added to the standard deviations of the logarithms."""
-DETERMINED_SHARE = 0.5  # a parameter is told by the records if they shrink its prior's deviation at least to this share
+DETERMINED_SHARE = 0.5  # determined: the records shrink the prior's deviation at least to this share
 SPEED_NOISE = 0.05  # of the Stribeck velocity, that the resolution may put on the speed
 WINDUP_EDGE = 50.0  # band of the acceleration that winds the drive train up [Hz]
 LEAST_COUNTS = 4  # travel about a row, in counts over a tenth of a second, that counts as motion
@@ -148,7 +148,7 @@ def identify_whole_axis(signals, axis, known):
     result = Identification()
     balances = [b for b in (prepare(s, axis) for s in signals) if b.used.sum() > 200]
     if not balances:
-        result.remarks.append(f"No motion beyond the slip displacement: the friction cannot be told; {EXPERIMENT}.")
+        result.remarks.append(f"No motion beyond the slip displacement: friction cannot be determined; {EXPERIMENT}.")
         return result
     inertia = total_inertia_of(axis)
     held = _held(known)
@@ -279,6 +279,6 @@ def _report(result, vector, free, covariance, axis, inertia, held):
     if abs(offset) > max(3.0 * axis.value("contacts.actuator.coulomb") * spread[7], 0.02 * values["coulomb"]):
         result.remarks.append(
             f"A constant torque of {quantity(offset, 'N m')}: an amplifier or current zero, a tilt or a pulling cable; "
-            "`diagnose` tells them apart."
+            "`diagnose` distinguishes them."
         )
     result.correlations.append((tuple(PARAMETERS[i] for i in free), correlation(covariance)))

@@ -57,7 +57,7 @@ CONTACT = np.dtype([
 PLANT = np.dtype([
     ("period", f8), ("rate", f8), ("ratio", f8),             # ratio r/N: metres per motor radian
     ("screw_ratio", f8), ("gear", f8), ("per_gear", f8),        # r, N, 1/N
-    ("rigid", i8), ("winding", i8),            # winding: 1: a winding whose resistance and current are told
+    ("rigid", i8), ("winding", i8),            # winding: 1: a winding whose resistance and current are given
     ("gain", f8),                              # command to the amplifier's output
     ("limit", f8), ("quantum", f8), ("per_quantum", f8), ("dac_range", f8),
     ("resistance", f8), ("inductance", f8), ("back_emf", f8), ("torque_constant", f8), ("inertia", f8),

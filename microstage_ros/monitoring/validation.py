@@ -1,7 +1,7 @@
 """The watch examined on simulated axes: false alarms on healthy ones, and how soon an effect that sets in is noticed.
 
 Each axis is simulated with its own seed through programmes of scans, moves and sines
-(`diagnosis.validation.simulated_records`), under fixed controllers that the watch is not told. It learns
+(`diagnosis.validation.simulated_records`), under fixed controllers that the watch is not given. It learns
 from its first windows; then either nothing changes, or an effect is there from one window on.
 """
 

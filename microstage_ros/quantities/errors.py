@@ -6,7 +6,7 @@ LONGEST_VALUE = 120
 
 
 class InputError(ValueError):
-    """Bad input, told in one line: where, what was found, what would be right.
+    """Bad input, reported in one line: where, what was found, what would be right.
 
     Parameters
     ----------

@@ -55,7 +55,7 @@ class Spec:
 
         Raises
         ------
-        InputError : it is no number, not finite or out of range; the place, the value and the range are told.
+        InputError : it is no number, not finite or out of range; the place, the value and the range are reported.
         """
         if self.is_list or (self.or_list and isinstance(value, (list, tuple))):
             if isinstance(value, (str, bytes, Mapping)) or not isinstance(value, Iterable):

@@ -120,7 +120,7 @@ def _period(record, bounds):
 
 
 def _missing(record, bounds):
-    """Missing samples: a few are told, half a column is no column."""
+    """Missing samples: a few are reported, half a column is no column."""
     remarks = []
     for name, values in record.columns.items():
         lost = int(np.isnan(values).sum())

@@ -356,8 +356,9 @@ def _trade_off(result):
 
 def _informed(result):
     rows = [[f"{1e3 * period:.1f}", *map(nm, peaks.values())] for period, peaks in result["informed"].items()]
-    header = ["period (ms)", "told nothing", "the stage's position", "the motor's speed", "both", "noise alone"]
-    return "Observer law, its regulator told the true motion: sine of 10 µm at 0.1 Hz, worst peak (nm)", header, rows, (
+    header = ["period (ms)", "given nothing", "the stage's position", "the motor's speed", "both", "noise alone"]
+    title = "Observer law, its regulator given the true motion: sine of 10 µm at 0.1 Hz, worst peak (nm)"
+    return title, header, rows, (
         "Noise alone: the best linear regulator of the axis while it slides, at the sampling instants, which knows "
         "everything but the noise."
     )
@@ -367,8 +368,8 @@ def _given_gap(result):
     names = {"nothing": "nothing", "gap": "the gap", "contact": "the gap, and when its contacts open and close"}
     rows = [[names[given], *map(nm, peaks)] for given, peaks in result["told_gap"].items()]
     return (
-        "Observer law, told of a gap of 0.5 deg: sine of 10 µm at 0.1 Hz, worst peak (nm)",
-        ["told", "first cycle", "third cycle"],
+        "Observer law, given a gap of 0.5 deg: sine of 10 µm at 0.1 Hz, worst peak (nm)",
+        ["given", "first cycle", "third cycle"],
         rows,
         "",
     )

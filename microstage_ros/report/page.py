@@ -28,7 +28,7 @@ from microstage_ros.quantities.errors import InputError
 from microstage_ros.report.drawing_file import drawing, fits_narrow
 
 TONES = {"good": "✓", "caution": "!", "bad": "✗", "neutral": "i"}
-"""Tone of a verdict to its mark; tone is never told by colour alone."""
+"""Tone of a verdict to its mark; tone is never shown by colour alone."""
 
 LARGEST_SVG = 300_000
 """Characters beyond which a drawing is kept as a picture of pixels."""

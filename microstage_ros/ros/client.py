@@ -64,7 +64,7 @@ OVERDUE = 0.5
 """The move server says so long [s] after one of these has ended that the move has ended with it, at the latest."""
 
 STARTING_SAID = 3.0
-"""After so long [s] a person who waits for a cell that is starting is told so."""
+"""After so long [s] a person who waits for a cell that is starting is informed of it."""
 
 
 def patience():

@@ -42,7 +42,7 @@ def main(argv=None):
         return _each(arguments)
     case = Case("", arguments.axis, tuple(arguments.records), tuple(arguments.holdout), tuple(arguments.baseline),
                 arguments.out, arguments.seed)
-    read_axis(case.axis)      # a bad axis file is told before long work begins, and so is a missing record
+    read_axis(case.axis)      # a bad axis file is reported before long work begins, and so is a missing record
     for path in (*case.records, *case.holdout, *case.baseline):
         if not is_address(path) and not pathlib.Path(path).exists():
             raise missing(path, "a record: .mcap, bag folder, .csv[.gz|.xz]")

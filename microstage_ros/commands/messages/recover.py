@@ -14,7 +14,7 @@ def main(argv=None):
         prog="microstage recover",
         description=(
             "Makes a bag whole again that was cut off or damaged, so that every tool opens it. What cannot be read is"
-            f" left out and told; the file as it was found stays beside it (name ends in {DAMAGED})."
+            f" left out and reported; the file as it was found stays beside it (name ends in {DAMAGED})."
         ),
     )
     parser.add_argument("bag", metavar="BAG", help="an MCAP file or a rosbag2 folder")

@@ -16,7 +16,7 @@ from microstage_ros.commands.parser import Parser
 from microstage_ros.quantities.errors import InputError
 
 DESCRIPTION = """\
-Finds out what a machine is, without being told: polarity and scale by the smallest voltages that move anything, end
+Finds out what a machine is, by experiments: polarity and scale by the smallest voltages that move anything, end
 stops, friction, motor constants, the frequency response, then identifies it, chooses law and gains that hold for what
 is known and how well, and proves them by moves. SKETCH needs only period, travel, the drive's kind and voltage limit,
 the transmission with gear ratio and pitch, and the encoder's resolution; everything else may be missing or be given

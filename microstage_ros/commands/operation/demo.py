@@ -37,7 +37,7 @@ def main(argv=None):
         prog="microstage demo",
         description=(
             "The main job, on the simulated axis unless a backend is named: separate ROS 2 processes make the paper's"
-            " point-to-point moves; the run is recorded to MCAP and told in DIR/report.html."
+            " point-to-point moves; the run is recorded to MCAP and reported in DIR/report.html."
         ),
     )
     parser.add_argument("--out", metavar="DIR", help="folder for bag and report (default demo, demo-2, ...)")

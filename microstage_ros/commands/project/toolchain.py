@@ -1,6 +1,7 @@
 """What compiles the interfaces: the machine's C and C++ compilers, or Zig's from the Python package index.
 
-Looked for before anything is downloaded, so that a machine that cannot do it is told at once. Standard library alone.
+Looked for before anything is downloaded, so that a machine that cannot do it is reported at once. Standard library
+alone.
 """
 
 import os

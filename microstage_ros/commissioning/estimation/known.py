@@ -31,7 +31,7 @@ def known_axis(sketch, found, fit=None):
         return axis.with_values(values, source="estimate")
     ratio, resistance = motor_ratio(axis), found.resistance
     emf = max(found.volts_per_speed, 1e-9) * ratio
-    if not found.has_current:  # the viscous part of the friction cannot be told from back-EMF
+    if not found.has_current:  # the viscous part of the friction cannot be distinguished from back-EMF
         emf = min(emf, axis.value("drive.back_emf") * (1.0 + sketch.tolerance["drive.back_emf"]))
     inertia = found.inertia * emf * ratio / resistance - ratio * ratio * axis.value("stage.mass")
     values = {

@@ -30,7 +30,7 @@ VOLTS_ONLY = (
     "contacts.actuator.viscous",
     "constant torque",
 )
-"""What cannot be told in its own unit without a current: only together with the sketch's resistance."""
+"""What cannot be determined in its own unit without a current: only together with the sketch's resistance."""
 
 SYSTEMATIC = {
     "drive.resistance": 0.005,

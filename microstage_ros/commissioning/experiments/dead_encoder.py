@@ -1,4 +1,4 @@
-"""An encoder that stands while the motor turns, told by the back-EMF: (u − R i) / (volts per speed), summed over
+"""An encoder that stands while the motor turns, shown by the back-EMF: (u − R i) / (volts per speed), summed over
 time."""
 
 import math

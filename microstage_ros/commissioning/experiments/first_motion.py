@@ -29,7 +29,7 @@ DRIFT = 2e-5  # m in the rest before anything is driven
 
 @dataclass(frozen=True)
 class FirstMotion:
-    """What the pulses told.
+    """What the pulses showed.
 
     Attributes
     ----------
@@ -120,7 +120,7 @@ def _nothing_moves(machine, pulses, level, keep):
     flows = "current_A" in record.columns and abs(slope) > LEAST_CURRENT * error
     why = "the current flows, so the motor is held: brake, clamp, jammed or not coupled" if flows else (
         "no current flows either: enable, fuse, cable of the motor" if "current_A" in record.columns else
-        "without a current sensor it cannot be told whether the motor turns: brake, cable, encoder")
+        "without a current sensor it cannot be determined whether the motor turns: brake, cable, encoder")
     raise refused("stuck", level, "V", f"nothing moves up to ±{level:.3g} V for {PULSE * 1e3:.0f} ms; {why}")
 
 
@@ -270,7 +270,7 @@ def _judge(machine, sketch, pulses, record, moved, level):
                 math.nan,
                 "A",
                 "no current sensor answers: the resistance stays as sketched, and "
-                "friction and back-EMF are told from the voltage",
+                "friction and back-EMF are estimated from the voltage",
             )
         )
     else:

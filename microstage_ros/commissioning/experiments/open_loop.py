@@ -159,7 +159,7 @@ def _balanced(motion, u, i, sketch, top):
 
 
 def strokes_below_swing(record, sketch, first, period):
-    """`Strokes` as `fit_strokes` has them, told below the swing of the drive train: for the scale of the encoder.
+    """`Strokes` as `fit_strokes` has them, from below the swing of the drive train: for the scale of the encoder.
 
     Both sides of each balance pass the same low-pass, which leaves the balance as it is. It is longer than the drive
     train swings: while it swings, motor and stage have different accelerations, and the inertia would come out up to

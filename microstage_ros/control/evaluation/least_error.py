@@ -5,7 +5,7 @@ with c < 0, and its swing w beyond the drive train is that of `swing`. Per perio
 its rounding, as one white noise), the current exactly, and so the force; and the voltage up to the amplifier's noise n,
 hence the speed up to n / (K_E N/r). The same n acts on the axis. No regulator of the linear axis has a smaller mean
 square of x + w than the linear-quadratic one on the Kalman filter's estimate (separation theorem: Astrom and
-Wittenmark, "Computer-Controlled Systems", 3rd ed., ch. 11), told everything but the noise, whatever it costs in
+Wittenmark, "Computer-Controlled Systems", 3rd ed., ch. 11), given everything but the noise, whatever it costs in
 voltage. Friction does not vary here, and no block sticks or lets go.
 """
 

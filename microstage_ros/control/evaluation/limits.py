@@ -1,10 +1,10 @@
-"""What the observer law could reach if it knew the axis: its regulator, told the true motion.
+"""What the observer law could reach if it knew the axis: its regulator, given the true motion.
 
 Sensors, amplifier, friction and observer are those of every trial; only what the regulator reads of the observer
 is replaced by the simulator's position of the stage, or speed of the motor, or both. Told both, what is left is the
 price of a voltage that is held for a period while friction changes, and of the regulator's own lag. What lies
 between is the price of not knowing, and says which of the two estimates it is paid for. With lost motion in the drive
-the observer may be told of that: the gap, or the gap and when its contacts open and close.
+the observer may be given: the gap, or the gap and when its contacts open and close.
 """
 
 import numpy as np
@@ -23,7 +23,7 @@ from microstage_ros.numerics.compiled import compiled
 from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work, usual_start
 from microstage_ros.solver.step import advance
 
-LEFT = 2e-9  # m, from the contact at which it is told to be open
+LEFT = 2e-9  # m, from the contact at which it is given as open
 GIVEN_OF_GAP = ("nothing", "gap", "contact")
 GAP_WIDTH = 0.00873  # rad, 0.5 degrees
 PERIODS = (1e-4, 2e-4, 5e-4, 1e-3)  # s
@@ -50,7 +50,7 @@ def observe(plant, state, readings, parameters, memory, reference):
 
 @compiled
 def run_informed(plant, state, work, readings, parameters, memory, reference, position, speed, stage):
-    """The loop of `closed_loop` whose regulator is told ``position`` or ``speed``; fills ``stage`` [m]."""
+    """The loop of `closed_loop` whose regulator is given ``position`` or ``speed``; fills ``stage`` [m]."""
     observer = memory.observer
     for n in range(len(reference)):
         stage[n] = state.x
@@ -87,7 +87,7 @@ def informed_sine(axis, seed, given="both", period=None, amplitude=1e-5, frequen
 
 @compiled
 def run_given_contact(plant, state, work, readings, parameters, memory, reference, stage):
-    """The loop of `closed_loop` whose observer is told of lost motion what the simulator knows; fills ``stage`` [m].
+    """The loop of `closed_loop` whose observer is given what of lost motion the simulator knows; fills ``stage`` [m].
 
     That is the gap, the moment at which the contact opens and at which it closes, and the motor's way and speed
     between.
@@ -142,7 +142,7 @@ def gap_sine(axis, seed, given, width, amplitude=1e-5, frequency=0.1, cycles=3.2
 
 
 def limits(evaluation, periods=PERIODS):
-    """Worst peak [m] of the sine of 10 um at 0.1 Hz, by what the regulator is told: {period [s]: {`GIVEN`: peak}}.
+    """Worst peak [m] of the sine of 10 um at 0.1 Hz, by what the regulator is given: {period [s]: {`GIVEN`: peak}}.
 
     Beside them `least`, of `least_error`.
     """

@@ -13,7 +13,7 @@ from microstage_ros.signals.current import settled
 
 PEAK_TIME = 1e-2  # s, memory of the largest innovation of the position
 PEAK_LIMIT = 5.0  # doubts in the encoder beyond which something goes on that is not the drive (backlash, an impact)
-LAGS = 4  # voltage delays told apart, in periods
+LAGS = 4  # voltage delays distinguished, in periods
 EXCITED = 1e-6  # V^2, mean square of voltage steps that tells the delay: 1 mV rms
 LAG_LIMIT = 2.0  # doubts in the voltage that its rms steps are beyond when they tell of another delay
 LAG_LEAST = 0.3  # share of the current's steps that follow the voltage of another delay at least

@@ -31,7 +31,7 @@ FIELDS = [
     ("inertia", "f8"),  # 1, moving mass over the file's, as it is counted with
     ("net", "f8", 2),  # m/s^2, n filtered once and twice
     ("stage_speed", "f8", 2),  # m/s, of the encoder, filtered once and twice
-    ("filtered_s", "f8"),  # s, for which both have been told undisturbed
+    ("filtered_s", "f8"),  # s, for which both have been observed undisturbed
 ]
 
 

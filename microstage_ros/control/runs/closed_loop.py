@@ -19,7 +19,7 @@ TRACE = (
     "motor_speed_rad_s", "actuator_friction_Nm", "guideway_friction_N", "actuator_level", "guideway_level",
     "air_temperature_K", "air_pressure_Pa", "air_humidity", "stage_temperature_K",
 )
-#: Those of the surroundings, told only where they vary.
+#: Those of the surroundings, given only where they vary.
 SURROUNDINGS = TRACE[-4:]
 
 

@@ -17,7 +17,7 @@ AGING = tuple((scale, release) for scale in (0.03, 0.2) for release in (2.0e-6, 
 AGING_STEP = 0.05
 CALM = 201                                           # periods
 PROFILE_PRIOR = 0.2                                  # relative; what was not visited stays at the nominal friction
-# friction along the stroke is told only where it is known this well
+# friction along the stroke is reported only where it is known this well
 PROFILE_STDERR = 0.08
 COARSE = 4                                           # periods per step of the replays for candidates
 CREEPS = ((0.015, 2.0e-8), (0.06, 2.0e-8), (0.06, 8.0e-8), (0.3, 2.0e-8), (0.3, 8.0e-8))   # s, m

@@ -1,4 +1,4 @@
-"""From logs to a `Diagnosis`: the baseline learned, the difference told, causes named, rivals and blind spots said."""
+"""From logs to a `Diagnosis`: the baseline learned, the difference judged, causes named, rivals and blind spots said."""
 
 import numpy as np
 
@@ -147,7 +147,7 @@ def prepare(baseline, now, description):
 
 
 def _shorter(notes):
-    """Notes that many files share are told once."""
+    """Notes that many files share are given once."""
     plain = {}
     for note in notes:
         key = note.split(": ", 1)[1] if ": " in note else note

@@ -19,7 +19,7 @@ from microstage_ros.diagnosis.residuals.evidence import gather
 
 CHANCE = 1.0e-6   # that the strongest of all lines is none; derived: as `selection.LEVEL`, over all lines at once
 BESIDE = 3001        # frequencies from whose median a line must stand out; short scans make lines wide
-LEAST_SPEED = 2.0e-5 # m/s: at rest nothing is told about a period
+LEAST_SPEED = 2.0e-5 # m/s: at rest nothing is seen of a period
 MOST = 8             # lines looked for
 TERMS = 6            # most of one ripple
 REAL = 40.0          # χ² that a ripple must hold on its own

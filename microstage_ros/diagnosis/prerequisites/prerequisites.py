@@ -17,8 +17,8 @@ from microstage_ros.diagnosis.prerequisites.slow_drift import courses
 from microstage_ros.diagnosis.residuals.resonance import Resonance
 
 RATTLED = 0.4           # share of the command's χ² that a slow amplifier must hold beside a gap
-SWING = 0.5             # of a slow amplifier's χ² that must be left of it once the drive train is told
-FAR = 1.5               # factor on the stiffness beyond which the motion is told with it
+SWING = 0.5             # of a slow amplifier's χ² that must be left of it once the drive train is known
+FAR = 1.5               # factor on the stiffness beyond which the motion is computed with it
 CHANGED = ("learn", "held")    # groups of records in which something may be wrong
 
 
@@ -78,7 +78,7 @@ def find_known(groups, drive):
 
 
 def _slow_behind(groups, prepared, drive, known):
-    """The slow amplifier judged anew where the drive train, whose swing looks like a lag of it, is told by now."""
+    """The slow amplifier judged anew where the drive train, whose swing looks like a lag of it, is known by now."""
     slow = find_slowness(prepared, drive) if known.slow is not None else None
     if slow is None:
         return prepared, known
@@ -127,7 +127,7 @@ def _slow_or_loose(groups, prepared, drive, known):
         return prepared, known
     known = dataclasses.replace(before, slow=slow)
     prepared = known.prepare(groups, drive, prepared)
-    slow = find_slowness(prepared, drive) or slow   # the motor's speed was told with a prompt amplifier
+    slow = find_slowness(prepared, drive) or slow   # the motor's speed was computed with a prompt amplifier
     known = dataclasses.replace(before, slow=slow)
     prepared = known.prepare(groups, drive, prepared)
     gap, known = with_gap()

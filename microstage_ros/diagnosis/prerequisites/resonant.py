@@ -1,7 +1,8 @@
 """A drive train whose stiffness and damping changed: both fitted to the fast part of stage against motor.
 
 The catalogue's grid of stiffnesses keeps the damping; where that leaves much of the resonance, one more form is made
-for the pair that fits. And where the stage follows the motor so differently, the motion itself is told by that pair.
+for the pair that fits. And where the stage follows the motor so differently, the motion itself is computed from
+that pair.
 """
 
 import dataclasses

@@ -18,7 +18,7 @@ SAMPLES = 200   # and samples in one; derived: at 10 kHz
 PREDICTED_SHARE = 0.7         # share of what moves that the course must tell
 ABOVE_BASE = 3.0   # times the baseline's course
 LEAST = 2.0e-9     # m rms
-MATTERS = 2.0e-8   # m rms: above it, other residuals must be told of it
+MATTERS = 2.0e-8   # m rms: above it, other residuals must take it into account
 OF_ALL = 0.1       # share of the whole residual's variance
 
 

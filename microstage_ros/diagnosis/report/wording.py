@@ -4,7 +4,7 @@ sizes."""
 from microstage_ros.model.effects import REGISTRY
 from microstage_ros.quantities.readable import quantity
 
-MOST = 3                       # sizes told in a sentence
+MOST = 3                       # sizes reported in a sentence
 SUFFIXES = ("_rad", "_m", "_s", "_kg", "_N_m", "_Nm", "_V", "_hz", "_N", "_K", "_Pa", "_m_s")
 
 VERDICTS = {

@@ -10,7 +10,7 @@ CURVE_BINS = 60
 SHOWS = tuple((effect.shows_against, name) for name, effect in REGISTRY.items() if effect.drives or effect.sensors)
 SHIFTS = 60                    # circular shifts that set a coordinate's threshold
 SHOWN = 600                    # points of a curve
-SEEN_SPEED = 0.02              # share of the top speed below which a direction is not told
+SEEN_SPEED = 0.02              # share of the top speed below which a direction is not reported
 
 
 def coordinates(parts, axis, rows):

@@ -19,8 +19,8 @@ DOMINANCE = 0.5              # of the gain of a stronger name that does not stan
 # share of the gain of payload and soft drive that the payload alone must reach on the coarse grid
 ONE_RESONANCE = 0.35
 MISFIT = 0.5                 # a wider shape may explain at most this share beside the named one
-FAINT = 1.0e-3               # share of all gain on held-out records below which a further cause is not told
-FAINT_GAIN = 60.0            # and χ² above which it is told all the same
+FAINT = 1.0e-3               # share of all gain on held-out records below which a further cause is not reported
+FAINT_GAIN = 60.0            # and χ² above which it is reported all the same
 MAJOR = 0.15                 # share of what its channel's others explain above which a cause is no misfit of them
 MINOR = 0.03                 # a further cause must explain this share of what its channel's others explain,
 #: and more where their forms are a coarse grid that leaves that much
@@ -257,7 +257,7 @@ def torque_mass(evidences, choice, others):
 
 
 def mass_or_stiffness(evidences, choices):
-    """A payload, or a soft drive: the resonance and the wind-up hardly tell them apart, the torque balance does.
+    """A payload, or a soft drive: the resonance and the wind-up hardly distinguish them, the torque balance does.
 
     A mass loads the guideways and takes torque at accelerations of any frequency; a soft drive takes none away from its
     resonance. Where the balance tells a mass that agrees with the resonance's, it is a payload; where it excludes that

@@ -134,7 +134,7 @@ def covered(causes, truth):
     for cause in causes:
         for name, number in cause.parameters.items():
             value = truth.get(cause.id, {}).get(name)
-            # the largest term is told first
+            # the largest term is reported first
             value = value[0] if isinstance(value, list) and len(value) < MOST_TERMS else value
             if isinstance(value, (int, float)) and np.isfinite(number.stderr):
                 error = number.value - value

@@ -179,7 +179,7 @@ def sentences(figures, outcomes):
             + "".join(f"  {signals}: {row[signals][0]}/{row[signals][1]}" for signals in SIGNALS if signals in row)
         )
     wrong = collections.Counter((o.truth, o.named or o.rivals) for o in outcomes if o.result == "wrong")
-    out += [f"  wrong: {' + '.join(truth)} told as {said} ({n})" for (truth, said), n in wrong.most_common(12)]
+    out += [f"  wrong: {' + '.join(truth)} reported as {said} ({n})" for (truth, said), n in wrong.most_common(12)]
     return out
 
 

@@ -8,7 +8,7 @@ from microstage_ros.metrology.rates import rate
 from microstage_ros.places import SOURCE, config_file
 from microstage_ros.quantities.errors import InputError
 
-#: (heading, kind, cases, strength, figures of `campaign.scores` that are told)
+#: (heading, kind, cases, strength, figures of `campaign.scores` that are reported)
 PARTS = (
     (
         "mixed",

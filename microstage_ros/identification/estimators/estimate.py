@@ -1,4 +1,4 @@
-"""What an identification says of each parameter: a value with its interval, or that it cannot be told."""
+"""What an identification says of each parameter: a value with its interval, or that it cannot be determined."""
 
 from dataclasses import dataclass, field
 

@@ -19,7 +19,7 @@ from microstage_ros.solver.plant import NoiseSpec, make_plant
 
 BLOCK_S = 0.1                   # the error hangs together over about this time [s]
 LEAST, MOST = 0.05, 20.0        # factors that are tried
-DETERMINED_SHARE = 0.5  # a factor is told by the records if its 95 % interval is no wider than ± this share
+DETERMINED_SHARE = 0.5  # a factor is determined by the records if its 95 % interval is no wider than ± this share
 SHOWN = 4000                    # points of the curve
 EXPERIMENT = "slow loops over several strokes, and steps held for ten times the longest creep time, would"
 

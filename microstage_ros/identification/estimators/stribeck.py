@@ -4,7 +4,7 @@
 
 fitted to the mean friction of steady runs.
 The exponent δ and w_S together shape one knee; without speeds well below w_S neither they nor M_s can be
-told, and the fit says so.
+determined, and the fit says so.
 """
 
 import numpy as np

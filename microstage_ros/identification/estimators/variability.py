@@ -100,7 +100,7 @@ class VariabilityLikelihood:
         def deviance(part):
             trial = full.copy()
             trial[free] = part
-            return self(trial) + 1e-3 * np.sum((trial - start) ** 2)  # a weak pull keeps what is not told finite
+            return self(trial) + 1e-3 * np.sum((trial - start) ** 2)  # a weak pull keeps what is undetermined finite
 
         found = minimize(deviance, full[free], method="L-BFGS-B", options={"maxiter": 60})
         full[free] = found.x

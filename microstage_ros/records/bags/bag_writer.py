@@ -211,7 +211,7 @@ class BagWriter:
             self.flush()  # the metadata counts what is written
             self._sink.add_metadata("rosbag2", {"serialized_metadata": as_text(self._metadata())})
         except BagStopped:
-            pass  # told below, after the metadata of what was kept is written
+            pass  # reported below, after the metadata of what was kept is written
         self._sink.close()
 
     def _close_chunk(self):

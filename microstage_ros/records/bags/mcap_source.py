@@ -214,7 +214,7 @@ class McapSource:
         self.chunks.append(ChunkPlace((len(MAGIC), end), end - len(MAGIC), "", int(times.min()), int(times.max())))
 
     def _repair(self):
-        """After a scan: index chunks whose index was lost, learn the channels that are told inside chunks."""
+        """After a scan: index chunks whose index was lost, learn the channels that are declared inside chunks."""
         for chunk in self.chunks:
             if chunk is self.chunks[-1] and self.cut_off:
                 chunk.indexes = {}

@@ -2,7 +2,7 @@
 metadata.
 
 A recorder that is killed leaves an MCAP file without its closing part; this project's own reader goes through such a
-file, other tools do not. A damaged chunk (its CRC does not match) is left out, and what was lost is told.
+file, other tools do not. A damaged chunk (its CRC does not match) is left out, and what was lost is reported.
 """
 
 import os
@@ -81,7 +81,7 @@ class _Scanned(McapSource):
 
 
 def _entries(raw, source):
-    """Index of a chunk's messages; learns the channels that are told in it."""
+    """Index of a chunk's messages; learns the channels that are declared in it."""
     from microstage_ros.records.bags.mcap_source import MESSAGE, _records, message_entries
 
     for opcode, body in _records(raw):

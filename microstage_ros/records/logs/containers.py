@@ -124,7 +124,7 @@ def _messages(rows, topic, kind):
 
 
 def _scalars(message, prefix=""):
-    """(name, value) of every number in a message; arrays beside a list of joint names are told by joint."""
+    """(name, value) of every number in a message; arrays beside a list of joint names are named by joint."""
     joints = list(getattr(message, "name", None) or getattr(message, "joint_names", None) or []) \
         if not isinstance(getattr(message, "name", None), str) else []
     for field in getattr(message, "__slots__", ()):

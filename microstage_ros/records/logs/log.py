@@ -251,7 +251,7 @@ def _effort_in_si(log):
 
 
 def _clean(signals, piece, effort):
-    """Outliers and saturated samples become missing ones; quantisation is told. Returns sentences."""
+    """Outliers and saturated samples become missing ones; quantisation is reported. Returns sentences."""
     notes = []
     for name, values in signals.items():
         bad = quality.outliers(values, piece)

@@ -1,7 +1,7 @@
 """What a log may be: columns, units, rate, signs and cycles proposed from names and numbers, for a person to correct.
 
-A proposal is a mapping for LOG.yaml; every guess that rests on numbers alone is told with its reason, and so is what is
-missing.
+A proposal is a mapping for LOG.yaml; every guess that rests on numbers alone is reported with its reason, and so is
+what is missing.
 """
 
 import dataclasses

@@ -94,7 +94,7 @@ def quantum(values):
 
 
 def shifts(values):
-    """Pieces whose level was shifted by a constant after the recording, told by the digits.
+    """Pieces whose level was shifted by a constant after the recording, recognised by the digits.
 
     A signal rounded to some decimals and then shifted keeps one remainder per constant. Where the remainder is constant
     over stretches and differs between them, levels of different stretches cannot be compared.

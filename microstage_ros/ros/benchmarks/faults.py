@@ -2,7 +2,7 @@
 
 A cell of each mode is kept through many faults (`fault_cell`). Time to zero volts is read from the output that driver
 and watchdog share, from the last valid command on; time for which the host of the machine kept a processor from
-everybody is measured beside it (`witness`) and told apart.
+everybody is measured beside it (`witness`) and distinguished.
 """
 
 import random

@@ -2,7 +2,7 @@
 grow.
 
 Paced, the wall clock matters: time for which the host kept the driver from its processor is counted by the driver and
-told apart. In lockstep as many control periods go by as the machine can do. What every process holds (memory, open
+distinguished. In lockstep as many control periods go by as the machine can do. What every process holds (memory, open
 files, threads) is read from ``/proc`` now and then; growth counts from `SETTLED` of the time on, since a process fills
 its caches and its recorder its buffers at the beginning.
 """

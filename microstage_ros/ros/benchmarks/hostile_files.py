@@ -303,4 +303,4 @@ def _examine(path, facts):
     facts["messages_kept"] += kept[0].messages
     again = Bag(path)
     if sum(1 for _ in again.raw_messages(list(again.topics))) != kept[0].messages:
-        raise ValueError("a recovered bag does not hold what was told")
+        raise ValueError("a recovered bag does not hold what was reported")

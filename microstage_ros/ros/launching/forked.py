@@ -18,7 +18,7 @@ SERVER_TELLS_S = 0.2
 """So long [s] the server takes at most to tell that a process has ended, unless it is stopped itself."""
 
 UNKNOWN = 1
-"""Taken for the exit status that it never told."""
+"""Taken for the exit status that it never reported."""
 
 ENVIRONMENT = {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
@@ -109,7 +109,7 @@ class ForkedNodes:
             process.stopped = line.get("stopped", process.stopped) and process.returncode is None
 
     def _ended(self):
-        """The server is gone, and its children have been told to end by the system."""
+        """The server is gone, and its children have been asked to end by the system."""
         self.server_status = self._server.wait()
         for process in self.processes.values():
             if process.returncode is None and not process.can_be_watched:
@@ -137,7 +137,7 @@ class ForkedNodes:
         return process
 
     def go_on(self):
-        """Let a server that was stopped by a signal go on: without it the end of every process is told late."""
+        """Let a server that was stopped by a signal go on: without it the end of every process is reported late."""
         if self.server_status is None:
             self._server.send_signal(signal.SIGCONT)
 
@@ -190,7 +190,7 @@ class NodeProcess:
 
     @property
     def has_ended(self):
-        """True once it is gone, whether or not the server has told its status."""
+        """True once it is gone, whether or not the server has reported its status."""
         return self.returncode is not None or (
             self._handle is not None and bool(select.select([self._handle], [], [], 0.0)[0])
         )

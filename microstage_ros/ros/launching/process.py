@@ -195,7 +195,7 @@ def _wait_for_readers(node):
 
 
 def _serve(executor, logger):
-    """Serve until the process is asked to stop; a callback that fails is told, and the others go on."""
+    """Serve until the process is asked to stop; a callback that fails is reported, and the others go on."""
     while running():
         try:
             executor.spin_once(timeout_sec=0.2)

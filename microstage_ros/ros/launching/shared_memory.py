@@ -33,8 +33,8 @@ def _began(pid):
 
 
 def remember(node, running=lambda: True):
-    """Write down which shared memory is this process's, while ``running()``; the file, None if that cannot be told
-    here."""
+    """Write down which shared memory is this process's, while ``running()``; the file, None if that cannot be
+    determined here."""
     topic = next(
         (
             publisher.topic_name

@@ -124,7 +124,7 @@ class DriverPeriods:
         self._tell()
 
     def _enable(self, on):
-        """The drive's enable output, where the backend has one; told only when it changes."""
+        """The drive's enable output, where the backend has one; reported only when it changes."""
         if "enable" in self._safety and on != self._enabled:
             self._enabled = on
             try:
@@ -211,7 +211,7 @@ class DriverPeriods:
         self._begun = (time_ns, n, raw, self.hardware)
 
     def _make_safe(self):
-        """Write the safe command: zero, or what a drive that holds a position was last told, if anything."""
+        """Write the safe command: zero, or what a drive that holds a position was last commanded, if anything."""
         if self.gate.placed:
             self._write(self.gate.voltage if self.gate.holds else 0.0)
 

@@ -221,7 +221,7 @@ class MoveServer(MoveCredit, MoveRequests, MoveResults, Node):
         return result
 
     def _check(self, request):
-        with self._changed:  # a driver that was activated a moment ago may not have told yet
+        with self._changed:  # a driver that was activated a moment ago may not have been heard yet
             self._changed.wait_for(lambda: self._status is not None and self._status.active, timeout=STATUS_WAIT)
             status = self._status
         if status is None:

@@ -41,8 +41,8 @@ class Requests:
         """Have the loop do it; returns or raises what ``action`` does. Raises `TimeoutError`, at once if the loop has
         ended.
 
-        An action that has not begun within ``timeout`` [s] is withdrawn: whoever asked has been told that it was not
-        done. Without ``withdraw`` it is done late rather than never, as a stop must be.
+        An action that has not begun within ``timeout`` [s] is withdrawn: whoever asked has been informed that it was
+        not done. Without ``withdraw`` it is done late rather than never, as a stop must be.
         """
         request = _Request(action, withdraw)
         self._queue.put(request)

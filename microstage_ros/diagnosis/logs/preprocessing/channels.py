@@ -30,7 +30,7 @@ LEAST_TRIED = 5_000     # of one log
 MEMORIES = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)   # s, time constants of the loop's integrator that are tried
 LAGS = (0.0, 0.007, 0.02, 0.05, 0.1)   # s, time constants of the loop's low-pass that are tried
 FIRST_LAG = 0.02         # s, while the integrator's is looked for
-LEAST_LEVEL = 0.1       # of the moving rms: the smallest scale that changes are told against
+LEAST_LEVEL = 0.1       # of the moving rms: the smallest scale that changes are judged against
 
 
 @dataclasses.dataclass
@@ -49,8 +49,8 @@ class Channel:
     """One residual channel.
 
     ``name`` effort, error or voltage; ``unit``; ``signed``. ``models``: condition code → coefficients of
-    `base_columns`; ``scale``: condition code → size in ``unit`` that changes are told against (the friction level; the
-    error's rms); ``stderr``: condition code → standard errors. ``kind``: the quantity. ``memory``, ``lag``: time
+    `base_columns`; ``scale``: condition code → size in ``unit`` that changes are judged against (the friction level;
+    the error's rms); ``stderr``: condition code → standard errors. ``kind``: the quantity. ``memory``, ``lag``: time
     constants of the error's high-pass and low-pass [s].
     ``signs``: condition code → (constant, level, viscous, inertia) of the signed effort behind a magnitude.
     """
@@ -282,7 +282,7 @@ def _fitted_rows(channel, baseline, code):
 
 
 def _scale(channel, model, y, direction, shifted, columns):
-    """The size that changes are told against, in the channel's unit."""
+    """The size that changes are judged against, in the channel's unit."""
     moving = direction != 0.0
     if channel.name == "voltage":
         return float(np.sqrt(np.mean(y**2))) or 1.0

@@ -275,8 +275,8 @@ def _growth(fluctuations):
 
 
 def _detrended(x, values):
-    """Values less a cubic of the place: ripple is told from what is slow along the stroke, not from cells narrower than
-    a turn."""
+    """Values less a cubic of the place: ripple is distinguished from what is slow along the stroke, not from cells
+    narrower than a turn."""
     u = (x - x.mean()) / max(float(np.std(x)), 1e-300)
     columns = np.stack([np.ones(len(u)), u, u**2, u**3], axis=1)
     return values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]

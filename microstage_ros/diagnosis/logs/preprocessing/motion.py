@@ -170,7 +170,7 @@ def later(values, log, rows):
 
 
 def motion_of(log, top_speed, top_acceleration, lag=0.0):
-    """`Motion` of a log, with what counts as moving and as accelerating told by the baseline's usual tops.
+    """`Motion` of a log, with what counts as moving and as accelerating decided by the baseline's usual tops.
 
     ``lag``: time by which the axis follows its set point later than in the baseline [s]: forces go with the motion, not
     with its order.

@@ -155,7 +155,7 @@ def _causes(page, report):
     if rows:
         page.table(("cause", "how much", "since", "sure", "share of what stands out"), rows)
     if report["rivals"]:
-        page.heading("What cannot be told apart")
+        page.heading("What cannot be distinguished")
         page.table(("one of", "why", "this would decide"), [
             (", ".join(name_of(i).lower() for i in r["ids"]), r["why"], r["experiment"]) for r in report["rivals"]])
     with page.details("All fitted sizes with their 95 % intervals"):

@@ -18,7 +18,7 @@ from microstage_ros.diagnosis.logs.selection.visibility import LARGEST
 from microstage_ros.diagnosis.report.wording import sentence_of
 from microstage_ros.diagnosis.result import Cause, Diagnosis, Finding, Improvement, OverallImprovement, Rivals
 
-LATE_S, GAP = 0.02, 0.005  # s, and share of the stroke: sizes that are told as visible if they would be found
+LATE_S, GAP = 0.02, 0.005  # s, and share of the stroke: sizes that are counted as visible if they would be found
 #: Names in the effort that a rough reading can feign where the motion is known from that reading alone.
 MISREAD = ("rising_static_friction", "torque_ripple", "payload_change", "friction_level_change", "cable_spring")
 # log p of the strongest effect in the effort, below which it may be behind what the error shows
@@ -26,8 +26,8 @@ HINT = math.log(0.01)
 BRINGS_NO_ERROR = ("torque_ripple", "floor_vibration", "amplifier_offset")
 #: What the error would show of lost motion and the like, were the effort as before.
 BESIDE = "logs from after the changed effort has been dealt with: beside it, what the error does is its consequence"
-CREEP = 0.001              # of the stroke: creep at rest that is told as usual
-# s: a lag of the amplifier that is told as usual, and the position loop's time constant that it acts through
+CREEP = 0.001              # of the stroke: creep at rest that is counted as usual
+# s: a lag of the amplifier that is counted as usual, and the position loop's time constant that it acts through
 LAG_S, LOOP_S = 0.002, 0.05
 # of a size, by which its form's misfit may mislead it; a judgement, held by the coverage that `log --examine` measures
 FORM_SIZE = 0.04
