@@ -1,4 +1,4 @@
-"""From logs to a `Diagnosis`: the baseline learned, the difference judged, causes named, rivals and blind spots said."""
+"""Logs to a `Diagnosis`: baseline learned, the difference judged, causes named, rivals and blind spots stated."""
 
 import numpy as np
 
