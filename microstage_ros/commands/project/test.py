@@ -39,7 +39,7 @@ def main(argv=None):
     variables = _other_trajectories(arguments)
     options = arguments
     if importlib.util.find_spec("xdist"):  # tests of one file may share a cell, so a file stays with one worker
-        options = ["-n", "3", "--dist", "loadfile", *arguments]
+        options = ["-n", "3", "--dist", "loadfile", "--no-loadscope-reorder", *arguments]
     variables = {**os.environ, **variables}
     variables |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     return subprocess.call([sys.executable, "-m", "pytest", *options], cwd=SOURCE, env=variables)
