@@ -93,6 +93,7 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
     refined = refine(collection, choices)
     if refined != choices:
         evidences, choices = _final(collection, refined)
+        choices = judge.that_agree(evidences, choices)
     choices = judge.without_faint(evidences, judge.without_strangers(evidences, choices))
     return _answer(collection, evidences, choices, rivals, (known, course), holdout, notes, seed)
 

@@ -1,5 +1,6 @@
 """From records to evidence: every record prepared, every channel filled, all candidates' columns gathered."""
 
+import copy
 import dataclasses
 import functools
 import operator
@@ -27,7 +28,8 @@ class Collection:
     """Channels of all records in the groups ``learn``, ``held`` and ``base``, and what is common to them.
 
     ``channels`` {group: [{name: channel}]}; ``spreads`` of the random friction (from the baseline);
-    ``healthy`` [(form, sizes)] that the baseline shows and that were taken out of every torque balance.
+    ``healthy`` [(form, sizes)] that the baseline shows and that were taken out of every torque balance; ``raw`` the
+    baseline's balances before that.
     """
 
     def __init__(self, prepared, drive, fast_only=False):
@@ -37,7 +39,7 @@ class Collection:
         self.channels = {group: [_channels(p, drive, fast_only) for p in prepared[group]] for group in GROUPS}
         self.spreads = stated_spreads(drive)
         healthy = [c["torque"] for c in self.channels["base"] if "torque" in c]
-        self.healthy = []
+        self.healthy, self.raw = [], [copy.copy(one) for one in healthy]
         if healthy:
             self.spreads = fit_spreads(healthy)
             every = [c["torque"] for group in GROUPS for c in self.channels[group] if "torque" in c]
@@ -58,8 +60,9 @@ class Collection:
         return functools.reduce(operator.add, parts) if parts else None
 
     def growing(self, channel, forms, group):
-        """The same as a `Growing`, which gathers a form when it is asked for."""
-        records = [record[channel] for record in self.channels[group] if channel in record]
+        """The same as a `Growing`, which gathers a form when it is asked for; group ``raw``: the baseline's torque
+        balance before anything was taken out of it."""
+        records = self.raw if group == "raw" else [r[channel] for r in self.channels[group] if channel in r]
         return Growing(records, forms, self.frame, SYSTEMATIC.get(channel), **self._noise(channel)) if records else None
 
     def _noise(self, channel):
@@ -76,8 +79,10 @@ class Collection:
                     sums[group][name] = evidence
         scatter = {name: _scatter(sums["base"].get(name)) for name in self.names}
         kept = [form for form in forms if form.channel in self.names]
+        own = {name: [form for form in kept if form.channel == name] for name in self.names}
+        raw = {"torque": self.growing("torque", own["torque"], "raw")} if self.healthy and "torque" in own else {}
         return Evidences(sums["learn"], sums["held"], sums["base"], kept, scatter, self.frame,
-                         lambda name: self.growing(name, [form for form in kept if form.channel == name], "learn"))
+                         lambda name: self.growing(name, own[name], "learn"), raw)
 
 
 def seen_amplifier(base, drive):

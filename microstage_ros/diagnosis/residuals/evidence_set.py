@@ -49,11 +49,12 @@ class Evidences:
 
     ``scatter`` {channel: factor ≥ 1}: χ² per row of healthy records, by which all χ² are divided.
     ``in_rows(channel)``: a `Growing` of the learning records, for what is asked stretch by stretch.
+    ``raw``: evidence of the baseline before `residuals.healthy` took out what the healthy axis does and the model not.
     """
 
-    def __init__(self, learn, held, base, forms, scatter, frame, in_rows=None):
+    def __init__(self, learn, held, base, forms, scatter, frame, in_rows=None, raw=None):
         self.learn, self.held, self.base, self.forms = learn, held, base, forms
-        self.scatter, self.frame = scatter, frame
+        self.scatter, self.frame, self.raw = scatter, frame, raw or {}
         self._in_rows, self._learn_rows = in_rows, {}
 
     def gain(self, choices, extra=()):
@@ -159,9 +160,9 @@ class Evidences:
         return float(total), math.sqrt(float(square))
 
     def usual(self, channel, key):
-        """Reduction of χ² by a form that as many rows of the healthy axis as the learning records have would show; 0
-        without a baseline."""
-        base = self.base.get(channel)
+        """Reduction of χ² by a form that as many rows of the healthy axis as the learning records have would show,
+        before anything was taken out of it; 0 without a baseline."""
+        base = self.raw.get(channel, self.base.get(channel))
         if base is None:
             return 0.0
         return base.fit([key])[2] / self.scatter[channel] * self.learn[channel].rows / base.rows
@@ -184,17 +185,21 @@ class Evidences:
             total += part @ self.held[channel].matrix[np.ix_(index, index)] @ part / self.scatter[channel]
         return float(total)
 
-    def amplitude_in_base(self, choice, others):
-        """How much of the effect the baseline shows, relative to the records: (amplitude, stderr)."""
+    def amplitude_in_base(self, choice, others, raw=False):
+        """How much of the effect the baseline shows, relative to the records: (amplitude, stderr).
+
+        ``raw``: before anything was taken out of the baseline.
+        """
         if not self.base:
             return 0.0, 1e9
+        base = {**self.base, **self.raw} if raw else self.base
         top = bottom = 0.0
         for channel in {form.channel for form in choice.forms}:
             keys = self._keys(channel, [*others, choice])
             beta, _, _ = self.learn[channel].fit(keys)
             own = choice.keys(channel)
             part = beta[len(beta) - len(self.learn[channel].indices(own)):]
-            evidence = self.base[channel]
+            evidence = base[channel]
             index = evidence.indices(own)
             top += part @ evidence.matrix[index, 0] / self.scatter[channel]
             bottom += part @ evidence.matrix[np.ix_(index, index)] @ part / self.scatter[channel]

@@ -24,7 +24,9 @@ FOLDS = 4         # derived: three quarters of a baseline of half a minute are a
 MOST = 4          # derived: rest, speed, acceleration, and one more
 # derived: that a machine that the model describes gets any form; shared by them (Bonferroni's inequality)
 CHANCE = 0.01
-KNOTS = 0.5       # of the random friction's travel length between the knots of its profile; derived: two per length
+# of the random friction's travel length between the knots of its profile; derived: a wave half as long as that length,
+# which still keeps to its place, then has five knots in two periods
+KNOTS = 0.2
 # derived: the inner products of a baseline of thirty pieces then fill 38 MB. Where hardly any of the random friction is
 # bound to a place its travel length is undetermined, and may come out at nanometres
 MOST_SPLINES = 400
@@ -50,9 +52,38 @@ def take_healthy(channels, baseline, forms, frame, spreads):
     pieces, where = _pieces(baseline, forms, frame, spreads)
     chosen = _chosen(pieces, where, forms)
     sizes = _fit(pieces.sum(axis=0), chosen, where)
-    for channel in channels if chosen else ():
-        channel.take_out(sum(form.columns(channel, frame) @ own for form, own in zip(chosen, sizes)))
+    if not chosen:
+        return []
+    for channel in channels:
+        if not any(channel is one for one in baseline):
+            channel.take_out(_torque(channel, chosen, sizes, frame))
+    _take_from_baseline(baseline, pieces, where, chosen, frame)
     return list(zip(chosen, sizes))
+
+
+def _torque(channel, forms, sizes, frame):
+    """Torque (blocks,) [N m] of forms with their sizes."""
+    return sum(form.columns(channel, frame) @ own for form, own in zip(forms, sizes))
+
+
+def _take_from_baseline(baseline, pieces, where, chosen, frame):
+    """Take the forms out of every fourth piece of the baseline with sizes from the other three.
+
+    What is left of the baseline is the yardstick for what the records may show on a healthy axis. Sizes fitted to the
+    very rows that they are taken from leave less there than on any other record.
+    """
+    part = np.arange(len(pieces)) % FOLDS
+    sizes = [_fit(pieces[part != k].sum(axis=0), chosen, where) for k in range(FOLDS)]
+    first = 0
+    for channel in baseline:
+        ends = _ends(channel)
+        mine = np.repeat(part[first:first + len(ends)], np.diff([0, *ends]))
+        columns = [form.columns(channel, frame) for form in chosen]
+        torque = np.zeros(len(mine))
+        for k in np.unique(mine):
+            torque[mine == k] = sum(c[mine == k] @ own for c, own in zip(columns, sizes[k]))
+        channel.take_out(torque)
+        first += len(ends)
 
 
 def laws_of(forms):
@@ -80,9 +111,15 @@ def _pieces(baseline, forms, frame, spreads):
         ends = np.cumsum([1, *(columns.shape[1] for columns in every)])
         where = {form.key: slice(a, b) for form, a, b in zip(forms, ends, ends[1:])}
         white = channel.whiten(np.concatenate([channel.residual[:, None], *every], axis=1), spreads)[0]
-        count = max(round(PIECE / float(channel.time[1] - channel.time[0])), 1)
-        found += [part.T @ part for part in np.array_split(white, max(len(white) // count, FOLDS))]
+        found += [part.T @ part for part in np.split(white, _ends(channel)[:-1])]
     return np.array(found), where
+
+
+def _ends(channel):
+    """Row after the last one of every piece of `PIECE` of a channel, at least `FOLDS` of them."""
+    rows = len(channel.residual)
+    count = max(round(PIECE / float(channel.time[1] - channel.time[0])), 1)
+    return np.cumsum([len(part) for part in np.array_split(np.empty(rows), max(rows // count, FOLDS))])
 
 
 def _fit(matrix, forms, where):

@@ -34,8 +34,9 @@ def agrees_with_itself(evidences, choice, others):
         return True
     if log_tail(learned) > OF_NAMES:
         return False
-    held = evidences.agreement(choice, others, "held")
-    return log_tail(_beyond(held, _of_baseline(evidences, choice, others))) < OF_ONE
+    held, base = evidences.agreement(choice, others, "held"), _of_baseline(evidences, choice, others)
+    # where the model is not the machine's, every name is there: that the baseline has less of it is all that tells
+    return log_tail(_beyond(held, base)) < OF_ONE and log_tail(_beyond(_pooled(learned, held), base)) < OF_NAMES
 
 
 def in_baseline(evidences, choice, others):
@@ -43,9 +44,29 @@ def in_baseline(evidences, choice, others):
 
     Clearly by the noise model's error alone. How the baseline's stretches disagree is larger on machines of another
     friction law, and by that error names would come back that healthy axes get.
+
+    What the healthy model took from the baseline counts, too: it does not hold to the last on another programme, nor on
+    a part of the stroke where the baseline was not, and what is left of it there is no other cause than it was.
     """
+    if any(_wave_of_baseline(evidences, form, others) for form in choice.forms):
+        return True
+    if evidences.raw:
+        amplitude, stderr = evidences.amplitude_in_base(choice, others, raw=True)
+        if amplitude > 0.5 and stderr < 0.5:
+            return True
     amplitude, stderr = evidences.amplitude_in_base(choice, others)
     return bool((amplitude > 0.5 and stderr < 0.5) or amplitude > max(BASE_SHARE, 2.0 * stderr))
+
+
+def _wave_of_baseline(evidences, form, others):
+    """Whether the baseline has a wave of friction of this length and at least half this height, at whatever phase.
+
+    A wave number is read to a per cent or so: some millimetres on, where the baseline was, the phase is another.
+    """
+    if form.effect != "position_dependent_friction" or not form.variant.startswith("wave"):
+        return False
+    keys = [key for choice in others for key in choice.keys(form.channel)]
+    return evidences.usual(form.channel, form.key) > 0.25 * evidences.more(form.channel, keys, form.key)
 
 
 def log_tail(size):
@@ -81,6 +102,15 @@ def _of_baseline(evidences, choice, others):
     through."""
     base = evidences.agreement(choice, others, "base")
     return (0.0, 0.0, 0.0) if base is None or not math.isfinite(base[1]) else base
+
+
+def _pooled(one, other):
+    """Mean of two sizes, weighted by their precision: value, standard error, degrees of freedom."""
+    if not (one[1] > 0.0 and other[1] > 0.0):
+        return one
+    weights = one[1] ** -2.0, other[1] ** -2.0
+    total = sum(weights)
+    return (weights[0] * one[0] + weights[1] * other[0]) / total, total**-0.5, one[2] + other[2]
 
 
 def _beyond(size, base):

@@ -8,7 +8,13 @@ from scipy.stats import chi2
 from microstage_ros.diagnosis.catalogue import CONTAINS
 from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, Trial
 from microstage_ros.diagnosis.result import Finding, Improvement, OverallImprovement, Rivals
-from microstage_ros.diagnosis.selection.agreement import OF_ONE, agrees_with_itself, log_tail, shortfall
+from microstage_ros.diagnosis.selection.agreement import (
+    OF_ONE,
+    agrees_with_itself,
+    in_baseline,
+    log_tail,
+    shortfall,
+)
 from microstage_ros.diagnosis.selection.selection import (
     FRICTIONS,
     RESONANT,
@@ -185,7 +191,8 @@ def findings_of(evidences, choices, generic):
             shape = Choice(form.effect, (form,))
             threshold = max(threshold, after * shortfall(evidences, shape, choices))
         held = evidences.held_more(form.channel, Evidences._keys(form.channel, choices), form.key)
-        if after > threshold and not agrees_with_itself(evidences, shape, choices):
+        if after > threshold and (in_baseline(evidences, shape, choices)
+                                  or not agrees_with_itself(evidences, shape, choices)):
             held = 0.0      # not there beyond what the baseline shows of it
         found.append((Finding(form.channel, COORDINATES[form.effect.split(":")[1]], before / count, threshold / count,
                               after / count), held))
@@ -227,10 +234,14 @@ def verdict_of(causes, rivals, left, book, above):
 
 
 def stands_out(evidences, choices):
-    """Channels whose residual, after the causes, scatters more on every record group than a healthy axis's does."""
+    """Channels whose residual, after the causes, scatters more on every record group than a healthy axis's does.
+
+    A baseline that is quieter than the noise model, as it happened to rest near the middle of a count, is no yardstick:
+    up to the model's own noise nothing stands out.
+    """
     found = []
     for channel in evidences.held:
-        usual = usual_size(evidences, channel) * (1.0 if channel in evidences.base else UNSEEN)
+        usual = max(usual_size(evidences, channel), 1.0) * (1.0 if channel in evidences.base else UNSEEN)
         keys = Evidences._keys(channel, choices)
         beta = evidences.learn[channel].fit(keys)[0]
         ratios = [(group.energy() - group.reduction(keys, beta)) / group.rows / usual
@@ -249,6 +260,7 @@ def _louder(evidences, channel, choices):
     if said is None:
         return True
     usual = (evidences.loudness(channel, [], "base") if channel in evidences.base else None) or (1.0, 0.0, 0.0)
+    usual = (max(usual[0], 1.0), *usual[1:])
     more = said[0] - usual[0], math.hypot(said[1], usual[1]), said[2] + usual[2]
     return log_tail(more) < OF_ONE - math.log(len(evidences.learn))
 
@@ -285,6 +297,12 @@ def without_faint(evidences, choices):
             break
         del kept[parts.index(min(parts))]
     return kept
+
+
+def that_agree(evidences, choices):
+    """Those that still agree with themselves, and go beyond the baseline, with their sizes refined and beside each
+    other."""
+    return [c for c in choices if agrees_with_itself(evidences, c, [o for o in choices if o is not c])]
 
 
 def _shown_by_more_than_the_reading(evidences, choices):

@@ -49,6 +49,9 @@ def best_forms(evidences, effect, choices):
             if not form.possible(own, evidences.frame):
                 continue
             more = total / evidences.scatter[channel] - before
+            if effect == "position_dependent_friction":
+                # a wave of the machine's own, which the baseline shows as well, is not the form of a change
+                more -= evidences.usual(channel, form.key)
             if best is None or more - 2 * len(own) > best[0] - 2 * best[1]:
                 best = (more, len(own), form)
         if best and (best[0] > 2 * best[1] + 4 or not used):
