@@ -14,7 +14,7 @@ from microstage_ros.diagnosis.residuals.command import Command
 from microstage_ros.diagnosis.residuals.evidence import gather
 from microstage_ros.diagnosis.residuals.evidence_set import Evidences
 from microstage_ros.diagnosis.residuals.growing import Growing
-from microstage_ros.diagnosis.residuals.healthy import laws_of, profile_of, take_healthy
+from microstage_ros.diagnosis.residuals.healthy import laws_of, profile_of, take_healthy, unevenness
 from microstage_ros.diagnosis.residuals.mechanical import Mechanical, fit_spreads, stated_spreads
 from microstage_ros.diagnosis.residuals.position import Position
 from microstage_ros.diagnosis.residuals.resonance import Resonance
@@ -29,7 +29,8 @@ class Collection:
 
     ``channels`` {group: [{name: channel}]}; ``spreads`` of the random friction (from the baseline);
     ``healthy`` [(form, sizes)] that the baseline shows and that were taken out of every torque balance; ``raw`` the
-    baseline's balances before that.
+    baseline's balances before that; ``own_profile`` the relative
+    standard deviation of the healthy friction along the stroke.
     """
 
     def __init__(self, prepared, drive, fast_only=False):
@@ -39,7 +40,7 @@ class Collection:
         self.channels = {group: [_channels(p, drive, fast_only) for p in prepared[group]] for group in GROUPS}
         self.spreads = stated_spreads(drive)
         healthy = [c["torque"] for c in self.channels["base"] if "torque" in c]
-        self.healthy, self.raw = [], [copy.copy(one) for one in healthy]
+        self.own_profile, self.healthy, self.raw = 0.0, [], [copy.copy(one) for one in healthy]
         if healthy:
             self.spreads = fit_spreads(healthy)
             every = [c["torque"] for group in GROUPS for c in self.channels[group] if "torque" in c]
@@ -48,7 +49,9 @@ class Collection:
                 self.spreads = fit_spreads(healthy)
             # where the baseline did not go, friction along the stroke stays random: the spreads keep it
             profile = profile_of(self.frame, self.spreads)
-            self.healthy += take_healthy(every, healthy, [profile], self.frame, self.spreads)
+            found = take_healthy(every, healthy, [profile], self.frame, self.spreads)
+            self.own_profile = unevenness(healthy, found, self.frame)
+            self.healthy += found
         self.names = set.intersection(*({*c} for group in ("learn", "held") for c in self.channels[group]))
 
     def gather(self, channel, forms, group):
@@ -82,7 +85,8 @@ class Collection:
         own = {name: [form for form in kept if form.channel == name] for name in self.names}
         raw = {"torque": self.growing("torque", own["torque"], "raw")} if self.healthy and "torque" in own else {}
         return Evidences(sums["learn"], sums["held"], sums["base"], kept, scatter, self.frame,
-                         lambda name: self.growing(name, own[name], "learn"), raw)
+                         lambda name: self.growing(name, own[name], "learn"), raw,
+                         self.own_profile)
 
 
 def seen_amplifier(base, drive):

@@ -50,11 +50,13 @@ class Evidences:
     ``scatter`` {channel: factor ≥ 1}: χ² per row of healthy records, by which all χ² are divided.
     ``in_rows(channel)``: a `Growing` of the learning records, for what is asked stretch by stretch.
     ``raw``: evidence of the baseline before `residuals.healthy` took out what the healthy axis does and the model not.
+    ``own_profile``: relative standard deviation of the healthy friction along the stroke.
     """
 
-    def __init__(self, learn, held, base, forms, scatter, frame, in_rows=None, raw=None):
+    def __init__(self, learn, held, base, forms, scatter, frame, in_rows=None, raw=None,
+                 own_profile=0.0):
         self.learn, self.held, self.base, self.forms = learn, held, base, forms
-        self.scatter, self.frame, self.raw = scatter, frame, raw or {}
+        self.scatter, self.frame, self.raw, self.own_profile = scatter, frame, raw or {}, own_profile
         self._in_rows, self._learn_rows = in_rows, {}
 
     def gain(self, choices, extra=()):

@@ -103,6 +103,20 @@ def profile_of(frame, spreads):
     return Form("position_dependent_friction", "torque", "healthy", columns, prior=spreads.relative)
 
 
+def unevenness(baseline, taken, frame):
+    """Relative standard deviation of the friction along the stroke by the profile that was taken; 0 without one.
+
+    ``baseline``: its `Mechanical`; ``taken``: what `take_healthy` returned for `profile_of`.
+    """
+    factors = [
+        (form.columns(channel, frame) @ sizes)[moving] / channel.friction[moving]
+        for form, sizes in taken
+        for channel in baseline
+        for moving in [np.abs(channel.friction) > 0.5 * np.abs(channel.friction).max()]
+    ]
+    return float(np.std(np.concatenate(factors))) if factors else 0.0
+
+
 def _pieces(baseline, forms, frame, spreads):
     """Inner products (pieces, 1 + k, 1 + k) of the whitened residual and all columns, and {form key: slice}."""
     found, where = [], {}

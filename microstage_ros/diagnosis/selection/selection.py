@@ -22,6 +22,9 @@ MISFIT = 0.5                 # a wider shape may explain at most this share besi
 FAINT = 1.0e-3               # share of all gain on held-out records below which a further cause is not reported
 FAINT_GAIN = 60.0            # and χ² above which it is reported all the same
 MAJOR = 0.15                 # share of what its channel's others explain above which a cause is no misfit of them
+# times the healthy friction's own unevenness; derived: five waves of one size that all add up where the records are have
+# √5 times the standard deviation that they have along the whole stroke
+UNEVEN = math.sqrt(5.0)
 MINOR = 0.03                 # a further cause must explain this share of what its channel's others explain,
 #: and more where their forms are a coarse grid that leaves that much
 MINOR_BESIDE = {"rising_static_friction": 0.25, "presliding_creep": 0.25, "nonlinear_viscous": 0.08, "backlash": 0.08,
@@ -112,7 +115,7 @@ def acceptable(evidences, trial, choices):
         return False
     if not _masses_agree(evidences, trial.choice, choices) or _level_of_a_profile(evidences, trial.choice, choices):
         return False
-    if in_baseline(evidences, trial.choice, choices):
+    if in_baseline(evidences, trial.choice, choices) or _uneven_as_ever(evidences, trial.choice, choices):
         return False
     if misfit(evidences, trial.choice, [*choices, trial.choice]) >= MISFIT or _splinter(evidences, trial, choices):
         return False
@@ -131,6 +134,23 @@ def _masses_agree(evidences, choice, choices):
         return False
     (friction, stderr), (resonance, _) = masses["torque"], masses["resonance"]
     return abs(friction) > 3.0 * stderr and _alike(resonance, friction)
+
+
+def _uneven_as_ever(evidences, choice, choices):
+    """Whether friction along the stroke varies no more than the healthy axis's own does.
+
+    Where the baseline was not, the axis's own profile is unknown; only its size is known, and how its waves add up on
+    one part of the stroke is not how they do on another.
+    """
+    if choice.effect != "position_dependent_friction":
+        return False
+    beta = evidences.learn["torque"].fit(Evidences._keys("torque", [*choices, choice]))[0]
+    own = beta[len(beta) - sum(width(evidences, "torque", form) for form in choice.forms):]
+    if any(form.variant.startswith("wave") for form in choice.forms):
+        spread = math.sqrt(0.5 * float(own @ own))
+    else:
+        spread = profile_of(evidences, choice, [*choices, choice])[1]
+    return spread < UNEVEN * evidences.own_profile
 
 
 def _splinter(evidences, trial, choices):
