@@ -1,0 +1,151 @@
+"""What the healthy axis does itself is no cause, wherever the records go; made by hand, without a simulation."""
+
+import math
+
+import numpy as np
+import pytest
+
+from microstage_ros.diagnosis.catalogue.form import Form, Frame
+from microstage_ros.diagnosis.residuals.collection import Collection
+from microstage_ros.diagnosis.residuals.evidence_set import Choice
+from microstage_ros.diagnosis.residuals.growing import Growing
+from microstage_ros.diagnosis.residuals.healthy import profile_of, take_healthy, unevenness
+from microstage_ros.diagnosis.selection import judge, selection
+from microstage_ros.diagnosis.selection.agreement import OF_NAMES, OF_ONE, agrees_with_itself, in_baseline, log_tail
+from test.diagnosis.selection.test_agreement import CHOICE, EFFECT, OTHER, Channel, evidences, loud
+from test.diagnosis.selection.test_healthy import FRAME, SPREADS, Balance
+
+LONG = 5.0e-4                                       # m, of the wave
+WAVE = lambda position, phase=0.0: np.sin(2.0 * np.pi * position / LONG + phase)
+
+
+def test_a_baseline_freed_with_sizes_from_its_other_pieces_is_as_loud_as_any_record():
+    """200 sizes from 3000 rows leave 0.93 of the noise where they were fitted, and 1.07 of it on any other record."""
+    wide = Form("nonlinear_viscous", "torque", "", lambda channel, frame: channel.wide)
+    pair = [Balance(11), Balance(12)]
+    for number, one in enumerate(pair):
+        one.wide = np.random.default_rng([13, number]).normal(size=(len(one.time), 200))
+        one.residual, one.noise = one.residual + 0.15 * one.wide.sum(axis=1), one.residual.var()
+    assert len(take_healthy(pair, pair[:1], [wide], FRAME, SPREADS)) == 1
+    base, record = (one.residual.var() / one.noise for one in pair)
+    assert record == pytest.approx(1.0 + 200 / 2800, abs=0.03) and base == pytest.approx(record, abs=0.06) and base > 1.03
+
+
+def test_unevenness_is_the_profiles_standard_deviation():
+    base = Balance(4, profile=lambda x: 0.05 * WAVE(x))
+    taken = take_healthy([base], [base], [profile_of(FRAME, SPREADS)], FRAME, SPREADS)
+    assert unevenness([base], taken, FRAME) == pytest.approx(0.05 / math.sqrt(2.0), rel=0.2)
+    assert unevenness([base], [], FRAME) == 0.0
+
+
+def test_a_size_that_the_healthy_model_took_from_the_baseline_is_still_the_baselines():
+    """Taken out, the baseline shows none of it; another programme shows some of it again."""
+    case = evidences(lambda k: 0.3, base=lambda k: 0.0)
+    assert selection.acceptable(case, selection.best_forms(case, "gravity_tilt", []), [])
+    for size, there in ((0.25, True), (0.05, False)):
+        case.raw = {"torque": Growing([Channel(5, lambda k, size=size: size)], [EFFECT, OTHER], None)}
+        assert in_baseline(case, CHOICE, []) == there
+        assert (not selection.acceptable(case, selection.best_forms(case, "gravity_tilt", []), [])) == there
+        assert case.usual("torque", EFFECT.key) == pytest.approx(2.0 * case.raw["torque"].fit([EFFECT.key])[2])
+    assert not in_baseline(evidences(lambda k: 0.3, base=lambda k: 0.0), CHOICE, [])
+
+
+def test_what_all_records_show_must_exceed_the_baseline_by_as_much_as_one_of_all_names_may():
+    """On a machine of another law every record shows it; that one of them shows less is nothing rare."""
+    rough = lambda size: lambda k: size + (1.1 if k % 2 else -1.1)
+    between = 0
+    for size in np.arange(0.0, 0.3, 0.03):
+        case = evidences(rough(0.45), base=rough(0.45 - size))
+        held, base = (case.agreement(CHOICE, [], group) for group in ("held", "base"))
+        beyond = log_tail((held[0] - base[0], math.hypot(held[1], base[1]), held[2] + base[2]))
+        learned = case.agreement(CHOICE, [], "learn")
+        w = learned[1] ** -2, held[1] ** -2
+        all_records = (w[0] * learned[0] + w[1] * held[0]) / sum(w)
+        tail = log_tail((all_records - base[0], math.hypot(sum(w) ** -0.5, base[1]), learned[2] + held[2] + base[2]))
+        expected = log_tail(learned) <= OF_NAMES and beyond < OF_ONE and tail < OF_NAMES
+        assert agrees_with_itself(case, CHOICE, []) == expected
+        between += beyond < OF_ONE and tail >= OF_NAMES
+    assert agrees_with_itself(evidences(rough(0.45), base=rough(0.0)), CHOICE, [])
+    assert between or not agrees_with_itself(evidences(rough(0.45), base=rough(0.42)), CHOICE, [])
+
+
+class Stroke:
+    """Friction of unit size times 1 + height·wave on a part of the stroke, in unit noise; `Mechanical`'s face."""
+
+    def __init__(self, seed, height, phase=0.0, first=0.0):
+        self.time = 0.01 * np.arange(3000)
+        self.position = first + 1.0e-3 * (0.5 + 0.5 * np.sin(2.0 * np.pi * self.time / 7.0))
+        self.friction = np.ones(3000)
+        self.residual = height * WAVE(self.position, phase) + np.random.default_rng(seed).normal(size=3000)
+
+    def whiten(self, matrix):
+        return matrix, 0.0
+
+
+def waved(base, phase=0.0):
+    """`Evidences` of a wave of friction in the records, and of height ``base`` in the baseline."""
+    def columns(channel, frame):
+        angle = 2.0 * np.pi * channel.position / LONG
+        return channel.friction[:, None] * np.stack([np.sin(angle), np.cos(angle)], axis=1)
+
+    form = Form("position_dependent_friction", "torque", "wave 0.0005", columns)
+    case = evidences(lambda k: 0.3, base=lambda k: 0.0)
+    made = {group: Growing([Stroke([seed, n], height, turned) for n in range(count)], [form], Frame(None, 0.0, 1.0e-3, 30.0))
+            for seed, (group, height, turned, count) in enumerate([("learn", 0.6, 0.0, 2), ("held", 0.6, 0.0, 1), ("base", base, phase, 1)])}
+    case.learn, case.held, case.base = ({"torque": made[group]} for group in ("learn", "held", "base"))
+    case._in_rows, case.forms = lambda channel: made["learn"], [form]
+    return case, Choice("position_dependent_friction", (form,))
+
+
+@pytest.mark.parametrize("base, phase, there", [(0.0, 0.0, False), (0.6, 0.0, True), (0.6, 1.6, True), (0.6, np.pi, True), (0.1, 0.5, False)])
+def test_a_wave_that_the_baseline_has_at_another_phase_is_the_axiss_own(base, phase, there):
+    case, choice = waved(base, phase)
+    assert in_baseline(case, choice, []) == there
+
+
+def test_friction_along_the_stroke_must_vary_more_than_the_healthy_axiss():
+    case, choice = waved(0.0)
+    spread = 0.6 / math.sqrt(2.0)
+    for own, stands in ((0.0, True), (0.9 * spread / math.sqrt(5.0), True), (1.15 * spread / math.sqrt(5.0), False)):
+        case.own_profile = own
+        assert selection._uneven_as_ever(case, choice, []) != stands
+        assert selection.acceptable(case, selection.best_forms(case, choice.effect, []), []) == stands
+    assert not selection._uneven_as_ever(case, CHOICE, [])       # asked of no other effect
+
+
+def test_a_wave_of_the_baseline_is_not_the_form_of_a_change():
+    """Two waves of one size: the one that the baseline has as well does not compete."""
+    case, choice = waved(0.6)
+    before = selection.best_forms(case, choice.effect, []).gain
+    case.base["torque"] = waved(0.0)[0].base["torque"]
+    after = selection.best_forms(case, choice.effect, []).gain
+    assert after > 300.0 and before < 0.4 * after
+
+
+def test_up_to_the_models_own_noise_nothing_stands_out():
+    """A baseline at two fifths of the noise that the model predicts, as its rests lay in the middle of a count."""
+    case = loud(lambda k: 1.3)
+    quiet = Channel([4, 9], lambda k: 0.0)
+    quiet.residual = 0.6 * quiet.residual
+    case.base = {"torque": Growing([quiet], [EFFECT, OTHER], None)}
+    assert judge.stands_out(case, []) == ["torque"]
+    case.learn, case.held, case._in_rows = *(({"torque": made}) for made in [loud(lambda k: 0.95).learn["torque"]] * 2), None
+    assert case.learn["torque"].energy() / case.learn["torque"].rows > judge.SCATTER * judge.usual_size(case, "torque")
+    assert judge.stands_out(case, []) == []
+
+
+def test_what_no_longer_agrees_with_itself_when_refined_goes():
+    steady = evidences(lambda k: 0.3, base=lambda k: 0.0)
+    assert judge.that_agree(steady, [CHOICE]) == [CHOICE]
+    shown = evidences(lambda k: 0.3, base=lambda k: 0.29)
+    assert judge.that_agree(shown, [CHOICE]) == []
+
+
+def test_the_baseline_before_is_kept_apart():
+    """`Collection.growing` of the group ``raw`` reads the balances before anything was taken out."""
+    one = object.__new__(Collection)
+    before, after = Channel(5, lambda k: 0.3), Channel(5, lambda k: 0.0)
+    one.raw, one.channels, one.frame, one.spreads = [before], {"base": [{"position": after}]}, None, None
+    one._noise = lambda channel: {}
+    energies = [one.growing("position", [EFFECT], group).energy() for group in ("raw", "base")]
+    assert energies[0] > 1.05 * energies[1]
