@@ -115,13 +115,7 @@ class Evidences:
             parts = rows.stretches(keys, self.learn[channel].fit(keys)[0], choice.keys(channel), STRETCH)
             u.append(parts[0] / self.scatter[channel])
             d.append(parts[1] / self.scatter[channel])
-        u, d = np.concatenate(u), np.concatenate(d)
-        total = d.sum()
-        if not total > 0.0:
-            return 0.0, math.inf, 1.0
-        a, count = u.sum() / total, max(total**2 / (d**2).sum(), 1.0 + LEAST_FREEDOM)
-        spread = ((u - a * d) ** 2).sum() * count / (count - 1.0)
-        return float(a), math.sqrt(max(spread, total)) / float(total), float(count - 1.0)
+        return _factor(np.concatenate(u), np.concatenate(d))
 
     def loudness(self, channel, choices, group):
         """χ² per row that the learned sizes leave in a group of records, and how sure that is.
@@ -140,26 +134,41 @@ class Evidences:
         return float(mean), math.sqrt(spread) / float(count.sum()), stretches - 1.0
 
     def lead(self, one, other, others):
-        """How much more of χ² one `Choice` takes from the learning records than another, beside ``others``.
+        """Where the learning records lie between the fits with one `Choice` and with another, beside ``others``.
+
+        The factor a on the difference of the two fits is fitted to what the second leaves: 1 if the first is right, 0
+        if the second is, ½ if they explain as much (the test of models that do not contain each other by Davidson and
+        MacKinnon, Econometrica 1981), with its error as in `agreement`.
 
         Returns
         -------
-        (lead, its standard error): the latter from how the stretches disagree about which is the better (Vuong's test
-        of models that do not contain each other, Econometrica 1989); or None where the rows were not kept.
+        (a − ½, its standard error, degrees of freedom), or None where the rows were not kept.
         """
-        total, square = 0.0, 0.0
+        u, d = [], []
         for channel in sorted({form.channel for choice in (one, other) for form in choice.forms}):
             rows = self._rows_of(channel, "learn")
             if rows is None:
                 return None
-            taken = []
-            for choice in (one, other):
-                keys = self._keys(channel, [*others, choice])
-                u, d = rows.stretches(keys, self.learn[channel].fit(keys)[0], keys, STRETCH) if keys else (0.0, 0.0)
-                taken.append((2.0 * u - d) / self.scatter[channel])
-            more = np.atleast_1d(taken[0] - taken[1])
-            total, square = total + more.sum(), square + ((more - more.mean()) ** 2).sum()
-        return float(total), math.sqrt(float(square))
+            parts = rows.between(*self._fits(channel, one, other, others), STRETCH)
+            u.append(parts[0] / self.scatter[channel])
+            d.append(parts[1] / self.scatter[channel])
+        a, stderr, freedom = _factor(np.concatenate(u), np.concatenate(d))
+        return a - 0.5, stderr, freedom
+
+    def _fits(self, channel, one, other, others):
+        """Keys of the forms of two fits together, and the sizes of either, zero where it has none."""
+        evidence, keys = self.learn[channel], self._keys(channel, [*others, one, other])
+        place, at = {}, 0
+        for key in keys:
+            count = len(evidence.indices([key]))
+            place[key], at = slice(at, at + count), at + count
+        sizes = np.zeros((2, at))
+        for row, choice in zip(sizes, (one, other)):
+            own = self._keys(channel, [*others, choice])
+            beta = evidence.fit(own)[0]
+            for key in own:
+                row[place[key]], beta = np.split(beta, [place[key].stop - place[key].start])
+        return keys, sizes[0], sizes[1]
 
     def usual(self, channel, key):
         """Reduction of χ² by a form that as many rows of the healthy axis as the learning records have would show,
@@ -206,3 +215,13 @@ class Evidences:
             top += part @ evidence.matrix[index, 0] / self.scatter[channel]
             bottom += part @ evidence.matrix[np.ix_(index, index)] @ part / self.scatter[channel]
         return (top / bottom, 1.0 / math.sqrt(bottom)) if bottom > 0 else (0.0, 1e9)
+
+
+def _factor(u, d):
+    """(a, standard error, degrees of freedom) of the factor a = Σu/Σd, see `Evidences.agreement`."""
+    total = d.sum()
+    if not total > 0.0:
+        return 0.0, math.inf, 1.0
+    a, count = u.sum() / total, max(total**2 / (d**2).sum(), 1.0 + LEAST_FREEDOM)
+    spread = ((u - a * d) ** 2).sum() * count / (count - 1.0)
+    return float(a), math.sqrt(max(spread, total)) / float(total), float(count - 1.0)

@@ -64,6 +64,22 @@ class Growing(Evidence):
         ]
         return tuple(np.concatenate(values) for values in zip(*parts))
 
+    def between(self, keys, one, other, length):
+        """How the residual lies between two fits of the same forms, stretch by stretch of ``length`` [s].
+
+        Parameters
+        ----------
+        keys : forms. one, other : their sizes in either fit, concatenated.
+
+        Returns
+        -------
+        (u, d), each of shape (stretches,): inner products of the difference of the two fits with what ``other`` leaves,
+        and with itself; Σu/Σd is 1 where ``one`` is right, 0 where ``other`` is.
+        """
+        index = self.indices(keys) - 1
+        parts = [record.stretches(index, other, one - other, length) for record in self._records]
+        return tuple(np.concatenate(values) for values in zip(*parts))
+
     def energies(self, keys, beta, length):
         """χ² that these forms with sizes ``beta`` leave, and number of rows, stretch by stretch of ``length`` [s]: two
         arrays of shape (stretches,)."""

@@ -20,6 +20,8 @@ OF_ONE = math.log(0.01)
 LEAST_SIZE = 1.0e-3
 # of a cause's size that the baseline may show, if that stands two standard errors out there
 BASE_SHARE = 0.2
+# of a cause's size from which on the baseline shows the same thing; derived: midway between none of it and all
+HALF = 0.5
 
 
 def agrees_with_itself(evidences, choice, others):
@@ -52,10 +54,10 @@ def in_baseline(evidences, choice, others):
         return True
     if evidences.raw:
         amplitude, stderr = evidences.amplitude_in_base(choice, others, raw=True)
-        if amplitude > 0.5 and stderr < 0.5:
+        if amplitude > HALF and stderr < HALF:
             return True
     amplitude, stderr = evidences.amplitude_in_base(choice, others)
-    return bool((amplitude > 0.5 and stderr < 0.5) or amplitude > max(BASE_SHARE, 2.0 * stderr))
+    return bool((amplitude > HALF and stderr < HALF) or amplitude > max(BASE_SHARE, 2.0 * stderr))
 
 
 def _wave_of_baseline(evidences, form, others):
@@ -66,7 +68,7 @@ def _wave_of_baseline(evidences, form, others):
     if form.effect != "position_dependent_friction" or not form.variant.startswith("wave"):
         return False
     keys = [key for choice in others for key in choice.keys(form.channel)]
-    return evidences.usual(form.channel, form.key) > 0.25 * evidences.more(form.channel, keys, form.key)
+    return evidences.usual(form.channel, form.key) > HALF**2 * evidences.more(form.channel, keys, form.key)
 
 
 def log_tail(size):

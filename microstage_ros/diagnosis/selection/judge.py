@@ -6,6 +6,7 @@ import math
 from scipy.stats import chi2
 
 from microstage_ros.diagnosis.catalogue import CONTAINS
+from microstage_ros.diagnosis.residuals.healthy import KINDS
 from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, Trial
 from microstage_ros.diagnosis.result import Finding, Improvement, OverallImprovement, Rivals
 from microstage_ros.diagnosis.selection.agreement import (
@@ -28,7 +29,6 @@ from microstage_ros.model.effects import REGISTRY
 
 RIVAL_MARGIN = 12.0     # χ² by which a cause must beat every other name; derived: odds of exp(12/2), 400 to one
 RIVAL_SHARE = 0.02      # and share of its own gain
-DECISIVE_LEAD = 2.33        # standard errors of a lead; derived: one wrong name in a hundred, one-sided
 FLAT = 0.5              # spread of a profile over its mean, below which it is a level
 SCATTER = 1.35          # χ² per row over the baseline's that no healthy record reaches
 LARGEST_ASYMMETRY = REGISTRY["direction_asymmetry"].parameters["asymmetry"].maximum   # of the guideways' limits
@@ -136,7 +136,21 @@ def _leads(evidences, choice, other, others):
     if any(form.channel != "torque" for form in (*choice.forms, *other.forms)):
         return True
     lead = evidences.lead(choice, other, others)
-    return lead is None or lead[0] > DECISIVE_LEAD * lead[1]
+    if lead is None:
+        return True
+    more = evidences.gain([*others, choice]) - evidences.gain([*others, other])
+    return log_tail(lead) < OF_ONE and more > _of_no_reality(evidences)
+
+
+def _of_no_reality(evidences):
+    """The most that a law of friction takes from χ² of as many rows of the healthy axis, where nothing has changed.
+
+    So much may a wrong name gain on the right one: the two differ by the very shapes in which the machine's law differs
+    from the model's. Counted are the forms that were asked of the baseline.
+    """
+    base = evidences.raw.get("torque", evidences.base.get("torque"))
+    asked = [] if base is None else [key for key in base.where if key[0] in KINDS and not key[0].startswith("generic")]
+    return max([0.0, *(evidences.usual("torque", key) for key in asked)])
 
 
 def is_constant_force(evidences, choice, effect, others):

@@ -108,15 +108,40 @@ def test_one_healthy_axis_in_a_hundred_by_all_names_together():
     assert min(learned) > OF_NAMES and np.mean(np.array(learned) < math.log(0.05)) < 0.2
 
 
-def test_the_lead_of_a_name_is_its_chi_square_more_and_sure_if_the_stretches_agree():
+def test_the_lead_of_a_name_is_half_where_it_is_right_and_sure_if_the_stretches_agree():
     other = Choice("amplifier_offset", (OTHER,))
     case = evidences(lambda k: 0.3)
-    lead, stderr = case.lead(CHOICE, other, [])
-    assert lead == pytest.approx(case.gain([CHOICE]) - case.gain([other]))
+    lead, stderr, freedom = case.lead(CHOICE, other, [])
+    assert lead == pytest.approx(0.5, abs=0.02) and case.lead(other, CHOICE, [])[0] == pytest.approx(-lead)
+    assert stderr == pytest.approx(1.0 / (0.3 * math.sqrt(2 * ROWS)), rel=0.4) and 180.0 < freedom < 239.0
     assert judge._leads(case, CHOICE, other, []) and not judge._leads(case, other, CHOICE, [])
     once = evidences(lambda k: 6.0 * (k == 17))      # one breakaway, and nothing else
-    lead, stderr = once.lead(CHOICE, other, [])
-    assert lead > judge.RIVAL_MARGIN and not judge._leads(once, CHOICE, other, [])
+    assert once.gain([CHOICE]) - once.gain([other]) > judge.RIVAL_MARGIN and not judge._leads(once, CHOICE, other, [])
+
+
+def test_a_lead_in_few_stretches_of_unlike_weight_is_sure_if_each_agrees():
+    """An effect that shows at speed only, in seven stretches of a record: χ² of them differs twentyfold."""
+    strength = {10: 0.4, 11: 0.6, 40: 0.9, 41: 1.2, 70: 1.5, 71: 1.6, 100: 1.8}
+    case = evidences(lambda k: 0.0)
+    for number, channel in enumerate(case._in_rows(None)._records):
+        place = (channel._channel.time / STRETCH).astype(int)
+        channel._channel.signal *= np.array([strength.get(k, 0.0) for k in range(120)])[place]
+        channel._channel.residual = 1.0 * channel._channel.signal + np.random.default_rng([8, number]).normal(size=ROWS)
+    made = Growing([one._channel for one in case._in_rows(None)._records], [EFFECT, OTHER], None)
+    case.learn, case._in_rows = {"torque": made}, lambda channel: made
+    assert judge._leads(case, CHOICE, Choice("amplifier_offset", (OTHER,)), [])
+
+
+def test_a_lead_no_larger_than_what_the_baselines_law_takes_for_nothing_is_none():
+    other = Choice("amplifier_offset", (OTHER,))
+    lag = Form("frictional_lag", "torque", "", lambda channel, frame: channel.signal[::-1, None], one("time_s", "s"))
+    case = evidences(lambda k: 0.3, base=lambda k: 0.0)
+    for size, leads in ((0.0, True), (0.15, True), (0.6, False)):
+        channel = Channel(5, lambda k: 0.0)
+        channel.residual = channel.residual + size * channel.signal[::-1]
+        case.base = {"torque": Growing([channel], [EFFECT, OTHER, lag], None)}
+        case.base["torque"].indices([lag.key])
+        assert judge._leads(case, CHOICE, other, []) == leads
 
 
 def test_what_the_healthy_axis_shows_is_counted_for_as_many_rows():
