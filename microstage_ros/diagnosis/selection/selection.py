@@ -22,8 +22,8 @@ MISFIT = 0.5                 # a wider shape may explain at most this share besi
 FAINT = 1.0e-3               # share of all gain on held-out records below which a further cause is not reported
 FAINT_GAIN = 60.0            # and χ² above which it is reported all the same
 MAJOR = 0.15                 # share of what its channel's others explain above which a cause is no misfit of them
-# times the healthy friction's own unevenness; derived: five waves of one size that all add up where the records are have
-# √5 times the standard deviation that they have along the whole stroke
+# times the healthy friction's own unevenness; derived: five waves of one size that all add up where the records
+# are have √5 times the standard deviation that they have along the whole stroke
 UNEVEN = math.sqrt(5.0)
 MINOR = 0.03                 # a further cause must explain this share of what its channel's others explain,
 #: and more where their forms are a coarse grid that leaves that much
