@@ -22,9 +22,9 @@ from microstage_ros.diagnosis.selection.selection import (
     acceptable,
     best_forms,
     level_or_viscous,
-    profile_of,
     resonance_is,
 )
+from microstage_ros.diagnosis.selection.stroke_profile import profile_of
 from microstage_ros.model.effects import REGISTRY
 
 RIVAL_MARGIN = 12.0     # χ² by which a cause must beat every other name; derived: odds of exp(12/2), 400 to one

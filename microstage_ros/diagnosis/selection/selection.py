@@ -10,6 +10,12 @@ from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, T
 from microstage_ros.diagnosis.selection.agreement import agrees_with_itself, in_baseline
 from microstage_ros.diagnosis.selection.sizes import sizes_of, width
 from microstage_ros.diagnosis.selection.stepwise import forward
+from microstage_ros.diagnosis.selection.stroke_profile import (
+    CLEARLY_LESS,
+    is_level_of_a_profile,
+    profile_of,
+    uneven_as_ever,
+)
 
 # of one candidate; derived: some hundred candidates at 10⁻⁶ name a cause of a healthy axis by chance in 10⁻⁴ of the
 # cases
@@ -22,9 +28,6 @@ MISFIT = 0.5                 # a wider shape may explain at most this share besi
 FAINT = 1.0e-3               # share of all gain on held-out records below which a further cause is not reported
 FAINT_GAIN = 60.0            # and χ² above which it is reported all the same
 MAJOR = 0.15                 # share of what its channel's others explain above which a cause is no misfit of them
-# times the healthy friction's own unevenness; derived: five waves of one size that all add up where the records
-# are have √5 times the standard deviation that they have along the whole stroke
-UNEVEN = math.sqrt(5.0)
 MINOR = 0.03                 # a further cause must explain this share of what its channel's others explain,
 #: and more where their forms are a coarse grid that leaves that much
 MINOR_BESIDE = {"rising_static_friction": 0.25, "presliding_creep": 0.25, "nonlinear_viscous": 0.08, "backlash": 0.08,
@@ -34,7 +37,6 @@ RESONANT = ("payload_change", "drive_compliance")
 ALIKE = 0.9
 DECISIVE = 4.0   # standard errors; derived: a chance of 6·10⁻⁵ on both sides
 FRICTIONS = ("friction_level_change", "viscous_change")
-CLEARLY_LESS = 0.5           # of the other's mean
 
 def best_forms(evidences, effect, choices):
     """The effect in its best form of each channel, beside ``choices``: a `Trial`, or None if no form makes sense."""
@@ -113,9 +115,9 @@ def acceptable(evidences, trial, choices):
     expected = min(share * trial.gain, evidences.held_signal(trial.choice, choices))
     if trial.held < max(HELD_SHARE * expected, 5.0):
         return False
-    if not _masses_agree(evidences, trial.choice, choices) or _level_of_a_profile(evidences, trial.choice, choices):
+    if not _masses_agree(evidences, trial.choice, choices) or is_level_of_a_profile(evidences, trial.choice, choices):
         return False
-    if in_baseline(evidences, trial.choice, choices) or _uneven_as_ever(evidences, trial.choice, choices):
+    if in_baseline(evidences, trial.choice, choices) or uneven_as_ever(evidences, trial.choice, choices):
         return False
     if misfit(evidences, trial.choice, [*choices, trial.choice]) >= MISFIT or _splinter(evidences, trial, choices):
         return False
@@ -134,23 +136,6 @@ def _masses_agree(evidences, choice, choices):
         return False
     (friction, stderr), (resonance, _) = masses["torque"], masses["resonance"]
     return abs(friction) > 3.0 * stderr and _alike(resonance, friction)
-
-
-def _uneven_as_ever(evidences, choice, choices):
-    """Whether friction along the stroke varies no more than the healthy axis's own does.
-
-    Where the baseline was not, the axis's own profile is unknown; only its size is known, and how its waves add up on
-    one part of the stroke is not how they do on another.
-    """
-    if choice.effect != "position_dependent_friction":
-        return False
-    beta = evidences.learn["torque"].fit(Evidences._keys("torque", [*choices, choice]))[0]
-    own = beta[len(beta) - sum(width(evidences, "torque", form) for form in choice.forms):]
-    if any(form.variant.startswith("wave") for form in choice.forms):
-        spread = math.sqrt(0.5 * float(own @ own))
-    else:
-        spread = profile_of(evidences, choice, [*choices, choice])[1]
-    return spread < UNEVEN * evidences.own_profile
 
 
 def _splinter(evidences, trial, choices):
@@ -229,26 +214,6 @@ def level_or_viscous(evidences, choices):
     best = trials[means[0][1]]
     clear = means[0][0] < CLEARLY_LESS * means[1][0] and acceptable(evidences, best, others)
     return best.choice if clear else None
-
-
-def _level_of_a_profile(evidences, choice, choices):
-    """Whether a change of level is but the other side of friction along the stroke, whose mean grows by it."""
-    profile = next((c for c in choices if c.effect == "position_dependent_friction"), None)
-    if choice.effect != "friction_level_change" or profile is None:
-        return False
-    alone, beside = (abs(profile_of(evidences, profile, chosen)[0]) for chosen in (choices, [*choices, choice]))
-    return beside > CLEARLY_LESS * alone
-
-
-def profile_of(evidences, profile, choices):
-    """Mean and standard deviation of the friction's factors along the stroke, less one, weighted by how well the
-    records tell them; ``profile`` is one of the choices."""
-    evidence, keys = evidences.learn["torque"], Evidences._keys("torque", choices)
-    beta, _, _ = evidence.fit(keys)
-    own, every = evidence.indices(profile.keys("torque")), list(evidence.indices(keys))
-    values, weight = beta[[every.index(i) for i in own]], np.diag(evidence.matrix)[own]
-    mean = float(values @ weight / weight.sum())
-    return mean, float(np.sqrt((values - mean) ** 2 @ weight / weight.sum()))
 
 
 def _one_resonance(evidences, choices):

@@ -10,7 +10,7 @@ from microstage_ros.diagnosis.residuals.collection import Collection
 from microstage_ros.diagnosis.residuals.evidence_set import Choice
 from microstage_ros.diagnosis.residuals.growing import Growing
 from microstage_ros.diagnosis.residuals.healthy import profile_of, take_healthy, unevenness
-from microstage_ros.diagnosis.selection import judge, selection
+from microstage_ros.diagnosis.selection import judge, selection, stroke_profile
 from microstage_ros.diagnosis.selection.agreement import OF_NAMES, OF_ONE, agrees_with_itself, in_baseline, log_tail
 from test.diagnosis.selection.test_agreement import CHOICE, EFFECT, OTHER, Channel, evidences, loud
 from test.diagnosis.selection.test_healthy import FRAME, SPREADS, Balance
@@ -108,9 +108,9 @@ def test_friction_along_the_stroke_must_vary_more_than_the_healthy_axiss():
     spread = 0.6 / math.sqrt(2.0)
     for own, stands in ((0.0, True), (0.9 * spread / math.sqrt(5.0), True), (1.15 * spread / math.sqrt(5.0), False)):
         case.own_profile = own
-        assert selection._uneven_as_ever(case, choice, []) != stands
+        assert stroke_profile.uneven_as_ever(case, choice, []) != stands
         assert selection.acceptable(case, selection.best_forms(case, choice.effect, []), []) == stands
-    assert not selection._uneven_as_ever(case, CHOICE, [])       # asked of no other effect
+    assert not stroke_profile.uneven_as_ever(case, CHOICE, [])       # asked of no other effect
 
 
 def test_a_wave_of_the_baseline_is_not_the_form_of_a_change():
