@@ -4,6 +4,7 @@ import json
 import math
 import os
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -101,7 +102,8 @@ def test_the_later_goal_counts_even_if_it_begins_first(running, monkeypatch):
     """A thread that is held up begins a goal after a newer one: it must not stop that one, nor move at all."""
     server, begun = MoveServer(), []
     monkeypatch.setattr(server, "_check", lambda request: None)
-    monkeypatch.setattr(server, "_begin", begun.append)
+    watched = server._move = SimpleNamespace(done=False)  # of a goal that is newer than both
+    monkeypatch.setattr(server, "_begin", lambda request: begun.append(request) or SimpleNamespace())
     monkeypatch.setattr(server, "_watch", lambda *_: None)
     monkeypatch.setattr(server, "_fill", lambda result, move: None)
     first, second = MoveTo.Goal(target=1e-3), MoveTo.Goal(target=2e-3)
@@ -111,6 +113,7 @@ def test_the_later_goal_counts_even_if_it_begins_first(running, monkeypatch):
                for request in (second, first)]
     assert begun == [second] and results[1].code == RESULT.CODE_SUPERSEDED and "newer goal" in results[1].message
     assert results[0].code != RESULT.CODE_SUPERSEDED
+    assert not watched.done, "a goal that never began must end its own move alone"
     server.destroy_node()
 
 

@@ -199,7 +199,7 @@ class MoveServer(MoveCredit, MoveRequests, MoveResults, Node):
 
     def _make_move(self, mine, request, cancelled, feedback):
         """One move from request to result; ``mine``: its number."""
-        result = RESULT(final_error=math.nan, interferometer_error=math.nan, settling_time=math.nan)
+        result, move = RESULT(final_error=math.nan, interferometer_error=math.nan, settling_time=math.nan), None
         try:
             self._check(request)
             with self._changed:
@@ -215,9 +215,9 @@ class MoveServer(MoveCredit, MoveRequests, MoveResults, Node):
             result.code, result.message = refusal.code, str(refusal)
         except InputError as error:
             result.code, result.message = RESULT.CODE_REFUSED, str(error)
-        with self._changed:
-            if self._move is not None and result.code != RESULT.CODE_REFUSED:
-                self._move.done = True
+        if move is not None:  # its own: a goal that never began ends nobody else's
+            with self._changed:
+                move.done = True
         return result
 
     def _check(self, request):
