@@ -160,7 +160,7 @@ def position_locked_share(position, deviation, travel, cell, separation):
     ----------
     position, deviation, travel : shape (n,): [m], [1], [m].
     cell : size of a cell [m].
-    apart : least travel between two visits [m].
+    separation : least travel between two visits [m].
 
     Returns
     -------
