@@ -19,6 +19,8 @@ from microstage_ros.ros.transport import topics
 ASK_AGAIN = 0.5
 WAIT_S = 3.0
 """Longest wait for each answer, where the caller says nothing else [s]."""
+FOUND_S = 12.0
+"""Longest wait for the service of an axis that is live [s]: on a busy computer it is found late."""
 
 
 class Operator:
@@ -27,7 +29,7 @@ class Operator:
     Parameters
     ----------
     namespace : of the axis. node : to work through; None: one of its own.
-    wait : longest wait [s] for each answer; None: `WAIT_S`.
+    wait : longest wait [s] for each answer once the service is found (`FOUND_S`); None: `WAIT_S`.
 
     Attributes
     ----------
@@ -58,12 +60,13 @@ class Operator:
         """The answer of a service. Raises `NoAnswer`."""
         if name not in self._clients:
             self._clients[name] = self.node.create_client(kind, self._prefix + name)
-        client, end = self._clients[name], time.monotonic() + self._wait
+        client, end = self._clients[name], time.monotonic() + max(self._wait, FOUND_S)
         here, sought = self._prefix.rstrip("/") or "/", time.monotonic() + patience()
         while not client.service_is_ready():
             rclpy.spin_once(self.node, timeout_sec=0.01)
             if time.monotonic() > end or (time.monotonic() > sought and here not in live_axes(self.node)):
                 raise NoAnswer(no_axis(here, self.node))
+        end = time.monotonic() + self._wait
         while True:
             asked, answer = time.monotonic(), client.call_async(request)
             while not answer.done() and time.monotonic() < asked + ASK_AGAIN:

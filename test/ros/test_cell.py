@@ -4,6 +4,7 @@ import json
 import math
 import os
 import re
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,15 +13,16 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from microstage_msgs.action import MoveTo
 from microstage_msgs.msg import DriverStatus, InterferometerReading
-from microstage_msgs.srv import Move
+from microstage_msgs.srv import FollowReference, Move
 from rclpy.action import GoalResponse
+from rclpy.task import Future
 from ros_support import ask, ros_node, spin_until
 
 from microstage_ros.records.bags.bag import read_bag
 from microstage_ros.records.bags.bag_reader import Bag
 from microstage_ros.ros.client import AxisClient
 from microstage_ros.ros.launching.cell_processes import NODES, CellProcesses
-from microstage_ros.ros.nodes.move_server import MoveServer
+from microstage_ros.ros.nodes.move_server import MoveServer, Refused
 from microstage_ros.ros.transport.topics import LATCHED
 
 RESULT = MoveTo.Result
@@ -114,6 +116,32 @@ def test_the_later_goal_counts_even_if_it_begins_first(running, monkeypatch):
     assert begun == [second] and results[1].code == RESULT.CODE_SUPERSEDED and "newer goal" in results[1].message
     assert results[0].code != RESULT.CODE_SUPERSEDED
     assert not watched.done, "a goal that never began must end its own move alone"
+    server.destroy_node()
+
+
+def test_a_lost_answer_of_the_controller_ends_no_move_and_leaves_none_behind(running):
+    """The first answer to a process that has just been found may be lost: a stop is asked for again, a plan never."""
+    server, asked = MoveServer(), []
+    server._status, server._heard = DriverStatus(lockstep=False), time.monotonic()
+
+    def call(request, answers):
+        asked.append(len(request.positions))
+        future = Future()
+        if answers():
+            future.set_result("answer")
+        return future
+
+    for answers, request, sent in ((lambda: len(asked) > 2, FollowReference.Request(), [0, 0, 0]),
+                                   (lambda: False, FollowReference.Request(positions=[0.0, 1e-9]), [2, 0])):
+        asked.clear()
+        server._follow = SimpleNamespace(
+            call_async=lambda r, a=answers: call(r, a), remove_pending_request=lambda _: None)
+        if sent[0]:
+            with pytest.raises(Refused, match="does not answer"):
+                server._ask(request)
+        else:
+            assert server._ask(request) == "answer" and server._introduced
+        assert asked == sent
     server.destroy_node()
 
 

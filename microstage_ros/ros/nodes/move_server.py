@@ -39,6 +39,8 @@ WAIT = 0.05
 LOOK = 0.5
 FEEDBACK = 0.1
 STATUS_WAIT = 0.5
+ASK_AGAIN = 0.2
+"""A stop that nobody has answered for so long [s] is asked for again."""
 
 NEEDED = ("axis_driver", "str_controller")
 """Without them no move goes on."""
@@ -66,6 +68,7 @@ class MoveServer(MoveCredit, MoveRequests, MoveResults, Node):
         self._comparison = EncoderComparison(self.parameters.limit_interferometer)
         self._move, self._repeated, self._inherited = None, 0.0, False
         self._numbered = self._newest_goal = 0
+        self._introduced = False
         self._numbers = {}
         self._held_since, self._talking = None, False
         self._readings = Readings()
@@ -251,6 +254,8 @@ class MoveServer(MoveCredit, MoveRequests, MoveResults, Node):
             moving = self._latest[3] in (ControllerState.MODE_MOVING, ControllerState.MODE_STOPPING)
         if moving:  # of somebody who is not there any more, or of another program: the newer goal counts
             self._stop(lambda *_: None)
+        elif not self._introduced:  # the middleware may lose the first answers to a process that it has just found
+            self._ask(FollowReference.Request())
         answer = self._hand_over(request, limits)
         if not answer.accepted:
             self._stop(lambda *_: None)
@@ -339,16 +344,28 @@ class MoveServer(MoveCredit, MoveRequests, MoveResults, Node):
                 f"from period {answer.rest_sequence} on")
 
     def _ask(self, request):
-        """Call the controller. Raises `Refused` if it does not answer."""
-        answered = threading.Event()
-        future = self._follow.call_async(request)
-        future.add_done_callback(lambda _: answered.set())
+        """Call the controller. Raises `Refused` if it does not answer.
+
+        A stop is asked for again every `ASK_AGAIN`; a plan is not, as it would be played twice. If nobody answers that,
+        a stop follows it: it may have been heard.
+        """
+        answered, stop, futures = threading.Event(), not len(request.positions), []
         end = time.monotonic() + self._patience
-        while not answered.wait(0.05):
+        while not answered.is_set():
             if time.monotonic() > end or self._cell_says or not running():
-                self._follow.remove_pending_request(future)
+                for future in futures:
+                    self._follow.remove_pending_request(future)
+                if not stop:
+                    self._follow.call_async(FollowReference.Request())
                 raise Refused(RESULT.CODE_FAULT, self._cell_says or "the controller does not answer")
-        return future.result()
+            if stop or not futures:
+                futures.append(self._follow.call_async(request))
+                futures[-1].add_done_callback(lambda _: answered.set())
+            again = time.monotonic() + ASK_AGAIN
+            while not answered.wait(0.05) and time.monotonic() < min(again, end) and not self._cell_says:
+                pass
+        self._introduced = True
+        return next(future.result() for future in futures if future.done())
 
     def close(self):
         """The controller holds its reference."""
