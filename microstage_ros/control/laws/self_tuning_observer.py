@@ -134,12 +134,26 @@ def encoder_only_step(parameters, state, reference):
 
 
 @compiled
+def without_voltage(state):
+    """No force on the motor; what the regulator has integrated belongs to another place."""
+    state.pid.integral = 0.0
+    state.feed_forward = 0.0
+    return drive_voltage(state.observer, 0.0, 0.0)
+
+
+@compiled
 def regulate(parameters, state, reference):
     """What `observed_step` does with the motion, level and contact that stand in ``state.observer``."""
     period, model, observer, crossing = parameters.period, parameters.feedforward, state.observer, state.crossing
     speed = state.pid.reference_velocity
     observer.rest_time_s = observer.rest_time_s + period if speed == 0.0 else 0.0
+    if gap_crossing.stop_rattle(crossing, observer, period, state.supervision.swings, speed):
+        state.supervision.swings, state.supervision.beside = 0, 0.0
+        return without_voltage(state)
     state.pid.velocity = observer.v
+    if crossing.led_back == 1:
+        crossing.led_back = 2
+        crossing.offset = observer.x - reference
     state.pid.error = gap_crossing.cross_step(
         crossing,
         parameters.observer,

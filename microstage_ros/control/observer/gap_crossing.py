@@ -16,11 +16,15 @@ it is thrown as far ahead as it was behind, whatever the width. For a constant v
 side v_m >> v, so b = v t^2 / k and both are sqrt(k v b): no other speed does better in the worse of the two. Once
 there, the drive waits beside the stage until the contact counts, and then for the reference if the stage is ahead of
 it. All the while the regulator holds the motor to p by dead reckoning; its integral and its tuning wait.
+
+A motor that rattles in a gap at the end of a move is too fast for its contacts to be seen. There it is left without
+voltage until friction has stopped motor and stage, and goes on from there at the speed of a search.
 """
 
 import math
 
-from microstage_ros.control.observer.lost_motion import TOUCHING, reckoned, touching
+from microstage_ros.control.observer.lost_motion import TOUCHING, reckoned, settle, touching
+from microstage_ros.control.observer.source_doubt import lost_motion_suspected
 from microstage_ros.numerics.compiled import compiled
 
 CATCH_UP = 120.0  # 1/s, rate at which the stage is led to the reference
@@ -33,6 +37,10 @@ BUMPLESS_TIME = 4e-3  # s
 SHORT, GAP_MARGIN = 4e-8, 1.5
 APPROACH = 4e-6  # m/s, over the rest
 WAIT_TIME = 0.05  # s, in which a stage that is ahead is led back if the reference does not come
+RATTLES = 5  # swings of the error in a row, the reference at rest, that a landing does not make
+STOP_TIME = 0.2  # s, at most, without voltage: motor and stage are stopped by friction
+STANDS, STANDS_TIME, PLACE_TIME = 3e-8, 8e-3, 4e-3  # m, s: a stage within this of where it was of late has been stopped
+MOST_STOPS = 4  # at one rest
 FIELDS = [
     ("mode", "i8"),  # contact of the period before
     ("arrived", "i8"),  # 1 once the drive has been beside the stage
@@ -46,6 +54,11 @@ FIELDS = [
     ("path_speed", "f8"),  # m/s
     ("offset", "f8"),  # m, left of the error on the path
     ("offset_speed", "f8"),  # m/s, added to the reference's
+    ("stop", "f8"),  # s, left of a stop
+    ("stands", "f8"),  # s, for which the stage has stood in it
+    ("place", "f8"),  # m, where the stage was of late
+    ("stops", "i8"),  # since the reference stands
+    ("led_back", "i8"),  # 1: the stage is led to the reference at the speed of a search
     ("held_speed", "f8"),  # m/s, that of the period before: what the motor answers to is a period old
 ]
 
@@ -57,6 +70,35 @@ def crossing_reset(c):
     c.offset = 0.0
     c.offset_speed = 0.0
     c.held_speed = 0.0
+    c.stop = 0.0
+    c.stops = 0
+    c.led_back = 0
+
+
+@compiled
+def stop_rattle(c, s, period, swings, speed):
+    """Whether the motor is to be without voltage: it rattles in a gap while the reference, ``speed`` [m/s], stands.
+
+    ``swings`` of the error in a row. Afterwards the stage is led to the reference from where it came to stand.
+    """
+    if speed != 0.0:
+        c.stop, c.stops, c.led_back = 0.0, 0, 0
+    elif c.stop > 0.0:
+        c.stop -= period
+        c.place += min(period / PLACE_TIME, 1.0) * (s.stage - c.place)
+        c.stands = c.stands + period if abs(s.stage - c.place) < STANDS else 0.0
+        if c.stop > 0.0 and c.stands < STANDS_TIME:
+            return True
+        c.stop = 0.0
+        settle(s, 0.0)
+        s.v, s.d = 0.0, 0.0
+        s.ever = 0  # a contact is looked for as at the start
+        c.mode, c.led_back = TOUCHING, 1
+    elif swings >= RATTLES and c.stops < MOST_STOPS and lost_motion_suspected(s):
+        c.stop, c.stands, c.place = STOP_TIME, 0.0, s.stage
+        c.stops += 1
+        return True
+    return False
 
 
 @compiled
@@ -114,7 +156,9 @@ def cross_step(c, p, s, period, error, speed):
             c.offset = s.toward * (c.path - s.travel) - error
             c.mode = TOUCHING
         c.offset_speed = -c.offset / BUMPLESS_TIME
-        if s.toward * c.offset > 0.0:  # the stage is ahead: the drive waits for the reference instead of leaving it
+        if c.led_back != 0:
+            c.offset_speed = min(max(c.offset_speed, -p.search_speed), p.search_speed)
+        elif s.toward * c.offset > 0.0:  # the stage is ahead: the drive waits for the reference instead of leaving it
             c.offset_speed = -s.toward * min(abs(c.offset_speed), max(s.toward * speed, abs(c.offset) / WAIT_TIME))
         c.offset += c.offset_speed * period
         c.held_speed = c.offset_speed
