@@ -92,6 +92,13 @@ def test_moves_that_end_beside_their_target_are_counted_and_drawn_by_record():
     assert found.moves.low == 0.0 and found.moves.low < found.moves.value < 0.1 < found.moves.high <= 0.3
 
 
+def test_a_motor_that_rattles_in_a_gap_is_stopped_and_its_moves_end(axis):
+    """Records are chaotic, so a rate: 6 % of 1003 moves, 20 % without the stop; beyond 25 of 204 once in some thousand times."""
+    condition = {c.name: c for c in conditions(axis)}["backlash 0.5 deg"]
+    ends = ends_of_moves.ends_of_moves(axis, condition, "self_tuning_observer", 1e-5, range(3000, 3012))
+    assert ends.moves.hits <= 25 and np.median(np.abs(ends.errors)) < 3e-8
+
+
 def test_the_command_counts_moves_of_the_shipped_law(tmp_path, capsys):
     place = tmp_path / "ends.json"
     assert main(["robustness", "--only", "nominal", "--moves", "17", "--seed", "5", "--jobs", "1", "--json", str(place)]) == 0

@@ -147,8 +147,13 @@ def regulate(parameters, state, reference):
     period, model, observer, crossing = parameters.period, parameters.feedforward, state.observer, state.crossing
     speed = state.pid.reference_velocity
     observer.rest_time_s = observer.rest_time_s + period if speed == 0.0 else 0.0
-    if gap_crossing.stop_rattle(crossing, observer, period, state.supervision.swings, speed):
-        state.supervision.swings, state.supervision.beside = 0, 0.0
+    watched = state.supervision
+    # a machine that has been seen to swing as no gap makes it is not stopped, but handed over
+    rattles = watched.swings if watched.reason != supervision.SWINGS else 0
+    if gap_crossing.stop_rattle(
+        crossing, parameters.observer, observer, period, rattles, speed, state.encoder_pid.error
+    ):
+        watched.swings, watched.beside = 0, 0.0
         return without_voltage(state)
     state.pid.velocity = observer.v
     if crossing.led_back == 1:

@@ -38,9 +38,10 @@ SHORT, GAP_MARGIN = 4e-8, 1.5
 APPROACH = 4e-6  # m/s, over the rest
 WAIT_TIME = 0.05  # s, in which a stage that is ahead is led back if the reference does not come
 RATTLES = 5  # swings of the error in a row, the reference at rest, that a landing does not make
-STOP_TIME = 0.2  # s, at most, without voltage: motor and stage are stopped by friction
+STOP_TIME = 0.1  # s, at most, without voltage: motor and stage are stopped by friction
 STANDS, STANDS_TIME, PLACE_TIME = 3e-8, 8e-3, 4e-3  # m, s: a stage within this of where it was of late has been stopped
-MOST_STOPS = 4  # at one rest
+LEAD_BACK_TIME, SEEN = 0.05, 7e-5  # s; m/s, up to which an opening contact is seen
+MOST_STOPS, NO_GAP = 4, 5  # at one rest; what is noted of an axis that was no gap's width away afterwards
 FIELDS = [
     ("mode", "i8"),  # contact of the period before
     ("arrived", "i8"),  # 1 once the drive has been beside the stage
@@ -76,25 +77,28 @@ def crossing_reset(c):
 
 
 @compiled
-def stop_rattle(c, s, period, swings, speed):
+def stop_rattle(c, p, s, period, swings, speed, error):
     """Whether the motor is to be without voltage: it rattles in a gap while the reference, ``speed`` [m/s], stands.
 
-    ``swings`` of the error in a row. Afterwards the stage is led to the reference from where it came to stand.
+    ``swings`` of the ``error`` [m] in a row, which is of a gap's size, or it is no rattle, or a load that friction does
+    not hold. Afterwards the stage is led to the reference from where it came to stand.
     """
     if speed != 0.0:
-        c.stop, c.stops, c.led_back = 0.0, 0, 0
+        c.stop, c.stops, c.led_back = 0.0, NO_GAP if c.stops == NO_GAP else 0, 0
     elif c.stop > 0.0:
         c.stop -= period
         c.place += min(period / PLACE_TIME, 1.0) * (s.stage - c.place)
         c.stands = c.stands + period if abs(s.stage - c.place) < STANDS else 0.0
-        if c.stop > 0.0 and c.stands < STANDS_TIME:
+        if abs(error) > p.widest_gap:
+            c.stops = NO_GAP
+        elif c.stop > 0.0 and c.stands < STANDS_TIME:
             return True
         c.stop = 0.0
         settle(s, 0.0)
         s.v, s.d = 0.0, 0.0
         s.ever = 0  # a contact is looked for as at the start
         c.mode, c.led_back = TOUCHING, 1
-    elif swings >= RATTLES and c.stops < MOST_STOPS and lost_motion_suspected(s):
+    elif swings >= RATTLES and c.stops < MOST_STOPS and abs(error) < p.widest_gap and lost_motion_suspected(s):
         c.stop, c.stands, c.place = STOP_TIME, 0.0, s.stage
         c.stops += 1
         return True
@@ -157,7 +161,8 @@ def cross_step(c, p, s, period, error, speed):
             c.mode = TOUCHING
         c.offset_speed = -c.offset / BUMPLESS_TIME
         if c.led_back != 0:
-            c.offset_speed = min(max(c.offset_speed, -p.search_speed), p.search_speed)
+            fastest = min(max(abs(c.offset) / LEAD_BACK_TIME, p.search_speed), SEEN)
+            c.offset_speed = min(max(c.offset_speed, -fastest), fastest)
         elif s.toward * c.offset > 0.0:  # the stage is ahead: the drive waits for the reference instead of leaving it
             c.offset_speed = -s.toward * min(abs(c.offset_speed), max(s.toward * speed, abs(c.offset) / WAIT_TIME))
         c.offset += c.offset_speed * period
