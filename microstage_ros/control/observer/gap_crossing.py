@@ -41,7 +41,7 @@ RATTLES = 5  # swings of the error in a row, the reference at rest, that a landi
 STOP_TIME = 0.1  # s, at most, without voltage: motor and stage are stopped by friction
 STANDS, STANDS_TIME, PLACE_TIME = 3e-8, 8e-3, 4e-3  # m, s: a stage within this of where it was of late has been stopped
 LEAD_BACK_TIME, SEEN = 0.05, 7e-5  # s; m/s, up to which an opening contact is seen
-MOST_STOPS, NO_GAP = 4, 5  # at one rest; what is noted of an axis that was no gap's width away afterwards
+MOST_STOPS = 4  # at one rest
 FIELDS = [
     ("mode", "i8"),  # contact of the period before
     ("arrived", "i8"),  # 1 once the drive has been beside the stage
@@ -84,13 +84,13 @@ def stop_rattle(c, p, s, period, swings, speed, error):
     not hold. Afterwards the stage is led to the reference from where it came to stand.
     """
     if speed != 0.0:
-        c.stop, c.stops, c.led_back = 0.0, NO_GAP if c.stops == NO_GAP else 0, 0
+        c.stop, c.stops, c.led_back = 0.0, 0, 0
     elif c.stop > 0.0:
         c.stop -= period
         c.place += min(period / PLACE_TIME, 1.0) * (s.stage - c.place)
         c.stands = c.stands + period if abs(s.stage - c.place) < STANDS else 0.0
         if abs(error) > p.widest_gap:
-            c.stops = NO_GAP
+            c.stops = MOST_STOPS
         elif c.stop > 0.0 and c.stands < STANDS_TIME:
             return True
         c.stop = 0.0
