@@ -96,7 +96,6 @@ def stop_rattle(c, p, s, period, swings, speed, error):
         c.stop = 0.0
         settle(s, 0.0)
         s.v, s.d = 0.0, 0.0
-        s.ever = 0  # a contact is looked for as at the start
         c.mode, c.led_back = TOUCHING, 1
     elif swings >= RATTLES and c.stops < MOST_STOPS and abs(error) < p.widest_gap and lost_motion_suspected(s):
         c.stop, c.stands, c.place = STOP_TIME, 0.0, s.stage
