@@ -31,7 +31,8 @@ def curves(picture):
 
 
 def strengths(findings):
-    """matplotlib figure of `Finding`s: statistic over threshold, before and after, a pair of bars for each."""
+    """matplotlib figure of `Finding`s: statistic over threshold, before and after, a pair of bars for each, or one where
+    nothing was taken away."""
     strongest = {}                 # several looks at one coordinate: the one that shows most
     for finding in findings:
         known = strongest.setdefault((finding.coordinate, finding.channel), finding)
@@ -41,10 +42,10 @@ def strengths(findings):
     figure, axes = new_figure(height=0.9 + 0.34 * len(findings))
     place = np.arange(len(findings))[::-1]
     largest = 1.0
-    for shift, colour, label, field in (
-        (0.18, BEFORE, "axis file", "statistic"),
-        (-0.18, AFTER, "with the causes", "left"),
-    ):
+    sides = [(0.18, BEFORE, "axis file", "statistic"), (-0.18, AFTER, "with the causes", "left")]
+    if all(f.left == f.statistic for f in findings):
+        sides = [(0.0, *sides[0][1:])]
+    for shift, colour, label, field in sides:
         ratio = np.array([getattr(f, field) / max(f.threshold, 1e-300) for f in findings])
         largest = max(largest, float(np.nanmax(ratio)))
         axes.barh(place + shift, ratio, 0.34, color=colour, label=label)

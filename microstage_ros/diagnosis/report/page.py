@@ -34,7 +34,10 @@ def write_page(report, diagnosis, axis, path):
                 about={kind.capitalize(): _sources(names) for kind, names in report["sources"].items()})
     page.verdict(headline(report), TONES[report["verdict"]], more=_more(report))
     if report["gain"]:
-        page.key_figures(_key_figures(report["gain"]) if _stands_out(report) else _of_learning_records(report))
+        if not _stands_out(report):
+            page.key_figures(_of_learning_records(report))
+        else:
+            page.key_figures(_key_figures(report["gain"]) if report["causes"] else _without_causes(report["gain"]))
     if diagnosis.pictures:
         _picture(page, diagnosis.pictures[0])
     if report["causes"]:
@@ -86,6 +89,17 @@ def _of_learning_records(report):
     over = strongest["left"] / strongest["threshold"]
     where = f"{strongest['channel']} against {strongest['coordinate']}, records to learn from"
     return [("Strongest dependence", f"{over:.2g} ×", f"the threshold of a healthy axis: {where}"), *cards]
+
+
+def _without_causes(gain):
+    """Before is after where nothing is named."""
+    unit = gain["unit"]
+    low, high = (quantity(v, unit, 4) for v in gain["ci95"])
+    residual = f"residual {quantity(gain['before'], unit, 4)}, 95 %: {low} … {high}"
+    return [
+        ("Beyond the noise", quantity(_beyond(gain, "before"), unit), f"held-out records; {residual}"),
+        ("Noise", quantity(gain["floor"], unit), "no model can go below"),
+    ]
 
 
 def _key_figures(gain):
