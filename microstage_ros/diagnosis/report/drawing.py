@@ -31,7 +31,7 @@ def curves(picture):
 
 
 def strengths(findings):
-    """matplotlib figure of `Finding`s: statistic over threshold, before and after, a pair of bars for each, or one where
+    """matplotlib figure of `Finding`s: statistic over threshold, before and after, a pair of bars for each; one where
     nothing was taken away."""
     strongest = {}                 # several looks at one coordinate: the one that shows most
     for finding in findings:
