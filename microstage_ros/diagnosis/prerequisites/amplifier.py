@@ -86,11 +86,9 @@ def _candidates(fast):
     """Forms to try: the catalogue's, and delays around the one at which the residual repeats the command."""
     length, total = 2 * LONGEST, 0.0
     for channel in (c["command"] for c in fast.channels["learn"]):
-        residual, command = (
-            channel.fast(v[:, None])[:, 0] / channel.noise for v in (channel.residual, channel.command)
-        )
+        residual, command = channel.whiten(np.stack([channel.residual, channel.command], axis=1))[0].T
         size = 2 ** int(np.ceil(np.log2(len(residual) + length)))
-        spectrum = np.fft.rfft(np.clip(residual, -30.0, 30.0), size) * np.conj(np.fft.rfft(command, size))
+        spectrum = np.fft.rfft(residual, size) * np.conj(np.fft.rfft(command, size))
         total = total + np.fft.irfft(spectrum, size)[1:LONGEST]
     at = 1 + int(np.argmax(total))
     known = {form.variant for form in FORMS}

@@ -1,0 +1,29 @@
+"""Command against current: what a delay explains of a step; made by hand, without a simulation."""
+
+import types
+
+import numpy as np
+import pytest
+
+from microstage_ros.diagnosis.catalogue.command import delay_form, delayed
+from microstage_ros.diagnosis.residuals.command import Command
+from microstage_ros.diagnosis.residuals.evidence import gather
+
+PERIOD, DELAY = 1e-4, 1.857
+DRIVE = types.SimpleNamespace(resistance=3.41, inductance=7.5e-5, back_emf=6.6e-3, lever=1.0)
+
+
+@pytest.mark.parametrize("step", [0.0, 6.0])
+def test_a_delay_explains_a_step_of_the_voltage_like_everything_else(step):
+    """A drive that is switched off: thousands of standard deviations in a row."""
+    rng = np.random.default_rng(3)
+    command = 0.05 * np.cumsum(rng.normal(size=20_000)) % 1.0 + step * (np.arange(20_000) > 9_000)
+    prepared = types.SimpleNamespace(commanded=command, speed=np.zeros(20_000), period=PERIOD, settled=None)
+    prepared.settled = (delayed(command, DELAY, PERIOD * DRIVE.resistance / DRIVE.inductance)
+                        + 1e-3 * rng.normal(size=20_000)) / DRIVE.resistance
+    channel = Command(prepared, DRIVE)
+    form = delay_form(DELAY)
+    evidence = gather(channel, [form], None)
+    beta, _, reduction = evidence.fit([form.key])
+    assert beta[0] == pytest.approx(1.0, abs=0.01) and reduction > 0.9 * evidence.energy()
+    assert np.abs(channel.whiten(channel.residual[:, None])[0]).max() < 30.1
