@@ -183,13 +183,13 @@ def regulate(parameters, state, reference):
             observer.inertia,
             not source_doubt.lost_motion_suspected(observer),
         )
-    limit = parameters.voltage_limit
-    voltage = pid.pid_output(
-        parameters.pid, state.pid, period, limit / max(observer.applied[0], 1.0), state.feed_forward
-    )
+    limit, applied = parameters.voltage_limit, observer.applied
+    motion = model.volts_per_velocity * state.pid.reference_velocity
+    # in nominal volts, of which a drive that has learned another resistance makes ±limit
+    centre, half = motion - (applied[1] + applied[2] * motion) / applied[0], limit / applied[0]
+    voltage = centre + pid.pid_output(parameters.pid, state.pid, period, half, state.feed_forward - centre)
     if in_gap:
         state.pid.integral = integral
-    motion = model.volts_per_velocity * state.pid.reference_velocity
     return min(max(drive_voltage(observer, voltage - motion, motion), -limit), limit)
 
 
