@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from microstage_ros.diagnosis.catalogue.command import delay_form, delayed
+from microstage_ros.diagnosis.prerequisites.amplifier import GAIN
 from microstage_ros.diagnosis.residuals.command import Command
 from microstage_ros.diagnosis.residuals.evidence import gather
+from microstage_ros.diagnosis.residuals.systematic import SYSTEMATIC
 
 PERIOD, DELAY = 1e-4, 1.857
 DRIVE = types.SimpleNamespace(resistance=3.41, inductance=7.5e-5, back_emf=6.6e-3, lever=1.0)
@@ -27,3 +29,17 @@ def test_a_delay_explains_a_step_of_the_voltage_like_everything_else(step):
     beta, _, reduction = evidence.fit([form.key])
     assert beta[0] == pytest.approx(1.0, abs=0.01) and reduction > 0.9 * evidence.energy()
     assert np.abs(channel.whiten(channel.residual[:, None])[0]).max() < 30.1
+
+
+def test_a_gain_that_shows_through_the_motors_speed_is_no_delay():
+    """Speed from the back-EMF holds a share of the command, smoothed alike before and after."""
+    rng = np.random.default_rng(4)
+    command = np.cumsum(0.05 * rng.normal(size=20_000)) % 1.0
+    smooth = np.convolve(command, [0.05, 0.1, 0.2, 0.3, 0.2, 0.1, 0.05], mode="same")
+    prepared = types.SimpleNamespace(commanded=command, period=PERIOD, speed=-0.07 * smooth / DRIVE.back_emf,
+                                     settled=(1.07 * command + 1e-4 * rng.normal(size=20_000)) / DRIVE.resistance)
+    channel = Command(prepared, DRIVE)
+    form = delay_form(0.1)
+    evidence = gather(channel, [form, GAIN], None, SYSTEMATIC["command"])
+    beta, covariance, _ = evidence.fit([form.key])
+    assert abs(beta[0]) < max(5.0 * np.sqrt(covariance[0, 0]), 0.01)

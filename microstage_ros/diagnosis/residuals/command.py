@@ -12,6 +12,7 @@ from scipy.ndimage import uniform_filter1d
 # periods; derived: a mean of 9 at 10 kHz takes half away at 670 Hz; below, the motor itself moves, and the wind-up
 # channel judges
 WINDOW = 9
+REACH = WINDOW // 2  # periods; derived: the running mean that is taken away reaches as far
 FURTHEST = 30.0  # standard deviations; derived: no noise comes there, a step or a gap in the record does
 
 
@@ -32,6 +33,16 @@ class Command:
         self.noise = max(spread, 0.5e-3)
         off = np.abs(self.fast(self.residual[:, None])) / self.noise  # (n, 1)
         self._weight = FURTHEST / np.maximum(off, FURTHEST)
+
+    def nuisance(self):
+        """The command's neighbours, as many periods before as after, (n, REACH).
+
+        Motor speed comes from the back-EMF, so from the command, smoothed without delay. An amplifier of another gain
+        shows through it on both sides of a change alike; a delay or a lag shows after it alone.
+        """
+        padded = np.pad(self.command, REACH, mode="edge")
+        n = len(self.command)
+        return np.stack([padded[REACH - k:][:n] + padded[REACH + k:][:n] for k in range(1, REACH + 1)], axis=1)
 
     @staticmethod
     def fast(matrix):
