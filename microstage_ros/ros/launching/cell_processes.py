@@ -38,8 +38,9 @@ QUICK = 1.6
 """The same for all together where a person waits."""
 
 START_WAIT = 240.0
-ASK_AGAIN, LONGEST_PATIENCE = 0.2, 3.0
-"""A request that is not answered is made again after so long [s], then after twice as long, up to the second."""
+ASK_AGAIN, LONGEST_PATIENCE = 0.2, 0.4
+"""A request that is not answered is made again after so long [s], then after twice as long, up to the second. The
+middleware goes on showing the services of a cell that ended a moment ago, and what is sent to them is lost."""
 
 
 class CellFailure(RuntimeError):
