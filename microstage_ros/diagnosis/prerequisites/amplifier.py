@@ -12,7 +12,8 @@ GAIN = next(form for form in FORMS if not form.named)
 LEAST_GAIN = 60.0   # χ²; derived: one size reaches it by chance in 10⁻¹⁴ of the cases
 LEAST_TIME = 4.0e-6      # s: a few hundredths of a period are a matter of stamps
 # periods by which a gain that differs by 1 may seem late; calibrated by:
-# `microstage campaign --world second --kind single --seed 1003 --cases 60`: 2.3 with a gain of 1.07 (case 12)
+# `microstage campaign --world second --kind single --seed 1003 --cases 60`: 2.3 of what this channel
+# reads of the gain (0.04 of 0.07, case 12; the only one there)
 GAIN_TIME = 4.0
 LAG_ERROR = 0.05         # share of a lag that gain and lag cannot tell apart above 1 kHz
 DELAY_ERROR = 0.02       # of a period: next to a whole one, what is left of it hardly shows

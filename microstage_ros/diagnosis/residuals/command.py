@@ -2,8 +2,9 @@
 
 The current settles within a period (L/R is a fifth of it), so it answers row n − 1 of the command and
 nothing else; a delay or a lag of the amplifier shows as the missing part of the command's changes.
-Noise: the amplifier's, white. A row further off than `FURTHEST` counts as one that is so far off: the row, its forms
-too. Residuals cut there alone would say that a delay explains a third of a step at which the drive is switched off.
+Noise: the amplifier's, white. A row further off than `FURTHEST` weighs as much as one that is so far off; its weight
+holds for the residual and the forms alike. With the residual alone cut off, a delay would explain only a third of a
+step at which the drive is switched off.
 """
 
 import numpy as np
