@@ -59,7 +59,7 @@ FIELDS = [
     ("stands", "f8"),  # s, for which the stage has stood in it
     ("place", "f8"),  # m, where the stage was of late
     ("stops", "i8"),  # since the reference stands
-    ("led_back", "i8"),  # 1: the stage is led to the reference at the speed of a search
+    ("led_back", "i8"),  # after a stop, to the reference at the speed of a search: 1 from this period on, 2 under way
     ("held_speed", "f8"),  # m/s, that of the period before: what the motor answers to is a period old
 ]
 
