@@ -60,7 +60,7 @@ cores); calibrated by `./microstage cell` in a fresh clone with an empty cache."
 NEEDED = ("axis_driver", "str_controller")
 """Processes without which no move goes on."""
 
-OVERDUE = 0.5
+OVERDUE = 0.4
 """The move server says so long [s] after one of these has ended that the move has ended with it, at the latest."""
 
 STARTING_SAID = 3.0

@@ -8,6 +8,7 @@ import json
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +33,7 @@ EXPECTED = {"motor_polarity": "polarity", "encoder_polarity": "polarity", "curre
             "end_stop": "end_stop", "no_current": "ready", "zero_current": "ready", "delay": "delay", "encoder_delay": "delay", "resonance": "resonance", "": "ready"}
 
 
-def one(sketch, fault, seed, folder, truth=None, period=None):
+def one(sketch, fault, seed, folder, truth=None):
     """One commissioning. Returns a row of what came of it."""
     truth = truth or (random_axis(sketch.axis, seed) if seed else sketch.axis)
     if fault == "resonance":  # a third of the sketch's
@@ -100,9 +101,12 @@ def main():
     parser.add_argument("--faults", nargs="*", default=[], choices=[*FAULTS, "all"], metavar="NAME", help=", ".join(FAULTS))
     parser.add_argument("--repeats", type=int, default=1, help="machines per kind of fault")
     parser.add_argument("--friction", default="", choices=("", "lugre", "coulomb_viscous_stribeck"), help="law of the machines' actuators (default: the sketch's)")
+    parser.add_argument("--period", type=float, default=0.0, help="control period [s] of sketch and machines (default: the sketch's)")
     parser.add_argument("--out", default="")
     arguments = parser.parse_args()
     sketch = load_sketch(config_file("axis.yaml"))
+    if arguments.period:
+        sketch = replace(sketch, axis=sketch.axis.with_values({"period": arguments.period}, source="datasheet"))
     todo = [(fault, 1 + k + 100 * n) for n in range(arguments.repeats) for k, fault in enumerate(FAULTS) if fault in arguments.faults or "all" in arguments.faults]
     todo += [("", seed) for seed in range(arguments.first, arguments.first + arguments.machines)]
     rows = []

@@ -148,6 +148,8 @@ def test_the_watchdog_of_a_card_that_has_one(log, monkeypatch):
     daq.open()
     daq.watchdog(0.01)
     assert daq.watchdog_armed
+    (states,) = next(entry[2][0] for entry in log if entry[1] == "cfg_watchdog_ao_expir_states")
+    assert states.expiration_state == 0.0
     daq.write(0.5)
     assert ("watchdog", "reset_timer", (), {}) in log
     monkeypatch.setattr(real, "WatchdogTask", lambda *a, **n: (_ for _ in ()).throw(nidaqmx.errors.DaqError("not supported", -1)))

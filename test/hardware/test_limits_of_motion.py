@@ -133,3 +133,10 @@ def test_after_a_reset_places_are_compared_anew(machine):
     machine.move(0.005, 10)
     begin_anew(machine.memory[0])
     assert machine.period(encoder=-5e-3, motor_angle=0.0) == "none"  # it was carried somewhere else meanwhile
+
+
+def test_travel_per_radian_of_the_motor():
+    """One turn of the screw is one pitch, behind the gear."""
+    axis = load_axis(config_file("axis.yaml"))
+    gear, pitch = axis.value("transmission.gear_ratio"), axis.value("transmission.pitch")
+    assert float(new_limits(axis, (-0.01, 0.01), GIVEN)[0]["motor_travel"][0]) == pytest.approx(pitch / (2.0 * math.pi * gear))

@@ -39,6 +39,7 @@ Robust law. The same three products drive the logarithms of the gains, after the
 import math
 
 from microstage_ros.control.gains import Gain, record_type
+from microstage_ros.control.half_waves import half_wave
 from microstage_ros.control.laws.pid import pid_change
 from microstage_ros.numerics.compiled import compiled
 
@@ -189,10 +190,8 @@ def watch_swings(p, s, error, period):
     s.since += period
     s.ceiling = min(s.ceiling + p.recovery * period, p.log_ceiling)
     s.damping_ceiling = min(s.damping_ceiling + p.recovery * period, p.log_damping_ceiling)
-    if s.since > 10.0 * p.time_unit:
-        s.swings = 0
-    if fast * s.peak < 0.0:
-        s.swings = s.swings + 1 if abs(s.peak) > p.alternation else 0
+    s.swings, turned = half_wave(fast, s.peak, s.swings, s.since, 10.0 * p.time_unit, p.alternation)
+    if turned:
         if s.swings > 4:
             lower_ceilings(p, s)
         s.peak = fast

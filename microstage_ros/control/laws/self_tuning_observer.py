@@ -13,6 +13,7 @@ from microstage_ros.control.laws.self_tuning import ADAPTATION, self_tuning_rese
 from microstage_ros.control.observer import flexible_mode as swing
 from microstage_ros.control.observer import gap_crossing, lost_motion, source_doubt
 from microstage_ros.control.observer import law as observer_law
+from microstage_ros.control.observer.dead_band import over_band
 from microstage_ros.control.observer.drive_learning import drive_voltage
 from microstage_ros.control.observer.lost_motion import TOUCHING
 from microstage_ros.numerics.compiled import compiled, not_inlined
@@ -86,14 +87,17 @@ def observed_step(parameters, state, reference, encoder, current):
         # a gap explains innovations that one mass does not
         rattles = source_doubt.lost_motion_suspected(observer)
         position_test, speed_test = (1.0, 1.0) if rattles else (observer.position_test, observer.speed_test)
-        reason = supervision.sign_of_trouble(rule, watched, position_test, speed_test, found, period)
+        late = observer.delayed
+        reason = supervision.sign_of_trouble(rule, watched, position_test, speed_test, found, late, period)
         if reason == supervision.NOTHING:
             return regulate(parameters, state, reference)
         supervision.hand_over(rule, watched, reason)
         go_on_from(parameters.encoder_pid, state.encoder_pid, state.voltage)
         if observer.contact != TOUCHING:
             lost_motion.settle(observer, 0.0)
-    elif supervision.may_return(rule, watched, observer.position_test, observer.speed_test, found, period):
+    elif supervision.may_return(
+        rule, watched, observer.position_test, observer.speed_test, found, observer.delayed, period
+    ):
         supervision.hand_back(watched)
         voltage = regulate(parameters, state, reference)
         state.pid.integral += (state.voltage - voltage) / observer.applied[0]
@@ -190,7 +194,8 @@ def regulate(parameters, state, reference):
     voltage = centre + pid.pid_output(parameters.pid, state.pid, period, half, state.feed_forward - centre)
     if in_gap:
         state.pid.integral = integral
-    return min(max(drive_voltage(observer, voltage - motion, motion), -limit), limit)
+    wanted = over_band(drive_voltage(observer, voltage - motion, motion), observer.dead_band)
+    return min(max(wanted, -limit), limit)
 
 
 def complete(record):

@@ -1,7 +1,7 @@
 """Whether the observer law may go on: swings, a rest beside the target, innovations; and the way to the encoder-only
 law and back.
 
-The observer law leans on its model of the drive. Three signs say that the model does not hold:
+The observer law leans on its model of the drive. Four signs say that the model does not hold:
 
 * a limit cycle: half waves of the error (encoder alone, without its slow part) beyond `swing`, each within `half_wave`
   of the one before: more than `swings` in a row for `cycle_time`, since a motor that rattles in a gap finds its
@@ -9,6 +9,7 @@ The observer law leans on its model of the drive. Three signs say that the model
   not alternate so regularly, and a move gives one or two;
 * the axis rests beside its target: beyond `beside` for `beside_time` while the reference stands, or the error's size,
   averaged over `REST_TIME`, is beyond `rest_error` there: a swing that is too slow or too small for the first sign;
+* the voltage acts later than the observer allows for (`observer.long_delay`);
 * innovations: the mean square of the position's and of the speed's innovation over what the filter expects stays beyond
   `position_test` or `speed_test` for `test_time`; or the error is beyond `lost` for `lost_time` while drive and stage
   are taken to be apart, which no crossing of a gap takes; or the current has been noisier than `loudest` as long
@@ -22,6 +23,7 @@ they last were not, not before `trial_time` has passed, and `patience` times tha
 """
 
 from microstage_ros.control.gains import Gain
+from microstage_ros.control.half_waves import half_wave
 from microstage_ros.numerics.compiled import compiled, internal
 
 GAINS = (
@@ -55,7 +57,7 @@ GAINS = (
     Gain("patience", "1", 1.0, 1e3, 16.0, "by which the time to the next trial grows with every hand-over"),
 )
 OBSERVER, ENCODER_ONLY = range(2)
-NOTHING, SWINGS, BESIDE, INNOVATIONS, START_CHECK = range(5)
+NOTHING, SWINGS, BESIDE, INNOVATIONS, START_CHECK, DELAY = range(6)
 #: What is said of a hand-over, by its number.
 REASONS = (
     "",
@@ -63,6 +65,7 @@ REASONS = (
     "rests beside its target",
     "innovations beyond what the filter expects",
     "unstable on the axis file's own model",
+    "the voltage acts late",
 )
 SMOOTH_TIME, SLOW_TIME = 5e-4, 2e-2  # s, of the error's fast part
 STILL_TIME = 0.05  # s, for which the reference has stood when a rest is judged
@@ -132,10 +135,8 @@ def watch_error(p, s, error, reference_speed, in_gap, period):
     fast = s.smooth - s.slow
     s.half += period
     s.swinging = s.swinging + period if s.swings > 0 else 0.0
-    if s.half > p.half_wave:
-        s.swings = 0
-    if fast * s.peak < 0.0:
-        s.swings = s.swings + 1 if abs(s.peak) > p.swing else 0
+    s.swings, turned = half_wave(fast, s.peak, s.swings, s.half, p.half_wave, p.swing)
+    if turned:
         s.peak = fast
         s.half = 0.0
     elif abs(fast) > abs(s.peak):
@@ -152,9 +153,11 @@ def watch_error(p, s, error, reference_speed, in_gap, period):
 
 
 @compiled
-def sign_of_trouble(p, s, position_test, speed_test, noise, period):
+def sign_of_trouble(p, s, position_test, speed_test, noise, delayed, period):
     """Why the observer law may not go on, `NOTHING` if it may; tests: normalised innovations squared [1]; ``noise``
-    [V]."""
+    [V]; ``delayed``: 1 if the voltage acts later than the law is designed for."""
+    if delayed != 0:
+        return DELAY
     doubted = position_test > p.position_test or speed_test > p.speed_test
     s.doubted = s.doubted + period if doubted else 0.0
     s.deaf = s.deaf + period if noise > p.loudest else 0.0
@@ -184,9 +187,9 @@ def hand_over(p, s, reason):
 
 
 @compiled
-def may_return(p, s, position_test, speed_test, noise, period):
+def may_return(p, s, position_test, speed_test, noise, delayed, period):
     """Whether the observer law is to be tried again."""
-    if position_test > p.position_test or speed_test > p.speed_test or noise > p.loudest:
+    if delayed != 0 or position_test > p.position_test or speed_test > p.speed_test or noise > p.loudest:
         s.calm = 0.0
         s.proved = 0.0
     elif s.rest_time_s == 0.0:

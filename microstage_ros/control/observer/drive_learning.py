@@ -36,6 +36,9 @@ NOISE_DOUBT = 1.95
 LOUD = 3.0  # times the shipped doubt, beyond which the found one also says what a sudden change is
 WORTH = 3e-3  # A, noise of the current at which the voltage tells the force as well
 BIASED = 2e-3  # A, noise of the current beyond which R is no longer learned from the measured one
+FARTHEST = 2.0  # standard deviations from nominal to which R is learned from a noisy current
+KNOWN = 0.03  # standard deviation of R by the bins of `dead_band` with which it counts
+BINNED = 0.05  # of nominal, by which the learned R may then differ from it
 GAIN_SPREAD = 1.0  # standard deviation of gain over former gain after a change
 ZERO_SPREAD = 0.03  # V, of the amplifier's zero after a change
 
@@ -272,9 +275,14 @@ def learn_drive(p, model, s, period, drop, position, speed):
     for k in range(3):
         spread = p.resistance_spread if k == 0 else (p.zero_spread if k == 1 else p.emf_spread)
         s.learned_covariance[k, k] += spread * spread * period / (p.zero_time if k == 1 else p.forgetting_time)
+    before = s.learned[0]
     speed -= take_in(s, s.of_position, s.of_speed, position, noise_x)
     take_in(s, s.of_speed, s.of_position, speed, noise_v)
     bound_learned(p, s)
+    if current_variance(p, model, s) > BIASED * BIASED:  # the weighed current follows R: nothing holds it any more
+        known = s.binned_spread < KNOWN
+        centre, far = (s.binned_resistance, BINNED) if known else (1.0, FARTHEST * p.resistance_spread)
+        s.learned[0] = min(max(s.learned[0], min(centre - far, before)), max(centre + far, before))
 
 
 @compiled

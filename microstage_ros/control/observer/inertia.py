@@ -22,6 +22,7 @@ NOISE = 1e-2  # m/s^2, of a: friction's level, counts of the encoder
 RELATIVE = 0.1  # of n: the drive's wind-up, a current that is off by its gain
 CORRELATED = 6e-3  # s, over which these hang together
 SPREAD = 0.5  # standard deviation of rho at the start
+WEIGHED = 0.3  # of it, when the motor's constant was found elsewhere
 SLACK = 0.15  # of the logarithm of the inertia, within which it is taken as the file says
 APPLY_TIME = 0.02  # s
 LOWEST, HIGHEST = 0.15, 7.0  # times the file's
@@ -36,11 +37,23 @@ FIELDS = [
 
 
 @compiled
+def weigh_anew(s, factor):
+    """The motor's constant is ``factor`` times what it was taken for: in SI units that of its torque too, so every
+    ampere accelerates by so much more. Lower gains follow at once; higher ones wait for what accelerations say."""
+    if factor <= 1.0:
+        return
+    s.rho = min(max(s.rho * factor, 1.0 / HIGHEST), 1.0 / LOWEST)
+    s.rho_variance = max(s.rho_variance, WEIGHED * WEIGHED * s.rho * s.rho)
+    s.inertia = max(s.inertia / factor, LOWEST)
+
+
+@compiled
 def inertia_reset(s):
-    """The file's number, with all its doubt."""
+    """The file's number for the motor constant that was found, with all its doubt."""
     s.rho = 1.0
     s.rho_variance = SPREAD * SPREAD
     s.inertia = 1.0
+    weigh_anew(s, s.emf_centre)
     s.net[:] = 0.0
     s.stage_speed[:] = 0.0
     s.filtered_s = 0.0

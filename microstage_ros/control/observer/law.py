@@ -23,8 +23,10 @@ from microstage_ros.control.feedforward.axis import friction_along
 from microstage_ros.control.gains import Gain, record_type
 from microstage_ros.control.observer import flexible_mode as swing
 from microstage_ros.control.observer import (
+    dead_band,
     friction_level,
     inertia,
+    long_delay,
     lost_motion,
     motion_filter,
     motor_constant,
@@ -56,14 +58,7 @@ from microstage_ros.numerics.compiled import compiled
 
 GAINS = (
     Gain("encoder_noise", "m", 1e-12, 1e-3, 1.8e-8, "doubt in one encoder value: noise, rounding and more"),
-    Gain(
-        "voltage_noise",
-        "V",
-        1e-6,
-        10.0,
-        2.3e-3,
-        "doubt in the voltage behind the back-EMF: noise of the amplifier and more",
-    ),
+    Gain("voltage_noise", "V", 1e-6, 10.0, 2.3e-3, "doubt in the voltage behind the back-EMF: noise of it and more"),
     Gain(
         "encoder_doubt",
         "1",
@@ -150,6 +145,8 @@ STATE_FIELDS = [
     *source_doubt.FIELDS,
     *inertia.FIELDS,
     *motor_constant.FIELDS,
+    *dead_band.FIELDS,
+    *long_delay.FIELDS,
     ("net_force", "f8"),  # N, that accelerated the axis in the newest period
     *motion_filter.FIELDS,
     *swing.FIELDS,
@@ -181,6 +178,8 @@ def observer_reset(p, s):
     s.changes = 0
     source_doubt.doubt_reset(p, s)
     inertia.inertia_reset(s)
+    dead_band.dead_band_reset(s)
+    long_delay.long_delay_reset(s)
     s.drives = 1
     s.net_force = 0.0
     s.voltage_noise = p.voltage_doubt * p.voltage_noise
@@ -282,7 +281,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     """One control period: ``encoder`` [m] and ``current`` [A] of now, ``voltage`` [V] held until now."""
     senses, fall, used = model.force_per_ampere > 0.0 and math.isfinite(current), 0.0, current
     if senses:
-        keep_voltage(s, voltage)
+        keep_voltage(s, dead_band.beyond_band(voltage, s.dead_band))
         rest = p.transient
         part = model.settling / period - rest / (1.0 - rest)
         used = weighed_current(p, model, s, current)
@@ -316,17 +315,23 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         drop = settled_drop(p, model, s, current)
         if drive_changed(p, model, s, period, drop):
             relearn(p, model, s, drop)
+            dead_band.forget_bins(s)
             s.calm = 0.0
             s.since = 0.0 if s.since > 1e-3 else s.since
             s.changes += 1
         elif find_lag(p, model, s, current - s.current):
             forget_drive(p, s)  # learned from voltages of another period
+        long_delay.watch_long_delay(s, period, s.voltages[0] - s.voltages[1], current - s.current)
         apply_learned(p, s, period)
         speed = speed_innovation(model, s, drop)
         doubt = voltage_variance(model, s, drop, s.v, 1.0)
         doubtful = s.contact != TOUCHING or source_doubt.lost_motion_suspected(s) or s.waves > source_doubt.SWINGS
         inertia.learn_inertia(s, period, s.net_force / model.moving_mass, moved / period, doubtful)
         s.current = current
+        constant = s.emf_centre * model.volts_per_velocity
+        if s.contact == TOUCHING and dead_band.watch_dead_band(s, period, voltage, drop, constant, moved / period):
+            forget_drive(p, s)
+            lost_motion.lost_motion_reset(p, s)
         if not doubtful:
             motor_constant.watch_motor_constant(p, model, s, period, drop, moved / period)
     position = encoder - s.x

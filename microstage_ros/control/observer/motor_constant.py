@@ -14,7 +14,8 @@ constant does not lead astray. The slow motion through a gap, where the motor tu
 
 import math
 
-from microstage_ros.control.observer.drive_learning import voltage_variance
+from microstage_ros.control.observer.drive_learning import BIASED, current_variance, voltage_variance
+from microstage_ros.control.observer.inertia import weigh_anew
 from microstage_ros.model.friction.curve import COULOMB
 from microstage_ros.numerics.compiled import compiled
 
@@ -23,6 +24,8 @@ MEAN_TIME = 1e-2  # s, of the ratio
 FAST, SLOW = 2e-4, 2e-5  # m/s
 STEADY = 0.04  # 1
 FOUND_TIME = 1.2e-2  # s
+PLAIN_SHARE = 0.08  # above what is learned, beyond which it is found the sooner: its loop begins to swing meanwhile
+SHORTEST = 5e-3  # s: longer than half a swing of a stage of thrice the mass on a third of the stiffness
 LEAST, DEVIATIONS = 0.04, 4.0  # 1, standard deviations of what R and o leave
 UNTOLD = 0.06  # V, that a dead band or a zero that has moved may take: of the back-EMF less than this says nothing
 LOWEST, HIGHEST = 0.3, 3.0  # of the constant over the file's
@@ -74,13 +77,15 @@ def watch_motor_constant(p, model, s, period, drop, speed):
         s.emf_ratio_time_s = 0.0
         return False
     ratio = s.emf_speed / s.encoder_speed
-    if s.emf_ratio_time_s == 0.0 or abs(ratio - s.emf_ratio) > STEADY:
+    if s.emf_ratio_time_s == 0.0 or abs(ratio - s.emf_ratio) > STEADY * max(1.0, abs(ratio)):
         s.emf_ratio, s.emf_ratio_time_s = ratio, 0.0
     s.emf_ratio += min(period / MEAN_TIME, 1.0) * (ratio - s.emf_ratio)
     s.emf_ratio_time_s += period
-    if s.emf_ratio_time_s < FOUND_TIME:
-        return False
     off, beyond = s.emf_ratio - s.learned[2], max(DEVIATIONS * math.sqrt(s.slow_variance_V2), UNTOLD)
+    larger = s.emf_centre >= 1.0 and current_variance(p, model, s) < BIASED * BIASED
+    plain = PLAIN_SHARE / max(off, PLAIN_SHARE) if larger else 1.0
+    if s.emf_ratio_time_s < max(FOUND_TIME * plain, SHORTEST):
+        return False
     if abs(off) < max(LEAST, beyond / (model.volts_per_velocity * size)):
         return False
     s.emf_ratio_time_s = 0.0
@@ -91,6 +96,7 @@ def watch_motor_constant(p, model, s, period, drop, speed):
 @compiled
 def centre_on(p, s, centre, stray):
     """Learn about another ``centre`` [1] from now on; the estimated motion may be off by ``stray`` [m/s]."""
+    weigh_anew(s, centre / s.emf_centre)
     s.emf_centre = centre
     s.learned[0], s.learned[1], s.learned[2] = s.slow_resistance, s.slow_zero_V, centre
     s.level = s.slow_level

@@ -21,6 +21,7 @@ beyond `RATTLE` say that lost motion is suspected (`lost_motion_suspected`): bot
 and for `SUSPECTED_TIME` no mechanical swing raises one, the inertia is not learned and the gains do not fade at rest.
 """
 
+from microstage_ros.control.half_waves import half_wave
 from microstage_ros.numerics.compiled import compiled
 
 SMOOTH_TIME, SLOW_TIME = 5e-4, 2e-2  # s, of the innovation's fast part
@@ -82,10 +83,8 @@ def weigh_sources(p, s, period, position):
     fast = s.wave_smooth - s.wave_slow
     s.wave_time += period
     s.suspected = max(s.suspected - period, 0.0)
-    if s.wave_time > HALF_WAVE:
-        s.waves = 0
-    if fast * s.wave_peak < 0.0:
-        s.waves = s.waves + 1 if abs(s.wave_peak) > WAVE * p.encoder_noise else 0
+    s.waves, turned = half_wave(fast, s.wave_peak, s.waves, s.wave_time, HALF_WAVE, WAVE * p.encoder_noise)
+    if turned:
         if s.drives == 1 and s.waves > SWINGS and abs(s.wave_peak) > DECAY * s.wave_before:
             doubt_more(p, s)
         s.wave_before = abs(s.wave_peak)

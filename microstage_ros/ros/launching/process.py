@@ -1,5 +1,6 @@
 """One node in one process: services and parameters in a thread, the servo loop in the main thread."""
 
+import contextlib
 import gc
 import os
 import signal
@@ -33,6 +34,9 @@ that was killed never has it, and who sends SIGTERM is in a hurry."""
 
 LAST_RESORT = 10.0
 """A process that has been asked to stop and is still there after so long [s] ends at once, whatever it waits for."""
+
+MEETING = 1.0
+"""Longest wait [s] at the begin for all threads of an executor."""
 
 SERVED = 2.0
 """Longest wait [s] at the end for the thread that serves requests."""
@@ -129,6 +133,7 @@ def run_node(make, arguments=None, threads=1):
     _leave_garbage_alone()
     executor = MultiThreadedExecutor(threads) if threads > 1 else SingleThreadedExecutor()
     executor.add_node(node)
+    _begin_threads(executor, threads)
     thread = threading.Thread(target=_serve, args=(executor, node.get_logger()), daemon=True)
     thread.start()
     noting = threading.Thread(target=lambda: _noted.append(remember(node, running)), daemon=True)
@@ -149,6 +154,21 @@ def run_node(make, arguments=None, threads=1):
     except Exception:  # noqa: BLE001
         failed += traceback.format_exc()
     _end_process(node, executor, thread, failed)
+
+
+def _begin_threads(executor, threads):
+    """Have the executor begin all its threads now: else each comes, with its memory, when so many callbacks first wait
+    at the same time, which may be after hours."""
+    if threads < 2:
+        return
+    together = threading.Barrier(threads)
+
+    def meet():
+        with contextlib.suppress(threading.BrokenBarrierError):
+            together.wait(MEETING)
+
+    for _ in range(threads):
+        executor.create_task(meet)
 
 
 def _end_process(node, executor, thread, failed):

@@ -8,8 +8,9 @@ from microstage_msgs.action import MoveTo
 from microstage_msgs.msg import AccuracyRow
 
 INTERFEROMETER_WAIT = 2.0
-SILENT = 0.5
-"""At the wall clock nothing heard for so long [s] means that somebody is gone."""
+SILENT = 0.4
+"""At the wall clock nothing heard for so long [s] means that somebody is gone; twice that is within the second in
+which an action is answered."""
 
 RESULT = MoveTo.Result
 
