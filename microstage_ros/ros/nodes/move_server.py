@@ -39,8 +39,10 @@ WAIT = 0.05
 LOOK = 0.5
 FEEDBACK = 0.1
 STATUS_WAIT = 0.5
-ASK_AGAIN = 0.2
+ASK_AGAIN = 0.1
 """A stop that nobody has answered for so long [s] is asked for again."""
+PLAN_ANSWER = 1.0
+"""Longest wait [s] for the answer to a plan from a controller whose states come."""
 
 NEEDED = ("axis_driver", "str_controller")
 """Without them no move goes on."""
@@ -346,12 +348,15 @@ class MoveServer(MoveCredit, MoveRequests, MoveResults, Node):
     def _ask(self, request):
         """Call the controller. Raises `Refused` if it does not answer.
 
-        A stop is asked for again every `ASK_AGAIN`; a plan is not, as it would be played twice. If nobody answers that,
-        a stop follows it: it may have been heard.
+        If no state of it comes for `_patience`, it is gone. While they come it may take longer, as it serves requests
+        in a thread beside its loop: a stop is asked for again every `ASK_AGAIN` until `driver_timeout_s`. A plan is
+        not, as it would be played twice; if nobody answers that within `PLAN_ANSWER`, a stop follows it: it may have
+        been heard.
         """
-        answered, stop, futures = threading.Event(), not len(request.positions), []
-        end = time.monotonic() + self._patience
+        answered, stop, futures, began = threading.Event(), not len(request.positions), [], time.monotonic()
+        longest = self.parameters.driver_timeout_s if stop else max(self._patience, PLAN_ANSWER)
         while not answered.is_set():
+            end = min(max(began, self._heard) + self._patience, began + longest)
             if time.monotonic() > end or self._cell_says or not running():
                 for future in futures:
                     self._follow.remove_pending_request(future)

@@ -13,6 +13,7 @@ import pytest
 from microstage_msgs.action import MoveTo
 from microstage_msgs.msg import AxisState, DriverStatus
 from ros_support import PATIENCE_S, own_domain, real_time_place, ros_node, spin_until
+from sensor_msgs.msg import JointState
 
 from microstage_ros.records.bags.bag import read_bag
 from microstage_ros.ros.benchmarks.output_view import OutputView
@@ -58,10 +59,12 @@ def begin_move(client, heard, target=2e-2, **options):
     goal = MoveTo.Goal(target=target, **{"max_velocity": 1e-3, "timeout": 60.0, **options})
     under_way = []
     sent = client._action.send_goal_async(goal, feedback_callback=under_way.append)
+    spin_until(client.node, sent.done)
+    result = sent.result().get_result_async()
     # accepted is not begun: on a loaded machine a fault may come between
-    spin_until(client.node, lambda: under_way or heard and heard[-1].fault)
-    assert under_way, heard[-1].message
-    return sent.result(), sent.result().get_result_async()
+    spin_until(client.node, lambda: under_way or result.done() or heard and heard[-1].fault)
+    assert under_way, result.result().result.message if result.done() else heard[-1].message
+    return sent.result(), result
 
 
 def moving(view, node, heard):
@@ -155,11 +158,14 @@ def test_two_owners_are_one_too_many(tmp_path):
 
 @pytest.mark.parametrize("mode", ["paced"])
 def test_ctrl_c_of_a_cell_leaves_nothing(tmp_path, mode):
-    with own_domain():
+    with ros_node() as node:
+        heard = []
+        node.create_subscription(JointState, "/axis/joint_states", heard.append, 10)
         cell = subprocess.Popen([sys.executable, "-m", "microstage_ros.commands", "cell", "--mode", mode,
                                  "--record", str(tmp_path / "bag")], text=True,
                                 stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
         assert any("is active" in line for line in cell.stdout)  # the middleware prints there too
+        spin_until(node, lambda: heard)  # the first period waits for all readers, on a busy machine for a while
         family = children(cell.pid)
         assert len(family) >= 7  # the fork server, five nodes, the watchdog
         began = time.monotonic()
