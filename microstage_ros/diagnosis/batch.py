@@ -79,13 +79,13 @@ def diagnose_files(case, progress=None, jobs=1):
     with fleet.reached(case.axis) as place:
         axis = load_axis(place)
     records, holdout, baseline = (
-        [_checked(path, axis) for path in paths] for paths in (case.records, case.holdout, case.baseline)
+        [checked_record(path, axis) for path in paths] for paths in (case.records, case.holdout, case.baseline)
     )
     answer = diagnose_records(axis, records, holdout, baseline, case.seed, progress, jobs)
     return write_answer(answer, axis, case.out, case.sources)
 
 
-def _checked(path, axis):
+def checked_record(path, axis):
     """The record, if it can be what its header says; what weakens the result is said on standard error."""
     with fleet.reached(path) as place:
         record = read_record(place)

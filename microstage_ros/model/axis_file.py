@@ -135,7 +135,7 @@ def axis_from_dict(tree, place="axis"):
         raise InputError(f"{place}: format", tree.get("format"), f"{FORMAT}")
     if "components" in tree:
         raise InputError(f"{place}: components", ", ".join(map(str, tree["components"])),
-                         "an axis of one component; only simulate takes two, elsewhere give the file of one of them")
+                         "an axis of one component; simulate, identify and diagnose take two; else give one of them")
     choices, leaves = {}, {}
     for section, body in tree.items():
         if section not in FREE_SECTIONS:

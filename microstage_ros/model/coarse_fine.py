@@ -10,7 +10,6 @@ The fine stage moves relative to the coarse one. Its drive has to hold a positio
 import pathlib
 from dataclasses import dataclass
 
-
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.axis_file import FORMAT, Axis, axis_from_dict, load_axis
 from microstage_ros.files import read_yaml
@@ -19,6 +18,8 @@ from microstage_ros.quantities.errors import InputError
 
 COMPONENTS = ("coarse", "fine")
 KEYS = ("format", "name", "components")
+FINE_LAW = "pid"
+"""It acts on what an interferometer sees of the top."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,17 @@ class CoarseFine:
     name: str
     coarse: Axis
     fine: Axis
+
+    @property
+    def alone(self):
+        """{component: `Axis`}, each as a machine of its own.
+
+        The coarse one has the mass of both, the fine one the law that controls it.
+        """
+        mass = self.coarse.value("stage.mass") + self.fine.value("stage.mass")
+        source = self.coarse.quantity("stage.mass").source
+        return {"coarse": self.coarse.with_values({"stage.mass": mass}, source),
+                "fine": self.fine.with_controller({"type": FINE_LAW})}
 
 
 def load_machine(path):

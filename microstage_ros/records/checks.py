@@ -32,6 +32,9 @@ MOST_SATURATED = 0.9
 
 MOST_CLIPPED = 0.5
 FEW_SATURATED = 0.02
+FINEST = 1e-9
+"""Taken for a count [m] of a sensor that counts nothing (capacitive)."""
+
 FEW_COUNTS = 20
 """Travel, in counts, under which ratios of positions mean nothing."""
 
@@ -42,7 +45,7 @@ class Bounds:
 
     Attributes
     ----------
-    resolution_m : one count of the encoder. travel_m : length of the travel.
+    resolution_m : one count of the encoder, 0 where it counts nothing. travel_m : length of the travel.
     limit_V : where the amplifier clips, in the command's unit ``limit_unit``. resistance_ohm : of the winding. period_s
         : control period.
     """
@@ -143,7 +146,7 @@ def _ranges(record, bounds):
 
 def _constants(record, bounds):
     """A sensor that never changes while the axis moves was not connected."""
-    moved = span(record, "encoder_m") / bounds.resolution_m
+    moved = span(record, "encoder_m") / (bounds.resolution_m or FINEST)
     if "encoder_m" not in record or moved == 0:
         _refuse(record, "encoder_m", "constant", "positions that change, by a count at least")
     command = command_of(record).column
@@ -170,6 +173,8 @@ def _position_units(record, bounds):
 
 def _counts(record, bounds):
     """Encoder readings are whole counts; a thousand counts at a time are another unit."""
+    if not bounds.resolution_m:
+        return []
     counts, off = _as_counts(record["encoder_m"], bounds.resolution_m)
     if off < OFF_GRID:
         step = int(np.gcd.reduce(np.unique(counts)))

@@ -7,8 +7,10 @@ from scipy.linalg import solve_discrete_are
 from microstage_ros.control.evaluation.least_error import least_error, sliding_loop
 from microstage_ros.control.evaluation.limits import GAP_WIDTH, gap_sine, informed_sine
 from microstage_ros.control.runs.trials import cycle_peaks, sine_trial
-from microstage_ros.control.laws.controller import make_controller
+from microstage_ros.control.laws.controller import controller_parameters, make_controller
+from microstage_ros.control.observer.flexible_mode import EFFORT, held_axis, held_gains
 from microstage_ros.control.observer.lost_motion import NOTICED
+from microstage_ros.control.observer.motion_filter import riccati
 
 
 def test_told_nothing_it_is_the_law(axis):
@@ -44,17 +46,32 @@ def test_told_the_gap_a_first_crossing_is_no_worse_than_a_learned_one(axis, seed
     assert first["gap"] < 1e-7 and first["nothing"] > 2.0 * first["gap"]
 
 
-def test_gains_of_the_least_error_are_those_of_an_independent_solver(axis):
-    """The loop of `sliding_loop`, its gains replaced by those of SciPy's Riccati solver, has the same mean square."""
-    closed, push, noise = sliding_loop(axis, 1e-3)
-    a, c = closed[:4, :4], np.array([[1.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
-    ours = -closed[:4, 4:]
-    b = push[:4, :1]
-    weight = np.outer(c[0], c[0])
-    effort = (1e-6 * (c[0] @ a @ b).item()) ** 2
-    cost = solve_discrete_are(a, b, weight + 1e-30 * np.eye(4), effort * np.eye(1))
-    theirs = b.T @ cost @ a / (effort + b.T @ cost @ b)
-    np.testing.assert_allclose(ours, b @ theirs, rtol=1e-2, atol=1e-3 * np.abs(ours).max())
+@pytest.mark.parametrize("period", [1e-4, 2e-4, 5e-4, 1e-3])
+def test_the_loop_of_least_error_is_stable(axis, period):
+    closed, _, _ = sliding_loop(axis, period)
+    assert np.abs(np.linalg.eigvals(closed)).max() < 1.0
+
+
+def test_riccati_ends_whatever_the_last_bits_are(axis):
+    """Sliding, (w, w', x, v) of the filter has a mode of 10^7 periods, in which rounding adds up: the doubling ends."""
+    a, _, _ = held_axis(controller_parameters("self_tuning_observer", axis, {})["feedforward"], 1e-3)
+    scale = np.diag([1e-8, 1e-5, 1e-8, 1e-6])
+    a = (np.linalg.inv(scale) @ a @ scale).T
+    seen = np.array([[1.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]) @ scale / np.array([[1.2e-8], [1.5e-4]])
+    random = np.random.default_rng(0)
+    for _ in range(20):
+        near = a * (1.0 + 1e-16 * random.standard_normal(a.shape))
+        assert np.isfinite(riccati(near, 1e-14 * np.eye(4), seen.T @ seen)).all()
+
+
+@pytest.mark.parametrize("period", [1e-4, 1e-3])
+def test_regulator_of_the_swing_is_that_of_an_independent_solver(axis, period):
+    """`held_gains` against SciPy's solver of the discrete Riccati equation."""
+    model = controller_parameters("self_tuning_observer", axis.with_values({"period": period}), {})["feedforward"]
+    a, b, push = held_axis(model, period)
+    weight, effort = np.outer([1.0, 0.0, 1.0, 0.0], [1.0, 0.0, 1.0, 0.0]), (EFFORT**2 * push) ** 2
+    cost = solve_discrete_are(a, b, weight, np.array([[effort]]))
+    np.testing.assert_allclose(held_gains(model, period), (b.T @ cost @ a / (effort + b.T @ cost @ b))[0], rtol=1e-3)
 
 
 def test_least_error_grows_with_period_and_noise_and_no_other_feedback_is_better(axis):

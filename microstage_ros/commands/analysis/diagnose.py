@@ -1,18 +1,30 @@
 """``diagnose``: where model and measurement part, why, and what it gains to know."""
 
 import argparse
+import dataclasses
 import json
 import pathlib
 import sys
 
 from microstage_ros.commands import answer
-from microstage_ros.commands.axis import read_axis
+from microstage_ros.commands.axis import warn
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
-from microstage_ros.diagnosis.batch import Case, cases_of, diagnose_files, diagnose_batch, diagnose_series
+from microstage_ros.control.runs.components import component_records
+from microstage_ros.diagnosis.batch import (
+    Case,
+    cases_of,
+    checked_record,
+    diagnose_batch,
+    diagnose_files,
+    diagnose_records,
+    diagnose_series,
+)
 from microstage_ros.diagnosis.fleet import is_address
+from microstage_ros.diagnosis.report.answer import write_answer
 from microstage_ros.diagnosis.report.page import headline
 from microstage_ros.files import keep_earlier, missing, write_text
+from microstage_ros.model.coarse_fine import CoarseFine, load_machine
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.quantities.readable import quantity
 
@@ -24,6 +36,9 @@ and a run file for every question that the records leave open.
 Gain is measured on the records given with --holdout. Without it the program holds back some of the records
 itself (or the end of a single one) and says which. --baseline gives records of the axis while the model was right.
 A long series (more than 16 records) is diagnosed in groups of 8, one group in memory per process, and pooled.
+
+A coarse axis with a fine stage on top (config/axes/coarse_fine.yaml) is diagnosed part by part, with --baseline:
+answers go to DIR/coarse, DIR/fine and DIR/summary.json.
 
 With --log LOG.yaml the records are logs of any machine, as its drive wrote them, and no axis file is needed:
 `microstage diagnose --log LOG.yaml --help`, docs/logs.md.
@@ -42,15 +57,43 @@ def main(argv=None):
         return _each(arguments)
     case = Case("", arguments.axis, tuple(arguments.records), tuple(arguments.holdout), tuple(arguments.baseline),
                 arguments.out, arguments.seed)
-    read_axis(case.axis)      # a bad axis file is reported before long work begins, and so is a missing record
+    machine = load_machine(case.axis)  # a bad axis file is reported before long work begins, and so is a missing record
     for path in (*case.records, *case.holdout, *case.baseline):
         if not is_address(path) and not pathlib.Path(path).exists():
             raise missing(path, "a record: .mcap, bag folder, .csv[.gz|.xz]")
     _refuse_double_use(case)
+    if isinstance(machine, CoarseFine):
+        return _of_two(machine, case, arguments)
+    warn(machine)
     keep_earlier("--out", [pathlib.Path(arguments.out) / "report.json"], arguments.force)
     report = _series(case, arguments) if case.is_series or arguments.scheduler else _alone(case, arguments.jobs)
     answer.state(report=report, folder=str(arguments.out))
     tell(report, arguments.out)
+    return 0
+
+
+def _of_two(machine, case, arguments):
+    """A machine of two components: each has its answer in a folder of its own under ``case.out``. Returns 0."""
+    if arguments.scheduler:
+        raise InputError("--scheduler", arguments.scheduler, f"nothing: {case.axis} has two components")
+    if not case.baseline:
+        raise InputError("--baseline", "missing", "records of the healthy machine: what its two stages do to each "
+                         "other is known from them alone")
+    summary = pathlib.Path(case.out) / "summary.json"
+    keep_earlier("--out", [summary], arguments.force)
+    given = [[component_records(checked_record(path, machine.alone["coarse"]), machine.fine) for path in paths]
+             for paths in (case.records, case.holdout, case.baseline)]
+    rows = []
+    for name, axis in machine.alone.items():
+        records = [[each[name] for each in group] for group in given]
+        with progress(f"diagnosing the {name} stage") as bar:
+            found = diagnose_records(axis, *records, case.seed, bar.say, arguments.jobs)
+        report = write_answer(found, axis, pathlib.Path(case.out) / name, case.sources)
+        rows.append(_row(dataclasses.replace(case, name=name), report))
+        print(f"{name}: ", end="")
+        tell(report, pathlib.Path(case.out) / name)
+    write_text(summary, json.dumps(rows, indent=1, ensure_ascii=False) + "\n")
+    answer.state(cases=rows, summary=str(summary))
     return 0
 
 

@@ -10,10 +10,10 @@ voltage. Friction does not vary here, and no block sticks or lets go.
 """
 
 import numpy as np
+from scipy.linalg import solve_discrete_are
 
 from microstage_ros.control.laws.controller import controller_parameters
 from microstage_ros.control.observer.flexible_mode import held_axis
-from microstage_ros.control.observer.motion_filter import riccati
 
 EFFORT = 1e-6  # weight of a volt against the largest voltage that an error of 1 m would call for: next to nothing
 COUNTS = 12.0  # a rounded value is uniform over a count: its variance is count^2 / 12
@@ -61,12 +61,12 @@ def _filter_gain(a, c, spread):
     scale = np.diag([1e-8, 1e-5, 1e-8, 1e-6])
     inverse = np.linalg.inv(scale)
     seen = np.linalg.inv(spread) @ c @ scale
-    p = riccati((inverse @ a @ scale).T, 1e-14 * np.eye(4), seen.T @ seen)
+    p = solve_discrete_are((inverse @ a @ scale).T, seen.T, 1e-14 * np.eye(4), np.eye(2))
     return scale @ p @ seen.T @ np.linalg.inv(seen @ p @ seen.T + np.eye(2)) @ np.linalg.inv(spread)
 
 
 def _regulator_gain(a, b, output):
     """Feedback (1, 4) that makes the mean square of ``output`` least."""
     effort = (EFFORT * np.abs(output @ a @ b).item()) ** 2
-    cost = riccati(a, np.outer(output, output), b @ b.T / effort)
+    cost = solve_discrete_are(a, b, np.outer(output, output), np.array([[effort]]))
     return b.T @ cost @ a / (effort + b.T @ cost @ b)

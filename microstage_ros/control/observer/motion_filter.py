@@ -32,6 +32,7 @@ FIELDS = [
     ("slope", "f8"),  # 1/s, c/M
 ]
 PART = 2.0e-4  # s, longest step of the prediction within a period
+MOST_DOUBLINGS = 64  # of the periods in `riccati`: more than any mode takes to settle
 # see above; with more of it an axis with three times the payload swings, or one with half the friction lags
 STIFFNESS_SHARE = 0.05
 SLOWEST = 1e-2  # of the Stribeck velocity: below, the curve is taken to fall as it does there
@@ -178,14 +179,16 @@ def steady_gain(record, model, period, stiffness=0.0, slope=0.0):
 
 def riccati(a, q, information):
     """P of P = A' P (1 + G P)^-1 A + Q, G = ``information``: each step doubles the periods that have passed (Anderson
-    1978).
+    1978). P and G are symmetric; where rounding may part them from that, a slow mode never settles on some processors.
 
     SciPy's solver takes half a second to load and leaves residuals ten times as large.
     """
     p = q
-    while True:
+    for _ in range(MOST_DOUBLINGS):
         shrink = np.linalg.inv(np.eye(len(a)) + information @ p)
         more = a.T @ p @ shrink @ a
         p, information, a = p + more, information + a @ shrink @ information @ a.T, a @ shrink @ a
+        p, information = 0.5 * (p + p.T), 0.5 * (information + information.T)
         if not np.abs(more).max() > 1e-17 * np.abs(p).max():
-            return p
+            break
+    return p

@@ -18,6 +18,7 @@ from microstage_ros import __version__
 from microstage_ros.control.laws import registry as laws
 from microstage_ros.control.laws.controller import make_controller
 from microstage_ros.control.runs.simulate import run_controller
+from microstage_ros.model.coarse_fine import FINE_LAW
 from microstage_ros.model.sensors.readings import read_sensors
 from microstage_ros.numerics.compiled import compiled
 from microstage_ros.quantities.errors import InputError
@@ -25,7 +26,6 @@ from microstage_ros.records import Record
 from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work, usual_start
 from microstage_ros.solver.step import advance
 
-FINE_LAW = "pid"
 PIECES = 16             # of a period, between which the components exchange their forces
 # of a plant: numbers that belong to the period of reading
 SENSORS = ("current_filter", "current_sample", "sensor_parameters")
@@ -124,8 +124,7 @@ def simulate_coarse_fine(machine, run, seed=0):
         raise InputError(
             f"{run.place}: program", "voltage_file", "references: each component has a controller of its own"
         )
-    loaded = coarse.with_values({"stage.mass": coarse.value("stage.mass") + mass})
-    plant, plant_f = make_piece(loaded, NoiseSpec(**run.noise), run.effects), make_piece(fine)
+    plant, plant_f = make_piece(machine.alone["coarse"], NoiseSpec(**run.noise), run.effects), make_piece(fine)
     controller, controller_f = run_controller(coarse, run), make_controller(FINE_LAW, fine)
     state = new_state(plant, seed=seed, position=tables["start"], friction=run.friction or usual_start(plant))
     trace = np.empty((len(tables["reference"]), len(TRACE)))

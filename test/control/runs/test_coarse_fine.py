@@ -1,11 +1,15 @@
 """A screw axis with a piezo stage on top: the coupled motion, what it gains, what is refused."""
 
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from microstage_ros.commands.analysis.diagnose import main as diagnose
+from microstage_ros.commands.analysis.identify import main as identify
 from microstage_ros.control.laws.controller import make_controller
 from microstage_ros.control.runs.coarse_fine import TRACE, coarse_fine_record, make_piece, run_both
 from microstage_ros.control.runs.run_file import run_from_dict
@@ -23,6 +27,20 @@ FILE = Path(__file__).resolve().parents[3] / "config" / "axes" / "coarse_fine.ya
 def record():
     run = run_from_dict({"program": [{"move_to_m": 2e-4, "dwell_s": 0.6}, {"move_to_m": 0.0, "dwell_s": 0.6}]})
     return coarse_fine_record(load_machine(FILE), run, seed=2)
+
+
+@pytest.fixture(scope="module")
+def both_records(tmp_path_factory):
+    """Files of a healthy machine, and of one whose fine stage goes a tenth less far."""
+    moves = (2e-4, 2.1e-4, 1e-3, 0.0, -1e-3)
+    run = run_from_dict({"program": [{"move_to_m": target, "dwell_s": 0.6} for target in moves]})
+    machine, folder, files = load_machine(FILE), tmp_path_factory.mktemp("both"), {}
+    weak = replace(machine, fine=machine.fine.with_effects({"piezo_gain": {"change": -0.1}}))
+    for name, each, first in (("healthy", machine, 0), ("hidden", weak, 10)):
+        files[name] = [str(folder / f"{name}{seed}.csv") for seed in range(first, first + 3)]
+        for seed, file in enumerate(files[name], first):
+            write_csv(coarse_fine_record(each, run, seed=seed), file)
+    return files
 
 
 def test_the_top_rests_nearer_to_its_reference_than_the_coarse_stage(record, tmp_path):
@@ -64,7 +82,7 @@ def test_coupled_motion_is_that_of_both_masses():
 
 
 def test_files_that_do_not_fit_are_refused_in_one_line(tmp_path):
-    with pytest.raises(InputError, match="components.*one component.*simulate"):
+    with pytest.raises(InputError, match="components.*one component; simulate, identify and diagnose"):
         load_axis(FILE)
     coil = FILE.parent / "voice_coil.yaml"
     bad = tmp_path / "bad.yaml"
@@ -74,3 +92,31 @@ def test_files_that_do_not_fit_are_refused_in_one_line(tmp_path):
     bad.write_text(f"format: 1\ncomponents: {{coarse: {coil}}}\n")
     with pytest.raises(InputError, match="components.*coarse: FILE, fine: FILE"):
         load_machine(bad)
+
+
+def test_each_component_is_identified_and_the_file_of_both_written(both_records, tmp_path):
+    """Commands that are a tenth off: stroke per volt, back-EMF and resistance come back."""
+    machine = load_machine(FILE)
+    machine.coarse.with_values({"drive.resistance": 3.8}).save(tmp_path / "coarse.yaml")
+    machine.fine.with_values({"drive.displacement_per_volt": 1.26e-7}).save(tmp_path / "fine.yaml")
+    given = tmp_path / "given.yaml"
+    given.write_text("format: 1\ncomponents: {coarse: coarse.yaml, fine: fine.yaml}\n")
+    assert identify(["--axis", str(given), *both_records["healthy"][:2], "--out", str(tmp_path / "found.yaml")]) == 0
+    found = load_machine(tmp_path / "found.yaml")
+    for axis, key in ((found.coarse, "drive.resistance"), (found.fine, "drive.displacement_per_volt")):
+        truth = machine.coarse if axis is found.coarse else machine.fine
+        assert axis.value(key) == pytest.approx(truth.value(key), rel=0.01) and axis.quantity(key).source == "identified"
+    assert found.coarse.value("stage.mass") == machine.coarse.value("stage.mass")  # not that of both
+
+
+def test_each_component_is_diagnosed(both_records, tmp_path):
+    healthy, hidden = both_records["healthy"], both_records["hidden"]
+    with pytest.raises(InputError, match="--baseline: got 'missing'"):
+        diagnose(["--axis", str(FILE), *hidden, "--out", str(tmp_path / "none")])
+    assert diagnose(["--axis", str(FILE), *hidden[:2], "--holdout", *hidden[2:], "--baseline", *healthy[:2],
+                     "--out", str(tmp_path / "found")]) == 0
+    fine = json.loads((tmp_path / "found" / "fine" / "report.json").read_text())
+    first = fine["causes"][0]
+    assert first["id"] == "piezo_gain" and first["parameters"]["change"]["value"] == pytest.approx(-0.1, abs=0.01)
+    summary = json.loads((tmp_path / "found" / "summary.json").read_text())
+    assert [row["case"] for row in summary] == ["coarse", "fine"] and summary[0]["verdict"] == "agrees"
