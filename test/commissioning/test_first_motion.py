@@ -1,12 +1,13 @@
 """The first voltages on machines with a fault: each is found, named, and hardly anything has moved."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from machines import Machine, random_axis
 
-from microstage_ros.commissioning.findings import Refused
+from microstage_ros.commissioning.findings import Refused, refused
 from microstage_ros.commissioning.experiments.closed_loop import Loop
 from microstage_ros.commissioning.experiments.dead_encoder import EncoderWatch
 from microstage_ros.commissioning.experiments.first_motion import first_motion
@@ -172,3 +173,19 @@ def test_a_stage_that_runs_on_past_its_target_is_not_blocked(tmp_path):
     with pytest.raises(Refused, match="does not follow") as end:
         loop._explain(Record(period, table), 1e-4)
     assert end.value.check.id == "runaway"
+
+
+def test_a_stage_that_swings_wide_gets_softer_gains_until_it_rests():
+    """A wide swing ends the motion as one that the motor does not share; it is a swing all the same (seed 214)."""
+
+    class Swinging(Loop):
+        def follow(self, reference):
+            if self.share > 0.7:
+                raise refused("runaway", 7e-6, "m", "in closed loop the stage swings")
+            still = np.full(len(reference), 1e-8)
+            return Record(1e-4, {"encoder_m": still, "reference_m": reference, "voltage_V": reference})
+
+    machine = SimpleNamespace(position=0.0, count=25e-9, noise=8e-9, failed="a record",
+                              periods=lambda s: round(s / 1e-4), rest=lambda s: None)
+    loop = Swinging(machine, SKETCH.axis)
+    assert len(loop.settle()) == 5000 and loop.share == pytest.approx(0.64) and machine.failed is None
