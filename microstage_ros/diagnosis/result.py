@@ -43,6 +43,7 @@ class Cause:
     sentence : what it means for a technician, in one sentence with size and unit.
     evidence : χ² that it takes from the held-out records, from which the probability is calibrated; 0 where there is
     none.
+    clarity : fraction (0 … 1) of what the other causes leave in its channel above the noise that it removes.
     """
 
     id: str
@@ -54,6 +55,7 @@ class Cause:
     channel: str
     sentence: str = ""
     evidence: float = 0.0
+    clarity: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -124,6 +126,7 @@ class Diagnosis:
     ``identified``: numbers of the axis file that were fitted along, {dotted key: `Parameter`}.
     ``provisional``: effects that stand in for a cause whose name is open (the first of each `Rivals`), so
     that the extended axis predicts as well as it can; {id: {parameter: value}}.
+    ``doubtful``: further causes that were too unlikely to be named.
     ``of_one_homing``: effects whose phase holds until the machine homes again; a record after that has its own.
     """
 
@@ -138,6 +141,7 @@ class Diagnosis:
     identified: dict = dataclasses.field(default_factory=dict)
     provisional: dict = dataclasses.field(default_factory=dict)
     of_one_homing: tuple = ()
+    doubtful: tuple = ()
 
     @property
     def effects(self):

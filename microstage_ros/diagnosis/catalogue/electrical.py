@@ -68,10 +68,10 @@ def drive_compliance(factor):
     return columns
 
 
-def payload_resonance(factor):
-    """Mass and guideway load × factor, minus nominal; β = 1 at this factor."""
+def payload_resonance(factor, load=None):
+    """Mass × factor and guideway force × load, by default the same, minus nominal; β = 1 at these."""
     def columns(channel, frame):
-        return channel.change(mass=factor, load=factor)[:, None]
+        return channel.change(mass=factor, load=factor if load is None else load)[:, None]
     return columns
 
 

@@ -21,6 +21,9 @@ BETTER = 0.08         # share of the resonance's χ² that the damping must take
 LEAST = 150.0         # and at least this much
 MASS_RANGE = (0.3, 30.0)   # of the moving mass
 MASS_REACH = 0.7      # of its logarithm, on both sides of the reciprocal of the stiffness that fits
+SEARCH = {"xatol": 2e-3, "maxiter": 40}     # of logarithms; derived: a tenth of what is known of the stiffness
+GRID = 9             # masses tried before the search; derived: steps of a sixth in a range of a factor of four
+MOST_LOAD = 1.5      # of the mass's factor; derived: the guideways carry the stage, by a mass known to a half
 STEP = 0.05           # of the logarithms, for the bend at the best pair
 STIFFNESS_ERROR = 0.06
 # share of the damping: a loop that swings at its resonance tells it poorly (simulated: factors of 0.6 to 2)
@@ -86,24 +89,61 @@ def damped_forms(collection):
     train = fit_train(learn, base)
     if train is None:
         return []
-    forms = [_mass_form(learn, train)]
-    if train.alone - train.after >= max(BETTER * (train.before - train.after), LEAST):
-        at = np.log([train.stiffness, train.damping])
-        forms.append(_form(at, _errors(learn, at, train.after)))
-    return forms
+    return [_mass_form(learn, train), _drive_form(learn, train)]
+
+
+def _drive_form(learn, train):
+    """`Form` of ``drive_compliance`` in the resonance at the stiffness, and the damping if it tells, that fit best.
+
+    The load is fitted along as in `_mass_form`: a mass is a stiffness and a damping of its reciprocal, and the two
+    names are only to be compared on the same footing.
+    """
+    damped = train.alone - train.after >= max(BETTER * (train.before - train.after), LEAST)
+
+    def left(at):
+        damping = float(np.exp(at[1])) if damped else 1.0
+        return _left_with_load(learn, stiffness=float(np.exp(at[0])), damping=damping)[0]
+
+    start = np.log([train.stiffness, train.damping])[: 2 if damped else 1]
+    simplex = start + 2.0 * STEP * np.eye(len(start) + 1, len(start), -1)
+    fit = minimize(left, start, method="Nelder-Mead", bounds=_bounds()[: len(start)],
+                   options={**SEARCH, "fatol": 1.0, "initial_simplex": simplex})
+    at = np.append(fit.x, [] if damped else [0.0])
+    load = _left_with_load(learn, **dict(zip(("stiffness", "damping"), map(float, np.exp(at)))))[1]
+    errors = [_error(left, fit.x, step, fit.fun) for step in np.eye(len(start)) * STEP]
+    return _form(at, errors, load)
+
+
+def _error(left, at, step, least):
+    """Standard error along a step of the logarithms, from the bend of χ² there."""
+    bend = left(at + step) + left(at - step) - 2.0 * least
+    return STEP * np.sqrt(2.0 / max(bend, 2.0))
+
+
+def _as_drawn(beta):
+    """Whether a form made at one size is near enough to it to be the right one."""
+    return 0.5 < beta[0] < 1.8
 
 
 def _mass_form(learn, train):
-    """`Form` of ``payload_change`` in the resonance at the mass that fits best."""
+    """`Form` of ``payload_change`` in the resonance at the mass that fits best.
+
+    The load on the guideways is fitted along: their force is replayed from the stage's noisy reading, which takes from
+    it what it does within a resonance's cycle.
+    """
     def left(log):
-        return sum(side_by_side(lambda c: _left_with_mass(c, float(np.exp(log))), learn))
+        return _left_with_load(learn, mass=float(np.exp(log)))[0]
 
     start = float(np.clip(-np.log(train.stiffness), *np.log(MASS_RANGE)))
     low, high = np.clip([start - MASS_REACH, start + MASS_REACH], *np.log(MASS_RANGE))
-    best = minimize_scalar(left, bounds=(low, high), method="bounded", options={"xatol": 2e-3, "maxiter": 18})
+    grid = np.linspace(low, high, GRID)     # a resonance that meets another frequency makes more than one valley
+    best = grid[int(np.argmin([left(log) for log in grid]))]
+    step = (high - low) / (GRID - 1)
+    best = minimize_scalar(left, bounds=(best - step, best + step), method="bounded",
+                           options={"xatol": 2e-3, "maxiter": 18})
     factor = float(np.exp(best.x))
-    bend = left(best.x + STEP) + left(best.x - STEP) - 2.0 * best.fun
-    error = float(np.hypot(STEP * np.sqrt(2.0 / max(bend, 2.0)), STIFFNESS_ERROR)) * factor
+    load = _left_with_load(learn, mass=factor)[1]
+    error = float(np.hypot(_error(left, best.x, STEP, best.fun), STIFFNESS_ERROR)) * factor
 
     def sizes(beta, covariance, frame):
         mass = frame.drive.mass
@@ -113,22 +153,31 @@ def _mass_form(learn, train):
         "payload_change",
         "resonance",
         f"{factor:.6g}",
-        payload_resonance(factor),
+        payload_resonance(factor, load),
         sizes,
-        lambda beta: 0.5 < beta[0] < 1.8,
+        _as_drawn,
     )
 
 
-def _left_with_mass(channel, factor):
-    """χ² of one record with the mass, and the guideway's load, times this factor."""
-    left = channel.residual - channel.change(mass=factor, load=factor)
-    return float((channel.whiten(left[:, None])[0] ** 2).sum())
+def _left_with_load(channels, mass=1.0, **factors):
+    """χ² that these factors of the drive train leave, and the factor on the guideways' force that goes best with them,
+    from none to `MOST_LOAD` times the mass's."""
+    def parts(channel):
+        free = channel.change(mass=mass, load=0.0, **factors)
+        columns = np.stack([channel.residual - free, channel.change(mass=mass, **factors) - free], axis=1)
+        white = channel.whiten(columns)[0]
+        return white.T @ white
+
+    (rest, cross), (_, own) = sum(side_by_side(parts, channels))
+    load = float(np.clip(cross / max(own, 1e-300), 0.0, MOST_LOAD * mass))
+    return float(rest - 2.0 * load * cross + load**2 * own), load
 
 
-def compliance_and_damping(stiffness, damping):
-    """Wind-up and resonance with K_c and D_c times these factors, minus nominal; β = 1 at these."""
+def compliance_and_damping(stiffness, damping, load=1.0):
+    """Wind-up and resonance with K_c, D_c and the guideways' force times these factors, minus nominal; β = 1 at
+    these."""
     def columns(channel, frame):
-        return channel.change(stiffness, damping)[:, None]
+        return channel.change(stiffness, damping, load=load)[:, None]
     return columns
 
 
@@ -142,28 +191,22 @@ def _energy(channels, stiffness, damping):
     return sum(side_by_side(lambda c: _left(c, stiffness, damping), channels))
 
 
-def _errors(channels, at, least):
-    """Standard errors of the two logarithms from the bend of χ² along each."""
-    found = []
-    for axis in np.eye(2) * STEP:
-        bend = sum(_energy(channels, *np.exp(at + sign * axis)) for sign in (1.0, -1.0)) - 2.0 * least
-        found.append(STEP * np.sqrt(2.0 / max(bend, 2.0)))
-    return found
-
-
-def _form(at, errors):
+def _form(at, errors, load):
+    """`Form` at these logarithms of stiffness and damping, with their standard errors; one error: the stiffness's
+    alone."""
     stiffness, damping = (float(v) for v in np.exp(at))
 
     def sizes(beta, covariance, frame):
-        return ({"stiffness_factor": (stiffness, stiffness * float(np.hypot(errors[0], STIFFNESS_ERROR)), "1"),
-                 "damping_factor": (damping, damping * float(np.hypot(errors[1], DAMPING_ERROR)), "1")},
-                {"stiffness_factor": stiffness, "damping_factor": damping})
+        fitted = {"stiffness_factor": (stiffness, stiffness * float(np.hypot(errors[0], STIFFNESS_ERROR)), "1")}
+        if len(errors) > 1:
+            fitted["damping_factor"] = (damping, damping * float(np.hypot(errors[1], DAMPING_ERROR)), "1")
+        return fitted, {name: value for name, (value, *_) in fitted.items()}
 
     return Form(
         "drive_compliance",
         "resonance",
         f"{stiffness:.4g},{damping:.4g}",
-        compliance_and_damping(stiffness, damping),
+        compliance_and_damping(stiffness, damping, load),
         sizes,
-        lambda beta: 0.5 < beta[0] < 1.8,
+        _as_drawn,
     )

@@ -14,6 +14,7 @@ STRETCH = 0.25
 # s; derived: the friction of the axis file's kind keeps its size over fractions of a second to some seconds, and
 # stretches must not share it; 2 s leave ten degrees of freedom in a record of half a minute
 LOUDNESS_STRETCH = 2.0
+FEW = 3.0              # stretches; derived: two have one difference, and no scatter
 LEAST_FREEDOM = 1.0    # degrees; derived: one stretch that holds all is compared with one other
 
 
@@ -100,7 +101,8 @@ class Evidences:
         otherwise, is none of it. So the factor a on the learned signal s is fitted to all stretches, a = Σu/Σd with u =
         s·r and d = s·s, and its error is taken from how the stretches disagree, Σ(u − a d)²/(Σd)² G/(G − 1)
         (cluster-robust: Liang and Zeger, Biometrika 1986), or from the noise model, 1/Σd, if that is larger. G =
-        (Σd)²/Σd² stretches carry it.
+        (Σd)²/Σd² stretches carry it. What ``others`` explain is taken out first; of the baseline, which has none of
+        them, nothing.
 
         Returns
         -------
@@ -112,10 +114,13 @@ class Evidences:
             rows = self._rows_of(channel, group)
             if rows is None:
                 return None
-            parts = rows.stretches(keys, self.learn[channel].fit(keys)[0], choice.keys(channel), STRETCH)
+            own, beta = choice.keys(channel), self.learn[channel].fit(keys)[0]
+            if group == "base":      # nothing of the others is there to be taken out
+                keys, beta = own, beta[len(beta) - len(rows.indices(own)):]
+            parts = rows.stretches(keys, beta, own, STRETCH)
             u.append(parts[0] / self.scatter[channel])
             d.append(parts[1] / self.scatter[channel])
-        return _factor(np.concatenate(u), np.concatenate(d))
+        return _factor(np.concatenate(u), np.concatenate(d), scatter=group != "base")
 
     def loudness(self, channel, choices, group):
         """χ² per row that the learned sizes leave in a group of records, and how sure that is.
@@ -144,16 +149,35 @@ class Evidences:
         -------
         (a − ½, its standard error, degrees of freedom), or None where the rows were not kept.
         """
+        found = self._between(one, other, others, "learn")
+        return None if found is None else (found[0] - 0.5, *found[1:])
+
+    def lead_of_baseline(self, one, other, others):
+        """How much of the difference of the two fits the healthy axis shows, where neither is there: the same factor a
+        on the baseline's residual, before anything was taken out of it or after, whichever is larger.
+
+        Returns
+        -------
+        (size of a, its standard error, degrees of freedom); zeros without a baseline.
+        """
+        found = [self._between(one, other, others, group) for group in ("base", "raw") if getattr(self, group)]
+        found = [(abs(a), stderr, freedom) for a, stderr, freedom in filter(None, found) if math.isfinite(stderr)]
+        return max(found, default=(0.0, 0.0, 0.0))
+
+    def _between(self, one, other, others, group):
+        """Factor on the difference of two fits, in a group of records; without one of the two in the baseline."""
         u, d = [], []
         for channel in sorted({form.channel for choice in (one, other) for form in choice.forms}):
-            rows = self._rows_of(channel, "learn")
+            rows = self._rows_of(channel, group)
             if rows is None:
                 return None
-            parts = rows.between(*self._fits(channel, one, other, others), STRETCH)
+            keys, mine, its = self._fits(channel, one, other, others)
+            if group != "learn":
+                mine, its = mine - its, np.zeros_like(its)
+            parts = rows.between(keys, mine, its, STRETCH)
             u.append(parts[0] / self.scatter[channel])
             d.append(parts[1] / self.scatter[channel])
-        a, stderr, freedom = _factor(np.concatenate(u), np.concatenate(d))
-        return a - 0.5, stderr, freedom
+        return _factor(np.concatenate(u), np.concatenate(d))
 
     def _fits(self, channel, one, other, others):
         """Keys of the forms of two fits together, and the sizes of either, zero where it has none."""
@@ -217,11 +241,15 @@ class Evidences:
         return (top / bottom, 1.0 / math.sqrt(bottom)) if bottom > 0 else (0.0, 1e9)
 
 
-def _factor(u, d):
-    """(a, standard error, degrees of freedom) of the factor a = Σu/Σd, see `Evidences.agreement`."""
+def _factor(u, d, scatter=True):
+    """(a, standard error, degrees of freedom) of the factor a = Σu/Σd, see `Evidences.agreement`.
+
+    ``scatter`` False: of the baseline, where less than `FEW` stretches carry an effect of a motion that was not made
+    there; how two numbers disagree says nothing, and the noise model's error stands.
+    """
     total = d.sum()
     if not total > 0.0:
         return 0.0, math.inf, 1.0
     a, count = u.sum() / total, max(total**2 / (d**2).sum(), 1.0 + LEAST_FREEDOM)
-    spread = ((u - a * d) ** 2).sum() * count / (count - 1.0)
+    spread = ((u - a * d) ** 2).sum() * count / (count - 1.0) if scatter or count > FEW else 0.0
     return float(a), math.sqrt(max(spread, total)) / float(total), float(count - 1.0)

@@ -38,7 +38,7 @@ def agrees_with_itself(evidences, choice, others):
         return False
     held, base = evidences.agreement(choice, others, "held"), _of_baseline(evidences, choice, others)
     # where the model is not the machine's, every name is there: that the baseline has less of it is all that tells
-    return log_tail(_beyond(held, base)) < OF_ONE and log_tail(_beyond(_pooled(learned, held), base)) < OF_NAMES
+    return log_tail(beyond(held, base)) < OF_ONE and log_tail(beyond(_pooled(learned, held), base)) < OF_NAMES
 
 
 def in_baseline(evidences, choice, others):
@@ -91,7 +91,7 @@ def shortfall(evidences, choice, others):
     if learned is None:
         return 0.0
     base = _of_baseline(evidences, choice, others)
-    return max(_shortfall(learned), _shortfall(_beyond(learned, base)))
+    return max(_shortfall(learned), _shortfall(beyond(learned, base)))
 
 
 def _shortfall(size):
@@ -115,6 +115,6 @@ def _pooled(one, other):
     return (weights[0] * one[0] + weights[1] * other[0]) / total, total**-0.5, one[2] + other[2]
 
 
-def _beyond(size, base):
+def beyond(size, base):
     """A size less the baseline's: value, standard error, degrees of freedom."""
     return size[0] - base[0], math.hypot(size[1], base[1]), size[2] + base[2]

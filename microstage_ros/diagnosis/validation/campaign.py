@@ -45,7 +45,8 @@ class Examination:
 @dataclasses.dataclass(frozen=True)
 class Outcome:
     """What became of a case; ``covered`` lists (parameter, inside its 95 % interval), ``told`` (id, stated probability,
-    χ² on held-out records, share, whether it was hidden) of every named cause."""
+    χ² on held-out records, clarity, whether it was hidden) of every named cause, and ``doubted`` the same of those
+    too unlikely to be named."""
 
     number: int
     kind: str
@@ -62,6 +63,7 @@ class Outcome:
     sizes: dict
     error: str = ""
     told: tuple = ()
+    doubted: tuple = ()
 
     @property
     def removed(self):
@@ -123,8 +125,13 @@ def examine(examination):
         after=gain.after if gain else float("nan"),
         floor=gain.floor if gain else float("nan"),
         seconds=time.perf_counter() - start,
-        told=tuple((c.id, c.probability, c.evidence, c.share, c.id in what.ids) for c in answer.causes),
+        told=_stated(answer.causes, what),
+        doubted=_stated(answer.doubtful, what),
     )
+
+
+def _stated(causes, what):
+    return tuple((c.id, c.probability, c.evidence, c.clarity, c.id in what.ids) for c in causes)
 
 
 def covered(causes, truth):

@@ -132,16 +132,34 @@ def test_a_lead_in_few_stretches_of_unlike_weight_is_sure_if_each_agrees():
     assert judge._leads(case, CHOICE, Choice("amplifier_offset", (OTHER,)), [])
 
 
-def test_a_lead_no_larger_than_what_the_baselines_law_takes_for_nothing_is_none():
+def test_a_lead_no_larger_than_what_the_baselines_law_takes_for_it_is_none():
+    """What the machine's own law leaves in the direction from one name to the other, it leaves in the records, too; what
+    it leaves elsewhere says nothing of the two."""
     other = Choice("amplifier_offset", (OTHER,))
-    lag = Form("frictional_lag", "torque", "", lambda channel, frame: channel.signal[::-1, None], one("time_s", "s"))
     case = evidences(lambda k: 0.3, base=lambda k: 0.0)
-    for size, leads in ((0.0, True), (0.15, True), (0.6, False)):
+    for size, reverse, leads in ((0.0, False, True), (0.02, False, True), (0.2, False, False), (-0.2, False, False),
+                                 (0.6, True, True)):
         channel = Channel(5, lambda k: 0.0)
-        channel.residual = channel.residual + size * channel.signal[::-1]
-        case.base = {"torque": Growing([channel], [EFFECT, OTHER, lag], None)}
-        case.base["torque"].indices([lag.key])
-        assert judge._leads(case, CHOICE, other, []) == leads
+        channel.residual = channel.residual + size * (channel.signal[::-1] if reverse else channel.signal)
+        case.base = {"torque": Growing([channel], [EFFECT, OTHER], None)}
+        found, stderr, _ = case.lead_of_baseline(CHOICE, other, [])
+        if not reverse:
+            assert found == pytest.approx(abs(size) / 0.3, abs=3.0 * stderr)
+        assert judge._leads(case, CHOICE, other, []) == leads, size
+    assert evidences(lambda k: 0.3).lead_of_baseline(CHOICE, other, []) == (0.0, 0.0, 0.0)
+
+
+def test_the_baseline_has_nothing_of_the_others_to_be_taken_out():
+    """What a cause beside it takes from the records is not taken from the baseline, which never had it."""
+    other = Choice("amplifier_offset", (OTHER,))
+    case = evidences(lambda k: 0.3, base=lambda k: 0.0)
+    case._in_rows(None)      # the other one is there in the records, ten times as large
+    for record in (row._channel for row in case._in_rows(None)._records):
+        record.residual = record.residual + 3.0 * OTHER.columns(record, None)[:, 0]
+    made = Growing([row._channel for row in case._in_rows(None)._records], [EFFECT, OTHER], None)
+    case.learn, case._in_rows = {"torque": made}, lambda channel: made
+    found, stderr, _ = case.agreement(CHOICE, [other], "base")
+    assert abs(found) < 3.0 * stderr < 0.3
 
 
 def test_what_the_healthy_axis_shows_is_counted_for_as_many_rows():

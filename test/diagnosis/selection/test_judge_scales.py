@@ -71,10 +71,19 @@ def test_a_reading_is_judged_at_any_scale_of_the_position(scatter, size, kept):
 def test_what_the_readings_differ_by_is_in_the_unit_of_what_a_cause_holds(scatter):
     """What is left of the position is divided by its scatter as the cause's own part is: (3·4000)/scatter·0.1 against 0.36·4000."""
     forms = [simple("drive_compliance", "resonance"), simple("encoder_sde", "position")]
-    world = World(forms, {"drive_compliance": 0.45}, seed=45, excess={"position": 3.0})
+    world = World(forms, {"drive_compliance": 0.45}, seed=45, excess={"position": 3.0, "resonance": 0.3})
     world.evidences.scatter["position"] = scatter
     mine = choice(world, "drive_compliance")
     assert (mine in judge.without_strangers(world.evidences, [mine])) is (0.1 * 12000.0 / scatter < 0.45**2 * 4000.0)
+
+
+def test_a_cause_that_leaves_nothing_of_its_own_channel_needs_no_other_reading():
+    """However much the two readings differ: what explains its channel to the noise is not that."""
+    forms = [simple("drive_compliance", "resonance"), simple("encoder_sde", "position")]
+    for excess, kept in ((0.0, True), (0.3, False)):
+        world = World(forms, {"drive_compliance": 0.45}, seed=46, excess={"position": 30.0, "resonance": excess})
+        mine = choice(world, "drive_compliance")
+        assert (mine in judge.without_strangers(world.evidences, [mine])) is kept
 
 
 @pytest.mark.parametrize(("left", "stands"), [(15.0, False), (19.9, False), (20.1, True), (25.0, True)])
