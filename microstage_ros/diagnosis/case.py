@@ -35,8 +35,8 @@ EFFECTS = tuple(sorted({form.effect for form in FORMS if form.named and form.cha
 SLOW_SHARE = {"windup": 0.01, "resonance": 0.01, "torque": 0.002}
 RATTLE_SHARE = {"windup": 0.01, "resonance": 0.01, "torque": 0.05}
 SOFT_SHARE = {"windup": 0.02, "torque": 0.001}    # beside a drive train far from the model's, which swings
-#: What a loop that swings on a soft drive feigns in the torque: shapes of the friction over speed and rest. They must
-#: hold this share; with drives ten to twenty-six times as soft, programmes of other simulators left 0.12 to 0.73 (of
+#: What a loop that swings on a soft drive, or in a gap, feigns in the torque: shapes of the friction over speed and
+#: rest. They must hold this share; with drives ten to twenty-six times as soft, programmes of other simulators left 0.12 to 0.73 (of
 #: the viscosity: up to nine times too much).
 SWUNG = ("nonlinear_viscous", "rising_static_friction", "presliding_creep", "frictional_lag", "viscous_change")
 SWUNG_SHARE = {"torque": 1.0}
@@ -101,7 +101,9 @@ def _beyond_the_known(evidences, choices, known):
         choices = [c for c in choices if c in clear or c.effect == "position_dependent_friction"]
     if known.gap is not None:
         gap = known.gap
-        choices = _clear_of(evidences, choices, max(gap.held_before - gap.held_after, gap.taken), RATTLE_SHARE)
+        held = max(gap.held_before - gap.held_after, gap.taken)
+        choices, swung = (_clear_of(evidences, choices, held, shares) for shares in (RATTLE_SHARE, SWUNG_SHARE))
+        choices = [c for c in choices if c.effect not in SWUNG or c in swung]
         # behind a gap only the deflection would tell of a soft drive, and there the gap's own error does
         choices = [c for c in choices if c.effect not in RESONANT or any(f.channel == "torque" for f in c.forms)]
     if known.lines:

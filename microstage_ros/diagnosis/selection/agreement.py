@@ -19,7 +19,7 @@ OF_ONE = math.log(0.01)
 # in units of what was learned; derived: least squares learn one, and only a prior takes less of it
 LEAST_SIZE = 1.0e-3
 # of a cause's size that the baseline may show, if that stands two standard errors out there
-BASE_SHARE = 0.2
+BASE_SHARE = 0.3
 # of a cause's size from which on the baseline shows the same thing; derived: midway between none of it and all
 HALF = 0.5
 

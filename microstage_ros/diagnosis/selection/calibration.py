@@ -1,9 +1,10 @@
 """How sure a named cause is: calibrated on campaigns, where it is known what was hidden.
 
-    logit p = a + b log10(1 + χ²) + c log10(share)
+    logit p = a + b log10(1 + χ²) + c log10(clarity)
 
-χ² is what the cause takes from the held-out records, share its part of what stood out of the noise there. The three
-numbers are the maximum a posteriori of all causes that a campaign named, right or wrong, under a weak prior; they stand
+χ² is what the cause takes from the held-out records, clarity its part of what the other causes leave above the noise in
+its channel. The three numbers are the maximum a posteriori of all causes that a campaign found, right or wrong, under a
+weak prior; they stand
 in ``calibration.yaml`` beside this file with the campaign that gave them
 (``./microstage campaign … --calibrate FILE``). No probability goes beyond what so many cases can say, 1 − 1/(n + 2) by
 Laplace's rule.
@@ -21,7 +22,7 @@ from microstage_ros import __version__
 from microstage_ros.quantities.errors import InputError
 
 FILE = pathlib.Path(__file__).with_name("calibration.yaml")
-LEAST_SHARE = 1.0e-3
+LEAST_CLARITY = 1.0e-3
 PRIOR = ((2.0, 2.0), (0.5, 0.5), (0.5, 0.5))     # mean and standard deviation of a, b, c: right far more often than not
 
 
@@ -33,14 +34,14 @@ class Calibration:
     count: int
     right: int
 
-    def probability(self, evidence, share):
-        """Probability that a cause with this χ² on held-out records and this share was there."""
-        value = float(np.dot(self.coefficients, _features(evidence, share)))
+    def probability(self, evidence, clarity):
+        """Probability that a cause with this χ² on held-out records and this clarity was there."""
+        value = float(np.dot(self.coefficients, _features(evidence, clarity)))
         return float(min(1.0 / (1.0 + np.exp(-value)), 1.0 - 1.0 / (self.count + 2.0)))
 
 
-def _features(evidence, share):
-    return np.array([1.0, np.log10(1.0 + max(evidence, 0.0)), np.log10(max(share, LEAST_SHARE))])
+def _features(evidence, clarity):
+    return np.array([1.0, np.log10(1.0 + max(evidence, 0.0)), np.log10(max(clarity, LEAST_CLARITY))])
 
 
 @functools.cache
@@ -49,20 +50,20 @@ def _stored():
     return Calibration(tuple(tree["coefficients"]), tree["named"], tree["right"])
 
 
-def probability(evidence, share):
+def probability(evidence, clarity):
     """`Calibration.probability` by the stored calibration."""
-    return _stored().probability(evidence, share)
+    return _stored().probability(evidence, clarity)
 
 
 def calibrate(named):
-    """`Calibration` from (χ² on held-out records, share, was it hidden) of every named cause of a campaign.
+    """`Calibration` from (χ² on held-out records, clarity, was it hidden) of every named cause of a campaign.
 
     Raises `InputError` without any.
     """
     named = list(named)
     if not named:
         raise InputError("--calibrate", "no named cause", "a campaign in which something was named")
-    x = np.array([_features(evidence, share) for evidence, share, _ in named])
+    x = np.array([_features(evidence, clarity) for evidence, clarity, _ in named])
     sign = np.where([right for *_, right in named], 1.0, -1.0)
     mean, spread = np.array(PRIOR).T
 
