@@ -12,6 +12,7 @@ import numpy as np
 
 from microstage_ros.diagnosis.catalogue import FORMS
 from microstage_ros.diagnosis.prerequisites.drive import drive_of
+from microstage_ros.diagnosis.prerequisites.growth import power_forms
 from microstage_ros.diagnosis.prerequisites.encoder import seen_count, seen_interpolation
 from microstage_ros.diagnosis.prerequisites.periods import periodic_forms
 from microstage_ros.diagnosis.prerequisites.prerequisites import find_known
@@ -36,8 +37,8 @@ SLOW_SHARE = {"windup": 0.01, "resonance": 0.01, "torque": 0.002}
 RATTLE_SHARE = {"windup": 0.01, "resonance": 0.01, "torque": 0.05}
 SOFT_SHARE = {"windup": 0.02, "torque": 0.001}    # beside a drive train far from the model's, which swings
 #: What a loop that swings on a soft drive, or in a gap, feigns in the torque: shapes of the friction over speed and
-#: rest. They must hold this share; with drives ten to twenty-six times as soft, programmes of other simulators left 0.12 to 0.73 (of
-#: the viscosity: up to nine times too much).
+#: rest. They must hold this share; with drives ten to twenty-six times as soft, programmes of other simulators left
+#: 0.12 to 0.73 (of the viscosity: up to nine times too much).
 SWUNG = ("nonlinear_viscous", "rising_static_friction", "presliding_creep", "frictional_lag", "viscous_change")
 SWUNG_SHARE = {"torque": 1.0}
 #: A floor that shakes the contacts loosens them, which looks like creep; the share of the vibration's χ² that these
@@ -74,9 +75,8 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
     prepared, known = find_known(groups, drive)
     collection = Collection(prepared, seen_count(drive, prepared))
     effects = [effect for effect in EFFECTS if known.gap is None or effect != "backlash"]
-    evidences = collection.evidences(
-        [*(form for form in FORMS if form.channel != "command"), *periodic_forms(collection), *damped_forms(collection)]
-    )
+    own = [*periodic_forms(collection), *damped_forms(collection), *power_forms(collection)]
+    evidences = collection.evidences([*(form for form in FORMS if form.channel != "command"), *own])
     choices, _ = select(evidences, effects)
     course = find_course(collection, evidences, choices)
     if course is not None:

@@ -152,7 +152,7 @@ def _mass_form(learn, train):
     return Form(
         "payload_change",
         "resonance",
-        f"{factor:.6g}",
+        f"{factor:.6g},{load:.3g}",
         payload_resonance(factor, load),
         sizes,
         _as_drawn,

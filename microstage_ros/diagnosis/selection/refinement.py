@@ -38,7 +38,7 @@ def refine(collection, choices):
     for place, choice in enumerate(result):
         for form in choice.forms:
             family = FAMILIES.get((choice.effect, form.channel))
-            if family is not None and "," not in form.variant:  # a pair was fitted as one
+            if family is not None and "," not in form.variant:  # two sizes were fitted as one form
                 new = _refined(collection, family, form, result, choice)
                 forms = tuple(
                     new if f is form else f for f in result[place].forms

@@ -32,18 +32,18 @@ MINOR = 0.03                 # a further cause must explain this share of what i
 # beside a plain factor or constant, whose form is known to the last; derived: (14 times the 0.005 of
 # `sizes.form_error`)² = 0.005
 EXACT = 0.005
+# beside a growth whose power was fitted; derived: a power that is off by a fiftieth (`growth.UNSURE`), squared
+FITTED = 4.0e-4
 #: and more beside those whose forms are a coarse grid that leaves that much
 MINOR_BESIDE = {"amplifier_gain": EXACT, "amplifier_offset": EXACT, "scale_error": EXACT,
-                "rising_static_friction": 0.25, "presliding_creep": 0.25, "nonlinear_viscous": 0.08, "backlash": 0.08,
+                "rising_static_friction": 0.25, "presliding_creep": 0.25, "nonlinear_viscous": FITTED, "backlash": 0.08,
                 "position_dependent_friction": 0.08}
 RESONANT = ("payload_change", "drive_compliance")
-# share of a soft drive's gain in resonance and wind-up from which a payload explains them as well
-ALIKE = 0.9
-# and below which it is none, and from which a drive would have lost its damping in the very proportion of its
-# stiffness: then a torque balance that tells no mass, on a machine of another friction law, excludes none;
-# calibrated by: microstage campaign --world second --kind single --seed 2301 --effect payload_change (0.94 and more of
-# the drive's), --effect drive_compliance (0.08 and less); of drives whose damping had stayed 0.56 to 0.90
-UNLIKE, THE_SAME = 0.5, 0.95
+# share of a soft drive's gain in resonance and wind-up from which a payload explains them as well: the drive would have
+# lost its damping in the proportion of its stiffness; and share below which it is none; calibrated by: microstage
+# campaign --world second --kind single --seed 2301 --effect payload_change (0.93 and more of the drive's), --effect
+# drive_compliance (0.08 and less); of drives whose damping had stayed 0.56 to 0.91
+ALIKE, UNLIKE = 0.9, 0.5
 # ratio of two masses down to which they are one, and down to which a mass in the torque leaves it open whether the
 # drive is soft; calibrated by: microstage campaign --world second --kind single --seed 2103, case 4 (5.3 kg more, of
 # which the torque balance told two fifths)
@@ -299,11 +299,9 @@ def resonance_is(evidences, trials, others):
     from_torque = torque_mass(evidences, payload.choice, others)
     if from_torque is None:
         return "open"
-    mass, stderr, expected, error = from_torque
-    if abs(mass) > DECISIVE * stderr and _alike(mass, expected):
-        return "payload_change"
-    excluded = abs(mass - expected) > DECISIVE * math.hypot(stderr, error) and abs(mass) < DECISIVE * stderr
-    return "drive_compliance" if excluded and gains[0] < THE_SAME * gains[1] else "open"
+    mass, stderr, expected, _ = from_torque
+    # a torque balance that tells no mass, on a machine of another friction law, excludes none
+    return "payload_change" if abs(mass) > DECISIVE * stderr and _alike(mass, expected) else "open"
 
 
 def _mass_of_a_soft_drive(evidences, choice, others):
@@ -369,7 +367,8 @@ def _small_beside(evidences, choice, other, kept):
 
     own = {form.channel for form in choice.forms}
     shared = sorted(own & {form.channel for form in other.forms})
-    if not shared or part(choice, shared) >= MINOR * part(other, shared):
+    minor = min(MINOR, MINOR_BESIDE.get(other.effect, MINOR))
+    if not shared or part(choice, shared) >= minor * part(other, shared):
         return False
     return part(choice, sorted(own - set(shared))) < FAINT_GAIN if own - set(shared) else True
 

@@ -67,7 +67,7 @@ def test_two_causes_of_other_shape_than_the_candidates(axis):
 def of_no_literal(answer):
     """Every probability is the calibrated one of what the cause took from the held-out records, every gain measured there."""
     for cause in answer.causes:
-        assert cause.probability == probability(cause.evidence, cause.share)
+        assert cause.probability == probability(cause.evidence, cause.clarity)
         assert 0.0 < cause.gain.after < cause.gain.before
     assert len({cause.evidence for cause in answer.causes}) == len(answer.causes)
 

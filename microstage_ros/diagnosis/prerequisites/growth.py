@@ -1,0 +1,52 @@
+"""A viscous friction that grows with a power of the speed: the power fitted to the torque balance.
+
+The catalogue's grid of powers leaves a misfit of up to a thousandth of what it explains, which of a strong growth is
+more than any other cause of friction holds; so one more form is made for the power that fits.
+"""
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from microstage_ros.diagnosis.catalogue.form import Form
+from microstage_ros.diagnosis.catalogue.friction import EXPONENTS, nonlinear_viscous
+
+EFFECT = "nonlinear_viscous"
+#: χ² of the grid's best power from which the search is worth its time; derived: a thousandth of it, the grid's misfit,
+#: is then more than chance takes (e⁻¹⁴ of one size)
+LEAST = 3.0e4
+REACH = 0.5         # of the power, on both sides of the grid's best; derived: its widest step
+STEP = 0.02         # of the power, for the bend at the best; derived: a twelfth of the grid's usual step
+SEARCH = {"xatol": 1e-3, "maxiter": 16}     # of the power; derived: a twentieth of `UNSURE`
+UNSURE = 0.02       # of the power: what the speed's own error makes of it; derived: as `STEP`
+
+
+def power_forms(collection):
+    """[`Form`] of ``nonlinear_viscous`` at the power of the speed that fits best; none where it holds little."""
+    if "torque" not in collection.names:
+        return []
+    learn = collection.growing("torque", [], "learn")
+
+    def gain(power):
+        form = Form(EFFECT, "torque", f"{power:.5g}", nonlinear_viscous(power))
+        return learn.alone(form).fit([form.key])[2]
+
+    grid = {power: gain(power) for power in EXPONENTS}
+    start = max(grid, key=grid.get)
+    if grid[start] < LEAST:
+        return []
+    found = minimize_scalar(lambda power: -gain(power), bounds=(max(start - REACH, STEP), start + REACH),
+                            method="bounded", options=SEARCH)
+    power = float(found.x)
+    bend = (gain(power) * 2.0 - gain(power - STEP) - gain(power + STEP)) / STEP**2
+    stderr = float(np.hypot(np.sqrt(2.0 / max(bend, 2.0)), UNSURE))
+    return [_form(power, stderr)]
+
+
+def _form(power, stderr):
+    def sizes(beta, covariance, frame):
+        value = float(beta[0])
+        return ({"coefficient": (value, float(np.sqrt(covariance[0, 0])), "N m/(rad/s)^n"),
+                 "exponent": (power, stderr, "1")}, {"coefficient": value, "exponent": power})
+
+    grows = (lambda beta: beta[0] > 0.0) if power < 1.0 else None
+    return Form(EFFECT, "torque", f"{power:.5g}", nonlinear_viscous(power), sizes, grows)

@@ -1,0 +1,47 @@
+"""A cause beside a much larger one, and two that move the same resonance: hidden in axes of either world."""
+
+import pytest
+
+from microstage_ros.diagnosis.case import diagnose_case
+from microstage_ros.diagnosis.validation import second_world, simulated_records
+from microstage_ros.diagnosis.validation.simulated_records import Hidden
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.places import config_file
+
+WORLDS = {"first": simulated_records.make_case, "second": second_world.make_case}
+
+
+@pytest.fixture(scope="module")
+def axis():
+    return load_axis(config_file("axis.yaml"))
+
+
+def diagnosed(axis, world, effects, seed):
+    records, holdout, baseline = WORLDS[world](axis, Hidden("+".join(effects), tuple(effects), effects), seed, 0.04)
+    return diagnose_case(axis, records, holdout, baseline)
+
+
+def test_a_ripple_beside_a_growth_that_holds_a_thousand_times_as_much(axis):
+    """The power of the speed is fitted and not taken from a grid, so that its misfit hides nothing."""
+    effects = {"nonlinear_viscous": {"coefficient": 2.4e-5, "exponent": 2.1},
+               "torque_ripple": {"amplitude_Nm": 2.0e-5, "cycles_per_turn": 9.0, "phase_rad": 1.0}}
+    answer = diagnosed(axis, "second", effects, 71)
+    causes = {cause.id: cause for cause in answer.causes}
+    assert set(causes) == set(effects)
+    power = causes["nonlinear_viscous"].parameters["exponent"]
+    assert abs(power.value - 2.1) < 0.02
+    assert causes["torque_ripple"].clarity > 0.5 and causes["torque_ripple"].share < 0.1
+
+
+@pytest.mark.parametrize(("effects", "seed", "names"), [
+    ({"payload_change": {"mass_kg": 3.0}}, 72, ("payload_change",)),
+    ({"drive_compliance": {"stiffness_factor": 0.4, "damping_factor": 1.0}}, 73, ("drive_compliance",)),
+    ({"payload_change": {"mass_kg": 4.0}, "resistance_rise": {"rise_per_joule": 0.15, "time_s": 12.0}}, 74,
+     ("payload_change", "resistance_rise")),
+])
+def test_a_payload_is_no_soft_drive(axis, effects, seed, names):
+    """Where the records do not tell the two apart both are named as rivals, and no other name is said."""
+    answer = diagnosed(axis, "second", effects, seed)
+    said = {cause.id for cause in answer.causes} | {name for rivals in answer.rivals for name in rivals.ids}
+    assert set(names) <= said
+    assert {cause.id for cause in answer.causes} <= set(names)
