@@ -16,12 +16,14 @@ EFFECT = "nonlinear_viscous"
 LEAST = 3.0e4
 REACH = 0.5         # of the power, on both sides of the grid's best; derived: its widest step
 STEP = 0.02         # of the power, for the bend at the best; derived: a twelfth of the grid's usual step
+LINEAR = 0.1        # so near to 1 a power is a viscous friction, which has a name; derived: five times `UNSURE`
 SEARCH = {"xatol": 1e-3, "maxiter": 16}     # of the power; derived: a twentieth of `UNSURE`
 UNSURE = 0.02       # of the power: what the speed's own error makes of it; derived: as `STEP`
 
 
 def power_forms(collection):
-    """[`Form`] of ``nonlinear_viscous`` at the power of the speed that fits best; none where it holds little."""
+    """[`Form`] of ``nonlinear_viscous`` at the power of the speed that fits best; none where it holds little, or
+    is no power but a viscous friction."""
     if "torque" not in collection.names:
         return []
     learn = collection.growing("torque", [], "learn")
@@ -37,6 +39,8 @@ def power_forms(collection):
     found = minimize_scalar(lambda power: -gain(power), bounds=(max(start - REACH, STEP), start + REACH),
                             method="bounded", options=SEARCH)
     power = float(found.x)
+    if abs(power - 1.0) < LINEAR:
+        return []
     bend = (gain(power) * 2.0 - gain(power - STEP) - gain(power + STEP)) / STEP**2
     stderr = float(np.hypot(np.sqrt(2.0 / max(bend, 2.0)), UNSURE))
     return [_form(power, stderr)]

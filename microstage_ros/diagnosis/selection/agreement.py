@@ -34,9 +34,10 @@ def agrees_with_itself(evidences, choice, others):
     learned = evidences.agreement(choice, others, "learn")
     if learned is None:     # the rows were not kept
         return True
-    if log_tail(learned) > OF_NAMES:
-        return False
     held, base = evidences.agreement(choice, others, "held"), _of_baseline(evidences, choice, others)
+    # the held-out records did not choose the size: what they tell alone is certain, too
+    if min(log_tail(learned), log_tail(beyond(held, base))) > OF_NAMES:
+        return False
     # where the model is not the machine's, every name is there: that the baseline has less of it is all that tells
     return log_tail(beyond(held, base)) < OF_ONE and log_tail(beyond(_pooled(learned, held), base)) < OF_NAMES
 

@@ -255,6 +255,7 @@ def following(world, share):
                                                      (3.0, 0.92, "payload_change"), (0.0, 0.88, "drive_compliance")])
 def test_the_torque_balance_tells_a_payload_from_a_soft_drive(mass, share, said):
     world = following(resonant(mass), share)
+    world.evidences.frame = types.SimpleNamespace(drive=types.SimpleNamespace(mass=5.0))
     trials = {effect: selection.best_forms(world.evidences, effect, []) for effect in selection.RESONANT}
     assert selection.resonance_is(world.evidences, trials, []) == said
     for first in selection.RESONANT:

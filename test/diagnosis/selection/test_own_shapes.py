@@ -7,7 +7,7 @@ import pytest
 
 from microstage_ros.diagnosis.catalogue.form import Form, Frame
 from microstage_ros.diagnosis.residuals.collection import Collection
-from microstage_ros.diagnosis.residuals.evidence_set import Choice
+from microstage_ros.diagnosis.residuals.evidence_set import STRETCH, Choice
 from microstage_ros.diagnosis.residuals.growing import Growing
 from microstage_ros.diagnosis.residuals.healthy import profile_of, take_healthy, unevenness
 from microstage_ros.diagnosis.selection import judge, selection, stroke_profile
@@ -62,11 +62,27 @@ def test_what_all_records_show_must_exceed_the_baseline_by_as_much_as_one_of_all
         w = learned[1] ** -2, held[1] ** -2
         all_records = (w[0] * learned[0] + w[1] * held[0]) / sum(w)
         tail = log_tail((all_records - base[0], math.hypot(sum(w) ** -0.5, base[1]), learned[2] + held[2] + base[2]))
-        expected = log_tail(learned) <= OF_NAMES and beyond < OF_ONE and tail < OF_NAMES
+        expected = min(log_tail(learned), beyond) <= OF_NAMES and beyond < OF_ONE and tail < OF_NAMES
         assert agrees_with_itself(case, CHOICE, []) == expected
         between += beyond < OF_ONE and tail >= OF_NAMES
     assert agrees_with_itself(evidences(rough(0.45), base=rough(0.0)), CHOICE, [])
     assert between or not agrees_with_itself(evidences(rough(0.45), base=rough(0.42)), CHOICE, [])
+
+
+def test_what_the_held_out_records_tell_alone_is_certain_too():
+    """One stretch of the learning records outweighs all others there; the held-out ones, which did not choose the size,
+    agree with it in every stretch."""
+    uneven = lambda k: 0.3 if k % 8 else 2.0
+    for held, certain in ((lambda k: 0.5, True), (lambda k: 0.05, False)):
+        case = evidences(uneven, held=held, base=lambda k: 0.0)
+        for number, record in enumerate(row._channel for row in case._in_rows(None)._records):
+            record.signal *= np.where((record.time / STRETCH).astype(int) == 3, 12.0, 1.0)
+            noise = np.random.default_rng([9, number]).normal(size=len(record.time))
+            record.residual = 0.5 * record.signal * np.where((record.time / STRETCH).astype(int) == 3, 0.7, 1.6) + 4.0 * noise
+        made = Growing([row._channel for row in case._in_rows(None)._records], [EFFECT, OTHER], None)
+        case.learn, case._in_rows = {"torque": made}, lambda channel: made
+        assert log_tail(case.agreement(CHOICE, [], "learn")) > OF_NAMES
+        assert agrees_with_itself(case, CHOICE, []) == certain
 
 
 class Stroke:
