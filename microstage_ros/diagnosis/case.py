@@ -46,9 +46,7 @@ SWUNG_SHARE = {"torque": 1.0}
 SHAKEN = ("presliding_creep", "rising_static_friction")
 SHAKEN_SHARE = {"torque": 0.06}
 SLOW_IN_TIME = ("thermal_drift", "refractive_index")   # what a course of every record's own leaves no room for
-#: Least probability of a further cause; calibrated by `microstage campaign --world second --kind single --seed 843`:
-#: four that were wrong had at most 0.35 there, right ones of the tests' pairs 0.43 and more.
-LIKELY = 0.4
+LIKELY = 0.5     # least probability of a further cause; derived: a name that is more likely wrong than right is none
 GENERIC = tuple(form for form in FORMS if not form.named)
 
 

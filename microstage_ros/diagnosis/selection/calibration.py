@@ -6,7 +6,8 @@
 its channel. The three numbers are the maximum a posteriori of all causes that a campaign found, right or wrong, under a
 weak prior; they stand
 in ``calibration.yaml`` beside this file with the campaign that gave them
-(``./microstage campaign … --calibrate FILE``). No probability goes beyond what so many cases can say, 1 − 1/(n + 2) by
+(``./microstage campaign … --calibrate FILE``). A cause that rests on the learning records alone (χ² of 0) has the share of
+such causes that were right. No probability goes beyond what so many cases can say, 1 − 1/(n + 2) by
 Laplace's rule.
 """
 
@@ -28,14 +29,18 @@ PRIOR = ((2.0, 2.0), (0.5, 0.5), (0.5, 0.5))     # mean and standard deviation o
 
 @dataclasses.dataclass(frozen=True)
 class Calibration:
-    """The coefficients a, b, c and the number of named causes ``count``, of which ``right`` were hidden."""
+    """The coefficients a, b, c and the number of named causes ``count``, of which ``right`` were hidden; ``bare``: right
+    ones and number of those without any χ² on held-out records."""
 
     coefficients: tuple
     count: int
     right: int
+    bare: tuple = (0, 0)
 
     def probability(self, evidence, clarity):
         """Probability that a cause with this χ² on held-out records and this clarity was there."""
+        if evidence <= 0.0:      # Laplace's rule
+            return (self.bare[0] + 1.0) / (self.bare[1] + 2.0)
         value = float(np.dot(self.coefficients, _features(evidence, clarity)))
         return float(min(1.0 / (1.0 + np.exp(-value)), 1.0 - 1.0 / (self.count + 2.0)))
 
@@ -47,7 +52,7 @@ def _features(evidence, clarity):
 @functools.cache
 def _stored():
     tree = yaml.safe_load(FILE.read_text(encoding="utf-8"))
-    return Calibration(tuple(tree["coefficients"]), tree["named"], tree["right"])
+    return Calibration(tuple(tree["coefficients"]), tree["named"], tree["right"], tuple(tree["without_evidence"]))
 
 
 def probability(evidence, clarity):
@@ -60,7 +65,8 @@ def calibrate(named):
 
     Raises `InputError` without any.
     """
-    named = list(named)
+    bare = [right for evidence, _, right in named if evidence <= 0.0]
+    named = [one for one in named if one[0] > 0.0]
     if not named:
         raise InputError("--calibrate", "no named cause", "a campaign in which something was named")
     x = np.array([_features(evidence, clarity) for evidence, clarity, _ in named])
@@ -71,12 +77,14 @@ def calibrate(named):
         return float(np.logaddexp(0.0, -sign * (x @ c)).sum() + 0.5 * (((c - mean) / spread) ** 2).sum())
 
     best = minimize(cost, mean, method="BFGS")
-    return Calibration(tuple(float(c) for c in best.x), len(named), int((sign > 0).sum()))
+    return Calibration(tuple(float(c) for c in best.x), len(named), int((sign > 0).sum()),
+                       (sum(bare), len(bare)))
 
 
 def write_calibration(path, calibration, command):
     """Write a calibration with the command that gave it. Raises `InputError` if the file cannot be written."""
     tree = {"made_by": command, "version": __version__, "named": calibration.count, "right": calibration.right,
+            "without_evidence": list(calibration.bare),
             "coefficients": [round(c, 4) for c in calibration.coefficients]}
     try:
         pathlib.Path(path).write_text(yaml.safe_dump(tree, sort_keys=False), encoding="utf-8")

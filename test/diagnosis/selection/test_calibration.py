@@ -45,7 +45,16 @@ def test_more_evidence_and_more_share_are_surer():
     sure = Calibration((0.0, 0.5, 1.0), 1000, 950).probability
     assert sure(1e5, 0.9) > sure(1e2, 0.9) and sure(1e3, 0.9) > sure(1e3, 0.01)
     assert sure(1e5, 0.5) == pytest.approx(1.0 / (1.0 + np.exp(-0.5 * np.log10(1.0 + 1e5) - np.log10(0.5))))
-    assert 0.0 < probability(0.0, 0.0) <= probability(1e9, 1.0) < 1.0      # the stored one
+    assert 0.0 < probability(1.0, 0.0) < probability(1e9, 1.0) < 1.0      # the stored one
+
+
+def test_what_rests_on_the_learning_records_has_the_share_of_its_like():
+    """A replay that lost its place holds nothing on the held-out records, and says nothing of those that do."""
+    told, _ = drawn(400)
+    fitted = calibrate([*told, (0.0, 0.0, True), (0.0, 1.0, True), (0.0, 0.0, False)])
+    assert (fitted.bare, fitted.count) == ((2, 3), 400) and fitted.coefficients == calibrate(told).coefficients
+    assert fitted.probability(0.0, 0.0) == fitted.probability(0.0, 1.0) == 3.0 / 5.0
+    assert Calibration((1.0, 1.0, 1.0), 10, 10).probability(0.0, 1.0) == 0.5
 
 
 def test_nothing_to_calibrate_from_is_told():
