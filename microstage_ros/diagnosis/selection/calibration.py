@@ -4,11 +4,9 @@
 
 χ² is what the cause takes from the held-out records, clarity its part of what the other causes leave above the noise in
 its channel. The three numbers are the maximum a posteriori of all causes that a campaign found, right or wrong, under a
-weak prior; they stand
-in ``calibration.yaml`` beside this file with the campaign that gave them
-(``./microstage campaign … --calibrate FILE``). A cause that rests on the learning records alone (χ² of 0) has the share of
-such causes that were right. No probability goes beyond what so many cases can say, 1 − 1/(n + 2) by
-Laplace's rule.
+weak prior; they stand in ``calibration.yaml`` beside this file with the campaign that gave them
+(``./microstage campaign … --calibrate FILE``). A cause that rests on the learning records alone (χ² of 0) has the share
+of such causes that were right. No probability goes beyond what so many cases can say, 1 − 1/(n + 2) by Laplace's rule.
 """
 
 import dataclasses
@@ -29,8 +27,10 @@ PRIOR = ((2.0, 2.0), (0.5, 0.5), (0.5, 0.5))     # mean and standard deviation o
 
 @dataclasses.dataclass(frozen=True)
 class Calibration:
-    """The coefficients a, b, c and the number of named causes ``count``, of which ``right`` were hidden; ``bare``: right
-    ones and number of those without any χ² on held-out records."""
+    """The coefficients a, b, c and the number of named causes ``count``, of which ``right`` were hidden.
+
+    ``bare``: right ones and number of those without any χ² on held-out records.
+    """
 
     coefficients: tuple
     count: int
