@@ -73,7 +73,7 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
     prepared, known = find_known(groups, drive)
     collection = Collection(prepared, seen_count(drive, prepared))
     effects = [effect for effect in EFFECTS if known.gap is None or effect != "backlash"]
-    own = [*periodic_forms(collection), *damped_forms(collection), *power_forms(collection)]
+    own = [*periodic_forms(collection), *damped_forms(collection, known.train), *power_forms(collection)]
     evidences = collection.evidences([*(form for form in FORMS if form.channel != "command"), *own])
     choices, _ = select(evidences, effects)
     course = find_course(collection, evidences, choices)

@@ -49,15 +49,19 @@ class Train:
         )
 
 
-def fit_train(learn, base):
-    """`Train` that the resonance channels of some records tell, or None if nothing stands out there."""
+def fit_train(learn, base, near=None):
+    """`Train` that the resonance channels of some records tell, or None if nothing stands out there.
+
+    ``near``: a `Train` to start from, which spares the search over the grid.
+    """
     rows = sum(len(c.residual) for c in learn)
     usual = np.mean([_left(c, 1.0, 1.0) / len(c.residual) for c in base]) if base else 1.0
     before = _energy(learn, 1.0, 1.0)
     if before < STANDS_OUT * usual * rows:
         return None
-    table = {(k, d): _energy(learn, k, d) for k in (1.0, *STIFFNESS_FACTORS) for d in DAMPINGS}
-    start = min(table, key=table.get)
+    dampings = (1.0,) if near else DAMPINGS
+    table = {(k, d): _energy(learn, k, d) for k in (1.0, *STIFFNESS_FACTORS) for d in dampings}
+    start = (near.stiffness, near.damping) if near else min(table, key=table.get)
     fit = minimize(lambda at: _energy(learn, *np.exp(at)), np.log(start), method="Nelder-Mead", bounds=_bounds(),
                    options={"xatol": 2e-3, "fatol": 1.0, "maxiter": 50,
                             "initial_simplex": np.log(start) + np.array([[0.0, 0.0], [0.12, 0.0], [0.0, 0.5]])})
@@ -74,19 +78,20 @@ def _bounds():
     return [(-np.log(known[n].maximum), np.log(known[n].maximum)) for n in ("stiffness_factor", "damping_factor")]
 
 
-def damped_forms(collection):
+def damped_forms(collection, known=None):
     """`Form` of ``drive_compliance`` with its own damping and of ``payload_change`` with its own mass, as far as they
     stand out.
 
     A mass g times as large moves the resonance as a stiffness and a damping of 1/g do, H = (D s + K)/(m s² + D s + K);
-    on grids of other fineness the coarser one would lose although it is true.
+    on grids of other fineness the coarser one would lose although it is true. ``known``: the `Train` of
+    before, if there is one.
     """
     if "resonance" not in collection.names:
         return []
     learn, base = (
         [c["resonance"] for c in collection.channels[group] if "resonance" in c] for group in ("learn", "base")
     )
-    train = fit_train(learn, base)
+    train = fit_train(learn, base, known)
     if train is None:
         return []
     return [_mass_form(learn, train), _drive_form(learn, train)]

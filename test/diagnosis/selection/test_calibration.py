@@ -74,6 +74,8 @@ def test_reliability_and_wrong_names_are_counted():
     assert counts["a wrong name anywhere in the answer"] == (1, 2)
     assert counts["single: right name first"] == (2, 2)
     assert counts["named, and 90 % of the way to the noise"] == (2, 2)
+    told = [one for o in outcomes for one in o.told]
+    assert counts["causes named, and 90 % of the way in their own channel"] == (sum(one[3] >= 0.9 for one in told), len(told))
 
 
 def test_earlier_campaigns_are_counted_along(tmp_path, capsys):
