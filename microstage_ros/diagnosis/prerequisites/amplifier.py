@@ -22,6 +22,9 @@ DOMINANCE = 0.5          # of the gain of the strongest form, accepted or not, t
 LONGEST = 64             # periods
 DELAY_STEPS = np.arange(-0.75, 0.76, 0.05)   # periods
 SHORT_OF_WHOLE = (0.04, 0.03, 0.02, 0.01)    # periods: so little of one is left that the winding just begins to answer
+MOST_SHIFTS = 5          # of the range searched; derived: 1.7⁵ is a factor of fourteen
+REACH = 1.7              # of the range searched, upwards; derived: the forms' times lie closer together
+AT_END = 1.02            # so near to its end an optimum lies beyond; derived: ten times the search's tolerance
 CLEAR = 0.03             # relative difference of χ² by which delay and lag must differ
 
 
@@ -129,6 +132,22 @@ def _gain_beside(fast, form):
     return top / bottom if bottom > 0.0 else 0.0
 
 
+def _around_whole_periods(loss, start, period):
+    """Delays beside the best one on a fine grid around ``start`` [s]: the winding makes much of a little in a period, a
+    narrow optimum beside a broad one. Where the best is the grid's last, the grid moves there."""
+    centre = start / period
+    for _ in range(MOST_SHIFTS):
+        wholes = np.arange(np.ceil(centre - 0.75), centre + 0.76)
+        tried = np.concatenate([centre + DELAY_STEPS, *(wholes - part for part in SHORT_OF_WHOLE)])
+        tried = np.sort(tried[tried > 0.0]) * period
+        at = min(range(len(tried)), key=lambda n: loss(tried[n]))
+        if 0 < at < len(tried) - 1:
+            break
+        centre = tried[at] / period
+    at = int(np.clip(at, 1, len(tried) - 2))
+    return tried[at - 1], tried[at + 1]
+
+
 def _refine(learn, trial, period):
     """(gain, effect, time, stderr) at the time where β = 1 explains most."""
     _, form, beta = trial
@@ -139,19 +158,15 @@ def _refine(learn, trial, period):
         return -learn.alone(one).reduction([one.key], np.ones(1))
 
     if form.effect == "transport_delay" and start >= period:
-        # within a period the winding makes much of a little: a narrow optimum beside a broad one
-        wholes = np.arange(np.ceil(start / period - 0.75), start / period + 0.76)
-        tried = (
-            np.sort(np.concatenate([start / period + DELAY_STEPS, *(wholes - part for part in SHORT_OF_WHOLE)]))
-            * period
-        )
-        at = min(range(1, len(tried) - 1), key=lambda n: loss(tried[n]))
-        low, start, high = tried[at - 1: at + 2]
+        low, high = _around_whole_periods(loss, start, period)
     else:
-        low, high = (0.01 * start, 1.3 * start) if beta < 0.4 else (0.6 * start, 1.7 * start)
-    found = minimize_scalar(
-        loss, bounds=(low, high), method="bounded", options={"xatol": min(2e-3 * start, 2e-3 * period), "maxiter": 14}
-    )
+        low, high = (0.01 * start, 1.3 * start) if beta < 0.4 else (0.6 * start, REACH * start)
+    for _ in range(MOST_SHIFTS):
+        options = {"xatol": min(2e-3 * start, 2e-3 * period), "maxiter": 14}
+        found = minimize_scalar(loss, bounds=(low, high), method="bounded", options=options)
+        if low < found.x / AT_END and found.x * AT_END < high or form.effect == "transport_delay" and start >= period:
+            break
+        low, high = found.x / REACH, found.x * REACH      # the optimum lies beyond where it was looked for
     time = float(found.x)
     step = 0.02 * time
     bend = (loss(time - step) + loss(time + step) - 2.0 * found.fun) / step**2

@@ -18,6 +18,8 @@ from microstage_ros.diagnosis.residuals.resonance import Resonance
 
 RATTLED = 0.4           # share of the command's χ² that a slow amplifier must hold beside a gap
 SWING = 0.5             # of a slow amplifier's χ² that must be left of it once the drive train is known
+MOST_ROUNDS = 8         # of slow amplifier and motor's speed; derived: a change of a half each leaves 4·10⁻³
+SETTLED = 0.01          # relative change of its time; derived: a fifth of `amplifier.LAG_ERROR`
 FAR = 1.5               # factor on the stiffness beyond which the motion is computed with it
 CHANGED = ("learn", "held")    # groups of records in which something may be wrong
 
@@ -125,9 +127,15 @@ def _slow_or_loose(groups, prepared, drive, known):
     slow = find_slowness(prepared, drive)
     if slow is None or (gap is not None and slow.held < RATTLED * slow.held_before):
         return prepared, known
-    known = dataclasses.replace(before, slow=slow)
-    prepared = known.prepare(groups, drive, prepared)
-    slow = find_slowness(prepared, drive) or slow   # the motor's speed was computed with a prompt amplifier
+    # the motor's speed was computed with a prompt amplifier, then with one that is not slow enough, and so on
+    for _ in range(MOST_ROUNDS):
+        known = dataclasses.replace(before, slow=slow)
+        prepared = known.prepare(groups, drive, prepared)
+        again = find_slowness(prepared, drive)
+        settled = again is None or abs(again.time - slow.time) < SETTLED * slow.time
+        slow = again or slow
+        if settled:
+            break
     known = dataclasses.replace(before, slow=slow)
     prepared = known.prepare(groups, drive, prepared)
     gap, known = with_gap()

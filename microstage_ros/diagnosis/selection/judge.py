@@ -121,7 +121,8 @@ def rivals_of(evidences, choice, choices, effects):
         trial = best_forms(evidences, effect, others)
         if {effect, choice.effect} == set(RESONANT):
             said = None if trial is None else resonance_is(evidences, {choice.effect: own, effect: trial}, others)
-            found += [effect] if said == "open" else []
+            # beside causes that stand by now it may be the other one
+            found += [effect] if said in ("open", effect) else []
             continue
         if is_constant_force(evidences, choice, effect, others):
             found.append(effect)

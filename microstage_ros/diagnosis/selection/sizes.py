@@ -10,7 +10,7 @@ CAUTION = {"torque": 2.0}
 #: Share of a size that is not known because the form itself is not (a grid of shapes, a soft flank, a noisy input);
 #: where an effect shows in several channels, the share differs by channel.
 FORM_ERROR = {
-    "backlash": 0.08, "resistance_rise": 0.08, "thermal_drift": 0.05, "nonlinear_viscous": 0.2,
+    "backlash": 0.08, "resistance_rise": 0.15, "thermal_drift": 0.05, "nonlinear_viscous": 0.2,
     "rising_static_friction": 0.25, "presliding_creep": 0.3, "frictional_lag": 0.05, "friction_level_change": 0.1,
     "cable_spring": 0.08, "position_dependent_friction": 0.12, "direction_asymmetry": 0.05, "viscous_change": 0.05,
     ("drive_compliance", "resonance"): 0.08, ("drive_compliance", "windup"): 0.03,
