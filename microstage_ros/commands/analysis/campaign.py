@@ -51,7 +51,7 @@ def main(argv=None):
     counts, medians = campaign.scores(outcomes)
     _write_result(arguments, outcomes)
     if arguments.calibrate:
-        named = [(evidence, clarity, right) for o in outcomes for _, _, evidence, clarity, right in o.told + o.doubted]
+        named = [(evidence, clarity, right) for o in outcomes for _, _, evidence, clarity, right in o.stated + o.doubted]
         words = " ".join(["./microstage campaign", *(sys.argv[1:] if argv is None else argv)])
         write_calibration(arguments.calibrate, calibrate(named), words)
     show(outcomes, counts, medians, Console(width=None if sys.stdout.isatty() else 160))

@@ -66,6 +66,11 @@ class Outcome:
     doubted: tuple = ()
 
     @property
+    def stated(self):
+        """What is stated of the named causes, the field of this name in earlier files."""
+        return self.told
+
+    @property
     def removed(self):
         """Share of the way from before to the noise floor that the diagnosis went; NaN without such a way."""
         way = self.before - self.floor
@@ -205,7 +210,7 @@ def scores(outcomes):
     single = by["single"]
     right = [o for o in single if o.named[:1] == o.hidden]
     named = [o for o in outcomes if o.named]
-    clarity = [one[3] for o in outcomes for one in o.told]
+    clarity = [one[3] for o in outcomes for one in o.stated]
     counts = {
         "single: right name first": (len(right), len(single)),
         "single: undetermined": (sum(o.verdict == "undetermined" for o in single), len(single)),
@@ -244,7 +249,7 @@ def scores(outcomes):
 
 def reliability(outcomes):
     """Reliability diagram of the stated probabilities: list of (low, high, mean stated, right, named) by class."""
-    stated = [(probability, right) for o in outcomes for _, probability, _, _, right in o.told]
+    stated = [(probability, right) for o in outcomes for _, probability, _, _, right in o.stated]
     rows = []
     for low, high in zip(RELIABILITY, RELIABILITY[1:]):
         inside = [(p, right) for p, right in stated if low <= p < high or p == high == 1.0]
