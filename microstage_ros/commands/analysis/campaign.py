@@ -51,7 +51,8 @@ def main(argv=None):
     counts, medians = campaign.scores(outcomes)
     _write_result(arguments, outcomes)
     if arguments.calibrate:
-        named = [(evidence, clarity, right) for o in outcomes for _, _, evidence, clarity, right in o.stated + o.doubted]
+        stated = [one for outcome in outcomes for one in outcome.stated + outcome.doubted]
+        named = [(evidence, clarity, right) for _, _, evidence, clarity, right in stated]
         words = " ".join(["./microstage campaign", *(sys.argv[1:] if argv is None else argv)])
         write_calibration(arguments.calibrate, calibrate(named), words)
     show(outcomes, counts, medians, Console(width=None if sys.stdout.isatty() else 160))
