@@ -11,7 +11,7 @@ PAGE = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
 #: Words of our own that no name may contain any more: the glossary has the field's.
 REFUSED = {"seldom", "woven", "glide", "stood", "jolt", "jolted", "desk", "sure", "apart", "room", "many", "give"}
 #: Where they may stand: the field `told` of a campaign's result files, an argument of the library `rich`.
-REMAINING = {"told": 4, "quiet": 1}
+REMAINING = {"told": 0, "quiet": 1}
 
 
 def rows():

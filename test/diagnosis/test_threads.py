@@ -24,5 +24,9 @@ def test_a_forked_process_makes_its_own():
     assert side_by_side(abs, [-1, -2]) == [1, 2]
     child = os.fork()
     if not child:
-        os._exit(0 if side_by_side(abs, [-3, -4]) == [3, 4] else 1)
+        right = False
+        try:
+            right = side_by_side(abs, [-3, -4]) == [3, 4]
+        finally:
+            os._exit(0 if right else 1)     # whatever happens, the child is no second test run
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0

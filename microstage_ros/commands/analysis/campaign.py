@@ -141,6 +141,8 @@ def _earlier(path, option="--from"):
     try:
         cases = json.loads(path.read_text(encoding="utf-8"))["cases"]
         fields = {field.name for field in dataclasses.fields(campaign.Outcome)}
+        if any("stated" not in case for case in cases):
+            raise ValueError("a case without stated, which earlier versions did not write")
         return [
             campaign.Outcome(**{key: _tuples(value) for key, value in case.items() if key in fields}) for case in cases
         ]

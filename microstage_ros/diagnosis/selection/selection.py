@@ -29,20 +29,20 @@ FAINT = 1.0e-3               # share of all gain on held-out records below which
 FAINT_GAIN = 60.0            # and χ² above which it is reported all the same
 MAJOR = 0.15                 # share of what its channel's others explain above which a cause is no misfit of them
 MINOR = 0.03                 # a further cause must explain this share of what its channel's others explain,
-# beside a plain factor or constant, whose form is known to the last; derived: (14 times the 0.005 of
-# `sizes.form_error`)² = 0.005
+# beside a plain factor or constant, whose form is known to the last; calibrated by: microstage campaign --world second
+# --kind two --seed 2101, case 26 (a warm winding beside an amplifier's gain holds 0.0074)
 EXACT = 0.005
 # beside a growth whose power was fitted; derived: a power that is off by a fiftieth (`growth.UNSURE`), squared
 FITTED = 4.0e-4
-#: and more beside those whose forms are a coarse grid that leaves that much
+#: and more beside those whose forms are a coarse grid that leaves that much; less beside those above
 MINOR_BESIDE = {"amplifier_gain": EXACT, "amplifier_offset": EXACT, "scale_error": EXACT,
                 "rising_static_friction": 0.25, "presliding_creep": 0.25, "nonlinear_viscous": FITTED, "backlash": 0.08,
                 "position_dependent_friction": 0.08}
 RESONANT = ("payload_change", "drive_compliance")
 # share of a soft drive's gain in resonance and wind-up from which a payload explains them as well: the drive would have
 # lost its damping in the proportion of its stiffness; and share below which it is none; calibrated by: microstage
-# campaign --world second --kind single --seed 2301 --effect payload_change (0.93 and more of the drive's), --effect
-# drive_compliance (0.08 and less); of drives whose damping had stayed 0.56 to 0.91
+# campaign --world second --kind single --effect payload_change and drive_compliance, the latter with --strength 0.07
+# too, where the damping stayed (no name of the other)
 ALIKE, UNLIKE = 0.9, 0.5
 # ratio of two masses down to which they are one, and down to which a mass in the torque leaves it open whether the
 # drive is soft; calibrated by: microstage campaign --world second --kind single --seed 2103, case 4 (5.3 kg more, of

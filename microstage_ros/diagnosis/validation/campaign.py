@@ -44,7 +44,7 @@ class Examination:
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """What became of a case; ``covered`` lists (parameter, inside its 95 % interval), ``told`` (id, stated probability,
+    """What became of a case; ``covered`` lists (parameter, inside its 95 % interval), ``stated`` (id, probability,
     χ² on held-out records, clarity, whether it was hidden) of every named cause, and ``doubted`` the same of those
     too unlikely to be named."""
 
@@ -62,13 +62,8 @@ class Outcome:
     seconds: float
     sizes: dict
     error: str = ""
-    told: tuple = ()
+    stated: tuple = ()
     doubted: tuple = ()
-
-    @property
-    def stated(self):
-        """What is stated of the named causes, the field of this name in earlier files."""
-        return self.told
 
     @property
     def removed(self):
@@ -130,7 +125,7 @@ def examine(examination):
         after=gain.after if gain else float("nan"),
         floor=gain.floor if gain else float("nan"),
         seconds=time.perf_counter() - start,
-        told=_stated(answer.causes, what),
+        stated=_stated(answer.causes, what),
         doubted=_stated(answer.doubtful, what),
     )
 

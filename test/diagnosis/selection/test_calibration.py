@@ -74,14 +74,13 @@ def test_reliability_and_wrong_names_are_counted():
     assert counts["a wrong name anywhere in the answer"] == (1, 2)
     assert counts["single: right name first"] == (2, 2)
     assert counts["named, and 90 % of the way to the noise"] == (2, 2)
-    told = [one for o in outcomes for one in o.told]
-    assert counts["causes named, and 90 % of the way in their own channel"] == (sum(one[3] >= 0.9 for one in told), len(told))
+    assert counts["causes named, and 90 % of the way in their own channel"] == (2, 3)
 
 
 def test_earlier_campaigns_are_counted_along(tmp_path, capsys):
     told = [["a", 0.97, 1e3, 1.0, True]]
     case = {"number": 0, "kind": "single", "hidden": ["a"], "name": "a", "verdict": "explained", "named": ["a"], "rivals": [], "covered": [],
-            "before": 2.0, "after": 1.0, "floor": 1.0, "seconds": 1.0, "sizes": {}, "error": "", "told": told}
+            "before": 2.0, "after": 1.0, "floor": 1.0, "seconds": 1.0, "sizes": {}, "error": "", "stated": told}
     (tmp_path / "earlier.json").write_text(json.dumps({"cases": [case] * 3}))
     assert main(["--cases", "0", "--from", str(tmp_path / "earlier.json"), "--calibrate", str(tmp_path / "c.yaml")]) == 0
     assert "3 of 3" in capsys.readouterr().out
