@@ -36,11 +36,20 @@ def agrees_with_itself(evidences, choice, others):
     if learned is None:     # the rows were not kept
         return True
     held, base = evidences.agreement(choice, others, "held"), _of_baseline(evidences, choice, others)
-    # the held-out records did not choose the size: what they tell alone is certain, too
-    if min(log_tail(learned), log_tail(beyond(held, base))) > OF_NAMES:
+    if log_tail(learned) > OF_NAMES and not _certain_alone(learned, held, base):
         return False
     # where the model is not the machine's, every name is there: that the baseline has less of it is all that tells
     return log_tail(beyond(held, base)) < OF_ONE and log_tail(beyond(_pooled(learned, held), base)) < OF_NAMES
+
+
+def _certain_alone(learned, held, base):
+    """Whether the held-out records, which did not choose the size, tell it alone with the certainty that is asked of
+    all names, and the learning records with the one that is asked of one.
+
+    By their own degrees of freedom: those of the baseline say nothing of how few stretches carry it here.
+    """
+    more, stderr, _ = beyond(held, base)
+    return log_tail(learned) < OF_ONE and log_tail((more, stderr, held[2])) < OF_NAMES
 
 
 def in_baseline(evidences, choice, others):

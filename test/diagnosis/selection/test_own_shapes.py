@@ -1,6 +1,7 @@
 """What the healthy axis does itself is no cause, wherever the records go; made by hand, without a simulation."""
 
 import math
+import types
 
 import numpy as np
 import pytest
@@ -62,7 +63,9 @@ def test_what_all_records_show_must_exceed_the_baseline_by_as_much_as_one_of_all
         w = learned[1] ** -2, held[1] ** -2
         all_records = (w[0] * learned[0] + w[1] * held[0]) / sum(w)
         tail = log_tail((all_records - base[0], math.hypot(sum(w) ** -0.5, base[1]), learned[2] + held[2] + base[2]))
-        expected = min(log_tail(learned), beyond) <= OF_NAMES and beyond < OF_ONE and tail < OF_NAMES
+        alone = log_tail((held[0] - base[0], math.hypot(held[1], base[1]), held[2]))
+        certain = log_tail(learned) <= OF_NAMES or (log_tail(learned) < OF_ONE and alone < OF_NAMES)
+        expected = certain and beyond < OF_ONE and tail < OF_NAMES
         assert agrees_with_itself(case, CHOICE, []) == expected
         between += beyond < OF_ONE and tail >= OF_NAMES
     assert agrees_with_itself(evidences(rough(0.45), base=rough(0.0)), CHOICE, [])
@@ -83,6 +86,14 @@ def test_what_the_held_out_records_tell_alone_is_certain_too():
         case.learn, case._in_rows = {"torque": made}, lambda channel: made
         assert log_tail(case.agreement(CHOICE, [], "learn")) > OF_NAMES
         assert agrees_with_itself(case, CHOICE, []) == certain
+
+
+@pytest.mark.parametrize(("learned", "freedom", "certain"), [(3.0, 20.0, True), (1.9, 20.0, False), (3.0, 2.9, False)])
+def test_few_stretches_of_the_held_out_records_are_not_certain_alone(learned, freedom, certain):
+    """Six standard errors, but in as many stretches as on a healthy axis that was called a cable (2.9 degrees of freedom)."""
+    sizes = {"learn": (learned, 1.0, 30.0), "held": (6.2, 1.0, freedom), "base": (0.0, 0.3, 30.0)}
+    case = types.SimpleNamespace(agreement=lambda choice, others, group: sizes[group])
+    assert log_tail(sizes["learn"]) > OF_NAMES and agrees_with_itself(case, CHOICE, []) == certain
 
 
 class Stroke:
