@@ -119,29 +119,34 @@ def test_the_later_goal_counts_even_if_it_begins_first(running, monkeypatch):
     server.destroy_node()
 
 
-def test_a_lost_answer_of_the_controller_ends_no_move_and_leaves_none_behind(running):
-    """The first answer to a process that has just been found may be lost: a stop is asked for again, a plan never."""
+@pytest.mark.parametrize("positions", [[], [0.0, 1e-9]])
+def test_a_lost_answer_of_the_controller_ends_no_move(running, monkeypatch, positions):
+    """The middleware may lose an answer, the first to a process that it has just found most of all: asked again."""
     server, asked = MoveServer(), []
+    monkeypatch.setattr("microstage_ros.ros.nodes.move_server.PLAN_AGAIN", 0.1)
     server._status, server._heard = DriverStatus(lockstep=False), time.monotonic()
 
-    def call(request, answers):
+    def call(request):
         asked.append(len(request.positions))
         future = Future()
-        if answers():
+        if answered_after is not None and len(asked) > answered_after:
             future.set_result("answer")
         return future
 
-    for answers, request, sent in ((lambda: len(asked) > 2, FollowReference.Request(), [0, 0, 0]),
-                                   (lambda: False, FollowReference.Request(positions=[0.0, 1e-9]), [2, 0])):
-        asked.clear()
-        server._follow = SimpleNamespace(
-            call_async=lambda r, a=answers: call(r, a), remove_pending_request=lambda _: None)
-        if sent[0]:
-            with pytest.raises(Refused, match="does not answer"):
-                server._ask(request)
-        else:
-            assert server._ask(request) == "answer" and server._introduced
-        assert asked == sent
+    server._follow = SimpleNamespace(call_async=call, remove_pending_request=lambda _: None)
+    answered_after = 2
+    assert server._ask(FollowReference.Request(positions=positions)) == "answer" and server._introduced
+    assert asked == [len(positions)] * 3
+    asked.clear()
+    answered_after = None
+    server._heard = time.monotonic()
+    with pytest.raises(Refused, match=r"does not answer: asked \d+ times in 0\.\d s, its last state came 0\.\d s ago"):
+        server._ask(FollowReference.Request(positions=positions))
+    assert len(asked) > 1 and (asked[-1] == 0), "a stop follows a plan that may have been heard"
+    asked.clear()
+    server._status, server._heard = DriverStatus(fault=3, message="the cable"), time.monotonic()
+    with pytest.raises(Refused, match="the driver stopped the axis: the cable"):
+        server._ask(FollowReference.Request(positions=positions))
     server.destroy_node()
 
 

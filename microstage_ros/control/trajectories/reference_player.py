@@ -85,16 +85,10 @@ class ReferencePlayer:
             return HOLDING
         return STOPPING if self._stopping else MOVING
 
-    def follow(self, start, positions):
-        """Play ``positions`` [m] from control period ``start`` on (0: the next one).
+    def checked(self, positions):
+        """``positions`` [m] as an array that `follow` takes; a long one takes a millisecond, so not in a servo loop.
 
-        Returns
-        -------
-        (start, rest sequence, rest position).
-
-        Raises
-        ------
-        InputError : positions not finite, a step at the joint, another plan under way, a period that has passed.
+        Raises InputError: no position, positions not finite, too fast.
         """
         positions = np.asarray(positions, float)
         if not len(positions):
@@ -103,9 +97,26 @@ class ReferencePlayer:
             bad = int(np.flatnonzero(~np.isfinite(positions))[0])
             raise InputError(f"reference, position {bad}", float(positions[bad]), "finite positions in m")
         check_speed(positions, self.period, self.fastest, "reference")
+        return positions
+
+    def follow(self, start, positions):
+        """Play ``positions`` [m], `checked`, from control period ``start`` on (0: the next one).
+
+        The plan under way, sent once more because its answer was lost, is answered as it was the first time.
+
+        Returns
+        -------
+        (start, rest sequence, rest position).
+
+        Raises
+        ------
+        InputError : a step at the joint, another plan under way, a period that has passed.
+        """
         with self._lock:
             if self._positions is None:
                 raise InputError("reference", "no state so far", "a driver that is active")
+            if self._repeats(start, positions):
+                return self._start, self._start + len(positions) - 1, float(positions[-1])
             start = start or self._last + 1
             if start <= self._last:
                 raise InputError("reference: start_sequence", start, f"a period after {self._last}, which has begun")
@@ -118,6 +129,11 @@ class ReferencePlayer:
                 raise InputError("reference: first position", float(positions[0]), f"{here!r} m, where it stands")
             self._positions, self._start, self._stopping = positions, start, False
             return start, start + len(positions) - 1, float(positions[-1])
+
+    def _repeats(self, start, positions):
+        """True for the plan that has not come to its end."""
+        return (not self._stopping and start in (0, self._start) and self._last < self._start + len(self._positions) - 1
+                and np.array_equal(positions, self._positions))
 
     def stop(self):
         """Ramp to rest from the next period on. Returns what `follow` returns.

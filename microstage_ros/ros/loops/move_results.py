@@ -8,9 +8,9 @@ from microstage_msgs.action import MoveTo
 from microstage_msgs.msg import AccuracyRow
 
 INTERFEROMETER_WAIT = 2.0
-SILENT = 0.4
-"""At the wall clock nothing heard for so long [s] means that somebody is gone; twice that is within the second in
-which an action is answered."""
+"""Lockstep: longest wait [s] for the interferometer's readings of a settle time."""
+PACED_WAIT = 0.4
+"""The same where time is the wall clock's."""
 
 RESULT = MoveTo.Result
 
@@ -68,7 +68,7 @@ class MoveResults:
         if not self._interferometer.publishers:
             return math.nan
         first, last = move.window
-        until = time.monotonic() + (INTERFEROMETER_WAIT if self._status.lockstep else SILENT)
+        until = time.monotonic() + (INTERFEROMETER_WAIT if self._status.lockstep else PACED_WAIT)
         while self._readings.latest < last and time.monotonic() < until:
             time.sleep(0.002)
         found = self._readings.between(first, last)

@@ -27,7 +27,7 @@ from microstage_ros.ros.launching.parameters import Parameters
 from microstage_ros.ros.launching.process import run_node, running
 from microstage_ros.ros.loops.move_credit import MoveCredit
 from microstage_ros.ros.loops.move_requests import MoveRequests
-from microstage_ros.ros.loops.move_results import RESULT, SILENT, MoveResults, Readings
+from microstage_ros.ros.loops.move_results import RESULT, MoveResults, Readings
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.blocks import Stream
 from microstage_ros.ros.transport.checked import MOST
@@ -41,8 +41,8 @@ FEEDBACK = 0.1
 STATUS_WAIT = 0.5
 ASK_AGAIN = 0.1
 """A stop that nobody has answered for so long [s] is asked for again."""
-PLAN_ANSWER = 1.0
-"""Longest wait [s] for the answer to a plan from a controller whose states come."""
+PLAN_AGAIN = 0.5
+"""A plan, which may be megabytes long, is sent again after so long [s]."""
 
 NEEDED = ("axis_driver", "str_controller")
 """Without them no move goes on."""
@@ -312,8 +312,9 @@ class MoveServer(MoveCredit, MoveRequests, MoveResults, Node):
     @property
     def _patience(self):
         """Longest wait for a sign of life [s]: simulated time may stand still for a while, the wall clock does not."""
-        timeout = self.parameters.driver_timeout_s
-        return timeout if self._status is None or self._status.lockstep else min(timeout, SILENT)
+        p = self.parameters
+        paced = self._status is not None and not self._status.lockstep
+        return min(p.driver_timeout_s, p.silence_timeout_s) if paced else p.driver_timeout_s
 
     def _check_alive(self):
         """Raise `Refused` if the move cannot go on: a process is missing or has been silent for too long."""
@@ -348,29 +349,40 @@ class MoveServer(MoveCredit, MoveRequests, MoveResults, Node):
     def _ask(self, request):
         """Call the controller. Raises `Refused` if it does not answer.
 
-        If no state of it comes for `_patience`, it is gone. While they come it may take longer, as it serves requests
-        in a thread beside its loop: a stop is asked for again every `ASK_AGAIN` until `driver_timeout_s`. A plan is
-        not, as it would be played twice; if nobody answers that within `PLAN_ANSWER`, a stop follows it: it may have
-        been heard.
+        If no state of it comes for `_patience`, it is gone. While they come it may take longer, up to
+        `driver_timeout_s`, as it serves requests in a thread beside its loop, and is asked again: the middleware may
+        have lost the answer, and a plan that it plays already is answered again. If nobody answers a plan, a stop
+        follows: it may have been heard.
         """
-        answered, stop, futures, began = threading.Event(), not len(request.positions), [], time.monotonic()
-        longest = self.parameters.driver_timeout_s if stop else max(self._patience, PLAN_ANSWER)
+        answered, plan, futures, began = threading.Event(), len(request.positions) > 0, [], time.monotonic()
         while not answered.is_set():
-            end = min(max(began, self._heard) + self._patience, began + longest)
-            if time.monotonic() > end or self._cell_says or not running():
+            end = min(max(began, self._heard) + self._patience, began + self.parameters.driver_timeout_s)
+            why = self._why_no_answer(began, len(futures), end)
+            if why:
                 for future in futures:
                     self._follow.remove_pending_request(future)
-                if not stop:
+                if plan:
                     self._follow.call_async(FollowReference.Request())
-                raise Refused(RESULT.CODE_FAULT, self._cell_says or "the controller does not answer")
-            if stop or not futures:
-                futures.append(self._follow.call_async(request))
-                futures[-1].add_done_callback(lambda _: answered.set())
-            again = time.monotonic() + ASK_AGAIN
+                raise Refused(RESULT.CODE_FAULT, why)
+            futures.append(self._follow.call_async(request))
+            futures[-1].add_done_callback(lambda _: answered.set())
+            again = time.monotonic() + (PLAN_AGAIN if plan else ASK_AGAIN)
             while not answered.wait(0.05) and time.monotonic() < min(again, end) and not self._cell_says:
                 pass
         self._introduced = True
         return next(future.result() for future in futures if future.done())
+
+    def _why_no_answer(self, began, asked, end):
+        """Why nobody waits any longer for an answer of the controller, in words; empty before ``end``."""
+        now = time.monotonic()
+        if self._cell_says:
+            return self._cell_says
+        if self._status.fault and asked:
+            return f"the driver stopped the axis: {self._status.message}"
+        if now > end or not running():
+            return (f"the controller does not answer: asked {asked} times in {now - began:.1f} s, its last state came"
+                    f" {now - self._heard:.1f} s ago")
+        return ""
 
     def close(self):
         """The controller holds its reference."""

@@ -208,8 +208,9 @@ class StrController(Node):
     def _follow_reference(self, request, response):
         try:
             player = self.player
-            result = self._in_loop(lambda: player.follow(request.start_sequence, request.positions)
-                                   if len(request.positions) else player.stop())
+            positions = player.checked(request.positions) if len(request.positions) else None
+            result = self._in_loop(player.stop if positions is None else
+                                   lambda: player.follow(request.start_sequence, positions))
         except (InputError, TimeoutError) as error:
             response.message = str(error)
             return response

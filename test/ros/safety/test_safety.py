@@ -40,6 +40,7 @@ def running_cell(tmp_path, mode="paced", nodes=WITHOUT_RECORDER, supervised=Fals
     """A cell that holds a position with some voltage: cell, node, client, statuses heard."""
     parameters = {"axis_driver": {"mode": mode, "rate_limit": 1.0 if mode == "lockstep" else 0.0,
                                   "command_timeout_s": TRIP_S, **driver},
+                  "move_server": {"silence_timeout_s": 1.2 * TRIP_S},
                   "bag_recorder": {"directory": str(tmp_path / "bag")}}
     with ros_node() as node, real_time_place() if mode == "paced" else nullcontext():
         heard = []
