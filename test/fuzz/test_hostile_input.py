@@ -129,7 +129,7 @@ def test_any_motion(start, target, velocity, acceleration, jerk):
 def test_any_reference(start, positions):
     player = ReferencePlayer(1e-4, 0.02, 0.05)
     player.at(10, 1e-3)
-    if accepted(player.follow, start, positions) and positions:
+    if accepted(lambda *given: player.follow(given[0], player.checked(given[1])), start, positions) and positions:
         assert all(map(math.isfinite, positions)) and max(map(abs, np.diff([1e-3, *positions])), default=0.0) <= 0.05 * 1e-4 + 1e-9
     reference, _ = player.at(11, 1e-3)
     assert abs(reference - 1e-3) <= 0.05 * 1e-4 + 1e-9
