@@ -1,9 +1,11 @@
 """Delay and lag as the settled current sees them, against the winding integrated in small steps."""
 
+import types
+
 import numpy as np
 import pytest
 
-from microstage_ros.diagnosis.catalogue.command import delayed, lagged
+from microstage_ros.diagnosis.catalogue.command import delay_form, delayed, lagged, weight_of_old, whole_delay_form
 
 PERIOD, WINDING = 1.0e-4, 22.0e-6  # s
 STEPS = 2000
@@ -43,3 +45,11 @@ def test_delay(command, late):
 
     truth = settled_current(command, follow)
     np.testing.assert_allclose(delayed(command, late, PERIOD / WINDING)[3:], truth[3:], atol=2e-3)
+
+
+@pytest.mark.parametrize("late", [0.3, 1.0, 2.0 + 1e-9, 4.96])
+def test_one_pair_of_columns_serves_every_delay_within_a_period(command, late):
+    channel = types.SimpleNamespace(command=command, winding=PERIOD / WINDING)
+    sizes = np.array([1.0, weight_of_old(late - int(late), channel.winding)])
+    one = delay_form(late, anyway=True).columns(channel, None)[:, 0]
+    np.testing.assert_allclose(whole_delay_form(int(late)).columns(channel, None) @ sizes, one, atol=1e-12)

@@ -13,15 +13,27 @@ LAGS = (15e-6, 40e-6, 80e-6, 150e-6, 300e-6, 600e-6, 1.2e-3, 3e-3)   # s
 def delayed(command, periods, winding):
     """What a command (n,) that comes ``periods`` later does to the settled current, as an equivalent command.
 
-    A change that comes a part f of a period late leaves the weight (b − a)/(1 − a) on the old value,
-    b = exp(−(1 − f) T/τ), a = exp(−T/τ), with ``winding`` = T/τ, τ = L/R.
+    ``winding``: see `weight_of_old`.
     """
-    whole, part = int(periods), periods - int(periods)
-    early = np.concatenate([np.full(whole, command[0]), command[: len(command) - whole]])
-    late = of_row_before(early)
-    a, b = np.exp(-winding), np.exp(-(1.0 - part) * winding)
-    old = (b - a) / (1.0 - a)
+    whole = int(periods)
+    early, late = _shifted(command, whole)
+    old = weight_of_old(periods - whole, winding)
     return (1.0 - old) * early + old * late
+
+
+def weight_of_old(part, winding):
+    """Weight that a change which comes a ``part`` f of a period late leaves on the value before it.
+
+    (b − a)/(1 − a), b = exp(−(1 − f) T/τ), a = exp(−T/τ), with ``winding`` = T/τ, τ = L/R.
+    """
+    a, b = np.exp(-winding), np.exp(-(1.0 - part) * winding)
+    return (b - a) / (1.0 - a)
+
+
+def _shifted(command, whole):
+    """The command (n,) so many whole periods later, and one more."""
+    early = np.concatenate([np.full(whole, command[0]), command[: len(command) - whole]])
+    return early, of_row_before(early)
 
 
 def lagged(command, time, period, winding):
@@ -69,6 +81,14 @@ def delay_form(periods, period=1e-4, anyway=False):
     """The form of one delay."""
     return Form("transport_delay", "command", f"{periods:g}", transport_delay(periods),
                 _time_sizes("delay_s", periods * period), None if anyway else _right(periods == DELAYS[0]))
+
+
+def whole_delay_form(whole):
+    """All delays from so many whole periods to one more, exactly: sizes 1 and `weight_of_old`."""
+    def columns(channel, frame):
+        early, late = _shifted(channel.command, whole)
+        return np.stack([early - channel.command, late - early], axis=1)
+    return Form("transport_delay", "command", f"from {whole}", columns)
 
 
 def lag_form(time, anyway=False):

@@ -5,7 +5,15 @@ import dataclasses
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from microstage_ros.diagnosis.catalogue.command import FORMS, delay_form, delayed, lag_form, lagged
+from microstage_ros.diagnosis.catalogue.command import (
+    FORMS,
+    delay_form,
+    delayed,
+    lag_form,
+    lagged,
+    weight_of_old,
+    whole_delay_form,
+)
 from microstage_ros.diagnosis.residuals.collection import Collection
 
 GAIN = next(form for form in FORMS if not form.named)
@@ -68,7 +76,8 @@ def find_slowness(prepared, drive):
     best = {effect: max((t for t in trials if t[1].effect == effect), key=lambda t: t[0], default=None)
             for effect in ("transport_delay", "actuator_lag")}
     period = prepared["learn"][0].period
-    refined = [_refine(learn, trial, period) for trial in best.values() if trial and trial[0] > LEAST_GAIN]
+    winding = drive.inductance / drive.resistance
+    refined = [_refine(learn, trial, period, winding) for trial in best.values() if trial and trial[0] > LEAST_GAIN]
     refined = sorted((r for r in refined if r is not None), key=lambda r: -r[0])
     if not refined or refined[0][2] < LEAST_TIME:
         return None
@@ -87,8 +96,7 @@ def find_slowness(prepared, drive):
         return None
     rival = len(refined) > 1 and refined[1][0] > gain - max(20.0, CLEAR * gain)
     noise = float(np.mean([c["command"].noise for c in fast.channels["held"]]))
-    return Slowness(effect, time, stderr, gain, held_gain, held.energy(), held.rows, rival, noise,
-                    drive.inductance / drive.resistance)
+    return Slowness(effect, time, stderr, gain, held_gain, held.energy(), held.rows, rival, noise, winding)
 
 
 def _candidates(fast):
@@ -148,15 +156,30 @@ def _around_whole_periods(loss, start, period):
     return tried[at - 1], tried[at + 1]
 
 
-def _refine(learn, trial, period):
-    """(gain, effect, time, stderr) at the time where β = 1 explains most."""
+def _loss(learn, effect, period, winding):
+    """The function of an effect's time [s] that is least where β = 1 explains most: less the reduction of χ²."""
+    of_whole = {}
+
+    def of_delay(time):
+        whole = int(time / period)
+        if whole not in of_whole:
+            form = whole_delay_form(whole)
+            of_whole[whole] = learn.alone(form), form.key
+        evidence, key = of_whole[whole]
+        return -evidence.reduction([key], np.array([1.0, weight_of_old(time / period - whole, period / winding)]))
+
+    def of_lag(time):
+        form = lag_form(float(time), anyway=True)
+        return -learn.alone(form).reduction([form.key], np.ones(1))
+
+    return of_delay if effect == "transport_delay" else of_lag
+
+
+def _refine(learn, trial, period, winding):
+    """(gain, effect, time, stderr) at the time where β = 1 explains most; ``winding`` = L/R [s]."""
     _, form, beta = trial
     start = float(form.variant) * (period if form.effect == "transport_delay" else 1.0)
-
-    def loss(time):
-        one = _form(form.effect, float(time), period)
-        return -learn.alone(one).reduction([one.key], np.ones(1))
-
+    loss = _loss(learn, form.effect, period, winding)
     on_grid = form.effect == "transport_delay" and start >= period
     if on_grid:
         low, high = _around_whole_periods(loss, start, period)

@@ -116,8 +116,8 @@ class _Record:
         self._scale = np.sqrt(np.diag(inner))
         self._factor = scipy.linalg.cho_factor(inner / np.outer(self._scale, self._scale)) if len(spreads) else None
         residual = white[:, :1]
-        self._columns = [residual]
-        self.matrix = residual.T @ self._spared(residual)
+        self._columns, self._spared_residual = [residual], self._spared(residual)
+        self.matrix = residual.T @ self._spared_residual
 
     def _free(self, white):
         return white if self._nuisance is None else white - self._nuisance @ (self._nuisance.T @ white)
@@ -167,5 +167,6 @@ class _Record:
 
     def with_form(self, form):
         """Matrix of the residual and a form's columns."""
-        white = np.concatenate([self._columns[0], self._white(form)], axis=1)
-        return white.T @ self._spared(white)
+        white = self._white(form)
+        beside = self._spared_residual.T @ white
+        return np.block([[self.matrix, beside], [beside.T, white.T @ self._spared(white)]])
