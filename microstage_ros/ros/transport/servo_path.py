@@ -24,12 +24,12 @@ except ImportError:  # another rclpy
 RCLError = getattr(rclpy_implementation, "RCLError", RuntimeError)
 """What rclpy raises when the process is asked to stop in the middle of a call."""
 
-PRIVATE = {"Subscription": ("take_message", "pointer"), "Publisher": ("publish_raw", "pointer")}
+PRIVATE = {"Subscription": ("take_message", "pointer"), "Publisher": ("pointer",)}
 """Private classes and their members that the fast way uses."""
 
 C_CALLS = {"librcl.so": ("rcl_subscription_set_on_new_message_callback", "rcl_take_serialized_message",
                          "rcl_publish_serialized_message"),
-           "librcutils.so": ("rcutils_get_default_allocator",),
+           "librcutils.so": ("rcutils_get_default_allocator", "rcutils_reset_error"),
            None: ("sem_init", "sem_post", "sem_clockwait", "clock_gettime", "clock_nanosleep", "pthread_mutex_lock",
                   "pthread_mutex_trylock", "pthread_mutex_unlock")}
 """Calls of C libraries that it uses; None: the C library itself."""
@@ -122,6 +122,35 @@ def never_raising(publish):
     return send
 
 
+class _Bytes(ctypes.Structure):
+    """`rcl_serialized_message_t`: whose bytes, how many, room for how many, and an allocator that is never called."""
+
+    _fields_ = [("buffer", ctypes.c_char_p), ("length", ctypes.c_size_t), ("capacity", ctypes.c_size_t),
+                ("allocator", ctypes.c_void_p * 5)]
+
+
+class RawWriter:
+    """Sends CDR bytes through a publisher; True if they went out (see `never_raising`).
+
+    rclpy keeps the interpreter's lock in this call. A reader that was killed while it held the lock of its own shared
+    memory makes the call wait for seconds, and with it every service of this process: so the lock is released here.
+    """
+
+    def __init__(self, publisher):
+        self._publisher = publisher
+        self._publish = ctypes.CDLL("librcl.so").rcl_publish_serialized_message
+        self._publish.argtypes = [ctypes.c_void_p] * 3
+        self._forget_error = ctypes.CDLL("librcutils.so").rcutils_reset_error
+
+    def __call__(self, raw):
+        with self._publisher.handle:
+            message = _Bytes(bytes(raw), len(raw), len(raw))
+            if self._publish(self._publisher.handle.pointer, ctypes.addressof(message), None) == 0:
+                return True
+        self._forget_error()
+        return False
+
+
 class Semaphore:
     """A POSIX semaphore that is posted by the middleware's threads and waited for by one of Python's."""
 
@@ -200,7 +229,7 @@ class FastServoPath:
 
     def writer(self, publisher):
         """The call that sends CDR bytes through ``publisher``; True if they went out."""
-        return never_raising(publisher.handle.publish_raw)
+        return RawWriter(publisher)
 
     def wait(self, readers, timeout):
         """Sleep until one of ``readers`` (a tuple) has a message, at most ``timeout`` [s]; it may return sooner."""

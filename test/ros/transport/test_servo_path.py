@@ -1,5 +1,6 @@
 """The private calls, the fall-back without them, and the fixed-layout messages."""
 
+import _ctypes
 import os
 from pathlib import Path
 
@@ -29,7 +30,7 @@ def test_this_rclpy_has_the_private_calls():
 def test_missing_calls_are_named():
     class Changed:
         Subscription = type("Subscription", (), {"pointer": None})
-        Publisher = type("Publisher", (), {"publish_raw": None, "pointer": None})
+        Publisher = type("Publisher", (), {"pointer": None})
 
     assert missing_private_calls(Changed) == ["Subscription.take_message"]
     assert missing_private_calls(None) == ["rclpy.impl.implementation_singleton"]
@@ -58,6 +59,15 @@ def test_both_ways_carry_the_same_bytes(node, plain):
     assert [raw[:len(sent[0])] for raw in heard] == sent
     path.wait((reader,), 0.01)
     assert reader.take() is None
+
+
+def test_sending_releases_the_interpreters_lock(node, monkeypatch):
+    """rclpy's own call holds it: a send that waited for a reader that was killed stopped every service of the process."""
+    send = make_servo_path(node).writer(node.create_publisher(msg.VoltageCommand, "command_late", 10))
+    assert not send._publish._flags_ & _ctypes.FUNCFLAG_PYTHONAPI
+    assert send(Codec("VoltageCommand").pack(7, 1, 0.1, 1e-6, 0.0, 1)) is True
+    monkeypatch.setattr(send, "_publish", lambda *_: 1)
+    assert send(b"12345678") is False
 
 
 def filled(kind):
