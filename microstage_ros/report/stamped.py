@@ -1,21 +1,21 @@
-"""Tables of measured figures in the documentation: made by a function, stamped, and checked against the code they are
-about.
+"""Tables of measured figures in the documentation, each between two comments, stamped, checked against its code.
 
-In a page such a table stands between two comments that a reader of the rendered page does not see::
+In a page, the comments being invisible to a reader of the rendered page::
 
-    <!-- figures: emps version=0.1.0 code=4f0c… made=2026-01-31 machine="AMD EPYC, 2 cores, Python 3.12" -->
+    <!-- compare: Sines, worst peak (nm) -->
+    <!-- measured: version=0.1.0 code=4f0c… made=2026-01-31 machine="AMD EPYC, 2 cores, Python 3.12" -->
     | … |
-    <!-- end of figures: emps -->
+    <!-- end -->
 
-``code`` is a digest of the source files that the figures are about. When these change, the digest no longer agrees: the
-table is *stale*. A stale table is made anew (``./microstage figures NAME``), or says so to its reader
-(``./microstage figures --mark NAME`` puts `MARK` under it); one that does neither fails the tests.
+The first word is the command that makes the table. ``code`` is a digest of the source files that the figures are about,
+without their comments and docstrings. When it no longer agrees the table is *stale*. A stale table is made anew, or
+says so to its reader (`mark_stale` puts `MARK` under it); one that does neither fails the tests.
 """
 
+import ast
 import dataclasses
 import datetime
 import hashlib
-import importlib
 import os
 import platform
 import re
@@ -24,54 +24,79 @@ from pathlib import Path
 from microstage_ros import __version__
 from microstage_ros.quantities.errors import InputError
 
-MARK = "*These figures were measured with an earlier state of the code; `./microstage figures {name}` makes them anew.*"
-OPENING = re.compile(
-    r"<!-- figures: (?P<name>[\w-]+) version=(?P<version>\S+) code=(?P<code>\w+) made=(?P<made>\S+)"
-    r' machine="(?P<machine>[^"]*)" -->\n'
+MARK = "*Measured with an earlier state of the code; `{command}` measures it anew.*"
+OPENING = re.compile(r"^<!-- (?P<owner>figures|compare|robustness): (?P<title>.+?) -->\n", re.MULTILINE)
+STAMP = re.compile(
+    r'<!-- measured: version=(?P<version>\S+) code=(?P<code>\w+) made=(?P<made>\S+) machine="(?P<machine>[^"]*)" -->\n'
 )
-
-
-@dataclasses.dataclass(frozen=True)
-class Table:
-    """One stamped table.
-
-    Attributes
-    ----------
-    name : its name in the page and on the command line.
-    page : file of the page, relative to the checkout.
-    maker : ``package.module:function``; called without arguments, returns the Markdown that stands between the
-        comments.
-    code : files and folders of ``microstage_ros`` that the figures are about.
-    minutes : about how long it takes on one idle core.
-    """
-
-    name: str
-    page: str
-    maker: str
-    code: tuple
-    minutes: float = 1.0
-
-    def make(self):
-        """The Markdown text of the table, measured now."""
-        module, _, function = self.maker.partition(":")
-        return getattr(importlib.import_module(module), function)()
+END = "<!-- end -->"
 
 
 @dataclasses.dataclass(frozen=True)
 class Stamp:
-    """What the opening comment of a table says, and whether the table tells its reader that it is stale."""
+    """What is known of the measurement of a table.
+
+    Attributes
+    ----------
+    version : of the package. code : `digest`. made : date, ISO 8601. machine : processor, cores, Python.
+    """
 
     version: str
     code: str
     made: str
     machine: str
-    marked: bool
+
+    def __str__(self):
+        return f'<!-- measured: version={self.version} code={self.code} made={self.made} machine="{self.machine}" -->\n'
+
+
+UNKNOWN = Stamp("unknown", "0", "unknown", "not recorded")
+"""Of a table without a stamp."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Table:
+    """One table as it stands in a page.
+
+    Attributes
+    ----------
+    owner : the command that makes it. title : its name there. stamp : `Stamp`. body : Markdown between the comments.
+    start, end : where stamp and body stand in the text of the page.
+    """
+
+    owner: str
+    title: str
+    stamp: Stamp
+    body: str
+    start: int
+    end: int
+
+    def says_that_it_is_stale(self, command):
+        """Whether `MARK` with this command stands under the table."""
+        return MARK.format(command=command) in self.body
+
+
+def _without_docstrings(tree):
+    """The tree of a module, without the docstrings of its classes and functions and its own."""
+    for node in ast.walk(tree):
+        has_body = isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef))
+        if has_body and ast.get_docstring(node, clean=False) is not None:
+            node.body = node.body[1:]
+    return tree
 
 
 def digest(root, code):
-    """Digest of Python files below ``root``/microstage_ros: names and contents, in order (16 hexadecimal digits).
+    """Digest of Python files below ``root``/microstage_ros: names and what they do (16 hexadecimal digits).
 
-    Raises InputError: an entry that is no file or folder of the package.
+    Comments, docstrings and the way in which lines are broken do not count: they change no figure.
+
+    Parameters
+    ----------
+    root : of the checkout. code : files and folders of microstage_ros.
+
+    Raises
+    ------
+    InputError : an entry that is no file or folder of the package.
     """
     total = hashlib.sha256()
     for entry in code:
@@ -79,7 +104,8 @@ def digest(root, code):
         if not path.exists():
             raise InputError("figures: code", entry, "a file or folder of microstage_ros")
         for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
-            total.update(str(file.relative_to(root)).encode() + b"\0" + file.read_bytes() + b"\0")
+            tree = _without_docstrings(ast.parse(file.read_text(encoding="utf-8")))
+            total.update(f"{file.relative_to(root)}\0{ast.dump(tree)}\0".encode())
     return total.hexdigest()[:16]
 
 
@@ -93,51 +119,53 @@ def machine():
     return f"{name}, {os.cpu_count()} cores, Python {platform.python_version()}".replace('"', "'")
 
 
-def _find(text, table, page):
-    """(opening match, start and end of the body) of a table in a page's text."""
-    for opening in OPENING.finditer(text):
-        if opening["name"] == table.name:
-            end = text.find(f"<!-- end of figures: {table.name} -->", opening.end())
-            if end < 0:
-                raise InputError(page, f"figures: {table.name} has no end", f"<!-- end of figures: {table.name} -->")
-            return opening, opening.end(), end
-    raise InputError(
-        page, f"no figures: {table.name}", "the opening comment of the table (see microstage_ros.report.stamped)"
-    )
-
-
-def read_stamp(root, table):
-    """`Stamp` of a table in its page. Raises `InputError` where the page has none."""
-    page = Path(root) / table.page
-    text = page.read_text(encoding="utf-8")
-    opening, start, end = _find(text, table, page)
-    return Stamp(opening["version"], opening["code"], opening["made"], opening["machine"],
-                 MARK.format(name=table.name) in text[start:end])
-
-
-def is_stale(root, table):
-    """Whether the code that a table is about has changed since it was made."""
-    return read_stamp(root, table).code != digest(root, table.code)
-
-
-def write_table(root, table, body):
-    """Put a freshly made table into its page, with a new stamp."""
-    page = Path(root) / table.page
-    text = page.read_text(encoding="utf-8")
-    opening, _, end = _find(text, table, page)
+def stamp_now(root, code):
+    """`Stamp` of figures that were measured just now with the code of ``root``."""
     today = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
-    stamp = (
-        f"<!-- figures: {table.name} version={__version__} code={digest(root, table.code)} made={today}"
-        f' machine="{machine()}" -->\n'
-    )
-    page.write_text(text[:opening.start()] + stamp + body.strip("\n") + "\n" + text[end:], encoding="utf-8")
+    return Stamp(__version__, digest(root, code), today, machine())
 
 
-def mark_stale(root, table):
-    """Make a stale table say so to its reader; nothing happens to one that is fresh or says so."""
-    if not is_stale(root, table) or read_stamp(root, table).marked:
-        return
-    page = Path(root) / table.page
+def read_tables(page):
+    """All `Table` s of a page, in their order. Raises `InputError` where one has no end."""
+    text, found = Path(page).read_text(encoding="utf-8"), []
+    for opening in OPENING.finditer(text):
+        end = text.find(END, opening.end())
+        if end < 0:
+            raise InputError(f"{page}: <!-- {opening['owner']}: {opening['title']} -->", "no <!-- end -->",
+                             "<!-- end --> after the table")
+        measured = STAMP.match(text, opening.end())
+        stamp = Stamp(**measured.groupdict()) if measured else UNKNOWN
+        body = text[measured.end() if measured else opening.end():end]
+        found.append(Table(opening["owner"], opening["title"], stamp, body, opening.end(), end))
+    return found
+
+
+def find_table(page, owner, title):
+    """The `Table` of this owner and title in a page. Raises `InputError` where the page has none."""
+    for table in read_tables(page):
+        if (table.owner, table.title) == (owner, title):
+            return table
+    raise InputError(str(page), f"no <!-- {owner}: {title} -->", "the opening comment of the table")
+
+
+def write_table(page, owner, title, body, stamp):
+    """Put a table that was just measured into its page. Raises `InputError` where the page has none of this title."""
+    _replace(page, find_table(page, owner, title), body, stamp)
+
+
+def is_stale(root, table, code):
+    """Whether the code that a `Table` is about has changed since it was measured."""
+    return table.stamp.code != digest(root, code)
+
+
+def mark_stale(root, page, table, code, command):
+    """Make a stale `Table` say so to its reader; nothing happens to one that is fresh or says so."""
+    if is_stale(root, table, code) and not table.says_that_it_is_stale(command):
+        body = re.sub(r"\n\*Measured with an earlier state of the code; `[^`]*` measures it anew\.\*\n", "", table.body)
+        _replace(page, table, f"{body.rstrip()}\n\n{MARK.format(command=command)}\n", table.stamp)
+
+
+def _replace(page, table, body, stamp):
+    page = Path(page)
     text = page.read_text(encoding="utf-8")
-    _, _, end = _find(text, table, page)
-    page.write_text(text[:end] + "\n" + MARK.format(name=table.name) + "\n" + text[end:], encoding="utf-8")
+    page.write_text(f"{text[:table.start]}{stamp}{body.strip(chr(10))}\n{text[table.end:]}", encoding="utf-8")

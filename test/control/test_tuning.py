@@ -107,12 +107,6 @@ def facts_of(folder):
     return json.loads((folder / "comparison.json").read_text())
 
 
-def test_a_document_without_the_end_of_a_table_is_refused(tmp_path):
-    (tmp_path / "doc.md").write_text("<!-- compare: A -->\n| a |\n")
-    with pytest.raises(InputError, match="doc.md: .*compare: A.*no <!-- end -->"):
-        compare_command.update_tables(tmp_path / "doc.md", [("A", ["a"], [["1"]], "")])
-
-
 def test_within_twice_the_nominal_peak_is_told_with_its_limit():
     stress = {"nominal": {"self_tuning": {"peak": 3e-8}}, "a": {"self_tuning": {"peak": 5e-8}},
               "b": {"self_tuning": {"peak": 9e-8}, "best_pid": {"peak": 7e-8}}, "c": {"self_tuning": {"peak": 9e-8}, "best_pid": {"peak": 5e-8}},

@@ -15,13 +15,15 @@ from microstage_ros.commands import answer
 from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
+from microstage_ros.commands.tables import DIAGNOSIS
 from microstage_ros.diagnosis.selection.calibration import calibrate, write_calibration
 from microstage_ros.diagnosis.validation import campaign
 from microstage_ros.files import write_text
 from microstage_ros.metrology.rates import rate
 from microstage_ros.model.effects import REGISTRY
-from microstage_ros.places import config_file
+from microstage_ros.places import SOURCE, config_file
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.report.stamped import digest
 
 DEFAULT_AXIS = config_file("axis.yaml")
 DESCRIPTION = """\
@@ -47,7 +49,7 @@ def main(argv=None):
             if arguments.verbose:
                 print(_line(outcome), flush=True)
     outcomes.sort(key=lambda outcome: outcome.number)
-    outcomes += [outcome for path in arguments.earlier for outcome in _earlier(path)]
+    outcomes += [outcome for path in arguments.earlier for outcome in earlier_outcomes(path)]
     counts, medians = campaign.scores(outcomes)
     _write_result(arguments, outcomes)
     if arguments.calibrate:
@@ -128,7 +130,7 @@ def _resumed(arguments):
     path = pathlib.Path(arguments.json) if arguments.resume else None
     if path is None or not path.exists():
         return []
-    outcomes = _earlier(path, "--resume")
+    outcomes = earlier_outcomes(path, "--resume")
     tree = {"baseline": True, **json.loads(path.read_text(encoding="utf-8"))}  # older files do not say it
     for name, value in _settings(arguments).items():
         if tree.get(name) != value:
@@ -136,8 +138,8 @@ def _resumed(arguments):
     return outcomes
 
 
-def _earlier(path, option="--from"):
-    """Outcomes of an earlier campaign's JSON file."""
+def earlier_outcomes(path, option="--from"):
+    """Outcomes of an earlier campaign's JSON file. Raises `InputError` for a file that is none of this version."""
     try:
         cases = json.loads(path.read_text(encoding="utf-8"))["cases"]
         fields = {field.name for field in dataclasses.fields(campaign.Outcome)}
@@ -171,6 +173,7 @@ def _tree(arguments, outcomes):
     counts, medians = campaign.scores(outcomes)
     return {
         "version": __version__,
+        "code": digest(SOURCE, DIAGNOSIS),
         **_settings(arguments),
         "figures": {name: list(pair) for name, pair in counts.items()},
         "medians": {name: _plain(value) for name, value in medians.items()},

@@ -4,7 +4,6 @@ import functools
 import json
 import os
 import pathlib
-import textwrap
 
 import numpy as np
 from rich.console import Console
@@ -16,9 +15,10 @@ from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.drives import check_drive
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
+from microstage_ros.commands.tables import check_documents, save_markdown, update_tables
 from microstage_ros.control.evaluation import comparison, opponents
 from microstage_ros.diagnosis.fleet import in_order
-from microstage_ros.files import complete_folder, keep_earlier, write_text
+from microstage_ros.files import complete_folder, keep_earlier
 from microstage_ros.hardware.simulated import machine_for
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
@@ -57,10 +57,9 @@ def main(argv=None):
     with complete_folder(arguments.out) as folder:
         page.save(folder / "report.html")
         (folder / "comparison.json").write_text(json.dumps(facts, indent=1) + "\n")
-        (folder / "tables.md").write_text("\n".join(_markdown(*table) for table in tables))
+        save_markdown(folder / "tables.md", tables)
     answer.state(**facts)
-    for document in arguments.update:
-        update_tables(pathlib.Path(document), tables)
+    update_tables(arguments.update, tables, "compare")
     _show(tables)
     print(pathlib.Path(arguments.out) / "report.html")
     return 0
@@ -82,10 +81,9 @@ def _contest(arguments, axis):
     }
     with complete_folder(arguments.out) as folder:
         (folder / "opponents.json").write_text(json.dumps(_plain(facts), indent=1) + "\n")
-        (folder / "tables.md").write_text("\n".join(_markdown(*entry) for entry in tables))
+        save_markdown(folder / "tables.md", tables)
     answer.state(**facts)
-    for document in arguments.update:
-        update_tables(pathlib.Path(document), tables)
+    update_tables(arguments.update, tables, "compare")
     _show(tables)
     print(pathlib.Path(arguments.out) / "opponents.json")
     return 0
@@ -152,9 +150,7 @@ def _parse(argv):
     parser.add_argument("--quick", action="store_true", help="few seeds, moves and searches")
     parser.add_force()
     arguments = parser.parse_args(argv)
-    for document in arguments.update:
-        if not pathlib.Path(document).is_file():
-            raise InputError("--update", document, "a file that exists")
+    check_documents(arguments.update)
     if arguments.opponents < 0:
         raise InputError("--opponents", arguments.opponents, "0 or more")
     for name in ("seeds", "jobs"):
@@ -173,33 +169,6 @@ def _plain(value):
     if isinstance(value, (float, np.floating)):
         return float(value) if np.isfinite(value) else None
     return value
-
-
-def _markdown(title, header, rows, remark):
-    return f"### {title}\n\n{_body(header, rows, remark)}"
-
-
-def _body(header, rows, remark):
-    lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
-    lines += ["| " + " | ".join(row) + " |" for row in rows]
-    return "\n".join([*lines, "", *([*textwrap.wrap(remark, 118), ""] if remark else [])])
-
-
-def update_tables(path, tables, command="compare"):
-    """Replace the tables of a Markdown file that stand between <!-- COMMAND: TITLE --> and <!-- end -->.
-
-    Raises InputError: a table of the file has no end mark.
-    """
-    text = path.read_text()
-    for title, *table in tables:
-        mark = f"<!-- {command}: {title} -->"
-        before, found, after = text.partition(mark)
-        if found:
-            _, end, rest = after.partition("<!-- end -->")
-            if not end:
-                raise InputError(f"{path}: {mark}", "no <!-- end -->", "<!-- end --> after the table")
-            text = f"{before}{mark}\n{_body(*table)}{end}{rest}"
-    write_text(path, text)
 
 
 def _show(tables):

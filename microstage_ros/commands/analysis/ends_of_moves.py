@@ -2,15 +2,14 @@
 
 import dataclasses
 import json
-import pathlib
 
 from rich.console import Console
 from rich.table import Table
 
 from microstage_ros import __version__
 from microstage_ros.commands import answer
-from microstage_ros.commands.analysis.compare import update_tables
 from microstage_ros.commands.progress import progress
+from microstage_ros.commands.tables import update_tables
 from microstage_ros.control.robustness import ends_of_moves
 from microstage_ros.files import write_text
 
@@ -37,8 +36,7 @@ def show_ends(arguments, axis, chosen, law):
     console = Console()
     console.width = max(console.width, 150)  # the table is wide
     console.print(table)
-    for document in arguments.update:
-        update_tables(pathlib.Path(document), [(title, ends_of_moves.HEADS, rows, remark)], "robustness")
+    update_tables(arguments.update, [(title, ends_of_moves.HEADS, rows, remark)], "robustness")
     facts = {
         "version": __version__,
         "axis": axis.as_dict(),

@@ -14,12 +14,12 @@ from rich.table import Table
 
 from microstage_ros import __version__
 from microstage_ros.commands import answer
-from microstage_ros.commands.analysis.compare import update_tables
 from microstage_ros.commands.analysis.ends_of_moves import show_ends
 from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.drives import check_drive
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
+from microstage_ros.commands.tables import check_documents, update_tables
 from microstage_ros.control.laws.registry import LAWS
 from microstage_ros.control.robustness import campaign
 from microstage_ros.control.robustness.conditions import Condition, conditions, random_machine
@@ -61,8 +61,7 @@ def main(argv=None):
         f"{law},"
         f" {f'{arguments.random} random machines within {arguments.factor:g}' if arguments.random else 'conditions'}"
     )
-    for document in arguments.update:
-        update_tables(pathlib.Path(document), [(title, *_document(rows, arguments))], "robustness")
+    update_tables(arguments.update, [(title, *_document(rows, arguments))], "robustness")
     failures = [o for o in outcomes if o.fault]
     folder = pathlib.Path(arguments.out) if arguments.out else None
     for outcome in failures:
@@ -144,6 +143,7 @@ def _parse(argv):
     )
     parser.add_argument("--list", action="store_true", help="print the names of the conditions and do nothing")
     arguments = parser.parse_args(argv)
+    check_documents(arguments.update)
     for name in ("seeds", "jobs"):
         if getattr(arguments, name) < 1:
             raise InputError(f"--{name}", getattr(arguments, name), "1 or more")

@@ -1,40 +1,105 @@
 """``figures``: measures the tables of the documentation anew and stamps each with version, machine and state of the
 code.
 
-A table of another area is added by one line in `TABLES` and its two comments in the page
-(`microstage_ros.report.stamped`).
+A table of another area is added by its two comments in the page (`microstage_ros.report.stamped`), a line in
+`microstage_ros.commands.tables.CODE`, and a line in `RUNS`.
 """
 
+import functools
+import json
+import os
 import sys
+import tempfile
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 
 from microstage_ros.commands import answer
 from microstage_ros.commands.parser import Parser
+from microstage_ros.commands.tables import code_of, command_of
 from microstage_ros.places import SOURCE
 from microstage_ros.quantities.errors import InputError
-from microstage_ros.report.stamped import Table, is_stale, mark_stale, read_stamp, write_table
+from microstage_ros.report.stamped import find_table, is_stale, mark_stale, read_tables, stamp_now, write_table
 
-DIAGNOSIS = ("diagnosis", "model", "solver")
-TABLES = (
-    Table(
-        "campaign", "docs/diagnosis.md", "microstage_ros.diagnosis.validation.tables:campaign_table", DIAGNOSIS, 90.0
-    ),
-    Table(
-        "second-world",
-        "docs/diagnosis.md",
-        "microstage_ros.diagnosis.validation.tables:second_world_table",
-        DIAGNOSIS,
-        90.0,
-    ),
-    Table(
-        "emps",
-        "docs/emps.md",
-        "microstage_ros.diagnosis.validation.tables:emps_table",
-        ("diagnosis/resimulation", "solver", "control/laws"),
-        8.0,
-    ),
+CONTROL_PAGE = "docs/control_evidence.md"
+ROBUSTNESS = (
+    ("--seeds", "5", "--seed", "9900", "--beside", "self_tuning"),
+    ("--seeds", "2", "--law", "self_tuning"),
+    ("--seeds", "5", "--seed", "9950", "--random", "200", "--first", "4800", "--beside", "self_tuning"),
+    ("--moves", "1003", "--seed", "8200", "--only", "nominal", "backlash 0.1 deg", "backlash 0.25 deg",
+     "backlash 0.5 deg", "backlash 1 deg", "backlash 0.5 deg, current noise 1 mA"),
 )
-"""Every stamped table of the documentation."""
+"""Options of `robustness` for its four tables."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What measures some tables of one page.
+
+    Attributes
+    ----------
+    page : relative to the checkout. minutes : of one idle core, about.
+    measure : function (page, earlier) that writes them; ``earlier``: files of results to use instead.
+    """
+
+    page: str
+    measure: Callable
+    minutes: float
+
+
+def _campaign(page, world, earlier=()):
+    from microstage_ros.diagnosis.validation.tables import campaign_table
+
+    stamp = stamp_now(SOURCE, code_of("figures", world))
+    found = _outcomes(earlier, world, stamp.code) if earlier else None
+    write_table(page, "figures", world, campaign_table(world.removesuffix("-world"), found), stamp)
+
+
+def _outcomes(files, world, code):
+    """{(kind, strength): outcomes} of campaigns' JSON files. Raises `InputError` for one of another world or code."""
+    from microstage_ros.commands.analysis.campaign import earlier_outcomes
+
+    found = {}
+    for path in map(Path, files):
+        outcomes, tree = earlier_outcomes(path), json.loads(path.read_text(encoding="utf-8"))
+        wanted = {"world": world.removesuffix("-world"), "code": code, "effect": "", "baseline": True}
+        for name, value in wanted.items():
+            if tree.get(name) != value:
+                raise InputError(f"--from {path}: {name}", tree.get(name), f"{value!r}, for the table of today's code")
+        found.setdefault((tree["kind"], tree["strength"]), []).extend(outcomes)
+    return found
+
+
+def _emps(page, earlier=()):
+    from microstage_ros.diagnosis.validation.tables import emps_table
+
+    write_table(page, "figures", "emps", emps_table(), stamp_now(SOURCE, code_of("figures", "emps")))
+
+
+def _compare(page, earlier=()):
+    from microstage_ros.commands.analysis import compare
+
+    with tempfile.TemporaryDirectory() as folder:
+        compare.main(["--out", os.path.join(folder, "all"), "--update", page])
+        compare.main(["--out", os.path.join(folder, "searched"), "--opponents", "2000", "--update", page])
+
+
+def _robustness(page, earlier=()):
+    from microstage_ros.commands.analysis import robustness
+
+    for options in ROBUSTNESS:
+        robustness.main([*options, "--update", page])
+
+
+RUNS = {
+    "first-world": Run("docs/diagnosis.md", functools.partial(_campaign, world="first-world"), 240.0),
+    "second-world": Run("docs/diagnosis.md", functools.partial(_campaign, world="second-world"), 240.0),
+    "emps": Run("docs/emps.md", _emps, 8.0),
+    "compare": Run(CONTROL_PAGE, _compare, 180.0),
+    "robustness": Run(CONTROL_PAGE, _robustness, 120.0),
+}
+"""Name on the command line to what it runs."""
 
 
 def main(argv=None):
@@ -45,49 +110,53 @@ def main(argv=None):
         description="Measures tables of the documentation anew and stamps them: version, "
         "machine, date, and a digest of the code that they are about.",
     )
-    parser.add_argument(
-        "names", nargs="*", metavar="NAME", help="tables (default all): " + ", ".join(t.name for t in TABLES)
-    )
+    parser.add_argument("names", nargs="*", metavar="NAME", help="what to measure (default all): " + ", ".join(RUNS))
     parser.add_argument(
         "--check", action="store_true", help="measure nothing; list the tables and fail if a stale one does not say so"
     )
+    parser.add_argument("--from", dest="earlier", nargs="+", default=[], metavar="JSON",
+                        help="first-world or second-world, from these files of campaign --json, made with today's code")
     parser.add_argument("--mark", action="store_true", help="measure nothing; let stale tables say so to their reader")
     arguments = parser.parse_args(argv)
-    known = {table.name: table for table in TABLES}
     for name in arguments.names:
-        if name not in known:
-            raise InputError("figures: NAME", name, "one of " + ", ".join(known))
-    chosen = [known[name] for name in arguments.names] or list(TABLES)
+        if name not in RUNS:
+            raise InputError("figures: NAME", name, "one of " + ", ".join(RUNS))
+    chosen = arguments.names or list(RUNS)
+    if arguments.earlier and (len(chosen) != 1 or not chosen[0].endswith("-world")):
+        raise InputError("--from", " ".join(chosen), "with first-world or second-world alone")
     if arguments.check or arguments.mark:
-        return _check(chosen, arguments.mark)
-    for table in chosen:
-        print(f"{table.name}: about {table.minutes:g} min of one idle core …", file=sys.stderr, flush=True)
+        return _check(SOURCE, {RUNS[name].page for name in chosen}, arguments.mark)
+    for name in chosen:
+        print(f"{name}: about {RUNS[name].minutes:g} min of one idle core …", file=sys.stderr, flush=True)
         began = time.monotonic()
-        write_table(SOURCE, table, table.make())
-        print(f"{table.name}: {table.page}, {time.monotonic() - began:.0f} s")
-    answer.state(tables=[{"name": table.name, "page": table.page} for table in chosen])
+        RUNS[name].measure(str(SOURCE / RUNS[name].page), earlier=arguments.earlier)
+        print(f"{name}: {RUNS[name].page}, {time.monotonic() - began:.0f} s")
+    answer.state(tables=[{"name": name, "page": RUNS[name].page} for name in chosen])
     return 0
 
 
-def _check(tables, mark):
-    """List the tables; the exit status."""
+def state_of(root, table):
+    """``fresh``, ``stale, and says so`` or ``stale, and does not say so``: of a table, as to the code of ``root``."""
+    if not is_stale(root, table, code_of(table.owner, table.title)):
+        return "fresh"
+    said = table.says_that_it_is_stale(command_of(table.owner, table.title))
+    return "stale, and says so" if said else "stale, and does not say so"
+
+
+def _check(root, pages, mark):
+    """List the tables of these pages; the exit status."""
     bad, rows = 0, []
-    for table in tables:
-        if mark:
-            mark_stale(SOURCE, table)
-        stale, stamp = is_stale(SOURCE, table), read_stamp(SOURCE, table)
-        state = "fresh" if not stale else "stale, and says so" if stamp.marked else "stale, and does not say so"
-        bad += stale and not stamp.marked
-        print(f"{table.name:14s} {table.page:22s} {stamp.version} {stamp.made}  {state}  ({stamp.machine})")
-        rows.append(
-            {
-                "name": table.name,
-                "page": table.page,
-                "version": stamp.version,
-                "made": str(stamp.made),
-                "state": state,
-                "machine": stamp.machine,
-            }
-        )
+    for page in sorted(pages):
+        for table in read_tables(root / page):
+            owner, title = table.owner, table.title
+            if mark:
+                table = find_table(root / page, owner, title)  # those above it have moved it
+                mark_stale(root, root / page, table, code_of(owner, title), command_of(owner, title))
+                table = find_table(root / page, owner, title)
+            state = state_of(root, table)
+            bad += state.endswith("does not say so")
+            print(f"{page:26s} {table.stamp.made}  {state:26s} {owner}: {title}")
+            rows.append({"page": page, "owner": owner, "title": title, "state": state, "version": table.stamp.version,
+                         "made": table.stamp.made, "machine": table.stamp.machine})
     answer.state(tables=rows)
     return 1 if bad else 0

@@ -1,0 +1,65 @@
+"""Tables of measured figures in Markdown files: the code that they are about, and putting one in its place.
+
+How a table stands in a page, and when it is stale: `microstage_ros.report.stamped`.
+"""
+
+import textwrap
+from pathlib import Path
+
+from microstage_ros.files import write_text
+from microstage_ros.places import SOURCE
+from microstage_ros.quantities.errors import InputError
+from microstage_ros.report.stamped import read_tables, stamp_now, write_table
+
+CONTROL = ("control", "model", "solver")
+DIAGNOSIS = ("diagnosis", "model", "solver")
+FORCE_BALANCE = ("diagnosis/resimulation", "solver", "control/laws")
+CODE = {("figures", "emps"): FORCE_BALANCE, "figures": DIAGNOSIS, "compare": CONTROL, "robustness": CONTROL}
+"""(owner, title), or owner, of a table to the files and folders of microstage_ros that its figures are about."""
+
+
+def code_of(owner, title):
+    """Files and folders of microstage_ros that a table is about."""
+    return CODE.get((owner, title)) or CODE[owner]
+
+
+def command_of(owner, title):
+    """The command that measures a table anew."""
+    return f"./microstage figures {title if owner == 'figures' else owner}"
+
+
+def body(header, rows, remark):
+    """Markdown of a table: heads, rows of text, and a remark below it."""
+    lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
+    lines += ["| " + " | ".join(row) + " |" for row in rows]
+    return "\n".join([*lines, "", *([*textwrap.wrap(remark, 118), ""] if remark else [])])
+
+
+def check_documents(documents):
+    """The files of ``--update`` are there. Raises `InputError`."""
+    for document in documents:
+        if not Path(document).is_file():
+            raise InputError("--update", document, "a file that exists")
+
+
+def update_tables(documents, tables, owner):
+    """Replace those tables of Markdown files that stand there under their titles, and stamp them.
+
+    Parameters
+    ----------
+    documents : paths. tables : of (title, header, rows, remark). owner : the command that made them.
+
+    Raises
+    ------
+    InputError : a table of a file has no end mark.
+    """
+    for document in documents:
+        there = {(table.owner, table.title) for table in read_tables(document)}
+        for title, *table in tables:
+            if (owner, title) in there:
+                write_table(document, owner, title, body(*table), stamp_now(SOURCE, code_of(owner, title)))
+
+
+def save_markdown(path, tables):
+    """Write tables (title, header, rows, remark) to a Markdown file, each below its title."""
+    write_text(path, "\n".join(f"### {title}\n\n{body(*table)}" for title, *table in tables))
