@@ -106,7 +106,7 @@ def shut_by_another_process(paths, which, then="os._exit(0)"):
     code = (f"import os, sys, signal, ctypes; from pathlib import Path\n"
             f"from microstage_ros.ros.transport.abandoned_locks import Segment\n"
             f"for path in sys.argv[1:]:\n    kept = Segment(Path(path))\n"
-            f"    ctypes.CDLL(None).pthread_mutex_lock(ctypes.c_void_p(kept._base + kept._words[{which}]))\n"
+            f"    ctypes.CDLL(None).pthread_mutex_lock(kept.address({which}))\n"
             f"print(flush=True); {then}")
     command = [sys.executable, "-c", code, *map(str, paths)]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)

@@ -22,7 +22,7 @@ from microstage_ros.ros.launching.cell_processes import NODES, QUICK, CellFailur
 from microstage_ros.ros.launching.ownership import folder
 from microstage_ros.ros.launching.shared_memory import ENDING
 from microstage_ros.ros.launching.supervision import Supervisor
-from microstage_ros.ros.transport.abandoned_locks import BEGINNING, PLACE, Segment
+from microstage_ros.ros.transport.abandoned_locks import PLACE, READER, Segment
 from microstage_ros.ros.transport.topics import LATCHED
 
 MOST_S = 1.0
@@ -131,7 +131,7 @@ def shut_all_locks(pid):
         time.sleep(0.05)
     os.kill(pid, signal.SIGSTOP)
     found = []
-    for path in PLACE.glob(f"{BEGINNING}{note.read_text().split()[2]}_*"):
+    for path in PLACE.glob(f"{READER}{note.read_text().split()[2]}_*"):
         with suppress(ValueError):  # of a writer
             found.append((path, Segment(path)))
     for which in (0, 1):

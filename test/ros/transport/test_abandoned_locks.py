@@ -9,18 +9,25 @@ from ros_support import shut_by_another_process, spin_until
 
 from microstage_ros.ros.transport import abandoned_locks
 from microstage_ros.ros.transport.abandoned_locks import (
-    BEGINNING,
+    FIRST_PORT,
     HEADER,
     KIND,
+    LAYOUTS,
     LOCK,
-    MUTEXES,
+    MUTEX,
     NAMELESS_LOOKS,
     PLACE,
+    PORT,
+    PORTS,
+    READER,
+    SLEEPERS,
     VALUE,
-    VALUE_BYTES,
     AbandonedLocks,
     Segment,
 )
+
+MUTEXES = (VALUE + SLEEPERS, VALUE + SLEEPERS + MUTEX)
+"""Where the locks of a reader are in its file."""
 
 
 @pytest.fixture
@@ -31,13 +38,13 @@ def reader(node):
     spin_until(node, lambda: node.get_subscriptions_info_by_topic("/axis/command"))
     identity = node.get_subscriptions_info_by_topic("/axis/command")[0].endpoint_gid
     name = ".".join(f"{byte:02x}" for byte in identity[:12]) + "_" + ".".join(f"{byte:x}" for byte in identity[12:16])
-    return heard, PLACE / (BEGINNING + name)
+    return heard, PLACE / (READER + name)
 
 
 @pytest.fixture
 def copied(reader, tmp_path):
     """A folder with a copy of such a file, and that file."""
-    return tmp_path, shutil.copy(reader[1], tmp_path / f"{BEGINNING}1")
+    return tmp_path, shutil.copy(reader[1], tmp_path / f"{READER}1")
 
 
 @pytest.mark.parametrize("which", [0, 1])
@@ -83,7 +90,7 @@ def test_a_lock_without_a_name_is_opened_later(copied):
     assert [locks.look() for _ in range(NAMELESS_LOOKS + 1)] == [0] * (NAMELESS_LOOKS - 1) + [1, 0]
 
 
-@pytest.mark.parametrize("place", [HEADER + 8, HEADER + 12, MUTEXES[0] + KIND, MUTEXES[1] + KIND, VALUE + VALUE_BYTES])
+@pytest.mark.parametrize("place", [HEADER + 8, HEADER + 12, MUTEXES[0] + KIND, MUTEXES[1] + KIND, VALUE + LAYOUTS[READER].size])
 def test_another_layout_is_left_alone(copied, place):
     folder, path = copied
     data = bytearray(path.read_bytes())
@@ -94,6 +101,22 @@ def test_another_layout_is_left_alone(copied, place):
         Segment(path)
     locks = AbandonedLocks(folder)
     assert sum(locks.look() for _ in range(NAMELESS_LOOKS + 1)) == 0 and path.read_bytes() == data
+
+
+def test_a_port_is_marked_as_useless_before_its_lock_is_opened(node, tmp_path):
+    """A message in it may be half written; a servo loop stood still for a second until the middleware made it anew."""
+    first = FIRST_PORT + PORTS * int(os.environ["ROS_DOMAIN_ID"])
+    found = [number for number in range(first, first + PORTS) if (PLACE / f"{PORT}{number}").exists()]
+    path = shutil.copy(PLACE / f"{PORT}{found[0]}", tmp_path / f"{PORT}{found[0]}")
+    other = shutil.copy(path, tmp_path / f"{PORT}{first + PORTS}")  # of another domain
+    for which in (0, 1):
+        shut_by_another_process([path, other], which)
+    flags = VALUE + LAYOUTS[PORT].flags
+    assert path.read_bytes()[flags] == 7
+    locks = AbandonedLocks(tmp_path)
+    assert [locks.look() for _ in range(3)] == [0, 2, 0]
+    assert path.read_bytes()[flags] == 6 and Segment(path).holders() == (None, None)
+    assert other.read_bytes()[flags] == 7 and None not in Segment(other).holders()
 
 
 def test_where_the_c_library_has_other_mutexes_nothing_is_done(copied, monkeypatch):
