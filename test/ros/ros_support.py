@@ -2,6 +2,8 @@
 
 import fcntl
 import os
+import subprocess
+import sys
 import tempfile
 import time
 from contextlib import contextmanager
@@ -97,3 +99,18 @@ def ask(node, kind, name, request, seconds=PATIENCE_S):
         pytest.fail(f"{name} does not answer")
     finally:
         node.destroy_client(client)
+
+
+def shut_by_another_process(paths, which, then="os._exit(0)"):
+    """A process that has shut lock number ``which`` of readers' segments and then does ``then``."""
+    code = (f"import os, sys, signal, ctypes; from pathlib import Path\n"
+            f"from microstage_ros.ros.transport.abandoned_locks import Segment\n"
+            f"for path in sys.argv[1:]:\n    kept = Segment(Path(path))\n"
+            f"    ctypes.CDLL(None).pthread_mutex_lock(kept.address({which}))\n"
+            f"print(flush=True); {then}")
+    command = [sys.executable, "-c", code, *map(str, paths)]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert process.stdout.readline() == b"\n"
+    if then == "os._exit(0)":
+        process.communicate()
+    return process

@@ -50,7 +50,7 @@ class CellFailure(RuntimeError):
 PAIR = ("axis_driver", "str_controller")
 BYSTANDERS = ("health_monitor",)
 """Nodes that grant no credit: they take what they can get of the stream, and the axis does not wait for them."""
-PATIENT = ("gms_observer", "interferometer_logger", "bag_recorder", "health_monitor")
+PATIENT = ("gms_observer", "interferometer_logger", "health_monitor")
 """Nodes that may be late, and give way to those that may not."""
 
 

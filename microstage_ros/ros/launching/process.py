@@ -1,6 +1,7 @@
 """One node in one process: services and parameters in a thread, the servo loop in the main thread."""
 
 import contextlib
+import ctypes
 import gc
 import os
 import signal
@@ -40,6 +41,10 @@ MEETING = 1.0
 
 SERVED = 2.0
 """Longest wait [s] at the end for the thread that serves requests."""
+
+M_MMAP_THRESHOLD, M_ARENA_MAX = -3, -8
+FIRST_THRESHOLD = 128 * 1024
+"""From so many bytes on a buffer has pages of its own: the C library's first value, which stays once it is set."""
 
 _stop = threading.Event()
 _asked = {"number": signal.SIGINT}
@@ -90,6 +95,17 @@ def _wait_for_signal(ours, theirs):
         call()
     time.sleep(LAST_RESORT)
     os._exit(1)
+
+
+def keep_memory_steady():
+    """Have the C library give large buffers back at once, and take small ones from one place for all threads.
+
+    By itself it keeps what was freed, in a place per thread, for larger and larger buffers: a process that makes new
+    ones of a megabyte all the time then goes up and down by megabytes. It makes allocation slower: not for servo loops.
+    """
+    libc = ctypes.CDLL(None)
+    libc.mallopt(M_MMAP_THRESHOLD, FIRST_THRESHOLD)
+    libc.mallopt(M_ARENA_MAX, 1)
 
 
 def started(arguments, context=None):

@@ -1,6 +1,7 @@
 """What the move server tells of its moves: the result of each, and the statistics of all."""
 
 import math
+import threading
 import time
 
 import numpy as np
@@ -12,7 +13,13 @@ INTERFEROMETER_WAIT = 2.0
 PACED_WAIT = 0.4
 """The same where time is the wall clock's."""
 
+MOST_RESULTS = 10_000
+"""Statistics are of so many moves, the newest: a move every second for three hours."""
+
 RESULT = MoveTo.Result
+RESULT_KEPT_S = 60.0
+"""How long [s] a client can ask for the result of a goal that has ended. The action server keeps all of them so long,
+and by itself for 900 s, in which a busy client fills memory."""
 
 
 class Readings:
@@ -47,6 +54,36 @@ class Readings:
         return self._position[(self._sequence >= first) & (self._sequence <= last)]
 
 
+class Results:
+    """What the statistics need of the newest moves that reached their target. All memory is taken at the start.
+
+    Parameters
+    ----------
+    most : so many are kept.
+    """
+
+    def __init__(self, most=MOST_RESULTS):
+        self._table, self._count, self._lock = np.full((most, 4), np.nan), 0, threading.Lock()
+
+    def add(self, distance, final_error, interferometer_error, settling_time):
+        """Add a move: how far it went [m], encoder and interferometer less the target [m], settling time [s]."""
+        with self._lock:
+            self._table[self._count % len(self._table)] = distance, final_error, interferometer_error, settling_time
+            self._count += 1
+
+    def clear(self):
+        """Begin anew."""
+        with self._lock:
+            self._count = 0
+
+    def by_distance(self):
+        """Distance [m], to a nanometre, to the other three columns of its moves, shape (n, 3)."""
+        with self._lock:
+            table = self._table[:self._count].copy()
+        distances = np.round(table[:, 0], 9)
+        return {float(each): table[distances == each, 1:] for each in dict.fromkeys(distances.tolist())}
+
+
 class MoveResults:
     """Results of `MoveServer`; the attributes are the node's."""
 
@@ -60,8 +97,8 @@ class MoveResults:
             + (f"; stopped {move.stopped}" if move.stopped else ""))
         if move.reached:
             result.interferometer_error = self._interferometer_error(move)
-            self._errors.setdefault(round(move.target - move.start, 9), []).append(
-                (result.final_error, result.interferometer_error, result.settling_time))
+            self._results.add(move.target - move.start, result.final_error, result.interferometer_error,
+                              result.settling_time)
 
     def _interferometer_error(self, move):
         """Mean of interferometer - target over the settle time [m]; NaN without an interferometer."""
@@ -77,8 +114,7 @@ class MoveResults:
     def _serve_statistics(self, request, response):
         from microstage_ros.metrology.repeatability import repeatability  # scipy.stats takes a second to load
 
-        for distance, results in self._errors.items():
-            table = np.array(results)
+        for distance, table in self._results.by_distance().items():
             interferometer = bool(np.isfinite(table[:, 1]).all())
             errors = table[:, 1 if interferometer else 0]
             row = AccuracyRow(target=distance, count=len(errors), mean_error=float(errors.mean()), four_sigma=math.nan,
@@ -89,5 +125,5 @@ class MoveResults:
                 row.four_sigma, (row.four_sigma_low, row.four_sigma_high) = r.four_s, r.four_s_interval
             response.rows.append(row)
         if request.reset:
-            self._errors = {}
+            self._results.clear()
         return response

@@ -31,6 +31,7 @@ from microstage_ros.ros.loops.driver_periods import SLICE, DriverPeriods
 from microstage_ros.ros.loops.driver_requests import DriverRequests
 from microstage_ros.ros.loops.driver_topics import DriverTopics
 from microstage_ros.ros.transport import topics
+from microstage_ros.ros.transport.abandoned_locks import AbandonedLocks
 from microstage_ros.ros.transport.blocks import Sender
 from microstage_ros.ros.transport.checked import CheckedReader
 from microstage_ros.ros.transport.codec import Codec
@@ -64,6 +65,7 @@ class AxisDriver(DriverPeriods, DriverRequests, LifecycleNode):
         super().__init__("axis_driver")
         p = self.parameters = Parameters(self, "axis_driver")
         self._owned = Ownership("driver", self.get_namespace())
+        AbandonedLocks().keep_looking(running, self.get_logger())
         self.axis = load_axis(p.axis_file or config_file("axis.yaml"))
         self.period = self.axis.value("period")
         self._travel = (self.axis.value("travel.minimum") - TRAVEL_MARGIN,

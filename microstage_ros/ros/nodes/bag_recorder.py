@@ -20,7 +20,7 @@ from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.bags.bag import BagStopped, BagWriter, Qos, installed_definition
 from microstage_ros.ros.launching.node_parameters import ParameterCollector
 from microstage_ros.ros.launching.parameters import Parameters, yaml_mapping
-from microstage_ros.ros.launching.process import run_node, running
+from microstage_ros.ros.launching.process import keep_memory_steady, run_node, running
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.blocks import Stream
 from microstage_ros.ros.transport.codec import Codec, stamps_ns
@@ -265,6 +265,7 @@ def _run(text):
 
 def main(arguments=None):
     """Run the node."""
+    keep_memory_steady()
     return run_node(BagRecorder, arguments)
 
 

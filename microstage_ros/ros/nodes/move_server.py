@@ -24,10 +24,10 @@ from microstage_ros.control.trajectories.move import Move, check_move
 from microstage_ros.control.trajectories.profiles import MotionLimits, jerk_limited_move
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.ros.launching.parameters import Parameters
-from microstage_ros.ros.launching.process import run_node, running
+from microstage_ros.ros.launching.process import keep_memory_steady, run_node, running
 from microstage_ros.ros.loops.move_credit import MoveCredit
 from microstage_ros.ros.loops.move_requests import MoveRequests
-from microstage_ros.ros.loops.move_results import RESULT, MoveResults, Readings
+from microstage_ros.ros.loops.move_results import RESULT, RESULT_KEPT_S, MoveResults, Readings, Results
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.blocks import Stream
 from microstage_ros.ros.transport.checked import MOST
@@ -74,7 +74,7 @@ class MoveServer(MoveCredit, MoveRequests, MoveResults, Node):
         self._numbers = {}
         self._held_since, self._talking = None, False
         self._readings = Readings()
-        self._errors = {}
+        self._results = Results()
         self._granter = Granter(self)
         servo = self._servo = make_servo_path(self)
         self._inside = Stream(self, servo, ControllerState, topics.CONTROLLER_STATE)
@@ -84,7 +84,8 @@ class MoveServer(MoveCredit, MoveRequests, MoveResults, Node):
         self.create_subscription(DriverStatus, topics.DRIVER_STATUS, self._on_status, topics.LATCHED)
         self._follow = self.create_client(FollowReference, topics.FOLLOW_REFERENCE, callback_group=group)
         self._action = ActionServer(self, MoveTo, topics.MOVE_TO, self._execute, callback_group=group,
-                                    goal_callback=self._number_goal, cancel_callback=lambda goal: CancelResponse.ACCEPT)
+                                    goal_callback=self._number_goal, cancel_callback=lambda goal: CancelResponse.ACCEPT,
+                                    result_timeout=RESULT_KEPT_S)
         self.create_service(MoveService, topics.MOVE, self._serve_move, callback_group=group)
         self.create_service(Statistics, topics.STATISTICS, self._serve_statistics, callback_group=group)
         self.create_subscription(CellStatus, topics.CELL_STATUS, self._on_cell_status, topics.LATCHED)
@@ -391,6 +392,7 @@ class MoveServer(MoveCredit, MoveRequests, MoveResults, Node):
 
 def main(arguments=None):
     """Run the node."""
+    keep_memory_steady()
     return run_node(MoveServer, arguments, threads=6)
 
 

@@ -23,6 +23,7 @@ from microstage_ros.ros.launching.parameters import Parameters, yaml_mapping
 from microstage_ros.ros.launching.process import on_stop, run_node, running
 from microstage_ros.ros.loops.controller_loop import CROWDED, NOTHING_CAME, STRANGE, QuickAnswers, load
 from microstage_ros.ros.transport import topics
+from microstage_ros.ros.transport.abandoned_locks import AbandonedLocks
 from microstage_ros.ros.transport.blocks import Outlet, Sender, periods_per_block
 from microstage_ros.ros.transport.checked import MOST, SILENT, CheckedReader
 from microstage_ros.ros.transport.codec import Codec
@@ -45,6 +46,7 @@ class StrController(Node):
     def __init__(self):
         super().__init__("str_controller")
         p = self.parameters = Parameters(self, "str_controller", self._parameter_changed)
+        AbandonedLocks().keep_looking(running, self.get_logger())
         self.axis = load_axis(p.axis_file or config_file("axis.yaml"))
         law = p.controller or self.axis.controller.get("type", "none")
         self.controller = make_controller(law, self.axis, **_gains(p.gains))

@@ -6,20 +6,23 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
 import pytest
 from microstage_msgs.action import MoveTo
 from microstage_msgs.msg import AxisState, DriverStatus
-from ros_support import PATIENCE_S, own_domain, real_time_place, ros_node, spin_until
+from ros_support import PATIENCE_S, own_domain, real_time_place, ros_node, shut_by_another_process, spin_until
 from sensor_msgs.msg import JointState
 
 from microstage_ros.records.bags.bag import read_bag
 from microstage_ros.ros.benchmarks.output_view import OutputView
 from microstage_ros.ros.client import AxisClient
 from microstage_ros.ros.launching.cell_processes import NODES, QUICK, CellFailure, CellProcesses
+from microstage_ros.ros.launching.ownership import folder
+from microstage_ros.ros.launching.shared_memory import ENDING
 from microstage_ros.ros.launching.supervision import Supervisor
+from microstage_ros.ros.transport.abandoned_locks import PLACE, READER, Segment
 from microstage_ros.ros.transport.topics import LATCHED
 
 MOST_S = 1.0
@@ -119,12 +122,32 @@ def test_a_dead_controller_is_zero_volts_and_an_answered_move(tmp_path, mode):
         assert view.volts == 0.0
 
 
+def shut_all_locks(pid):
+    """Stop a process, and have one that has ended hold both locks of each of its readers; the locks."""
+    note = folder() / f"{pid}{ENDING}"
+    end = time.monotonic() + PATIENCE_S
+    while not (note.exists() and note.read_text().endswith("\n")):
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    os.kill(pid, signal.SIGSTOP)
+    found = []
+    for path in PLACE.glob(f"{READER}{note.read_text().split()[2]}_*"):
+        with suppress(ValueError):  # of a writer
+            found.append((path, Segment(path)))
+    for which in (0, 1):
+        shut_by_another_process([path for path, _ in found], which)
+    assert found
+    return [lock for _, lock in found]
+
+
 def test_what_may_be_restarted_is_and_takes_its_place_again(tmp_path):
     with running_cell(tmp_path, "lockstep", NODES, supervised=True) as (cell, node, client, heard, supervisor):
         assert client.move(1e-5, timeout=20.0).reached
         for name in ("gms_observer", "interferometer_logger", "bag_recorder", "move_server"):
             before = cell.processes[name].pid
+            locks = shut_all_locks(before)  # as in the moment in which it holds them: who writes to it waits there
             cell.processes[name].kill()
+            spin_until(node, lambda locks=locks: all(lock.holders() == (None, None) for lock in locks))
             end = time.monotonic() + PATIENCE_S
             while cell.processes[name].pid in (None, before):
                 supervisor.look()

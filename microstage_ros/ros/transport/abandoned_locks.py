@@ -1,0 +1,225 @@
+"""Locks in shared memory whose holder was killed or stopped: opened again, so that who waits for them goes on.
+
+Fast DDS has two kinds of segment in ``/dev/shm`` by which writers wake a reader: one for each reader with data sharing
+(`DataSharingNotification`), and the ports of the shared-memory transport (`SharedMemGlobal::PortNode`). Both hold a
+list of who sleeps (`RobustInterprocessCondition`) and two process-shared mutexes that are not robust: one that a thread
+held when its process was killed stays shut. Whoever needs it then waits for 1 s
+(`BOOST_INTERPROCESS_TIMEOUT_WHEN_LOCKING`), with its own locks held. At a port once, since the middleware marks it as
+useless then and makes it anew: the servo loop stands still for a second. At a reader with every message, until
+discovery gives the reader up after 20 s: no service of the process is answered meanwhile. A reader whose lock was left
+shut by a writer hears nothing more.
+
+To open a reader's lock is safe, even where its holder was only stopped and goes on later: its list is changed by the
+one thread that reads, others walk through it, and all else that is guarded is an atomic flag. A lock that is opened
+wrongly can delay one waking until the next message; nothing else. A port may hold a message that is half written: it is
+marked as useless first, as the middleware itself would do a second later.
+
+Tried with Fast DDS 2.14.5 and glibc 2.36 on x86-64. A segment that is not laid out as expected is left alone. Without
+this file the waits above are back.
+"""
+
+import contextlib
+import ctypes
+import fcntl
+import mmap
+import os
+import struct
+import threading
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+PLACE = Path("/dev/shm")
+
+
+class Layout(NamedTuple):
+    """Of the named object of a segment: its name, its bytes, where its list of sleepers is, where what marks a port."""
+
+    name: bytes
+    size: int
+    sleepers: int
+    flags: int | None
+
+
+READER, PORT = "fast_datasharing_", "fastrtps_port"
+LAYOUTS = {
+    READER: Layout(b"notification_node\0", 20584, 0, None),
+    PORT: Layout(b"port_node_abi5\0", 41136, 56, 44),
+}
+"""Beginning of the file's name to what is in it. The mutex of the list follows the list, and the other that mutex."""
+
+HEADER, VALUE = 240, 256
+"""Where the named object has its header and its value."""
+
+SLEEPERS = 512 * 40 + 2 * 8
+"""Bytes of the list: semaphores, and the ends of two chains."""
+
+LOCK, OWNER, KIND, MUTEX = 0, 8, 16, 40
+"""Words of glibc's `pthread_mutex_t`: 0 where it is open; the thread that holds it; what kind it is; bytes of all."""
+
+BOTH = struct.Struct("<I4xI28xI4xI")
+"""The first two of these words of the two mutexes."""
+
+PROCESS_SHARED = 0x80
+"""The kind: shared by processes, and otherwise normal, so that any thread may open it."""
+
+PORT_IS_USABLE = 1
+"""Bit of a port's flags."""
+
+EVERY_S, AGAIN_S = 0.05, 0.005
+"""Time between two looks [s], and where a lock was shut. A thread that runs holds one for less than a microsecond."""
+
+NAMELESS_LOOKS = 10
+"""A thread that has shut a lock writes its number into it with the next instruction. One that was killed between the
+two leaves a lock without a holder, which is opened after so many looks."""
+
+LISTED_S, MAKING_S = 0.25, 5.0
+"""Time between two looks for new files [s]. One that is nothing of ours after `MAKING_S` will not become it."""
+
+FIRST_PORT, PORTS = 7400, 250
+"""Port numbers of domain 0 begin here, and every domain has so many (RTPS specification, 9.6.1.1)."""
+
+
+class Segment:
+    """The two locks of one segment, mapped. Raises `ValueError` if it is no such segment, `OSError` if it is gone."""
+
+    def __init__(self, path):
+        layout = LAYOUTS[READER if path.name.startswith(READER) else PORT]
+        with path.open("r+b") as file:
+            about = os.fstat(file.fileno())
+            start = os.pread(file.fileno(), VALUE, 0)
+            name = os.pread(file.fileno(), len(layout.name), VALUE + layout.size)
+            if (about.st_uid != os.getuid() or len(start) < VALUE or name != layout.name
+                    or _word(start, HEADER + 8) != layout.size or start[HEADER + 12] != len(layout.name) - 1):
+                raise ValueError(f"{path.name} is not laid out as Fast DDS 2.14.5 does it")
+            self._pages = mmap.mmap(file.fileno(), about.st_size)
+        self._base = ctypes.addressof(ctypes.c_char.from_buffer(self._pages))
+        self._first = VALUE + layout.sleepers + SLEEPERS
+        self._flags = None if layout.flags is None else VALUE + layout.flags
+        if any(_word(self._pages, self._mutex(which) + KIND) != PROCESS_SHARED for which in (0, 1)):
+            raise ValueError(f"{path.name} has mutexes of another kind")
+
+    def _mutex(self, which):
+        """Place of the list's mutex, 0, or of the other, 1."""
+        return self._first + which * MUTEX
+
+    def address(self, which):
+        """Of a mutex."""
+        return ctypes.c_void_p(self._base + self._mutex(which))
+
+    def holders(self):
+        """For each lock None if it is open, else the number of the thread that holds it, 0 if it does not say."""
+        first, holder_of_first, second, holder_of_second = BOTH.unpack_from(self._pages, self._first)
+        return holder_of_first if first else None, holder_of_second if second else None
+
+    def open(self, which):
+        """Open one lock, of a port that is marked as useless first; the thread that waits for it goes on."""
+        if self._flags is not None:
+            self._pages[self._flags] &= ~PORT_IS_USABLE
+        ctypes.CDLL(None).pthread_mutex_unlock(self.address(which))
+
+
+class AbandonedLocks:
+    """Looks again and again at all readers of this user and at the ports of this domain, and opens what nobody will."""
+
+    def __init__(self, place=PLACE):
+        self._place, self._segments, self._seen = place, {}, {}
+        self._changed, self._settled, self._listed = None, 0.0, 0.0
+        self._known = _mutexes_are_as_expected()
+        self._domain = int(os.environ.get("ROS_DOMAIN_ID") or 0)
+
+    def look(self):
+        """Open the locks held as at the last look, by a thread that is gone or stopped. Returns how many."""
+        self._follow()
+        opened, seen = 0, {}
+        for name, segment in self._segments.items():
+            if segment is None or (holders := segment.holders()) == (None, None):
+                continue
+            for which, holder in enumerate(holders):
+                if holder is None:
+                    continue
+                before, looks = self._seen.get((name, which), (holder, 0))
+                looks = looks + 1 if before == holder else 1
+                seen[name, which] = holder, looks
+                if looks > 1 and _gone(holder) if holder else looks >= NAMELESS_LOOKS:
+                    opened += self._open(name, which, holder)
+        self._seen = seen
+        return opened
+
+    def _follow(self):
+        """Know the segments that are there now."""
+        now = time.monotonic()
+        if not self._known or self._segments and now < self._listed + LISTED_S or not self._place.is_dir():
+            return
+        changed, self._listed = self._place.stat().st_mtime_ns, now
+        if changed == self._changed and now > self._settled:
+            return
+        if changed != self._changed:
+            self._changed, self._settled = changed, now + MAKING_S
+        names = {name for name in os.listdir(self._place) if self._concerns(name)}
+        for name in self._segments.keys() - names:
+            del self._segments[name]
+        for name in names - self._segments.keys():
+            path = self._place / name
+            with contextlib.suppress(OSError):  # gone meanwhile, or somebody else's
+                try:
+                    self._segments[name] = Segment(path)
+                except ValueError:
+                    if time.time() - path.stat().st_mtime > MAKING_S:
+                        self._segments[name] = None
+
+    def _concerns(self, name):
+        """True for the file of a reader or writer with data sharing, and of a port of this domain."""
+        number = name.removeprefix(PORT)
+        return name.startswith(READER) or (
+            number != name and number.isdecimal() and (int(number) - FIRST_PORT) // PORTS == self._domain)
+
+    def _open(self, name, which, holder):
+        """Open a lock that ``holder`` holds, unless another process does so at this moment. Returns 1 or 0."""
+        with contextlib.suppress(OSError), (self._place / name).open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if self._segments[name].holders()[which] == holder:
+                self._segments[name].open(which)
+                return 1
+        return 0
+
+    def keep_looking(self, running, logger):
+        """Have a thread look every `EVERY_S` until ``running()`` is false. Driver and controller do, each for both: the
+        thread of one may wait for the interpreter's lock, which a waiting writer of its process has."""
+
+        def look_on():
+            pause = threading.Event()
+            while running():
+                if opened := self.look():
+                    logger.warning(f"opened {opened} locks in shared memory whose holders have ended or are stopped")
+                pause.wait(AGAIN_S if self._seen else EVERY_S)
+
+        threading.Thread(target=look_on, name="locks", daemon=True).start()
+
+
+def _word(data, at):
+    return int.from_bytes(data[at:at + 4], "little")
+
+
+def _gone(thread):
+    """True if a thread has ended or is stopped by a signal."""
+    try:
+        state = Path(f"/proc/{thread}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return True
+    except (OSError, IndexError):
+        return False
+    return state in "TtZX"
+
+
+def _mutexes_are_as_expected():
+    """True if a mutex of this C library has its words where they are looked for: tried with one."""
+    libc = ctypes.CDLL(None)
+    mutex, attributes = ctypes.create_string_buffer(64), ctypes.create_string_buffer(64)
+    libc.pthread_mutexattr_init(attributes)
+    libc.pthread_mutexattr_setpshared(attributes, 1)
+    libc.pthread_mutex_init(mutex, attributes)
+    libc.pthread_mutex_lock(mutex)
+    held = _word(mutex.raw, LOCK), _word(mutex.raw, OWNER), _word(mutex.raw, KIND)
+    libc.pthread_mutex_unlock(mutex)
+    return held == (1, threading.get_native_id(), PROCESS_SHARED) and _word(mutex.raw, LOCK) == 0

@@ -1,0 +1,127 @@
+"""Locks of readers whose holder was killed or stopped are opened; held ones and strange files are left alone."""
+
+import os
+import shutil
+
+import pytest
+from microstage_msgs.msg import VoltageCommand
+from ros_support import shut_by_another_process, spin_until
+
+from microstage_ros.ros.transport import abandoned_locks
+from microstage_ros.ros.transport.abandoned_locks import (
+    FIRST_PORT,
+    HEADER,
+    KIND,
+    LAYOUTS,
+    LOCK,
+    MUTEX,
+    NAMELESS_LOOKS,
+    PLACE,
+    PORT,
+    PORTS,
+    READER,
+    SLEEPERS,
+    VALUE,
+    AbandonedLocks,
+    Segment,
+)
+
+MUTEXES = (VALUE + SLEEPERS, VALUE + SLEEPERS + MUTEX)
+"""Where the locks of a reader are in its file."""
+
+
+@pytest.fixture
+def reader(node):
+    """Heard messages and the file of a reader of the running middleware."""
+    heard = []
+    node.create_subscription(VoltageCommand, "command", heard.append, 10)
+    spin_until(node, lambda: node.get_subscriptions_info_by_topic("/axis/command"))
+    identity = node.get_subscriptions_info_by_topic("/axis/command")[0].endpoint_gid
+    name = ".".join(f"{byte:02x}" for byte in identity[:12]) + "_" + ".".join(f"{byte:x}" for byte in identity[12:16])
+    return heard, PLACE / (READER + name)
+
+
+@pytest.fixture
+def copied(reader, tmp_path):
+    """A folder with a copy of such a file, and that file."""
+    return tmp_path, shutil.copy(reader[1], tmp_path / f"{READER}1")
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_a_message_arrives_at_a_reader_whose_lock_a_killed_process_held(node, reader, tmp_path, which):
+    heard, path = reader
+    (tmp_path / path.name).symlink_to(path)
+    locks, segment = AbandonedLocks(tmp_path), Segment(path)
+    assert segment.holders() == (None, None) and locks.look() == 0
+    process = shut_by_another_process([path], which)
+    assert segment.holders()[which] == process.pid
+    assert locks.look() == 0  # seen once may be a moment's use
+    assert locks.look() == 1 and segment.holders() == (None, None) and locks.look() == 0
+    publisher = node.create_publisher(VoltageCommand, "command", 10)
+    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    publisher.publish(VoltageCommand(voltage=3.0))
+    spin_until(node, lambda: heard and heard[0].voltage == 3.0)
+
+
+def test_a_stopped_holder_is_one_and_a_waiting_one_is_none(copied):
+    folder, path = copied
+    locks = AbandonedLocks(folder)
+    waits = shut_by_another_process([path], 1, "sys.stdin.read()")
+    try:
+        assert [locks.look() for _ in range(2 * NAMELESS_LOOKS)] == [0] * 2 * NAMELESS_LOOKS
+    finally:
+        waits.communicate()
+    assert locks.look() == 1
+    stops = shut_by_another_process([path], 0, "os.kill(os.getpid(), signal.SIGSTOP)")
+    try:
+        os.waitid(os.P_PID, stops.pid, os.WSTOPPED | os.WNOWAIT)
+        assert [locks.look() for _ in range(3)] == [0, 1, 0]
+    finally:
+        stops.kill()
+        stops.communicate()
+
+
+def test_a_lock_without_a_name_is_opened_later(copied):
+    folder, path = copied
+    with path.open("r+b") as file:
+        file.seek(MUTEXES[1] + LOCK)
+        file.write(b"\1")
+    locks = AbandonedLocks(folder)
+    assert [locks.look() for _ in range(NAMELESS_LOOKS + 1)] == [0] * (NAMELESS_LOOKS - 1) + [1, 0]
+
+
+@pytest.mark.parametrize("place", [HEADER + 8, HEADER + 12, MUTEXES[0] + KIND, MUTEXES[1] + KIND, VALUE + LAYOUTS[READER].size])
+def test_another_layout_is_left_alone(copied, place):
+    folder, path = copied
+    data = bytearray(path.read_bytes())
+    data[place] += 1
+    data[MUTEXES[1]] = 1
+    path.write_bytes(data)
+    with pytest.raises(ValueError, match="2.14.5|another kind"):
+        Segment(path)
+    locks = AbandonedLocks(folder)
+    assert sum(locks.look() for _ in range(NAMELESS_LOOKS + 1)) == 0 and path.read_bytes() == data
+
+
+def test_a_port_is_marked_as_useless_before_its_lock_is_opened(node, tmp_path):
+    """A message in it may be half written; a servo loop stood still for a second until the middleware made it anew."""
+    first = FIRST_PORT + PORTS * int(os.environ["ROS_DOMAIN_ID"])
+    found = [number for number in range(first, first + PORTS) if (PLACE / f"{PORT}{number}").exists()]
+    path = shutil.copy(PLACE / f"{PORT}{found[0]}", tmp_path / f"{PORT}{found[0]}")
+    other = shutil.copy(path, tmp_path / f"{PORT}{first + PORTS}")  # of another domain
+    for which in (0, 1):
+        shut_by_another_process([path, other], which)
+    flags = VALUE + LAYOUTS[PORT].flags
+    assert path.read_bytes()[flags] == 7
+    locks = AbandonedLocks(tmp_path)
+    assert [locks.look() for _ in range(3)] == [0, 2, 0]
+    assert path.read_bytes()[flags] == 6 and Segment(path).holders() == (None, None)
+    assert other.read_bytes()[flags] == 7 and None not in Segment(other).holders()
+
+
+def test_where_the_c_library_has_other_mutexes_nothing_is_done(copied, monkeypatch):
+    folder, path = copied
+    monkeypatch.setattr(abandoned_locks, "OWNER", 12)
+    shut_by_another_process([path], 1)
+    locks, before = AbandonedLocks(folder), path.read_bytes()
+    assert sum(locks.look() for _ in range(3)) == 0 and path.read_bytes() == before
