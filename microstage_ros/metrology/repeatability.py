@@ -39,8 +39,8 @@ def repeatability(errors: ArrayLike, confidence: float = 0.95) -> Repeatability:
 
     Parameters
     ----------
-    errors : reached minus target, shape (n,), n >= 2.
-    confidence : of both intervals.
+    errors : reached minus target [m], shape (n,), n >= 2.
+    confidence : of both intervals [1].
 
     Raises
     ------
@@ -58,5 +58,8 @@ def repeatability(errors: ArrayLike, confidence: float = 0.95) -> Repeatability:
 
 
 def chi_square(freedom: float, probability: float) -> float:
-    """Quantile of the chi-square distribution; `scipy.stats` has it too, and takes a second to load."""
+    """Quantile [1] of the chi-square distribution of ``freedom`` degrees of freedom [1] at ``probability`` [1].
+
+    `scipy.stats` has it too, and takes a second to load.
+    """
     return 2 * gammaincinv(freedom / 2, probability)

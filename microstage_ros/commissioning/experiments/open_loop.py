@@ -193,7 +193,8 @@ def scale_check(found, sketch):
 
     A scale c of the encoder divides the back-EMF per encoder speed, k/c, and twice what is left of the inertia when
     that is multiplied in, J/c². Each gives an interval of ln c: the sketch's tolerances as bounds, and the doubt of the
-    measurement. Refused is what lies in both, where all of it is nearer to a factor of two than to one.
+    measurement. Refused is what lies in both, where all of it is nearer to a factor of two than to one; that raises
+    `Refused`.
     """
     axis = sketch.axis
     if axis.choices["drive.type"] != "voltage_motor":

@@ -250,7 +250,7 @@ class MesaCard:
         return (counted / seconds - float(self.options["current_zero_hz"])) * float(self.options["current_A_per_hz"])
 
     def write(self, voltage):
-        """Hold ``voltage`` [V] at the amplifier and pet the watchdog."""
+        """Hold ``voltage`` [V] at the amplifier and pet the watchdog; `HardwareError` if the card is not open."""
         if self._link is None:
             raise HardwareError("the Mesa card is not open")
         self._voltage = min(max(float(voltage), -self._limit), self._limit)

@@ -22,7 +22,10 @@ LARGEST = 1400  # bytes of a datagram
 
 
 def command(space, size, address, count, write=False):
-    """The four bytes of one command: ``count`` elements of ``size`` bit from ``address`` on."""
+    """The four bytes of one command: ``count`` elements of ``size`` bit from ``address`` on.
+
+    Raises `ValueError` for a count outside 1 to 127.
+    """
     if not 1 <= count <= 127:
         raise ValueError(f"a count of {count}, expected 1 to 127")
     word = (WRITE if write else 0) | ADDRESS | space << 10 | SIZES[size] << 8 | (RISES if count > 1 else 0) | count
@@ -71,7 +74,7 @@ class Link:
         self._socket.close()
 
     def send(self, *commands):
-        """Send commands that answer nothing."""
+        """Send commands that answer nothing; `HardwareError` if the socket refuses them."""
         try:
             self._socket.send(b"".join(commands))
         except OSError as error:

@@ -80,6 +80,7 @@ class PositionDependentFriction(Effect):
 
     @classmethod
     def check_together(cls, checked, place):
+        """InputError unless the lists are of one length and the support points rise."""
         same_length(checked, ["amplitude", "period_m", "phase_rad"], place)
         same_length(checked, ["positions_m", "factors"], place)
         x = as_list(checked["positions_m"])

@@ -70,6 +70,7 @@ class PiezoCreep(Effect):
 
     @classmethod
     def apply(cls, plant, p):
+        """One more term of creep; InputError if the drive's own take all places."""
         q = plant["drive_parameters"]
         count = int(q[CREEP_COUNT])
         if count >= CREEPS:

@@ -1,0 +1,149 @@
+"""Docstrings of public functions say what they raise, and units and shapes of their numbers.
+
+What is public is named without an underscore, in a class that is. Compiled kernels are left out of the rules for
+functions: their arguments are those of the equations in their module's head.
+"""
+
+import ast
+import functools
+import re
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[1] / "microstage_ros"
+COMPILED = ("compiled", "internal", "always_inlined", "inlined_before_typing", "intrinsic", "overload")
+
+#: Packages whose public functions give every number with its unit or shape. A package is added when all of its functions
+#: hold the rule; none leaves.
+WITH_UNITS = ("signals", "metrology", "numerics", "quantities")
+#: Parameters without annotation that are never numbers, by name.
+OBJECTS = {"arguments", "file", "function", "functions", "kind", "name", "otherwise", "package", "result"}
+#: Functions of these modules implement the methods of that class, which documents them.
+INTERFACES = {"model/friction": "FrictionLaw"}
+#: What may stand in brackets as a unit: products and quotients of these, with exponents.
+UNITS = {"1", "%", "dB", "m", "s", "A", "V", "N", "K", "J", "W", "Pa", "rad", "Hz", "kg", "ohm", "H", "F", "°C", "ns", "mm",
+         "µm", "nm", "ms", "µs", "ppm", "q", "unit", "byte", "count"}
+WORDS = r"any unit|its own unit|unit of [^\]]+"
+SHAPE = r"\bin ``?unit``?(?!\w)|\bin the units? of\b|\bSI\b|\(\w+,\)|\(\w+, \w+(?:, \w+)?\)|\bshapes?\b"
+NUMBER = r"\b(float|complex|ndarray|ArrayLike|NDArray)\b"
+NAME_WITH_UNIT = r"_(m|s|ns|rad|hz|Hz|n|v|a|k|K|pa|Pa|nm|um|c|deg|ppm|counts)$"
+
+
+def _is_compiled(function):
+    return any(name in ast.unparse(decorator) for decorator in function.decorator_list for name in COMPILED)
+
+
+@functools.cache
+def _modules():
+    """[(path within the package, syntax tree)] of every module."""
+    return [(path.relative_to(PACKAGE).as_posix(), ast.parse(path.read_text(encoding="utf-8")))
+            for path in sorted(PACKAGE.rglob("*.py"))]
+
+
+@functools.cache
+def _classes():
+    """{name: class} of the whole package."""
+    return {node.name: node for _, tree in _modules() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
+
+
+def _functions():
+    """(path, classes around it, function) of every public function outside compiled kernels."""
+    def within(node, around):
+        for child in node.body:
+            if isinstance(child, ast.ClassDef) and not child.name.startswith("_"):
+                yield from within(child, (*around, child))
+            elif isinstance(child, ast.FunctionDef) and not child.name.startswith("_") and not _is_compiled(child):
+                yield around, child
+
+    for path, tree in _modules():
+        for around, function in within(tree, ()):
+            yield path, around, function
+
+
+def _implemented(node, name, seen=()):
+    """Docstrings of the methods ``name`` of a class and of those it derives from, with the classes' own."""
+    found = [ast.get_docstring(node) or ""]
+    found += [ast.get_docstring(child) or "" for child in node.body if isinstance(child, ast.FunctionDef) and child.name == name]
+    for base in node.bases:
+        parent = _classes().get(ast.unparse(base).split(".")[-1])
+        if parent is not None and parent not in seen:
+            found += _implemented(parent, name, (*seen, node))
+    return found
+
+
+def _texts(path, around, function):
+    """Where a function's numbers may be told: its docstring, its class's, and those of what it implements."""
+    texts = [ast.get_docstring(function) or ""]
+    for node in around:
+        texts += _implemented(node, function.name)
+    for folder, name in INTERFACES.items():
+        if path.startswith(folder) and not around:
+            texts += _implemented(_classes()[name], function.name)
+    return texts
+
+
+def _is_unit(text):
+    if re.fullmatch(WORDS, text):
+        return True
+    parts = [re.sub(r"[²³⁴]|\^-?[\w.]+$", "", part) for part in re.split(r"[ /()·√]", text.replace(" or ", "/").replace(", ", "/"))]
+    return all(not part or part in UNITS for part in parts)
+
+
+def _has_unit(text):
+    return bool(re.search(SHAPE, text)) or any(map(_is_unit, re.findall(r"\[([^\]\s][^\]]*)\]", text)))
+
+
+def _told(name, text):
+    """Whether a text gives a unit or a shape after a parameter's name, in the same sentence or entry."""
+    for found in re.finditer(rf"(?<!\w){re.escape(name)}(?!\w)", text):
+        rest = re.split(r"(?<!\be\.g)[.;](?:\s|$)|\n\s*\n|\n(?=\w[\w, ]* : )", text[found.end():])[0]
+        if _has_unit(rest):
+            return True
+    return False
+
+
+def _is_number(argument):
+    if argument.annotation is None:
+        return argument.arg not in OBJECTS
+    return bool(re.search(NUMBER, ast.unparse(argument.annotation)))
+
+
+def _gives_numbers(function):
+    """Whether a function visibly returns numbers: by its annotation, else by the form of what it returns."""
+    if function.returns is not None:
+        return bool(re.search(NUMBER, ast.unparse(function.returns)))
+    returned = [node.value for node in ast.walk(function) if isinstance(node, ast.Return)]
+    return any(isinstance(value, (ast.BinOp, ast.UnaryOp)) and not isinstance(getattr(value, "op", None), (ast.Not, ast.Mod))
+               or isinstance(value, ast.Call) and re.match(r"(float|abs|np|numpy|math)\b", ast.unparse(value.func))
+               for value in returned)
+
+
+def _untold(path, around, function):
+    """Numbers of a function that its documentation leaves without unit and shape."""
+    texts = _texts(path, around, function)
+    arguments = [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
+    missing = [argument.arg for argument in arguments if argument.arg not in ("self", "cls") and _is_number(argument)
+               and not re.search(NAME_WITH_UNIT, argument.arg) and not any(_told(argument.arg, text) for text in texts)]
+    if _gives_numbers(function) and not re.search(NAME_WITH_UNIT, function.name):
+        about = [re.split(r"\n\s*Parameters\n", texts[0])[0] + "".join(re.findall(r"Returns\n(.*)", text, re.DOTALL)) for text in texts]
+        missing += [] if any(map(_has_unit, about)) else ["what it returns"]
+    return missing
+
+
+def _named(path, around, function):
+    return f"{path}:{function.lineno} {'.'.join([*(node.name for node in around), function.name])}"
+
+
+@pytest.mark.parametrize("package", WITH_UNITS)
+def test_public_functions_give_units_or_shapes_of_their_numbers(package):
+    untold = {_named(*each): missing for each in _functions() if each[0].startswith(f"{package}/") and (missing := _untold(*each))}
+    assert not untold, "\n".join(f"{place}: {', '.join(missing)}" for place, missing in untold.items())
+
+
+def test_public_functions_say_what_they_raise():
+    silent = [_named(*each) for each in _functions()
+              if any(isinstance(node, ast.Raise) and node.exc is not None and "NotImplementedError" not in ast.unparse(node.exc)
+                     for node in ast.walk(each[2]))
+              and not re.search(r"\b[Rr]aises?\b|\w+Error\b", ast.get_docstring(each[2]) or "")]
+    assert not silent, "\n".join(silent)
