@@ -16,16 +16,21 @@ COMPILED = ("compiled", "internal", "always_inlined", "inlined_before_typing", "
 
 #: Packages whose public functions give every number with its unit or shape. A package is added when all of its functions
 #: hold the rule; none leaves.
-WITH_UNITS = ("signals", "metrology", "numerics", "quantities")
+WITH_UNITS = ("signals", "metrology", "numerics", "quantities", "model")
 #: Parameters without annotation that are never numbers, by name.
-OBJECTS = {"arguments", "file", "function", "functions", "kind", "name", "otherwise", "package", "result"}
+OBJECTS = {
+    "arguments", "axis", "checked", "choices", "contact", "controller", "count_name", "effect", "effects",
+    "experiment", "file", "form", "function", "functions", "generator", "given", "key", "kind", "law",
+    "machine", "meaning", "name", "names", "otherwise", "package", "parts", "path", "place", "plant",
+    "progress", "provenance", "record", "result", "sentence", "source", "table", "task", "tree", "unit", "what",
+}
 #: Functions of these modules implement the methods of that class, which documents them.
 INTERFACES = {"model/friction": "FrictionLaw"}
 #: What may stand in brackets as a unit: products and quotients of these, with exponents.
 UNITS = {"1", "%", "dB", "m", "s", "A", "V", "N", "K", "J", "W", "Pa", "rad", "Hz", "kg", "ohm", "H", "F", "°C", "ns", "mm",
          "µm", "nm", "ms", "µs", "ppm", "q", "unit", "byte", "count"}
 WORDS = r"any unit|its own unit|unit of [^\]]+"
-SHAPE = r"\bin ``?unit``?(?!\w)|\bin the units? of\b|\bSI\b|\(\w+,\)|\(\w+, \w+(?:, \w+)?\)|\bshapes?\b"
+SHAPE = r"\bin ``?unit``?(?!\w)|\bin the units? of\b|\bSI\b|\(\w[\w +−]*,(?: …)?\)|\((?:\w+|\.\.\.), \w+(?:, \w+)?\)|\bshapes?\b"
 NUMBER = r"\b(float|complex|ndarray|ArrayLike|NDArray)\b"
 NAME_WITH_UNIT = r"_(m|s|ns|rad|hz|Hz|n|v|a|k|K|pa|Pa|nm|um|c|deg|ppm|counts)$"
 
@@ -95,10 +100,10 @@ def _has_unit(text):
 
 
 def _told(name, text):
-    """Whether a text gives a unit or a shape after a parameter's name, in the same sentence or entry."""
+    """Whether a text gives a unit, a shape or a class after a parameter's name, in the same sentence or entry."""
     for found in re.finditer(rf"(?<!\w){re.escape(name)}(?!\w)", text):
         rest = re.split(r"(?<!\be\.g)[.;](?:\s|$)|\n\s*\n|\n(?=\w[\w, ]* : )", text[found.end():])[0]
-        if _has_unit(rest):
+        if _has_unit(rest) or re.search(r"`[A-Z]\w+(?<!Error)`", rest):
             return True
     return False
 

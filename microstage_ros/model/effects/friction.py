@@ -286,7 +286,7 @@ class FrictionLevelChange(Effect):
 
 
 def scale_friction(contact, factor):
-    """Scale a contact's friction at every displacement and velocity by ``factor``."""
+    """Scale a contact's friction at every displacement and velocity by ``factor`` [1]."""
     contact["level"] *= factor
     contact["kappa"] *= factor
     contact["viscous"] *= factor

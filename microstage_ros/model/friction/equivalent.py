@@ -28,11 +28,11 @@ def equivalent_blocks(name, values):
     Parameters
     ----------
     name : name of a law in `registry.NAMES` that has a stiffness.
-    values : its parameters as `registry.FrictionLaw.pack` takes them.
+    values : its parameters in F and q, as `registry.FrictionLaw.pack` takes them (in the units of their specs).
 
     Returns
     -------
-    (k, α), arrays of shape (n,), n ≤ 8, Σ α = 1.
+    (k [F/q], α [1]), arrays of shape (n,), n ≤ 8, Σ α = 1.
 
     Raises
     ------

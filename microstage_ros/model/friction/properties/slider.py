@@ -73,7 +73,10 @@ def slide(law, packed, state, inertia, spring, load, period, stop_speed, positio
 
 
 def run_slider(contact, load, period, inertia, spring=0.0, stop_speed=math.inf):
-    """(position, velocity, friction) of a slider that begins at rest, each (n,), n the samples done.
+    """(position [rad], velocity [rad/s], friction [N m]) of a slider from rest, each (n,), n the samples done.
+
+    ``load`` (samples,) [N m], one each ``period`` [s]; ``inertia`` m [N m s²/rad], ``spring`` K [N m/rad]; ends early
+    beyond ``stop_speed`` [rad/s].
 
     ``contact`` is a :class:`~microstage_ros.model.friction.properties.contact.Contact`; its state is carried on.
     """
