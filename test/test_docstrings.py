@@ -12,17 +12,18 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "microstage_ros"
-COMPILED = ("compiled", "internal", "always_inlined", "inlined_before_typing", "intrinsic", "overload")
+COMPILED = ("compiled", "internal", "always_inlined", "inlined_before_typing", "intrinsic", "overload", "njit")
 
 #: Packages whose public functions give every number with its unit or shape. A package is added when all of its functions
 #: hold the rule; none leaves.
-WITH_UNITS = ("signals", "metrology", "numerics", "quantities", "model")
+WITH_UNITS = ("signals", "metrology", "numerics", "quantities", "model", "solver")
 #: Parameters without annotation that are never numbers, by name.
 OBJECTS = {
-    "arguments", "axis", "checked", "choices", "contact", "controller", "count_name", "effect", "effects",
-    "experiment", "file", "form", "function", "functions", "generator", "given", "key", "kind", "law",
-    "machine", "meaning", "name", "names", "otherwise", "package", "parts", "path", "place", "plant",
-    "progress", "provenance", "record", "result", "sentence", "source", "table", "task", "tree", "unit", "what",
+    "action", "arguments", "axis", "builder", "checked", "choices", "contact", "controller", "count_name",
+    "effect", "effects", "equations", "experiment", "file", "form", "function", "functions", "generator",
+    "given", "key", "kind", "law", "machine", "meaning", "method", "name", "names", "otherwise", "package",
+    "parts", "path", "place", "plant", "progress", "provenance", "record", "result", "sentence", "source",
+    "table", "task", "tree", "unit", "what", "work",
 }
 #: Functions of these modules implement the methods of that class, which documents them.
 INTERFACES = {"model/friction": "FrictionLaw"}
@@ -108,10 +109,20 @@ def _told(name, text):
     return False
 
 
-def _is_number(argument):
-    if argument.annotation is None:
-        return argument.arg not in OBJECTS
-    return bool(re.search(NUMBER, ast.unparse(argument.annotation)))
+def _is_number(argument, default):
+    """Whether a parameter is a number: by its annotation, else unless its default or its name says otherwise."""
+    if argument.annotation is not None:
+        return bool(re.search(NUMBER, ast.unparse(argument.annotation)))
+    return argument.arg not in OBJECTS and not (isinstance(default, ast.Constant) and isinstance(default.value, (bool, str)))
+
+
+def _numbers(function):
+    """Names of the parameters that are numbers."""
+    places = function.args
+    positional = [*places.posonlyargs, *places.args]
+    defaults = [None] * (len(positional) - len(places.defaults)) + [*places.defaults, *places.kw_defaults]
+    return [argument.arg for argument, default in zip([*positional, *places.kwonlyargs], defaults)
+            if argument.arg not in ("self", "cls") and _is_number(argument, default)]
 
 
 def _gives_numbers(function):
@@ -127,9 +138,8 @@ def _gives_numbers(function):
 def _untold(path, around, function):
     """Numbers of a function that its documentation leaves without unit and shape."""
     texts = _texts(path, around, function)
-    arguments = [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
-    missing = [argument.arg for argument in arguments if argument.arg not in ("self", "cls") and _is_number(argument)
-               and not re.search(NAME_WITH_UNIT, argument.arg) and not any(_told(argument.arg, text) for text in texts)]
+    missing = [name for name in _numbers(function)
+               if not re.search(NAME_WITH_UNIT, name) and not any(_told(name, text) for text in texts)]
     if _gives_numbers(function) and not re.search(NAME_WITH_UNIT, function.name):
         about = [re.split(r"\n\s*Parameters\n", texts[0])[0] + "".join(re.findall(r"Returns\n(.*)", text, re.DOTALL)) for text in texts]
         missing += [] if any(map(_has_unit, about)) else ["what it returns"]
