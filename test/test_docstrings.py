@@ -1,4 +1,4 @@
-"""Docstrings of public functions say what they raise, and units and shapes of their numbers.
+"""Docstrings of public functions say what they raise, units and shapes of their numbers, and where equations are from.
 
 What is public is named without an underscore, in a class that is. Compiled kernels are left out of the rules for
 functions: their arguments are those of the equations in their module's head.
@@ -34,6 +34,18 @@ WORDS = r"any unit|its own unit|unit of [^\]]+"
 SHAPE = r"\bin ``?unit``?(?!\w)|\bin the units? of\b|\bSI\b|\(\w[\w +−]*,(?: …)?\)|\((?:\w+|\.\.\.), \w+(?:, \w+)?\)|\bshapes?\b"
 NUMBER = r"\b(float|complex|ndarray|ArrayLike|NDArray)\b"
 NAME_WITH_UNIT = r"_(m|s|ns|rad|hz|Hz|n|v|a|k|K|pa|Pa|nm|um|c|deg|ppm|counts)$"
+#: Folders of equations: every module says where they are from (paper, article with its year, standard, datasheet), or
+#: "Derived" and from what.
+WITH_SOURCE = ("model/friction/", "model/effects/", "model/actuators/", "model/sensors/", "control/laws/",
+               "identification/estimators/", "metrology/")
+#: Modules there that only hold others together; none of them has an equation of its own.
+WITHOUT_EQUATIONS = (
+    "control/laws/controller.py", "control/laws/law.py", "control/laws/none.py", "control/laws/registry.py",
+    "identification/estimators/estimate.py", "model/effects/drawing.py", "model/effects/effect.py",
+    "model/effects/forces.py", "model/effects/resimulated.py", "model/friction/contact.py",
+    "model/friction/registry.py", "model/friction/properties/table.py",
+)
+SOURCE = r"\bpaper\b|\bSources?\b[^.]*?:|\b[Dd]erived\b|\bISO \d|\bJCGM \d|\bdatasheet\b|[A-Z][\w-]+[^.:=]{0,60}\b(?:18|19|20)\d\d\b"
 
 
 def _is_compiled(function):
@@ -162,3 +174,18 @@ def test_public_functions_say_what_they_raise():
                      for node in ast.walk(each[2]))
               and not re.search(r"\b[Rr]aises?\b|\w+Error\b", ast.get_docstring(each[2]) or "")]
     assert not silent, "\n".join(silent)
+
+
+def _told_source(tree):
+    return any(re.search(SOURCE, ast.get_docstring(node) or "") for node in ast.walk(tree)
+               if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)))
+
+
+def test_modules_of_equations_name_their_source():
+    silent = [path for path, tree in _modules() if path.startswith(WITH_SOURCE) and not path.endswith("__init__.py")
+              and path not in WITHOUT_EQUATIONS and not _told_source(tree)]
+    assert not silent, "\n".join(silent)
+
+
+def test_modules_without_equations_are_there():
+    assert set(WITHOUT_EQUATIONS) <= {path for path, _ in _modules()}

@@ -5,6 +5,8 @@
 J from fast sliding, where M_f is Coulomb and viscous friction and the equation is linear; C from the lag of
 the friction behind its curve, |s| / C, wherever the speed passes the curve's knee quickly. Both sides pass one
 zero-phase low-pass.
+
+Sources: paper, Eqs. 7 and 8 (lag of the slipping blocks); the balance is Newton's at the shaft.
 """
 
 import math

@@ -2,6 +2,8 @@
 
 A record is reduced to what the estimators need (a few thousand numbers), so that hours of repeats fit in
 memory. `identify_actuator` turns the features of all records into parameters.
+
+Source: paper, section 4.1: friction torque k_M i against the angle in slow motion, and against constant speeds.
 """
 
 from dataclasses import dataclass, field

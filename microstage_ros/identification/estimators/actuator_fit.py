@@ -1,4 +1,8 @@
-"""From features of many records to the friction parameters of the actuator, with bootstrap over repeats."""
+"""From features of many records to the friction parameters of the actuator, with bootstrap over repeats.
+
+Sources: paper, Eqs. 3–5 (blocks) and 10 (sliding curve); bootstrap over whole repeats: B. Efron, R. Tibshirani, An
+Introduction to the Bootstrap, Chapman & Hall 1993.
+"""
 
 from dataclasses import replace
 

@@ -8,6 +8,9 @@ travel: F = g(z) with g monotone and flat where there is no contact, again linea
     coulomb_viscous   F = F_c sgn v + σ v
     maxwell_slip      F = Σ k_j z_j                      z_j stop operators of widths w_j
     lost_motion       F = g(z)                           one stop operator, g piecewise linear, g' ≥ 0
+
+Sources: W. D. Iwan, Journal of Applied Mechanics 33 (1966) for the blocks; non-negative least squares: C. L. Lawson,
+R. J. Hanson, Solving Least Squares Problems, Prentice-Hall 1974.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,9 @@
-"""Uncertainty: sandwich covariances of serially correlated residuals, bootstrap, profile likelihood."""
+"""Uncertainty: sandwich covariances of serially correlated residuals, bootstrap, profile likelihood.
+
+Sources: sandwich of independent groups, here blocks of rows: K.-Y. Liang, S. L. Zeger, Biometrika 73 (1986); bootstrap:
+B. Efron, R. Tibshirani, An Introduction to the Bootstrap, Chapman & Hall 1993; profile likelihood: S. S. Wilks, Annals
+of Mathematical Statistics 9 (1938).
+"""
 
 import numpy as np
 from scipy.optimize import brentq

@@ -8,6 +8,9 @@ and it follows the back EMF with the lag L/R,
 linear in 1/R, u_0/R, K_E/R and K_E L/R²; one zero-phase low-pass of all columns leaves that true. Without
 the lag R would be a part in a thousand too small, since dω/dt goes with the current. The amplifier's noise
 enters after u was recorded and is the equation's own error, so the current is the dependent variable.
+
+Derived: the winding R i + L di/dt = u + u_0 − K_E ω, whose stationary form is Eq. 9 of the paper, with di/dt replaced
+by that of the back EMF.
 """
 
 import numpy as np

@@ -5,6 +5,8 @@
 The factors are those of least squared error e, over all records at once; a constant y_0 per record takes the sensor's
 zero and the drive's history before the record. The model is the compiled one of the simulator, with its sensor and
 without noise.
+
+Source: output error method, L. Ljung, System Identification (1999).
 """
 
 import numpy as np

@@ -7,6 +7,9 @@ Ornstein–Uhlenbeck processes,
 
 Δs travel, Δt time. Both are Markov, so a Kalman filter over the samples gives the exact likelihood at
 any spacing; its maximum gives σ, p, ℓ, τ and the noise of the samples, its profile their intervals.
+
+Derived: the exact step of an Ornstein–Uhlenbeck process over a distance d is q → a q + σ √(1 − a²) n, a = exp(−d/ℓ), n
+a standard normal number; the likelihood is the product of the normal densities of the filter's innovations.
 """
 
 import math

@@ -8,6 +8,8 @@ so with the break points x_j given the w_j ≥ 0 follow from non-negative least 
 points are searched. A repeat whose friction is larger by the factor c has the same stiffnesses and later
 break points, F_c(x) = c F(x / c): repeats are registered by c before they are averaged, else their mean
 would round off the corners.
+
+Source: paper, Eqs. 3–5; the registration is derived: limits scaled by c at the same stiffnesses.
 """
 
 from dataclasses import dataclass

@@ -7,6 +7,9 @@ The linear part of every actuator has one form, with the amplifier's output u_a 
 
 `Actuator.fill` writes L, R, b, K_E, k_M, g, D into the plant record. What is not linear goes into two compiled
 functions of the class, both optional: ``shape`` (once per period: command → u_a) and ``torque`` (in every chunk).
+
+Derived: Kirchhoff's voltage law of the winding and the torque of its current; the stationary form is Eq. 9 of the
+paper.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,9 @@
-"""Effects in the friction contacts. The limits of a contact are F_j,max = α_j s(w) · (factors)."""
+"""Effects in the friction contacts. The limits of a contact are F_j,max = α_j s(w) · (factors).
+
+Sources: B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994), for friction that depends on
+position, direction and dwell and for frictional lag; paper, Table 2, for the difference between directions. Derived:
+creep from a flow that falls as 1/t; the rest by definition, as factors on the axis's own law.
+"""
 
 import math
 

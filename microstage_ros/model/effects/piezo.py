@@ -1,4 +1,7 @@
-"""Effects in a piezo stack and its amplifier."""
+"""Effects in a piezo stack and its amplifier.
+
+Derived from the equations of `model.actuators.piezo` (K. Kuhnen 2003): one of their numbers changes.
+"""
 
 from dataclasses import replace
 

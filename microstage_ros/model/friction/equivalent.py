@@ -9,6 +9,8 @@ blocks
 
 (`blocks.blocks_from_segment_slopes`). The polygon lies within 6 % of the limit of an exponential approach (a test holds
 it there); return branches follow Masing's rule, which Dahl, LuGre and the elasto-plastic law do not obey exactly.
+
+Source: paper, Eqs. 3–5, applied to a curve that is computed and not measured.
 """
 
 import numpy

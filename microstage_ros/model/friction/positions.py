@@ -2,6 +2,8 @@
 
 Between two samples the motion is taken as monotone, which is all that Maxwell-slip asks; a law that
 depends on velocity sees it constant between two samples.
+
+Sources: W. D. Iwan, Journal of Applied Mechanics 33 (1966); paper, Eqs. 3–6.
 """
 
 import numpy

@@ -1,4 +1,7 @@
-"""What a position sensor is: its parameters, and how it turns the true position into a reading."""
+"""What a position sensor is: its parameters, and how it turns the true position into a reading.
+
+Derived: `first_order` is τ ds/dt = y(t) − s solved for an input that is a straight line over a period.
+"""
 
 from __future__ import annotations
 

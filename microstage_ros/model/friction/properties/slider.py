@@ -5,6 +5,8 @@
 Each step takes the velocity as linear and finds its end by bracketing, with the friction at the mean of
 its two ends (trapezoidal rule), or, for the static law whose force jumps at rest, at its end: there the
 body stays at rest while the load is within ± static.
+
+Derived: Newton's law of the body, by the trapezoidal rule over a step.
 """
 
 import math
