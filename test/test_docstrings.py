@@ -16,14 +16,16 @@ COMPILED = ("compiled", "internal", "always_inlined", "inlined_before_typing", "
 
 #: Packages whose public functions give every number with its unit or shape. A package is added when all of its functions
 #: hold the rule; none leaves.
-WITH_UNITS = ("signals", "metrology", "numerics", "quantities", "model", "solver")
+WITH_UNITS = ("signals", "metrology", "numerics", "quantities", "model", "solver", "identification")
 #: Parameters without annotation that are never numbers, by name.
 OBJECTS = {
-    "action", "arguments", "axis", "builder", "checked", "choices", "contact", "controller", "count_name",
-    "effect", "effects", "equations", "experiment", "file", "form", "function", "functions", "generator",
-    "given", "key", "kind", "law", "machine", "meaning", "method", "name", "names", "otherwise", "package",
-    "parts", "path", "place", "plant", "progress", "provenance", "record", "result", "sentence", "source",
-    "table", "task", "tree", "unit", "what", "work",
+    "action", "arguments", "argv", "axis", "bands", "bench", "builder", "checked", "choices", "contact",
+    "controller", "count_name", "curve", "deviance", "effect", "effects", "equations", "estimate", "estimates",
+    "estimator", "experiment", "features", "file", "form", "function", "functions", "generator", "given",
+    "guideway", "key", "kind", "known", "law", "loadings", "machine", "meaning", "method", "name", "names",
+    "other", "otherwise", "package", "parts", "path", "place", "plant", "progress", "provenance", "reading",
+    "record", "records", "result", "sentence", "series", "signals", "source", "table", "task", "tree", "trials",
+    "unit", "units", "warnings", "what", "window", "work",
 }
 #: Functions of these modules implement the methods of that class, which documents them.
 INTERFACES = {"model/friction": "FrictionLaw"}

@@ -95,7 +95,7 @@ def _fast_rows(signals, gear, fast, edge):
 
 def law_parameters(axis, attraction=None, level=1.0):
     """Parameters of the actuator's law as `model.friction` takes them, with another C if given, its limits times
-    ``level``."""
+    ``level`` [1]; ``attraction``: C [N m/s]."""
     keys = (
         "stiffness",
         "weight",
@@ -113,8 +113,8 @@ def law_parameters(axis, attraction=None, level=1.0):
 
 
 def friction_along(signals, axis, attraction=None, level=1.0):
-    """Friction torque [N m] of the actuator's law, its limits times ``level``, along the record's motion, shape
-    (n,)."""
+    """Friction torque [N m] of the actuator's law, its limits times ``level`` [1], along the record's motion, shape
+    (n,); ``attraction``: another C [N m/s]."""
     law = law_named("generalised_maxwell_slip")
     speed = signals.smooth_speed(min(LAW_EDGE, 0.2 / signals.period))
     return run_law(law, law.pack(law_parameters(axis, attraction, level)), speed, signals.period)

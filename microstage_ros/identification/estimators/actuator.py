@@ -58,7 +58,7 @@ def extract(signals: MotorSignals, axis, repeat, load=None):
     ----------
     signals : `MotorSignals` of the record.
     axis : gives the scales (slip displacement, Stribeck velocity) and the inertia to take off.
-    repeat : number of the repeat that this record belongs to.
+    repeat : number of the repeat that this record belongs to [1].
     load : torque at the motor of what else is driven [N m], shape (n,); taken off. None: nothing is driven.
     """
     features = Features()
@@ -116,6 +116,7 @@ def steady_series(signals, axis, travel_step, load=None):
     Parameters
     ----------
     travel_step : length of a cell [m]; well below the length that is looked for.
+    load : torque at the motor of what else is driven [N m], shape (n,); taken off. None: nothing is driven.
 
     Returns
     -------

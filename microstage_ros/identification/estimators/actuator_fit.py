@@ -42,6 +42,11 @@ PARTS = {
 def by_unit(speed, friction, spread, unit):
     """Mean friction of each unit (repeat) at each speed (1 %); speeds > 0.
 
+    Parameters
+    ----------
+    speed, friction, spread : steady points, shape (n,): [rad/s], [N m], standard deviation [N m].
+    unit : the repeat of each, shape (n,).
+
     Returns
     -------
     speeds, shape (s,); friction, shape (units, s), NaN where a unit has none; standard deviation of the mean over
@@ -69,7 +74,7 @@ def identify_sliding(features, seed, contact="actuator", resamples=RESAMPLES):
     Parameters
     ----------
     features : `actuator.Features` with steady points.
-    seed, resamples : of the bootstrap.
+    seed, resamples : of the bootstrap [1].
 
     Returns
     -------
@@ -162,14 +167,15 @@ def identify_presliding(loadings, repeat, seed, contact="actuator", units=("N m/
 
     Parameters
     ----------
-    loadings : list of `Loading`. repeat : the repeat each belongs to. seed, resamples : of the bootstrap.
+    loadings : list of `Loading`. repeat : the repeat each belongs to, shape (loadings,).
+    seed, resamples : of the bootstrap [1].
     units : of stiffness, displacement and force. reading : ``blocks`` or ``segment_slopes``, as the axis file.
-    count : number of blocks; None lets the data choose (`choose_count`).
+    count : number of blocks [1]; None lets the data choose (`choose_count`).
 
     Returns
     -------
-    `Identification` with ``contacts.NAME.stiffness`` and ``.weight``; the static limit of these loadings as
-    ``pre-sliding limit of NAME``; tables with both readings.
+    `Identification` with ``contacts.NAME.stiffness`` and ``.weight``, both (n,); the static limit of these loadings
+    as ``pre-sliding limit of NAME``; tables with both readings.
     """
     result = Identification()
     keys = [f"contacts.{contact}.stiffness", f"contacts.{contact}.weight", f"pre-sliding limit of {contact}"]

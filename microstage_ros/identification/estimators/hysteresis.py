@@ -59,13 +59,18 @@ def _characteristic(state, width):
 
 
 def fit_coulomb_viscous(position, velocity, force):
-    """Least squares of F_c and σ. Returns `HystereticLaw`."""
+    """Least squares of F_c [N] and σ [N s/m]. Returns `HystereticLaw`.
+
+    ``position`` [m], ``velocity`` [m/s], ``force`` [N], each of shape (n,).
+    """
     columns = _columns("coulomb_viscous", (), position, velocity)
     return HystereticLaw("coulomb_viscous", np.empty(0), np.linalg.lstsq(columns, force, rcond=None)[0])
 
 
 def fit_maxwell_slip(position, velocity, force):
     """Maxwell-slip blocks: stiffnesses ≥ 0 on a grid of slip displacements; blocks that get none are dropped.
+
+    ``position`` [m], ``velocity`` [m/s], ``force`` [N], each of shape (n,).
 
     The grid runs geometrically from a hundredth of the motion's span to half of it (a wider block never slips).
     Returns `HystereticLaw`; raises InputError if the position does not move.
@@ -79,6 +84,8 @@ def fit_maxwell_slip(position, velocity, force):
 
 def fit_lost_motion(position, velocity, force):
     """One block behind lost motion: width by a scan and a line search, g' ≥ 0 by least squares.
+
+    ``position`` [m], ``velocity`` [m/s], ``force`` [N], each of shape (n,).
 
     Returns `HystereticLaw`; raises InputError if the position does not move.
     """

@@ -109,7 +109,8 @@ def _low_band(signals, gear):
 def speed_by_voltage(signals, window, resistance, back_emf, gear):
     """Speed of the output [rad/s] of a steady window from voltage and current alone (paper Eq. 9).
 
-    ω_r = (U − R I) / (i K_E), with the voltage of the row before, which the current answers.
+    ω_r = (U − R I) / (i K_E), with the voltage of the row before, which the current answers; ``resistance`` R [ohm],
+    ``back_emf`` K_E [V s/rad], ``gear``: ratio i [1].
     """
     voltage = np.mean(signals.voltage[window.start - 1 : window.stop - 1])
     current = np.mean(signals.current[window.start : window.stop])
