@@ -16,16 +16,20 @@ COMPILED = ("compiled", "internal", "always_inlined", "inlined_before_typing", "
 
 #: Packages whose public functions give every number with its unit or shape. A package is added when all of its functions
 #: hold the rule; none leaves.
-WITH_UNITS = ("signals", "metrology", "numerics", "quantities", "model", "solver", "identification")
+WITH_UNITS = ("signals", "metrology", "numerics", "quantities", "model", "solver", "identification", "records")
 #: Parameters without annotation that are never numbers, by name.
 OBJECTS = {
-    "action", "arguments", "argv", "axis", "bands", "bench", "builder", "checked", "choices", "contact",
-    "controller", "count_name", "curve", "deviance", "effect", "effects", "equations", "estimate", "estimates",
-    "estimator", "experiment", "features", "file", "form", "function", "functions", "generator", "given",
-    "guideway", "key", "kind", "known", "law", "loadings", "machine", "meaning", "method", "name", "names",
-    "other", "otherwise", "package", "parts", "path", "place", "plant", "progress", "provenance", "reading",
-    "record", "records", "result", "sentence", "series", "signals", "source", "table", "task", "tree", "trials",
-    "unit", "units", "warnings", "what", "window", "work",
+    "action", "arguments", "argv", "axis", "bands", "bench", "body", "builder", "channel", "checked", "choices",
+    "chunk", "chunks", "compress", "compression", "contact", "controller", "count_name", "curve", "custom_data",
+    "definition", "description", "deviance", "dimensions", "effect", "effects", "equations", "estimate",
+    "estimates", "estimator", "experiment", "facts", "features", "field", "file", "file_name", "folder", "form",
+    "function", "functions", "generator", "given", "guideway", "information", "key", "kind", "known", "law",
+    "line", "line_of", "lines", "loadings", "machine", "meaning", "method", "name", "names", "namespace",
+    "one_of", "other", "otherwise", "package", "parts", "path", "paths", "payload", "place", "plant",
+    "prefixes", "profiles", "progress", "provenance", "qos", "reading", "record", "records", "required",
+    "restarts", "result", "ros_distro", "schema", "sentence", "separator", "series", "signals", "skip_rows",
+    "source", "table", "task", "text", "topic", "topics", "tree", "trials", "type_hash", "unit", "units",
+    "warnings", "what", "window", "work",
 }
 #: Functions of these modules implement the methods of that class, which documents them.
 INTERFACES = {"model/friction": "FrictionLaw"}
