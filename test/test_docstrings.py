@@ -16,7 +16,8 @@ COMPILED = ("compiled", "internal", "always_inlined", "inlined_before_typing", "
 
 #: Packages whose public functions give every number with its unit or shape. A package is added when all of its functions
 #: hold the rule; none leaves.
-WITH_UNITS = ("signals", "metrology", "numerics", "quantities", "model", "solver", "identification", "records")
+WITH_UNITS = ("signals", "metrology", "numerics", "quantities", "model", "solver", "identification", "records", "hardware",
+              "monitoring", "report")
 #: Parameters without annotation that are never numbers, by name.
 OBJECTS = {
     "action", "arguments", "argv", "axis", "bands", "bench", "body", "builder", "channel", "checked", "choices",
@@ -31,11 +32,19 @@ OBJECTS = {
     "source", "table", "task", "text", "topic", "topics", "tree", "trials", "type_hash", "unit", "units",
     "warnings", "what", "window", "work",
 }
+#: The same, of one package alone.
+OBJECTS_OF = {
+    "hardware": {"commands", "found", "hardware", "limits", "link", "memory", "message", "on", "output", "outside_stop",
+                 "register", "setup"},
+    "monitoring": {"baseline", "health", "hidden", "limits", "out", "outcomes"},
+    "report": {"axes", "code", "condition", "configuration", "entries", "figure", "figures", "header", "root", "salt",
+               "stress", "title"},
+}
 #: Functions of these modules implement the methods of that class, which documents them.
 INTERFACES = {"model/friction": "FrictionLaw"}
 #: What may stand in brackets as a unit: products and quotients of these, with exponents.
 UNITS = {"1", "%", "dB", "m", "s", "A", "V", "N", "K", "J", "W", "Pa", "rad", "Hz", "kg", "ohm", "H", "F", "°C", "ns", "mm",
-         "µm", "nm", "ms", "µs", "ppm", "q", "unit", "byte", "count"}
+         "µm", "nm", "ms", "µs", "ppm", "q", "unit", "byte", "bit", "count", "inch"}
 WORDS = r"any unit|its own unit|unit of [^\]]+"
 SHAPE = r"\bin ``?unit``?(?!\w)|\bin the units? of\b|\bSI\b|\(\w[\w +−]*,(?: …)?\)|\((?:\w+|\.\.\.), \w+(?:, \w+)?\)|\bshapes?\b"
 NUMBER = r"\b(float|complex|ndarray|ArrayLike|NDArray)\b"
@@ -127,20 +136,26 @@ def _told(name, text):
     return False
 
 
-def _is_number(argument, default):
+def _is_number(argument, default, objects):
     """Whether a parameter is a number: by its annotation, else unless its default or its name says otherwise."""
     if argument.annotation is not None:
         return bool(re.search(NUMBER, ast.unparse(argument.annotation)))
-    return argument.arg not in OBJECTS and not (isinstance(default, ast.Constant) and isinstance(default.value, (bool, str)))
+    return argument.arg not in objects and not (isinstance(default, ast.Constant) and isinstance(default.value, (bool, str)))
 
 
-def _numbers(function):
+def _numbers(function, objects):
     """Names of the parameters that are numbers."""
     places = function.args
     positional = [*places.posonlyargs, *places.args]
     defaults = [None] * (len(positional) - len(places.defaults)) + [*places.defaults, *places.kw_defaults]
     return [argument.arg for argument, default in zip([*positional, *places.kwonlyargs], defaults)
-            if argument.arg not in ("self", "cls") and _is_number(argument, default)]
+            if argument.arg not in ("self", "cls") and _is_number(argument, default, objects)]
+
+
+def _is_text(value):
+    """Whether an operation begins or ends with a text."""
+    parts = [getattr(value, "left", None), getattr(value, "right", None)]
+    return any(isinstance(part, ast.JoinedStr) or isinstance(part, ast.Constant) and isinstance(part.value, (str, bytes)) for part in parts)
 
 
 def _gives_numbers(function):
@@ -148,7 +163,7 @@ def _gives_numbers(function):
     if function.returns is not None:
         return bool(re.search(NUMBER, ast.unparse(function.returns)))
     returned = [node.value for node in ast.walk(function) if isinstance(node, ast.Return)]
-    return any(isinstance(value, (ast.BinOp, ast.UnaryOp)) and not isinstance(getattr(value, "op", None), (ast.Not, ast.Mod))
+    return any(isinstance(value, (ast.BinOp, ast.UnaryOp)) and not _is_text(value) and not isinstance(value.op, ast.Not)
                or isinstance(value, ast.Call) and re.match(r"(float|abs|np|numpy|math)\b", ast.unparse(value.func))
                for value in returned)
 
@@ -156,7 +171,7 @@ def _gives_numbers(function):
 def _untold(path, around, function):
     """Numbers of a function that its documentation leaves without unit and shape."""
     texts = _texts(path, around, function)
-    missing = [name for name in _numbers(function)
+    missing = [name for name in _numbers(function, OBJECTS | OBJECTS_OF.get(path.split("/")[0], set()))
                if not re.search(NAME_WITH_UNIT, name) and not any(_told(name, text) for text in texts)]
     if _gives_numbers(function) and not re.search(NAME_WITH_UNIT, function.name):
         about = [re.split(r"\n\s*Parameters\n", texts[0])[0] + "".join(re.findall(r"Returns\n(.*)", text, re.DOTALL)) for text in texts]
