@@ -17,7 +17,7 @@ COMPILED = ("compiled", "internal", "always_inlined", "inlined_before_typing", "
 #: Packages whose public functions give every number with its unit or shape. A package is added when all of its functions
 #: hold the rule; none leaves.
 WITH_UNITS = ("signals", "metrology", "numerics", "quantities", "model", "solver", "identification", "records", "hardware",
-              "monitoring", "report")
+              "monitoring", "report", "control")
 #: Parameters without annotation that are never numbers, by name.
 OBJECTS = {
     "action", "arguments", "argv", "axis", "bands", "bench", "body", "builder", "channel", "checked", "choices",
@@ -34,6 +34,9 @@ OBJECTS = {
 }
 #: The same, of one package alone.
 OBJECTS_OF = {
+    "control": {"accept", "base", "cell", "chosen", "condition", "controllers", "cost", "cycle", "each", "elsewhere", "ends",
+                "evaluation", "extent", "fed_forward", "found", "gain", "items", "jump", "kinds", "limits", "loop", "margins", "model",
+                "more", "motion", "opponent", "outcomes", "parameters", "program", "run", "stress", "trial", "type_name"},
     "hardware": {"commands", "found", "hardware", "limits", "link", "memory", "message", "on", "output", "outside_stop",
                  "register", "setup"},
     "monitoring": {"baseline", "health", "hidden", "limits", "out", "outcomes"},
@@ -106,20 +109,21 @@ def _implemented(node, name, seen=()):
 
 
 def _texts(path, around, function):
-    """Where a function's numbers may be told: its docstring, its class's, and those of what it implements."""
+    """Where a function's numbers may be told: its docstring, its class's, its module's, those of what it implements."""
     texts = [ast.get_docstring(function) or ""]
     for node in around:
         texts += _implemented(node, function.name)
     for folder, name in INTERFACES.items():
         if path.startswith(folder) and not around:
             texts += _implemented(_classes()[name], function.name)
+    texts.append(ast.get_docstring(dict(_modules())[path]) or "")
     return texts
 
 
 def _is_unit(text):
     if re.fullmatch(WORDS, text):
         return True
-    parts = [re.sub(r"[²³⁴]|\^-?[\w.]+$", "", part) for part in re.split(r"[ /()·√]", text.replace(" or ", "/").replace(", ", "/"))]
+    parts = [re.sub(r"[²³⁴]|\^-?[\w.]+$", "", part) for part in re.split(r"[ /()·√]", re.sub(r" or | per |, ", "/", text))]
     return all(not part or part in UNITS for part in parts)
 
 
@@ -163,8 +167,8 @@ def _gives_numbers(function):
     if function.returns is not None:
         return bool(re.search(NUMBER, ast.unparse(function.returns)))
     returned = [node.value for node in ast.walk(function) if isinstance(node, ast.Return)]
-    return any(isinstance(value, (ast.BinOp, ast.UnaryOp)) and not _is_text(value) and not isinstance(value.op, ast.Not)
-               or isinstance(value, ast.Call) and re.match(r"(float|abs|np|numpy|math)\b", ast.unparse(value.func))
+    return any(isinstance(value, (ast.BinOp, ast.UnaryOp)) and not _is_text(value) and not isinstance(value.op, (ast.Not, ast.BitOr))
+               or isinstance(value, ast.Call) and re.match(r"(float|abs|np|numpy|math)\b(?!\.dtype)", ast.unparse(value.func))
                for value in returned)
 
 
