@@ -84,7 +84,7 @@ class Parser(argparse.ArgumentParser):
         self.add_argument("--force", action="store_true", help="replace the results of an earlier run")
 
     def parse_known_args(self, args=None, namespace=None):
-        """As in argparse; negative numbers are values."""
+        """As in argparse; negative numbers are values. Raises `Described` while options are only asked for."""
         if _describing:
             raise Described(self)
         self._given = list(sys.argv[1:] if args is None else args)

@@ -26,7 +26,7 @@ def _read(text, units, what, example):
 
 
 def namespace(text):
-    """The namespace of an axis, as ROS 2 allows it: ``/axis``, ``/left/stage``."""
+    """The namespace of an axis, as ROS 2 allows it: ``/axis``, ``/left/stage``; else `argparse.ArgumentTypeError`."""
     if not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", text) or len(text) > 100 or "__" in text:
         raise argparse.ArgumentTypeError(
             f"got {text!r}, expected a name that begins with a slash, of letters, digits and _, such as /axis"

@@ -98,7 +98,7 @@ class FrictionObserver:
         return self.estimate
 
     def advance(self, encoder, voltage, current=math.nan):
-        """One period without looking at the estimate."""
+        """`step` without looking at the estimate: ``encoder`` [m], ``voltage`` [V], ``current`` [A] as there."""
         if math.isfinite(encoder):
             if not self.started:
                 law.observer_start(self.memory, float(encoder))
@@ -106,11 +106,11 @@ class FrictionObserver:
             _step(*self._arrays, self.period, float(encoder), float(voltage), float(current))
 
     def advance_all(self, encoders, voltages, currents, seen=()):
-        """`advance` for every period of three columns of shape (n,).
+        """`advance` for every period of ``encoders`` [m], ``voltages`` [V], ``currents`` [A], each of shape (n,).
 
         Returns
         -------
-        the observer's memory after each period at the places ``seen``, rising: for `estimates`.
+        the observer's memory after each period at the places ``seen``, shape (k,), rising: for `estimates`.
         """
         finite = encoders[np.isfinite(encoders)]
         if not self.started and len(finite):
@@ -128,7 +128,7 @@ class FrictionObserver:
                                   for values in self.estimates(as_array(self.memory))))
 
     def estimates(self, s):
-        """`FrictionEstimate` of arrays, one entry for each memory in ``s`` (`advance_all`)."""
+        """`FrictionEstimate` of arrays, one entry for each memory in ``s``, shape (k,) (`advance_all`)."""
         model = self.model
         to_force = float(model["force_per_torque"])
         unexplained = float(model["moving_mass"]) * s["inertia"] * s["d"]

@@ -32,17 +32,20 @@ class Gain(NamedTuple):
 
 
 def record_type(gains, more=()):
-    """Numpy structured type with one float field per gain, then the fields of ``more``."""
+    """Numpy structured type of one float field for each of ``gains``, a `Gain`, then the fields of ``more``."""
     return np.dtype([(gain.name, "f8") for gain in gains] + list(more))
 
 
 def check_gain(place, gain, value):
-    """The value as a float; `InputError` (place, value, range with unit) if it is no number in range."""
+    """The ``value`` as a float, in the unit of the `Gain`; `InputError` (place, value, range, unit) out of range."""
     return Spec(gain.unit, gain.minimum, gain.maximum, gain.meaning).check(value, f"{place}.{gain.name}")
 
 
 def fill(record, gains, values, place):
-    """Write checked values, or the defaults, into the record; returns the names it used."""
+    """Write checked values, or the defaults, into the record; returns the names it used.
+
+    ``gains``: each a `Gain`; ``values``: {name: number in the unit of its `Gain`}.
+    """
     for gain in gains:
         record[gain.name] = check_gain(place, gain, values.get(gain.name, gain.default))
     return {gain.name for gain in gains}

@@ -95,11 +95,14 @@ class CommandGate:
         self.zero()
 
     def begin(self, period):
-        """Control period number ``period`` begins."""
+        """Control period number ``period`` [1] begins."""
         self.period = period
 
     def offer(self, sequence, voltage):
-        """A command came that answers period ``sequence``. Returns True if it is in force now."""
+        """A command came that answers period number ``sequence`` [1]. Returns True if it is in force now.
+
+        ``voltage``: the command, in the unit of the drive's command.
+        """
         if self.fault != "none":
             return False
         if not self.active:

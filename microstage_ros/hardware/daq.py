@@ -174,7 +174,10 @@ class DaqCard:
         return Reading(encoder, self._call("current", "read") * self._options["ampere_per_volt"])
 
     def write(self, voltage):
-        """Voltage [V] at the amplifier's input, now; pets the card's watchdog where it is armed."""
+        """``voltage`` [V] at the amplifier's input, now; pets the card's watchdog where it is armed.
+
+        Raises `HardwareError` where the card is not open or its driver reports an error.
+        """
         self._call("output", "write", float(voltage))
         if self.watchdog_armed:
             try:
@@ -183,7 +186,7 @@ class DaqCard:
                 raise HardwareError(" ".join(str(error).split())) from error
 
     def watchdog(self, seconds):
-        """Arm the card's own watchdog, where it has one: zero volts after so long without a write; 0 disarms.
+        """Arm the card's own watchdog, where it has one: zero volts after ``seconds`` [s] without a write; 0 disarms.
 
         Most cards have none; then `watchdog_armed` stays False, and `outside_stop` is what there is.
         """
@@ -211,7 +214,10 @@ class DaqCard:
         return "microstage_ros.hardware.daq:zero_output", {"output": self._options["output"], "span": self._range}
 
     def close(self):
-        """Output to zero (as it is, for a drive that holds a position), channels free; may be called twice."""
+        """Output to zero (as it is, for a drive that holds a position), channels free; may be called twice.
+
+        Raises `HardwareError` where the card's driver reports an error.
+        """
         self.watchdog(0.0)
         tasks, self._tasks = self._tasks, {}
         try:
@@ -235,7 +241,7 @@ class DaqCard:
 
 
 def zero_output(output, span):
-    """Zero volts at a channel, from a process of its own."""
+    """Zero volts at the channel ``output``, whose range is ± ``span`` [V], from a process of its own."""
     import nidaqmx
 
     with nidaqmx.Task() as task:

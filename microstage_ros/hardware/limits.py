@@ -149,12 +149,15 @@ def new_limits(axis, travel, given):
 
 
 def begin_anew(memory):
-    """Before the first period after an activation or a reset."""
+    """Before the first period after an activation or a reset; ``memory``: the record of the check."""
     memory["begun"], memory["reference"] = 0.0, math.nan
 
 
 def in_words(code, limits, memory, command_unit="V"):
-    """The fault's name, and what was read against which bound."""
+    """The fault's name, and what was read against which bound.
+
+    ``code``: its place in `FAULTS` [1]; ``limits``, ``memory``: the records of the check, shape (1,), SI.
+    """
     name, found, limit = FAULTS[code], memory[0], limits[0]
     if name == "travel":
         return (

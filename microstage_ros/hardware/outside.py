@@ -98,7 +98,10 @@ class OutsideBackend:
 
 
 def as_reading(found):
-    """`Reading` of what a backend gave. Raises TypeError or ValueError for anything else."""
+    """`Reading` of what a backend gave. Raises TypeError or ValueError for anything else.
+
+    ``found``: the position [m], an object with the fields of a `Reading`, or its numbers in order; None is NaN.
+    """
     if isinstance(found, numbers.Real):
         return Reading(float(found))
     if hasattr(found, "encoder"):

@@ -107,7 +107,7 @@ class SafetyMembers(Protocol):
         """
 
     def watchdog(self, seconds: float) -> None:
-        """Arm the card's own watchdog: its output goes to zero by itself when no `write` comes for so long [s]; 0
+        """Arm the card's own watchdog: its output goes to zero by itself when no `write` comes for ``seconds`` [s]; 0
         disarms. Armed when the driver is activated and after a reset, with the backend's option ``watchdog_s`` or,
         where it has none, with what the watchdog's process has (4.5 ms by default); disarmed when it is deactivated,
         since it writes no more then. Not called for a drive that holds a position.

@@ -43,11 +43,11 @@ class Watch:
         self._memory, self._stop = memory, stop
 
     def word(self, place):
-        """One of the words above."""
+        """One of the words above, by its ``place`` [1]."""
         return struct.unpack_from("<q", self._memory, 8 * place)[0]
 
     def set(self, place, value):
-        """Write one."""
+        """Write ``value``, int64 [unit of the word], to the word at ``place`` [1]."""
         struct.pack_into("<q", self._memory, 8 * place, value)
 
     def look(self):
@@ -65,7 +65,7 @@ class Watch:
         return limit * 1e-9
 
     def take(self, now):
-        """Take the voltage away."""
+        """Take the voltage away; ``now``: monotonic time [ns]."""
         if not self.word(HOLDS):
             struct.pack_into("<d", self._memory, 8 * VOLTS, 0.0)
         self.set(TAKEN, now)

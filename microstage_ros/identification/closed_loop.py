@@ -48,12 +48,12 @@ def force_error(axis, record):
 
 
 def refine_closed_loop(records, axis, values):
-    """Mass, friction and offset for the least error of the closed-loop force.
+    """Mass [kg], friction [N s/m, N] and offset [N] for the least error of the closed-loop force.
 
     Parameters
     ----------
     records : list of `Record`. axis : force-driven `Axis` with its controller.
-    values : starting values {key of `inverse_dynamics.KEYS`: value}.
+    values : starting values {key of `inverse_dynamics.KEYS`: number, SI}.
 
     Returns
     -------

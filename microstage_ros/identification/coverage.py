@@ -46,12 +46,15 @@ class FrictionProcess:
         return 1.0 + float(np.clip(self.parts.sum(), -self.clip, self.clip))
 
     def mean(self, travel, time, cells=6):
-        """Mean factor over a further stretch."""
+        """Mean factor [1] over a further ``travel`` [m] and ``time`` [s], taken at ``cells`` [1] places."""
         return float(np.mean([self.advance(travel / cells, time / cells) for _ in range(cells)]))
 
 
 def synthetic_features(axis, repeats, generator, ratio=2e-3 / (2.0 * np.pi)):
-    """`Features` of ``repeats`` repeats of the actuator's bench: steady points and slow loadings."""
+    """`Features` of ``repeats`` [1] repeats of the actuator's bench: steady points and slow loadings.
+
+    ``ratio``: travel of the stage per angle of the output [m/rad].
+    """
     features = Features()
     blocks = Blocks(*blocks_of(axis, "actuator"), axis.value("contacts.actuator.static"))
     truth = [axis.value(f"contacts.actuator.{name}") for name in NAMES]
@@ -80,7 +83,11 @@ def synthetic_features(axis, repeats, generator, ratio=2e-3 / (2.0 * np.pi)):
 
 
 def synthetic_loading(blocks, level, resolution, noise, generator, points=800):
-    """One first loading at a friction ``level``: F = c curve(x / c), counts of ``resolution``, white ``noise``."""
+    """One first loading, F = c curve(x / c), as a `Loading`.
+
+    ``blocks``: `Blocks`; ``level`` c [1]; ``resolution``: size of a count [rad]; ``noise``: standard deviation of the
+    white noise [N m]; ``points`` [1].
+    """
     x = np.geomspace(4.0 * resolution, 1.1 * level * blocks.slip_displacement[-1], points)
     return loading_from_samples(
         x, level * blocks.curve(x / level) + noise * generator.standard_normal(points), resolution
@@ -88,7 +95,10 @@ def synthetic_loading(blocks, level, resolution, noise, generator, points=800):
 
 
 def trial(axis, repeats, seed):
-    """One trial: {parameter: (estimate / truth, interval holds the truth)} of the actuator."""
+    """One trial of the actuator: {parameter: (estimate / truth, interval holds the truth)}.
+
+    ``repeats`` and ``seed`` [1].
+    """
     generator = np.random.default_rng(seed)
     features = synthetic_features(axis, repeats, generator)
     found = {}
@@ -114,6 +124,7 @@ def trial(axis, repeats, seed):
 def variability_trial(axis, seed, runs=3, cells=1200, step=1e-5, speeds=(5e-5, 5e-4, 2e-3)):
     """One trial of the process: {parameter: (estimate / truth, interval holds the truth)}.
 
+    ``runs`` of ``cells`` [1] of a length ``step`` [m] each, at the ``speeds`` [m/s] one after the other; ``seed`` [1].
     The process is not clipped here: clipping at 2.5 σ takes 1 % from σ, which is no error of the estimator.
     """
     generator = np.random.default_rng(seed)

@@ -22,8 +22,8 @@ def slow_reversals(ratio, start=0.0, speed=3.0e-3, way=0.024, places=5, spacing=
     the friction's history was. Closed loop: a voltage ramp (`voltage_ramp`) breaks away at a third of the
     way, because the falling Stribeck curve outweighs the back EMF.
 
-    ``ratio`` r [m/rad], ``speed`` [rad/s], ``way`` [rad]: more than twice the slip displacement. ``places``
-    a distance ``spacing`` [m] are visited: further than the friction remembers.
+    ``ratio`` r [m/rad], ``start`` [m], ``speed`` [rad/s], ``way`` [rad]: more than twice the slip displacement.
+    ``places`` [1], a distance ``spacing`` [m] apart, are visited: further than the friction remembers.
     """
     program = []
     for place in start + np.arange(places) * spacing:
@@ -40,6 +40,7 @@ def slow_reversals(ratio, start=0.0, speed=3.0e-3, way=0.024, places=5, spacing=
 def constant_speeds(ratio, start=0.0, speeds=SPEEDS, duration=0.5, least_way=0.5):
     """Sliding friction of the actuator (Fig. 5b): each speed in both directions under PI control.
 
+    ``ratio`` r [m/rad], ``start`` [m], ``speeds`` [rad/s];
     ``duration`` [s] and ``least_way`` [rad]: each run lasts the one and covers the other at least.
     """
     program, place = [], start
@@ -53,6 +54,7 @@ def constant_speeds(ratio, start=0.0, speeds=SPEEDS, duration=0.5, least_way=0.5
 def accelerations(ratio, start=0.0, amplitude=0.03, frequencies=(8.0, 16.0), cycles=40):
     """Acceleration and deceleration through the Stribeck velocity, for C and the inertia: sines.
 
+    ``ratio`` r [m/rad], ``start`` [m], ``cycles`` [1],
     ``amplitude`` [rad], ``frequencies`` [Hz]: the friction follows its curve with the time |s| / C (0.2 ms
     at C = 1 N m/s), which shows only if the speed passes the curve's knee in a few of these.
     """
@@ -66,7 +68,7 @@ def accelerations(ratio, start=0.0, amplitude=0.03, frequencies=(8.0, 16.0), cyc
 def voltage_ramp(period, rate=0.015, top=0.15):
     """The paper's own pre-sliding run (Fig. 5a): the voltage rises slowly until the actuator breaks away.
 
-    ``rate`` [V/s], ``top`` [V]; a ramp down is the same with a negative rate.
+    ``period`` [s], ``rate`` [V/s], ``top`` [V]; a ramp down is the same with a negative rate.
     """
     voltage = np.arange(0.0, top, abs(rate) * period) * np.sign(rate)
     return Run(controller={"type": "none"}, noise=BENCH_NOISE, friction="relaxed", program=[{"voltage": voltage}])
@@ -77,6 +79,7 @@ def incremental_loading(period, increment=0.01, top=1.05, settle=0.15, ramp=0.05
 
     Parameters
     ----------
+    period : control period [s].
     increment : step of the load [N], 10 mN in the paper; each is reached over ``ramp`` [s] without a jerk
         (a sudden step overshoots by as much again) and held for ``settle`` [s].
     top : last load [N]; ``loops``: loads at which it is taken back by ``depth`` [N] and on again.
@@ -106,6 +109,7 @@ def incremental_loading(period, increment=0.01, top=1.05, settle=0.15, ramp=0.05
 def repeats(axis, runs, seed):
     """Simulate runs one after the other as repeats of an experiment, each with its own friction.
 
+    ``runs``: list of `Run`; ``seed`` of the first [1].
     Yields `Record`; the bench has no motor angle, so that column is left out.
     """
     for number, run in enumerate(runs):

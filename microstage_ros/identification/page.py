@@ -16,7 +16,7 @@ def identification_page(result, axis, records, seed, warnings=()):
     Parameters
     ----------
     result : `Identification`. axis : the axis file that was given. records : names of the records.
-    seed : of the bootstrap. warnings : sentences about the records.
+    seed : of the bootstrap [1]. warnings : sentences about the records.
     """
     page = Page(
         "Identification", f"{axis.name}: parameters from {len(records)} records", configuration=axis.place, seed=seed

@@ -46,8 +46,8 @@ def identify(records, axis, seed=0, progress=lambda text: None, blocks=None, ref
     records : iterable of checked `Record`, read one at a time; each counts as a repeat.
     axis : `Axis` the records come from; its values are scales and first guesses, and stand for what the
         records do not tell.
-    seed : of the bootstrap. progress : called with a line of text after each record.
-    blocks : number of Maxwell-slip blocks; None lets the data choose.
+    seed : of the bootstrap [1]. progress : called with a line of text after each record.
+    blocks : number of Maxwell-slip blocks [1]; None lets the data choose.
     refine : for a force-driven axis, take the values of least closed-loop error, not the inverse model's.
 
     Returns
@@ -87,6 +87,7 @@ def _force_axis(records, axis, refine):
 def identify_guideway(records, axis, seed=0, progress=lambda text: None, blocks=None):
     """Guideways from incremental loading: blocks, static limit, elastic slope, variability.
 
+    Parameters as `identify`: ``seed`` and ``blocks`` [1].
     The static limit of a repeat lies between the last load held and the one that slid.
     """
     _needs(axis, "guideway", BLOCK_LAWS,
@@ -156,7 +157,7 @@ def identify_guideway(records, axis, seed=0, progress=lambda text: None, blocks=
 def identify_motor_axis(records, axis, seed=0, progress=lambda text: None, blocks=None):
     """An axis with a voltage-driven motor, alone on its bench or with the stage.
 
-    Raises InputError: there is no record.
+    Parameters as `identify`: ``seed`` and ``blocks`` [1]. Raises InputError: there is no record.
     """
     _needs(
         axis,

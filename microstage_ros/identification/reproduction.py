@@ -30,7 +30,7 @@ PLACES = 2.0e-3  # repeats begin so far apart along the stroke [m]
 def actuator_repeats(axis, count, seed):
     """All records of the actuator's bench: slow reversals, constant speeds and accelerations at ``count`` places.
 
-    Accelerations come first, so that they are among the records that are kept whole.
+    ``count`` and ``seed`` [1]. Accelerations come first, so that they are among the records that are kept whole.
     """
     ratio, places = screw_ratio(axis), [k * PLACES for k in range(count)]
     accelerations = [experiments.accelerations(ratio, place) for place in places[:4]]
@@ -41,12 +41,15 @@ def actuator_repeats(axis, count, seed):
 
 
 def guideway_repeats(axis, count, seed):
-    """Records of incremental loading, each with its own friction."""
+    """Records of incremental loading, ``count`` [1], each with its own friction; ``seed`` of the first [1]."""
     yield from experiments.repeats(axis, [experiments.incremental_loading(axis.value("period"))] * count, seed)
 
 
 def ramp_figure(axis, seed, count=10):
-    """Fig. 5a as the paper measured it: voltage ramps up and down; torque against the output's angle."""
+    """Fig. 5a as the paper measured it: voltage ramps up and down; torque against the output's angle.
+
+    ``count`` ramps [1] each way; ``seed`` of the first [1].
+    """
     figure, axes = new_figure(1, 1, height=3.0)
     ratio = screw_ratio(axis)
     for sign in (1.0, -1.0):

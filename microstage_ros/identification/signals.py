@@ -37,7 +37,7 @@ class MotorSignals:
     at_motor: bool = False
 
     def smooth_speed(self, edge):
-        """ω_r [rad/s] behind a zero-phase low-pass of ``edge`` Hz."""
+        """ω_r [rad/s], shape (n,), behind a zero-phase low-pass of ``edge`` [Hz]."""
         return np.gradient(low_pass(self.angle, edge, self.period), self.period)
 
 
@@ -72,7 +72,7 @@ def steady_windows(signals, shortest=0.02, settle=0.25, least_travel=0.0):
     Parameters
     ----------
     shortest : least duration of what is kept [s].
-    settle : leading share of each window that is left out, while the loop settles.
+    settle : leading share [1] of each window that is left out, while the loop settles.
     least_travel : travel [rad] that is left out at the start at least: until the contact slides.
 
     Returns

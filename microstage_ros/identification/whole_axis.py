@@ -130,7 +130,7 @@ def _residual(vector, axis, inertia, balances):
 
 
 def identify_whole_axis(signals, axis, known):
-    """Friction of the actuator, inertia and constant torque from closed-loop records of the whole axis.
+    """Friction of the actuator, inertia [kg m²] and constant torque [N m] from closed-loop records of the whole axis.
 
     Parameters
     ----------

@@ -9,6 +9,9 @@ zero of the axis), index n_0 that the instrument assumes, n_s when it was zeroed
 Uncertainty by the GUM (JCGM 100): standard uncertainties times sensitivities, root of the sum of
 squares, expanded by k = 2.  The air sensors' errors are taken as constant (type B), so along the
 dead path only their change since zeroing counts.
+
+Derived: the counted path is n times the geometric one, less n_s D when zeroed, over n_0. Cosine and Abbe errors: first
+order of the geometry, L θ²/2 and arm times angle. Budget: JCGM 100:2008, clauses 5.1 and 6.2.
 """
 
 from __future__ import annotations

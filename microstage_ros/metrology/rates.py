@@ -28,7 +28,7 @@ class Rate:
 
 
 def rate(hits: int, cases: int, level: float = 0.95) -> Rate:
-    """`Rate` of ``hits`` among ``cases``.
+    """`Rate` of ``hits`` among ``cases``, with the interval at the confidence ``level`` [1].
 
     Raises
     ------

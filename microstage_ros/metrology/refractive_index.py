@@ -54,13 +54,17 @@ class Air:
 
 
 def refractive_index(air: Air, wavelength_m: float = HELIUM_NEON_M, co2_ppm: float = CO2_PPM) -> np.ndarray:
-    """Phase index of air by Ciddor's equation.
+    """Phase index n of air [1] by Ciddor's equation.
 
     Parameters
     ----------
     air : `Air`; arrays give an array.
     wavelength_m : in vacuum [m].
-    co2_ppm : carbon dioxide by volume.
+    co2_ppm : carbon dioxide by volume [ppm].
+
+    Returns
+    -------
+    n, of the shape of the air's parts.
 
     Raises
     ------
@@ -94,14 +98,17 @@ def saturation_pressure(temperature_K: ArrayLike) -> np.ndarray:
 
 
 def vapour_fraction(air: Air) -> np.ndarray:
-    """Molar fraction of water vapour: enhancement factor × humidity × saturation pressure / pressure."""
+    """Molar fraction of water vapour: enhancement factor × humidity × saturation pressure / pressure [1]."""
     celsius = np.asarray(air.temperature_K, dtype=float) - ZERO_CELSIUS
     enhancement = 1.00062 + 3.14e-8 * np.asarray(air.pressure_Pa, dtype=float) + 5.60e-7 * celsius**2
     return enhancement * air.humidity * saturation_pressure(air.temperature_K) / air.pressure_Pa
 
 
 def compressibility(kelvin: np.ndarray, pressure: np.ndarray, fraction: np.ndarray) -> np.ndarray:
-    """Compressibility of moist air (BIPM 1981/91)."""
+    """Compressibility Z of moist air [1] (BIPM 1981/91 equation), in arrays of one shape or numbers.
+
+    ``kelvin``: temperature [K], ``pressure`` [Pa], ``fraction``: molar fraction of water vapour [1].
+    """
     t, ratio = kelvin - ZERO_CELSIUS, pressure / kelvin
     linear = (1.58123e-6 - 2.9331e-8 * t + 1.1043e-10 * t**2 + (5.707e-6 - 2.051e-8 * t) * fraction
               + (1.9898e-4 - 2.376e-6 * t) * fraction**2)
@@ -109,7 +116,7 @@ def compressibility(kelvin: np.ndarray, pressure: np.ndarray, fraction: np.ndarr
 
 
 def index_sensitivities(air: Air, wavelength_m: float = HELIUM_NEON_M) -> dict[str, float]:
-    """Derivatives of the index by each part of the state: name of the part to ∂n/∂part."""
+    """Derivatives of the index by each part of the state: name of the part to ∂n/∂part [1/K, 1/Pa, 1]."""
     found = {}
     for name, step in STEPS.items():
         value = float(getattr(air, name))
@@ -120,7 +127,7 @@ def index_sensitivities(air: Air, wavelength_m: float = HELIUM_NEON_M) -> dict[s
 
 
 def index_uncertainty(air: Air, standard: Air, wavelength_m: float = HELIUM_NEON_M) -> float:
-    """Standard uncertainty of the index from those of the sensors, the equation's own included.
+    """Standard uncertainty of the index [1] from those of the sensors, the equation's own included.
 
     Parameters
     ----------

@@ -3,6 +3,8 @@
 For n errors e_k that are independent and normal: the bias is their mean, with the t interval
 ē ± t(n-1) s/√n; 4s is four standard deviations, with the chi-square interval
 4s √((n-1)/χ²_hi) … 4s √((n-1)/χ²_lo).  Ten repeats of 250 nm leave 172 to 456 nm.
+
+Sources: 4s as in Table 4 of the paper; intervals of mean and standard deviation of a normal sample as in ISO 2854:1976.
 """
 
 from __future__ import annotations
@@ -39,8 +41,8 @@ def repeatability(errors: ArrayLike, confidence: float = 0.95) -> Repeatability:
 
     Parameters
     ----------
-    errors : reached minus target, shape (n,), n >= 2.
-    confidence : of both intervals.
+    errors : reached minus target [m], shape (n,), n >= 2.
+    confidence : of both intervals [1].
 
     Raises
     ------
@@ -58,5 +60,8 @@ def repeatability(errors: ArrayLike, confidence: float = 0.95) -> Repeatability:
 
 
 def chi_square(freedom: float, probability: float) -> float:
-    """Quantile of the chi-square distribution; `scipy.stats` has it too, and takes a second to load."""
+    """Quantile [1] of the chi-square distribution of ``freedom`` degrees of freedom [1] at ``probability`` [1].
+
+    `scipy.stats` has it too, and takes a second to load.
+    """
     return 2 * gammaincinv(freedom / 2, probability)

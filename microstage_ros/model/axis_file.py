@@ -65,7 +65,10 @@ class Axis:
         return self.choices.get(f"contacts.{contact}.law", "none")
 
     def with_values(self, values, source="identified", stderr=None):
-        """A copy with other values {dotted key: value}; units stay; ``stderr`` by the same keys."""
+        """A copy with other ``values`` {dotted key: number or list, SI}; units stay.
+
+        ``stderr``: standard uncertainties by the same keys, SI.
+        """
         quantities = dict(self.quantities)
         specs = schema.leaf_specs(self.choices, self.place)
         for key, value in values.items():

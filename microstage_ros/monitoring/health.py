@@ -57,7 +57,7 @@ class Reference:
         return cls(spread, len(windows), float(window_s))
 
     def limit(self, per_month):
-        """z*: quantile that a trait of a window may reach, for ``per_month`` false alarms in a month of motion."""
+        """z* [1]: quantile that a window's trait may reach for ``per_month`` [1] false alarms in a month of motion."""
         tests = MONTH / self.window_s * len(self.spread)
         return float(norm.isf(min(per_month / tests, 0.5) / 2.0))
 

@@ -53,7 +53,10 @@ class Limits:
 
 
 def targets(limits, seed):
-    """(target [m], largest speed [m/s]) of move after move, without end: out and back by all lengths that fit."""
+    """(target [m], largest speed [m/s]) of move after move, without end: out and back by all lengths that fit.
+
+    ``limits``: `Limits`; ``seed`` [1].
+    """
     generator = np.random.default_rng([int(seed), 7])
     fitting = [length for length in LENGTHS if length <= limits.high - limits.low]
     while True:
@@ -71,6 +74,7 @@ def diagnose_windows(axis, windows, baseline, out, seed):
     Parameters
     ----------
     baseline : files of the healthy axis; may be empty.
+    seed : of the random numbers [1].
 
     Raises
     ------

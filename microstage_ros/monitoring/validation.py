@@ -35,7 +35,10 @@ class Outcome:
 
 
 def windows_of_axis(machine, axis, seed, count, window_s, hidden=None):
-    """Traits of ``count`` windows of one simulated axis, healthy or with an effect."""
+    """Traits of ``count`` [1] windows of one simulated axis, healthy or with an effect; ``seed`` [1].
+
+    ``hidden``: the effect as a `Hidden`; None: healthy.
+    """
     found, number = [], 0
     while len(found) < count:
         learn, _, base = make_case(axis, hidden or Hidden("healthy"), int(seed) * 1000 + number)
@@ -46,7 +49,10 @@ def windows_of_axis(machine, axis, seed, count, window_s, hidden=None):
 
 
 def examine(axis, effect, seed, healthy=20, judged=20, window_s=EXAMINED_WINDOW, per_month=1.0):
-    """`Outcome` of one axis."""
+    """`Outcome` of one axis: ``healthy`` windows [1] to learn from, ``judged`` windows [1]; ``seed`` [1].
+
+    ``per_month``: false alarms that are allowed in a month of motion [1].
+    """
     machine = Machine(axis)
     watch = Watch(Reference.of(windows_of_axis(machine, axis, 2 * seed, healthy, window_s), window_s), per_month)
     hidden = Hidden(effect, (effect,), {effect: EFFECTS[effect]}) if effect else None

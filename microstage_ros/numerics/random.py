@@ -33,7 +33,7 @@ _7, _11, _17, _19, _23, _41, _45 = (np.uint64(n) for n in (127, 11, 17, 19, 23, 
 
 
 def seed_state(seed):
-    """Four uint64 of generator state from any non-negative integer seed (numpy's SeedSequence)."""
+    """State of a generator, uint64 of shape (4,), from any integer ``seed`` >= 0 [1] (numpy's SeedSequence)."""
     return np.random.SeedSequence(seed).generate_state(4, np.uint64)
 
 

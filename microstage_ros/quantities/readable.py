@@ -26,7 +26,7 @@ def unit_sign(unit: str) -> str:
 
 
 def exponent_of(size: float) -> int:
-    """Multiple of three for a number of this size."""
+    """Exponent of ten, a multiple of three from −15 to 9, whose prefix suits a number of this ``size`` [any unit]."""
     if size == 0.0 or not math.isfinite(size):
         return 0
     return min(max(3 * math.floor(math.log10(size * (1 + 1e-9)) / 3), -15), 9)

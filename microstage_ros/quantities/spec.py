@@ -92,7 +92,7 @@ def any_number(unit: str, meaning: str, **more: Any) -> Spec:
 
 
 def as_number(value: Any) -> float | None:
-    """The value as float; None for what is no real number (a truth value, a word that is none, None, a list)."""
+    """The value as float [its own unit]; None for what is no real number (a truth value, a word, None, a list)."""
     if isinstance(value, bool) or not isinstance(value, (numbers.Real, str)):
         return None
     try:

@@ -28,7 +28,7 @@ class Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[mis
     """Plain data as YAML's safe loader makes it, but for the exceptions at the top."""
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict:
-        """A mapping whose keys stand once each."""
+        """A mapping whose keys stand once each, else `yaml.constructor.ConstructorError` with the key's place."""
         seen = set()
         for key, _ in getattr(node, "value", ()):
             name = (key.tag, key.value) if isinstance(key, yaml.ScalarNode) else None

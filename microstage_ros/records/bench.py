@@ -35,8 +35,8 @@ def bench(messages=200_000, seed=1):
 
     Parameters
     ----------
-    messages : how many, for us and for the peers alike.
-    seed : of the simulated signals.
+    messages : how many [1], for us and for the peers alike.
+    seed : of the simulated signals [1].
 
     Returns
     -------
@@ -53,7 +53,10 @@ def bench(messages=200_000, seed=1):
 
 
 def servo_messages(count, seed):
-    """AxisState messages of a moving, noisy axis: uint8 (count, size), and their log times [ns]."""
+    """AxisState messages of a moving, noisy axis: uint8 (count, size), and their log times (count,) [ns].
+
+    ``count`` and ``seed`` [1].
+    """
     layout = layout_of_type(own_definition("AxisState"))
     rows = np.tile(np.frombuffer(layout.blank(), np.uint8), (count, 1))
     seen, generator = rows.reshape(-1).view(layout.dtype), np.random.default_rng(seed)
@@ -69,7 +72,10 @@ def servo_messages(count, seed):
 
 
 def bench_writing(rows, times, folder):
-    """Messages per second: one by one, in blocks, and the writer of the `mcap` package. Leaves a bag in ``folder``."""
+    """Messages per second: one by one, in blocks, and the writer of the `mcap` package. Leaves a bag in ``folder``.
+
+    ``rows``: messages, uint8 (n, size); ``times`` (n,) [ns].
+    """
     definition = own_definition("AxisState")
     raw, stamps, number = [row.tobytes() for row in rows], times.tolist(), iter(range(10**9))
 
@@ -96,7 +102,7 @@ def bench_writing(rows, times, folder):
 
 
 def bench_reading(messages, folder):
-    """Seconds for the bag's messages into arrays, against two readers that only decode them."""
+    """Seconds for the bag's ``messages`` [1] into arrays, against two readers that only decode them."""
     name = f"reading {messages} messages"
     ours = _best(lambda: read_bag(folder))
     return [Figure(name, ours, "s", "rosbags", _best(lambda: _read_with_rosbags(folder))),
@@ -105,7 +111,7 @@ def bench_reading(messages, folder):
 
 def bench_csv(rows, path):
     """Rows per second from a CSV file of five columns, against bare polars (the fastest reader at hand, which checks
-    nothing) and `numpy.loadtxt`."""
+    nothing) and `numpy.loadtxt`. ``rows``: messages, uint8 (n, size)."""
     layout = layout_of_type(own_definition("AxisState"))
     seen = rows.reshape(-1).view(layout.dtype)
     write_csv(Record(PERIOD_NS * 1e-9, {"encoder_m": seen["position"], "reference_m": seen["position"],

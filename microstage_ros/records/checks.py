@@ -101,7 +101,7 @@ def check_record(record, bounds, minimum_s=1.0):
 
 
 def span(record, name):
-    """Largest minus smallest value of a column, 0 if it is absent or empty."""
+    """Largest minus smallest value of a column [unit of the column], 0 if it is absent or empty."""
     return float(np.nanmax(record[name]) - np.nanmin(record[name])) if name in record else 0.0
 
 

@@ -30,11 +30,11 @@ def parse_rows(body, columns):
     Parameters
     ----------
     body : bytes, rows without header and comments, every row with the right number of fields.
-    columns : number of fields in a row.
+    columns : number of fields in a row [1].
 
     Returns
     -------
-    list of float64 arrays, NaN for an empty field.
+    list of float64 arrays, each (rows,), NaN for an empty field.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def rows_text(columns):
 
     Parameters
     ----------
-    columns : list of float64 arrays of one length.
+    columns : list of float64 arrays of one shape (n,).
 
     Returns
     -------

@@ -67,7 +67,7 @@ class Record:
         return len(self) * self.period_s
 
     def rows(self, start, stop):
-        """The rows `start <= n < stop` as a record of their own; times stay as they were."""
+        """The rows `start` <= n < `stop` [1] as a record of their own; times stay as they were."""
         part = {name: values[start:stop] for name, values in self.columns.items()}
         return Record(self.period_s, part, self.source, dict(self.metadata))
 

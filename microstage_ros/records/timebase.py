@@ -57,7 +57,7 @@ def _broken_step(t_s, row, period, place, line_of):
 
 
 def short_period(period, tolerance):
-    """The shortest decimal number within `tolerance` of `period`."""
+    """The shortest decimal number [s] within `tolerance` [s] of `period` [s]."""
     for digits in range(1, 12):
         rounded = float(f"{period:.{digits}g}")
         if abs(rounded - period) <= tolerance:

@@ -13,7 +13,7 @@ BEST = "self_tuning_observer"
 
 
 def nm(value):
-    """Metres as nanometres, for a table."""
+    """A ``value`` [m] as nanometres, for a table; a dash where there is none."""
     return (
         "–"
         if value is None or not math.isfinite(value)
@@ -24,12 +24,12 @@ def nm(value):
 
 
 def ms(value):
-    """Seconds as milliseconds, for a table; a dash where it never settled."""
+    """A ``value`` [s] as milliseconds, for a table; "never" where it is not finite."""
     return "never" if not math.isfinite(value) else f"{value * 1e3:.0f}"
 
 
 def comparison_tables(result, paper_four_s, paper_sine):
-    """All tables of a comparison: list of (title, header, rows, remark)."""
+    """List of (title, header, rows, remark); ``paper_four_s``: by distance [m], ``paper_sine``: by law [m]."""
     return [
         floors_table(result),
         _tracking(result, paper_sine),
@@ -48,7 +48,10 @@ def comparison_tables(result, paper_four_s, paper_sine):
 
 
 def comparison_page(result, paper_four_s, paper_sine, configuration, seed):
-    """`Page` of a comparison (plain data of `control.evaluation.comparison.compare`)."""
+    """`Page` of a comparison (plain data of `control.evaluation.comparison.compare`).
+
+    ``paper_four_s``, ``paper_sine`` as for `comparison_tables` [m]; ``seed`` [1].
+    """
     page = Page("Controllers compared", "simulated axis, true position", configuration=configuration, seed=seed)
     kind = BEST if BEST in result["controllers"] else result["controllers"][-1]
     tracking = result["tracking"][kind]["worst"]

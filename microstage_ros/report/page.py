@@ -110,9 +110,9 @@ class Page:
         Parameters
         ----------
         header : names of the columns, with units.
-        rows : rows of texts or numbers; None is shown as a dash.
+        rows : rows of texts or numbers, shape (rows, columns); None is shown as a dash.
         caption : what the table shows.
-        marked : numbers of the rows to bring out.
+        marked : numbers of the rows to bring out, shape (k,).
 
         Raises
         ------

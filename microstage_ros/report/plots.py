@@ -32,7 +32,9 @@ def new_figure(rows=1, columns=1, height=2.6, width=FULL_WIDTH_INCH, **options):
 
     Parameters
     ----------
-    rows, columns : of plots; height : of one row [inch]; options : of `Figure.subplots`.
+    rows, columns : of plots [1].
+    height, width : of one row, and of the figure [inch].
+    options : of `Figure.subplots`.
 
     Returns
     -------
@@ -49,7 +51,7 @@ def decimate(x, y, points=POINTS):
     Parameters
     ----------
     x, y : shape (n,); NaN in y is a gap.
-    points : stretches; at most 2 points each are left.
+    points : stretches [1]; at most 2 points each are left.
 
     Returns
     -------
@@ -76,12 +78,12 @@ def _first_of(hit, edges):
 
 
 def plot_signal(axes, x, y, points=POINTS, **options):
-    """`axes.plot` of a signal of any length, with every peak kept."""
+    """`axes.plot` of a signal of any length, with every peak kept: ``x`` and ``y`` (n,), ``points`` stretches [1]."""
     return axes.plot(*decimate(x, y, points), **options)
 
 
 def scale_of(values, unit):
-    """A factor and a unit with prefix that make values easy to read, for an axis of a plot.
+    """A factor [1] and a unit with prefix that make ``values`` (n,), in ``unit``, easy to read on an axis of a plot.
 
     Returns
     -------
@@ -102,7 +104,8 @@ def readable(label, values):
 
     Parameters
     ----------
-    label : of an axis, its unit in brackets. values : list of arrays that are drawn along it, in that unit.
+    label : of an axis, its unit in brackets.
+    values : list of arrays (n,) that are drawn along it, in that unit.
     """
     found = re.search(r"\[([^\]]+)\]", label)
     if not found or found[1] not in PREFIXED:

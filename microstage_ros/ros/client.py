@@ -197,7 +197,12 @@ class AxisClient:
         Parameters
         ----------
         feedback : called with each feedback. cancel : called without arguments; True cancels the move.
+        wait : for the result [s].
         options : fields of the goal: max_velocity, tolerance, settle_time, timeout, ...
+
+        Raises
+        ------
+        NoAnswer : the move server is lost, or no result came within ``wait``.
         """
         goal = MoveTo.Goal(target=float(target), **{name: float(value) for name, value in options.items()})
         before = self.server_started

@@ -21,15 +21,15 @@ def settled(current: float, before: float, share: float) -> float:
 
 
 def settled_current(current: np.ndarray, share: float) -> np.ndarray:
-    """`settled` of every row, shape (n,) [A]; the first row counts as settled."""
+    """`settled` of every row of ``current`` (n,) for ``share`` a [1]; (n,) [A], the first row counts as settled."""
     return settled.py_func(current, of_row_before(current), share)
 
 
 def centred_current(current: np.ndarray, lag: float) -> np.ndarray:
-    """Current about the instant of each reading [A], shape (n,).
+    """Current about the instant of each reading [A], shape (n,), from ``current`` as read [A], shape (n,).
 
     The current read at the end of a period is the one that flowed through it, but for its settling in
-    ``lag`` = L / (R T) periods; the mean of the periods before and after a reading is
+    ``lag`` = L / (R T) periods [1]; the mean of the periods before and after a reading is
     ½ [(1 − ε) i(n+1) + i(n) + ε i(n−1)]. Without this the torque would be 28 µs early against the motion.
     """
     return 0.5 * ((1.0 - lag) * of_row_after(current) + current + lag * of_row_before(current))

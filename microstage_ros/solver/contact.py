@@ -29,6 +29,8 @@ FACTOR_MARGIN = 0.01                      # fall of a random limit factor that n
 def sliding_table(static, coulomb, velocity, exponent):
     """(first cell, cubic pieces) of s(w) = F_C + (F_s − F_C) exp(−(w/V)^δ) and of 1/s(w), on CELLS cells per octave.
 
+    ``static`` F_s and ``coulomb`` F_C [F], ``velocity`` V [q/s], ``exponent`` δ [1].
+
     The pieces, shape (OCTAVES·CELLS, 8), are the coefficients of 1, d, d², d³ of s, then those of 1/s; d is the speed
     beyond the cell's lower edge (through Chebyshev nodes). Cell and d are read off the bits of w, so a look-up costs no
     logarithm. The cells begin about V·2^-18; below, s is a straight line. Relative error below 2e-8 (2e-6 on that

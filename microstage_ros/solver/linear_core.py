@@ -40,7 +40,7 @@ def new_work(*plants):
 
 
 def new_works(count, plants):
-    """An array of ``count`` work records for an array of plants, each to be made ready by `forget`."""
+    """An array of work records, shape (``count``,), for an array of plants (n,), each to be made ready by `forget`."""
     blocks = not any(np.any(plants[contact]["law"]) for contact in ("actuator", "guideway"))
     return aligned(WORK if blocks else LAW_WORK, count)
 

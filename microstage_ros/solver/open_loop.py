@@ -30,7 +30,11 @@ def run_open_loop(plant, state, work, readings, voltage, trace):
 
 
 def respond(plant, voltage, seed=0, position=0.0, friction="virgin"):
-    """Columns {name: (periods,)} of the axis's answer to a voltage (V, one per period), from rest."""
+    """Columns {name: (periods,)} of the axis's answer to a voltage, from rest; names as in `COLUMNS`, SI.
+
+    ``voltage`` (periods,) [V], each held for a period; ``seed`` of the noise and ``position`` [m] at the start;
+    ``friction`` as for `plant.new_state`.
+    """
     voltage = np.ascontiguousarray(voltage, float)
     trace = np.empty((len(voltage), len(COLUMNS)))
     state = new_state(plant, seed, position, friction)

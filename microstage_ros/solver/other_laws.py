@@ -15,7 +15,10 @@ def any_law(work):
 
 
 def follow_law(work, contact, c, w0, w1, h):
-    """Carry a contact with another law of the library over a chunk, velocity linear from w0 to w1."""
+    """Carry a contact with another law of the library over a chunk, velocity linear from w0 to w1.
+
+    ``contact``, ``c``: its parts of `PLANT` and `STATE`; ``w0``, ``w1`` [q/s]; ``h``: length of the chunk [s].
+    """
     raise NotImplementedError("compiled code only")
 
 

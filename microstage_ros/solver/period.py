@@ -12,7 +12,7 @@ from microstage_ros.solver.step import advance, note_friction
 
 
 def as_array(record):
-    """A record as an array of one, sharing its memory."""
+    """A record as an array of shape (1,), sharing its memory."""
     return np.ndarray((1,), record.dtype, record)
 
 

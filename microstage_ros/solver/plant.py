@@ -81,8 +81,9 @@ def make_plant(axis, noise=None, effects=None):
 
 
 def new_state(plant, seed=0, position=0.0, friction="virgin", speed=0.0):
-    """State at ``position`` (m), at rest or moving with ``speed`` (m/s, all friction sliding).
+    """State at ``position`` [m], at rest or moving with ``speed`` [m/s], all friction sliding.
 
+    ``seed``: of the noise [1], an integer >= 0.
     ``friction``: ``relaxed`` (or ``virgin``, the same), or ``random`` (unknown history); of no account in motion.
     """
     state = np.zeros(1, STATE)[0]

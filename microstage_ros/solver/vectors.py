@@ -40,7 +40,7 @@ LANES_TYPE, MASK_TYPE = Lanes(types.float64), Lanes(types.boolean)
 
 
 def lanes_of(builder, value):
-    """A vector with ``value`` in the lane of every axis."""
+    """The LLVM vector, shape (AXES,), with ``value`` [any unit] in the lane of every axis; made by ``builder``."""
     kind = ir.VectorType(ir.DoubleType(), AXES)
     vector = builder.insert_element(ir.Constant(kind, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
     return builder.shuffle_vector(vector, ir.Constant(kind, ir.Undefined),

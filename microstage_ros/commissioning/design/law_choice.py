@@ -35,6 +35,10 @@ def choose_law(axis, drawn, has_current):
     Parameters
     ----------
     axis : identified `Axis`. drawn : axes from the posterior. has_current : the observer law needs it.
+
+    Raises
+    ------
+    Refused : no law has the floors of phase and gain margin on all of the axes.
     """
     reason, where = "", f"on the identified axis and on {len(drawn)} draws from its uncertainty"
     if has_current and axis.choices["drive.type"] == "voltage_motor":

@@ -56,7 +56,7 @@ def expected_breakaway(axis):
 
 
 def look_at_rest(machine):
-    """Noise of encoder [m] and current [A], offset of the current [A]; the machine has to stand still."""
+    """Noise of encoder [m] and current [A], offset of the current [A]; raises `Refused` if the machine moves."""
     record = machine.rest(0.3)
     x = record["encoder_m"]
     x = x[np.isfinite(x)]
@@ -139,7 +139,10 @@ class Pulses:
             self._turning = ratio / axis.value("drive.back_emf") * machine.period
 
     def one(self, voltage):
-        """One pulse and a rest. Returns (voltage, displacement [m]) if the stage moved, None otherwise."""
+        """One pulse and a rest. Returns (voltage, displacement [m]) if the stage moved, None otherwise.
+
+        ``voltage`` [V]. Raises `Refused` where the back-EMF shows that the motor turned and the encoder stood still.
+        """
         machine = self._machine
         rows, rest = machine.periods(PULSE, 20), machine.periods(REST, 20)
         start = machine.position

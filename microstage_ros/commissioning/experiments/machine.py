@@ -200,7 +200,13 @@ class Machine:
         return self.run(np.full(rows, place), lambda n, x, i: 0.0)
 
     def begin(self):
-        """The first reading: where the machine stands."""
+        """The first reading: where the machine stands.
+
+        Raises
+        ------
+        Stopped : the hardware reported an error.
+        Refused : the encoder gives no number, or one outside the travel less its margin.
+        """
         try:
             self._backend.write(0.0)
             self._armed = True  # as the backend has left it
@@ -285,7 +291,10 @@ class Machine:
             self.instruments["interval_s"] = [min(known[0], float(steps.min())), max(known[1], float(steps.max()))]
 
     def note_surroundings(self):
-        """Ask for temperature [K] and index mark [m], where the backend has them; between two steps, at zero volts."""
+        """Ask for temperature [K] and index mark [m], where the backend has them; between two steps, at zero volts.
+
+        Raises `Stopped` when the hardware reports an error.
+        """
         try:
             if "temperature" in self._instruments:
                 self.instruments.setdefault("temperature_K", []).append(float(self._instruments["temperature"]()))

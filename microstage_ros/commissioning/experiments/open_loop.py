@@ -189,7 +189,7 @@ def _long_rows(axis, period):
 
 
 def scale_check(found, sketch):
-    """Check that the encoder counts as the motor turns.
+    """Check that the encoder counts as the motor turns; raises `Refused` where it surely does not.
 
     A scale c of the encoder divides the back-EMF per encoder speed, k/c, and twice what is left of the inertia when
     that is multiplied in, J/c². Each gives an interval of ln c: the sketch's tolerances as bounds, and the doubt of the

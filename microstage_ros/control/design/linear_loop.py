@@ -22,13 +22,13 @@ PID_STATES = 3  # integral, filtered velocity, position of the period before
 
 
 def sliding_slope(packed, speed):
-    """dF/dw of a packed contact's sliding curve at ``speed`` >= 0, viscous part included."""
+    """dF/dw of a ``packed`` contact's (p,) sliding curve at ``speed`` >= 0 [q/s], viscous part included [F s/q]."""
     static, coulomb, velocity, exponent, viscous = packed[:5]
     return viscous + stribeck_slope(speed, static, coulomb, velocity, exponent)
 
 
 def stuck_stiffness(packed):
-    """Sum of the block stiffnesses of a packed contact."""
+    """Sum of the block stiffnesses of a ``packed`` contact (p,) [F/q]."""
     count = int(packed[10])
     return float(np.sum(packed[11 : 11 + count]))
 
@@ -37,8 +37,9 @@ def linear_matrices(axis, actuator=(0.0, 0.0), guideway=(0.0, 0.0)):
     """Matrices (A, B, C) of the axis, command -> (position, current), from the numbers of the compiled step.
 
     ``actuator``, ``guideway``: (stiffness, damping) of the contacts, at the screw angle (torque at the motor
-    shaft) and at the stage. States: current (of drives that have one), motor speed and angle (of transmissions that
-    are not rigid), stage speed, position. A drive without a current has the position as its only output.
+    shaft) [N m/rad, N m s/rad] and at the stage [N/m, N s/m]. States: current (of drives that have one), motor speed
+    and angle (of transmissions that are not rigid), stage speed, position. A drive without a current has the position
+    as its only output.
     """
     plant = make_plant(axis.with_effects({}), NoiseSpec.none())
     kind = actuator_of(axis)
@@ -109,6 +110,7 @@ def regime_slopes(axis):
 def cut_loop(ap, bp, cp, step, size):
     """Loop of a sampled plant (ap, bp, cp) and a law, cut at the command: matrices (A, B, row that gives the command).
 
+    ``ap`` (n, n), ``bp`` (n, 1), ``cp`` (readings, n): over a period, SI; ``size`` [1].
     ``step`` : one linear period of the law, (state, readings, last command) -> (state, command), of ``size`` states and
     as many readings as ``cp`` has rows. States of the result: plant, law, and the law's command of the period before.
     """
@@ -127,8 +129,10 @@ def cut_loop(ap, bp, cp, step, size):
 
 
 def pid_step(gains, period):
-    """One linear period of the PID law on the encoder, for `cut_loop`; ``gains``: mapping with the names of
-    `pid.GAINS`."""
+    """One linear ``period`` [s] of the PID law on the encoder, for `cut_loop`: function (5,) -> (4,).
+
+    ``gains``: mapping with the names of `pid.GAINS`, SI.
+    """
     kp, ki, kd = (
         gains["proportional"],
         gains["proportional"] / gains["integral_time"],
@@ -146,7 +150,10 @@ def pid_step(gains, period):
 
 
 def observer_step(parameters, stiffness, damping):
-    """One linear period of observer and PID: (state, position, current, last voltage) -> (state, voltage)."""
+    """One linear period of observer and PID: (state, position, current, last voltage) -> (state, voltage), SI.
+
+    ``stiffness`` [N/m] and ``damping`` [N s/m]: of the friction at the stage, as the observer's laws have it.
+    """
     o, m, period = parameters["observer"], parameters["feedforward"], float(parameters["period"])
     pid = parameters["pid"]
     kp, ki = float(pid["proportional"]), float(pid["proportional"] / pid["integral_time"])
@@ -182,7 +189,7 @@ def observer_step(parameters, stiffness, damping):
 
 def quadratic_step(parameters):
     """One linear period of the linear quadratic law: (x, v, d, current, position, current, last voltage) -> (state,
-    voltage)."""
+    voltage), function (7,) -> (5,), SI."""
     own, model, period = parameters["quadratic"], parameters["feedforward"], float(parameters["period"])
     gain, rest = np.array(own["gain"]), float(own["transient"])
     inertia, emf, rate = (float(own[name]) for name in ("inertia", "emf", "regulator_rate"))

@@ -7,6 +7,9 @@ motor and m / gain for a force drive. Three bandwidths make a controller:
 
 An encoder-only law needs a filter and has to leave the drive train's resonance alone; the observer law knows
 the motor's speed from its back-EMF and may be five times as stiff. Longer periods lower the bandwidths.
+
+Of every function here ``model`` is a feed-forward record (`control.feedforward.axis.PARAMETERS`, SI) and ``period`` the
+control period [s]; gains are {name: number in the unit of its `control.gains.Gain`}.
 """
 
 import math

@@ -5,6 +5,8 @@ The eigenvalues of the sampled loop in every regime of `linear_loop.regime_slope
 and for each of `DOUBTED` moved by twice its standard uncertainty, a tenth at least. The observer law starts with the
 first of `START_DOUBTS` in encoder and voltage that holds all of them. Where there is none, the encoder-only
 self-tuning law starts, from gains that are stable with `GAIN_MARGIN` to spare.
+
+``gains`` are {name of `pid.GAINS`: number, SI}, ``period`` that of control [s], ``margin`` a factor on all gains [1].
 """
 
 import numpy as np

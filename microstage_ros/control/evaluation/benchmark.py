@@ -16,6 +16,7 @@ def bench(axis, periods=100_000, passes=40):
     """Rows {name, value, unit}: a 10 µm sine of 1 Hz under each controller, with and without noise; the PID also with
     its trace kept.
 
+    ``periods`` of a run, and ``passes`` over all rows [1].
     The shortest of several runs of each row, row after row in turn: a shared machine is loud for seconds, which then
     spoils a pass of all rows and not all runs of one.
     """

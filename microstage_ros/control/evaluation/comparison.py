@@ -89,7 +89,7 @@ class Evaluation:
 
 
 def compare(axis, extent=Extent(), controllers=CONTROLLERS, jobs=1, progress=None, elsewhere=None):
-    """Run the whole comparison. Returns plain data: numbers in SI, and the curves of Figs. 10 and 11."""
+    """Run the whole comparison on ``jobs`` [1] threads. Returns plain data in SI, with curves of Figs. 10 and 11."""
     evaluation = Evaluation(axis, extent, jobs, progress, elsewhere)
     result = {"controllers": list(controllers), "seeds": extent.seeds, "moves": extent.moves}
     result["tracking"] = tracking(evaluation, controllers)
@@ -147,7 +147,10 @@ def positioning(evaluation, controllers):
 
 
 def positioning_figures(trials, distance):
-    """Figures of a list of `StepTrial`s: worst seed by 4s and bias, pooled intervals, settling, overshoot."""
+    """Figures of a list of `StepTrial`s: worst seed by 4s and bias, pooled intervals, settling, overshoot, rest.
+
+    In SI; ``distance`` of the moves [m].
+    """
     per_seed = [repeatability(t.errors) for t in trials]
     by_instrument = [repeatability(t.interferometer) for t in trials]
     pooled = repeatability(np.concatenate([t.errors for t in trials]))

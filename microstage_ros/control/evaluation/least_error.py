@@ -22,7 +22,8 @@ COUNTS = 12.0  # a rounded value is uniform over a count: its variance is count^
 def sliding_loop(axis, period, amplifier_noise=1e-3, encoder_noise=8e-9):
     """The loop at ``period`` [s]: ``closed`` (8, 8) and ``push`` (8, 2) of state (w, w', x, v) [SI] and its estimate.
 
-    Driven by the amplifier's noise [V] and the encoder's [m], both white, of the standard deviations in ``noise`` (2,).
+    Driven by the amplifier's noise and the encoder's, white, of the standard deviations in ``noise`` (2,):
+    ``amplifier_noise`` [V], and ``encoder_noise`` [m] with the rounding.
     """
     axis = axis.with_values({"period": period}, source="derived")
     model = controller_parameters("self_tuning_observer", axis, {})["feedforward"]
@@ -43,7 +44,7 @@ def sliding_loop(axis, period, amplifier_noise=1e-3, encoder_noise=8e-9):
 
 
 def least_error(axis, period, seeds=20, duration=10.0):
-    """(rms, worst peak over ``seeds`` runs of ``duration`` [s]) [m] of x + w at the sampling instants."""
+    """(rms, worst peak over ``seeds`` [1] runs of ``duration`` [s]) [m] of x + w at the instants of ``period`` [s]."""
     closed, push, noise = sliding_loop(axis, period)
     random = np.random.default_rng(0)
     state, square, peak, rows = np.zeros((8, seeds)), 0.0, 0.0, round(duration / period)

@@ -66,7 +66,10 @@ def run_informed(plant, state, work, readings, parameters, memory, reference, po
 
 
 def informed_sine(axis, seed, given="both", period=None, amplitude=1e-5, frequency=0.1, cycles=1.25):
-    """Largest |true position - reference| [m] of a sine, without its first quarter cycle; ``given``: of `GIVEN`."""
+    """Largest |true position - reference| [m] of a sine, without its first quarter cycle; ``given``: of `GIVEN`.
+
+    ``amplitude`` [m], ``frequency`` [Hz], ``cycles`` [1]; ``period`` of control [s], None: the axis's; ``seed`` [1].
+    """
     axis = axis if period is None else axis.with_values({"period": period}, source="derived")
     reference = sine(0.0, amplitude, frequency, cycles, axis.value("period"))
     plant, controller = make_plant(axis.machine or axis, NoiseSpec()), make_controller("self_tuning_observer", axis)
@@ -117,6 +120,7 @@ def gap_sine(axis, seed, given, width, amplitude=1e-5, frequency=0.1, cycles=3.2
     cycle).
 
     ``given``: "nothing", the "gap", or the gap and the "contact", see `run_given_contact`.
+    ``amplitude`` [m], ``frequency`` [Hz], ``cycles`` [1], ``seed`` [1].
     """
     reference = sine(0.0, amplitude, frequency, cycles, axis.value("period"))
     plant = make_plant(axis.machine or axis, NoiseSpec(), effects={"backlash": {"width_rad": width}})
@@ -144,6 +148,7 @@ def gap_sine(axis, seed, given, width, amplitude=1e-5, frequency=0.1, cycles=3.2
 def limits(evaluation, periods=PERIODS):
     """Worst peak [m] of the sine of 10 um at 0.1 Hz, by what the regulator is given: {period [s]: {`GIVEN`: peak}}.
 
+    ``periods``: of control [s].
     Beside them `least`, of `least_error`.
     """
     evaluation.progress("what not knowing costs")

@@ -48,7 +48,10 @@ def observe(axis, columns, **gains):
 
 
 def observer_trial(axis, motion, seed, kind="self_tuning_observer"):
-    """Relative rms error of the total friction, error of the level at the end, rms error of the position [m]."""
+    """Relative rms error of the total friction [1], error of the level at the end [1], rms error of the position [m].
+
+    ``seed`` of the run [1].
+    """
     columns = trial(axis, kind, {}, MOTIONS[motion], seed)
     trace = observe(axis, columns)
     per_torque = axis.value("transmission.gear_ratio") / axis.value("transmission.pitch") * 2 * np.pi
@@ -63,8 +66,8 @@ def observer_trial(axis, motion, seed, kind="self_tuning_observer"):
 
 
 def level_jump_trial(axis, amplitude, frequency, factor, seed, kind="self_tuning_observer"):
-    """The friction of both contacts becomes ``factor`` times what it was during a sine ([m], [Hz]), its random part
-    going on.
+    """The friction of both contacts becomes ``factor`` times what it was during a sine, its random part
+    going on. ``amplitude`` [m], ``frequency`` [Hz], ``factor`` and ``seed`` [1].
 
     ``seen`` [s]: time after which the level is first within `LEVEL_SEEN` of the true one, once that has jumped;
     ``mean``, ``rms``: of its error from 2 to 4 s after the jump (the true level goes on varying at random).

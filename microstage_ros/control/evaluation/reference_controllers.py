@@ -3,6 +3,9 @@
 A searched PID knows the sine, the moves or the stress it will meet, which no law does, and with no regard to
 margins it may be one that nobody would ship; where margins are asked for, they are those of `tuning`.
 Searches and judgement use different friction seeds.
+
+``gains``: {name: number in the unit of its `control.gains.Gain`}. ``seed``, ``seeds`` (k,), ``evaluations`` and
+``moves`` are counts [1]; a sine has an ``amplitude`` [m] and a ``frequency`` [Hz].
 """
 
 import numpy as np
@@ -85,7 +88,7 @@ def stress_limits(evaluation, stress):
 
 
 def weak_start(evaluation, kinds=("self_tuning", "self_tuning_feedforward", "self_tuning_observer")):
-    """From a tenth of the gains: error of moves 1 ... 5 of 10 um against fixed PIDs.
+    """From a tenth of the gains: error [m] of moves 1 ... 5 of 10 um against fixed PIDs.
 
     Figure of a move: rms of the true position's error from the move's start to its end, median over seeds. Beside
     the laws: `pid`, shipped; `best_pid`, searched for these moves alone; `kept_pid`, the best of those that

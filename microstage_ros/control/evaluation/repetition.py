@@ -29,7 +29,7 @@ TRIALS = 6  # of which the last is judged
 
 def update(added, error, gains, period, limit):
     """The voltage [V] of the next trial, from that of the last, ``added``, and its ``error`` [m]; each of shape
-    (n,)."""
+    (n,). ``gains``: of `BOUNDS`, SI; ``period`` [s]; the voltage stays within ± ``limit`` [V]."""
     from scipy.signal import sosfiltfilt  # half a second to load
 
     lead = round(gains["learn_lead"] / period)
@@ -48,7 +48,7 @@ def run_trials(kind, cell, reference, led, gains, period, trials=TRIALS):
     """True error [m], shape (n,), of the last trial of the program, ``reference`` [m] with ``led`` rows before it.
 
     ``cell`` : function (reference [m], added [V], start anew) → (encoder [m], stage [m]), which goes on from call to
-    call.
+    call. ``gains``: of `BOUNDS`, SI; ``period`` [s]; ``led`` and ``trials`` [1].
     """
     program = reference[led:]
     added = np.zeros(len(program))

@@ -58,7 +58,8 @@ def gain_list(type_name):
 def controller_parameters(type_name, axis, gains, period=None, place="controller"):
     """The parameter record (numpy structured scalar `laws.PARAMETERS`) of one controller.
 
-    ``gains`` not given come from the axis file's ``controller:`` section where it was tuned for this period,
+    ``gains``: {name: number in the unit of its `Gain`}; ``period`` [s], None: the axis's.
+    Gains not given come from the axis file's ``controller:`` section where it was tuned for this period,
     else from the rules of `control.design.rules`, else from the law's defaults. Raises `InputError` with name,
     value and range.
     """
@@ -123,7 +124,7 @@ def _check_start(axis, record, period, gains):
 
 
 def shipped_gains(type_name, axis, period):
-    """Gains of this type in the axis file's ``controller:`` section, {} if tuned for another period.
+    """Gains of this type in the axis file's ``controller:`` section, {} if tuned for another ``period`` [s].
 
     The section is {type, tuned_period, GAIN: value ..., TYPE: {GAIN: value ...}}: gains beside ``type`` belong to
     that type, gains under a type's name to it.
@@ -229,5 +230,5 @@ class Controller:
 
 
 def make_controller(type_name, axis, period=None, **gains):
-    """Build a controller by name for an axis; see `controller_parameters` for what is refused."""
+    """Build a `Controller` by name for an axis; ``period`` [s], and what is refused, as for `controller_parameters`."""
     return Controller(type_name, controller_parameters(type_name, axis, gains, period))

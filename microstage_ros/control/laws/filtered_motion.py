@@ -1,4 +1,7 @@
-"""Error and velocities of a period, as control laws of the literature take them from the encoder alone."""
+"""Error and velocities of a period, as control laws of the literature take them from the encoder alone.
+
+Derived: the low-pass τ dv/dt = dx/dt − v by backward Euler over a period T.
+"""
 
 from microstage_ros.numerics.compiled import compiled
 

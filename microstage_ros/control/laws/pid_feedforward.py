@@ -2,6 +2,9 @@
 
 U = PID(e) + U_ff(reference), where U_ff holds inertia, back-EMF and a share of the friction
 (`control.feedforward.axis`).
+
+Sources: paper, section 5.2 (friction fed forward beside the PID); the rest of U_ff is derived: the inverse of the
+machine's own equations, as `control.feedforward.axis` has them.
 """
 
 from microstage_ros.control.design import rules

@@ -1,4 +1,7 @@
-"""The self-tuning PID on the encoder, alone and with feed-forward: `adaptation` moves the gains of `pid`."""
+"""The self-tuning PID on the encoder, alone and with feed-forward: `adaptation` moves the gains of `pid`.
+
+Source: F. Lin, R. D. Brandt, G. Saikalis 2000; paper, section 5.3. What is added to it is told in `adaptation`.
+"""
 
 from microstage_ros.control.design import rules
 from microstage_ros.control.feedforward import axis as feedforward

@@ -1,5 +1,9 @@
 """The self-tuning PID on the friction observer's motion, supervised, with the encoder-only self-tuning PID in
-reserve."""
+reserve.
+
+Sources: those of its parts, `adaptation` (Lin, Brandt, Saikalis 2000; paper, section 5.3) and `supervision`; the
+observer's equations are derived in `control.observer.law` from the axis's own.
+"""
 
 import math
 

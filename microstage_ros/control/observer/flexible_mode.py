@@ -49,7 +49,7 @@ def read_swing(p, s):
 
 
 def exponential(a):
-    """e^a of a square matrix, by squaring the series of a / 2^k."""
+    """e^a of a square matrix ``a`` (n, n), by squaring the series of a / 2^k; same shape."""
     halvings = max(int(np.ceil(np.log2(max(np.abs(a).sum(axis=1).max(), 1e-300)))) + 4, 0)
     small = a / 2.0**halvings
     term = result = np.eye(len(a))
@@ -62,7 +62,7 @@ def exponential(a):
 
 
 def held(a, b, period):
-    """(A, B) over ``period`` [s] of dx/dt = a x + b u, the input held."""
+    """(A, B) over ``period`` [s] of dx/dt = a x + b u, the input held; ``a`` and A (n, n), ``b`` and B (n, k)."""
     n = len(a)
     both = exponential(np.block([[a, b], [np.zeros((b.shape[1], n + b.shape[1]))]]) * period)
     return both[:n, :n], both[:n, n:]
@@ -75,7 +75,8 @@ def swing_rates(model):
 
 
 def swing_matrix(record, model, period):
-    """`PARAMETERS` of an observer record: zero where the regulator does not read the swing, or nothing swings."""
+    """`PARAMETERS` of an observer record: shape (2, 3), SI; zero where the regulator does not read the
+    swing, or nothing swings. ``period`` [s]."""
     if not (record["swing_share"] or record["swing_time"]) or not float(model["compliance"]) > 0.0:
         return np.zeros((2, 3))
     spring, damping = swing_rates(model)
@@ -83,8 +84,8 @@ def swing_matrix(record, model, period):
 
 
 def held_axis(model, period):
-    """(A, B, acceleration per volt [m/(V s^2)]) of (w, w', x, v) over a period of held voltage, friction falling at
-    `CREEP`."""
+    """(A, B, acceleration per volt [m/(V s^2)]) of (w, w', x, v) over a ``period`` [s] of held voltage, friction
+    falling at `CREEP`; A (4, 4), B (4, 1)."""
     resistance, mass = float(model["resistance"]), float(model["moving_mass"])
     push = float(model["force_per_ampere"]) / (resistance * mass)
     slope = push * float(model["volts_per_velocity"])
@@ -100,7 +101,7 @@ def held_axis(model, period):
 
 
 def held_gains(model, period):
-    """Volts per (w [m], w' [m/s], x [m], v [m/s]) of the linear-quadratic regulator, shape (4,)."""
+    """Volts per (w [m], w' [m/s], x [m], v [m/s]) of the linear-quadratic regulator at ``period`` [s], (4,)."""
     a, b, push = held_axis(model, period)
     weight = np.outer([1.0, 0.0, 1.0, 0.0], [1.0, 0.0, 1.0, 0.0])
     effort = (EFFORT**2 * push) ** 2

@@ -381,7 +381,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
 
 
 def design_motion(record, model, period):
-    """What follows from an observer's gains, its axis and the period.
+    """What follows from an observer's gains, its axis and the ``period`` [s].
 
     ``motion_gain`` of a free mass; ``transient``, what is left after a period of a transient of the current; the
     swing's matrix.

@@ -160,7 +160,7 @@ def motion_matrices(record, period, stiffness=0.0, slope=0.0):
 
 def steady_gain(record, model, period, stiffness=0.0, slope=0.0):
     """Gain of (x, v, d) that the filter settles at under constant slopes, (3, 2): encoder and back-EMF, nothing to
-    learn.
+    learn. ``period`` [s]; k/M ``stiffness`` [1/s^2], c/M ``slope`` [1/s].
 
     P C' (C P C' + R)^-1 of the filtered estimate, by the discrete Riccati equation in scaled units.
     """
@@ -178,8 +178,10 @@ def steady_gain(record, model, period, stiffness=0.0, slope=0.0):
 
 
 def riccati(a, q, information):
-    """P of P = A' P (1 + G P)^-1 A + Q, G = ``information``: each step doubles the periods that have passed (Anderson
-    1978). P and G are symmetric; where rounding may part them from that, a slow mode never settles on some processors.
+    """P of P = A' P (1 + G P)^-1 A + Q, with ``a``, ``q`` and G = ``information``, each (n, n).
+
+    Each step doubles the periods that have passed (Anderson 1978). P and G are symmetric; where rounding may part them
+    from that, a slow mode never settles on some processors.
 
     SciPy's solver takes half a second to load and leaves residuals ten times as large.
     """

@@ -6,6 +6,8 @@ anywhere, by a swing of more than `SWING` peak to peak in the last second, or by
 Beside another law, which is run on the same machine with the same seed, two figures more: its largest error, and for
 how long without a break the first law was worse. Worse is a `BLOCK` of time whose largest error is beyond `HARMLESS`
 and more than `FACTOR` times the other's largest error within `NEAR` of it.
+
+``gains``: {name: number in the unit of its `control.gains.Gain`}. ``seed``, ``seeds`` (k,) and ``jobs`` are counts [1].
 """
 
 import functools
@@ -99,7 +101,7 @@ def _run(axis, condition, seed, law, gains):
 
 
 def worse_for(error, other, period):
-    """Longest time [s] for which the ``error`` [m] was worse than that of the ``other`` law: see above."""
+    """Longest time [s] for which the ``error`` [m] was worse than that of the ``other`` law [m]; ``period`` [s]."""
     rows, near = round(BLOCK / period), round(NEAR / BLOCK)
     ours, theirs = (np.abs(e[: len(e) // rows * rows]).reshape(-1, rows).max(axis=1) for e in (error, other))
     around = np.array([theirs[max(k - near, 0) : k + near + 1].max() for k in range(len(theirs))])

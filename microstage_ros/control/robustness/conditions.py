@@ -176,7 +176,7 @@ def random_machine(axis, number, factor=2.0, draws=50):
 
     Torque constant and back-EMF, which are one number of a motor, keep their ratio, and static friction its ratio to
     Coulomb's where that would fall below 1. A machine that swings by itself at 0 V, which friction that falls with
-    speed allows, is drawn again. Raises RuntimeError if none of ``draws`` rests.
+    speed allows, is drawn again. Raises RuntimeError if none of ``draws`` [1] rests.
     """
     generator = np.random.default_rng([int(number), 17])
     for _ in range(draws):
@@ -206,7 +206,10 @@ def _draw(axis, generator, factor):
 
 
 def rests(machine, seed, seconds=1.0, moved=1e-7):
-    """Whether the machine comes to rest at 0 V after a push of 0.5 V: less than ``moved`` [m] in its last quarter."""
+    """Whether the machine comes to rest at 0 V after a push of 0.5 V: less than ``moved`` [m] in the last quarter.
+
+    ``seed`` [1]; ``seconds``: time that is simulated [s].
+    """
     rows = round(seconds / machine.value("period"))
     plant, controller = make_plant(machine, NoiseSpec(encoder_m=0.0, voltage_V=0.0)), make_controller("none", machine)
     push, none = np.zeros(rows), np.zeros(rows)

@@ -7,6 +7,8 @@ dwell: it missed its target if that is more than `MISSED` beside it.
 Moves of one record are no independent trials, since the same law has learned the same. The interval of their rate is
 therefore that of the records drawn again (B. Efron, Annals of Statistics 7, 1979); that of the records with any miss
 is exact.
+
+``gains``: {name: number in the unit of its `control.gains.Gain`}. ``seed``, ``seeds`` (k,) and ``jobs`` are counts [1].
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -42,7 +44,7 @@ class Ends(NamedTuple):
 
 
 def judged_moves():
-    """Moves that are judged in one record."""
+    """Number of moves that are judged in one record [1]."""
     return 2 * ROUNDS - FIRST
 
 
@@ -59,7 +61,7 @@ def record(axis, condition, law, distance, seed, gains=None):
 
 
 def ends_of_moves(axis, condition, law, distance, seeds, jobs=1, progress=lambda: None, gains=None):
-    """`Ends` over the records of ``seeds``."""
+    """`Ends` over the records of ``seeds``, moves over ``distance`` [m]."""
 
     def one(seed):
         found = record(axis, condition, law, distance, seed, gains)

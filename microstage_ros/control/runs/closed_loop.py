@@ -84,7 +84,10 @@ def run_pieces(plants, states, works, readings, parameters, memories, reference,
 
 
 def surroundings(trace):
-    """Columns of air and stage {name: (rows,)}: all of the air's if one varies, the stage's if it does; else none."""
+    """Columns of air and stage {name: (rows,)} of a ``trace``, shape (rows, columns of `TRACE`).
+
+    All of the air's if one varies, the stage's if it does; else none.
+    """
     air, stage = SURROUNDINGS[:3], SURROUNDINGS[3:]
     found = {}
     for group in (air, stage):

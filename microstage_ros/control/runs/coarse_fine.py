@@ -93,7 +93,7 @@ def run_both(coarse, fine, reference, disturbance, mass, trace):
 
 def make_piece(axis, noise=None, effects=None):
     """`solver.plant.make_plant` for pieces of the axis's period; sensors stay those of the period, the amplifier's
-    noise its density."""
+    noise its density; ``noise``: `NoiseSpec`."""
     whole = make_plant(axis, noise, effects)
     plant = make_plant(axis.with_values({"period": axis.value("period") / PIECES}), noise, effects)
     for name in SENSORS:
@@ -109,7 +109,7 @@ def simulate_coarse_fine(machine, run, seed=0):
     ----------
     machine : `model.coarse_fine.CoarseFine`.
     run : `control.runs.run_file.Run`; its noise and effects are those of the coarse axis.
-    seed : of every random number.
+    seed : of every random number [1].
 
     Raises
     ------
@@ -141,7 +141,7 @@ def simulate_coarse_fine(machine, run, seed=0):
 
 
 def coarse_fine_record(machine, run, seed=0):
-    """`Record` of `simulate_coarse_fine`, with version, seed, components and run in its metadata."""
+    """`Record` of `simulate_coarse_fine`, with version, ``seed`` [1], components and run in its metadata."""
     columns = simulate_coarse_fine(machine, run, seed)
     metadata = {
         "version": __version__,

@@ -32,8 +32,9 @@ def simulate(axis, run, seed=0, machine=None, progress=None):
 
     Parameters
     ----------
-    axis : `Axis` that the controller is given. run : `control.runs.run_file.Run`. seed : of every random number in the
-    run. machine : `Axis` that is simulated, where it is another one (default: ``axis.machine``, else ``axis``).
+    axis : `Axis` that the controller is given. run : `control.runs.run_file.Run`.
+    seed : of every random number in the run [1].
+    machine : `Axis` that is simulated, where it is another one (default: ``axis.machine``, else ``axis``).
     progress : called with (periods done, periods in all), or None.
 
     Returns
@@ -92,7 +93,7 @@ def simulate(axis, run, seed=0, machine=None, progress=None):
 
 
 def simulated_record(axis, run, seed=0, machine=None, progress=None, **more):
-    """`Record` of `simulate`, with version, seed, axis and run in its metadata."""
+    """`Record` of `simulate`, with version, ``seed`` [1], axis and run in its metadata."""
     columns = simulate(axis, run, seed, machine, progress)
     metadata = {
         "version": __version__,

@@ -1,4 +1,8 @@
-"""Trials: the two experiments of the paper's sections 5.4 and 6, simulated, and what is read off them."""
+"""Trials: the two experiments of the paper's sections 5.4 and 6, simulated, and what is read off them.
+
+``gains``: {name: number in the unit of its `control.gains.Gain`}. Seeds are integers [1]; a sine has an ``amplitude``
+[m], a ``frequency`` [Hz] and ``cycles`` [1].
+"""
 
 from typing import NamedTuple
 
@@ -37,12 +41,12 @@ class StepTrial(NamedTuple):
 
 
 def trial(axis, kind, gains, program, seed, **conditions):
-    """Columns of a run; ``conditions``: noise, effects, period_s of a `Run`."""
+    """Columns of a run {name: (rows,)}; ``seed`` [1]; ``conditions``: noise, effects, period_s of a `Run`."""
     return simulate(axis, Run(controller={"type": kind, **gains}, program=program, **conditions), seed)
 
 
 def sine_trial(axis, kind, gains, amplitude, frequency, seed, cycles=1.25, **conditions):
-    """`SineTrial` of a sine of ``amplitude`` [m] at ``frequency`` [Hz]."""
+    """`SineTrial` of a sine of ``amplitude`` [m] at ``frequency`` [Hz]; ``cycles`` and ``seed`` [1]."""
     program = [{"sine": {"amplitude_m": amplitude, "frequency_hz": frequency, "cycles": cycles}}]
     columns = trial(axis, kind, gains, program, seed, **conditions)
     error = (columns["stage_m"] - columns["reference_m"])[int(0.25 / cycles * len(columns["t_s"])) :]
@@ -59,7 +63,7 @@ def cycle_peaks(trial, frequency):
 
 
 def step_trial(axis, kind, gains, distance, seed, moves=10, dwell=0.4, **conditions):
-    """`StepTrial` of ``moves`` moves from 0 to ``distance`` [m], each after a return to 0."""
+    """`StepTrial` of ``moves`` [1] from 0 to ``distance`` [m] and back, each with a ``dwell`` [s]; ``seed`` [1]."""
     program = [{"move_to_m": place, "dwell_s": dwell} for _ in range(moves) for place in (distance, 0.0)]
     columns = trial(axis, kind, gains, program, seed, **conditions)
     rows = len(columns["t_s"]) // (2 * moves)
@@ -81,7 +85,7 @@ def _figures(columns, part, distance, period, last):
 
 
 def gain_jump_trial(axis, kind, factor, seed, amplitude=1e-5, frequency=0.1, at=4.0):
-    """The amplifier's gain becomes ``factor`` times what it was, ``at`` [s] into 1.25 cycles of a sine.
+    """The amplifier's gain becomes ``factor`` times what it was, ``at`` [s] into 1.25 cycles of a sine; ``seed`` [1].
 
     Returns (largest |true position - reference| after the jump, the same over the last fifth) [m].
     """
@@ -97,7 +101,7 @@ def gain_jump_trial(axis, kind, factor, seed, amplitude=1e-5, frequency=0.1, at=
 
 def jump_trace(axis, kind, seed, reference, row, jump):
     """Trace (rows, len(TRACE)) of a run along ``reference`` [m] on an axis that ``jump(plant)`` changes before
-    ``row``."""
+    ``row`` [1]; ``seed`` [1]."""
     plant, readings = make_plant(axis.machine or axis, NoiseSpec()), new_readings()
     state, work, controller = (
         new_state(plant, seed=seed, friction=usual_start(plant)),

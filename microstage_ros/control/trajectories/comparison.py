@@ -23,7 +23,7 @@ class EncoderComparison:
         self.reported = False
 
     def add_encoder(self, sequence, position):
-        """The encoder read ``position`` [m] in a period."""
+        """The encoder read ``position`` [m] in the control period number ``sequence`` [1]."""
         self._add(self._encoder, sequence, position)
 
     def add_interferometer(self, readings):

@@ -15,7 +15,7 @@ LONGEST = 86_400.0
 def check_move(target, tolerance, settle_time, timeout, travel, place="move"):
     """Refuse what cannot be a move. Raises `InputError` with field, value and what would be right.
 
-    ``travel``: (minimum, maximum) [m].
+    ``target`` [m], ``tolerance`` [m], ``settle_time`` [s], ``timeout`` [s]; ``travel``: (minimum, maximum) [m].
     """
     low, high = travel
     if not (math.isfinite(target) and low <= target <= high):
@@ -63,7 +63,7 @@ class Move:
         self._within = deque()
 
     def update(self, sequence, position):
-        """The encoder read ``position`` [m] in period ``sequence``."""
+        """The encoder read ``position`` [m] in period number ``sequence`` [1]."""
         if self.done or sequence < self.start_sequence:
             return
         error = position - self.target
@@ -82,7 +82,7 @@ class Move:
             self.done, self.end_sequence = True, sequence
 
     def phase(self, sequence):
-        """`MOVING` while the reference moves, `SETTLING` afterwards."""
+        """`MOVING` while the reference moves, `SETTLING` afterwards; ``sequence``: number of the control period [1]."""
         return MOVING if sequence < self.rest_sequence else SETTLING
 
     @property

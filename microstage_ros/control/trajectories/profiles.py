@@ -2,6 +2,8 @@
 
 Every function returns the samples of the reference [m], one per control period, beginning at the place
 where the axis is and ending, exactly, where it was sent.
+
+The ``period`` is that of control [s]; ``start``, ``target``, ``to``, ``centre`` are places [m].
 """
 
 import math
@@ -53,7 +55,7 @@ def check_limits(limits, place="limits"):
 
 
 def move_times(distance, limits):
-    """Durations (jerk, constant acceleration, constant velocity) [s] and the jerk [m/s^3] of a move.
+    """Durations (jerk, constant acceleration and velocity) [s] and the jerk [m/s^3] of a move over ``distance`` [m].
 
     The motion is the symmetrical one of seven segments: jerk t_j, constant t_a, jerk t_j, cruise t_v, and
     the same again downwards; peak velocity J t_j (t_j + t_a), distance = peak (2 t_j + t_a + t_v).
@@ -128,6 +130,7 @@ def scan(start, to, speed, period, limits=DEFAULT_LIMITS):
 def sine(centre, amplitude, frequency, cycles, period, limits=DEFAULT_LIMITS):
     """Reference [m] centre + A sin(phase), from rest to rest at the centre.
 
+    ``amplitude`` A [m], ``frequency`` f [Hz], ``cycles`` [1].
     The phase rate runs up to 2 pi f and down again within a hundredth of a cycle (longer where the
     acceleration limit asks for it), so that the motion begins and ends without a step of velocity; ``cycles``
     full turns of the phase in all.

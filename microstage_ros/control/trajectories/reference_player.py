@@ -55,7 +55,7 @@ class ReferencePlayer:
             self._positions, self._stopping, self._last = None, False, -1
 
     def at(self, sequence, encoder):
-        """(reference [m], mode) of control period ``sequence``; the first call ever holds ``encoder`` [m]."""
+        """(reference [m], mode) of control period ``sequence`` [1]; the first call ever holds ``encoder`` [m]."""
         with self._lock:
             if self._positions is None:
                 self._positions = np.array([encoder])
@@ -71,7 +71,7 @@ class ReferencePlayer:
             return self._positions, self._start, self._stopping
 
     def passed(self, sequence):
-        """Control periods up to this one have been played by somebody who has the `plan`."""
+        """Control periods up to number ``sequence`` [1] have been played by somebody who has the `plan`."""
         with self._lock:
             self._last = sequence
 
@@ -100,7 +100,7 @@ class ReferencePlayer:
         return positions
 
     def follow(self, start, positions):
-        """Play ``positions`` [m], `checked`, from control period ``start`` on (0: the next one).
+        """Play ``positions`` [m], `checked`, from control period number ``start`` [1] on (0: the next one).
 
         The plan under way, sent once more because its answer was lost, is answered as it was the first time.
 

@@ -6,6 +6,8 @@ V_S is negative. With motor, rotor, drive train and stage as in the model, volta
 the discrete controller, the loop is cut at the voltage. Gain margin: factor on all gains until
 instability (upwards, and downwards where the loop is only conditionally stable). Phase margin: at the gain crossovers.
 Paper, section 5.1: phase margin at least 30 degrees, gain margin about 40 dB.
+
+``gains``: {name of `pid.GAINS`: number, SI}; ``period`` is that of control [s], ``delay`` counts further periods [1].
 """
 
 import math
@@ -39,7 +41,10 @@ class Margins(NamedTuple):
 
 
 def linear_axis(axis, actuator=(0.0, 0.0), guideway=(0.0, 0.0)):
-    """State-space model of the axis, command -> (position, current): `linear_loop.linear_matrices`."""
+    """State-space model of the axis, command -> (position, current): `linear_loop.linear_matrices`.
+
+    ``actuator``, ``guideway``: (stiffness, damping) of the contacts, in the unit of each as there.
+    """
     return control.ss(*linear_matrices(axis, actuator, guideway), 0.0)
 
 
@@ -55,7 +60,7 @@ def regimes(axis):
 
 
 def pid_transfer(gains, period, delay=0):
-    """Discrete transfer function error -> voltage of the PID law, with ``delay`` further periods.
+    """Discrete transfer function error [m] -> voltage [V] of the PID law, with ``delay`` further periods.
 
     ``gains``: mapping with the names of `pid.GAINS`.
     """
@@ -67,7 +72,7 @@ def pid_transfer(gains, period, delay=0):
 
 
 def loop_of(plant, controller, period):
-    """Open loop (discrete state space): ``plant`` (continuous, first output the position) sampled with hold."""
+    """Open loop [1] (discrete state space): ``plant`` (continuous, first output the position) sampled with hold."""
     return control.ss(controller) * control.sample_system(plant[0, 0], period, "zoh")
 
 

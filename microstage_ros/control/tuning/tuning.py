@@ -5,6 +5,9 @@ axis as it is, friction and all, and reads amplitude and period of the limit cyc
 the fundamentals of voltage and position is the ultimate gain K_u, the period the ultimate period T_u.
 Ziegler and Nichols: K_P = 0.6 K_u, T_I = T_u / 2, T_D = T_u / 8. Near standstill the axis is far from linear, so
 this is the rough estimate that the paper takes it for; fine tuning follows on simulated friction.
+
+Gains, ``gains`` and ``start``, are {name: number in the unit of its `control.gains.Gain`}; ``seed``, ``seeds`` (k,) and
+``evaluations`` are counts [1].
 """
 
 import math
@@ -62,8 +65,8 @@ def run_relay(plant, state, work, readings, bias, relay, hysteresis, encoder, vo
 def limit_cycle(axis, relay=None, hysteresis=None, duration=2.0, seed=0):
     """Automatic limit-cycle experiment on the simulated axis.
 
-    ``relay`` [V]: half height, default four times the breakaway voltage. ``hysteresis`` [m]: default forty
-    counts, enough to slide. Returns `LimitCycle`; raises `InputError` if no limit cycle follows (the relay is too
+    ``duration`` [s]; ``relay`` [V]: half height, default four times the breakaway voltage. ``hysteresis`` [m]: default
+    forty counts, enough to slide. Returns `LimitCycle`; raises `InputError` if no limit cycle follows (the relay is too
     weak).
     """
     plant = make_plant(axis, NoiseSpec())
@@ -95,7 +98,7 @@ def breakaway_voltage(axis):
 
 
 def ziegler_nichols(cycle, filter_share=0.3):
-    """PID gains of a limit cycle; the derivative's filter is a share of T_D."""
+    """PID gains of a limit cycle; the derivative's filter is ``filter_share`` [1] of T_D."""
     derivative = cycle.ultimate_period / 8.0
     return {
         "proportional": 0.6 * cycle.ultimate_gain,

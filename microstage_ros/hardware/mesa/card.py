@@ -250,7 +250,7 @@ class MesaCard:
         return (counted / seconds - float(self.options["current_zero_hz"])) * float(self.options["current_A_per_hz"])
 
     def write(self, voltage):
-        """Hold ``voltage`` [V] at the amplifier and pet the watchdog."""
+        """Hold ``voltage`` [V] at the amplifier and pet the watchdog; `HardwareError` if the card is not open."""
         if self._link is None:
             raise HardwareError("the Mesa card is not open")
         self._voltage = min(max(float(voltage), -self._limit), self._limit)
@@ -274,8 +274,8 @@ class MesaCard:
             self._link.write(write32(self._pwm.address(4), 1 << int(self.options["output"]) if on else 0))
 
     def watchdog(self, seconds):
-        """Arm the card's watchdog with another time [s]; 0 for the longest it can be. One that has cut the output gives
-        it back: the caller has written zero volts."""
+        """Arm the card's watchdog with another time, ``seconds`` [s]; 0 for the longest it can be. One that has cut the
+        output gives it back: the caller has written zero volts."""
         if self._link is not None:
             ticks = round(seconds * self._watchdog.clock) - 1 if seconds > 0.0 else 0x7FFFFFFF
             self._send_checked(
@@ -299,7 +299,10 @@ class MesaCard:
 
 
 def pwm_rate(frequency, clock, pdm=False):
-    """(rate register, bits) for a PWM frequency [Hz]: the most bits that the clock allows. Raises `InputError`."""
+    """(rate register, bits) for a PWM ``frequency`` [Hz]: the most bits that the ``clock`` [Hz] allows.
+
+    Raises `InputError` for a frequency that no register value gives.
+    """
     if pdm:
         rate = frequency * 65536.0 / clock
         if not 1.0 <= rate < 65536.0:

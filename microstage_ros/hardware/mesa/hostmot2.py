@@ -26,7 +26,7 @@ class Module:
     per_instance: int
 
     def address(self, register, instance=0):
-        """Address of a register; of one instance where every instance has its own."""
+        """Address [byte] of ``register``, its number [1]; of one ``instance`` [1] where every instance has its own."""
         own = instance if self.per_instance >> register & 1 else 0
         return self.base + register * self.register_stride + own * self.instance_stride
 
@@ -64,7 +64,7 @@ class Layout:
         raise HardwareError(f"Mesa card {self.board}: its bit file has no {NAMES[gtags[0]]}; load one that has")
 
     def pins_of(self, gtag, unit):
-        """Pins of one instance."""
+        """The `Pin` of one instance, all of them: module ``gtag`` [1], instance ``unit`` [1]."""
         return [pin for pin in self.pins if pin.gtag == gtag and pin.unit == unit]
 
 

@@ -22,7 +22,11 @@ LARGEST = 1400  # bytes of a datagram
 
 
 def command(space, size, address, count, write=False):
-    """The four bytes of one command: ``count`` elements of ``size`` bit from ``address`` on."""
+    """The four bytes of one command: ``count`` elements [1] of ``size`` [bit] from ``address`` [byte] on.
+
+    ``space``: number of the memory space [1], such as `HOSTMOT2`.
+    Raises `ValueError` for a count outside 1 to 127.
+    """
     if not 1 <= count <= 127:
         raise ValueError(f"a count of {count}, expected 1 to 127")
     word = (WRITE if write else 0) | ADDRESS | space << 10 | SIZES[size] << 8 | (RISES if count > 1 else 0) | count
@@ -30,12 +34,12 @@ def command(space, size, address, count, write=False):
 
 
 def read32(address, count=1):
-    """Read ``count`` registers of hostmot2."""
+    """Command that reads ``count`` [1] registers of hostmot2 from ``address`` [byte] on."""
     return command(HOSTMOT2, 32, address, count)
 
 
 def write32(address, *values):
-    """Write registers of hostmot2 from ``address`` on."""
+    """Command with data, in bytes, that writes ``values``, u32 (n,), to hostmot2 from ``address`` [byte] on."""
     return command(HOSTMOT2, 32, address, len(values), True) + struct.pack(
         f"<{len(values)}I", *(v & 0xFFFFFFFF for v in values)
     )
@@ -71,7 +75,7 @@ class Link:
         self._socket.close()
 
     def send(self, *commands):
-        """Send commands that answer nothing."""
+        """Send commands that answer nothing; `HardwareError` if the socket refuses them."""
         try:
             self._socket.send(b"".join(commands))
         except OSError as error:
@@ -96,7 +100,7 @@ class Link:
 
         Parameters
         ----------
-        commands : read commands (bytes). length : bytes of their data. seconds : to wait at most.
+        commands : read commands (bytes). length : size of their data [byte]. seconds : to wait at most [s].
 
         Returns
         -------
@@ -136,7 +140,10 @@ class Link:
                 raise HardwareError(f"Mesa card at {self._where}: {error}") from None
 
     def ask(self, commands, length, tries=5):
-        """Data of read commands while the card is set up. Raises `HardwareError` if it never answers."""
+        """Data of read commands while the card is set up. Raises `HardwareError` if it never answers.
+
+        ``length``: size of the data [byte]; ``tries`` [1].
+        """
         for _ in range(tries):
             found = self.read(commands, length, self._patience)
             if found is not None:
@@ -144,5 +151,5 @@ class Link:
         raise HardwareError(f"Mesa card at {self._where} does not answer (cable, address, firewall, power)")
 
     def ask32(self, address, count=1):
-        """Registers of hostmot2 as a tuple of int."""
+        """``count`` [1] registers of hostmot2 from ``address`` [byte] on, as a tuple of int, shape (count,)."""
         return struct.unpack(f"<{count}I", self.ask(read32(address, count), 4 * count))

@@ -5,6 +5,8 @@
 J from fast sliding, where M_f is Coulomb and viscous friction and the equation is linear; C from the lag of
 the friction behind its curve, |s| / C, wherever the speed passes the curve's knee quickly. Both sides pass one
 zero-phase low-pass.
+
+Sources: paper, Eqs. 7 and 8 (lag of the slipping blocks); the balance is Newton's at the shaft.
 """
 
 import math
@@ -93,7 +95,7 @@ def _fast_rows(signals, gear, fast, edge):
 
 def law_parameters(axis, attraction=None, level=1.0):
     """Parameters of the actuator's law as `model.friction` takes them, with another C if given, its limits times
-    ``level``."""
+    ``level`` [1]; ``attraction``: C [N m/s]."""
     keys = (
         "stiffness",
         "weight",
@@ -111,8 +113,8 @@ def law_parameters(axis, attraction=None, level=1.0):
 
 
 def friction_along(signals, axis, attraction=None, level=1.0):
-    """Friction torque [N m] of the actuator's law, its limits times ``level``, along the record's motion, shape
-    (n,)."""
+    """Friction torque [N m] of the actuator's law, its limits times ``level`` [1], along the record's motion, shape
+    (n,); ``attraction``: another C [N m/s]."""
     law = law_named("generalised_maxwell_slip")
     speed = signals.smooth_speed(min(LAW_EDGE, 0.2 / signals.period))
     return run_law(law, law.pack(law_parameters(axis, attraction, level)), speed, signals.period)

@@ -2,6 +2,8 @@
 
 A record is reduced to what the estimators need (a few thousand numbers), so that hours of repeats fit in
 memory. `identify_actuator` turns the features of all records into parameters.
+
+Source: paper, section 4.1: friction torque k_M i against the angle in slow motion, and against constant speeds.
 """
 
 from dataclasses import dataclass, field
@@ -56,7 +58,7 @@ def extract(signals: MotorSignals, axis, repeat, load=None):
     ----------
     signals : `MotorSignals` of the record.
     axis : gives the scales (slip displacement, Stribeck velocity) and the inertia to take off.
-    repeat : number of the repeat that this record belongs to.
+    repeat : number of the repeat that this record belongs to [1].
     load : torque at the motor of what else is driven [N m], shape (n,); taken off. None: nothing is driven.
     """
     features = Features()
@@ -114,6 +116,7 @@ def steady_series(signals, axis, travel_step, load=None):
     Parameters
     ----------
     travel_step : length of a cell [m]; well below the length that is looked for.
+    load : torque at the motor of what else is driven [N m], shape (n,); taken off. None: nothing is driven.
 
     Returns
     -------

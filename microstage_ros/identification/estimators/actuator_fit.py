@@ -1,4 +1,8 @@
-"""From features of many records to the friction parameters of the actuator, with bootstrap over repeats."""
+"""From features of many records to the friction parameters of the actuator, with bootstrap over repeats.
+
+Sources: paper, Eqs. 3–5 (blocks) and 10 (sliding curve); bootstrap over whole repeats: B. Efron, R. Tibshirani, An
+Introduction to the Bootstrap, Chapman & Hall 1993.
+"""
 
 from dataclasses import replace
 
@@ -38,6 +42,11 @@ PARTS = {
 def by_unit(speed, friction, spread, unit):
     """Mean friction of each unit (repeat) at each speed (1 %); speeds > 0.
 
+    Parameters
+    ----------
+    speed, friction, spread : steady points, shape (n,): [rad/s], [N m], standard deviation [N m].
+    unit : the repeat of each, shape (n,).
+
     Returns
     -------
     speeds, shape (s,); friction, shape (units, s), NaN where a unit has none; standard deviation of the mean over
@@ -65,7 +74,7 @@ def identify_sliding(features, seed, contact="actuator", resamples=RESAMPLES):
     Parameters
     ----------
     features : `actuator.Features` with steady points.
-    seed, resamples : of the bootstrap.
+    seed, resamples : of the bootstrap [1].
 
     Returns
     -------
@@ -158,14 +167,15 @@ def identify_presliding(loadings, repeat, seed, contact="actuator", units=("N m/
 
     Parameters
     ----------
-    loadings : list of `Loading`. repeat : the repeat each belongs to. seed, resamples : of the bootstrap.
+    loadings : list of `Loading`. repeat : the repeat each belongs to, shape (loadings,).
+    seed, resamples : of the bootstrap [1].
     units : of stiffness, displacement and force. reading : ``blocks`` or ``segment_slopes``, as the axis file.
-    count : number of blocks; None lets the data choose (`choose_count`).
+    count : number of blocks [1]; None lets the data choose (`choose_count`).
 
     Returns
     -------
-    `Identification` with ``contacts.NAME.stiffness`` and ``.weight``; the static limit of these loadings as
-    ``pre-sliding limit of NAME``; tables with both readings.
+    `Identification` with ``contacts.NAME.stiffness`` and ``.weight``, both (n,); the static limit of these loadings
+    as ``pre-sliding limit of NAME``; tables with both readings.
     """
     result = Identification()
     keys = [f"contacts.{contact}.stiffness", f"contacts.{contact}.weight", f"pre-sliding limit of {contact}"]

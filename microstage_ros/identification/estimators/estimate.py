@@ -103,6 +103,7 @@ def narrow(value, low, high, floor=0.0):
     Parameters
     ----------
     value, low, high : numbers, or arrays of one shape: of a list every number has to be determined.
+    floor : size below which the value does not matter [unit of value].
     """
     half_width = 0.5 * (np.asarray(high, dtype=float) - np.asarray(low, dtype=float))
     return bool(
@@ -111,7 +112,10 @@ def narrow(value, low, high, floor=0.0):
 
 
 def in_short(value, stderr, unit):
-    """A number beside the estimates for a sentence: ``10.6 ± 0.4 µN m`` (95 %), or that it is not determined."""
+    """A number beside the estimates for a sentence: ``10.6 ± 0.4 µN m`` (95 %), or that it is not determined.
+
+    ``value`` and its standard uncertainty ``stderr``: in ``unit``.
+    """
     half = 1.96 * float(stderr)
     if narrow(value, value - half, value + half):
         return f"{quantity(float(value), unit, 3, half)} (95 %)"
@@ -121,6 +125,7 @@ def in_short(value, stderr, unit):
 def from_interval(key, value, stderr, unit, low=None, high=None, method="", experiment="", floor=0.0):
     """An `Estimate` that is determined if `narrow` says so.
 
+    `value`, `stderr`, `low`, `high`, `floor`: in ``unit``.
     `low`, `high` default to value ± 1.96 stderr. `floor` is the size below which a value does not
     matter (an offset of nothing is still a result): the half width is held against max(|value|, floor).
     `experiment` completes the sentence "not determined by these records; ...".

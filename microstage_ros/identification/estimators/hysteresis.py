@@ -8,6 +8,9 @@ travel: F = g(z) with g monotone and flat where there is no contact, again linea
     coulomb_viscous   F = F_c sgn v + σ v
     maxwell_slip      F = Σ k_j z_j                      z_j stop operators of widths w_j
     lost_motion       F = g(z)                           one stop operator, g piecewise linear, g' ≥ 0
+
+Sources: W. D. Iwan, Journal of Applied Mechanics 33 (1966) for the blocks; non-negative least squares: C. L. Lawson,
+R. J. Hanson, Solving Least Squares Problems, Prentice-Hall 1974.
 """
 
 from dataclasses import dataclass
@@ -56,13 +59,18 @@ def _characteristic(state, width):
 
 
 def fit_coulomb_viscous(position, velocity, force):
-    """Least squares of F_c and σ. Returns `HystereticLaw`."""
+    """Least squares of F_c [N] and σ [N s/m]. Returns `HystereticLaw`.
+
+    ``position`` [m], ``velocity`` [m/s], ``force`` [N], each of shape (n,).
+    """
     columns = _columns("coulomb_viscous", (), position, velocity)
     return HystereticLaw("coulomb_viscous", np.empty(0), np.linalg.lstsq(columns, force, rcond=None)[0])
 
 
 def fit_maxwell_slip(position, velocity, force):
     """Maxwell-slip blocks: stiffnesses ≥ 0 on a grid of slip displacements; blocks that get none are dropped.
+
+    ``position`` [m], ``velocity`` [m/s], ``force`` [N], each of shape (n,).
 
     The grid runs geometrically from a hundredth of the motion's span to half of it (a wider block never slips).
     Returns `HystereticLaw`; raises InputError if the position does not move.
@@ -76,6 +84,8 @@ def fit_maxwell_slip(position, velocity, force):
 
 def fit_lost_motion(position, velocity, force):
     """One block behind lost motion: width by a scan and a line search, g' ≥ 0 by least squares.
+
+    ``position`` [m], ``velocity`` [m/s], ``force`` [N], each of shape (n,).
 
     Returns `HystereticLaw`; raises InputError if the position does not move.
     """

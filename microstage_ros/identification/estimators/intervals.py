@@ -1,4 +1,9 @@
-"""Uncertainty: sandwich covariances of serially correlated residuals, bootstrap, profile likelihood."""
+"""Uncertainty: sandwich covariances of serially correlated residuals, bootstrap, profile likelihood.
+
+Sources: sandwich of independent groups, here blocks of rows: K.-Y. Liang, S. L. Zeger, Biometrika 73 (1986); bootstrap:
+B. Efron, R. Tibshirani, An Introduction to the Bootstrap, Chapman & Hall 1993; profile likelihood: S. S. Wilks, Annals
+of Mathematical Statistics 9 (1938).
+"""
 
 import numpy as np
 from scipy.optimize import brentq
@@ -18,7 +23,7 @@ def block_covariance(regressors, residuals, block):
     ----------
     regressors : W, shape (n, p).
     residuals : e, shape (n,).
-    block : rows per block; longer than the residual's memory, and leaving more than p blocks.
+    block : rows per block [1]; longer than the residual's memory, and leaving more than p blocks.
 
     Returns
     -------
@@ -32,7 +37,7 @@ def block_covariance(regressors, residuals, block):
 
 
 def correlation(covariance):
-    """Correlation matrix of a covariance; a parameter without variance correlates with nothing."""
+    """Correlation matrix of a ``covariance``, both (p, p); what has no variance correlates with nothing."""
     spread = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
     with np.errstate(invalid="ignore", divide="ignore"):
         matrix = covariance / np.outer(spread, spread)
@@ -48,7 +53,7 @@ def bootstrap(estimator, repeats, seed, resamples=200):
     ----------
     estimator : indices, shape (repeats,) -> values, shape (p,).
     repeats : number of repeats (independent experiments).
-    seed : of the resampling.
+    seed, resamples : of the resampling, and how many [1].
 
     Returns
     -------
@@ -71,9 +76,11 @@ def profile_interval(deviance, best, low_bound, high_bound, spread, level=LEVEL)
     Parameters
     ----------
     deviance : value -> −2 log likelihood with all other parameters fitted anew.
-    best : value of least deviance.
-    low_bound, high_bound : where the search ends; an end not found inside is returned as ∓ infinity.
-    spread : first guess of the distance to the ends, > 0.
+    best : value of least deviance [unit of the parameter].
+    low_bound, high_bound : where the search ends [unit of the parameter]; an end not found inside is returned as
+        ∓ infinity.
+    spread : first guess of the distance to the ends, > 0 [unit of the parameter].
+    level : probability that the interval is to hold [1].
 
     Returns
     -------

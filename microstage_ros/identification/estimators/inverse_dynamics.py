@@ -56,8 +56,9 @@ def choose_bands(force, period):
 
 
 def regressors(position, bands, period, rest_speed=0.0):
-    """Columns (a, v, sgn v, 1), shape (n, 4), before the parallel filter; and v.
+    """Columns (a, v, sgn v, 1), shape (n, 4), before the parallel filter; and v (n,) [m/s].
 
+    ``position`` [m], shape (n,); ``bands``: `Bands`; ``period`` [s].
     Below ``rest_speed`` [m/s] the sign is graded, so that noise at rest is not friction of full size.
     """
     velocity = np.gradient(low_pass(position, bands.position, period), period)
@@ -67,13 +68,17 @@ def regressors(position, bands, period, rest_speed=0.0):
 
 
 def rest_speed(resolution, bands, period):
-    """Speed [m/s] that quantisation alone can show behind the position filter (three deviations)."""
+    """Speed [m/s] that quantisation alone can show behind the position filter (three deviations).
+
+    ``resolution``: one count [m]; ``period`` [s].
+    """
     return 3.0 * resolution / np.sqrt(12.0) * 2.0 * np.pi * bands.position * np.sqrt(2.0 * bands.position * period)
 
 
 def balance(position, force, reference, period, bands, resolution):
     """Filtered regressors, instruments and force of one record; rest and filter edges left out.
 
+    ``position`` [m], ``force`` [N], ``reference`` [m], each (n,); ``period`` [s]; ``resolution``: one count [m].
     Returns W (m, 4), Z (m, 4), F (m,), all behind the parallel filter.
     """
     slow = rest_speed(resolution, bands, period)

@@ -8,6 +8,9 @@ and it follows the back EMF with the lag L/R,
 linear in 1/R, u_0/R, K_E/R and K_E L/R²; one zero-phase low-pass of all columns leaves that true. Without
 the lag R would be a part in a thousand too small, since dω/dt goes with the current. The amplifier's noise
 enters after u was recorded and is the equation's own error, so the current is the dependent variable.
+
+Derived: the winding R i + L di/dt = u + u_0 − K_E ω, whose stationary form is Eq. 9 of the paper, with di/dt replaced
+by that of the back EMF.
 """
 
 import numpy as np
@@ -106,7 +109,8 @@ def _low_band(signals, gear):
 def speed_by_voltage(signals, window, resistance, back_emf, gear):
     """Speed of the output [rad/s] of a steady window from voltage and current alone (paper Eq. 9).
 
-    ω_r = (U − R I) / (i K_E), with the voltage of the row before, which the current answers.
+    ω_r = (U − R I) / (i K_E), with the voltage of the row before, which the current answers; ``resistance`` R [ohm],
+    ``back_emf`` K_E [V s/rad], ``gear``: ratio i [1].
     """
     voltage = np.mean(signals.voltage[window.start - 1 : window.stop - 1])
     current = np.mean(signals.current[window.start : window.stop])

@@ -5,6 +5,8 @@
 The factors are those of least squared error e, over all records at once; a constant y_0 per record takes the sensor's
 zero and the drive's history before the record. The model is the compiled one of the simulator, with its sensor and
 without noise.
+
+Source: output error method, L. Ljung, System Identification (1999).
 """
 
 import numpy as np
@@ -25,7 +27,7 @@ EXPERIMENT = "slow loops over several strokes, and steps held for ten times the 
 
 
 def identify_position_drive(records, axis):
-    """Stroke per volt, hysteresis and creep of a piezo axis, with 95 % intervals.
+    """Stroke per volt [m/V], hysteresis [1] and creep [1] of a piezo axis, with 95 % intervals.
 
     Parameters
     ----------
@@ -88,7 +90,7 @@ def identify_position_drive(records, axis):
 
 
 def scaled(axis, key, factor):
-    """The axis's value of ``key`` times ``factor``: a float, or a list of floats."""
+    """The axis's value of ``key`` times ``factor`` [1]: a float, or a list of floats, SI."""
     value = axis.value(key)
     return [float(v * factor) for v in value] if isinstance(value, (list, tuple, np.ndarray)) else float(value * factor)
 

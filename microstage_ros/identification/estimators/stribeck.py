@@ -19,15 +19,16 @@ EXPONENT_BOUNDS = (0.3, 2.5)
 
 
 def stribeck_curve(parameters, speed):
-    """|M| of Eq. 10 at ``speed`` ≥ 0 for (M_s, M_C, w_S, δ, σ); any shape."""
+    """|M| [F] of Eq. 10 at ``speed`` [q/s], any shape, for ``parameters`` (M_s, M_C, w_S, δ, σ), shape (5,)."""
     static, coulomb, knee, exponent, viscous = parameters
     speed = np.abs(speed)
     return curve.stribeck_curve(speed, static, coulomb, knee, exponent) + viscous * speed
 
 
 def point_spread(speed, friction):
-    """Standard deviation of a point [F], from the scatter of the repeats at like speeds.
+    """Standard deviation of each point [F], from the scatter of the repeats at like speeds.
 
+    ``speed`` [q/s] and ``friction`` [F], both (n,).
     Points are grouped by direction and speed (5 %); a group of fewer than three takes the median relative
     scatter of the others, or 5 %.
     """
@@ -54,7 +55,7 @@ def fit_stribeck(speed, friction, spread, first=None):
 
     Returns
     -------
-    values : (M_s, M_C, w_S, δ, σ).
+    values : (M_s, M_C, w_S, δ, σ), shape (5,), in F and q.
     fit : scipy's result; ``fit.fun`` are the weighted residuals.
 
     Raises

@@ -7,6 +7,9 @@ Ornstein–Uhlenbeck processes,
 
 Δs travel, Δt time. Both are Markov, so a Kalman filter over the samples gives the exact likelihood at
 any spacing; its maximum gives σ, p, ℓ, τ and the noise of the samples, its profile their intervals.
+
+Derived: the exact step of an Ornstein–Uhlenbeck process over a distance d is q → a q + σ √(1 − a²) n, a = exp(−d/ℓ), n
+a standard normal number; the likelihood is the product of the normal densities of the filter's innovations.
 """
 
 import math
@@ -78,7 +81,7 @@ class VariabilityLikelihood:
         self.restart[0] = True
 
     def natural(self, parameters):
-        """(σ, p, ℓ, τ, noise) from the unbounded parameters."""
+        """(σ [1], p [1], ℓ [m], τ [s], noise [1]) from the unbounded ``parameters``, shape (5,)."""
         log_sigma, logit, log_length, log_time, log_noise = parameters
         return (math.exp(log_sigma), 1.0 / (1.0 + math.exp(-logit)), math.exp(log_length), math.exp(log_time),
                 math.exp(log_noise))
@@ -91,7 +94,10 @@ class VariabilityLikelihood:
         return sums[0] + sums[1] - sums[2] ** 2 / sums[3]
 
     def fit(self, start, fixed=None):
-        """Least deviance from ``start`` with ``fixed`` {index: value} held. Returns (parameters, deviance)."""
+        """Least deviance from ``start``, shape (5,); ``fixed`` {index of (5,): value} is held.
+
+        Returns (parameters (5,), deviance [1]).
+        """
         fixed = fixed or {}
         free = [i for i in range(5) if i not in fixed]
         full = np.array(start, dtype=float)
@@ -110,7 +116,8 @@ class VariabilityLikelihood:
 def identify_variability(deviation, travel, time, restart):
     """σ, p, ℓ and τ of the random friction with 95 % profile-likelihood intervals.
 
-    Parameters as `VariabilityLikelihood`. Returns `Identification` with the keys of `KEYS`.
+    Parameters as `VariabilityLikelihood`: ``deviation`` [1], ``travel`` [m], ``time`` [s], ``restart``, each (n,).
+    Returns `Identification` with the keys of `KEYS`.
     Raises InputError for fewer than 30 samples.
     """
     if len(deviation) < LEAST_POINTS:

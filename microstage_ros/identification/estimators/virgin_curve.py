@@ -8,6 +8,8 @@ so with the break points x_j given the w_j ≥ 0 follow from non-negative least 
 points are searched. A repeat whose friction is larger by the factor c has the same stiffnesses and later
 break points, F_c(x) = c F(x / c): repeats are registered by c before they are averaged, else their mean
 would round off the corners.
+
+Source: paper, Eqs. 3–5; the registration is derived: limits scaled by c at the same stiffnesses.
 """
 
 from dataclasses import dataclass
@@ -93,7 +95,7 @@ def fit_blocks(displacement, force, count, first=None):
     Parameters
     ----------
     displacement, force : shape (n,), displacements > 0 [q], forces [F].
-    count : number of blocks.
+    count : number of blocks [1].
     first : break points to start from instead, shape (count,).
 
     Returns
@@ -145,7 +147,7 @@ def _merge(knots, levels, i):
 
 
 def register(loadings, blocks):
-    """Factor c of each repeat: the least-squares scale in F = c · curve(x / c), shape (repeats,)."""
+    """Factor c [1] of each repeat, (repeats,): least squares of F = c · curve(x / c) by ``blocks``, `Blocks`."""
     factors = []
     for loading in loadings:
         def misfit(c, loading=loading):
@@ -162,7 +164,10 @@ def common_grid(loadings):
 
 
 def collapse(loadings, factors, grid):
-    """Registered repeats on the grid: force(c x) / c, shape (repeats, grid); NaN beyond a repeat's end."""
+    """Registered repeats: force(c x) / c [F], shape (repeats, grid); NaN beyond a repeat's end.
+
+    ``factors`` c [1], shape (repeats,); ``grid`` [q], shape (grid,).
+    """
     return np.array([
         np.interp(grid, loading.displacement / c, loading.force / c, left=np.nan, right=np.nan)
         for loading, c in zip(loadings, factors)
@@ -172,6 +177,7 @@ def collapse(loadings, factors, grid):
 def choose_count(loadings, limit=MAX_BLOCKS):
     """Number of blocks: the smallest whose error on unseen repeats is within one standard error of the least.
 
+    ``limit``: largest number that is tried [1].
     With fewer than four repeats the Bayesian information criterion of the mean curve decides.
     Returns (count, {count: held-out or in-sample rms [F]}).
     """
@@ -196,7 +202,10 @@ def choose_count(loadings, limit=MAX_BLOCKS):
 
 
 def mean_curve(grid, curves):
-    """(displacement, mean force) where at least one repeat reaches."""
+    """(displacement [q], mean force [F]) where at least one repeat reaches.
+
+    ``grid`` (n,) [q], ``curves`` (repeats, n) [F].
+    """
     seen = np.isfinite(curves).any(axis=0)
     return grid[seen], np.nanmean(curves[:, seen], axis=0)
 
@@ -222,9 +231,9 @@ def identify_blocks(loadings, count, blocks=None, factors=None):
     Parameters
     ----------
     loadings : list of `Loading`.
-    count : number of blocks.
-    blocks, factors : of an earlier call on the same repeats, for resamples: its break points are the start and
-        its factors the registration.
+    count : number of blocks [1].
+    blocks, factors : `Blocks`, and shape (repeats,) [1], of an earlier call on the same repeats, for resamples: its
+        break points are the start and its factors the registration.
 
     Returns
     -------

@@ -7,6 +7,9 @@ The linear part of every actuator has one form, with the amplifier's output u_a 
 
 `Actuator.fill` writes L, R, b, K_E, k_M, g, D into the plant record. What is not linear goes into two compiled
 functions of the class, both optional: ``shape`` (once per period: command → u_a) and ``torque`` (in every chunk).
+
+Derived: Kirchhoff's voltage law of the winding and the torque of its current; the stationary form is Eq. 9 of the
+paper.
 """
 
 from collections.abc import Callable
@@ -83,7 +86,7 @@ class Actuator:
     def given_noise(cls, volts):
         """Noise of the command that a run asks for [unit of the command], None: the axis file's ``drive.noise``.
 
-        ``volts``: the run's ``noise.voltage_V``; InputError where it is not zero and the command is not a voltage.
+        ``volts``: the run's ``noise.voltage_V`` [V]; InputError where it is not zero and the command is not a voltage.
         """
         if volts and cls.command is not VOLTAGE:
             raise InputError(
@@ -96,12 +99,15 @@ class Actuator:
 
     @classmethod
     def linearised(cls, plant):
-        """(gain, stiffness, damping) at small commands and motion: ``torque`` = gain u − stiffness θ − damping ω."""
+        """(gain, stiffness, damping) at small commands and motion: ``torque`` = gain u − stiffness θ − damping ω.
+
+        In [N m] per unit of the command, [N m/rad], [N m s/rad].
+        """
         return 0.0, 0.0, 0.0
 
     @classmethod
     def start(cls, plant, state):
-        """Write the actuator's part of a state at rest at ``state['theta']``; most have none."""
+        """Write the actuator's part of a ``state`` record (SI) at rest at ``state['theta']`` [rad]; most have none."""
 
     @classmethod
     def feed_forward(cls, axis):
@@ -110,7 +116,7 @@ class Actuator:
 
     @classmethod
     def derived_columns(cls, axis, columns):
-        """Columns of a simulated record that follow from others, {name: values}; most have none."""
+        """Columns of a simulated record that follow from its ``columns`` {name: values (n,), SI}; most have none."""
         return {}
 
     @classmethod
@@ -176,6 +182,6 @@ class Actuator:
 
 
 def lever(axis):
-    """(r, N, r/N): metres per radian of the screw, gear ratio, metres per radian of the motor."""
+    """(r, N, r/N): travel per angle of the screw [m/rad], gear ratio [1], travel per angle of the motor [m/rad]."""
     ratio, gear = screw_ratio(axis), axis.value("transmission.gear_ratio")
     return ratio, gear, ratio / gear

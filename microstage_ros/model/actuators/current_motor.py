@@ -4,6 +4,8 @@
 
 B: bandwidth of the current loop. Where ``supply_voltage`` is given the amplifier cannot hold more current than
 (± U − K_E ω) / R: the torque falls with speed (the limit is taken at the start of each period).
+
+Derived: a closed current loop as a first-order lag; the supply's limit is U = R i + K_E ω solved for i.
 """
 
 import math

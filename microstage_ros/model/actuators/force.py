@@ -3,6 +3,8 @@
     force = gain · u_a
 
 Commanded with the voltage at the amplifier's input [V], as the published data of such axes are.
+
+Derived: by definition of the gain. Such axes: the EMPS data set (Janot, Gautier, Brunot 2019).
 """
 
 from microstage_ros.model.actuators.actuator import UNKNOWN_TOP_SPEED, Actuator, lever

@@ -117,14 +117,14 @@ class Stepper(Actuator):
 
     @classmethod
     def start(cls, plant, state):
-        """The field at the microstep nearest to the rotor."""
+        """The field at the microstep nearest to the rotor [rad]."""
         p = plant["drive_parameters"]
         state["drive"][0] = round(float(state["theta"] / p[MICROSTEP]))
         state["voltage"] = state["drive"][0] * p[MICROSTEP]
 
     @classmethod
     def linearised(cls, plant):
-        """Gain p T_H of the field, stiffness p (T_H + 4 T_D) against the angle."""
+        """Gain p T_H of the field, stiffness p (T_H + 4 T_D) against the angle, both [N m/rad]."""
         holding, poles, detent = (float(plant["drive_parameters"][k]) for k in (HOLDING, POLES, DETENT))
         return poles * holding, poles * (holding + 4.0 * detent), 0.0
 

@@ -4,6 +4,9 @@
 
 The force constant falls towards the ends of the stroke (b < 0); the back-EMF follows it, so no energy is made. K is
 taken at the middle of each period's travel; the linear solution is made anew when it has changed by 2·10⁻⁴.
+
+Derived: Kirchhoff's voltage law of the coil, and the power K v i of the back-EMF equal to that of the force; K to
+second order in x.
 """
 
 from microstage_ros.model.actuators.actuator import Actuator, lever

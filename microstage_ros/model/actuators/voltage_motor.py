@@ -3,6 +3,8 @@
     L di/dt = u_a − R i − K_E ω,     torque = k_M i
 
 Commanded with the voltage at the amplifier's output, clipped to ± ``voltage_limit``, rounded by the converter.
+
+Derived: Kirchhoff's voltage law of the winding; with di/dt = 0 it is Eq. 9 of the paper.
 """
 
 from microstage_ros.model.actuators.actuator import UNKNOWN_TOP_SPEED, Actuator, lever

@@ -9,14 +9,14 @@ import numpy as np
 
 
 def either_sign(generator, low, high):
-    """A size between ``low`` and ``high``, of either sign."""
+    """A size between ``low`` and ``high`` [any unit], of either sign; same unit."""
     return float(generator.uniform(low, high) * generator.choice([-1.0, 1.0]))
 
 
 def smooth_profile(generator, relative):
-    """Friction factors over ±6 mm: a smooth random function of the given standard deviation.
+    """Friction factors over ±6 mm: a smooth random function of standard deviation ``relative`` [1].
 
-    Returns the parameters ``positions_m`` and ``factors`` of `PositionDependentFriction`, 41 numbers each.
+    Returns the parameters ``positions_m`` [m] and ``factors`` [1] of `PositionDependentFriction`, 41 numbers each.
     """
     x = np.linspace(-6e-3, 6e-3, 41)
     wave = sum(generator.normal() * np.sin(2 * np.pi * x / length + generator.uniform(0, 2 * np.pi))

@@ -1,4 +1,9 @@
-"""Effects in the drive train and in the forces on the stage."""
+"""Effects in the drive train and in the forces on the stage.
+
+Sources: backlash as a dead zone of the compliant drive train: M. Nordin, P.-O. Gutman, Automatica 38 (2002); the other
+equations are derived: definitions of stiffness, lead and load, ripple as a Fourier series of the angle, friction in
+proportion to the load (Amontons), m g sin of the tilt.
+"""
 
 import math
 

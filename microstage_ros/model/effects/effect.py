@@ -23,7 +23,10 @@ STRIBECK = (lambda contact: contact["blocks"] and contact["drops"], "a contact o
 
 
 def Parameter(unit, meaning, default=None, minimum=-INF, maximum=INF):  # noqa: N802  (reads as the table that it makes)
-    """`Spec` of one parameter of an effect: a number, or a list of numbers; ``default`` None means required."""
+    """`Spec` of one parameter of an effect: a number, or a list of numbers.
+
+    ``default``, ``minimum``, ``maximum``: in ``unit``; ``default`` None means required.
+    """
     return Spec(unit, minimum, maximum, meaning, default, or_list=True)
 
 
@@ -83,7 +86,7 @@ class Effect:
 
     @classmethod
     def check_machine(cls, plant, p):
-        """InputError if the plant record lacks what the effect acts on."""
+        """InputError if the plant record lacks what the effect with parameters ``p`` (as for `apply`, SI) acts on."""
         if cls.needs is None:
             return
         has, words = cls.needs
@@ -106,7 +109,7 @@ class Effect:
 
     @classmethod
     def draw(cls, generator, strength):
-        """Parameters of a random size, clearly visible for ``strength`` 1.
+        """Parameters of a random size, scaled by ``strength`` [1]: clearly visible at 1.
 
         May be a function ``after(columns, generator)`` that changes a record's columns instead, where the effect takes
         a course that no parameters hold. ``generator``: `numpy.random.Generator`.
@@ -115,7 +118,10 @@ class Effect:
 
     @classmethod
     def apply(cls, plant, p):
-        """Write the checked parameters ``p`` into the plant record; with a `force` there is nothing else to do."""
+        """Write the effect into the plant record; with a `force` there is nothing else to do.
+
+        ``p``: the checked parameters {name: number or list, in the unit of its `Parameter`}.
+        """
         if cls.force is None:
             raise NotImplementedError
 
@@ -130,12 +136,15 @@ def same_length(checked, names, place):
 
 
 def as_list(value):
-    """A scalar as a list of one."""
+    """A ``value`` [any unit] as a list of one; a list or tuple as a list."""
     return list(value) if isinstance(value, (list, tuple)) else [value]
 
 
 def write_terms(record, names, count_name, columns, most, place):
-    """Write equally long lists into the fixed arrays of a record; InputError if there are too many."""
+    """Write equally long lists into the fixed arrays of a record; InputError if there are too many terms.
+
+    ``columns``: for each of ``names`` a number or its list of shape (n,); n is at most ``most`` [1].
+    """
     columns = [as_list(column) for column in columns]
     count = len(columns[0])
     if count > most:

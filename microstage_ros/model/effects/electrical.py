@@ -1,4 +1,8 @@
-"""Effects between the voltage command and the motor current."""
+"""Effects between the voltage command and the motor current.
+
+Derived: by definition of offset, dead zone, gain, delay and first-order lag; `ResistanceRise` is the heat balance of a
+winding of one thermal mass with Joule heat R i², its resistance linear in temperature.
+"""
 
 from microstage_ros.model.effects.drawing import either_sign
 from microstage_ros.model.effects.effect import MOTOR, Effect, Parameter

@@ -1,4 +1,8 @@
-"""Effects of the surroundings: temperature, air, floor."""
+"""Effects of the surroundings: temperature, air, floor.
+
+Sources: B. Edlén, Metrologia 2 (1966) 71, for the index of air; expansion and vibration are derived: first-order
+thermal lag, sum of sines.
+"""
 
 import numpy as np
 

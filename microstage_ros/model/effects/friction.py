@@ -1,4 +1,9 @@
-"""Effects in the friction contacts. The limits of a contact are F_j,max = α_j s(w) · (factors)."""
+"""Effects in the friction contacts. The limits of a contact are F_j,max = α_j s(w) · (factors).
+
+Sources: B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994), for friction that depends on
+position, direction and dwell and for frictional lag; paper, Table 2, for the difference between directions. Derived:
+creep from a flow that falls as 1/t; the rest by definition, as factors on the axis's own law.
+"""
 
 import math
 
@@ -80,6 +85,7 @@ class PositionDependentFriction(Effect):
 
     @classmethod
     def check_together(cls, checked, place):
+        """InputError unless the lists are of one length and the support points rise."""
         same_length(checked, ["amplitude", "period_m", "phase_rad"], place)
         same_length(checked, ["positions_m", "factors"], place)
         x = as_list(checked["positions_m"])
@@ -285,7 +291,7 @@ class FrictionLevelChange(Effect):
 
 
 def scale_friction(contact, factor):
-    """Scale a contact's friction at every displacement and velocity by ``factor``."""
+    """Scale a contact's friction at every displacement and velocity by ``factor`` [1]."""
     contact["level"] *= factor
     contact["kappa"] *= factor
     contact["viscous"] *= factor

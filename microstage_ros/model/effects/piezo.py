@@ -1,4 +1,7 @@
-"""Effects in a piezo stack and its amplifier."""
+"""Effects in a piezo stack and its amplifier.
+
+Derived from the equations of `model.actuators.piezo` (K. Kuhnen 2003): one of their numbers changes.
+"""
 
 from dataclasses import replace
 
@@ -70,6 +73,7 @@ class PiezoCreep(Effect):
 
     @classmethod
     def apply(cls, plant, p):
+        """One more term of creep; InputError if the drive's own take all places."""
         q = plant["drive_parameters"]
         count = int(q[CREEP_COUNT])
         if count >= CREEPS:

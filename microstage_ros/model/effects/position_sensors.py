@@ -1,4 +1,7 @@
-"""Effects in analog position sensors: LVDT and capacitive."""
+"""Effects in analog position sensors: LVDT and capacitive.
+
+Derived from the equations of `model.sensors.lvdt` and `model.sensors.capacitive`: one of their numbers changes.
+"""
 
 import numpy as np
 

@@ -48,16 +48,16 @@ class Candidate:
 
     @property
     def fitted(self):
-        """All fitted numbers, sizes first."""
+        """All fitted numbers, a tuple of `Fitted` of shape (k,), sizes first."""
         return self.sizes + self.shapes
 
     def starts(self):
-        """Combinations of shape values to start from."""
+        """Combinations of shape values to start from: a list of arrays, each of shape (shapes,)."""
         return [np.array(shape, float) for shape in itertools.product(*self.grid)]
 
 
 def one_size(effect, form, size, sentence, **more):
-    """`Candidate` of a single size that is the effect's parameter of the same name."""
+    """`Candidate` of a single ``size``, a `Fitted` that is the effect's parameter of the same name."""
     return Candidate(
         effect.id, form, (size,), lambda p: {size.name: float(p[0])}, lambda p: sentence.format(p[0]), **more
     )

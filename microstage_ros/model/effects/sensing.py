@@ -1,4 +1,8 @@
-"""Effects in the encoder and in the taking of samples."""
+"""Effects in the encoder and in the taking of samples.
+
+Sources: P. L. M. Heydemann, Applied Optics 20 (1981), for the harmonics of the signal period (offsets give the first,
+amplitude and phase the second); the other equations are derived: readings at the wrong time, a scale by definition.
+"""
 
 import math
 

@@ -60,7 +60,11 @@ class Form:
 
 
 def one(name, unit, value=lambda beta: beta, slope=lambda beta: 1.0, extra=None):
-    """Sizes of a form with one column: value(β) with stderr |slope| σ_β."""
+    """Sizes of a form with one column: value(β) with stderr |slope(β)| σ_β.
+
+    ``value``: function of the coefficient β, in ``unit``; ``slope``: its derivative, in ``unit`` per unit of β.
+    ``extra``: further parameters of the effect {name: number, SI}.
+    """
     def sizes(beta, covariance, frame):
         size = float(value(beta[0]))
         stderr = float(abs(slope(beta[0])) * np.sqrt(covariance[0, 0]))
@@ -69,7 +73,10 @@ def one(name, unit, value=lambda beta: beta, slope=lambda beta: 1.0, extra=None)
 
 
 def wave(beta, covariance):
-    """Amplitude and phase of β₀ sin + β₁ cos, with standard errors: (a, σ_a, φ, σ_φ)."""
+    """Amplitude and phase of β₀ sin + β₁ cos, with standard errors: (a, σ_a, φ, σ_φ), φ in [rad].
+
+    ``beta`` (2,) in the unit of a, ``covariance`` (2, 2) in its square. Derived: propagation to first order (GUM 5.2).
+    """
     s, c = beta
     amplitude = float(np.hypot(s, c))
     along = np.array([s, c]) / max(amplitude, 1e-300)

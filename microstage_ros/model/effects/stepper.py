@@ -1,4 +1,7 @@
-"""Effects in a stepper motor and its driver."""
+"""Effects in a stepper motor and its driver.
+
+Source: P. Acarnley, Stepping Motors, IET 2002; the equations are those of `model.actuators.stepper`.
+"""
 
 from dataclasses import replace
 

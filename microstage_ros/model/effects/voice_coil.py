@@ -1,4 +1,7 @@
-"""Effects in a voice coil."""
+"""Effects in a voice coil.
+
+Derived from the equation of `model.actuators.voice_coil`: K to second order in x.
+"""
 
 from microstage_ros.model.actuators.voice_coil import VoiceCoil
 from microstage_ros.model.effects.effect import Effect, Parameter

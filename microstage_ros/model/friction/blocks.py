@@ -26,7 +26,7 @@ def block_parameters(what="blocks"):
 def pack_blocks(stiffness, weight):
     """``[n, k…, α…]`` with Σα normalised to one (the paper's tables add up to 0.999).
 
-    Raises InputError for unequal lengths or no block.
+    ``stiffness`` k (n,) [F/q], ``weight`` α (n,) [1]. Raises InputError for unequal lengths or no block.
     """
     stiffness, weight = numpy.atleast_1d(stiffness).astype(float), numpy.atleast_1d(weight).astype(float)
     if stiffness.ndim != 1 or stiffness.size != weight.size or stiffness.size == 0:
@@ -40,10 +40,13 @@ def pack_blocks(stiffness, weight):
 def blocks_from_segment_slopes(slopes, shares, static):
     """Blocks of a virgin curve whose segments have ``slopes`` K_i and cover ``shares`` of ``static``.
 
-    Segment i is Δx_i = share_i · static / K_i long; then k_i = K_i − K_(i+1) and α_i = k_i x_i / static
-    (NOTES on the paper, inconsistency 2: Table 3 read this way reaches the 40 µm of Fig. 7).
+    ``slopes`` (n,) [F/q], ``shares`` (n,) [1], ``static`` F_s [F].
 
-    Returns (stiffness, weight), both of shape (n,). Raises InputError unless the slopes fall.
+    Segment i is Δx_i = share_i · static / K_i long; then k_i = K_i − K_(i+1) and α_i = k_i x_i / static
+    (derived: k_i is what the slope loses where block i slips; the paper's Table 3, read so, reaches the 40 µm of its
+    Fig. 7).
+
+    Returns (stiffness [F/q], weight [1]), both of shape (n,). Raises InputError unless the slopes fall.
     """
     slopes, shares = numpy.asarray(slopes, float), numpy.asarray(shares, float)
     if (numpy.diff(slopes) >= 0.0).any() or (slopes <= 0.0).any():
@@ -55,13 +58,19 @@ def blocks_from_segment_slopes(slopes, shares, static):
 
 
 def virgin_curve(stiffness, limits, displacement):
-    """Σ min(k_i x, limit_i) for x >= 0: first loading from rest [F], same shape as ``displacement``."""
+    """Σ min(k_i x, limit_i) for x >= 0: first loading from rest [F], same shape as ``displacement`` x [q].
+
+    ``stiffness`` k_i [F/q] and ``limits`` [F], both (m,).
+    """
     x = numpy.asarray(displacement, float)[..., None]
     return numpy.minimum(numpy.asarray(stiffness) * x, numpy.asarray(limits)).sum(axis=-1)
 
 
 def blocks_energy(parameters, state):
-    """Elastic energy Σ F_i² / 2 k_i of the blocks whose forces open ``state``."""
+    """Elastic energy Σ F_i² / 2 k_i [F q] of the blocks; ``state``: (n, …), opened by their forces [F].
+
+    ``parameters``: the packed law, (10 + own,).
+    """
     n = int(parameters[COUNT])
     return float(numpy.sum(state[:n] ** 2 / (2.0 * parameters[STIFFNESS : STIFFNESS + n])))
 

@@ -20,7 +20,7 @@ BLOCK_LAWS = tuple(law.name for law in LAWS if "weight" in law.file.PARAMETERS) 
 
 
 def blocks_of(axis, name):
-    """Maxwell-slip blocks (k_j, α_j) of a contact, Σα = 1, whatever its law and the file's reading.
+    """Maxwell-slip blocks of a contact: k_j [N m/rad, guideway: N/m], α_j [1], both (n,), Σα = 1, whatever its law.
 
     Of a law that is not made of blocks: those that follow its first loading (`model.friction.equivalent`); of Coulomb
     friction: one that gives way within `RIGID_SLIP`.

@@ -34,12 +34,18 @@ STRIBECK = tuple(SLIDING)
 
 
 def stribeck_curve(speed, static, coulomb, velocity, exponent):
-    """|s(w)| = F_C + (F_s − F_C) exp(−|w/V_S|^δ) (paper Eq. 2), same shape as ``speed`` [q/s]."""
+    """|s(w)| = F_C + (F_s − F_C) exp(−|w/V_S|^δ) (paper Eq. 2) [F], same shape as ``speed`` [q/s].
+
+    ``static`` F_s and ``coulomb`` F_C [F], Stribeck ``velocity`` V_S [q/s], ``exponent`` δ [1].
+    """
     return coulomb + (static - coulomb) * numpy.exp(-((numpy.abs(speed) / velocity) ** exponent))
 
 
 def stribeck_slope(speed, static, coulomb, velocity, exponent):
-    """d|s|/d|w| of `stribeck_curve` at one ``speed`` >= 0 [F s/q]; at rest, where δ < 1 has none, that at V_S / 10⁹."""
+    """d|s|/d|w| of `stribeck_curve` at one ``speed`` >= 0 [F s/q]; at rest, where δ < 1 has none, that at V_S / 10⁹.
+
+    ``static`` and ``coulomb`` [F], ``velocity`` V_S [q/s], ``exponent`` δ [1] as there.
+    """
     ratio = max(speed / velocity, 1e-9)
     return -(static - coulomb) * exponent / velocity * ratio ** (exponent - 1) * math.exp(-(ratio**exponent))
 
@@ -49,8 +55,9 @@ def pack_curve(values):
 
     Parameters
     ----------
-    values : {name: number} of `SLIDING`; ``static`` is required, ``coulomb`` is at most ``static`` and the same where
-        it is missing; a missing Stribeck velocity or exponent is 1, a missing viscous part 0.
+    values : {name: number in the unit of its spec} of `SLIDING`; ``static`` is required, ``coulomb``
+        at most ``static`` and the same where it is missing; a missing Stribeck velocity or exponent is 1, a missing
+        viscous part 0.
 
     Raises
     ------

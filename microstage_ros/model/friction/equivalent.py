@@ -9,6 +9,8 @@ blocks
 
 (`blocks.blocks_from_segment_slopes`). The polygon lies within 6 % of the limit of an exponential approach (a test holds
 it there); return branches follow Masing's rule, which Dahl, LuGre and the elasto-plastic law do not obey exactly.
+
+Source: paper, Eqs. 3–5, applied to a curve that is computed and not measured.
 """
 
 import numpy
@@ -28,11 +30,11 @@ def equivalent_blocks(name, values):
     Parameters
     ----------
     name : name of a law in `registry.NAMES` that has a stiffness.
-    values : its parameters as `registry.FrictionLaw.pack` takes them.
+    values : its parameters in F and q, as `registry.FrictionLaw.pack` takes them (in the units of their specs).
 
     Returns
     -------
-    (k, α), arrays of shape (n,), n ≤ 8, Σ α = 1.
+    (k [F/q], α [1]), arrays of shape (n,), n ≤ 8, Σ α = 1.
 
     Raises
     ------

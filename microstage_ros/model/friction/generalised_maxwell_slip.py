@@ -51,7 +51,7 @@ def pack(values):
 
 
 def state_size(packed):
-    """Entries of the state: the force of each block, then the direction (−1, 0, 1) it slips in."""
+    """Entries of the state (2 n,): the force of each block [F], then the direction (−1, 0, 1) it slips in [1]."""
     return 2 * int(packed[COUNT])
 
 

@@ -52,7 +52,7 @@ def pack(values):
 
 
 def state_size(packed):
-    """Entries of the state: the force of each block, then the plastic displacement p."""
+    """Entries of the state (n + 1,): the force of each block [F], then the plastic displacement p [q]."""
     return int(packed[COUNT]) + 1
 
 

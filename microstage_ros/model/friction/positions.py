@@ -2,6 +2,8 @@
 
 Between two samples the motion is taken as monotone, which is all that Maxwell-slip asks; a law that
 depends on velocity sees it constant between two samples.
+
+Sources: W. D. Iwan, Journal of Applied Mechanics 33 (1966); paper, Eqs. 3–6.
 """
 
 import numpy
@@ -74,8 +76,9 @@ def stop_operators(displacement, thresholds, initial=0.0):
 def force_along(law, packed, displacement, duration, limit_factor=1.0, state=None):
     """Friction of any law along a measured displacement, one sample every ``duration`` [s].
 
-    Parameters as :func:`~microstage_ros.model.friction.registry.run_law`, ``displacement`` (n,) [q] in place
-    of the velocity. Returns force (n,) [F]; the first entry is that of the state as given, at rest.
+    ``law``, ``packed`` (p,), ``limit_factor`` [1] and ``state`` (state size,) as
+    :func:`~microstage_ros.model.friction.registry.run_law`, ``displacement`` (n,) [q] in place of the velocity.
+    Returns force (n,) [F]; the first entry is that of the state as given, at rest.
 
     Raises InputError: more than one record, or a sampling period that is not positive.
     """

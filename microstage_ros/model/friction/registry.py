@@ -78,9 +78,9 @@ class FrictionLaw:
 
         Parameters
         ----------
-        values : the keys of `curve.SLIDING` (``static`` is required; with the suffix ``_negative`` for motion in the
-            negative
-            direction, where that differs) and those of the law's own parameters; units F and q are the caller's.
+        values : {name: number or list, in the unit of its spec}: the keys of `curve.SLIDING` (``static`` is required;
+            with the suffix ``_negative`` for motion in the negative direction, where that differs) and the law's own.
+            Another force F and coordinate q than N m and rad are as good, if they are the same throughout.
 
         Raises
         ------
@@ -104,15 +104,18 @@ class FrictionLaw:
             raise InputError(f"{self.name}.{error.place}", error.value, error.expected) from None
 
     def initial_state(self, packed):
-        """State of a contact that has never been loaded: zeros, shape (state size,)."""
+        """State of a contact that has never been loaded: zeros, (state size,); ``packed``: from `pack`, (10 + own,)."""
         return numpy.zeros(self.state_size(packed))
 
     def state_size(self, packed):
-        """Entries of the state that goes with a packed law."""
+        """Entries of the state that goes with a ``packed`` law (10 + own,)."""
         return int(self.file.state_size(packed))
 
     def stored_energy(self, packed, state):
-        """Elastic energy that the state holds [F q]."""
+        """Elastic energy that the ``state`` (state size,) holds [F q].
+
+        ``packed``, in a law's file ``parameters``: as `pack` gives it, (10 + own,).
+        """
         return self.file.stored_energy(packed, state)
 
 
@@ -201,10 +204,10 @@ def run_law(law, packed, velocity, duration, limit_factor=1.0, state=None):
     Parameters
     ----------
     law : :class:`FrictionLaw`.
-    packed : from :meth:`FrictionLaw.pack`.
+    packed : from :meth:`FrictionLaw.pack`, (10 + own,).
     velocity : (n,) [q/s], one sample every ``duration`` [s].
     limit_factor : scalar or (n,) [1].
-    state : changed; None begins with a contact that has never been loaded.
+    state : (state size,), changed; None begins with a contact that has never been loaded.
 
     Returns
     -------

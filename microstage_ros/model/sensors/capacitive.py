@@ -5,6 +5,9 @@
 
 d_0: gap at x = 0; κ: stray capacitance over C_0; α: tilt between the plates, ϱ: radius of the sensing plate. Without
 stray capacitance and tilt the reading is x; with κ it is d (1 + κ)/(1 + κ d/d_0), bent and of smaller slope.
+
+Derived: C = ε ∫ dA / gap over a disc of radius ϱ whose gap changes by α per length, 2 π ε (d − √(d² − α² ϱ²)) / α²;
+C_0 = ε π ϱ² / d_0.
 """
 
 import math

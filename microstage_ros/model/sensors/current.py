@@ -4,6 +4,8 @@ Within a period of held voltage the current approaches its end i_a with the wind
 S) follows it. From i_0, s_0 at the period's start:
 
     s(t) = i_a + (i_0 - i_a) g exp(-t R/L) + (s_0 - i_a - (i_0 - i_a) g) exp(-t/S),    g = (L/R) / (L/R - S)
+
+Derived: S ds/dt = i(t) − s with i(t) = i_a + (i_0 − i_a) exp(−t R/L), solved from i_0 and s_0.
 """
 
 import math

@@ -1,4 +1,7 @@
-"""What a position sensor is: its parameters, and how it turns the true position into a reading."""
+"""What a position sensor is: its parameters, and how it turns the true position into a reading.
+
+Derived: `first_order` is τ ds/dt = y(t) − s solved for an input that is a straight line over a period.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +50,10 @@ def first_order(state, y, fade, share):
 
 
 def filter_weights(period, bandwidth):
-    """(exp(−T/τ), τ/T) for `first_order`, τ = 1/(2π bandwidth); zeros for a bandwidth of 0, which means no filter."""
+    """(exp(−T/τ), τ/T) [1] for `first_order`, τ = 1/(2π bandwidth); zeros for a bandwidth of 0, which means no filter.
+
+    ``period`` T [s], ``bandwidth`` [Hz].
+    """
     if not bandwidth > 0.0:
         return 0.0, 0.0
     tau = 1.0 / (2.0 * math.pi * bandwidth)

@@ -58,7 +58,8 @@ def metadata_of(file_name, topics, counts, start_ns, end_ns, custom_data, ros_di
     Parameters
     ----------
     file_name : the one MCAP file of the folder.
-    topics : list of `TopicInfo`; counts : channel to number of messages.
+    topics : list of `TopicInfo`.
+    counts : channel to number of messages [1].
     start_ns, end_ns : first and last log time [ns], None in an empty bag.
     custom_data : what the recorder wants to keep with the bag, name to text.
     """

@@ -91,7 +91,7 @@ class Bag:
         return max((chunk.end for source in self.sources for chunk in source.chunks), default=None)
 
     def read(self, topics=None, start=None, end=None):
-        """Messages as arrays; see `read_bag`."""
+        """Messages as arrays, log times ``start`` <= t < ``end`` [ns]; see `read_bag`."""
         wanted = self._wanted(topics)
         parts = list(self._parts(wanted, start, end))
         sizes = {name: 0 for name in wanted}
@@ -106,7 +106,10 @@ class Bag:
         return {name: _as_array(self, self.topics[name], gathered[name]) for name in wanted}
 
     def raw_messages(self, topics=None, start=None, end=None):
-        """Yields (topic, log time [ns], CDR bytes) in the order of log time; few chunks are in memory at once."""
+        """Yields (topic, log time [ns], CDR bytes) in the order of log time; few chunks are in memory at once.
+
+        ``topics``: names, one name, or None for all; ``start`` <= log time < ``end`` [ns].
+        """
         parts = sorted(self._parts(self._wanted(topics), start, end), key=lambda part: part.chunk.start)
         waiting = []
         for number, part in enumerate(parts):
@@ -327,6 +330,9 @@ def read_bag(path, topics=None, start=None, end=None):
 
 
 def read_bags(paths, topics=None, start=None, end=None):
-    """Yields (path, arrays as from `read_bag`) for a set of bags, one in memory at a time."""
+    """Yields (path, arrays as from `read_bag`) for a set of bags, one in memory at a time.
+
+    ``topics``, and log times ``start`` <= t < ``end`` [ns], as there.
+    """
     for path in paths:
         yield path, read_bag(path, topics, start, end)

@@ -120,6 +120,8 @@ class BagWriter:
     def write(self, channel, log_time_ns, payload, publish_time_ns=None, sequence=0):
         """Append one message: its CDR bytes as they crossed, and when they came [ns].
 
+        ``sequence``: the publisher's number of it [1], 0 where it gives none.
+
         Raises
         ------
         BagStopped : the disk is full or failed; the bag is closed and can be read.

@@ -36,7 +36,7 @@ class OpenChunk:
         return len(self.records)
 
     def add(self, channel, log_time, publish_time, sequence, payload):
-        """Append one message."""
+        """Append one message: ``log_time`` and ``publish_time`` [ns], ``sequence`` number [1], ``payload`` bytes."""
         records = self.records
         self._channels.append(channel)
         self._times.append(log_time)
@@ -46,7 +46,7 @@ class OpenChunk:
         records += payload
 
     def add_block(self, channel, log_times, payloads):
-        """Append messages of one size: times uint64 (n,), payloads uint8 (n, size)."""
+        """Append messages of one size: ``log_times`` uint64 (n,) [ns], ``payloads`` uint8 (n, size)."""
         self._close_singles()
         count, size = payloads.shape
         rows = np.empty((count, HEAD_BYTES + size), np.uint8)
@@ -99,6 +99,6 @@ def chunk_bytes(records, start, end, compression, compress):
 
 
 def index_bytes(channel, entries):
-    """The message index record of one channel of a chunk."""
+    """The message index record of one channel of a chunk, bytes, of its ``entries``, `INDEX_ENTRY` of shape (n,)."""
     body = entries.tobytes()
     return struct.pack("<BQHI", MESSAGE_INDEX, 6 + len(body), channel, len(body)) + body

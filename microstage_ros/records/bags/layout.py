@@ -83,7 +83,7 @@ class Layout:
 
 
 def layout_of_message(definition, raw):
-    """The layout of `raw`, one message of type `definition`; lengths are those that it has.
+    """The layout of `raw`, the bytes (size,) of one message of type `definition`; lengths are those that it has.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def layout_of_type(definition, lengths=None):
     Parameters
     ----------
     definition : `definition.Definition`.
-    lengths : dotted path of a string or sequence to its number of characters or elements;
+    lengths : dotted path of a string or sequence to its number of characters or elements [1];
         those not given are empty.
 
     Raises

@@ -96,8 +96,8 @@ class McapSink:
         """Write a schema and its channel (`mcap.records`) ahead of the chunks that use them."""
         self._hand(lambda: self._write_channel(schema, channel))
 
-    def add_metadata(self, name, values):
-        """Write a metadata record."""
+    def add_metadata(self, name: str, values: dict[str, str]):
+        """Write a metadata record; ``values``: {name: text}."""
         self._hand(lambda: self._write_metadata(Metadata(name=name, metadata=values)))
 
     def add_chunk(self, chunk):

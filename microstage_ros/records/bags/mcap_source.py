@@ -88,7 +88,7 @@ class McapSource:
         self.chunks.sort(key=lambda chunk: (chunk.start, chunk.data))
 
     def unpack(self, chunk):
-        """The message records of a chunk, uint8.
+        """The message records of a chunk, uint8, shape (bytes,).
 
         Raises
         ------
@@ -116,7 +116,7 @@ class McapSource:
         return np.frombuffer(raw, np.uint8)
 
     def entries(self, chunk):
-        """Channel to (log time, offset) of its messages in a chunk, `chunk.INDEX_ENTRY`."""
+        """Channel to (log time [ns], offset [byte]) of its messages in a chunk, `chunk.INDEX_ENTRY`, each (n,)."""
         if not chunk.indexes:
             return message_entries(self.unpack(chunk))
         return {channel: self._index(place) for channel, place in chunk.indexes.items()}
@@ -257,7 +257,10 @@ def _records(raw):
 
 
 def message_entries(raw):
-    """Channel to (log time, offset) of the messages in unpacked bytes, found by going through them."""
+    """Channel to (log time [ns], offset [byte]) of the messages in unpacked bytes ``raw``, uint8 of shape (bytes,).
+
+    Found by going through them.
+    """
     found, place, view = {}, 0, memoryview(raw)
     while place + 9 <= len(view):
         opcode, length = RECORD_HEAD.unpack_from(view, place)

@@ -51,7 +51,7 @@ class Log:
         return len(self.time)
 
     def rows(self, kept):
-        """The rows of a mask or index array as a log of their own."""
+        """The rows of a mask (n,) or index array ``kept``, shape (m,), as a log of their own."""
         return dataclasses.replace(
             self, time=self.time[kept], signals={k: v[kept] for k, v in self.signals.items()}, piece=self.piece[kept],
             run=self.run[kept], condition=self.condition[kept], shift=None if self.shift is None else self.shift[kept])

@@ -19,7 +19,8 @@ def pieces_of(time, restarts):
 
     Parameters
     ----------
-    time : shape (n,) [s]. restarts : whether the file is known to begin its time anew with every cycle.
+    time : shape (n,) [s].
+    restarts : whether the file is known to begin its time anew with every cycle.
 
     Returns
     -------
@@ -49,7 +50,10 @@ def pieces_of(time, restarts):
 
 
 def outliers(values, piece):
-    """Samples that stand alone far from both neighbours: bool array, shape (n,)."""
+    """Samples that stand alone far from both neighbours: bool array, shape (n,).
+
+    ``values`` and ``piece``, the number of each row's continuous piece, both of shape (n,).
+    """
     if len(values) < 8:
         return np.zeros(len(values), bool)
     before, after = np.roll(values, 1), np.roll(values, -1)
@@ -63,7 +67,9 @@ def outliers(values, piece):
 
 
 def saturation(values):
-    """Rows at a limit: bool array; True where the extreme value repeats `SATURATED_RUN` times or more in a row.
+    """Rows of ``values`` (n,) at a limit: bool array (n,).
+
+    True where the extreme value repeats `SATURATED_RUN` times or more in a row.
 
     Only values beyond four fifths of the largest magnitude count, so that zeros at rest are none.
     """
@@ -84,7 +90,7 @@ def saturation(values):
 
 
 def quantum(values):
-    """Smallest step between values that occur, where the signal is visibly quantised (few levels); else 0."""
+    """Smallest step between ``values`` (n,) that occur, in their unit, where they are visibly quantised; else 0."""
     levels = np.unique(values[np.isfinite(values)][:20_000])
     if len(levels) < 3 or len(levels) > 0.2 * min(len(values), 20_000):
         return 0.0
@@ -96,6 +102,7 @@ def quantum(values):
 def shifts(values):
     """Pieces whose level was shifted by a constant after the recording, recognised by the digits.
 
+    ``values``: one signal, shape (n,).
     A signal rounded to some decimals and then shifted keeps one remainder per constant. Where the remainder is constant
     over stretches and differs between them, levels of different stretches cannot be compared.
 

@@ -64,7 +64,7 @@ def fields_of(line, separator):
 
 
 def number_of(field):
-    """The number that a field holds, with a decimal comma too, or None."""
+    """The number that a field holds [its own unit], with a decimal comma too, or None."""
     if "_" in field:
         return None
     try:

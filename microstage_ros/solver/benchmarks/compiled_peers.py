@@ -13,9 +13,9 @@ SAFETY, LEAST, MOST = 0.9, 0.2, 5.0  # of an adaptive step: usual factors (Haire
 
 
 def packed(equations):
-    """(numbers, blocks): parameters (11,) in the order of `rates`; blocks of each contact.
+    """(numbers, blocks) of `Equations`, all SI: parameters (11,) in the order of `rates`; two arrays per contact.
 
-    Per contact [k…, α…], [F_s, F_C, V, δ, C, σ, drops].
+    [k…, α…], shape (2, n), and [F_s, F_C, V, δ, C, σ, drops], shape (7,).
     """
     p = equations.p
     numbers = np.array(
@@ -140,7 +140,8 @@ def dormand_prince(z, voltage, p, blocks, rtol, scale, x):
 def solve_compiled(equations, voltage, method, accuracy, scale):
     """Stage positions (n,) [m] by `runge_kutta` or `dormand_prince`.
 
-    ``accuracy``: substeps of the former, relative tolerance of the latter.
+    ``equations``: `Equations`; ``voltage`` (n,) [V], each held for a period; ``method``: one of the two functions;
+    ``accuracy``: substeps of the former, relative tolerance of the latter [1]; ``scale``: `sizes`, shape (size,).
     """
     numbers, blocks = packed(equations)
     x = np.empty(len(voltage))
@@ -154,7 +155,8 @@ def solve_compiled(equations, voltage, method, accuracy, scale):
 def solve_with_sundials(equations, voltage, rtol, scale):
     """Stage positions (n,) [m] by SUNDIALS CVODE (C, variable-order BDF) with the compiled right-hand side.
 
-    Raises ImportError where the package scikit-sundae is not installed.
+    ``equations``: `Equations`; ``voltage`` (n,) [V]; ``rtol`` [1] times ``scale``, `sizes` of shape (size,), is the
+    absolute tolerance. Raises ImportError where the package scikit-sundae is not installed.
     """
     from sksundae.cvode import CVODE
 

@@ -38,7 +38,7 @@ class Equations:
         return np.where(slips, slip_rate, c["k"] * w)
 
     def rates(self, z, u):
-        """dz/dt at voltage u, with numpy over the blocks."""
+        """dz/dt at state ``z`` and voltage ``u`` [V], with numpy over the blocks; rates and state (size,), SI."""
         p, (a, g) = self.p, self.contacts
         i, omega, theta, v, x = z[:5]
         w = omega / p["gear"]
@@ -54,7 +54,7 @@ class Equations:
         ], self._block_rates(a, fa, w), self._block_rates(g, fg, v)])
 
     def rates_python(self, z, u):
-        """dz/dt at voltage u, in plain Python."""
+        """dz/dt at state ``z`` and voltage ``u`` [V], as lists of shape (size,), SI; in plain Python."""
         p, (a, g) = self.p, self.contacts
         n = 5 + len(a["k"])
         w = z[1] / p["gear"]
@@ -78,13 +78,16 @@ class Equations:
 
 
 def sizes(equations):
-    """Typical size of each state (A, rad/s, rad, m/s, m, N m…, N…), for absolute tolerances."""
+    """Typical size of each state [A, rad/s, rad, m/s, m, N m…, N…], shape (size,), for absolute tolerances."""
     blocks = [len(contact["k"]) for contact in equations.contacts]
     return np.array([1e-3, 1e-2, 1e-5, 1e-7, 1e-10] + [1e-8] * blocks[0] + [1e-4] * blocks[1])
 
 
 def solve_with_scipy(equations, voltage, method, rtol):
-    """Stage positions after each period with `scipy.integrate.solve_ivp`, one call per held voltage."""
+    """Stage positions (n,) [m] after each period with `scipy.integrate.solve_ivp`, one call per held voltage.
+
+    ``equations``: `Equations`; ``voltage`` (n,) [V]; ``method``: scipy's name of one; ``rtol``: relative tolerance [1].
+    """
     period, scale = equations.p["period"], sizes(equations)
     z, x = np.zeros(equations.size), []
     for u in voltage:
@@ -95,7 +98,10 @@ def solve_with_scipy(equations, voltage, method, rtol):
 
 
 def solve_with_runge_kutta(equations, voltage, substeps, plain_python=False):
-    """Stage positions after each period with fixed-step Runge–Kutta 4, in numpy or in plain Python."""
+    """Stage positions (n,) [m] after each period with fixed-step Runge–Kutta 4, in numpy or in plain Python.
+
+    ``equations``: `Equations`; ``voltage`` (n,) [V]; ``substeps`` per period [1].
+    """
     dt = equations.p["period"] / substeps
     z, x = [0.0] * equations.size, []
     if not plain_python:

@@ -43,7 +43,7 @@ def bench(axis, long=False):
 
 
 def best_of(action, repeats=25):
-    """Shortest wall time of several runs [s]: the least disturbed one on a shared machine."""
+    """Shortest wall time of ``repeats`` [1] runs of ``action`` [s]: the least disturbed one on a shared machine."""
     times = []
     for _ in range(repeats):
         start = time.perf_counter()
@@ -53,7 +53,7 @@ def best_of(action, repeats=25):
 
 
 def step_rows(axis, periods=100_000):
-    """Time per control period of one axis without noise, one core, by kind of ride; memory growth over many steps."""
+    """Time per control period [ns] of one axis without noise, one core, by kind of ride, over ``periods`` [1]."""
     plant = make_plant(axis, NoiseSpec.none())
     work, readings, nothing = new_work(plant), new_readings(), np.empty((0, len(COLUMNS)))
     t = np.arange(periods) * plant["period"]
@@ -70,7 +70,7 @@ def step_rows(axis, periods=100_000):
 
 
 def noisy_row(axis, periods=100_000):
-    """Time per period with all noise, random friction and sensors read."""
+    """Time per period [ns] with all noise, random friction and sensors read, over ``periods`` [1]."""
     plant = make_plant(axis)
     work, readings, trace = new_work(plant), new_readings(), np.empty((periods, len(COLUMNS)))
     voltage = RIDES["sliding"](np.arange(periods) * plant["period"])
@@ -81,7 +81,10 @@ def noisy_row(axis, periods=100_000):
 
 
 def ensemble_row(axis, axes=1000, periods=2000, noise=None):
-    """Time per axis and period of many axes of different parameters on all cores; ``noise`` None: none."""
+    """Time per axis and period [ns] of many axes of different parameters on all cores.
+
+    ``axes``: their number [1]; ``periods`` [1]; ``noise``: `NoiseSpec`, None: none.
+    """
     noise = noise or NoiseSpec.none()
     threads = os.cpu_count()
     plants, states, rested = np.zeros(axes, PLANT), np.zeros(axes, STATE), np.zeros(axes, STATE)
@@ -107,7 +110,7 @@ def peer_rows(axis, periods=100, repeats=5):
     """The same ride by this solver and by others: best time per period of as many repeats, distance from our answer.
 
     Every solver gets the same voltages, the same number of periods and of repeats after one run to warm up, so that
-    compiling counts for none. A peer that is not installed has a row that says so.
+    compiling counts for none: ``periods`` [1], ``repeats`` [1]. A peer that is not installed has a row that says so.
     """
     plant = make_plant(axis, NoiseSpec.none())
     plant["quantum"] = 0.0
@@ -140,7 +143,7 @@ def peer_rows(axis, periods=100, repeats=5):
 
 
 def memory_row(axis, periods=2_000_000):
-    """Growth of the process's resident memory over many steps, after the first have run."""
+    """Growth of the process's resident memory [byte] over ``periods`` [1], after the first have run."""
     plant = make_plant(axis)
     work, readings, nothing = new_work(plant), new_readings(), np.empty((0, len(COLUMNS)))
     state, voltage = new_state(plant), RIDES["sliding"](np.arange(100_000) * plant["period"])

@@ -75,7 +75,8 @@ NUMBERS = (
 def respond_batch(plants, voltage, states, threads=2):
     """Advance many axes (arrays of `PLANT` and `STATE` records, states changed in place) by the same voltage.
 
-    ``threads``: the axes are shared out over this many threads; the result depends neither on it nor on the other axes.
+    ``plants`` and ``states``: shape (axes,); ``voltage`` (periods,) [V].
+    ``threads`` [1]: the axes are shared out over so many; the result depends neither on it nor on the other axes.
     """
     voltage = np.ascontiguousarray(voltage, float)
     works = [new_works(LANES, plants) for _ in range(threads)]

@@ -69,11 +69,14 @@ class Contact:
         return Contact(self.law, self.packed, self.state.copy())
 
     def run(self, velocity, period):
-        """Force along a velocity (n,), linear between its samples; the state is carried on."""
+        """Force [N m] along a ``velocity`` [rad/s], both (n,), one sample per ``period`` [s]; carries the state on."""
         return run_law(self.law, self.packed, velocity, period, state=self.state)
 
     def travel(self, distance, speed, samples=400):
-        """Move by ``distance`` at ``speed``; (displacement from the start, force), both (samples,)."""
+        """Move by ``distance`` [rad] at ``speed`` [rad/s] in ``samples`` steps [1].
+
+        Returns (displacement from the start [rad], force [N m]), both (samples,).
+        """
         velocity = numpy.copysign(speed, distance)
         period = abs(distance) / speed / samples
         force = numpy.empty(samples)
@@ -82,7 +85,7 @@ class Contact:
         return numpy.arange(1, samples + 1) / samples * distance, force
 
     def reach(self, share, speed):
-        """Displacement at which first loading from rest comes to ``share`` of the largest force it can reach."""
+        """Displacement [rad] at which first loading at ``speed`` [rad/s] has ``share`` [1] of its largest force."""
         fresh = Contact(self.law, self.packed, self.law.initial_state(self.packed))
         way, force = fresh.travel(LONGEST_WAY, speed, samples=20000)
         return float(way[numpy.argmax(force >= share * force.max())])

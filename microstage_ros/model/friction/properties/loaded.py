@@ -1,4 +1,7 @@
-"""Experiments of a body under a load, whose motion is not prescribed: drift, breakaway, stick-slip."""
+"""Experiments of a body under a load, whose motion is not prescribed: drift, breakaway, stick-slip.
+
+Source: the properties are those of the paper's section 3.3; the experiments and their criteria are this project's.
+"""
 
 import numpy
 

@@ -5,6 +5,8 @@
 Each step takes the velocity as linear and finds its end by bracketing, with the friction at the mean of
 its two ends (trapezoidal rule), or, for the static law whose force jumps at rest, at its end: there the
 body stays at rest while the load is within ± static.
+
+Derived: Newton's law of the body, by the trapezoidal rule over a step.
 """
 
 import math
@@ -73,7 +75,10 @@ def slide(law, packed, state, inertia, spring, load, period, stop_speed, positio
 
 
 def run_slider(contact, load, period, inertia, spring=0.0, stop_speed=math.inf):
-    """(position, velocity, friction) of a slider that begins at rest, each (n,), n the samples done.
+    """(position [rad], velocity [rad/s], friction [N m]) of a slider from rest, each (n,), n the samples done.
+
+    ``load`` (samples,) [N m], one each ``period`` [s]; ``inertia`` m [N m s²/rad], ``spring`` K [N m/rad]; ends early
+    beyond ``stop_speed`` [rad/s].
 
     ``contact`` is a :class:`~microstage_ros.model.friction.properties.contact.Contact`; its state is carried on.
     """

@@ -1,4 +1,7 @@
-"""Experiments of sliding under prescribed motion: Stribeck curve, lag, dwell, energy."""
+"""Experiments of sliding under prescribed motion: Stribeck curve, lag, dwell, energy.
+
+Source: the properties are those of the paper's section 3.3; the experiments and their criteria are this project's.
+"""
 
 import numpy
 
