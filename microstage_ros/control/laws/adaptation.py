@@ -201,6 +201,13 @@ def watch_swings(p, s, error, period):
 
 
 @compiled
+def allow_for_delay(s, lag, delay):
+    """Lower the ceiling for a voltage that acts ``delay`` [s] late in a loop tuned with a ``lag`` [s] of its own: a
+    loop's bandwidth goes as one over the whole."""
+    s.ceiling = min(s.ceiling, math.log(lag / (lag + delay)))
+
+
+@compiled
 def hush(p, s, still, period):
     """Let K_P and K_D fade while swings go on though the reference is ``still``; called after `watch_swings`."""
     if not still:

@@ -48,7 +48,7 @@ def observed_reset(parameters, state, voltage):
         own.log_filter = math.log(parameters.encoder_filter)
         own.ceiling = own.damping_ceiling = math.log(parameters.encoder_adaptation.start) + 0.1
         state.encoder_pid.filter_time *= parameters.encoder_filter
-    supervision.supervision_reset(parameters.supervision, state.supervision, parameters.unstable)
+    supervision.supervision_reset(parameters.supervision, state.supervision, parameters.unstable, voltage)
     observer_law.observer_reset(parameters.observer, state.observer)
     gap_crossing.crossing_reset(state.crossing)
 
@@ -84,6 +84,7 @@ def observed_step(parameters, state, reference, encoder, current):
         state.encoder_pid.error,
         state.encoder_pid.reference_velocity,
         observer.contact != TOUCHING,
+        state.voltage,
         period,
     )
     found = observer.voltage_noise / observer.voltage_factor  # without the doubt that is added to it
@@ -96,7 +97,13 @@ def observed_step(parameters, state, reference, encoder, current):
         if reason == supervision.NOTHING:
             return regulate(parameters, state, reference)
         supervision.hand_over(rule, watched, reason)
-        go_on_from(parameters.encoder_pid, state.encoder_pid, state.voltage)
+        from_swing = reason == supervision.SWINGS
+        go_on_from(
+            parameters.encoder_pid, state.encoder_pid, watched.mean_voltage_V if from_swing else state.voltage
+        )
+        if reason == supervision.DELAY:
+            lag = parameters.encoder_pid.filter_time + rules.SAMPLING_LAG * period
+            adaptation.allow_for_delay(state.encoder_adaptation, lag, observer.delay_s)
         if observer.contact != TOUCHING:
             lost_motion.settle(observer, 0.0)
     elif supervision.may_return(
@@ -158,9 +165,8 @@ def regulate(parameters, state, reference):
     watched = state.supervision
     # a machine that has been seen to swing as no gap makes it is not stopped, but handed over
     rattles = watched.swings if watched.reason != supervision.SWINGS else 0
-    if gap_crossing.stop_rattle(
-        crossing, parameters.observer, observer, period, rattles, speed, state.encoder_pid.error
-    ):
+    size = max(abs(state.encoder_pid.error), watched.last_half_wave_m if rattles > 0 else 0.0)
+    if gap_crossing.stop_rattle(crossing, parameters.observer, observer, period, rattles, speed, size):
         watched.swings, watched.beside = 0, 0.0
         return without_voltage(state)
     state.pid.velocity = observer.v

@@ -5,7 +5,7 @@ The observer law leans on its model of the drive. Four signs say that the model 
 
 * a limit cycle: half waves of the error (encoder alone, without its slow part) beyond `swing`, each within `half_wave`
   of the one before: more than `swings` in a row for `cycle_time`, since a motor that rattles in a gap finds its
-  contact by then, and the observer its doubts (`observer.source_doubt`), or at once beyond `large_swing`. Noise does
+  contact by then, and the observer its doubts (`observer.source_doubt`), or the fifth, beyond `large_swing`. Noise does
   not alternate so regularly, and a move gives one or two;
 * the axis rests beside its target: beyond `beside` for `beside_time` while the reference stands, or the error's size,
   averaged over `REST_TIME`, is beyond `rest_error` there: a swing that is too slow or too small for the first sign;
@@ -16,10 +16,11 @@ The observer law leans on its model of the drive. Four signs say that the model 
   (normalised innovation squared; Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and
   Navigation", Wiley 2001, section 5.4).
 
-Then the encoder-only self-tuning law goes on from the voltage that was last given. It hands back once the axis has
-rested at its target and the innovations have been consistent for `calm_time`, and for `proof_time` of motion since
-they last were not, not before `trial_time` has passed, and `patience` times that after every further hand-over. For
-`probation` after that, and at the start, at rest, one error beyond `trial_error` ends the trial.
+Then the encoder-only self-tuning law goes on from the voltage that was last given, after swings from its mean. It
+hands back once the axis has rested at its target and the innovations have been consistent for `calm_time`, and for
+`proof_time` of motion since they last were not, not before `trial_time` has passed, and `patience` times that after
+every further hand-over. For `probation` after that, and at the start, at rest, one error beyond `trial_error` ends the
+trial.
 """
 
 from microstage_ros.control.gains import Gain
@@ -67,6 +68,7 @@ REASONS = (
     "unstable on the axis file's own model",
     "the voltage acts late",
 )
+LARGE_SWINGS = 4  # in a row, the last one beyond `large_swing`: no gap is that wide, and a move gives one or two
 SMOOTH_TIME, SLOW_TIME = 5e-4, 2e-2  # s, of the error's fast part
 STILL_TIME = 0.05  # s, for which the reference has stood when a rest is judged
 # s, over which a rest is averaged, and after which it is one: a gap may still be searched before
@@ -79,8 +81,10 @@ FIELDS = [
     ("since", "f8"),  # s, since the last change of the law
     ("wait", "f8"),  # s, before the next trial
     ("smooth", "f8"),  # m, error without noise
+    ("mean_voltage_V", "f8"),  # over a swing: what the axis needs
     ("slow", "f8"),  # m, its slow part
     ("peak", "f8"),  # m, largest fast error since its sign changed
+    ("last_half_wave_m", "f8"),  # size of the half wave before
     ("half", "f8"),  # s, since then
     ("swings", "i8"),  # in a row
     ("swinging", "f8"),  # s, since the first of them
@@ -106,15 +110,17 @@ def _count_anew(s):
 
 
 @compiled
-def supervision_reset(p, s, unstable):
+def supervision_reset(p, s, unstable, voltage):
     """The observer law, unless the start's check said that it is ``unstable`` (1)."""
     s.law = ENCODER_ONLY if unstable != 0 else OBSERVER
     s.reason = START_CHECK if unstable != 0 else NOTHING
     s.handovers = 0
     s.wait = p.trial_time
     s.smooth = 0.0
+    s.mean_voltage_V = voltage
     s.slow = 0.0
     s.peak = 0.0
+    s.last_half_wave_m = 0.0
     s.half = 0.0
     s.swinging = 0.0
     s.deaf = 0.0
@@ -126,10 +132,11 @@ def supervision_reset(p, s, unstable):
 
 
 @compiled
-def watch_error(p, s, error, reference_speed, in_gap, period):
+def watch_error(p, s, error, reference_speed, in_gap, voltage, period):
     """One period of the encoder's ``error`` [m]: swings in a row, rest beside the target; ``in_gap``: drive and stage
     are taken to be apart."""
     s.since += period
+    s.mean_voltage_V += min(period / SLOW_TIME, 1.0) * (voltage - s.mean_voltage_V)
     s.smooth += min(period / SMOOTH_TIME, 1.0) * (error - s.smooth)
     s.slow += min(period / SLOW_TIME, 1.0) * (s.smooth - s.slow)
     fast = s.smooth - s.slow
@@ -137,6 +144,7 @@ def watch_error(p, s, error, reference_speed, in_gap, period):
     s.swinging = s.swinging + period if s.swings > 0 else 0.0
     s.swings, turned = half_wave(fast, s.peak, s.swings, s.half, p.half_wave, p.swing)
     if turned:
+        s.last_half_wave_m = abs(s.peak)
         s.peak = fast
         s.half = 0.0
     elif abs(fast) > abs(s.peak):
@@ -161,7 +169,7 @@ def sign_of_trouble(p, s, position_test, speed_test, noise, delayed, period):
     doubted = position_test > p.position_test or speed_test > p.speed_test
     s.doubted = s.doubted + period if doubted else 0.0
     s.deaf = s.deaf + period if noise > p.loudest else 0.0
-    if s.swings > p.swings and s.swinging > p.cycle_time or abs(s.peak) > p.large_swing and s.swings > p.swings:
+    if s.swings > p.swings and s.swinging > p.cycle_time or abs(s.peak) > p.large_swing and s.swings > LARGE_SWINGS:
         return SWINGS
     if s.handovers > 0 and s.since < p.probation and s.rest_time_s > s.since and abs(s.smooth) > p.trial_error:
         return SWINGS

@@ -17,6 +17,8 @@ LAGS = 4  # voltage delays distinguished, in periods
 EXCITED = 1e-6  # V^2, mean square of voltage steps that tells the delay: 1 mV rms
 LAG_LIMIT = 2.0  # doubts in the voltage that its rms steps are beyond when they tell of another delay
 LAG_LEAST = 0.3  # share of the current's steps that follow the voltage of another delay at least
+# correlation of the two that another delay must have beyond the present one: four standard deviations of the difference
+LAG_CLEAR = 0.4
 LAG_CONFIRMED = 0.8  # share of the current's steps that follow the voltage of one delay, once that is sure
 CHANGE_LIMIT = 4.0  # doubts in the voltage that a step of it is beyond when the drive has changed
 RARE = 6.0  # and rms steps of late
@@ -238,9 +240,11 @@ def find_lag(p, model, s, step):
     s.excitation += 0.01 * (change * change - s.excitation)
     restored = s.changes == 0 or s.since > STEADY_TIME  # what a change of the drive shakes says nothing of the delay
     excited = s.excitation > LAG_LIMIT * LAG_LIMIT * p.voltage_noise * p.voltage_noise
+    clear = LAG_CLEAR * math.sqrt(s.far_voltage_power * s.far_current_power)
     if (
         not excited
         or best == s.lag
+        or s.answers[best] - s.answers[s.lag] < clear
         or not restored
         or s.answers[best] * model.resistance * s.learned[0] < LAG_LEAST * s.excitation
     ):

@@ -17,8 +17,8 @@ side v_m >> v, so b = v t^2 / k and both are sqrt(k v b): no other speed does be
 there, the drive waits beside the stage until the contact counts, and then for the reference if the stage is ahead of
 it. All the while the regulator holds the motor to p by dead reckoning; its integral and its tuning wait.
 
-A motor that rattles in a gap at the end of a move is too fast for its contacts to be seen. There it is left without
-voltage until friction has stopped motor and stage, and goes on from there at the speed of a search.
+A motor that rattles in a gap at the end of a move, or in slow motion, is too fast for its contacts to be seen. There it
+is left without voltage until friction has stopped motor and stage, and goes on from there at the speed of a search.
 """
 
 import math
@@ -38,10 +38,11 @@ SHORT, GAP_MARGIN = 4e-8, 1.5
 APPROACH = 4e-6  # m/s, over the rest
 WAIT_TIME = 0.05  # s, in which a stage that is ahead is led back if the reference does not come
 RATTLES = 5  # swings of the error in a row, the reference at rest, that a landing does not make
+STOPPED_AT = 2e-5  # m/s, of the reference: it goes on by no more than a gap's width in a stop
 STOP_TIME = 0.1  # s, at most, without voltage: motor and stage are stopped by friction
 STANDS, STANDS_TIME, PLACE_TIME = 3e-8, 8e-3, 4e-3  # m, s: a stage within this of where it was of late has been stopped
 LEAD_BACK_TIME, SEEN = 0.05, 7e-5  # s; m/s, up to which an opening contact is seen
-MOST_STOPS = 4  # at one rest
+MOST_STOPS, MOST_MOVING = 4, 1  # at one rest, in one slow motion
 FIELDS = [
     ("mode", "i8"),  # contact of the period before
     ("arrived", "i8"),  # 1 once the drive has been beside the stage
@@ -77,19 +78,20 @@ def crossing_reset(c):
 
 
 @compiled
-def stop_rattle(c, p, s, period, swings, speed, error):
-    """Whether the motor is to be without voltage: it rattles in a gap while the reference, ``speed`` [m/s], stands.
+def stop_rattle(c, p, s, period, swings, speed, size):
+    """Whether the motor is to be without voltage: it rattles in a gap while the reference, ``speed`` [m/s], stands or
+    is slow.
 
-    ``swings`` of the ``error`` [m] in a row, which is of a gap's size, or it is no rattle, or a load that friction does
-    not hold. Afterwards the stage is led to the reference from where it came to stand.
+    ``swings`` in a row, ``size`` [m] of the last one or of the error, that of a gap at most, or it is no rattle, or a
+    load that friction does not hold. Afterwards the stage is led to the reference from where it came to stand.
     """
-    if speed != 0.0:
+    if abs(speed) > STOPPED_AT:
         c.stop, c.stops, c.led_back = 0.0, 0, 0
     elif c.stop > 0.0:
         c.stop -= period
         c.place += min(period / PLACE_TIME, 1.0) * (s.stage - c.place)
         c.stands = c.stands + period if abs(s.stage - c.place) < STANDS else 0.0
-        if abs(error) > p.widest_gap:
+        if size > p.widest_gap:
             c.stops = MOST_STOPS
         elif c.stop > 0.0 and c.stands < STANDS_TIME:
             return True
@@ -97,7 +99,12 @@ def stop_rattle(c, p, s, period, swings, speed, error):
         settle(s, 0.0)
         s.v, s.d = 0.0, 0.0
         c.mode, c.led_back = TOUCHING, 1
-    elif swings >= RATTLES and c.stops < MOST_STOPS and abs(error) < p.widest_gap and lost_motion_suspected(s):
+    elif (
+        swings >= RATTLES
+        and c.stops < (MOST_STOPS if speed == 0.0 else MOST_MOVING)
+        and size < p.widest_gap
+        and lost_motion_suspected(s)
+    ):
         c.stop, c.stands, c.place = STOP_TIME, 0.0, s.stage
         c.stops += 1
         return True

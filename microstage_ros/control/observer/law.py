@@ -7,13 +7,11 @@ free of the encoder's counts and of the drive train's resonance. The axis is one
     encoder = x + n_x,      (u - R i_end - o) / (K_E N/r) = v + n_v
 
 with the friction laws of the axis file run along the estimated motion, l the level of the actuator's limits
-and d what is left (a random walk). x, v and d follow a Kalman filter (`motion_filter`), the stage's swing is
-`swing`'s. The back- EMF matters: below the Stribeck velocity friction falls by 34 uNm per rad/s at the motor, so speed
-errors of a model driven by the current alone grow e-fold in 3 ms. Its R, zero o and constant are learned
+(`friction_level`) and d what is left (a random walk). x, v and d follow a Kalman filter (`motion_filter`), the stage's
+swing is `swing`'s. The back-EMF matters: below the Stribeck velocity friction falls by 34 uNm per rad/s at the motor,
+so speed errors of a model driven by the current alone grow e-fold in 3 ms. Its R, zero o and constant are learned
 (`learn_drive`) from what encoder and back-EMF disagree on, and the delay of the voltage, in whole periods, from which
 past voltage the current answers to.
-
-What d says of the friction's level is `friction_level`'s.
 """
 
 import math
@@ -108,6 +106,7 @@ STATE_FIELDS = [
     ("screw", "f8"),  # m, stage position plus wind-up
     ("current", "f8"),  # A, of the period before
     ("read", "f8"),  # m, encoder of the period before
+    ("lost_time_s", "f8"),  # s, for which samples have been lost since
     ("acceleration", "f8"),  # m/s^2, of the period before
     ("learned", "f8", 3),  # R over nominal [1], zero of the amplifier [V], back-EMF over nominal [1]
     ("learned_covariance", "f8", (3, 3)),  # of their errors; the upper triangle is kept
@@ -162,6 +161,7 @@ def observer_reset(p, s):
     s.swing, s.swing_rate = 0.0, 0.0
     s.current = 0.0
     s.read = math.nan
+    s.lost_time_s = 0.0
     s.acceleration = 0.0
     motor_constant.motor_constant_reset(s)
     forget_drive(p, s)
@@ -187,12 +187,9 @@ def observer_reset(p, s):
     s.force_current = 0.0
     s.running = 0.0
     s.last_step = 0.0
-    for j in range(LAGS):
-        s.voltages[j] = 0.0
-        s.answers[j] = 0.0
-    s.voltages[LAGS] = 0.0
-    s.actuator_friction = 0.0
-    s.guideway_friction = 0.0
+    s.voltages[:] = 0.0
+    s.answers[:] = 0.0
+    s.actuator_friction = s.guideway_friction = 0.0
     s.noise = 0.0
     s.position_test = 1.0
     s.speed_test = 1.0
@@ -267,6 +264,7 @@ def steady_measure(p, s):
 @compiled
 def correct_in_gap(p, model, s, period, position, speed, trust):
     """`correct` while drive and stage are apart: the speed tells of the motor, the position of the stage."""
+    trust /= s.voltage_factor * s.voltage_factor  # a voltage that comes late says little of the speed here too
     s.v += trust * max(p.motion_gain[1, 1], GAP_GAIN) * speed
     s.d += trust * p.motion_gain[2, 1] * speed
     step = 0.05 * position
@@ -293,7 +291,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         force = model.force_per_ampere * (voltage - model.volts_per_velocity * s.v) / model.resistance
     else:
         force = voltage / model.volts_per_force
-    # a sample that was lost stands as the one before; a moving axis does not repeat both readings
+    # a lost sample stands as the one before; a moving axis does not repeat both readings
     lost = encoder == s.read and current == s.current and abs(s.v) * period > REPEATED * p.encoder_noise
     moved = 0.0 if math.isnan(s.read) else encoder - s.read
     s.read = encoder
@@ -308,7 +306,10 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     swing.follow_swing(p, s)
     if lost and s.contact == TOUCHING:
         motion_filter.widen(p, s, period)
+        s.lost_time_s += period
         return
+    read_speed = moved / (period + s.lost_time_s)
+    s.lost_time_s = 0.0
     encoder -= s.swing
     speed, drop, doubt = 0.0, 0.0, 0.0
     if senses:
@@ -326,21 +327,23 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         speed = speed_innovation(model, s, drop)
         doubt = voltage_variance(model, s, drop, s.v, 1.0)
         doubtful = s.contact != TOUCHING or source_doubt.lost_motion_suspected(s) or s.waves > source_doubt.SWINGS
-        inertia.learn_inertia(s, period, s.net_force / model.moving_mass, moved / period, doubtful)
+        inertia.learn_inertia(s, period, s.net_force / model.moving_mass, read_speed, doubtful)
         s.current = current
         constant = s.emf_centre * model.volts_per_velocity
-        if s.contact == TOUCHING and dead_band.watch_dead_band(s, period, voltage, drop, constant, moved / period):
+        if s.contact == TOUCHING and dead_band.watch_dead_band(s, period, voltage, drop, constant, read_speed):
             forget_drive(p, s)
             lost_motion.lost_motion_reset(p, s)
         if not doubtful:
-            motor_constant.watch_motor_constant(p, model, s, period, drop, moved / period)
+            motor_constant.watch_motor_constant(p, model, s, period, drop, read_speed)
     position = encoder - s.x
     if senses:
         motor_speed = s.v + speed / s.learned[2]
         lost_motion.watch_lead(s, period, encoder, motor_speed, speed)
         if s.contact == TOUCHING:
             force = s.guideway_friction + model.offset_force + model.mass * s.acceleration
+            # a voltage that comes late looks like a motor that leads
             pulls = abs(drop) > PULL * model.volts_per_torque * model.actuator[COULOMB]
+            pulls = pulls and s.voltage_factor < source_doubt.GROWN * p.voltage_doubt
             if lost_motion.watch_contact(
                 p, s, force, model.guideway[0], math.sqrt(doubt) / model.volts_per_velocity, pulls
             ):
@@ -358,8 +361,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     variance = speed_variance(s, model, doubt) if senses else math.inf
     share = min(period / TEST_TIME, 1.0)
     expected = s.covariance[0, 0] + s.encoder_noise * s.encoder_noise
-    # a gap that was found explains more than the filter knows
-    beyond = position * position / expected if s.gap == 0.0 else 1.0
+    beyond = position * position / expected if s.gap == 0.0 else 1.0  # a gap explains more than the filter knows
     s.position_test += share * (beyond - s.position_test)
     if senses:
         beyond = speed * speed / (s.covariance[1, 1] + variance) if s.gap == 0.0 else 1.0
@@ -370,6 +372,8 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         source_doubt.weigh_sources(p, s, period, position)
     if source_doubt.lost_motion_suspected(s):
         inertia.inertia_reset(s)  # what a rattle taught of it before it was seen to be one
+        if s.suspected == source_doubt.SUSPECTED_TIME:
+            friction_level.level_reset(p, s)
     motion_filter.take_readings(s, variance)
     correct(s, position, speed)
     if senses:

@@ -9,7 +9,9 @@ for motion. But at speed it can be read off without any model of the motion: thr
 Where v has been beyond `FAST` and E within `STEADY` of its mean for `FOUND_TIME`, and the mean is further from what is
 learned than `LEAST`, `DEVIATIONS` standard deviations (R and o are not known either) and `UNTOLD`, it becomes the
 centre of what is allowed. R, o and the level of the friction are those of the last motion below `SLOW`, which a wrong
-constant does not lead astray. The slow motion through a gap, where the motor turns alone, is never that fast so long.
+constant does not lead astray; the motion begins anew from encoder and back-EMF. The slow motion through a gap, where
+the motor turns alone, is never that fast so long. A voltage that changes may come late: `LATE` times its rate is added
+to what R and o leave.
 """
 
 import math
@@ -24,16 +26,19 @@ MEAN_TIME = 1e-2  # s, of the ratio
 FAST, SLOW = 2e-4, 2e-5  # m/s
 STEADY = 0.04  # 1
 FOUND_TIME = 1.2e-2  # s
-PLAIN_SHARE = 0.08  # above what is learned, beyond which it is found the sooner: its loop begins to swing meanwhile
+PLAIN_SHARE = 0.08  # from what is learned, beyond which it is found the sooner: its loop begins to swing meanwhile
 SHORTEST = 5e-3  # s: longer than half a swing of a stage of thrice the mass on a third of the stiffness
 LEAST, DEVIATIONS = 0.04, 4.0  # 1, standard deviations of what R and o leave
 UNTOLD = 0.06  # V, that a dead band or a zero that has moved may take: of the back-EMF less than this says nothing
+LATE = 1e-3  # s, by which a voltage may come late under this law: what it changes by meanwhile is no back-EMF
+UNREAD, LEAST_DOUBT = 0.05, 1e-5  # of the speed that was astray, m/s: what the reading leaves
 LOWEST, HIGHEST = 0.3, 3.0  # of the constant over the file's
 FIELDS = [
     ("emf_centre", "f8"),  # 1, motor constant over the file's, about which it is learned
     ("emf_speed", "f8"),  # m/s, of the motor by its back-EMF, filtered
     ("encoder_speed", "f8"),  # m/s, filtered in the same way
     ("emf_before", "f8"),  # m/s, of the motor at the end of the period before
+    ("emf_voltage", "f8"),  # V, filtered in the same way
     ("emf_ratio", "f8"),  # 1, mean of the one over the other
     ("emf_ratio_time_s", "f8"),  # s, for which the ratio has been near its mean
     ("slow_resistance", "f8"),  # 1, R over the file's as it was learned in slow motion
@@ -50,6 +55,7 @@ def motor_constant_reset(s):
     s.emf_speed = 0.0
     s.encoder_speed = 0.0
     s.emf_before = 0.0
+    s.emf_voltage = 0.0
     s.emf_ratio = 1.0
     s.emf_ratio_time_s = 0.0
     s.slow_resistance = 1.0
@@ -68,6 +74,7 @@ def watch_motor_constant(p, model, s, period, drop, speed):
     turning = (s.voltages[s.lag] - s.slow_resistance * drop - s.slow_zero_V) / model.volts_per_velocity
     s.emf_speed += share * (0.5 * (turning + s.emf_before) - s.emf_speed)      # the encoder's speed is a period's mean
     s.emf_before = turning
+    s.emf_voltage += share * (s.voltages[s.lag] - s.emf_voltage)
     s.encoder_speed += share * (speed - s.encoder_speed)
     size = abs(s.encoder_speed)
     if size < SLOW:
@@ -82,32 +89,39 @@ def watch_motor_constant(p, model, s, period, drop, speed):
     s.emf_ratio += min(period / MEAN_TIME, 1.0) * (ratio - s.emf_ratio)
     s.emf_ratio_time_s += period
     off, beyond = s.emf_ratio - s.learned[2], max(DEVIATIONS * math.sqrt(s.slow_variance_V2), UNTOLD)
-    larger = s.emf_centre >= 1.0 and current_variance(p, model, s) < BIASED * BIASED
-    plain = PLAIN_SHARE / max(off, PLAIN_SHARE) if larger else 1.0
+    clear = current_variance(p, model, s) < BIASED * BIASED
+    plain = PLAIN_SHARE / max(abs(off), PLAIN_SHARE) if clear else 1.0
     if s.emf_ratio_time_s < max(FOUND_TIME * plain, SHORTEST):
         return False
+    beyond += LATE * abs(s.voltages[s.lag] - s.emf_voltage) / FILTER_TIME
     if abs(off) < max(LEAST, beyond / (model.volts_per_velocity * size)):
         return False
     s.emf_ratio_time_s = 0.0
-    centre_on(p, s, min(max(s.emf_ratio, LOWEST), HIGHEST), off * size)
+    centre_on(p, s, min(max(s.emf_ratio, LOWEST), HIGHEST))
+    # the motion was led astray meanwhile: it begins anew from both readings
+    s.v = (s.voltages[s.lag] - s.learned[0] * drop - s.learned[1]) / (s.learned[2] * model.volts_per_velocity)
+    change = s.read - s.swing - s.x
+    s.x += change
+    s.screw += change
+    c = s.covariance
+    c[0, 0] = p.encoder_noise * p.encoder_noise
+    c[0, 1] = c[0, 2] = c[1, 2] = 0.0
+    c[1, 1] = (UNREAD * off * size) ** 2 + LEAST_DOUBT * LEAST_DOUBT
+    c[2, 2] += s.d * s.d
     return True
 
 
 @compiled
-def centre_on(p, s, centre, stray):
-    """Learn about another ``centre`` [1] from now on; the estimated motion may be off by ``stray`` [m/s]."""
+def centre_on(p, s, centre):
+    """Learn about another ``centre`` [1] from now on."""
     weigh_anew(s, centre / s.emf_centre)
     s.emf_centre = centre
     s.learned[0], s.learned[1], s.learned[2] = s.slow_resistance, s.slow_zero_V, centre
     s.level = s.slow_level
     c = s.learned_covariance
     c[0, 2] = c[1, 2] = 0.0
-    c[0, 0] += p.resistance_spread * p.resistance_spread
-    c[1, 1] += p.zero_spread * p.zero_spread
     c[2, 2] = p.emf_spread * p.emf_spread
     s.shift[:] = 0.0
     s.innovation_peak_m = 0.0
     s.strayed = 0.0
-    s.covariance[1, 1] += stray * stray
-    s.covariance[2, 2] += s.d * s.d
     s.variance = max(s.variance, p.level_variability * p.level_variability)

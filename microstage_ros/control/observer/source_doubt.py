@@ -17,8 +17,9 @@ start are those that hold the axis file's own model (`design.start_check`).
 
 A motor that rattles in a gap of the drive makes such swings too, but they begin at the size of the gap, where a loop
 that is no longer stable swings up from the noise and the wind-up of the drive bounds its swings. So mechanical ones
-beyond `RATTLE` say that lost motion is suspected (`lost_motion_suspected`): both doubts go back to those of the start,
-and for `SUSPECTED_TIME` no mechanical swing raises one, the inertia is not learned and the gains do not fade at rest.
+beyond `RATTLE` that smaller ones did not announce (`GROWN`) say that lost motion is suspected
+(`lost_motion_suspected`): both doubts go back to those of the start, the friction's level to nominal, and for
+`SUSPECTED_TIME` no mechanical swing raises a doubt, the inertia is not learned and the gains do not fade at rest.
 """
 
 from microstage_ros.control.half_waves import half_wave
@@ -37,6 +38,7 @@ MOST_ENCODER, MOST_VOLTAGE = 8.0, 12.0
 MECHANICAL, ELECTRICAL = 3.0, 0.7
 # m; a gap of 0.5 degrees at the motor makes 1.1 to 2.7 um, ten times the mass 0.3, a payload on a soft drive 0.7
 RATTLE = 1e-6
+GROWN = 2.0  # times the doubt of the start, to which smaller swings have brought it: these grow, where a rattle begins
 SUSPECTED_TIME = 10.0  # s, since the last rattle
 FADE = 1e-2  # 1/s, of the logarithm
 FIELDS = [
@@ -101,7 +103,7 @@ def weigh_sources(p, s, period, position):
 def doubt_more(p, s):
     """Answer one swing."""
     late = s.position_test < ELECTRICAL * s.speed_test
-    if not late and abs(s.wave_peak) > RATTLE:
+    if not late and abs(s.wave_peak) > RATTLE and s.encoder_factor < GROWN * p.encoder_doubt:
         s.encoder_factor, s.voltage_factor = p.encoder_doubt, p.voltage_doubt
         s.suspected = SUSPECTED_TIME
     if not late and s.suspected > 0.0:

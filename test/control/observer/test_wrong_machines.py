@@ -1,0 +1,76 @@
+"""Machines that were taken for others, and what that cost: the commit before these tests fails each of them."""
+
+import math
+
+import numpy as np
+import pytest
+
+from microstage_ros.control.laws import adaptation, supervision
+from microstage_ros.control.laws.controller import make_controller
+from microstage_ros.control.observer import drive_learning, long_delay
+from microstage_ros.control.robustness.conditions import MOTOR, Condition
+from microstage_ros.control.runs.run_file import Run
+from microstage_ros.control.runs.simulate import simulate
+
+LAW = "self_tuning_observer"
+SLOW = [{"sine": {"amplitude_m": 1e-5, "frequency_hz": 0.25, "cycles": 0.5}}]
+FAST = [{"move_to_m": place, "dwell_s": 0.25} for place in (1e-4, 0.0, 1e-3, 0.0)]
+
+
+def errors(axis, condition, program, seed):
+    """True error [m] in every period of a run from loaded contacts."""
+    columns = simulate(condition.assumed_axis(axis), Run(controller={"type": LAW}, program=program), seed)
+    return columns["stage_m"] - columns["reference_m"]
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_smaller_motor_constant_does_not_lead_resistance_and_zero_astray(axis, seed):
+    """1.0 to 1.2 um where R and the zero took over what the motor constant explained."""
+    condition = Condition("motor", dict.fromkeys(MOTOR, 0.8))
+    sine = [*SLOW, {"sine": {"amplitude_m": 1e-3, "frequency_hz": 0.25, "cycles": 0.25}}]
+    assert np.abs(errors(axis, condition, sine, seed)[1000:]).max() < 0.9e-6
+
+
+@pytest.mark.parametrize("answers, lag", [((0.34, 0.53, 0.4, 0.3), 0), ((-0.3, 0.3, -0.7, 0.9), 3)])
+def test_steps_of_a_coarse_converter_are_no_delay(axis, answers, lag):
+    """What a 10-bit current showed at rest (a period of delay was found: 1 to 2 um), and what a delay of 0.3 ms shows."""
+    controller = make_controller(LAW, axis)
+    parameters, memory = controller.parameters, controller.memory["observer"]
+    volts = 5e-3
+    amperes = volts / float(parameters["feedforward"]["resistance"])
+    memory["excitation"] = memory["far_voltage_power"] = volts**2
+    memory["far_current_power"], memory["answers"][:] = amperes**2, np.array(answers) * volts * amperes
+    drive_learning.find_lag(parameters["observer"], parameters["feedforward"], memory, 0.0)
+    assert memory["lag"] == lag
+
+
+def test_lost_samples_do_not_count_double_as_speed(axis):
+    """Two periods' motion in one made the motor constant 5 % too small: 0.5 to 2 um in moves of 1 mm."""
+    condition = Condition("lost", effects={"sampling_jitter": {"lost_fraction": 0.05}})
+    for seed in range(3):
+        error = errors(axis, condition, 2 * FAST[2:], seed)
+        assert np.abs(error[len(error) // 2 :]).max() < 1.5e-7
+
+
+def test_slow_amplifier_is_no_long_delay(axis):
+    """Steps of the current follow every lag alike, a true delay follows one: `far_answers` of both, filled in."""
+    for answers, delayed in ((np.full(long_delay.LONGEST, 0.8), 0), (np.eye(long_delay.LONGEST)[7], 1)):
+        memory = make_controller(LAW, axis).memory["observer"]
+        for _ in range(200):
+            memory["far_answers"][:], memory["far_voltage_power"], memory["far_current_power"] = answers, 1.0, 1.0
+            long_delay.watch_long_delay(memory, 1e-4, 0.0, 0.0)
+        assert memory["delayed"] == delayed and memory["delay_s"] == pytest.approx(7e-4 * delayed)
+
+
+def test_encoder_only_law_allows_for_a_delay_that_was_found(axis):
+    memory = make_controller(LAW, axis).memory["encoder_adaptation"]
+    adaptation.allow_for_delay(memory, 1.62e-3, 2e-3)
+    assert math.exp(memory["ceiling"]) == pytest.approx(1.62 / 3.62)
+
+
+def test_fifth_large_swing_is_handed_over_at_once(axis):
+    controller = make_controller(LAW, axis)
+    rule, memory = controller.parameters["supervision"], controller.memory["supervision"]
+    for swings, peak, said in ((4, 2e-5, supervision.NOTHING), (5, 9e-6, supervision.NOTHING), (5, 2e-5, supervision.SWINGS)):
+        memory["swings"], memory["peak"], memory["swinging"] = swings, peak, 0.02
+        assert supervision.sign_of_trouble(rule, memory, 1.0, 1.0, 0.0, 0, 1e-4) == said
