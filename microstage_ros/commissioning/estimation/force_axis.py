@@ -89,7 +89,10 @@ def _masses(sketch, total, error, axis):
 def _friction(estimates, sketch, records):
     """Estimates of the friction with their systematic parts; what the Coulomb force is in doubt by counts as viscous at
     the records' largest speed."""
-    found, shared = {}, 0.0
+    found, shared, offset = {}, 0.0, estimates.get("stage.offset_force")
+    if offset is not None and offset.determined and _gain_doubt(sketch):
+        spread = math.hypot(offset.stderr, _gain_doubt(sketch) * offset.value)
+        found["stage.offset_force"] = _estimate("stage.offset_force", offset.value, "N", spread, offset.method)
     fastest = max(float(np.abs(np.diff(r["reference_m"])).max()) / r.period_s for r in records)
     for key in ("contacts.guideway.coulomb", "contacts.guideway.viscous"):
         if key in estimates and estimates[key].determined:
