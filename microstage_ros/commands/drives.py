@@ -29,7 +29,7 @@ SERVICES = {
                     "a limit cycle needs a force in proportion to volts"),
     "robustness": Service(FORCES, "its conditions vary masses and friction that a force has to move"),
     "compare": Service(("voltage_motor",), "the paper's controllers and figures are of a motor fed with a voltage"),
-    "commission": Service(COMMISSIONED, "its steps feel their way with small voltages"),
+    "commission": Service(COMMISSIONED, "its steps feel their way with small forces"),
 }
 """Command to what it serves; commands that take no axis file are not here."""
 

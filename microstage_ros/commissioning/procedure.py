@@ -16,6 +16,7 @@ from microstage_ros.commissioning.design.law_choice import (
     FLOOR_GAIN,
     FLOOR_PHASE,
     choose_law,
+    encoder_laws,
     encoder_margins,
     soft_gains,
     too_little,
@@ -26,12 +27,13 @@ from microstage_ros.commissioning.experiments.open_loop import (
     Strokes,
     fit_strokes,
     scale_check,
-    sliding_response,
     strokes,
     strokes_below_swing,
 )
+from microstage_ros.commissioning.experiments.sliding import sliding_response
 from microstage_ros.commissioning.estimation.parameters import draws, identified, slope_of
 from microstage_ros.commissioning.estimation.plant_fit import fit_plant, resonance_of
+from microstage_ros.model.actuators import actuator_of
 
 LEAST_RESONANCE = 0.45  # of the sketched one: stiffness half and mass twice give 0.5
 MOST_DELAY = 2.5  # periods
@@ -115,14 +117,15 @@ def _keep_last(machine, store):
 
 
 def _steps(outcome, machine, sketch, store, seed, progress, keep, paths):
-    progress("first motion: the smallest voltages that move anything")
+    progress("first motion: the smallest commands that move anything")
     machine.begin()
     machine.note_surroundings()
     first, checks = first_motion(machine, sketch, keep)
     outcome.check(*checks)
     machine.noise = first.noise
     found, axis, response = _open_loop(outcome, machine, sketch, store, first, seed, progress, keep, paths)
-    loop = Loop(machine, axis, "self_tuning", found.friction, soft_gains("self_tuning", axis, [])[0])
+    gentle = encoder_laws(axis)[-1]
+    loop = Loop(machine, axis, gentle, found.friction, soft_gains(gentle, axis, [])[0])
     records = _closed_loop(outcome, loop, store, progress, keep, paths)
     machine.note_surroundings()
     progress("identification")
@@ -147,7 +150,8 @@ def _open_loop(outcome, machine, sketch, store, first, seed, progress, keep, pat
         outcome.check(check)
         store.finish("strokes", asdict(found), [paths["strokes"]])
     assert isinstance(found, Strokes)
-    if found.has_current and sketch.axis.choices["drive.type"] == "voltage_motor":
+    actuator = actuator_of(sketch.axis)
+    if found.has_current and actuator.tells_turning:
         machine.watch = EncoderWatch(
             machine.period,
             found.resistance,
@@ -158,6 +162,9 @@ def _open_loop(outcome, machine, sketch, store, first, seed, progress, keep, pat
             found.friction,
         )
         machine.safe_speed = max(machine.watch.safe_speed(machine.limit), LEAST_SAFE)
+    elif found.has_current and not actuator.emf_key:  # now that the command per ampere is known: no more amperes
+        amperes = actuator.command_limit(sketch.axis) * actuator.amperes_per_command(sketch.axis)
+        machine.limit = min(machine.limit, amperes * found.resistance)
     machine.top_speed = machine.limit / max(found.volts_per_speed, 1e-9)
     axis = known_axis(sketch, found)
     progress("frequency response, sliding, before any loop is closed")
@@ -305,7 +312,7 @@ class Tried:
 def _candidates(law, gains, axis, drawn):
     """(law, gains) in the order in which they are tried."""
     yield law, gains
-    for name in ("self_tuning_feedforward", "self_tuning"):
+    for name in encoder_laws(axis):
         if name != law:
             softer = soft_gains(name, axis, drawn)[0]
             phase, gain = encoder_margins(name, axis, drawn, softer)

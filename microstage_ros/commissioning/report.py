@@ -8,6 +8,7 @@ from microstage_ros import __version__
 from microstage_ros.commissioning.findings import CHECKS
 from microstage_ros.commissioning.estimation.frequency_response import write_responses
 from microstage_ros.commissioning.store import write_json
+from microstage_ros.quantities.command import VOLTAGE
 from microstage_ros.quantities.readable import people, quantity
 from microstage_ros.report.page import Page
 from microstage_ros.report.plots import COLOURS, new_figure
@@ -42,7 +43,7 @@ def report_tree(outcome, machine):
         "moves": outcome.moves,
         "iso230": {f"{name}_m": value for name, value in outcome.iso.items()},
         "slow_sine_m": outcome.sine,
-        "used": {"time_s": machine.time, **machine.used},
+        "used": {"time_s": machine.time, **machine.used, **_most(machine)},
         "instruments": machine.instruments,
         "controller": outcome.law,
         "remarks": outcome.remarks,
@@ -61,6 +62,15 @@ def report_tree(outcome, machine):
             else None,
         }
     return plain(tree)
+
+
+def _most(machine):
+    """Greatest command: voltage_max_V, and of a drive that is commanded with something else quantity and unit, too."""
+    command = machine.command
+    if command is VOLTAGE:
+        return {"voltage_max_V": machine.most_command}
+    return {"voltage_max_V": math.nan, "command_max": machine.most_command, "command_quantity": command.quantity,
+            "command_unit": command.unit}
 
 
 def plain(value):
@@ -98,7 +108,7 @@ def page(outcome, machine, provenance):
         about={"Backend": provenance.get("backend", "")},
     )
     what = {"ready": "Ready.", "refused": "Refused.", "stopped": "Stopped before the end."}[outcome.verdict]
-    made.verdict(f"{what} {outcome.says}", TONE[outcome.verdict], "The machine is at zero volts.")
+    made.verdict(f"{what} {outcome.says}", TONE[outcome.verdict], f"The machine is at zero {machine.command.quantity}.")
     if outcome.moves:
         made.key_figures(
             [
@@ -138,7 +148,9 @@ def page(outcome, machine, provenance):
             )
     if outcome.along is not None:
         made.section("Along the travel")
-        made.figure(_along(outcome.along), "Mean voltage at constant speed, by direction.", "Voltage against position")
+        command = machine.command
+        made.figure(_along(outcome.along, command), f"Mean {command.quantity} at constant speed, by direction.",
+                    f"{command.quantity.capitalize()} against position")
     if outcome.moves:
         made.section("Moves")
         made.table(
@@ -178,7 +190,7 @@ def page(outcome, machine, provenance):
     used = machine.used
     made.text(
         f"{machine.time:.0f} s of machine time; encoder from {used['travel_min_m'] * 1e3:.4g} to"
-        f" {used['travel_max_m'] * 1e3:.4g} mm; at most {used['voltage_max_V']:.3g} V."
+        f" {used['travel_max_m'] * 1e3:.4g} mm; at most {machine.most_command:.3g} {machine.command.unit}."
     )
     if machine.instruments:
         made.text(
@@ -238,11 +250,11 @@ def _bode(found):
     return figure
 
 
-def _along(rows):
+def _along(rows, command):
     figure, axes = new_figure(height=2.2)
     axes.plot(rows[:, 0] * 1e3, rows[:, 1], color=COLOURS["blue"], label="forwards")
     axes.plot(rows[:, 0] * 1e3, rows[:, 2], color=COLOURS["orange"], label="backwards")
     axes.set_xlabel("position [mm]")
-    axes.set_ylabel("voltage [V]")
+    axes.set_ylabel(f"{command.quantity} [{command.unit}]")
     axes.legend()
     return figure

@@ -1,7 +1,8 @@
 """The sketch of a machine: an axis file of which most numbers may be missing or only roughly known.
 
-Required are the period, the travel, the kind of drive and transmission, the drive's voltage limit, gear ratio and pitch
-of a screw, and the encoder's resolution. A leaf may have ``tolerance`` (relative: 0.3 means within a factor 1.3).
+Required are the period, the travel, the kind of drive and transmission, the drive's limit (of voltage, or of current),
+gear ratio and pitch of a screw, and the encoder's resolution. A leaf may have ``tolerance`` (relative: 0.3 means within
+a factor 1.3).
 What is missing is filled with a typical value, scaled to what is given, and counts as known within `UNKNOWN`.
 """
 
@@ -10,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from microstage_ros.files import read_yaml
-from microstage_ros.model.actuators import BY_NAME
+from microstage_ros.model.actuators import ACTUATORS, BY_NAME
 from microstage_ros.model.axis_file import axis_from_dict, load_axis
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
@@ -21,13 +22,26 @@ USUAL = 1.0
 UNKNOWN = 9.0
 """Tolerance of a number that is not given: within a factor of ten."""
 
-REQUIRED = ("period", "travel.minimum", "travel.maximum", "drive.voltage_limit", "sensors.encoder.resolution")
-"""Leaves without which nothing may move; of a screw also its gear ratio and pitch."""
+REQUIRED = ("period", "travel.minimum", "travel.maximum", "sensors.encoder.resolution")
+"""Leaves without which nothing may move; also the drive's limit, and of a screw gear ratio and pitch."""
 
-DRIVES = ("voltage_motor", "force")
-"""Kinds of drive that the steps are written for: a voltage goes out to both."""
+DRIVES = tuple(actuator.name for actuator in ACTUATORS if not actuator.holds_position)
+"""Kinds of drive that the steps are written for: those whose command makes a force."""
 
-EXACT = (*REQUIRED, "drive.dac_range", "drive.dac_bits", "transmission.gear_ratio", "transmission.pitch")
+TEMPLATES = {"voltage_motor": "axis.yaml", "force": "emps.yaml"}
+"""Axis files in ``config/`` with typical values, where it is not ``axes/<drive>.yaml``."""
+
+OWN = {
+    "current_motor": ("supply_voltage", "resistance", "back_emf"),
+    "voice_coil": ("force_constant_slope", "force_constant_curvature"),
+}
+"""Numbers of the template's own machine: left out, they have no effect."""
+
+EXACT = (
+    *(*REQUIRED, *(BY_NAME[name].limit_key for name in DRIVES)),
+    *("drive.dac_range", "drive.dac_bits", "drive.command_bits", "drive.supply_voltage"),
+    *("transmission.gear_ratio", "transmission.pitch"),
+)
 """Leaves that are taken as they are."""
 
 
@@ -64,8 +78,8 @@ def sketch_from_dict(tree, place="sketch"):
     drive, transmission = (_choice(tree, section, place) for section in ("drive", "transmission"))
     if drive not in DRIVES:
         raise InputError(f"{place}: drive.type", drive, _instead(drive))
-    required = REQUIRED + (("transmission.gear_ratio", "transmission.pitch") if transmission == "screw" else ())
-    for key in required:
+    screw = ("transmission.gear_ratio", "transmission.pitch") if transmission == "screw" else ()
+    for key in (*REQUIRED, BY_NAME[drive].limit_key, *screw):
         if key not in given:
             raise InputError(f"{place}: {key}", None, "a value; without it nothing may move")
     tree = _merged(_template(tree, drive, transmission), tree)
@@ -89,7 +103,7 @@ def _instead(drive):
     sets = ", which sets a position" if actuator.holds_position else ""
     records = " and, from records, of identify" if actuator.estimation != "position" or actuator.identified else ""
     return (
-        f"{known}: commissioning has steps for these two only. A {drive} is commanded with {actuator.command.quantity} "
+        f"{known}: the steps feel their way with small forces. A {drive} is commanded with {actuator.command.quantity} "
         f"[{actuator.command.unit}]{sets}: write its axis file with the numbers of the data sheet{records}"
     )
 
@@ -132,17 +146,24 @@ def _leaves(node, key=""):
 
 def _template(tree, drive, transmission):
     """Typical values for whatever this kind of machine may leave out."""
-    shipped = load_axis(config_file("axis.yaml" if drive == "voltage_motor" else "emps.yaml")).as_dict()
+    shipped = load_axis(config_file(TEMPLATES.get(drive, f"axes/{drive}.yaml"))).as_dict()
     for section in ("controller", "effects", "provenance", "name", "period", "travel"):
         shipped.pop(section, None)
     if shipped["transmission"]["type"] != transmission:
         shipped["transmission"] = {"type": transmission}
-    if shipped["drive"]["type"] != drive:
-        shipped["drive"] = {"type": drive}
+    shipped["drive"] = {key: value for key, value in shipped["drive"].items() if key not in OWN.get(drive, ())}
+    if _kind(tree, "encoder") != shipped["sensors"]["encoder"].get("type", "incremental"):
+        shipped["sensors"].pop("encoder")
     for contact, body in (tree.get("contacts") or {}).items():
         if isinstance(body, dict) and body.get("law") != shipped["contacts"].get(contact, {}).get("law"):
             shipped["contacts"].pop(contact, None)
     return shipped
+
+
+def _kind(tree, sensor):
+    """``type`` of a sensor of the sketch."""
+    body = (tree.get("sensors") or {}).get(sensor)
+    return body.get("type", "incremental") if isinstance(body, dict) else "incremental"
 
 
 def _merged(base, over):

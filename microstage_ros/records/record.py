@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from microstage_ros.quantities.command import command_of
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.columns import COMMANDS, KNOWN_COLUMNS, REQUIRED
 
@@ -60,6 +61,18 @@ class Record:
     def __contains__(self, name):
         """True if the column exists and holds at least one value."""
         return name in self.columns and not np.isnan(self.columns[name]).all()
+
+    @property
+    def command(self):
+        """The command held during each period, shape (n,), in the unit of its column; InputError without one."""
+        found = command_of(self.columns)
+        return self[found.column if found else "voltage_V"]
+
+    @property
+    def disturbance(self):
+        """The part of `command` that was added on purpose, shape (n,); InputError without its column."""
+        found = command_of(self.columns)
+        return self[found.disturbance if found else "disturbance_V"]
 
     @property
     def duration_s(self):

@@ -101,10 +101,11 @@ def main():
     parser.add_argument("--faults", nargs="*", default=[], choices=[*FAULTS, "all"], metavar="NAME", help=", ".join(FAULTS))
     parser.add_argument("--repeats", type=int, default=1, help="machines per kind of fault")
     parser.add_argument("--friction", default="", choices=("", "lugre", "coulomb_viscous_stribeck"), help="law of the machines' actuators (default: the sketch's)")
+    parser.add_argument("--axis", default=str(config_file("axis.yaml")), help="axis file of the sketch (default: the shipped one)")
     parser.add_argument("--period", type=float, default=0.0, help="control period [s] of sketch and machines (default: the sketch's)")
     parser.add_argument("--out", default="")
     arguments = parser.parse_args()
-    sketch = load_sketch(config_file("axis.yaml"))
+    sketch = load_sketch(arguments.axis)
     if arguments.period:
         sketch = replace(sketch, axis=sketch.axis.with_values({"period": arguments.period}, source="datasheet"))
     todo = [(fault, 1 + k + 100 * n) for n in range(arguments.repeats) for k, fault in enumerate(FAULTS) if fault in arguments.faults or "all" in arguments.faults]

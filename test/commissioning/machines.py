@@ -11,6 +11,7 @@ import numpy as np
 
 from microstage_ros.hardware.protocol import Reading, Setup
 from microstage_ros.hardware.simulated import SimulatedAxis
+from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.axis_file import load_axis
 
 FAULTS = ("motor_polarity", "encoder_polarity", "current_polarity", "encoder_dead", "encoder_frozen", "counts_quarter", "counts_fourfold",
@@ -56,7 +57,7 @@ class Machine:
             for name, value in (("x", x0), ("v", v0), ("omega", 0.0)):
                 state[name] = value
             reading = Reading(round((x0 + 8e-9 * np.random.default_rng(self.reads).standard_normal()) / 25e-9) * 25e-9,
-                              self._voltage / self.axis.value("drive.resistance") if self.reads else 0.0)
+                              self._voltage * actuator_of(self.axis).amperes_per_command(self.axis) if self.reads else 0.0)
         else:
             reading = self._inner.read()
         if self.fault == "end_stop" and state["x"] > self.stop_at:
@@ -123,11 +124,20 @@ def random_axis(nominal, seed, factor=2.0):
                 "contacts.guideway.static", "contacts.guideway.viscous"):
         if nominal.has(key):
             values[key] = nominal.value(key) * drawn()
-    values["drive.torque_constant"] = values["drive.back_emf"]
-    values["contacts.actuator.static"] = max(values["contacts.actuator.static"], 1.05 * values["contacts.actuator.coulomb"])
+    if "contacts.actuator.static" in values:
+        values["contacts.actuator.static"] = max(values["contacts.actuator.static"], 1.05 * values["contacts.actuator.coulomb"])
     for key in ("contacts.actuator.stiffness", "contacts.guideway.stiffness"):
-        scale = drawn()
-        values[key] = [scale * v for v in nominal.value(key)]
+        if nominal.has(key):
+            scale = drawn()
+            values[key] = [scale * v for v in nominal.value(key)]
+    if nominal.choices["drive.type"] == "voltage_motor":
+        values["drive.torque_constant"] = values["drive.back_emf"]
+        return nominal.with_values(values, source="estimate")
+    for key in ("drive.torque_constant", "drive.force_constant", "drive.gain", "drive.bandwidth", "contacts.guideway.coulomb"):
+        if nominal.has(key):
+            values[key] = nominal.value(key) * drawn()
+    if nominal.has("drive.back_emf"):
+        values["drive.back_emf"] = values["drive.torque_constant"]
     return nominal.with_values(values, source="estimate")
 
 

@@ -16,11 +16,12 @@ from microstage_ros.commands.parser import Parser
 from microstage_ros.quantities.errors import InputError
 
 DESCRIPTION = """\
-Finds out what a machine is, by experiments: polarity and scale by the smallest voltages that move anything, end
+Finds out what a machine is, by experiments: polarity and scale by the smallest commands that move anything, end
 stops, friction, motor constants, the frequency response, then identifies it, chooses law and gains that hold for what
-is known and how well, and proves them by moves. SKETCH needs only period, travel, the drive's kind and voltage limit,
-the transmission with gear ratio and pitch, and the encoder's resolution; everything else may be missing or be given
-with a tolerance. Writes DIR/axis.yaml, report.html, report.json, frequency_response.csv and records/. An interrupted
+is known and how well, and proves them by moves. SKETCH needs only period, travel, the drive's kind and limit (of
+voltage, or of current), the transmission with gear ratio and pitch, and the encoder's resolution; everything else may
+be missing or be given with a tolerance.
+Writes DIR/axis.yaml, report.html, report.json, frequency_response.csv and records/. An interrupted
 run goes on when it is started again. Exit status: 0 ready; 3 refused or stopped, with the machine at zero volts.
 """
 REFUSED = 3
@@ -60,10 +61,13 @@ def main(argv=None):
 
 
 def _ask(axis, name):
+    from microstage_ros.model.actuators import actuator_of
+
     if not sys.stdin.isatty():
         raise InputError("--yes", None, f"given where nobody can answer: backend {name} moves a real machine")
-    low, high, limit = (axis.value(key) for key in ("travel.minimum", "travel.maximum", "drive.voltage_limit"))
-    print(f"Backend {name} will move the stage between {low * 1e3:g} and {high * 1e3:g} mm with up to ±{limit:g} V. "
+    low, high, actuator = axis.value("travel.minimum"), axis.value("travel.maximum"), actuator_of(axis)
+    most = f"±{actuator.command_limit(axis):g} {actuator.command.unit}"
+    print(f"Backend {name} will move the stage between {low * 1e3:g} and {high * 1e3:g} mm with up to {most}. "
           "Is the travel free, and is the emergency stop at hand? [y/N] ", end="", file=sys.stderr, flush=True)
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):
         raise InputError("answer", "no", "yes, or --yes")

@@ -29,6 +29,19 @@ ferrite 0.2 %/K, together a factor of 1.25. 20° is one more period of delay at 
 sampling rate (555 Hz at 10 kHz)."""
 
 
+def encoder_laws(axis):
+    """Encoder-only laws for an axis, in the order in which they are tried.
+
+    Without a motor's back-EMF little but the derivative term damps: a loop of mass and PID is stable between two gains
+    only, and a self-tuning law that backs off leaves it at the lower one. On a simulated force axis at 1 kHz and a
+    current-driven motor at 4 kHz, 160 moves each, self-tuning laws ended up to 7 µm and 1.4 µm beside their targets,
+    PID laws with the same gains 0.22 µm and 0.08 µm.
+    """
+    if axis.choices["drive.type"] == "voltage_motor":
+        return "self_tuning_feedforward", "self_tuning"
+    return "pid_feedforward", "pid"
+
+
 def choose_law(axis, drawn, has_current):
     """(law, gains over those of the rules, sentence).
 
@@ -59,7 +72,7 @@ def choose_law(axis, drawn, has_current):
             f"{OBSERVER} {left} {where}, whatever its bandwidth and doubt: {FLOOR_PHASE:g}° and {FLOOR_GAIN:g} dB are"
             " asked; "
         )
-    law = "self_tuning_feedforward"
+    law = encoder_laws(axis)[0]
     gains, share = soft_gains(law, axis, drawn)
     if share > SOFTEST:
         return (
@@ -168,17 +181,23 @@ def slower(gains, share):
 
 def soft_gains(law, axis, drawn):
     """Gains of an encoder-only law (over the rule's), slowed down until every drawn axis keeps the least margins in
-    sliding, and the share of the rule's bandwidth. At rest the law calms itself; the machine shows whether that is
+    sliding, and the share of the rule's bandwidth. The filter is slowed too (it keeps a resonance down), or left as it
+    is (it takes phase). At rest the law calms itself; the machine shows whether that is
     enough.
     """
     parameters = controller_parameters(law, axis, {})["pid"]
     gains = {name: float(parameters[name]) for name in parameters.dtype.names}
     share = 1.0
-    while share > SOFTEST and not all(
-        _guarded(pid_margins(a, {**gains, **slower(gains, share)})) for a in [axis, *drawn]
-    ):
+    while True:
+        softer = slower(gains, share)
+        for trial in (softer, {**softer, "filter_time": gains["filter_time"]}):
+            if all(_guarded(pid_margins(a, {**gains, **trial})) for a in [axis, *drawn]):
+                return ({} if share == 1.0 else trial), share
+            if share == 1.0:
+                break
+        if share <= SOFTEST:
+            return softer, share
         share *= SOFTER
-    return ({} if share == 1.0 else slower(gains, share)), share
 
 
 def _guarded(margins):

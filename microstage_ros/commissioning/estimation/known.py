@@ -1,7 +1,11 @@
 """The axis as far as it is known: the sketch with what the first measurements gave."""
 
+import math
+
 import numpy as np
 
+from microstage_ros.control.laws.controller import controller_parameters
+from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.transmission import motor_ratio
 
 FRICTION = (
@@ -23,12 +27,8 @@ def known_axis(sketch, found, fit=None):
     sketch : `Sketch`. found : `open_loop.Strokes`. fit : `plant_fit.PlantFit` or None.
     """
     axis = sketch.axis
-    if axis.choices["drive.type"] == "force":
-        mass = found.inertia * axis.value("drive.gain")
-        values = {"stage.mass": fit.values["stage.mass"] if fit else mass}
-        force = found.friction * axis.value("drive.gain")
-        values |= _friction(axis, force)
-        return axis.with_values(values, source="estimate")
+    if axis.choices["drive.type"] != "voltage_motor":
+        return _forced(sketch, found, fit)
     ratio, resistance = motor_ratio(axis), found.resistance
     emf = max(found.volts_per_speed, 1e-9) * ratio
     if not found.has_current:  # the viscous part of the friction cannot be distinguished from back-EMF
@@ -42,21 +42,72 @@ def known_axis(sketch, found, fit=None):
     }
     if fit is not None and axis.choices["transmission.type"] != "rigid":
         values |= {key: fit.values[key] for key in ("transmission.stiffness", "transmission.damping")}
-    values |= _friction(axis, found.friction * emf / resistance, ratio)
+    values |= _friction(axis.with_values(values, source="estimate"), found.friction)
     if axis.has("contacts.actuator.viscous") and found.has_current:
         viscous = found.viscous * emf / resistance * ratio * axis.value("transmission.gear_ratio")
         values["contacts.actuator.viscous"] = max(viscous, 0.1 * axis.value("contacts.actuator.viscous"))
     return axis.with_values(values, source="estimate")
 
 
-def _friction(axis, level, ratio=None):
-    """Friction limits scaled so that sliding takes ``level`` [N m at the motor; N for a force drive]."""
-    at_motor = (
-        axis.value("contacts.actuator.coulomb")
-        if axis.has("contacts.actuator.coulomb")
-        else (axis.value("contacts.actuator.static") if axis.has("contacts.actuator.static") else 0.0)
+def _forced(sketch, found, fit):
+    """`known_axis` of a drive whose command is a force, or a voltage on a coil straight at the stage."""
+    axis, actuator = sketch.axis, actuator_of(sketch.axis)
+    values = {}
+    if actuator.emf_key:
+        values = {"drive.resistance": found.resistance, actuator.emf_key: max(found.volts_per_speed, 1e-9)}
+        if not found.has_current:
+            values = {}
+    elif found.has_current:
+        values = {"drive.torque_constant": found.resistance}
+    axis = axis.with_values(values, source="estimate")
+    per_command = actuator.force_per_command(axis)
+    total = found.inertia * per_command
+    if fit is not None:
+        total = moving_mass(axis.with_values(fit.values, source="estimate"))
+        if axis.has("drive.bandwidth"):  # what the response lags beyond the sketched current loop
+            lag = 1.0 / (2.0 * math.pi * axis.value("drive.bandwidth")) + fit.delay
+            values["drive.bandwidth"] = 1.0 / (2.0 * math.pi * max(lag, 0.1 * axis.value("period")))
+        values |= {key: fit.values[key] for key in fit.values if key.startswith("transmission.")}
+    values |= {key: value for key, (value, _) in split_mass(sketch, total).items()}
+    values |= _friction(axis, found.friction)
+    if axis.has("contacts.guideway.viscous"):
+        viscous = (found.viscous if actuator.emf_key else found.volts_per_speed) * per_command
+        values["contacts.guideway.viscous"] = max(viscous, 0.1 * axis.value("contacts.guideway.viscous"))
+    return sketch.axis.with_values(values, source="estimate")
+
+
+def moving_mass(axis):
+    """Stage and reflected rotor [kg]."""
+    return axis.value("stage.mass") + actuator_of(axis).reflected_mass(axis)
+
+
+def split_mass(sketch, total, error=0.0):
+    """{key: (value, standard deviation)} of the stage's mass and the rotor's inertia that together move as ``total``
+    [kg], known within ``error`` [kg].
+
+    The motion tells the sum alone. What it departs from the sketch's falls to each by the square of its doubt there:
+    the least-squares answer; the sum is never shared out by less than a tenth of the sketch's.
+    """
+    axis = sketch.axis
+    rotor, load = actuator_of(axis).reflected_mass(axis), axis.value("stage.mass")
+    doubts = sketch.spread("stage.mass") * load, sketch.spread("drive.rotor_inertia") * rotor if rotor else 0.0
+    both = math.hypot(*doubts) or 1.0
+    more, share = total - rotor - load, (doubts[0] / both) ** 2 if rotor else 1.0
+    left = doubts[0] * doubts[1] / both
+    found = {"stage.mass": (max(load + share * more, 0.1 * load), math.hypot(left, share * error))}
+    if rotor:
+        reflected = max(total - found["stage.mass"][0], 0.1 * rotor)
+        scale = axis.value("drive.rotor_inertia") / rotor
+        found["drive.rotor_inertia"] = reflected * scale, math.hypot(left, (1.0 - share) * error) * scale
+    return found
+
+
+def _friction(axis, level):
+    """Friction limits scaled so that sliding takes ``level`` [unit of the command]."""
+    model = controller_parameters("pid_feedforward", axis, {})["feedforward"]
+    at_motor, at_stage = (
+        next((axis.value(key) for key in keys if axis.has(key)), 0.0) for keys in (FRICTION[1::-1], FRICTION[:1:-1])
     )
-    at_stage = next((axis.value(key) for key in FRICTION[:1:-1] if axis.has(key)), 0.0)
-    expected = at_motor + (at_stage * ratio if ratio else at_stage)
+    expected = at_motor * float(model["volts_per_torque"]) + at_stage * float(model["volts_per_force"])
     factor = float(np.clip(level / max(expected, 1e-12), *LIMITS))
     return {key: axis.value(key) * factor for key in FRICTION if axis.has(key)}

@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from microstage_ros.commissioning.estimation import force_axis
+from microstage_ros.commissioning.estimation.force_axis import MOVING, WELL, identify_force
 from microstage_ros.commissioning.estimation.plant_fit import fit_plant
 from microstage_ros.commissioning.estimation.smoothing import smoothed
 from microstage_ros.identification.estimators.estimate import Estimate
@@ -18,7 +20,6 @@ FAR = math.log(10.0)  # from its first value; the bounds are at a factor of twel
 # how far a DC motor's torque constant may be from its back-EMF constant (iron losses, temperature between the two)
 TIED = 0.01
 ROUGHLY = 0.5  # relative standard deviation beyond which no number is called determined
-WELL = 0.25  # relative standard deviation below which a number counts as determined
 VOLTS_ONLY = (
     "drive.resistance",
     "drive.back_emf",
@@ -60,9 +61,14 @@ def identified(records, axis, sketch, found, response, seed):
     records : list of `Record`. axis : as known so far. sketch : `Sketch`. found : `open_loop.Strokes`.
     response : plant `Response` in sliding before any loop was closed, or None. seed : of the bootstrap.
     """
-    current_free = axis.choices["drive.type"] == "voltage_motor" and not found.has_current
+    if axis.choices["drive.type"] != "voltage_motor":
+        axis, estimates, fit, remarks = identify_force(records, axis, sketch, found, response, seed)
+        if fit is not None and axis.has("transmission.stiffness"):
+            axis = _drive_train(axis, sketch, fit, estimates)
+        return axis, estimates, remarks
+    current_free = not found.has_current
     try:
-        taken = [take_in(_with_current(r, axis) if current_free else _force(r, axis), axis)[0] for r in records]
+        taken = [take_in(_with_current(r, axis) if current_free else r, axis)[0] for r in records]
         result = identify(iter(taken), axis, seed)
         if _far(result, axis):
             result = identify(iter(taken), result.to_axis(axis), seed)
@@ -89,9 +95,7 @@ def identified(records, axis, sketch, found, response, seed):
         }
         axis = axis.with_values(values, source="identified")
     else:
-        axis = result.to_axis(axis)
-        if axis.has("drive.back_emf"):
-            axis = _tied(axis, estimates)
+        axis = _tied(result.to_axis(axis), estimates)
     fit = (
         None
         if response is None
@@ -126,9 +130,9 @@ def _far(result, axis):
 
 
 def slope_of(axis, found):
-    """Viscous torque at the motor per motor speed [N m s/rad]; per stage speed [N s/m] for a force drive."""
-    if axis.choices["drive.type"] == "force":
-        return (found.viscous + found.volts_per_speed) * axis.value("drive.gain")
+    """Viscous torque at the motor per motor speed [N m s/rad]; force per speed of the stage [N s/m] without a rotor."""
+    if axis.choices["drive.type"] != "voltage_motor":
+        return force_axis.slope_of(axis, found)
     if axis.has("contacts.actuator.viscous"):
         return axis.value("contacts.actuator.viscous") / axis.value("transmission.gear_ratio")
     return 0.0
@@ -142,8 +146,6 @@ def guideway_doubt(axis, sketch):
     the sketch's tolerance, and as much for having been scaled with the actuator's. Viscous, per speed of the actuator's
     shaft: q² n δb.
     """
-    if axis.choices["drive.type"] != "voltage_motor":
-        return {}
     q, found = motor_ratio(axis), {}
     level = next((key for key in ("contacts.guideway.coulomb", "contacts.guideway.static") if axis.has(key)), None)
     if level is not None:
@@ -204,7 +206,7 @@ def _widened(estimate, shared=0.0):
 def _inertia(axis, fit, estimates):
     """Inertia by the response in sliding: above the corner of back-EMF and friction it alone is in the way of the
     torque."""
-    key, unit = ("stage.mass", "kg") if axis.choices["drive.type"] == "force" else ("drive.rotor_inertia", "kg m^2")
+    key, unit = "drive.rotor_inertia", "kg m^2"
     value, relative = fit.values[key], fit.relative[key]
     if relative < WELL:
         spread = relative * value
@@ -283,15 +285,8 @@ def _with_current(record, axis):
     """The record with the current that voltage and speed stand for, with the sketch's resistance."""
     _, speed, _ = smoothed(record, record.period_s)
     back = axis.value("drive.back_emf") * speed / motor_ratio(axis)
-    current = (np.append(0.0, record["voltage_V"][:-1]) - back) / axis.value("drive.resistance")
+    current = (np.append(0.0, record.command[:-1]) - back) / axis.value("drive.resistance")
     return replace(record, columns={**record.columns, "current_A": current})
-
-
-def _force(record, axis):
-    if axis.choices["drive.type"] != "force":
-        return record
-    columns = {name: values for name, values in record.columns.items() if name != "current_A"}
-    return replace(record, columns={**columns, "force_N": record["voltage_V"] * axis.value("drive.gain")})
 
 
 def draws(axis, estimates, count, seed):
@@ -307,7 +302,7 @@ def draws(axis, estimates, count, seed):
         and axis.value(e.key) > 0.0
         and not e.key.startswith(("variability", "sensors", "transmission"))
     ]
-    train = _drive_train_doubt(axis, estimates)
+    train, moving = _drive_train_doubt(axis, estimates), estimates.get(MOVING)
     found = []
     for _ in range(count):
         values = {
@@ -324,6 +319,10 @@ def draws(axis, estimates, count, seed):
             values |= {
                 key: axis.value(key) * common * ratio for key in ("transmission.stiffness", "transmission.damping")
             }
+        if moving is not None and moving.determined:  # stage and rotor, which nothing tells apart
+            factor = math.exp(rng.standard_normal() * moving.stderr / moving.value)
+            both = (force_axis.MASS, force_axis.ROTOR)
+            values |= {key: axis.value(key) * factor for key in both if key not in values}
         found.append(axis.with_values(values, source="estimate"))
     return found
 

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
+from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.transmission import motor_ratio
 
-NAMES = ("drive.rotor_inertia", "drive.back_emf", "transmission.stiffness", "transmission.damping")
+INERTIA, EMF, TRAIN = "drive.rotor_inertia", "drive.back_emf", ("transmission.stiffness", "transmission.damping")
 GRID = 24  # starting values of the resonance
 SPAN = (0.15, 3.5)  # of the sketched resonance
 LEAST_LINES = 8
@@ -32,34 +33,38 @@ class PlantFit:
 def held_response(axis, values, frequency, period, slope, delay):
     """Response [m/V], position at the start of a period to a voltage held over it, shape of ``frequency`` [Hz].
 
-    ``slope``: viscous torque at the motor per motor speed [N m s/rad] (the slope of the sliding curve).
+    ``slope``: viscous torque at the motor per motor speed [N m s/rad] (the slope of the sliding curve); force per speed
+    of the stage [N s/m] for a drive that has no rotor.
     """
     s = 2j * math.pi * frequency
     hold = (1.0 - np.exp(-s * period)) / (s * period) * np.exp(-s * delay)
-    if axis.choices["drive.type"] == "force":
-        mass = values.get("stage.mass", axis.value("stage.mass"))
-        return hold * axis.value("drive.gain") / (mass * s * s + slope * s)
-    needed = ("drive.resistance", "drive.inductance", "stage.mass", *NAMES)
-    get = {**{key: axis.value(key) for key in needed if axis.has(key)}, **values}
-    q = motor_ratio(axis)
-    emf = get["drive.back_emf"]
-    torque = emf
-    impedance = get["drive.resistance"] + s * get["drive.inductance"]
-    mass, inertia = get["stage.mass"], get["drive.rotor_inertia"]
+    get = {**{key: quantity.value for key, quantity in axis.quantities.items()}, **values}
+    kind, mass = axis.choices["drive.type"], get["stage.mass"]
+    if kind == "force":
+        return hold * get["drive.gain"] / (mass * s * s + slope * s)
+    if kind == "voice_coil":
+        coil, impedance = get["drive.force_constant"], get["drive.resistance"] + s * get["drive.inductance"]
+        return hold * (coil / impedance) / (mass * s * s + (slope + coil * coil / impedance) * s)
+    q, inertia = motor_ratio(axis), get[INERTIA]
+    if kind == "current_motor":
+        torque, braking = 1.0 / (1.0 + s / (2.0 * math.pi * get["drive.bandwidth"])), 0.0
+    else:
+        emf, impedance = get[EMF], get["drive.resistance"] + s * get["drive.inductance"]
+        torque, braking = emf / impedance, emf * emf / impedance
     if axis.choices["transmission.type"] == "rigid":
         load, stage = q * q * mass * s * s, q
     else:
         spring = get["transmission.stiffness"] + s * get["transmission.damping"]
         stage = q * spring / (mass * s * s + spring)
         load = q * spring * (q - stage)
-    motor = (torque / impedance) / (inertia * s * s + (slope + torque * emf / impedance) * s + load)
+    motor = torque / (inertia * s * s + (slope + braking) * s + load)
     return hold * stage * motor
 
 
 def resonance_of(axis, values=None):
-    """Resonance of the drive train [Hz], motor free; NaN for a rigid transmission or a force drive."""
+    """Resonance of the drive train [Hz], motor free; NaN for a rigid transmission."""
     values = values or {}
-    if axis.choices["drive.type"] == "force" or axis.choices["transmission.type"] == "rigid":
+    if axis.choices["transmission.type"] == "rigid":
         return math.nan
 
     def get(key):
@@ -78,10 +83,9 @@ def fit_plant(axis, response, period, slope=0.0, held=()):
     response = response.kept()
     if len(response.frequency) < LEAST_LINES:
         return None
-    force = axis.choices["drive.type"] == "force"
-    rigid = force or axis.choices["transmission.type"] == "rigid"
-    names = ("stage.mass",) if force else NAMES[:2] if rigid else NAMES
-    names = tuple(name for name in names if name not in held)
+    rigid, emf = axis.choices["transmission.type"] == "rigid", actuator_of(axis).emf_key
+    names = INERTIA if axis.has(INERTIA) else "stage.mass", emf, *(() if rigid else TRAIN)
+    names = tuple(name for name in names if name and name not in held)
     start = np.array([math.log(max(axis.value(name), 1e-12)) for name in names])
     weight = 1.0 / np.hypot(np.maximum(response.relative, 1e-4), FLOOR)
 
@@ -107,6 +111,6 @@ def fit_plant(axis, response, period, slope=0.0, held=()):
     covariance = np.linalg.pinv(fit.jac.T @ fit.jac) * scale
     spread = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
     values = {name: math.exp(v) for name, v in zip(names, fit.x[:-1])}
-    error = 0.5 * spread[names.index(NAMES[2])] if not rigid else math.nan
+    error = 0.5 * spread[names.index(TRAIN[0])] if not rigid else math.nan
     return PlantFit(values, dict(zip(names, spread)), resonance_of(axis, values), error, float(fit.x[-1] * period),
                     float(spread[-1] * period), float(np.sqrt(np.mean((fit.fun / np.tile(weight, 2)) ** 2))))

@@ -8,8 +8,10 @@ import numpy as np
 from microstage_ros.commissioning.findings import Refused, refused
 from microstage_ros.commissioning.design.law_choice import slower
 from microstage_ros.commissioning.design.programme import FASTEST, segments
+from microstage_ros.control.design.rules import volts_per_acceleration
 from microstage_ros.control.laws.controller import Controller, controller_parameters
 from microstage_ros.control.trajectories.profiles import MotionLimits, jerk_limited_move
+from microstage_ros.model.actuators import actuator_of
 
 ERROR, LAG = 6e-5, 0.025  # largest following error: metres, and seconds of the largest speed of a motion
 LOOSE = 5e-4  # where the way has been gone before, and nothing stands in it [m]
@@ -44,7 +46,7 @@ class Loop:
         self.controller = self._made()
 
     def _made(self, limit=None):
-        axis = self.axis if limit is None else self.axis.with_values({"drive.voltage_limit": limit}, source="estimate")
+        axis = self.axis if limit is None else actuator_of(self.axis).limited(self.axis, limit)
         parameters = controller_parameters(self.law, axis, self._gains)
         if self.share != 1.0:
             pid = {name: float(parameters["pid"][name]) for name in parameters["pid"].dtype.names}
@@ -60,10 +62,7 @@ class Loop:
     def limits(self, speed):
         """`MotionLimits` of a motion at up to ``speed`` [m/s]: within what the drive can do."""
         machine = self.machine
-        volts = max(
-            float(self._model["rotor"]) + float(self._model["volts_per_force"]) * float(self._model["mass"]), 1e-9
-        )
-        acceleration = min(0.15, 0.2 * machine.limit / volts)
+        acceleration = min(0.15, 0.2 * machine.limit / max(volts_per_acceleration(self._model), 1e-9))
         return MotionLimits(min(speed, self.top_speed), acceleration, 100.0 * acceleration)
 
     @property
@@ -74,6 +73,11 @@ class Loop:
             0.5 * max(self.machine.limit - 2.0 * self.sliding, 0.1 * self.machine.limit) / volts if volts > 0.0 else 0.1
         )
         return min(fastest, self.machine.safe_speed)
+
+    def _volts_per_speed(self, seconds):
+        """Command per speed [V s/m] that a free stage reaches: against the back-EMF; else within ``seconds``."""
+        held = float(self._model["volts_per_velocity"])
+        return max(held if held > 0.0 else volts_per_acceleration(self._model) / seconds, 1e-9)
 
     def follow(self, reference, disturbance=None, error=ERROR, window=None, gentle=False, fresh=True, go_on=False):
         """Play a reference [m] from where the stage stands. Returns the `Record`.
@@ -152,8 +156,8 @@ class Loop:
         asked, moved = float(r[-1] - r[0]), float(x[-1] - x[0])
         place, sign = machine.position, math.copysign(1.0, asked or (r[-1] - x[-1]))
         last = min(machine.periods(0.004, 4), rows)
-        volts = float(np.mean(record["voltage_V"][-last:]))
-        free = max(abs(volts) - 2.0 * self.sliding, 0.0) / max(float(self._model["volts_per_velocity"]), 1e-9)
+        volts, unit = float(np.mean(record.command[-last:])), machine.command.unit
+        free = max(abs(volts) - 2.0 * self.sliding, 0.0) / self._volts_per_speed(rows * machine.period)
         speed = abs(float(x[-1] - x[-last])) / (last * machine.period)
         wanted = abs(asked) / (rows * machine.period) if abs(asked) >= 2.0 * machine.count else math.inf
         if speed < STANDS * min(free, wanted):  # one that runs on past a reference that stands is not blocked
@@ -164,7 +168,8 @@ class Loop:
                     place,
                     "m",
                     f"at {place * 1e3:.4g} mm the stage does not go on in direction {'+' if sign > 0 else '−'} "
-                    f"({volts:.3g} V) and goes back freely: an end stop or an obstacle inside the travel of the sketch",
+                    f"({volts:.3g} {unit}) and goes back freely: an end stop or an obstacle inside the "
+                    "travel of the sketch",
                 )
             if np.ptp(x) == 0.0 and machine.position == x[-1]:
                 raise refused(
@@ -172,13 +177,13 @@ class Loop:
                     place,
                     "m",
                     f"the encoder stands on one count at {place * 1e3:.4g} mm whatever the voltage "
-                    f"({volts:.3g} V and back), where a live one would show the drive train give way",
+                    f"({volts:.3g} {unit} and back), where a live one would show the drive train give way",
                 )
             raise refused(
                 "stuck",
                 place,
                 "m",
-                f"at {place * 1e3:.4g} mm the stage does not follow ({volts:.3g} V), nor does it go back",
+                f"at {place * 1e3:.4g} mm the stage does not follow ({volts:.3g} {unit}), nor does it go back",
             )
         raise refused(
             "runaway",
@@ -196,8 +201,8 @@ class Loop:
         encoder.
         """
         self.machine.failed = self.machine.last
-        volts = float(np.mean(self.machine.last["voltage_V"][-self.machine.periods(0.005, 5):]))
-        sign, place = math.copysign(1.0, volts), self.machine.position
+        volts = float(np.mean(self.machine.last.command[-self.machine.periods(0.005, 5):]))
+        sign, place, unit = math.copysign(1.0, volts), self.machine.position, self.machine.command.unit
         swing = there_and_back(self.machine.last["encoder_m"])
         stands = float(np.ptp(self.machine.last["reference_m"])) == 0.0
         if stands and swing > max(5.0 * SWING, SWING_COUNTS * self.machine.count):
@@ -209,7 +214,8 @@ class Loop:
                 place,
                 "m",
                 f"at {place * 1e3:.4g} mm the stage does not go on in direction {'+' if sign > 0 else '−'} "
-                f"({volts:.3g} V), and goes back freely: an end stop or an obstacle inside the travel of the sketch",
+                f"({volts:.3g} {unit}), and goes back freely: an end stop or an obstacle inside the travel of the "
+                "sketch",
             ) from end
 
     def _retreat(self, sign):
@@ -244,7 +250,8 @@ class Loop:
         """Way [m at the stage] that the drive train is wound up at most at the end of records: what the motor has
         turned while the encoder stood."""
         x, u, i = (
-            np.concatenate([record[name] for record in records]) for name in ("encoder_m", "voltage_V", "current_A")
+            np.concatenate(parts)
+            for parts in zip(*((record["encoder_m"], record.command, record["current_A"]) for record in records))
         )
         gone = np.flatnonzero(np.abs(x - x[-1]) > 4.0 * self.machine.count)
         return self.machine.watch.turned_at_most(u, i, int(gone[-1]) if len(gone) else 0)
@@ -289,7 +296,7 @@ def _slower_if_need_be(loop, place, speed, trials=3):
 def _along(record, machine, speed, cells=50):
     """Mean voltage at constant speed in cells of travel, by direction."""
     v = np.gradient(record["reference_m"], machine.period)
-    x, u = record["encoder_m"], record["voltage_V"]
+    x, u = record["encoder_m"], record.command
     edges = np.linspace(np.nanmin(x), np.nanmax(x), cells + 1)
     rows = np.full((cells, 3), np.nan)
     rows[:, 0] = 0.5 * (edges[1:] + edges[:-1])

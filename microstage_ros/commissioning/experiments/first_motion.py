@@ -1,8 +1,10 @@
-"""The smallest voltages that move anything: polarity, dead encoder, current sensor, delay, breakaway.
+"""The smallest commands that move anything: polarity, dead encoder, current sensor, delay, breakaway.
 
 Short pulses of alternating sign rise from far below the expected breakaway until the encoder shows motion or the
 current shows back-EMF. Below breakaway the stage already gives way elastically in the direction of the force, so the
-sign is known before anything slides.
+sign is known before anything slides. Where nothing but the encoder tells motion (`Actuator.tells_turning`)
+pulses are so short that the sketched mass, without any friction, goes `FREE_WAY` at most, and the opposite pulse
+follows one that shows nothing: it stops a stage that has gone unseen.
 """
 
 import math
@@ -11,19 +13,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from microstage_ros.commissioning.findings import Check, refused
+from microstage_ros.control.design.rules import volts_per_acceleration
 from microstage_ros.control.laws.controller import controller_parameters
-from microstage_ros.model.transmission import motor_ratio
+from microstage_ros.model.actuators import actuator_of
+from microstage_ros.quantities.command import VOLTAGE, command_of
+from microstage_ros.records.record import Record
 
 PULSE, REST = 0.04, 0.04  # s
 RISE = 1.2  # from one level to the next
 FIRST = 0.04  # of the expected breakaway voltage
 # times the expected breakaway: friction, resistance and motor constant each twice what is sketched, and twice that
 HIGHEST = 16.0
+HIGHEST_FORCE = 8.0  # the same of a torque or a force: friction and gain each twice what is sketched, and twice that
+FREE_WAY, LEAST_PULSE = 1e-5, 5  # m; rows
 LEAST_COUNTS, SIGMAS = 4.0, 6.0  # of motion
 TURNED = 2e-6  # motion by the back-EMF after which the encoder must have shown some [m]
 REPEATS = 2  # in each direction, once something moves
 MOST_DELAY = 2.5  # periods beyond the one that the row convention has
-LEAST_CURRENT = 5.0  # standard errors of the current's slope on the voltage
+LEAST_CURRENT, LEAST_SLOPE = 5.0, 0.02  # of the current on the command: standard errors; share of what is sketched
 DRIFT = 2e-5  # m in the rest before anything is driven
 
 
@@ -33,7 +40,8 @@ class FirstMotion:
 
     Attributes
     ----------
-    breakaway : voltage that moved the stage visibly [V]. resistance, resistance_error : ohm, NaN without a current.
+    breakaway : command that moved the stage visibly [its unit]. resistance, resistance_error : command per ampere at
+        rest: ohm of a winding, N m/A of a current-driven motor; NaN without a current.
     delay : periods between command and current beyond the one of the row convention, NaN without a current.
     has_current : there is a current sensor. noise : of the encoder [m]. current_noise : A.
     """
@@ -52,7 +60,7 @@ def expected_breakaway(axis):
     model = controller_parameters("pid_feedforward", axis, {})["feedforward"]
     torque = float(model["volts_per_torque"]) * float(model["actuator"][0]) if model["has_actuator"] else 0.0
     force = float(model["volts_per_force"]) * float(model["guideway"][0]) if model["has_guideway"] else 0.0
-    return max(torque + force, 0.02 * axis.value("drive.voltage_limit"))
+    return max(torque + force, 0.02 * actuator_of(axis).command_limit(axis))
 
 
 def look_at_rest(machine):
@@ -70,7 +78,7 @@ def look_at_rest(machine):
         )
     noise = max(float(np.std(np.diff(x))) / math.sqrt(2.0), 0.3 * machine.count)
     current = record.columns.get("current_A")
-    if current is None:
+    if current is None or not actuator_of(machine.axis).measures_current:
         return noise, math.nan, math.nan
     return noise, float(np.nanstd(current)), float(np.nanmean(current))
 
@@ -90,7 +98,8 @@ def first_motion(machine, sketch, keep):
     keep("rest", machine.last)
     pulses = Pulses(machine, noise, current_noise, offset, sketch)
     expected = expected_breakaway(sketch.axis)
-    highest = min(machine.limit, HIGHEST * expected * (1.0 if "contacts.actuator.static" in sketch.given
+    times = HIGHEST if actuator_of(sketch.axis).tells_turning else HIGHEST_FORCE
+    highest = min(machine.limit, times * expected * (1.0 if "contacts.actuator.static" in sketch.given
                                                        or "contacts.guideway.static" in sketch.given
                                                        or "contacts.guideway.coulomb" in sketch.given else math.inf))
     level, moved = FIRST * expected, []
@@ -117,11 +126,16 @@ def _nothing_moves(machine, pulses, level, keep):
     record = pulses.record()
     keep("first_motion", record)
     _, _, slope, error = current_slope(record, pulses.offset)
+    unit, actuator = machine.command.unit, actuator_of(machine.axis)
     flows = "current_A" in record.columns and abs(slope) > LEAST_CURRENT * error
     why = "the current flows, so the motor is held: brake, clamp, jammed or not coupled" if flows else (
         "no current flows either: enable, fuse, cable of the motor" if "current_A" in record.columns else
         "without a current sensor it cannot be determined whether the motor turns: brake, cable, encoder")
-    raise refused("stuck", level, "V", f"nothing moves up to ±{level:.3g} V for {PULSE * 1e3:.0f} ms; {why}")
+    if not actuator.tells_turning and (flows or not actuator.measures_current):
+        why = (f"a {machine.command.quantity} does not tell whether the motor turns: brake, clamp, enable, or an "
+               "encoder that does not count")
+    raise refused("stuck", level, unit, f"nothing moves up to ±{level:.3g} {unit} in pulses of "
+                  f"{pulses.rows(level) * machine.period * 1e3:.3g} ms; {why}")
 
 
 class Pulses:
@@ -132,11 +146,17 @@ class Pulses:
         self.threshold = max(LEAST_COUNTS * machine.count, SIGMAS * noise)
         self.current_noise, self._records = current_noise, []
         axis = sketch.axis
-        self._turning = None
-        if axis.choices["drive.type"] == "voltage_motor":
-            ratio = motor_ratio(axis)
-            # metres per volt of drop in one period
-            self._turning = ratio / axis.value("drive.back_emf") * machine.period
+        actuator = actuator_of(axis)
+        emf = actuator.emf_per_speed(axis) if actuator.tells_turning else 0.0
+        self._turning = machine.period / emf if emf else None  # metres per volt of drop in one period
+        self._inertia = volts_per_acceleration(controller_parameters("pid_feedforward", axis, {})["feedforward"])
+
+    def rows(self, level):
+        """Periods of a pulse of ``level`` [unit of the command]."""
+        longest = PULSE
+        if self._turning is None:
+            longest = min(PULSE, math.sqrt(2.0 * FREE_WAY * self._inertia / abs(level)))
+        return self._machine.periods(longest, 20 if longest == PULSE else LEAST_PULSE)
 
     def one(self, voltage):
         """One pulse and a rest. Returns (voltage, displacement [m]) if the stage moved, None otherwise.
@@ -144,7 +164,7 @@ class Pulses:
         ``voltage`` [V]. Raises `Refused` where the back-EMF shows that the motor turned and the encoder stood still.
         """
         machine = self._machine
-        rows, rest = machine.periods(PULSE, 20), machine.periods(REST, 20)
+        rows, rest = self.rows(voltage), machine.periods(REST, 20)
         start = machine.position
         state = {"seen": 0, "level": None, "drop": 0.0, "best": 0.0}
         settle = max(3, machine.periods(1e-3))
@@ -161,7 +181,7 @@ class Pulses:
                         "encoder_dead",
                         moved,
                         "m",
-                        f"at {voltage:.3g} V the motor turned as for {state['drop'] * 1e6:.2g} µm "
+                        f"at {voltage:.3g} {machine.command.unit} the motor turned as for {state['drop'] * 1e6:.2g} µm "
                         f"(by its back-EMF), and the encoder showed {moved * 1e6:.2g} µm",
                     )
             return False
@@ -169,7 +189,8 @@ class Pulses:
         state["first"] = []
         first = machine.run(np.full(rows, start), lambda n, x, i: voltage, until=lambda n, x, i: ends(n, x, i))
         moved, ended = machine.position - start, machine.ended
-        after = machine.run(np.full(rest, start), lambda n, x, i: 0.0)
+        brake = rows if self._turning is None and ended != "until" else 0
+        after = machine.run(np.full(brake + rest, start), lambda n, x, i: -voltage if n < brake else 0.0)
         self._records += [first, after]
         return (voltage, moved) if ended == "until" else None
 
@@ -193,18 +214,17 @@ class Pulses:
 
 def joined(records):
     """Records that followed each other, as one."""
-    from microstage_ros.records.record import Record
-
-    names = [name for name in ("encoder_m", "reference_m", "voltage_V", "current_A", "motor_angle_rad", "disturbance_V")
-             if any(name in r.columns for r in records)]
-    columns = {name: np.concatenate([r.columns.get(name, np.full(len(r), 0.0 if name == "disturbance_V" else math.nan))
+    sent = command_of(records[0].columns) or VOLTAGE
+    known = "encoder_m", "reference_m", sent.column, "current_A", "motor_angle_rad", sent.disturbance
+    names = [name for name in known if any(name in r.columns for r in records)]
+    columns = {name: np.concatenate([r.columns.get(name, np.full(len(r), 0.0 if name == sent.disturbance else math.nan))
                                      for r in records]) for name in names}
-    return Record(records[0].period_s, columns)
+    return Record(records[0].period_s, columns, metadata=dict(records[0].metadata))
 
 
 def current_slope(record, offset, lag=1):
     """(lag [rows], resistance, slope [A/V], its standard error) of the current on the voltage ``lag`` rows before."""
-    u, i = record["voltage_V"], record.columns.get("current_A")
+    u, i = record.command, record.columns.get("current_A")
     if i is None:
         return lag, math.nan, math.nan, math.inf
     u, i = u[:-lag] if lag else u, i[lag:] - offset
@@ -222,7 +242,7 @@ def current_slope(record, offset, lag=1):
 def current_delay(record, offset, most=24):
     """Periods between voltage and current beyond one: the lag at which, about the edges of the voltage, the current
     follows it best."""
-    u, i = record["voltage_V"], np.nan_to_num(record["current_A"] - offset)
+    u, i = record.command, np.nan_to_num(record["current_A"] - offset)
     edges = np.flatnonzero(np.diff(u) != 0.0) + 1
     rows = np.unique((edges[:, None] + np.arange(-4, most)[None]).ravel())
     rows = rows[(rows >= most) & (rows < len(u))]
@@ -235,61 +255,56 @@ def current_delay(record, offset, most=24):
 
 def _judge(machine, sketch, pulses, record, moved, level):
     signs = [math.copysign(1.0, voltage * displacement) for voltage, displacement in moved]
-    farthest = max(abs(displacement) for _, displacement in moved)
+    farthest, command = max(abs(displacement) for _, displacement in moved), machine.command
     if np.mean(signs) < 0.0:
         raise refused(
             "polarity",
             farthest,
             "m",
-            f"a positive voltage moves the encoder backwards ({len(moved)} pulses up to {level:.3g} V, "
-            f"{farthest * 1e6:.2g} µm): swap the motor's leads or the encoder's tracks A and B",
+            f"a positive {command.quantity} moves the encoder backwards ({len(moved)} pulses up to {level:.3g} "
+            f"{command.unit}, {farthest * 1e6:.2g} µm): swap the motor's leads or the encoder's tracks A and B",
         )
+    moves = f"a positive {command.quantity} moves the stage forwards ({len(moved)} pulses, {level:.3g} {command.unit})"
     checks = [
-        Check(
-            "polarity",
-            True,
-            farthest,
-            "m",
-            f"a positive voltage moves the stage forwards ({len(moved)} pulses, {level:.3g} V)",
-        )
+        Check("polarity", True, farthest, "m", moves),
+        Check("encoder_dead", True, farthest, "m", "the encoder counts when the stage moves"),
+        Check("stuck", True, level, command.unit, f"the stage moves from {level:.3g} {command.unit}"),
     ]
-    checks.append(Check("encoder_dead", True, farthest, "m", "the encoder counts when the stage moves"))
-    checks.append(Check("stuck", True, level, "V", f"the stage moves from {level:.3g} V"))
-    has_current = "current_A" in record.columns
-    resistance = error = delay = math.nan
-    if has_current:
-        delay = current_delay(record, pulses.offset)
-        lag = max(int(delay) + 1, 0)
-        _, resistance, slope, spread = current_slope(record, pulses.offset, lag)
-        limit = 0.02 / max(sketch.axis.value("drive.resistance"), 1e-9) if sketch.axis.has("drive.resistance") else 0.0
-        has_current = abs(slope) > max(LEAST_CURRENT * spread, limit)
-        error = abs(resistance) * spread / max(abs(slope), 1e-300)
-    if not has_current:
-        resistance = error = delay = math.nan
-        checks.append(
-            Check(
-                "current_missing",
-                True,
-                math.nan,
-                "A",
-                "no current sensor answers: the resistance stays as sketched, and "
-                "friction and back-EMF are estimated from the voltage",
-            )
-        )
-    else:
-        checks.append(Check("current_missing", True, 1.0 / resistance, "A/V", "the current answers the voltage"))
-        if resistance < 0.0:
-            raise refused(
-                "current_polarity",
-                resistance,
-                "ohm",
-                "the current is negative for a positive voltage that moves the stage "
-                "forwards: turn the current sensor round, or the sign of its scale",
-            )
-        checks.append(
-            Check("current_polarity", True, resistance, "ohm", f"{resistance:.3g} ohm from voltage and current at rest")
-        )
-        if delay > MOST_DELAY:
-            raise refused("delay", delay, "periods", f"the current follows the command {delay:g} periods late "
-                          f"({delay * machine.period * 1e3:.3g} ms): buffers of the card, filters, the bus")
+    resistance, error, delay = _current(machine, sketch, pulses, record, checks)
+    has_current = math.isfinite(resistance)
     return FirstMotion(level, resistance, error, delay, has_current, pulses.noise, pulses.current_noise), checks
+
+
+def _current(machine, sketch, pulses, record, checks):
+    """(command per ampere, its standard error, delay [periods]), all NaN without a current; adds its checks to
+    ``checks``."""
+    actuator, unit = actuator_of(sketch.axis), "ohm" if machine.command is VOLTAGE else f"{machine.command.unit}/A"
+    if not actuator.measures_current:
+        checks.append(Check("current_missing", True, math.nan, "A", "not needed: the command is the force"))
+        return math.nan, math.nan, math.nan
+    slope, error, delay = 0.0, math.inf, 0.0
+    if "current_A" in record.columns:
+        delay = current_delay(record, pulses.offset)
+        _, _, slope, error = current_slope(record, pulses.offset, max(int(delay) + 1, 0))
+    if not abs(slope) > max(LEAST_CURRENT * error, LEAST_SLOPE * actuator.amperes_per_command(sketch.axis)):
+        missing = ("the resistance stays as sketched, and friction and back-EMF are estimated from the voltage"
+                   if actuator.emf_key else f"the {machine.command.quantity} is taken as it is commanded")
+        checks.append(Check("current_missing", True, math.nan, "A", f"no current sensor answers: {missing}"))
+        return math.nan, math.nan, math.nan
+    found = 1.0 / slope
+    checks.append(Check("current_missing", True, slope, "A/V" if unit == "ohm" else f"A/({machine.command.unit})",
+                        f"the current answers the {machine.command.quantity}"))
+    if found < 0.0:
+        raise refused(
+            "current_polarity",
+            found,
+            unit,
+            f"the current is negative for a positive {machine.command.quantity} that moves the stage "
+            "forwards: turn the current sensor round, or the sign of its scale",
+        )
+    checks.append(Check("current_polarity", True, found, unit,
+                        f"{found:.3g} {unit} from {machine.command.quantity} and current at rest"))
+    if delay > MOST_DELAY:
+        raise refused("delay", delay, "periods", f"the current follows the command {delay:g} periods late "
+                      f"({delay * machine.period * 1e3:.3g} ms): buffers of the card, filters, the bus")
+    return found, found * error / slope, delay

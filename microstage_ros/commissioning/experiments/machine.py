@@ -1,8 +1,8 @@
 """The machine in hand: control periods through the backend's `read` and `write`, recorded and guarded.
 
-Every period passes `Machine.run`; nothing else writes a voltage. It clips the voltage, ends with zero volts on every
-way out, and ends the run when the encoder leaves the window, jumps, stops counting while the motor turns, or loses its
-number.
+Every period passes `Machine.run`; nothing else writes a command. It clips the command, ends with zero on every way out,
+and ends the run when the encoder leaves the window, jumps, stops counting while the motor turns, or loses its number.
+What is called voltage here is the drive's command in its own unit: volts, or newton metres of a current-driven motor.
 """
 
 import math
@@ -13,6 +13,7 @@ import numpy as np
 from microstage_ros.commissioning.experiments.dead_encoder import BRAKE, BRAKED
 from microstage_ros.commissioning.findings import Refused, Stopped, refused
 from microstage_ros.hardware.protocol import HardwareError, instruments, safety_members
+from microstage_ros.model.actuators import actuator_of
 from microstage_ros.records.record import Record
 
 LOOK = 0.01  # time between two looks at the last stretch of the run [s]
@@ -41,12 +42,13 @@ class Machine:
 
     Attributes
     ----------
+    command : `quantities.command.Command`, what the drive is commanded with. limit : largest command [its unit].
     travel : window [m] that the encoder may not leave. position : last reading [m]. rows : periods so far.
     watch : `EncoderWatch` once there are motor constants: the current tells a dead encoder in motion. None without.
     instruments : what the backend's own instruments told: interval_s (least and greatest of the readings),
     temperature_K (list), index_m. safe_speed : from which a dead encoder lets the stage go 10 µm at most [m/s];
     infinite without a current. braked : way of the motor while braked last [m]. used : greatest and least position [m]
-    and greatest voltage [V] so far.
+    so far. most_command : greatest command so far [its unit].
     """
 
     def __init__(self, backend, axis, paced=False):
@@ -54,7 +56,7 @@ class Machine:
         self._members, self._instruments = safety_members(backend), instruments(backend)
         self._clock, self.instruments = self._instruments.get("reading_time"), {}
         self.axis, self.period = axis, axis.value("period")
-        self.limit = axis.value("drive.voltage_limit")
+        self.command, self.limit = actuator_of(axis).command, actuator_of(axis).command_limit(axis)
         low, high = axis.value("travel.minimum"), axis.value("travel.maximum")
         self.stroke = high - low
         margin = min(0.01 * self.stroke, 5e-4)
@@ -65,7 +67,7 @@ class Machine:
         self.safe_speed, self.braked = math.inf, 0.0
         self.noise, self.current_offset, self.last, self.failed = 0.0, 0.0, None, None
         self._armed = False
-        self.used = {"travel_min_m": math.inf, "travel_max_m": -math.inf, "voltage_max_V": 0.0}
+        self.used, self.most_command = {"travel_min_m": math.inf, "travel_max_m": -math.inf}, 0.0
 
     @property
     def time(self):
@@ -281,7 +283,7 @@ class Machine:
             self.used["travel_min_m"] = min(self.used["travel_min_m"], float(np.nanmin(table[0])))
             self.used["travel_max_m"] = max(self.used["travel_max_m"], float(np.nanmax(table[0])))
         if np.isfinite(table[3]).any():
-            self.used["voltage_max_V"] = max(self.used["voltage_max_V"], float(np.nanmax(np.abs(table[3]))))
+            self.most_command = max(self.most_command, float(np.nanmax(np.abs(table[3]))))
 
     def _note_stamps(self, stamps):
         """Least and greatest interval of the readings [s] by the card's clock."""
@@ -304,12 +306,13 @@ class Machine:
             raise Stopped(f"the hardware reported: {problem}") from problem
 
     def _record(self, table, reference):
-        names = ("encoder_m", "current_A", "motor_angle_rad", "voltage_V", "disturbance_V")
+        sent = self.command.column
+        names = ("encoder_m", "current_A", "motor_angle_rad", sent, self.command.disturbance)
         columns = {
             name: row.copy()
             for name, row in zip(names, table)
-            if name in ("encoder_m", "voltage_V") or np.isfinite(row).any()
+            if name in ("encoder_m", sent) or np.isfinite(row).any()
         }
         columns["reference_m"] = reference
-        columns["voltage_V"] = np.nan_to_num(columns["voltage_V"])
-        return Record(self.period, columns)
+        columns[sent] = np.nan_to_num(columns[sent])
+        return Record(self.period, columns, metadata={"command": self.command.as_dict()})

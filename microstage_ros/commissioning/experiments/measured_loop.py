@@ -140,10 +140,10 @@ def _loud(loop, found, lowest, speed, seed):
     """`MultiSine` for a law on the encoder: lines that each shake the stage at the same speed, as far up as the
     modelled loop gain is above `UNSEEN`, together `SPEED_SHARE` of the ``speed`` [m/s] of the motion."""
     period, limit = loop.machine.period, loop.machine.limit
-    corner = found.volts_per_speed / max(found.inertia, 1e-12) / (2.0 * math.pi)
+    inertia = 2.0 * math.pi * max(found.inertia, 0.0)
     highest = min(max(_highest(loop), 20.0 * lowest), 0.42 / period)
-    made = multi_sine(period, lowest, highest, lambda f: math.sqrt(1.0 + (f / corner) ** 2), seed, LINES)
-    line = SPEED_SHARE * speed * found.volts_per_speed * math.sqrt(2.0 / len(made.lines))
+    made = multi_sine(period, lowest, highest, lambda f: math.hypot(found.volts_per_speed, f * inertia), seed, LINES)
+    line = SPEED_SHARE * speed * math.sqrt(2.0 / len(made.lines))
     return _scaled(made, min(line, PEAK_SHARE * limit / np.abs(made.signal).max()))
 
 
@@ -185,4 +185,4 @@ def _scaled(made, factor):
 
 
 def _part(record, start, stop):
-    return tuple(record[name][start:stop] for name in ("encoder_m", "voltage_V", "disturbance_V"))
+    return tuple(values[start:stop] for values in (record["encoder_m"], record.command, record.disturbance))

@@ -1,5 +1,5 @@
 """Before any loop is closed: motor constants, inertia and sliding friction from short strokes, the scale of the
-encoder, and the frequency response while a constant voltage slides the stage (its back-EMF holds the speed)."""
+encoder."""
 
 import math
 from dataclasses import dataclass
@@ -10,37 +10,32 @@ from scipy.signal import savgol_filter
 from microstage_ros.commissioning.findings import Check, refused
 from microstage_ros.commissioning.experiments.dead_encoder import EncoderWatch
 from microstage_ros.commissioning.experiments.first_motion import joined
-from microstage_ros.commissioning.estimation.frequency_response import multi_sine, responses
+from microstage_ros.commissioning.experiments.sliding import STANDS, STILL_COUNTS, Slide
 from microstage_ros.commissioning.estimation.plant_fit import resonance_of
 from microstage_ros.commissioning.estimation.smoothing import SMOOTH, smoothed, window_rows
+from microstage_ros.control.design.rules import volts_per_acceleration
 from microstage_ros.control.laws.controller import controller_parameters
+from microstage_ros.model.actuators import actuator_of
 from microstage_ros.signals.rows import of_row_before
 from microstage_ros.model.transmission import motor_ratio
 
 STROKE, SHARE = 1.5e-4, 0.02  # of the first strokes: metres, and share of the travel
-STANDS = 0.04  # without a count of the encoder at a voltage that moved it before, or in the midst of a stroke [s]
-STILL_COUNTS = 1.5  # within which it stands: flickering between two
 LONGEST_WINDOW = 0.03  # of the low-pass of the strokes [s]
 EMF_DOUBT = 0.05  # of the logarithm: a magnet loses 0.2 % per kelvin, and the strokes tell the back-EMF within 1 %
 LEAST_SCALE = 0.5 * math.log(2.0)  # of the logarithm: edges are counted wrong by two or four
 INERTIA_DOUBT = 0.3  # of the logarithm: friction that changes as the stage gathers speed counts as inertia
-SLIDE_SPEED, SLIDE_SHARE, TOP_SHARE = (
-    3e-3,
-    0.12,
-    0.25,
-)  # of the base motion: m/s, of the travel, of the speed at the limit
-PASSES, LOWEST, HIGHEST = 6, 5.0, 1200.0  # base motions; Hz
 
 
 @dataclass(frozen=True)
 class Strokes:
-    """The axis in volts, as short strokes tell it.
+    """The axis in volts, as short strokes tell it; in the command's own unit where that is another one.
 
     Attributes
     ----------
-    resistance : ohm (sketched where there is no current). volts_per_speed : V s/m of back-EMF (with friction's viscous
-        part where there is no current). inertia : V s²/m. friction : V of sliding, by the two directions. offset : V.
-    viscous : V s/m. has_current : whether the current was used. strokes : their speed [m/s], largest.
+    resistance : command per ampere: ohm (sketched where there is no current), N m/A of a current-driven motor.
+    volts_per_speed : V s/m of back-EMF (with friction's viscous part where there is no current, and that alone without
+        a back-EMF). inertia : V s²/m. friction : V of sliding, by the two directions. offset : V.
+    viscous : V s/m. has_current : whether the current was used. speed : largest of the strokes [m/s].
     """
 
     resistance: float
@@ -55,10 +50,9 @@ class Strokes:
 
 def strokes(machine, sketch, first, keep):
     """Strokes to and fro by constant voltages. Returns (`Strokes`, `Check` of the scale). Raises Refused."""
-    if first.has_current and sketch.axis.choices["drive.type"] == "voltage_motor":
-        most = (
-            sketch.axis.value("drive.back_emf") * (1.0 + sketch.tolerance["drive.back_emf"]) / motor_ratio(sketch.axis)
-        )
+    actuator = actuator_of(sketch.axis)
+    if first.has_current and actuator.tells_turning:
+        most = actuator.emf_per_speed(sketch.axis) * (1.0 + sketch.tolerance[actuator.emf_key])
         machine.watch = EncoderWatch(
             machine.period, first.resistance, most, machine.current_offset, machine.count, rough=True
         )
@@ -75,7 +69,7 @@ def strokes(machine, sketch, first, keep):
                 level,
                 "V",
                 f"the stage gives way by {abs(machine.position - centre) * 1e6:.3g} µm and does not slide at"
-                f" {level:.3g} V",
+                f" {level:.3g} {machine.command.unit}",
             )
     for scale in (1.0, 1.5, 2.0, 1.0, 1.5):
         for sign in (-1.0, 1.0):
@@ -83,6 +77,9 @@ def strokes(machine, sketch, first, keep):
     record = joined(parts)
     keep("strokes", record)
     found = fit_strokes(record, sketch, first, machine.period)
+    slide = Slide(machine, found, actuator)
+    if not slide.held:
+        machine.run(np.full(machine.periods(0.1), machine.position), slide.command(0.0))
     return found, scale_check(strokes_below_swing(record, sketch, first, machine.period), sketch)
 
 
@@ -108,8 +105,8 @@ def _stroke(machine, centre, reach, voltage, longest, parts):
                 "encoder_dead",
                 0.0,
                 "m",
-                f"{voltage:.3g} V for {STANDS * 1e3:.0f} ms do not move the encoder by one count, where less did"
-                " before: its cable or reading head has failed since (or the stage was clamped)",
+                f"{voltage:.3g} {machine.command.unit} for {STANDS * 1e3:.0f} ms do not move the encoder by one count,"
+                " where less did before: its cable or reading head has failed since (or the stage was clamped)",
             )
         parts.append(machine.rest(STANDS))
     return arrived
@@ -118,7 +115,7 @@ def _stroke(machine, centre, reach, voltage, longest, parts):
 def fit_strokes(record, sketch, first, period):
     """`Strokes` by least squares of the voltage balance (and of the torque balance, with a current)."""
     _, v, a = smoothed(record, period)
-    u = savgol_filter(of_row_before(record["voltage_V"]), window_rows(period), 3)
+    u = savgol_filter(of_row_before(record.command), window_rows(period), 3)
     fast = np.abs(v) > 0.15 * np.abs(v).max()
     cut = slice(int(SMOOTH / period) + 1, -int(SMOOTH / period) - 1)
     keep = np.zeros(len(v), bool)
@@ -126,6 +123,8 @@ def fit_strokes(record, sketch, first, period):
     v, a, u = v[keep], a[keep], u[keep]
     motion = np.column_stack([a, np.sign(v), v, np.ones(len(v))])
     i = None
+    if not actuator_of(sketch.axis).emf_key:
+        return _forced(motion, u, first, float(np.abs(v).max()))
     if first.has_current:
         i = savgol_filter(np.nan_to_num(record["current_A"]), window_rows(period), 3)[keep]
     return _balanced(motion, u, i, sketch, float(np.abs(v).max()))
@@ -158,6 +157,14 @@ def _balanced(motion, u, i, sketch, top):
     )
 
 
+def _forced(motion, command, first, top):
+    """`Strokes` by least squares of a command that is a torque or a force: u = J a + F sign(v) + B v + o; see
+    `_balanced`."""
+    inertia, friction, viscous, offset = np.linalg.lstsq(motion, command, rcond=None)[0]
+    return Strokes(first.resistance, max(float(viscous), 0.0), float(inertia), float(friction), float(offset), 0.0,
+                   first.has_current, top)
+
+
 def strokes_below_swing(record, sketch, first, period):
     """`Strokes` as `fit_strokes` has them, from below the swing of the drive train: for the scale of the encoder.
 
@@ -175,8 +182,10 @@ def strokes_below_swing(record, sketch, first, period):
     rows = np.gradient(x, period)
     speed = low(rows)
     fast = np.abs(speed) > 0.15 * np.abs(speed).max()
-    u = low(of_row_before(record["voltage_V"]))[fast]
+    u = low(of_row_before(record.command))[fast]
     motion = np.column_stack([low(c)[fast] for c in (np.gradient(rows, period), np.sign(v), rows, np.ones(len(v)))])
+    if not actuator_of(sketch.axis).emf_key:
+        return _forced(motion, u, first, float(np.abs(speed).max()))
     i = low(np.nan_to_num(record["current_A"]))[fast] if first.has_current else None
     return _balanced(motion, u, i, sketch, float(np.abs(speed).max()))
 
@@ -192,15 +201,42 @@ def scale_check(found, sketch):
     """Check that the encoder counts as the motor turns; raises `Refused` where it surely does not.
 
     A scale c of the encoder divides the back-EMF per encoder speed, k/c, and twice what is left of the inertia when
-    that is multiplied in, J/c². Each gives an interval of ln c: the sketch's tolerances as bounds, and the doubt of the
-    measurement. Refused is what lies in both, where all of it is nearer to a factor of two than to one.
+    that is multiplied in, J/c²; a command that is a torque or a force tells the inertia alone, J/c. Each gives an
+    interval of ln c: the sketch's tolerances as bounds, and the doubt of the measurement. Refused is what lies in both,
+    where all of it is nearer to a factor of two than to one.
     """
-    axis = sketch.axis
-    if axis.choices["drive.type"] != "voltage_motor":
+    if sketch.axis.choices["drive.type"] != "voltage_motor":
+        return _judged_scale(*_scale_by_inertia(found, sketch), "the sketched mass and force")
+    low, high, told = _scale_of_motor(found, sketch)
+    if low > high:
         return Check(
-            "encoder_scale", True, math.nan, "1", "not checked: this drive has no back-EMF to hold the encoder against"
+            "encoder_scale",
+            True,
+            told[0],
+            "1",
+            f"the encoder counts {told[0]:.2g} times what the sketched back-EMF says, and {told[1]:.2g}"
+            " times what the sketched inertia says: no scale explains both, one of them is beyond its tolerance",
         )
-    ratio = motor_ratio(axis)
+    return _judged_scale(low, high, "the motor's back-EMF and inertia")
+
+
+def _scale_by_inertia(found, sketch):
+    """(lowest, highest) ln c by the inertia alone."""
+    axis, actuator = sketch.axis, actuator_of(sketch.axis)
+    gains = ("drive.gain", "drive.torque_constant", actuator.emf_key, "drive.resistance")
+    doubt = sum(math.log1p(sketch.tolerance[key]) for key in gains if key in axis.quantities and axis.value(key) > 0.0)
+    known = volts_per_acceleration(controller_parameters("pid_feedforward", axis, {})["feedforward"])
+    rotor, load = actuator.reflected_mass(axis), axis.value("stage.mass")
+    tolerance = sketch.tolerance
+    parts = (rotor, 1.0 + tolerance.get("drive.rotor_inertia", 0.0)), (load, 1.0 + tolerance["stage.mass"])
+    least, most = (sum(part * factor**power for part, factor in parts) / (rotor + load) for power in (-1.0, 1.0))
+    seen = math.log(max(found.inertia, 1e-12) / known)
+    return math.log(least) - doubt - INERTIA_DOUBT - seen, math.log(most) + doubt + INERTIA_DOUBT - seen
+
+
+def _scale_of_motor(found, sketch):
+    """(lowest, highest) ln c by back-EMF and inertia, and the scales that each alone says."""
+    axis, ratio = sketch.axis, motor_ratio(sketch.axis)
     emf, resistance = axis.value("drive.back_emf") / ratio, axis.value("drive.resistance")
     rotor, load = axis.value("drive.rotor_inertia"), ratio * ratio * axis.value("stage.mass")
     known = found.resistance if found.has_current else resistance
@@ -234,16 +270,11 @@ def scale_check(found, sketch):
         + viscous,
     )
     low, high = max(k[0] - back, 0.5 * (inertia[0] - turned)), min(k[1] - back, 0.5 * (inertia[1] - turned))
-    seen = math.exp(-back)
-    if low > high:
-        return Check(
-            "encoder_scale",
-            True,
-            seen,
-            "1",
-            f"the encoder counts {seen:.2g} times what the sketched back-EMF says, and {math.exp(-0.5 * turned):.2g}"
-            " times what the sketched inertia says: no scale explains both, one of them is beyond its tolerance",
-        )
+    return low, high, (math.exp(-back), math.exp(-0.5 * turned))
+
+
+def _judged_scale(low, high, by):
+    """`Check` of ln c between ``low`` and ``high``, ``by`` what says so. Raises Refused."""
     seen = math.exp(0.5 * (low + high))
     if low > LEAST_SCALE or high < -LEAST_SCALE:
         held = next(
@@ -258,83 +289,13 @@ def scale_check(found, sketch):
             "encoder_scale",
             seen,
             "1",
-            f"the encoder counts {seen:.2g} times ({math.exp(low):.2g} to {math.exp(high):.2g}) what the motor's"
-            f" back-EMF and inertia say: {held} (decoding of the tracks: 1, 2 or 4 edges; resolution, pitch or gear in"
-            " the sketch)",
+            f"the encoder counts {seen:.2g} times ({math.exp(low):.2g} to {math.exp(high):.2g}) what {by} say: {held}"
+            " (decoding of the tracks: 1, 2 or 4 edges; resolution, pitch or gear in the sketch)",
         )
     return Check(
         "encoder_scale",
         True,
         seen,
         "1",
-        f"the encoder counts {math.exp(low):.2g} to {math.exp(high):.2g} times what back-EMF and inertia of the"
-        " sketch say",
+        f"the encoder counts {math.exp(low):.2g} to {math.exp(high):.2g} times what {by} say",
     )
-
-
-def slide_speed(machine, found):
-    """Speed of the base motion [m/s]."""
-    top = max((machine.limit - found.friction) / max(found.volts_per_speed, 1e-9), 1e-6)
-    return min(SLIDE_SPEED, TOP_SHARE * top, machine.safe_speed)
-
-
-def sliding_response(machine, found, seed, keep):
-    """Frequency response at a constant base voltage, to and fro. Returns the plant's `Response`, or None without a
-    stroke long enough."""
-    speed = slide_speed(machine, found)
-    base = found.friction + (found.volts_per_speed + found.viscous) * speed
-    period, length = machine.period, min(SLIDE_SHARE * machine.stroke, 8e-3)
-    lowest = max(LOWEST, 4.0 * speed / length)
-    highest = min(HIGHEST, 0.4 / period)
-    corner = found.volts_per_speed / max(found.inertia, 1e-12) / (2.0 * math.pi)
-    per_line = 0.12 * speed * found.volts_per_speed
-    sine = multi_sine(period, lowest, highest, lambda f: per_line * math.sqrt(1.0 + (f / corner) ** 2), seed)
-    most = 0.45 * (machine.limit - base)
-    peak = np.abs(sine.signal).max()
-    if peak > most:
-        sine = type(sine)(sine.lines, sine.rows, sine.signal * most / peak)
-    settle = machine.periods(0.15)
-    count = max(int((length / speed / period - settle) / sine.rows), 1)
-    centre, parts, records = machine.position, [], []
-    for number in range(PASSES):
-        sign = 1.0 if number % 2 == 0 else -1.0
-        rows = settle + count * sine.rows + 1
-        extra = np.concatenate(
-            [np.tile(sine.signal, -(-settle // sine.rows) + 1)[-settle:], sine.times(count), sine.signal[:1]]
-        )
-        place = centre - sign * 0.5 * length
-        _creep(machine, place, found, records)
-        record = machine.run(
-            np.full(rows, machine.position),
-            lambda n, x, i, b=sign * base + found.offset: b,
-            extra,
-            until=lambda n, x, i, s=sign: s * (x - centre) > 0.75 * length,
-        )
-        records.append(record)
-        whole = (len(record) - 1 - settle) // sine.rows
-        if whole >= 1:
-            stop = settle + whole * sine.rows + 1
-            parts.append(tuple(record[name][settle:stop] for name in ("encoder_m", "voltage_V", "disturbance_V")))
-    _creep(machine, centre, found, records)
-    keep("sliding_open_loop", joined(records))
-    plant, _ = responses(parts, sine, period, "sliding") if parts else (None, None)
-    return plant
-
-
-def _creep(machine, place, found, records):
-    """By constant voltages to about a place."""
-    for _ in range(4):
-        way = place - machine.position
-        if abs(way) < 1e-4:
-            return
-        sign = math.copysign(1.0, way)
-        speed = slide_speed(machine, found)
-        volts = sign * (found.friction + (found.volts_per_speed + found.viscous) * speed) + found.offset
-        rows = machine.periods(abs(way) / speed * 3.0 + 0.05)
-        records.append(
-            machine.run(
-                np.full(rows, machine.position),
-                lambda n, x, i, u=volts: u,
-                until=lambda n, x, i, s=sign: s * (place - x) < 0.0,
-            )
-        )

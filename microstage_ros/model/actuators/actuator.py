@@ -42,6 +42,11 @@ class Actuator:
     command
         is a force at the stage), ``position`` (the command sets a position), None: nothing yet.
     identified : keys that `identify` scales where ``estimation`` is ``position``.
+    limit_key : leaf of the axis file that bounds the command.
+    emf_key : leaf of the back-EMF constant of a winding that is fed with a voltage; "" for other drives. In SI it is
+        the torque (force) constant too.
+    tells_turning : whether back-EMF and current tell that the motor turns beside a dead encoder. Of a coil straight at
+        the stage they do not: L i / K_E alone is some 100 µm there.
     shape : compiled function (plant, state, u) -> u, or None. torque : compiled (plant, state, theta, omega) -> N m, or
     None.
     """
@@ -58,13 +63,32 @@ class Actuator:
     laws: tuple[str, ...] | None = None
     estimation: str | None = None
     identified: tuple[str, ...] = ()
+    limit_key = "drive.voltage_limit"
+    emf_key = ""
+    tells_turning = False
     shape: Callable | None = None
     torque: Callable | None = None
 
     @classmethod
     def command_limit(cls, axis):
         """Largest command [unit of the command]."""
-        return axis.value("drive.voltage_limit")
+        return axis.value(cls.limit_key)
+
+    @classmethod
+    def limited(cls, axis, limit):
+        """The `Axis` with ``limit`` [unit of the command] as its largest command."""
+        return axis.with_values({cls.limit_key: axis.value(cls.limit_key) * limit / cls.command_limit(axis)},
+                                source="estimate")
+
+    @classmethod
+    def amperes_per_command(cls, axis):
+        """Current at rest per unit of the command [A per unit]; 0 for a drive without one."""
+        return 0.0
+
+    @classmethod
+    def emf_per_speed(cls, axis):
+        """Volts per speed of the stage of a winding that is fed with a voltage [V s/m]; 0 for other drives."""
+        return 0.0
 
     @classmethod
     def converter(cls, axis):

@@ -33,6 +33,7 @@ class CurrentMotor(Actuator):
     name = "current_motor"
     command = TORQUE
     estimation = "force"
+    limit_key = "drive.current_limit"
     parameters = {
         "torque_constant": positive("N m/A", "torque constant k_M of the motor"),
         "current_limit": positive("A", "amplifier clips the current to ± this"),
@@ -89,6 +90,11 @@ class CurrentMotor(Actuator):
             "moving_mass": axis.value("stage.mass") + inertia / ratio**2,
             "top_speed": supply / emf * ratio if supply > 0.0 and emf > 0.0 else UNKNOWN_TOP_SPEED,
         }
+
+    @classmethod
+    def amperes_per_command(cls, axis):
+        """1/k_M [A/(N m)]."""
+        return 1.0 / axis.value("drive.torque_constant")
 
     @classmethod
     def force_per_command(cls, axis):

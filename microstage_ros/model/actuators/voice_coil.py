@@ -31,6 +31,7 @@ class VoiceCoil(Actuator):
     name = "voice_coil"
     transmissions = ("rigid",)
     estimation = "force"
+    emf_key = "drive.force_constant"
     parameters = {
         "voltage_limit": positive("V", "amplifier output is clipped to ± this"),
         "dac_range": positive("V", "converter spans ± this"),
@@ -89,6 +90,16 @@ class VoiceCoil(Actuator):
             "force_per_torque": 1.0 / ratio, "force_per_ampere": constant, "moving_mass": axis.value("stage.mass"),
             "top_speed": cls.command_limit(axis) / constant,
         }
+
+    @classmethod
+    def amperes_per_command(cls, axis):
+        """1/R [A/V]."""
+        return 1.0 / axis.value("drive.resistance")
+
+    @classmethod
+    def emf_per_speed(cls, axis):
+        """K_0 [V s/m]."""
+        return axis.value("drive.force_constant")
 
     @classmethod
     def force_per_command(cls, axis):

@@ -16,6 +16,8 @@ class VoltageMotor(Actuator):
 
     name = "voltage_motor"
     estimation = "motor"
+    emf_key = "drive.back_emf"
+    tells_turning = True
     parameters = {
         "voltage_limit": positive("V", "amplifier output is clipped to ± this"),
         "dac_range": positive("V", "converter spans ± this"),
@@ -57,6 +59,16 @@ class VoltageMotor(Actuator):
             "force_per_ampere": axis.value("drive.torque_constant") * gear / ratio,
             "moving_mass": axis.value("stage.mass") + inertia * (gear / ratio) ** 2,
         }
+
+    @classmethod
+    def amperes_per_command(cls, axis):
+        """1/R [A/V]."""
+        return 1.0 / axis.value("drive.resistance")
+
+    @classmethod
+    def emf_per_speed(cls, axis):
+        """K_E N/r [V s/m]."""
+        return axis.value("drive.back_emf") / lever(axis)[2]
 
     @classmethod
     def force_per_command(cls, axis):

@@ -1,0 +1,113 @@
+"""Drives that are commanded with a torque, a force or a voltage on a coil: from the least sketch on, with the same checks."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import yaml
+from machines import Machine, random_axis
+
+from microstage_ros.commands.operation import commission
+from microstage_ros.commissioning import procedure
+from microstage_ros.commissioning.estimation.known import moving_mass, split_mass
+from microstage_ros.commissioning.experiments.sliding import Slide
+from microstage_ros.commissioning.findings import Refused
+from microstage_ros.model.actuators import actuator_of
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.places import config_file
+
+FILES = {"current_motor": "axes/current_motor.yaml", "force": "emps.yaml"}
+LEAST = {"current_motor": "current_limit", "force": "voltage_limit"}
+
+
+def sketched(folder, kind, seed):
+    """A sketch with only what must be given, at 1 kHz, beside a machine within a factor of two of the shipped axis."""
+    axis = load_axis(config_file(FILES[kind])).with_values({"period": 1e-3}, source="derived").with_controller({"type": "pid"})
+    random_axis(axis, seed).save(folder / "truth.yaml")
+    tree = axis.as_dict()
+    transmission = {key: tree["transmission"][key] for key in ("type", "gear_ratio", "pitch") if key in tree["transmission"]}
+    least = {"format": 1, "period": tree["period"], "travel": tree["travel"], "transmission": transmission,
+             "drive": {"type": kind, LEAST[kind]: tree["drive"][LEAST[kind]]}, "sensors": {"encoder": {"resolution": tree["sensors"]["encoder"]["resolution"]}}}
+    (folder / "sketch.yaml").write_text(yaml.safe_dump(least))
+
+
+def run(folder, fault="", **more):
+    """(exit status, report) of the command."""
+    (folder / "options.yaml").write_text(yaml.safe_dump({"truth": str(folder / "truth.yaml"), "fault": fault, **more}))
+    status = commission.main(["--axis", str(folder / "sketch.yaml"), "--backend", "machines:Machine", "--backend-options",
+                              str(folder / "options.yaml"), "--out", str(folder / "out"), "--seed", "1"])
+    return status, json.loads((folder / "out" / "report.json").read_text())
+
+
+def test_a_force_drive_is_ready(tmp_path):
+    sketched(tmp_path, "force", 1)
+    status, report = run(tmp_path)
+    assert status == 0 and report["verdict"] == "ready" and report["used"]["time_s"] < 300.0
+    axis, truth = load_axis(tmp_path / "out" / "axis.yaml"), load_axis(tmp_path / "truth.yaml")
+    for key in ("stage.mass", "contacts.guideway.coulomb"):  # the volts of the command tell their ratio to the gain
+        assert axis.value(key) / axis.value("drive.gain") == pytest.approx(truth.value(key) / truth.value("drive.gain"), rel=0.05)
+    assert axis.value("travel.minimum") < report["used"]["travel_min_m"] < report["used"]["travel_max_m"] < axis.value("travel.maximum")
+    assert report["margins"]["measured"] and not report["parameters"]["stage.mass"]["determined"]
+
+
+def test_a_current_driven_motor_is_identified(tmp_path, monkeypatch):
+    """As far as the proof of a law, which the force drive goes through."""
+    sketched(tmp_path, "current_motor", 2)
+    proved = []
+    monkeypatch.setattr(procedure, "_prove", lambda outcome, machine, axis, drawn, law, *rest: proved.append((axis, law, machine)))
+    monkeypatch.setattr("microstage_ros.commissioning.report.write_answer", lambda *arguments: None)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "report.json").write_text('{"verdict": "stopped"}')
+    status, _ = run(tmp_path)
+    (axis, law, machine), truth = proved[0], load_axis(tmp_path / "truth.yaml")
+    assert status == 0 and law == "pid_feedforward"
+    assert moving_mass(axis) == pytest.approx(moving_mass(truth), rel=0.05)
+    assert axis.value("drive.torque_constant") == pytest.approx(truth.value("drive.torque_constant"), rel=0.01)
+    assert axis.value("contacts.guideway.coulomb") == pytest.approx(truth.value("contacts.guideway.coulomb"), rel=0.06)
+    sent = machine.last.command / truth.value("drive.torque_constant")
+    assert "torque_Nm" in machine.last and np.abs(sent).max() <= 1.02 * axis.value("drive.current_limit")
+
+
+@pytest.mark.parametrize("fault, check, farthest", [
+    ("motor_polarity", "polarity", 1e-5), ("encoder_dead", "stuck", 3e-4), ("stuck", "stuck", 1e-5), ("current_polarity", "current_polarity", 1e-5)])
+def test_a_fault_is_named(tmp_path, fault, check, farthest):
+    """A torque cannot tell a dead encoder from a clamped stage: the sentence names both, and the stage is stopped in between."""
+    sketched(tmp_path, "current_motor", 3)
+    status, report = run(tmp_path, fault)
+    failed = [c for c in report["checks"] if not c["passed"]]
+    assert status == 3 and [c["id"] for c in failed] == [check]
+    assert check != "stuck" or ("brake" in report["says"] and "encoder" in report["says"] and "N m" in report["says"])
+    machine = Machine.made[-1]
+    assert machine.highest - machine.lowest < farthest and machine._voltage == 0.0
+
+
+def test_an_encoder_that_stands_ends_the_slide():
+    """A speed loop on a dead encoder would push without end."""
+    axis = load_axis(config_file(FILES["current_motor"]))
+    machine = SimpleNamespace(position=0.0, period=1e-3, count=5e-8, periods=lambda s, least=1: max(round(s / 1e-3), least),
+                              command=actuator_of(axis).command)
+    slide = Slide(machine, SimpleNamespace(inertia=0.06, friction=0.01, volts_per_speed=0.1, viscous=0.0, offset=0.0), actuator_of(axis))
+    command = slide.command(2e-3)
+    pushes = [command(n, 2e-6 * n, 0.0) for n in range(100)]  # at speed: what friction takes, and no more
+    assert not slide.held and pushes[-1] == pytest.approx(slide.base(2e-3), rel=1e-3)
+    with pytest.raises(Refused, match="stands for 40 ms") as end:
+        for n in range(100, 200):
+            command(n, 2e-4, 0.0)
+    assert end.value.check.id == "encoder_dead" and n <= 142
+
+
+def test_what_moves_is_shared_out_by_what_is_known():
+    """The motion tells the sum: a rotor of a data sheet stays, and the load takes the difference; their doubts are those of the sketch."""
+    from microstage_ros.commissioning.sketch import sketch_from_dict
+
+    tree = load_axis(config_file(FILES["current_motor"])).with_controller({"type": "pid"}).as_dict()
+    tree["drive"]["rotor_inertia"]["tolerance"], tree["stage"]["mass"]["tolerance"] = 0.01, 1.0
+    sketch = sketch_from_dict(tree)
+    total = moving_mass(sketch.axis) + 10.0
+    found = split_mass(sketch, total, 0.5)
+    shared = sketch.axis.with_values({key: value for key, (value, _) in found.items()}, source="estimate")
+    assert moving_mass(shared) == pytest.approx(total)
+    assert found["stage.mass"][0] == pytest.approx(30.0, abs=0.3)
+    rotor = actuator_of(sketch.axis).reflected_mass(sketch.axis) * sketch.spread("drive.rotor_inertia")
+    assert found["stage.mass"][1] == pytest.approx(np.hypot(rotor, 0.5), rel=0.05)
