@@ -211,17 +211,18 @@ def select(evidences, effects, most=4):
 def _renamed(evidences, choices, effects):
     """The choices with every name asked again beside the others, which were not known yet when it was taken.
 
-    A viscosity beside friction that lags looks like a power of the speed as long as the lag is unknown.
+    A viscosity beside friction that lags looks like a power of the speed as long as the lag is unknown. A wider effect
+    always explains more than the simpler one that it contains, and is no other name of it.
     """
     kept = list(choices)
     for place in range(len(kept) if len(kept) > 1 else 0):
-        others = [c for c in kept if c is not kept[place]]
-        channels = {form.channel for form in kept[place].forms}
-        taken = {c.effect for c in kept}
-        free = {f.effect for f in evidences.forms if f.channel in channels and f.effect in effects} - taken
+        mine, others = kept[place], [c for c in kept if c is not kept[place]]
+        channels = {form.channel for form in mine.forms}
+        barred = {c.effect for c in kept}.union(CONTAINS.get(mine.effect, ()))
+        free = {f.effect for f in evidences.forms if f.channel in channels and f.effect in effects} - barred
         trials = [best_forms(evidences, effect, others) for effect in sorted(free)]
         own = evidences.gain(kept) - evidences.gain(others)
-        least = own - 2 * sum(width(evidences, f.channel, f) for f in kept[place].forms) + RIVAL_MARGIN
+        least = own - 2 * sum(width(evidences, f.channel, f) for f in mine.forms) + RIVAL_MARGIN
         better = [t for t in trials if t is not None and t.gain - 2 * t.sizes > least]
         for trial in sorted(better, key=lambda t: 2 * t.sizes - t.gain):
             if acceptable(evidences, trial, others):

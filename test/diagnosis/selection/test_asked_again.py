@@ -45,6 +45,26 @@ def test_a_right_name_and_a_cause_alone_are_not_renamed():
         assert selection._renamed(case, choices, list(FORMS)) == choices
 
 
+def test_a_tilt_is_not_renamed_to_the_cable_that_contains_it():
+    """A spring with its anchor far away is a constant force, and a little more of whatever else there is."""
+    generator, groups = np.random.default_rng(6), {}
+    forms = [Form("gravity_tilt", "torque", "", None, one("size", "1")), Form("amplifier_offset", "torque", "", None, one("size", "1")),
+             Form("cable_spring", "torque", "", None, one("size", "1"))]
+    for group, rows in (("learn", 8000), ("held", 4000), ("base", 4000)):
+        tilt, offset, slope = generator.normal(size=(3, rows))
+        columns = np.stack([tilt, offset, tilt, slope], axis=1)
+        size = 0.0 if group == "base" else 1.0
+        residual = size * (tilt + offset + 0.08 * slope) + generator.normal(size=rows)
+        where = {form.key: slice(n, n + 1 + (n == 3)) for n, form in enumerate(forms, 1)}
+        matrix = np.column_stack([residual, columns])
+        groups[group] = {"torque": Evidence(matrix.T @ matrix, where, rows)}
+    case = Evidences(*groups.values(), forms, {"torque": 1.0}, None)
+    both = [Choice(form.effect, (form,)) for form in forms[:2]]
+    wider = selection.best_forms(case, "cable_spring", both[1:])
+    assert wider.gain > case.gain(both) - case.gain(both[1:]) + selection.RIVAL_MARGIN + 4.0
+    assert selection._renamed(case, both, [form.effect for form in forms]) == both
+
+
 def of_sizes(signal, **sizes):
     return types.SimpleNamespace(agreement=lambda choice, others, group: sizes[group], signal=lambda *_: signal)
 
