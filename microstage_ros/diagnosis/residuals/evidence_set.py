@@ -60,6 +60,11 @@ class Evidences:
         self.scatter, self.frame, self.raw, self.own_profile = scatter, frame, raw or {}, own_profile
         self._in_rows, self._learn_rows = in_rows, {}
 
+    def with_tables(self, learn, held):
+        """The same with other evidence of the learning and held-out records, {channel: `Evidence`}."""
+        return Evidences(learn, held, self.base, self.forms, self.scatter, self.frame, self._in_rows, self.raw,
+                         self.own_profile)
+
     def gain(self, choices, extra=()):
         """Reduction of χ² on the learning records by these choices (and extra (channel, key) pairs)."""
         return sum(self.channel_gain(channel, choices, extra) for channel in self.learn)

@@ -16,6 +16,8 @@ from microstage_ros.model.effects import REGISTRY
 OF_NAMES = math.log(0.01 / len(REGISTRY))
 # derived: the name is chosen by then, and is asked once whether it is there and was not before
 OF_ONE = math.log(0.01)
+# of two names that are as likely beforehand; derived: the other one in a case of twenty
+LEADING_ODDS = math.log(19.0)
 # times the noise model's variance of a size; derived: twice as much, of the tens of stretches that carry an effect,
 # comes by chance once in a hundred
 FAITHFUL = 2.0
@@ -26,6 +28,16 @@ LEAST_SIZE = 1.0e-3
 BASE_SHARE = 0.3
 # of a cause's size from which on the baseline shows the same thing; derived: midway between none of it and all
 HALF = 0.5
+
+
+def size_beyond_baseline(evidences, choice, others):
+    """Factor on an effect's learned sizes that all records under test show beyond the baseline: value, standard error,
+    degrees of freedom; None where the rows were not kept."""
+    learned = evidences.agreement(choice, others, "learn")
+    if learned is None:
+        return None
+    held = evidences.agreement(choice, others, "held")
+    return beyond(_pooled(learned, held), _of_baseline(evidences, choice, others))
 
 
 def agrees_with_itself(evidences, choice, others):

@@ -9,6 +9,7 @@ from microstage_ros.diagnosis.catalogue import CONTAINS
 from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, Trial
 from microstage_ros.diagnosis.result import Finding, Improvement, OverallImprovement, Rivals
 from microstage_ros.diagnosis.selection.agreement import (
+    LEADING_ODDS,
     OF_ONE,
     agrees_with_itself,
     beyond,
@@ -29,7 +30,6 @@ from microstage_ros.diagnosis.selection.selection import (
 from microstage_ros.diagnosis.selection.stroke_profile import profile_of
 from microstage_ros.model.effects import REGISTRY
 
-LEADING_ODDS = math.log(19.0)   # derived: of two names that are as likely beforehand, the other one in a case of twenty
 RIVAL_SHARE = 0.02      # and share of its own gain
 FLAT = 0.5              # spread of a profile over its mean, below which it is a level
 SCATTER = 1.35          # χ² per row over the baseline's that no healthy record reaches

@@ -1,6 +1,9 @@
 """A payload or a soft drive: which of the two names the resonance and the torque balance together allow."""
 
+import math
+
 from microstage_ros.diagnosis.residuals.evidence_set import Choice
+from microstage_ros.diagnosis.selection.agreement import LEADING_ODDS, log_odds, size_beyond_baseline
 from microstage_ros.diagnosis.selection.sizes import sizes_of
 
 RESONANT = ("payload_change", "drive_compliance")
@@ -59,7 +62,26 @@ def resonance_is(evidences, trials, others):
         return "open"
     mass, stderr, expected, _ = from_torque
     # a torque balance that tells no mass, on a machine of another friction law, excludes none
-    return "payload_change" if abs(mass) > DECISIVE * stderr and alike(mass, expected) else "open"
+    decided = abs(mass) > DECISIVE * stderr and alike(mass, expected)
+    return "payload_change" if decided or mass_beyond_baseline(evidences, payload.choice, others) else "open"
+
+
+def mass_beyond_baseline(evidences, choice, others):
+    """Whether the torque balance tells the mass of the resonance, and not none, beyond what the baseline shows of it.
+
+    On a machine of another friction law the balance of every record shows a mass of some kilograms that is not there,
+    of either sign; the records and the baseline differ by the payload.
+    """
+    masses = torque_mass(evidences, choice, others)
+    if masses is None or not evidences.base:
+        return False
+    mass, _, expected, error = masses
+    form = next(f for f in evidences.forms if f.effect == "payload_change" and f.channel == "torque")
+    more = size_beyond_baseline(evidences, Choice("payload_change", (form,)), others)
+    if more is None:
+        return False
+    share, stderr = mass * more[0] / expected, math.hypot(mass * more[1], error) / abs(expected)
+    return log_odds((share - 0.5, stderr, more[2])) > LEADING_ODDS
 
 
 def _mass_of_a_soft_drive(evidences, choice, others):

@@ -8,7 +8,12 @@ from scipy.stats import chi2
 from microstage_ros.diagnosis.catalogue import CONTAINS, WIDER
 from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, Trial
 from microstage_ros.diagnosis.selection.agreement import agrees_with_itself, in_baseline
-from microstage_ros.diagnosis.selection.mass_or_drive import RESONANT, alike, resonance_is
+from microstage_ros.diagnosis.selection.mass_or_drive import (
+    RESONANT,
+    alike,
+    mass_beyond_baseline,
+    resonance_is,
+)
 from microstage_ros.diagnosis.selection.sizes import sizes_of, width
 from microstage_ros.diagnosis.selection.stepwise import forward
 from microstage_ros.diagnosis.selection.stroke_profile import (
@@ -273,6 +278,9 @@ def mass_or_stiffness(evidences, choices):
     said = resonance_is(evidences, trials, others)
     if said in RESONANT and acceptable(evidences, trials[said], others):
         return [*others, trials[said].choice]
+    if said == "payload_change" and mass_beyond_baseline(evidences, trials[said].choice, others):
+        # the size that the torque balance tells is not the payload's alone
+        return [*others, Choice(said, tuple(form for form in trials[said].choice.forms if form.channel != "torque"))]
     return choices
 
 
