@@ -18,7 +18,7 @@ AGING_STEP = 0.05
 CALM = 201                                           # periods
 # share of a record in which nothing shakes the axis, and times the variance of the speed there that noise alone may
 # reach; derived: records rest a tenth of their time, and a variance from CALM correlated readings scatters by a half
-QUIET, SHAKEN = 0.1, 4.0
+AT_REST, SHAKEN = 0.1, 4.0
 PROFILE_PRIOR = 0.2                                  # relative; what was not visited stays at the nominal friction
 # friction along the stroke is reported only where it is known this well
 PROFILE_STDERR = 0.08
@@ -204,7 +204,7 @@ def _calm_speed(prepared):
     """
     smooth = triangle(prepared.speed, CALM)
     rough = triangle((prepared.speed - smooth) ** 2, CALM)
-    shaken = np.maximum(rough - SHAKEN * np.quantile(rough, QUIET), 0.0)
+    shaken = np.maximum(rough - SHAKEN * np.quantile(rough, AT_REST), 0.0)
     return np.sqrt(smooth**2 + 2.0 / np.pi * shaken)
 
 
