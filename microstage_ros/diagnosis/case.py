@@ -25,9 +25,11 @@ from microstage_ros.diagnosis.result import Cause, Diagnosis, Parameter
 from microstage_ros.diagnosis.selection import judge, limit_cycle
 from microstage_ros.diagnosis.selection.calibration import probability
 from microstage_ros.diagnosis.selection.leftover import scatter_findings
+from microstage_ros.diagnosis.selection.mass_or_drive import RESONANT
 from microstage_ros.diagnosis.selection.nonregression_causes import nonregression_causes
 from microstage_ros.diagnosis.selection.refinement import refine
-from microstage_ros.diagnosis.selection.selection import RESONANT, select, sizes_of
+from microstage_ros.diagnosis.selection.selection import select
+from microstage_ros.diagnosis.selection.sizes import sizes_of
 from microstage_ros.quantities.errors import InputError
 
 EFFECTS = tuple(sorted({form.effect for form in FORMS if form.named and form.channel != "command"}))

@@ -16,6 +16,9 @@ PIECES = (0.25e-3, 0.5e-3, 1.0e-3)                   # m between the knots of fr
 AGING = tuple((scale, release) for scale in (0.03, 0.2) for release in (2.0e-6, 8.0e-6, 30.0e-6))  # s, m
 AGING_STEP = 0.05
 CALM = 201                                           # periods
+# share of a record in which nothing shakes the axis, and times the variance of the speed there that noise alone may
+# reach; derived: records rest a tenth of their time, and a variance from CALM correlated readings scatters by a half
+AT_REST, SHAKEN = 0.1, 4.0
 PROFILE_PRIOR = 0.2                                  # relative; what was not visited stays at the nominal friction
 # friction along the stroke is reported only where it is known this well
 PROFILE_STDERR = 0.08
@@ -194,8 +197,15 @@ def _ageing(stuck, speed, period, scale, release):
 
 
 def _calm_speed(prepared):
-    """|speed| without the readings' noise, which over a dwell would add up to travel."""
-    return np.abs(triangle(prepared.speed, CALM))
+    """Speed [m/s] whose integral is the travel: |speed| without the readings' noise, which over a dwell would add up.
+
+    The smooth part, and what shakes faster beyond the noise: the mean of |v| of a Gaussian v is √(2/π) times its
+    standard deviation. A contact that is shaken does not rest.
+    """
+    smooth = triangle(prepared.speed, CALM)
+    rough = triangle((prepared.speed - smooth) ** 2, CALM)
+    shaken = np.maximum(rough - SHAKEN * np.quantile(rough, AT_REST), 0.0)
+    return np.sqrt(smooth**2 + 2.0 / np.pi * shaken)
 
 
 def presliding_creep(scale, amplitude):

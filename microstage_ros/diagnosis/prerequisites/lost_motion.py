@@ -20,6 +20,9 @@ EXPLAINS = 0.4           # share of what stands out that the gap must take away 
 EXPLAINS_FIRST = 0.25
 EXPLAINS_HELD = 0.1      # and of the held-out records, where another cause may stand out more,
 EXPLAINS_ALONE = 0.5     # or of every learning record alone
+# times the χ² of held-out records without the gap that a replay may leave there; derived: one that lost its place is on
+# the wrong flank, and off by the gap where the model without one is off by half of it
+LOST = 4.0
 USUAL = 0.7              # mean size of a whitened residual that is noise
 WIDTHS = (0.35, 0.6, 0.85, 1.1)   # of the spread of stage against motor, tried first
 SLOW = 5000              # periods over which the spread is taken
@@ -74,6 +77,8 @@ def find_gap(prepared, drive):
     if channels["base"] and _losses(channels["base"], width) < _losses(channels["base"], 0.0):
         return None
     held = [sum(len(c.residual) * _energy(c, gap) for c in channels["held"]) for gap in (0.0, width)]
+    if held[1] > LOST * held[0]:
+        return None
     taken = _mean(len(c.residual) * (_energy(c, 0.0) - _energy(c, width)) for c in channels["learn"])
     rattle = max(_losses(channels["learn"], width) / usual - 1.0, 0.0)
     error = min(FORM_ERROR + RATTLE_ERROR * rattle, MOST_ERROR) * width + 3.0e-9

@@ -147,11 +147,9 @@ def take_out(collection, evidences, course):
     forms = [form for form in evidences.forms if form.channel == "position"]
     sums = {group: dict(getattr(evidences, group)) for group in ("learn", "held")}
     before = sums["held"]["position"].energy()
-    for group, table in sums.items():
-        table["position"] = collection.gather("position", forms, group)
+    for group, how in (("learn", collection.gather), ("held", collection.growing)):
+        sums[group]["position"] = how("position", forms, group)
     after = sums["held"]["position"].energy()
-    free = type(evidences)(
-        sums["learn"], sums["held"], evidences.base, evidences.forms, evidences.scatter, evidences.frame
-    )
+    free = evidences.with_tables(sums["learn"], sums["held"])
     scale = evidences.scatter["position"]
     return free, dataclasses.replace(course, held_before=before / scale, held_after=after / scale)

@@ -121,7 +121,8 @@ def readings_late(learn, held, base, sde=None):
     """(Timing of the learning records, of the held-out ones) if jitter or lost samples stand out, else None."""
     taught, again = timing_of(learn, sde), timing_of(held, sde)
     healthy = timing_of(base) if base else None
-    usual = max(healthy.variance, 0.0) if healthy else 0.0
+    # a coarse encoder's rounding differs from speed to speed, and makes it seem of either sign
+    usual = abs(healthy.variance) if healthy else 0.0
     usual_lost = healthy.lost if healthy else 0.0
     scattered = (taught.significance > 6.0 and again.significance > 2.0 and taught.variance > 4.0 * usual
                  and taught.jitter * taught.fastest > np.sqrt(LEAST_SCATTER * taught.floor))

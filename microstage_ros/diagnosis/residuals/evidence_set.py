@@ -60,6 +60,11 @@ class Evidences:
         self.scatter, self.frame, self.raw, self.own_profile = scatter, frame, raw or {}, own_profile
         self._in_rows, self._learn_rows = in_rows, {}
 
+    def with_tables(self, learn, held):
+        """The same with other evidence of the learning and held-out records, {channel: `Evidence`}."""
+        return Evidences(learn, held, self.base, self.forms, self.scatter, self.frame, self._in_rows, self.raw,
+                         self.own_profile)
+
     def gain(self, choices, extra=()):
         """Reduction of χ² on the learning records by these choices (and extra (channel, key) pairs)."""
         return sum(self.channel_gain(channel, choices, extra) for channel in self.learn)
@@ -210,14 +215,15 @@ class Evidences:
             self._learn_rows[channel] = self._in_rows(channel) if self._in_rows else None
         return self._learn_rows[channel]
 
-    def held_signal(self, choice, others):
-        """χ² of an effect's learned signal in the held-out records: what it would take there if it is true."""
+    def signal(self, choice, others, group="held"):
+        """χ² of an effect's learned signal in a group of records: what it would take there if it is true."""
         total = 0.0
         for channel in {form.channel for form in choice.forms}:
             own, beta = choice.keys(channel), self.learn[channel].fit(self._keys(channel, [*others, choice]))[0]
             part = beta[len(beta) - len(self.learn[channel].indices(own)):]
-            index = self.held[channel].indices(own)
-            total += part @ self.held[channel].matrix[np.ix_(index, index)] @ part / self.scatter[channel]
+            evidence = getattr(self, group)[channel]
+            index = evidence.indices(own)
+            total += part @ evidence.matrix[np.ix_(index, index)] @ part / self.scatter[channel]
         return float(total)
 
     def amplitude_in_base(self, choice, others, raw=False):

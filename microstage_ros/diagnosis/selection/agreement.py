@@ -16,6 +16,11 @@ from microstage_ros.model.effects import REGISTRY
 OF_NAMES = math.log(0.01 / len(REGISTRY))
 # derived: the name is chosen by then, and is asked once whether it is there and was not before
 OF_ONE = math.log(0.01)
+# of two names that are as likely beforehand; derived: the other one in a case of twenty
+LEADING_ODDS = math.log(19.0)
+# times the noise model's variance of a size; derived: twice as much, of the tens of stretches that carry an effect,
+# comes by chance once in a hundred
+FAITHFUL = 2.0
 # in units of what was learned; derived: least squares learn one, and only a prior takes less of it
 LEAST_SIZE = 1.0e-3
 # of a cause's size that the baseline may show, if that stands two standard errors out there; with 0.2 a level of
@@ -23,6 +28,16 @@ LEAST_SIZE = 1.0e-3
 BASE_SHARE = 0.3
 # of a cause's size from which on the baseline shows the same thing; derived: midway between none of it and all
 HALF = 0.5
+
+
+def size_beyond_baseline(evidences, choice, others):
+    """Factor on an effect's learned sizes that all records under test show beyond the baseline: value, standard error,
+    degrees of freedom; None where the rows were not kept."""
+    learned = evidences.agreement(choice, others, "learn")
+    if learned is None:
+        return None
+    held = evidences.agreement(choice, others, "held")
+    return beyond(_pooled(learned, held), _of_baseline(evidences, choice, others))
 
 
 def agrees_with_itself(evidences, choice, others):
@@ -39,7 +54,17 @@ def agrees_with_itself(evidences, choice, others):
     if log_tail(learned) > OF_NAMES and not _certain_alone(learned, held, base):
         return False
     # where the model is not the machine's, every name is there: that the baseline has less of it is all that tells
-    return log_tail(beyond(held, base)) < OF_ONE and log_tail(beyond(_pooled(learned, held), base)) < OF_NAMES
+    level = OF_ONE if _as_modelled(evidences, choice, others, learned) else OF_NAMES
+    return log_tail(beyond(held, base)) < OF_ONE and log_tail(beyond(_pooled(learned, held), base)) < level
+
+
+def _as_modelled(evidences, choice, others, learned):
+    """Whether the learned size scatters between stretches as the noise model has it.
+
+    Then this shape is none of those by which the machine's law differs, and the baseline, which may not have gone
+    there, is asked once.
+    """
+    return learned[1] ** 2 * evidences.signal(choice, others, "learn") < FAITHFUL
 
 
 def _certain_alone(learned, held, base):
@@ -91,6 +116,20 @@ def log_tail(size):
     return float(student.logsf(value / stderr, freedom))
 
 
+def log_odds(lead):
+    """ln of how much more likely a factor ½ + lead is if the first of two names is right, and the factor one, than if
+    the second is, and the factor nothing.
+
+    ``lead``: value, standard error, degrees of freedom; Student's t. Where the factor lies further from one than its
+    error allows neither name is right to the last, and the error is at least that distance.
+    """
+    value, stderr, freedom = lead
+    stderr = max(stderr, abs(0.5 - value))
+    if stderr == 0.0:
+        return math.inf
+    return float(student.logpdf((value - 0.5) / stderr, freedom) - student.logpdf((value + 0.5) / stderr, freedom))
+
+
 def shortfall(evidences, choice, others):
     """Factor on what an effect takes from χ² at which its size would just be certain in the learning records: below one
     where it is.
@@ -124,6 +163,17 @@ def _pooled(one, other):
     weights = one[1] ** -2.0, other[1] ** -2.0
     total = sum(weights)
     return (weights[0] * one[0] + weights[1] * other[0]) / total, total**-0.5, one[2] + other[2]
+
+
+def clear_part(size):
+    """What of a size stands above its own error: value, standard error, degrees of freedom.
+
+    The positive part of the James–Stein estimator, (1 − σ²/a²) a: a baseline that shows a little within its error
+    neither takes it from the records nor adds that error to theirs.
+    """
+    value, stderr, freedom = size
+    share = max(1.0 - (stderr / value) ** 2, 0.0) if value else 0.0
+    return share * value, math.sqrt(share) * stderr, freedom
 
 
 def beyond(size, base):

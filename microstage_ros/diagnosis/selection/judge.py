@@ -9,25 +9,27 @@ from microstage_ros.diagnosis.catalogue import CONTAINS
 from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, Trial
 from microstage_ros.diagnosis.result import Finding, Improvement, OverallImprovement, Rivals
 from microstage_ros.diagnosis.selection.agreement import (
+    LEADING_ODDS,
     OF_ONE,
     agrees_with_itself,
     beyond,
+    clear_part,
     in_baseline,
+    log_odds,
     log_tail,
     shortfall,
 )
+from microstage_ros.diagnosis.selection.mass_or_drive import RESONANT, resonance_is
 from microstage_ros.diagnosis.selection.selection import (
     FRICTIONS,
-    RESONANT,
+    RIVAL_MARGIN,
     acceptable,
     best_forms,
     level_or_viscous,
-    resonance_is,
 )
 from microstage_ros.diagnosis.selection.stroke_profile import profile_of
 from microstage_ros.model.effects import REGISTRY
 
-RIVAL_MARGIN = 12.0     # χ² by which a cause must beat every other name; derived: odds of exp(12/2), 400 to one
 RIVAL_SHARE = 0.02      # and share of its own gain
 FLAT = 0.5              # spread of a profile over its mean, below which it is a level
 SCATTER = 1.35          # χ² per row over the baseline's that no healthy record reaches
@@ -147,8 +149,9 @@ def _leads(evidences, choice, other, others):
     if lead is None:
         return True
     # the two differ by the very shapes in which the machine's law differs from the model's, and by as much of that
-    # difference as the healthy axis shows either of them may gain on the other where nothing has changed
-    return log_tail(beyond(lead, evidences.lead_of_baseline(choice, other, others))) < OF_ONE
+    # difference as the healthy axis clearly shows either of them may gain on the other where nothing has changed
+    lead = beyond(lead, clear_part(evidences.lead_of_baseline(choice, other, others)))
+    return log_tail(lead) < OF_ONE or log_odds(lead) > LEADING_ODDS
 
 
 def is_constant_force(evidences, choice, effect, others):

@@ -8,6 +8,12 @@ from scipy.stats import chi2
 from microstage_ros.diagnosis.catalogue import CONTAINS, WIDER
 from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, Trial
 from microstage_ros.diagnosis.selection.agreement import agrees_with_itself, in_baseline
+from microstage_ros.diagnosis.selection.mass_or_drive import (
+    RESONANT,
+    alike,
+    mass_beyond_baseline,
+    resonance_is,
+)
 from microstage_ros.diagnosis.selection.sizes import sizes_of, width
 from microstage_ros.diagnosis.selection.stepwise import forward
 from microstage_ros.diagnosis.selection.stroke_profile import (
@@ -20,6 +26,7 @@ from microstage_ros.diagnosis.selection.stroke_profile import (
 # of one candidate; derived: some hundred candidates at 10⁻⁶ name a cause of a healthy axis by chance in 10⁻⁴ of the
 # cases
 LEVEL = math.log(1e-6)
+RIVAL_MARGIN = 12.0     # χ² by which a cause must beat every other name; derived: odds of exp(12/2), 400 to one
 HELD_SHARE = 0.1            # of the gain expected on held-out records that must arrive
 DOMINANCE = 0.5              # of the gain of a stronger name that does not stand, below which a weaker one is not taken
 # share of the gain of payload and soft drive that the payload alone must reach on the coarse grid
@@ -38,17 +45,6 @@ FITTED = 4.0e-4
 MINOR_BESIDE = {"amplifier_gain": EXACT, "amplifier_offset": EXACT, "scale_error": EXACT,
                 "rising_static_friction": 0.25, "presliding_creep": 0.25, "nonlinear_viscous": FITTED, "backlash": 0.08,
                 "position_dependent_friction": 0.08}
-RESONANT = ("payload_change", "drive_compliance")
-# share of a soft drive's gain in resonance and wind-up from which a payload explains them as well: the drive would have
-# lost its damping in the proportion of its stiffness; and share below which it is none; calibrated by: microstage
-# campaign --world second --kind single --effect payload_change and drive_compliance, the latter with --strength 0.07
-# too, where the damping stayed (no name of the other)
-ALIKE, UNLIKE = 0.9, 0.5
-# ratio of two masses down to which they are one, and down to which a mass in the torque leaves it open whether the
-# drive is soft; calibrated by: microstage campaign --world second --kind single --seed 2103, case 4 (5.3 kg more, of
-# which the torque balance told two fifths)
-ALIKE_MASS, LEAST_ALIKE = 0.4, 0.25
-DECISIVE = 4.0   # standard errors; derived: a chance of 6·10⁻⁵ on both sides
 FRICTIONS = ("friction_level_change", "viscous_change")
 
 def best_forms(evidences, effect, choices):
@@ -125,7 +121,7 @@ def acceptable(evidences, trial, choices):
     rows = {c: evidences.held[c].rows / max(evidences.learn[c].rows, 1) for c in evidences.held}
     share = np.mean([rows[form.channel] for form in trial.choice.forms])
     # a cable slack where the held-out records go pulls little there
-    expected = min(share * trial.gain, evidences.held_signal(trial.choice, choices))
+    expected = min(share * trial.gain, evidences.signal(trial.choice, choices))
     if trial.held < max(HELD_SHARE * expected, 5.0):
         return False
     if not _masses_agree(evidences, trial.choice, choices) or is_level_of_a_profile(evidences, trial.choice, choices):
@@ -148,7 +144,7 @@ def _masses_agree(evidences, choice, choices):
     if not {"torque", "resonance"} <= set(masses):
         return False
     (friction, stderr), (resonance, _) = masses["torque"], masses["resonance"]
-    return abs(friction) > 3.0 * stderr and _alike(resonance, friction)
+    return abs(friction) > 3.0 * stderr and alike(resonance, friction)
 
 
 def _splinter(evidences, trial, choices):
@@ -205,12 +201,39 @@ class _Balance:
 
 def select(evidences, effects, most=4):
     """Forward, then backward: the list of `Choice`, and the trials of the last round that lost."""
-    choices, lost = forward(_Balance(evidences, effects), [], most)
+    balance = _Balance(evidences, effects)
+    choices, lost = forward(balance, [], most)
+    renamed = _renamed(evidences, choices, effects)
+    if renamed != choices:
+        choices, lost = forward(balance, renamed, most)
     choices = mass_or_stiffness(evidences, _one_resonance(evidences, choices))
     best = level_or_viscous(evidences, choices)
     if best is not None:
         choices = [best if c.effect in FRICTIONS else c for c in choices]
     return without_splinters(evidences, choices), lost
+
+
+def _renamed(evidences, choices, effects):
+    """The choices with every name asked again beside the others, which were not known yet when it was taken.
+
+    A viscosity beside friction that lags looks like a power of the speed as long as the lag is unknown. A wider effect
+    always explains more than the simpler one that it contains, and is no other name of it.
+    """
+    kept = list(choices)
+    for place in range(len(kept) if len(kept) > 1 else 0):
+        mine, others = kept[place], [c for c in kept if c is not kept[place]]
+        channels = {form.channel for form in mine.forms}
+        barred = {c.effect for c in kept}.union(CONTAINS.get(mine.effect, ()))
+        free = {f.effect for f in evidences.forms if f.channel in channels and f.effect in effects} - barred
+        trials = [best_forms(evidences, effect, others) for effect in sorted(free)]
+        own = evidences.gain(kept) - evidences.gain(others)
+        least = own - 2 * sum(width(evidences, f.channel, f) for f in mine.forms) + RIVAL_MARGIN
+        better = [t for t in trials if t is not None and t.gain - 2 * t.sizes > least]
+        for trial in sorted(better, key=lambda t: 2 * t.sizes - t.gain):
+            if acceptable(evidences, trial, others):
+                kept[place] = trial.choice
+                break
+    return kept
 
 
 def level_or_viscous(evidences, choices):
@@ -240,23 +263,6 @@ def _one_resonance(evidences, choices):
     return [*others, alone.choice] if alone and alone.gain > ONE_RESONANCE * both else choices
 
 
-def _alike(mass, other):
-    """Whether two channels tell of one mass."""
-    return ALIKE_MASS < mass / other < 1.0 / ALIKE_MASS
-
-
-def torque_mass(evidences, choice, others):
-    """Mass [kg] that the torque balance tells beside ``others``, its standard error, and the one that the resonance or
-    the wind-up of ``choice`` (a `Choice` of ``payload_change``) tells; None where a channel is missing."""
-    form = next((f for f in evidences.forms if f.effect == "payload_change" and f.channel == "torque"), None)
-    fast = [f for f in choice.forms if f.channel in ("resonance", "windup")]
-    if form is None or "torque" not in evidences.learn or not fast:
-        return None
-    mass, stderr, _ = sizes_of(evidences, choice, others, form)[0]["mass_kg"]
-    from_torque = min((sizes_of(evidences, choice, others, f)[0]["mass_kg"] for f in fast), key=lambda size: size[1])
-    return mass, stderr, from_torque[0], from_torque[1]
-
-
 def mass_or_stiffness(evidences, choices):
     """A payload, or a soft drive: the resonance and the wind-up hardly distinguish them, the torque balance does.
 
@@ -272,51 +278,10 @@ def mass_or_stiffness(evidences, choices):
     said = resonance_is(evidences, trials, others)
     if said in RESONANT and acceptable(evidences, trials[said], others):
         return [*others, trials[said].choice]
+    if said == "payload_change" and mass_beyond_baseline(evidences, trials[said].choice, others):
+        # the size that the torque balance tells is not the payload's alone
+        return [*others, Choice(said, tuple(form for form in trials[said].choice.forms if form.channel != "torque"))]
     return choices
-
-
-def resonance_is(evidences, trials, others):
-    """Which of `RESONANT` it is: an effect's id, ``"open"`` where the records cannot tell, None where they need not.
-
-    ``trials``: {effect: `Trial` or None}.
-    """
-    payload, drive = trials["payload_change"], trials["drive_compliance"]
-    if payload is None or drive is None:
-        return None
-    fast = ("resonance", "windup")
-    gains = [
-        sum(
-            evidences.channel_gain(ch, [*others, t.choice]) - evidences.channel_gain(ch, others)
-            for ch in fast
-            if ch in evidences.learn
-        )
-        for t in (payload, drive)
-    ]
-    if gains[0] < UNLIKE * gains[1]:     # a damping that does not follow the stiffness: no mass does that
-        return "drive_compliance"
-    if gains[0] < ALIKE * gains[1]:
-        return "open" if _mass_of_a_soft_drive(evidences, drive.choice, others) else "drive_compliance"
-    from_torque = torque_mass(evidences, payload.choice, others)
-    if from_torque is None:
-        return "open"
-    mass, stderr, expected, _ = from_torque
-    # a torque balance that tells no mass, on a machine of another friction law, excludes none
-    return "payload_change" if abs(mass) > DECISIVE * stderr and _alike(mass, expected) else "open"
-
-
-def _mass_of_a_soft_drive(evidences, choice, others):
-    """Whether the torque balance is sure of a mass, and of the one that the resonance of this soft drive stands for.
-
-    K_c times k moves the resonance as a mass of m/k; a soft drive shows no inertia in the torque.
-    """
-    form = next((f for f in evidences.forms if f.effect == "payload_change" and f.channel == "torque"), None)
-    fast = next((f for f in choice.forms if f.channel == "resonance"), None)
-    if form is None or fast is None or "torque" not in evidences.learn:
-        return False
-    soft, _, _ = sizes_of(evidences, choice, others, fast)[0]["stiffness_factor"]
-    mass, stderr, _ = sizes_of(evidences, Choice("payload_change", (form,)), others, form)[0]["mass_kg"]
-    expected = evidences.frame.drive.mass * (1.0 / soft - 1.0)
-    return bool(mass > DECISIVE * stderr and LEAST_ALIKE * expected < mass < expected / ALIKE_MASS)
 
 
 def _first_acceptable(evidences, trials, choices):

@@ -97,7 +97,7 @@ def test_an_effect_that_the_held_out_record_hardly_goes_to_needs_to_show_no_more
     quiet.residual, quiet.signal = quiet.residual + 0.15 * quiet.signal, 0.15 * quiet.signal
     case.held = {"torque": Growing([quiet], [EFFECT, OTHER], None)}
     trial = selection.best_forms(case, "gravity_tilt", [])
-    assert case.held_signal(CHOICE, []) == pytest.approx(ROWS * 0.15**2, rel=0.1)
+    assert case.signal(CHOICE, []) == pytest.approx(ROWS * 0.15**2, rel=0.1)
     assert trial.held < 0.05 * trial.gain and selection.acceptable(case, trial, [])
 
 
@@ -116,7 +116,7 @@ def test_the_lead_of_a_name_is_half_where_it_is_right_and_sure_if_the_stretches_
     assert stderr == pytest.approx(1.0 / (0.3 * math.sqrt(2 * ROWS)), rel=0.4) and 180.0 < freedom < 239.0
     assert judge._leads(case, CHOICE, other, []) and not judge._leads(case, other, CHOICE, [])
     once = evidences(lambda k: 6.0 * (k == 17))      # one breakaway, and nothing else
-    assert once.gain([CHOICE]) - once.gain([other]) > judge.RIVAL_MARGIN and not judge._leads(once, CHOICE, other, [])
+    assert once.gain([CHOICE]) - once.gain([other]) > selection.RIVAL_MARGIN and not judge._leads(once, CHOICE, other, [])
 
 
 def test_a_lead_in_few_stretches_of_unlike_weight_is_sure_if_each_agrees():

@@ -17,7 +17,7 @@ from microstage_ros.diagnosis.catalogue.form import Form, one
 from microstage_ros.diagnosis.residuals.evidence import Evidence
 from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, Trial
 from microstage_ros.diagnosis.result import Finding
-from microstage_ros.diagnosis.selection import judge, selection
+from microstage_ros.diagnosis.selection import judge, mass_or_drive, selection
 from microstage_ros.diagnosis.selection.judge import Ledger
 from microstage_ros.diagnosis.selection.sizes import CAUTION, FORM_ERROR, form_error
 
@@ -256,9 +256,9 @@ def following(world, share):
 def test_the_torque_balance_tells_a_payload_from_a_soft_drive(mass, share, said):
     world = following(resonant(mass), share)
     world.evidences.frame = types.SimpleNamespace(drive=types.SimpleNamespace(mass=5.0))
-    trials = {effect: selection.best_forms(world.evidences, effect, []) for effect in selection.RESONANT}
-    assert selection.resonance_is(world.evidences, trials, []) == said
-    for first in selection.RESONANT:
+    trials = {effect: selection.best_forms(world.evidences, effect, []) for effect in mass_or_drive.RESONANT}
+    assert mass_or_drive.resonance_is(world.evidences, trials, []) == said
+    for first in mass_or_drive.RESONANT:
         chosen = selection.mass_or_stiffness(world.evidences, [trials[first].choice])
         assert [c.effect for c in chosen] == [said]
 
@@ -266,24 +266,24 @@ def test_the_torque_balance_tells_a_payload_from_a_soft_drive(mass, share, said)
 def test_where_the_torque_says_neither_they_are_rivals():
     """A mass of a third of what the resonance needs is none of the two."""
     world = resonant(0.9)
-    trials = {effect: selection.best_forms(world.evidences, effect, []) for effect in selection.RESONANT}
-    assert selection.resonance_is(world.evidences, trials, []) == "open"
+    trials = {effect: selection.best_forms(world.evidences, effect, []) for effect in mass_or_drive.RESONANT}
+    assert mass_or_drive.resonance_is(world.evidences, trials, []) == "open"
     mine = trials["drive_compliance"].choice
-    assert judge.rivals_of(world.evidences, mine, [mine], selection.RESONANT) == ["payload_change"]
+    assert judge.rivals_of(world.evidences, mine, [mine], mass_or_drive.RESONANT) == ["payload_change"]
 
 
 def test_a_drive_that_lost_its_damping_in_proportion_may_be_a_payload():
     """A torque balance that tells no mass, on a machine of another friction law, is then no proof."""
     world = resonant(0.0)
-    trials = {effect: selection.best_forms(world.evidences, effect, []) for effect in selection.RESONANT}
-    assert selection.resonance_is(world.evidences, trials, []) == "open"
+    trials = {effect: selection.best_forms(world.evidences, effect, []) for effect in mass_or_drive.RESONANT}
+    assert mass_or_drive.resonance_is(world.evidences, trials, []) == "open"
 
 
 def test_a_drive_that_the_payload_does_not_follow_is_a_drive():
     """Between a half and nine tenths of its resonance a mass in the torque leaves it open, if it is the one that the
     stiffness stands for or a quarter of it; below, nothing does."""
     world = resonant(3.0)
-    trials = {effect: selection.best_forms(world.evidences, effect, []) for effect in selection.RESONANT}
+    trials = {effect: selection.best_forms(world.evidences, effect, []) for effect in mass_or_drive.RESONANT}
     drive = trials["drive_compliance"]
     told = drive.choice.forms[0].sizes(world.evidences.learn["resonance"].fit([drive.choice.forms[0].key])[0], np.eye(1), None)[0]
     factor = told["stiffness_factor"][0]
@@ -291,8 +291,8 @@ def test_a_drive_that_the_payload_does_not_follow_is_a_drive():
                                   (0.7, -3.0, "drive_compliance"), (0.4, 3.0, "drive_compliance")):
         world = following(resonant(3.0), share)
         world.evidences.frame = types.SimpleNamespace(drive=types.SimpleNamespace(mass=expected / (1.0 / factor - 1.0)))
-        assert selection.resonance_is(world.evidences, trials, []) == said, (share, expected)
-    assert selection.resonance_is(world.evidences, {"payload_change": None, "drive_compliance": drive}, []) is None
+        assert mass_or_drive.resonance_is(world.evidences, trials, []) == said, (share, expected)
+    assert mass_or_drive.resonance_is(world.evidences, {"payload_change": None, "drive_compliance": drive}, []) is None
 
 
 @pytest.mark.parametrize(("size", "rivals"), [(0.4, ["direction_asymmetry"]), (3.0, [])])

@@ -92,7 +92,7 @@ def test_what_the_held_out_records_tell_alone_is_certain_too():
 def test_few_stretches_of_the_held_out_records_are_not_certain_alone(learned, freedom, certain):
     """Six standard errors, but in as many stretches as on a healthy axis that was called a cable (2.9 degrees of freedom)."""
     sizes = {"learn": (learned, 1.0, 30.0), "held": (6.2, 1.0, freedom), "base": (0.0, 0.3, 30.0)}
-    case = types.SimpleNamespace(agreement=lambda choice, others, group: sizes[group])
+    case = types.SimpleNamespace(agreement=lambda choice, others, group: sizes[group], signal=lambda *_: 100.0)
     assert log_tail(sizes["learn"]) > OF_NAMES and agrees_with_itself(case, CHOICE, []) == certain
 
 

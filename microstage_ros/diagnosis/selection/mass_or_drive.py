@@ -1,0 +1,99 @@
+"""A payload or a soft drive: which of the two names the resonance and the torque balance together allow."""
+
+import math
+
+from microstage_ros.diagnosis.residuals.evidence_set import Choice
+from microstage_ros.diagnosis.selection.agreement import LEADING_ODDS, log_odds, size_beyond_baseline
+from microstage_ros.diagnosis.selection.sizes import sizes_of
+
+RESONANT = ("payload_change", "drive_compliance")
+# share of a soft drive's gain in resonance and wind-up from which a payload explains them as well: the drive would have
+# lost its damping in the proportion of its stiffness; and share below which it is none; calibrated by: microstage
+# campaign --world second --kind single --effect payload_change and drive_compliance, the latter with --strength 0.07
+# too, where the damping stayed (no name of the other)
+ALIKE, UNLIKE = 0.9, 0.5
+# ratio of two masses down to which they are one, and down to which a mass in the torque leaves it open whether the
+# drive is soft; calibrated by: microstage campaign --world second --kind single --seed 2103, case 4 (5.3 kg more, of
+# which the torque balance told two fifths)
+ALIKE_MASS, LEAST_ALIKE = 0.4, 0.25
+DECISIVE = 4.0   # standard errors; derived: a chance of 6·10⁻⁵ on both sides
+
+
+def alike(mass, other):
+    """Whether two channels tell of one mass."""
+    return ALIKE_MASS < mass / other < 1.0 / ALIKE_MASS
+
+
+def torque_mass(evidences, choice, others):
+    """Mass [kg] that the torque balance tells beside ``others``, its standard error, and the one that the resonance or
+    the wind-up of ``choice`` (a `Choice` of ``payload_change``) tells; None where a channel is missing."""
+    form = next((f for f in evidences.forms if f.effect == "payload_change" and f.channel == "torque"), None)
+    fast = [f for f in choice.forms if f.channel in ("resonance", "windup")]
+    if form is None or "torque" not in evidences.learn or not fast:
+        return None
+    mass, stderr, _ = sizes_of(evidences, choice, others, form)[0]["mass_kg"]
+    from_torque = min((sizes_of(evidences, choice, others, f)[0]["mass_kg"] for f in fast), key=lambda size: size[1])
+    return mass, stderr, from_torque[0], from_torque[1]
+
+
+def resonance_is(evidences, trials, others):
+    """Which of `RESONANT` it is: an effect's id, ``"open"`` where the records cannot tell, None where they need not.
+
+    ``trials``: {effect: `Trial` or None}.
+    """
+    payload, drive = trials["payload_change"], trials["drive_compliance"]
+    if payload is None or drive is None:
+        return None
+    fast = ("resonance", "windup")
+    gains = [
+        sum(
+            evidences.channel_gain(ch, [*others, t.choice]) - evidences.channel_gain(ch, others)
+            for ch in fast
+            if ch in evidences.learn
+        )
+        for t in (payload, drive)
+    ]
+    if gains[0] < UNLIKE * gains[1]:     # a damping that does not follow the stiffness: no mass does that
+        return "drive_compliance"
+    if gains[0] < ALIKE * gains[1]:
+        return "open" if _mass_of_a_soft_drive(evidences, drive.choice, others) else "drive_compliance"
+    from_torque = torque_mass(evidences, payload.choice, others)
+    if from_torque is None:
+        return "open"
+    mass, stderr, expected, _ = from_torque
+    # a torque balance that tells no mass, on a machine of another friction law, excludes none
+    decided = abs(mass) > DECISIVE * stderr and alike(mass, expected)
+    return "payload_change" if decided or mass_beyond_baseline(evidences, payload.choice, others) else "open"
+
+
+def mass_beyond_baseline(evidences, choice, others):
+    """Whether the torque balance tells the mass of the resonance, and not none, beyond what the baseline shows of it.
+
+    On a machine of another friction law the balance of every record shows a mass of some kilograms that is not there,
+    of either sign; the records and the baseline differ by the payload.
+    """
+    masses = torque_mass(evidences, choice, others)
+    if masses is None or not evidences.base:
+        return False
+    mass, _, expected, error = masses
+    form = next(f for f in evidences.forms if f.effect == "payload_change" and f.channel == "torque")
+    more = size_beyond_baseline(evidences, Choice("payload_change", (form,)), others)
+    if more is None:
+        return False
+    share, stderr = mass * more[0] / expected, math.hypot(mass * more[1], error) / abs(expected)
+    return log_odds((share - 0.5, stderr, more[2])) > LEADING_ODDS
+
+
+def _mass_of_a_soft_drive(evidences, choice, others):
+    """Whether the torque balance is sure of a mass, and of the one that the resonance of this soft drive stands for.
+
+    K_c times k moves the resonance as a mass of m/k; a soft drive shows no inertia in the torque.
+    """
+    form = next((f for f in evidences.forms if f.effect == "payload_change" and f.channel == "torque"), None)
+    fast = next((f for f in choice.forms if f.channel == "resonance"), None)
+    if form is None or fast is None or "torque" not in evidences.learn:
+        return False
+    soft, _, _ = sizes_of(evidences, choice, others, fast)[0]["stiffness_factor"]
+    mass, stderr, _ = sizes_of(evidences, Choice("payload_change", (form,)), others, form)[0]["mass_kg"]
+    expected = evidences.frame.drive.mass * (1.0 / soft - 1.0)
+    return bool(mass > DECISIVE * stderr and LEAST_ALIKE * expected < mass < expected / ALIKE_MASS)

@@ -1,0 +1,117 @@
+"""The rules of the forward selection one by one, on trials and gains that are written down and not simulated."""
+
+import types
+
+import pytest
+
+from microstage_ros.diagnosis.catalogue import CONTAINS
+from microstage_ros.diagnosis.catalogue.form import Form, one
+from microstage_ros.diagnosis.residuals.evidence_set import Choice, Trial
+from microstage_ros.diagnosis.selection import judge, selection
+
+
+def choice(effect, *channels):
+    return Choice(effect, tuple(Form(effect, channel, "", None, one("size", "1")) for channel in channels or ("torque",)))
+
+
+def trial(effect, gain, *channels):
+    return Trial(choice(effect, *channels), gain, 1, 0.5 * gain)
+
+
+@pytest.fixture
+def standing(monkeypatch):
+    """Names that `acceptable` lets stand; a test fills it."""
+    names = set()
+    monkeypatch.setattr(selection, "acceptable", lambda evidences, one, choices: one.choice.effect in names)
+    return names
+
+
+def baseline(amplitude):
+    return types.SimpleNamespace(amplitude_in_base=lambda *_: (amplitude, 0.01))
+
+
+@pytest.mark.parametrize(("gain", "channel", "amplitude", "found"), [
+    (499.0, "torque", 0.0, None),                   # less than half of a name of its channel that does not stand
+    (501.0, "torque", 0.0, "gravity_tilt"),
+    (499.0, "windup", 0.0, "gravity_tilt"),         # another channel
+    (499.0, "torque", 0.6, "gravity_tilt"),         # the stronger one is the healthy axis's own
+])
+def test_a_weak_name_is_not_taken_in_the_place_of_a_strong_one_that_does_not_stand(standing, gain, channel, amplitude, found):
+    standing.add("gravity_tilt")
+    trials = [trial("payload_change", 1000.0), trial("gravity_tilt", gain, channel)]
+    won = selection._first_acceptable(baseline(amplitude), trials, [])
+    assert (won.choice.effect if won else None) == found
+
+
+def test_a_strong_name_without_significance_blocks_nothing(standing):
+    standing.add("gravity_tilt")
+    trials = [trial("payload_change", 10.0), trial("gravity_tilt", 4.0)]
+    assert selection._first_acceptable(baseline(0.0), trials, []) is trials[1]
+
+
+def test_the_eight_strongest_names_are_looked_at(standing):
+    standing.add("gravity_tilt")
+    eight = [trial("payload_change", 100.0, f"channel {n}") for n in range(8)]
+    assert selection._first_acceptable(baseline(0.0), [*eight[1:], trial("gravity_tilt", 90.0)], []) is not None
+    assert selection._first_acceptable(baseline(0.0), [*eight, trial("gravity_tilt", 90.0)], []) is None
+
+
+@pytest.mark.parametrize(("wide", "simple", "won"), [
+    (1000.0, 941.0, "gravity_tilt"), (1000.0, 939.0, "cable_spring"),      # six per cent
+    (100.0, 76.0, "gravity_tilt"), (100.0, 74.0, "cable_spring"),          # 25 of χ²
+])
+def test_the_simpler_cause_is_taken_where_the_wider_says_little_more(standing, wide, simple, won):
+    assert "cable_spring" in CONTAINS["gravity_tilt"]
+    winner, other = trial("cable_spring", wide), trial("gravity_tilt", simple)
+    assert selection._simpler(baseline(0.0), winner, [winner, other], []) is winner      # the simpler one does not stand
+    standing.add("gravity_tilt")
+    assert selection._simpler(baseline(0.0), winner, [winner, other], []).choice.effect == won
+
+
+def test_a_cause_is_no_simpler_form_of_one_that_does_not_contain_it(standing):
+    standing.add("torque_ripple")
+    winner, other = trial("cable_spring", 1000.0), trial("torque_ripple", 999.0)
+    assert selection._simpler(baseline(0.0), winner, [winner, other], []) is winner
+
+
+class Parts:
+    """Gains on held-out records that add up: ``parts`` {(effect, channel): χ²}."""
+
+    def __init__(self, parts):
+        self.parts = parts
+
+    def held_gain(self, choices, channels=None):
+        here = {c.effect for c in choices}
+        return sum(v for (effect, channel), v in self.parts.items() if effect in here and channel in (channels or (channel,)))
+
+
+@pytest.mark.parametrize(("own", "elsewhere", "kept"), [
+    (290.0, 0.0, False), (310.0, 0.0, True),        # three per cent of the other one's in the channel of both
+    (290.0, 70.0, True), (290.0, 50.0, False),      # and what it holds elsewhere
+])
+def test_a_cause_that_holds_little_beside_a_larger_one_is_dropped(own, elsewhere, kept):
+    large, small = choice("viscous_change"), choice("cable_spring", "torque", *(["windup"] if elsewhere else []))
+    case = Parts({("viscous_change", "torque"): 10000.0, ("cable_spring", "torque"): own, ("cable_spring", "windup"): elsewhere})
+    assert (small in selection.without_splinters(case, [large, small])) == kept
+    assert large in selection.without_splinters(case, [large, small])
+
+
+@pytest.mark.parametrize(("part", "kept"), [(45.0, False), (61.0, True)])
+def test_a_faint_cause_of_a_channel_of_its_own_is_dropped_below_sixty_of_chi_square(part, kept):
+    large, small = choice("amplifier_gain", "windup"), choice("encoder_sde", "position")
+    case = Parts({("amplifier_gain", "windup"): 1.0e6, ("encoder_sde", "position"): part})
+    assert (small in selection.without_splinters(case, [large, small])) == kept
+    assert selection.without_splinters(case, [small]) == [small]        # alone it is judged elsewhere
+
+
+@pytest.mark.parametrize(("mean", "spread", "level"), [(0.2, 0.09, True), (-0.2, 0.09, True), (0.2, 0.11, False)])
+def test_friction_along_the_stroke_that_is_alike_everywhere_is_a_level(monkeypatch, mean, spread, level):
+    monkeypatch.setattr(judge, "profile_of", lambda *_: (mean, spread))
+    assert judge._level(None, choice("position_dependent_friction"), []) == level
+    assert not judge._level(None, choice("friction_level_change"), [])
+
+
+def test_an_open_question_names_all_that_it_may_be():
+    entry = judge.rivals_entry(["gravity_tilt", "direction_asymmetry"])
+    assert entry.ids == ("gravity_tilt", "direction_asymmetry") and entry.experiment == {}
+    assert "gravity_tilt and direction_asymmetry" in entry.why
