@@ -57,7 +57,7 @@ class Store:
         self.close()
 
     def add_healthy(self, time, source, traits):
-        """Keep one healthy window's traits {(channel, trait): size}; its ``time`` [s]."""
+        """Keep one healthy window's traits {(channel, trait): size}; it begins at ``time`` [s]."""
         text = json.dumps([[channel, trait, size] for (channel, trait), size in sorted(traits.items())])
         self._base.execute("INSERT INTO healthy (time, source, traits) VALUES (?, ?, ?)", (time, source, text))
 
@@ -71,7 +71,7 @@ class Store:
         return Reference.of(self.healthy(), self._window)
 
     def add_health(self, time, source, health):
-        """Keep what was said of one window, {channel: `ChannelHealth`}; its ``time`` [s]."""
+        """Keep what was said of one window, {channel: `ChannelHealth`}; it begins at ``time`` [s]."""
         self._base.executemany(
             "INSERT INTO health VALUES (?, ?, ?, ?, ?, ?, ?)",
             [(time, source, channel, h.score, h.trait, int(h.alarm), h.since) for channel, h in health.items()],

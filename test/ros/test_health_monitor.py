@@ -1,6 +1,8 @@
 """health_monitor beside a cell: it learns, publishes `health`, and diagnoses what it saw."""
 
+import contextlib
 import json
+import sqlite3
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +26,7 @@ def running(tmp_path_factory):
     folder = tmp_path_factory.mktemp("health")
     parameters = {
         "axis_driver": {"seed": 3, "command_timeout_lockstep_s": 60.0},
-        "health_monitor": {**FAST, "directory": str(folder / "found")},
+        "health_monitor": {**FAST, "directory": str(folder / "found"), "store": str(folder / "history.sqlite")},
     }
     with ros_node() as node, CellProcesses("/axis", NODES, parameters, logs=folder / "logs") as cell:
         cell.activate(node)
@@ -47,6 +49,10 @@ def test_it_learns_watches_and_investigates(running):
     )
     assert not any(last.alarm) and all(0.0 <= score < 1.0 for score in last.score)
     assert [h.state for h in heard][0] == Health.STATE_LEARNING
+    with contextlib.closing(sqlite3.connect(folder / "history.sqlite")) as history:
+        (begins,) = history.execute("SELECT MIN(time) FROM health").fetchone()
+    first = next(h.header.stamp for h in heard if h.state == Health.STATE_WATCHING)
+    assert begins == pytest.approx(first.sec + 1e-9 * first.nanosec - FAST["window"], abs=1e-6)  # as the command keeps it
     result = investigate(node, directory=str(folder / "report"))
     assert result.done and result.verdict in VERDICTS, result.message
     report = json.loads(Path(result.report).read_text(encoding="utf-8"))

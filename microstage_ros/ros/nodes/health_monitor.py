@@ -143,15 +143,15 @@ class HealthMonitor(Node):
         if travelled(record) < LEAST_TRAVEL:
             return
         self._kept.append(record)
-        traits, seconds, p = self._machine.traits(record), stamp * 1e-9, self.parameters
-        health = {}
+        traits, p = self._machine.traits(record), self.parameters
+        begins, health = stamp * 1e-9 - p.window, {}
         if self._watch is None:
-            store.add_healthy(seconds, record.source, traits)
+            store.add_healthy(begins, record.source, traits)
             if len(store.healthy()) >= p.healthy_windows:
                 self._watch = Watch(store.reference(), p.false_alarms_per_month)
         else:
-            health = self._watch.judge(seconds - p.window, traits)
-            store.add_health(seconds, record.source, health)
+            health = self._watch.judge(begins, traits)
+            store.add_health(begins, record.source, health)
         self._publish(stamp, health, len(store.healthy()))
 
     def _publish(self, stamp, health, healthy):
