@@ -71,7 +71,7 @@ class Table:
     start: int
     end: int
 
-    def says_that_it_is_stale(self, command):
+    def says_that_it_is_stale(self, command: str) -> bool:
         """Whether `MARK` with this command stands under the table."""
         return MARK.format(command=command) in self.body
 
@@ -85,7 +85,7 @@ def _without_docstrings(tree):
     return tree
 
 
-def digest(root, code):
+def digest(root: Path | str, code: tuple) -> str:
     """Digest of Python files below ``root``/microstage_ros: names and what they do (16 hexadecimal digits).
 
     Comments, docstrings and the way in which lines are broken do not count: they change no figure.
@@ -109,7 +109,7 @@ def digest(root, code):
     return total.hexdigest()[:16]
 
 
-def machine():
+def machine() -> str:
     """The machine in a few words: processor, cores, Python."""
     name = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
@@ -119,13 +119,13 @@ def machine():
     return f"{name}, {os.cpu_count()} cores, Python {platform.python_version()}".replace('"', "'")
 
 
-def stamp_now(root, code):
+def stamp_now(root: Path | str, code: tuple) -> Stamp:
     """`Stamp` of figures that were measured just now with the code of ``root``."""
     today = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
     return Stamp(__version__, digest(root, code), today, machine())
 
 
-def read_tables(page):
+def read_tables(page: Path | str) -> list[Table]:
     """All `Table` s of a page, in their order. Raises `InputError` where one has no end."""
     text, found = Path(page).read_text(encoding="utf-8"), []
     for opening in OPENING.finditer(text):
@@ -140,7 +140,7 @@ def read_tables(page):
     return found
 
 
-def find_table(page, owner, title):
+def find_table(page: Path | str, owner: str, title: str) -> Table:
     """The `Table` of this owner and title in a page. Raises `InputError` where the page has none."""
     for table in read_tables(page):
         if (table.owner, table.title) == (owner, title):
@@ -148,17 +148,17 @@ def find_table(page, owner, title):
     raise InputError(str(page), f"no <!-- {owner}: {title} -->", "the opening comment of the table")
 
 
-def write_table(page, owner, title, body, stamp):
+def write_table(page: Path | str, owner: str, title: str, body: str, stamp: Stamp) -> None:
     """Put a table that was just measured into its page. Raises `InputError` where the page has none of this title."""
     _replace(page, find_table(page, owner, title), body, stamp)
 
 
-def is_stale(root, table, code):
+def is_stale(root: Path | str, table: Table, code: tuple) -> bool:
     """Whether the code that a `Table` is about has changed since it was measured."""
     return table.stamp.code != digest(root, code)
 
 
-def mark_stale(root, page, table, code, command):
+def mark_stale(root: Path | str, page: Path | str, table: Table, code: tuple, command: str) -> None:
     """Make a stale `Table` say so to its reader; nothing happens to one that is fresh or says so."""
     if is_stale(root, table, code) and not table.says_that_it_is_stale(command):
         body = re.sub(r"\n\*Measured with an earlier state of the code; `[^`]*` measures it anew\.\*\n", "", table.body)

@@ -207,14 +207,14 @@ def scale_check(found, sketch):
     """
     if sketch.axis.choices["drive.type"] != "voltage_motor":
         return _judged_scale(*_scale_by_inertia(found, sketch), "the sketched mass and force")
-    low, high, told = _scale_of_motor(found, sketch)
+    low, high, alone = _scale_of_motor(found, sketch)
     if low > high:
         return Check(
             "encoder_scale",
             True,
-            told[0],
+            alone[0],
             "1",
-            f"the encoder counts {told[0]:.2g} times what the sketched back-EMF says, and {told[1]:.2g}"
+            f"the encoder counts {alone[0]:.2g} times what the sketched back-EMF says, and {alone[1]:.2g}"
             " times what the sketched inertia says: no scale explains both, one of them is beyond its tolerance",
         )
     return _judged_scale(low, high, "the motor's back-EMF and inertia")
