@@ -1,6 +1,7 @@
 """The watchdog's process: the voltage goes when commands stop, when the driver hangs and when it is gone, and not before."""
 
 import os
+import resource
 import signal
 import struct
 import subprocess
@@ -31,6 +32,21 @@ def guard():
     assert made.start()
     yield made
     made.close()
+
+
+def test_it_starts_from_a_process_of_more_than_a_thousand_descriptors():
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, 2048), hard))
+    taken, made = [os.open(os.devnull, os.O_RDONLY) for _ in range(1100)], OutputGuard(LIMIT_S)
+    try:
+        assert made.start()
+        looked = int(made.words[watchdog.DOG])
+        wait(lambda: made.words[watchdog.DOG] > looked)  # it goes on
+    finally:
+        made.close()
+        for descriptor in taken:
+            os.close(descriptor)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
 def test_a_look_in_time_and_a_look_too_late():

@@ -26,10 +26,16 @@ import os
 import struct
 import threading
 import time
+import weakref
 from pathlib import Path
 from typing import NamedTuple
 
 PLACE = Path("/dev/shm")
+
+LIBC = ctypes.CDLL(None, use_errno=True)
+LIBC.mmap.restype = ctypes.c_void_p
+LIBC.mmap.argtypes = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int, ctypes.c_int, ctypes.c_int, ctypes.c_long)
+LIBC.munmap.argtypes = (ctypes.c_void_p, ctypes.c_size_t)
 
 
 class Layout(NamedTuple):
@@ -92,8 +98,9 @@ class Segment:
             if (about.st_uid != os.getuid() or len(start) < VALUE or name != layout.name
                     or _word(start, HEADER + 8) != layout.size or start[HEADER + 12] != len(layout.name) - 1):
                 raise ValueError(f"{path.name} is not laid out as Fast DDS 2.14.5 does it")
-            self._pages = mmap.mmap(file.fileno(), about.st_size)
-        self._base = ctypes.addressof(ctypes.c_char.from_buffer(self._pages))
+            self._base = _mapped(file.fileno(), about.st_size)
+        weakref.finalize(self, LIBC.munmap, self._base, about.st_size)
+        self._pages = memoryview((ctypes.c_char * about.st_size).from_address(self._base)).cast("B")
         self._first = VALUE + layout.sleepers + SLEEPERS
         self._flags = None if layout.flags is None else VALUE + layout.flags
         if any(_word(self._pages, self._mutex(which) + KIND) != PROCESS_SHARED for which in (0, 1)):
@@ -116,7 +123,7 @@ class Segment:
         """Open one lock, of a port that is marked as useless first; the thread that waits for it goes on."""
         if self._flags is not None:
             self._pages[self._flags] &= ~PORT_IS_USABLE
-        ctypes.CDLL(None).pthread_mutex_unlock(self.address(which))
+        LIBC.pthread_mutex_unlock(self.address(which))
 
 
 class AbandonedLocks:
@@ -197,6 +204,15 @@ class AbandonedLocks:
         threading.Thread(target=look_on, name="locks", daemon=True).start()
 
 
+def _mapped(descriptor, size):
+    """Address of a file of ``size`` bytes in this process's memory. Python's own `mmap` keeps a descriptor for each,
+    of which a process may have a thousand only; there can be more readers. Raises `OSError`."""
+    address = LIBC.mmap(None, size, mmap.PROT_READ | mmap.PROT_WRITE, mmap.MAP_SHARED, descriptor, 0)
+    if address in (None, ctypes.c_void_p(-1).value):
+        raise OSError(ctypes.get_errno(), "cannot be mapped")
+    return address
+
+
 def _word(data, at):
     return int.from_bytes(data[at:at + 4], "little")
 
@@ -214,12 +230,11 @@ def _gone(thread):
 
 def _mutexes_are_as_expected():
     """True if a mutex of this C library has its words where they are looked for: tried with one."""
-    libc = ctypes.CDLL(None)
     mutex, attributes = ctypes.create_string_buffer(64), ctypes.create_string_buffer(64)
-    libc.pthread_mutexattr_init(attributes)
-    libc.pthread_mutexattr_setpshared(attributes, 1)
-    libc.pthread_mutex_init(mutex, attributes)
-    libc.pthread_mutex_lock(mutex)
+    LIBC.pthread_mutexattr_init(attributes)
+    LIBC.pthread_mutexattr_setpshared(attributes, 1)
+    LIBC.pthread_mutex_init(mutex, attributes)
+    LIBC.pthread_mutex_lock(mutex)
     held = _word(mutex.raw, LOCK), _word(mutex.raw, OWNER), _word(mutex.raw, KIND)
-    libc.pthread_mutex_unlock(mutex)
+    LIBC.pthread_mutex_unlock(mutex)
     return held == (1, threading.get_native_id(), PROCESS_SHARED) and _word(mutex.raw, LOCK) == 0

@@ -125,3 +125,13 @@ def test_where_the_c_library_has_other_mutexes_nothing_is_done(copied, monkeypat
     shut_by_another_process([path], 1)
     locks, before = AbandonedLocks(folder), path.read_bytes()
     assert sum(locks.look() for _ in range(3)) == 0 and path.read_bytes() == before
+
+
+def test_a_thousand_readers_cost_no_descriptor(copied):
+    folder, path = copied
+    before = len(os.listdir("/proc/self/fd"))
+    for number in range(1100):
+        os.link(path, folder / f"{READER}{number + 2}")
+    locks = AbandonedLocks(folder)
+    assert locks.look() == 0 and len(locks._segments) == 1101
+    assert len(os.listdir("/proc/self/fd")) == before
