@@ -116,13 +116,15 @@ def _parse(argv):
     if arguments.effect and arguments.effect not in REGISTRY:
         raise InputError("--effect", arguments.effect, "one of " + ", ".join(sorted(REGISTRY)))
     read_axis(arguments.axis)
+    arguments.code = digest(SOURCE, DIAGNOSIS)  # as it is when the cases begin
     return arguments
 
 
 def _settings(arguments):
     """What must be the same for two runs to be parts of one campaign."""
     return {"seed": arguments.seed, "axis": str(arguments.axis), "kind": arguments.kind, "strength": arguments.strength,
-            "effect": arguments.effect, "world": arguments.world, "baseline": not arguments.no_baseline}
+            "effect": arguments.effect, "world": arguments.world, "baseline": not arguments.no_baseline,
+            "code": arguments.code}
 
 
 def _resumed(arguments):
@@ -173,7 +175,6 @@ def _tree(arguments, outcomes):
     counts, medians = campaign.scores(outcomes)
     return {
         "version": __version__,
-        "code": digest(SOURCE, DIAGNOSIS),
         **_settings(arguments),
         "figures": {name: list(pair) for name, pair in counts.items()},
         "medians": {name: _plain(value) for name, value in medians.items()},

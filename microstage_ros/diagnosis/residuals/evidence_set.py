@@ -199,10 +199,10 @@ class Evidences:
                 row[place[key]], beta = np.split(beta, [place[key].stop - place[key].start])
         return keys, sizes[0], sizes[1]
 
-    def usual(self, channel, key):
-        """Reduction of χ² by a form that as many rows of the healthy axis as the learning records have would show,
-        before anything was taken out of it; 0 without a baseline."""
-        base = self.raw.get(channel, self.base.get(channel))
+    def usual(self, channel, key, raw=True):
+        """Reduction of χ² by a form that as many rows of the healthy axis as the learning records have would show; with
+        ``raw`` before anything was taken out of it; 0 without a baseline."""
+        base = self.raw.get(channel, self.base.get(channel)) if raw else self.base.get(channel)
         if base is None:
             return 0.0
         return base.fit([key])[2] / self.scatter[channel] * self.learn[channel].rows / base.rows

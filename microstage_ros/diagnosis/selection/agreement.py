@@ -97,14 +97,18 @@ def in_baseline(evidences, choice, others):
 
 
 def _wave_of_baseline(evidences, form, others):
-    """Whether the baseline has a wave of friction of this length and at least half this height, at whatever phase.
+    """Whether the baseline has a wave of this length and at least half this height, at whatever phase.
 
-    A wave number is read to a per cent or so: some millimetres on, where the baseline was, the phase is another.
+    Of friction along the stroke: a wave number is read to a per cent or so; some millimetres on, where the baseline was,
+    the phase is another. What the healthy model took from the baseline counts. Of an encoder's error: its phase belongs
+    to the scale. One that the baseline shows at another phase, once its own error is taken out, is noise of that size.
     """
-    if form.effect != "position_dependent_friction" or not form.variant.startswith("wave"):
+    waves_of_friction = form.effect == "position_dependent_friction" and form.variant.startswith("wave")
+    if not waves_of_friction and form.effect != "encoder_sde":
         return False
     keys = [key for choice in others for key in choice.keys(form.channel)]
-    return evidences.usual(form.channel, form.key) > HALF**2 * evidences.more(form.channel, keys, form.key)
+    usual = evidences.usual(form.channel, form.key, raw=waves_of_friction)
+    return usual > HALF**2 * evidences.more(form.channel, keys, form.key)
 
 
 def log_tail(size):

@@ -109,25 +109,32 @@ class Stroke:
         return matrix, 0.0
 
 
-def waved(base, phase=0.0):
-    """`Evidences` of a wave of friction in the records, and of height ``base`` in the baseline."""
+def waved(base, phase=0.0, effect="position_dependent_friction"):
+    """`Evidences` of a wave of an effect in the records, and of height ``base`` in the baseline."""
     def columns(channel, frame):
         angle = 2.0 * np.pi * channel.position / LONG
         return channel.friction[:, None] * np.stack([np.sin(angle), np.cos(angle)], axis=1)
 
-    form = Form("position_dependent_friction", "torque", "wave 0.0005", columns)
+    form = Form(effect, "torque", "wave 0.0005", columns)
     case = evidences(lambda k: 0.3, base=lambda k: 0.0)
     made = {group: Growing([Stroke([seed, n], height, turned) for n in range(count)], [form], Frame(None, 0.0, 1.0e-3, 30.0))
             for seed, (group, height, turned, count) in enumerate([("learn", 0.6, 0.0, 2), ("held", 0.6, 0.0, 1), ("base", base, phase, 1)])}
     case.learn, case.held, case.base = ({"torque": made[group]} for group in ("learn", "held", "base"))
     case._in_rows, case.forms = lambda channel: made["learn"], [form]
-    return case, Choice("position_dependent_friction", (form,))
+    return case, Choice(effect, (form,))
 
 
+@pytest.mark.parametrize("effect", ["position_dependent_friction", "encoder_sde"])
 @pytest.mark.parametrize("base, phase, there", [(0.0, 0.0, False), (0.6, 0.0, True), (0.6, 1.6, True), (0.6, np.pi, True), (0.1, 0.5, False)])
-def test_a_wave_that_the_baseline_has_at_another_phase_is_the_axiss_own(base, phase, there):
-    case, choice = waved(base, phase)
+def test_a_wave_that_the_baseline_has_at_another_phase_is_the_axiss_own(effect, base, phase, there):
+    case, choice = waved(base, phase, effect)
     assert in_baseline(case, choice, []) == there
+
+
+def test_an_error_of_the_encoder_that_was_taken_out_of_the_baseline_hides_none_of_another_phase():
+    case, choice = waved(0.0, effect="encoder_sde")
+    case.raw = {"torque": waved(0.6, 1.6, "encoder_sde")[0].base["torque"]}
+    assert not in_baseline(case, choice, [])
 
 
 def test_friction_along_the_stroke_must_vary_more_than_the_healthy_axiss():
