@@ -99,9 +99,10 @@ def in_baseline(evidences, choice, others):
 def _wave_of_baseline(evidences, form, others):
     """Whether the baseline has a wave of this length and at least half this height, at whatever phase.
 
-    Of friction along the stroke: a wave number is read to a per cent or so; some millimetres on, where the baseline was,
-    the phase is another. What the healthy model took from the baseline counts. Of an encoder's error: its phase belongs
-    to the scale. One that the baseline shows at another phase, once its own error is taken out, is noise of that size.
+    Of friction along the stroke: a wave number is read to a per cent or so; some millimetres on, where the baseline
+    was, the phase is another. What the healthy model took from the baseline counts. Of an encoder's error: its phase
+    belongs to the scale. One that the baseline shows at another phase, once its own error is taken out, is noise of
+    that size.
     """
     waves_of_friction = form.effect == "position_dependent_friction" and form.variant.startswith("wave")
     if not waves_of_friction and form.effect != "encoder_sde":
