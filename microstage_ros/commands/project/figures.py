@@ -127,7 +127,8 @@ def main(argv=None):
     if arguments.check or arguments.mark:
         return _check(SOURCE, {RUNS[name].page for name in chosen}, arguments.mark)
     for name in chosen:
-        print(f"{name}: about {RUNS[name].minutes:g} min of one idle core …", file=sys.stderr, flush=True)
+        if not arguments.earlier:
+            print(f"{name}: about {RUNS[name].minutes:g} min of one idle core …", file=sys.stderr, flush=True)
         began = time.monotonic()
         RUNS[name].measure(str(SOURCE / RUNS[name].page), earlier=arguments.earlier)
         print(f"{name}: {RUNS[name].page}, {time.monotonic() - began:.0f} s")
