@@ -8,7 +8,7 @@ from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.solver.plant import make_plant, new_state
-from test.last_bits import RELATIVE, USUAL, wrapped
+from test.last_bits import FLAGS, RELATIVE, USUAL, wrapped
 
 
 def test_last_bits_differ_and_nothing_else():
@@ -19,6 +19,8 @@ def test_last_bits_differ_and_nothing_else():
         assert plain[name] != other[name]
         assert abs(plain[name] - other[name]) <= 2.0 * RELATIVE * max(abs(plain[name]), usual)
     np.testing.assert_array_equal(plain["random"], other["random"])
+    for name in FLAGS:
+        np.testing.assert_array_equal(plain["guideway"][name], other["guideway"][name])
     assert not np.array_equal(plain["random"], wrapped(new_state, False, 1)(plant, 3)["random"])
 
 
