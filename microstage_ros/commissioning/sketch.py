@@ -72,6 +72,8 @@ def sketch_from_dict(tree, place="sketch"):
     """`Sketch` from plain data. Raises InputError."""
     if not isinstance(tree, dict):
         raise InputError(place, tree, "a mapping of sections")
+    if "components" in tree:
+        axis_from_dict({"format": 1, **tree}, place)  # refuses it, in the words of all other commands
     tolerance = {}
     tree = _without_tolerances(tree, "", tolerance, place)
     given = frozenset(_leaves(tree))
