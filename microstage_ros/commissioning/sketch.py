@@ -59,7 +59,7 @@ class Sketch:
     given: frozenset
 
     def spread(self, key):
-        """Standard deviation of the logarithm of a number: its tolerance as a uniform distribution."""
+        """Standard deviation of the logarithm of a number [1]: its tolerance as a uniform distribution."""
         return math.log1p(self.tolerance.get(key, USUAL)) / math.sqrt(3.0)
 
 
