@@ -49,7 +49,7 @@ def facts():
 
 
 def finish(command, status):
-    """Print the object, if it is wanted, and give standard output back."""
+    """Print the object, if it is wanted, and give standard output back; ``status``: exit status of ``command`` [1]."""
     global _stdout
     if _stdout is None:
         return
@@ -63,7 +63,10 @@ def finish(command, status):
 
 
 def plain(value):
-    """Data that JSON can hold: numpy numbers as Python's, numbers that are not finite as null, the rest as text."""
+    """Data that JSON can hold: numpy numbers as Python's, numbers that are not finite as null, the rest as text.
+
+    ``value``: of any kind [any unit]; arrays become lists of lists.
+    """
     if isinstance(value, dict):
         return {str(key): plain(entry) for key, entry in value.items()}
     if isinstance(value, (list, tuple)):

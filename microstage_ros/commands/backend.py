@@ -49,7 +49,7 @@ class ChosenBackend:
         return asked or self.mode
 
     def words(self, axis_name, seed):
-        """What is driven, in one sentence."""
+        """What is driven, in one sentence, with the axis's name and the ``seed`` [1] of a simulation."""
         if self.simulated:
             whose = "" if self.name == SIMULATED else f", backend {self.name}"
             return f"The axis is simulated ({axis_name}, seed {seed}{whose}); nothing moves."

@@ -33,12 +33,12 @@ class Bar:
         return self._shown is not None
 
     def advance(self, steps=1):
-        """So many more steps are done."""
+        """So many more ``steps`` [1] are done."""
         if self._shown:
             self._shown.advance(self._task, steps)
 
     def reach(self, done, total=None):
-        """So many are done, of so many."""
+        """So many are ``done`` [1], of ``total`` [1]; None: as said before."""
         if self._shown:
             self._shown.update(self._task, completed=done, **({} if total is None else {"total": total}))
 
@@ -54,7 +54,7 @@ def progress(what, total=None, remembered=None):
 
     Parameters
     ----------
-    what : is being done, such as "diagnosing". total : steps there are; None: not known.
+    what : is being done, such as "diagnosing". total : steps there are [1]; None: not known.
     remembered : name of this kind of work, where its steps cannot be counted: the time left is then estimated from how
         long it took the last time on this machine (kept in the user's cache folder).
     """

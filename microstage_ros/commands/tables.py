@@ -36,7 +36,7 @@ def body(header, rows, remark):
 
 
 def check_documents(documents):
-    """The files of ``--update`` are there. Raises `InputError`."""
+    """See that the files of ``--update`` are there. Raises `InputError`: one is not."""
     for document in documents:
         if not Path(document).is_file():
             raise InputError("--update", document, "a file that exists")

@@ -78,7 +78,7 @@ def target(text):
 
 
 def shown_length(value):
-    """A length as people read it: ``10.05 µm``, ``-50 nm``, ``0``."""
+    """A length, ``value`` [m], as people read it: ``10.05 µm``, ``-50 nm``, ``0``."""
     from microstage_ros.quantities.readable import quantity  # numpy and matplotlib's colours: not for --help
 
     return quantity(value, "m", 4) if value else "0"

@@ -41,7 +41,7 @@ class Refused(Exception):
 
 
 def refused(name, value, unit, says):
-    """`Refused` with a failed check."""
+    """`Refused` with a failed check, whose ``value`` is in ``unit``."""
     return Refused(Check(name, False, float(value), unit, says))
 
 

@@ -83,7 +83,7 @@ def commission(machine, sketch, store, seed=0, progress=lambda text: None):
 
     Parameters
     ----------
-    machine : `Machine`, its backend open. sketch : `Sketch`. store : `Store`. seed : of phases and draws.
+    machine : `Machine`, its backend open. sketch : `Sketch`. store : `Store`. seed : of phases and draws [1].
     progress : called with a line of text at each step.
     """
     outcome = Outcome()

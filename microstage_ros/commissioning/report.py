@@ -17,7 +17,7 @@ TONE = {"ready": "good", "refused": "bad", "stopped": "caution"}
 
 
 def report_tree(outcome, machine):
-    """The contents of report.json."""
+    """The contents of report.json; ``outcome``: `Outcome`."""
     checks = sorted(outcome.checks.values(), key=lambda c: CHECKS.index(c.id))
     margins = outcome.margins
     tree = {
@@ -74,7 +74,7 @@ def _most(machine):
 
 
 def plain(value):
-    """Plain JSON: numbers that are not finite become null."""
+    """Plain JSON of a ``value`` of any shape: numbers that are not finite become null."""
     if isinstance(value, dict):
         return {key: plain(v) for key, v in value.items()}
     if isinstance(value, (list, tuple)):
@@ -89,7 +89,7 @@ def plain(value):
 
 
 def write_answer(outcome, machine, folder, provenance):
-    """Write every file of the answer into ``folder`` (`pathlib.Path`)."""
+    """Write every file of the answer into ``folder`` (`pathlib.Path`); ``outcome``: `Outcome`."""
     if outcome.axis is not None:
         outcome.axis.save(folder / "axis.yaml", {"version": __version__, "command": "commission", **provenance})
     if outcome.responses:
@@ -99,7 +99,7 @@ def write_answer(outcome, machine, folder, provenance):
 
 
 def page(outcome, machine, provenance):
-    """The page a person reads."""
+    """The page a person reads of an ``outcome``, `Outcome`."""
     made = Page(
         "Commissioning",
         machine.axis.name,

@@ -59,7 +59,7 @@ class Sketch:
     given: frozenset
 
     def spread(self, key):
-        """Standard deviation of the logarithm of a number: its tolerance as a uniform distribution."""
+        """Standard deviation of the logarithm of a number [1]: its tolerance as a uniform distribution."""
         return math.log1p(self.tolerance.get(key, USUAL)) / math.sqrt(3.0)
 
 
@@ -72,6 +72,8 @@ def sketch_from_dict(tree, place="sketch"):
     """`Sketch` from plain data. Raises InputError."""
     if not isinstance(tree, dict):
         raise InputError(place, tree, "a mapping of sections")
+    if "components" in tree:
+        axis_from_dict({"format": 1, **tree}, place)  # refuses it, in the words of all other commands
     tolerance = {}
     tree = _without_tolerances(tree, "", tolerance, place)
     given = frozenset(_leaves(tree))

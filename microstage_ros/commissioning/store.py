@@ -90,15 +90,15 @@ class Store:
         return path
 
     def finish(self, phase, result, records=()):
-        """Note that a phase is done, with its result (plain data) and the records it needs again."""
+        """Note that a ``phase`` is done, with its result (plain data) and the records it needs again."""
         self._progress["done"][phase] = {"result": result, "records": [Path(r).name for r in records]}
         write_json(self.folder / PROGRESS, self._progress)
 
     def done(self, phase):
-        """Result of a phase that is done, None otherwise."""
+        """Result of a ``phase`` that is done, None otherwise."""
         found = self._progress["done"].get(phase)
         return None if found is None else found["result"]
 
     def records_of(self, phase):
-        """The records of a phase that is done."""
+        """The records of a ``phase`` that is done, `Record` each."""
         return [read_record(self._records / name) for name in self._progress["done"][phase]["records"]]

@@ -15,6 +15,7 @@ says so to its reader (`mark_stale` puts `MARK` under it); one that does neither
 import ast
 import dataclasses
 import datetime
+import functools
 import hashlib
 import os
 import platform
@@ -85,6 +86,12 @@ def _without_docstrings(tree):
     return tree
 
 
+@functools.cache
+def _what_it_does(text: str) -> str:
+    """A module's syntax tree without docstrings, as text; tables share most modules."""
+    return ast.dump(_without_docstrings(ast.parse(text)))
+
+
 def digest(root: Path | str, code: tuple) -> str:
     """Digest of Python files below ``root``/microstage_ros: names and what they do (16 hexadecimal digits).
 
@@ -104,8 +111,8 @@ def digest(root: Path | str, code: tuple) -> str:
         if not path.exists():
             raise InputError("figures: code", entry, "a file or folder of microstage_ros")
         for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
-            tree = _without_docstrings(ast.parse(file.read_text(encoding="utf-8")))
-            total.update(f"{file.relative_to(root)}\0{ast.dump(tree)}\0".encode())
+            does = _what_it_does(file.read_text(encoding="utf-8"))
+            total.update(f"{file.relative_to(root)}\0{does}\0".encode())
     return total.hexdigest()[:16]
 
 

@@ -124,8 +124,8 @@ class AxisClient:
         return int(self._cell.processes[place]), int(self._cell.restarts[place]), int(self._cell.states[place])
 
     def server_lost(self, before):
-        """Why a goal that was sent when `server_started` was ``before`` is not answered any more, in words; empty if it
-        is."""
+        """Why a goal that was sent when `server_started` was ``before`` [1] is not answered any more, in
+        words; empty if it is."""
         now = self.server_started
         if (
             now is None
@@ -141,8 +141,8 @@ class AxisClient:
         )
 
     def lost(self, before):
-        """As `server_lost`, or that driver or controller has ended and the move server has not said so within
-        `OVERDUE`: the middleware may hold its answer up while it looks after a dead reader."""
+        """As `server_lost` with ``before`` [1], or that driver or controller has ended and the move server has not
+        said so within `OVERDUE`: the middleware may hold its answer up while it looks after a dead reader."""
         if self._gone and time.monotonic() - self._gone[0] > OVERDUE:
             return (
                 f"{self._prefix}{topics.MOVE_TO}: {self._gone[1]}: the process has ended, the axis stands still at zero"

@@ -198,7 +198,13 @@ def _plain(value):
 
 
 def show(outcomes, counts, medians, console):
-    """Print the confusion matrix, one line per hidden effect, and the figures."""
+    """Print the confusion matrix, one line per hidden effect, and the figures.
+
+    Parameters
+    ----------
+    outcomes : of the cases, `Outcome` each. counts : {what: (so many, of so many)} [1].
+    medians : {what: median error of a size} [1]. console : of rich.
+    """
     sheet = Table("hidden", "cases", "said first", title="What was said of what was there", title_justify="left")
     for name, said in sorted(campaign.confusion(outcomes).items()):
         sheet.add_row(name, str(said.total()), ", ".join(f"{word} {n}" for word, n in said.most_common()))

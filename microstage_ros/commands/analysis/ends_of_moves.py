@@ -15,7 +15,7 @@ from microstage_ros.files import write_text
 
 
 def show_ends(arguments, axis, chosen, law):
-    """How many moves end beside their target, by condition. Returns 1 if any did."""
+    """How many moves end beside their target, by condition; ``chosen``: `Condition` each. Returns 1 if any did."""
     records = -(-arguments.moves // ends_of_moves.judged_moves())
     seeds, found = range(arguments.seed, arguments.seed + records), {}
     with progress(law, total=len(chosen) * records) as bar:

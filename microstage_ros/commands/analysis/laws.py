@@ -51,7 +51,8 @@ def _counted(rows):
 
 
 def cell(finding):
-    """``yes 41.4 %``, ``no 0.00 %``, or a dash where the experiment has no meaning."""
+    """``yes 41.4 %``, ``no 0.00 %``, or a dash where the experiment has no meaning; ``finding``: `Finding`, a share
+    [1]."""
     if finding.shown is None:
         return "–"
     percent = 100.0 * finding.value

@@ -186,7 +186,7 @@ class _Reader:
 
 
 def as_plain(value):
-    """A message, or a field of one, as plain data; long lists are cut and say so."""
+    """``value``, a message or a field of one [its own unit], as plain data; long lists are cut and say so."""
     if hasattr(value, "get_fields_and_field_types"):
         return {name: as_plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
     if isinstance(value, (bytes, bytearray)):

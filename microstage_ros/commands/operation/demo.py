@@ -74,7 +74,8 @@ def _place(given, force):
 
 
 def program(repeats):
-    """The moves: (target, measured) [m]; ten unidirectional repeats of each, in each direction, and back."""
+    """The moves: (target [m], measured); so many unidirectional ``repeats`` [1] of each, in each direction, and
+    back."""
     return [(place, measured) for target in TARGETS for sign in (1.0, -1.0) for _ in range(repeats)
             for place, measured in ((sign * target, True), (0.0, False))]
 
@@ -174,7 +175,7 @@ def cell_parameters(arguments, axis, out, backend):
 
 
 def move_facts(target, result):
-    """What is kept of one move (SI)."""
+    """What is kept of one move to ``target`` [m], in SI units."""
     return {"target_m": target, "reached": bool(result.reached), "final_error_m": result.final_error,
             "interferometer_error_m": result.interferometer_error, "settling_time_s": result.settling_time,
             "overshoot_m": result.overshoot, "start_sequence": result.start_sequence,

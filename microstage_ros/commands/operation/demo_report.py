@@ -16,8 +16,8 @@ TAIL = 500
 
 
 def accuracy_rows(results):
-    """One row per target and direction: bias and 4s by the interferometer (by the encoder where there is none), with
-    intervals, and settling times."""
+    """One row per target and direction: bias and 4s [m] by the interferometer (by the encoder where there is none),
+    with intervals, and settling times [s]; ``results``: one `demo.move_facts` per move."""
     rows = []
     for target in dict.fromkeys(move["target_m"] for move in results):
         made = [move for move in results if move["target_m"] == target]

@@ -162,7 +162,7 @@ def recorded_beside(namespace, text, out, folder, period, made):
     Parameters
     ----------
     namespace : of the cell. text : of the run file, kept in the bag. out : folder of the logs. folder : of the ``bag``.
-    period : s. made : the place [m] where the reference stands -> positions [m], one per period.
+    period : of control [s]. made : the place [m] where the reference stands -> positions [m], one per period.
 
     Returns
     -------

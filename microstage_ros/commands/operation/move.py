@@ -137,7 +137,7 @@ def _move(axis, place, arguments, results, several):
 
 
 def sentence(result):
-    """A move's result in one line; what was not measured is left out."""
+    """A move's result in one line, errors in [nm]; what was not measured is left out."""
     parts = [f"{1e9 * value:+.1f} nm by the {who}" for value, who in (
         (result.final_error, "encoder"), (result.interferometer_error, "interferometer")) if value == value]
     text = result.message + (": error " + ", ".join(parts) if parts else "")

@@ -54,7 +54,16 @@ def main(argv=None):
 
 
 def rows_of(part, long, seconds):
-    """Rows of one part; each part is loaded only when it is asked for."""
+    """Rows of one part; each part is loaded only when it is asked for.
+
+    Parameters
+    ----------
+    part : one of `PARTS`. long : whether the part step takes 10^9 steps. seconds : length of part paced [s].
+
+    Returns
+    -------
+    Iterable of {name, value, unit, peer, peer_value, note}.
+    """
     axis = load_axis(config_file("axis.yaml"))
     if part == "step":
         return importlib.import_module("microstage_ros.solver.benchmarks.step").bench(axis, long)
@@ -67,7 +76,7 @@ def rows_of(part, long, seconds):
 
 
 def line(part, row):
-    """One figure as text: name, value, unit, its peer and a note."""
+    """One figure as text: name, value [its own unit], its peer and a note."""
     text = f"{part:8} {row['name']:58} {row['value']:14,.4g} {row['unit']}"
     if row.get("peer_value") is not None:
         text += f"   (peer {row.get('peer', '')} {row['peer_value']:,.4g})"

@@ -47,7 +47,8 @@ def choose_law(axis, drawn, has_current):
 
     Parameters
     ----------
-    axis : identified `Axis`. drawn : axes from the posterior. has_current : the observer law needs it.
+    axis : identified `Axis`. drawn : axes from the posterior, `Axis` each. has_current : a current is measured, which
+        the observer law needs.
 
     Raises
     ------
@@ -102,7 +103,7 @@ def choose_law(axis, drawn, has_current):
 
 def encoder_margins(law, axis, drawn, gains):
     """Least (phase margin [degrees], gain margin [dB]) in sliding of an encoder-only law over the axis and the draws;
-    0, 0 where unstable."""
+    0, 0 where unstable. ``drawn``: `Axis` each; ``gains``: over the rule's, in the unit of each gain."""
     rule = controller_parameters(law, axis, gains)["pid"]
     values = {name: float(rule[name]) for name in rule.dtype.names}
     found = [m for each in [axis, *drawn] for m in pid_margins(each, values) if m.regime == SLIDING]
@@ -112,8 +113,8 @@ def encoder_margins(law, axis, drawn, gains):
 
 
 def too_little(margins):
-    """Why a loop with these `MeasuredMargins` is not called ready, "" where it is: below the floor by more than two
-    standard deviations.
+    """Why a loop with these ``margins``, `MeasuredMargins`, is not called ready, "" where it is: below the floor by
+    more than two standard deviations.
 
     A phase margin counts where the measured loop crosses unity; a margin that was not seen (NaN, infinite) does not
     count.
@@ -137,7 +138,8 @@ def observer_gains(axis, drawn):
     farthest.
 
     The reach is the least of phase margin / `FLOOR_PHASE` and gain margin / `FLOOR_GAIN` over the axis, the draws and
-    the guarded regimes; -1 where the loop is unstable or the check before a start (`start_check`) says no.
+    the guarded regimes; -1 where the loop is unstable or the check before a start (`start_check`) says no. ``drawn``:
+    axes from the posterior, `Axis` each.
     """
     rule = controller_parameters(OBSERVER, axis, {})
     pid = {name: float(rule["pid"][name]) for name in rule["pid"].dtype.names}
@@ -172,7 +174,7 @@ def _reach(axis, drawn, parameters, enough):
 
 
 def slower(gains, share):
-    """PID gains with all bandwidths (of damping, position, integral, filter) lowered to ``share``."""
+    """PID gains, SI, with all bandwidths (of damping, position, integral, filter) lowered to ``share`` [1]."""
     return {
         "proportional": gains["proportional"] * share**2,
         **{name: gains[name] / share for name in ("integral_time", "derivative_time", "filter_time")},
@@ -182,8 +184,8 @@ def slower(gains, share):
 def soft_gains(law, axis, drawn):
     """Gains of an encoder-only law (over the rule's), slowed down until every drawn axis keeps the least margins in
     sliding, and the share of the rule's bandwidth. The filter is slowed too (it keeps a resonance down), or left as it
-    is (it takes phase). At rest the law calms itself; the machine shows whether that is
-    enough.
+    is (it takes phase). At rest the law calms itself; the machine shows whether that is enough. ``drawn``: axes from
+    the posterior, `Axis` each.
     """
     parameters = controller_parameters(law, axis, {})["pid"]
     gains = {name: float(parameters[name]) for name in parameters.dtype.names}

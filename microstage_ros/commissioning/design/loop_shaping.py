@@ -92,7 +92,13 @@ class Shaped:
 
 
 def loop_on(response, gains, period, notch=None):
-    """`Response` of the loop of PID gains on a measured plant."""
+    """`Response` of the loop of PID gains on a measured plant.
+
+    Parameters
+    ----------
+    response : of the plant, `Response`. gains : {proportional [V/m], integral_time, derivative_time, filter_time [s]}.
+    period : of control [s]. notch : `Notch` in the loop, or None.
+    """
     z = np.exp(2j * math.pi * response.frequency * period)
     controller = pid_transfer(gains, period)(z)
     if notch is not None:
@@ -111,6 +117,11 @@ def loop_on(response, gains, period, notch=None):
 def shape(response, gains, period, notch=None):
     """`Shaped`: the widest bandwidth, from `SLOWEST` to `FASTEST` times that of ``gains``, up to which the margins are
     kept; the gains as they are where none keeps them.
+
+    Parameters
+    ----------
+    response : of the plant, `Response`. gains : {proportional [V/m], integral_time, derivative_time, filter_time [s]}.
+    period : of control [s]. notch : `Notch` in the loop, or None.
     """
     share, best = SLOWEST, None
     while share <= FASTEST:
@@ -128,7 +139,10 @@ def shape(response, gains, period, notch=None):
 
 
 def enough(margins, response):
-    """Whether margins are kept with two standard deviations to spare, and lie inside the measured band."""
+    """Whether margins are kept with two standard deviations to spare, and lie inside the measured band.
+
+    ``margins``: `MeasuredMargins` of a loop; ``response``: `Response` whose band it is.
+    """
     low, high = response.frequency[0], response.frequency[-1]
     if not 1.2 * low < margins.crossover_Hz < 0.6 * high:
         return False
@@ -140,7 +154,8 @@ def enough(margins, response):
 
 
 def resonance_in(response):
-    """(frequency [Hz], damping ratio) of the peak that stands highest over a free mass; None where none stands out."""
+    """(frequency [Hz], damping ratio) of the peak that stands highest over a free mass in a
+    plant's ``response``, `Response`; None where none stands out."""
     kept = response.kept()
     level = np.abs(kept.value) * kept.frequency**2
     if len(level) < 5:
@@ -156,7 +171,10 @@ def resonance_in(response):
 
 
 def with_notch(response, gains, period):
-    """`Shaped` with a notch at the resonance, where that gives at least `GAINED` times the bandwidth; else None."""
+    """`Shaped` with a notch at the resonance, where that gives at least `GAINED` times the bandwidth; else None.
+
+    ``response``, ``gains`` and ``period`` [s] as in `shape`.
+    """
     plain, found = shape(response, gains, period), resonance_in(response)
     if found is None:
         return None
@@ -166,14 +184,19 @@ def with_notch(response, gains, period):
 
 
 def zero_vibration(frequency, damping):
-    """Zero-vibration shaper of two impulses: [(time [s], share)], for a reference that shall not excite a resonance."""
+    """Zero-vibration shaper of two impulses: [(time [s], share [1])], for a reference that shall not excite a
+    resonance.
+
+    ``frequency`` [Hz] and ``damping`` ratio [1] are the resonance's. Derived: the vibration that the first impulse
+    leaves is what the second one, half a damped period later, takes away.
+    """
     k = math.exp(-math.pi * damping / math.sqrt(1.0 - damping**2))
     half = 0.5 / (frequency * math.sqrt(1.0 - damping**2))
     return [(0.0, 1.0 / (1.0 + k)), (half, k / (1.0 + k))]
 
 
 def exported(gains, axis):
-    """Lines for other controllers: list of (name, lines, convention)."""
+    """Lines for other controllers: list of (name, lines, convention); ``gains``: PID gains of `loop_on`, SI."""
     kp, ki = gains["proportional"], gains["proportional"] / gains["integral_time"]
     kd = gains["proportional"] * gains["derivative_time"]
     filtered = gains["filter_time"]

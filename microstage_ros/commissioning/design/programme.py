@@ -12,7 +12,10 @@ def size_of(stroke):
 
 
 def segments(centre, stroke, fast):
-    """Segments of a run file about ``centre`` [m], on to `REACH` in the positive direction, at up to ``fast`` [m/s]."""
+    """Segments of a run file about ``centre`` [m], on to `REACH` in the positive direction, at up to ``fast`` [m/s].
+
+    ``stroke``: length of the travel [m].
+    """
     size = size_of(stroke)
     rate = min(1.0, 0.7 * fast / (2.0 * math.pi * 5e-4 * size))
 

@@ -28,7 +28,11 @@ command per ampere and of a coil's resistance and constant."""
 
 
 def identify_force(records, axis, sketch, found, response, seed):
-    """(`Axis`, estimates by key, plant fit or None, remarks) from closed-loop records; see `parameters.identified`."""
+    """(`Axis`, estimates by key, plant fit or None, remarks) from closed-loop records.
+
+    ``found``: `open_loop.Strokes`; ``response``: `Response` in sliding, or None; ``seed``: of the bootstrap [1]; the
+    rest as in `parameters.identified`.
+    """
     actuator, constants = actuator_of(axis), _constants(records, axis, found)
     axis = axis.with_values({key: e.value for key, e in constants.items()}, source="identified")
     try:
@@ -141,7 +145,10 @@ def _estimate(key, value, unit, spread, method, why="only its ratio to the force
 
 
 def slope_of(axis, found):
-    """Viscous torque at the motor per motor speed [N m s/rad]; force per speed of the stage [N s/m] without a rotor."""
+    """Viscous torque at the motor per motor speed [N m s/rad]; force per speed of the stage [N s/m] without a rotor.
+
+    ``found``: `open_loop.Strokes`.
+    """
     actuator = actuator_of(axis)
     if axis.has(ROTOR):
         return found.volts_per_speed * motor_ratio(axis)

@@ -28,7 +28,7 @@ class MultiSine:
     signal: np.ndarray
 
     def times(self, count):
-        """So many periods of it."""
+        """So many periods of it, ``count`` [1]: signal [V] of shape (count·rows,)."""
         return np.tile(self.signal, count)
 
 
@@ -51,7 +51,7 @@ class Response:
     relative: np.ndarray
 
     def kept(self, least=LEAST_COHERENCE):
-        """The lines with at least that coherence."""
+        """`Response` of the lines with at least that coherence, ``least`` [1]."""
         good = self.coherence >= least
         return Response(self.what, self.condition, *(values[good] for values in (
             self.frequency, self.value, self.coherence, self.amplitude, self.relative)))
@@ -62,8 +62,8 @@ def multi_sine(period, lowest, highest, amplitude, seed, count=LINES):
 
     Parameters
     ----------
-    period : control period [s]. lowest, highest : Hz. amplitude : (frequency) -> V of one line.
-    seed : of the phases.
+    period : control period [s]. lowest, highest : of the band [Hz]. amplitude : (frequency [Hz]) -> that of one
+        line [V]. seed : of the phases [1]. count : of lines [1].
     """
     rows = max(round(1.0 / (lowest * period)), 8)
     base = 1.0 / (rows * period)
@@ -86,6 +86,7 @@ def responses(parts, sine, period, condition):
     Parameters
     ----------
     parts : list of (encoder [m], voltage [V], disturbance [V]), each of k·rows + 1 rows, in step with the sine.
+    sine : `MultiSine`. period : of control [s]. condition : of the machine, rest or sliding.
     """
     sums = {name: 0.0 for name in ("xd", "ud", "cd", "xx", "dd", "cc")}
     shift = np.exp(2j * math.pi * sine.lines / sine.rows) - 1.0
@@ -133,7 +134,7 @@ class MeasuredMargins:
 
 
 def measured_margins(loop):
-    """`MeasuredMargins` of a `Response` "loop", by interpolation between its lines on logarithmic axes."""
+    """`MeasuredMargins` of a ``loop``, a `Response`, by interpolation between its lines on logarithmic axes."""
     loop = loop.kept(0.3)
     if len(loop.frequency) < 4:
         return MeasuredMargins(*(math.nan,) * 6)
@@ -192,7 +193,8 @@ COLUMNS = (
 
 
 def write_responses(found, path):
-    """Write responses as CSV: `COLUMNS`; ``of`` is plant [m/V] or loop, ``condition`` rest or sliding."""
+    """Write ``found``, `Response` each, as CSV: `COLUMNS`; ``of`` is plant [m/V] or loop, ``condition`` rest or
+    sliding."""
     with open(path, "w", newline="", encoding="utf-8") as file:
         out = csv.writer(file)
         out.writerow(COLUMNS)

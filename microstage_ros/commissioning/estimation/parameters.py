@@ -59,7 +59,7 @@ def identified(records, axis, sketch, found, response, seed):
     Parameters
     ----------
     records : list of `Record`. axis : as known so far. sketch : `Sketch`. found : `open_loop.Strokes`.
-    response : plant `Response` in sliding before any loop was closed, or None. seed : of the bootstrap.
+    response : plant `Response` in sliding before any loop was closed, or None. seed : of the bootstrap [1].
     """
     if axis.choices["drive.type"] != "voltage_motor":
         axis, estimates, fit, remarks = identify_force(records, axis, sketch, found, response, seed)
@@ -130,7 +130,10 @@ def _far(result, axis):
 
 
 def slope_of(axis, found):
-    """Viscous torque at the motor per motor speed [N m s/rad]; force per speed of the stage [N s/m] without a rotor."""
+    """Viscous torque at the motor per motor speed [N m s/rad]; force per speed of the stage [N s/m] without a rotor.
+
+    ``found``: `open_loop.Strokes`.
+    """
     if axis.choices["drive.type"] != "voltage_motor":
         return force_axis.slope_of(axis, found)
     if axis.has("contacts.actuator.viscous"):
@@ -290,7 +293,10 @@ def _with_current(record, axis):
 
 
 def draws(axis, estimates, count, seed):
-    """Axes drawn from the posterior: every determined number independent and log-normal about its value."""
+    """Axes drawn from the posterior: every determined number independent and log-normal about its value.
+
+    ``count``: of axes [1]; ``seed``: of the draws [1]. Returns list of `Axis`.
+    """
     rng = np.random.default_rng(seed)
     known = [
         e

@@ -34,7 +34,8 @@ def held_response(axis, values, frequency, period, slope, delay):
     """Response [m/V], position at the start of a period to a voltage held over it, shape of ``frequency`` [Hz].
 
     ``slope``: viscous torque at the motor per motor speed [N m s/rad] (the slope of the sliding curve); force per speed
-    of the stage [N s/m] for a drive that has no rotor.
+    of the stage [N s/m] for a drive that has no rotor. ``values``: {key: value in SI units} in place of the axis's.
+    ``delay``: from the command to the voltage [s].
     """
     s = 2j * math.pi * frequency
     hold = (1.0 - np.exp(-s * period)) / (s * period) * np.exp(-s * delay)
@@ -62,7 +63,10 @@ def held_response(axis, values, frequency, period, slope, delay):
 
 
 def resonance_of(axis, values=None):
-    """Resonance of the drive train [Hz], motor free; NaN for a rigid transmission."""
+    """Resonance of the drive train [Hz], motor free; NaN for a rigid transmission.
+
+    ``values``: {key: value in SI units} in place of the axis's.
+    """
     values = values or {}
     if axis.choices["transmission.type"] == "rigid":
         return math.nan
@@ -76,9 +80,10 @@ def resonance_of(axis, values=None):
 
 
 def fit_plant(axis, response, period, slope=0.0, held=()):
-    """`PlantFit` of a plant `Response` in sliding; None where too few lines are coherent.
+    """`PlantFit` of a plant's ``response`` in sliding, `Response`; None where too few lines are coherent.
 
-    ``slope``: of the sliding friction. ``held``: keys that keep the axis's value.
+    ``period``: of control [s]. ``slope``: of the sliding friction, in the units of `held_response`. ``held``: keys that
+    keep the axis's value.
     """
     response = response.kept()
     if len(response.frequency) < LEAST_LINES:

@@ -24,8 +24,8 @@ PUSH = 1.6  # times the voltage that a speed needs, that a motion may use
 
 
 def there_and_back(x):
-    """Way [m] that a position, shape (n,), went beyond both its first and its last value: nothing for one that stands,
-    is wound up against a stop, or runs one way."""
+    """Way [m] that a position ``x`` [m], shape (n,), went beyond both its first and its last value: nothing for one
+    that stands, is wound up against a stop, or runs one way."""
     x = x[np.isfinite(x)]
     return float(max(x.max() - max(x[0], x[-1]), min(x[0], x[-1]) - x.min())) if len(x) else 0.0
 
@@ -82,9 +82,10 @@ class Loop:
     def follow(self, reference, disturbance=None, error=ERROR, window=None, gentle=False, fresh=True, go_on=False):
         """Play a reference [m] from where the stage stands. Returns the `Record`.
 
+        ``disturbance``: added to the voltage [V], shape (n,).
         ``gentle``: no more voltage than its speed needs (a stop in the way is touched, not rammed). Raises Refused with
-        the reason where the error grows beyond ``error``. ``fresh``: the law begins anew; ``go_on``: the next motion
-        follows at once.
+        the reason where the error grows beyond ``error`` [m]. ``fresh``: the law begins anew; ``go_on``: the next
+        motion follows at once.
         """
         machine, period = self.machine, self.machine.period
         speed = float(np.abs(np.diff(reference)).max() / period) if len(reference) > 1 else 0.0
@@ -113,7 +114,7 @@ class Loop:
         return record
 
     def go(self, place, speed=2e-3, gentle=False, dwell=0.15):
-        """To a place, and rest there a little."""
+        """To a ``place`` [m] at up to ``speed`` [m/s], and rest there for ``dwell`` [s]. Returns the `Record`."""
         move = jerk_limited_move(self.machine.position, place, self.machine.period, self.limits(speed))
         return self.follow(
             np.append(move, np.full(self.machine.periods(dwell), place)),
@@ -259,7 +260,8 @@ class Loop:
 
 def stroke(loop, keep, usual=24.0, longest=60.0):
     """Once along the travel and back to where it began; friction along the way. Returns rows (position, friction force
-    in volts forwards, backwards), shape (n, 3), and the range [m] that was travelled.
+    in volts forwards, backwards), shape (n, 3), and the range [m] that was travelled. It takes about ``usual`` [s];
+    where all of it would take more than ``longest`` [s], a part is travelled.
     """
     machine = loop.machine
     low, high = machine.travel
@@ -309,7 +311,7 @@ def _along(record, machine, speed, cells=50):
 
 
 def programme(loop, centre):
-    """The reference [m] of a record that tells most of the axis, about ``centre``: `programme.segments`."""
+    """The reference [m] of a record that tells most of the axis, about ``centre`` [m]: `programme.segments`."""
     from microstage_ros.control.runs.run_file import Run
 
     machine = loop.machine

@@ -66,7 +66,8 @@ class EncoderWatch:
         )
 
     def turned_at_most(self, voltage, current, first):
-        """Largest way [m] that the motor may have turned from row ``first`` to the end."""
+        """Largest way [m] that the motor may have turned from row ``first`` [1] to the end, under ``voltage`` [V] of
+        shape (n,)."""
         way = float(np.abs(voltage[first:]).sum()) / self.volts_per_speed * self._period
         return abs(self.turned(voltage[first:], current[first:])) + self._doubt * way
 
@@ -106,7 +107,7 @@ class EncoderWatch:
         return math.sqrt(blind**2 + 2.0 * slowing * (SAFE_WAY - self.unseen[1])) - blind
 
     def look(self, encoder, voltage, current, n):
-        """Look at all rows up to ``n``. Raises Refused (encoder_dead)."""
+        """Look at all rows up to ``n`` [1], of ``voltage`` [V]. Raises Refused (encoder_dead)."""
         first = self._row
         _, turned, way, _ = self._sums[-1]
         part = slice(first, n + 1)

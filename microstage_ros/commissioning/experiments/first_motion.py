@@ -223,7 +223,10 @@ def joined(records):
 
 
 def current_slope(record, offset, lag=1):
-    """(lag [rows], resistance, slope [A/V], its standard error) of the current on the voltage ``lag`` rows before."""
+    """(lag [rows], resistance, slope [A/V], its standard error) of the current on the voltage ``lag`` rows before.
+
+    ``offset``: reading of the current sensor at rest [A].
+    """
     u, i = record.command, record.columns.get("current_A")
     if i is None:
         return lag, math.nan, math.nan, math.inf
@@ -241,7 +244,7 @@ def current_slope(record, offset, lag=1):
 
 def current_delay(record, offset, most=24):
     """Periods between voltage and current beyond one: the lag at which, about the edges of the voltage, the current
-    follows it best."""
+    follows it best. In periods [1], of up to ``most`` [1]; ``offset``: reading of the current sensor at rest [A]."""
     u, i = record.command, np.nan_to_num(record["current_A"] - offset)
     edges = np.flatnonzero(np.diff(u) != 0.0) + 1
     rows = np.unique((edges[:, None] + np.arange(-4, most)[None]).ravel())

@@ -75,7 +75,7 @@ class Machine:
         return self.time_offset + self.rows * self.period
 
     def periods(self, seconds, least=1):
-        """That many control periods."""
+        """So many ``seconds`` [s] in control periods, at least ``least`` [1]."""
         return max(round(seconds / self.period), least)
 
     def run(self, reference, command, disturbance=None, window=None, error=math.inf, until=None, go_on=False):
@@ -196,7 +196,7 @@ class Machine:
             raise Stopped(f"the hardware reported: {problem}") from problem
 
     def rest(self, seconds):
-        """So long without voltage."""
+        """So many ``seconds`` [s] without voltage. Returns what `run` does."""
         rows = self.periods(seconds)
         place = self.position if math.isfinite(self.position) else 0.0
         return self.run(np.full(rows, place), lambda n, x, i: 0.0)

@@ -78,7 +78,10 @@ class Frozen(Loop):
 
 
 def loop_at_rest(loop, breakaway, seed, keep):
-    """(plant, loop) responses while the frozen law holds still."""
+    """(plant, loop) `Response` while the frozen law holds still.
+
+    ``breakaway``: voltage at which the stage lets go [V]; ``seed``: of the phases [1].
+    """
     machine, held = loop.machine, Frozen(loop)
     most = REST_SHARE * breakaway
     if loop.law == OBSERVED:
@@ -96,7 +99,7 @@ def loop_at_rest(loop, breakaway, seed, keep):
 
 def loop_in_motion(loop, found, seed, keep):
     """(plant, loop) responses while the frozen law slides the stage to and fro; (None, None) without a slide that holds
-    two periods of the multi-sine."""
+    two periods of the multi-sine. ``found``: `open_loop.Strokes`; ``seed``: of the phases [1]."""
     machine, held = loop.machine, Frozen(loop)
     speed = min(SLIDE_SPEED, 0.5 * held.top_speed)
     length = min(2.5e-3, 0.1 * machine.stroke)

@@ -49,7 +49,10 @@ class Strokes:
 
 
 def strokes(machine, sketch, first, keep):
-    """Strokes to and fro by constant voltages. Returns (`Strokes`, `Check` of the scale). Raises Refused."""
+    """Strokes to and fro by constant voltages. Returns (`Strokes`, `Check` of the scale). Raises Refused.
+
+    ``first``: `FirstMotion` of this machine.
+    """
     actuator = actuator_of(sketch.axis)
     if first.has_current and actuator.tells_turning:
         most = actuator.emf_per_speed(sketch.axis) * (1.0 + sketch.tolerance[actuator.emf_key])
@@ -113,7 +116,10 @@ def _stroke(machine, centre, reach, voltage, longest, parts):
 
 
 def fit_strokes(record, sketch, first, period):
-    """`Strokes` by least squares of the voltage balance (and of the torque balance, with a current)."""
+    """`Strokes` by least squares of the voltage balance (and of the torque balance, with a current).
+
+    ``first``: `FirstMotion`; ``period``: of control [s].
+    """
     _, v, a = smoothed(record, period)
     u = savgol_filter(of_row_before(record.command), window_rows(period), 3)
     fast = np.abs(v) > 0.15 * np.abs(v).max()
@@ -170,7 +176,7 @@ def strokes_below_swing(record, sketch, first, period):
 
     Both sides of each balance pass the same low-pass, which leaves the balance as it is. It is longer than the drive
     train swings: while it swings, motor and stage have different accelerations, and the inertia would come out up to
-    three times too low.
+    three times too low. ``first``: `FirstMotion`; ``period``: of control [s].
     """
     x, v, _ = smoothed(record, period)
     window = np.hanning(_long_rows(sketch.axis, period) + 2)[1:-1]
@@ -199,6 +205,8 @@ def _long_rows(axis, period):
 
 def scale_check(found, sketch):
     """Check that the encoder counts as the motor turns; raises `Refused` where it surely does not.
+
+    ``found``: `Strokes` of the machine.
 
     A scale c of the encoder divides the back-EMF per encoder speed, k/c, and twice what is left of the inertia when
     that is multiplied in, J/c²; a command that is a torque or a force tells the inertia alone, J/c. Each gives an

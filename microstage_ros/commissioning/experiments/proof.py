@@ -111,8 +111,8 @@ def _iso_figures(sides):
 
 
 def swing_of(positions):
-    """Peak to peak [m] of an oscillation about a straight line; 0 where the positions turn round fewer than four
-    times."""
+    """Peak to peak [m] of an oscillation of ``positions`` [m], shape (n,), about a straight line; 0 where the
+    positions turn round fewer than four times."""
     rows = np.arange(len(positions))
     left = positions - np.polyval(np.polyfit(rows, positions, 1), rows)
     size = float(np.ptp(left))

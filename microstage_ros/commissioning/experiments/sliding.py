@@ -23,7 +23,7 @@ PASSES, LOWEST, HIGHEST = 6, 5.0, 1200.0  # base motions; Hz
 
 
 def slide_speed(machine, found):
-    """Speed of the base motion [m/s]."""
+    """Speed of the base motion [m/s]; ``found``: `open_loop.Strokes`."""
     top = max((machine.limit - found.friction) / max(found.volts_per_speed, 1e-9), 1e-6)
     return min(SLIDE_SPEED, TOP_SHARE * top, machine.safe_speed)
 
@@ -82,7 +82,7 @@ class Slide:
 
 def sliding_response(machine, found, seed, keep):
     """Frequency response at a constant base voltage, to and fro. Returns the plant's `Response`, or None without a
-    stroke long enough."""
+    stroke long enough. ``found``: `open_loop.Strokes`; ``seed``: of the phases [1]."""
     speed, slide = slide_speed(machine, found), Slide(machine, found, actuator_of(machine.axis))
     base = found.friction + (found.volts_per_speed + found.viscous) * speed
     period, length = machine.period, min(SLIDE_SHARE * machine.stroke, 8e-3)

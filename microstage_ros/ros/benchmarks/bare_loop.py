@@ -55,7 +55,10 @@ def run(count, first, period, clip, machine, law, limits, memory):
 
 
 def run_cycles(count, seed, tell=lambda share: None):
-    """``count`` cycles in `PARTS` parts; the facts as plain data. ``tell``: called with the share done."""
+    """``count`` cycles [1] in `PARTS` parts; the facts as plain data.
+
+    ``seed``: of the simulated axis [1]; ``tell``: called with the share done [1].
+    """
     axis = load_axis(config_file("axis.yaml"))
     hardware = make_hardware("simulated", Setup(axis, seed, {}))
     hardware.open()

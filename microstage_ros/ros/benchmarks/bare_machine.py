@@ -43,7 +43,10 @@ def keep_time(c, work_ns, until_ns, counts, times):
 
 
 def measured(seconds, period=1e-4):
-    """Periods per second and shares answered in time and within two periods, all other processors busy."""
+    """Periods per second and shares answered in time and within two periods, all other processors busy.
+
+    ``seconds``: how long [s]; ``period``: of control [s].
+    """
     load_libraries()
     allowed = sorted(os.sched_getaffinity(0))
     c, times, counts = np.zeros(1, COUNTS), np.zeros(2, np.int64), np.zeros(3, np.int64)

@@ -74,7 +74,7 @@ class Commander:
 
 
 def disturb(count, seed):
-    """About ``count`` commands to one paced driver; the facts as plain data."""
+    """About ``count`` commands [1] to one paced driver; the facts as plain data. ``seed``: of the disturbances [1]."""
     node = rclpy.create_node("str_controller", namespace=NAMESPACE)
     stranger = rclpy.create_node("stranger", namespace=NAMESPACE, context=another_context())
     timings = []

@@ -307,7 +307,7 @@ class FaultCell:
 
 
 def children(pid, word):
-    """Numbers of the processes directly below one whose command line has a word."""
+    """Numbers of the processes directly below ``pid`` [1] whose command line has a ``word``."""
     found = []
     for entry in Path("/proc").iterdir():
         if not entry.name.isdigit():
@@ -322,7 +322,7 @@ def children(pid, word):
 
 
 def alive(pid):
-    """True while a process is there."""
+    """True while the process ``pid`` [1] is there."""
     try:
         return (
             Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace").rsplit(")", 1)[1].split()[0]

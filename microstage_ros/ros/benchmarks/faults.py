@@ -30,7 +30,10 @@ IN_ONE_CELL = 25
 
 
 def planned(trials, seed, modes=tuple(PERIODS)):
-    """What is done: (mode, process, fault), each combination as often as the others, mode by mode."""
+    """What is done: (mode, process, fault), each combination as often as the others, mode by mode.
+
+    ``trials``: how many [1]; ``seed``: of the order and of the choice [1]; ``modes``: of `PERIODS`.
+    """
     chance = random.Random(seed)
     every = [(mode, name, what) for mode in modes for name in PROCESSES for what in SIGNALS]
     every += [(mode, "bag_recorder", "disk_full") for mode in modes]
@@ -46,7 +49,7 @@ def campaign(trials, seed, tell=lambda facts: None, modes=tuple(PERIODS)):
 
     Parameters
     ----------
-    trials : how many. seed : of the choice. tell : called with the facts of each trial and of each cell's end.
+    trials : how many [1]. seed : of the choice [1]. tell : called with the facts of each trial and of each cell's end.
     modes : of `PERIODS`.
 
     Returns
@@ -103,7 +106,7 @@ def judged(done, ends):
 
     Parameters
     ----------
-    done, ends : facts of `campaign`.
+    done, ends : facts of `campaign`, one dict each, shapes (trials,) and (cells,).
 
     Returns
     -------

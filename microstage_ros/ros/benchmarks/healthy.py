@@ -40,7 +40,7 @@ HELD = ("memory_bytes", "files", "threads")
 
 
 def held(pid):
-    """What a process holds: bytes of memory that are its own, open files, threads."""
+    """What the process ``pid`` [1] holds: memory that is its own [byte], open files [1], threads [1]."""
     shared = Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()
     return (
         (int(shared[1]) - int(shared[2])) * PAGE,

@@ -63,7 +63,7 @@ class FedPath(servo_path.PlainServoPath):
         return reader
 
     def wait(self, readers, timeout):
-        """At once."""
+        """At once, whatever the ``timeout`` [s]."""
 
 
 class Once:
@@ -80,7 +80,7 @@ class Once:
 
 
 def malformed(chance, kind):
-    """Bytes of a message of ``kind`` that are random, cut, changed, or a block with a wrong head."""
+    """Bytes, of shape (n,), of a message of ``kind``: random, cut, changed, or a block with a wrong head."""
     good = serialize_message(kind())
     choice = chance.randrange(5 if hasattr(kind, "size") else 4)
     if choice == 0:
@@ -160,8 +160,8 @@ class Fed:
 
 
 def feed(count, seed, tell=lambda share: None):
-    """Give ``count`` malformed messages to the nodes; the facts as plain data. rclpy must be there, with default
-    context."""
+    """Give ``count`` [1] malformed messages to the nodes; the facts as plain data. rclpy must be there, with default
+    context. ``seed``: of the messages [1]; ``tell``: called with the share done [1]."""
     chance = random.Random(seed)
     with ExitStack() as stack:
         stack.enter_context(patch.object(servo_path, "missing_private_calls", lambda: ["as asked"]))
@@ -207,7 +207,10 @@ def feed(count, seed, tell=lambda share: None):
 
 
 def feed_in_a_process(count, seed):
-    """`feed` in a process of its own, which may come to its end: the facts."""
+    """`feed` in a process of its own, which may come to its end: the facts.
+
+    ``count``: of messages [1]; ``seed``: of the messages [1].
+    """
     done = subprocess.run(
         [sys.executable, "-m", __name__, str(count), str(seed)], capture_output=True, text=True, check=False
     )

@@ -130,7 +130,10 @@ TOLERANT = ("log",)
 
 
 def damage_files(count, seed, tell=lambda kind, facts: None):
-    """Damage ``count`` files of all kinds and read each; facts by kind. ``tell``: called after each kind."""
+    """Damage ``count`` files [1] of all kinds and read each; facts by kind.
+
+    ``seed``: of the damage [1]; ``tell``: called after each kind.
+    """
     found = {}
     for kind, share in SHARE.items():
         number = round(share * count)
@@ -140,7 +143,7 @@ def damage_files(count, seed, tell=lambda kind, facts: None):
 
 
 def damage_texts(kind, count, seed):
-    """Damage a text file ``count`` times and read it; the facts as plain data."""
+    """Damage a text file ``count`` times [1] and read it; the facts as plain data. ``seed``: of the damage [1]."""
     chance, (ending, text, read) = random.Random(f"{kind} {seed}"), KINDS[kind]
     facts = {
         "files": count,
@@ -245,7 +248,7 @@ def _damaged(whole, chance):
 
 
 def damage_bags(count, seed):
-    """Damage a bag ``count`` times, read and recover each; the facts as plain data."""
+    """Damage a bag ``count`` times [1], read and recover each; the facts as plain data. ``seed``: of the damage [1]."""
     chance = random.Random(seed)
     facts = {
         "files": count,

@@ -83,7 +83,10 @@ class Stranger:
 
 
 def flood(node, count, seed, spin=lambda: None, every=50):
-    """Send ``count`` messages; a `Stranger` that tells how many went out. ``spin`` is called every so many."""
+    """Send ``count`` messages [1]; a `Stranger` that tells how many went out.
+
+    ``seed``: of the messages [1]; ``spin`` is called after ``every`` [1] of them.
+    """
     stranger = Stranger(node, seed)
     for k in range(count):
         stranger.send()

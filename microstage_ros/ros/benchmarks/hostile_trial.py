@@ -19,7 +19,10 @@ WITHOUT_RECORDER = tuple(name for name in NODES if name != "bag_recorder")
 
 
 def flood_a_cell(count, seed):
-    """Send ``count`` messages to a lockstep cell, move before and after; the facts as plain data."""
+    """Send ``count`` messages [1] to a lockstep cell, move before and after; the facts as plain data.
+
+    ``seed``: of the messages [1].
+    """
     with tempfile.TemporaryDirectory(prefix="microstage_flood_") as folder:
         node = rclpy.create_node("cell_starter", namespace=NAMESPACE)
         stranger_node = rclpy.create_node("stranger", namespace=NAMESPACE, context=another_context())

@@ -50,7 +50,7 @@ def bench():
 
 
 def bench_paced(seconds):
-    """Yield the figures of ``seconds`` at 10 kHz, and before and after it what the machine keeps without ROS."""
+    """Yield the figures of ``seconds`` [s] at 10 kHz, and before and after it what the machine keeps without ROS."""
     rclpy.init()
     try:
         yield from bare_machine("before")
@@ -79,12 +79,12 @@ def bare_machine(when):
 
 
 def row(name, value, unit, note="", **peer):
-    """One measurement."""
+    """One measurement: its name, ``value`` in ``unit``, a note, and a peer's if there is one."""
     return {"name": name, "value": float(value), "unit": unit, "note": note, **peer}
 
 
 def start(node, nodes):
-    """Wall clock from starting the processes to the first command."""
+    """Wall clock from starting the processes of ``nodes`` (names) to the first command, one `row`."""
     heard = []
     watch = node.create_subscription(
         VoltageCommand, f"/bench/{topics.COMMAND}", lambda _: heard.append(time.monotonic()), 10
@@ -106,7 +106,8 @@ def _which(nodes):
 
 
 def lockstep(node, nodes, seconds, moving=False):
-    """Simulated time per wall clock of the running cell; ``moving``: no further ahead than a cancelled move allows."""
+    """Simulated time per wall clock of the running cell over ``seconds`` [s]; ``moving``: no further ahead than a
+    cancelled move allows."""
     name = f"lockstep, {_which(nodes)}" + (", credit as during moves" if moving else "")
     with tempfile.TemporaryDirectory() as folder:
         parameters = {"bag_recorder": {"directory": f"{folder}/bag"}}
@@ -123,7 +124,7 @@ def lockstep(node, nodes, seconds, moving=False):
 
 
 def paced(node, nodes, seconds, period):
-    """Keeping time at the wall clock."""
+    """Keeping time at the wall clock for ``seconds`` [s] at a control ``period`` [s]."""
     name = f"paced at {1e-3 / period:g} kHz, all {len(nodes)} nodes"
     with tempfile.TemporaryDirectory() as folder:
         axis = load_axis(config_file("axis.yaml")).with_values({"period": period}, source="estimate")

@@ -18,8 +18,8 @@ def cell_parameters(mode, folder, rate_limit=1.0, seed=1, **recorder):
 
     Parameters
     ----------
-    mode : of `PERIODS`. folder : for axis file and bag. rate_limit : times real time, lockstep only; 0: as fast as it
-        goes. seed : of the simulated axis. recorder : further parameters of the bag's recorder.
+    mode : of `PERIODS`. folder : for axis file and bag. rate_limit : times real time [1], lockstep only; 0: as fast as
+        it goes. seed : of the simulated axis [1]. recorder : further parameters of the bag's recorder.
     """
     axis, lockstep = Path(folder) / "axis.yaml", mode == "lockstep"
     load_axis(config_file("axis.yaml")).with_values({"period": PERIODS[mode]}, source="estimate").save(axis)

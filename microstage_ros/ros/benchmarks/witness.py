@@ -26,7 +26,7 @@ a ring."""
 
 
 def watch(descriptor, processor):
-    """Write down gaps until killed."""
+    """Write down gaps until killed, into the file ``descriptor`` [1], from the ``processor`` of that number [1]."""
     memory = mmap.mmap(descriptor, BYTES)
     os.sched_setaffinity(0, {processor})
     try:

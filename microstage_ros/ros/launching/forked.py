@@ -116,8 +116,8 @@ class ForkedNodes:
                 process.returncode = self.server_status or UNKNOWN
 
     def send(self, process, number):
-        """A signal to a child: directly, since the server may be stopped, or through it while the number is not
-        known."""
+        """The signal ``number`` [1] to a child: directly, since the server may be stopped, or through it while the
+        child's number is not known."""
         if process.signal_directly(number):
             return
         name = next(name for name, its in self.processes.items() if its is process)
@@ -165,7 +165,7 @@ class NodeProcess:
         self._handle = None
 
     def began(self, pid):
-        """It has this number now."""
+        """It has this number now, ``pid`` [1]; None: not known."""
         if pid is not None and pid != self.reported_pid:
             self.reported_pid = pid
             try:
@@ -174,7 +174,7 @@ class NodeProcess:
                 self._handle = None
 
     def signal_directly(self, number):
-        """Send a signal without the server; False if that is not possible here."""
+        """Send the signal ``number`` [1] without the server; False if that is not possible here."""
         if self._handle is None:
             return False
         try:
@@ -218,7 +218,7 @@ class NodeProcess:
         return self.returncode
 
     def wait(self, timeout=None):
-        """Exit status, once it has ended. Raises `subprocess.TimeoutExpired`."""
+        """Exit status [1], once it has ended. Raises `subprocess.TimeoutExpired` after ``timeout`` [s]; None: never."""
         end = None if timeout is None else time.monotonic() + timeout
         while self.returncode is None:
             self._owner.listen(0.5 if end is None else max(min(end - time.monotonic(), SERVER_TELLS_S), 0.0))
@@ -230,7 +230,7 @@ class NodeProcess:
         return self.returncode
 
     def send_signal(self, number):
-        """Send a signal."""
+        """Send the signal ``number`` [1]."""
         self._owner.send(self, number)
 
     def kill(self):

@@ -75,7 +75,7 @@ def wire_names(namespace, rules):
 
 
 def permissions(namespace, node, rules, domain):
-    """The permissions document of one node, as XML text."""
+    """The permissions document of one node, as XML text; ``domain``: ROS_DOMAIN_ID [1]."""
     enclave = full_name(namespace, node)
     writes, reads = wire_names(namespace, rules)
 
@@ -105,7 +105,7 @@ def permissions(namespace, node, rules, domain):
 
 def governance(domain):
     """The governance document: nobody without a certificate, everything signed and encrypted, every topic under
-    control."""
+    control. ``domain``: ROS_DOMAIN_ID [1]."""
 
     def element(name, text, depth):
         return f"{'  ' * depth}<{name}>{text}</{name}>\n"

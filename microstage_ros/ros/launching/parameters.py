@@ -27,7 +27,7 @@ def definitions(node_name):
 
 
 def why_refused(name, entry, value):
-    """The reason why ``value`` is no good for parameter ``name``, in words; empty where it is good."""
+    """The reason why ``value`` [its own unit] is no good for parameter ``name``, in words; empty where it is good."""
     kind = TYPES[entry["type"]]
     if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
         return f"{name}: got {value!r}, expected {_expected(entry)}"

@@ -132,7 +132,7 @@ def run_node(make, arguments=None, threads=1):
     make : called without arguments; returns the node, which has `parameters`, `loop()` (it ends when `running`
         says so) and `close()`.
     arguments : command line; default that of the process.
-    threads : of the executor; more than one where callbacks wait for each other.
+    threads : of the executor [1]; more than one where callbacks wait for each other.
     """
     _hear_signals()
     sys.setswitchinterval(SWITCH_INTERVAL)

@@ -124,7 +124,7 @@ def _how(status):
 
 def run_until_interrupted(supervisor, spin, every=0.05):
     """Look after the processes until SIGINT or SIGTERM, which raise KeyboardInterrupt; ``spin(seconds)`` passes the
-    time."""
+    time, ``every`` [s] between two looks."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)
     while True:

@@ -32,8 +32,8 @@ def timing(period, rate, slice_s, paced, priority, hold=0.004, trip=0.25):
 
     Parameters
     ----------
-    period : control period [s]. rate : times real time, 0 for as fast as it goes. slice_s : longest wait [s].
-    paced : wall clock. priority : real-time priority of the thread, 0 if it has none.
+    period : control period [s]. rate : times real time [1], 0 for as fast as it goes. slice_s : longest wait [s].
+    paced : whether by the wall clock. priority : real-time priority of the thread [1], 0 if it has none.
     hold : longest time without a valid command with voltage [s]. trip : the same without a fault [s].
     """
     short = paced and period < SHORT_TIMER
@@ -61,7 +61,7 @@ def load(arrays):
 
 
 def new_guard(command, watch):
-    """What `run_periods` takes as its guard; ``command``: the frame of commands. ``watch`` : `Watch`."""
+    """What `run_periods` takes as its guard; ``command``: `Frame` of the commands; ``watch``: `Watch`."""
     return (
         watch.words,
         watch.volts,
@@ -90,7 +90,14 @@ def _no_watch():
 
 
 def new_work(stop, records, arrays, frames, rings, responses, guard):
-    """What `run_periods` takes as its work; ``records``: links, counts, values. ``frames``: four of `Frame`."""
+    """What `run_periods` takes as its work.
+
+    Parameters
+    ----------
+    stop : word that ends it, shape (1,). records : links, counts, values. arrays : `SimulatedAxis.arrays`.
+    frames : four of `Frame`. rings : of `new_ring`, one per topic, shape (2,).
+    responses : `ResponseTimes`. guard : tuple of `new_guard`.
+    """
     return (stop, *records, *arrays, tuple(frame.message for frame in frames), tuple(frame.raw for frame in frames[:2]),
             rings, (responses.counts, responses.longest), np.zeros(2, np.int64), guard)
 
@@ -133,7 +140,7 @@ class QuickPeriods:
         self._handover.answer(reader)
 
     def grant(self, credit):
-        """Periods up to this one may begin; heard by the running loop."""
+        """Periods up to number ``credit`` [1] may begin; heard by the running loop."""
         self._counts["credit"] = credit
 
     def look_for_listeners(self):
@@ -143,12 +150,12 @@ class QuickPeriods:
         self._counts["truth_listened"] = self._topics.truths.listeners if self._topics.truths is not None else 0
 
     def run(self, sequence, credit, due, valid_ns):
-        """Control periods after number ``sequence``. Returns why it ended; the gate is as after these periods.
+        """Control periods after number ``sequence`` [1]. Returns why it ended; the gate is as after these periods.
 
         Parameters
         ----------
-        credit : last period that may begin. due : when the next one is due [s of
-            time.perf_counter], None for now. valid_ns : when the last valid command came [ns of the monotonic clock].
+        credit : number of the last period that may begin [1]. due : when the next one is due [s], by
+            time.perf_counter, None for now. valid_ns : when the last valid command came [ns of the monotonic clock].
         """
         c, v, gate = self._counts[0], self._values[0], self._gate
         c["valid_ns"] = valid_ns

@@ -165,14 +165,21 @@ def answer(handover, work, times):
 
 
 def on_message(work, count):
-    """A state has come: answered where it came, unless the loop's thread is needed."""
+    """A state has come, or ``count`` [1] of them: answered where it came, unless the loop's thread is needed."""
     handover = handover_of(work)
     if may_take(handover):
         hand_back(handover, answer_waiting(work[0], np.int64(count)))
 
 
 def new_work(stop, links, counts, records, positions, frames, rings, holder):
-    """What `answer` takes as its work; ``frames``: three of `Frame`."""
+    """What `answer` takes as its work.
+
+    Parameters
+    ----------
+    stop : word that ends it, shape (1,). links, counts : of shape (1,), one record each. records : of the law.
+    positions : of the plan [m], shape (n,). frames : three of `Frame`.
+    rings : of `new_ring`, one per topic, shape (2,). holder : words of `Holder`, shape (2,).
+    """
     return (stop, links, counts, *records, positions, tuple(frame.message for frame in frames),
             tuple(frame.raw for frame in frames[1:]), rings, (np.zeros(INFO_WORDS, np.int64), holder, frames[0].length))
 
@@ -242,7 +249,10 @@ class QuickAnswers:
         return self._player.plan[0] is not None
 
     def run(self, last, patience):
-        """Answer states after period ``last``. Returns why it ended, and the last period answered."""
+        """Answer states after period number ``last`` [1], as long as they come within ``patience`` [s].
+
+        Returns why it ended, and the number of the last period answered [1].
+        """
         c = self._counts[0]
         positions, c["start"], c["stopping"] = self._player.plan
         c["last"], c["patience_ns"] = last, round(patience * 1e9)

@@ -391,8 +391,8 @@ def run_periods(handover, work, times):
 
 
 def on_message(work, count):
-    """A command has come: it is obeyed, and in lockstep the next period begins, where it came, unless the loop's thread
-    is needed."""
+    """A command has come, or ``count`` [1] of them: it is obeyed, and in lockstep the next period begins, where it
+    came, unless the loop's thread is needed."""
     handover = handover_of(work)
     if may_take(handover):
         hand_back(handover, go_on(work[0]))

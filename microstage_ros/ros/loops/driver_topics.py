@@ -87,25 +87,31 @@ class DriverTopics:
         return 0 if self._clock is None else int(self._clock_publisher.handle.pointer)
 
     def state(self, time_ns, sequence, reading, applied, status, fault):
-        """Send the state of one period to the controller; returns the bytes."""
+        """Send the state of one period to the controller; returns the bytes.
+
+        Parameters
+        ----------
+        time_ns : stamp. sequence : number of the period [1]. reading : `Reading`.
+        applied : command of the period before [unit of the command]. status, fault : the codes of `AxisState`.
+        """
         encoder, current, motor_angle = reading
         raw = self._pack_state(time_ns, sequence, encoder, applied, current, motor_angle, status, fault)
         self.states.send_single(raw)
         return raw
 
     def rest(self, time_ns, sequence, raw, hardware):
-        """Everything else of the period, when the controller has answered: nothing here is in its way."""
+        """Everything else of period ``sequence`` [1], when the controller has answered: nothing here is in its way."""
         self.states.keep(sequence, raw)
         self.instruments(time_ns, sequence, hardware)
         self.end_of_block(time_ns, sequence)
 
     def instruments(self, time_ns, sequence, hardware):
-        """What the simulated instruments see."""
+        """What the simulated instruments see in period ``sequence`` [1]."""
         if sequence % self._every == 0 and self.truths is not None:
             self.truths.send(sequence, self._pack_truth(time_ns, sequence, *hardware.truth))
 
     def end_of_block(self, time_ns, sequence):
-        """The clock, and the blocks, if this period is the last of one."""
+        """The clock, and the blocks, if period ``sequence`` [1] is the last of one."""
         if (sequence + 1) % self.block == 0:
             if self._clock is not None:
                 self._clock(ENCAPSULATION + STAMP.pack(*divmod(time_ns, 1_000_000_000)))
@@ -149,11 +155,11 @@ class DriverTopics:
         humidity(stamp(RelativeHumidity(relative_humidity=float(truth["air_humidity"])), time_ns, self._frame))
 
     def status(self, time_ns, sequence, gate, simulated):
-        """The latched status."""
+        """The latched status in period ``sequence`` [1]; ``gate``: `CommandGate`."""
         never_raising(self._status.publish)(self.status_message(time_ns, sequence, gate, simulated))
 
     def status_message(self, time_ns, sequence, gate, simulated):
-        """`DriverStatus` as it is now."""
+        """`DriverStatus` as it is now, in period ``sequence`` [1]; ``gate``: `CommandGate`."""
         p = self._node.parameters
         return stamp(DriverStatus(
             active=gate.active and gate.fault == "none", lockstep=p.mode == "lockstep", simulated=simulated,
@@ -161,7 +167,10 @@ class DriverTopics:
             **self._limits, **self._node.identity()), time_ns, self._frame)
 
     def timing(self, time_ns, sequence, gate, counters, responses):
-        """Timing and diagnostics, once per second; ``counters``: fields of `ServoTiming`."""
+        """Timing and diagnostics up to period ``sequence`` [1], once per second.
+
+        ``gate``: `CommandGate`; ``counters``: fields of `ServoTiming`; ``responses``: `ResponseTimes`.
+        """
         median, p99, p9999 = responses.percentiles(0.5, 0.99, 0.9999)
         self._timing.publish(stamp(ServoTiming(
             periods=sequence + 1, **counters, response_median=median, response_p99=p99, response_p9999=p9999,

@@ -39,7 +39,7 @@ class Readings:
         self._next, self.latest = 0, -1
 
     def extend(self, sequences, positions):
-        """Add readings: control periods and positions [m], arrays of one length."""
+        """Add readings: ``sequences`` of control periods [1] and ``positions`` [m], each of shape (n,)."""
         if not len(sequences):
             return
         sequences, positions = sequences[-len(self._sequence):], positions[-len(self._sequence):]
@@ -50,7 +50,7 @@ class Readings:
         self._next, self.latest = int(places[-1]) + 1, int(sequences[-1])
 
     def between(self, first, last):
-        """Positions [m] read in the periods from ``first`` to ``last``."""
+        """Positions [m], shape (n,), read in the periods from number ``first`` to ``last`` [1]."""
         return self._position[(self._sequence >= first) & (self._sequence <= last)]
 
 
@@ -66,7 +66,13 @@ class Results:
         self._table, self._count, self._lock = np.full((most, 4), np.nan), 0, threading.Lock()
 
     def add(self, distance, final_error, interferometer_error, settling_time):
-        """Add a move: how far it went [m], encoder and interferometer less the target [m], settling time [s]."""
+        """Add a move.
+
+        Parameters
+        ----------
+        distance : how far it went [m]. final_error, interferometer_error : encoder and interferometer less the target
+            [m]. settling_time : until it stays within the tolerance [s].
+        """
         with self._lock:
             self._table[self._count % len(self._table)] = distance, final_error, interferometer_error, settling_time
             self._count += 1

@@ -46,7 +46,7 @@ class Track:
         self.count = 0
 
     def drain(self, bag, time_ns):
-        """Write all that waits, filed under ``time_ns()``."""
+        """Write all that waits into ``bag``, filed under ``time_ns()``. Returns how many [1]."""
         take, before = self.reader.take, self.count
         while (raw := take()) is not None:
             bag.write(self.channel, time_ns(), raw)
@@ -69,7 +69,10 @@ class ServoTrack:
         return self.stream.readers
 
     def drain(self, bag, time_ns):
-        """Write all that waits, filed under their stamps, since what comes in a block comes late."""
+        """Write all that waits into ``bag``, filed under their stamps, since what comes in a block comes late.
+
+        Returns how many [1].
+        """
         before = self.count
         while (rows := self.stream.take_all()) is not None:
             messages = self._codec.array(rows)

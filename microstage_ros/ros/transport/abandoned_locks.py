@@ -111,7 +111,7 @@ class Segment:
         return self._first + which * MUTEX
 
     def address(self, which):
-        """Of a mutex."""
+        """Of the mutex of that number, ``which`` [1]."""
         return ctypes.c_void_p(self._base + self._mutex(which))
 
     def holders(self):
@@ -120,7 +120,8 @@ class Segment:
         return holder_of_first if first else None, holder_of_second if second else None
 
     def open(self, which):
-        """Open one lock, of a port that is marked as useless first; the thread that waits for it goes on."""
+        """Open the lock of that number, ``which`` [1], of a port that is marked as useless first; the thread that
+        waits for it goes on."""
         if self._flags is not None:
             self._pages[self._flags] &= ~PORT_IS_USABLE
         LIBC.pthread_mutex_unlock(self.address(which))

@@ -12,7 +12,7 @@ SLOTS = 64
 
 
 def new_ring(most, size):
-    """A ring of blocks of at most ``most`` messages of ``size`` bytes: rows, fill, ends.
+    """A ring of blocks of at most ``most`` messages [1] of ``size`` [byte]: rows, fill, ends.
 
     Returns
     -------

@@ -40,7 +40,7 @@ BLOCK_QOS = QoSProfile(depth=BLOCK_DEPTH, reliability=ReliabilityPolicy.RELIABLE
 
 
 def periods_per_block(period):
-    """Control periods in one block, for a control period in s."""
+    """Control periods in one block [1], for a control ``period`` [s]."""
     return max(1, min(MOST_PERIODS, round(LONGEST / period)))
 
 
@@ -101,13 +101,14 @@ class Outlet:
         self._write_single = self._writer(self._single)
 
     def send(self, sequence, raw):
-        """Send one message; it goes into the block that `flush` sends."""
+        """Send the message of period ``sequence`` [1]; it goes into the block that `flush` sends."""
         if self._listened:
             self.send_single(raw)
         self.keep(sequence, raw)
 
     def send_all(self, messages):
-        """Send messages that belong together (`Codec.array`) at once; what waits for its block goes first."""
+        """Send ``messages`` of shape (n,) that belong together (`Codec.array`) at once; what waits for its block goes
+        first."""
         self.flush()
         rows = messages.view(np.uint8).reshape(len(messages), -1)
         if self._listened:
@@ -146,7 +147,7 @@ class Outlet:
         return self._send_block(block)
 
     def keep(self, sequence, raw):
-        """Into the block alone."""
+        """The message of period ``sequence`` [1] into the block alone."""
         row = np.frombuffer(raw, np.uint8)
         while not keep(self.ring, row, sequence):
             self.send_closed()
@@ -196,8 +197,8 @@ class Refusals:
     def look(self, counts, links, name):
         """Renew if ``counts.refused`` has grown.
 
-        ``counts``, ``links``: arrays of one record that the compiled loop works with; ``name``: the publisher's place
-        in ``links``. One thread, the sender's.
+        ``counts``, ``links``: arrays of shape (1,), of one record each, that the compiled loop works with; ``name``:
+        the publisher's place in ``links``. One thread, the sender's.
         """
         refused = int(counts["refused"][0])
         if refused != self._seen:
@@ -268,7 +269,7 @@ class Stream:
 
     @property
     def publishers(self):
-        """Matched senders."""
+        """Number of matched senders [1]."""
         return self._blocks.publishers + (self._single.publishers if self._single else 0)
 
     @property

@@ -21,7 +21,8 @@ repeated at least every 0.5 s."""
 
 
 def repeat_after(last):
-    """How long [s] to wait before a credit is sent once more; ``last``: period heard of last, -1 for none.
+    """How long [s] to wait before a credit is sent once more; ``last``: number of the period heard of last [1], -1
+    for none.
 
     The first may have been sent before the driver was there to hear it.
     """
@@ -41,7 +42,7 @@ class Granter:
         self.until = self.published = -1
 
     def grant(self, until):
-        """The driver may begin control periods up to ``until``; never less than before."""
+        """The driver may begin control periods up to number ``until`` [1]; never less than before."""
         self.until = max(until, self.until)
         self.published = -1
         self.tell()
@@ -85,7 +86,7 @@ class CreditReader:
                 self._raised(self._ledger.limit)
 
     def drop_silent(self, timeout):
-        """`Ledger.drop_silent`."""
+        """`Ledger.drop_silent` for who was silent for ``timeout`` [s]."""
         with self._lock:
             return self._ledger.drop_silent(timeout)
 
@@ -111,7 +112,8 @@ class Ledger:
         self.limit = min(self._until.values(), default=UNLIMITED)
 
     def add(self, credit, sender=(0, 0), present=-1):
-        """Enter one credit from the process ``sender``; ``present``: number of the present control period."""
+        """Enter one ``credit``, `Credit`, from the process ``sender``, two numbers [1], in control period ``present``
+        [1]."""
         name, until, now = credit.follower, credit.until, time.monotonic()
         if name not in self._expected or not 0 <= until <= UNLIMITED:
             self.foreign += 1

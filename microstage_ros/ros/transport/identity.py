@@ -23,7 +23,7 @@ def process_of(gid):
 
     Parameters
     ----------
-    gid : its 16 bytes, a sequence of integers from 0 to 255.
+    gid : its bytes, integers from 0 to 255, shape (16,).
 
     Returns
     -------
@@ -34,7 +34,7 @@ def process_of(gid):
 
 
 def process_of_message(info):
-    """As `process_of`, from the words that `c_calls.take_from` has filled."""
+    """As `process_of`, from the words ``info`` that `c_calls.take_from` has filled, int64 of shape (n,)."""
     return int(info[GID_AT]), int(info[GID_AT + 1]) & HALF
 
 
@@ -138,7 +138,7 @@ class Holder:
         return next(iter(choice)) if len(choice) == 1 else ANYBODY
 
     def take(self, found, numbers):
-        """Make ``numbers``, of ``found``, the holder; `ANYBODY`: nobody."""
+        """Make the process ``numbers``, two of them [1], the holder; `ANYBODY`: nobody. ``found``: {numbers: name}."""
         self.words[:] = self._none if numbers == ANYBODY else numbers
         self.name = found.get(numbers, "")
 
@@ -147,5 +147,6 @@ class Holder:
         self.take({}, ANYBODY)
 
     def is_of(self, info):
-        """True if the message with these words of information came from the holder, or nobody holds the topic."""
+        """True if the message with these words of information, ``info`` of shape (n,), came from the holder, or
+        nobody holds the topic."""
         return self.words[0] == 0 or process_of_message(info) == tuple(self.words.tolist())

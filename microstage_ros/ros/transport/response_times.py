@@ -33,7 +33,7 @@ class ResponseTimes:
         return int(self.counts.sum())
 
     def add(self, seconds):
-        """Count one response."""
+        """Count one response that took so many ``seconds`` [s]."""
         self.counts[min(int(seconds * 1e6), FINE - 1)] += 1
         self.longest[0] = max(self.longest[0], round(seconds * 1e9))
 
@@ -46,5 +46,5 @@ class ResponseTimes:
         return [min((bin_ + 1) * 1e-6, self.maximum) if bin_ < FINE - 1 else self.maximum for bin_ in bins.tolist()]
 
     def histogram(self):
-        """Counts in `COARSE` bins, sixteen per decade from 10 µs on; first and last are open."""
+        """Counts [1] in `COARSE` bins, sixteen per decade from 10 µs on; first and last are open."""
         return np.bincount(_PLACES, weights=self.counts, minlength=COARSE).astype(np.int64).tolist()

@@ -24,7 +24,7 @@ def sleep_precisely():
 
 
 def sleep_until(deadline):
-    """Return at ``deadline`` [s of time.perf_counter], sleeping first and spinning at the end."""
+    """Return at ``deadline`` [s], by time.perf_counter, sleeping first and spinning at the end."""
     rest = deadline - time.perf_counter()
     if rest > SPIN:
         time.sleep(rest - SPIN)
@@ -73,7 +73,8 @@ tenths of a second.
 
 
 def take_place(logger, cpus, scheduling="normal", priority=0):
-    """Put the servo loop on ``cpus`` (None: anywhere), under a scheduling of `POLICIES`.
+    """Put the servo loop on ``cpus`` (None: anywhere), under a scheduling of `POLICIES`; ``priority`` [1] under
+    real_time.
 
     That is the main thread and those of the middleware that bring it messages. Under `batch` and `real_time` they have
     ``cpus`` to themselves: all other threads of the process (services, discovery, who sends blocks) go to the other
@@ -104,7 +105,7 @@ def take_place(logger, cpus, scheduling="normal", priority=0):
 
 
 def bound_real_time(seconds=LONGEST_UNBROKEN_S):
-    """Have the kernel end this process once a real-time thread of it has run for ``seconds`` without a wait
+    """Have the kernel end this process once a real-time thread of it has run for ``seconds`` [s] without a wait
     (RLIMIT_RTTIME)."""
     soft = int(seconds * 1e6)
     _, most = resource.getrlimit(resource.RLIMIT_RTTIME)

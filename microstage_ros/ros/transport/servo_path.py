@@ -70,7 +70,7 @@ class ServoGroup(CallbackGroup):
 
 
 def reader_qos(depth, reliable, latched=False):
-    """Quality of service of one reader of the servo path."""
+    """Quality of service of one reader of the servo path, which keeps ``depth`` messages [1] for it."""
     from rclpy.qos import DurabilityPolicy
 
     return QoSProfile(
@@ -212,7 +212,7 @@ class FastServoPath:
 
         Parameters
         ----------
-        function : of `numerics.compiled.called_from_c`. argument : address that it gets. owner : of what is there.
+        function : of `numerics.compiled.called_from_c`. argument : address that it gets [1]. owner : of what is there.
         """
         _KEPT.append((function, owner))
         self._notify(reader.address, function.address, argument)
@@ -280,7 +280,7 @@ class PlainServoPath:
         return never_raising(publisher.publish)
 
     def wait(self, readers, timeout):
-        """As `FastServoPath.wait`."""
+        """As `FastServoPath.wait`, at most ``timeout`` [s]."""
         if any(reader.queue for reader in readers):
             return
         try:

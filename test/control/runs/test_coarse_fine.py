@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from microstage_ros.commands.__main__ import run as run_command
 from microstage_ros.commands.analysis.diagnose import main as diagnose
 from microstage_ros.commands.analysis.identify import main as identify
 from microstage_ros.control.laws.controller import make_controller
@@ -92,6 +93,17 @@ def test_files_that_do_not_fit_are_refused_in_one_line(tmp_path):
     bad.write_text(f"format: 1\ncomponents: {{coarse: {coil}}}\n")
     with pytest.raises(InputError, match="components.*coarse: FILE, fine: FILE"):
         load_machine(bad)
+
+
+@pytest.mark.parametrize("command", ["cell", "commission", "tune", "compare", "robustness", "watch"])
+def test_a_command_of_one_component_refuses_two_in_one_line(command, tmp_path, capfd):
+    asked = {"commission": ["--out", str(tmp_path / "out")], "compare": ["--out", str(tmp_path / "out")],
+             "watch": [str(tmp_path / "r.csv")]}
+    (tmp_path / "r.csv").write_text("t_s\n0.0\n")
+    assert run_command(command, ["--axis", str(FILE), *asked.get(command, [])]) == 2
+    said = capfd.readouterr().err
+    assert said.count("\n") == 1 and said.startswith(f"{FILE}: components: got 'coarse, fine', expected"), said
+    assert not (tmp_path / "out").exists()
 
 
 def test_each_component_is_identified_and_the_file_of_both_written(both_records, tmp_path):
