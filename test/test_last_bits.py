@@ -1,5 +1,9 @@
 """Other trajectories: last bits drawn anew change a state by no more than that, and the command hands the choice on."""
 
+import inspect
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -13,7 +17,8 @@ from test.last_bits import FLAGS, RELATIVE, USUAL, wrapped
 
 def test_last_bits_differ_and_nothing_else():
     plant = make_plant(load_axis(config_file("axis.yaml")))
-    plain, again, other = (make(plant, 3, 1e-3, "random") for make in (new_state, wrapped(new_state, False, 0), wrapped(new_state, True, 0)))
+    unwrapped = inspect.unwrap(new_state)
+    plain, again, other = (make(plant, 3, 1e-3, "random") for make in (unwrapped, wrapped(unwrapped, False, 0), wrapped(unwrapped, True, 0)))
     assert plain == again and plain != other
     for name, usual in USUAL.items():
         assert plain[name] != other[name]
@@ -21,7 +26,7 @@ def test_last_bits_differ_and_nothing_else():
     np.testing.assert_array_equal(plain["random"], other["random"])
     for name in FLAGS:
         np.testing.assert_array_equal(plain["guideway"][name], other["guideway"][name])
-    assert not np.array_equal(plain["random"], wrapped(new_state, False, 1)(plant, 3)["random"])
+    assert not np.array_equal(plain["random"], wrapped(unwrapped, False, 1)(plant, 3)["random"])
 
 
 def test_options_of_the_command_become_the_plugins():
@@ -31,3 +36,10 @@ def test_options_of_the_command_become_the_plugins():
     assert command._other_trajectories(arguments := ["-k", "x"]) == {} and arguments == ["-k", "x"]
     with pytest.raises(InputError, match="whole number"):
         command._other_trajectories(["--seeds", "few"])
+
+
+def test_modules_that_conftest_imports_get_the_other_trajectories(monkeypatch):
+    monkeypatch.setenv("MICROSTAGE_LAST_BITS", "1")
+    code = "import test.last_bits, test.conftest; import microstage_ros.control.runs.simulate as s; import microstage_ros.solver.plant as p; import sys; " \
+           "names = [m for m in sys.modules.values() if hasattr(m, 'new_state')]; assert s in names and p in names; assert all(hasattr(m.new_state, '__wrapped__') for m in names)"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=300)

@@ -83,7 +83,7 @@ def test_steady_sliding_balances_volts_and_newtons(quiet):
 
 
 def test_free_axis_at_rest_stays_at_rest(quiet):
-    assert np.all(respond(quiet(), np.zeros(500))["x"] == 0.0)
+    assert np.all(np.abs(respond(quiet(), np.zeros(500))["x"]) < 1e-15)  # m: the last bits of the first state
 
 
 def test_axis_gives_back_no_more_than_it_was_given(axis, quiet):
