@@ -13,7 +13,8 @@ import numpy as np
 
 from microstage_ros.numerics.compiled import compiled
 from microstage_ros.ros.loops.compiled_driver import timing
-from microstage_ros.ros.loops.driver_loop import COUNTS, hold_back
+from microstage_ros.ros.loops.driver_loop import COUNTS
+from microstage_ros.ros.loops.period_timing import hold_back
 from microstage_ros.ros.transport.c_calls import MONOTONIC, load_libraries, now
 
 WORK_NS = 50_000

@@ -108,6 +108,15 @@ def keep_memory_steady():
     libc.mallopt(M_ARENA_MAX, 1)
 
 
+def give_back_memory():
+    """Have the C library give pages back to the system that hold nothing any more (`malloc_trim`, 0.2 ms for 40 MB).
+
+    By itself it does so at the end of its heap alone. Where small buffers of all sizes come and go between long-lived
+    ones, the holes grow in number for hours, although what is in use stays the same.
+    """
+    ctypes.CDLL(None).malloc_trim(0)
+
+
 def started(arguments, context=None):
     """`rclpy.init` that hears no signals. Raises `InputError` for arguments or a parameter file that are none."""
     try:

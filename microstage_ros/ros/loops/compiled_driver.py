@@ -9,14 +9,13 @@ from microstage_ros.hardware.watchdog import WORDS
 from microstage_ros.numerics.compiled import called_from_c, kind_of
 from microstage_ros.ros.loops.driver_loop import (
     COUNTS,
-    GRACE,
     LINKS,
-    SHORT_TIMER,
     TRAVEL,
     VALUES,
     on_message,
     run_periods,
 )
+from microstage_ros.ros.loops.period_timing import GRACE, SHORT_TIMER
 from microstage_ros.ros.transport.block_buffer import new_ring
 from microstage_ros.ros.transport.blocks import Refusals
 from microstage_ros.ros.transport.c_calls import INFO_WORDS, Frame, load_libraries

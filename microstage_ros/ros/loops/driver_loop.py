@@ -6,7 +6,6 @@ in one place (`hardware.command_gate`), and none of it costs time in good period
 """
 
 import math
-import os
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from microstage_ros.hardware.limits import breach
 from microstage_ros.hardware.watchdog import BEAT, TAKEN, VOLTS
 from microstage_ros.hardware.watchdog import ZEROED as WENT_TO_ZERO
 from microstage_ros.numerics.compiled import compiled
+from microstage_ros.ros.loops.period_timing import early_ns, hold_back, learn_waking
 from microstage_ros.ros.transport.block_buffer import close, crowded, keep
 from microstage_ros.ros.transport.c_calls import (
     MONOTONIC,
@@ -22,8 +22,6 @@ from microstage_ros.ros.transport.c_calls import (
     now,
     post,
     publish,
-    set_policy,
-    sleep_until,
     take_from,
     wait,
 )
@@ -32,11 +30,12 @@ from microstage_ros.ros.transport.work_handover import (
 )
 from microstage_ros.solver.period import advance_and_read
 
-GOOD, ASKED, CROWDED, NO_CREDIT, TAKEN_AWAY, TRAVEL, WAITED, STRANGE, MISSED = range(9)
+GOOD, ASKED, CROWDED, NO_CREDIT, TAKEN_AWAY, TRAVEL, WAITED, STRANGE, MISSED, ANSWERED = range(10)
 """Why `run_periods` returned. From `TRAVEL` on, the period that is under way has to be ended by the caller:
 TAKEN_AWAY: the watchdog has taken the voltage away. TRAVEL: a limit of `hardware.limits` was breached; read, nothing
 sent. WAITED: no command within a slice (lockstep). STRANGE: a command that is no answer to this period, nor, paced, to
-one just before. MISSED: no valid command for longer than `trip_ns` (paced)."""
+one just before. MISSED: no valid command for longer than `trip_ns` (paced). ANSWERED goes no further than
+`wait_for_work`."""
 
 COUNTS = np.dtype([(name, "i8") for name in (
     "sequence", "credit", "paced", "pace_ns", "due_ns", "slice_ns", "spin_ns", "waking_ns", "grace_ns", "priority",
@@ -51,51 +50,9 @@ LINKS = np.dtype([(name, "u8") for name in (
 SATURATED, LATE, ZEROED = 4, 8, 64
 CONTROLLER = 1  # VoltageCommand.SENDER_CONTROLLER
 
-HOST_STOP_NS = 1_000_000
-"""A sleep that ends so much too late [ns] is time for which the host has stopped the loop; counted apart."""
-
-SHORT_TIMER, GRACE = 5e-4, 5e-3
-"""A kernel timer shorter than a scheduler's tick has to be put into the hardware: 16 us on a virtual machine, a sixth
-of a period at 10 kHz. So with periods shorter than the first figure [s] the loop spins until the next one is due, and
-waits so much longer [s] for a command that is late: the next period begins late. After a period without any command
-periods begin in time again. The time without a command after which the driver trips stays the same."""
-
-RELAXED = 3
-"""One in so many periods the loop spins as a normal thread: Linux takes the processor from real-time threads for 50 ms
-if they keep it for more than 95 % of a second (`sched_rt_runtime_us`), the time spent spinning included."""
-
 MOMENT_NS = 5_000_000
 """Who is asked for credit has every block that is full, and answers soon; only after this wait [ns] are those sent that
 are not: small blocks are many blocks."""
-
-SPARE_NS, FORGET = 5_000, 64
-"""With longer periods the loop sleeps, and wakes this much sooner [ns] than its sleeps are late: at once as late as the
-latest, and forgetting it over so many periods. `spin_ns` is the most."""
-
-REAL_TIME, NORMAL = os.SCHED_FIFO, os.SCHED_BATCH
-
-
-@compiled
-def early_ns(c):
-    """How long before a period is due the loop must be awake."""
-    return min(c.spin_ns, c.waking_ns + SPARE_NS)
-
-
-@compiled
-def learn_waking(c, late):
-    """A sleep ended so late [ns]; -1 if there was none."""
-    if late > c.waking_ns:
-        c.waking_ns = late
-    elif late >= 0:
-        c.waking_ns -= (c.waking_ns - late) // FORGET
-
-
-@compiled
-def count_host_stop(c, late):
-    """What should have happened happens so late [ns]: the host had the processor."""
-    if late > HOST_STOP_NS:
-        c.host_stops += 1
-        c.host_stopped_ns += late
 
 
 @compiled
@@ -106,26 +63,6 @@ def zero_when_silent(c, v, guard, present, ahead):
         v.voltage = v.command = guard[1][VOLTS] = 0.0
         guard[0][WENT_TO_ZERO] = present
         c.zeroed += 1
-
-
-@compiled
-def hold_back(c, times):
-    """Sleep until the next period is due; as `AxisDriver._hold_back`."""
-    present = now(MONOTONIC, times)
-    if c.due_ns == 0:
-        c.due_ns = present
-    c.due_ns += c.pace_ns
-    if present > c.due_ns + c.pace_ns // 2:
-        c.overruns += 1
-        if present > c.due_ns + c.pace_ns:
-            c.due_ns = present
-    relaxed = c.priority > 0 and c.sequence % RELAXED == 0
-    if relaxed:
-        set_policy(NORMAL, 0, times)
-    learn_waking(c, sleep_until(c.due_ns, early_ns(c), times))
-    count_host_stop(c, now(MONOTONIC, times) - max(c.due_ns, present))
-    if relaxed:
-        set_policy(REAL_TIME, c.priority, times)
 
 
 @compiled
@@ -305,14 +242,15 @@ def begin_with_credit(work, times):
 def timed_periods(handover, work, times):
     """Control periods that begin when they are due. Why they ended."""
     links, c, v, frames, responses, guard = work[1][0], work[2][0], work[3][0], work[8], work[11], work[13]
-    carried = c.paced != 0 and c.grace_ns == 0
     while True:
         why = begin_period(*work)
-        if why == WAITING and carried:
+        if why == WAITING and c.paced:
             why = wait_for_work(handover, c, work, times)
         if why == WAITING and c.last == c.sequence:
             continue  # whoever brought the command has done the rest
         if why == WAITING:
+            if c.paced:
+                zero_when_silent(c, v, guard, now(MONOTONIC, times), 0)
             why = await_command(work[0], links, c, v, frames[2][0], guard, times)
         if why == GOOD:
             count_answer(c, responses, times)
@@ -326,33 +264,45 @@ def timed_periods(handover, work, times):
 
 @compiled
 def wait_for_work(handover, c, work, times):
-    """Until it is time to wait for the next period (`hold_back`); the command is taken by who brings it. WAITING, or
-    why the loop ends."""
-    until = c.due_ns + c.pace_ns - early_ns(c)
-    woken, why = True, WAITING
+    """Let who brings the command take it: then none of its response time is spent on waking this thread, which ranks
+    above him and would take the processor while he holds the lock of the reader that it needs. WAITING, or why the loop
+    ends.
+
+    Where periods are long this thread sleeps until it is time to wait for the next one (`hold_back`). Where it has to
+    spin (`SHORT_TIMER`) it is woken when the command is in force, and sleeps no longer than the voltage may last.
+    """
+    spins, until, woken, why = c.grace_ns > 0, c.due_ns + c.pace_ns, True, WAITING
+    if spins:
+        until = min(until + (0 if c.silent else c.grace_ns), c.valid_ns + c.hold_ns + 1)
+    else:
+        until -= early_ns(c)
     while woken and why == WAITING and now(MONOTONIC, times) < until:
+        if spins and work[0][0]:
+            return WAITING
         woken, why = hand_over(handover, work, until, times)
         if woken and why == WAITING:
             why = go_on(work)
-    if not woken:
+    if not woken and not spins:
         learn_waking(c, now(MONOTONIC, times) - until)
-    return why
+    return WAITING if why == ANSWERED else why
 
 
 @compiled
 def go_on(work):
-    """Take the command that waits, if it does; in lockstep the next period begins. WAITING, or why the loop ends."""
+    """Take what waits; where it answers the period, do the rest of it, and in lockstep begin the next. WAITING;
+    ANSWERED, if a loop that spins must be woken for it; or why the loop ends."""
     links, c, v, command, responses, times = work[1][0], work[2][0], work[3][0], work[8][2][0], work[11], work[12]
-    if not take_command(links, c, work[13]):
-        return WAITING
-    if not in_force(c, v, command, work[13], times):
-        return STRANGE
-    if c.last < c.sequence:
+    while take_command(links, c, work[13]):
+        if not in_force(c, v, command, work[13], times):
+            return STRANGE
+        if c.last == c.sequence:
+            count_answer(c, responses, times)
+            end_period(*work)
+            if c.paced:
+                return ANSWERED if c.grace_ns > 0 else WAITING
+            return begin_period(*work)
         c.late += 1
-        return WAITING
-    count_answer(c, responses, times)
-    end_period(*work)
-    return WAITING if c.paced else begin_period(*work)
+    return WAITING
 
 
 @compiled

@@ -35,7 +35,7 @@ from microstage_ros.ros.transport.servo_path import FastServoPath, Semaphore, ma
 WAIT = 0.1
 MOMENT = 0.01
 """How long [s] to wait for the next state before what waits for its block to be full is sent; longer than a scheduler's
-tick (see `driver_loop.SHORT_TIMER`)."""
+tick (see `period_timing.SHORT_TIMER`)."""
 
 _SENDER = VoltageCommand.SENDER_CONTROLLER
 

@@ -10,6 +10,7 @@ falls back to the public ones, slower, and says so in the node's log.
 
 import collections
 import ctypes
+import threading
 import time
 
 from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup
@@ -123,9 +124,10 @@ def never_raising(publish):
 
 
 class _Bytes(ctypes.Structure):
-    """`rcl_serialized_message_t`: whose bytes, how many, room for how many, and an allocator that is never called."""
+    """`rcl_serialized_message_t`: where the bytes are, how many, room for how many, and an allocator that is never
+    called."""
 
-    _fields_ = [("buffer", ctypes.c_char_p), ("length", ctypes.c_size_t), ("capacity", ctypes.c_size_t),
+    _fields_ = [("buffer", ctypes.c_void_p), ("length", ctypes.c_size_t), ("capacity", ctypes.c_size_t),
                 ("allocator", ctypes.c_void_p * 5)]
 
 
@@ -134,18 +136,38 @@ class RawWriter:
 
     rclpy keeps the interpreter's lock in this call. A reader that was killed while it held the lock of its own shared
     memory makes the call wait for seconds, and with it every service of this process: so the lock is released here.
+
+    What can be done once is: right after a thread has slept, every line of Python costs several times as much as in a
+    loop. So the publisher is held as long as this object lives (who destroys it sooner destroys it then), and messages
+    of one length go out from one place.
     """
 
     def __init__(self, publisher):
-        self._publisher = publisher
+        self._handle = publisher.handle
+        self._handle.__enter__()
+        self._publisher = ctypes.c_void_p(self._handle.pointer)
         self._publish = ctypes.CDLL("librcl.so").rcl_publish_serialized_message
-        self._publish.argtypes = [ctypes.c_void_p] * 3
         self._forget_error = ctypes.CDLL("librcutils.so").rcutils_reset_error
+        self._turn = threading.Lock()
+        self._make_place(0)
 
-    def __call__(self, raw):
-        with self._publisher.handle:
-            message = _Bytes(bytes(raw), len(raw), len(raw))
-            if self._publish(self._publisher.handle.pointer, ctypes.addressof(message), None) == 0:
+    def __del__(self):
+        self._handle.__exit__(None, None, None)
+
+    def _make_place(self, length):
+        """A place for messages of so many bytes."""
+        place = (ctypes.c_char * length)()
+        self._message = _Bytes(ctypes.addressof(place), length, length)
+        self._address = ctypes.c_void_p(ctypes.addressof(self._message))
+        self._length, self._place = length, memoryview(place).cast("B") if length else memoryview(b"")
+
+    def send(self, raw):
+        """Send the bytes of one message; one thread at a time does so."""
+        with self._turn:
+            if len(raw) != self._length:
+                self._make_place(len(raw))
+            self._place[:] = raw
+            if not self._publish(self._publisher, self._address, None):
                 return True
         self._forget_error()
         return False
@@ -229,7 +251,7 @@ class FastServoPath:
 
     def writer(self, publisher):
         """The call that sends CDR bytes through ``publisher``; True if they went out."""
-        return RawWriter(publisher)
+        return RawWriter(publisher).send
 
     def wait(self, readers, timeout):
         """Sleep until one of ``readers`` (a tuple) has a message, at most ``timeout`` [s]; it may return sooner."""

@@ -1,6 +1,7 @@
 """The private calls, the fall-back without them, and the fixed-layout messages."""
 
 import _ctypes
+import gc
 import os
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from microstage_ros.ros.transport.servo_path import (
     PlainServoPath,
     make_servo_path,
     missing_private_calls,
+    rclpy_implementation,
     reader_qos,
 )
 
@@ -64,10 +66,22 @@ def test_both_ways_carry_the_same_bytes(node, plain):
 def test_sending_releases_the_interpreters_lock(node, monkeypatch):
     """rclpy's own call holds it: a send that waited for a reader that was killed stopped every service of the process."""
     send = make_servo_path(node).writer(node.create_publisher(msg.VoltageCommand, "command_late", 10))
-    assert not send._publish._flags_ & _ctypes.FUNCFLAG_PYTHONAPI
+    assert not send.__self__._publish._flags_ & _ctypes.FUNCFLAG_PYTHONAPI
     assert send(Codec("VoltageCommand").pack(7, 1, 0.1, 1e-6, 0.0, 1)) is True
-    monkeypatch.setattr(send, "_publish", lambda *_: 1)
+    monkeypatch.setattr(send.__self__, "_publish", lambda *_: 1)
     assert send(b"12345678") is False
+
+
+def test_a_publisher_that_is_destroyed_while_it_sends_stays_until_nobody_sends(node):
+    """The lock is released meanwhile, so another thread may renew the publisher: it must not go under the call."""
+    publisher = node.create_publisher(msg.VoltageCommand, "command_destroyed", 10)
+    send = make_servo_path(node).writer(publisher)
+    node.destroy_publisher(publisher)
+    assert send(Codec("VoltageCommand").pack(7, 1, 0.1, 1e-6, 0.0, 1)) is True
+    del send
+    gc.collect()
+    with pytest.raises(rclpy_implementation.InvalidHandle):
+        publisher.handle.__enter__()
 
 
 def filled(kind):
