@@ -1,13 +1,14 @@
 """The order of a commissioning, from the first reading to the proof; every step may end it with a reason."""
 
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
 from microstage_ros.commissioning.experiments import measured_loop, proof
 from microstage_ros.commissioning.experiments.closed_loop import LOOSE, Loop, programme, stroke
 from microstage_ros.commissioning.findings import Check, Refused, Stopped, refused
+from microstage_ros.commissioning.experiments.encoder_scale import scale_check
 from microstage_ros.commissioning.experiments.first_motion import first_motion
 from microstage_ros.commissioning.estimation.frequency_response import measured_margins
 from microstage_ros.commissioning.estimation.known import known_axis
@@ -18,21 +19,16 @@ from microstage_ros.commissioning.design.law_choice import (
     choose_law,
     encoder_laws,
     encoder_margins,
+    gentle_law,
     soft_gains,
     too_little,
 )
 from microstage_ros.commissioning.experiments.dead_encoder import EncoderWatch
 from microstage_ros.commissioning.experiments.machine import LONGEST
-from microstage_ros.commissioning.experiments.open_loop import (
-    Strokes,
-    fit_strokes,
-    scale_check,
-    strokes,
-    strokes_below_swing,
-)
+from microstage_ros.commissioning.experiments.open_loop import Strokes, fit_strokes, strokes, strokes_below_swing
 from microstage_ros.commissioning.experiments.sliding import sliding_response
 from microstage_ros.commissioning.estimation.parameters import draws, identified, slope_of
-from microstage_ros.commissioning.estimation.plant_fit import fit_plant, resonance_of
+from microstage_ros.commissioning.estimation.plant_fit import fit_plant, resonance_of, volts_per_acceleration
 from microstage_ros.model.actuators import actuator_of
 
 LEAST_RESONANCE = 0.45  # of the sketched one: stiffness half and mass twice give 0.5
@@ -124,7 +120,7 @@ def _steps(outcome, machine, sketch, store, seed, progress, keep, paths):
     outcome.check(*checks)
     machine.noise = first.noise
     found, axis, response = _open_loop(outcome, machine, sketch, store, first, seed, progress, keep, paths)
-    gentle = encoder_laws(axis)[-1]
+    gentle = gentle_law(axis)
     loop = Loop(machine, axis, gentle, found.friction, soft_gains(gentle, axis, [])[0])
     records = _closed_loop(outcome, loop, store, progress, keep, paths)
     machine.note_surroundings()
@@ -178,6 +174,9 @@ def _open_loop(outcome, machine, sketch, store, first, seed, progress, keep, pat
             "Too few lines of the open-loop response are coherent: the drive train stays as sketched."
         )
     else:
+        if actuator.tells_turning and not found.has_current:
+            found = replace(found, inertia=volts_per_acceleration(axis, fit))
+            outcome.check(scale_check(found, sketch, found.inertia))
         _judge_response(outcome, machine, sketch, fit)
         axis = known_axis(sketch, found, fit)
     return found, axis, response

@@ -35,11 +35,19 @@ def encoder_laws(axis):
     Without a motor's back-EMF little but the derivative term damps: a loop of mass and PID is stable between two gains
     only, and a self-tuning law that backs off leaves it at the lower one. On a simulated force axis at 1 kHz and a
     current-driven motor at 4 kHz, 160 moves each, self-tuning laws ended up to 7 µm and 1.4 µm beside their targets,
-    PID laws with the same gains 0.22 µm and 0.08 µm.
+    PID laws with the same gains 0.22 µm and 0.08 µm. With a back-EMF, too, one of four simulated machines at 1 ms ended
+    up to 5.6 µm beside its targets under the law that backs off, told the truth, and 31 nm under `pid_feedforward`: it
+    is tried last.
     """
     if axis.choices["drive.type"] == "voltage_motor":
-        return "self_tuning_feedforward", "self_tuning"
+        return "self_tuning_feedforward", "self_tuning", "pid_feedforward"
     return "pid_feedforward", "pid"
+
+
+def gentle_law(axis):
+    """The law of the first loop, on an axis that is only roughly known: no feedforward, and of a motor with a back-EMF
+    one that backs off."""
+    return "self_tuning" if axis.choices["drive.type"] == "voltage_motor" else "pid"
 
 
 def choose_law(axis, drawn, has_current):

@@ -101,8 +101,8 @@ def identified(records, axis, sketch, found, response, seed):
         if response is None
         else fit_plant(axis, response, records[0].period_s, slope_of(axis, found), held=("drive.back_emf",))
     )
-    if fit is not None and not current_free:
-        axis = _inertia(axis, fit, estimates)
+    if fit is not None:
+        axis = _inertia(axis, fit, estimates, current_free)
     if fit is not None and axis.has("transmission.stiffness") and "transmission.stiffness" in fit.values:
         axis = _drive_train(axis, sketch, fit, estimates)
     shared = guideway_doubt(axis, sketch)
@@ -206,11 +206,13 @@ def _widened(estimate, shared=0.0):
     return replace(estimate, stderr=spread, low=estimate.value - 1.96 * spread, high=estimate.value + 1.96 * spread)
 
 
-def _inertia(axis, fit, estimates):
+def _inertia(axis, fit, estimates, current_free):
     """Inertia by the response in sliding: above the corner of back-EMF and friction it alone is in the way of the
-    torque."""
+    torque; ``current_free``: for the axis's resistance, so it is no estimate."""
     key, unit = "drive.rotor_inertia", "kg m^2"
     value, relative = fit.values[key], fit.relative[key]
+    if relative < WELL and current_free:
+        return axis.with_values({key: value}, source="identified")
     if relative < WELL:
         spread = relative * value
         estimates[key] = Estimate(

@@ -79,6 +79,14 @@ def resonance_of(axis, values=None):
     return math.sqrt(get("transmission.stiffness") / reduced) / (2.0 * math.pi)
 
 
+def volts_per_acceleration(axis, fit):
+    """Voltage per acceleration of the stage [V s²/m] of a DC motor: R (J + q² m)/(K q), with J and K as fitted and the
+    axis's R and m."""
+    q = motor_ratio(axis)
+    moving = fit.values[INERTIA] + q * q * axis.value("stage.mass")
+    return axis.value("drive.resistance") * moving / (fit.values[EMF] * q)
+
+
 def fit_plant(axis, response, period, slope=0.0, held=()):
     """`PlantFit` of a plant's ``response`` in sliding, `Response`; None where too few lines are coherent.
 

@@ -1,5 +1,4 @@
-"""Before any loop is closed: motor constants, inertia and sliding friction from short strokes, the scale of the
-encoder."""
+"""Before any loop is closed: motor constants, inertia and sliding friction from short strokes."""
 
 import math
 from dataclasses import dataclass
@@ -7,23 +6,18 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import savgol_filter
 
-from microstage_ros.commissioning.findings import Check, refused
+from microstage_ros.commissioning.findings import refused
 from microstage_ros.commissioning.experiments.dead_encoder import EncoderWatch
+from microstage_ros.commissioning.experiments.encoder_scale import scale_check
 from microstage_ros.commissioning.experiments.first_motion import joined
 from microstage_ros.commissioning.experiments.sliding import STANDS, STILL_COUNTS, Slide
 from microstage_ros.commissioning.estimation.plant_fit import resonance_of
 from microstage_ros.commissioning.estimation.smoothing import SMOOTH, smoothed, window_rows
-from microstage_ros.control.design.rules import volts_per_acceleration
-from microstage_ros.control.laws.controller import controller_parameters
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.signals.rows import of_row_before
-from microstage_ros.model.transmission import motor_ratio
 
 STROKE, SHARE = 1.5e-4, 0.02  # of the first strokes: metres, and share of the travel
 LONGEST_WINDOW = 0.03  # of the low-pass of the strokes [s]
-EMF_DOUBT = 0.05  # of the logarithm: a magnet loses 0.2 % per kelvin, and the strokes tell the back-EMF within 1 %
-LEAST_SCALE = 0.5 * math.log(2.0)  # of the logarithm: edges are counted wrong by two or four
-INERTIA_DOUBT = 0.3  # of the logarithm: friction that changes as the stage gathers speed counts as inertia
 
 
 @dataclass(frozen=True)
@@ -201,109 +195,3 @@ def _long_rows(axis, period):
     expected = resonance_of(axis)
     length = min(max(6.0 / expected, SMOOTH), LONGEST_WINDOW) if math.isfinite(expected) else SMOOTH
     return max(int(length / period) | 1, 7)
-
-
-def scale_check(found, sketch):
-    """Check that the encoder counts as the motor turns; raises `Refused` where it surely does not.
-
-    ``found``: `Strokes` of the machine.
-
-    A scale c of the encoder divides the back-EMF per encoder speed, k/c, and twice what is left of the inertia when
-    that is multiplied in, J/c²; a command that is a torque or a force tells the inertia alone, J/c. Each gives an
-    interval of ln c: the sketch's tolerances as bounds, and the doubt of the measurement. Refused is what lies in both,
-    where all of it is nearer to a factor of two than to one.
-    """
-    if sketch.axis.choices["drive.type"] != "voltage_motor":
-        return _judged_scale(*_scale_by_inertia(found, sketch), "the sketched mass and force")
-    low, high, alone = _scale_of_motor(found, sketch)
-    if low > high:
-        return Check(
-            "encoder_scale",
-            True,
-            alone[0],
-            "1",
-            f"the encoder counts {alone[0]:.2g} times what the sketched back-EMF says, and {alone[1]:.2g}"
-            " times what the sketched inertia says: no scale explains both, one of them is beyond its tolerance",
-        )
-    return _judged_scale(low, high, "the motor's back-EMF and inertia")
-
-
-def _scale_by_inertia(found, sketch):
-    """(lowest, highest) ln c by the inertia alone."""
-    axis, actuator = sketch.axis, actuator_of(sketch.axis)
-    gains = ("drive.gain", "drive.torque_constant", actuator.emf_key, "drive.resistance")
-    doubt = sum(math.log1p(sketch.tolerance[key]) for key in gains if key in axis.quantities and axis.value(key) > 0.0)
-    known = volts_per_acceleration(controller_parameters("pid_feedforward", axis, {})["feedforward"])
-    rotor, load = actuator.reflected_mass(axis), axis.value("stage.mass")
-    tolerance = sketch.tolerance
-    parts = (rotor, 1.0 + tolerance.get("drive.rotor_inertia", 0.0)), (load, 1.0 + tolerance["stage.mass"])
-    least, most = (sum(part * factor**power for part, factor in parts) / (rotor + load) for power in (-1.0, 1.0))
-    seen = math.log(max(found.inertia, 1e-12) / known)
-    return math.log(least) - doubt - INERTIA_DOUBT - seen, math.log(most) + doubt + INERTIA_DOUBT - seen
-
-
-def _scale_of_motor(found, sketch):
-    """(lowest, highest) ln c by back-EMF and inertia, and the scales that each alone says."""
-    axis, ratio = sketch.axis, motor_ratio(sketch.axis)
-    emf, resistance = axis.value("drive.back_emf") / ratio, axis.value("drive.resistance")
-    rotor, load = axis.value("drive.rotor_inertia"), ratio * ratio * axis.value("stage.mass")
-    known = found.resistance if found.has_current else resistance
-    back = math.log(max(found.volts_per_speed, 1e-12) / emf)
-    turned = back + math.log(
-        max(found.inertia, 1e-12) * axis.value("drive.torque_constant") * ratio / (known * (rotor + load))
-    )
-    factor = {
-        key: 1.0 + sketch.tolerance[key]
-        for key in ("drive.back_emf", "drive.rotor_inertia", "stage.mass", "drive.resistance")
-    }
-    viscous = blind = 0.0
-    if (
-        not found.has_current
-    ):  # what is seen as back-EMF has the viscous friction in it, the inertia the sketched resistance
-        all_volts = float(controller_parameters("pid_feedforward", axis, {})["feedforward"]["volts_per_velocity"])
-        viscous, blind = max(all_volts / emf - 1.0, 0.0), math.log(factor["drive.resistance"])
-        viscous *= (
-            factor["drive.back_emf"]
-            * factor["drive.resistance"]
-            * (1.0 + sketch.tolerance.get("contacts.actuator.viscous", 1.0))
-        )
-    k = -math.log(factor["drive.back_emf"]) - EMF_DOUBT, math.log(factor["drive.back_emf"] + viscous) + EMF_DOUBT
-    inertia = (
-        math.log((rotor / factor["drive.rotor_inertia"] + load / factor["stage.mass"]) / (rotor + load))
-        - INERTIA_DOUBT
-        - blind,
-        math.log((rotor * factor["drive.rotor_inertia"] + load * factor["stage.mass"]) / (rotor + load))
-        + INERTIA_DOUBT
-        + blind
-        + viscous,
-    )
-    low, high = max(k[0] - back, 0.5 * (inertia[0] - turned)), min(k[1] - back, 0.5 * (inertia[1] - turned))
-    return low, high, (math.exp(-back), math.exp(-0.5 * turned))
-
-
-def _judged_scale(low, high, by):
-    """`Check` of ln c between ``low`` and ``high``, ``by`` what says so. Raises Refused."""
-    seen = math.exp(0.5 * (low + high))
-    if low > LEAST_SCALE or high < -LEAST_SCALE:
-        held = next(
-            (
-                f"four times too {word}"
-                for scale, word in ((4.0, "many"), (0.25, "few"))
-                if low <= math.log(scale) <= high
-            ),
-            "a wrong scale",
-        )
-        raise refused(
-            "encoder_scale",
-            seen,
-            "1",
-            f"the encoder counts {seen:.2g} times ({math.exp(low):.2g} to {math.exp(high):.2g}) what {by} say: {held}"
-            " (decoding of the tracks: 1, 2 or 4 edges; resolution, pitch or gear in the sketch)",
-        )
-    return Check(
-        "encoder_scale",
-        True,
-        seen,
-        "1",
-        f"the encoder counts {math.exp(low):.2g} to {math.exp(high):.2g} times what {by} say",
-    )
