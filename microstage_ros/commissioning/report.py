@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from microstage_ros import __version__
+from microstage_ros.commissioning.design.period import PHASE, beside_usual
 from microstage_ros.commissioning.findings import CHECKS
 from microstage_ros.commissioning.estimation.frequency_response import write_responses
 from microstage_ros.commissioning.store import write_json
@@ -122,13 +123,13 @@ def page(outcome, machine, provenance):
         )
     made.section("Checks")
     rows = [
-        (c.id, "passed" if c.passed else "FAILED", people(c.value, c.unit), c.says)
+        (c.id, f"{'passed' if c.passed else 'FAILED'}: {c.says}")
         for c in sorted(outcome.checks.values(), key=lambda c: CHECKS.index(c.id))
     ]
     made.table(
-        ("check", "", "value", "what it says"),
+        ("check", "what it says"),
         rows,
-        marked=[k for k, row in enumerate(rows) if row[1] == "FAILED"],
+        marked=[k for k, row in enumerate(rows) if row[1].startswith("FAILED")],
     )
     if outcome.estimates:
         _parameters(made, outcome)
@@ -186,6 +187,8 @@ def page(outcome, machine, provenance):
             + ". By the encoder of the loop: what lies between encoder and tool needs an interferometer."
         )
         made.text(f"Slow sine of ±10 µm at 0.1 Hz: largest error {outcome.sine * 1e9:.0f} nm.")
+    if outcome.axis is not None:
+        _period(made, outcome)
     made.section("What was used")
     used = machine.used
     made.text(
@@ -210,6 +213,37 @@ def _instrument(name, value):
     if name == "temperature_K":
         return f"{min(value) - 273.15:.2f} to {max(value) - 273.15:.2f} °C"
     return f"index mark at {value * 1e3:.6g} mm"
+
+
+def _period(made, outcome):
+    """What the control period allows on the identified axis, beside what was measured."""
+    axis = outcome.axis
+    rows, own = beside_usual(axis), axis.value("period")
+    made.section("What the period allows")
+    made.table(
+        ("period", "crossover", "stiffness", "pushed aside"),
+        [
+            (quantity(r.period, "s", 3), quantity(r.crossover, "Hz", 2), quantity(r.stiffness, "N/m", 2),
+             quantity(r.aside, "m", 2))
+            for r in rows
+        ],
+        f"Largest crossover of a loop that keeps {PHASE:g}° of phase, the stiffness that it has then, and the way that"
+        " friction pushes the stage aside when it turns round at once, by the identified mass and friction.",
+        marked=[k for k, r in enumerate(rows) if r.period == own],
+    )
+    margins, here = outcome.margins, next(r for r in rows if r.period == own)
+    if margins and margins.crossover_Hz > 0.0:
+        made.text(
+            f"This loop crosses at {margins.crossover_Hz:.3g} Hz (measured in motion), the period of"
+            f" {quantity(own, 's', 3)} allows {here.crossover:.3g} Hz; the drive train and the doubt in the identified"
+            " numbers take their part of that."
+        )
+    swing = outcome.estimates.get("resonance of the drive train")
+    if swing is not None and swing.determined and swing.value > here.crossover:
+        made.text(
+            f"The drive train swings at {swing.value:.3g} Hz, above that: no loop on the encoder alone damps it at this"
+            " period."
+        )
 
 
 def _parameters(made, outcome):

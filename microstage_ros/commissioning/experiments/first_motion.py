@@ -55,12 +55,17 @@ class FirstMotion:
     current_noise: float
 
 
-def expected_breakaway(axis):
-    """Voltage [V] at which both contacts of an axis break away; a fiftieth of the limit where it has no friction."""
+def breakaway(axis):
+    """Command at which both contacts of an axis break away [its unit: V, N m, N]; 0 without friction."""
     model = controller_parameters("pid_feedforward", axis, {})["feedforward"]
     torque = float(model["volts_per_torque"]) * float(model["actuator"][0]) if model["has_actuator"] else 0.0
     force = float(model["volts_per_force"]) * float(model["guideway"][0]) if model["has_guideway"] else 0.0
-    return max(torque + force, 0.02 * actuator_of(axis).command_limit(axis))
+    return torque + force
+
+
+def expected_breakaway(axis):
+    """`breakaway`; a fiftieth of the limit where that is more, as of an axis without friction."""
+    return max(breakaway(axis), 0.02 * actuator_of(axis).command_limit(axis))
 
 
 def look_at_rest(machine):
