@@ -28,6 +28,23 @@ def test_observer_law_gives_way_until_it_has_margins():
     assert reach >= 1.0 and stable and phase >= FLOOR_PHASE and gain >= FLOOR_GAIN
 
 
+def test_slow_motion_has_a_say(monkeypatch):
+    """Of the trials with margins the one is taken whose simulated slow sine costs least, if the first costs too much."""
+    axis = random_axis(load_axis(config_file("axis.yaml")), 139)
+    first = observer_trial(monkeypatch, axis, lambda gains: 1e-8)
+    assert first == observer_trial(monkeypatch, axis, lambda gains: 1e-8 if not gains else 1.1e-8)
+    softer = observer_trial(monkeypatch, axis, lambda gains: 1e-8 if not gains else 5e-8 / (1.0 + ("proportional" in gains)))
+    assert first[0] == 1.0 and first[1] > 1.0 and softer[0] < 1.0
+
+
+def observer_trial(monkeypatch, axis, error):
+    """(share, doubt) with that error of the slow sine by the gains over the rule's; its margins are the floor's."""
+    monkeypatch.setattr(law_choice, "slow_sine_error", lambda axis, gains, enough=None: error(gains))
+    _, reach, step = observer_gains(axis, [])
+    assert reach >= 1.0
+    return step
+
+
 def test_law_without_margin_is_not_taken():
     axis = random_axis(load_axis(config_file("axis.yaml")).with_controller({"type": OBSERVER}), 16)  # soft, hardly damped drive train
     axis = axis.with_values({"stage.mass": 6.0 * axis.value("stage.mass")}, source="derived")  # that no doubt in the encoder holds
@@ -46,7 +63,7 @@ def test_without_a_current_the_law_is_encoder_only():
 def test_no_law_below_the_floor(monkeypatch):
     """An observer law that reaches half of the floor is not taken, nor an encoder-only law with 5° and 0.5 dB: the refusal says so."""
     axis = load_axis(config_file("axis.yaml"))
-    monkeypatch.setattr(law_choice, "observer_gains", lambda *_: ({}, 0.5, law_choice.OBSERVER_STEPS[0]))
+    monkeypatch.setattr(law_choice, "observer_gains", lambda *_: ({}, 0.5, (1.0, 1.0)))
     law, _, why = choose_law(axis, [], True)
     assert law == "self_tuning_feedforward" and "10.0° or 1.00 dB" in why
     monkeypatch.setattr(law_choice, "soft_gains", lambda *_: ({}, law_choice.SOFTEST))
