@@ -22,9 +22,9 @@ DOUBTS = (*(1.0 + 0.25 * k for k in range(13)), 4.5, 5.0, 5.5, 6.0, 7.0, 8.0)
 """Shares of the bandwidth and factors on the doubt in the back-EMF of the observer law's trials: the back-EMF makes its
 loop fast and takes the margins, the encoder is slower and leaves them. Of each share the least doubt that leaves the
 margins is tried: in fine steps, as the gain margin before sliding rises and falls with it (0.2 to 4 dB within a factor
-of 1.1 on one machine). On four simulated machines the moves' 4s stayed as it was down to 0.8 of the bandwidth with 4 times
-the doubt; 0.65 cost up to a factor of three, so it comes last, 0.5 of eight. On two machines that keep the margins only
-with 8 times the doubt the 4s were 0.2 to 5 nm, with the encoder-only law 2 to 20 nm."""
+of 1.1 on one machine). On four simulated machines the moves' 4s stayed as it was down to 0.8 of the bandwidth with 4
+times the doubt; 0.65 cost up to a factor of three, so it comes last, 0.5 of eight. On two machines that keep the
+margins only with 8 times the doubt the 4s were 0.2 to 5 nm, with the encoder-only law 2 to 20 nm."""
 SINE_COST = 1.2
 """Factor on the slow sine's error under the rule's gains, as simulated on the identified axis, with which no further
 trial is made. Where friction falls with speed slow motion needs a fast loop: on one simulated machine trials that keep
@@ -152,8 +152,10 @@ def too_little(margins):
 
 
 def observer_gains(axis, drawn):
-    """(gains over the rule's, reach, (share, doubt)) of the observer law: of the trials whose reach is 1 the first whose
-    slow sine costs no more than `SINE_COST`, or the one that costs least; with none, that of the farthest reach.
+    """(gains over the rule's, reach, (share, doubt)) of the observer law.
+
+    Of the trials whose reach is 1 the first whose slow sine costs no more than `SINE_COST`, or the one that costs
+    least; with none, that of the farthest reach.
 
     The reach is the least of phase margin / `FLOOR_PHASE` and gain margin / `FLOOR_GAIN` over the axis, the draws and
     the guarded regimes; -1 where the loop is unstable or the check before a start (`start_check`) says no. ``drawn``:

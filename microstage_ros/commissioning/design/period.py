@@ -10,7 +10,7 @@ Systems, 3rd edition (1998), section 4.3: the phase of a hold.)
 import math
 from dataclasses import dataclass
 
-from microstage_ros.commissioning.experiments.first_motion import breakaway
+from microstage_ros.commissioning.estimation.known import breakaway
 from microstage_ros.control.design.rules import SAMPLING_LAG, volts_per_acceleration
 from microstage_ros.control.laws.controller import controller_parameters
 from microstage_ros.model.actuators import actuator_of

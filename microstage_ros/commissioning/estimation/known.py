@@ -76,6 +76,14 @@ def _forced(sketch, found, fit):
     return sketch.axis.with_values(values, source="estimate")
 
 
+def breakaway(axis):
+    """Command at which both contacts of an axis break away [its unit: V, N m, N]; 0 without friction."""
+    model = controller_parameters("pid_feedforward", axis, {})["feedforward"]
+    torque = float(model["volts_per_torque"]) * float(model["actuator"][0]) if model["has_actuator"] else 0.0
+    force = float(model["volts_per_force"]) * float(model["guideway"][0]) if model["has_guideway"] else 0.0
+    return torque + force
+
+
 def moving_mass(axis):
     """Stage and reflected rotor [kg]."""
     return axis.value("stage.mass") + actuator_of(axis).reflected_mass(axis)

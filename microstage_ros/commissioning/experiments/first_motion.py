@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from microstage_ros.commissioning.estimation.known import breakaway
 from microstage_ros.commissioning.findings import Check, refused
 from microstage_ros.control.design.rules import volts_per_acceleration
 from microstage_ros.control.laws.controller import controller_parameters
@@ -53,14 +54,6 @@ class FirstMotion:
     has_current: bool
     noise: float
     current_noise: float
-
-
-def breakaway(axis):
-    """Command at which both contacts of an axis break away [its unit: V, N m, N]; 0 without friction."""
-    model = controller_parameters("pid_feedforward", axis, {})["feedforward"]
-    torque = float(model["volts_per_torque"]) * float(model["actuator"][0]) if model["has_actuator"] else 0.0
-    force = float(model["volts_per_force"]) * float(model["guideway"][0]) if model["has_guideway"] else 0.0
-    return torque + force
 
 
 def expected_breakaway(axis):
