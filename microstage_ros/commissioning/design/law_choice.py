@@ -200,7 +200,8 @@ def _observer_trial(rule, share, doubt):
 def slow_sine_error(axis, gains, enough=math.inf):
     """Largest following error [m] of the observer law in a slow sine on the simulated axis, after its first quarter.
 
-    Of `SINE_SEEDS`; the simulations end where one is above ``enough`` [m].
+    ``gains``: over the rule's, each in the unit of its `control.gains.Gain`. Of `SINE_SEEDS`; the simulations end where
+    one is above ``enough`` [m].
     """
     controller, worst = {"type": OBSERVER, **gains}, 0.0
     start = 0.5 * (axis.value("travel.minimum") + axis.value("travel.maximum"))

@@ -77,7 +77,7 @@ def _forced(sketch, found, fit):
 
 
 def breakaway(axis):
-    """Command at which both contacts of an axis break away [its unit: V, N m, N]; 0 without friction."""
+    """Command [V, N m or N] at which both contacts of an axis break away; 0 without friction."""
     model = controller_parameters("pid_feedforward", axis, {})["feedforward"]
     torque = float(model["volts_per_torque"]) * float(model["actuator"][0]) if model["has_actuator"] else 0.0
     force = float(model["volts_per_force"]) * float(model["guideway"][0]) if model["has_guideway"] else 0.0

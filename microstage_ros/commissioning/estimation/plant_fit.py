@@ -80,8 +80,10 @@ def resonance_of(axis, values=None):
 
 
 def volts_per_acceleration(axis, fit):
-    """Voltage per acceleration of the stage [V s²/m] of a DC motor: R (J + q² m)/(K q), with J and K as fitted and the
-    axis's R and m."""
+    """Voltage per acceleration of the stage [V s²/m] of a DC motor: R (J + q² m)/(K q), with the axis's R and m.
+
+    ``fit``: `PlantFit`, for J [kg m²] and K [V s/rad].
+    """
     q = motor_ratio(axis)
     moving = fit.values[INERTIA] + q * q * axis.value("stage.mass")
     return axis.value("drive.resistance") * moving / (fit.values[EMF] * q)
