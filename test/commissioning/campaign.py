@@ -99,7 +99,7 @@ def main():
     """Run the campaign."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--machines", type=int, default=10)
-    parser.add_argument("--first", type=int, default=1)
+    parser.add_argument("--first", type=int, default=1, help="first seed; those of faults follow each other, repeats 100 apart")
     parser.add_argument("--faults", nargs="*", default=[], choices=[*FAULTS, "all"], metavar="NAME", help=", ".join(FAULTS))
     parser.add_argument("--repeats", type=int, default=1, help="machines per kind of fault")
     parser.add_argument("--friction", default="", choices=("", "lugre", "coulomb_viscous_stribeck"), help="law of the machines' actuators (default: the sketch's)")
@@ -110,7 +110,7 @@ def main():
     sketch = load_sketch(arguments.axis)
     if arguments.period:
         sketch = replace(sketch, axis=sketch.axis.with_values({"period": arguments.period}, source="datasheet"))
-    todo = [(fault, 1 + k + 100 * n) for n in range(arguments.repeats) for k, fault in enumerate(FAULTS) if fault in arguments.faults or "all" in arguments.faults]
+    todo = [(fault, arguments.first + k + 100 * n) for n in range(arguments.repeats) for k, fault in enumerate(FAULTS) if fault in arguments.faults or "all" in arguments.faults]
     todo += [("", seed) for seed in range(arguments.first, arguments.first + arguments.machines)]
     rows = []
     for fault, seed in todo:
