@@ -286,7 +286,7 @@ def mass_or_stiffness(evidences, choices):
 
 def _first_acceptable(evidences, trials, choices):
     """The strongest trial that stands, unless a much stronger one of the same channel does not: then nothing fits
-    there."""
+    there. What the baseline shows, too, is no change, and stands in nothing's way."""
     blocked = {}
     for trial in trials[:8]:
         channels = {form.channel for form in trial.choice.forms}
@@ -294,9 +294,11 @@ def _first_acceptable(evidences, trials, choices):
             continue
         if acceptable(evidences, trial, choices):
             return trial
-        if trial.log_p < LEVEL and evidences.amplitude_in_base(trial.choice, choices)[0] < 0.5:
+        if trial.log_p < LEVEL and not in_baseline(evidences, trial.choice, choices):
             for channel in channels:
-                blocked[channel] = max(blocked.get(channel, 0.0), trial.gain)
+                part = evidences.channel_gain(channel, [*choices, trial.choice])
+                part -= evidences.channel_gain(channel, choices)
+                blocked[channel] = max(blocked.get(channel, 0.0), part)
     return None
 
 

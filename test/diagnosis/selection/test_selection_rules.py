@@ -26,8 +26,13 @@ def standing(monkeypatch):
     return names
 
 
-def baseline(amplitude):
-    return types.SimpleNamespace(amplitude_in_base=lambda *_: (amplitude, 0.01))
+def baseline(amplitude, raw=None, gains=None):
+    """Evidence of a baseline that shows so much of any effect, and ``raw`` of it before the healthy model was taken out;
+    every choice gains ``gains`` {channel: χ²}, 1000 in those not named."""
+    of = lambda *_, raw=False: (untouched if raw else amplitude, 0.01)
+    untouched = amplitude if raw is None else raw
+    return types.SimpleNamespace(amplitude_in_base=of, raw={} if raw is None else {"torque": None},
+                                 channel_gain=lambda channel, choices: len(choices) * (gains or {}).get(channel, 1000.0))
 
 
 @pytest.mark.parametrize(("gain", "channel", "amplitude", "found"), [
@@ -41,6 +46,21 @@ def test_a_weak_name_is_not_taken_in_the_place_of_a_strong_one_that_does_not_sta
     trials = [trial("payload_change", 1000.0), trial("gravity_tilt", gain, channel)]
     won = selection._first_acceptable(baseline(amplitude), trials, [])
     assert (won.choice.effect if won else None) == found
+
+
+def test_what_the_healthy_model_took_from_the_baseline_stands_in_no_ones_way(standing):
+    """A payload of no reality, on a machine of another friction law, hid a level of friction of half its gain."""
+    standing.add("friction_level_change")
+    trials = [trial("payload_change", 1363.0), trial("friction_level_change", 659.0)]
+    assert selection._first_acceptable(baseline(0.2, raw=0.76), trials, []) is trials[1]
+    assert selection._first_acceptable(baseline(0.2, raw=0.3, gains={"torque": 1363.0}), trials, []) is None
+
+
+def test_a_strong_name_stands_in_the_way_where_it_is_strong_only(standing):
+    standing.add("gravity_tilt")
+    trials = [trial("payload_change", 1000.0, "resonance", "torque"), trial("gravity_tilt", 300.0)]
+    assert selection._first_acceptable(baseline(0.0, gains={"torque": 100.0}), trials, []) is trials[1]
+    assert selection._first_acceptable(baseline(0.0, gains={"torque": 900.0}), trials, []) is None
 
 
 def test_a_strong_name_without_significance_blocks_nothing(standing):
