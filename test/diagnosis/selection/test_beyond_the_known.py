@@ -38,9 +38,10 @@ def test_behind_a_gap_friction_must_hold_its_share():
 
 
 @pytest.mark.parametrize("effect", ["frictional_lag", "viscous_change"])
-@pytest.mark.parametrize(("stiffness", "stays"), [(1.1 * SWINGS, True), (0.9 * SWINGS, False)])
-def test_a_drive_on_which_no_loop_swings_feigns_no_friction(effect, stiffness, stays):
-    parts = {"payload_change": 3.0e4, effect: 1.4e4}
+@pytest.mark.parametrize(("stiffness", "share", "stays"), [
+    (1.1 * SWINGS, 0.09, True), (1.1 * SWINGS, 0.07, False), (0.9 * SWINGS, 0.9, False), (0.9 * SWINGS, 1.1, True)])
+def test_friction_over_speed_must_hold_its_share_beside_a_soft_drive(effect, stiffness, share, stays):
+    parts = {"payload_change": 3.0e4, effect: 3.0e4 * share}
     assert kept(parts, stiffness=stiffness) == {"payload_change", *([effect] if stays else [])}
 
 
