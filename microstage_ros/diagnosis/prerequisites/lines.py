@@ -22,6 +22,9 @@ LEAST_POWER = 32.0
 LEAST_AMPLITUDE = 3.0e-10  # m
 NARROW = 0.04              # power half a hertz or so beside a line, relative to it
 MOST = 6
+BESIDE = 2.0       # Hz; derived: a line that swings for half a second now and then is as wide
+# standard errors; derived: with so many an amplitude of half the line's is told from all of it
+CLEAR = 4.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,9 +68,11 @@ class Spectrum:
         bound = CLIPPED * max(usual, 1.0)  # a strong line must not be clipped: it would grow harmonics
         self.values = np.where(self.mask, np.clip(white, -bound, bound), 0.0)
         self.count = max(int(self.mask.sum()), 1)
+        self.off = self.mask & (channel.mean(p.off.astype(float)) == 1.0)
         scale = np.sqrt(np.mean(self.values[self.mask] ** 2)) if self.mask.any() else 1.0
         self.values = self.values / max(scale, 1e-12)
         self.scale = scale
+        self._untouched = self.values     # `remove` takes out of all rows what may be in some only
 
     @staticmethod
     def _period(channel):
@@ -91,6 +96,15 @@ class Spectrum:
         z = 2.0 * np.vdot(wave, self.values) / self.count
         return z, np.abs(z) ** 2 * self.count / 2.0
 
+    def size_with_the_motor_off(self, frequency):
+        """Amplitude [m] of a line while the motor has no voltage, and its standard error (infinite where it always
+        has)."""
+        count = max(int(self.off.sum()), 1)
+        wave = np.exp(2j * np.pi * frequency * self.time) * self.off
+        gain = abs(self.gain(frequency))
+        stderr = np.sqrt(2.0 / count) / gain if count > 1 else np.inf
+        return 2.0 * abs(np.vdot(wave, self._untouched)) / count / gain, stderr
+
     def remove(self, frequency):
         """Take a line out of the values."""
         z, _ = self.fit(frequency)
@@ -103,7 +117,7 @@ def find_lines(learn, held, base):
     if not learn or min(s.count for s in learn) < 500:
         return []
     length = 2 ** int(np.ceil(np.log2(2 * max(len(s.values) for s in [*learn, *held, *base]))))
-    found = []
+    found, none = [], []
     for _ in range(MOST):
         total = sum(s.power(length)[0] for s in learn)
         frequency = learn[0].power(length)[1]
@@ -116,7 +130,10 @@ def find_lines(learn, held, base):
             break
         if total[at] < LEAST_POWER * max(np.median(near) / (1.68 if len(learn) > 1 else 0.69), 1.0):
             break
-        line = _judge(float(_peak(frequency, total, at)), learn, held, base)
+        peak = float(_peak(frequency, total, at))
+        # what is left of a line that is none of the floor's lies beside it
+        line = None if any(abs(peak - one) < BESIDE for one in none) else _judge(peak, learn, held, base)
+        none += [peak] if line is None else []
         for spectrum in (*learn, *held, *base):
             spectrum.remove(float(frequency[at]) if line is None else line.frequency)
         if line is not None:
@@ -138,6 +155,10 @@ def _judge(frequency, learn, held, base):
     size = float(np.mean(sizes))
     stderr = float(np.hypot(np.mean(errors) / np.sqrt(len(learn)), np.std(sizes) / np.sqrt(len(learn))))
     if stderr > 0.2 * size or size < LEAST_AMPLITUDE:
+        return None
+    # the floor shakes with the motor off, too; a loop that swings does not
+    still = [s.size_with_the_motor_off(frequency) for s in learn]
+    if all(size > CLEAR * error and here < 0.5 * size for here, error in still):
         return None
     if held and sum(s.fit(frequency)[1] for s in held) < 20.0 * len(held):
         return None

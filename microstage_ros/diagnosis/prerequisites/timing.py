@@ -75,7 +75,8 @@ def timing_of(prepared, sde=None):
         steps = np.abs(np.diff(p.encoder))
         rounding = max(rounding, float(np.min(steps[steps > 1.0e-12], initial=1.0e-3)) ** 2 / 12.0)
         same = (np.diff(p.encoder) == 0.0) & (np.diff(p.current) == 0.0) & (p.current[1:] != 0.0)
-        moving = np.abs(p.speed[1:]) > repeat_speed(
+        # behind a gap the motor moves while the stage, and its encoder, stand
+        moving = np.minimum(np.abs(p.speed), np.abs(p.stage_speed))[1:] > repeat_speed(
             p.count, float(np.sqrt(np.median(spreads[-1]))) if len(spreads[-1]) else 0.0, p.period
         )
         repeated, samples = repeated + int((same & moving).sum()), samples + int(moving.sum())

@@ -125,7 +125,7 @@ class Evidences:
             parts = rows.stretches(keys, beta, own, STRETCH)
             u.append(parts[0] / self.scatter[channel])
             d.append(parts[1] / self.scatter[channel])
-        return _factor(np.concatenate(u), np.concatenate(d), scatter=group != "base")
+        return factor(np.concatenate(u), np.concatenate(d), scatter=group != "base")
 
     def loudness(self, channel, choices, group):
         """χ² per row that the learned sizes leave in a group of records, and how sure that is.
@@ -144,7 +144,7 @@ class Evidences:
         return float(mean), math.sqrt(spread) / float(count.sum()), stretches - 1.0
 
     def lead(self, one, other, others):
-        """Where the learning records lie between the fits with one `Choice` and with another, beside ``others``.
+        """Where the records under test lie between the fits with one `Choice` and with another, beside ``others``.
 
         The factor a on the difference of the two fits is fitted to what the second leaves: 1 if the first is right, 0
         if the second is, ½ if they explain as much (the test of models that do not contain each other by Davidson and
@@ -154,7 +154,7 @@ class Evidences:
         -------
         (a − ½, its standard error, degrees of freedom), or None where the rows were not kept.
         """
-        found = self._between(one, other, others, "learn")
+        found = self._between(one, other, others, "learn", "held")
         return None if found is None else (found[0] - 0.5, *found[1:])
 
     def lead_of_baseline(self, one, other, others):
@@ -169,20 +169,21 @@ class Evidences:
         found = [(abs(a), stderr, freedom) for a, stderr, freedom in filter(None, found) if math.isfinite(stderr)]
         return max(found, default=(0.0, 0.0, 0.0))
 
-    def _between(self, one, other, others, group):
-        """Factor on the difference of two fits, in a group of records; without one of the two in the baseline."""
+    def _between(self, one, other, others, *groups):
+        """Factor on the difference of two fits, in groups of records; without one of the two in the baseline."""
         u, d = [], []
         for channel in sorted({form.channel for choice in (one, other) for form in choice.forms}):
-            rows = self._rows_of(channel, group)
-            if rows is None:
-                return None
             keys, mine, its = self._fits(channel, one, other, others)
-            if group != "learn":
+            if groups[0] in ("base", "raw"):
                 mine, its = mine - its, np.zeros_like(its)
-            parts = rows.between(keys, mine, its, STRETCH)
-            u.append(parts[0] / self.scatter[channel])
-            d.append(parts[1] / self.scatter[channel])
-        return _factor(np.concatenate(u), np.concatenate(d))
+            for group in groups:
+                rows = self._rows_of(channel, group)
+                if rows is None:
+                    return None
+                parts = rows.between(keys, mine, its, STRETCH)
+                u.append(parts[0] / self.scatter[channel])
+                d.append(parts[1] / self.scatter[channel])
+        return factor(np.concatenate(u), np.concatenate(d))
 
     def _fits(self, channel, one, other, others):
         """Keys of the forms of two fits together, and the sizes of either, zero where it has none."""
@@ -247,7 +248,7 @@ class Evidences:
         return (top / bottom, 1.0 / math.sqrt(bottom)) if bottom > 0 else (0.0, 1e9)
 
 
-def _factor(u, d, scatter=True):
+def factor(u, d, scatter=True):
     """(a, standard error, degrees of freedom) of the factor a = Σu/Σd, see `Evidences.agreement`.
 
     ``scatter`` False: of the baseline, where less than `FEW` stretches carry an effect of a motion that was not made

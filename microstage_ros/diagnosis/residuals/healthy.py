@@ -13,6 +13,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from microstage_ros.diagnosis.catalogue.form import Form, splines
+from microstage_ros.diagnosis.residuals.evidence_set import factor
 
 #: Effects that depend on rest, speed and acceleration alone: the same on every part of the stroke, at any time.
 KINDS = ("rising_static_friction", "presliding_creep", "frictional_lag", "nonlinear_viscous", "payload_change",
@@ -30,6 +31,7 @@ KNOTS = 0.2
 # derived: the inner products of a baseline of thirty pieces then fill 38 MB. Where hardly any of the random friction is
 # bound to a place its travel length is undetermined, and may come out at nanometres
 MOST_SPLINES = 400
+HALF = 0.5        # of sizes from other pieces; derived: with less of them χ² grows
 RIDGE = 1.0e-6    # relative; derived: of the order of a column's rounding, it parts columns that one baseline does not
 TINY = np.finfo(float).tiny
 
@@ -150,28 +152,35 @@ def _fit(matrix, forms, where):
     return np.split(beta, np.cumsum([where[f.key].stop - where[f.key].start for f in forms])[:-1])
 
 
-def _reductions(pieces, forms, where):
-    """Reduction of χ² of every piece, (pieces,), by sizes from the pieces of the other folds."""
-    gains, fold = np.zeros(len(pieces)), np.arange(len(pieces)) % FOLDS
-    index = np.concatenate([np.zeros(0, int), *(np.arange(where[f.key].start, where[f.key].stop) for f in forms)])
-    for k in range(FOLDS if forms else 0):
-        beta = np.concatenate(_fit(pieces[fold != k].sum(axis=0), forms, where))
+def _agreement(pieces, forms, before, where):
+    """How pieces (n,) agree with what ``forms`` say beyond the forms ``before``, by sizes from the other folds.
+
+    Returns
+    -------
+    (u, d), each (n,): inner products of the difference of the two fits with what the second leaves, and with itself.
+    """
+    found, fold = np.zeros((2, len(pieces))), np.arange(len(pieces)) % FOLDS
+    index = np.concatenate([np.arange(where[f.key].start, where[f.key].stop) for f in forms])
+    for k in range(FOLDS):
+        taught = pieces[fold != k].sum(axis=0)
+        new, old = (np.concatenate([np.zeros(0), *_fit(taught, some, where)]) for some in (forms, before))
+        old = np.append(old, np.zeros(len(new) - len(old)))
         for number in np.flatnonzero(fold == k):
-            matrix = pieces[number]
-            gains[number] = 2.0 * matrix[index, 0] @ beta - beta @ matrix[np.ix_(index, index)] @ beta
-    return gains
+            inner = pieces[number][np.ix_(index, index)]
+            found[0, number] = (pieces[number][0, index] - inner @ old) @ (new - old)
+            found[1, number] = (new - old) @ inner @ (new - old)
+    return found
 
 
 def _chosen(pieces, where, forms):
     """The forms that stand, forward, one of an effect."""
-    chosen, gains, left = [], np.zeros(len(pieces)), list(forms)
+    chosen, left = [], list(forms)
     while left and len(chosen) < MOST:
-        trials = [(_reductions(pieces, [*chosen, form], where), form) for form in left]
-        best, form = max(trials, key=lambda trial: trial[0].sum())
-        more = best - gains
-        surprise = student.sf(more.mean() / (more.std(ddof=1) / np.sqrt(len(more)) + TINY), len(more) - 1)
-        if surprise > CHANCE / len(forms):
+        trials = [(_agreement(pieces, [*chosen, form], chosen, where), form) for form in left]
+        (u, d), form = max(trials, key=lambda trial: (2.0 * trial[0][0] - trial[0][1]).sum())
+        size, stderr, freedom = factor(u, d)
+        if size < HALF or student.sf(size / stderr, freedom) > CHANCE / len(forms):
             break
-        chosen, gains = [*chosen, form], best
+        chosen = [*chosen, form]
         left = [other for other in left if other.effect != form.effect]
     return chosen

@@ -21,6 +21,7 @@ from microstage_ros.diagnosis.selection.agreement import (
 )
 from microstage_ros.diagnosis.selection.mass_or_drive import RESONANT, resonance_is
 from microstage_ros.diagnosis.selection.selection import (
+    FAINT_GAIN,
     FRICTIONS,
     RIVAL_MARGIN,
     acceptable,
@@ -305,17 +306,27 @@ def _main_channel(evidences, choice, kept, others):
 
 
 def without_faint(evidences, choices):
-    """Drop causes that hold less than `LEAST_EVIDENCE` on held-out records, the faintest first.
+    """Drop causes that hold less than they need on held-out records, the faintest first.
 
     A size of no reality can agree with itself: at one chance in a hundred, on every hundredth healthy axis.
     """
     kept = list(choices)
     while kept:
-        parts = [evidences.held_gain(kept) - evidences.held_gain([o for o in kept if o is not c]) for c in kept]
-        if min(parts) >= LEAST_EVIDENCE:
+        spare = [_spare(evidences, choice, [o for o in kept if o is not choice]) for choice in kept]
+        if min(spare) >= 0.0:
             break
-        del kept[parts.index(min(parts))]
+        del kept[spare.index(min(spare))]
     return kept
+
+
+def _spare(evidences, choice, others):
+    """χ² that a cause holds on held-out records beyond what it needs: `LEAST_EVIDENCE`; of what the learning records
+    show twice as clearly, all that it can hold there, as the held-out records may hardly go where it is."""
+    learned, held = (gain([*others, choice]) - gain(others) for gain in (evidences.gain, evidences.held_gain))
+    needed = LEAST_EVIDENCE
+    if learned >= 2.0 * LEAST_EVIDENCE:
+        needed = min(needed, max(evidences.signal(choice, others), FAINT_GAIN))
+    return held - needed
 
 
 def that_agree(evidences, choices):

@@ -7,7 +7,7 @@ from scipy.stats import chi2
 
 from microstage_ros.diagnosis.catalogue import CONTAINS, WIDER
 from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, Trial
-from microstage_ros.diagnosis.selection.agreement import agrees_with_itself, in_baseline
+from microstage_ros.diagnosis.selection.agreement import HALF, agrees_with_itself, in_baseline
 from microstage_ros.diagnosis.selection.mass_or_drive import (
     RESONANT,
     alike,
@@ -46,6 +46,9 @@ MINOR_BESIDE = {"amplifier_gain": EXACT, "amplifier_offset": EXACT, "scale_error
                 "rising_static_friction": 0.25, "presliding_creep": 0.25, "nonlinear_viscous": FITTED, "backlash": 0.08,
                 "position_dependent_friction": 0.08}
 FRICTIONS = ("friction_level_change", "viscous_change")
+#: What flips with the direction leaves nothing that does not, however much of it there is.
+FLIPS = (*FRICTIONS, "nonlinear_viscous", "frictional_lag", "rising_static_friction", "presliding_creep")
+FLIPS_NOT = ("gravity_tilt", "cable_spring")
 
 def best_forms(evidences, effect, choices):
     """The effect in its best form of each channel, beside ``choices``: a `Trial`, or None if no form makes sense."""
@@ -159,6 +162,8 @@ def _splinter(evidences, trial, choices):
             max(MINOR_BESIDE.get(c.effect, MINOR) for c in there),
             evidences.channel_gain(channel, choices),
         )
+        if _no_part_of(evidences, trial.choice, there, choices):
+            return False
         if trial.gain < minor * explained:
             continue
         if trial.gain > max(minor, MAJOR) * explained:
@@ -169,6 +174,18 @@ def _splinter(evidences, trial, choices):
         if chi2.logsf(max(more, 0.0), trial.sizes) < LEVEL and more > 0.2 * trial.gain:
             return False
     return True
+
+
+def _no_part_of(evidences, choice, larger, choices):
+    """Whether a force that does not flip with the direction stands beside frictions, whatever course over speed these
+    may have: then it is no misfit of them."""
+    if choice.effect not in FLIPS_NOT or not all(c.effect in FLIPS for c in larger):
+        return False
+    extra = [pair for c in larger for pair in wider_keys(evidences, c.effect, "torque")]
+    alone = evidences.gain([*choices, choice]) - evidences.gain(choices)
+    beside = evidences.channel_gain("torque", [*choices, choice], extra)
+    beside -= evidences.channel_gain("torque", choices, extra)
+    return beside > HALF * alone
 
 
 class _Balance:
@@ -286,7 +303,7 @@ def mass_or_stiffness(evidences, choices):
 
 def _first_acceptable(evidences, trials, choices):
     """The strongest trial that stands, unless a much stronger one of the same channel does not: then nothing fits
-    there."""
+    there. What the baseline shows, too, is no change, and stands in nothing's way."""
     blocked = {}
     for trial in trials[:8]:
         channels = {form.channel for form in trial.choice.forms}
@@ -294,9 +311,11 @@ def _first_acceptable(evidences, trials, choices):
             continue
         if acceptable(evidences, trial, choices):
             return trial
-        if trial.log_p < LEVEL and evidences.amplitude_in_base(trial.choice, choices)[0] < 0.5:
+        if trial.log_p < LEVEL and not in_baseline(evidences, trial.choice, choices):
             for channel in channels:
-                blocked[channel] = max(blocked.get(channel, 0.0), trial.gain)
+                part = evidences.channel_gain(channel, [*choices, trial.choice])
+                part -= evidences.channel_gain(channel, choices)
+                blocked[channel] = max(blocked.get(channel, 0.0), part)
     return None
 
 
@@ -332,6 +351,8 @@ def _small_beside(evidences, choice, other, kept):
 
     own = {form.channel for form in choice.forms}
     shared = sorted(own & {form.channel for form in other.forms})
+    if _no_part_of(evidences, choice, [other], [c for c in kept if c is not choice]):
+        return False
     minor = min(MINOR, MINOR_BESIDE.get(other.effect, MINOR))
     if not shared or part(choice, shared) >= minor * part(other, shared):
         return False

@@ -55,6 +55,15 @@ def test_what_shows_in_one_second_only_is_not_taken():
     assert base.residual.std() > 1.2 and take_healthy([base], [base], FORMS, FRAME, SPREADS) == []
 
 
+def test_a_shape_of_few_strong_moments_that_agree_in_size_is_taken():
+    """Creep and breakaway are in a few seconds of a record, much of them in one and little in others, always of one size."""
+    base, second = Balance(8), np.arange(ROWS) // 100
+    base.signals[:, 0] *= np.where(second % 3, 0.0, 1.0) * np.where(second == 12, 3.0, 1.0)
+    base.residual += 0.5 * base.signals[:, 0]
+    taken = take_healthy([base], [base], FORMS, FRAME, SPREADS)
+    assert [form.effect for form, _ in taken] == [KINDS[0]]
+
+
 def test_friction_along_the_stroke_is_the_baselines():
     wave = lambda x: 0.05 * np.sin(2.0 * np.pi * x / 3.0e-4)
     base, record = Balance(4, profile=wave), Balance(5, profile=wave)

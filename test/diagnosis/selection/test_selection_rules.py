@@ -26,8 +26,13 @@ def standing(monkeypatch):
     return names
 
 
-def baseline(amplitude):
-    return types.SimpleNamespace(amplitude_in_base=lambda *_: (amplitude, 0.01))
+def baseline(amplitude, raw=None, gains=None):
+    """Evidence of a baseline that shows so much of any effect, and ``raw`` of it before the healthy model was taken out;
+    every choice gains ``gains`` {channel: χ²}, 1000 in those not named."""
+    of = lambda *_, raw=False: (untouched if raw else amplitude, 0.01)
+    untouched = amplitude if raw is None else raw
+    return types.SimpleNamespace(amplitude_in_base=of, raw={} if raw is None else {"torque": None},
+                                 channel_gain=lambda channel, choices: len(choices) * (gains or {}).get(channel, 1000.0))
 
 
 @pytest.mark.parametrize(("gain", "channel", "amplitude", "found"), [
@@ -41,6 +46,21 @@ def test_a_weak_name_is_not_taken_in_the_place_of_a_strong_one_that_does_not_sta
     trials = [trial("payload_change", 1000.0), trial("gravity_tilt", gain, channel)]
     won = selection._first_acceptable(baseline(amplitude), trials, [])
     assert (won.choice.effect if won else None) == found
+
+
+def test_what_the_healthy_model_took_from_the_baseline_stands_in_no_ones_way(standing):
+    """A payload of no reality, on a machine of another friction law, hid a level of friction of half its gain."""
+    standing.add("friction_level_change")
+    trials = [trial("payload_change", 1363.0), trial("friction_level_change", 659.0)]
+    assert selection._first_acceptable(baseline(0.2, raw=0.76), trials, []) is trials[1]
+    assert selection._first_acceptable(baseline(0.2, raw=0.3, gains={"torque": 1363.0}), trials, []) is None
+
+
+def test_a_strong_name_stands_in_the_way_where_it_is_strong_only(standing):
+    standing.add("gravity_tilt")
+    trials = [trial("payload_change", 1000.0, "resonance", "torque"), trial("gravity_tilt", 300.0)]
+    assert selection._first_acceptable(baseline(0.0, gains={"torque": 100.0}), trials, []) is trials[1]
+    assert selection._first_acceptable(baseline(0.0, gains={"torque": 900.0}), trials, []) is None
 
 
 def test_a_strong_name_without_significance_blocks_nothing(standing):
@@ -90,10 +110,41 @@ class Parts:
     (290.0, 70.0, True), (290.0, 50.0, False),      # and what it holds elsewhere
 ])
 def test_a_cause_that_holds_little_beside_a_larger_one_is_dropped(own, elsewhere, kept):
-    large, small = choice("viscous_change"), choice("cable_spring", "torque", *(["windup"] if elsewhere else []))
-    case = Parts({("viscous_change", "torque"): 10000.0, ("cable_spring", "torque"): own, ("cable_spring", "windup"): elsewhere})
+    large, small = choice("viscous_change"), choice("payload_change", "torque", *(["windup"] if elsewhere else []))
+    case = Parts({("viscous_change", "torque"): 10000.0, ("payload_change", "torque"): own, ("payload_change", "windup"): elsewhere})
     assert (small in selection.without_splinters(case, [large, small])) == kept
     assert large in selection.without_splinters(case, [large, small])
+
+
+class Beside(Parts):
+    """The same of learning records; a wider shape takes all but ``left`` of what the second cause gains, and holds the
+    larger one."""
+
+    def __init__(self, larger, second, gain, left):
+        super().__init__({(larger, "torque"): 1.0e8, (second, "torque"): gain})
+        self.forms = [Form("generic:velocity", "torque", "", None), Form("generic:viscous in time", "torque", "", None)]
+        self.second, self.gain_of_second, self.left = second, gain, left
+
+    def gain(self, choices):
+        return self.held_gain(choices)
+
+    def channel_gain(self, channel, choices, extra=()):
+        more = (1.0e8 if extra else self.held_gain([c for c in choices if c.effect != self.second])) if channel == "torque" else 0.0
+        there = any(c.effect == self.second for c in choices)
+        return more + there * (self.left if extra else self.gain_of_second)
+
+
+@pytest.mark.parametrize(("larger", "second", "left", "stands"), [
+    ("nonlinear_viscous", "cable_spring", 7000.0, True),        # 8000 of χ² beside 10⁸ (pairs, seed 5105, case 16)
+    ("nonlinear_viscous", "gravity_tilt", 7000.0, True),
+    ("nonlinear_viscous", "cable_spring", 3000.0, False),       # gone where the friction may take any course over speed
+    ("nonlinear_viscous", "payload_change", 7000.0, False),     # flips, too
+    ("direction_asymmetry", "cable_spring", 7000.0, False),     # does not flip
+])
+def test_a_force_that_does_not_flip_is_no_misfit_of_a_friction_however_large(larger, second, left, stands):
+    case, first, small = Beside(larger, second, 8000.0, left), choice(larger), choice(second)
+    assert selection._splinter(case, Trial(small, 8000.0, 1, 1600.0), [first]) != stands
+    assert (small in selection.without_splinters(case, [first, small])) == stands
 
 
 @pytest.mark.parametrize(("part", "kept"), [(45.0, False), (61.0, True)])
@@ -115,3 +166,17 @@ def test_an_open_question_names_all_that_it_may_be():
     entry = judge.rivals_entry(["gravity_tilt", "direction_asymmetry"])
     assert entry.ids == ("gravity_tilt", "direction_asymmetry") and entry.experiment == {}
     assert "gravity_tilt and direction_asymmetry" in entry.why
+
+
+@pytest.mark.parametrize(("learned", "held", "signal", "kept"), [
+    (500.0, 116.0, 900.0, True), (500.0, 114.0, 900.0, False),      # by its held-out χ² alone
+    (500.0, 102.0, 65.0, True),                                     # all that the held-out records, which go elsewhere, can show
+    (220.0, 102.0, 65.0, False),                                    # too little in the learning records
+    (500.0, 102.0, 110.0, False), (500.0, 58.0, 20.0, False),
+])
+def test_a_cause_where_the_held_out_records_hardly_go_needs_all_that_they_can_show(learned, held, signal, kept):
+    """Friction along the stroke of 26 standard errors was dropped for a held-out χ² of 102 (singles, seed 5101, case 20)."""
+    cause = choice("position_dependent_friction")
+    case = types.SimpleNamespace(gain=lambda choices: learned * len(choices), held_gain=lambda choices: held * len(choices),
+                                 signal=lambda *_: signal)
+    assert (judge.without_faint(case, [cause]) == [cause]) == kept

@@ -1,0 +1,58 @@
+"""What must be more than a slow amplifier, a gap or a soft drive leaves behind, and what none of them can leave; by hand."""
+
+import types
+
+import numpy as np
+import pytest
+
+from microstage_ros.diagnosis.case import SWINGS, _beyond_the_known
+from microstage_ros.diagnosis.catalogue.form import Form, one
+from microstage_ros.diagnosis.prerequisites import timing
+from microstage_ros.diagnosis.residuals.evidence_set import Choice
+
+
+def named(effect, channel="torque"):
+    return Choice(effect, (Form(effect, channel, "", None, one("size", "1")),))
+
+
+def kept(parts, slow=None, gap=None, stiffness=None):
+    """Names that stay, of causes that hold so much of χ² {effect: χ²}, beside what is known."""
+    case = types.SimpleNamespace(held_gain=lambda choices: sum(parts[c.effect] for c in choices))
+    known = types.SimpleNamespace(
+        slow=slow and types.SimpleNamespace(held=slow), lines=[],
+        gap=gap and types.SimpleNamespace(held_before=gap, held_after=0.0, taken=0.0),
+        train=stiffness and types.SimpleNamespace(stiffness=stiffness))
+    return {c.effect for c in _beyond_the_known(case, [named(effect) for effect in parts], known)}
+
+
+@pytest.mark.parametrize("what", ["slow", "gap"])
+def test_what_hangs_back_knows_no_turns_of_the_motor(what):
+    """A ripple of 13 000 of χ² of one size in every stretch was dropped behind a gap of 1 400 000."""
+    parts = {"torque_ripple": 1.3e4, "friction_level_change": 1.3e3}
+    assert kept(parts, **{what: 1.4e6}) == {"torque_ripple"}
+
+
+def test_behind_a_gap_friction_must_hold_its_share():
+    assert kept({"friction_level_change": 5.1e4, "viscous_change": 5.1e4}, gap=1.0e6) == {"friction_level_change"}
+    assert kept({"friction_level_change": 4.9e4, "viscous_change": 1.1e6}, gap=1.0e6) == {"viscous_change"}
+
+
+@pytest.mark.parametrize("effect", ["frictional_lag", "viscous_change"])
+@pytest.mark.parametrize(("stiffness", "share", "stays"), [
+    (1.1 * SWINGS, 0.09, True), (1.1 * SWINGS, 0.07, False), (0.9 * SWINGS, 0.9, False), (0.9 * SWINGS, 1.1, True)])
+def test_friction_over_speed_must_hold_its_share_beside_a_soft_drive(effect, stiffness, share, stays):
+    parts = {"payload_change": 3.0e4, effect: 3.0e4 * share}
+    assert kept(parts, stiffness=stiffness) == {"payload_change", *([effect] if stays else [])}
+
+
+def test_a_stage_that_stands_in_a_gap_while_the_motor_moves_loses_no_samples():
+    """The encoder repeats its count, and a current of coarse steps does so by chance."""
+    rows = 4000
+    current = np.repeat(np.arange(rows // 2) % 2 * 1.5e-4 + 0.03, 2)
+    wobble = 1e-9 * np.random.default_rng(5).normal(size=rows // 2)
+    record = types.SimpleNamespace(
+        encoder=np.repeat(25e-9 * np.arange(rows // 2) + wobble, 2), stage_position=np.zeros(rows), current=current, period=1e-4,
+        speed=np.full(rows, 1e-3), stage_speed=np.zeros(rows), count=25e-9, lost=np.zeros(rows, bool))
+    assert timing.timing_of([record]).lost == 0.0
+    record.stage_speed = record.speed
+    assert timing.timing_of([record]).lost == pytest.approx(0.5, abs=0.01)

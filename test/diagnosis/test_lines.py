@@ -1,0 +1,35 @@
+"""Lines of the floor against those of a loop that swings: which of them are there with the motor off; by hand."""
+
+import types
+
+import numpy as np
+import pytest
+
+from microstage_ros.diagnosis.prerequisites.lines import find_lines
+
+STEP, ROWS, NOISE, FREQUENCY = 5.0e-4, 20000, 2.0e-9, 61.3
+
+
+def channel(seed, size, with_motor_off):
+    """A stage at rest for ten seconds, the motor off in the fourth, that swings with ``size`` [m]; resonance's face."""
+    time = STEP * np.arange(ROWS)
+    off = (time > 3.0) & (time < 4.0)
+    wave = size * np.sin(2.0 * np.pi * FREQUENCY * time) * np.where(off, with_motor_off, 1.0)
+    stage = wave + NOISE * np.random.default_rng(seed).normal(size=ROWS)
+    drive = types.SimpleNamespace(amplifier_noise=1.0e-3, lever=1.7e-5, back_emf=6.6e-3)
+    prepared = types.SimpleNamespace(stage=stage, angle=np.zeros(ROWS), off=off, period=STEP)
+    return types.SimpleNamespace(prepared=prepared, drive=drive, noise=NOISE, time=time, speed=np.zeros(ROWS), mean=lambda values: values)
+
+
+@pytest.mark.parametrize(("share", "found"), [(1.0, 1), (0.7, 1), (0.3, 0), (0.0, 0)])
+def test_a_line_of_the_floor_is_there_with_the_motor_off(share, found):
+    lines = find_lines([channel(1, 3.0e-8, share), channel(2, 3.0e-8, share)], [channel(3, 3.0e-8, share)], [channel(4, 0.0, 1.0)])
+    assert len(lines) == found
+    for line in lines:
+        assert line.frequency == pytest.approx(FREQUENCY, abs=0.02) and line.amplitude == pytest.approx(3.0e-8, rel=0.1)
+
+
+def test_a_line_too_faint_to_be_looked_for_in_a_second_is_not_asked_for_there():
+    """1 nm in noise of 20 nm: half a nanometre in the rows with the motor off is two standard errors."""
+    lines = find_lines([channel(n, 7.0e-10, 0.4) for n in (1, 2)], [channel(3, 7.0e-10, 0.4)], [channel(4, 0.0, 1.0)])
+    assert len(lines) == 1
