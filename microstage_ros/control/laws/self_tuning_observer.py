@@ -187,6 +187,9 @@ def regulate(parameters, state, reference):
     )
     integral = state.pid.integral
     in_gap = observer.contact != TOUCHING
+    planned = state.feedforward
+    loose = in_gap or source_doubt.lost_motion_suspected(observer)
+    observer.wind_up_speed = 0.0 if loose else planned.screw_velocity - planned.offset_speed - planned.velocity
     if not in_gap:
         adaptation.adaptation_step(
             parameters.adaptation,
