@@ -71,7 +71,7 @@ def observed_step(parameters, state, reference, encoder, current):
     not_inlined()
     period, rule, watched, observer = parameters.period, parameters.supervision, state.supervision, state.observer
     pid.pid_motion(parameters.pid, state.pid, period, reference, encoder)
-    observer.drives = 1 if watched.law == supervision.OBSERVER else 0
+    observer.drives = 1 if watched.law == supervision.OBSERVER and rule.supervised != 0.0 else 0
     observer_law.observer_step(
         parameters.observer, parameters.feedforward, observer, period, encoder, state.voltage, current
     )

@@ -369,7 +369,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     if s.gap > 0.0:
         source_doubt.doubt_reset(p, s)
     elif senses:
-        source_doubt.weigh_sources(p, s, period, position)
+        source_doubt.weigh_sources(p, model, s, period, position)
     if source_doubt.lost_motion_suspected(s):
         inertia.inertia_reset(s)  # what a rattle taught of it before it was seen to be one
         if s.suspected == source_doubt.SUSPECTED_TIME:
