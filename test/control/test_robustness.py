@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from microstage_ros.commands.__main__ import main
-from microstage_ros.control.robustness import ends_of_moves
+from microstage_ros.control.robustness import ends_of_moves, margins_cost
 from microstage_ros.control.robustness.campaign import Outcome, examine, summary, worse_for
 from microstage_ros.control.robustness.conditions import MASS, Condition, conditions, random_machine, rests
 
@@ -114,10 +114,22 @@ def test_the_command_counts_moves_of_the_shipped_law(tmp_path, capsys):
     assert np.abs(found["errors_m"]).max() < 2e-8 and found["records"]["cases"] == 1
 
 
+def test_margins_and_what_they_cost_are_printed_and_written(tmp_path, monkeypatch):
+    monkeypatch.setattr(margins_cost, "SETTINGS", (("frozen", 1.0, 1.0, 1.0), ("frozen", 6.0, 4.0, 1.0)))
+    monkeypatch.setattr(margins_cost, "MACHINES", ("nominal",))
+    monkeypatch.setattr(margins_cost, "FACTORS", (2.0,))
+    page, place = tmp_path / "page.md", tmp_path / "margins.json"
+    page.write_text("<!-- robustness: self_tuning_observer, what margins cost -->\n<!-- end -->\n")
+    assert main(["robustness", "--margins", "--seeds", "1", "--jobs", "1", "--update", str(page), "--json", str(place)]) == 0
+    stiff, loose = json.loads(place.read_text())["settings"]
+    assert stiff["gain_db"] < 2.0 and loose["gain_db"] > 6.0 and loose["phase_deg"] > 30.0
+    assert stiff["largest"][0] < 6e-8 < 2e-7 > loose["largest"][0] and "| frozen | 6 | 4 | 1 | 6.1 | 39 |" in page.read_text()
+
+
 @pytest.mark.parametrize("wrong, words", [
     (["--moves", "-1"], "--moves"), (["--moves", "1", "--distance", "0"], "--distance"),
     (["--only", "mass x 77"], "--only"), (["--seeds", "0"], "--seeds"), (["--law", "none"], "--law"), (["--factor", "0.5"], "--factor"),
-    (["--beside", "none"], "--beside"),
+    (["--beside", "none"], "--beside"), (["--margins", "--moves", "3"], "--margins"),
 ])
 def test_bad_input_is_one_line(capsys, wrong, words):
     assert main(["robustness", *wrong]) == 2

@@ -15,6 +15,7 @@ from rich.table import Table
 from microstage_ros import __version__
 from microstage_ros.commands import answer
 from microstage_ros.commands.analysis.ends_of_moves import show_ends
+from microstage_ros.commands.analysis.margins_cost import show_margins_cost
 from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.drives import check_drive
 from microstage_ros.commands.parser import Parser
@@ -44,6 +45,8 @@ def main(argv=None):
     if arguments.list:
         print("\n".join(condition.name for condition in conditions(axis)))
         return 0
+    if arguments.margins:
+        return show_margins_cost(arguments, axis)
     if arguments.out:
         folder = pathlib.Path(arguments.out)
         keep_earlier("--out", [*folder.glob("*/run.yaml"), folder / "failure" / "run.yaml"], arguments.force)
@@ -129,6 +132,11 @@ def _parse(argv):
     parser.add_argument(
         "--distance", type=float, default=1e-5, metavar="M", help="of these moves, in metres (default 1e-5)"
     )
+    parser.add_argument(
+        "--margins",
+        action="store_true",
+        help="what margins cost the observer law, with nothing learned, and how it answers jumps of the gain",
+    )
     parser.add_argument("--seeds", type=int, default=5, metavar="N", help="runs of each (default 5)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the first run (default 0)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="threads (default all cores)")
@@ -152,6 +160,8 @@ def _parse(argv):
             raise InputError(f"--{name}", getattr(arguments, name), "0 or more")
     if arguments.beside and (arguments.beside not in LAWS or arguments.beside == "none"):
         raise InputError("--beside", arguments.beside, "one of " + ", ".join(name for name in LAWS if name != "none"))
+    if arguments.margins and (arguments.moves or arguments.random or arguments.only or arguments.machine):
+        raise InputError("--margins", "with --moves, --random, --only or --machine", "one of them")
     if not 1e-9 <= arguments.distance <= 1.0:
         raise InputError("--distance", arguments.distance, "metres from 1e-9 to 1")
     if not 1.0 <= arguments.factor <= 100.0:

@@ -29,8 +29,9 @@ ROBUSTNESS = (
     ("--seeds", "2", "--seed", "11300", "--random", "100", "--first", "5200", "--beside", "self_tuning"),
     ("--moves", "1003", "--seed", "8400", "--only", "nominal", "backlash 0.1 deg", "backlash 0.25 deg",
      "backlash 0.5 deg", "backlash 1 deg", "backlash 0.5 deg, current noise 1 mA"),
+    ("--margins", "--seeds", "3", "--seed", "11500"),
 )
-"""Options of `robustness` for its four tables."""
+"""Options of `robustness` for its six tables."""
 
 
 @dataclass(frozen=True)

@@ -71,7 +71,7 @@ def observed_step(parameters, state, reference, encoder, current):
     not_inlined()
     period, rule, watched, observer = parameters.period, parameters.supervision, state.supervision, state.observer
     pid.pid_motion(parameters.pid, state.pid, period, reference, encoder)
-    observer.drives = 1 if watched.law == supervision.OBSERVER else 0
+    observer.drives = 1 if watched.law == supervision.OBSERVER and rule.supervised != 0.0 else 0
     observer_law.observer_step(
         parameters.observer, parameters.feedforward, observer, period, encoder, state.voltage, current
     )
@@ -187,6 +187,9 @@ def regulate(parameters, state, reference):
     )
     integral = state.pid.integral
     in_gap = observer.contact != TOUCHING
+    planned = state.feedforward
+    loose = in_gap or source_doubt.lost_motion_suspected(observer)
+    observer.wind_up_speed = 0.0 if loose else planned.screw_velocity - planned.offset_speed - planned.velocity
     if not in_gap:
         adaptation.adaptation_step(
             parameters.adaptation,

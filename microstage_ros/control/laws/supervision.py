@@ -28,7 +28,7 @@ from microstage_ros.control.half_waves import half_wave
 from microstage_ros.numerics.compiled import compiled, internal
 
 GAINS = (
-    Gain("supervised", "1", 0.0, 1.0, 1.0, "0: the observer law is never left"),
+    Gain("supervised", "1", 0.0, 1.0, 1.0, "0: the observer law is never left, its doubts are not learned"),
     Gain("swing", "m", 1e-9, 1.0, 3.0e-7, "half wave of the error that counts as a swing"),
     Gain("swings", "1", 1.0, 1e6, 10.0, "of them in a row that are a limit cycle"),
     Gain("cycle_time", "s", 0.0, 100.0, 0.9, "for which they last"),

@@ -71,7 +71,8 @@ def keep_voltage(s, voltage):
 @compiled
 def speed_innovation(model, s, drop):
     """Speed [m/s] by the voltage of the found delay less R i = ``drop`` [V], less the predicted one."""
-    return (s.voltages[s.lag] - s.learned[0] * drop - s.learned[1]) / model.volts_per_velocity - s.learned[2] * s.v
+    motor = s.v + s.wind_up_speed
+    return (s.voltages[s.lag] - s.learned[0] * drop - s.learned[1]) / model.volts_per_velocity - s.learned[2] * motor
 
 
 @compiled

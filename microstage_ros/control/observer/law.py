@@ -4,14 +4,14 @@ The measured current i gives the driving force F = (k_M N/r) i, and with the vol
 free of the encoder's counts and of the drive train's resonance. The axis is one mass M = m + J (N/r)^2:
 
     M dv/dt = F - (N/r) M_f(z; l) - F_g(x) - M d,      dx/dt = v,      z = x + F_g / K_c
-    encoder = x + n_x,      (u - R i_end - o) / (K_E N/r) = v + n_v
+    encoder = x + n_x,      (u - R i_end - o) / (K_E N/r) = v + dw/dt + n_v
 
-with the friction laws of the axis file run along the estimated motion, l the level of the actuator's limits
-(`friction_level`) and d what is left (a random walk). x, v and d follow a Kalman filter (`motion_filter`), the stage's
-swing is `swing`'s. The back-EMF matters: below the Stribeck velocity friction falls by 34 uNm per rad/s at the motor,
-so speed errors of a model driven by the current alone grow e-fold in 3 ms. Its R, zero o and constant are learned
-(`learn_drive`) from what encoder and back-EMF disagree on, and the delay of the voltage, in whole periods, from which
-past voltage the current answers to.
+with the friction laws of the axis file run along the estimated motion, l the level of the actuator's limits, d what is
+left (a random walk), w = (F_g + m dv/dt) / K_c the wind-up of the drive train, planned along the reference. x, v and d
+follow a Kalman filter (`motion_filter`), the stage's swing is `swing`'s. The back-EMF matters: below the Stribeck
+velocity friction falls by 34 uNm per rad/s at the motor, so speed errors of a model driven by the current alone grow
+e-fold in 3 ms. Its R, zero o and constant are learned (`learn_drive`) from what encoder and back-EMF disagree on, and
+the delay of the voltage, in whole periods, from which past voltage the current answers to.
 """
 
 import math
@@ -146,6 +146,7 @@ STATE_FIELDS = [
     *motor_constant.FIELDS,
     *dead_band.FIELDS,
     *long_delay.FIELDS,
+    ("wind_up_speed", "f8"),  # m/s, of the motor beyond the stage's as the drive train is wound up
     ("net_force", "f8"),  # N, that accelerated the axis in the newest period
     *motion_filter.FIELDS,
     *swing.FIELDS,
@@ -181,10 +182,9 @@ def observer_reset(p, s):
     dead_band.dead_band_reset(s)
     long_delay.long_delay_reset(s)
     s.drives = 1
-    s.net_force = 0.0
+    s.net_force = s.wind_up_speed = s.force_current = 0.0
     s.voltage_noise = p.voltage_doubt * p.voltage_noise
     s.noise_variance = (p.voltage_noise / NOISE_DOUBT) ** 2
-    s.force_current = 0.0
     s.running = 0.0
     s.last_step = 0.0
     s.voltages[:] = 0.0
@@ -337,7 +337,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
             motor_constant.watch_motor_constant(p, model, s, period, drop, read_speed)
     position = encoder - s.x
     if senses:
-        motor_speed = s.v + speed / s.learned[2]
+        motor_speed = s.v + s.wind_up_speed + speed / s.learned[2]
         lost_motion.watch_lead(s, period, encoder, motor_speed, speed)
         if s.contact == TOUCHING:
             force = s.guideway_friction + model.offset_force + model.mass * s.acceleration
@@ -369,7 +369,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     if s.gap > 0.0:
         source_doubt.doubt_reset(p, s)
     elif senses:
-        source_doubt.weigh_sources(p, s, period, position)
+        source_doubt.weigh_sources(p, model, s, period, position)
     if source_doubt.lost_motion_suspected(s):
         inertia.inertia_reset(s)  # what a rattle taught of it before it was seen to be one
         if s.suspected == source_doubt.SUSPECTED_TIME:

@@ -15,6 +15,11 @@ of the encoder where the mean square innovation of the position, over what the f
 between. A doubt falls back at `FADE`, slowly, so that a machine whose doubt was found stays near it. The doubts at the
 start are those that hold the axis file's own model (`design.start_check`).
 
+A voltage that acts late needs no swing to be seen: where its steps are large, the current does not follow them. An
+amplifier with a lag, a dead band or a slow filter of the current leave less than `FOLLOWS` of their mean square
+(`long_delay` keeps both; a resistance or gain that is off by a factor of two leaves more). The voltage is then doubted
+at once, by `UNFOLLOWED`.
+
 A motor that rattles in a gap of the drive makes such swings too, but they begin at the size of the gap, where a loop
 that is no longer stable swings up from the noise and the wind-up of the drive bounds its swings. So mechanical ones
 beyond `RATTLE` that smaller ones did not announce (`GROWN`) say that lost motion is suspected
@@ -40,6 +45,12 @@ MECHANICAL, ELECTRICAL = 3.0, 0.7
 RATTLE = 1e-6
 GROWN = 2.0  # times the doubt of the start, to which smaller swings have brought it: these grow, where a rattle begins
 SUSPECTED_TIME = 10.0  # s, since the last rattle
+LEAST_STEP = 2e-3  # V, rms of steps beyond which noise of amplifier and current, which only adds to R di, is small
+# 1, mean square of R di over du: 0.002 to 0.07 with a lag of 0.3 and 1 ms, a dead band of 50 mV, a filter of 300 Hz;
+# 0.16 and more with twice the resistance, half the gain, a lag of 0.1 ms
+FOLLOWS = 0.08
+UNFOLLOWED = 5.0
+PERIODS = 20  # in a row: a current that answers late has answered by then
 FADE = 1e-2  # 1/s, of the logarithm
 FIELDS = [
     ("encoder_factor", "f8"),  # doubt in the encoder over the shipped one
@@ -51,6 +62,7 @@ FIELDS = [
     ("wave_before", "f8"),  # m, size of the half wave before
     ("wave_time", "f8"),  # s, since then
     ("waves", "i8"),  # in a row
+    ("unfollowed", "i8"),  # periods in a row in which the current has not followed the voltage
     ("suspected", "f8"),  # s, for which lost motion stays suspected
     ("drives", "i8"),  # 1: the law that regulates leans on this observer; swings under another one say nothing
 ]
@@ -68,6 +80,7 @@ def doubt_reset(p, s):
     s.wave_before = 0.0
     s.wave_time = 0.0
     s.waves = 0
+    s.unfollowed = 0
     s.suspected = 0.0
 
 
@@ -78,8 +91,14 @@ def lost_motion_suspected(s):
 
 
 @compiled
-def weigh_sources(p, s, period, position):
+def weigh_sources(p, model, s, period, position):
     """One period of the innovation ``position`` [m]."""
+    drop = model.resistance * s.learned[0]
+    excited = s.drives == 1 and s.far_voltage_power > LEAST_STEP * LEAST_STEP
+    unfollowed = drop * drop * s.far_current_power < FOLLOWS * s.far_voltage_power
+    s.unfollowed = s.unfollowed + 1 if excited and unfollowed else 0
+    if s.unfollowed > PERIODS:
+        s.voltage_factor = max(s.voltage_factor, UNFOLLOWED)
     s.wave_smooth += min(period / SMOOTH_TIME, 1.0) * (position - s.wave_smooth)
     s.wave_slow += min(period / SLOW_TIME, 1.0) * (s.wave_smooth - s.wave_slow)
     fast = s.wave_smooth - s.wave_slow
