@@ -20,7 +20,7 @@ from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.bags.bag import BagStopped, BagWriter, Qos, installed_definition
 from microstage_ros.ros.launching.node_parameters import ParameterCollector
 from microstage_ros.ros.launching.parameters import Parameters, yaml_mapping
-from microstage_ros.ros.launching.process import release_memory, keep_memory_steady, run_node, running
+from microstage_ros.ros.launching.process import keep_memory_steady, release_memory, run_node, running
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.blocks import Stream
 from microstage_ros.ros.transport.codec import Codec, stamps_ns
