@@ -123,7 +123,7 @@ def test_the_later_goal_counts_even_if_it_begins_first(running, monkeypatch):
 def test_a_lost_answer_of_the_controller_ends_no_move(running, monkeypatch, positions):
     """The middleware may lose an answer, the first to a process that it has just found most of all: asked again."""
     server, asked = MoveServer(), []
-    monkeypatch.setattr("microstage_ros.ros.nodes.move_server.PLAN_AGAIN", 0.1)
+    monkeypatch.setattr("microstage_ros.ros.loops.move_calls.PLAN_AGAIN", 0.1)
     server._status, server._heard = DriverStatus(lockstep=False), time.monotonic()
 
     def call(request):

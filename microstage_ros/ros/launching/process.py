@@ -108,8 +108,8 @@ def keep_memory_steady():
     libc.mallopt(M_ARENA_MAX, 1)
 
 
-def give_back_memory():
-    """Have the C library give pages back to the system that hold nothing any more (`malloc_trim`, 0.2 ms for 40 MB).
+def release_memory():
+    """Have the C library return pages to the system that hold nothing any more (`malloc_trim`, 0.2 ms for 40 MB).
 
     By itself it does so at the end of its heap alone. Where small buffers of all sizes come and go between long-lived
     ones, the holes grow in number for hours, although what is in use stays the same.

@@ -20,7 +20,7 @@ from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.bags.bag import BagStopped, BagWriter, Qos, installed_definition
 from microstage_ros.ros.launching.node_parameters import ParameterCollector
 from microstage_ros.ros.launching.parameters import Parameters, yaml_mapping
-from microstage_ros.ros.launching.process import give_back_memory, keep_memory_steady, run_node, running
+from microstage_ros.ros.launching.process import keep_memory_steady, release_memory, run_node, running
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.blocks import Stream
 from microstage_ros.ros.transport.codec import Codec, stamps_ns
@@ -32,8 +32,8 @@ BATCH = 0.05
 WAIT_S = 0.05
 LOOK = 0.5
 DRAIN = 0.3
-GIVE_BACK_S = 5.0
-"""Time [s] between two times at which memory is given back: a chunk's buffers are of all sizes."""
+RELEASE_S = 5.0
+"""Time [s] between two times at which free memory goes back to the system: a chunk's buffers are of all sizes."""
 GLOBAL_TOPICS = ("/clock", "/diagnostics", "/parameter_events")
 
 
@@ -124,7 +124,7 @@ class BagRecorder(Node):
         self._collector = ParameterCollector(self)
         self._tracks, self._readers = {}, None
         self._file_under = self._latest_stamp if p.log_time == "stamp" else time.time_ns
-        self._looked = self._granted = self._gave_back = 0.0
+        self._looked = self._granted = self._released = 0.0
         self._prefix = self.get_namespace().rstrip("/") + "/"
         for name, kind in _SERVO_TYPES.items():
             if name in p.servo_topics:
@@ -152,9 +152,9 @@ class BagRecorder(Node):
             if now - self._looked > LOOK:
                 self._looked = now
                 self._look_for_topics()
-            if now - self._gave_back > GIVE_BACK_S:
-                self._gave_back = now
-                give_back_memory()
+            if now - self._released > RELEASE_S:
+                self._released = now
+                release_memory()
             self._grant(now)
             time.sleep(BATCH)
 
