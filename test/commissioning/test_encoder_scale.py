@@ -74,7 +74,7 @@ def test_the_inertia_of_a_response_in_volts():
 
 
 def test_the_first_loop_has_no_feedforward():
-    """What is hardly known is not fed forward; of the laws that follow it is tried at last with gains that stay."""
-    assert gentle_law(SKETCH.axis) == "self_tuning" and encoder_laws(SKETCH.axis)[-1] == "pid_feedforward"
+    """What is hardly known is not fed forward; where the law that backs off rests beside its target, gains that stay follow."""
+    assert gentle_law(SKETCH.axis) == "self_tuning" and encoder_laws(SKETCH.axis)[:2] == ("self_tuning_feedforward", "pid_feedforward")
     force = load_sketch(config_file("emps.yaml"))
     assert gentle_law(force.axis) == "pid" == encoder_laws(force.axis)[-1]
