@@ -83,7 +83,7 @@ def test_a_fault_is_named(tmp_path, fault, check, farthest):
 
 
 def test_an_encoder_that_stands_ends_the_slide():
-    """A speed loop on a dead encoder would push without end."""
+    """A speed loop on a dead encoder would push without end; one on a stage that sticks gets it moving again."""
     axis = load_axis(config_file(FILES["current_motor"]))
     machine = SimpleNamespace(position=0.0, period=1e-3, count=5e-8, periods=lambda s, least=1: max(round(s / 1e-3), least),
                               command=actuator_of(axis).command)
@@ -91,10 +91,17 @@ def test_an_encoder_that_stands_ends_the_slide():
     command = slide.command(2e-3)
     pushes = [command(n, 2e-6 * n, 0.0) for n in range(100)]  # at speed: what friction takes, and no more
     assert not slide.held and pushes[-1] == pytest.approx(slide.base(2e-3), rel=1e-3)
+    pushed = []
     with pytest.raises(Refused, match="stands for 40 ms") as end:
         for n in range(100, 200):
-            command(n, 2e-4, 0.0)
-    assert end.value.check.id == "encoder_dead" and n <= 142
+            pushed.append(command(n, 2e-4, 0.0))
+    assert end.value.check.id == "encoder_dead" and n <= 152
+    assert min(pushed[:38]) > 0.0 > max(pushed[42:])  # 40 ms on its way, 10 ms back
+    command = slide.command(2e-3)
+    pushes = [command(n, min(2e-6 * n, 2e-4), 0.0) for n in range(142)]
+    assert pushes[-1] == pytest.approx(-slide.base(2e-3) - 0.0035)  # friction 0.01 N m and what it may be more
+    on = [command(142 + n, 2e-4 - 2e-7 * min(n, 2), 0.0) for n in range(30)]
+    assert on[0] < 0.0 < on[5] and on[-1] == pytest.approx(slide.base(2e-3) + 0.0035 + 20.0 * 0.06 * 2e-3, rel=0.01)
 
 
 def test_what_moves_is_shared_out_by_what_is_known():

@@ -10,7 +10,7 @@ from microstage_ros.commissioning.findings import refused
 from microstage_ros.commissioning.experiments.dead_encoder import EncoderWatch
 from microstage_ros.commissioning.experiments.encoder_scale import scale_check
 from microstage_ros.commissioning.experiments.first_motion import joined
-from microstage_ros.commissioning.experiments.sliding import STANDS, STILL_COUNTS, Slide
+from microstage_ros.commissioning.experiments.sliding import STANDS, STILL_COUNTS, TURNED, Slide
 from microstage_ros.commissioning.estimation.plant_fit import resonance_of
 from microstage_ros.commissioning.estimation.smoothing import SMOOTH, smoothed, window_rows
 from microstage_ros.model.actuators import actuator_of
@@ -84,7 +84,8 @@ def _stroke(machine, centre, reach, voltage, longest, parts):
     """One stroke at constant voltage, and whether it came to its end. Where the encoder stands it is cut short, and
     followed by a rest.
 
-    Raises Refused (encoder_dead) where not one count shows at a voltage beyond the one that moved the encoder before.
+    Raises Refused (encoder_dead) where not one count shows, nor when the voltage is turned round: contacts that are
+    loaded already give way no further at a voltage a quarter higher, but they do at a reversal.
     """
     rows, stands = machine.periods(longest), machine.periods(STANDS, 20)
     sign, same, last = math.copysign(1.0, voltage), STILL_COUNTS * machine.count, [machine.position, 0]
@@ -97,16 +98,25 @@ def _stroke(machine, centre, reach, voltage, longest, parts):
     parts.append(machine.run(np.full(rows, machine.position), lambda n, x, i: voltage, until=ends))
     arrived = sign * (machine.position - centre) > reach
     if machine.ended == "until" and not arrived:
-        if not last[1]:
+        if not last[1] and not _gives_way(machine, -voltage, parts):
             raise refused(
                 "encoder_dead",
                 0.0,
                 "m",
                 f"{voltage:.3g} {machine.command.unit} for {STANDS * 1e3:.0f} ms do not move the encoder by one count,"
-                " where less did before: its cable or reading head has failed since (or the stage was clamped)",
+                " nor does the reversal, where less did before: its cable or reading head has failed since (or the"
+                " stage was clamped)",
             )
         parts.append(machine.rest(STANDS))
     return arrived
+
+
+def _gives_way(machine, voltage, parts):
+    """Whether the encoder leaves its place at a voltage [V], which is taken away as soon as it does."""
+    place, same = machine.position, STILL_COUNTS * machine.count
+    reference = np.full(machine.periods(TURNED, 10), place)
+    parts.append(machine.run(reference, lambda n, x, i: voltage, until=lambda n, x, i: abs(x - place) > same))
+    return machine.ended == "until"
 
 
 def fit_strokes(record, sketch, first, period):
