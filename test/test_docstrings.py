@@ -187,16 +187,26 @@ def _numbers(function, objects):
 
 
 def _is_text(value):
-    """Whether an operation begins or ends with a text."""
+    """Whether an operation begins or ends with a text, or with one of two."""
+    parts = [getattr(value, "left", None), getattr(value, "right", None)]
+    parts += [part.body for part in parts if isinstance(part, ast.IfExp)]
     return any(isinstance(part, ast.JoinedStr) or isinstance(getattr(part, "value", None), (str, bytes))
-               for part in (getattr(value, "left", None), getattr(value, "right", None)))
+               for part in parts)
+
+
+def _own_statements(function):
+    """All nodes of a function but those of functions within it, which return to others."""
+    for child in ast.iter_child_nodes(function):
+        if not isinstance(child, (ast.FunctionDef, ast.Lambda)):
+            yield child
+            yield from _own_statements(child)
 
 
 def _gives_numbers(function):
     """Whether a function visibly returns numbers: by its annotation, else by the form of what it returns."""
     if function.returns is not None:
         return bool(re.search(NUMBER, ast.unparse(function.returns)))
-    returned = [node.value for node in ast.walk(function) if isinstance(node, ast.Return)]
+    returned = [node.value for node in _own_statements(function) if isinstance(node, ast.Return)]
     return any(isinstance(value, (ast.BinOp, ast.UnaryOp)) and not _is_text(value)
                and not isinstance(value.op, (ast.Not, ast.BitOr))
                or isinstance(value, ast.Call)
