@@ -2,14 +2,16 @@
 
 #: Files that take longest, by a full run on two cores; the rest follow in the order of their names.
 LONGEST = (
-    "documents/test_pages_run", "ros/safety/test_safety", "diagnosis/cases/test_position_drives", "test_every_law_everywhere",
+    "documents/test_pages_run", "ros/safety/test_safety", "diagnosis/cases/test_position_drives",
+    "diagnosis/cases/test_beside_a_larger_one", "test_every_law_everywhere",
     "commands/test_mutation", "hardware/test_mesa", "diagnosis/cases/test_lost_motion", "maintenance/test_maintenance",
     "diagnosis/cases/test_every_verdict", "ros/transport/test_lockstep", "diagnosis/cases/test_diagnose_case", "test_house",
     "diagnosis/cases/test_unlisted_forms", "control/test_tuning", "ros/test_drives_in_a_cell", "commands/test_diagnose",
     "diagnosis/logs/test_many", "ros/launching/test_parameters", "ros/test_outside_backend", "ros/safety/test_driver_safety",
     "ros/test_health_monitor", "commissioning/test_commission", "diagnosis/cases/test_practice", "solver/test_step",
     "ros/launching/test_fork_server", "test_documentation", "ros/test_experiment", "documents/test_notebooks",
-    "diagnosis/logs/test_file_kinds", "identification/test_motor",
+    "diagnosis/logs/test_file_kinds", "identification/test_motor", "control/observer/test_observer",
+    "commissioning/test_other_drives",
 )
 
 

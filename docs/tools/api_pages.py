@@ -25,14 +25,12 @@ def write():
     """The API pages and ``SUMMARY.md``."""
     pages = sorted((ROOT / "docs").glob("*.md"))
     lines = [f"* [{_title(page)}]({page.name})" for page in pages]
-    lines += [
-        "* Decisions",
-        *(
-            f"    * [{_title(page)}](decisions/{page.name})"
-            for page in sorted((ROOT / "docs" / "decisions").glob("*.md"))
-        ),
-        "* API",
-    ]
+    for folder in ("reference", "evidence", "decisions"):
+        lines += [
+            f"* {folder.capitalize()}",
+            *(f"    * [{_title(page)}]({folder}/{page.name})" for page in sorted((ROOT / "docs" / folder).glob("*.md"))),
+        ]
+    lines.append("* API")
     for name, page in modules():
         with mkdocs_gen_files.open(page, "w") as file:
             file.write(f"::: {name}\n")

@@ -74,7 +74,7 @@ class Case:
 def diagnose_files(case, progress=None, jobs=1):
     """Read the files of a `Case`, diagnose, write the answer. Returns the mapping of report.json.
 
-    ``jobs``: threads inside this one case, where the way of diagnosing has use for them.
+    ``jobs``: threads inside this one case [1], where the way of diagnosing has use for them.
     """
     with fleet.reached(case.axis) as place:
         axis = load_axis(place)
@@ -101,7 +101,8 @@ def diagnose_records(axis, records, holdout, baseline, seed, progress=None, jobs
     file. The answer is then ``unexplained``, with that size in its notes.
 
     Linear algebra runs on one thread meanwhile: its matrices are small, records are worked on side by side as it is
-    (`preprocessing.threads`), and threads that wait for each other cost three times the processor time.
+    (`preprocessing.threads`), and threads that wait for each other cost three times the processor time. ``seed``: of
+    what re-simulation draws [1]; ``jobs``: of its threads [1].
     """
     try:
         with threadpool_limits(limits=1, user_api="blas"):
@@ -128,7 +129,8 @@ def diagnose_records(axis, records, holdout, baseline, seed, progress=None, jobs
 def cases_of(folders, axis, out, seed):
     """One `Case` per folder: files ``hold*`` are held out, ``base*`` are the baseline, all others teach.
 
-    A folder's own ``axis.yaml`` replaces ``axis``. Raises InputError for a folder without records.
+    A folder's own ``axis.yaml`` replaces ``axis``; ``seed``: of every case [1]. Raises InputError for a folder without
+    records.
     """
     cases, taken = [], {}
     for folder in map(pathlib.Path, folders):
@@ -156,7 +158,8 @@ def _is_record(path):
 def diagnose_series(case, jobs=1, scheduler=None, progress=None):
     """Diagnose a long series of records of one axis in groups and pool them; writes and returns the answer.
 
-    ``progress``: function (groups done, groups in all), or None. Raises the first group's error, if one fails.
+    ``jobs``: processes [1]; ``progress``: function (groups done, groups in all), or None. Raises the first group's
+    error, if one fails.
     """
     groups, reports = pooling.groups_of(case), {}
     for group, report in diagnose_batch(groups, jobs, scheduler):
@@ -174,7 +177,7 @@ def diagnose_batch(cases, jobs=1, scheduler=None):
 
     Parameters
     ----------
-    jobs : processes on this machine.
+    jobs : processes on this machine [1].
     scheduler : address of a Dask scheduler (``tcp://host:port``). Paths are made absolute; where the workers do not see
         them the files' bytes are sent and the answers' files come back.
 
@@ -200,7 +203,7 @@ def _attempt(case):
 
 
 def on_cores(cases, work, jobs):
-    """Yield (case, work(case)) as they end, from fresh processes; a few cases ahead, not all.
+    """Yield (case, work(case)) as they end, from ``jobs`` fresh processes [1]; a few cases ahead, not all.
 
     Nothing of a multithreaded parent is inherited; each process computes with one thread, unless the
     environment says otherwise.

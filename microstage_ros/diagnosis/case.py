@@ -73,7 +73,7 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
     records : list of `Record` to learn from.
     holdout : records to judge on; without any, the last record is held back, or the last third of the only one.
     baseline : records of the healthy axis, for the thresholds; may be empty.
-    seed : written into the result; nothing here is drawn at random.
+    seed : written into the result [1]; nothing here is drawn at random.
 
     Raises
     ------

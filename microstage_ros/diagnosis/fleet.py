@@ -87,8 +87,8 @@ def on_cluster(cases, work, scheduler):
 
 
 def in_order(function, items, scheduler):
-    """``function`` of every item, in order, from the workers of a Dask scheduler. Raises the first error that a case
-    ends with."""
+    """``function`` of every one of ``items``, shape (n,), in order, from the workers of a Dask scheduler. Raises the
+    first error that a case ends with."""
     found = {}
     for (number, _), outcome in on_cluster(enumerate(items), functools.partial(_of_second, function), scheduler):
         if isinstance(outcome, Exception):
@@ -145,7 +145,7 @@ def check_workers(client, scheduler):
 
 
 def as_they_end(cases, submit, most, finished):
-    """Keep up to ``most`` cases running; yield (case, result or exception) of each that ends."""
+    """Keep up to ``most`` [1] cases running; yield (case, result or exception) of each that ends."""
     running = {}
     while True:
         while len(running) < most:

@@ -23,7 +23,8 @@ STAYED = 2                     # or this many groups at the end, all of them fro
 
 
 def groups_of(case, size=GROUP):
-    """`many.Case` for every group of a long case; held-out records are dealt out to the groups in order.
+    """`many.Case` for every group, of ``size`` [1] records, of a long case; held-out records are dealt out to the
+    groups in order.
 
     A group left without held-out records holds back some of its own, as a short case does.
     """
@@ -47,7 +48,10 @@ def _dealt(items, count):
 
 
 def pool(groups, reports, seed):
-    """`Diagnosis` of the whole series from the groups (`many.Case`) and their report mappings, in their order."""
+    """`Diagnosis` of the whole series from the groups (`many.Case`) and their report mappings, in their order.
+
+    ``seed``: written into the result [1].
+    """
     named = {}
     for number, report in enumerate(reports):
         for cause in report["causes"]:

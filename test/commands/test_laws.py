@@ -8,7 +8,7 @@ import pytest
 from microstage_ros.commands.analysis import laws
 from microstage_ros.model.friction.properties.table import measure
 
-PAGE = pathlib.Path(__file__).resolve().parents[2] / "docs" / "friction_laws.md"
+PAGE = pathlib.Path(__file__).resolve().parents[2] / "docs" / "evidence" / "friction_laws.md"
 
 
 NUMBER = re.compile(r"-?\d+\.\d+(?= %)")

@@ -83,7 +83,7 @@ def test_observer_loop_is_the_compiled_one(ideal):
 
 
 def test_the_quadratic_law_is_its_linear_form_and_gains_searched_without_margins_have_none(axis):
-    """Gains of docs/control_evidence.md: best of 2000 runs on the nominal machine, with the sensors of the observer law.
+    """Gains of docs/evidence/control.md: best of 2000 runs on the nominal machine, with the sensors of the observer law.
 
     Without its axis the law grows 25-fold in a period: few periods are compared.
     """

@@ -24,7 +24,9 @@ def main(argv=None):
         "with the number that decides, and where the paper (section 3.3) says otherwise.",
     )
     parser.add_argument(
-        "--markdown", action="store_true", help="print docs/friction_laws.md: the table, equations, sources, criteria"
+        "--markdown",
+        action="store_true",
+        help="print docs/evidence/friction_laws.md: the table, equations, sources, criteria",
     )
     arguments = parser.parse_args(argv)
     console = Console(width=None if sys.stdout.isatty() else 160)
@@ -92,11 +94,11 @@ def show(table, console):
             style = "bold red" if row[-1] == "DISAGREES" else None
             sheet.add_row(*row, style=style)
         console.print(sheet)
-    console.print("Criteria, equations and sources: docs/friction_laws.md")
+    console.print("Criteria, equations and sources: docs/evidence/friction_laws.md")
 
 
 def markdown(table):
-    """The page docs/friction_laws.md."""
+    """The page docs/evidence/friction_laws.md."""
     parts = [
         "# Friction laws\n",
         "Written by `./microstage laws --markdown`; change the sources, not this page.\n",

@@ -34,8 +34,8 @@ def show_margins_cost(arguments, axis):
             f"{law}, what margins cost",
             margins_cost.HEADS,
             [margins_cost.row(cost) for cost in found],
-            f"{worst} Doubts and bandwidth over the shipped ones; margins at the amplifier, the least of pre-sliding and"
-            " full speed, of the loop as it starts; error at the end of a move on the nominal machine; then on each"
+            f"{worst} Doubts and bandwidth over the shipped ones; margins at the amplifier, the least of pre-sliding"
+            " and full speed, of the loop as it starts; error at the end of a move on the nominal machine; then on each"
             " machine, which the axis file does not tell: largest error (µm), peak in the sine of 10 µm (nm).",
         ),
         (

@@ -127,8 +127,8 @@ def _one(facts):
 
 
 def _messages(arguments):
-    from microstage_ros.ros.benchmarks.hostile_callbacks import feed_in_a_process
-    from microstage_ros.ros.benchmarks.hostile_trial import flood_a_cell
+    from microstage_ros.ros.benchmarks.hostile.callbacks import feed_in_a_process
+    from microstage_ros.ros.benchmarks.hostile.trial import flood_a_cell
 
     sent, fed = flood_a_cell(arguments.messages, arguments.seed), feed_in_a_process(arguments.messages, arguments.seed)
     return {"to_a_cell": sent, "to_callbacks": fed}, [
@@ -137,7 +137,7 @@ def _messages(arguments):
 
 
 def _files(arguments):
-    from microstage_ros.ros.benchmarks.hostile_files import SHARE, damage_files
+    from microstage_ros.ros.benchmarks.hostile.files import SHARE, damage_files
 
     with progress("damaging files", len(SHARE)) as bar:
         found = damage_files(arguments.files, arguments.seed, lambda kind, facts: bar.advance())

@@ -22,7 +22,7 @@ from microstage_ros.places import SOURCE
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.report.stamped import find_table, is_stale, mark_stale, read_tables, stamp_now, write_table
 
-CONTROL_PAGE = "docs/control_evidence.md"
+CONTROL_PAGE = "docs/evidence/control.md"
 ROBUSTNESS = (
     ("--seeds", "5", "--seed", "11200", "--beside", "self_tuning"),
     ("--seeds", "2", "--law", "self_tuning"),
@@ -96,7 +96,7 @@ def _robustness(page, earlier=()):
 RUNS = {
     "first-world": Run("docs/diagnosis.md", functools.partial(_campaign, world="first-world"), 240.0),
     "second-world": Run("docs/diagnosis.md", functools.partial(_campaign, world="second-world"), 240.0),
-    "emps": Run("docs/emps.md", _emps, 8.0),
+    "emps": Run("docs/evidence/emps.md", _emps, 8.0),
     "compare": Run(CONTROL_PAGE, _compare, 180.0),
     "robustness": Run(CONTROL_PAGE, _robustness, 120.0),
 }

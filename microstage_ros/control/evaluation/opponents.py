@@ -11,7 +11,7 @@ Iterative learning and repetitive control (`repetition`) are searched after the 
 feed-forward that its own search found, and judged in their last trial, on a machine on which they learned. The linear
 quadratic law is given current and voltage as the observer law is.
 
-Nothing is asked of margins, since the observer law's own at the amplifier is 1 dB (docs/control_evidence.md): a search
+Nothing is asked of margins, since the observer law's own at the amplifier is 1 dB (docs/evidence/control.md): a search
 with margins could only do worse. All laws are then judged on seeds that no search saw, on machines that no search had.
 
 ``gains``: {name: number in the unit of its `control.gains.Gain`}. ``seed``, ``seeds`` (k,), ``evaluations`` are counts

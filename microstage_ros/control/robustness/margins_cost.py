@@ -72,7 +72,7 @@ class Cost:
 
 
 def gains_of(axis, setting):
-    """Gains of the observer law in a ``setting``."""
+    """Gains of the observer law in a ``setting`` of `SETTINGS`, whose factors are over the shipped ones [1]."""
     does, voltage, encoder, bandwidth = setting
     gains = {
         "voltage_doubt": voltage,
@@ -86,7 +86,7 @@ def gains_of(axis, setting):
 
 
 def cost_of_margins(axis, setting, seeds):
-    """`Cost` of a ``setting``."""
+    """`Cost` of a ``setting`` of `SETTINGS` [1]."""
     gains = gains_of(axis, setting)
     margins = [m for m in controller_margins(axis, controller_parameters(LAW, axis, gains)) if m.regime in GUARDED]
     known = {condition.name: condition for condition in conditions(axis)}
@@ -115,7 +115,10 @@ def row(cost):
 
 
 def jump_rows(axis, seeds, laws=(LAW, "self_tuning")):
-    """Rows below `JUMP_HEADS`: largest error after a jump of the amplifier's gain in a sine, and at its end [nm]."""
+    """Rows below `JUMP_HEADS`: largest error after a jump of the amplifier's gain in a sine, and at its end [nm].
+
+    ``laws``: names, shape (n,).
+    """
     found = []
     for law in laws:
         jumps = [[gain_jump_trial(axis, law, factor, seed, *SINE) for seed in seeds] for factor in FACTORS]

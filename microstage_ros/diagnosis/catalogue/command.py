@@ -11,9 +11,9 @@ LAGS = (15e-6, 40e-6, 80e-6, 150e-6, 300e-6, 600e-6, 1.2e-3, 3e-3)   # s
 
 
 def delayed(command, periods, winding):
-    """What a command (n,) that comes ``periods`` later does to the settled current, as an equivalent command.
+    """What a command (n,) that comes ``periods`` [1] later does to the settled current, as an equivalent command.
 
-    ``winding``: see `weight_of_old`.
+    ``winding``: T/τ of the winding [1], see `weight_of_old`.
     """
     whole = int(periods)
     early, late = _shifted(command, whole)
@@ -22,9 +22,9 @@ def delayed(command, periods, winding):
 
 
 def weight_of_old(part, winding):
-    """Weight that a change which comes a ``part`` f of a period late leaves on the value before it.
+    """Weight [1] that a change which comes a ``part`` f of a period [1] late leaves on the value before it.
 
-    (b − a)/(1 − a), b = exp(−(1 − f) T/τ), a = exp(−T/τ), with ``winding`` = T/τ, τ = L/R.
+    (b − a)/(1 − a), b = exp(−(1 − f) T/τ), a = exp(−T/τ), with ``winding`` = T/τ [1], τ = L/R.
     """
     a, b = np.exp(-winding), np.exp(-(1.0 - part) * winding)
     return (b - a) / (1.0 - a)
@@ -39,8 +39,8 @@ def _shifted(command, whole):
 def lagged(command, time, period, winding):
     """What a command (n,) through a first-order lag does to the settled current, as an equivalent command.
 
-    The lag's own state decays by e = exp(−T/time) per period; the settled current gives it the weight
-    (e − a)/((1 − a)(1 − τ/time)), a = exp(−T/τ), ``winding`` = T/τ.
+    ``time``: of the lag [s]; ``period``: T [s]. The lag's own state decays by e = exp(−T/time) per period; the settled
+    current gives it the weight (e − a)/((1 − a)(1 − τ/time)), a = exp(−T/τ), ``winding`` = T/τ [1].
     """
     keep, a = np.exp(-period / time), np.exp(-winding)
     ratio = period / winding / time
@@ -52,14 +52,14 @@ def lagged(command, time, period, winding):
 
 
 def transport_delay(periods):
-    """u(t − delay) − u(t)."""
+    """u(t − delay) − u(t), the delay being ``periods`` [1]: a form's columns, (n, 1)."""
     def columns(channel, frame):
         return (delayed(channel.command, periods, channel.winding) - channel.command)[:, None]
     return columns
 
 
 def actuator_lag(time):
-    """Lagged command minus command."""
+    """Command through a lag of ``time`` [s] minus command: a form's columns, (n, 1)."""
     def columns(channel, frame):
         return (lagged(channel.command, time, channel.prepared.period, channel.winding) - channel.command)[:, None]
     return columns
@@ -78,13 +78,13 @@ def _time_sizes(name, time):
 
 
 def delay_form(periods, period=1e-4, anyway=False):
-    """The form of one delay."""
+    """The `Form` of one delay of ``periods`` [1], with ``period`` [s]."""
     return Form("transport_delay", "command", f"{periods:g}", transport_delay(periods),
                 _time_sizes("delay_s", periods * period), None if anyway else _right(periods == DELAYS[0]))
 
 
 def whole_delay_form(whole):
-    """All delays from so many whole periods to one more, exactly: sizes 1 and `weight_of_old`."""
+    """The `Form` of all delays from so many ``whole`` periods [1] to one more, exactly: sizes 1 and `weight_of_old`."""
     def columns(channel, frame):
         early, late = _shifted(channel.command, whole)
         return np.stack([early - channel.command, late - early], axis=1)
@@ -92,7 +92,7 @@ def whole_delay_form(whole):
 
 
 def lag_form(time, anyway=False):
-    """The form of one time constant."""
+    """The `Form` of one time constant, ``time`` [s]."""
     return Form("actuator_lag", "command", f"{time:g}", actuator_lag(time), _time_sizes("time_s", time),
                 None if anyway else _right(time == LAGS[0]))
 

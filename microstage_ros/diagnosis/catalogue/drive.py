@@ -9,17 +9,17 @@ RIPPLE_CYCLES = tuple(range(1, 13))  # per turn of the motor
 
 
 def gravity_tilt(channel, frame):
-    """(r/N) m g sin α, at rest as in motion; β = sin α."""
+    """(r/N) m g sin α [N m], at rest as in motion; β = sin α."""
     return np.full((len(channel.residual), 1), frame.drive.lever * frame.drive.mass * GRAVITY)
 
 
 def cable_spring(channel, frame):
-    """(r/N) c (x − x₀): columns x and 1; β = (c, −c x₀)."""
+    """(r/N) c (x − x₀) [N m]: columns x and 1; β = (c, −c x₀)."""
     return frame.drive.lever * np.stack([channel.position, np.ones(len(channel.position))], axis=1)
 
 
 def cable_windup(channel, frame):
-    """The same force on its way through the drive train: the stage hangs back by c x / K_c."""
+    """The same force on its way through the drive train: the stage hangs back by c x / K_c [m]."""
     return -channel.position[:, None] / frame.drive.stiffness
 
 
@@ -29,7 +29,7 @@ def payload_change(channel, frame):
 
 
 def torque_ripple(numbers):
-    """Motor torque −Σ (s sin + c cos)(n · θ) over the cycles n per turn, θ = x N / r."""
+    """Motor torque −Σ (s sin + c cos)(n · θ) over the cycles n per turn, θ = x N / r; ``numbers``: the n [1]."""
     def columns(channel, frame):
         angle = channel.prepared.position / frame.drive.lever
         return -channel.mean(np.stack([f(n * angle) for n in numbers for f in (np.sin, np.cos)], axis=1))
@@ -70,7 +70,7 @@ def _mass_sizes(beta, covariance, frame):
 
 
 def ripple_form(numbers):
-    """Form of a ripple with these cycles per turn of the motor together."""
+    """`Form` of a ripple with these ``numbers`` of cycles per turn of the motor [1] together."""
     return Form(
         "torque_ripple", "torque", ",".join(f"{n:g}" for n in numbers), torque_ripple(numbers), _ripple_sizes(numbers)
     )

@@ -24,14 +24,17 @@ def amplifier_gain(channel, frame):
 
 
 def amplifier_deadband(width):
-    """u → sgn u · max(|u| − h, 0): what is missing is u clipped to ±h; scaled to volts of h."""
+    """u → sgn u · max(|u| − h, 0): what is missing is u clipped to ±h; scaled to volts of h, the ``width`` [V]."""
     def columns(channel, frame):
         return -channel.integral(np.clip(channel.prepared.answered / width, -1.0, 1.0))[:, None]
     return columns
 
 
 def resistance_rise(time):
-    """R (1 + h): h starts at some value and relaxes, and rises with the heat R i²: β = (initial, rise per joule)."""
+    """R (1 + h): h starts at some value and relaxes, and rises with the heat R i²: β = (initial, rise per joule).
+
+    ``time``: constant of the winding's heat [s].
+    """
     def columns(channel, frame):
         p, r = channel.prepared, frame.drive.resistance
         keep = np.exp(-p.period / time)
@@ -42,7 +45,8 @@ def resistance_rise(time):
 
 
 def screw_pitch_error(harmonic):
-    """Lead error: sines of the screw angle, and a relative error of the lead; β = (sin, cos, cumulative)."""
+    """Lead error: sines of ``harmonic`` [1] screw angles, and a relative error of the lead; β = (sin, cos,
+    cumulative)."""
     def columns(channel, frame):
         angle = 2.0 * np.pi * harmonic * channel.prepared.position / frame.drive.pitch
         return np.stack([channel.mean(np.sin(angle)), channel.mean(np.cos(angle)), channel.position], axis=1)
@@ -50,26 +54,29 @@ def screw_pitch_error(harmonic):
 
 
 def backlash(force):
-    """The stage hangs back by half the gap on the flank that drives; β = the gap [m]."""
+    """The stage hangs back by half the gap on the flank that drives; β = the gap [m].
+
+    ``force``: over which a flank gives way [N].
+    """
     def columns(channel, frame):
         return -0.5 * channel.mean(np.tanh(channel.prepared.guideway / force))[:, None]
     return columns
 
 
 def windup_compliance(channel, frame):
-    """Wind-up in proportion to the load; β = 1/factor − 1."""
+    """Wind-up [m] in proportion to the load; β = 1/factor − 1."""
     return -channel.force[:, None] / frame.drive.stiffness
 
 
 def drive_compliance(factor):
-    """Wind-up and resonance with K_c × factor, minus nominal; β = 1 at this factor."""
+    """Wind-up and resonance with K_c × ``factor`` [1], minus nominal; β = 1 at this factor."""
     def columns(channel, frame):
         return channel.change(stiffness=factor)[:, None]
     return columns
 
 
 def payload_resonance(factor, load=None):
-    """Mass × factor and guideway force × load, by default the same, minus nominal; β = 1 at these."""
+    """Mass × ``factor`` [1] and guideway force × ``load`` [1], by default the same, minus nominal; β = 1 at these."""
     def columns(channel, frame):
         return channel.change(mass=factor, load=factor if load is None else load)[:, None]
     return columns

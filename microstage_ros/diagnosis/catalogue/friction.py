@@ -41,17 +41,17 @@ def _changed(channel, frame, speed=None, **how):
 
 
 def direction_asymmetry(channel, frame):
-    """Limits × (1 + a · sgn w): the replayed friction's derivative by a."""
+    """Limits × (1 + a · sgn w): the replayed friction's derivative by a [N m]."""
     return _changed(channel, frame, asymmetry=ASYMMETRY_STEP) / ASYMMETRY_STEP
 
 
 def all_asymmetry(channel, frame):
-    """Limits and viscous friction each differ between the directions: two sizes."""
+    """Limits and viscous friction [N m] each differ between the directions: two sizes."""
     return np.concatenate([direction_asymmetry(channel, frame), np.abs(channel.viscous)[:, None]], axis=1)
 
 
 def guideway_asymmetry(channel, frame):
-    """The same of the guideways' limits alone: a constant force but for their long pre-sliding."""
+    """The same of the guideways' limits alone [N m]: a constant force but for their long pre-sliding."""
     p, drive = channel.prepared, frame.drive
     speed = p.stage_speed[::COARSE]
     plain, changed = (replay(drive.guideway, speed, COARSE * p.period, asymmetry=a)[0] for a in (0.0, ASYMMETRY_STEP))
@@ -86,7 +86,10 @@ def viscous_change(channel, frame):
 
 
 def nonlinear_viscous(exponent, ends=0.0):
-    """Extra c g^n sgn ω_r; g = |ω_r|, or V (1 − exp(−|ω_r|/V)) where the growth ends at a speed V."""
+    """Extra c g^n sgn ω_r; g = |ω_r|, or V (1 − exp(−|ω_r|/V)) where the growth ends at a speed V.
+
+    ``exponent``: n [1]; ``ends``: V [rad/s], 0 where it does not end.
+    """
     def columns(channel, frame):
         w = channel.prepared.speed / frame.drive.radius
         size = -ends * np.expm1(-np.abs(w) / ends) if ends else np.abs(w)
@@ -115,7 +118,7 @@ def _grows(beta):
 
 
 def position_dependent(spacing):
-    """Friction × splines of x."""
+    """Friction × splines of x, with knots every ``spacing`` [m]."""
     def columns(channel, frame):
         pieces = max(round((frame.high - frame.low) / spacing), 2)
         return channel.friction[:, None] * splines(channel.position, frame.low, frame.high, pieces)
@@ -164,7 +167,7 @@ def periodic_form(period):
 
 
 def frictional_lag(time):
-    """Friction whose sliding curve follows a lagged speed, minus the nominal one; β = 1 at this lag."""
+    """Friction whose sliding curve follows a lagged speed, minus the nominal one; β = 1 at this lag, ``time`` [s]."""
     def columns(channel, frame):
         p, drive = channel.prepared, frame.drive
         return _changed(channel, frame, factor=lag_factor(drive.actuator, p.speed / drive.radius, p.period, time))
@@ -172,7 +175,10 @@ def frictional_lag(time):
 
 
 def rising_static(scale, release):
-    """Limits × (1 + a): a grows with log dwell while blocks stick and fades with travel; derivative by the rate."""
+    """Limits × (1 + a): a grows with log dwell while blocks stick and fades with travel; derivative by the rate.
+
+    ``scale``: time from which it grows [s]; ``release``: travel over which it fades [m].
+    """
     def columns(channel, frame):
         p = channel.prepared
         age = _ageing(p.stuck, _calm_speed(p), p.period, scale, release)
@@ -210,7 +216,7 @@ def _calm_speed(prepared):
 
 def presliding_creep(scale, amplitude):
     """Sticking blocks flow by A/(t + scale) · F_j/F_j,max, t since the contact moved; per metre of A around
-    ``amplitude``."""
+    ``amplitude`` [m]. ``scale``: time from which it slows down [s]."""
     def columns(channel, frame):
         p = channel.prepared
         held = _clock(_calm_speed(p), p.period, CREEP_RELEASE)[::COARSE]

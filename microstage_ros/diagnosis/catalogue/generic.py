@@ -19,12 +19,12 @@ def of_time(channel, frame):
 
 
 def friction_in_time(channel, frame):
-    """Any course of the friction's size in time."""
+    """Any course of the friction's size in time: torques [N m]."""
     return channel.friction[:, None] * splines(channel.time, 0.0, frame.duration, 8)
 
 
 def viscous_in_time(channel, frame):
-    """Any course of the viscosity in time."""
+    """Any course of the viscosity in time: torques [N m]."""
     return channel.viscous[:, None] * splines(channel.time, 0.0, frame.duration, 5)
 
 
@@ -38,7 +38,7 @@ def _hats(values):
 
 
 def odd_in_speed(channel, frame):
-    """Any resistance that turns round with the speed."""
+    """Any resistance that turns round with the speed: shape (rows, len(SPEEDS)), each up to 1."""
     return (np.sign(channel.speed) * (1.0 - channel.stuck))[:, None] * _hats(channel.speed)
 
 

@@ -17,7 +17,7 @@ SMOOTHING = 1.0                                     # s, of the air and temperat
 
 
 def encoder_sde(period, harmonics=2):
-    """Harmonics of the signal period; β = −(s₁, c₁, s₂, c₂ …) of the encoder's error."""
+    """So many ``harmonics`` [1] of the signal ``period`` [m]; β = −(s₁, c₁, s₂, c₂ …) of the encoder's error."""
     def columns(channel, frame):
         angle = 2.0 * np.pi * channel.prepared.stage_position / period
         return -channel.mean(
@@ -32,7 +32,7 @@ def scale_error(channel, frame):
 
 
 def drift(time):
-    """1 − exp(−t/τ), from the start of each record."""
+    """1 − exp(−t/τ), from the start of each record; ``time``: τ [s]."""
     def columns(channel, frame):
         return (1.0 - np.exp(-channel.time / time))[:, None]
     return columns
@@ -56,7 +56,7 @@ def refractive_index(channel, frame):
 
 
 def lateness(channel, frame):
-    """Encoder read late by τ: encoder = x(t + τ), so interferometer − encoder = −v τ."""
+    """Encoder read late by τ: encoder = x(t + τ), so interferometer − encoder = −v τ: columns −v [m/s]."""
     return -channel.speed[:, None]
 
 

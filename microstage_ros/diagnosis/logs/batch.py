@@ -48,8 +48,8 @@ class LogCase:
 def cases_of_logs(folders, log, baseline, axis, out, seed):
     """One `LogCase` per folder: files ``base*`` are its baseline (else ``baseline``), all others are of now.
 
-    A folder's own ``LOG.yaml`` and ``axis.yaml`` replace ``log`` and ``axis``. Raises InputError for a folder without
-    either sort of log.
+    A folder's own ``LOG.yaml`` and ``axis.yaml`` replace ``log`` and ``axis``; ``seed``: of every case [1]. Raises
+    InputError for a folder without either sort of log.
     """
     cases, taken = [], {}
     for folder in map(pathlib.Path, folders):
@@ -107,7 +107,7 @@ def with_axis(description, axis):
 
 
 def diagnose_log_batch(cases, jobs=1, scheduler=None):
-    """Diagnose `LogCase`s, yielding (case, report mapping or exception) as they end; ``jobs``, ``scheduler`` as in
+    """Diagnose `LogCase`s, yielding (case, report mapping or exception) as they end; ``jobs`` [1], ``scheduler`` as in
     `batch.diagnose_batch`."""
     if scheduler:
         yield from fleet.written_by(cases, _attempt, scheduler)

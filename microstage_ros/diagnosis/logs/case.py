@@ -21,7 +21,7 @@ def diagnose_logs(baseline, now, description, seed=0):
 
     Parameters
     ----------
-    baseline, now : lists of `Log` (one file each). description : `LogDescription`. seed : written into the result.
+    baseline, now : lists of `Log` (one file each). description : `LogDescription`. seed : written into the result [1].
 
     Raises
     ------

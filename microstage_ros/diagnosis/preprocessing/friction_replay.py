@@ -18,7 +18,10 @@ STATES = 16     # entries that hold the state of any law: eight blocks and what 
 
 
 def pack(contact, asymmetry=0.0):
-    """Flat parameters of a `drive.Contact` for the law; limits × (1 + asymmetry · sgn w)."""
+    """Flat parameters, shape (n,), of a `drive.Contact` for the law; limits × (1 + asymmetry · sgn w).
+
+    ``asymmetry``: relative [1].
+    """
     own = generalised_maxwell_slip.pack(
         {name: getattr(contact, name) for name in ("stiffness", "weight", "attraction")}
     )
@@ -47,7 +50,7 @@ def replay(contact, speed, period, asymmetry=0.0, factor=None, flow=None):
     contact : `drive.Contact`.
     speed : shape (n,), speed of the contact's own coordinate at the start of each period [rad/s or m/s].
     period : [s].
-    asymmetry : limits × (1 + asymmetry · sgn w).
+    asymmetry : limits × (1 + asymmetry · sgn w) [1].
     factor : shape (n,), further factor on the limits in each period, or None.
     flow : shape (n,), what a sticking block at its limit flows in each period [rad or m], or None.
     """
@@ -71,12 +74,15 @@ def _both_ways(packed, asymmetry):
 
 
 def sliding_limit(contact, speed):
-    """|s(w)| of `solver.contact` [N m or N], same shape as ``speed``."""
+    """|s(w)| of `solver.contact` [N m or N] at ``speed`` [rad/s or m/s], same shape."""
     return stribeck_curve(speed, contact.static, contact.coulomb, contact.stribeck_velocity, contact.stribeck_exponent)
 
 
 def lag_factor(contact, speed, period, time):
-    """s(w̃)/s(w) for a friction that lags: ``time`` · dw̃/dt = |w| − w̃. Shape (n,)."""
+    """s(w̃)/s(w) for a friction that lags: ``time`` · dw̃/dt = |w| − w̃. Shape (n,).
+
+    ``speed``: w, shape (n,) [rad/s or m/s]; ``period``: of its rows [s]; ``time``: of the lag [s].
+    """
     keep = np.exp(-period / time)
     late = lfilter([1.0 - keep], [1.0, -keep], np.abs(speed), zi=[keep * abs(speed[0])])[0]
     return sliding_limit(contact, late) / sliding_limit(contact, speed)

@@ -17,7 +17,7 @@ STEP = 2.5e-5   # s, at most: the drive train rings at some hundred hertz
 
 
 def stage_behind_gap(travel, gap, drive, period):
-    """Stage position [m], shape (n,), for a motor that travels (n,) [m] through a gap [m]."""
+    """Stage position [m], shape (n,), for a motor's ``travel`` (n,) [m] through a gap [m], at a ``period`` [s]."""
     contact, parts = drive.guideway, int(np.ceil(period / STEP - 1e-6))
     return _replay(np.ascontiguousarray(travel), gap, drive.stiffness, drive.damping, drive.mass, contact.viscous,
                    pack(contact), len(contact.weight), period, parts)

@@ -68,7 +68,8 @@ def smooth_motion(reading, current, drive, period, noise):
 def load_kernel(drive, period, noise, reach=60):
     """What `smooth_motion` makes of a load that stands for one period: shape (2 ``reach`` + 1,), sum 1.
 
-    Entry ``reach`` + k is the share that it gives to the reading k periods later.
+    ``reach``: periods to either side [1]; ``noise``: of the readings [m]. Entry ``reach`` + k is the share that it
+    gives to the reading k periods later.
     """
     rows = 8 * reach
     load = np.zeros(rows)

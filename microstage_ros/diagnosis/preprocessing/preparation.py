@@ -199,7 +199,8 @@ def _filled(values, place):
 def stage_filter(drive, period, stiffness=1.0, damping=1.0, mass=1.0, force=False):
     """Discrete (b, a) from the motor's travel to the stage, H = (D s + K)/(m s² + D s + K), linear between samples.
 
-    With ``force``: from a force on the stage, G = 1/(m s² + D s + K). Factors multiply K, D and m.
+    With ``force``: from a force on the stage, G = 1/(m s² + D s + K). The factors ``stiffness``, ``damping`` and
+    ``mass`` [1] multiply K, D and m; ``period`` [s].
     """
     k, d, m = drive.stiffness * stiffness, drive.damping * damping, drive.mass * mass
     b, a, _ = cont2discrete(([1.0] if force else [d, k], [m, d, k]), period, method="foh")
@@ -207,7 +208,7 @@ def stage_filter(drive, period, stiffness=1.0, damping=1.0, mass=1.0, force=Fals
 
 
 def triangle(values, width):
-    """Centred triangular running mean: two running means of odd ``width``, ends padded."""
+    """Centred triangular running mean of ``values`` (n,): two running means of odd ``width`` [1], ends padded."""
     return _boxcar(_boxcar(values, width), width)
 
 

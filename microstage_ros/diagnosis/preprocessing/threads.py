@@ -22,8 +22,8 @@ os.register_at_fork(after_in_child=_threads.cache_clear)    # a child has none o
 
 
 def side_by_side(function, items):
-    """[function(item) for item in items], in order, some at a time; one after the other where it is asked for inside
-    itself, as its threads could then wait for each other for ever. The first error is raised."""
+    """[function(item) for item in ``items``], shape (n,), in order, some at a time; one after the other where it is
+    asked for inside itself, as its threads could then wait for each other for ever. The first error is raised."""
     items = list(items)
     if len(items) < 2 or getattr(_inside, "here", False):
         return [function(item) for item in items]

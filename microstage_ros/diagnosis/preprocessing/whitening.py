@@ -14,8 +14,8 @@ def whiten_states(matrix, gains, keeps, spreads, white):
     """Innovations of ``matrix`` (n, k) under independent first-order processes seen through time-varying gains.
 
     y_n = Σ_s gains[n, s] p_s[n] + e,   p_s[n+1] = keeps[n, s] p_s[n] + noise,   var p_s = spreads[s]²,
-    var e = white[n]. Returns (n, k), scaled to unit variance, and −2 ln of the likelihood's determinant
-    part, Σ ln S_n.
+    var e = white[n], ``white`` of shape (n,). Returns (n, k), scaled to unit variance, and −2 ln of the likelihood's
+    determinant part, Σ ln S_n.
     """
     return _kalman(np.ascontiguousarray(matrix), gains, keeps, np.asarray(spreads) ** 2, white)
 
@@ -55,8 +55,8 @@ def _kalman(matrix, gains, keeps, variances, white):
 
 
 def whiten_walk(matrix, step, noise):
-    """Innovations of ``matrix`` (n, k): a random walk of ``step`` per row, read with white ``noise`` (both standard
-    deviations).
+    """Innovations of ``matrix`` (n, k): a random walk of ``step`` per row, read with white ``noise``, both standard
+    deviations in the unit of the matrix.
 
     Constant gain; the first row's level is unknown and is taken as it is read.
     """

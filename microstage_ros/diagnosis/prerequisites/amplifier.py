@@ -52,7 +52,7 @@ class Slowness:
     winding: float
 
     def apply(self, command, period):
-        """The command as the slow amplifier passes it on."""
+        """The ``command`` (n,) as the slow amplifier passes it on, at a ``period`` [s]."""
         if self.effect == "transport_delay":
             return delayed(command, self.time / period, period / self.winding)
         return lagged(command, self.time, period, period / self.winding)

@@ -89,18 +89,19 @@ class Drive:
         )
 
     def current_transient(self, period):
-        """Share [1] of the current before in a reading of the current, by the winding and the sensor's own filter."""
+        """Share [1] of the current before in a reading of the current, a ``period`` [s] later, by the winding and the
+        sensor's own filter."""
         settling = self.inductance / self.resistance
         return sensed_transient(period, settling, self.current_bandwidth, self.current_skew)
 
     @property
     def radius(self):
-        """r: metres of travel per radian of the screw."""
+        """r: travel per angle of the screw [m/rad]."""
         return self.pitch / (2.0 * math.pi)
 
     @property
     def lever(self):
-        """r/N: metres of travel per radian of the motor shaft."""
+        """r/N: travel per angle of the motor shaft [m/rad]."""
         return self.radius / self.gear_ratio
 
 

@@ -80,25 +80,26 @@ class Spectrum:
         return np.sqrt((channel.time[1] - channel.time[0]) * channel.prepared.period)
 
     def gain(self, frequency):
-        """What one metre of a line becomes in the whitened values, complex."""
+        """What one metre of a line at ``frequency`` [Hz] becomes in the whitened values, complex [1/m]."""
         ratio = (self.walk / self.noise) ** 2
         p = 0.5 * (ratio + np.sqrt(ratio**2 + 4.0 * ratio))
         z = np.exp(-2j * np.pi * frequency * self.step)
         return (1.0 - z) / (1.0 - z / (1.0 + p)) / (self.noise * np.sqrt(1.0 + p)) / self.scale
 
     def power(self, length):
-        """Periodogram in units of its mean, and its frequencies, on a grid common to all records."""
+        """Periodogram in units of its mean, and its frequencies [Hz], over ``length`` [1] values, a grid common to all
+        records."""
         return np.abs(np.fft.rfft(self.values, length)) ** 2 / self.count, np.fft.rfftfreq(length, self.step)
 
     def fit(self, frequency):
-        """Complex amplitude of a line and the χ² that it takes out."""
+        """Complex amplitude [m] of a line at ``frequency`` [Hz] and the χ² that it takes out."""
         wave = np.exp(2j * np.pi * frequency * self.time) * self.mask
         z = 2.0 * np.vdot(wave, self.values) / self.count
         return z, np.abs(z) ** 2 * self.count / 2.0
 
     def size_with_the_motor_off(self, frequency):
-        """Amplitude [m] of a line while the motor has no voltage, and its standard error (infinite where it always
-        has)."""
+        """Amplitude [m] of a line at ``frequency`` [Hz] while the motor has no voltage, and its standard error
+        (infinite where it always has)."""
         count = max(int(self.off.sum()), 1)
         wave = np.exp(2j * np.pi * frequency * self.time) * self.off
         gain = abs(self.gain(frequency))
@@ -106,7 +107,7 @@ class Spectrum:
         return 2.0 * abs(np.vdot(wave, self._untouched)) / count / gain, stderr
 
     def remove(self, frequency):
-        """Take a line out of the values."""
+        """Take a line at ``frequency`` [Hz] out of the values."""
         z, _ = self.fit(frequency)
         self.values = self.values - np.where(self.mask, (z * np.exp(2j * np.pi * frequency * self.time)).real, 0.0)
 

@@ -40,7 +40,10 @@ class Way:
     values: np.ndarray
 
     def spectrum(self, cell, length):
-        """Σ values e^{−ikx} over all k at once, on cells of the position, in units of its root mean power."""
+        """Σ values e^{−ikx} over all k at once, in units of its root mean power: shape (k,), complex.
+
+        ``cell``: of the position [m]; ``length``: number of cells [1].
+        """
         at = np.floor(self.position / cell).astype(int) % length
         sums = np.bincount(at, self.values, length)
         return np.fft.rfft(sums) / np.sqrt(np.sum(self.values**2))
@@ -87,7 +90,7 @@ def periods(ways, shortest, longest):
 
 
 def both_ways(position, values, speed):
-    """The two `Way`s of one record."""
+    """The two `Way`s of one record; ``position`` [m], ``values`` and ``speed`` [m/s] each of shape (n,)."""
     return [Way(position[moving], values[moving]) for moving in (speed > LEAST_SPEED, speed < -LEAST_SPEED)]
 
 

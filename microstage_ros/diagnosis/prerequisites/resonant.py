@@ -43,7 +43,7 @@ class Train:
     alone: float
 
     def drive(self, nominal):
-        """`Drive` with these factors."""
+        """`Drive` with these factors on ``nominal``, a `Drive`."""
         return dataclasses.replace(
             nominal, stiffness=nominal.stiffness * self.stiffness, damping=nominal.damping * self.damping
         )
@@ -179,8 +179,8 @@ def _left_with_load(channels, mass=1.0, **factors):
 
 
 def compliance_and_damping(stiffness, damping, load=1.0):
-    """Wind-up and resonance with K_c, D_c and the guideways' force times these factors, minus nominal; β = 1 at
-    these."""
+    """Wind-up and resonance with K_c, D_c and the guideways' force times these factors [1], minus nominal; β = 1 at
+    these. ``stiffness``, ``damping`` and ``load``: the factors [1]."""
     def columns(channel, frame):
         return channel.change(stiffness, damping, load=load)[:, None]
     return columns

@@ -42,7 +42,7 @@ class Timing:
 
     @property
     def lost_stderr(self):
-        """Standard error of the share of lost samples: binomial, with one more lost than seen (Agresti's half)."""
+        """Standard error of the share of lost samples [1]: binomial, with one more lost than seen (Agresti's half)."""
         share = (self.lost * self.samples + 0.5) / (self.samples + 1.0)
         return float(np.sqrt(share * (1.0 - share) / self.samples))
 
@@ -53,7 +53,7 @@ class Timing:
 
     @property
     def significance(self):
-        """Standard errors that the variance lies above zero."""
+        """Standard errors [1] that the variance lies above zero."""
         return self.variance / self.stderr
 
 
@@ -119,7 +119,7 @@ def _subdivisional(position, sde):
 
 
 def readings_late(learn, held, base, sde=None):
-    """(Timing of the learning records, of the held-out ones) if jitter or lost samples stand out, else None."""
+    """(`Timing` of the learning records, of the held-out ones) if jitter or lost samples stand out, else None."""
     taught, again = timing_of(learn, sde), timing_of(held, sde)
     healthy = timing_of(base) if base else None
     # a coarse encoder's rounding differs from speed to speed, and makes it seem of either sign

@@ -105,7 +105,7 @@ def finding_fields(findings):
 
 
 def plain(value):
-    """A float that JSON can hold: None for what is not a number."""
+    """A float, ``value`` [any unit], that JSON can hold: None for what is not a number."""
     value = float(value)
     return value if math.isfinite(value) else None
 

@@ -27,7 +27,8 @@ Y_LABELS = {"torque": "torque needed beyond the model [N m]", "windup": "stage a
 
 
 def pictures_of(collection, evidences, choices, left):
-    """One `Picture` per cause and channel on the first held-out record, and one per coordinate that is left."""
+    """One `Picture` per cause and channel on the first held-out record, and one per coordinate that is ``left``,
+    `Finding` each."""
     pictures = course_pictures(collection, evidences, choices)
     for choice in choices:
         for channel in sorted({form.channel for form in choice.forms}):

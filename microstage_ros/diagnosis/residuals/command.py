@@ -47,9 +47,9 @@ class Command:
 
     @staticmethod
     def fast(matrix):
-        """Columns (n, k) without their running mean."""
+        """The columns of ``matrix`` (n, k) without their running mean."""
         return matrix - uniform_filter1d(matrix, WINDOW, axis=0, mode="nearest")
 
     def whiten(self, matrix):
-        """Unit-variance columns (n, k), the first of them the residual, and 0."""
+        """Unit-variance columns of ``matrix`` (n, k), the first of them the residual, and 0."""
         return self._weight * self.fast(matrix) / self.noise, 0.0

@@ -38,11 +38,14 @@ class Evidence:
         return 1.0 / np.concatenate(sizes) ** 2
 
     def energy(self):
-        """χ² of the residual without any candidate."""
+        """χ² [1] of the residual without any candidate."""
         return float(self.matrix[0, 0])
 
     def fit(self, keys, ridge=1e-9):
-        """Least squares with these forms: (β, covariance, reduction of χ²)."""
+        """Least squares with these forms: (β, covariance, reduction of χ²).
+
+        ``ridge``: added to the diagonal of the normal matrix in correlations [1].
+        """
         index = self.indices(keys)
         if len(index) == 0:
             return np.zeros(0), np.zeros((0, 0)), 0.0
@@ -58,7 +61,7 @@ class Evidence:
         return beta, covariance, float(2.0 * b @ beta - beta @ a @ beta)
 
     def reduction(self, keys, beta):
-        """Reduction of χ² on these records by given sizes (negative if they make it worse)."""
+        """Reduction of χ² [1] on these records by given sizes ``beta`` (k,), negative if they make it worse."""
         index = self.indices(keys)
         if len(index) == 0:
             return 0.0
@@ -69,9 +72,9 @@ class Evidence:
 def gather(channel, forms, frame, systematic=None, **noise):
     """`Evidence` of one channel of one record.
 
-    The channel's ``nuisance()`` columns are taken out of everything. ``systematic`` {form key: spread}
-    adds, per record, an error of the model itself in the direction of that form's columns, with that
-    standard deviation of its sizes: what a healthy axis shows although the noise would not allow it.
+    The channel's ``nuisance()`` columns are taken out of everything. ``systematic`` {form key: spread [unit of the
+    size]} adds, per record, an error of the model itself in the direction of that form's columns, with that standard
+    deviation of its sizes: what a healthy axis shows although the noise would not allow it.
     """
     nuisance = channel.nuisance() if hasattr(channel, "nuisance") else None
     pieces, where, at = [channel.residual[:, None]], {}, 1

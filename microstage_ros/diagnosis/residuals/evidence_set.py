@@ -41,7 +41,7 @@ class Trial:
 
     @property
     def log_p(self):
-        """ln of the probability of such a gain by chance."""
+        """ln of the probability [1] of such a gain by chance."""
         return float(chi2.logsf(max(self.gain, 0.0), self.sizes))
 
 
@@ -70,7 +70,7 @@ class Evidences:
         return sum(self.channel_gain(channel, choices, extra) for channel in self.learn)
 
     def channel_gain(self, channel, choices, extra=()):
-        """The same in one channel."""
+        """The same [1] in one channel, with ``extra`` choices, `Choice` each."""
         return self.learn[channel].fit(self._keys(channel, choices, extra))[2] / self.scatter[channel]
 
     def held_gain(self, choices, channels=None):
@@ -83,12 +83,12 @@ class Evidences:
         return total
 
     def more(self, channel, keys, key):
-        """Further reduction of χ² on the learning records of one channel by one more form."""
+        """Further reduction of χ² [1] on the learning records of one channel by one more form."""
         learn = self.learn[channel]
         return (learn.fit([*keys, key])[2] - learn.fit(keys)[2]) / self.scatter[channel]
 
     def held_more(self, channel, keys, key):
-        """The same on held-out records, by the sizes learned."""
+        """The same [1] on held-out records, by the sizes learned."""
         learn, held = self.learn[channel], self.held[channel]
         after = held.reduction([*keys, key], learn.fit([*keys, key])[0])
         return (after - held.reduction(keys, learn.fit(keys)[0])) / self.scatter[channel]
@@ -158,8 +158,9 @@ class Evidences:
         return None if found is None else (found[0] - 0.5, *found[1:])
 
     def lead_of_baseline(self, one, other, others):
-        """How much of the difference of the two fits the healthy axis shows, where neither is there: the same factor a
-        on the baseline's residual, before anything was taken out of it or after, whichever is larger.
+        """How much of the difference of the two fits, ``one`` and ``other``, `Choice` each, the healthy axis shows,
+        where neither is there: the same factor a on the baseline's residual, before anything was taken out of it or
+        after, whichever is larger.
 
         Returns
         -------
@@ -201,8 +202,8 @@ class Evidences:
         return keys, sizes[0], sizes[1]
 
     def usual(self, channel, key, raw=True):
-        """Reduction of χ² by a form that as many rows of the healthy axis as the learning records have would show; with
-        ``raw`` before anything was taken out of it; 0 without a baseline."""
+        """Reduction of χ² [1] by a form that as many rows of the healthy axis as the learning records have would show;
+        with ``raw`` before anything was taken out of it; 0 without a baseline."""
         base = self.raw.get(channel, self.base.get(channel)) if raw else self.base.get(channel)
         if base is None:
             return 0.0
@@ -217,7 +218,7 @@ class Evidences:
         return self._learn_rows[channel]
 
     def signal(self, choice, others, group="held"):
-        """χ² of an effect's learned signal in a group of records: what it would take there if it is true."""
+        """χ² [1] of an effect's learned signal in a group of records: what it would take there if it is true."""
         total = 0.0
         for channel in {form.channel for form in choice.forms}:
             own, beta = choice.keys(channel), self.learn[channel].fit(self._keys(channel, [*others, choice]))[0]
@@ -249,7 +250,8 @@ class Evidences:
 
 
 def factor(u, d, scatter=True):
-    """(a, standard error, degrees of freedom) of the factor a = Σu/Σd, see `Evidences.agreement`.
+    """(a, standard error, degrees of freedom) of the factor a = Σu/Σd of ``u`` and ``d``, each of shape (n,), see
+    `Evidences.agreement`.
 
     ``scatter`` False: of the baseline, where less than `FEW` stretches carry an effect of a motion that was not made
     there; how two numbers disagree says nothing, and the noise model's error stands.

@@ -48,7 +48,7 @@ class Growing(Evidence):
 
         Parameters
         ----------
-        keys, beta : forms and their sizes, concatenated. own : those of the forms that are in question.
+        keys, beta : forms and their sizes, concatenated, shape (k,). own : mask of the sizes in question, shape (k,).
         length : of a stretch [s].
 
         Returns
@@ -69,7 +69,7 @@ class Growing(Evidence):
 
         Parameters
         ----------
-        keys : forms. one, other : their sizes in either fit, concatenated.
+        keys : forms. one, other : their sizes in either fit, concatenated, shape (k,).
 
         Returns
         -------

@@ -108,7 +108,7 @@ def profile_of(frame, spreads):
 def unevenness(baseline, taken, frame):
     """Relative standard deviation of the friction along the stroke by the profile that was taken; 0 without one.
 
-    ``baseline``: its `Mechanical`; ``taken``: what `take_healthy` returned for `profile_of`.
+    ``baseline``: its `Mechanical`; ``taken``: what `take_healthy` returned for `profile_of`, (`Form`, sizes) each.
     """
     factors = [
         (form.columns(channel, frame) @ sizes)[moving] / channel.friction[moving]

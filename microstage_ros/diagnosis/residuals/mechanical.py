@@ -70,7 +70,8 @@ class Mechanical:
         self.white = self._white()
 
     def mean(self, values, coarse=1):
-        """Block means of a torque (n,) or (n, k) with one row per ``coarse`` periods, as `Prepared.load` would show it.
+        """Block means of a torque, ``values`` (n,) or (n, k), with one row per ``coarse`` periods, as `Prepared.load`
+        would show it.
 
         The load is smoothed over some milliseconds (`motion.load_kernel`); so is what it is compared with.
         """
@@ -85,7 +86,8 @@ class Mechanical:
         return out[first:first + rows // block]
 
     def coarse_friction(self, coarse):
-        """Nominal actuator friction replayed with one step per ``coarse`` periods (kept, many candidates need it)."""
+        """Nominal actuator friction replayed with one step per ``coarse`` [1] periods (kept, many candidates need
+        it)."""
         if coarse not in self._coarse:
             speed = self.prepared.speed[::coarse] / self.drive.radius
             self._coarse[coarse] = replay(self.drive.actuator, speed, coarse * self.prepared.period)[0]
@@ -104,8 +106,8 @@ class Mechanical:
         return white + (150.0e-6 * first) ** 2
 
     def whiten(self, matrix, spreads=None):
-        """Unit-variance innovations of (blocks, k), and Σ ln S; ``spreads``: `Spreads`, those of the axis file by
-        default."""
+        """Unit-variance innovations of ``matrix`` (blocks, k), and Σ ln S; ``spreads``: `Spreads`, those of the axis
+        file by default."""
         spreads = spreads or stated_spreads(self.drive)
         period = BLOCK * self.prepared.period
         ahead = np.append(self.step[1:], 0.0)

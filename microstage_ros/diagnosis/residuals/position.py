@@ -67,7 +67,7 @@ class Position:
         self.renewal = max(RENEWAL * count, LEAST_RENEWAL)
 
     def mean(self, values):
-        """Block means of a signal of shape (n,) or (n, k)."""
+        """Block means of a signal, ``values`` of shape (n,) or (n, k)."""
         rows = len(values) // BLOCK * BLOCK
         return values[:rows].reshape(-1, BLOCK, *values.shape[1:]).mean(axis=1)
 
@@ -76,7 +76,7 @@ class Position:
         return course_columns(self.time) if self.drifts else np.ones((len(self.residual), 1))
 
     def whiten(self, matrix):
-        """Unit-variance innovations of (blocks, k), and Σ ln S."""
+        """Unit-variance innovations of ``matrix`` (blocks, k), and Σ ln S."""
         step = np.abs(self.speed) * BLOCK * self.prepared.period
         keeps = np.exp(-step / self.renewal - BLOCK * self.prepared.period / 10.0)[:, None]
         white = np.full(len(self.residual), self.scatter**2)

@@ -33,19 +33,21 @@ class Resonance:
         self.weight = self._weight()
 
     def mean(self, values):
-        """Block means of a signal of shape (n,) or (n, k)."""
+        """Block means of a signal, ``values`` of shape (n,) or (n, k)."""
         rows = len(values) // self.block * self.block
         return values[:rows].reshape(-1, self.block, *values.shape[1:]).mean(axis=1)
 
     def predict(self, stiffness=1.0, damping=1.0, mass=1.0, load=1.0):
-        """Stage position from the motor's [m], in block means, with factors on K_c, D_c, m and the guideway force."""
+        """Stage position from the motor's [m], in block means, with the factors ``stiffness``, ``damping``, ``mass``
+        and ``load`` [1] on K_c, D_c, m and the guideway force."""
         factors = {"stiffness": stiffness, "damping": damping, "mass": mass}
         b, a = stage_filter(self.drive, self.prepared.period, **factors)
         g, _ = stage_filter(self.drive, self.prepared.period, **factors, force=True)
         return _passed_on(self.prepared.travel, self.force, b, -load * g, a, self.block)
 
     def change(self, stiffness=1.0, damping=1.0, mass=1.0, load=1.0):
-        """`predict` with these factors less `predict` without any."""
+        """`predict` with these factors ``stiffness``, ``damping``, ``mass``, ``load`` [1] less `predict` without any
+        [m]."""
         return self.predict(stiffness, damping, mass, load) - self._nominal
 
     def _weight(self):
@@ -65,7 +67,7 @@ class Resonance:
         return values - uniform_filter1d(values, self._window, axis=0, mode="nearest")
 
     def whiten(self, matrix):
-        """Unit-variance columns (blocks, k), and 0."""
+        """Unit-variance columns of ``matrix`` (blocks, k), and 0."""
         return self._fast(matrix) / self.noise * self.weight[:, None], 0.0
 
 

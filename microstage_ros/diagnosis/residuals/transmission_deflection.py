@@ -45,7 +45,7 @@ class Windup:
         self.noise = float(np.sqrt(np.median(self.white)))
 
     def mean(self, values):
-        """Block means of a signal of shape (n,) or (n, k)."""
+        """Block means of a signal, ``values`` of shape (n,) or (n, k)."""
         rows = len(values) // BLOCK * BLOCK
         return values[:rows].reshape(-1, BLOCK, *values.shape[1:]).mean(axis=1)
 
@@ -75,11 +75,12 @@ class Windup:
         return walk, READING**2 + np.maximum(rattle**2 - 4.0 * usual**2, 0.0) + edge**2
 
     def nuisance(self):
-        """Readings late by some tenths of a period are a matter of stamps, not of the axis; and the start is free."""
+        """Columns (blocks, k) that are free: readings late by some tenths of a period are a matter of stamps, not of
+        the axis; and the start is free."""
         return np.stack([self.speed, np.ones(len(self.speed))], axis=1)
 
     def whiten(self, matrix):
-        """Unit-variance innovations of (blocks, k), and Σ ln S."""
+        """Unit-variance innovations of ``matrix`` (blocks, k), and Σ ln S."""
         rows = len(self.residual)
         ahead = np.append(np.abs(np.diff(self.position)), 0.0)
         vary = stated_spreads(self.drive)

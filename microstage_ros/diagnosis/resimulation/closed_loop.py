@@ -143,7 +143,7 @@ def _whole(ratio):
 
 
 def turned(axis, shift):
-    """The axis whose screw stands ``shift`` [m of travel] further when the position reads the same."""
+    """The axis whose screw stands ``shift`` [m] of travel further when the position reads the same."""
     names = turning_effects(axis) if shift else ()
     if not names:
         return axis
@@ -196,7 +196,7 @@ class ClosedLoop:
         return self.force - self.simulate(axis)[0]
 
     def residuals(self, axes):
-        """`residual` of each of several axes, a list in their order."""
+        """`residual` of each of several ``axes``, `Axis` each, a list in their order."""
         return list(self._pool.map(self.residual, axes)) if self._pool else [self.residual(axis) for axis in axes]
 
     def simulate(self, axis):
@@ -205,8 +205,8 @@ class ClosedLoop:
         return actuator_of(axis).judged(axis)[0] * trace[:, VOLTAGE], trace[:, ENCODER]
 
     def stated_noise(self, axis):
-        """Rms of what the noise that the axis file states makes of the command, through the model's own loop [as
-        `Actuator.judged`].
+        """Rms [unit of the residual] of what the noise that the axis file states makes of the command, through the
+        model's own loop (`Actuator.judged`).
 
         Drive, sensor and random friction as the file has them, each record once with a seed of its own, against none.
         """

@@ -35,8 +35,8 @@ def diagnose_force_axis(axis, records, holdout=(), baseline=(), seed=0, progress
     records, holdout, baseline : lists of `Record`. Without ``holdout`` some of every record's time is
         held back (see `folds`). ``baseline`` (the axis while the model was right) re-identifies the axis's own numbers
         first.
-    seed : of thresholds and intervals.
-    progress : function (text), or None. jobs : threads that re-simulate.
+    seed : of thresholds and intervals [1].
+    progress : function (text), or None. jobs : threads that re-simulate [1].
 
     Returns
     -------

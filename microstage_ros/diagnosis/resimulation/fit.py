@@ -64,11 +64,11 @@ class Model:
 
     @property
     def theta(self):
-        """All free numbers: the axis's own, then each cause's."""
+        """All free numbers, shape (parameters,): the axis's own, then each cause's."""
         return np.array([*self.own, *(value for c in self.chosen for value in c.values)], float)
 
     def at(self, theta):
-        """The same model with other numbers."""
+        """The same model with other numbers ``theta``, shape (parameters,)."""
         own, rest, chosen = tuple(float(t) for t in theta[: len(self.keys)]), list(theta[len(self.keys):]), []
         for c in self.chosen:
             count = len(c.values)
@@ -77,7 +77,7 @@ class Model:
         return replace(self, own=own, chosen=tuple(chosen))
 
     def with_cause(self, candidate, values):
-        """The same model with one more cause."""
+        """The same model with one more cause, whose sizes are ``values``, shape (sizes,)."""
         return replace(self, chosen=(*self.chosen, Chosen(candidate, tuple(float(v) for v in values))))
 
     def without(self, name):
@@ -137,8 +137,8 @@ def jacobian(loop, model, base, known=None):
 def fit(loop, model, rows, known=None, iterations=ITERATIONS):
     """Least squares over ``rows`` (boolean mask over all rows of the loop).
 
-    ``known``: see `jacobian`; these derivatives are not renewed (a chord method). Returns the model and its
-    residual over all rows.
+    ``iterations``: at most so many [1]. ``known``: see `jacobian`; these derivatives are not renewed (a chord method).
+    Returns the model and its residual over all rows.
     """
     _, low, high = model.steps_and_bounds()
     residual = loop.residual(model.extended)
@@ -171,14 +171,16 @@ def _step(loop, model, columns, residual, rows, low, high):
 
 
 def solve(columns, target):
-    """Least squares with columns scaled to unit size (a column of zeros gets a zero)."""
+    """Least squares of ``target`` (rows,) by ``columns`` (rows, p) scaled to unit size; a column of zeros gets a
+    zero."""
     scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0.0] = 1.0
     return np.linalg.lstsq(columns / scale, target, rcond=1e-9)[0] / scale
 
 
 def standard_errors(columns, residual, block):
-    """Sandwich standard errors of θ, shape (parameters,); ``block``: rows per block."""
+    """Sandwich standard errors of θ, shape (parameters,); ``columns`` of shape (rows, p); ``block``: rows per block
+    [1]."""
     scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0.0] = 1.0
     scaled = columns / scale

@@ -39,7 +39,8 @@ class Folds:
 
 
 def repetition(reference):
-    """Rows after which the motion repeats itself, 0 if it does not within half of the record."""
+    """Rows after which the motion, a ``reference`` (n,) [m], repeats itself, 0 if it does not within half of the
+    record."""
     stroke = float(np.ptp(reference))
     if stroke == 0.0:
         return 0
@@ -91,7 +92,7 @@ def make_folds(parts, held):
 
 
 def held_back(rows, period_rows):
-    """Rows that the program holds back of a record itself, shape (rows,)."""
+    """Rows that the program holds back of a record itself, shape (rows,); ``period_rows``: of a repetition [1]."""
     if period_rows:
         return np.arange(rows) >= int((1.0 - HELD_BACK) * rows)
     return np.arange(rows) * STRETCHES // rows % 3 == 2
@@ -111,12 +112,12 @@ def left_out_residual(columns, residual, learn, parts):
 
 
 def mean_square(values, rows):
-    """Mean square over rows."""
+    """Mean square of ``values`` (n,) over rows, in their unit squared [unit of the values squared]."""
     return float(np.mean(values[rows] ** 2))
 
 
 def bootstrap_interval(residual, block, seed):
-    """95 % interval of the rms by resampling blocks of ``block`` rows."""
+    """95 % interval of the rms by resampling blocks of ``block`` [1] rows; ``seed``: of it [1]."""
     starts = np.arange(0, len(residual), block)
     sums = np.add.reduceat(residual**2, starts)
     counts = np.diff(np.append(starts, len(residual)))
@@ -126,7 +127,7 @@ def bootstrap_interval(residual, block, seed):
 
 
 def noise_floor(parts, period_rows, residual):
-    """Rms of the force that no model of the motion can explain [N].
+    """Rms of the force that no model of the motion can explain [N]; ``period_rows``: of a repetition [1].
 
     What differs between repetitions of the motion, on rows where nothing else differed: a disturbance that was added on
     purpose in one repetition and not in the other (`Measured.disturbance`) makes them differ without any noise, and

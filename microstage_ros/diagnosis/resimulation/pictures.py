@@ -41,7 +41,8 @@ def findings(coordinates, before, after, seed, quantity="force"):
     """`Finding` for every coordinate: share of the residual's variance that its bins carry.
 
     The threshold is the largest share over circular shifts of the residual against the coordinate, so it
-    holds for a residual that is correlated in time.
+    holds for a residual that is correlated in time. ``before``, ``after``: the residuals, shape (rows,); ``seed``: of
+    the shifts [1].
     """
     generator = np.random.default_rng(seed)
     found = []
@@ -66,7 +67,10 @@ def _share(bins, residual):
 
 
 def pictures(coordinates, before, after, causes, period_rows, judged=("force", "N")):
-    """Pictures of the residual before and after, the most telling first; ``judged``: its quantity and unit."""
+    """Pictures of the residual before and after, the most telling first; ``judged``: its quantity and unit.
+
+    ``before``, ``after``: shape (rows,); ``period_rows``: rows of a repetition [1].
+    """
     quantity, unit = judged[0].capitalize(), judged[1]
     shown = [_over_time(coordinates["time"][0], before, after, period_rows, quantity, unit)]
     for name, cause in (("velocity", "direction_asymmetry"), ("velocity", "nonlinear_viscous"),

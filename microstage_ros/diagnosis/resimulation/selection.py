@@ -112,7 +112,7 @@ class Selector:
         return Stage(model, residual, columns, time, motion)
 
     def left_out(self, columns, residual):
-        """Mean squares on time and on motion left out."""
+        """Mean squares on time and on motion left out, by ``columns`` (rows, p)."""
         learn = self.folds.learn
         time = mean_square(left_out_residual(columns, residual, learn, self.folds.time), learn)
         if not self.folds.motion:
@@ -120,7 +120,8 @@ class Selector:
         return time, mean_square(left_out_residual(columns, residual, learn, self.folds.motion), learn)
 
     def select(self, model, own_pool, pool):
-        """Run the selection; ``model`` has all own parameters free; returns `Selection`."""
+        """Run the selection, with the candidates of ``own_pool`` and ``pool``, `Candidate` each; ``model`` has all own
+        parameters free; returns `Selection`."""
         keys = model.keys
         nominal = model.holding(keys)
         given = self.stage(nominal, self.loop.residual(nominal.extended))
@@ -146,7 +147,8 @@ class Selector:
         return self.stage(model, residual)
 
     def forward(self, now, rivals, pool, smallest):
-        """Add causes from the pool as long as they pay; fills ``rivals``, returns the last `Stage`."""
+        """Add causes from the pool as long as each pays at least ``smallest`` [1]; fills ``rivals``, returns the last
+        `Stage`."""
         return forward(_Forward(self, rivals, pool, smallest), now, LARGEST_COUNT)[0]
 
     def trials(self, now, pool):
@@ -190,18 +192,19 @@ class Selector:
         return (np.column_stack(self.loop.residuals(moved)) - now.residual[:, None]) / steps
 
     def pays(self, trial, now, smallest):
-        """Whether the trial gains enough on both kinds of left-out parts, with certainty."""
+        """Whether the trial gains enough, ``smallest`` [1], on both kinds of left-out parts, with certainty."""
         own = trial.last.candidate.stands_for and abs(trial.last.relative) < OWN_CHANGE
         return not own and self.certainty(trial) > CERTAIN and self.gains(trial, now, smallest)
 
     def gains(self, better, worse, smallest):
-        """Whether the mean square falls enough from one stage to the other, on time and on motion left out."""
+        """Whether the mean square falls enough from ``worse`` to ``better``, `Stage` each, by a share ``smallest``
+        [1], on time and on motion left out."""
         enough = SMALLEST_SHARE * self.excess
         return (worse.time - better.time > max(smallest * worse.time, enough)
                 and worse.motion - better.motion > smallest * worse.motion)
 
     def certainty(self, trial):
-        """Largest size of the last cause over its standard error."""
+        """Largest size of the last cause over its standard error [1]."""
         learn = self.folds.learn
         errors = standard_errors(trial.columns[learn], trial.residual[learn], self.block)
         count, sizes = len(trial.last.values), len(trial.last.candidate.sizes)
@@ -250,7 +253,8 @@ class Selector:
         return last, without
 
     def without(self, last, name):
-        """`Stage` of the last model without one cause, the rest fitted again with the derivatives at hand."""
+        """`Stage` of the ``last`` one's model, a `Stage`, without one cause, the rest fitted again with the
+        derivatives at hand."""
         keep, at = np.ones(last.columns.shape[1], bool), len(last.model.keys)
         for cause in last.model.chosen:
             if cause.candidate.id == name:

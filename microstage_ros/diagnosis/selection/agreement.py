@@ -113,8 +113,9 @@ def _wave_of_baseline(evidences, form, others):
 
 
 def log_tail(size):
-    """ln of the probability that a size (value, standard error, degrees of freedom) is as large by chance (Student's t,
-    one-sided). A size without any scatter is no chance where it is above zero, and nothing where it is not."""
+    """ln of the probability [1] that a ``size`` [1] (value, standard error, degrees of freedom) is as large by chance
+    (Student's t, one-sided). A size without any scatter is no chance where it is above zero, and nothing where it is
+    not."""
     value, stderr, freedom = size
     if stderr == 0.0:
         return -math.inf if value > 0.0 else 0.0
@@ -122,11 +123,11 @@ def log_tail(size):
 
 
 def log_odds(lead):
-    """ln of how much more likely a factor ½ + lead is if the first of two names is right, and the factor one, than if
-    the second is, and the factor nothing.
+    """ln [1] of how much more likely a factor ½ + lead is if the first of two names is right, and the factor one, than
+    if the second is, and the factor nothing.
 
-    ``lead``: value, standard error, degrees of freedom; Student's t. Where the factor lies further from one than its
-    error allows neither name is right to the last, and the error is at least that distance.
+    ``lead``: value, standard error [1], degrees of freedom; Student's t. Where the factor lies further from one than
+    its error allows neither name is right to the last, and the error is at least that distance.
     """
     value, stderr, freedom = lead
     stderr = max(stderr, abs(0.5 - value))
@@ -171,7 +172,7 @@ def _pooled(one, other):
 
 
 def clear_part(size):
-    """What of a size stands above its own error: value, standard error, degrees of freedom.
+    """What of a ``size`` [1] stands above its own error: value, standard error, degrees of freedom.
 
     The positive part of the James–Stein estimator, (1 − σ²/a²) a: a baseline that shows a little within its error
     neither takes it from the records nor adds that error to theirs.
@@ -182,5 +183,5 @@ def clear_part(size):
 
 
 def beyond(size, base):
-    """A size less the baseline's: value, standard error, degrees of freedom."""
+    """A ``size`` [1] less the baseline's: value, standard error, degrees of freedom."""
     return size[0] - base[0], math.hypot(size[1], base[1]), size[2] + base[2]

@@ -38,7 +38,7 @@ class Calibration:
     bare: tuple = (0, 0)
 
     def probability(self, evidence, clarity):
-        """Probability that a cause with this χ² on held-out records and this clarity was there."""
+        """Probability [1] that a cause with this χ² on held-out records and this ``clarity`` [1] was there."""
         if evidence <= 0.0:      # Laplace's rule
             return (self.bare[0] + 1.0) / (self.bare[1] + 2.0)
         value = float(np.dot(self.coefficients, _features(evidence, clarity)))
@@ -56,7 +56,7 @@ def _stored():
 
 
 def probability(evidence, clarity):
-    """`Calibration.probability` by the stored calibration."""
+    """`Calibration.probability` by the stored calibration; ``clarity`` [1]."""
     return _stored().probability(evidence, clarity)
 
 

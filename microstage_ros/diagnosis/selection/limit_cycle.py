@@ -27,7 +27,7 @@ def judged(share, causes, unsure, scattered):
 
     Parameters
     ----------
-    share : of `share_at_limit`. causes, unsure : sequences of `Cause` and `Rivals`, as found.
+    share : of `share_at_limit` [1]. causes, unsure : sequences of `Cause` and `Rivals`, as found.
     scattered : channels that stand above the noise floor.
     """
     followed = any(cause.id == "backlash" for cause in causes)  # the replay through the gap kept its place

@@ -20,7 +20,7 @@ DECISIVE = 4.0   # standard errors; derived: a chance of 6·10⁻⁵ on both sid
 
 
 def alike(mass, other):
-    """Whether two channels tell of one mass."""
+    """Whether two channels tell of one mass, where they tell ``mass`` and ``other`` [kg]."""
     return ALIKE_MASS < mass / other < 1.0 / ALIKE_MASS
 
 

@@ -11,7 +11,7 @@ from microstage_ros.diagnosis.selection import judge
 def nonregression_causes(collection, known, course, others, book, unsure):
     """Causes of a `known.Known`, of a `slow_drift.Course` or None, and late readings; their χ² is added to the book.
 
-    ``others``: causes of the regression. Rivals are added to ``unsure``.
+    ``others``: causes of the regression. Rivals are added to ``unsure``, `Rivals` each.
     """
     causes = []
     if known.slow is not None:

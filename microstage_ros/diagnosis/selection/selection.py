@@ -217,7 +217,8 @@ class _Balance:
 
 
 def select(evidences, effects, most=4):
-    """Forward, then backward: the list of `Choice`, and the trials of the last round that lost."""
+    """Forward, then backward: the list of `Choice`, ``most`` [1] or fewer, and the trials of the last round that
+    lost."""
     balance = _Balance(evidences, effects)
     choices, lost = forward(balance, [], most)
     renamed = _renamed(evidences, choices, effects)

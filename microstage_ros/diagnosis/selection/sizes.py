@@ -24,7 +24,7 @@ def form_error(effect, channel=None):
 
 
 def width(evidences, channel, form):
-    """Number of sizes of a form."""
+    """Number of sizes of a form [1]."""
     where = evidences.learn[channel].where[form.key]
     return where.stop - where.start
 

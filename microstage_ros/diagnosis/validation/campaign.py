@@ -73,7 +73,8 @@ class Outcome:
 
 
 def examinations(count, seed, axis, kind="mixed", strength=1.0, effect="", world="first", baseline=True):
-    """``count`` cases. Singles and pairs go through the whole catalogue before an effect comes again."""
+    """``count`` [1] cases of a ``seed`` [1], effects ``strength`` [1] times the usual. Singles and pairs go through
+    the whole catalogue before an effect comes again."""
     order = np.random.default_rng([seed, 0]).choice(len(KINDS), count, p=SHARES)
     kinds = [KINDS[k] for k in order] if kind == "mixed" else [kind] * count
     return [Examination(number, seed, one, axis, strength, effect, world, baseline) for number, one in enumerate(kinds)]
@@ -151,7 +152,7 @@ def covered(causes, truth):
 
 
 def run(examined, jobs, scheduler=None):
-    """Outcomes as they end, from ``jobs`` processes or from the workers of a Dask ``scheduler``.
+    """Outcomes as they end, from ``jobs`` [1] processes or from the workers of a Dask ``scheduler``.
 
     Raises InputError if the scheduler cannot be used. A case whose worker died twice is left out.
     """

@@ -23,8 +23,8 @@ LIMIT = float(norm.isf(0.5 * FALSE_ALARMS / len(simulated_logs.EFFECTS)) + norm.
 
 
 def distance(case, number):
-    """Largest change by effect ``number`` of a `LogCase` over signals and parts of the run, in standard deviations of
-    the healthy scatter."""
+    """Largest change [1] by effect ``number`` of a `LogCase` over signals and parts of the run, in standard deviations
+    of the healthy scatter."""
     _, before, after, extra = case.steps[number]
     runs = len(case.now[0].runs)
 
@@ -48,7 +48,8 @@ def distance(case, number):
 
 
 def features(log):
-    """Mean, range and log roughness of each signal in each part of the run, mean over runs: (signals × 3, PARTS).
+    """Mean, range [unit of the signal] and log roughness [1] of each signal in each part of the run, mean over runs:
+    (signals × 3, PARTS).
 
     Where no set point is logged, nobody knows which motion was asked for: then a run counts from its first motion, and
     of position and speed only the roughness tells.

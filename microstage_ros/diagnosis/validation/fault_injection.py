@@ -13,12 +13,12 @@ from microstage_ros.model.effects import REGISTRY
 
 
 def one(name, generator, strength=1.0):
-    """`Hidden` with one effect of the catalogue."""
+    """`Hidden` with one effect of the catalogue, ``strength`` [1] times the usual."""
     return two((name,), generator, strength)
 
 
 def two(names, generator, strength=1.0):
-    """`Hidden` with some effects at once."""
+    """`Hidden` with some effects at once, ``strength`` [1] times the usual."""
     drawn = {name: REGISTRY[name].draw(generator, strength) for name in names}
     effects = {name: section for name, section in drawn.items() if isinstance(section, dict)}
     courses = [section for section in drawn.values() if callable(section)]
@@ -26,7 +26,7 @@ def two(names, generator, strength=1.0):
 
 
 def outside(kind, generator, strength=1.0):
-    """`Hidden` with something that the catalogue does not hold."""
+    """`Hidden` with something that the catalogue does not hold, ``strength`` [1] times the usual."""
     return OUTSIDE[kind](generator, strength)
 
 

@@ -36,7 +36,8 @@ EFFECTS = (
 
 
 def with_effect(machine, effect, rng, strength=1.0):
-    """(machine with the effect, its size in the diagnosis' terms, extra of the logs)."""
+    """(machine with the effect, its size in the diagnosis' terms, extra of the logs); ``strength``: times the usual
+    [1]."""
     v, k = machine.values, strength
     level, sign = v["level"], float(rng.choice([-1.0, 1.0]))
     if effect == "friction_level_change":

@@ -168,7 +168,10 @@ def run(reference, dt, p, law, controller, noise_seed):
 
 
 def reference_of(profile, low, high, top, sharp, dwell, cycles, rng, dt=DT):
-    """Set point over ``cycles`` there and back, shape (n,) [m]."""
+    """Set point over ``cycles`` there and back, shape (n,) [m], every ``dt`` [s].
+
+    It goes from ``low`` to ``high`` [m] at up to ``top`` [m/s], ``sharp`` [m/s^2], and rests for ``dwell`` [s].
+    """
     pieces = []
     if profile == "sine":
         period = math.pi * (high - low) / top

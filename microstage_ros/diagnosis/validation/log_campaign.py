@@ -66,7 +66,7 @@ class Outcome:
 
 
 def run(cases, seed=1, kind="mixed", effect="", strength=1.0):
-    """Yield one `Outcome` per case."""
+    """Yield one `Outcome` per case of a ``seed`` [1]; ``strength``: of effects, times the usual [1]."""
     for number in range(cases):
         case = draw_case(number, seed, kind, effect, strength=strength)
         began = time.monotonic()

@@ -77,7 +77,7 @@ def make_case(axis, hidden, seed, friction=0.04, law=None):
     ----------
     axis : the `Axis` that the diagnosis is given.
     hidden : `simulated_records.Hidden`.
-    seed : of everything drawn.
+    seed : of everything drawn [1].
     friction : relative standard deviation of the friction's variation.
     law : friction law of the machine's actuator, one of `LAWS`; None draws one (the first where an effect is hidden
         that needs its blocks).
@@ -95,7 +95,7 @@ def make_case(axis, hidden, seed, friction=0.04, law=None):
 
 def machine_of(axis, own):
     """The machine behind an axis file: its encoder, and its actuator's friction law with the file's stiffness and
-    limits."""
+    limits; ``own``: its `Habits`."""
     tree = axis.with_values({"sensors.encoder.resolution": own.encoder_resolution}).as_dict()
     if own.law != axis.law("actuator"):
         stiffness, weight = blocks_of(axis, "actuator")
@@ -193,7 +193,8 @@ def _run_varied(plant, state, work, readings, parameters, memory, reference, zer
 
 
 def program(generator, home, period):
-    """Reference [m] of one record of 22 to 30 s, and the rows (start, stop) where the motor is off."""
+    """Reference [m] about ``home`` [m], every ``period`` [s], of one record of 22 to 30 s, and the rows (start, stop)
+    where the motor is off."""
     parts = [
         _journey(home, generator, speed, period) for speed in np.exp(generator.uniform(*np.log([8e-5, 2.2e-3]), 4))
     ]

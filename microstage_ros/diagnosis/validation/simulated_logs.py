@@ -43,7 +43,7 @@ class Machine:
     dwell: float
 
     def vector(self):
-        """Parameters in the order of `foreign_machine.run`."""
+        """Parameters in the order of `foreign_machine.run`, shape (n,)."""
         names = (
             "m",
             "level",
@@ -143,7 +143,8 @@ def draw_machine(rng):
 
 
 def reassembled(machine, rng, strength=1.0):
-    """The machine taken apart and put together again: levels, pattern, phases a little different."""
+    """The machine taken apart and put together again: levels, pattern, phases a little different, by ``strength``
+    [1]."""
     v = machine.values
     s = strength
     return machine.changed(
@@ -160,7 +161,8 @@ def reassembled(machine, rng, strength=1.0):
 
 
 def draw_case(number, seed, kind="mixed", effect="", signals="", strength=1.0):
-    """`LogCase` number ``number`` of a seed. ``kind``: healthy, one, two or mixed."""
+    """`LogCase` number ``number`` [1] of a ``seed`` [1], effects ``strength`` [1] times the usual. ``kind``: healthy,
+    one, two or mixed."""
     rng = np.random.default_rng([seed, number])
     machine = draw_machine(rng)
     chosen = kind if kind != "mixed" else str(rng.choice(["healthy", "one", "one", "one", "two"]))
@@ -222,8 +224,8 @@ def _degrade(rng, machine, name, rate):
 
 
 def log_of(machine, runs, cycles, rng, degrade, extra, source, programme=None):
-    """One `Log` of several runs. ``programme``: generator of random targets, where they are not to come from
-    ``rng``."""
+    """One `Log` of several ``runs`` [1], each of ``cycles`` [1]. ``programme``: generator of random targets, where
+    they are not to come from ``rng``."""
     parts = []
     step = max(int(round(1.0 / degrade["rate"] / machines.DT)), 1)
     for run in range(runs):

@@ -50,7 +50,8 @@ class Hidden:
 def make_case(axis, hidden, seed, friction=0.04):
     """Four records of one case: ``([rec1, rec2], [hold], [base])``.
 
-    ``friction`` is the standard deviation of the random friction; every record has its own seed.
+    ``friction`` is the standard deviation of the random friction [1]; every record has its own seed, made of ``seed``
+    [1].
     """
     records = []
     for number, name in enumerate(("rec1", "rec2", "hold", "base")):

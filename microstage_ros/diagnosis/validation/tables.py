@@ -1,4 +1,4 @@
-"""The figures of docs/diagnosis.md and docs/emps.md as stamped tables (`microstage_ros.report.stamped`)."""
+"""The figures of docs/diagnosis.md and docs/evidence/emps.md as stamped tables (`microstage_ros.report.stamped`)."""
 
 import dataclasses
 import os

@@ -1,4 +1,4 @@
-"""What the sensors say at the start of a period (docs/model.md, and `model.effects.sensing`).
+"""What the sensors say at the start of a period (docs/reference/model.md, and `model.effects.sensing`).
 
 Source of the index's slopes: B. Edlén, Metrologia 2 (1966) 71, to first order about 20 °C and 101 325 Pa.
 """

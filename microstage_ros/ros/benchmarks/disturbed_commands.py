@@ -17,7 +17,7 @@ from microstage_msgs.msg import AxisState, ServoTiming, VoltageCommand
 
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
-from microstage_ros.ros.benchmarks.hostile_trial import another_context
+from microstage_ros.ros.benchmarks.hostile.trial import another_context
 from microstage_ros.ros.benchmarks.trial_cell import NAMESPACE
 from microstage_ros.ros.launching.cell_processes import CellProcesses
 from microstage_ros.ros.transport import topics

@@ -270,7 +270,7 @@ def test_the_lock_is_named_by_domain_and_namespace(monkeypatch, tmp_path):
 def test_a_stranger_is_not_heard(tmp_path):
     """Malformed and foreign messages on every topic of the servo path: the axis goes on as if nobody had spoken."""
     import rclpy
-    from microstage_ros.ros.benchmarks.hostile_trial import flood_a_cell
+    from microstage_ros.ros.benchmarks.hostile.trial import flood_a_cell
 
     with own_domain():
         rclpy.init()
@@ -282,7 +282,7 @@ def test_a_stranger_is_not_heard(tmp_path):
 
 
 def test_malformed_messages_reach_every_callback_and_end_none():
-    from microstage_ros.ros.benchmarks.hostile_callbacks import LONGEST_S, NODES, feed_in_a_process
+    from microstage_ros.ros.benchmarks.hostile.callbacks import LONGEST_S, NODES, feed_in_a_process
 
     with own_domain():
         facts = feed_in_a_process(2000, 3)

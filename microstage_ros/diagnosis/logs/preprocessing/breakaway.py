@@ -19,8 +19,8 @@ def starts_of(motion):
 
 
 def resolved(motion, period):
-    """Share of a break-away that the sampling keeps: it lasts until the axis has left the speed of presliding, a = v /
-    t."""
+    """Share [1] of a break-away that sampling at ``period`` [s] keeps: it lasts until the axis has left the speed of
+    presliding, a = v / t."""
     lasts = STILL * motion.top_speed / max(motion.top_acceleration, 1e-300)
     return min(1.0, (lasts + SMOOTH_S) / period)
 

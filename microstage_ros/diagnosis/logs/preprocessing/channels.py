@@ -80,8 +80,8 @@ class Channel:
         return signals["reference_velocity"] - signals["velocity"]
 
     def orientation(self, rows):
-        """What turns a signed column into this channel's: 1, or for a magnitude the sign of the effort behind it (1 at
-        rest).
+        """What turns a signed column into this channel's, shape (n,): 1, or for a magnitude the sign of the effort
+        behind it (1 at rest).
 
         That is the direction of motion, but where braking needs more than friction gives.
         """
@@ -153,14 +153,15 @@ def base_columns(channel, rows):
 
 
 def high_pass(values, memory, period):
-    """First-order high-pass of a signal, settled at its first value: what an integrator of time constant ``memory`` [s]
-    leaves of it."""
+    """First-order high-pass of ``values`` (n,) at a ``period`` [s], settled at the first one: what an integrator of
+    time constant ``memory`` [s] leaves of it."""
     share = memory / (memory + period)
     return lfilter([share, -share], [1.0, -share], values - values[0])
 
 
 def low_pass(values, lag, period):
-    """First-order low-pass of time constant ``lag`` [s], at rest at its first value."""
+    """First-order low-pass of ``values`` (n,) at a ``period`` [s], of time constant ``lag`` [s], at rest at the
+    first."""
     if lag <= 0.0:
         return values
     share = period / (lag + period)
@@ -194,7 +195,7 @@ def fit_models(channel, baseline):
 
 
 def beginning(rows, count):
-    """The first ``count`` rows of a log, as a log of their own."""
+    """The first ``count`` [1] rows of a log, as a log of their own."""
     if len(rows.log) <= count:
         return rows
     cut = {name: values[:count] for name, values in vars(rows.motion).items() if isinstance(values, np.ndarray)}

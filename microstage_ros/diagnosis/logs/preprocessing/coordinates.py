@@ -56,7 +56,11 @@ class Coordinates:
 
 
 def cell_keys(rows, stroke, places, top):
-    """Integer key of the cell of each row; −1 where the row belongs to none."""
+    """Integer key of the cell of each row, shape (n,); −1 where the row belongs to none.
+
+    ``stroke``: (lowest, highest) coordinate [unit of the position]; ``places``: of the division [1]; ``top``: usual top
+    speed [unit of the position per s].
+    """
     m = rows.motion
     size = np.abs(m.speed) / max(top, 1e-300)
     octave = np.log2(np.maximum(size, 1e-3))
@@ -92,7 +96,8 @@ def choose_cells(baseline, now, stroke, top):
     """(number of places, cells that both sides fill, share of the rows of now in them): the finest division that is
     filled.
 
-    Cells that most repetitions fill, or, where repetitions differ (one slow, one fast), those that enough of them fill.
+    ``stroke``, ``top`` as in `cell_keys`, in the unit of the position and per s. Cells that most repetitions fill, or,
+    where repetitions differ (one slow, one fast), those that enough of them fill.
     """
     fine = [[_filled_cells(rows, stroke, top) for rows in side] for side in (baseline, now)]
     tried = PLACES if all(r.motion.absolute for r in [*baseline, *now]) else (1,)
@@ -149,7 +154,11 @@ def _cells(fine, tried, least):
 
 
 def reduce(channel, baseline, now, cells, places, stroke, top, columns_of, turn):
-    """`Coordinates` of one channel; ``columns_of(channel, rows)`` → {name: (n, k)} of effects in the channel's unit."""
+    """`Coordinates` of one channel; ``columns_of(channel, rows)`` → {name: (n, k)} of effects in the channel's unit.
+
+    ``cells``: keys of shape (k,); ``places``, ``stroke``, ``top``: as in `cell_keys`, in the unit of the position and
+    per s; ``turn``: length of one turn in the unit of the position, 0 if unknown.
+    """
     sides, spectra = [], []
     sums, weights = {}, np.zeros(len(cells))
     shifted, decades, fluctuations, traces = [], {}, {}, {}

@@ -93,7 +93,7 @@ def _integrated(v, log):
 
 
 def derivative(values, log, smoothed=False, seconds=SMOOTH_S):
-    """Derivative in time within pieces, shape (n,)."""
+    """Derivative in time of ``values`` (n,) within pieces, shape (n,); smoothed over ``seconds`` [s] if asked for."""
     out = np.zeros(len(values))
     values = _filled(values)
     window = _window(log.period, seconds)
@@ -109,7 +109,7 @@ def derivative(values, log, smoothed=False, seconds=SMOOTH_S):
 
 
 def smooth(values, log):
-    """Quadratic smoothing over `SMOOTH_S` within pieces."""
+    """Quadratic smoothing of ``values`` (n,) over `SMOOTH_S` within pieces."""
     out = _filled(values).copy()
     window = _window(log.period)
     for start, stop in _bounds(log.piece):
@@ -163,14 +163,16 @@ def lag_of(log):
 
 
 def later(values, log, rows):
-    """Values as they were ``rows`` rows before (after, where negative), held at the ends of pieces, shape (n,)."""
+    """The ``values`` (n,) as they were ``rows`` rows before (after, where negative), held at the ends of pieces, shape
+    (n,)."""
     index, edges = np.arange(len(values)) - rows, _bounds(log.piece)
     first, last = (np.repeat([edge[k] for edge in edges], [stop - start for start, stop in edges]) for k in (0, 1))
     return values[np.clip(index, first, last - 1)]
 
 
 def motion_of(log, top_speed, top_acceleration, lag=0.0):
-    """`Motion` of a log, with what counts as moving and as accelerating decided by the baseline's usual tops.
+    """`Motion` of a log, with what counts as moving and as accelerating decided by the baseline's usual tops,
+    ``top_speed`` and ``top_acceleration``, in the units of the log's speed and acceleration.
 
     ``lag``: time by which the axis follows its set point later than in the baseline [s]: forces go with the motion, not
     with its order.

@@ -44,7 +44,7 @@ def repetitions(log, motion, description, files):
 
 
 def completeness(labels, log, motion):
-    """Median share of the directions and parts of the stroke, of its conditions, that a labelled stretch holds (0 …
+    """Median share [1] of the directions and parts of the stroke, of its conditions, that a labelled stretch holds (0 …
     1)."""
     moving = motion.direction != 0.0
     if not moving.any():
@@ -65,8 +65,8 @@ def completeness(labels, log, motion):
 
 
 def by_reversals(log, motion):
-    """The file divided at its reversals into at most `MOST` parts of equally many strokes, or, moving one way only, of
-    equal time."""
+    """The file, rows of shape (n,), divided at its reversals into at most `MOST` parts of equally many strokes, or,
+    moving one way only, of equal time."""
     strokes = np.unique(motion.stroke[motion.direction != 0.0])
     directions = [motion.direction[motion.stroke == s][0] for s in strokes[:2000]]
     turns = np.flatnonzero(np.diff(directions) != 0) if len(directions) > 1 else np.array([])

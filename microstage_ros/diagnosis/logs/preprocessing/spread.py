@@ -132,8 +132,8 @@ def _pattern(coordinates):
 
 
 def deviations(vectors, groups, coordinates):
-    """Repetitions less the mean of their file and condition, NaN where a repetition has no such cell; and the files'
-    means."""
+    """Repetitions, ``vectors`` (runs, K), less the mean of their file and condition, NaN where a repetition has no
+    such cell; and the files' means."""
     out, means = np.full(vectors.shape, np.nan), []
     for group in np.unique(groups):
         own = groups == group
@@ -150,7 +150,7 @@ def _nanmean(values):
 
 
 def mean_of(vectors):
-    """Mean over repetitions per coordinate (NaN where none has it), and the number behind it."""
+    """Mean of ``vectors`` (runs, K) per coordinate (NaN where none has it), and the number behind it."""
     return _nanmean(vectors), np.isfinite(vectors).sum(axis=0)
 
 

@@ -8,7 +8,10 @@ LEAST_TURNS = 6          # periods over the stroke that a guess must have
 
 
 def turn_of(groups, channels, description, stroke):
-    """(length of one turn in the coordinate's unit or 0, sentence if it is a guess)."""
+    """(length of one turn in the coordinate's unit or 0, sentence if it is a guess).
+
+    ``stroke``: (lowest, highest) coordinate in the unit of the position.
+    """
     log = groups["baseline"][0].log
     if "lead" in description.facts and log.place_unit == "m":
         return description.facts["lead"], ""

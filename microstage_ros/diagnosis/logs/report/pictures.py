@@ -162,7 +162,10 @@ def _rows_fitted(result, name, rows):
 
 
 def course(points, label, changes=()):
-    """Figure: a size from repetition to repetition with its 95 % interval, baseline first; dashed: change points."""
+    """Figure: a size from repetition to repetition with its 95 % interval, baseline first; dashed: change points.
+
+    ``points``: `Point` each; ``label``: of the size; ``changes``: indices of points [1].
+    """
     figure, axes = new_figure(height=2.5)
     for baseline, colour, name in ((True, BASE, "baseline"), (False, NOW, "now")):
         index = [k for k, p in enumerate(points) if p.baseline == baseline]

@@ -47,7 +47,8 @@ def diagnose_over_time(baseline, now, description, seed=0):
     """`Trend` of the logs of now, in the order given, each against the baseline.
 
     The courses are of single effects, each fitted alone; what the change is, the diagnosis of the logs after the last
-    common change point says, with all its rivals. Raises InputError as `case.diagnose_logs` does.
+    common change point says, with all its rivals; ``seed``: written into the result [1]. Raises InputError as
+    `case.diagnose_logs` does.
     """
     whole = case.diagnose_logs(baseline, now, description, seed)
     courses = {}

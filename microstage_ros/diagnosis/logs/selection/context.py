@@ -29,7 +29,7 @@ class Context:
     position_at: str = ""
 
     def scale(self, channel):
-        """Mean scale of a channel over the conditions, in its unit."""
+        """Mean scale of a channel over the conditions, in the unit of the channel."""
         own = self.channels[channel]
         return float(np.mean([own.scale[c] for c in self.codes if c in own.scale]))
 

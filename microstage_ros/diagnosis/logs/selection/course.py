@@ -77,7 +77,10 @@ def _size(difference, columns, covariance):
 
 
 def change_points(values, errors):
-    """Indices before which the course's mean changes, ascending (binary segmentation)."""
+    """Indices before which the course's mean changes, ascending (binary segmentation).
+
+    ``values``, ``errors``: sizes and their standard errors, each of shape (n,).
+    """
     values, errors = np.asarray(values, float), np.asarray(errors, float)
     good = np.isfinite(values) & np.isfinite(errors) & (errors > 0.0)
     index = np.flatnonzero(good)

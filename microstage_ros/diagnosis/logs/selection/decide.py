@@ -97,18 +97,18 @@ class Problem:
 
     @property
     def whole(self):
-        """DᵀC⁻¹D."""
+        """DᵀC⁻¹D of the difference D, as χ² [1]."""
         return float(self.factor[0] @ self.factor[0])
 
     def log_p(self, name, beside=()):
-        """log of the chance that a healthy machine shows as much of this effect, beside those already named."""
+        """log of the chance [1] that a healthy machine shows as much of this effect, beside those already named."""
         both, alone = self.taken([*beside, name])[0], self.taken(list(beside))[0]
         k = self.white[name].shape[1]
         ratio = max(both - alone, 0.0) / k / max(self.inflation.get(name, 1.0), 1.0)
         return float(log_sf(ratio, k, self.dof))
 
     def directions_disagree(self, name, beside=()):
-        """log of the chance that an effect of one size shows as differently in the two directions of motion."""
+        """log of the chance [1] that an effect of one size shows as differently in the two directions of motion."""
         both = self.taken([*beside, name])[0]
         root = self.factor[1]
         forward = (self.direction > 0)[:, None]
@@ -122,7 +122,8 @@ class Problem:
 
 
 def log_sf(ratio, k, dof):
-    """log of the F law's upper tail, with the leading term where the number itself underflows."""
+    """log of the F law's upper tail at ``ratio`` [1], of ``k`` and ``dof`` degrees of freedom [1]; its leading term
+    where the number itself underflows."""
     value = f_distribution.logsf(ratio, k, dof)
     return value if np.isfinite(value) else -0.5 * dof * np.log1p(k * ratio / dof)
 

@@ -201,8 +201,8 @@ def separation(ids):
 
 
 def columns_of(stroke, turn=0.0):
-    """Function (channel, rows) → {column name: (n, k)} in the channel's unit, for logs over ``stroke``; ``turn``:
-    length of a turn or 0."""
+    """Function (channel, rows) → {column name: (n, k)} in the channel's unit, for logs over ``stroke``,
+    (lowest, highest) in the unit of the position; ``turn``: length of a turn in the unit of the position, or 0."""
     low, high = stroke
 
     def columns(channel, rows):

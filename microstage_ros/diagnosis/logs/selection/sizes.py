@@ -12,12 +12,12 @@ NORMAL_95 = 1.959964      # a reader multiplies a standard error by this; `widen
 
 
 def widening(dof):
-    """Factor on a standard error so that ± 1.96 of it is the 95 % interval of Student's law with ``dof``."""
+    """Factor [1] on a standard error so that ± 1.96 of it is the 95 % interval of Student's law with ``dof`` [1]."""
     return float(t_distribution.ppf(0.975, dof)) / NORMAL_95
 
 
 def mean_scale(channel, codes):
-    """Mean of the channel's scale over conditions, in its unit."""
+    """Mean of the channel's scale over conditions, in the unit of the channel."""
     return float(np.mean([channel.scale[c] for c in codes if c in channel.scale]))
 
 
@@ -25,7 +25,8 @@ def parameters_of(name, parts, beta, covariance, context, shown, reach=1.0):
     """{parameter: `Parameter`} of an effect.
 
     ``parts``: column names in order; ``beta`` (k,), ``covariance`` (k, k): relative sizes; ``context``: `Context`;
-    ``shown``: name of the channel in which the effect shows; ``reach``: rms of the leading column over its coordinates.
+    ``shown``: name of the channel in which the effect shows; ``reach``: rms of the leading column over its coordinates
+    [1].
 
     A force that shows in the following error alone has its size as what it adds to the error (``error_m``): how much
     force that is, only the loop's stiffness tells.

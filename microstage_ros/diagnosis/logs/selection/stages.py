@@ -79,7 +79,10 @@ class Stage:
 
 
 def form_error(coordinates, difference):
-    """Variances (K,) for what the columns miss of a change's form: in proportion to the change at steady speed."""
+    """Variances (K,) for what the columns miss of a change's form: in proportion to the change at steady speed.
+
+    ``difference``: of the means of now and of the baseline, shape (K,).
+    """
     kinds = coordinates.kind.astype(str)
     steady, changing = kinds == "steady", np.isin(kinds, ("start", "brake"))
     steadily, starting = FORM[coordinates.channel.name]
@@ -107,7 +110,10 @@ def _of_peaks(coordinates, difference):
 
 
 def stages_of(reduced, spreads, without=()):
-    """The stages that the channels allow, in order: the effort first, for what it shows the error follows."""
+    """The stages that the channels allow, in order: the effort first, for what it shows the error follows.
+
+    ``reduced``: {channel: `Coordinates`}.
+    """
     strong = {n: c for n, c in reduced.items() if n != "error"}
     stages = [Stage(strong, {n: spreads[n] for n in strong}, without=without)] if strong else []
     if "error" in reduced:

@@ -35,8 +35,10 @@ FEW = 6                    # repetitions of the baseline below which thresholds 
 
 
 def answer(reduced, spreads, groups, context, notes, open_sign, seed):
-    """`LogDiagnosis` of reduced channels: stages solved in order, the effort first, then what the error shows beside
-    it."""
+    """`LogDiagnosis` of channels: stages solved in order, the effort first, then what the error shows beside it.
+
+    ``reduced``: {channel: `Coordinates`}; ``seed``: written into the result [1].
+    """
     stages = stages_of(reduced, spreads, BEHIND if context.position_at == "motor" else ())
     changed = False
     signals = groups["baseline"][0].log.signals

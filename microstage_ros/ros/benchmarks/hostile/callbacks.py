@@ -3,7 +3,7 @@
 Over the network most of a flood is dropped before it is read: a best-effort reader keeps what fits. Here nothing lies
 between message and node: readers of the servo path are queues, and every other subscription is called with what the
 middleware makes of the bytes. Who sent a message is not looked at (every message counts as the right sender's), so this
-is the harder half: what a stranger sends is dropped before (`hostile_trial`). The nodes run their own loops, one pass
+is the harder half: what a stranger sends is dropped before (`hostile.trial`). The nodes run their own loops, one pass
 for every `BATCH` messages. The compiled loops of driver and controller are not run here, their Python forms are.
 """
 

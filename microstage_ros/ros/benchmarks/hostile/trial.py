@@ -9,7 +9,7 @@ from microstage_msgs.msg import ServoTiming
 from rclpy.context import Context
 from rclpy.signals import SignalHandlerOptions
 
-from microstage_ros.ros.benchmarks.hostile_messages import flood
+from microstage_ros.ros.benchmarks.hostile.messages import flood
 from microstage_ros.ros.benchmarks.trial_cell import NAMESPACE
 from microstage_ros.ros.client import AxisClient
 from microstage_ros.ros.launching.cell_processes import NODES, CellProcesses
