@@ -12,7 +12,9 @@ from microstage_ros.quantities.errors import InputError
 
 # N: limit of a contact without friction; derived: 10⁻¹⁰ of what winds the drive train up by a nanometre, 10⁻² N
 NO_FRICTION = 1.0e-12
-FAST_ATTRACTION = 1.0e6   # 1/s, in limits: a law without an attraction parameter slips at its limit at once
+# 1/s, in limits: a law without an attraction parameter slips at its limit at once; derived: in a hundredth of a
+# period of 100 µs
+FAST_ATTRACTION = 1.0e6
 
 
 @dataclasses.dataclass(frozen=True)

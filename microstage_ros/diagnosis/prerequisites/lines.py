@@ -15,7 +15,8 @@ from microstage_ros.diagnosis.residuals.transmission_deflection import LEAST_NOI
 
 REST_SPEED = 2.0e-5        # m/s
 WINDOW = 201               # blocks of half a millisecond: a tenth of a second
-CLIPPED = 6.0              # usual sizes of a whitened residual
+# usual sizes of a whitened residual; derived: noise comes so far once in 5·10⁸ rows
+CLIPPED = 6.0
 LOWEST, HIGHEST = 8.0, 900.0   # Hz
 # of summed periodograms in units of their mean; derived: e⁻³² times 10⁵ frequencies is a chance of 10⁻⁹
 LEAST_POWER = 32.0

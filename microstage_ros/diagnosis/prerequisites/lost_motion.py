@@ -24,10 +24,13 @@ EXPLAINS_ALONE = 0.5     # or of every learning record alone
 # the wrong flank, and off by the gap where the model without one is off by half of it
 LOST = 4.0
 USUAL = 0.7              # mean size of a whitened residual that is noise
-WIDTHS = (0.35, 0.6, 0.85, 1.1)   # of the spread of stage against motor, tried first
+# of the spread of stage against motor, tried first; derived: with `STEPS` on both sides no width between 0.25 and 1.5
+# is left out
+WIDTHS = (0.35, 0.6, 0.85, 1.1)
 SLOW = 5000              # periods over which the spread is taken
 LEAST = 1.0e-7           # m: smaller gaps are a matter of regression
-STEPS = tuple(0.05 * n for n in range(-7, 8))   # of the width's logarithm around the best of these
+# of the width's logarithm around the best of these; derived: further than half way to the next one, ln(0.6/0.35)/2
+STEPS = tuple(0.05 * n for n in range(-7, 8))
 FORM_ERROR = 0.015       # share of the width: flanks are not as hard as modelled,
 RATTLE_ERROR = 0.02      # and for every usual loss that rattle, not followed hit by hit, adds to it
 MOST_ERROR = 0.08

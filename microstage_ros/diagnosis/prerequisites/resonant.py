@@ -15,6 +15,7 @@ from microstage_ros.diagnosis.catalogue.form import Form
 from microstage_ros.diagnosis.preprocessing.threads import side_by_side
 from microstage_ros.model.effects import REGISTRY
 
+# factors where the search begins; derived: one of them is within a factor of two of any between an eighth and eight
 DAMPINGS = (0.25, 1.0, 4.0)
 STANDS_OUT = 1.15     # χ² per row over the baseline's from which the search is worth its time
 BETTER = 0.08         # share of the resonance's χ² that the damping must take beside the stiffness,

@@ -25,13 +25,13 @@ from microstage_ros.diagnosis.preprocessing.whitening import whiten_states
 BLOCK = 20  # periods
 STUCK_TIME, STUCK_TRAVEL = 0.5, 3.0e-6  # s, m: how long an unknown pre-sliding state is remembered
 SETTLING_TRAVEL = 8.0e-6  # m: until then the record's unknown first friction state counts
-# of the contact's static limit that the unknown state of sticking blocks leaves open: 15 of 219 µN m were found
-# in healthy records of the shipped axis, by `fit_spreads`, which measures it wherever a baseline is given
+# of the contact's static limit that the unknown state of sticking blocks leaves open; calibrated by: `fit_spreads` on
+# healthy records of the shipped axis, 15 of 219 µN m; it measures it wherever a baseline is given
 STUCK_SHARE = 0.07
 # random friction of an axis file that states none: no friction repeats better than to a hundredth
 LEAST_RELATIVE = 0.01
-# standard deviations of the logarithms (of the odds, for the share) about the axis file's figures: a factor of two, as
-# a figure of one significant digit is uncertain; a factor of ten for the time, which nobody has measured
+# standard deviations of the logarithms (of the odds, for the share) about the axis file's figures; derived: ln 2, as a
+# figure of one significant digit is uncertain by a factor of two, and ln 10 for the time, which nobody has measured
 PRIOR = {"relative": 0.7, "stuck": 0.7, "travel_length": 0.7, "share": 1.0, "time_length": 2.3}
 
 

@@ -15,7 +15,9 @@ from microstage_ros.diagnosis.preprocessing.whitening import whiten_states
 from microstage_ros.diagnosis.residuals.mechanical import stated_spreads
 
 BLOCK = 200
-SPREAD = 1.0e-2      # m: the walk as a first-order process so wide that it forgets nothing
+# m: the walk as a first-order process so wide that it forgets nothing; derived: 10⁵ times a walk of 25 nm per √s in
+# half a minute
+SPREAD = 1.0e-2
 READING = 1.0e-9     # m: mean of a block that does not move
 EDGE = 0.5           # share of a sudden change that a block's mean may miss
 # V of an amplifier whose axis file states no noise: derived: a thirtieth of a 16-bit converter's step over ±10 V

@@ -23,8 +23,9 @@ LEADING_ODDS = math.log(19.0)
 FAITHFUL = 2.0
 # in units of what was learned; derived: least squares learn one, and only a prior takes less of it
 LEAST_SIZE = 1.0e-3
-# of a cause's size that the baseline may show, if that stands two standard errors out there; with 0.2 a level of
-# friction of 18 % was no longer named because the baseline had 3.7 % of it (second world, single, seed 2103, case 18)
+# of a cause's size that the baseline may show, if that stands two standard errors out there; calibrated by: microstage
+# campaign --world second --kind single --seed 2103, case 18: with 0.2 a level of friction of 18 % was no longer named
+# because the baseline had 3.7 % of it
 BASE_SHARE = 0.3
 # of a cause's size from which on the baseline shows the same thing; derived: midway between none of it and all
 HALF = 0.5

@@ -16,7 +16,7 @@ PIECE = 0.1          # s, mean of z² taken as one number
 CLASSES = 12
 CHANCE = 1.0e-3      # that a coordinate stands out on which nothing depends
 LINE_RANGE = (0.2, 8.0)   # Hz: slower is the time itself, faster than this the loop's own
-LEAST_PIECES = 60
+LEAST_PIECES = 60     # derived: five of each class
 
 
 def scatter_findings(collection, evidences, choices, channels):

@@ -8,7 +8,8 @@ from microstage_ros.diagnosis.catalogue import electrical, friction
 from microstage_ros.diagnosis.catalogue.form import Form
 from microstage_ros.diagnosis.residuals.evidence_set import Choice
 
-STEPS = (0.08, 0.03, 0.015)   # of the size's logarithm
+# of the size's logarithm; derived: two steps to either side cover what half of the step before leaves open
+STEPS = (0.08, 0.03, 0.015)
 # with one step, while the best size lies at the end of those tried; derived: 5 · 2 steps of 8 % reach a factor of 2.2
 MOST_MOVES = 5
 

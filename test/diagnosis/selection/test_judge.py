@@ -5,7 +5,6 @@ one where nothing is wrong.
 """
 
 import dataclasses
-import itertools
 import math
 import types
 
@@ -331,8 +330,8 @@ def test_trial_probability_is_that_of_chi_square():
 
 def test_leftovers_need_threshold_and_held_out_records():
     strong, weak = Finding("torque", "time", 9.0, 1.0, 5.0), Finding("torque", "time", 9.0, 1.0, 0.5)
-    pairs = list(itertools.product((strong, weak), (10.0, 100.0)))
-    assert judge.leftovers(pairs) == [strong]
+    again = dataclasses.replace(strong, statistic=8.0)      # another one that the held-out records do not show
+    assert judge.leftovers([(strong, 26.0), (again, 24.0), (weak, 26.0), (weak, 24.0)]) == [strong]
     assert judge.of_learning_records([(strong, 0.0), (weak, 0.0)]) == [strong]
 
 

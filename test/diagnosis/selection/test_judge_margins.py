@@ -122,6 +122,21 @@ def test_what_one_reading_tells_must_hold_a_tenth_of_what_the_two_readings_diffe
     assert (mine[0] in left) is kept and mine[1] in left      # the torque does not hang on a reading
 
 
+def test_without_a_torque_balance_no_constant_force_is_asked_for():
+    world = World([simple("gravity_tilt", "position"), simple("direction_asymmetry", "position", "guideway")], {}, seed=52)
+    assert not judge.is_constant_force(world.evidences, choice(world, "gravity_tilt"), "direction_asymmetry", [])
+
+
 def test_an_empty_ledger_gains_nothing():
     assert judge.overall_gain(judge.Ledger(), []).before == 0.0
     assert judge.Ledger().excess == 1e-9
+
+
+@pytest.mark.parametrize(("decided", "rivals"), [(True, []), (False, ["friction_level_change"])])
+def test_a_level_or_a_viscosity_that_friction_along_the_stroke_decides_is_no_open_question(monkeypatch, decided, rivals):
+    """Two names of one trace; what a profile beside them says of their means is all that parts them."""
+    forms = [simple("viscous_change"), simple("friction_level_change")]
+    world = World(forms, {"viscous_change": 0.4}, seed=51, shared={forms[1].key: forms[0].key})
+    mine = choice(world, "viscous_change")
+    monkeypatch.setattr(judge, "level_or_viscous", lambda *_: mine if decided else None)
+    assert judge.rivals_of(world.evidences, mine, [mine], ("viscous_change", "friction_level_change")) == rivals

@@ -1,0 +1,96 @@
+"""Causes that are no matter of regression carry the sizes, errors and gains that were found for them; by hand."""
+
+import types
+
+import numpy as np
+import pytest
+
+from microstage_ros.diagnosis.prerequisites.lines import Line
+from microstage_ros.diagnosis.prerequisites.lost_motion import Gap
+from microstage_ros.diagnosis.prerequisites.timing import Timing
+from microstage_ros.diagnosis.selection import nonregression_causes as made
+from microstage_ros.diagnosis.selection.judge import Ledger
+
+
+def slowness(effect="transport_delay", rival=False):
+    return types.SimpleNamespace(effect=effect, time=3.0e-4, stderr=2.0e-6, rival=rival, held=900.0, held_before=1000.0, held_rows=100,
+                                 noise=2.0e-3)
+
+
+@pytest.mark.parametrize(("effect", "name"), [("transport_delay", "delay_s"), ("actuator_lag", "time_s")])
+def test_a_slow_amplifier_by_its_name(effect, name):
+    book, unsure = Ledger(before=50.0), []
+    cause, = made._slowness(slowness(effect), book, unsure)
+    assert cause.id == effect and cause.effect == {name: 3.0e-4} and not unsure
+    assert (cause.parameters[name].value, cause.parameters[name].stderr, cause.parameters[name].unit) == (3.0e-4, 2.0e-6, "s")
+    assert (cause.gain.before, cause.gain.after) == pytest.approx((2.0e-3 * 10.0**0.5, 2.0e-3))
+    assert book.before == 950.0 and book.parts == {effect: 900.0}
+
+
+def test_a_slow_amplifier_that_may_be_either_is_an_open_question():
+    unsure = []
+    assert made._slowness(slowness(rival=True), Ledger(), unsure) == []
+    assert unsure[0].ids == ("transport_delay", "actuator_lag")
+
+
+@pytest.mark.parametrize(("after", "part"), [(400.0, 600.0), (1200.0, 0.0)])
+def test_a_gap_as_an_angle_of_the_screw(after, part):
+    """One whose replay lost its place in the held-out record holds nothing there."""
+    gap = Gap(width=6.0e-6, stderr=3.0e-8, held_before=1000.0, held_after=after, held_rows=10, noise=1.0e-9, taken=0.0)
+    book = Ledger(before=5.0)
+    cause = made._lost_motion(gap, 3.0e-4, book)
+    width = cause.parameters["width_rad"]
+    assert (width.value, width.stderr, cause.effect["width_rad"]) == pytest.approx((0.02, 1.0e-4, 0.02)) and width.unit == "rad"
+    assert book.parts["backlash"] == part and book.before == 5.0 + part
+    assert (cause.gain.before, cause.gain.after) == pytest.approx((1.0e-8, 1.0e-9 * (after / 10.0) ** 0.5))
+
+
+def test_a_drift_of_every_records_own():
+    course = types.SimpleNamespace(held_before=900.0, held_after=100.0, size=4.0e-8, size_stderr=1.0e-9, rate=2.0e-9, rate_stderr=3.0e-10)
+    channels = [types.SimpleNamespace(scatter=2.0e-9, residual=np.zeros(60)), types.SimpleNamespace(scatter=4.0e-9, residual=np.zeros(40))]
+    collection, book = types.SimpleNamespace(channels={"held": [{"position": one} for one in channels]}), Ledger()
+    cause = made._drift(course, collection, book)
+    assert {name: (one.value, one.stderr) for name, one in cause.parameters.items()} == {
+        "drift_rms_m": (4.0e-8, 1.0e-9), "rate_m_s": (2.0e-9, 3.0e-10)}
+    assert cause.effect == {"rate_m_s": 2.0e-9} and book.parts == {"thermal_drift": 800.0} and book.before == 800.0
+    assert (cause.gain.before, cause.gain.after) == pytest.approx((9.0e-9, 3.0e-9))
+
+
+def test_lines_of_the_floor_and_how_far_their_amplitudes_hold():
+    """Two learning records and one held out, where the lines are 4 and 3 nm: √((16 + 9)/2) before, √((1 + 0)/2) after."""
+    lines = [Line(33.0, 5.0e-9, 1.0e-10, 0.3, 80.0, 60.0, (5.0e-9, 5.0e-9, 4.0e-9j), 0.01),
+             Line(60.0, 3.0e-9, 2.0e-10, 1.3, 70.0, 50.0, (3.0e-9, 3.0e-9, -3.0e-9), 0.02)]
+    book = Ledger()
+    cause = made._vibration(lines, 1, book)
+    assert cause.effect == {"frequencies_hz": [33.0, 60.0], "amplitudes_m": [5.0e-9, 3.0e-9], "phases_rad": [0.3, 1.3]}
+    assert cause.parameters["frequency_2_hz"].stderr == 0.02 and cause.parameters["amplitude_1_m"].stderr == 1.0e-10
+    assert (cause.gain.before, cause.gain.after) == pytest.approx((12.5e-18**0.5, 0.5e-18**0.5))
+    assert book.before == 110.0 and book.parts == {"floor_vibration": 110.0}
+
+
+def test_late_readings_and_what_jitter_explains():
+    taught = Timing(4.0e-10, 4.0e-12, 0.7, 0.0, 1.0e-16, 2.0e-3, samples=1000)
+    again = Timing(4.4e-10, 4.0e-12, 0.01, 500.0, 1.0e-16, 2.0e-3, mean_square=5.0e-16, mean_speed_square=1.0e-6)
+    book = Ledger(before=1.0, parts={"sampling_jitter": 20.0})
+    cause = made._late((taught, again), book)
+    assert cause.parameters["jitter_s"].value == pytest.approx(2.0e-5) and cause.parameters["jitter_s"].stderr == pytest.approx(1.0e-7)
+    assert cause.parameters["lost_fraction"].value == 0.7 and cause.effect["lost_fraction"] == 0.5     # no effect loses more
+    assert (cause.gain.before, cause.gain.after) == pytest.approx((5.0e-16**0.5, 1.0e-8))
+    assert book.before == 501.0 and book.parts == {"sampling_jitter": 520.0}
+
+
+@pytest.mark.parametrize("known", [(), ("slow",), ("gap",), ("lines",), ("slow", "gap", "lines")])
+def test_each_that_is_known_becomes_a_cause(monkeypatch, known):
+    names = {"slow": "_slowness", "gap": "_lost_motion", "lines": "_vibration"}
+    for name, function in names.items():
+        monkeypatch.setattr(made, function, lambda *_, name=name: [name] if name == "slow" else name)
+    monkeypatch.setattr(made, "_drift", lambda *_: "course")
+    monkeypatch.setattr(made, "readings_late", lambda *_, sde: sde)
+    monkeypatch.setattr(made, "_late", lambda late, book: late)
+    has = types.SimpleNamespace(**{name: [1] if name in known else [] if name == "lines" else None for name in names})
+    collection = types.SimpleNamespace(prepared={"learn": [], "held": [1], "base": []},
+                                       frame=types.SimpleNamespace(drive=types.SimpleNamespace(radius=1.0)))
+    others = [types.SimpleNamespace(id="gravity_tilt", effect="tilt"), types.SimpleNamespace(id="encoder_sde", effect="sde")]
+    found = made.nonregression_causes(collection, has, "course", others, Ledger(), [])
+    assert found == [*known, "course", "sde"]       # jitter is looked for without the encoder's own error
+    assert made.nonregression_causes(collection, has, None, others[:1], Ledger(), []) == list(known)

@@ -1,0 +1,89 @@
+"""A size that enters non-linearly is found beyond the catalogue's grid, with its error; on rows made by hand."""
+
+import math
+import types
+
+import numpy as np
+import pytest
+
+from microstage_ros.diagnosis.catalogue.form import Form
+from microstage_ros.diagnosis.residuals.evidence import gather
+from microstage_ros.diagnosis.residuals.evidence_set import Choice
+from microstage_ros.diagnosis.selection import refinement
+from microstage_ros.diagnosis.selection.refinement import FAMILIES, Family, refine
+
+ROWS, LEVEL = 2000, 30.0
+TIME = np.linspace(0.0, 3.0, ROWS)
+OFFSET = Form("gravity_tilt", "torque", "", lambda channel, frame: np.ones((ROWS, 1)))
+
+
+def columns(size):
+    """LEVEL (1 − e^(−t/size)): linear in no size, and all of it there with a factor of one."""
+    return lambda channel, frame: LEVEL * -np.expm1(-TIME / size)[:, None]
+
+
+FAMILY = Family(columns, "time_s", "s", lambda size, frame: 10.0 * size)
+
+
+class Rows:
+    def __init__(self, size, offset=0.0, seed=1):
+        self.residual = columns(size)(None, None)[:, 0] + offset + np.random.default_rng(seed).normal(size=ROWS)
+
+    def whiten(self, matrix):
+        return matrix, 0.0
+
+
+def refined(size, start, offset=0.0, beside=(), seed=1, variant=None):
+    """The form after refinement, of a size that is there and one to begin with."""
+    collection = types.SimpleNamespace(frame=None, gather=lambda channel, forms, group: gather(Rows(size, offset, seed), forms, None))
+    form = Form("frictional_lag", "torque", variant or f"{start:g}", columns(start), None)
+    choices = [Choice("frictional_lag", (form,)), *beside]
+    return form, refine(collection, choices)
+
+
+@pytest.fixture(autouse=True)
+def one_family(monkeypatch):
+    monkeypatch.setattr(refinement, "FAMILIES", {("frictional_lag", "torque"): FAMILY})
+
+
+@pytest.mark.parametrize(("size", "start"), [(0.5, 0.5), (0.5, 0.46), (0.5, 0.7), (0.5, 0.26), (0.5, 1.0), (1.3, 1.2)])
+def test_the_size_is_found_from_up_to_twice_as_far(size, start):
+    _, (choice,) = refined(size, start)
+    (value, stderr, unit), effect = choice.forms[0].sizes(None, None, None)[0]["time_s"], choice.forms[0].sizes(None, None, None)[1]
+    assert value == pytest.approx(10.0 * size, abs=4.0 * stderr) and unit == "s" and effect == {"time_s": value}
+    assert float(choice.forms[0].variant) == pytest.approx(value / 10.0, rel=1e-4)
+    assert choice.forms[0].columns(None, None) == pytest.approx(columns(value / 10.0)(None, None), rel=1e-4)
+
+
+def test_the_error_is_that_of_least_squares_and_half_a_per_cent():
+    _, (choice,) = refined(0.5, 0.5)
+    slope = (columns(0.505)(None, None) - columns(0.495)(None, None)) / math.log(0.505 / 0.495)
+    expected = math.hypot(1.0 / np.linalg.norm(slope), 5.0e-3)
+    value, stderr, _ = choice.forms[0].sizes(None, None, None)[0]["time_s"]
+    assert stderr / value == pytest.approx(expected, rel=0.1)
+
+
+def test_the_errors_of_many_seeds_hold():
+    errors = []
+    for seed in range(20):
+        value, stderr, _ = refined(0.5, 0.55, seed=seed)[1][0].forms[0].sizes(None, None, None)[0]["time_s"]
+        errors.append((value - 5.0) / stderr)
+    assert 0.1 < np.std(errors) < 1.5 and abs(np.mean(errors)) < 0.6
+
+
+def test_what_others_explain_is_fitted_along():
+    alone = refined(0.5, 0.5, offset=4.0)[1][0].forms[0].sizes(None, None, None)[0]["time_s"][0]
+    beside = refined(0.5, 0.5, offset=4.0, beside=[Choice("gravity_tilt", (OFFSET,))])[1]
+    assert abs(alone - 5.0) > 0.3 and beside[0].forms[0].sizes(None, None, None)[0]["time_s"][0] == pytest.approx(5.0, abs=0.15)
+    assert beside[1].forms == (OFFSET,)         # no family: as it was
+
+
+def test_a_form_of_two_sizes_stays_as_it_was_fitted():
+    form, (choice,) = refined(0.5, 0.7, variant="0.7,1.2")
+    assert choice.forms == (form,)
+
+
+def test_a_payload_is_the_mass_beyond_the_drives_own():
+    frame = types.SimpleNamespace(drive=types.SimpleNamespace(mass=3.0))
+    assert FAMILIES["payload_change", "resonance"].value(1.5, frame) == pytest.approx(1.5)
+    assert FAMILIES["drive_compliance", "resonance"].value(0.4, frame) == FAMILIES["frictional_lag", "torque"].value(0.4, frame) == 0.4
