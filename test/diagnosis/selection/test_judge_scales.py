@@ -14,7 +14,7 @@ from test.diagnosis.selection.test_judge import PLAIN, World, choice, simple
 from test.diagnosis.selection.test_judge_margins import GUIDEWAY, NAMELESS, WHOLE
 
 
-def louder(evidence, factor):
+def scaled_rows(evidence, factor):
     """The same rows ``factor`` times as loud in χ²."""
     return Evidence(evidence.matrix * factor, evidence.where, evidence.rows)
 
@@ -23,7 +23,7 @@ def scaled(world, channel, scatter):
     """The world with rows of a channel √scatter times as loud, which its scatter says: every decision stays."""
     evidences = world.evidences
     for group in (evidences.learn, evidences.held, evidences.base):
-        group[channel] = louder(group[channel], scatter)
+        group[channel] = scaled_rows(group[channel], scatter)
     evidences.scatter[channel] = scatter
     return evidences
 
@@ -33,7 +33,7 @@ def scaled(world, channel, scatter):
 def test_loudness_is_judged_in_units_of_the_baseline(scatter, excess, stands):
     """Against a baseline three times as loud as its model: 3.5/3 is nothing, 6/3 is."""
     world = World(PLAIN, {}, seed=41, excess={"torque": excess})
-    world.evidences.base["torque"] = louder(world.evidences.base["torque"], 3.0)
+    world.evidences.base["torque"] = scaled_rows(world.evidences.base["torque"], 3.0)
     assert judge.stands_out(scaled(world, "torque", scatter), []) == stands
 
 
@@ -62,8 +62,8 @@ def test_a_reading_is_judged_at_any_scale_of_the_position(scatter, size, kept):
     forms = [simple("drive_compliance", "resonance"), simple("encoder_sde", "position"), simple("torque_ripple")]
     world = World(forms, {"drive_compliance": size, "torque_ripple": 0.5}, seed=44, excess={"position": 3.0})
     evidences, mine = scaled(world, "position", scatter), [choice(world, "drive_compliance"), choice(world, "torque_ripple")]
-    evidences.scatter["position"], evidences.learn["position"] = 1.0, louder(evidences.learn["position"], 1.0 / scatter)
-    evidences.held["position"], evidences.base["position"] = (louder(group["position"], 1.0 / scatter) for group in (evidences.held, evidences.base))
+    evidences.scatter["position"], evidences.learn["position"] = 1.0, scaled_rows(evidences.learn["position"], 1.0 / scatter)
+    evidences.held["position"], evidences.base["position"] = (scaled_rows(group["position"], 1.0 / scatter) for group in (evidences.held, evidences.base))
     assert (mine[0] in judge.without_strangers(evidences, mine)) is kept
 
 
@@ -109,3 +109,23 @@ def test_the_lead_of_a_name_counts_both_groups_and_every_size(monkeypatch, gain,
     for name, value in (("acceptable", True), ("_leads", True), ("level_or_viscous", None), ("is_constant_force", False)):
         monkeypatch.setattr(judge, name, lambda *_, value=value: value)
     assert judge.rivals_of(None, mine, [mine], ["torque_ripple", "amplifier_offset"]) == (["amplifier_offset"] if rival else [])
+
+
+@pytest.mark.parametrize(("excess", "stands"), [(0.7, []), (1.5, ["torque"])])
+def test_without_a_baseline_a_channel_may_be_half_as_loud_again(excess, stands):
+    """1.7 times the model's noise is below 1.35 times 1.5, 2.5 times is above."""
+    world = World(PLAIN, {}, seed=45, excess={"torque": excess})
+    world.evidences.base = {}
+    assert judge.stands_out(world.evidences, []) == stands
+
+
+@pytest.mark.parametrize(("freedom", "louder"), [(3.0, True), (2.0, False)])
+def test_loudness_without_a_baseline_is_as_certain_as_its_own_stretches(freedom, louder):
+    """Five standard errors are one chance in a hundred by Student's t with three degrees of freedom, and not with two."""
+    case = types.SimpleNamespace(loudness=lambda channel, choices, group: (6.0, 1.0, freedom), base={}, learn={"torque": None})
+    assert judge._louder(case, "torque", []) is louder
+
+
+def test_the_gain_of_one_row():
+    gain = judge.overall_gain(judge.Ledger(before=4.0, after=1.0, floor=0.25, rows=1), ["gravity_tilt"])
+    assert (gain.before, gain.after, gain.floor) == (2.0, 1.0, 0.5)
