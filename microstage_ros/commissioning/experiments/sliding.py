@@ -17,8 +17,8 @@ from microstage_ros.model.actuators import actuator_of
 STANDS = 0.04  # without a count of the encoder at a command that moved it before, or in the midst of a motion [s]
 STILL_COUNTS = 1.5  # within which it stands: flickering between two
 TURNED = 0.01  # how long the push is turned round where the encoder stands [s]: a dead one is named within 0.05 s
-HARDER = 2.0  # so many times the friction as fitted then [1]: it varies by 15 % (1.15/0.85), and the fit of a few strokes
-# at speed shares friction and viscosity out wrongly by as much again
+HARDER = 2.0  # so many times the friction as fitted then [1]: it varies by 15 % (1.15/0.85), and the fit of few
+# strokes at speed shares friction and viscosity out wrongly by as much again
 # of the base motion: m/s, of the travel, of the speed at the limit
 SLIDE_SPEED, SLIDE_SHARE, TOP_SHARE = 3e-3, 0.12, 0.25
 SPEED_RATE, SPEED_FILTER = 20.0, 5e-3  # of the slow speed loop: 1/s, and the filter of its speed [s]
