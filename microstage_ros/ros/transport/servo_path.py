@@ -138,21 +138,15 @@ class RawWriter:
     memory makes the call wait for seconds, and with it every service of this process: so the lock is released here.
 
     What can be done once is: right after a thread has slept, every line of Python costs several times as much as in a
-    loop. So the publisher is held as long as this object lives (who destroys it sooner destroys it then), and messages
-    of one length go out from one place.
+    loop. So messages of one length go out from one place.
     """
 
     def __init__(self, publisher):
         self._handle = publisher.handle
-        self._handle.__enter__()
-        self._publisher = ctypes.c_void_p(self._handle.pointer)
         self._publish = ctypes.CDLL("librcl.so").rcl_publish_serialized_message
         self._forget_error = ctypes.CDLL("librcutils.so").rcutils_reset_error
         self._turn = threading.Lock()
         self._make_place(0)
-
-    def __del__(self):
-        self._handle.__exit__(None, None, None)
 
     def _make_place(self, length):
         """A place for messages of so many bytes."""
@@ -167,7 +161,9 @@ class RawWriter:
             if len(raw) != self._length:
                 self._make_place(len(raw))
             self._place[:] = raw
-            if not self._publish(self._publisher, self._address, None):
+            with self._handle:  # only meanwhile: a publisher that is destroyed must leave the graph
+                refused = self._publish(ctypes.c_void_p(self._handle.pointer), self._address, None)
+            if not refused:
                 return True
         self._forget_error()
         return False

@@ -1,7 +1,6 @@
 """The private calls, the fall-back without them, and the fixed-layout messages."""
 
 import _ctypes
-import gc
 import os
 from pathlib import Path
 
@@ -70,18 +69,6 @@ def test_sending_releases_the_interpreters_lock(node, monkeypatch):
     assert send(Codec("VoltageCommand").pack(7, 1, 0.1, 1e-6, 0.0, 1)) is True
     monkeypatch.setattr(send.__self__, "_publish", lambda *_: 1)
     assert send(b"12345678") is False
-
-
-def test_a_publisher_that_is_destroyed_while_it_sends_stays_until_nobody_sends(node):
-    """The lock is released meanwhile, so another thread may renew the publisher: it must not go under the call."""
-    publisher = node.create_publisher(msg.VoltageCommand, "command_destroyed", 10)
-    send = make_servo_path(node).writer(publisher)
-    node.destroy_publisher(publisher)
-    assert send(Codec("VoltageCommand").pack(7, 1, 0.1, 1e-6, 0.0, 1)) is True
-    del send
-    gc.collect()
-    with pytest.raises(rclpy_implementation.InvalidHandle):
-        publisher.handle.__enter__()
 
 
 def filled(kind):
