@@ -16,7 +16,6 @@ from microstage_ros.ros.transport.servo_path import (
     PlainServoPath,
     make_servo_path,
     missing_private_calls,
-    rclpy_implementation,
     reader_qos,
 )
 
