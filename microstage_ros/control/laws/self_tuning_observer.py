@@ -15,7 +15,7 @@ from microstage_ros.control.laws.law import ControlLaw, Part
 from microstage_ros.control.laws.pid_feedforward import FEEDFORWARD, PID
 from microstage_ros.control.laws.self_tuning import ADAPTATION, self_tuning_reset
 from microstage_ros.control.observer import flexible_mode as swing
-from microstage_ros.control.observer import gap_crossing, lost_motion, source_doubt
+from microstage_ros.control.observer import gap_crossing, lost_motion, source_doubt, wind_up
 from microstage_ros.control.observer import law as observer_law
 from microstage_ros.control.observer.dead_band import over_band
 from microstage_ros.control.observer.drive_learning import drive_voltage
@@ -189,7 +189,8 @@ def regulate(parameters, state, reference):
     in_gap = observer.contact != TOUCHING
     planned = state.feedforward
     loose = in_gap or source_doubt.lost_motion_suspected(observer)
-    observer.wind_up_speed = 0.0 if loose else planned.screw_velocity - planned.offset_speed - planned.velocity
+    wound_up = 0.0 if loose else planned.screw_velocity - planned.offset_speed - planned.velocity
+    wind_up.plan_wind_up(model, observer, wound_up)
     if not in_gap:
         adaptation.adaptation_step(
             parameters.adaptation,

@@ -8,6 +8,7 @@ motion, so what they disagree on tells (compiled parts of `observer_law`).
 import math
 
 from microstage_ros.control.observer.motion_filter import along_motion
+from microstage_ros.control.observer.wind_up import wind_up_step
 from microstage_ros.numerics.compiled import compiled
 from microstage_ros.signals.current import settled
 
@@ -88,13 +89,14 @@ def drive_changed(p, model, s, period, drop):
     """Whether current and speed call for another voltage than the applied one all of a sudden.
 
     Nothing but the drive itself can do that: a force on the motor takes many periods, since it has to turn the rotor
-    first.
+    first. Only the planned wind-up may change at once (`wind_up`); masses follow it later.
     """
     low, high = min(s.voltages), max(s.voltages)
     confirmed = (
         s.answers[s.lag] * model.resistance * s.learned[0] > LAG_CONFIRMED * s.excitation and s.excitation > EXCITED
     )
     unsettled = (WINDING if confirmed else 1.0) * (high - low)
+    unsettled += wind_up_step(model, s)
     before = s.unexplained
     expected = voltage_variance(model, s, drop - s.drop, s.v - s.speed, 0.0)
     compare_voltage(model, s, drop)

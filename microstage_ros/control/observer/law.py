@@ -29,6 +29,7 @@ from microstage_ros.control.observer import (
     motion_filter,
     motor_constant,
     source_doubt,
+    wind_up,
 )
 from microstage_ros.control.observer.drive_learning import (
     LAGS,
@@ -146,7 +147,7 @@ STATE_FIELDS = [
     *motor_constant.FIELDS,
     *dead_band.FIELDS,
     *long_delay.FIELDS,
-    ("wind_up_speed", "f8"),  # m/s, of the motor beyond the stage's as the drive train is wound up
+    *wind_up.FIELDS,
     ("net_force", "f8"),  # N, that accelerated the axis in the newest period
     *motion_filter.FIELDS,
     *swing.FIELDS,
@@ -182,7 +183,8 @@ def observer_reset(p, s):
     dead_band.dead_band_reset(s)
     long_delay.long_delay_reset(s)
     s.drives = 1
-    s.net_force = s.wind_up_speed = s.force_current = 0.0
+    s.net_force = s.force_current = 0.0
+    wind_up.wind_up_reset(s)
     s.voltage_noise = p.voltage_doubt * p.voltage_noise
     s.noise_variance = (p.voltage_noise / NOISE_DOUBT) ** 2
     s.running = 0.0

@@ -156,7 +156,10 @@ class RawWriter:
         self._length, self._place = length, memoryview(place).cast("B") if length else memoryview(b"")
 
     def send(self, raw):
-        """Send the bytes of one message; one thread at a time does so."""
+        """Send the bytes of one message, ``raw``; one thread at a time does so.
+
+        Raises rclpy's `InvalidHandle` where the publisher has been destroyed.
+        """
         with self._turn:
             if len(raw) != self._length:
                 self._make_place(len(raw))
