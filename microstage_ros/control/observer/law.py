@@ -171,9 +171,7 @@ def observer_reset(p, s):
     s.excitation = 0.0
     s.rest_time_s = 0.0
     s.lag = 0
-    s.unexplained = 0.0
-    s.drop = 0.0
-    s.speed = 0.0
+    s.unexplained = s.drop = s.speed = 0.0
     s.steady = 0.0
     s.since = 0.0
     s.restless = 0.0
@@ -187,8 +185,7 @@ def observer_reset(p, s):
     wind_up.wind_up_reset(s)
     s.voltage_noise = p.voltage_doubt * p.voltage_noise
     s.noise_variance = (p.voltage_noise / NOISE_DOUBT) ** 2
-    s.running = 0.0
-    s.last_step = 0.0
+    s.running = s.last_step = 0.0
     s.voltages[:] = 0.0
     s.answers[:] = 0.0
     s.actuator_friction = s.guideway_friction = 0.0

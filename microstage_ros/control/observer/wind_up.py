@@ -1,4 +1,6 @@
-"""The planned wind-up of the drive train (compiled parts of `observer_law`): the motor runs ahead of the stage by
+"""The planned wind-up of the drive train (compiled parts of `observer_law`).
+
+The motor runs ahead of the stage by
 
     w = (F_g + m dv/dt) / K_c,      so that      motor speed = v + dw/dt,
 
