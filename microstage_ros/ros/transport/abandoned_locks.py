@@ -26,7 +26,6 @@ import os
 import struct
 import threading
 import time
-import weakref
 from pathlib import Path
 from typing import NamedTuple
 
@@ -89,6 +88,8 @@ FIRST_PORT, PORTS = 7400, 250
 class Segment:
     """The two locks of one segment, mapped. Raises `ValueError` if it is no such segment, `OSError` if it is gone."""
 
+    _base = None
+
     def __init__(self, path):
         layout = LAYOUTS[READER if path.name.startswith(READER) else PORT]
         with path.open("r+b") as file:
@@ -98,13 +99,17 @@ class Segment:
             if (about.st_uid != os.getuid() or len(start) < VALUE or name != layout.name
                     or _word(start, HEADER + 8) != layout.size or start[HEADER + 12] != len(layout.name) - 1):
                 raise ValueError(f"{path.name} is not laid out as Fast DDS 2.14.5 does it")
-            self._base = _mapped(file.fileno(), about.st_size)
-        weakref.finalize(self, LIBC.munmap, self._base, about.st_size)
+            self._length, self._base = about.st_size, _mapped(file.fileno(), about.st_size)
         self._pages = memoryview((ctypes.c_char * about.st_size).from_address(self._base)).cast("B")
         self._first = VALUE + layout.sleepers + SLEEPERS
         self._flags = None if layout.flags is None else VALUE + layout.flags
         if any(_word(self._pages, self._mutex(which) + KIND) != PROCESS_SHARED for which in (0, 1)):
             raise ValueError(f"{path.name} has mutexes of another kind")
+
+    def __del__(self, unmap=LIBC.munmap):
+        # not by weakref.finalize, which unmaps at exit too, while the thread that looks still reads and makes segments
+        if self._base is not None:
+            unmap(self._base, self._length)
 
     def _mutex(self, which):
         """Place of the list's mutex, 0, or of the other, 1."""

@@ -2,6 +2,8 @@
 
 import os
 import shutil
+import subprocess
+import sys
 
 import pytest
 from microstage_msgs.msg import VoltageCommand
@@ -135,3 +137,16 @@ def test_a_thousand_readers_cost_no_descriptor(copied):
     locks = AbandonedLocks(folder)
     assert locks.look() == 0 and len(locks._segments) == 1101
     assert len(os.listdir("/proc/self/fd")) == before
+
+
+def test_a_segment_stays_mapped_until_its_process_is_gone(copied):
+    """A thread looks until the end: nothing that runs at exit may unmap what it reads, nor count what it makes."""
+    code = """
+import atexit, pathlib, sys
+kept = []
+atexit.register(lambda: print(kept[0].holders()))      # the first to be registered is the last to be called
+from microstage_ros.ros.transport.abandoned_locks import Segment
+kept.append(Segment(pathlib.Path(sys.argv[1])))
+"""
+    done = subprocess.run([sys.executable, "-c", code, str(copied[1])], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "(None, None)\n", "")
