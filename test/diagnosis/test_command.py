@@ -2,11 +2,14 @@
 
 import types
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from microstage_ros.diagnosis.catalogue.command import delay_form, delayed
-from microstage_ros.diagnosis.prerequisites.amplifier import GAIN
+from microstage_ros.diagnosis.prerequisites import prerequisites
+from microstage_ros.diagnosis.prerequisites.amplifier import GAIN, Slowness
 from microstage_ros.diagnosis.residuals.command import Command
 from microstage_ros.diagnosis.residuals.evidence import gather
 from microstage_ros.diagnosis.residuals.systematic import SYSTEMATIC
@@ -43,3 +46,15 @@ def test_a_gain_that_shows_through_the_motors_speed_is_no_delay():
     evidence = gather(channel, [form, GAIN], None, SYSTEMATIC["command"])
     beta, covariance, _ = evidence.fit([form.key])
     assert abs(beta[0]) < max(5.0 * np.sqrt(covariance[0, 0]), 0.01)
+
+
+@pytest.mark.parametrize(("held", "found"), [(0.45e6, False), (0.55e6, True)])
+def test_a_slow_amplifier_explains_most_of_what_stands_above_the_noise_of_the_command(monkeypatch, held, found):
+    """A loop that hunts in a dead band and a gap was said to have a lag, too (pairs, seed 6105, case 12)."""
+    slow = Slowness("actuator_lag", 2.6e-3, 1e-4, 2.0 * held, held, 1.3e6, 300_000, False, 1.0, 1e-3)
+    monkeypatch.setattr(prerequisites, "find_slowness", lambda *_: slow)
+    monkeypatch.setattr(prerequisites, "find_gap", lambda *_: None)
+    monkeypatch.setattr(prerequisites.Known, "prepare", lambda *_: "prepared anew")
+    prepared, known = prerequisites._slow_or_loose({}, "prepared", None, prerequisites.Known())
+    assert (known.slow is not None) == found and prepared == ("prepared anew" if found else "prepared")
+    assert dataclasses.replace(known, slow=None) == prerequisites.Known()

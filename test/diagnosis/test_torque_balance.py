@@ -1,5 +1,6 @@
 """The torque balance closes: what the motor gives is what rotor, stage and frictions take, also while they accelerate."""
 
+import copy
 import types
 
 import numpy as np
@@ -42,6 +43,21 @@ def test_nothing_is_left_of_a_quiet_axis(quiet):
     left = quiet.residual[known]
     assert np.std(left) < 5.0e-7    # N m; the friction is 2.2e-4
     assert np.abs(left).max() < 1.0e-5
+
+
+def test_what_scales_the_friction_scales_the_healthy_axiss_own(quiet):
+    """A machine whose friction is a fifth more than the model's: a level and an asymmetry are of all of it."""
+    level, asymmetry = (next(f for f in forms_of("torque") if f.effect == effect and not f.variant)
+                        for effect in ("friction_level_change", "direction_asymmetry"))
+    frame = types.SimpleNamespace(drive=quiet.drive)
+    more = copy.copy(quiet)
+    more.take_out(0.2 * quiet.friction)
+    assert np.array_equal(quiet.own, np.zeros(len(quiet.residual)))     # the other channel keeps its own
+    scaled = [form.columns(more, frame)[:, 0] - form.columns(quiet, frame)[:, 0] for form in (level, asymmetry)]
+    assert np.allclose(scaled[0], 0.2 * quiet.friction, atol=1e-12)
+    sliding = np.abs(quiet.friction) > 0.9 * np.abs(quiet.friction).max()
+    assert sliding.sum() > 100
+    assert np.allclose(scaled[1][sliding], 0.2 * np.abs(quiet.friction[sliding]), rtol=0.05, atol=1e-6)
 
 
 def test_stage_and_rotor_accelerate_for_what_the_motor_gives(quiet):

@@ -8,6 +8,9 @@ from microstage_ros.diagnosis.preprocessing.preparation import triangle
 from microstage_ros.numerics.compiled import compiled
 
 ASYMMETRY_STEP = 0.05
+# of the largest friction: below it the derivative by an asymmetry has no share of the friction; derived: far above the
+# rounding of a replayed friction, far below a sliding one
+NEAR_ZERO = 0.05
 EXPONENT_STDERR = 0.13                               # the grid's step, halved
 LAGS = (1.0e-3, 3.0e-3, 1.0e-2, 3.0e-2)             # s
 EXPONENTS = (0.5, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0)
@@ -41,8 +44,14 @@ def _changed(channel, frame, speed=None, **how):
 
 
 def direction_asymmetry(channel, frame):
-    """Limits × (1 + a · sgn w): the replayed friction's derivative by a [N m]."""
-    return _changed(channel, frame, asymmetry=ASYMMETRY_STEP) / ASYMMETRY_STEP
+    """Limits × (1 + a · sgn w): the friction's derivative by a [N m].
+
+    Of the replayed friction, and in proportion of what the healthy axis's own is beyond it.
+    """
+    replayed = _changed(channel, frame, asymmetry=ASYMMETRY_STEP) / ASYMMETRY_STEP
+    size = np.abs(channel.friction).max() * NEAR_ZERO
+    share = np.clip(replayed[:, 0] * channel.friction / (channel.friction**2 + size**2), -1.0, 1.0)
+    return replayed + (share * channel.own)[:, None]
 
 
 def all_asymmetry(channel, frame):
@@ -76,8 +85,8 @@ def _asymmetry_sizes(beta, covariance, frame):
 
 
 def friction_level_change(channel, frame):
-    """F → factor · F: nominal friction with its viscous part."""
-    return (channel.friction + channel.viscous)[:, None]
+    """F → factor · F: nominal friction with its viscous part, and what the healthy axis's own is beyond it."""
+    return (channel.friction + channel.viscous + channel.own)[:, None]
 
 
 def viscous_change(channel, frame):

@@ -17,6 +17,8 @@ from microstage_ros.diagnosis.prerequisites.slow_drift import courses
 from microstage_ros.diagnosis.residuals.resonance import Resonance
 
 RATTLED = 0.4           # share of the command's χ² that a slow amplifier must hold beside a gap
+# share of what stands above the noise of the command that a slow amplifier must explain; derived: more than all else
+MOST = 0.5
 SWING = 0.5             # of a slow amplifier's χ² that must be left of it once the drive train is known
 MOST_ROUNDS = 8         # of slow amplifier and motor's speed; derived: a change of a half each leaves 4·10⁻³
 SETTLED = 0.01          # relative change of its time; derived: a fifth of `amplifier.LAG_ERROR`
@@ -124,6 +126,7 @@ def _slow_or_loose(groups, prepared, drive, known):
     gap, known = with_gap()
     if gap is not None:
         prepared = known.prepare(groups, drive, prepared)
+    prompt = prepared, known
     slow = find_slowness(prepared, drive)
     if slow is None or (gap is not None and slow.held < RATTLED * slow.held_before):
         return prepared, known
@@ -136,6 +139,8 @@ def _slow_or_loose(groups, prepared, drive, known):
         slow = again or slow
         if settled:
             break
+    if slow.held < MOST * (slow.held_before - slow.held_rows):
+        return prompt      # a dead band, in which the loop hunts, holds a lag's share of what it does to the command
     known = dataclasses.replace(before, slow=slow)
     prepared = known.prepare(groups, drive, prepared)
     gap, known = with_gap()

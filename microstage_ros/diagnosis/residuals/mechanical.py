@@ -41,7 +41,8 @@ class Mechanical:
     Attributes (all shape (blocks,)): ``residual`` [N m], ``time``, ``position``, ``speed`` (stage, SI),
     ``friction`` (nominal actuator friction without viscosity), ``guideway`` and ``inertial`` (force of the
     stage's mass) [N m at the shaft],
-    ``stuck``, ``travel`` (path length so far), ``torque`` (k_M i − J dω/dt).
+    ``stuck``, ``travel`` (path length so far), ``torque`` (k_M i − J dω/dt), ``own`` (what the healthy axis's friction
+    is beyond the model's, zero until it is taken out).
     """
 
     name, unit = "torque", "N m"
@@ -59,6 +60,7 @@ class Mechanical:
         self.friction, self.viscous, self.guideway, self.inertial = forces.T
         self.stuck = self.mean(p.stuck)
         self.residual = self.torque - forces.sum(axis=1)
+        self.own = np.zeros(len(self.residual))
         step = np.abs(np.diff(self.position, prepend=self.position[0]))
         self.step = np.where(step > 5.0e-9, step, 0.0)
         self.travel = np.cumsum(self.step)
@@ -67,6 +69,7 @@ class Mechanical:
     def take_out(self, torque):
         """Take a torque (blocks,) [N m] that the healthy axis shows, too, out of the residual."""
         self.residual = self.residual - torque
+        self.own = self.own + torque
         self.white = self._white()
 
     def mean(self, values, coarse=1):

@@ -41,6 +41,19 @@ def size_beyond_baseline(evidences, choice, others):
     return beyond(_pooled(learned, held), _of_baseline(evidences, choice, others))
 
 
+def unsteadiness(evidences, choice, others):
+    """Relative standard error [1] of a cause's size by how stretches of the learning records scatter, or of the
+    held-out ones, whichever is larger; infinite where a record group does not tell it.
+
+    What the form of another cause leaves unexplained grows and shrinks with that cause, and has no one size; a linear
+    cause has one in every stretch.
+    """
+    sizes = [evidences.agreement(choice, others, group) for group in ("learn", "held")]
+    if any(size is None or size[0] <= 0.0 for size in sizes):
+        return math.inf
+    return max(stderr / value for value, stderr, _ in sizes)
+
+
 def agrees_with_itself(evidences, choice, others):
     """Whether an effect is there beyond how its own size scatters between stretches of the records, and between these
     and the baseline.

@@ -9,7 +9,9 @@ from microstage_ros.diagnosis.catalogue import CONTAINS
 from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, Trial
 from microstage_ros.diagnosis.result import Finding, Improvement, OverallImprovement, Rivals
 from microstage_ros.diagnosis.selection.agreement import (
+    HALF,
     LEADING_ODDS,
+    OF_NAMES,
     OF_ONE,
     agrees_with_itself,
     beyond,
@@ -35,6 +37,8 @@ RIVAL_SHARE = 0.02      # and share of its own gain
 FLAT = 0.5              # spread of a profile over its mean, below which it is a level
 SCATTER = 1.35          # χ² per row over the baseline's that no healthy record reaches
 LARGEST_ASYMMETRY = REGISTRY["direction_asymmetry"].parameters["asymmetry"].maximum   # of the guideways' limits
+ONE_FORCE = {"gravity_tilt", "direction_asymmetry"}
+SIGMAS = 3.0            # derived: a chance of 1.3·10⁻³
 # share of a tilt's gain from which the asymmetry, but for the record's first 40 µm the same, explains it too
 CONSTANT = 0.5
 # times the model's own noise that a healthy channel may show where no baseline says what it usually shows
@@ -142,17 +146,21 @@ def _leads(evidences, choice, other, others):
     """Whether the stretches of the records agree that one name explains more than another.
 
     χ² knows the noise alone. In the torque, the model's own errors are larger on a machine of another friction law, and
-    a name may lead by hundreds because of one breakaway. The other channels have no friction law in them.
+    a name may lead by hundreds because of one breakaway. The other channels have no friction law in them. An asymmetry
+    of another law's friction is nearer to the constant force of a tilt than to the model's, and neither is right to the
+    last.
     """
     if any(form.channel != "torque" for form in (*choice.forms, *other.forms)):
         return True
     lead = evidences.lead(choice, other, others)
     if lead is None:
         return True
+    if {choice.effect, other.effect} == ONE_FORCE and lead[0] + SIGMAS * lead[1] < HALF:
+        return False
     # the two differ by the very shapes in which the machine's law differs from the model's, and by as much of that
     # difference as the healthy axis clearly shows either of them may gain on the other where nothing has changed
     lead = beyond(lead, clear_part(evidences.lead_of_baseline(choice, other, others)))
-    return log_tail(lead) < OF_ONE or log_odds(lead) > LEADING_ODDS
+    return log_tail(lead) < OF_NAMES or log_odds(lead) > LEADING_ODDS
 
 
 def is_constant_force(evidences, choice, effect, others):
@@ -161,7 +169,7 @@ def is_constant_force(evidences, choice, effect, others):
     Limits F (1 + a sgn v) are F sgn v and the constant force a F, the whole hysteresis moved along with it; only the
     force's size tells: an asymmetry cannot make more of it than the friction there is.
     """
-    if {choice.effect, effect} != {"gravity_tilt", "direction_asymmetry"} or "torque" not in evidences.learn:
+    if {choice.effect, effect} != ONE_FORCE or "torque" not in evidences.learn:
         return False
     if effect == "gravity_tilt":
         return any(form.variant == "guideway" for form in choice.forms)

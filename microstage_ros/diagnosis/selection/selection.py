@@ -7,7 +7,7 @@ from scipy.stats import chi2
 
 from microstage_ros.diagnosis.catalogue import CONTAINS, WIDER
 from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, Trial
-from microstage_ros.diagnosis.selection.agreement import HALF, agrees_with_itself, in_baseline
+from microstage_ros.diagnosis.selection.agreement import HALF, agrees_with_itself, in_baseline, unsteadiness
 from microstage_ros.diagnosis.selection.mass_or_drive import (
     RESONANT,
     alike,
@@ -39,6 +39,12 @@ MINOR = 0.03                 # a further cause must explain this share of what i
 # beside a plain factor or constant, whose form is known to the last; calibrated by: microstage campaign --world second
 # --kind two --seed 2101, case 26 (a warm winding beside an amplifier's gain holds 0.0074)
 EXACT = 0.005
+#: Effects whose columns are linear in their size: no grid and no power of them leaves a misfit that is steady, too.
+LINEAR = ("amplifier_gain", "amplifier_offset", "scale_error", "refractive_index", "friction_level_change",
+          "viscous_change", "gravity_tilt", "cable_spring", "torque_ripple", "encoder_sde", "screw_pitch_error")
+# relative standard error of its size below which a small cause is none of a larger one's misfit; derived: the misfit
+# grows with the larger cause, which alone varies by more from stretch to stretch
+STEADY = 0.05
 # beside a growth whose power was fitted; derived: a power that is off by a fiftieth (`growth.UNSURE`), squared
 FITTED = 4.0e-4
 #: and more beside those whose forms are a coarse grid that leaves that much; less beside those above
@@ -152,7 +158,9 @@ def _masses_agree(evidences, choice, choices):
 
 def _splinter(evidences, trial, choices):
     """Whether the gain is but the misfit of a cause already named: small beside it, or gone with a wider shape of
-    it."""
+    it, and of no one size."""
+    if _of_one_size(evidences, trial.choice, choices):
+        return False
     for form in trial.choice.forms:
         channel = form.channel
         there = [c for c in choices if c.keys(channel)]
@@ -174,6 +182,14 @@ def _splinter(evidences, trial, choices):
         if chi2.logsf(max(more, 0.0), trial.sizes) < LEVEL and more > 0.2 * trial.gain:
             return False
     return True
+
+
+def _of_one_size(evidences, choice, others):
+    """Whether a cause beside others in its channel, all of them linear in their size, has one size in all stretches."""
+    channels = {form.channel for form in choice.forms}
+    beside = [other for other in others if channels & {form.channel for form in other.forms}]
+    linear = all(one.effect in LINEAR for one in (choice, *beside))
+    return linear and unsteadiness(evidences, choice, others) < STEADY
 
 
 def _no_part_of(evidences, choice, larger, choices):
@@ -313,18 +329,26 @@ def _first_acceptable(evidences, trials, choices):
         if acceptable(evidences, trial, choices):
             return trial
         if trial.log_p < LEVEL and not in_baseline(evidences, trial.choice, choices):
-            for channel in channels:
+            for channel in channels - _swung(trial, choices):
                 part = evidences.channel_gain(channel, [*choices, trial.choice])
                 part -= evidences.channel_gain(channel, choices)
                 blocked[channel] = max(blocked.get(channel, 0.0), part)
     return None
 
 
+def _swung(trial, choices):
+    """Channels in which an effect that does not stand is in nobody's way: a soft drive leaves an inertia of its swing
+    in the torque, which is no mass."""
+    soft = any(choice.effect == "drive_compliance" for choice in choices)
+    return {"torque"} if soft and trial.choice.effect == "payload_change" else set()
+
+
 def _simpler(evidences, winner, trials, choices):
-    """The simpler effect that the winner contains, if it explains as much."""
+    """The simpler effect that the winner contains, if it explains as much, in the learning or the held-out records."""
     for trial in trials:
         wider = winner.choice.effect in CONTAINS.get(trial.choice.effect, ())
-        if wider and trial.gain > winner.gain - max(25.0, 0.06 * winner.gain) and acceptable(evidences, trial, choices):
+        as_much = trial.gain > winner.gain - max(25.0, 0.06 * winner.gain) or trial.held > winner.held
+        if wider and as_much and acceptable(evidences, trial, choices):
             return trial
     return winner
 
@@ -352,7 +376,8 @@ def _small_beside(evidences, choice, other, kept):
 
     own = {form.channel for form in choice.forms}
     shared = sorted(own & {form.channel for form in other.forms})
-    if _no_part_of(evidences, choice, [other], [c for c in kept if c is not choice]):
+    others = [c for c in kept if c is not choice]
+    if _no_part_of(evidences, choice, [other], others) or _of_one_size(evidences, choice, others):
         return False
     minor = min(MINOR, MINOR_BESIDE.get(other.effect, MINOR))
     if not shared or part(choice, shared) >= minor * part(other, shared):

@@ -91,11 +91,22 @@ def test_the_clear_part_of_a_size_is_what_stands_above_its_error():
     ((0.5, 0.25, 30.0), (0.6, 0.1, 30.0), False),      # the healthy axis gains as much
     ((0.2, 0.05, 60.0), (0.0, 0.1, 30.0), True),       # neither is right to the last, yet the first is certainly nearer
     ((0.1, 0.06, 60.0), (0.0, 0.1, 30.0), False),
+    ((0.2, 0.08, 60.0), (0.0, 0.1, 30.0), False),      # an asymmetry on a machine of LuGre's law, called a tilt
     ((-0.5, 0.25, 30.0), (0.0, 0.1, 30.0), False),
 ])
 def test_a_name_leads_by_the_odds_of_two_names_or_by_certainty(lead, base, leads):
     case = types.SimpleNamespace(lead=lambda *_: lead, lead_of_baseline=lambda *_: base)
     assert judge._leads(case, CHOICES["viscous_change"], CHOICES["nonlinear_viscous"], []) == leads
+
+
+@pytest.mark.parametrize(("value", "error", "leads"), [(0.27, 0.05, False), (0.27, 0.09, True), (0.44, 0.05, True)])
+def test_a_tilt_leads_an_asymmetry_only_if_it_may_be_right_to_the_last(value, error, leads):
+    """An asymmetry on a machine of LuGre's law, called a tilt (singles, seed 6101, case 29)."""
+    case = types.SimpleNamespace(lead=lambda *_: (value, error, 116.0), lead_of_baseline=lambda *_: (0.0, 0.1, 30.0))
+    tilt, asymmetry = (Choice(effect, (Form(effect, "torque", "", None, one("size", "1")),))
+                       for effect in ("gravity_tilt", "direction_asymmetry"))
+    assert judge._leads(case, tilt, asymmetry, []) == leads
+    assert judge._leads(case, CHOICES["viscous_change"], CHOICES["nonlinear_viscous"], [])
 
 
 def test_the_odds_of_two_names_are_those_of_the_factor():

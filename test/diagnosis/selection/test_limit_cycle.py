@@ -24,6 +24,21 @@ def test_what_rattle_feigns_is_an_open_question():
     assert not kept and open_questions[0].ids == LOOSE_OR_SOFT and note
 
 
+def test_a_stiffness_that_is_one_in_every_stretch_is_no_rattle():
+    soft = causes("drive_compliance")
+    assert judged(0.6, soft, [], ["torque", "windup"], {"drive_compliance": 0.007}) == (soft, [], None)
+    assert judged(0.6, soft, [], [], {"drive_compliance": 0.03})[0] == []
+
+
+def test_a_stiffness_that_is_another_in_every_stretch_may_be_a_gap():
+    """A gap behind which no replay followed, called a soft drive (pairs, seed 6105, case 26)."""
+    soft = causes("drive_compliance")
+    kept, open_questions, note = judged(0.0, soft, [], ["windup"], {"drive_compliance": 0.09})
+    assert kept == [] and open_questions[0].ids == LOOSE_OR_SOFT and "stretch" in note
+    assert judged(0.0, soft, [], ["windup"], {"drive_compliance": 0.03}) == (soft, [], None)
+    assert judged(0.0, soft, [], ["torque"], {"drive_compliance": 0.09}) == (soft, [], None)    # nothing is left there
+
+
 def test_a_loop_that_rests_keeps_its_answer():
     soft = causes("drive_compliance")
     assert judged(0.01, soft, [], ["windup"]) == (soft, [], None)

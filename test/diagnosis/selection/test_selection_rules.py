@@ -88,6 +88,23 @@ def test_the_simpler_cause_is_taken_where_the_wider_says_little_more(standing, w
     assert selection._simpler(baseline(0.0), winner, [winner, other], []).choice.effect == won
 
 
+def test_the_simpler_cause_is_taken_where_it_says_more_of_the_held_out_records(standing):
+    """A level of friction, on records that a profile along the stroke fitted better (pairs, seed 6105, case 27)."""
+    standing.add("friction_level_change")
+    winner, other = trial("position_dependent_friction", 693.0), trial("friction_level_change", 526.0)
+    winner.held, other.held = 309.0, 308.0
+    assert selection._simpler(baseline(0.0), winner, [winner, other], []) is winner
+    other.held = 310.0
+    assert selection._simpler(baseline(0.0), winner, [winner, other], []) is other
+
+
+def test_the_inertia_of_a_swing_on_a_soft_drive_is_in_nobodys_way(standing):
+    standing.add("friction_level_change")
+    trials = [trial("payload_change", 5293.0), trial("friction_level_change", 404.0)]
+    assert selection._first_acceptable(baseline(0.0), trials, [choice("drive_compliance", "windup")]) is trials[1]
+    assert selection._first_acceptable(baseline(0.0), trials, [choice("amplifier_gain", "windup")]) is None
+
+
 def test_a_cause_is_no_simpler_form_of_one_that_does_not_contain_it(standing):
     standing.add("torque_ripple")
     winner, other = trial("cable_spring", 1000.0), trial("torque_ripple", 999.0)
@@ -98,7 +115,11 @@ class Parts:
     """Gains on held-out records that add up: ``parts`` {(effect, channel): χ²}."""
 
     def __init__(self, parts):
-        self.parts = parts
+        self.parts, self.error = parts, None
+
+    def agreement(self, *_):
+        """A size with this relative standard error in every group of records; None: the rows were not kept."""
+        return None if self.error is None else (1.0, self.error, 50.0)
 
     def held_gain(self, choices, channels=None):
         here = {c.effect for c in choices}
@@ -114,6 +135,20 @@ def test_a_cause_that_holds_little_beside_a_larger_one_is_dropped(own, elsewhere
     case = Parts({("viscous_change", "torque"): 10000.0, ("payload_change", "torque"): own, ("payload_change", "windup"): elsewhere})
     assert (small in selection.without_splinters(case, [large, small])) == kept
     assert large in selection.without_splinters(case, [large, small])
+
+
+@pytest.mark.parametrize(("larger", "error", "stands"), [
+    ("refractive_index", 0.04, True), ("refractive_index", 0.06, False),
+    ("thermal_drift", 0.04, False),        # its times come from a grid, and what that leaves is steady, too
+])
+def test_a_small_cause_of_one_size_in_every_stretch_is_no_misfit(larger, error, stands):
+    """An encoder's error beside a refractive index of 450 times its χ² (pairs, seed 6105, case 29)."""
+    large, small = choice(larger, "position"), choice("encoder_sde", "position")
+    case = Parts({(larger, "position"): 8.6e7, ("encoder_sde", "position"): 1.9e5})
+    case.error, case.channel_gain = error, lambda channel, choices, extra=(): case.held_gain(choices)
+    case.forms = []
+    assert selection._splinter(case, Trial(small, 1.9e5, 6, 9.6e4), [large]) != stands
+    assert (small in selection.without_splinters(case, [large, small])) == stands
 
 
 class Beside(Parts):
