@@ -33,6 +33,7 @@ SHORT_OF_WHOLE = (0.04, 0.03, 0.02, 0.01)    # periods: so little of one is left
 MOST_SHIFTS = 5          # of the range searched; derived: 1.7⁵ is a factor of fourteen
 REACH = 1.7              # of the range searched, upwards; derived: from 0.6 it spans 2.8, the forms' times 2.7
 AT_END = 1.02            # so near to its end an optimum lies beyond; derived: ten times the search's tolerance
+MOST = 0.5               # of a channel's χ²; derived: more than all else
 CLEAR = 0.03             # relative difference of χ² by which delay and lag must differ
 
 
@@ -90,7 +91,9 @@ def find_slowness(prepared, drive):
     held = fast.gather("command", [form, GAIN], "held")
     held_gain = held.reduction([form.key], np.ones(1))
     base = fast.gather("command", [form, GAIN], "base")
-    if gain < LEAST_GAIN or held_gain < 0.2 * gain / max(len(prepared["learn"]), 1):
+    # held-out records that move the amplifier less show less of it: then most of what they show is enough
+    needed = min(0.2 * gain / max(len(prepared["learn"]), 1), MOST * held.energy())
+    if gain < LEAST_GAIN or held_gain < needed:
         return None
     if base is not None and base.reduction([form.key], np.ones(1)) > 0.3 * base.matrix[1, 1]:
         return None

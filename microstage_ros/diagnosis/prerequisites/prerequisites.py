@@ -9,7 +9,7 @@ import dataclasses
 
 from microstage_ros.diagnosis.preprocessing.preparation import prepare
 from microstage_ros.diagnosis.preprocessing.threads import side_by_side
-from microstage_ros.diagnosis.prerequisites.amplifier import find_slowness
+from microstage_ros.diagnosis.prerequisites.amplifier import MOST, find_slowness
 from microstage_ros.diagnosis.prerequisites.lines import find_lines
 from microstage_ros.diagnosis.prerequisites.lost_motion import find_gap
 from microstage_ros.diagnosis.prerequisites.resonant import fit_train
@@ -17,8 +17,6 @@ from microstage_ros.diagnosis.prerequisites.slow_drift import courses
 from microstage_ros.diagnosis.residuals.resonance import Resonance
 
 RATTLED = 0.4           # share of the command's χ² that a slow amplifier must hold beside a gap
-# share of what stands above the noise of the command that a slow amplifier must explain; derived: more than all else
-MOST = 0.5
 SWING = 0.5             # of a slow amplifier's χ² that must be left of it once the drive train is known
 MOST_ROUNDS = 8         # of slow amplifier and motor's speed; derived: a change of a half each leaves 4·10⁻³
 SETTLED = 0.01          # relative change of its time; derived: a fifth of `amplifier.LAG_ERROR`
