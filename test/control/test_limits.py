@@ -11,6 +11,7 @@ from microstage_ros.control.laws.controller import controller_parameters, make_c
 from microstage_ros.control.observer.flexible_mode import EFFORT, held_axis, held_gains
 from microstage_ros.control.observer.lost_motion import NOTICED
 from microstage_ros.control.observer.motion_filter import riccati
+from test.rates import at_least
 
 
 def test_told_nothing_it_is_the_law(axis):
@@ -40,10 +41,10 @@ def test_an_unknown_gap_costs_what_the_closed_form_says_and_a_learned_one_less(i
     assert cycle_peaks(trial, 0.1)[-1] < 1e-7
 
 
-@pytest.mark.parametrize("seed", [51])
-def test_told_the_gap_a_first_crossing_is_no_worse_than_a_learned_one(axis, seed):
-    first = {told: gap_sine(axis, seed, told, GAP_WIDTH, cycles=1.25)[0] for told in ("nothing", "gap")}
-    assert first["gap"] < 1e-7 and first["nothing"] > 2.0 * first["gap"]
+def test_told_the_gap_a_first_crossing_may_be_as_soft_as_a_learned_one(axis):
+    """Within 100 nm in 22 of 60 records (95 %: 25 to 50 %; none of 24 at 37 %: once in 10^4 times); not told, 242 nm or more in 60 of 60."""
+    assert at_least(1, (gap_sine(axis, seed, "gap", GAP_WIDTH, cycles=1.25)[0] < 1e-7 for seed in range(51, 75)))
+    assert gap_sine(axis, 51, "nothing", GAP_WIDTH, cycles=1.25)[0] > 2e-7
 
 
 @pytest.mark.parametrize("period", [1e-4, 2e-4, 5e-4, 1e-3])

@@ -127,7 +127,7 @@ def test_random_friction_has_the_stated_spread_and_lengths(axis):
     assert q.std(0) == pytest.approx([0.04] * 3, rel=0.15)
     kept = np.mean(q[:, 0] * q[:, 1]) / 0.04**2      # 80 % · e^-1 + 20 % · e^-0.005
     assert kept == pytest.approx(0.8 * np.exp(-1) + 0.2, abs=0.15)
-    assert abs(np.corrcoef(q[:, 1], q[:, 2])[0, 1]) < 0.2 and np.abs(q).max() <= 0.15
+    assert abs(np.corrcoef(q[:, 1], q[:, 2])[0, 1]) < 0.2 and np.abs(q).max() <= 0.15 * (1.0 + 1e-12)
 
 
 @compiled

@@ -22,29 +22,28 @@ from microstage_ros.places import SOURCE
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.report.stamped import find_table, is_stale, mark_stale, read_tables, stamp_now, write_table
 
-CONTROL_PAGE = "docs/evidence/control.md"
+CONTROL_PAGES = ("docs/evidence/control.md", "docs/evidence/control_reasons.md", "docs/evidence/control_results.md")
 ROBUSTNESS = (
     ("--seeds", "5", "--seed", "12100", "--beside", "self_tuning"),
-    ("--seeds", "2", "--law", "self_tuning"),
     ("--seeds", "2", "--seed", "12200", "--random", "100", "--first", "6000", "--beside", "self_tuning"),
     ("--moves", "1003", "--seed", "9000", "--only", "nominal", "backlash 0.1 deg", "backlash 0.25 deg",
      "backlash 0.5 deg", "backlash 1 deg", "backlash 0.5 deg, current noise 1 mA"),
     ("--margins", "--seeds", "2", "--seed", "12300"),
 )
-"""Options of `robustness` for its six tables."""
+"""Options of `robustness` for its five tables."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """What measures some tables of one page.
+    """What measures some tables of the documentation.
 
     Attributes
     ----------
-    page : relative to the checkout. minutes : of one idle core, about.
-    measure : function (page, earlier) that writes them; ``earlier``: files of results to use instead.
+    pages : relative to the checkout. minutes : of one idle core, about.
+    measure : function (*pages, earlier) that writes them; ``earlier``: files of results to use instead.
     """
 
-    page: str
+    pages: tuple[str, ...]
     measure: Callable
     minutes: float
 
@@ -78,27 +77,27 @@ def _emps(page, earlier=()):
     write_table(page, "figures", "emps", emps_table(), stamp_now(SOURCE, code_of("figures", "emps")))
 
 
-def _compare(page, earlier=()):
+def _compare(*pages, earlier=()):
     from microstage_ros.commands.analysis import compare
 
     with tempfile.TemporaryDirectory() as folder:
-        compare.main(["--out", os.path.join(folder, "all"), "--update", page])
-        compare.main(["--out", os.path.join(folder, "searched"), "--opponents", "2000", "--update", page])
+        compare.main(["--out", os.path.join(folder, "all"), "--update", *pages])
+        compare.main(["--out", os.path.join(folder, "searched"), "--opponents", "2000", "--update", *pages])
 
 
-def _robustness(page, earlier=()):
+def _robustness(*pages, earlier=()):
     from microstage_ros.commands.analysis import robustness
 
     for options in ROBUSTNESS:
-        robustness.main([*options, "--update", page])
+        robustness.main([*options, "--update", *pages])
 
 
 RUNS = {
-    "first-world": Run("docs/diagnosis.md", functools.partial(_campaign, world="first-world"), 240.0),
-    "second-world": Run("docs/diagnosis.md", functools.partial(_campaign, world="second-world"), 240.0),
-    "emps": Run("docs/evidence/emps.md", _emps, 8.0),
-    "compare": Run(CONTROL_PAGE, _compare, 180.0),
-    "robustness": Run(CONTROL_PAGE, _robustness, 120.0),
+    "first-world": Run(("docs/diagnosis.md",), functools.partial(_campaign, world="first-world"), 240.0),
+    "second-world": Run(("docs/diagnosis.md",), functools.partial(_campaign, world="second-world"), 240.0),
+    "emps": Run(("docs/evidence/emps.md",), _emps, 8.0),
+    "compare": Run(CONTROL_PAGES, _compare, 180.0),
+    "robustness": Run(CONTROL_PAGES[:1], _robustness, 120.0),
 }
 """Name on the command line to what it runs."""
 
@@ -126,14 +125,14 @@ def main(argv=None):
     if arguments.earlier and (len(chosen) != 1 or not chosen[0].endswith("-world")):
         raise InputError("--from", " ".join(chosen), "with first-world or second-world alone")
     if arguments.check or arguments.mark:
-        return _check(SOURCE, {RUNS[name].page for name in chosen}, arguments.mark)
+        return _check(SOURCE, {page for name in chosen for page in RUNS[name].pages}, arguments.mark)
     for name in chosen:
         if not arguments.earlier:
             print(f"{name}: about {RUNS[name].minutes:g} min of one idle core …", file=sys.stderr, flush=True)
         began = time.monotonic()
-        RUNS[name].measure(str(SOURCE / RUNS[name].page), earlier=arguments.earlier)
-        print(f"{name}: {RUNS[name].page}, {time.monotonic() - began:.0f} s")
-    answer.state(tables=[{"name": name, "page": RUNS[name].page} for name in chosen])
+        RUNS[name].measure(*(str(SOURCE / page) for page in RUNS[name].pages), earlier=arguments.earlier)
+        print(f"{name}: {', '.join(RUNS[name].pages)}, {time.monotonic() - began:.0f} s")
+    answer.state(tables=[{"name": name, "pages": list(RUNS[name].pages)} for name in chosen])
     return 0
 
 
@@ -157,7 +156,7 @@ def _check(root, pages, mark):
                 table = find_table(root / page, owner, title)
             state = state_of(root, table)
             bad += state.endswith("does not say so")
-            print(f"{page:26s} {table.stamp.made}  {state:26s} {owner}: {title}")
+            print(f"{page:33s} {table.stamp.made}  {state:26s} {owner}: {title}")
             rows.append({"page": page, "owner": owner, "title": title, "state": state, "version": table.stamp.version,
                          "made": table.stamp.made, "machine": table.stamp.machine})
     answer.state(tables=rows)

@@ -210,10 +210,11 @@ def identify_presliding(loadings, repeat, seed, contact="actuator", units=("N m/
     stderr, widen = np.hypot(stderr, GRID_ERROR * values), GRID_ERROR * np.abs(values)
     low, high = low - 1.96 * widen, high + 1.96 * widen
     parts = (slice(0, size), slice(size, 2 * size), slice(2 * size, 2 * size + 1))
+    whole = narrow(*(array[: 2 * size] for array in (values, low, high)))  # a block is a stiffness and its weight
     for key, part, unit in zip(keys, parts, (units[0], "1", units[2])):
         pick = [array[part].tolist() for array in (values, stderr, low, high)]
         pick = [p[0] for p in pick] if part.stop - part.start == 1 else pick
-        determined = narrow(pick[0], *pick[2:])
+        determined = whole if key in keys[:2] else narrow(pick[0], *pick[2:])
         result.add(
             Estimate(
                 key,

@@ -115,11 +115,16 @@ def test_integral_gain_comes_back_up_to_the_proportional_one_where_the_axis_stan
     assert gains[False][1] < 0.5 * gains[False][0]
 
 
-@pytest.mark.parametrize("seed", [32, 35])
-def test_moves_through_lost_motion_end_at_their_target(axis, seed):
-    """Within the dwell of 0.4 s; with the integral left slow and all of the friction fed forward some end 200 nm short."""
-    errors = step_trial(axis, "self_tuning_feedforward", {}, 1e-5, seed, 8, effects={"backlash": {"width_rad": 0.00873}}).errors
-    assert np.abs(errors[3:]).max() < 1e-7
+def test_moves_through_lost_motion_end_at_their_target(axis):
+    """Within the dwell of 0.4 s; with the integral left slow and all of the friction fed forward some end 200 nm short.
+
+    In 63 of 440 records (95 %: 11 to 18 %) a move from the fourth on ended beyond 100 nm, the farthest 268 nm off, the median 9 nm: at 18 %
+    more than 9 of 16 come once in 10^4 times.
+    """
+    effects = {"backlash": {"width_rad": 0.00873}}
+    errors = np.abs([step_trial(axis, "self_tuning_feedforward", {}, 1e-5, seed, 8, effects=effects).errors[3:] for seed in range(32, 48)])
+    assert np.median(errors) < 3e-8 and errors.max() < 5e-7
+    assert np.count_nonzero(errors.max(axis=1) > 1e-7) <= 9
 
 
 def test_observer_law_gives_way_by_its_own_numbers(axis):

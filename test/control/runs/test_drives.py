@@ -17,8 +17,9 @@ from microstage_ros.records import read_record, write_record
 from microstage_ros.records.csv_file import write_csv
 
 AXES = Path(__file__).resolve().parents[3] / "config" / "axes"
-#: Axis: move [m] and how near its end the sensor has to say it is [m]: a few of its counts, or of its noise.
-MOVES = {"current_motor": (5e-3, 2e-7), "voice_coil": (3e-3, 1e-7), "stepper": (2e-3, 3e-7), "piezo": (3e-6, 3e-9)}
+#: Axis: move [m] and how near its end the sensor has to say it is [m]: a few of its counts, or of its noise (the stepper: two
+#: counts of 191 nm in 18 of 300 runs, one in the others).
+MOVES = {"current_motor": (5e-3, 2e-7), "voice_coil": (3e-3, 1e-7), "stepper": (2e-3, 4.8e-7), "piezo": (3e-6, 3e-9)}
 
 
 def _run(axis, program, seed=1):
