@@ -25,7 +25,7 @@ from microstage_ros.report.stamped import find_table, is_stale, mark_stale, read
 CONTROL_PAGES = ("docs/evidence/control.md", "docs/evidence/control_reasons.md", "docs/evidence/control_results.md")
 ROBUSTNESS = (
     ("--seeds", "5", "--seed", "12100", "--beside", "self_tuning"),
-    ("--seeds", "2", "--seed", "12200", "--random", "100", "--first", "6000", "--beside", "self_tuning"),
+    ("--seeds", "5", "--seed", "12400", "--random", "200", "--first", "8200", "--beside", "self_tuning"),
     ("--moves", "1003", "--seed", "9000", "--only", "nominal", "backlash 0.1 deg", "backlash 0.25 deg",
      "backlash 0.5 deg", "backlash 1 deg", "backlash 0.5 deg, current noise 1 mA"),
     ("--margins", "--seeds", "2", "--seed", "12300"),
