@@ -123,7 +123,11 @@ def responses(parts, sine, period, condition):
 
 @dataclass(frozen=True)
 class MeasuredMargins:
-    """Margins of a measured loop with standard deviations; infinite where the measured band shows no crossing."""
+    """Margins of a measured loop with standard deviations; infinite where the measured band shows no crossing.
+
+    ``highest_Hz``: up to which the loop was measured. ``modelled``: which of phase and gain are those of the model
+    above that (`whole_loop.with_model`).
+    """
 
     phase_deg: float
     phase_error_deg: float
@@ -131,6 +135,8 @@ class MeasuredMargins:
     gain_error_dB: float
     crossover_Hz: float
     sensitivity: float
+    highest_Hz: float = math.nan
+    modelled: tuple = ()
 
 
 def measured_margins(loop):
@@ -154,7 +160,8 @@ def measured_margins(loop):
     if not math.isfinite(phase_margin):
         phase_margin = math.degrees(2.0 * math.asin(min(0.5 * float(np.min(np.abs(1.0 + loop.value))), 1.0)))
     return MeasuredMargins(
-        phase_margin, phase_error, gain_margin, gain_error, crossover, float(np.max(1.0 / np.abs(1.0 + loop.value)))
+        phase_margin, phase_error, gain_margin, gain_error, crossover, float(np.max(1.0 / np.abs(1.0 + loop.value))),
+        float(loop.frequency[-1]),
     )
 
 
