@@ -13,9 +13,9 @@ from microstage_ros.commissioning.estimation.known import known_axis
 from microstage_ros.commissioning.estimation.whole_loop import SLIDING, with_model
 from microstage_ros.commissioning.experiments.closed_loop import Loop
 from microstage_ros.commissioning.experiments.dead_encoder import EncoderWatch
-from microstage_ros.commissioning.experiments.first_motion import first_motion
+from microstage_ros.commissioning.experiments.first_motion import FirstMotion, first_motion
 from microstage_ros.commissioning.experiments.machine import Machine as Hand
-from microstage_ros.commissioning.experiments.open_loop import strokes
+from microstage_ros.commissioning.experiments.open_loop import fit_strokes, strokes
 from microstage_ros.commissioning.sketch import load_sketch
 from microstage_ros.control.laws.controller import controller_parameters
 from microstage_ros.control.tuning.margins import frequency_response, loop_margins, observer_loop, regimes
@@ -23,9 +23,11 @@ from microstage_ros.hardware import make_hardware
 from microstage_ros.hardware.protocol import Setup
 from microstage_ros.model.transmission import motor_ratio
 from microstage_ros.places import config_file
+from microstage_ros.records.record import Record
 
 SKETCH = load_sketch(config_file("axis.yaml"))
 SLOW = replace(SKETCH, axis=SKETCH.axis.with_values({"period": 1e-3}, source="datasheet"))
+FORCE = load_sketch(config_file("emps.yaml"))
 
 
 def begun(tmp_path, seed):
@@ -46,6 +48,37 @@ def test_the_motors_constants_from_strokes(tmp_path, seed):
     _, found, truth = begun(tmp_path, seed)
     assert found.resistance == pytest.approx(truth.value("drive.resistance"), rel=0.03)
     assert found.volts_per_speed == pytest.approx(truth.value("drive.back_emf") / motor_ratio(truth), rel=0.01)
+
+
+def stroked(volts_per_speed, inertia, friction):
+    """`Record` at 1 ms of a rigid motor with Coulomb friction, of 1 ohm, to and fro at constant voltages."""
+    held = 1.6 * friction * np.repeat(np.outer([1.0, 1.5, 2.0, 1.0, 1.5], [-1.0, 1.0]).ravel(), 60)
+    place, speed, step = [0.0], [0.0], 1e-5
+    for voltage in held:
+        x, v = place[-1], speed[-1]
+        for _ in range(100):
+            drive = voltage - volts_per_speed * v
+            resist = math.copysign(friction, v) if v else min(max(drive, -friction), friction)
+            end = v + step * (drive - resist) / inertia
+            end = 0.0 if end * v < 0.0 and abs(drive) < friction else end
+            x, v = x + 0.5 * step * (v + end), end
+        place.append(x)
+        speed.append(v)
+    voltage = np.append(held, 0.0)
+    current = np.concatenate([[0.0], held - volts_per_speed * np.array(speed[1:])])
+    columns = {"encoder_m": np.array(place), "voltage_V": voltage, "current_A": current}
+    return Record(1e-3, columns)
+
+
+@pytest.mark.parametrize("kind, has_current", [("motor", True), ("motor", False), ("force", False)])
+def test_the_inertia_from_strokes(kind, has_current):
+    """The voltage and the current that move it are those over a whole period: with the mean of both ends 0.83."""
+    sketch, volts_per_speed = (SLOW, 440.0) if kind == "motor" else (FORCE, 0.0)
+    record = stroked(volts_per_speed, inertia=2.33, friction=0.5)
+    first = FirstMotion(0.5, 1.0, 0.0, 0.0, has_current, 0.0, 0.0)
+    found = fit_strokes(record, sketch, first, 1e-3)
+    assert found.inertia == pytest.approx(2.33, rel=0.05)
+    assert found.friction == pytest.approx(0.5, rel=0.1)
 
 
 def test_a_loop_whose_gains_were_lowered_may_lag(tmp_path):

@@ -125,7 +125,9 @@ def fit_strokes(record, sketch, first, period):
     train swings: while it swings, motor and stage have different accelerations, and the inertia would come out up to
     three times too low. Voltage and current are read at the ends of periods, the encoder's way over one is that of the
     mean speed: of what is proportional to the speed at the ends, u − R i = K v, the mean of both ends is taken
-    (trapezoidal rule; its error is (T/τ)²/12 of a part of the speed that settles with the time constant τ).
+    (trapezoidal rule; its error is (T/τ)²/12 of a part of the speed that settles with the time constant τ). Of what
+    drives the inertia it is the mean over the period: of a command, which is held, its own value; of a current, which
+    jumps with the voltage, what follows from the first balance.
 
     ``first``: `FirstMotion`; ``period``: of control [s].
     """
@@ -142,29 +144,32 @@ def fit_strokes(record, sketch, first, period):
     speed = np.diff(x, prepend=x[0]) / period
     v, a, sign = low(speed), low(np.gradient(speed, period)), low(np.sign(smoothed(record, period)[1]))
     fast = np.abs(v) > 0.15 * np.abs(v).max()
-    u, top = of_both_ends(of_row_before(record.command))[fast], float(np.abs(v).max())
+    held, top = of_row_before(record.command), float(np.abs(v).max())
     motion = np.column_stack([a, sign, v, np.ones(len(v))])[fast]
     if not actuator_of(sketch.axis).emf_key:
-        return _forced(motion, u, first, top)
-    i = of_both_ends(np.nan_to_num(record["current_A"]))[fast] if first.has_current else None
-    return _balanced(motion, u, i, sketch, top)
+        return _forced(motion, low(held)[fast], first, top)
+    if not first.has_current:
+        return _balanced(motion, low(held)[fast], None, None, sketch, top)
+    ends = [of_both_ends(values)[fast] for values in (held, np.nan_to_num(record["current_A"]))]
+    return _balanced(motion, low(held)[fast], *ends, sketch, top)
 
 
-def _balanced(motion, u, i, sketch, top):
+def _balanced(motion, held, u, i, sketch, top):
     """`Strokes` by least squares of u = R i + K v + o and R i = J a + F sign(v) + B v + o; without a current of both in
     one.
 
     Parameters
     ----------
-    motion : (n, 4): acceleration, sign of the velocity, velocity [SI], ones. u : voltage (n,) [V].
-        i : current (n,) [A], or None. top : largest speed [m/s].
+    motion : (n, 4): acceleration, sign of the velocity, velocity [SI], ones. held : voltage over the period (n,) [V].
+        u, i : voltage (n,) [V] and current (n,) [A], mean of the readings at the ends, or None.
+        top : largest speed [m/s].
     """
     if i is None:
-        inertia, friction, viscous, offset = np.linalg.lstsq(motion, u, rcond=None)[0]
+        inertia, friction, viscous, offset = np.linalg.lstsq(motion, held, rcond=None)[0]
         resistance = sketch.axis.value("drive.resistance") if sketch.axis.has("drive.resistance") else math.nan
         return Strokes(resistance, float(viscous), float(inertia), float(friction), float(offset), 0.0, False, top)
     resistance, emf, offset = np.linalg.lstsq(np.column_stack([i, motion[:, 2], motion[:, 3]]), u, rcond=None)[0]
-    inertia, friction, viscous, zero = np.linalg.lstsq(motion, i, rcond=None)[0]
+    inertia, friction, viscous, zero = np.linalg.lstsq(motion, i + (held - u) / resistance, rcond=None)[0]
     return Strokes(
         float(resistance),
         float(emf),
