@@ -29,7 +29,7 @@ from microstage_ros.commissioning.experiments.open_loop import Strokes, fit_stro
 from microstage_ros.commissioning.experiments.sliding import sliding_response
 from microstage_ros.commissioning.estimation.parameters import draws, identified, slope_of
 from microstage_ros.commissioning.estimation.plant_fit import fit_plant, resonance_of, volts_per_acceleration
-from microstage_ros.commissioning.estimation.whole_loop import with_model
+from microstage_ros.commissioning.estimation.whole_loop import whole_margins
 from microstage_ros.model.actuators import actuator_of
 
 LEAST_RESONANCE = 0.45  # of the sketched one: stiffness half and mass twice give 0.5
@@ -286,8 +286,7 @@ def _prove(outcome, machine, axis, drawn, law, gains, found, first, seed, progre
     outcome.rest_margins = measured_margins(taken.rest[1]) if taken.rest[1] is not None else None
     outcome.margins = outcome.rest_margins
     if taken.motion[1] is not None:
-        seen = measured_margins(taken.motion[1])
-        outcome.margins = with_model(seen, axis, drawn, taken.loop.law, taken.loop.gains)
+        outcome.margins = whole_margins(taken.motion[1], axis, drawn, taken.loop.law, taken.loop.gains)
     machine.note_surroundings()
     section = {"type": taken.loop.law, "tuned_period": machine.period}
     if taken.loop.gains:

@@ -10,7 +10,8 @@ from machines import random_axis
 from microstage_ros.commissioning.design.law_choice import slower
 from microstage_ros.commissioning.estimation.frequency_response import Response, measured_margins
 from microstage_ros.commissioning.estimation.known import known_axis
-from microstage_ros.commissioning.estimation.whole_loop import SLIDING, with_model
+from microstage_ros.commissioning.estimation.whole_loop import SLIDING, whole_margins
+from microstage_ros.commissioning.experiments import measured_loop
 from microstage_ros.commissioning.experiments.closed_loop import Loop
 from microstage_ros.commissioning.experiments.dead_encoder import EncoderWatch
 from microstage_ros.commissioning.experiments.first_motion import FirstMotion, first_motion
@@ -125,12 +126,20 @@ def test_margins_above_the_coherent_band_are_the_models():
     frequency = np.arange(5.0, 125.0, 5.0)
     value = frequency_response(loop, 2.0 * math.pi * frequency, 1e-3)
     ones = np.ones(len(frequency))
-    part = measured_margins(Response("loop", "sliding", frequency, value, ones, ones, 0.01 * ones))
-    whole = with_model(part, axis, [axis, axis], "self_tuning_observer", {})
+    response = Response("loop", "sliding", frequency, value, ones, ones, 0.01 * ones)
+    part = measured_margins(response)
+    whole = whole_margins(response, axis, [axis, axis], "self_tuning_observer", {})
     assert part.phase_deg > truth.phase_deg + 10.0 and not math.isfinite(part.gain_dB)
     assert whole.phase_deg == pytest.approx(truth.phase_deg, abs=0.5)
     assert whole.gain_dB == pytest.approx(truth.gain_db, abs=0.1)
     assert whole.modelled == ("phase", "gain") and whole.crossover_Hz == part.crossover_Hz
+
+
+def test_lines_that_the_encoders_interpolation_reaches_are_left_out():
+    """At 1 mm/s a signal period of 10 µm errs at 100 Hz and its multiples."""
+    frequency = np.array([95.0, 100.0, 105.0, 200.0, 290.0, 300.0, 400.0, 500.0])
+    kept = measured_loop.not_interpolated(frequency, 1e-3, SLOW.axis, 2.5)
+    assert frequency[kept].tolist() == [95.0, 105.0, 290.0, 500.0]
 
 
 def test_the_record_ends_with_what_the_drive_holds():

@@ -52,7 +52,10 @@ class Response:
 
     def kept(self, least=LEAST_COHERENCE):
         """`Response` of the lines with at least that coherence, ``least`` [1]."""
-        good = self.coherence >= least
+        return self.at(self.coherence >= least)
+
+    def at(self, good):
+        """`Response` of the lines where ``good``, bool of shape (n,), is true."""
         return Response(self.what, self.condition, *(values[good] for values in (
             self.frequency, self.value, self.coherence, self.amplitude, self.relative)))
 
@@ -126,7 +129,7 @@ class MeasuredMargins:
     """Margins of a measured loop with standard deviations; infinite where the measured band shows no crossing.
 
     ``highest_Hz``: up to which the loop was measured. ``modelled``: which of phase and gain are those of the model
-    above that (`whole_loop.with_model`).
+    above that (`whole_loop.whole_margins`).
     """
 
     phase_deg: float
@@ -139,9 +142,12 @@ class MeasuredMargins:
     modelled: tuple = ()
 
 
-def measured_margins(loop):
-    """`MeasuredMargins` of a ``loop``, a `Response`, by interpolation between its lines on logarithmic axes."""
-    loop = loop.kept(0.3)
+def measured_margins(loop, least=0.3):
+    """`MeasuredMargins` of a ``loop``, a `Response`, by interpolation between its lines on logarithmic axes.
+
+    ``least``: coherence [1] of the lines that count.
+    """
+    loop = loop.kept(least)
     if len(loop.frequency) < 4:
         return MeasuredMargins(*(math.nan,) * 6)
     logs, size = np.log(loop.frequency), np.log(np.abs(loop.value))
