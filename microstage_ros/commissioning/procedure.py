@@ -25,10 +25,11 @@ from microstage_ros.commissioning.design.law_choice import (
 )
 from microstage_ros.commissioning.experiments.dead_encoder import EncoderWatch
 from microstage_ros.commissioning.experiments.machine import LONGEST
-from microstage_ros.commissioning.experiments.open_loop import Strokes, fit_strokes, strokes, strokes_below_swing
+from microstage_ros.commissioning.experiments.open_loop import Strokes, fit_strokes, strokes
 from microstage_ros.commissioning.experiments.sliding import sliding_response
 from microstage_ros.commissioning.estimation.parameters import draws, identified, slope_of
 from microstage_ros.commissioning.estimation.plant_fit import fit_plant, resonance_of, volts_per_acceleration
+from microstage_ros.commissioning.estimation.whole_loop import whole_margins
 from microstage_ros.model.actuators import actuator_of
 
 LEAST_RESONANCE = 0.45  # of the sketched one: stiffness half and mass twice give 0.5
@@ -138,9 +139,8 @@ def _open_loop(outcome, machine, sketch, store, first, seed, progress, keep, pat
     progress("strokes: motor constants, inertia, friction, scale of the encoder")
     done = store.done("strokes")
     if done is not None:
-        record = store.records_of("strokes")[0]
-        found = fit_strokes(record, sketch, first, machine.period)
-        outcome.check(scale_check(strokes_below_swing(record, sketch, first, machine.period), sketch))
+        found = fit_strokes(store.records_of("strokes")[0], sketch, first, machine.period)
+        outcome.check(scale_check(found, sketch))
     else:
         found, check = strokes(machine, sketch, first, keep)
         outcome.check(check)
@@ -174,9 +174,10 @@ def _open_loop(outcome, machine, sketch, store, first, seed, progress, keep, pat
             "Too few lines of the open-loop response are coherent: the drive train stays as sketched."
         )
     else:
-        if actuator.tells_turning and not found.has_current:
+        if actuator.tells_turning:  # friction that builds up after each reversal hides inertia from the strokes
             found = replace(found, inertia=volts_per_acceleration(axis, fit))
-            outcome.check(scale_check(found, sketch, found.inertia))
+            if not found.has_current:  # where there is one the strokes have told it already
+                outcome.check(scale_check(found, sketch, found.inertia))
         _judge_response(outcome, machine, sketch, fit)
         axis = known_axis(sketch, found, fit)
     return found, axis, response
@@ -283,7 +284,9 @@ def _prove(outcome, machine, axis, drawn, law, gains, found, first, seed, progre
     outcome.moves, outcome.iso, outcome.sine, outcome.law = taken.moves, taken.iso, taken.sine, taken.loop.law
     outcome.responses += [r for r in (*taken.rest, *taken.motion) if r is not None]
     outcome.rest_margins = measured_margins(taken.rest[1]) if taken.rest[1] is not None else None
-    outcome.margins = measured_margins(taken.motion[1]) if taken.motion[1] is not None else outcome.rest_margins
+    outcome.margins = outcome.rest_margins
+    if taken.motion[1] is not None:
+        outcome.margins = whole_margins(taken.motion[1], axis, drawn, taken.loop.law, taken.loop.gains)
     machine.note_surroundings()
     section = {"type": taken.loop.law, "tuned_period": machine.period}
     if taken.loop.gains:

@@ -58,6 +58,8 @@ def report_tree(outcome, machine):
             "gain_stderr_dB": margins.gain_error_dB,
             "crossover_Hz": margins.crossover_Hz,
             "sensitivity": margins.sensitivity,
+            "highest_Hz": margins.highest_Hz,
+            "modelled": list(margins.modelled),
             "rest": {"phase_deg": rest.phase_deg, "gain_dB": rest.gain_dB, "crossover_Hz": rest.crossover_Hz}
             if rest
             else None,
@@ -141,12 +143,7 @@ def page(outcome, machine, provenance):
             "Magnitude and phase against frequency",
         )
         if outcome.margins:
-            m = outcome.margins
-            made.text(
-                f"Loop in motion, measured: phase margin {m.phase_deg:.1f}° ± {2 * m.phase_error_deg:.1f}°, gain margin"
-                f" {m.gain_dB:.1f} dB ± {2 * m.gain_error_dB:.1f} dB, crossover {m.crossover_Hz:.0f} Hz, largest"
-                f" sensitivity {m.sensitivity:.2g}."
-            )
+            made.text(_margins_in_words(outcome.margins))
     if outcome.along is not None:
         made.section("Along the travel")
         command = machine.command
@@ -244,6 +241,23 @@ def _period(made, outcome):
             f"The drive train swings at {swing.value:.3g} Hz, above that: no loop on the encoder alone damps it at this"
             " period."
         )
+
+
+def _margins_in_words(m):
+    """A sentence or two on `MeasuredMargins`."""
+    def of(what, value, error, unit):
+        return f"{value:.1f}{unit} ± {2 * error:.1f}{unit}" + (" (modelled)" if what in m.modelled else "")
+
+    said = (
+        f"Loop in motion, measured up to {m.highest_Hz:.0f} Hz: phase margin "
+        f"{of('phase', m.phase_deg, m.phase_error_deg, '°')}, gain margin "
+        f"{of('gain', m.gain_dB, m.gain_error_dB, ' dB')}, crossover {m.crossover_Hz:.0f} Hz, largest sensitivity"
+        f" {m.sensitivity:.2g} there."
+    )
+    if m.modelled:
+        said += (" Modelled: above that no line is coherent, and the least margin is that of the identified axis, its"
+                 " band by draws from the uncertainty of its numbers.")
+    return said
 
 
 def _parameters(made, outcome):

@@ -12,7 +12,7 @@ from microstage_ros.commissioning.experiments.closed_loop import Loop
 from microstage_ros.commissioning.experiments.dead_encoder import EncoderWatch
 from microstage_ros.commissioning.experiments.first_motion import first_motion
 from microstage_ros.commissioning.experiments.machine import Machine as Hand
-from microstage_ros.commissioning.experiments.open_loop import strokes, strokes_below_swing
+from microstage_ros.commissioning.experiments.open_loop import strokes
 from microstage_ros.commissioning.procedure import Outcome
 from microstage_ros.commissioning.report import report_tree
 from microstage_ros.commissioning.sketch import load_sketch
@@ -75,9 +75,7 @@ def test_a_soft_drive_train_is_no_wrong_scale(tmp_path):
     """Its swing at 180 Hz is as long as the strokes' acceleration: the inertia has to come out all the same."""
     hand = begun(tmp_path, seed=28)
     first, _ = first_motion(hand, SKETCH, kept)
-    records = {}
-    _, check = strokes(hand, SKETCH, first, records.__setitem__)
-    found = strokes_below_swing(records["strokes"], SKETCH, first, hand.period)
+    found, check = strokes(hand, SKETCH, first, kept)
     truth = Machine.made[-1].axis
     ratio = motor_ratio(truth)
     inertia = truth.value("drive.rotor_inertia") + ratio**2 * truth.value("stage.mass")

@@ -152,5 +152,7 @@ def _tell(outcome, machine, folder):
     if outcome.moves and math.isfinite(outcome.sine):
         print(f"  slow sine: {outcome.sine * 1e9:.0f} nm at most")
     if outcome.margins:
-        print(f"  margins, measured in motion: {outcome.margins.phase_deg:.1f}°, {outcome.margins.gain_dB:.1f} dB")
+        found = outcome.margins
+        part = f" ({' and '.join(found.modelled)} modelled, above {found.highest_Hz:.0f} Hz)" if found.modelled else ""
+        print(f"  margins, measured in motion: {found.phase_deg:.1f}°, {found.gain_dB:.1f} dB{part}")
     print(f"  {machine.time:.0f} s of machine time; {folder / 'report.html'}")

@@ -52,7 +52,10 @@ class Response:
 
     def kept(self, least=LEAST_COHERENCE):
         """`Response` of the lines with at least that coherence, ``least`` [1]."""
-        good = self.coherence >= least
+        return self.at(self.coherence >= least)
+
+    def at(self, good):
+        """`Response` of the lines where ``good``, bool of shape (n,), is true."""
         return Response(self.what, self.condition, *(values[good] for values in (
             self.frequency, self.value, self.coherence, self.amplitude, self.relative)))
 
@@ -123,7 +126,11 @@ def responses(parts, sine, period, condition):
 
 @dataclass(frozen=True)
 class MeasuredMargins:
-    """Margins of a measured loop with standard deviations; infinite where the measured band shows no crossing."""
+    """Margins of a measured loop with standard deviations; infinite where the measured band shows no crossing.
+
+    ``highest_Hz``: up to which the loop was measured. ``modelled``: which of phase and gain are those of the model
+    above that (`whole_loop.whole_margins`).
+    """
 
     phase_deg: float
     phase_error_deg: float
@@ -131,11 +138,16 @@ class MeasuredMargins:
     gain_error_dB: float
     crossover_Hz: float
     sensitivity: float
+    highest_Hz: float = math.nan
+    modelled: tuple = ()
 
 
-def measured_margins(loop):
-    """`MeasuredMargins` of a ``loop``, a `Response`, by interpolation between its lines on logarithmic axes."""
-    loop = loop.kept(0.3)
+def measured_margins(loop, least=0.3):
+    """`MeasuredMargins` of a ``loop``, a `Response`, by interpolation between its lines on logarithmic axes.
+
+    ``least``: coherence [1] of the lines that count.
+    """
+    loop = loop.kept(least)
     if len(loop.frequency) < 4:
         return MeasuredMargins(*(math.nan,) * 6)
     logs, size = np.log(loop.frequency), np.log(np.abs(loop.value))
@@ -154,7 +166,8 @@ def measured_margins(loop):
     if not math.isfinite(phase_margin):
         phase_margin = math.degrees(2.0 * math.asin(min(0.5 * float(np.min(np.abs(1.0 + loop.value))), 1.0)))
     return MeasuredMargins(
-        phase_margin, phase_error, gain_margin, gain_error, crossover, float(np.max(1.0 / np.abs(1.0 + loop.value)))
+        phase_margin, phase_error, gain_margin, gain_error, crossover, float(np.max(1.0 / np.abs(1.0 + loop.value))),
+        float(loop.frequency[-1]),
     )
 
 

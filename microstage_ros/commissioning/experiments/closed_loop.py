@@ -13,13 +13,15 @@ from microstage_ros.control.laws.controller import Controller, controller_parame
 from microstage_ros.control.trajectories.profiles import MotionLimits, jerk_limited_move
 from microstage_ros.model.actuators import actuator_of
 
-ERROR, LAG = 6e-5, 0.025  # largest following error: metres, and seconds of the largest speed of a motion
+ERROR, LAG = 6e-5, 0.025  # largest following error: metres, and seconds of the largest speed of a motion; a loop
+# that needs more to bring its drive to the command of that speed (`Loop.lag`) has that in place of the metres
 LOOSE = 5e-4  # where the way has been gone before, and nothing stands in it [m]
 SHARE = 5e-4  # of the travel, where that is more
 STANDS = 0.2  # of the reference's speed: slower is standing
 SWING, SWING_COUNTS = 4e-7, 12.0  # peak to peak at rest that is no rest: m, counts
 SOFTER, SOFTEST = 0.8, 0.3  # of the bandwidth at each swing; least
 HOLD = 0.5  # s
+HEAVIER = 2.5  # times the sliding friction as found: it varies along the travel, and is larger at a slow start
 PUSH = 1.6  # times the voltage that a speed needs, that a motion may use
 
 
@@ -74,6 +76,18 @@ class Loop:
         )
         return min(fastest, self.machine.safe_speed)
 
+    def _need(self, speed):
+        """Command [V] of a motion at ``speed`` [m/s], its sliding friction `HEAVIER` times what was found."""
+        return HEAVIER * self.sliding + max(float(self._model["volts_per_velocity"]), 0.0) * speed
+
+    def lag(self, speed):
+        """Following error [m] with which the proportional part alone makes the command of a ``speed`` [m/s].
+
+        The drive needs u = f + K v, of a proportional gain P: u/P. The integral part and what is fed forward only make
+        it less; a gain that was lowered until the stage rests, or that of a long period, makes it more.
+        """
+        return self._need(speed) / max(float(self.controller.parameters["pid"]["proportional"]), 1e-9)
+
     def _volts_per_speed(self, seconds):
         """Command per speed [V s/m] that a free stage reaches: against the back-EMF; else within ``seconds``."""
         held = float(self._model["volts_per_velocity"])
@@ -84,15 +98,14 @@ class Loop:
 
         ``disturbance``: added to the voltage [V], shape (n,).
         ``gentle``: no more voltage than its speed needs (a stop in the way is touched, not rammed). Raises Refused with
-        the reason where the error grows beyond ``error`` [m]. ``fresh``: the law begins anew; ``go_on``: the next
-        motion follows at once.
+        the reason where the error grows beyond ``error`` [m] (or `lag`) and `LAG`. ``fresh``: the law begins anew;
+        ``go_on``: the next motion follows at once.
         """
         machine, period = self.machine, self.machine.period
         speed = float(np.abs(np.diff(reference)).max() / period) if len(reference) > 1 else 0.0
         controller = self.controller
         if gentle:
-            need = 2.5 * self.sliding + float(self._model["volts_per_velocity"]) * speed + 0.05 * machine.limit
-            controller = self._made(min(PUSH * need, machine.limit))
+            controller = self._made(min(PUSH * (self._need(speed) + 0.05 * machine.limit), machine.limit))
         if fresh or gentle:
             controller.reset()
         wanted, step = np.asarray(reference, float).tolist(), controller.step
@@ -102,7 +115,7 @@ class Loop:
         def command(n, x, i):
             return step(wanted[n], x, i - offset if i == i else 0.0)
 
-        allowed = max(error, SHARE * machine.stroke) + LAG * speed
+        allowed = max(error, SHARE * machine.stroke, self.lag(speed)) + LAG * speed
         try:
             record = machine.run(reference, command, disturbance, window, allowed, go_on=go_on)
         except Refused as end:
@@ -157,7 +170,7 @@ class Loop:
         asked, moved = float(r[-1] - r[0]), float(x[-1] - x[0])
         place, sign = machine.position, math.copysign(1.0, asked or (r[-1] - x[-1]))
         last = min(machine.periods(0.004, 4), rows)
-        volts, unit = float(np.mean(record.command[-last:])), machine.command.unit
+        volts, unit = float(np.mean(record.command[-last - 1:-1])), machine.command.unit  # the last row is zero
         free = max(abs(volts) - 2.0 * self.sliding, 0.0) / self._volts_per_speed(rows * machine.period)
         speed = abs(float(x[-1] - x[-last])) / (last * machine.period)
         wanted = abs(asked) / (rows * machine.period) if abs(asked) >= 2.0 * machine.count else math.inf
@@ -202,7 +215,7 @@ class Loop:
         encoder.
         """
         self.machine.failed = self.machine.last
-        volts = float(np.mean(self.machine.last.command[-self.machine.periods(0.005, 5):]))
+        volts = float(np.mean(self.machine.last.command[-self.machine.periods(0.005, 5) - 1:-1]))
         sign, place, unit = math.copysign(1.0, volts), self.machine.position, self.machine.command.unit
         swing = there_and_back(self.machine.last["encoder_m"])
         stands = float(np.ptp(self.machine.last["reference_m"])) == 0.0

@@ -1,5 +1,10 @@
 """An encoder that stands while the motor turns, shown by the back-EMF: (u − R i) / (volts per speed), summed over
-time."""
+time.
+
+Current and encoder are read at the ends of periods: u − R i is that of the speed there, and the way over a period that
+of the mean of both ends (trapezoidal rule). At 1 ms the ends alone would be wrong by 1.5 µm where a slide at 3 mm/s
+begins or turns round.
+"""
 
 import math
 
@@ -52,13 +57,13 @@ class EncoderWatch:
 
     def begin(self):
         """A run begins: what was before does not count."""
-        self._row, self._sums = 0, [(0, 0.0, 0.0, 0.0)]
-        self._place, self._drop, self._volts, self._same_rows = math.inf, 0.0, 0.0, 0
+        self._row, self._turned, self._sums = 0, 0.0, [(0, 0.0, 0.0, 0.0)]
+        self._place, self._drop, self._volts, self._same_rows, self._end = math.inf, 0.0, 0.0, 0, 0.0
         self._most = self.unseen[1] * self.volts_per_speed / self._period
 
     def turned(self, voltage, current):
-        """Way of the motor [m at the stage] over rows of voltage [V] and current [A]; a reading answers the voltage of
-        the row before."""
+        """Way of the motor [m at the stage] over rows of voltage [V] and current [A], by the speeds at the ends of
+        periods; a reading answers the voltage of the row before."""
         return (
             float(np.nansum(voltage[:-1] - self.resistance * (current[1:] - self._offset)))
             / self.volts_per_speed
@@ -75,12 +80,15 @@ class EncoderWatch:
         """One period: the encoder [m], the voltage [V] held before it, the current [A]. Raises Refused (encoder_dead)
         where the motor turns by its back-EMF, over the last `LONGEST` with fading memory, while the encoder stands.
         """
+        before = self._end
+        if current == current:
+            self._end = voltage - self.resistance * (current - self._offset)
         if abs(encoder - self._place) > self._same:
             self._place, self._drop, self._volts, self._same_rows = encoder, 0.0, 0.0, 0
             return
         self._same_rows += 1
         if self._same_rows > 1 and current == current:  # in the first row the motor may just have turned round
-            self._drop = drop = self._kept * self._drop + voltage - self.resistance * (current - self._offset)
+            self._drop = drop = self._kept * self._drop + 0.5 * (before + self._end)
             self._volts = self._kept * self._volts + abs(voltage)
             if self._same_rows >= LEAST_ROWS and abs(drop) > self._most + self._doubt * self._volts:
                 self._refuse(drop * self._period / self.volts_per_speed, 0.0)
@@ -109,9 +117,11 @@ class EncoderWatch:
     def look(self, encoder, voltage, current, n):
         """Look at all rows up to ``n`` [1], of ``voltage`` [V]. Raises Refused (encoder_dead)."""
         first = self._row
-        _, turned, way, _ = self._sums[-1]
+        _, _, way, _ = self._sums[-1]
         part = slice(first, n + 1)
-        turned += self.turned(voltage[part], current[part])
+        self._turned += self.turned(voltage[part], current[part])
+        half = 0.5 * self.turned(voltage[n - 1:n + 1], current[n - 1:n + 1])  # of the last row: half at either end
+        turned = self._turned - half
         way += float(np.abs(voltage[first:n]).sum()) / self.volts_per_speed * self._period
         if first == 0:
             self._sums[0] = 0, 0.0, 0.0, float(encoder[0])

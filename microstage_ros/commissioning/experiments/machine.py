@@ -167,6 +167,7 @@ class Machine:
         finally:
             if not (go_on and planned):
                 self._zero()
+                table[3, n] = 0.0  # what the drive holds until the next run's first reading
             self.position, self.rows = before, self.rows + n + 1
             self._note(table[:, : n + 1])
             self._note_stamps(stamps)

@@ -49,6 +49,10 @@ REST_SHARE = 0.25  # of breakaway, rms of the voltage added at rest
 USUAL_SHARE = 0.35  # of the voltage that slides the stage, rms of the voltage added for the observer law
 SLIDE_SPEED = 1e-3  # m/s
 LINES, REST_PERIODS = 60, 20
+INTERPOLATED = 4
+"""Multiples of speed over signal period at which an encoder's interpolation errs: one and two by offset, gain and phase
+of its two signals (Heydemann, Applied Optics 20 (1981)), up to four by their distortion. It is in step with the slide,
+so that the coherence does not show it."""
 SLIDES, OBSERVED_SLIDES = 6, 10
 
 
@@ -136,7 +140,20 @@ def loop_in_motion(loop, found, seed, keep):
     if observed:
         machine.rest(0.0)
     keep("response_in_motion", joined(records))
-    return responses(parts, made, period, "sliding") if parts else (None, None)
+    if not parts:
+        return None, None
+    kept = not_interpolated(made.lines / (made.rows * period), speed, machine.axis, 0.5 / (made.rows * period))
+    return tuple(each.at(kept) for each in responses(parts, made, period, "sliding"))
+
+
+def not_interpolated(frequency, speed, axis, near):
+    """Which lines at ``frequency`` [Hz] no error of the encoder's interpolation reaches in a slide; bool, shape (n,).
+
+    ``speed``: of the slide [m/s]; ``near``: so close to a multiple is on it [Hz]. The signal period is the sketch's, or
+    the usual one: a wrong one costs four lines.
+    """
+    first = speed / axis.value("sensors.encoder.signal_period")
+    return np.all([np.abs(frequency - k * first) > near for k in range(1, INTERPOLATED + 1)], axis=0)
 
 
 def _loud(loop, found, lowest, speed, seed):

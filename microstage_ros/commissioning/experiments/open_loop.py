@@ -4,7 +4,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from microstage_ros.commissioning.findings import refused
 from microstage_ros.commissioning.experiments.dead_encoder import EncoderWatch
@@ -12,9 +11,9 @@ from microstage_ros.commissioning.experiments.encoder_scale import scale_check
 from microstage_ros.commissioning.experiments.first_motion import joined
 from microstage_ros.commissioning.experiments.sliding import STANDS, STILL_COUNTS, TURNED, Slide
 from microstage_ros.commissioning.estimation.plant_fit import resonance_of
-from microstage_ros.commissioning.estimation.smoothing import SMOOTH, smoothed, window_rows
+from microstage_ros.commissioning.estimation.smoothing import SMOOTH, smoothed
 from microstage_ros.model.actuators import actuator_of
-from microstage_ros.signals.rows import of_row_before
+from microstage_ros.signals.rows import bridged, of_row_before
 
 STROKE, SHARE = 1.5e-4, 0.02  # of the first strokes: metres, and share of the travel
 LONGEST_WINDOW = 0.03  # of the low-pass of the strokes [s]
@@ -77,7 +76,7 @@ def strokes(machine, sketch, first, keep):
     slide = Slide(machine, found, actuator)
     if not slide.held:
         machine.run(np.full(machine.periods(0.1), machine.position), slide.command(0.0))
-    return found, scale_check(strokes_below_swing(record, sketch, first, machine.period), sketch)
+    return found, scale_check(found, sketch)
 
 
 def _stroke(machine, centre, reach, voltage, longest, parts):
@@ -122,39 +121,55 @@ def _gives_way(machine, voltage, parts):
 def fit_strokes(record, sketch, first, period):
     """`Strokes` by least squares of the voltage balance (and of the torque balance, with a current).
 
+    All sides of each balance pass the same low-pass, which leaves the balance as it is. It is longer than the drive
+    train swings: while it swings, motor and stage have different accelerations, and the inertia would come out up to
+    three times too low. Voltage and current are read at the ends of periods, the encoder's way over one is that of the
+    mean speed: of what is proportional to the speed at the ends, u − R i = K v, the mean of both ends is taken
+    (trapezoidal rule; its error is (T/τ)²/12 of a part of the speed that settles with the time constant τ). Of what
+    drives the inertia it is the mean over the period: of a command, which is held, its own value; of a current, which
+    jumps with the voltage, what follows from the first balance.
+
     ``first``: `FirstMotion`; ``period``: of control [s].
     """
-    _, v, a = smoothed(record, period)
-    u = savgol_filter(of_row_before(record.command), window_rows(period), 3)
+    window = np.hanning(_long_rows(sketch.axis, period) + 2)[1:-1]
+    window /= window.sum()
+
+    def low(values):
+        return np.convolve(values, window, "valid")[1:-1]
+
+    def of_both_ends(values):
+        return low(0.5 * (values + of_row_before(values)))
+
+    x = bridged(record["encoder_m"])
+    speed = np.diff(x, prepend=x[0]) / period
+    v, a, sign = low(speed), low(np.gradient(speed, period)), low(np.sign(smoothed(record, period)[1]))
     fast = np.abs(v) > 0.15 * np.abs(v).max()
-    cut = slice(int(SMOOTH / period) + 1, -int(SMOOTH / period) - 1)
-    keep = np.zeros(len(v), bool)
-    keep[cut] = fast[cut]
-    v, a, u = v[keep], a[keep], u[keep]
-    motion = np.column_stack([a, np.sign(v), v, np.ones(len(v))])
-    i = None
+    held, top = of_row_before(record.command), float(np.abs(v).max())
+    motion = np.column_stack([a, sign, v, np.ones(len(v))])[fast]
     if not actuator_of(sketch.axis).emf_key:
-        return _forced(motion, u, first, float(np.abs(v).max()))
-    if first.has_current:
-        i = savgol_filter(np.nan_to_num(record["current_A"]), window_rows(period), 3)[keep]
-    return _balanced(motion, u, i, sketch, float(np.abs(v).max()))
+        return _forced(motion, low(held)[fast], first, top)
+    if not first.has_current:
+        return _balanced(motion, low(held)[fast], None, None, sketch, top)
+    ends = [of_both_ends(values)[fast] for values in (held, np.nan_to_num(record["current_A"]))]
+    return _balanced(motion, low(held)[fast], *ends, sketch, top)
 
 
-def _balanced(motion, u, i, sketch, top):
+def _balanced(motion, held, u, i, sketch, top):
     """`Strokes` by least squares of u = R i + K v + o and R i = J a + F sign(v) + B v + o; without a current of both in
     one.
 
     Parameters
     ----------
-    motion : (n, 4): acceleration, sign of the velocity, velocity [SI], ones. u : voltage (n,) [V].
-        i : current (n,) [A], or None. top : largest speed [m/s].
+    motion : (n, 4): acceleration, sign of the velocity, velocity [SI], ones. held : voltage over the period (n,) [V].
+        u, i : voltage (n,) [V] and current (n,) [A], mean of the readings at the ends, or None.
+        top : largest speed [m/s].
     """
     if i is None:
-        inertia, friction, viscous, offset = np.linalg.lstsq(motion, u, rcond=None)[0]
+        inertia, friction, viscous, offset = np.linalg.lstsq(motion, held, rcond=None)[0]
         resistance = sketch.axis.value("drive.resistance") if sketch.axis.has("drive.resistance") else math.nan
         return Strokes(resistance, float(viscous), float(inertia), float(friction), float(offset), 0.0, False, top)
     resistance, emf, offset = np.linalg.lstsq(np.column_stack([i, motion[:, 2], motion[:, 3]]), u, rcond=None)[0]
-    inertia, friction, viscous, zero = np.linalg.lstsq(motion, i, rcond=None)[0]
+    inertia, friction, viscous, zero = np.linalg.lstsq(motion, i + (held - u) / resistance, rcond=None)[0]
     return Strokes(
         float(resistance),
         float(emf),
@@ -173,31 +188,6 @@ def _forced(motion, command, first, top):
     inertia, friction, viscous, offset = np.linalg.lstsq(motion, command, rcond=None)[0]
     return Strokes(first.resistance, max(float(viscous), 0.0), float(inertia), float(friction), float(offset), 0.0,
                    first.has_current, top)
-
-
-def strokes_below_swing(record, sketch, first, period):
-    """`Strokes` as `fit_strokes` has them, from below the swing of the drive train: for the scale of the encoder.
-
-    Both sides of each balance pass the same low-pass, which leaves the balance as it is. It is longer than the drive
-    train swings: while it swings, motor and stage have different accelerations, and the inertia would come out up to
-    three times too low. ``first``: `FirstMotion`; ``period``: of control [s].
-    """
-    x, v, _ = smoothed(record, period)
-    window = np.hanning(_long_rows(sketch.axis, period) + 2)[1:-1]
-    window /= window.sum()
-
-    def low(values):
-        return np.convolve(values, window, "valid")
-
-    rows = np.gradient(x, period)
-    speed = low(rows)
-    fast = np.abs(speed) > 0.15 * np.abs(speed).max()
-    u = low(of_row_before(record.command))[fast]
-    motion = np.column_stack([low(c)[fast] for c in (np.gradient(rows, period), np.sign(v), rows, np.ones(len(v)))])
-    if not actuator_of(sketch.axis).emf_key:
-        return _forced(motion, u, first, float(np.abs(speed).max()))
-    i = low(np.nan_to_num(record["current_A"]))[fast] if first.has_current else None
-    return _balanced(motion, u, i, sketch, float(np.abs(speed).max()))
 
 
 def _long_rows(axis, period):
