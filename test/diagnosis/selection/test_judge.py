@@ -196,6 +196,9 @@ def test_strangers_are_dropped_and_others_kept():
     world = World(forms, {"encoder_sde": 0.15}, excess={"position": 3.0}, seed=9)
     stranger = choice(world, "encoder_sde")
     assert judge.without_strangers(world.evidences, [stranger]) == []
+    for error, kept in ((0.13, []), (0.11, [stranger])):       # of one size in every stretch it is no nearest name
+        world.evidences.agreement = lambda *_, error=error: (1.0, error, 50.0)
+        assert judge.without_strangers(world.evidences, [stranger]) == kept
     world = World(forms, {"encoder_sde": 2.0}, excess={"position": 0.6}, seed=9)
     mine = choice(world, "encoder_sde")
     assert judge.stands_out(world.evidences, [mine]) == ["position"]
