@@ -12,6 +12,7 @@ from microstage_ros.commands.analysis import simulate as simulate_command
 from microstage_ros.commands.analysis import tune as tune_command
 from microstage_ros.control.evaluation import comparison
 from microstage_ros.control.evaluation import reference_controllers as yardsticks
+from microstage_ros.control.evaluation.limits import limits as what_not_knowing_costs
 from microstage_ros.control.runs.trials import sine_trial
 from microstage_ros.control.laws.controller import make_controller
 from microstage_ros.control.tuning import tuning
@@ -128,6 +129,9 @@ def test_compare_command_makes_page_tables_and_data(tmp_path, monkeypatch, capsy
     monkeypatch.setattr(comparison, "STRESS", {"nominal": {}, "delay": comparison.STRESS["delay of 1 sample"]})
     monkeypatch.setattr(comparison, "DISTANCES", (1e-6, 1e-4))
     monkeypatch.setattr(comparison, "TRACKING_SINE", (1e-5, 1.0))
+    for name, fewer in (("GAIN_JUMPS", (0.5,)), ("DOUBTS", comparison.DOUBTS[1:3]), ("LEVEL_JUMPS", (0.85,)),
+                        ("limits", lambda evaluation: what_not_knowing_costs(evaluation, (5e-4,)))):
+        monkeypatch.setattr(comparison, name, fewer)
     document = tmp_path / "doc.md"
     document.write_text("before\n<!-- compare: Sines, worst peak (nm) -->\nold\n<!-- end -->\nafter\n")
     assert compare_command.main(["--out", str(tmp_path), "--quick", "--jobs", "1", "--update", str(document),

@@ -116,7 +116,7 @@ def test_integral_gain_comes_back_up_to_the_proportional_one_where_the_axis_stan
 
 
 def test_moves_through_lost_motion_end_at_their_target(axis):
-    """Within the dwell of 0.4 s; with the integral left slow and all of the friction fed forward some end 200 nm short.
+    """Within the dwell of 0.4 s; with all of the friction fed forward across the gap the median was 76 nm, and 15 of 16 records missed.
 
     In 63 of 440 records (95 %: 11 to 18 %) a move from the fourth on ended beyond 100 nm, the farthest 268 nm off, the median 9 nm: at 18 %
     more than 9 of 16 come once in 10^4 times.

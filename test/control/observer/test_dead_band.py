@@ -30,11 +30,14 @@ def test_the_inverse_undoes_the_band():
 
 @pytest.mark.parametrize("half_width", [0.005, 0.01, 0.05])
 def test_dead_band_is_found_and_commanded_over(axis, run, half_width):
-    """Not learned, it leaves moves of 1 mm 2 to 7 um off (5 seeds); learned, not more than the healthy axis has."""
+    """Not learned, it leaves moves of 1 mm 2 to 7 um off (5 seeds); learned, not more than the healthy axis has.
+
+    Of 5 mV the error is 0.08 mV on average with a standard deviation of 0.11 mV (30 seeds; wider bands: 0.3 to 0.7 % and as much).
+    """
     largest = []
     for seed in (1, 2, 3):
         columns = run("self_tuning_observer", PROGRAM, seed=seed, effects={"amplifier_deadband": {"half_width_V": half_width}})
-        assert bands(axis, columns)[-1] == pytest.approx(half_width, rel=0.06)
+        assert bands(axis, columns)[-1] == pytest.approx(half_width, rel=0.06, abs=5e-4)
         moves = slice(round(4.2 / 1e-4), None)
         largest.append(np.abs(columns["stage_m"] - columns["reference_m"])[moves].max())
     assert np.median(largest) < 1.5e-7 and max(largest) < 5e-7
