@@ -94,18 +94,19 @@ def test_records_that_cannot_be_used(axis):
         diagnose_case(axis, [])
 
 
-def test_creep_beside_a_vibration_of_the_floor(axis):
+@pytest.mark.parametrize(("size", "least"), [(1.2e-7, {"floor_vibration", "presliding_creep"}), (6e-8, {"floor_vibration"})])
+def test_creep_beside_a_vibration_of_the_floor(axis, size, least):
     """A line that moves faster than rest does not hide what the blocks do while they are held.
 
-    120 nm of creep were named beside it in 10 of 10 records (95 %: 69 to 100 %), 60 nm in 4 of 10 (alone: 10 of 10).
+    120 nm of creep were named beside it in 10 of 10 records (95 %: 69 to 100 %), 60 nm in 4 of 10 (alone: 10 of 10);
+    where it is not named, nothing else takes its place.
     """
-    size = 1.2e-7
     effects = {"presliding_creep": {"amplitude_m": size, "time_s": 0.06},
                "floor_vibration": {"frequencies_hz": [37.0], "amplitudes_m": [1.2e-7]}}
     answer = diagnosed(axis, Hidden("creep and floor", tuple(effects), effects), 44)
     named = {cause.id: cause for cause in answer.causes}
-    assert set(named) == set(effects)
-    creep = named["presliding_creep"].parameters["amplitude_m"]
-    assert abs(creep.value - size) < 4.0 * creep.stderr < 2.0 * size
+    assert least <= set(named) <= set(effects)
+    for creep in (cause.parameters["amplitude_m"] for name, cause in named.items() if name == "presliding_creep"):
+        assert abs(creep.value - size) < 4.0 * creep.stderr < 2.0 * size
     of_no_literal(answer)
     assert named["floor_vibration"].parameters["amplitude_1_m"].value == pytest.approx(1.2e-7, rel=0.03)
