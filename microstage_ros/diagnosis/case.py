@@ -61,8 +61,8 @@ OF_TURNS = ("torque_ripple",)
 SHAKEN = ("presliding_creep", "rising_static_friction")
 SHAKEN_SHARE = {"torque": 0.06}
 SLOW_IN_TIME = ("thermal_drift", "refractive_index")   # what a course of every record's own leaves no room for
-# least probability of a further cause; calibrated by: microstage campaign --world second, seeds 3301, 3313, 3401, 6101,
-# 6105 and 8205: the four further causes below it were wrong, of the seven between it and 0.9 two
+# least probability of a further cause; calibrated by: microstage campaign --world second, seeds 3301, 3313, 3401, 4105,
+# 6101, 6105 and 8205: the four further causes below it were wrong, of the six between it and 0.9 two
 LIKELY = 0.82
 GENERIC = tuple(form for form in FORMS if not form.named)
 

@@ -17,6 +17,7 @@ from microstage_ros.control.tuning.tuning import GUARDED
 OBSERVED, SLIDING = "self_tuning_observer", GUARDED[1]
 POINTS = 3000  # of the whole loop: 0.2 % of the frequency from one to the next over nine octaves
 LEAST_LINES = 4
+UNITS = math.degrees(1.0), 20.0 / math.log(10.0)  # degrees and dB of a relative deviation of one, in phase and size
 
 
 def whole_margins(loop, axis, drawn, law, gains):
@@ -49,7 +50,7 @@ def whole_margins(loop, axis, drawn, law, gains):
         """Relative standard deviation of a line, or that of the margin over the draws."""
         margin, place = least[part]
         if place <= highest:
-            return float(np.interp(math.log(place), nodes[:-1], seen.relative)) * (math.degrees(1.0), 8.686)[part]
+            return float(np.interp(math.log(place), nodes[:-1], seen.relative)) * UNITS[part]
         return float(np.std([o[part][0] for o in others if math.isfinite(o[part][0])] or [0.0]))
 
     (phase, crossing), (gain, turn) = least

@@ -5,7 +5,7 @@ import types
 import numpy as np
 import pytest
 
-from microstage_ros.diagnosis.case import SWINGS, _beyond_the_known
+from microstage_ros.diagnosis.case import LIKELY, SWINGS, _beyond_the_known, _likely
 from microstage_ros.diagnosis.catalogue.form import Form, one
 from microstage_ros.diagnosis.prerequisites import timing
 from microstage_ros.diagnosis.residuals.evidence_set import Choice
@@ -64,3 +64,10 @@ def test_a_stage_that_stands_in_a_gap_while_the_motor_moves_loses_no_samples():
     assert timing.timing_of([record]).lost == 0.0
     record.stage_speed = record.speed
     assert timing.timing_of([record]).lost == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_first_cause_is_named_however_unlikely_and_a_further_one_only_if_likely():
+    """Beside an open question there is no first one: a viscosity or a level of friction, and a power of the speed that was not there."""
+    first, sure, doubtful = (types.SimpleNamespace(probability=p) for p in (LIKELY - 0.1, LIKELY + 0.01, LIKELY - 0.01))
+    assert _likely([first, sure, doubtful]) == ([first, sure], [doubtful])
+    assert _likely([first, sure, doubtful], ["open"]) == ([sure], [first, doubtful])
