@@ -30,7 +30,7 @@ from microstage_ros.diagnosis.selection.mass_or_drive import RESONANT
 from microstage_ros.diagnosis.selection.nonregression_causes import nonregression_causes
 from microstage_ros.diagnosis.selection.refinement import refine
 from microstage_ros.diagnosis.selection.selection import STEADY, select
-from microstage_ros.diagnosis.selection.sizes import sizes_of
+from microstage_ros.diagnosis.selection.sizes import stated_sizes
 from microstage_ros.quantities.errors import InputError
 
 EFFECTS = tuple(sorted({form.effect for form in FORMS if form.named and form.channel != "command"}))
@@ -222,7 +222,7 @@ def _cause(evidences, choice, choices, units):
     """`Cause` of a selected effect; its share is filled in at the end."""
     parameters, effect = {}, {}
     for form in choice.forms:
-        fitted, entry = sizes_of(evidences, choice, choices, form)
+        fitted, entry = stated_sizes(evidences, choice, choices, form)
         for name, (value, stderr, unit) in fitted.items():
             known = parameters.get(name)
             if known is None or stderr < known.stderr:

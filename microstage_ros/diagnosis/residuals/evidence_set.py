@@ -127,6 +127,19 @@ class Evidences:
             d.append(parts[1] / self.scatter[channel])
         return factor(np.concatenate(u), np.concatenate(d), scatter=group != "base")
 
+    def scattered_covariance(self, channel, keys):
+        """Covariance (k, k) of the sizes of forms, fitted to the learning records together, by how stretches disagree.
+
+        V Σ g g' V G/(G − 1), with V the noise model's and g the score of each of G stretches (cluster-robust: Liang and
+        Zeger, Biometrika 1986); None where the rows were not kept.
+        """
+        rows = self._rows_of(channel, "learn")
+        if rows is None:
+            return None
+        beta, covariance, _ = self.learn[channel].fit(keys)
+        scores = rows.scores(keys, beta, STRETCH)
+        return covariance @ (scores.T @ scores) @ covariance * len(scores) / max(len(scores) - 1.0, 1.0)
+
     def loudness(self, channel, choices, group):
         """χ² per row that the learned sizes leave in a group of records, and how sure that is.
 

@@ -87,6 +87,12 @@ class Growing(Evidence):
         parts = [record.energies(index, beta, length) for record in self._records]
         return tuple(np.concatenate(values) for values in zip(*parts))
 
+    def scores(self, keys, beta, length):
+        """Inner products of the forms' columns with what sizes ``beta`` (k,) of them leave, stretch by stretch of
+        ``length`` [s]: shape (stretches, k). Their sum is zero at least squares."""
+        index = self.indices(keys) - 1
+        return np.concatenate([record.scores(index, beta, length) for record in self._records])
+
     def alone(self, form):
         """`Evidence` of the residual and one form, which is not kept."""
         blocks = [record.with_form(form) for record in self._records]
@@ -158,6 +164,12 @@ class _Record:
             left = left - np.concatenate(self._columns[1:], axis=1)[:, index] @ beta
         energy = np.add.reduceat(left * self._spared(left[:, None])[:, 0], starts)
         return energy, np.diff([*starts, len(left)]).astype(float)
+
+    def scores(self, index, beta, length):
+        """`Growing.scores` of this record."""
+        columns = np.concatenate(self._columns[1:], axis=1)[:, index]
+        left = self._spared((self._columns[0][:, 0] - columns @ beta)[:, None])
+        return np.add.reduceat(columns * left, self._starts(length), axis=0)
 
     def _starts(self, length):
         """First rows of stretches of ``length`` [s]; the last one takes what is less than half of one."""

@@ -85,9 +85,10 @@ def _certain_alone(learned, held, base):
     """Whether the held-out records, which did not choose the size, tell it alone with the certainty that is asked of
     all names, and the learning records with the one that is asked of one.
 
-    By their own degrees of freedom: those of the baseline say nothing of how few stretches carry it here.
+    By their own degrees of freedom: those of the baseline say nothing of how few stretches carry it here. And beyond
+    what the baseline clearly shows; whether it may show as much is asked beside this (`agrees_with_itself`).
     """
-    more, stderr, _ = beyond(held, base)
+    more, stderr, _ = beyond(held, clear_part(base))
     return log_tail(learned) < OF_ONE and log_tail((more, stderr, held[2])) < OF_NAMES
 
 

@@ -30,14 +30,41 @@ def width(evidences, channel, form):
 
 
 def sizes_of(evidences, choice, others, form):
-    """(parameters, effect) of one form fitted beside the other choices on the learning records."""
-    evidence = evidences.learn[form.channel]
+    """(parameters, effect) of one form fitted beside the other choices on the learning records.
+
+    A standard error holds the noise, as the model has it, and the error of the form.
+    """
+    beta, covariance, keys = _fitted(evidences, choice, others, form)
+    parameters, effect = form.sizes(beta, covariance, evidences.frame)
+    return _with_form_error(parameters, form), effect
+
+
+def stated_sizes(evidences, choice, others, form):
+    """`sizes_of` as they are stated: the noise is also how stretches of the records disagree, whichever is larger.
+
+    What another friction law leaves is no noise of the model, and moves a size by many of the noise's standard errors.
+    """
+    beta, covariance, keys = _fitted(evidences, choice, others, form)
+    parameters, effect = form.sizes(beta, covariance, evidences.frame)
+    scattered = evidences.scattered_covariance(form.channel, keys)
+    if scattered is not None:
+        scattered = form.sizes(beta, scattered[-len(beta):, -len(beta):], evidences.frame)[0]
+        parameters = {name: (value, max(stderr, scattered[name][1]), unit)
+                      for name, (value, stderr, unit) in parameters.items()}
+    return _with_form_error(parameters, form), effect
+
+
+def _fitted(evidences, choice, others, form):
+    """Sizes (n,) of a form beside the other choices, their covariance (n, n) by the noise model, and all keys."""
     keys = Evidences._keys(form.channel, [c for c in others if c.effect != choice.effect])
-    beta, covariance, _ = evidence.fit([*keys, form.key])
+    beta, covariance, _ = evidences.learn[form.channel].fit([*keys, form.key])
     n = width(evidences, form.channel, form)
     scale = evidences.scatter[form.channel] * CAUTION.get(form.channel, 1.0) ** 2
-    parameters, effect = form.sizes(beta[-n:], covariance[-n:, -n:] * scale, evidences.frame)
+    return beta[-n:], covariance[-n:, -n:] * scale, [*keys, form.key]
+
+
+def _with_form_error(parameters, form):
+    """The error of the form added, a share of what was added: a factor is one plus its size."""
     share = form_error(form.effect, form.channel)
-    # a factor is one plus its size: the error of the form is a share of what was added
     return {name: (value, math.hypot(stderr, share * abs(value - (name == "factor"))), unit)
-            for name, (value, stderr, unit) in parameters.items()}, effect
+            for name, (value, stderr, unit) in parameters.items()}

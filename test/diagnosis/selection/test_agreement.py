@@ -14,6 +14,7 @@ from microstage_ros.diagnosis.residuals.evidence_set import LOUDNESS_STRETCH, ST
 from microstage_ros.diagnosis.residuals.growing import Growing
 from microstage_ros.diagnosis.selection import judge, selection
 from microstage_ros.diagnosis.selection.agreement import OF_NAMES, agrees_with_itself, in_baseline, log_tail, shortfall
+from microstage_ros.diagnosis.selection.sizes import CAUTION, sizes_of, stated_sizes
 
 STEP, ROWS = 0.01, 3000     # s, rows of one record of 30 s
 EFFECT = Form("gravity_tilt", "torque", "", lambda channel, frame: channel.signal[:, None], one("size", "1"))
@@ -231,3 +232,25 @@ def test_a_size_without_scatter_is_no_chance_or_nothing():
     """A law of friction whose records hold no row of an effect gave 0 ± 0, and the diagnosis a division by zero."""
     assert log_tail((0.5, 0.0, 7)) == -math.inf
     assert log_tail((0.0, 0.0, 7)) == log_tail((-0.5, 0.0, 7)) == 0.0
+
+
+def test_a_stated_size_holds_how_stretches_disagree():
+    """A size that is 0.3 ± 0.6 by stretch: its mean of 240 has the standard error 0.6/√240 beside that of the noise, and the noise model's
+    alone is too narrow."""
+    def swaying(seed):
+        generator = np.random.default_rng([77, seed])
+        return lambda k: 0.3 + 0.6 * generator.normal()
+
+    wide = narrow = 0
+    for seed in range(60):
+        case = evidences(swaying(seed), held=lambda k: 0.3, seed=seed)
+        value, stderr, _ = stated_sizes(case, CHOICE, [CHOICE], EFFECT)[0]["size"]
+        noise = sizes_of(case, CHOICE, [CHOICE], EFFECT)[0]["size"][1] / CAUTION["torque"]
+        assert stderr == pytest.approx(math.hypot(0.6 / math.sqrt(240.0), noise), rel=0.5)
+        wide, narrow = wide + (abs(value - 0.3) <= 1.96 * stderr), narrow + (abs(value - 0.3) <= 1.96 * noise)
+    assert wide >= 49 > narrow      # of 60 at 95 %: fewer come once in 10⁴ runs
+
+
+def test_a_stated_size_is_that_of_the_noise_where_stretches_agree():
+    case = evidences(lambda k: 0.3)
+    assert stated_sizes(case, CHOICE, [CHOICE], EFFECT)[0]["size"] == sizes_of(case, CHOICE, [CHOICE], EFFECT)[0]["size"]
