@@ -23,14 +23,14 @@ from microstage_ros.diagnosis.residuals.collection import Collection
 from microstage_ros.diagnosis.residuals.systematic import SYSTEMATIC
 from microstage_ros.diagnosis.result import Cause, Diagnosis, Parameter
 from microstage_ros.diagnosis.selection import judge, limit_cycle
-from microstage_ros.diagnosis.selection.agreement import unsteadiness
+from microstage_ros.diagnosis.selection.agreement import is_told_by_held_out_records, unsteadiness
 from microstage_ros.diagnosis.selection.calibration import probability
 from microstage_ros.diagnosis.selection.leftover import scatter_findings
 from microstage_ros.diagnosis.selection.mass_or_drive import RESONANT
 from microstage_ros.diagnosis.selection.nonregression_causes import nonregression_causes
 from microstage_ros.diagnosis.selection.refinement import refine
-from microstage_ros.diagnosis.selection.selection import STEADY, select
-from microstage_ros.diagnosis.selection.sizes import stated_sizes
+from microstage_ros.diagnosis.selection.selection import FLIPS_NOT, STEADY, select
+from microstage_ros.diagnosis.selection.sizes import stated_sizes, with_payload
 from microstage_ros.quantities.errors import InputError
 
 EFFECTS = tuple(sorted({form.effect for form in FORMS if form.named and form.channel != "command"}))
@@ -116,7 +116,7 @@ def _beyond_the_known(evidences, choices, known):
     """Choices that are more than what the known prerequisites, never modelled to the last nanometre, leave behind."""
     if known.slow is not None:
         clear = _clear_of(evidences, choices, known.slow.held, SLOW_SHARE)
-        choices = [c for c in choices if c in clear or c.effect in OF_PLACE]
+        choices = [c for c in choices if c in clear or c.effect in OF_PLACE or _is_constant(evidences, c, choices)]
     if known.gap is not None:
         gap = known.gap
         held = max(gap.held_before - gap.held_after, gap.taken)
@@ -134,6 +134,12 @@ def _beyond_the_known(evidences, choices, known):
         clear, swung = (_clear_of(evidences, choices, part, one) for one in (SOFT_SHARE, shares))
         choices = [*soft, *(c for c in clear if c not in soft and (c.effect not in SWUNG or c in swung))]
     return choices
+
+
+def _is_constant(evidences, choice, choices):
+    """Whether a cause is a force that does not turn with the motion, as all that hangs back in time does, and certain."""
+    others = [o for o in choices if o is not choice]
+    return choice.effect in FLIPS_NOT and is_told_by_held_out_records(evidences, choice, others)
 
 
 def _clear_of(evidences, choices, held, shares):
@@ -170,6 +176,7 @@ def _answer(collection, evidences, choices, rivals, nonregression, holdout, note
             unsure.append(judge.rivals_entry([choice.effect, *others]))
         else:
             causes.append(_cause(evidences, choice, choices, units))
+    causes = with_payload(causes, collection.frame.drive.mass)
     known, course = nonregression
     scattered = judge.stands_out(evidences, choices)
     if known.slow is not None and "resonance" in scattered:

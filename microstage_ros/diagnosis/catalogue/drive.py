@@ -79,7 +79,8 @@ def ripple_form(numbers):
 FORMS = (
     Form("gravity_tilt", "torque", "", gravity_tilt,
          one("angle_rad", "rad", value=lambda b: np.arcsin(np.clip(b, -1, 1)))),
-    Form("cable_spring", "torque", "", cable_spring, _cable_sizes),
+    # a cable pulls back: one that pushed on would be no spring
+    Form("cable_spring", "torque", "", cable_spring, _cable_sizes, lambda b: b[0] > 0.0),
     Form("cable_spring", "windup", "", cable_windup, one("stiffness_N_m", "N/m")),
     Form("payload_change", "torque", "", payload_change, _mass_sizes),
     *(ripple_form((n,)) for n in RIPPLE_CYCLES),

@@ -41,7 +41,8 @@ MINOR = 0.03                 # a further cause must explain this share of what i
 EXACT = 0.005
 #: Effects whose columns are linear in their size: no grid and no power of them leaves a misfit that is steady, too.
 LINEAR = ("amplifier_gain", "amplifier_offset", "scale_error", "refractive_index", "friction_level_change",
-          "viscous_change", "gravity_tilt", "cable_spring", "torque_ripple", "encoder_sde", "screw_pitch_error")
+          "viscous_change", "gravity_tilt", "cable_spring", "torque_ripple", "encoder_sde", "screw_pitch_error",
+          "sampling_jitter")
 # relative standard error of its size below which a small cause is none of a larger one's misfit; calibrated by:
 # microstage campaign --world second --kind two --seed 6105, cases 16, 29 and 45 (0.006 to 0.043, all there)
 STEADY = 0.05
@@ -185,10 +186,10 @@ def _splinter(evidences, trial, choices):
 
 
 def _of_one_size(evidences, choice, others):
-    """Whether a cause beside others in its channel, all of them linear in their size, has one size in all stretches."""
+    """Whether a cause has one size in all stretches, and all that stand beside it in its channel are linear in theirs."""
     channels = {form.channel for form in choice.forms}
     beside = [other for other in others if channels & {form.channel for form in other.forms}]
-    linear = all(one.effect in LINEAR for one in (choice, *beside))
+    linear = all(one.effect in LINEAR for one in beside)
     return linear and unsteadiness(evidences, choice, others) < STEADY
 
 
@@ -344,11 +345,12 @@ def _swung(trial, choices):
 
 
 def _simpler(evidences, winner, trials, choices):
-    """The simpler effect that the winner contains, if it explains as much, in the learning or the held-out records."""
+    """The simpler effect that the winner contains, if it explains as much, or more of the held-out records."""
     for trial in trials:
         wider = winner.choice.effect in CONTAINS.get(trial.choice.effect, ())
-        as_much = trial.gain > winner.gain - max(25.0, 0.06 * winner.gain) or trial.held > winner.held
-        if wider and as_much and acceptable(evidences, trial, choices):
+        as_much = trial.gain > winner.gain - max(25.0, 0.06 * winner.gain) \
+            and trial.held > winner.held - max(25.0, 0.06 * winner.held)
+        if wider and (as_much or trial.held > winner.held) and acceptable(evidences, trial, choices):
             return trial
     return winner
 

@@ -1,5 +1,6 @@
 """The sizes of what was selected: parameters with their standard errors, the error of the form itself among them."""
 
+import dataclasses
 import math
 
 from microstage_ros.diagnosis.residuals.evidence_set import Evidences
@@ -16,6 +17,9 @@ FORM_ERROR = {
     ("drive_compliance", "resonance"): 0.08, ("drive_compliance", "windup"): 0.03,
     ("payload_change", "resonance"): 0.1, ("payload_change", "windup"): 0.1, ("payload_change", "torque"): 0.05,
 }
+
+# of the stage's mass that is left whatever is taken off it; source: `model.effects.drive.PayloadChange`
+LEAST_MASS_SHARE = 0.05
 
 
 def form_error(effect, channel=None):
@@ -52,6 +56,23 @@ def stated_sizes(evidences, choice, others, form):
         parameters = {name: (value, max(stderr, scattered[name][1]), unit)
                       for name, (value, stderr, unit) in parameters.items()}
     return _with_form_error(parameters, form), effect
+
+
+def with_payload(causes, mass):
+    """These `Cause` with the angle of a tilt that pulls at a stage of ``mass`` [kg] and at the payload M named beside it.
+
+    The force that was fitted is (m + M) g sin α; the uncertainty of M is one of the angle, too.
+    """
+    payload = next((c.parameters["mass_kg"] for c in causes if c.id == "payload_change"), None)
+    return [_pulled(c, mass, payload) if payload and c.id == "gravity_tilt" else c for c in causes]
+
+
+def _pulled(tilt, mass, payload):
+    angle, whole = tilt.parameters["angle_rad"], max(mass + payload.value, LEAST_MASS_SHARE * mass)
+    value = math.asin(max(min(math.sin(angle.value) * mass / whole, 1.0), -1.0))
+    stderr = math.hypot(angle.stderr * mass / whole, value * payload.stderr / whole)
+    return dataclasses.replace(tilt, parameters={"angle_rad": dataclasses.replace(angle, value=value, stderr=stderr)},
+                               effect={**tilt.effect, "angle_rad": value})
 
 
 def _fitted(evidences, choice, others, form):
