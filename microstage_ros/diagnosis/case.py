@@ -137,7 +137,7 @@ def _beyond_the_known(evidences, choices, known):
 
 
 def _is_constant(evidences, choice, choices):
-    """Whether a cause is a force that does not turn with the motion, as all that hangs back in time does, and certain."""
+    """Whether a cause is a force that does not turn with the motion, as what hangs back in time does, and certain."""
     others = [o for o in choices if o is not choice]
     return choice.effect in FLIPS_NOT and is_told_by_held_out_records(evidences, choice, others)
 

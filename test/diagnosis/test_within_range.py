@@ -1,10 +1,15 @@
 """Whatever was fitted, the answer is a verdict: sizes out of an effect's range are notes, never an error of the axis file."""
 
+import math
+
+import numpy as np
 import pytest
 
 from microstage_ros.diagnosis import batch
+from microstage_ros.diagnosis.catalogue import FORMS
 from microstage_ros.diagnosis.report.within_range import within_range
 from microstage_ros.diagnosis.result import Cause, Diagnosis, Improvement, Parameter
+from microstage_ros.diagnosis.selection.sizes import with_payload
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.model.effects import check_effects
 from microstage_ros.places import config_file
@@ -46,3 +51,23 @@ def test_other_errors_pass(monkeypatch):
     monkeypatch.setattr(batch, "diagnose_case", bad)
     with pytest.raises(InputError, match="rec.csv"):
         batch.diagnose_records(AXIS, [], [], [], 0)
+
+
+def test_a_cable_pulls_back():
+    """Asymmetric friction along the stroke was called a cable of −730 N/m (pairs, seed 8505, case 12)."""
+    cable = next(form for form in FORMS if form.effect == "cable_spring" and form.channel == "torque")
+    assert cable.possible(np.array([730.0, -1.0]), None) and not cable.possible(np.array([-730.0, -1.0]), None)
+
+
+@pytest.mark.parametrize("added", [2.5, -1.0])
+def test_a_tilt_pulls_at_the_payload_too(added):
+    """(m + M) g sin α is the force that was fitted; without the payload's mass 0.076 rad were told as 0.140 (pairs, seed 8305, case 7)."""
+    mass, angle, gain = 3.06, 0.08, Improvement(2.0, 1.0, "N m")
+    fitted = math.asin(math.sin(angle) * (mass + added) / mass)
+    tilt = Cause("gravity_tilt", {"angle_rad": Parameter(fitted, 0.002, "rad")}, {"angle_rad": fitted}, 1.0, 1.0, gain, "torque")
+    payload = Cause("payload_change", {"mass_kg": Parameter(added, 0.1, "kg")}, {"mass_kg": added}, 1.0, 1.0, gain, "torque")
+    one, other = with_payload([tilt, payload], mass)
+    assert one.effect["angle_rad"] == one.parameters["angle_rad"].value == pytest.approx(angle) and other is payload
+    spread = angle * 0.1 / (mass + added)
+    assert one.parameters["angle_rad"].stderr == pytest.approx(math.hypot(0.002 * mass / (mass + added), spread), rel=0.01)
+    assert with_payload([tilt], mass) == [tilt]

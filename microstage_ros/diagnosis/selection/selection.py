@@ -186,7 +186,7 @@ def _splinter(evidences, trial, choices):
 
 
 def _of_one_size(evidences, choice, others):
-    """Whether a cause has one size in all stretches, and all that stand beside it in its channel are linear in theirs."""
+    """Whether a cause has one size in all stretches, and all beside it in its channel are linear in theirs."""
     channels = {form.channel for form in choice.forms}
     beside = [other for other in others if channels & {form.channel for form in other.forms}]
     linear = all(one.effect in LINEAR for one in beside)

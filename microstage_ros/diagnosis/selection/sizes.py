@@ -59,7 +59,7 @@ def stated_sizes(evidences, choice, others, form):
 
 
 def with_payload(causes, mass):
-    """These `Cause` with the angle of a tilt that pulls at a stage of ``mass`` [kg] and at the payload M named beside it.
+    """These `Cause` with a tilt's angle for the stage of ``mass`` m [kg] and the payload M named beside it.
 
     The force that was fitted is (m + M) g sin α; the uncertainty of M is one of the angle, too.
     """

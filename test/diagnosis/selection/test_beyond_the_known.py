@@ -34,6 +34,13 @@ def test_what_hangs_back_knows_no_turns_of_the_motor(what):
     assert kept(parts, **{what: 1.4e6}) == {"torque_ripple"}
 
 
+@pytest.mark.parametrize(("error", "stays"), [(0.08, True), (0.4, False)])
+def test_a_constant_force_that_is_certain_is_none_of_what_a_slow_amplifier_leaves(error, stays):
+    """A tilt beside a delay of a thousand times its χ² was dropped (pairs, seed 8505, case 6)."""
+    parts = {"gravity_tilt": 2.6e3, "frictional_lag": 2.6e3}
+    assert kept(parts, slow=3.5e6, error=error) == ({"gravity_tilt"} if stays else set())
+
+
 def test_behind_a_gap_friction_must_hold_its_share():
     assert kept({"friction_level_change": 5.1e4, "viscous_change": 5.1e4}, gap=1.0e6) == {"friction_level_change"}
     assert kept({"friction_level_change": 4.9e4, "viscous_change": 1.1e6}, gap=1.0e6) == {"viscous_change"}
