@@ -5,9 +5,11 @@ The scatter of a channel divides every χ² of it; multiplied into rows, it must
 
 import types
 
+import numpy as np
 import pytest
 
 from microstage_ros.diagnosis.residuals.evidence import Evidence
+from microstage_ros.diagnosis.residuals.evidence_set import Choice
 from microstage_ros.diagnosis.result import Finding
 from microstage_ros.diagnosis.selection import judge
 from test.diagnosis.selection.test_judge import PLAIN, World, choice, simple
@@ -129,3 +131,60 @@ def test_loudness_without_a_baseline_is_as_certain_as_its_own_stretches(freedom,
 def test_the_gain_of_one_row():
     gain = judge.overall_gain(judge.Ledger(before=4.0, after=1.0, floor=0.25, rows=1), ["gravity_tilt"])
     assert (gain.before, gain.after, gain.floor) == (2.0, 1.0, 0.5)
+
+
+@pytest.mark.parametrize(("scatter", "within"), [(1.0, False), (9.0, True)])
+def test_how_sure_the_size_of_an_asymmetry_is_grows_with_the_scatter(scatter, within):
+    """1.0 ± 0.032 exceeds the friction there is (0.9); with rows nine times as loud it is ± 0.095, and may not."""
+    rows = types.SimpleNamespace(fit=lambda keys: (np.array([1.0]), np.array([[1.0e-3]]), 100.0 * scatter))
+    case = types.SimpleNamespace(learn={"torque": rows}, scatter={"torque": scatter}, forms=[GUIDEWAY],
+                                 channel_gain=lambda channel, choices: 100.0 * len(choices))
+    tilt = Choice("gravity_tilt", (simple("gravity_tilt"),))
+    assert judge.LARGEST_ASYMMETRY == 0.9 and judge.is_constant_force(case, tilt, "direction_asymmetry", []) is within
+
+
+class Held:
+    """χ² on held-out records {(effect, channel)}; what others explain in a channel adds up."""
+
+    def __init__(self, parts):
+        self.parts = parts
+
+    def held_gain(self, choices, channels=None):
+        here = {c.effect for c in choices}
+        return sum(v for (effect, channel), v in self.parts.items() if effect in here and channel in (channels or (channel,)))
+
+
+def test_the_channel_of_a_cause_is_where_it_adds_most_not_where_most_is_explained():
+    mine = Choice("drive_compliance", (simple("drive_compliance", "windup"), simple("drive_compliance", "resonance")))
+    other = Choice("screw_pitch_error", (simple("screw_pitch_error", "windup"),))
+    case = Held({("drive_compliance", "windup"): 10.0, ("drive_compliance", "resonance"): 50.0, ("screw_pitch_error", "windup"): 1000.0})
+    assert judge._main_channel(case, mine, [mine, other], [other]) == ("resonance", 50.0)
+
+
+@pytest.mark.parametrize(("own", "left", "kept"), [(0.0, 3.0, False), (-2.0, 3.0, False), (1.0, 3.0, True), (1.0, 7.0, False)])
+def test_a_cause_that_explains_nothing_where_something_stands_out_is_a_stranger(monkeypatch, own, left, kept):
+    """However little it is that stands out there."""
+    mine = choice(World([simple("encoder_sde", "position")], {"encoder_sde": 0.1}, seed=47), "encoder_sde")
+    monkeypatch.setattr(judge, "ledger_of", lambda *_: judge.Ledger(left={"position": left}))
+    monkeypatch.setattr(judge, "stands_out", lambda *_: ["position"])
+    monkeypatch.setattr(judge, "_main_channel", lambda *_: ("position", own))
+    monkeypatch.setattr(judge, "unsteadiness", lambda *_: 1.0)
+    monkeypatch.setattr(judge, "_shown_by_more_than_the_reading", lambda _, choices: choices)
+    assert judge.without_strangers(None, [mine]) == ([mine] if kept else [])
+
+
+@pytest.mark.parametrize(("late", "stands", "kept"), [(False, True, False), (True, True, True), (False, False, True), (True, False, True)])
+def test_what_late_readings_leave_asks_no_cause_for_its_reading(monkeypatch, late, stands, kept):
+    case = Held({("drive_compliance", "resonance"): 100.0, ("sampling_jitter", "position"): 1.0e6})
+    mine = Choice("drive_compliance", (simple("drive_compliance", "resonance"),))
+    named = [mine, *([Choice("sampling_jitter", (simple("sampling_jitter", "position"),))] if late else [])]
+    monkeypatch.setattr(judge, "stands_out", lambda *_: ["position"] if stands else [])
+    monkeypatch.setattr(judge, "ledger_of", lambda *_: judge.Ledger(left={"position": 1.0e5, "resonance": 1.0e4}))
+    assert (mine in judge._shown_by_more_than_the_reading(case, named)) is kept
+
+
+def test_a_ledger_begins_at_nothing():
+    world = World(PLAIN, {}, seed=48)
+    book, held = judge.ledger_of(world.evidences, []), world.evidences.held
+    assert book.before == book.after == pytest.approx(sum(held[ch].energy() / world.evidences.scatter[ch] for ch in held), rel=1e-12)
+    assert book.rows == sum(one.rows for one in held.values()) and judge.Ledger().before == 0.0
