@@ -23,7 +23,7 @@ from microstage_ros.diagnosis.residuals.collection import Collection
 from microstage_ros.diagnosis.residuals.systematic import SYSTEMATIC
 from microstage_ros.diagnosis.result import Cause, Diagnosis, Parameter
 from microstage_ros.diagnosis.selection import judge, limit_cycle
-from microstage_ros.diagnosis.selection.agreement import is_told_by_held_out_records, unsteadiness
+from microstage_ros.diagnosis.selection.agreement import held_out_records_show, unsteadiness
 from microstage_ros.diagnosis.selection.calibration import probability
 from microstage_ros.diagnosis.selection.leftover import scatter_findings
 from microstage_ros.diagnosis.selection.mass_or_drive import RESONANT
@@ -139,7 +139,7 @@ def _beyond_the_known(evidences, choices, known):
 def _is_constant(evidences, choice, choices):
     """Whether a cause is a force that does not turn with the motion, as what hangs back in time does, and certain."""
     others = [o for o in choices if o is not choice]
-    return choice.effect in FLIPS_NOT and is_told_by_held_out_records(evidences, choice, others)
+    return choice.effect in FLIPS_NOT and held_out_records_show(evidences, choice, others)
 
 
 def _clear_of(evidences, choices, held, shares):

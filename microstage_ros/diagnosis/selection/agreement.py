@@ -92,7 +92,7 @@ def _certain_alone(learned, held, base):
     return log_tail(learned) < OF_ONE and log_tail((more, stderr, held[2])) < OF_NAMES
 
 
-def is_told_by_held_out_records(evidences, choice, others):
+def held_out_records_show(evidences, choice, others):
     """Whether the held-out records alone tell an effect's size with the certainty that is asked of all names."""
     held = evidences.agreement(choice, others, "held")
     return held is not None and log_tail(held) < OF_NAMES
