@@ -9,7 +9,7 @@ from machines import Machine, random_axis
 
 from microstage_ros.commissioning.findings import Refused, refused
 from microstage_ros.commissioning.experiments.closed_loop import Loop
-from microstage_ros.commissioning.experiments.dead_encoder import EncoderWatch
+from microstage_ros.commissioning.experiments.dead_encoder import RIGID, EncoderWatch, standing
 from microstage_ros.commissioning.experiments.first_motion import first_motion
 from microstage_ros.commissioning.experiments.machine import Machine as Hand
 from microstage_ros.commissioning.experiments.open_loop import strokes
@@ -134,6 +134,45 @@ def test_a_heavy_drive_is_braked_when_the_encoder_freezes(tmp_path):
     hand.watch = None
     hand.rest(0.05)
     assert machine.wrong < 1e-5
+
+
+COUNT = 1e-7  # of a coarse encoder [m]
+
+
+def watched(encoder, speed, known, period=1e-4):
+    """Way [m] of a motor at ``speed`` [m/s] until the watch refuses beside ``encoder`` [m]; None where it does not."""
+    watch = EncoderWatch(period, 2.0, 500.0, count=COUNT, standing=known)
+    for n, x in enumerate(encoder):
+        try:
+            watch.row(round(x / COUNT) * COUNT, 500.0 * speed, 0.0)
+        except Refused as end:
+            assert end.check.id == "encoder_dead"
+            return n * period * speed
+    return None
+
+
+def test_a_stage_that_swings_on_a_soft_drive_train_stands_for_longer():
+    """Its speed and acceleration come to zero together: seed 2018 was refused as `end_stop`. A dead encoder is found in
+    the way that this takes and no more."""
+    known, speed = standing(SKETCH, COUNT), 1.5e-3
+    softest = SKETCH.axis.value("transmission.stiffness") / 2.0 / (2.0 * SKETCH.axis.value("stage.mass"))
+    assert known.inverse_square == pytest.approx(1.0 / softest)
+    t, rate = 1e-4 * np.arange(-100, 100), math.sqrt(softest)
+    swinging = speed * t - speed / rate * np.sin(rate * t)
+    assert watched(swinging, speed, RIGID) is not None and watched(swinging, speed, known) is None
+    for v in (1e-3, 3e-3, -3e-3):
+        gone = abs(watched(np.zeros(200), v, known))
+        assert known.way(v) <= gone < known.way(v) / 0.95 + 3e-4 * abs(v)
+    assert known.way(1e-5) < known.way(1e-3) < known.way(3e-3) <= 3e-6 and RIGID.way(3e-3) == 1e-6
+
+
+def test_a_softer_drive_train_is_driven_more_slowly():
+    """So that a dead encoder is found, and the motor stopped, within the same way."""
+    hard, soft = (EncoderWatch(1e-4, 2.0, 500.0, 0.0, 25e-9, 3.0, 0.1, standing=s) for s in (RIGID, standing(SKETCH, 25e-9)))
+    for watch in (hard, soft):
+        speed, slowing = watch.safe_speed(6.0), 0.85 * 0.9 * 6.0 / 3.0
+        assert watch.standing.way(speed) + 4e-4 * speed + speed**2 / 2.0 / slowing == pytest.approx(8e-6, rel=1e-4)
+    assert 0.8 * hard.safe_speed(6.0) < soft.safe_speed(6.0) < hard.safe_speed(6.0)
 
 
 def test_the_cards_watchdog_is_armed_while_voltages_are_written():
