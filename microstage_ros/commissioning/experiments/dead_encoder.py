@@ -41,50 +41,59 @@ class Standing:
     """How far the motor may go on while a live stage stands within one count.
 
     A stage that swings on its drive train beside a motor at the speed v stands longest where its own speed and
-    acceleration are zero together. The train then winds up as k v t and moves the stage by x = k v t³/(6 m), there and
-    before; it stays within a count c for 2 (3 m c/(k v))^(1/3), in which the motor goes 2 (3 c v² m/k)^(1/3). Friction
-    at the stage holds it for another 2 F/k, from one direction to the other. (Newton's law of the stage; the torque of
-    the motor does not bound it, most of which accelerates the rotor.)
+    acceleration are zero together. The train then winds up as k v t and moves the stage by x = v ω² t³/6, ω² = k/m,
+    there and before; it stays within a count c for 2 (3 c/(v ω²))^(1/3), in which the motor goes 2 (3 c v²/ω²)^(1/3).
+    Friction at the stage holds it for another 2 F/k, from one direction to the other. (Newton's law of the stage; the
+    torque of the motor does not bound it, most of which accelerates the rotor.) An encoder that stood before its last
+    step says so: the step is that of the same cubic.
 
     Attributes
     ----------
-    count : within which a standing encoder reads one number [m]. inverse_square : m/k, one over the square of the
-        stage's natural angular frequency on the train [s²]. friction_way : 2 F/k [m].
+    count : within which a standing encoder reads one number [m]. softest, stiffest : ω² of the stage on the train
+        [rad²/s²], within which it lies. friction_way : 2 F/k [m].
     """
 
     count: float
-    inverse_square: float
+    softest: float
+    stiffest: float
     friction_way: float
 
     def way(self, speed):
         """Largest way [m] of the motor at ``speed`` [m/s], between `UNSEEN_STILL` and `UNSEEN`."""
-        swung = 2.0 * (3.0 * self.count * speed * speed * self.inverse_square) ** (1.0 / 3.0)
+        swung = 2.0 * (3.0 * self.count * speed * speed / self.softest) ** (1.0 / 3.0)
         return min(max(swung + self.friction_way, UNSEEN_STILL), UNSEEN)
 
+    def last_step(self, speed, period):
+        """Largest reading [m] of a live encoder's motion over the ``period`` [s] before it stands, beside a motor at
+        ``speed`` [m/s]; either reading may be a count off. Nothing where the motor stands."""
+        if speed <= 0.0:
+            return 0.0
+        edge = (3.0 * self.count / (speed * self.stiffest)) ** (1.0 / 3.0)
+        return speed * self.stiffest * ((edge + period) ** 3 - edge**3) / 6.0 + 2.0 * self.count
 
-RIGID = Standing(0.0, 0.0, 0.0)
+
+RIGID = Standing(0.0, math.inf, math.inf, 0.0)
 """Of a stage that goes with its motor."""
 
 
 def standing(sketch, count, fit=None):
-    """`Standing` of the softest and heaviest machine that a sketch allows; of the measured resonance once there is one.
+    """`Standing` by the tolerances of a sketch; by the measured resonance once there is one.
 
     ``sketch``: `Sketch`; ``count``: within which a standing encoder reads one number [m]; ``fit``: `PlantFit` or None.
     """
     axis = sketch.axis
     if axis.choices["transmission.type"] == "rigid":
         return RIGID
-
-    def most(key):
-        return axis.value(key) * (1.0 + sketch.tolerance[key])
-
-    softest = axis.value("transmission.stiffness") / (1.0 + sketch.tolerance["transmission.stiffness"])
-    inverse_square = most("stage.mass") / softest
+    factor = {key: 1.0 + sketch.tolerance[key] for key in ("stage.mass", "transmission.stiffness", *STAGE_FRICTION)
+              if axis.has(key)}
+    stiffness, mass = axis.value("transmission.stiffness"), axis.value("stage.mass")
+    doubt = factor["transmission.stiffness"] * factor["stage.mass"]
+    square, friction = stiffness / mass, [axis.value(key) * factor[key] for key in STAGE_FRICTION if axis.has(key)]
     if fit is not None and SIGMAS * fit.resonance_error < 1.0:
-        stiffness = fit.values["transmission.stiffness"] * (1.0 - SIGMAS * fit.resonance_error) ** 2
-        inverse_square = min(axis.value("stage.mass") / stiffness, inverse_square)
-    friction = max((most(key) for key in STAGE_FRICTION if axis.has(key)), default=0.0)
-    return Standing(count, inverse_square, 2.0 * friction / softest)
+        square = fit.values["transmission.stiffness"] / mass
+        doubt = min(1.0 / (1.0 - SIGMAS * fit.resonance_error) ** 2, doubt)
+    held = 2.0 * max(friction, default=0.0) * factor["transmission.stiffness"] / stiffness
+    return Standing(count, square / doubt, square * doubt, held)
 
 
 class EncoderWatch:
@@ -123,6 +132,7 @@ class EncoderWatch:
         """A run begins: what was before does not count."""
         self._row, self._turned, self._sums = 0, 0.0, [(0, 0.0, 0.0, 0.0)]
         self._place, self._drop, self._volts, self._same_rows, self._end = math.inf, 0.0, 0.0, 0, 0.0
+        self._step = 0.0
         self._most = self.unseen[1] * self.volts_per_speed / self._period
 
     def turned(self, voltage, current):
@@ -147,7 +157,9 @@ class EncoderWatch:
         before = self._end
         if current == current:
             self._end = voltage - self.resistance * (current - self._offset)
-        if abs(encoder - self._place) > self._same:
+        moved = abs(encoder - self._place)
+        if moved > self._same:
+            self._step = moved if math.isfinite(moved) else 0.0
             self._place, self._drop, self._volts, self._same_rows = encoder, 0.0, 0.0, 0
             return
         self._same_rows += 1
@@ -157,11 +169,14 @@ class EncoderWatch:
             if self._same_rows >= LEAST_ROWS and abs(drop) > self._most + self._doubt * self._volts:
                 way = (abs(drop) - self._doubt * self._volts) * self._period / self.volts_per_speed
                 speed = abs(drop) / (self.volts_per_speed * (self._same_rows - 1))  # mean of the rows summed
-                if way > self._unseen_still(speed):
+                if way > self._unseen_still(speed, self._step):
                     self._refuse(drop * self._period / self.volts_per_speed, 0.0)
 
-    def _unseen_still(self, speed):
-        """Way [m] of the motor at ``speed`` [m/s] that an encoder need not show which stands."""
+    def _unseen_still(self, speed, step):
+        """Way [m] of the motor at ``speed`` [m/s] that an encoder need not show which stands since a ``step`` [m] of
+        one period."""
+        if step > self.standing.last_step(speed, self._period):
+            return self.unseen[1]
         return self.unseen[1] + self.standing.way(speed) - UNSEEN_STILL
 
     def speed(self, voltages, currents):
@@ -184,7 +199,8 @@ class EncoderWatch:
         slowing = BRAKED * BRAKE * limit / max(self.inertia, 1e-9)
         blind, speed = BLIND_ROWS * self._period * slowing, 0.0
         for _ in range(ROUNDS):
-            speed = math.sqrt(blind**2 + 2.0 * slowing * (SAFE_WAY - self._unseen_still(speed))) - blind
+            left = SAFE_WAY - self._unseen_still(speed, speed * self._period)
+            speed = math.sqrt(blind**2 + 2.0 * slowing * left) - blind
         return speed
 
     def look(self, encoder, voltage, current, n):
