@@ -128,7 +128,7 @@ def _steps(outcome, machine, sketch, store, seed, progress, keep, paths):
     machine.note_surroundings()
     progress("identification")
     axis, outcome.estimates, outcome.remarks = identified(records, axis, sketch, found, response, seed)
-    drawn = draws(axis, outcome.estimates, DRAWS, seed)
+    drawn = draws(axis, outcome.estimates, DRAWS, seed, sketch)
     law, gains, why = choose_law(axis, drawn, found.has_current)
     outcome.remarks.append(why)
     outcome.axis = axis
