@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field, replace
 import numpy as np
 
 from microstage_ros.commissioning.experiments import measured_loop, proof
-from microstage_ros.commissioning.experiments.closed_loop import LOOSE, Loop, programme, stroke
+from microstage_ros.commissioning.experiments.closed_loop import LOOSE, Loop, go_gently, programme, stroke
 from microstage_ros.commissioning.findings import Check, Refused, Stopped, refused
 from microstage_ros.commissioning.experiments.encoder_scale import scale_check
 from microstage_ros.commissioning.experiments.first_motion import first_motion
@@ -23,7 +23,7 @@ from microstage_ros.commissioning.design.law_choice import (
     soft_gains,
     too_little,
 )
-from microstage_ros.commissioning.experiments.dead_encoder import EncoderWatch
+from microstage_ros.commissioning.experiments.dead_encoder import EncoderWatch, standing
 from microstage_ros.commissioning.experiments.machine import LONGEST
 from microstage_ros.commissioning.experiments.open_loop import Strokes, fit_strokes, strokes
 from microstage_ros.commissioning.experiments.sliding import sliding_response
@@ -40,6 +40,7 @@ response need. At 10 kHz only drives of 5 V s²/m and more are concerned (9 µm)
 SUM = "programme"
 GOOD = 3e-7  # largest 4s or mean error of the moves with which no other law is tried [m]
 LONGEST_PROOF = 95.0  # s
+PAST, PAST_SPEED = 2e-4, 1e-3  # m, m/s: beyond a place by far more than a drive train winds up, as slow as the proof
 
 
 @dataclass
@@ -127,7 +128,7 @@ def _steps(outcome, machine, sketch, store, seed, progress, keep, paths):
     machine.note_surroundings()
     progress("identification")
     axis, outcome.estimates, outcome.remarks = identified(records, axis, sketch, found, response, seed)
-    drawn = draws(axis, outcome.estimates, DRAWS, seed)
+    drawn = draws(axis, outcome.estimates, DRAWS, seed, sketch)
     law, gains, why = choose_law(axis, drawn, found.has_current)
     outcome.remarks.append(why)
     outcome.axis = axis
@@ -157,7 +158,7 @@ def _open_loop(outcome, machine, sketch, store, first, seed, progress, keep, pat
             max(found.inertia, 0.0),
             found.friction,
         )
-        machine.safe_speed = max(machine.watch.safe_speed(machine.limit), LEAST_SAFE)
+        _stands(machine, sketch)
     elif found.has_current and not actuator.emf_key:  # now that the command per ampere is known: no more amperes
         amperes = actuator.command_limit(sketch.axis) * actuator.amperes_per_command(sketch.axis)
         machine.limit = min(machine.limit, amperes * found.resistance)
@@ -180,7 +181,16 @@ def _open_loop(outcome, machine, sketch, store, first, seed, progress, keep, pat
                 outcome.check(scale_check(found, sketch, found.inertia))
         _judge_response(outcome, machine, sketch, fit)
         axis = known_axis(sketch, found, fit)
+        if machine.watch is not None:
+            _stands(machine, sketch, fit)
     return found, axis, response
+
+
+def _stands(machine, sketch, fit=None):
+    """What a live encoder need not show, by the sketch or the measured resonance, and the speed that is safe with
+    it."""
+    machine.watch.standing = standing(sketch, machine.count, fit)
+    machine.safe_speed = max(machine.watch.safe_speed(machine.limit), LEAST_SAFE)
 
 
 def _judge_response(outcome, machine, sketch, fit):
@@ -267,6 +277,10 @@ def _prove(outcome, machine, axis, drawn, law, gains, found, first, seed, progre
         try:
             tried = _tried(loop, first, found, seed, progress, keep)
         except Refused as reason:
+            if reason.check.id == "end_stop" and taken is not None:  # that the stage goes there is known since `stroke`
+                _go_past(taken.loop, reason.check.value)
+                outcome.remarks.append(f"{name} was not proven: {reason.check.says}. {taken.loop.law} passes there.")
+                continue
             if reason.check.id != "runaway":
                 raise
             outcome.remarks.append(f"{name} was given up: {reason.check.says}.")
@@ -292,6 +306,16 @@ def _prove(outcome, machine, axis, drawn, law, gains, found, first, seed, progre
     if taken.loop.gains:
         section[taken.loop.law] = {name: float(f"{value:.6g}") for name, value in taken.loop.gains.items()}
     outcome.axis = axis.with_controller(section)
+
+
+def _go_past(loop, place):
+    """Both ways past a ``place`` [m] where the stage seemed blocked under another law. Raises Refused (end_stop) where
+    it is."""
+    machine = loop.machine
+    machine.failed = None
+    machine.rest(0.3)
+    for beyond in (PAST, -PAST):
+        go_gently(loop, min(max(place + beyond, machine.travel[0]), machine.travel[1]), PAST_SPEED)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from machines import Machine, random_axis
 
 from microstage_ros.commissioning.findings import Refused, refused
 from microstage_ros.commissioning.experiments.closed_loop import Loop
-from microstage_ros.commissioning.experiments.dead_encoder import EncoderWatch
+from microstage_ros.commissioning.experiments.dead_encoder import RIGID, EncoderWatch, standing
 from microstage_ros.commissioning.experiments.first_motion import first_motion
 from microstage_ros.commissioning.experiments.machine import Machine as Hand
 from microstage_ros.commissioning.experiments.open_loop import strokes
@@ -134,6 +134,51 @@ def test_a_heavy_drive_is_braked_when_the_encoder_freezes(tmp_path):
     hand.watch = None
     hand.rest(0.05)
     assert machine.wrong < 1e-5
+
+
+COUNT = 1e-7  # of a coarse encoder [m]
+
+
+def watched(encoder, speed, known, period=1e-4):
+    """Way [m] of a motor at ``speed`` [m/s] until the watch refuses beside ``encoder`` [m]; None where it does not."""
+    watch = EncoderWatch(period, 2.0, 500.0, count=COUNT, standing=known)
+    for n, x in enumerate(encoder):
+        try:
+            watch.row(round(x / COUNT) * COUNT, 500.0 * speed, 0.0)
+        except Refused as end:
+            assert end.check.id == "encoder_dead"
+            return n * period * abs(speed)
+    return None
+
+
+def test_a_stage_that_swings_on_a_soft_drive_train_stands_for_longer():
+    """Its speed and acceleration come to zero together: seed 2018 was refused as `end_stop`."""
+    known, speed = standing(SKETCH, COUNT), 1.5e-3
+    assert known.softest == pytest.approx(SKETCH.axis.value("transmission.stiffness") / SKETCH.axis.value("stage.mass") / 4.0)
+    t, rate = 1e-4 * np.arange(-100, 100), math.sqrt(known.softest)
+    swinging = speed * t - speed / rate * np.sin(rate * t)
+    assert watched(swinging, speed, RIGID) is not None and watched(swinging, speed, known) is None
+
+
+@pytest.mark.parametrize("speed", [1e-3, 3e-3, -3e-3])
+def test_a_dead_encoder_is_found_in_the_way_that_a_live_one_may_take(speed):
+    """And in a micron where it stood all at once, as no stage on its drive train does."""
+    known = standing(SKETCH, COUNT)
+    still = watched(np.zeros(200), speed, known)
+    assert known.way(abs(speed)) <= still < known.way(abs(speed)) / 0.95 + 3e-4 * abs(speed)
+    frozen = watched(np.minimum(np.arange(-5, 100), 0) * 1e-4 * speed, speed, known) - 5e-4 * abs(speed)
+    assert 1e-6 <= frozen < 1e-6 / 0.95 + 3e-4 * abs(speed) or known.last_step(abs(speed), 1e-4) > 1e-4 * abs(speed)
+    assert 1e-6 == RIGID.way(abs(speed)) <= known.way(1e-5) < known.way(1e-3) < known.way(3e-3) <= 3e-6
+
+
+def test_at_long_periods_a_softer_drive_train_is_driven_more_slowly():
+    """Where a reading takes as long as the stage takes to stop, a dead encoder is found later."""
+    for period, slower in ((1e-4, False), (5e-4, True)):
+        hard, soft = (EncoderWatch(period, 2.0, 500.0, 0.0, 25e-9, 3.0, 0.1, standing=s) for s in (RIGID, standing(SKETCH, 25e-9)))
+        speed, slowing = soft.safe_speed(6.0), 0.85 * 0.9 * 6.0 / 3.0
+        way = soft.standing.way(speed) if slower else 1e-6
+        assert way + 4.0 * period * speed + speed**2 / 2.0 / slowing == pytest.approx(8e-6, rel=1e-4)
+        assert (speed < hard.safe_speed(6.0)) == slower
 
 
 def test_the_cards_watchdog_is_armed_while_voltages_are_written():

@@ -1,12 +1,15 @@
 """The choice of law and gains: margins on the axis and on draws."""
 
+from types import SimpleNamespace
+
 import pytest
 from machines import random_axis
 
+from microstage_ros.commissioning import procedure
 from microstage_ros.commissioning.design import law_choice
 from microstage_ros.commissioning.design.law_choice import FLOOR_GAIN, FLOOR_PHASE, OBSERVER, choose_law, observer_gains, too_little
 from microstage_ros.commissioning.estimation.frequency_response import MeasuredMargins
-from microstage_ros.commissioning.findings import Refused
+from microstage_ros.commissioning.findings import Refused, refused
 from microstage_ros.control.laws.controller import controller_parameters
 from microstage_ros.control.tuning.margins import controller_margins
 from microstage_ros.control.tuning.tuning import GUARDED
@@ -79,3 +82,36 @@ def test_no_law_below_the_floor(monkeypatch):
 def test_a_measured_loop_below_the_floor_is_not_ready(phase, gain, crossover, asked):
     said = too_little(MeasuredMargins(phase, 1.0, gain, 0.2, crossover, 2.0))
     assert all(part in said for part in asked) and bool(said) == bool(asked)
+
+
+@pytest.mark.parametrize("blocked", [False, True])
+def test_a_law_that_has_passed_is_kept_where_a_later_one_seems_blocked(monkeypatch, blocked):
+    """The stage goes on under the law that passed: ready, with a word on the other. Where it does not: refused."""
+    went = []
+
+    def tried(loop, *more):
+        if loop.law == "pid_feedforward":
+            raise refused("end_stop", 6.8e-3, "m", "at 6.8 mm the stage does not go on")
+        return procedure.Tried(loop, (None, None), (None, None), [{"four_s_m": 4.9e-7, "bias_m": 0.0}], {}, 1e-7)
+
+    def go(loop, place, speed):
+        went.append(place)
+        if blocked:
+            raise refused("end_stop", place, "m", "blocked under this law too")
+
+    monkeypatch.setattr(procedure, "_tried", tried)
+    monkeypatch.setattr(procedure, "go_gently", go, raising=False)
+    machine = SimpleNamespace(time=0.0, limit=6.0, period=1e-4, safe_speed=1.0, failed="a record", travel=(-0.02, 0.02),
+                              rest=lambda seconds: None, note_surroundings=lambda: None)
+    axis = load_axis(config_file("axis.yaml"))
+    outcome = procedure.Outcome()
+    found = SimpleNamespace(friction=0.1)
+    prove = procedure._prove, outcome, machine, axis, [axis], "self_tuning_feedforward", {}, found, None, 0, print, print
+    if blocked:
+        with pytest.raises(Refused, match="under this law too"):
+            prove[0](*prove[1:])
+        return
+    prove[0](*prove[1:])
+    assert outcome.law == "self_tuning_feedforward" and outcome.checks["runaway"].passed and machine.failed is None
+    assert went == pytest.approx([7.0e-3, 6.6e-3])
+    assert any(text.startswith("pid_feedforward was not proven: at 6.8 mm") for text in outcome.remarks)

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,8 +13,17 @@ from machines import Machine, random_axis
 from microstage_ros.commands.operation import commission
 from microstage_ros.commissioning import procedure
 from microstage_ros.commissioning.estimation.known import moving_mass, split_mass
+from microstage_ros.commissioning.estimation.parameters import draws
+from microstage_ros.commissioning.estimation.plant_fit import resonance_of
+from microstage_ros.commissioning.experiments.first_motion import first_motion
+from microstage_ros.commissioning.experiments.machine import Machine as Hand
+from microstage_ros.commissioning.experiments.short_pulses import ShortPulses
 from microstage_ros.commissioning.experiments.sliding import Slide
 from microstage_ros.commissioning.findings import Refused
+from microstage_ros.commissioning.sketch import load_sketch
+from microstage_ros.hardware import make_hardware
+from microstage_ros.hardware.protocol import Setup
+from microstage_ros.identification.estimators.estimate import Estimate
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
@@ -56,8 +66,8 @@ def test_a_force_drive_is_ready(tmp_path):
 def test_a_current_driven_motor_is_identified(tmp_path, monkeypatch):
     """As far as the proof of a law, which the force drive goes through.
 
-    Of 31 runs of four machines 7 were refused (95 %: 10 to 41 %), with 10 to 20 degrees of phase where 20 are asked: eleven in a row at 41 %
-    come once in 10^4 times.
+    Of 31 runs of four machines 7 were refused (95 %: 10 to 41 %) while draws of stage and rotor did not keep their sum; since then 2 of
+    32 of the same machines (machines 2, 3, 5 and 7, seeds 6000 to 6007; 1 to 21 %). Eleven in a row at 41 % come once in 10^4 times.
     """
     sketched(tmp_path, "current_motor", 2)
     proved = []
@@ -91,6 +101,60 @@ def test_a_fault_is_named(tmp_path, fault, check, farthest):
     assert check != "stuck" or ("brake" in report["says"] and "encoder" in report["says"] and "N m" in report["says"])
     machine = Machine.made[-1]
     assert machine.highest - machine.lowest < farthest and machine._voltage == 0.0
+
+
+def pulsed(folder, kind, seed, fault=""):
+    """(id of the check that failed or "", machine) of the first motion, the sketch complete, within a factor of two."""
+    sketch = load_sketch(config_file(FILES[kind]))
+    random_axis(sketch.axis, seed).save(folder / "truth.yaml")
+    backend = make_hardware("machines:Machine", Setup(sketch.axis, seed, {"truth": str(folder / "truth.yaml"), "fault": fault}))
+    backend.open()
+    hand = Hand(backend, sketch.axis)
+    hand.begin()
+    try:
+        first_motion(hand, sketch, lambda name, record: None)
+    except Refused as end:
+        return end.check.id, Machine.made[-1]
+    return "", Machine.made[-1]
+
+
+@pytest.mark.parametrize("seed", [3051, 3052, 3053])
+@pytest.mark.parametrize("kind", FILES)
+def test_a_dead_encoder_costs_ten_microns_where_the_sketch_tells_mass_and_friction(tmp_path, kind, seed):
+    """And 0.1 s of motion, over all pulses: up to 460 µm and 1.2 s were needed when pulses rose until a live one had to slide."""
+    for fault, named in (("", ""), ("encoder_dead", "stuck"), ("motor_polarity", "polarity")):
+        found, machine = pulsed(tmp_path, kind, seed, fault)
+        assert found == named and machine._voltage == 0.0
+        assert machine.wrong < 1e-5 and machine.wrong_time < 0.1
+
+
+@pytest.mark.parametrize("level", [1.5, 3.0, 8.0])
+def test_the_way_of_a_short_pulse_is_that_of_a_mass_with_friction(level):
+    """Integrated in steps of a thousandth: what is left of a pulse and its counterpart."""
+    short = ShortPulses(inertia=2.0, spread=3.0, friction=1.0, threshold=1e-7, rate=np.inf, returns=np.inf, limit=10.0, period=1e-3)
+    length, place, speed, step = 4e-3, 0.0, 0.0, 4e-6
+    for n in range(6000):
+        command = level if n < 1000 else -0.5 * level if n < 3000 else 0.0
+        free = command / 6.0 - np.sign(speed or command) / 6.0
+        if speed == 0.0 and abs(command) <= 1.0:
+            continue
+        before, speed = speed, speed + free * step
+        speed = 0.0 if before * speed < 0.0 else speed
+        place += speed * step
+    assert short.way(level, length) == pytest.approx(place, rel=0.01)
+
+
+def test_short_pulses_are_as_long_as_a_coarser_encoder_or_a_softer_train_asks():
+    sketch = load_sketch(config_file(FILES["current_motor"]))
+    usual = ShortPulses.of(sketch, 0.012, 2e-8, 0.5)
+    coarse = ShortPulses.of(sketch, 0.012, 2e-6, 0.5)
+    soft = replace(usual, rate=0.1 * usual.rate)
+    assert coarse.rows > 4 * usual.rows and soft.rows > 4 * usual.rows
+    for short in (usual, coarse, soft):
+        length = short.rows * short.period
+        assert short.way(short.highest, length) >= short.threshold and short.highest <= short.limit
+        assert short.highest * length * short.rate >= 1.5 * short.friction * 0.999
+    assert replace(usual, limit=0.02).highest == 0.02  # less than the largest friction: nothing can be proven
 
 
 def test_an_encoder_that_stands_ends_the_slide():
@@ -129,3 +193,24 @@ def test_what_moves_is_shared_out_by_what_is_known():
     assert found["stage.mass"][0] == pytest.approx(30.0, abs=0.3)
     rotor = actuator_of(sketch.axis).reflected_mass(sketch.axis) * sketch.spread("drive.rotor_inertia")
     assert found["stage.mass"][1] == pytest.approx(np.hypot(rotor, 0.5), rel=0.05)
+
+
+def test_draws_keep_what_is_measured_together():
+    """Stage and rotor known to 0.4 and 0.13 apart, to 0.02 together: drawn apart, their sum was off by up to 40 %, no gains had the
+    margins on all of the draws, and good machines were refused at 1 ms."""
+    axis, sketch = load_axis(config_file(FILES["current_motor"])), load_sketch(config_file(FILES["current_motor"]))
+    axis = axis.with_values({"transmission.stiffness": 5e7}, source="identified", stderr={"transmission.stiffness": 5e5})
+
+    def estimate(key, value, stderr):
+        return Estimate(key, value, "1", stderr, value - stderr, value + stderr, stderr < 0.25 * value, "fit", "")
+
+    total, rotor = moving_mass(axis), axis.value("drive.rotor_inertia")
+    estimates = {e.key: e for e in (estimate("moving mass", total, 0.02 * total), estimate("stage.mass", 20.0, 8.0),
+                                    estimate("drive.rotor_inertia", rotor, 0.13 * rotor), estimate("transmission.stiffness", 5e7, 2e7))}
+    drawn = draws(axis, estimates, 40, 1, sketch)
+    assert np.std([moving_mass(each) / total for each in drawn]) == pytest.approx(0.02, rel=0.4)
+    assert np.std([resonance_of(each) / resonance_of(axis) for each in drawn]) < 0.02
+    loads = np.array([each.value("stage.mass") for each in drawn])
+    assert loads.std() > 4.0 and loads.min() >= 10.0 and loads.max() <= 40.0  # as the sketch allows
+    free = draws(axis, estimates, 40, 1)
+    assert max(each.value("stage.mass") for each in free) > 40.0

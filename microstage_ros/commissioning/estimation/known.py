@@ -110,6 +110,16 @@ def split_mass(sketch, total, error=0.0):
     return found
 
 
+def load_bounds(sketch, total):
+    """(least, greatest) mass of the stage [kg] of a machine that moves ``total`` [kg]: by the sketch's tolerances of
+    stage and rotor; where the two contradict each other, by the stage's."""
+    load, rotor = sketch.axis.value("stage.mass"), actuator_of(sketch.axis).reflected_mass(sketch.axis)
+    factor, other = (1.0 + sketch.tolerance[key] for key in ("stage.mass", "drive.rotor_inertia"))
+    own = load / factor, load * factor
+    both = max(own[0], total - rotor * other), min(own[1], total - rotor / other)
+    return both if both[0] < both[1] else own
+
+
 def _friction(axis, level):
     """Friction limits scaled so that sliding takes ``level`` [unit of the command]."""
     model = controller_parameters("pid_feedforward", axis, {})["feedforward"]

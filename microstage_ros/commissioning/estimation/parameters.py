@@ -7,11 +7,13 @@ import numpy as np
 
 from microstage_ros.commissioning.estimation import force_axis
 from microstage_ros.commissioning.estimation.force_axis import MOVING, WELL, identify_force
+from microstage_ros.commissioning.estimation.known import load_bounds, moving_mass
 from microstage_ros.commissioning.estimation.plant_fit import fit_plant
 from microstage_ros.commissioning.estimation.smoothing import smoothed
 from microstage_ros.identification.estimators.estimate import Estimate
 from microstage_ros.identification.intake import take_in
 from microstage_ros.identification.pipeline import identify
+from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.transmission import motor_ratio
 from microstage_ros.quantities.errors import InputError
 
@@ -19,6 +21,7 @@ FITTED = tuple(f"contacts.actuator.{name}" for name in ("coulomb", "static", "st
 FAR = math.log(10.0)  # from its first value; the bounds are at a factor of twelve
 # how far a DC motor's torque constant may be from its back-EMF constant (iron losses, temperature between the two)
 TIED = 0.01
+LARGEST_LOAD = 0.9  # of the moving mass: the rotor keeps a tenth
 ROUGHLY = 0.5  # relative standard deviation beyond which no number is called determined
 VOLTS_ONLY = (
     "drive.resistance",
@@ -294,10 +297,11 @@ def _with_current(record, axis):
     return replace(record, columns={**record.columns, "current_A": current})
 
 
-def draws(axis, estimates, count, seed):
+def draws(axis, estimates, count, seed, sketch=None):
     """Axes drawn from the posterior: every determined number independent and log-normal about its value.
 
-    ``count``: of axes [1]; ``seed``: of the draws [1]. Returns list of `Axis`.
+    ``count``: of axes [1]; ``seed``: of the draws [1]; ``sketch``: whose tolerances hold for a stage and a rotor of
+    which the sum alone is measured. Returns list of `Axis`.
     """
     rng = np.random.default_rng(seed)
     known = [
@@ -327,12 +331,29 @@ def draws(axis, estimates, count, seed):
             values |= {
                 key: axis.value(key) * common * ratio for key in ("transmission.stiffness", "transmission.damping")
             }
-        if moving is not None and moving.determined:  # stage and rotor, which nothing tells apart
-            factor = math.exp(rng.standard_normal() * moving.stderr / moving.value)
-            both = (force_axis.MASS, force_axis.ROTOR)
-            values |= {key: axis.value(key) * factor for key in both if key not in values}
+        if moving is not None and moving.determined:
+            total = moving_mass(axis) * math.exp(rng.standard_normal() * moving.stderr / moving.value)
+            mass = values.get(force_axis.MASS, axis.value(force_axis.MASS) * total / moving_mass(axis))
+            if sketch is not None:
+                least, most = load_bounds(sketch, total)
+                mass = min(max(mass, least), most)
+            values |= _shared_out(axis, total, mass, ratio if train is not None else 1.0)
         found.append(axis.with_values(values, source="estimate"))
     return found
+
+
+def _shared_out(axis, total, mass, ratio):
+    """{key: value} of an axis of which stage and rotor together are known as ``total`` [kg], and the resonance.
+
+    Nothing tells the two apart: of a stage of another ``mass`` [kg] the rotor is the rest, and the drive train keeps
+    the resonance, whose square is stiffness over the reduced mass m M/(m + M), times ``ratio`` [1].
+    """
+    rotor, load = actuator_of(axis).reflected_mass(axis), axis.value(force_axis.MASS)
+    mass = min(mass, LARGEST_LOAD * total)
+    values = {force_axis.MASS: mass, force_axis.ROTOR: axis.value(force_axis.ROTOR) * (total - mass) / rotor}
+    reduced = mass * (total - mass) / total / (load * rotor / (load + rotor))
+    train = [key for key in ("transmission.stiffness", "transmission.damping") if axis.has(key)]
+    return values | {key: axis.value(key) * reduced * ratio for key in train}
 
 
 def _drive_train_doubt(axis, estimates):

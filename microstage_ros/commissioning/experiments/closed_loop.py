@@ -287,7 +287,7 @@ def stroke(loop, keep, usual=24.0, longest=60.0):
         low, high = max(low, start - half), min(high, start + half)
     records = []
     for place in (high, low, start):
-        records.append(_slower_if_need_be(loop, place, speed))
+        records.append(go_gently(loop, place, speed))
     from microstage_ros.commissioning.experiments.first_motion import joined
 
     record = joined(records)
@@ -295,8 +295,9 @@ def stroke(loop, keep, usual=24.0, longest=60.0):
     return _along(record, machine, speed), (low, high), record
 
 
-def _slower_if_need_be(loop, place, speed, trials=3):
-    """To a place; where the stage lags without being blocked, again at half the speed."""
+def go_gently(loop, place, speed, trials=3):
+    """To a ``place`` [m] at up to ``speed`` [m/s]; where the stage lags without being blocked, again at half the speed,
+    ``trials`` times in all [1]. Returns the `Record`. Raises Refused: an end stop, a lag at every speed."""
     for trial in range(trials):
         try:
             return loop.go(place, speed / 2**trial, gentle=True)

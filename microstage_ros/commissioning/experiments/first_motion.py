@@ -2,9 +2,9 @@
 
 Short pulses of alternating sign rise from far below the expected breakaway until the encoder shows motion or the
 current shows back-EMF. Below breakaway the stage already gives way elastically in the direction of the force, so the
-sign is known before anything slides. Where nothing but the encoder tells motion (`Actuator.tells_turning`)
-pulses are so short that the sketched mass, without any friction, goes `FREE_WAY` at most, and the opposite pulse
-follows one that shows nothing: it stops a stage that has gone unseen.
+sign is known before anything slides. Where nothing but the encoder tells motion (`Actuator.tells_turning`) much shorter
+pulses (`short_pulses`) show first that it lives and which way it counts; then these tell the breakaway, so long that
+the sketched mass, without any friction, goes `FREE_WAY` at most, with the opposite pulse after one that shows nothing.
 """
 
 import math
@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from microstage_ros.commissioning.estimation.known import breakaway
+from microstage_ros.commissioning.experiments.short_pulses import ShortPulses, felt
 from microstage_ros.commissioning.findings import Check, refused
 from microstage_ros.control.design.rules import volts_per_acceleration
 from microstage_ros.control.laws.controller import controller_parameters
@@ -25,7 +26,6 @@ RISE = 1.2  # from one level to the next
 FIRST = 0.04  # of the expected breakaway voltage
 # times the expected breakaway: friction, resistance and motor constant each twice what is sketched, and twice that
 HIGHEST = 16.0
-HIGHEST_FORCE = 8.0  # the same of a torque or a force: friction and gain each twice what is sketched, and twice that
 FREE_WAY, LEAST_PULSE = 1e-5, 5  # m; rows
 LEAST_COUNTS, SIGMAS = 4.0, 6.0  # of motion
 TURNED = 2e-6  # motion by the back-EMF after which the encoder must have shown some [m]
@@ -96,11 +96,12 @@ def first_motion(machine, sketch, keep):
     keep("rest", machine.last)
     pulses = Pulses(machine, noise, current_noise, offset, sketch)
     expected = expected_breakaway(sketch.axis)
-    times = HIGHEST if actuator_of(sketch.axis).tells_turning else HIGHEST_FORCE
-    highest = min(machine.limit, times * expected * (1.0 if "contacts.actuator.static" in sketch.given
-                                                       or "contacts.guideway.static" in sketch.given
-                                                       or "contacts.guideway.coulomb" in sketch.given else math.inf))
-    level, moved = FIRST * expected, []
+    known = any(f"contacts.{key}" in sketch.given for key in ("actuator.static", "guideway.static", "guideway.coulomb"))
+    level, highest = FIRST * expected, min(machine.limit, HIGHEST * expected if known else math.inf)
+    moved, seen = [], []
+    if not actuator_of(sketch.axis).tells_turning:
+        short = ShortPulses.of(sketch, expected, noise, machine.limit)
+        highest, seen = _encoder_lives(machine, pulses, short, short.highest if known else machine.limit, keep)
     while not moved:
         for sign in (1.0, -1.0):
             found = pulses.one(sign * level)
@@ -108,19 +109,46 @@ def first_motion(machine, sketch, keep):
                 moved.append(found)
                 break
         if not moved and level >= highest:
-            _nothing_moves(machine, pulses, level, keep)
+            if seen:  # no longer pulse moves the stage while it lasts: what the short ones showed stands
+                moved = [(each.level, each.way) for each in seen]
+                break
+            _nothing_moves(machine, pulses, level, keep, pulses.rows(level))
         if not moved:
             level = min(RISE * level, highest)
     for k in range(2 * REPEATS - 1):  # the same again in both directions
         found = pulses.one(-math.copysign(level * RISE ** (k // 2), moved[-1][0]))
         if found:
             moved.append(found)
+    _check_polarity(machine, pulses, moved, level, keep)
     record = pulses.record()
     keep("first_motion", record)
     return _judge(machine, sketch, pulses, record, moved, level)
 
 
-def _nothing_moves(machine, pulses, level, keep):
+def _encoder_lives(machine, pulses, short, highest, keep):
+    """(level, [`Felt`, ...]) of the `ShortPulses` that moved the stage. Raises Refused: none did, or backwards."""
+    level, seen = felt(pulses, short, highest)
+    if not seen:
+        _nothing_moves(machine, pulses, level, keep, short.rows)
+    _check_polarity(machine, pulses, [(each.level, each.way) for each in seen if each.tells_sign], level, keep)
+    return level, seen
+
+
+def _check_polarity(machine, pulses, moved, level, keep):
+    """Raise Refused where a positive command moved the encoder backwards, in ``moved``: (command, way [m])."""
+    if sum(math.copysign(1.0, voltage * way) for voltage, way in moved) < 0.0:
+        keep("first_motion", pulses.record())
+        farthest, command = max(abs(way) for _, way in moved), machine.command
+        raise refused(
+            "polarity",
+            farthest,
+            "m",
+            f"a positive {command.quantity} moves the encoder backwards ({len(moved)} pulses up to {level:.3g} "
+            f"{command.unit}, {farthest * 1e6:.2g} µm): swap the motor's leads or the encoder's tracks A and B",
+        )
+
+
+def _nothing_moves(machine, pulses, level, keep, rows):
     record = pulses.record()
     keep("first_motion", record)
     _, _, slope, error = current_slope(record, pulses.offset)
@@ -133,16 +161,19 @@ def _nothing_moves(machine, pulses, level, keep):
         why = (f"a {machine.command.quantity} does not tell whether the motor turns: brake, clamp, enable, or an "
                "encoder that does not count")
     raise refused("stuck", level, unit, f"nothing moves up to ±{level:.3g} {unit} in pulses of "
-                  f"{pulses.rows(level) * machine.period * 1e3:.3g} ms; {why}")
+                  f"{rows * machine.period * 1e3:.3g} ms; {why}")
 
 
 class Pulses:
-    """Pulses and what is kept of them."""
+    """Pulses and what is kept of them: ``machine``, ``threshold`` of motion [m], ``rest`` after a pulse [s],
+    ``records``."""
+
+    rest = REST
 
     def __init__(self, machine, noise, current_noise, offset, sketch):
-        self._machine, self.noise, self.offset = machine, noise, 0.0 if math.isnan(offset) else offset
+        self.machine, self.noise, self.offset = machine, noise, 0.0 if math.isnan(offset) else offset
         self.threshold = max(LEAST_COUNTS * machine.count, SIGMAS * noise)
-        self.current_noise, self._records = current_noise, []
+        self.current_noise, self.records = current_noise, []
         axis = sketch.axis
         actuator = actuator_of(axis)
         emf = actuator.emf_per_speed(axis) if actuator.tells_turning else 0.0
@@ -154,14 +185,14 @@ class Pulses:
         longest = PULSE
         if self._turning is None:
             longest = min(PULSE, math.sqrt(2.0 * FREE_WAY * self._inertia / abs(level)))
-        return self._machine.periods(longest, 20 if longest == PULSE else LEAST_PULSE)
+        return self.machine.periods(longest, 20 if longest == PULSE else LEAST_PULSE)
 
     def one(self, voltage):
         """One pulse and a rest. Returns (voltage, displacement [m]) if the stage moved, None otherwise.
 
         ``voltage`` [V]. Raises `Refused` where the back-EMF shows that the motor turned and the encoder stood still.
         """
-        machine = self._machine
+        machine = self.machine
         rows, rest = self.rows(voltage), machine.periods(REST, 20)
         start = machine.position
         state = {"seen": 0, "level": None, "drop": 0.0, "best": 0.0}
@@ -189,7 +220,7 @@ class Pulses:
         moved, ended = machine.position - start, machine.ended
         brake = rows if self._turning is None and ended != "until" else 0
         after = machine.run(np.full(brake + rest, start), lambda n, x, i: -voltage if n < brake else 0.0)
-        self._records += [first, after]
+        self.records += [first, after]
         return (voltage, moved) if ended == "until" else None
 
     def _watch(self, state, n, voltage, current):
@@ -207,7 +238,7 @@ class Pulses:
 
     def record(self):
         """All pulses as one record."""
-        return joined(self._records)
+        return joined(self.records)
 
 
 def joined(records):
@@ -255,16 +286,7 @@ def current_delay(record, offset, most=24):
 
 
 def _judge(machine, sketch, pulses, record, moved, level):
-    signs = [math.copysign(1.0, voltage * displacement) for voltage, displacement in moved]
     farthest, command = max(abs(displacement) for _, displacement in moved), machine.command
-    if np.mean(signs) < 0.0:
-        raise refused(
-            "polarity",
-            farthest,
-            "m",
-            f"a positive {command.quantity} moves the encoder backwards ({len(moved)} pulses up to {level:.3g} "
-            f"{command.unit}, {farthest * 1e6:.2g} µm): swap the motor's leads or the encoder's tracks A and B",
-        )
     moves = f"a positive {command.quantity} moves the stage forwards ({len(moved)} pulses, {level:.3g} {command.unit})"
     checks = [
         Check("polarity", True, farthest, "m", moves),

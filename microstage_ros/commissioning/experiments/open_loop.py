@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from microstage_ros.commissioning.findings import refused
-from microstage_ros.commissioning.experiments.dead_encoder import EncoderWatch
+from microstage_ros.commissioning.experiments.dead_encoder import EncoderWatch, standing
 from microstage_ros.commissioning.experiments.encoder_scale import scale_check
 from microstage_ros.commissioning.experiments.first_motion import joined
 from microstage_ros.commissioning.experiments.sliding import STANDS, STILL_COUNTS, TURNED, Slide
@@ -50,7 +50,13 @@ def strokes(machine, sketch, first, keep):
     if first.has_current and actuator.tells_turning:
         most = actuator.emf_per_speed(sketch.axis) * (1.0 + sketch.tolerance[actuator.emf_key])
         machine.watch = EncoderWatch(
-            machine.period, first.resistance, most, machine.current_offset, machine.count, rough=True
+            machine.period,
+            first.resistance,
+            most,
+            machine.current_offset,
+            machine.count,
+            rough=True,
+            standing=standing(sketch, machine.count),
         )
     reach = min(STROKE, SHARE * machine.stroke)
     centre, parts = machine.position, []
