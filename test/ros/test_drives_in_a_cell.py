@@ -28,7 +28,7 @@ def test_a_move_in_the_unit_of_the_drive(name, tmp_path):
     axis = load_axis(path)
     command, (target, tolerance) = actuator_of(axis).command, MOVES[name]
     own = {"axis_file": str(path)}
-    parameters = {"axis_driver": {**own, "seed": 2, "command_timeout_lockstep_s": 60.0}, "str_controller": own, "gms_observer": own,
+    parameters = {"axis_driver": {**own, "seed": 2, "command_timeout_lockstep_s": 60.0, "rate_limit": 1.0}, "str_controller": own, "gms_observer": own,
                   "move_server": {"pause_s": 600.0}, "bag_recorder": {"directory": str(tmp_path / "bag")}}
     with ros_node() as node, CellProcesses("/axis", parameters=parameters, logs=tmp_path / "logs") as cell:
         cell.activate(node)

@@ -7,6 +7,7 @@ import sys
 
 from microstage_ros.commands.__main__ import which_ros
 from microstage_ros.commands.project import environment
+from microstage_ros.numerics.compiled import cache_folder
 from microstage_ros.places import SOURCE
 from microstage_ros.quantities.errors import InputError
 
@@ -17,6 +18,10 @@ All the tests, three at a time: cells wait often. Examples: microstage test test
   --last-bits  simulated machines begin with last bits that differ (by 10^-15), as on another processor
   --seeds K    every noise of simulated machines from the K-th other set of seeds, K = 1, 2, ...
 """
+
+
+COMPILED_FIRST = ("axis_driver", "str_controller")
+"""Nodes whose compiled code every test of a cell loads."""
 
 
 def main(argv=None):
@@ -42,7 +47,21 @@ def main(argv=None):
         options = ["-n", "3", "--dist", "loadfile", "--no-loadscope-reorder", *arguments]
     variables = {**os.environ, **variables}
     variables |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    if not argv and not os.path.isdir(cache_folder("ros")):
+        _compile_first(variables)
     return subprocess.call([sys.executable, "-m", "pytest", *options], cwd=SOURCE, env=variables)
+
+
+def _compile_first(variables):
+    """Compile for `COMPILED_FIRST`, a process each: where nothing is compiled yet, workers that begin together would
+    each compile the same."""
+    if importlib.util.find_spec("rclpy"):
+        code = "from microstage_ros.ros.nodes.{} import warm_up; warm_up()"
+        for process in [
+            subprocess.Popen([sys.executable, "-c", code.format(name)], cwd=SOURCE, env=variables)
+            for name in COMPILED_FIRST
+        ]:
+            process.wait()
 
 
 def _other_trajectories(arguments):

@@ -64,6 +64,7 @@ LOCK, OWNER, KIND, MUTEX = 0, 8, 16, 40
 
 BOTH = struct.Struct("<I4xI28xI4xI")
 """The first two of these words of the two mutexes."""
+BOTH_BYTES, _bytes_at = BOTH.size, ctypes.string_at
 
 PROCESS_SHARED = 0x80
 """The kind: shared by processes, and otherwise normal, so that any thread may open it."""
@@ -86,11 +87,15 @@ FIRST_PORT, PORTS = 7400, 250
 
 
 class Segment:
-    """The two locks of one segment, mapped. Raises `ValueError` if it is no such segment, `OSError` if it is gone."""
+    """The two locks of one segment, mapped. Raises `ValueError` if it is no such segment, `OSError` if it is gone.
 
-    _base = None
+    Kept small: there is one for every reader of this user, also of other cells.
+    """
+
+    __slots__ = ("_base", "_length", "_first", "_flags")
 
     def __init__(self, path):
+        self._base = None
         layout = LAYOUTS[READER if path.name.startswith(READER) else PORT]
         with path.open("r+b") as file:
             about = os.fstat(file.fileno())
@@ -100,10 +105,9 @@ class Segment:
                     or _word(start, HEADER + 8) != layout.size or start[HEADER + 12] != len(layout.name) - 1):
                 raise ValueError(f"{path.name} is not laid out as Fast DDS 2.14.5 does it")
             self._length, self._base = about.st_size, _mapped(file.fileno(), about.st_size)
-        self._pages = memoryview((ctypes.c_char * about.st_size).from_address(self._base)).cast("B")
-        self._first = VALUE + layout.sleepers + SLEEPERS
-        self._flags = None if layout.flags is None else VALUE + layout.flags
-        if any(_word(self._pages, self._mutex(which) + KIND) != PROCESS_SHARED for which in (0, 1)):
+        self._first = self._base + VALUE + layout.sleepers + SLEEPERS
+        self._flags = None if layout.flags is None else self._base + VALUE + layout.flags
+        if any(_word(ctypes.string_at(self.address(which), MUTEX), KIND) != PROCESS_SHARED for which in (0, 1)):
             raise ValueError(f"{path.name} has mutexes of another kind")
 
     def __del__(self, unmap=LIBC.munmap):
@@ -111,24 +115,21 @@ class Segment:
         if self._base is not None:
             unmap(self._base, self._length)
 
-    def _mutex(self, which):
-        """Place of the list's mutex, 0, or of the other, 1."""
-        return self._first + which * MUTEX
-
     def address(self, which):
-        """Of the mutex of that number, ``which`` [1]."""
-        return ctypes.c_void_p(self._base + self._mutex(which))
+        """Of the mutex of that number, ``which`` [1]: 0 is the list's, 1 the other."""
+        return ctypes.c_void_p(self._first + which * MUTEX)
 
     def holders(self):
         """For each lock None if it is open, else the number of the thread that holds it, 0 if it does not say."""
-        first, holder_of_first, second, holder_of_second = BOTH.unpack_from(self._pages, self._first)
+        first, holder_of_first, second, holder_of_second = BOTH.unpack(_bytes_at(self._first, BOTH_BYTES))
         return holder_of_first if first else None, holder_of_second if second else None
 
     def open(self, which):
         """Open the lock of that number, ``which`` [1], of a port that is marked as useless first; the thread that
         waits for it goes on."""
         if self._flags is not None:
-            self._pages[self._flags] &= ~PORT_IS_USABLE
+            flags = ctypes.c_ubyte.from_address(self._flags)
+            flags.value &= ~PORT_IS_USABLE
         LIBC.pthread_mutex_unlock(self.address(which))
 
 
@@ -169,10 +170,17 @@ class AbandonedLocks:
             return
         if changed != self._changed:
             self._changed, self._settled = changed, now + MAKING_S
-        names = {name for name in os.listdir(self._place) if self._concerns(name)}
-        for name in self._segments.keys() - names:
-            del self._segments[name]
-        for name in names - self._segments.keys():
+        known, new = 0, []
+        with os.scandir(self._place) as entries:  # one after the other: there may be thousands
+            for entry in entries:
+                if entry.name in self._segments:
+                    known += 1
+                elif self._concerns(entry.name):
+                    new.append(entry.name)
+        if known < len(self._segments):
+            for name in [name for name in self._segments if not os.path.exists(os.path.join(self._place, name))]:
+                del self._segments[name]
+        for name in new:
             path = self._place / name
             with contextlib.suppress(OSError):  # gone meanwhile, or somebody else's
                 try:

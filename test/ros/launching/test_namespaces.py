@@ -10,7 +10,7 @@ NODES = ("str_controller", "move_server", "axis_driver")
 
 
 def test_two_axes(tmp_path):
-    parameters = {"move_server": {"pause_s": 600.0}, "axis_driver": {"command_timeout_lockstep_s": 60.0}}
+    parameters = {"move_server": {"pause_s": 600.0}, "axis_driver": {"command_timeout_lockstep_s": 60.0, "rate_limit": 1.0}}
     with ros_node(namespace="/") as node, CellProcesses("/left", NODES, parameters, tmp_path / "left") as left, \
             CellProcesses("/right", NODES, parameters, tmp_path / "right") as right:
         seen = {"/left": [], "/right": []}

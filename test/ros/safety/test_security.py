@@ -58,7 +58,8 @@ def test_only_the_controller_may_command():
 
 
 def test_the_policies_cover_what_running_nodes_do(tmp_path):
-    with ros_node() as node, CellProcesses("/axis", NODES, {"bag_recorder": {"directory": str(tmp_path / "bag")}}, logs=tmp_path) as cell:
+    parameters = {"bag_recorder": {"directory": str(tmp_path / "bag")}, "axis_driver": {"rate_limit": 1.0}}
+    with ros_node() as node, CellProcesses("/axis", NODES, parameters, logs=tmp_path) as cell:
         cell.activate(node)
         spin_until(node, lambda: set(NODES) <= {name for name, _ in node.get_node_names_and_namespaces()})
         end = time.monotonic() + 2.0
