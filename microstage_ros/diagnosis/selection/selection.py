@@ -348,8 +348,8 @@ def _simpler(evidences, winner, trials, choices):
     """The simpler effect that the winner contains, if it explains as much, or more of the held-out records."""
     for trial in trials:
         wider = winner.choice.effect in CONTAINS.get(trial.choice.effect, ())
-        as_much = trial.gain > winner.gain - max(25.0, 0.06 * winner.gain) \
-            and trial.held > winner.held - max(25.0, 0.06 * winner.held)
+        pairs = (trial.gain, winner.gain), (trial.held, winner.held)
+        as_much = all(own > other - max(25.0, 0.06 * other) for own, other in pairs)
         if wider and (as_much or trial.held > winner.held) and acceptable(evidences, trial, choices):
             return trial
     return winner
