@@ -179,7 +179,7 @@ class DaqCard:
         Raises `HardwareError` where the card is not open or its driver reports an error.
         """
         self._call("output", "write", float(voltage))
-        if self.watchdog_armed:
+        if self._watchdog is not None and self.watchdog_armed:
             try:
                 self._watchdog.reset_timer()
             except Exception as error:

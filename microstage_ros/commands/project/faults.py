@@ -55,6 +55,9 @@ def main(argv=None):
         help="instead of faults: healthy running so long, with what every process holds",
     )
     parser.add_argument(
+        "--periods", type=int, default=0, metavar="N", help="end --healthy after so many control periods"
+    )
+    parser.add_argument(
         "--cycles",
         type=int,
         metavar="N",
@@ -68,6 +71,8 @@ def main(argv=None):
         value = getattr(arguments, name)
         if value is not None and not 0 <= value <= 10**9:
             raise InputError(f"--{name}", value, "0 to 1000000000")
+    if not 0 <= arguments.periods <= 10**9:
+        raise InputError("--periods", arguments.periods, "0 to 1000000000 (0: as many as there are)")
     if arguments.healthy is not None and not 1.0 <= arguments.healthy <= 1e6:
         raise InputError("--healthy", arguments.healthy, "1 to 1000000 s")
     asked = [name for name in COUNTS if getattr(arguments, name) is not None]
@@ -169,7 +174,8 @@ def _healthy(arguments):
             print(json.dumps(facts), file=sys.stderr, flush=True)
 
     with progress("running", round(arguments.healthy)) as bar:
-        return _one(Healthy(arguments.healthy, arguments.mode or "paced_1kHz", arguments.seed, tell).run())
+        mode = arguments.mode or "paced_1kHz"
+        return _one(Healthy(arguments.healthy, mode, arguments.seed, tell, arguments.periods).run())
 
 
 def _cycles(arguments):

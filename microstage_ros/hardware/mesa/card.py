@@ -70,9 +70,11 @@ class MesaCard:
         self.period = setup.axis.value("period")
         self._count = setup.axis.value("sensors.encoder.resolution")
         self._limit = min(setup.axis.value("drive.voltage_limit"), float(self.options["full_scale"]))
-        self._link = self.layout = None
+        self._link: Link | None = None
+        self.layout: hm.Layout          # what the card holds: from `open` on
         self._errors, self._voltage = 0, 0.0
-        self._counts, self._before, self._time, self._moved_at = 0, None, 0, None
+        self._counts = 0
+        self._before: tuple[int, int, int] | None = None
         self.velocity = 0.0
 
     def _check(self):
@@ -88,6 +90,13 @@ class MesaCard:
                 or not self.options[name] > 0.0
             ):
                 raise InputError(f"Mesa card: option {name}", self.options[name], "a number above 0")
+
+    @property
+    def _wire(self):
+        """The link to the card; raises `HardwareError` while there is none."""
+        if self._link is None:
+            raise HardwareError("the Mesa card is not open")
+        return self._link
 
     # --- set-up ------------------------------------------------------------------------------------------------
 
@@ -106,7 +115,7 @@ class MesaCard:
             self._counts = round(float(self.options["position"]) / self._count) * int(self.options["counts_direction"])
             self._first_reading()
         except HardwareError:
-            self._link.close()
+            self._wire.close()
             self._link = None
             raise
 
@@ -139,7 +148,7 @@ class MesaCard:
     def _pins(self, unit):
         """Source and direction of the pins that the output needs; all others stay inputs."""
         port = self.layout.module(hm.IOPORT)
-        masks = {}
+        masks: dict[int, int] = {}
         for pin in self.layout.pins_of(hm.PWM, unit):
             if pin.is_output:
                 masks[pin.port] = masks.get(pin.port, 0) | 1 << pin.number
@@ -150,17 +159,18 @@ class MesaCard:
 
     def _send_checked(self, *commands):
         """Writes of the set-up, sent until the card has taken them."""
-        self._link.write(*commands)
+        link = self._wire
+        link.write(*commands)
         for _ in range(5):
-            found = self._link.read(read32(hm.COOKIE), 4, 0.2)
+            found = link.read(read32(hm.COOKIE), 4, 0.2)
             if found is not None and found[1]:
                 return
-            self._link.repeat_write()
+            link.repeat_write()
         raise HardwareError("the Mesa card does not take its configuration")
 
     def _first_reading(self):
         for _ in range(5):
-            found = self._link.read(*self._question(), 0.2)
+            found = self._wire.read(*self._question(), 0.2)
             if found is not None:
                 self._take(found[0])
                 return
@@ -182,16 +192,15 @@ class MesaCard:
 
     def read(self):
         """Encoder, and current where a converter counts it. Raises `HardwareError`: watchdog, or too many losses."""
-        if self._link is None:
-            raise HardwareError("the Mesa card is not open")
+        link = self._wire
         wait = max(float(self.options["wait_share"]) * self.period, 1e-4)
-        found = self._link.read(*self._question(), 0.5 * wait) or self._link.read(*self._question(), 0.5 * wait)
+        found = link.read(*self._question(), 0.5 * wait) or link.read(*self._question(), 0.5 * wait)
         if found is None:
             self._loss("no answer")
             return self.reading
         data, written = found
         if not written:
-            self._link.repeat_write()
+            link.repeat_write()
             self._loss("a voltage did not arrive")
         else:
             self._errors = max(self._errors - 1, 0)
@@ -202,8 +211,8 @@ class MesaCard:
         self._errors += LOSS
         if self._errors >= MOST_ERRORS:
             raise HardwareError(
-                f"Mesa card: {what}, error level {self._errors} (lost {self._link.lost}, stale {self._link.stale}, "
-                f"sent again {self._link.repeated}); its watchdog cuts the output"
+                f"Mesa card: {what}, error level {self._errors} (lost {self._wire.lost}, stale {self._wire.stale}, "
+                f"sent again {self._wire.repeated}); its watchdog cuts the output"
             )
 
     def _take(self, data):
@@ -217,7 +226,7 @@ class MesaCard:
         stamp, now = count >> 16, clock & 0xFFFF
         if self._before is not None:
             moved = ((count & 0xFFFF) - self._before[0] + 0x8000 & 0xFFFF) - 0x8000
-            self._speed(moved, stamp, now)
+            self._speed(moved, stamp, now, self._before[1])
             self._counts += moved
         self._before = (count & 0xFFFF, stamp, now)
         sign = int(self.options["counts_direction"])
@@ -225,13 +234,13 @@ class MesaCard:
             sign * self._counts * self._count, self._current(current[0], now) if current else math.nan
         )
 
-    def _speed(self, moved, stamp, now):
+    def _speed(self, moved, stamp, now, stamp_before):
         """Speed by counts over the time between their events; without an event at most one count over the time
         since."""
         tick = 1.0 / self._stamp_hz
         since = ((now - stamp) & 0xFFFF) * tick
         if moved:
-            between = ((stamp - self._before[1]) & 0xFFFF) * tick
+            between = ((stamp - stamp_before) & 0xFFFF) * tick
             self.velocity = (
                 int(self.options["counts_direction"]) * moved * self._count / between if between > 0.0 else 0.0
             )
@@ -251,11 +260,10 @@ class MesaCard:
 
     def write(self, voltage):
         """Hold ``voltage`` [V] at the amplifier and pet the watchdog; `HardwareError` if the card is not open."""
-        if self._link is None:
-            raise HardwareError("the Mesa card is not open")
+        link = self._wire
         self._voltage = min(max(float(voltage), -self._limit), self._limit)
         unit = int(self.options["output"])
-        self._link.write(
+        link.write(
             write32(self._pwm.address(0, unit), self._value(self._voltage)), write32(self._watchdog.address(2), PET)
         )
 

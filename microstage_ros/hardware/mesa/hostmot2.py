@@ -102,7 +102,7 @@ def discover(link):
 
 
 def _modules(link, place, board, clocks, instance_strides, register_strides):
-    found = {}
+    found: dict[int, Module] = {}
     for number in range(MOST_MODULES):
         first, second, mask = link.ask32(place + 12 * number, 3)
         gtag, version, clock, instances = first & 0xFF, first >> 8 & 0xFF, first >> 16 & 0xFF, first >> 24 & 0xFF

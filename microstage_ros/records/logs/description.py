@@ -89,8 +89,8 @@ class LogDescription:
     facts: dict
     format: str = ""
     separator: str = ""
-    skip_rows: int = None
-    sampling_hz: float = None
+    skip_rows: int | None = None
+    sampling_hz: float | None = None
     condition: tuple = ()
     run: tuple = ()
     cycle_restarts: bool = False

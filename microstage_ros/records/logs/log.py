@@ -38,7 +38,7 @@ class Log:
     condition: np.ndarray
     runs: list
     conditions: list
-    shift: np.ndarray
+    shift: np.ndarray | None
     place_unit: str
     effort: str
     effort_unit: str

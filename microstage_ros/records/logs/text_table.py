@@ -32,7 +32,7 @@ class Table:
     columns: dict
     units: dict
     kind: str
-    sampling_s: float = None
+    sampling_s: float | None = None
     notes: list = dataclasses.field(default_factory=list)
 
     @property

@@ -68,11 +68,12 @@ class Healthy:
     Parameters
     ----------
     seconds : of wall clock. mode : of `trial_cell.PERIODS`. seed : of the axis and of the targets. tell : called with
-        the facts so far, now and then.
+        the facts so far, now and then. most_periods : control periods after which it ends sooner (0: never).
     """
 
-    def __init__(self, seconds, mode, seed, tell=lambda facts: None):
+    def __init__(self, seconds, mode, seed, tell=lambda facts: None, most_periods=0):
         self._seconds, self._mode, self._chance, self._tell = seconds, mode, random.Random(seed), tell
+        self._most_periods = most_periods or np.inf
         self._seed, self._faults, self._timing, self._looks = seed, [], [], {}
         self._codes, self._move, self._ended = {}, None, ""
 
@@ -113,7 +114,9 @@ class Healthy:
 
     def _go_through(self, node, client, supervisor, pids, began):
         looked = moved = 0.0
-        while time.monotonic() < began + self._seconds and not self._faults and not self._ended:
+        while time.monotonic() < began + self._seconds and self._periods < self._most_periods:
+            if self._faults or self._ended:
+                return
             rclpy.spin_once(node, timeout_sec=0.1)
             now = time.monotonic()
             try:
