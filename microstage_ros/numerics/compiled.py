@@ -64,16 +64,19 @@ def external(name, result, *arguments):
     return numba.types.ExternalFunction(name, numba.core.typing.signature(*types))
 
 
-def compiled(function=None, **options):
+def compiled(function=None, makes_arrays=True, **options):
     """Compile ``function`` with numba: nopython, cached, without reordering of float arithmetic.
 
     ``fastmath`` stays off unless asked for, so that the same seed gives the same bits everywhere.
+
+    makes_arrays : whether it, or what it calls, makes an array. Where none is made nobody has to count who holds one;
+        each count is a call, at which the compiler has to put all numbers back into memory.
     """
     if function is None:
-        return functools.partial(compiled, **options)
+        return functools.partial(compiled, makes_arrays=makes_arrays, **options)
     _name_place(function)
     usual = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True,
-             "forceinline": False}         # said, or numba passes a caller's on to all that it calls
+             "forceinline": False, "_nrt": makes_arrays}   # said, or numba passes a caller's on to all that it calls
     dispatcher = numba.njit(**{**usual, **options})(function)
     _load_without_compiler(getattr(dispatcher, "_cache", None))
     return dispatcher
