@@ -108,6 +108,11 @@ def _load(cache, signature, context):
         return cache._load_overload(signature, context)
 
 
+def in_place(function):
+    """`compiled` for a function that works in the arrays it is given; neither it nor what it calls makes one."""
+    return compiled(function, makes_arrays=False)
+
+
 def internal(function=None, **options):
     """`compiled` for a function that only compiled code calls: without its door for Python, half the compiling."""
     return compiled(function, no_cpython_wrapper=True, **options)
@@ -150,15 +155,18 @@ def words_at(address, count):
 
 @functools.lru_cache
 def called_from_c(function, kind):
-    """Compile ``function(pointer, count)`` so that C can call it; ``pointer[0]`` is of a type given by `kind_of`.
+    """Compile ``function(pointer, count)``, which makes no array, so that C can call it.
+
+    ``pointer[0]`` is of a type given by `kind_of`.
 
     Returns
     -------
     object with the attribute ``address``; it has to live as long as anybody may call.
     """
     _name_place(function)
-    arguments = numba.types.CPointer(kind), numba.types.uint64
-    made = CFunc(function, (arguments, numba.types.void), locals={}, options={"nopython": True, "error_model": "numpy"})
+    arguments = numba.types.CPointer(kind), numba.types.uint64   # C owns what the pointer leads to: nothing to count
+    made = CFunc(function, (arguments, numba.types.void), locals={},
+                 options={"nopython": True, "error_model": "numpy", "_nrt": False})
     made.enable_caching()
     _load_without_compiler(made._cache)
     made.compile()
