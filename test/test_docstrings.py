@@ -20,7 +20,7 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "microstage_ros"
-COMPILED = ("compiled", "internal", "always_inlined", "inlined_before_typing", "intrinsic", "overload", "njit")
+COMPILED = ("compiled", "internal", "in_place", "always_inlined", "inlined_before_typing", "intrinsic", "overload", "njit")
 
 #: Parameters without annotation that are never numbers, by name.
 OBJECTS = {

@@ -23,7 +23,7 @@ import numpy as np
 from microstage_ros.hardware.command_gate import FAULTS
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.top_speed import top_speed
-from microstage_ros.numerics.compiled import compiled
+from microstage_ros.numerics.compiled import in_place
 
 SMOOTHING_S = 5e-3
 JUMP = 3.0
@@ -61,7 +61,7 @@ BOUNDS = {"travel": ("", "m"), "encoder_jump": ("jump", "m in one period"), "vel
 """Fault to the limit that was breached, and its unit; ``{}``: that of the command."""
 
 
-@compiled
+@in_place
 def breach(limits, memory, encoder, current, motor_angle, voltage):
     """Look at one period; the code of the fault, 0 for none.
 
@@ -103,7 +103,7 @@ def breach(limits, memory, encoder, current, motor_angle, voltage):
     return _RATE if abs(turned) > limits.voltage_step else 0
 
 
-@compiled
+@in_place
 def look(limits, memory, encoder, current, motor_angle, voltage):
     """`breach` for arrays of one."""
     return breach(limits[0], memory[0], encoder, current, motor_angle, voltage)

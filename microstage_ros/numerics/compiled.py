@@ -64,16 +64,19 @@ def external(name, result, *arguments):
     return numba.types.ExternalFunction(name, numba.core.typing.signature(*types))
 
 
-def compiled(function=None, **options):
+def compiled(function=None, makes_arrays=True, **options):
     """Compile ``function`` with numba: nopython, cached, without reordering of float arithmetic.
 
     ``fastmath`` stays off unless asked for, so that the same seed gives the same bits everywhere.
+
+    makes_arrays : whether it, or what it calls, makes an array. Where none is made nobody has to count who holds one;
+        each count is a call, at which the compiler has to put all numbers back into memory.
     """
     if function is None:
-        return functools.partial(compiled, **options)
+        return functools.partial(compiled, makes_arrays=makes_arrays, **options)
     _name_place(function)
     usual = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True,
-             "forceinline": False}         # said, or numba passes a caller's on to all that it calls
+             "forceinline": False, "_nrt": makes_arrays}   # said, or numba passes a caller's on to all that it calls
     dispatcher = numba.njit(**{**usual, **options})(function)
     _load_without_compiler(getattr(dispatcher, "_cache", None))
     return dispatcher
@@ -103,6 +106,11 @@ def _load(cache, signature, context):
     rtsys.initialize(context)
     with cache._guard_against_spurious_io_errors():
         return cache._load_overload(signature, context)
+
+
+def in_place(function):
+    """`compiled` for a function that works in the arrays it is given; neither it nor what it calls makes one."""
+    return compiled(function, makes_arrays=False)
 
 
 def internal(function=None, **options):
@@ -147,15 +155,18 @@ def words_at(address, count):
 
 @functools.lru_cache
 def called_from_c(function, kind):
-    """Compile ``function(pointer, count)`` so that C can call it; ``pointer[0]`` is of a type given by `kind_of`.
+    """Compile ``function(pointer, count)``, which makes no array, so that C can call it.
+
+    ``pointer[0]`` is of a type given by `kind_of`.
 
     Returns
     -------
     object with the attribute ``address``; it has to live as long as anybody may call.
     """
     _name_place(function)
-    arguments = numba.types.CPointer(kind), numba.types.uint64
-    made = CFunc(function, (arguments, numba.types.void), locals={}, options={"nopython": True, "error_model": "numpy"})
+    arguments = numba.types.CPointer(kind), numba.types.uint64   # C owns what the pointer leads to: nothing to count
+    made = CFunc(function, (arguments, numba.types.void), locals={},
+                 options={"nopython": True, "error_model": "numpy", "_nrt": False})
     made.enable_caching()
     _load_without_compiler(made._cache)
     made.compile()

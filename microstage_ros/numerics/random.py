@@ -37,7 +37,7 @@ def seed_state(seed):
     return np.random.SeedSequence(seed).generate_state(4, np.uint64)
 
 
-@internal
+@internal(makes_arrays=False)
 def next_bits(s):
     """Next 64 random bits; advances the state ``s`` (uint64[4])."""
     total = s[0] + s[3]
@@ -52,13 +52,13 @@ def next_bits(s):
     return result
 
 
-@compiled
+@compiled(makes_arrays=False)
 def uniform(s):
     """Uniform in [0, 1)."""
     return (next_bits(s) >> _11) * UNIT
 
 
-@compiled
+@compiled(makes_arrays=False)
 def normal(s):
     """Standard normal deviate."""
     bits = next_bits(s)
@@ -69,7 +69,7 @@ def normal(s):
     return _rare_normal(s, np.int64(i), u)
 
 
-@internal
+@internal(makes_arrays=False)
 def _rare_normal(s, i, u):
     """`normal` outside the inner rectangle of layer i (one draw in eighty)."""
     not_inlined()

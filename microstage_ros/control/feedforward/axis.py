@@ -115,7 +115,7 @@ def fill_model(record, axis):
             record[contact] = packed
 
 
-@compiled
+@compiled(makes_arrays=False)
 def friction_along(law, blocks, velocity, period, factor):
     """Friction after a period at the constant ``velocity``; moves the block states by exactly velocity x period.
 

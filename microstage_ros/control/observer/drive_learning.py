@@ -241,12 +241,13 @@ def find_lag(p, model, s, step):
             best = j
     change = s.voltages[0] - s.voltages[1]
     s.excitation += 0.01 * (change * change - s.excitation)
+    if best == s.lag:
+        return False
     restored = s.changes == 0 or s.since > STEADY_TIME  # what a change of the drive shakes says nothing of the delay
     excited = s.excitation > LAG_LIMIT * LAG_LIMIT * p.voltage_noise * p.voltage_noise
     clear = LAG_CLEAR * math.sqrt(s.far_voltage_power * s.far_current_power)
     if (
         not excited
-        or best == s.lag
         or s.answers[best] - s.answers[s.lag] < clear
         or not restored
         or s.answers[best] * model.resistance * s.learned[0] < LAG_LEAST * s.excitation

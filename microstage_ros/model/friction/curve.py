@@ -73,7 +73,7 @@ def pack_curve(values):
     return [static, coulomb, *rest]
 
 
-@compiled
+@compiled(makes_arrays=False)
 def sliding_limit(parameters, direction, speed, limit_factor):
     """|s| of the sliding curve [F] for motion in ``direction`` (its sign) at ``speed`` >= 0 [q/s].
 
@@ -89,7 +89,7 @@ def sliding_limit(parameters, direction, speed, limit_factor):
     return limit_factor * (coulomb + drop)
 
 
-@compiled
+@compiled(makes_arrays=False)
 def viscous_force(parameters, velocity):
     """Viscous part σ(sgn w) w [F] of the sliding curve at ``velocity`` [q/s]."""
     head = 0 if velocity >= 0.0 else DIRECTION_WIDTH

@@ -10,7 +10,7 @@ import numpy as np
 
 from microstage_ros.control.laws.registry import controller_step
 from microstage_ros.control.trajectories.reference_player import HOLDING, MOVING, STOPPING
-from microstage_ros.numerics.compiled import called_from_c, compiled, kind_of
+from microstage_ros.numerics.compiled import called_from_c, in_place, kind_of
 from microstage_ros.ros.transport.block_buffer import close, crowded, keep, new_ring
 from microstage_ros.ros.transport.blocks import Refusals
 from microstage_ros.ros.transport.c_calls import (
@@ -54,7 +54,7 @@ MOST = 2**62
 LOCKSTEP = 2  # AxisState.STATUS_LOCKSTEP
 
 
-@compiled
+@in_place
 def mode_at(index, size, stopping):
     """The mode at place ``index`` of a plan, as `ReferencePlayer`."""
     if not 0 <= index < size - 1:
@@ -62,7 +62,7 @@ def mode_at(index, size, stopping):
     return STOPPING if stopping else MOVING
 
 
-@compiled
+@in_place
 def fill_inside(message, state, n, reference, mode, memory):
     """ControllerState, as `Controller.state` tells it."""
     pid = memory.pid
@@ -80,7 +80,7 @@ def fill_inside(message, state, n, reference, mode, memory):
     message["law"], message["law_reason"], message["handovers"] = watched.law, watched.reason, watched.handovers
 
 
-@compiled
+@in_place
 def take_state(links, c, guard):
     """The oldest state that waits and comes from the driver of the axis, whole, into its frame; False if none does."""
     info, holder, length = guard
@@ -94,7 +94,7 @@ def take_state(links, c, guard):
     return False
 
 
-@compiled
+@in_place
 def answer_state(stop, links, c, parameters, memories, positions, frames, raws, rings, guard):
     """Answer the state in its frame. WAITING, or why the loop ends."""
     links, c, state, command, inside = links[0], c[0], frames[0][0], frames[1][0], frames[2][0]
@@ -127,7 +127,7 @@ def answer_state(stop, links, c, parameters, memories, positions, frames, raws, 
     return ASKED if stop[0] else WAITING
 
 
-@compiled
+@in_place
 def answer_waiting(work, most):
     """Answer at most so many of the states that wait. WAITING, or why the loop ends; ``work`` as in `answer`."""
     links, c, guard, why = work[1][0], work[2][0], work[9], WAITING
@@ -137,7 +137,7 @@ def answer_waiting(work, most):
     return why
 
 
-@compiled
+@in_place
 def answer(handover, work, times):
     """Answer states until one of the reasons at the top.
 

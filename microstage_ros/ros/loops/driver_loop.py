@@ -12,7 +12,7 @@ import numpy as np
 from microstage_ros.hardware.limits import breach
 from microstage_ros.hardware.watchdog import BEAT, TAKEN, VOLTS
 from microstage_ros.hardware.watchdog import ZEROED as WENT_TO_ZERO
-from microstage_ros.numerics.compiled import compiled
+from microstage_ros.numerics.compiled import in_place
 from microstage_ros.ros.loops.period_timing import early_ns, hold_back, learn_waking
 from microstage_ros.ros.transport.block_buffer import close, crowded, keep
 from microstage_ros.ros.transport.c_calls import (
@@ -55,7 +55,7 @@ MOMENT_NS = 5_000_000
 are not: small blocks are many blocks."""
 
 
-@compiled
+@in_place
 def zero_when_silent(c, v, guard, present, ahead):
     """No voltage if the last valid command will be older than `hold_ns` at the next look, ``ahead`` from ``present``
     [ns]."""
@@ -65,14 +65,14 @@ def zero_when_silent(c, v, guard, present, ahead):
         c.zeroed += 1
 
 
-@compiled
+@in_place
 def fill_stamp(message, time_ns):
     """The header of a message."""
     message["header.stamp.sec"] = time_ns // 1_000_000_000
     message["header.stamp.nanosec"] = time_ns % 1_000_000_000
 
 
-@compiled
+@in_place
 def send_state(links, c, v, reading, message, raw, ring):
     """The state of period ``c.sequence``."""
     fill_stamp(message, c.time_ns)
@@ -91,7 +91,7 @@ def send_state(links, c, v, reading, message, raw, ring):
     keep(ring, raw, c.sequence)
 
 
-@compiled
+@in_place
 def send_truth(links, c, plant_state, reading, message, raw, ring):
     """What only the simulation knows, as `SimulatedAxis.truth`."""
     fill_stamp(message, c.time_ns)
@@ -110,7 +110,7 @@ def send_truth(links, c, plant_state, reading, message, raw, ring):
     keep(ring, raw, c.sequence)
 
 
-@compiled
+@in_place
 def take_command(links, c, guard):
     """The oldest command that waits and comes from the holder of the axis, whole, into its frame; False if none
     does."""
@@ -125,7 +125,7 @@ def take_command(links, c, guard):
     return False
 
 
-@compiled
+@in_place
 def in_force(c, v, command, guard, times):
     """Obey the command in its frame; False if it is strange."""
     words, volts, memory = guard[0], guard[1], guard[6][0]
@@ -145,7 +145,7 @@ def in_force(c, v, command, guard, times):
     return True
 
 
-@compiled
+@in_place
 def await_command(stop, links, c, v, command, guard, times):
     """GOOD when the answer to the period is in force, else why not."""
     while True:
@@ -168,7 +168,7 @@ def await_command(stop, links, c, v, command, guard, times):
             return WAITED
 
 
-@compiled
+@in_place
 def count_answer(c, responses, times):
     """The command for the period came; count how long it took, and whether that was within the period."""
     present = now(MONOTONIC, times)
@@ -183,7 +183,7 @@ def count_answer(c, responses, times):
     longest[0] = max(longest[0], taken)
 
 
-@compiled
+@in_place
 def begin_period(stop, links, c, v, plants, states, works, readings, frames, raws, rings, responses, times, guard):
     """Read and send the state of the next period. WAITING for its command, or why the loop ends."""
     links, c, v, reading = links[0], c[0], v[0], readings[0]
@@ -211,7 +211,7 @@ def begin_period(stop, links, c, v, plants, states, works, readings, frames, raw
     return WAITING
 
 
-@compiled
+@in_place
 def end_period(stop, links, c, v, plants, states, works, readings, frames, raws, rings, responses, times, guard):
     """What else is to be sent of a period whose command is in force, or that has to do without."""
     links, c, clock = links[0], c[0], frames[3][0]
@@ -228,7 +228,7 @@ def end_period(stop, links, c, v, plants, states, works, readings, frames, raws,
             post(links.sender)
 
 
-@compiled
+@in_place
 def begin_with_credit(work, times):
     """As `begin_period`, after a moment's wait for credit if there is none."""
     links, until = work[1][0], now(MONOTONIC, times) + MOMENT_NS
@@ -238,7 +238,7 @@ def begin_with_credit(work, times):
     return why
 
 
-@compiled
+@in_place
 def timed_periods(handover, work, times):
     """Control periods that begin when they are due. Why they ended."""
     links, c, v, frames, responses, guard = work[1][0], work[2][0], work[3][0], work[8], work[11], work[13]
@@ -262,7 +262,7 @@ def timed_periods(handover, work, times):
         end_period(*work)
 
 
-@compiled
+@in_place
 def wait_for_work(handover, c, work, times):
     """Let who brings the command take it: then none of its response time is spent on waking this thread, which ranks
     above him and would take the processor while he holds the lock of the reader that it needs. WAITING, or why the loop
@@ -287,7 +287,7 @@ def wait_for_work(handover, c, work, times):
     return WAITING if why == ANSWERED else why
 
 
-@compiled
+@in_place
 def go_on(work):
     """Take what waits; where it answers the period, do the rest of it, and in lockstep begin the next. WAITING;
     ANSWERED, if a loop that spins must be woken for it; or why the loop ends."""
@@ -305,7 +305,7 @@ def go_on(work):
     return WAITING
 
 
-@compiled
+@in_place
 def run_periods(handover, work, times):
     """Control periods until one of the reasons at the top.
 

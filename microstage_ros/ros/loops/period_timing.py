@@ -2,7 +2,7 @@
 
 import os
 
-from microstage_ros.numerics.compiled import compiled
+from microstage_ros.numerics.compiled import in_place
 from microstage_ros.ros.transport.c_calls import MONOTONIC, now, set_policy, sleep_until
 
 HOST_STOP_NS = 1_000_000
@@ -25,13 +25,13 @@ latest, and forgetting it over so many periods. `spin_ns` is the most."""
 REAL_TIME, NORMAL = os.SCHED_FIFO, os.SCHED_BATCH
 
 
-@compiled
+@in_place
 def early_ns(c):
     """How long before a period is due the loop must be awake."""
     return min(c.spin_ns, c.waking_ns + SPARE_NS)
 
 
-@compiled
+@in_place
 def learn_waking(c, late):
     """A sleep ended so late [ns]; -1 if there was none."""
     if late > c.waking_ns:
@@ -40,7 +40,7 @@ def learn_waking(c, late):
         c.waking_ns -= (c.waking_ns - late) // FORGET
 
 
-@compiled
+@in_place
 def count_host_stop(c, late):
     """What should have happened happens so late [ns]: the host had the processor."""
     if late > HOST_STOP_NS:
@@ -48,7 +48,7 @@ def count_host_stop(c, late):
         c.host_stopped_ns += late
 
 
-@compiled
+@in_place
 def hold_back(c, times):
     """Sleep until the next period is due; as `AxisDriver._hold_back`."""
     present = now(MONOTONIC, times)

@@ -5,7 +5,7 @@ The servo loop writes; whoever sends the closed blocks may be another thread.
 
 import numpy as np
 
-from microstage_ros.numerics.compiled import compiled
+from microstage_ros.numerics.compiled import in_place
 
 SLOTS = 64
 """Blocks in the ring."""
@@ -22,7 +22,7 @@ def new_ring(most, size):
     return np.zeros((SLOTS, most, size), np.uint8), np.zeros((SLOTS, 2), np.int64), np.zeros(2, np.int64)
 
 
-@compiled
+@in_place
 def close(ring):
     """Close the block that is being filled, if there is anything in it and room for another. True if it did."""
     rows, fill, ends = ring
@@ -33,13 +33,13 @@ def close(ring):
     return True
 
 
-@compiled
+@in_place
 def crowded(ring):
     """True if little room is left: whoever sends is late."""
     return ring[2][0] - ring[2][1] >= SLOTS - 3
 
 
-@compiled
+@in_place
 def keep(ring, raw, sequence):
     """Append the message ``raw``, uint8 of shape (size,); False if there is no room. A full block is closed first."""
     rows, fill, ends = ring

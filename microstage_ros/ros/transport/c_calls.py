@@ -9,7 +9,7 @@ import ctypes
 
 import numpy as np
 
-from microstage_ros.numerics.compiled import compiled, external
+from microstage_ros.numerics.compiled import external, in_place
 from microstage_ros.records.bags.definition import installed_definition
 from microstage_ros.records.bags.layout import layout_of_type
 from microstage_ros.ros.transport.codec import ENCAPSULATION
@@ -97,20 +97,20 @@ def load_libraries():
     ctypes.CDLL("librcl.so", mode=ctypes.RTLD_GLOBAL)
 
 
-@compiled
+@in_place
 def take(subscription, frame):
     """The oldest message that waits into its frame; False if none does. Arguments are addresses."""
     return _take(subscription, frame, 0, 0) == 0
 
 
-@compiled
+@in_place
 def take_from(subscription, frame, sender):
     """As `take`; ``sender``: int64 of shape (`INFO_WORDS`,), filled with the middleware's information about the
     message."""
     return _take(subscription, frame, sender.ctypes.data, 0) == 0
 
 
-@compiled
+@in_place
 def known(sender, holder):
     """True if a message came from the process ``holder``, int64 (2,), as `identity.process_of` gives it; all zero:
     anybody.
@@ -120,51 +120,51 @@ def known(sender, holder):
     return holder[0] == 0 or (sender[GID_AT] == holder[0] and (sender[GID_AT + 1] & HALF) == holder[1])
 
 
-@compiled
+@in_place
 def publish(publisher, frame):
     """Send the message in a frame. Arguments are addresses."""
     return _publish(publisher, frame, 0) == 0
 
 
-@compiled
+@in_place
 def now(clock, times):
     """Time of ``clock`` [ns]; ``times``: int64 of shape (2,), a `timespec` to work in."""
     _gettime(clock, times.ctypes.data)
     return times[0] * 1_000_000_000 + times[1]
 
 
-@compiled
+@in_place
 def wait(semaphore, until, times):
     """Sleep until the semaphore at this address is posted or the monotonic clock says ``until`` [ns]."""
     times[0], times[1] = until // 1_000_000_000, until % 1_000_000_000
     return _clockwait(semaphore, MONOTONIC, times.ctypes.data) == 0
 
 
-@compiled
+@in_place
 def post(semaphore):
     """Wake who waits for the semaphore at this address."""
     _post(semaphore)
 
 
-@compiled
+@in_place
 def lock(mutex):
     """Have the mutex at this address, waiting for it."""
     _lock(mutex)
 
 
-@compiled
+@in_place
 def try_lock(mutex):
     """True if the mutex at this address was free; it is ours now."""
     return _trylock(mutex) == 0
 
 
-@compiled
+@in_place
 def unlock(mutex):
     """Let go of it."""
     _unlock(mutex)
 
 
-@compiled
+@in_place
 def set_policy(policy, priority, words):
     """Scheduling of the calling thread; ``words``: int64 array to work in. Where it is not permitted nothing
     changes."""
@@ -172,7 +172,7 @@ def set_policy(policy, priority, words):
     _setscheduler(0, policy, words.ctypes.data)
 
 
-@compiled
+@in_place
 def sleep_until(deadline, spin, times):
     """Sleep until ``spin`` [ns] before the monotonic clock says ``deadline`` [ns], then look at the clock until it
     does.

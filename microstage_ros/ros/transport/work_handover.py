@@ -13,7 +13,7 @@ the handover, he only tries. The loop may wait for him.
 
 import numpy as np
 
-from microstage_ros.numerics.compiled import address_of, called_from_c, compiled, kind_of, put_at, words_at
+from microstage_ros.numerics.compiled import address_of, called_from_c, compiled, in_place, kind_of, put_at, words_at
 from microstage_ros.ros.transport.c_calls import lock, post, try_lock, unlock, wait
 
 WAITING = -1
@@ -51,14 +51,14 @@ class Handover:
         self._servo.call(reader, self._called, self.words.ctypes.data + HEAD * WORD, self)
 
 
-@compiled
+@in_place
 def begin_work(handover):
     """The loop's thread begins to work."""
     lock(handover.ctypes.data)
     handover[WHY] = 0
 
 
-@compiled
+@in_place
 def hand_over(handover, work, until, times):
     """The loop's thread waits for its semaphore, until the monotonic clock says ``until`` [ns]; others may carry on.
 
@@ -79,7 +79,7 @@ def hand_over(handover, work, until, times):
     return woken, why
 
 
-@compiled
+@in_place
 def end_work(handover):
     """The loop's thread ends its work."""
     unlock(handover.ctypes.data)
@@ -91,7 +91,7 @@ def handover_of(pointer):
     return words_at(address_of(pointer) - HEAD * WORD, SIZE)
 
 
-@compiled
+@in_place
 def may_take(handover):
     """True for who brings a message if he is to answer it himself; else the loop's thread has been woken for it."""
     if not try_lock(handover.ctypes.data):
@@ -104,7 +104,7 @@ def may_take(handover):
     return True
 
 
-@compiled
+@in_place
 def hand_back(handover, why):
     """He has done it; unless it is WAITING, ``why`` the loop's thread is needed."""
     handover[WHY] = why
