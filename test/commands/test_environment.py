@@ -1,5 +1,6 @@
 """What ./microstage writes for the shell, with the wheels and with a sourced ROS 2; what compiles the interfaces."""
 
+import importlib
 import os
 import shutil
 import subprocess
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from microstage_ros.commands.project import environment, packages, toolchain
+from microstage_ros.commands.project import test as command
 from microstage_ros.commands.project.environment import _exports
 from microstage_ros.places import SOURCE
 
@@ -185,3 +187,9 @@ def test_a_removed_cache_is_noticed(tmp_path):
     assert environment._still_there(ready, "digest") and not environment._still_there(ready, "other")
     (tmp_path / "prefix").rmdir()
     assert not environment._still_there(ready, "digest")
+
+
+def test_what_is_compiled_first_is_there():
+    for place in command.COMPILED_FIRST:
+        module, name = place.split(":")
+        assert callable(getattr(importlib.import_module(f"microstage_ros.{module}"), name)), place

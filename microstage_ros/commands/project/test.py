@@ -20,8 +20,9 @@ All the tests, three at a time: cells wait often. Examples: microstage test test
 """
 
 
-COMPILED_FIRST = ("axis_driver", "str_controller")
-"""Nodes whose compiled code every test of a cell loads."""
+COMPILED_FIRST = ("ros.nodes.axis_driver:warm_up", "ros.nodes.str_controller:warm_up",
+                  "commands.project.compile_ahead:other_law")
+"""Functions of this package that load compiled code of many tests."""
 
 
 def main(argv=None):
@@ -55,13 +56,14 @@ def main(argv=None):
 def _compile_first(variables):
     """Compile for `COMPILED_FIRST`, a process each: where nothing is compiled yet, workers that begin together would
     each compile the same."""
-    if importlib.util.find_spec("rclpy"):
-        code = "from microstage_ros.ros.nodes.{} import warm_up; warm_up()"
-        for process in [
-            subprocess.Popen([sys.executable, "-c", code.format(name)], cwd=SOURCE, env=variables)
-            for name in COMPILED_FIRST
-        ]:
-            process.wait()
+    code = "from microstage_ros.{} import {name}; {name}()"
+    processes = []
+    for module, name in (place.split(":") for place in COMPILED_FIRST):
+        if not module.startswith("ros.") or importlib.util.find_spec("rclpy"):
+            command = [sys.executable, "-c", code.format(module, name=name)]
+            processes.append(subprocess.Popen(command, cwd=SOURCE, env=variables))
+    for process in processes:
+        process.wait()
 
 
 def _other_trajectories(arguments):
