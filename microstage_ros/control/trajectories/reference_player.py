@@ -25,7 +25,7 @@ def check_speed(positions, period, fastest, place):
         bad = int(steps.argmax())
         raise InputError(
             f"{place}, positions {bad} and {bad + 1}",
-            f"{steps[bad] / period:.3g} m/s",
+            f"{float(steps[bad]) / period:.3g} m/s",
             f"at most {fastest:.3g} m/s, which the axis can follow",
         )
 

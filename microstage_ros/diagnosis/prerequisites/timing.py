@@ -83,15 +83,16 @@ def timing_of(prepared, sde=None):
         missing, rows = missing + int(p.lost.sum()), rows + len(p.lost)
     lost = repeated / max(samples, 1) + missing / max(rows, 1)
     spread, square = np.concatenate(spreads), np.concatenate(speeds) ** 2
-    if len(spread) < 100:
+    if len(spread) < 100 or np.isclose(square.min(), square.max()):    # one speed alone cannot tell jitter from noise
         return Timing(0.0, 1.0, lost, 0.0, 0.0, 0.0, max(samples, 1))
-    weight = np.full(len(spread), 1.0 / np.median(spread) ** 2)
+    usual, scale = float(np.median(spread)), float(square.mean())
+    design, level = np.stack([np.ones(len(square)), square / scale], axis=1), spread / usual    # of order 1
+    weight = np.ones(len(spread))
     for _ in range(3):
-        design = np.stack([np.ones(len(square)), square], axis=1)
         inner = np.linalg.inv(design.T @ (design * weight[:, None]))
-        a, b = inner @ (design.T @ (spread * weight))
-        weight = 1.0 / np.maximum(a + max(b, 0.0) * square, 0.2 * a) ** 2
-    stderr = float(np.sqrt(inner[1, 1] * 2.0 / FREEDOM))
+        a, b = inner @ (design.T @ (level * weight))
+        weight = 1.0 / np.maximum(a + max(b, 0.0) * design[:, 1], 0.2 * abs(a)) ** 2
+    stderr, a, b = float(np.sqrt(inner[1, 1] * 2.0 / FREEDOM)) * usual / scale, a * usual, b * usual / scale
     explained = float(max(b, 0.0) * (square.sum()) / a * FREEDOM)
     return Timing(float(b), stderr, lost, explained, max(float(a), rounding), float(np.sqrt(square.max())),
                   max(samples, 1), float(spread.mean()), float(square.mean()))
