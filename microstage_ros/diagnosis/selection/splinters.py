@@ -35,10 +35,9 @@ FRICTIONS = ("friction_level_change", "viscous_change")
 #: What flips with the direction leaves nothing that does not, however much of it there is.
 FLIPS = (*FRICTIONS, "nonlinear_viscous", "frictional_lag", "rising_static_friction", "presliding_creep")
 FLIPS_NOT = ("gravity_tilt", "cable_spring")
-#: What the speed alone sets leaves nothing that rest, place or direction set.
+#: What the speed alone sets leaves nothing that needs rest. A profile along the stroke may be but a level.
 OF_SPEED = ("viscous_change", "nonlinear_viscous")
-NOT_OF_SPEED = ("rising_static_friction", "presliding_creep", "position_dependent_friction", "direction_asymmetry",
-                "torque_ripple")
+OF_REST = ("rising_static_friction", "presliding_creep")
 
 
 def wider_keys(evidences, effect, channel):
@@ -105,7 +104,7 @@ def stands_beside(evidences, choice, choices, shapes):
 def _whatever_else(evidences, effect, larger):
     """(channel, key) of the nameless shapes that hold all that a larger `Choice` may leave beside itself, and not the
     ``effect``; none where there are no such shapes."""
-    if effect in FLIPS_NOT and larger.effect in FLIPS or effect in NOT_OF_SPEED and larger.effect in OF_SPEED:
+    if effect in FLIPS_NOT and larger.effect in FLIPS or effect in OF_REST and larger.effect in OF_SPEED:
         return wider_keys(evidences, larger.effect, "torque")
     if effect in FRICTIONS and larger.effect == "nonlinear_viscous" and not any("," in f.variant for f in larger.forms):
         return [("torque", form.key) for form in evidences.forms if form.effect == OTHER_POWER]

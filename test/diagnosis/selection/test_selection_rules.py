@@ -202,7 +202,8 @@ class Beside(Parts):
     ("nonlinear_viscous", "payload_change", 7000.0, False),     # flips, too
     ("nonlinear_viscous", "rising_static_friction", 7000.0, True),      # 155 beside 10⁷ (pairs, seed 8701, case 2)
     ("nonlinear_viscous", "rising_static_friction", 3000.0, False),
-    ("viscous_change", "position_dependent_friction", 7000.0, True),
+    ("viscous_change", "presliding_creep", 7000.0, True),
+    ("nonlinear_viscous", "position_dependent_friction", 7000.0, False),    # it was but a level (pairs, seed 8711, case 12)
     ("friction_level_change", "rising_static_friction", 7000.0, False),     # the level shows at the breakaway, too
     ("nonlinear_viscous", "frictional_lag", 7000.0, False),     # a speed that is read late looks like it
     ("nonlinear_viscous", "friction_level_change", 7000.0, True),       # 300 beside 3·10⁶ (pairs, seed 8701, case 15)
