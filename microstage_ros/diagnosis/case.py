@@ -14,6 +14,7 @@ from microstage_ros.diagnosis.catalogue import FORMS
 from microstage_ros.diagnosis.prerequisites.drive import drive_of
 from microstage_ros.diagnosis.prerequisites.encoder import seen_count, seen_interpolation
 from microstage_ros.diagnosis.prerequisites.growth import power_forms
+from microstage_ros.diagnosis.prerequisites.lateness import OTHER_TIME, forms_of_slowness
 from microstage_ros.diagnosis.prerequisites.periods import periodic_forms
 from microstage_ros.diagnosis.prerequisites.prerequisites import find_known
 from microstage_ros.diagnosis.prerequisites.resonant import damped_forms
@@ -29,8 +30,9 @@ from microstage_ros.diagnosis.selection.leftover import scatter_findings
 from microstage_ros.diagnosis.selection.mass_or_drive import RESONANT
 from microstage_ros.diagnosis.selection.nonregression_causes import nonregression_causes
 from microstage_ros.diagnosis.selection.refinement import refine
-from microstage_ros.diagnosis.selection.selection import FLIPS_NOT, STEADY, select
+from microstage_ros.diagnosis.selection.selection import select
 from microstage_ros.diagnosis.selection.sizes import stated_sizes, with_payload
+from microstage_ros.diagnosis.selection.splinters import FLIPS_NOT, STEADY, stands_beside
 from microstage_ros.quantities.errors import InputError
 
 EFFECTS = tuple(sorted({form.effect for form in FORMS if form.named and form.channel != "command"}))
@@ -90,7 +92,8 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
     prepared, known = find_known(groups, drive)
     collection = Collection(prepared, seen_count(drive, prepared))
     effects = [effect for effect in EFFECTS if known.gap is None or effect != "backlash"]
-    own = [*periodic_forms(collection), *damped_forms(collection, known.train), *power_forms(collection)]
+    own = [*periodic_forms(collection), *damped_forms(collection, known.train), *power_forms(collection),
+           *forms_of_slowness(groups, drive, known, collection)]
     evidences = collection.evidences([*(form for form in FORMS if form.channel != "command"), *own])
     choices, _ = select(evidences, effects)
     course = find_course(collection, evidences, choices)
@@ -116,7 +119,8 @@ def _beyond_the_known(evidences, choices, known):
     """Choices that are more than what the known prerequisites, never modelled to the last nanometre, leave behind."""
     if known.slow is not None:
         clear = _clear_of(evidences, choices, known.slow.held, SLOW_SHARE)
-        choices = [c for c in choices if c in clear or c.effect in OF_PLACE or _is_constant(evidences, c, choices)]
+        choices = [c for c in choices if c in clear or c.effect in OF_PLACE or _is_constant(evidences, c, choices)
+                   or _beside_any_time(evidences, c, choices)]
     if known.gap is not None:
         gap = known.gap
         held = max(gap.held_before - gap.held_after, gap.taken)
@@ -140,6 +144,14 @@ def _is_constant(evidences, choice, choices):
     """Whether a cause is a force that does not turn with the motion, as what hangs back in time does, and certain."""
     others = [o for o in choices if o is not choice]
     return choice.effect in FLIPS_NOT and held_out_records_show(evidences, choice, others)
+
+
+def _beside_any_time(evidences, choice, choices):
+    """Whether a cause shows in the torque alone, and stands there beside what an amplifier of another time leaves."""
+    shapes = [(form.channel, form.key) for form in evidences.forms if form.effect == OTHER_TIME]
+    others = [o for o in choices if o is not choice]
+    of_torque = all(form.channel == "torque" for form in choice.forms)
+    return bool(shapes) and of_torque and stands_beside(evidences, choice, others, shapes)
 
 
 def _clear_of(evidences, choices, held, shares):
@@ -179,7 +191,7 @@ def _answer(collection, evidences, choices, rivals, nonregression, holdout, note
     causes = with_payload(causes, collection.frame.drive.mass)
     known, course = nonregression
     scattered = judge.stands_out(evidences, choices)
-    if known.slow is not None and "resonance" in scattered:
+    if known.slow is not None and "resonance" in scattered and not known.lines:
         # what is left follows the motor otherwise than the model at the very frequencies that tell a delay from a lag
         known = dataclasses.replace(known, slow=dataclasses.replace(known.slow, rival=True))
     causes += nonregression_causes(collection, known, course, causes, book, unsure)

@@ -19,9 +19,9 @@ PIECES = (0.25e-3, 0.5e-3, 1.0e-3)                   # m between the knots of fr
 AGING = tuple((scale, release) for scale in (0.03, 0.2) for release in (2.0e-6, 8.0e-6, 30.0e-6))  # s, m
 AGING_STEP = 0.05
 CALM = 201                                           # periods
-# share of a record in which nothing shakes the axis, and times the variance of the speed there that noise alone may
-# reach; derived: records rest a tenth of their time, and a variance from CALM correlated readings scatters by a half
-AT_REST, SHAKEN = 0.1, 4.0
+# share of a record in which nothing shakes the axis, and standard deviations of the position there that noise alone
+# does not reach; derived: records rest a tenth of their time, and Gaussian noise is beyond three in 0.3 % of it
+AT_REST, PLAY = 0.1, 3.0
 PROFILE_PRIOR = 0.2                                  # relative; what was not visited stays at the nominal friction
 # friction along the stroke is reported only where it is known this well
 PROFILE_STDERR = 0.08
@@ -214,13 +214,25 @@ def _ageing(stuck, speed, period, scale, release):
 def _calm_speed(prepared):
     """Speed [m/s] whose integral is the travel: |speed| without the readings' noise, which over a dwell would add up.
 
-    The smooth part, and what shakes faster beyond the noise: the mean of |v| of a Gaussian v is √(2/π) times its
-    standard deviation. A contact that is shaken does not rest.
+    That of the position through a play of `PLAY` times its noise at rest. A running mean of the speed, which knows the
+    motion before it comes, would wear the dwell off some hundredths of a second before the breakaway. A contact that is
+    shaken does not rest.
     """
-    smooth = triangle(prepared.speed, CALM)
-    rough = triangle((prepared.speed - smooth) ** 2, CALM)
-    shaken = np.maximum(rough - SHAKEN * np.quantile(rough, AT_REST), 0.0)
-    return np.sqrt(smooth**2 + 2.0 / np.pi * shaken)
+    position = prepared.position
+    rough = triangle((position - triangle(position, CALM)) ** 2, CALM)
+    noise = np.sqrt(np.quantile(rough, AT_REST))
+    return np.abs(np.diff(_through_play(position, PLAY * noise), prepend=position[0])) / prepared.period
+
+
+@compiled
+def _through_play(position, half):
+    """Position (n,) [m] of what is dragged by a play of a ``half`` width [m]."""
+    dragged = np.empty(position.size)
+    now = position[0]
+    for i in range(position.size):
+        now = min(max(now, position[i] - half), position[i] + half)
+        dragged[i] = now
+    return dragged
 
 
 def presliding_creep(scale, amplitude):

@@ -11,6 +11,7 @@ from microstage_ros.diagnosis.catalogue.form import Form
 from microstage_ros.diagnosis.catalogue.friction import EXPONENTS, nonlinear_viscous
 
 EFFECT = "nonlinear_viscous"
+OTHER_POWER = "generic:power"      # nameless: what a growth of a slightly other power is beyond this one
 #: χ² of the grid's best power from which the search is worth its time; derived: a thousandth of it, the grid's misfit,
 #: is then more than chance takes (e⁻¹⁷ of one size)
 LEAST = 3.0e4
@@ -24,8 +25,8 @@ SEARCH = {"xatol": 1e-3, "maxiter": 16}     # of the power; derived: a twentieth
 
 
 def power_forms(collection):
-    """[`Form`] of ``nonlinear_viscous`` at the power of the speed that fits best; none where it holds little, or
-    is no power but a viscous friction."""
+    """[`Form`] of ``nonlinear_viscous`` at the power of the speed that fits best, and of what a slightly other power
+    is beyond it; none where it holds little, or is no power but a viscous friction."""
     if "torque" not in collection.names:
         return []
     learn = collection.growing("torque", [], "learn")
@@ -45,7 +46,15 @@ def power_forms(collection):
         return []
     bend = (gain(power) * 2.0 - gain(power - STEP) - gain(power + STEP)) / STEP**2
     stderr = float(np.hypot(np.sqrt(2.0 / max(bend, 2.0)), UNSURE))
-    return [_form(power, stderr)]
+    return [_form(power, stderr), Form(OTHER_POWER, "torque", "", _other_power(power))]
+
+
+def _other_power(power):
+    """Columns of ∂|ω|^n sgn ω/∂n [(rad/s)^n] at n = ``power`` [1], by a central difference."""
+    def columns(channel, frame):
+        more, less = (nonlinear_viscous(power + side)(channel, frame) for side in (STEP, -STEP))
+        return (more - less) / (2.0 * STEP)
+    return columns
 
 
 def _form(power, stderr):

@@ -15,6 +15,7 @@ STRETCH = 0.25
 # stretches must not share it; 2 s leave ten degrees of freedom in a record of half a minute
 LOUDNESS_STRETCH = 2.0
 FEW = 3.0              # stretches; derived: two have one difference, and no scatter
+TINY = np.finfo(float).tiny
 LEAST_FREEDOM = 1.0    # degrees; derived: one stretch that holds all is compared with one other
 
 
@@ -107,13 +108,13 @@ class Evidences:
         s·r and d = s·s, and its error is taken from how the stretches disagree, Σ(u − a d)²/(Σd)² G/(G − 1)
         (cluster-robust: Liang and Zeger, Biometrika 1986), or from the noise model, 1/Σd, if that is larger. G =
         (Σd)²/Σd² stretches carry it. What ``others`` explain is taken out first; of the baseline, which has none of
-        them, nothing.
+        them, nothing. The model's own error in the shape of the effect itself is a further error of each record's size.
 
         Returns
         -------
         (a, its standard error, degrees of freedom G − 1), or None where the rows were not kept.
         """
-        u, d = [], []
+        u, d, variance = [], [], 0.0
         for channel in sorted({form.channel for form in choice.forms}):
             keys = self._keys(channel, [*others, choice])
             rows = self._rows_of(channel, group)
@@ -125,7 +126,9 @@ class Evidences:
             parts = rows.stretches(keys, beta, own, STRETCH)
             u.append(parts[0] / self.scatter[channel])
             d.append(parts[1] / self.scatter[channel])
-        return factor(np.concatenate(u), np.concatenate(d), scatter=group != "base")
+            variance += parts[2] / self.scatter[channel] ** 2
+        a, stderr, freedom = factor(np.concatenate(u), np.concatenate(d), scatter=group != "base")
+        return a, math.hypot(stderr, math.sqrt(variance) / max(sum(map(np.sum, d)), TINY)), freedom
 
     def scattered_covariance(self, channel, keys):
         """Covariance (k, k) of the sizes of forms, fitted to the learning records together, by how stretches disagree.

@@ -46,6 +46,9 @@ class Growing(Evidence):
     def stretches(self, keys, beta, own, length):
         """How forms with sizes ``beta`` agree with the residual, stretch by stretch of the records.
 
+        The model's own errors in the shape of the very effects in question are not marginalised over: that would take
+        most of their signal and leave what the noise model does not hold. They are an error of each record's size.
+
         Parameters
         ----------
         keys, beta : forms and their sizes, concatenated, shape (k,). own : mask of the sizes in question, shape (k,).
@@ -53,16 +56,19 @@ class Growing(Evidence):
 
         Returns
         -------
-        (u, d), each of shape (stretches,): inner products of the questioned forms' signal with the residual that the
-        others leave, and with itself; Σu/Σd is the factor on ``beta[own]`` that these records show beside the others.
+        (u, d, variance): inner products of the questioned forms' signal with the residual that the others leave, and
+        with itself, each of shape (stretches,); Σu/Σd is the factor on ``beta[own]`` that these records show beside the
+        others. ``variance``: of Σu by the errors that were not marginalised over.
         """
         index = self.indices(keys) - 1       # columns of a record without its residual
         mine = np.concatenate([np.full(self.where[key].stop - self.where[key].start, key in own) for key in keys])
+        effects = {effect for effect, _ in own}
         parts = [
-            record.stretches(index, np.where(mine, 0.0, beta), np.where(mine, beta, 0.0), length)
+            record.stretches(index, np.where(mine, 0.0, beta), np.where(mine, beta, 0.0), length, effects)
             for record in self._records
         ]
-        return tuple(np.concatenate(values) for values in zip(*parts))
+        u, d, variances = zip(*parts)
+        return np.concatenate(u), np.concatenate(d), sum(variances)
 
     def between(self, keys, one, other, length):
         """How the residual lies between two fits of the same forms, stretch by stretch of ``length`` [s].
@@ -77,7 +83,7 @@ class Growing(Evidence):
         and with itself; Σu/Σd is 1 where ``one`` is right, 0 where ``other`` is.
         """
         index = self.indices(keys) - 1
-        parts = [record.stretches(index, other, one - other, length) for record in self._records]
+        parts = [record.stretches(index, other, one - other, length)[:2] for record in self._records]
         return tuple(np.concatenate(values) for values in zip(*parts))
 
     def energies(self, keys, beta, length):
@@ -110,6 +116,7 @@ class _Record:
         self._channel, self._frame, self._noise = channel, frame, noise
         nuisance = channel.nuisance() if hasattr(channel, "nuisance") else None
         pieces = [channel.residual[:, None], *(form.columns(channel, frame) for form in own)]
+        self._error_of = np.repeat([form.effect for form in own], [piece.shape[1] for piece in pieces[1:]])
         count = 0 if nuisance is None else nuisance.shape[1]
         if count:
             pieces.append(nuisance)
@@ -117,10 +124,8 @@ class _Record:
         self._nuisance = np.linalg.qr(white[:, white.shape[1] - count:])[0] if count else None
         white = self._free(white[:, :white.shape[1] - count])
         self.rows = len(white) - count
-        self._errors = np.ascontiguousarray(white[:, 1:])
-        inner = np.diag(1.0 / spreads**2) + self._errors.T @ self._errors
-        self._scale = np.sqrt(np.diag(inner))
-        self._factor = scipy.linalg.cho_factor(inner / np.outer(self._scale, self._scale)) if len(spreads) else None
+        self._errors, self._spreads = np.ascontiguousarray(white[:, 1:]), spreads
+        self._solved = {}
         residual = white[:, :1]
         self._columns, self._spared_residual = [residual], self._spared(residual)
         self.matrix = residual.T @ self._spared_residual
@@ -128,14 +133,18 @@ class _Record:
     def _free(self, white):
         return white if self._nuisance is None else white - self._nuisance @ (self._nuisance.T @ white)
 
-    def _spared(self, white):
-        """The columns b − S (S'S + 1/spread²)⁻¹ S'b."""
-        if self._factor is None:
+    def _spared(self, white, effects=frozenset()):
+        """The columns b − S (S'S + 1/spread²)⁻¹ S'b, but for the errors in the shape of some ``effects``."""
+        kept = ~np.isin(self._error_of, list(effects))
+        if not kept.any():
             return white
-        sizes = (
-            scipy.linalg.cho_solve(self._factor, self._errors.T @ white / self._scale[:, None]) / self._scale[:, None]
-        )
-        return white - self._errors @ sizes
+        errors = self._errors if kept.all() else self._errors[:, kept]
+        if effects not in self._solved:
+            inner = np.diag(1.0 / self._spreads[kept] ** 2) + errors.T @ errors
+            scale = np.sqrt(np.diag(inner))
+            self._solved[effects] = scale, scipy.linalg.cho_factor(inner / np.outer(scale, scale))
+        scale, factor = self._solved[effects]
+        return white - errors @ (scipy.linalg.cho_solve(factor, errors.T @ white / scale[:, None]) / scale[:, None])
 
     def _white(self, form):
         whiten = getattr(self._channel, "whiten_columns", self._channel.whiten)
@@ -148,14 +157,16 @@ class _Record:
         spared = self._spared(white)
         return np.concatenate([spared.T @ column for column in self._columns], axis=1)
 
-    def stretches(self, index, others, mine, length):
+    def stretches(self, index, others, mine, length, effects=()):
         """`Growing.stretches` of this record: ``others`` and ``mine`` are sizes of the columns ``index``, in the order
-        of the matrix."""
+        of the matrix; ``effects``: whose errors are not marginalised over."""
         columns = np.concatenate(self._columns[1:], axis=1)[:, index]
         signal, left = columns @ mine, self._columns[0][:, 0] - columns @ others
-        starts = self._starts(length)
-        products = [np.add.reduceat(signal * self._spared(v[:, None])[:, 0], starts) for v in (left, signal)]
-        return products[0], products[1]
+        starts, effects = self._starts(length), frozenset(effects).intersection(self._error_of)
+        products = [np.add.reduceat(signal * self._spared(v[:, None], effects)[:, 0], starts) for v in (left, signal)]
+        own = np.isin(self._error_of, list(effects))
+        errors = self._spared(self._errors[:, own], effects).T @ signal * self._spreads[own]
+        return products[0], products[1], float(errors @ errors)
 
     def energies(self, index, beta, length):
         """`Growing.energies` of this record."""

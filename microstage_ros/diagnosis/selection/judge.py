@@ -23,14 +23,8 @@ from microstage_ros.diagnosis.selection.agreement import (
     unsteadiness,
 )
 from microstage_ros.diagnosis.selection.mass_or_drive import RESONANT, resonance_is
-from microstage_ros.diagnosis.selection.selection import (
-    FAINT_GAIN,
-    FRICTIONS,
-    RIVAL_MARGIN,
-    acceptable,
-    best_forms,
-    level_or_viscous,
-)
+from microstage_ros.diagnosis.selection.selection import RIVAL_MARGIN, acceptable, best_forms, level_or_viscous
+from microstage_ros.diagnosis.selection.splinters import FAINT_GAIN, FRICTIONS
 from microstage_ros.diagnosis.selection.stroke_profile import profile_of
 from microstage_ros.model.effects import REGISTRY
 
@@ -159,7 +153,7 @@ def _leads(evidences, choice, other, others):
     lead = evidences.lead(choice, other, others)
     if lead is None:
         return True
-    if {choice.effect, other.effect} == ONE_FORCE and lead[0] + SIGMAS * lead[1] < HALF:
+    if (choice.effect, other.effect) == ("gravity_tilt", "direction_asymmetry") and lead[0] + SIGMAS * lead[1] < HALF:
         return False
     # the two differ by the very shapes in which the machine's law differs from the model's, and by as much of that
     # difference as the healthy axis clearly shows either of them may gain on the other where nothing has changed

@@ -1,13 +1,10 @@
 """Which causes: forward and backward over the catalogue, on the evidence of all channels together."""
 
-import math
-
 import numpy as np
-from scipy.stats import chi2
 
-from microstage_ros.diagnosis.catalogue import CONTAINS, WIDER
+from microstage_ros.diagnosis.catalogue import CONTAINS
 from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, Trial
-from microstage_ros.diagnosis.selection.agreement import HALF, agrees_with_itself, in_baseline, unsteadiness
+from microstage_ros.diagnosis.selection.agreement import agrees_with_itself, in_baseline
 from microstage_ros.diagnosis.selection.mass_or_drive import (
     RESONANT,
     alike,
@@ -15,6 +12,7 @@ from microstage_ros.diagnosis.selection.mass_or_drive import (
     resonance_is,
 )
 from microstage_ros.diagnosis.selection.sizes import sizes_of, width
+from microstage_ros.diagnosis.selection.splinters import FRICTIONS, LEVEL, is_splinter, wider_keys, without_splinters
 from microstage_ros.diagnosis.selection.stepwise import forward
 from microstage_ros.diagnosis.selection.stroke_profile import (
     CLEARLY_LESS,
@@ -23,39 +21,13 @@ from microstage_ros.diagnosis.selection.stroke_profile import (
     uneven_as_ever,
 )
 
-# of one candidate; derived: some hundred candidates at 10⁻⁶ name a cause of a healthy axis by chance in 10⁻⁴ of the
-# cases
-LEVEL = math.log(1e-6)
 RIVAL_MARGIN = 12.0     # χ² by which a cause must beat every other name; derived: odds of exp(12/2), 400 to one
 HELD_SHARE = 0.1            # of the gain expected on held-out records that must arrive
 DOMINANCE = 0.5              # of the gain of a stronger name that does not stand, below which a weaker one is not taken
 # share of the gain of payload and soft drive that the payload alone must reach on the coarse grid
 ONE_RESONANCE = 0.35
 MISFIT = 0.5                 # a wider shape may explain at most this share beside the named one
-FAINT = 1.0e-3               # share of all gain on held-out records below which a further cause is not reported
-FAINT_GAIN = 60.0            # and χ² above which it is reported all the same
-MAJOR = 0.15                 # share of what its channel's others explain above which a cause is no misfit of them
-MINOR = 0.03                 # a further cause must explain this share of what its channel's others explain,
-# beside a plain factor or constant, whose form is known to the last; calibrated by: microstage campaign --world second
-# --kind two --seed 2101, case 26 (a warm winding beside an amplifier's gain holds 0.0074)
-EXACT = 0.005
-#: Effects whose columns are linear in their size: no grid and no power of them leaves a misfit that is steady, too.
-LINEAR = ("amplifier_gain", "amplifier_offset", "scale_error", "refractive_index", "friction_level_change",
-          "viscous_change", "gravity_tilt", "cable_spring", "torque_ripple", "encoder_sde", "screw_pitch_error",
-          "sampling_jitter")
-# relative standard error of its size below which a small cause is none of a larger one's misfit; calibrated by:
-# microstage campaign --world second --kind two --seed 6105, cases 16, 29 and 45 (0.006 to 0.043, all there)
-STEADY = 0.05
-# beside a growth whose power was fitted; derived: a power that is off by a fiftieth (`growth.UNSURE`), squared
-FITTED = 4.0e-4
-#: and more beside those whose forms are a coarse grid that leaves that much; less beside those above
-MINOR_BESIDE = {"amplifier_gain": EXACT, "amplifier_offset": EXACT, "scale_error": EXACT,
-                "rising_static_friction": 0.25, "presliding_creep": 0.25, "nonlinear_viscous": FITTED, "backlash": 0.08,
-                "position_dependent_friction": 0.08}
-FRICTIONS = ("friction_level_change", "viscous_change")
-#: What flips with the direction leaves nothing that does not, however much of it there is.
-FLIPS = (*FRICTIONS, "nonlinear_viscous", "frictional_lag", "rising_static_friction", "presliding_creep")
-FLIPS_NOT = ("gravity_tilt", "cable_spring")
+
 
 def best_forms(evidences, effect, choices):
     """The effect in its best form of each channel, beside ``choices``: a `Trial`, or None if no form makes sense."""
@@ -95,12 +67,6 @@ def best_forms(evidences, effect, choices):
     return trial
 
 
-def wider_keys(evidences, effect, channel):
-    """(channel, key) of the nameless shapes that hold this effect in this channel."""
-    wanted = WIDER.get(effect, ())
-    return [(channel, form.key) for form in evidences.forms if form.effect in wanted and form.channel == channel]
-
-
 def misfit(evidences, choice, choices):
     """Share that a wider nameless shape explains beside the named cause: 0 if the name says it all.
 
@@ -138,7 +104,7 @@ def acceptable(evidences, trial, choices):
         return False
     if in_baseline(evidences, trial.choice, choices) or uneven_as_ever(evidences, trial.choice, choices):
         return False
-    if misfit(evidences, trial.choice, [*choices, trial.choice]) >= MISFIT or _splinter(evidences, trial, choices):
+    if misfit(evidences, trial.choice, [*choices, trial.choice]) >= MISFIT or is_splinter(evidences, trial, choices):
         return False
     return agrees_with_itself(evidences, trial.choice, choices)
 
@@ -155,54 +121,6 @@ def _masses_agree(evidences, choice, choices):
         return False
     (friction, stderr), (resonance, _) = masses["torque"], masses["resonance"]
     return abs(friction) > 3.0 * stderr and alike(resonance, friction)
-
-
-def _splinter(evidences, trial, choices):
-    """Whether the gain is but the misfit of a cause already named: small beside it, or gone with a wider shape of
-    it, and of no one size."""
-    if _of_one_size(evidences, trial.choice, choices):
-        return False
-    for form in trial.choice.forms:
-        channel = form.channel
-        there = [c for c in choices if c.keys(channel)]
-        if not there:
-            return False
-        minor, explained = (
-            max(MINOR_BESIDE.get(c.effect, MINOR) for c in there),
-            evidences.channel_gain(channel, choices),
-        )
-        if _no_part_of(evidences, trial.choice, there, choices):
-            return False
-        if trial.gain < minor * explained:
-            continue
-        if trial.gain > max(minor, MAJOR) * explained:
-            return False
-        extra = [pair for c in there for pair in wider_keys(evidences, c.effect, channel)]
-        more = evidences.channel_gain(channel, [*choices, trial.choice], extra)
-        more -= evidences.channel_gain(channel, choices, extra)
-        if chi2.logsf(max(more, 0.0), trial.sizes) < LEVEL and more > 0.2 * trial.gain:
-            return False
-    return True
-
-
-def _of_one_size(evidences, choice, others):
-    """Whether a cause has one size in all stretches, and all beside it in its channel are linear in theirs."""
-    channels = {form.channel for form in choice.forms}
-    beside = [other for other in others if channels & {form.channel for form in other.forms}]
-    linear = all(one.effect in LINEAR for one in beside)
-    return linear and unsteadiness(evidences, choice, others) < STEADY
-
-
-def _no_part_of(evidences, choice, larger, choices):
-    """Whether a force that does not flip with the direction stands beside frictions, whatever course over speed these
-    may have: then it is no misfit of them."""
-    if choice.effect not in FLIPS_NOT or not all(c.effect in FLIPS for c in larger):
-        return False
-    extra = [pair for c in larger for pair in wider_keys(evidences, c.effect, "torque")]
-    alone = evidences.gain([*choices, choice]) - evidences.gain(choices)
-    beside = evidences.channel_gain("torque", [*choices, choice], extra)
-    beside -= evidences.channel_gain("torque", choices, extra)
-    return beside > HALF * alone
 
 
 class _Balance:
@@ -353,38 +271,6 @@ def _simpler(evidences, winner, trials, choices):
         if wider and (as_much or trial.held > winner.held) and acceptable(evidences, trial, choices):
             return trial
     return winner
-
-
-def without_splinters(evidences, choices):
-    """Drop causes whose part on held-out records is small beside another one's in the same channel, worst first."""
-    kept = list(choices)
-    while len(kept) > 1:
-        parts = {
-            c.effect: evidences.held_gain(kept) - evidences.held_gain([o for o in kept if o is not c]) for c in kept
-        }
-        weak = min(parts.values()) < min(FAINT * sum(parts.values()), FAINT_GAIN)
-        small = [c for c in kept if weak and parts[c.effect] == min(parts.values())] or [
-            c for c in kept if any(_small_beside(evidences, c, o, kept) for o in kept if o is not c)]
-        if not small:
-            break
-        kept.remove(min(small, key=lambda c: parts[c.effect]))
-    return kept
-
-
-def _small_beside(evidences, choice, other, kept):
-    """Whether a cause holds little of what another one does where both show, and next to nothing elsewhere."""
-    def part(one, channels):
-        return evidences.held_gain(kept, channels) - evidences.held_gain([o for o in kept if o is not one], channels)
-
-    own = {form.channel for form in choice.forms}
-    shared = sorted(own & {form.channel for form in other.forms})
-    others = [c for c in kept if c is not choice]
-    if _no_part_of(evidences, choice, [other], others) or _of_one_size(evidences, choice, others):
-        return False
-    minor = min(MINOR, MINOR_BESIDE.get(other.effect, MINOR))
-    if not shared or part(choice, shared) >= minor * part(other, shared):
-        return False
-    return part(choice, sorted(own - set(shared))) < FAINT_GAIN if own - set(shared) else True
 
 
 def prune(evidences, choices):

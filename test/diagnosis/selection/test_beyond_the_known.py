@@ -5,9 +5,10 @@ import types
 import numpy as np
 import pytest
 
-from microstage_ros.diagnosis.case import LIKELY, SWINGS, _beyond_the_known, _likely
+from microstage_ros.diagnosis.case import LIKELY, SWINGS, _beside_any_time, _beyond_the_known, _likely
 from microstage_ros.diagnosis.catalogue.form import Form, one
 from microstage_ros.diagnosis.prerequisites import timing
+from microstage_ros.diagnosis.prerequisites.lateness import OTHER_TIME
 from microstage_ros.diagnosis.residuals.evidence_set import Choice
 
 
@@ -15,11 +16,15 @@ def named(effect, channel="torque"):
     return Choice(effect, (Form(effect, channel, "", None, one("size", "1")),))
 
 
-def kept(parts, slow=None, gap=None, stiffness=None, error=None):
+def kept(parts, slow=None, gap=None, stiffness=None, error=None, beside=None):
     """Names that stay, of causes that hold so much of χ² {effect: χ²}, beside what is known; ``error``: relative standard
-    error of their sizes by how stretches scatter, if the rows were kept."""
-    case = types.SimpleNamespace(held_gain=lambda choices: sum(parts[c.effect] for c in choices),
-                                 agreement=lambda *_: None if error is None else (1.0, error, 50.0))
+    error of their sizes by how stretches scatter, if the rows were kept; ``beside``: share that is left of them beside what
+    an amplifier of another time leaves."""
+    gain = lambda choices: sum(parts[c.effect] for c in choices)
+    case = types.SimpleNamespace(
+        held_gain=gain, gain=gain, agreement=lambda *_: None if error is None else (1.0, error, 50.0),
+        channel_gain=lambda _, choices, extra: (1.0 if not extra else beside) * gain(choices),
+        forms=[] if beside is None else [Form(OTHER_TIME, "torque", "", None)])
     known = types.SimpleNamespace(
         slow=slow and types.SimpleNamespace(held=slow), lines=[],
         gap=gap and types.SimpleNamespace(held_before=gap, held_after=0.0, taken=0.0),
@@ -39,6 +44,19 @@ def test_a_constant_force_that_is_certain_is_none_of_what_a_slow_amplifier_leave
     """A tilt beside a delay of a thousand times its χ² was dropped (pairs, seed 8505, case 6)."""
     parts = {"gravity_tilt": 2.6e3, "frictional_lag": 2.6e3}
     assert kept(parts, slow=3.5e6, error=error) == ({"gravity_tilt"} if stays else set())
+
+
+@pytest.mark.parametrize(("beside", "stays"), [(None, False), (0.6, True), (0.4, False)])
+def test_what_stands_beside_an_amplifier_of_another_time_is_none_of_what_a_slow_one_leaves(beside, stays):
+    """Rising static friction of 546 beside a lag of 330 000 was dropped (pairs, seed 8701, case 3)."""
+    found = kept({"rising_static_friction": 546.0, "amplifier_gain": 546.0}, slow=3.3e5, beside=beside)
+    assert ("rising_static_friction" in found) == stays
+
+
+def test_a_cause_that_shows_in_another_channel_needs_its_share_there():
+    """How an amplifier of another time shows in the deflection, the shape of the torque does not say."""
+    case = types.SimpleNamespace(forms=[Form(OTHER_TIME, "torque", "", None)])
+    assert not _beside_any_time(case, named("amplifier_gain", "windup"), [])
 
 
 def test_behind_a_gap_friction_must_hold_its_share():

@@ -16,7 +16,7 @@ from microstage_ros.diagnosis.catalogue.form import Form, one
 from microstage_ros.diagnosis.residuals.evidence import Evidence
 from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, Trial
 from microstage_ros.diagnosis.result import Finding
-from microstage_ros.diagnosis.selection import judge, mass_or_drive, selection
+from microstage_ros.diagnosis.selection import judge, mass_or_drive, selection, splinters
 from microstage_ros.diagnosis.selection.judge import Ledger
 from microstage_ros.diagnosis.selection.sizes import CAUTION, FORM_ERROR, form_error
 
@@ -314,10 +314,10 @@ def test_a_tilt_may_be_an_asymmetry_of_the_guideways_as_far_as_their_friction_go
 def test_a_small_cause_beside_a_large_one_of_its_channel_is_a_splinter():
     world = World(PLAIN, {"torque_ripple": 2.0, "scale_error": 0.15}, seed=15)
     large, small = choice(world, "torque_ripple"), choice(world, "scale_error")
-    assert selection.without_splinters(world.evidences, [large, small]) == [large]
+    assert splinters.without_splinters(world.evidences, [large, small]) == [large]
     even = World(PLAIN, {"torque_ripple": 0.5, "scale_error": 0.4}, seed=15)
     both = [choice(even, "torque_ripple"), choice(even, "scale_error")]
-    assert selection.without_splinters(even.evidences, both) == both
+    assert splinters.without_splinters(even.evidences, both) == both
 
 
 def test_prune_drops_what_no_longer_stands():
