@@ -10,6 +10,7 @@ import os
 import time
 
 import rclpy
+from action_msgs.msg import GoalStatus
 from microstage_msgs.action import MoveTo
 from microstage_msgs.msg import CellStatus, ControllerState
 from microstage_msgs.srv import Statistics
@@ -202,7 +203,7 @@ class AxisClient:
 
         Raises
         ------
-        NoAnswer : the move server is lost, or no result came within ``wait``.
+        NoAnswer : the move server is lost or does not know the move, or no result came within ``wait``.
         """
         goal = MoveTo.Goal(target=float(target), **{name: float(value) for name, value in options.items()})
         before = self.server_started
@@ -219,7 +220,10 @@ class AxisClient:
                 handle.cancel_goal_async()
             if time.monotonic() > end:
                 raise NoAnswer(f"{self._prefix}: no result within {wait:.0f} s")
-        return result.result().result
+        answer = result.result()
+        if answer.status == GoalStatus.STATUS_UNKNOWN:  # what it holds is no result
+            raise NoAnswer(f"{self._prefix}: the move server does not know this move any more")
+        return answer.result
 
     def reference(self, wait=5.0):
         """Where the set point of the axis stands [m]; its position where no controller state arrives. Raises

@@ -23,6 +23,7 @@ from microstage_ros.records.bags.bag_reader import Bag
 from microstage_ros.ros.client import AxisClient
 from microstage_ros.ros.launching.cell_processes import NODES, CellProcesses
 from microstage_ros.ros.nodes.move_server import MoveServer, Refused
+from microstage_ros.ros.transport.servo_path import RCLError
 from microstage_ros.ros.transport.topics import LATCHED
 
 RESULT = MoveTo.Result
@@ -116,6 +117,39 @@ def test_the_later_goal_counts_even_if_it_begins_first(running, monkeypatch):
     assert begun == [second] and results[1].code == RESULT.CODE_SUPERSEDED and "newer goal" in results[1].message
     assert results[0].code != RESULT.CODE_SUPERSEDED
     assert not watched.done, "a goal that never began must end its own move alone"
+    server.destroy_node()
+
+
+def test_a_move_server_that_fails_in_a_move_says_so_and_stops_the_axis(running, monkeypatch):
+    """Left to rclpy, the result of a failed callback is one of zeros, whose code says that the target was reached."""
+    server, asked = MoveServer(), []
+    monkeypatch.setattr(server, "_check", lambda request: None)
+    monkeypatch.setattr(server, "_begin", lambda request: SimpleNamespace(done=False))
+    monkeypatch.setattr(server, "_watch", lambda *_: 1 / 0)
+    server._follow = SimpleNamespace(call_async=asked.append)
+    request = MoveTo.Goal(target=1e-3)
+    server._number_goal(request)
+    result = server._make_move(server._numbers[id(request)], request, lambda: False, lambda *_: None)
+    assert result.code == RESULT.CODE_FAULT and "division by zero" in result.message and not result.reached
+    assert [len(stop.positions) for stop in asked] == [0]
+    server.destroy_node()
+
+
+def test_feedback_that_cannot_be_sent_ends_no_move(running, monkeypatch):
+    server = MoveServer()
+
+    def refuse(_):
+        raise RCLError("cannot publish data")
+
+    def move(number, request, cancelled, feedback):
+        feedback(0.0, 0.0, 1)
+        return RESULT(code=RESULT.CODE_REACHED, reached=True)
+
+    monkeypatch.setattr(server, "_make_move", move)
+    request, ended = MoveTo.Goal(target=1e-3), []
+    server._number_goal(request)
+    goal = SimpleNamespace(request=request, publish_feedback=refuse, succeed=lambda: ended.append(1), is_cancel_requested=False)
+    assert server._execute(goal).reached and ended
     server.destroy_node()
 
 

@@ -9,6 +9,7 @@ import math
 import sys
 import threading
 import time
+import traceback
 
 import numpy as np
 from microstage_msgs.action import MoveTo
@@ -34,7 +35,7 @@ from microstage_ros.ros.transport.blocks import Stream
 from microstage_ros.ros.transport.checked import MOST
 from microstage_ros.ros.transport.codec import Codec
 from microstage_ros.ros.transport.credit import Granter
-from microstage_ros.ros.transport.servo_path import make_servo_path
+from microstage_ros.ros.transport.servo_path import RCLError, make_servo_path
 
 WAIT = 0.05
 LOOK = 0.5
@@ -174,7 +175,10 @@ class MoveServer(MoveCalls, MoveCredit, MoveRequests, MoveResults, Node):
 
     def _execute(self, goal):
         def feedback(position, error, phase):
-            goal.publish_feedback(MoveTo.Feedback(position=position, error=error, phase=phase))
+            try:
+                goal.publish_feedback(MoveTo.Feedback(position=position, error=error, phase=phase))
+            except RCLError as error_of_it:     # nobody has to hear it, and the move goes on
+                self.get_logger().warning(f"feedback was not sent: {error_of_it}")
 
         number = self._numbers.pop(id(goal.request))
         result = self._make_move(number, goal.request, lambda: goal.is_cancel_requested, feedback)
@@ -210,6 +214,10 @@ class MoveServer(MoveCalls, MoveCredit, MoveRequests, MoveResults, Node):
             result.code, result.message = refusal.code, str(refusal)
         except InputError as error:
             result.code, result.message = RESULT.CODE_REFUSED, str(error)
+        except Exception as error:      # noqa: BLE001 - left to rclpy it would be a result whose code says "reached"
+            result.code, result.message = RESULT.CODE_FAULT, f"the move server failed: {error!r}"
+            self.get_logger().error(f"{result.message}\n{traceback.format_exc()}")
+            self._follow.call_async(FollowReference.Request())      # stop and hold
         if move is not None:  # its own: a goal that never began ends nobody else's
             with self._changed:
                 move.done = True
