@@ -88,6 +88,7 @@ MISTAKES = {
     "a length with a comma": (["move", "--to", "1,5um"], "expected a length"),
     "a move beyond the travel": (simulate(run="ten.yaml"), "program[1].move_to_m: got 10"),
     "a fault campaign of nothing": (["faults", "--trials", "0"], "nothing is examined so"),
+    "periods of nothing": (["faults", "--periods", "5"], "--periods: got 5, expected --healthy"),
     "fewer periods than none": (["faults", "--healthy", "5", "--periods", "-1"], "--periods: got -1"),
     "no target": (["move"], "one of the arguments --to --by --targets is required"),
     "two kinds of target": (["move", "--to", "1um", "--by", "1um"], "not allowed with argument"),

@@ -55,7 +55,7 @@ def main(argv=None):
         help="instead of faults: healthy running so long, with what every process holds",
     )
     parser.add_argument(
-        "--periods", type=int, default=0, metavar="N", help="end --healthy after so many control periods"
+        "--periods", type=int, default=0, metavar="N", help="with --healthy: end sooner, after so many control periods"
     )
     parser.add_argument(
         "--cycles",
@@ -73,6 +73,8 @@ def main(argv=None):
             raise InputError(f"--{name}", value, "0 to 1000000000")
     if not 0 <= arguments.periods <= 10**9:
         raise InputError("--periods", arguments.periods, "0 to 1000000000 (0: as many as there are)")
+    if arguments.periods and arguments.healthy is None:
+        raise InputError("--periods", arguments.periods, "--healthy SECONDS beside it, the longest it may take")
     if arguments.healthy is not None and not 1.0 <= arguments.healthy <= 1e6:
         raise InputError("--healthy", arguments.healthy, "1 to 1000000 s")
     asked = [name for name in COUNTS if getattr(arguments, name) is not None]
