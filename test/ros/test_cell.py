@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from action_msgs.msg import GoalStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from microstage_msgs.action import MoveTo
@@ -20,7 +21,7 @@ from ros_support import ask, ros_node, spin_until
 
 from microstage_ros.records.bags.bag import read_bag
 from microstage_ros.records.bags.bag_reader import Bag
-from microstage_ros.ros.client import AxisClient
+from microstage_ros.ros.client import AxisClient, NoAnswer
 from microstage_ros.ros.launching.cell_processes import NODES, CellProcesses
 from microstage_ros.ros.nodes.move_server import MoveServer, Refused
 from microstage_ros.ros.transport.servo_path import RCLError
@@ -133,6 +134,16 @@ def test_a_move_server_that_fails_in_a_move_says_so_and_stops_the_axis(running, 
     assert result.code == RESULT.CODE_FAULT and "division by zero" in result.message and not result.reached
     assert [len(stop.positions) for stop in asked] == [0]
     server.destroy_node()
+
+
+def test_a_move_that_the_server_does_not_know_has_no_result(running, monkeypatch):
+    """The middleware answers such a question with zeros."""
+    answer, sent = Future(), Future()
+    answer.set_result(SimpleNamespace(status=GoalStatus.STATUS_UNKNOWN, result=RESULT()))
+    sent.set_result(SimpleNamespace(get_result_async=lambda: answer))
+    monkeypatch.setattr(running.client, "send", lambda *_: sent)
+    with pytest.raises(NoAnswer, match="does not know this move"):
+        running.client.move(1e-6)
 
 
 def test_feedback_that_cannot_be_sent_ends_no_move(running, monkeypatch):
