@@ -76,7 +76,7 @@ def learn_inertia(s, period, net, speed, lost):
         gain = s.rho_variance * driven / (driven * driven * s.rho_variance + noise)
         s.rho = min(max(s.rho + gain * (slope - s.rho * driven), 1.0 / HIGHEST), 1.0 / LOWEST)
         s.rho_variance *= 1.0 - gain * driven
-    if abs(s.rho * s.inertia - 1.0) < 0.25 * SLACK:   # nearer than what is looked at below, without a logarithm
+    if abs(s.rho * s.inertia - 1.0) < 0.25 * SLACK:   # then its logarithm is below 0.3 SLACK, too
         return
     off = -math.log(s.rho) - math.log(s.inertia)
     beyond = -math.log(s.rho)
