@@ -193,3 +193,12 @@ def test_what_is_compiled_first_is_there():
     for place in command.COMPILED_FIRST:
         module, name = place.split(":")
         assert callable(getattr(importlib.import_module(f"microstage_ros.{module}"), name)), place
+
+
+def test_bytecode_is_kept_although_the_environment_forbids_it():
+    """In a folder of its own: else every node compiles 1500 modules at each start. A variable that the user gives stays."""
+    asked = {name: value for name, value in os.environ.items() if name != "MICROSTAGE_ROOT"} | {"PYTHONDONTWRITEBYTECODE": "1"}
+    for given, expected in (({}, f"{SOURCE}/.build/bytecode"), ({"PYTHONPYCACHEPREFIX": "/elsewhere"}, "/elsewhere")):
+        environ = {name: value for name, value in asked.items() if name != "PYTHONPYCACHEPREFIX"} | given
+        said = subprocess.run([SOURCE / "microstage", "shell", "env"], env=environ, capture_output=True, text=True, check=True).stdout
+        assert f"PYTHONPYCACHEPREFIX={expected}\n" in said and "PYTHONDONTWRITEBYTECODE" not in said
