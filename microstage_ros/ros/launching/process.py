@@ -43,8 +43,10 @@ SERVED = 2.0
 """Longest wait [s] at the end for the thread that serves requests."""
 
 M_MMAP_THRESHOLD, M_ARENA_MAX = -3, -8
-FIRST_THRESHOLD = 128 * 1024
-"""From so many bytes on a buffer has pages of its own: the C library's first value, which stays once it is set."""
+LARGE = 16 * 1024
+"""From so many bytes on a buffer has pages of its own. With 128 kB, where the C library begins, the memory of a process
+that wrote a bag in blocks of 200 to 4000 rows went from 36 to 48 MB (medians of 400 blocks); with 16 kB from 30.3 to
+32.2, for 13 % more of its time."""
 
 _stop = threading.Event()
 _asked = {"number": signal.SIGINT}
@@ -104,7 +106,7 @@ def keep_memory_steady():
     ones of a megabyte all the time then goes up and down by megabytes. It makes allocation slower: not for servo loops.
     """
     libc = ctypes.CDLL(None)
-    libc.mallopt(M_MMAP_THRESHOLD, FIRST_THRESHOLD)
+    libc.mallopt(M_MMAP_THRESHOLD, LARGE)
     libc.mallopt(M_ARENA_MAX, 1)
 
 
