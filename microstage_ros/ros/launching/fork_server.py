@@ -8,6 +8,9 @@ reads as that of this process.
 
 Forked is before any thread of ours or of the middleware exists, and before `rclpy.init`. Where that cannot be (a
 library that starts a thread when it is loaded, a system without fork), it says so and starts each node alone, slower.
+
+It opens locks in shared memory that a killed or stopped node holds, as driver and controller do for themselves: their
+threads may wait for the interpreter's lock, which a writer that waits for such a lock has. Here is no writer.
 """
 
 import ctypes
@@ -25,6 +28,7 @@ import time
 from pathlib import Path
 
 from microstage_ros.numerics.compiled import cache_folder
+from microstage_ros.ros.transport.abandoned_locks import OPENED, AbandonedLocks
 
 PACKAGE = "microstage_ros.ros.nodes"
 PR_SET_PDEATHSIG, PR_SET_NAME = 1, 15
@@ -104,18 +108,20 @@ class ForkServer:
         with selectors.DefaultSelector() as selector:
             selector.register(self._link, selectors.EVENT_READ)
             selector.register(wakened, selectors.EVENT_READ)
-            killed_at = None
+            killed_at, locks, look_at = None, AbandonedLocks(), 0.0
             while self._reap() or not self._closed:
+                if time.monotonic() >= look_at:
+                    if opened := locks.look():
+                        print(OPENED.format(opened), file=sys.stderr, flush=True)
+                    look_at = time.monotonic() + locks.pause
                 if self._closed and killed_at is None:
                     killed_at = time.monotonic() + GRACE
                     self._signal_all(signal.SIGINT)
                     self._signal_all(signal.SIGCONT)
-                rest = None if killed_at is None else killed_at - time.monotonic()
-                if rest is not None and rest <= 0.0:
+                if killed_at is not None and killed_at <= time.monotonic():
                     self._signal_all(signal.SIGKILL)
-                    rest = None
                 # what has come already does not make the socket readable again
-                ready = [] if b"\n" in self._text else selector.select(rest)
+                ready = [] if b"\n" in self._text else selector.select(max(look_at - time.monotonic(), 0.0))
                 if any(key.fileobj is wakened for key, _ in ready):
                     wakened.recv(4096)
                 if b"\n" in self._text or any(key.fileobj is self._link for key, _ in ready):

@@ -82,6 +82,7 @@ two leaves a lock without a holder, which is opened after so many looks."""
 LISTED_S, MAKING_S = 0.25, 5.0
 """Time between two looks for new files [s]. One that is nothing of ours after `MAKING_S` will not become it."""
 
+OPENED = "opened {} locks in shared memory whose holders have ended or are stopped"
 FIRST_PORT, PORTS = 7400, 250
 """Port numbers of domain 0 begin here, and every domain has so many (RTPS specification, 9.6.1.1)."""
 
@@ -204,16 +205,21 @@ class AbandonedLocks:
                 return 1
         return 0
 
+    @property
+    def pause(self):
+        """Time until the next look [s]."""
+        return AGAIN_S if self._seen else EVERY_S
+
     def keep_looking(self, running, logger):
-        """Have a thread look every `EVERY_S` until ``running()`` is false. Driver and controller do, each for both: the
-        thread of one may wait for the interpreter's lock, which a waiting writer of its process has."""
+        """Have a thread look again and again until ``running()`` is false. Driver and controller do, each for both, and
+        the process that starts all nodes: a thread may wait for the interpreter's lock, which a waiting writer has."""
 
         def look_on():
             pause = threading.Event()
             while running():
                 if opened := self.look():
-                    logger.warning(f"opened {opened} locks in shared memory whose holders have ended or are stopped")
-                pause.wait(AGAIN_S if self._seen else EVERY_S)
+                    logger.warning(OPENED.format(opened))
+                pause.wait(self.pause)
 
         threading.Thread(target=look_on, name="locks", daemon=True).start()
 

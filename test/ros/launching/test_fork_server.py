@@ -15,6 +15,7 @@ from ros_support import own_domain
 from microstage_ros.ros.launching import fork_server, forked
 from microstage_ros.ros.launching.cell_processes import CellFailure, CellProcesses
 from microstage_ros.ros.launching.fork_server import _Tracing, why_not_forked
+from microstage_ros.ros.transport.abandoned_locks import PLACE, READER
 
 NODES = ("str_controller", "gms_observer")
 
@@ -54,6 +55,21 @@ def test_each_node_is_a_process_of_its_own(domain, tmp_path):
         with pytest.raises(CellFailure, match="gms_observer ended with status -9"):
             cell.check()
     assert (tmp_path / "gms_observer.log").exists() and not (tmp_path / "fork_server.log").read_text()
+
+
+def test_the_server_looks_at_the_locks_of_its_nodes(domain, tmp_path):
+    """A stopped recorder once kept the driver's loop waiting for 1.4 s, although driver and controller look.
+
+    Seen by what it has mapped: a lock that is shut here may be opened by the driver of any other cell."""
+    def readers(pid):
+        name = f"{READER}*.{pid & 255:02x}.{pid >> 8 & 255:02x}.*.4"  # a GUID has the process's number in it
+        return {path.name for path in PLACE.glob(name)}
+
+    with CellProcesses("/axis", ("gms_observer",), logs=tmp_path) as cell:
+        process, maps = cell.processes["gms_observer"], Path(f"/proc/{cell.server_pid}/maps")
+        wait_for(lambda: process.poll() is None and process.reported_pid and readers(process.reported_pid))
+        wait_for(lambda: all(name in maps.read_text() for name in readers(process.reported_pid)), 20.0)
+    assert not (tmp_path / "fork_server.log").read_text()
 
 
 def test_signals_that_come_together_before_a_node_is_there_all_reach_it(domain, tmp_path):
