@@ -42,6 +42,9 @@ MEETING = 1.0
 SERVED = 2.0
 """Longest wait [s] at the end for the thread that serves requests."""
 
+LIBC = ctypes.CDLL(None)
+"""Loaded once: every `ctypes.CDLL` makes a class, 3.4 kB that wait for a collection of garbage."""
+
 M_MMAP_THRESHOLD, M_ARENA_MAX = -3, -8
 LARGE = 16 * 1024
 """From so many bytes on a buffer has pages of its own. With 128 kB, where the C library begins, the memory of a process
@@ -105,9 +108,8 @@ def keep_memory_steady():
     By itself it keeps what was freed, in a place per thread, for larger and larger buffers: a process that makes new
     ones of a megabyte all the time then goes up and down by megabytes. It makes allocation slower: not for servo loops.
     """
-    libc = ctypes.CDLL(None)
-    libc.mallopt(M_MMAP_THRESHOLD, LARGE)
-    libc.mallopt(M_ARENA_MAX, 1)
+    LIBC.mallopt(M_MMAP_THRESHOLD, LARGE)
+    LIBC.mallopt(M_ARENA_MAX, 1)
 
 
 def release_memory():
@@ -116,7 +118,7 @@ def release_memory():
     By itself it does so at the end of its heap alone. Where small buffers of all sizes come and go between long-lived
     ones, the holes grow in number for hours, although what is in use stays the same.
     """
-    ctypes.CDLL(None).malloc_trim(0)
+    LIBC.malloc_trim(0)
 
 
 def started(arguments, context=None):
