@@ -97,10 +97,10 @@ def observed_step(parameters, state, reference, encoder, current):
         if reason == supervision.NOTHING:
             return regulate(parameters, state, reference)
         supervision.hand_over(rule, watched, reason)
-        from_swing = reason == supervision.SWINGS
-        go_on_from(
-            parameters.encoder_pid, state.encoder_pid, watched.mean_voltage_V if from_swing else state.voltage
-        )
+        if reason == supervision.SWINGS:  # what error and speed ask for belongs to the swing, and damps it
+            state.encoder_pid.integral = watched.mean_voltage_V
+        else:
+            go_on_from(parameters.encoder_pid, state.encoder_pid, state.voltage)
         if reason == supervision.DELAY:
             lag = parameters.encoder_pid.filter_time + rules.SAMPLING_LAG * period
             adaptation.allow_for_delay(state.encoder_adaptation, lag, observer.delay_s)

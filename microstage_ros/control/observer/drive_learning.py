@@ -264,15 +264,15 @@ def settled_drop(p, model, s, current):
 
 
 @compiled
-def learn_drive(p, model, s, period, drop, position, speed):
+def learn_drive(p, model, s, period, drop, position, speed, unread):
     """Learn R, the amplifier's zero and the back-EMF from the innovations of position [m] and speed [m/s].
 
     Friedland's two-stage filter: ``shift`` is how far a wrong R (or zero) has led x, v and d astray, so both
-    innovations are known multiples of that error. Takes the learned part out of x, v, d.
+    innovations are known multiples of that error. Takes the learned part out of x, v, d. ``unread`` [V^2]:
+    `motor_constant.unread_variance`.
     """
     noise_x = s.encoder_noise * s.encoder_noise
-    noise_v = s.voltage_noise / model.volts_per_velocity
-    noise_v *= noise_v
+    noise_v = speed_variance(s, model, unread)
     # while the encoder is far beyond its noise, something else is going on (backlash, an impact): learn less
     s.innovation_peak_m = max(abs(position), s.innovation_peak_m * (1.0 - min(period / PEAK_TIME, 1.0)))
     doubt = max(1.0, s.innovation_peak_m / (PEAK_LIMIT * s.encoder_noise))

@@ -357,7 +357,8 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         s.swing, s.swing_rate = 0.0, 0.0
         return
     motion_filter.widen(p, s, period)
-    variance = speed_variance(s, model, doubt) if senses else math.inf
+    unread = motor_constant.unread_variance(model, s)
+    variance = speed_variance(s, model, doubt + unread) if senses else math.inf
     share = min(period / TEST_TIME, 1.0)
     expected = s.covariance[0, 0] + s.encoder_noise * s.encoder_noise
     beyond = position * position / expected if s.gap == 0.0 else 1.0  # a gap explains more than the filter knows
@@ -376,7 +377,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     motion_filter.take_readings(s, variance)
     correct(s, position, speed)
     if senses:
-        learn_drive(p, model, s, period, drop_to_learn(p, model, s, drop, used), position, speed)
+        learn_drive(p, model, s, period, drop_to_learn(p, model, s, drop, used), position, speed, unread)
         compare_voltage(model, s, drop)
     friction_level.learn_level(p, model, s, period)
     if model.has_actuator != 0:

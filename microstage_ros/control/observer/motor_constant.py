@@ -12,6 +12,9 @@ centre of what is allowed. R, o and the level of the friction are those of the l
 constant does not lead astray; the motion begins anew from encoder and back-EMF. The slow motion through a gap, where
 the motor turns alone, is never that fast so long. A voltage that changes may come late: `LATE` times its rate is added
 to what R and o leave.
+
+Where the constant has not been read, or where E differs from what is learned for `SHORTEST` but says too little to be
+taken over, the back-EMF's speed is doubted by that difference: the encoder leads meanwhile.
 """
 
 import math
@@ -32,6 +35,7 @@ LEAST, DEVIATIONS = 0.04, 4.0  # 1, standard deviations of what R and o leave
 UNTOLD = 0.06  # V, that a dead band or a zero that has moved may take: of the back-EMF less than this says nothing
 LATE = 1e-3  # s, by which a voltage may come late under this law: what it changes by meanwhile is no back-EMF
 UNREAD, LEAST_DOUBT = 0.05, 1e-5  # of the speed that was astray, m/s: what the reading leaves
+UNREAD_DOUBT = 0.03  # of the constant before it is read, as in data sheets; with 0.1 a heavy rotor leads astray
 LOWEST, HIGHEST = 0.3, 3.0  # of the constant over the file's
 FIELDS = [
     ("emf_centre", "f8"),  # 1, motor constant over the file's, about which it is learned
@@ -40,6 +44,7 @@ FIELDS = [
     ("emf_before", "f8"),  # m/s, of the motor at the end of the period before
     ("emf_voltage", "f8"),  # V, filtered in the same way
     ("emf_ratio", "f8"),  # 1, mean of the one over the other
+    ("emf_doubt", "f8"),  # 1, of the constant, beside what its covariance says
     ("emf_ratio_time_s", "f8"),  # s, for which the ratio has been near its mean
     ("slow_resistance", "f8"),  # 1, R over the file's as it was learned in slow motion
     ("slow_zero_V", "f8"),  # zero of the amplifier, likewise
@@ -57,6 +62,7 @@ def motor_constant_reset(s):
     s.emf_before = 0.0
     s.emf_voltage = 0.0
     s.emf_ratio = 1.0
+    s.emf_doubt = UNREAD_DOUBT
     s.emf_ratio_time_s = 0.0
     s.slow_resistance = 1.0
     s.slow_zero_V = 0.0
@@ -88,14 +94,21 @@ def watch_motor_constant(p, model, s, period, drop, speed):
         s.emf_ratio, s.emf_ratio_time_s = ratio, 0.0
     s.emf_ratio += min(period / MEAN_TIME, 1.0) * (ratio - s.emf_ratio)
     s.emf_ratio_time_s += period
-    off, beyond = s.emf_ratio - s.learned[2], max(DEVIATIONS * math.sqrt(s.slow_variance_V2), UNTOLD)
+    off, emf = s.emf_ratio - s.learned[2], model.volts_per_velocity * size
+    told = DEVIATIONS * math.sqrt(s.slow_variance_V2)
+    late = LATE * abs(s.voltages[s.lag] - s.emf_voltage) / FILTER_TIME
+    if s.emf_ratio_time_s >= SHORTEST:
+        if abs(off) < LEAST:
+            s.emf_doubt = 0.0
+        elif abs(off) * emf > told + late:
+            s.emf_doubt = abs(off)
     clear = current_variance(p, model, s) < BIASED * BIASED
     plain = PLAIN_SHARE / max(abs(off), PLAIN_SHARE) if clear else 1.0
     if s.emf_ratio_time_s < max(FOUND_TIME * plain, SHORTEST):
         return False
-    beyond += LATE * abs(s.voltages[s.lag] - s.emf_voltage) / FILTER_TIME
-    if abs(off) < max(LEAST, beyond / (model.volts_per_velocity * size)):
+    if abs(off) < max(LEAST, (max(told, UNTOLD) + late) / emf):
         return False
+    s.emf_doubt = 0.0
     s.emf_ratio_time_s = 0.0
     centre_on(p, s, min(max(s.emf_ratio, LOWEST), HIGHEST))
     # the motion was led astray meanwhile: it begins anew from both readings
@@ -109,6 +122,12 @@ def watch_motor_constant(p, model, s, period, drop, speed):
     c[1, 1] = (UNREAD * off * size) ** 2 + LEAST_DOUBT * LEAST_DOUBT
     c[2, 2] += s.d * s.d
     return True
+
+
+@compiled
+def unread_variance(model, s):
+    """Variance [V^2] of the back-EMF while the constant has not been read off, or differs from what is counted with."""
+    return (s.emf_doubt * model.volts_per_velocity * s.v) ** 2
 
 
 @compiled
