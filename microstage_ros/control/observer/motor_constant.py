@@ -95,18 +95,18 @@ def watch_motor_constant(p, model, s, period, drop, speed):
     s.emf_ratio += min(period / MEAN_TIME, 1.0) * (ratio - s.emf_ratio)
     s.emf_ratio_time_s += period
     off, emf = s.emf_ratio - s.learned[2], model.volts_per_velocity * size
-    told = DEVIATIONS * math.sqrt(s.slow_variance_V2)
+    doubt = DEVIATIONS * math.sqrt(s.slow_variance_V2)
     late = LATE * abs(s.voltages[s.lag] - s.emf_voltage) / FILTER_TIME
     if s.emf_ratio_time_s >= SHORTEST:
         if abs(off) < LEAST:
             s.emf_doubt = 0.0
-        elif abs(off) * emf > told + late:
+        elif abs(off) * emf > doubt + late:
             s.emf_doubt = abs(off)
     clear = current_variance(p, model, s) < BIASED * BIASED
     plain = PLAIN_SHARE / max(abs(off), PLAIN_SHARE) if clear else 1.0
     if s.emf_ratio_time_s < max(FOUND_TIME * plain, SHORTEST):
         return False
-    if abs(off) < max(LEAST, (max(told, UNTOLD) + late) / emf):
+    if abs(off) < max(LEAST, (max(doubt, UNTOLD) + late) / emf):
         return False
     s.emf_doubt = 0.0
     s.emf_ratio_time_s = 0.0
