@@ -112,6 +112,8 @@ class FrictionObserver:
         -------
         the observer's memory after each period at the places ``seen``, shape (k,), rising: for `estimates`.
         """
+        # a single message is a view that cannot be written to, for which all would be compiled once more, seconds long
+        encoders, voltages, currents = (np.array(column, float) for column in (encoders, voltages, currents))
         finite = encoders[np.isfinite(encoders)]
         if not self.started and len(finite):
             law.observer_start(self.memory, float(finite[0]))

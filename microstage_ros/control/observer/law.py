@@ -357,7 +357,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         s.swing, s.swing_rate = 0.0, 0.0
         return
     motion_filter.widen(p, s, period)
-    unread = motor_constant.unread_variance(model, s)
+    unread = 0.0 if source_doubt.lost_motion_suspected(s) else motor_constant.unread_variance(model, s)
     variance = speed_variance(s, model, doubt + unread) if senses else math.inf
     share = min(period / TEST_TIME, 1.0)
     expected = s.covariance[0, 0] + s.encoder_noise * s.encoder_noise

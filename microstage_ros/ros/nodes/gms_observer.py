@@ -39,7 +39,7 @@ class GmsObserver(Node):
                              p.expected_followers).loop
 
     def _take(self, states):
-        columns = [np.ascontiguousarray(states[name]) for name in ("position", "applied_voltage", "current")]
+        columns = [states[name] for name in ("position", "applied_voltage", "current")]
         reported = np.flatnonzero(states["sequence"] % self._every == 0)
         found = self._observer.advance_all(*columns, reported)
         if len(reported):

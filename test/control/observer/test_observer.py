@@ -6,6 +6,7 @@ import pytest
 from microstage_ros.control.evaluation.observer_trial import level_jump_trial
 from microstage_ros.control.feedforward import axis as feedforward
 from microstage_ros.control.laws.controller import make_controller
+from microstage_ros.control import friction_observer
 from microstage_ros.control.friction_observer import FrictionObserver
 from microstage_ros.model.friction.curve import viscous_force
 from microstage_ros.model.friction.generalised_maxwell_slip import stretch
@@ -119,3 +120,14 @@ def test_friction_at_a_constant_speed_is_the_law_to_the_bit(axis, contact):
         speed = abs(velocity)
         expected = stretch(packed, laws, np.sign(velocity), speed, speed, 1e-4, factor) + viscous_force(packed, velocity)
         assert found == expected and (ours == laws).all()
+
+
+def test_a_single_message_compiles_nothing_anew(axis):
+    """A view of one message's bytes cannot be written to: the running node compiled once more for it, 2 to 10 MB and seconds."""
+    observer = FrictionObserver(axis)
+    observer.advance_all(*np.zeros((3, 2)))
+    before = len(friction_observer._steps.signatures)
+    message = np.frombuffer(np.zeros(1, "f8,f8,f8").tobytes(), "f8,f8,f8")
+    assert not message["f0"].flags.writeable
+    observer.advance_all(*(message[name] for name in message.dtype.names), [0])
+    assert len(friction_observer._steps.signatures) == before
