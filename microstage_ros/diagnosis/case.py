@@ -14,6 +14,7 @@ from microstage_ros.diagnosis.catalogue import FORMS
 from microstage_ros.diagnosis.prerequisites.drive import drive_of
 from microstage_ros.diagnosis.prerequisites.encoder import seen_count, seen_interpolation
 from microstage_ros.diagnosis.prerequisites.growth import power_forms
+from microstage_ros.diagnosis.prerequisites.law import own_law
 from microstage_ros.diagnosis.prerequisites.lateness import OTHER_TIME, forms_of_slowness
 from microstage_ros.diagnosis.prerequisites.periods import periodic_forms
 from microstage_ros.diagnosis.prerequisites.prerequisites import find_known
@@ -90,7 +91,9 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
     if not baseline:
         notes.append("No baseline was given: thresholds come from the model's own figures.")
     prepared, known = find_known(groups, drive)
-    collection = Collection(prepared, seen_count(drive, prepared))
+    prepared, drive, law = own_law(prepared, seen_count(drive, prepared))
+    notes += [law.words] if law is not None else []
+    collection = Collection(prepared, drive)
     effects = [effect for effect in EFFECTS if known.gap is None or effect != "backlash"]
     own = [*periodic_forms(collection), *damped_forms(collection, known.train), *power_forms(collection),
            *forms_of_slowness(groups, drive, known, collection)]

@@ -4,6 +4,7 @@ import numpy as np
 
 from microstage_ros.diagnosis.catalogue.form import Form, one, splines, wave
 from microstage_ros.diagnosis.preprocessing.friction_replay import lag_factor, replay
+from microstage_ros.diagnosis.preprocessing.motion import through_play
 from microstage_ros.diagnosis.preprocessing.preparation import triangle
 from microstage_ros.numerics.compiled import compiled
 
@@ -30,10 +31,10 @@ CREEPS = ((0.015, 2.0e-8), (0.06, 2.0e-8), (0.06, 8.0e-8), (0.3, 2.0e-8), (0.3, 
 CREEP_RELEASE = 1.0e-6                               # m
 
 
-def _changed(channel, frame, speed=None, **how):
+def _changed(channel, frame, **how):
     """Replayed actuator friction with a change minus without, in block means, at a quarter of the record's rate."""
     p, drive = channel.prepared, frame.drive
-    speed = (p.speed if speed is None else speed)[::COARSE] / drive.radius
+    speed = p.contact_speed[::COARSE] / drive.radius
     if "factor" in how:
         how["factor"] = np.ascontiguousarray(how["factor"][::COARSE])
     changed, _ = replay(drive.actuator, speed, COARSE * p.period, **how)
@@ -221,18 +222,7 @@ def _calm_speed(prepared):
     position = prepared.position
     rough = triangle((position - triangle(position, CALM)) ** 2, CALM)
     noise = np.sqrt(np.quantile(rough, AT_REST))
-    return np.abs(np.diff(_through_play(position, PLAY * noise), prepend=position[0])) / prepared.period
-
-
-@compiled
-def _through_play(position, half):
-    """Position (n,) [m] of what is dragged by a play of a ``half`` width [m]."""
-    dragged = np.empty(position.size)
-    now = position[0]
-    for i in range(position.size):
-        now = min(max(now, position[i] - half), position[i] + half)
-        dragged[i] = now
-    return dragged
+    return np.abs(np.diff(through_play(position, PLAY * noise), prepend=position[0])) / prepared.period
 
 
 def presliding_creep(scale, amplitude):

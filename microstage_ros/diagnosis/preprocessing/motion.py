@@ -105,3 +105,14 @@ def _smooth(y, current, f, b, k, back):
         for a in range(3):
             z[i, a] += back[a, 0] * d[0] + back[a, 1] * d[1] + back[a, 2] * d[2]
     return z
+
+
+@compiled
+def through_play(position, half):
+    """Position (n,) [m] of what is dragged by a play of ``half`` a width [m], as ``position`` (n,) [m] moves."""
+    dragged = np.empty(position.size)
+    now = position[0]
+    for i in range(position.size):
+        now = min(max(now, position[i] - half), position[i] + half)
+        dragged[i] = now
+    return dragged

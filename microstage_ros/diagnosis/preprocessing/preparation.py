@@ -36,7 +36,8 @@ class Prepared:
     ``settled`` the current after the winding's time constant, ``(i[n] − a i[n−1]) / (1 − a)``;
     ``travel`` the motor's angle in metres of stage, from back-EMF, current and inertia, without any position
     reading; ``angle`` the same from the back-EMF alone; ``position`` and ``speed`` the
-    motor's, in metres of stage, from all readings together; ``load`` the torque that friction and loads took;
+    motor's, in metres of stage, from all readings together; ``contact_speed`` the one by which the actuator's friction
+    is replayed, ``speed`` but where `prerequisites.law` knows better; ``load`` the torque that friction and loads took;
     ``actuator`` and ``guideway`` the nominal frictions without viscosity [N m at the motor, N], ``stuck`` the
     share of the actuator's blocks that stick;
     ``lost`` marks samples that repeat the one before or were missing;
@@ -65,6 +66,7 @@ class Prepared:
     load: np.ndarray
     actuator: np.ndarray
     stuck: np.ndarray
+    contact_speed: np.ndarray
     guideway: np.ndarray
     lost: np.ndarray
     off: np.ndarray
@@ -158,6 +160,7 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None):
         load=load,
         actuator=actuator,
         stuck=stuck,
+        contact_speed=motion.speed,
         guideway=guideway,
         lost=lost,
         off=off,

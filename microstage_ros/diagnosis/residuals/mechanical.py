@@ -92,7 +92,7 @@ class Mechanical:
         """Nominal actuator friction replayed with one step per ``coarse`` [1] periods (kept, many candidates need
         it)."""
         if coarse not in self._coarse:
-            speed = self.prepared.speed[::coarse] / self.drive.radius
+            speed = self.prepared.contact_speed[::coarse] / self.drive.radius
             self._coarse[coarse] = replay(self.drive.actuator, speed, coarse * self.prepared.period)[0]
         return self._coarse[coarse]
 

@@ -70,8 +70,8 @@ def best_forms(evidences, effect, choices):
 def misfit(evidences, choice, choices):
     """Share that a wider nameless shape explains beside the named cause: 0 if the name says it all.
 
-    What the healthy axis shows of the shape, too, is no misfit. Beside another cause, whose own misfit a wide shape
-    finds worth fitting, it is the share on held-out records.
+    What the healthy axis shows of the shape, too, is no misfit. Beside another cause of the channel, whose own misfit a
+    wide shape finds worth fitting, it is the share on held-out records.
     """
     others = [c for c in choices if c is not choice]
     own = evidences.gain([*others, choice]) - evidences.gain(others)
@@ -83,7 +83,7 @@ def misfit(evidences, choice, choices):
             where = evidences.learn[channel].where[pair[1]]
             more = evidences.more(channel, keys, pair[1]) - 2.0 * (where.stop - where.start) - evidences.usual(*pair)
             share = more / (own + max(more, 0.0))
-            if others:
+            if any(other.keys(channel) for other in others):
                 held = evidences.held_more(channel, keys, pair[1])
                 share = min(share, held / (max(own_held, 1e-9) + max(held, 0.0)))
             worst = max(worst, share)

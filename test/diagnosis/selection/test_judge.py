@@ -120,6 +120,16 @@ def test_a_wider_nameless_shape_that_says_much_more_refuses_the_name():
     assert selection.acceptable(alone.evidences, selection.best_forms(alone.evidences, "gravity_tilt", []), [])
 
 
+@pytest.mark.parametrize(("channel", "refused"), [("position", True), ("torque", False)])
+def test_a_wide_shape_is_excused_by_a_cause_of_its_own_channel_alone(channel, refused):
+    """A drift of another course in every record was a scale error, as friction lagged in the torque (pairs, seed 9103, case 10)."""
+    forms = [simple("gravity_tilt"), simple("generic:position"), simple("amplifier_offset", channel)]
+    put_in = {"gravity_tilt": 0.1, "amplifier_offset": 0.4}
+    world = World(forms, {**put_in, "generic:position": 0.5}, held={**put_in, "generic:position": -0.5})
+    mine, other = choice(world, "gravity_tilt"), choice(world, "amplifier_offset")
+    assert (selection.misfit(world.evidences, mine, [other, mine]) > 0.9) == refused
+
+
 def test_two_names_for_one_trace_are_rivals_and_others_are_not():
     world = World(PLAIN, {"torque_ripple": 0.4}, shared={("amplifier_offset", ""): ("torque_ripple", "")})
     mine = choice(world, "torque_ripple")

@@ -1,0 +1,96 @@
+"""The baseline tells the friction law of the machine, where it is another than the axis file's."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from microstage_ros.diagnosis.preprocessing.friction_replay import replay
+from microstage_ros.diagnosis.preprocessing.motion import through_play
+from microstage_ros.diagnosis.preprocessing.preparation import prepare
+from microstage_ros.diagnosis.prerequisites.drive import drive_of
+from microstage_ros.diagnosis.prerequisites.law import LAWS, contact_of, own_law
+from microstage_ros.diagnosis.residuals.mechanical import Mechanical, fit_spreads
+from microstage_ros.diagnosis.validation import second_world
+from microstage_ros.diagnosis.validation.simulated_records import Hidden
+from microstage_ros.model.axis_file import axis_from_dict, load_axis
+from microstage_ros.places import config_file
+
+FRICTION = 0.03
+
+
+@pytest.fixture(scope="module")
+def axis():
+    return load_axis(config_file("axis.yaml"))
+
+
+def baseline(axis, law, seed):
+    """Prepared baseline of a machine of the second world with this law, and the axis file's `Drive`."""
+    own = dataclasses.replace(second_world.habits(np.random.default_rng([seed, 77]), FRICTION), law=law)
+    machine = second_world.machine_of(axis, own if law != "elasto_plastic" else dataclasses.replace(own, law="lugre"))
+    if law == "elasto_plastic":
+        tree = machine.as_dict()
+        tree["contacts"]["actuator"]["law"] = law
+        machine = axis_from_dict(tree, axis.place)
+    record = second_world._record(machine, Hidden("healthy"), own, [seed, 78, 3], "base")
+    drive = drive_of(axis)
+    return {"learn": [], "held": [], "base": [prepare(record, drive)]}, drive
+
+
+def random_part(prepared, drive):
+    """Relative random friction [1] and the state of sticking blocks [N m] that the baseline seems to have."""
+    spreads = fit_spreads([Mechanical(prepared["base"][0], drive)])
+    return spreads.relative, spreads.stuck
+
+
+@pytest.mark.parametrize("law, seed", [("lugre", 1), ("lugre", 2), ("leuven", 1), ("leuven", 2)])
+def test_a_machine_of_another_law_is_judged_by_that_law(axis, law, seed):
+    """Its friction then seems to vary half as much, or less: over twelve seeds 0.11 to 0.53 of it was left."""
+    prepared, drive = baseline(axis, law, seed)
+    anew, with_law, found = own_law(prepared, drive)
+    assert found.name == law and found.title in found.words
+    before, after = random_part(prepared, drive), random_part(anew, with_law)
+    assert after[0] < 0.65 * before[0] and after[1] < 0.65 * before[1]
+    assert with_law.guideway == drive.guideway
+    assert (with_law.actuator.static, with_law.actuator.coulomb) == (drive.actuator.static, drive.actuator.coulomb)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_machine_of_the_files_law_keeps_it(axis, seed):
+    prepared, drive = baseline(axis, "generalised_maxwell_slip", seed)
+    same, still, found = own_law(prepared, drive)
+    assert found is None and same is prepared and still is drive
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_a_law_that_is_not_asked_for_is_nearer_to_one_that_is(axis, seed):
+    """Elasto-plastic bristles: LuGre's leave half as much random friction as the file's blocks."""
+    prepared, drive = baseline(axis, "elasto_plastic", seed)
+    anew, with_law, found = own_law(prepared, drive)
+    assert found is not None
+    assert random_part(anew, with_law)[0] < 0.65 * random_part(prepared, drive)[0]
+
+
+def test_nothing_is_asked_without_a_baseline(axis):
+    drive = drive_of(axis)
+    assert own_law({"learn": [], "held": [], "base": []}, drive)[1:] == (drive, None)
+
+
+def test_bristles_approach_their_limit_exponentially(axis):
+    """First loading of LuGre's law, slowly: F = F_s (1 − exp(−σ₀ q/F_s))."""
+    contact = contact_of(LAWS[0], drive_of(axis).actuator, 1.5)
+    speed, period = 1.0e-7, 1.0e-2            # rad/s, far below the Stribeck speed
+    force = replay(contact, np.full(400, speed) * 1.0e2, period)[0]
+    way = speed * 1.0e2 * period * np.arange(400)
+    expected = contact.static * -np.expm1(-1.5 * way / contact.static)
+    assert force[1:] == pytest.approx(expected[1:], rel=2e-3)
+
+
+def test_the_path_of_noise_is_none_of_the_machines():
+    """White noise of 1 nm at rest: its path is metres in an hour; through a play of four times as much, nothing."""
+    position = 1.0e-9 * np.random.default_rng(4).normal(size=20000)
+    assert np.abs(np.diff(position)).sum() > 2.0e-5
+    assert np.abs(np.diff(through_play(position, 6.0e-9))).sum() == 0.0
+    moved = np.concatenate([np.linspace(0.0, 1.0e-6, 100), np.linspace(1.0e-6, 0.0, 100)])
+    dragged = through_play(moved, 1.0e-8)
+    assert dragged[99] == pytest.approx(0.99e-6) and dragged[-1] == pytest.approx(1.0e-8)
