@@ -84,6 +84,7 @@ GAINS = (
     Gain("level_variability", "1", 0.0, 1.0, 0.06, "standard deviation of the friction level"),
     Gain("level_length", "m", 1e-9, 1.0, 1.0e-4, "travel over which the level varies"),
     Gain("level_time", "s", 1e-3, 1e6, 20.0, "time over which the level varies"),
+    Gain("presliding_stiffness", "1", 0.1, 10.0, 1.0, "of the actuator's friction in the law, over the file's"),
     Gain("force_noise", "N", 1e-9, 1e6, 0.25, "noise of the force balance within one observer time"),
     Gain("known_gap", "m", 0.0, 1e-3, 0.0, "lost motion of the drive, if known"),
     Gain("widest_gap", "m", 0.0, 1e-3, 6.0e-6, "widest lost motion that is looked for; 0: none"),
