@@ -31,9 +31,9 @@ trial is made. Where friction falls with speed slow motion needs a fast loop: on
 the margins left 1.2 to 14 times that error, on most others 0.6 to 1.3 times."""
 STIFFER = {"presliding_stiffness": 2.0}
 """Gains of the observer law beside those of the trials. Records in motion tell the stiffness before sliding within some
-25 % (one standard deviation), of friction that lets go within a count of the encoder 2 to 2.8 times too small. With a model
-that is too soft the law hunts in slow motion where friction falls with speed: on simulated machines the slow sine left
-400 to 720 nm with 0.45 times the true stiffness and 146 nm at 0.92 times; with 1.5 to 4.5 times the identified one
+25 % (one standard deviation), of friction that lets go within a count of the encoder 2 to 2.8 times too small. With a
+model that is too soft the law hunts in slow motion where friction falls with speed: on simulated machines the slow sine
+left 400 to 720 nm with 0.45 times the true stiffness and 146 nm at 0.92 times; with 1.5 to 4.5 times the identified one
 13 to 34 nm on the same machines and on three others, whose sine it raised by 1 nm."""
 SLOW_SINE = {"amplitude_m": 1e-5, "frequency_hz": 0.1, "cycles": 1.0}
 SINE_SEEDS = (1, 2, 3)
