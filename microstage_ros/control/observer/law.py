@@ -74,11 +74,7 @@ GAINS = (
     Gain("emf_spread", "1", 0.0, 1.0, 0.02, "standard deviation of the back-EMF over nominal before that"),
     Gain("forgetting_time", "s", 1e-2, 1e9, 3000.0, "time in which R and back-EMF may change by as much"),
     Gain(
-        "zero_time",
-        "s",
-        1e-2,
-        1e9,
-        3.0e4,
+        "zero_time", "s", 1e-2, 1e9, 3.0e4,
         "time in which the zero may: sliding one way cannot tell it from R, and would let both go astray",
     ),
     Gain("level_variability", "1", 0.0, 1.0, 0.06, "standard deviation of the friction level"),
