@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from machines import random_axis
 
@@ -11,9 +12,12 @@ from microstage_ros.commissioning.design.law_choice import FLOOR_GAIN, FLOOR_PHA
 from microstage_ros.commissioning.estimation.frequency_response import MeasuredMargins
 from microstage_ros.commissioning.findings import Refused, refused
 from microstage_ros.control.laws.controller import controller_parameters
+from microstage_ros.control.runs.run_file import Run
+from microstage_ros.control.runs.simulate import simulate
 from microstage_ros.control.tuning.margins import controller_margins
 from microstage_ros.control.tuning.tuning import GUARDED
 from microstage_ros.model.axis_file import load_axis
+from microstage_ros.model.friction.blocks import STIFFNESS
 from microstage_ros.places import config_file
 
 
@@ -35,9 +39,35 @@ def test_slow_motion_has_a_say(monkeypatch):
     """Of the trials with margins the one is taken whose simulated slow sine costs least, if the first costs too much."""
     axis = random_axis(load_axis(config_file("axis.yaml")), 139)
     first = observer_trial(monkeypatch, axis, lambda gains: 1e-8)
-    assert first == observer_trial(monkeypatch, axis, lambda gains: 1e-8 if not gains else 1.1e-8)
-    softer = observer_trial(monkeypatch, axis, lambda gains: 1e-8 if not gains else 5e-8 / (1.0 + ("proportional" in gains)))
+    assert first == observer_trial(monkeypatch, axis, lambda gains: 1e-8 if gains == law_choice.STIFFER else 1.1e-8)
+    softer = observer_trial(monkeypatch, axis, lambda gains: 1e-8 if gains == law_choice.STIFFER else 5e-8 / (1.0 + ("proportional" in gains)))
     assert first[0] == 1.0 and first[1] > 1.0 and softer[0] < 1.0
+
+
+def test_friction_that_is_stiffer_than_identified_makes_no_hunting():
+    """On a machine 2.2 times as stiff before sliding as its file says slow motion hunts with the file's model."""
+    truth = random_axis(load_axis(config_file("axis.yaml")), 7305)
+    key = "contacts.actuator.stiffness"
+    axis = truth.with_values({key: [v / 2.23 for v in truth.value(key)]}, source="estimate").with_controller({"type": OBSERVER})
+    doubt = {"voltage_noise": 2.25 * float(controller_parameters(OBSERVER, axis, {})["observer"]["voltage_noise"])}
+
+    def error(gains):
+        controller = {"type": OBSERVER, **doubt, **gains}
+        found = simulate(axis, Run(program=[{"sine": law_choice.SLOW_SINE}], start_m=0.0, controller=controller), 11, machine=truth)
+        left = np.abs(found["stage_m"] - found["reference_m"])
+        return left[len(left) // 4:].max()
+
+    assert error(law_choice.STIFFER) < 1e-7 < 2e-7 < error({})
+
+
+def test_gain_on_the_stiffness_is_that_of_the_laws_model_alone():
+    axis = load_axis(config_file("axis.yaml"))
+    one, two = (controller_parameters(OBSERVER, axis, {"presliding_stiffness": k})["feedforward"] for k in (1.0, 2.0))
+    blocks = slice(STIFFNESS, STIFFNESS + len(axis.value("contacts.actuator.stiffness")))
+    changed = np.flatnonzero(one["actuator"] != two["actuator"])
+    assert list(changed) == list(range(blocks.start, blocks.stop))
+    assert two["actuator"][blocks] == pytest.approx(2.0 * one["actuator"][blocks])
+    assert np.array_equal(one["guideway"], two["guideway"])
 
 
 def observer_trial(monkeypatch, axis, error):

@@ -20,6 +20,7 @@ from microstage_ros.control.observer import law as observer_law
 from microstage_ros.control.observer.dead_band import over_band
 from microstage_ros.control.observer.drive_learning import drive_voltage
 from microstage_ros.control.observer.lost_motion import TOUCHING
+from microstage_ros.model.friction.blocks import COUNT, STIFFNESS
 from microstage_ros.numerics.compiled import compiled, not_inlined
 
 PARTS = {
@@ -213,8 +214,11 @@ def regulate(parameters, state, reference):
 
 
 def complete(record):
-    """Fill the logarithms of the gains, and the observer's own gains from model and noise."""
+    """Fill the logarithms of the gains, the stiffness of the law's model, and the observer's own gains from model and
+    noise."""
     adaptation.take_logarithms(record["adaptation"])
+    law = record["feedforward"]["actuator"]
+    law[STIFFNESS : STIFFNESS + int(law[COUNT])] *= record["observer"]["presliding_stiffness"]
     observer_law.design_motion(record["observer"], record["feedforward"], float(record["period"]))
 
 

@@ -5,10 +5,14 @@ B. Efron, R. Tibshirani, An Introduction to the Bootstrap, Chapman & Hall 1993; 
 of Mathematical Statistics 9 (1938).
 """
 
+import math
+
 import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import chi2
 from scipy.stats import t as student
+
+from microstage_ros.numerics.compiled import compiled
 
 LEVEL = 0.95
 
@@ -34,6 +38,35 @@ def block_covariance(regressors, residuals, block):
     scores = np.array([part.sum(axis=0) for part in np.array_split(regressors * residuals[:, None], blocks)])
     bread = np.linalg.pinv(regressors.T @ regressors)
     return bread @ (scores.T @ scores) @ bread * blocks / (blocks - parameters)
+
+
+@compiled
+def _running_score(regressors, way, length, total):
+    """Adds Σ_ij w_i w_jᵀ exp(−|s_i − s_j| / ℓ) to ``total``, (p, p), rows in the order of the way s."""
+    rows, parameters = regressors.shape
+    before = np.zeros(parameters)  # Σ_{j < i} w_j exp(−(s_i − s_j) / ℓ)
+    for i in range(rows):
+        if i:
+            before *= math.exp(-(way[i] - way[i - 1]) / length)
+        for a in range(parameters):
+            for b in range(parameters):
+                both = regressors[i, a] * before[b] + before[a] * regressors[i, b]
+                total[a, b] += both + regressors[i, a] * regressors[i, b]
+        for a in range(parameters):
+            before[a] += regressors[i, a]
+
+
+def correlated_score(regressors, way, length):
+    """Covariance of Σ_i w_i q_i where q has variance one and correlation exp(−|s_i − s_j| / ℓ), shape (p, p).
+
+    Parameters
+    ----------
+    regressors : W, shape (n, p). way : s of each row, not falling, shape (n,), [m] or [s].
+    length : ℓ, correlation length of an Ornstein–Uhlenbeck process, > 0, [m] or [s] as the way.
+    """
+    total = np.zeros((regressors.shape[1],) * 2)
+    _running_score(np.ascontiguousarray(regressors, float), np.ascontiguousarray(way, float), float(length), total)
+    return total
 
 
 def correlation(covariance):
