@@ -13,7 +13,7 @@ from microstage_ros.control.friction_observer import FrictionObserver
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 from microstage_ros.ros.launching.parameters import Parameters, yaml_mapping
-from microstage_ros.ros.launching.process import keep_memory_steady, run_node
+from microstage_ros.ros.launching.process import run_node
 from microstage_ros.ros.loops.follower import Follower
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.blocks import Outlet
@@ -78,7 +78,6 @@ def _fill(messages, e):
 
 def main(arguments=None):
     """Run the node."""
-    keep_memory_steady()
     return run_node(GmsObserver, arguments)
 
 

@@ -16,7 +16,7 @@ from microstage_ros.metrology.interferometer import Interferometer, budget, corr
 from microstage_ros.metrology.refractive_index import Air, refractive_index
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.ros.launching.parameters import Parameters
-from microstage_ros.ros.launching.process import keep_memory_steady, run_node
+from microstage_ros.ros.launching.process import run_node
 from microstage_ros.ros.loops.follower import Follower
 from microstage_ros.ros.loops.instrument_topic import InstrumentTopic
 from microstage_ros.ros.transport import topics
@@ -132,7 +132,6 @@ def _first(air, k=0):
 
 def main(arguments=None):
     """Run the node."""
-    keep_memory_steady()
     return run_node(InterferometerLogger, arguments)
 
 
