@@ -30,7 +30,7 @@ from microstage_ros.quantities.readable import quantity
 PARAMETERS = ("coulomb", "drop", "stribeck_velocity", "stribeck_exponent", "viscous", "stiffness", "inertia", "offset")
 PRIOR = np.array([1.0, 1.0, 1.0, 0.35, 1.0, 1.0, 1.0, 1.0])
 """Standard deviations of the parameters (logarithms; the offset in M_C) about the axis file: they keep finite
-what the records do not tell. The exponent is held closely: a few speeds cannot tell it from the static limit."""
+what the records do not tell. The exponent is held more closely: a few speeds cannot tell it from the static limit."""
 SCALE, LEAST_VARIED = 0.06, 0.01
 """Of M_C: residual beyond which a row counts linearly, and least variability of the friction that is believed."""
 METHOD = np.array([0.002, 0.1, 0.08, 0.06, 0.002, 0.15, 0.007, 0.0])

@@ -196,7 +196,7 @@ def test_what_is_compiled_first_is_there():
 
 
 def test_bytecode_is_kept_although_the_environment_forbids_it():
-    """In a folder of its own: else every node compiles 1500 modules at each start. A variable that the user gives stays."""
+    """In a folder of its own: else every node compiles a thousand modules at each start. A variable that the user gives stays."""
     asked = {name: value for name, value in os.environ.items() if name != "MICROSTAGE_ROOT"} | {"PYTHONDONTWRITEBYTECODE": "1"}
     for given, expected in (({}, f"{SOURCE}/.build/bytecode"), ({"PYTHONPYCACHEPREFIX": "/elsewhere"}, "/elsewhere")):
         environ = {name: value for name, value in asked.items() if name != "PYTHONPYCACHEPREFIX"} | given

@@ -14,7 +14,8 @@ the motor turns alone, is never that fast so long. A voltage that changes may co
 to what R and o leave.
 
 Where the constant has not been read, or where E differs from what is learned for `SHORTEST` but says too little to be
-taken over, the back-EMF's speed is doubted by that difference: the encoder leads meanwhile.
+taken over, the variance of the back-EMF's speed grows by `UNREAD_DOUBT` or that difference (`unread_variance`), and the
+encoder leads meanwhile.
 """
 
 import math
@@ -35,7 +36,9 @@ LEAST, DEVIATIONS = 0.04, 4.0  # 1, standard deviations of what R and o leave
 UNTOLD = 0.06  # V, that a dead band or a zero that has moved may take: of the back-EMF less than this says nothing
 LATE = 1e-3  # s, by which a voltage may come late under this law: what it changes by meanwhile is no back-EMF
 UNREAD, LEAST_DOUBT = 0.05, 1e-5  # of the speed that was astray, m/s: what the reading leaves
-UNREAD_DOUBT = 0.03  # of the constant before it is read, as in data sheets; with 0.1 a heavy rotor leads astray
+# 1, standard deviation of the constant before it is read, by `robustness` and moves of 1 to 100 um with 1.2 times the
+# constant (docs/evidence/control.md): 0.17 um astray with 0.03, 0.28 with 0.015; with 0.1 light rotors hand over
+UNREAD_DOUBT = 0.03
 LOWEST, HIGHEST = 0.3, 3.0  # of the constant over the file's
 FIELDS = [
     ("emf_centre", "f8"),  # 1, motor constant over the file's, about which it is learned
@@ -44,7 +47,7 @@ FIELDS = [
     ("emf_before", "f8"),  # m/s, of the motor at the end of the period before
     ("emf_voltage", "f8"),  # V, filtered in the same way
     ("emf_ratio", "f8"),  # 1, mean of the one over the other
-    ("emf_doubt", "f8"),  # 1, of the constant, beside what its covariance says
+    ("emf_doubt", "f8"),  # 1, standard deviation of the constant, beside what its covariance says
     ("emf_ratio_time_s", "f8"),  # s, for which the ratio has been near its mean
     ("slow_resistance", "f8"),  # 1, R over the file's as it was learned in slow motion
     ("slow_zero_V", "f8"),  # zero of the amplifier, likewise

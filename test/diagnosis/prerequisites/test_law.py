@@ -87,7 +87,7 @@ def test_bristles_approach_their_limit_exponentially(axis):
 
 
 def test_the_path_of_noise_is_none_of_the_machines():
-    """White noise of 1 nm at rest: its path is metres in an hour; through a play of four times as much, nothing."""
+    """White noise of 1 nm at rest: its path is micrometres in every second; through a play of six times as much, nothing."""
     position = 1.0e-9 * np.random.default_rng(4).normal(size=20000)
     assert np.abs(np.diff(position)).sum() > 2.0e-5
     assert np.abs(np.diff(through_play(position, 6.0e-9))).sum() == 0.0

@@ -15,7 +15,7 @@ from ros_support import own_domain
 from microstage_ros.ros.launching import fork_server, forked
 from microstage_ros.ros.launching.cell_processes import CellFailure, CellProcesses
 from microstage_ros.ros.launching.fork_server import _Tracing, why_not_forked
-from microstage_ros.ros.transport.abandoned_locks import PLACE, READER
+from microstage_ros.ros.transport.abandoned_locks import OPENED, PLACE, READER
 
 NODES = ("str_controller", "gms_observer")
 
@@ -38,6 +38,11 @@ def loops(pid):
     return len(os.listdir(f"/proc/{pid}/task")) > 4
 
 
+def complaints(log):
+    """Lines of the server's log, without that it opened a lock: it may be that of a process that another test killed."""
+    return [line for line in log.read_text().splitlines() if not line.startswith(OPENED.partition("{")[0])]
+
+
 def test_each_node_is_a_process_of_its_own(domain, tmp_path):
     with CellProcesses("/axis", NODES, logs=tmp_path) as cell:
         processes = dict(cell.processes)
@@ -54,11 +59,11 @@ def test_each_node_is_a_process_of_its_own(domain, tmp_path):
         assert processes["gms_observer"].wait(120.0) == -signal.SIGKILL
         with pytest.raises(CellFailure, match="gms_observer ended with status -9"):
             cell.check()
-    assert (tmp_path / "gms_observer.log").exists() and not (tmp_path / "fork_server.log").read_text()
+    assert (tmp_path / "gms_observer.log").exists() and not complaints(tmp_path / "fork_server.log")
 
 
 def test_the_server_looks_at_the_locks_of_its_nodes(domain, tmp_path):
-    """A stopped recorder once kept the driver's loop waiting for 1.4 s, although driver and controller look.
+    """A thread of driver or controller that looks may wait for the interpreter's lock; the server has no writer to wait for.
 
     Seen by what it has mapped: a lock that is shut here may be opened by the driver of any other cell."""
     def readers(pid):
@@ -69,7 +74,7 @@ def test_the_server_looks_at_the_locks_of_its_nodes(domain, tmp_path):
         process, maps = cell.processes["gms_observer"], Path(f"/proc/{cell.server_pid}/maps")
         wait_for(lambda: process.poll() is None and process.reported_pid and readers(process.reported_pid))
         wait_for(lambda: all(name in maps.read_text() for name in readers(process.reported_pid)), 20.0)
-    assert not (tmp_path / "fork_server.log").read_text()
+    assert not complaints(tmp_path / "fork_server.log")
 
 
 def test_signals_that_come_together_before_a_node_is_there_all_reach_it(domain, tmp_path):
