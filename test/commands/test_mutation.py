@@ -132,3 +132,28 @@ def test_workers_end_when_their_parent_is_stopped_or_killed(forking, how):
     finally:
         parent.kill()
         parent.wait()
+
+
+def test_a_second_signal_does_not_cut_off_what_is_cleaned_up(tmp_path):
+    """A parent with threads sends one as each of them ends: what a worker had forked then lived on, in 1 of 42 runs."""
+    program = textwrap.dedent(f"""
+        import os, pathlib, time
+        from microstage_ros.commands.project import mutation
+        mutation._ends_with(os.getppid())
+        try:
+            print(flush=True)
+            time.sleep(600)
+        finally:
+            print(flush=True)
+            time.sleep(1.0)
+            pathlib.Path({str(tmp_path / "cleaned")!r}).touch()
+        """)
+    worker = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    try:
+        for _ in range(2):                                 # in the body, then in what is cleaned up
+            assert worker.stdout.readline() == b"\n"
+            worker.terminate()
+        assert worker.wait(30.0) == 1 and (tmp_path / "cleaned").exists()
+    finally:
+        worker.kill()
+        worker.communicate()

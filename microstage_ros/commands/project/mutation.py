@@ -212,9 +212,16 @@ def _command(folder, tests):
     return [sys.executable, "-c", WITH_ITS_PARENT, *arguments], environment
 
 
+def _leave(number, frame):
+    """Exit by way of every ``finally``. A parent with threads sends its signal again as each of them ends: a second one
+    would cut off what is cleaned up."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    sys.exit(1)
+
+
 def _ends_with(parent):
     """In a worker: when its parent ends, however it does, so does the worker, and with it what it runs."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that ``finally`` is reached
+    signal.signal(signal.SIGTERM, _leave)
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
     if os.getppid() != parent:  # it ended before
         sys.exit(1)
