@@ -66,6 +66,19 @@ def test_a_damaged_chunk_is_left_out(tmp_path):
     assert done.lost_chunks == 1 and done.messages == count(tmp_path / "bag") == opened_by_others(tmp_path / "bag") == 3500
 
 
+@pytest.mark.parametrize("what", [b"demo_msgs/msg/Servo", b"/axis/state"])
+def test_a_damaged_schema_or_channel_is_taken_from_the_closing_part(tmp_path, what):
+    """One byte that is no UTF-8: the bag was called whole, with 0 messages, and held all of them."""
+    file = written(tmp_path / "bag").file
+    raw = bytearray(file.read_bytes())
+    raw[raw.index(what)] |= 0x80
+    file.write_bytes(raw)
+    done = recover(tmp_path / "bag")[0]
+    assert not done.whole and done.messages == 4000 and done.lost_bytes == 0
+    assert opened_by_others(tmp_path / "bag") == count(tmp_path / "bag") == 4000
+    assert recover(tmp_path / "bag")[0].whole
+
+
 def test_no_bag(tmp_path):
     with pytest.raises(InputError, match="not there"):
         recover(tmp_path / "nowhere")

@@ -51,11 +51,14 @@ class Recovery:
 class _Scanned(McapSource):
     """Goes through the records, whatever the closing part says, and takes what is whole."""
 
+    unreadable = 0  # schemas and channels of the data part
+
     def _read_summary(self):
         return False
 
     def _repair(self):
         self.good, self.bad = [], 0
+        self._learn_from_closing_part()
         for chunk in self.chunks:
             try:
                 raw = self.unpack(chunk) if 0 < chunk.size <= LARGEST_CHUNK else None
@@ -77,7 +80,16 @@ class _Scanned(McapSource):
         try:
             super()._learn(opcode, body)
         except (McapError, ValueError, IndexError, OverflowError):
-            pass
+            self.unreadable += 1
+
+    def _learn_from_closing_part(self):
+        """Schemas and channels that the data part does not tell: the closing part repeats them."""
+        try:
+            closing = McapSource(self.path)
+        except InputError:
+            return
+        self.schemas = closing.schemas | self.schemas
+        self.channels = closing.channels | self.channels
 
 
 def _entries(raw, source):
@@ -146,7 +158,7 @@ def _recover_file(file):
         counts.update({channel: len(rows) for channel, rows in entries.items() if channel in channels})
     found.messages = sum(counts.values())
     found.topics = {channels[number].topic: count for number, count in sorted(counts.items())}
-    found.whole = not source.cut_off and not source.bad and _closed(file, source.good)
+    found.whole = not (source.cut_off or source.bad or source.unreadable) and _closed(file, source.good)
     span = [(chunk.start, chunk.end) for chunk, _, _ in source.good]
     start, end = min((s for s, _ in span), default=None), max((e for _, e in span), default=None)
     topics = [
@@ -205,7 +217,7 @@ def _write_anew(file, source, channels, schemas, part):
     os.replace(file, file.with_name(file.name + DAMAGED))
     os.replace(fresh, file)
     last = max((chunk.data[1] for chunk, _, _ in source.good), default=0)
-    return max(size - last, 0)
+    return max(size - last, 0) if source.cut_off else 0
 
 
 def _profiles(channel):
