@@ -7,6 +7,7 @@ regression is added (`nonregression`); everything is judged on held-out records.
 """
 
 import dataclasses
+import math
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from microstage_ros.diagnosis.residuals.collection import Collection
 from microstage_ros.diagnosis.residuals.systematic import SYSTEMATIC
 from microstage_ros.diagnosis.result import Cause, Diagnosis, Parameter
 from microstage_ros.diagnosis.selection import judge, limit_cycle
-from microstage_ros.diagnosis.selection.agreement import held_out_records_show, unsteadiness
+from microstage_ros.diagnosis.selection.agreement import CERTAIN, held_out_records_show, unsteadiness
 from microstage_ros.diagnosis.selection.calibration import probability
 from microstage_ros.diagnosis.selection.leftover import scatter_findings
 from microstage_ros.diagnosis.selection.mass_or_drive import RESONANT
@@ -198,9 +199,9 @@ def _answer(collection, evidences, choices, rivals, nonregression, holdout, note
         # what is left follows the motor otherwise than the model at the very frequencies that tell a delay from a lag
         known = dataclasses.replace(known, slow=dataclasses.replace(known.slow, rival=True))
     causes += nonregression_causes(collection, known, course, causes, book, unsure)
-    causes, doubtful = _likely(_with_shares(causes, book), unsure)
-    at_limit = limit_cycle.share_at_limit(collection.prepared["learn"], collection.frame.drive.voltage_limit)
     errors = {c.effect: unsteadiness(evidences, c, [o for o in choices if o is not c]) for c in choices}
+    causes, doubtful = _likely(_with_shares(causes, book), unsure, errors)
+    at_limit = limit_cycle.share_at_limit(collection.prepared["learn"], collection.frame.drive.voltage_limit)
     causes, unsure, swings = limit_cycle.judged(at_limit, causes, unsure, scattered, errors)
     notes += [swings] if swings else []
     if doubtful:
@@ -274,13 +275,15 @@ def _with_shares(causes, book):
     return sorted(shared, key=lambda c: -c.share)
 
 
-def _likely(causes, unsure=()):
+def _likely(causes, unsure=(), errors=None):
     """(causes, those left out): a further cause of a low calibrated probability is not named.
 
     The first one stands, unless an open question (``unsure``) does: something has changed, and its probability says
-    how sure its name is.
+    how sure its name is. So does one whose size is certain, by its relative standard ``errors`` {effect: `unsteadiness`
+    [1]}: the probability knows how much stands out beside a cause, and not how alike the cause is everywhere.
     """
-    doubtful = [c for c in causes[0 if unsure else 1:] if c.probability < LIKELY]
+    doubtful = [c for c in causes[0 if unsure else 1:]
+                if c.probability < LIKELY and (errors or {}).get(c.id, math.inf) >= CERTAIN]
     return [c for c in causes if c not in doubtful], doubtful
 
 

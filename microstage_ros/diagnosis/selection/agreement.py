@@ -27,6 +27,9 @@ LEAST_SIZE = 1.0e-3
 # campaign --world second --kind single --seed 2103, case 18: with 0.2 a level of friction of 18 % was no longer named
 # because the baseline had 3.7 % of it
 BASE_SHARE = 0.3
+# relative standard error of a size that is certain; derived: five standard errors, a chance of 3·10⁻⁷ in the learning
+# records, and again in the held-out ones
+CERTAIN = 0.2
 # of a cause's size from which on the baseline shows the same thing; derived: midway between none of it and all
 HALF = 0.5
 

@@ -9,6 +9,7 @@ from microstage_ros.diagnosis.catalogue import CONTAINS
 from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, Trial
 from microstage_ros.diagnosis.result import Finding, Improvement, OverallImprovement, Rivals
 from microstage_ros.diagnosis.selection.agreement import (
+    CERTAIN,
     HALF,
     LEADING_ODDS,
     OF_NAMES,
@@ -328,9 +329,12 @@ def without_faint(evidences, choices):
 
 def _spare(evidences, choice, others):
     """χ² that a cause holds on held-out records beyond what it needs: `LEAST_EVIDENCE`; of what the learning records
-    show twice as clearly, all that it can hold there, as the held-out records may hardly go where it is."""
+    show twice as clearly, all that it can hold there, as the held-out records may hardly go where it is. An axis on
+    which another cause is clear is no healthy one: a size that is certain needs to be there only."""
     learned, held = (gain([*others, choice]) - gain(others) for gain in (evidences.gain, evidences.held_gain))
     needed = LEAST_EVIDENCE
+    if others and evidences.held_gain(others) >= LEAST_EVIDENCE and unsteadiness(evidences, choice, others) < CERTAIN:
+        needed = FAINT_GAIN
     if learned >= 2.0 * LEAST_EVIDENCE:
         needed = min(needed, max(evidences.signal(choice, others), FAINT_GAIN))
     return held - needed

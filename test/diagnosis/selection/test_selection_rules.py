@@ -253,3 +253,16 @@ def test_a_cause_where_the_held_out_records_hardly_go_needs_all_that_they_can_sh
     case = types.SimpleNamespace(gain=lambda choices: learned * len(choices), held_gain=lambda choices: held * len(choices),
                                  signal=lambda *_: signal)
     assert (judge.without_faint(case, [cause]) == [cause]) == kept
+
+
+@pytest.mark.parametrize(("first", "error", "held", "kept"), [
+    (3900.0, 0.16, 105.0, True),        # 1650 of the learning records' χ², 145 of the held-out ones' (pairs, seed 9203, case 22)
+    (3900.0, 0.21, 105.0, False),       # of no certain size
+    (3900.0, 0.16, 59.0, False),        # faint
+    (114.0, 0.16, 105.0, False),        # nothing else is clear: the axis may be a healthy one
+])
+def test_beside_a_clear_cause_a_certain_size_needs_less_of_the_held_out_records(first, error, held, kept):
+    lag, cable = choice("frictional_lag"), choice("cable_spring")
+    case = Parts({("frictional_lag", "torque"): first, ("cable_spring", "torque"): held})
+    case.error, case.gain, case.signal = error, lambda choices: 1650.0 * len(choices), lambda *_: 1000.0
+    assert (cable in judge.without_faint(case, [lag, cable])) == kept
