@@ -135,7 +135,7 @@ def _switch(plant, state, work):
     elif cg.mask != 0:
         release(g, cg, work.moved, state.v)
     if plant.gap > 0.0:
-        d = plant.ratio * state.theta - state.x
+        d = _play(plant, state.theta, state.x)
         state.side = 1 if d > 0.5 * plant.gap else (-1 if d < -0.5 * plant.gap else 0)
 
 
@@ -254,6 +254,18 @@ def lead_error(plant, phi):
 
 
 @internal
+def _play(plant, theta, x):
+    """How far [m] the motor at angle θ is ahead of a stage at x: r φ/N and the error of the lead there, less x.
+
+    A flank is touched where it exceeds half of the gap.
+    """
+    d = plant.ratio * theta - x
+    if plant.leads > 0 or plant.lead_slope != 0.0:
+        d += lead_error(plant, theta / plant.gear)
+    return d
+
+
+@internal
 def _smooth_torque(plant, theta, omega):
     """Cogging and nonlinear viscous torque at the motor [N m]."""
     torque = -_beyond_viscous(plant.actuator, omega / plant.gear)
@@ -288,7 +300,7 @@ def _event(plant, state, rows):
     if cg.mask != 0 and crosses(plant.guideway, cg, rows[O_X], rows[O_V]):
         return True
     if plant.gap > 0.0:
-        d = plant.ratio * (state.theta + rows[O_THETA]) - (state.x + rows[O_X])
+        d = _play(plant, state.theta + rows[O_THETA], state.x + rows[O_X])
         side = 1 if d > 0.5 * plant.gap else (-1 if d < -0.5 * plant.gap else 0)
         return side != state.side
     return False

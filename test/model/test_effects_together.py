@@ -55,6 +55,21 @@ def test_in_every_pair_each_effect_still_shows(axis):
         assert not np.array_equal(both, alone[one]) and not np.array_equal(both, alone[other]), (one, other)
 
 
+def test_the_flanks_of_a_gap_follow_the_error_of_the_lead(axis):
+    """r φ + e(φ) − x is half of the gap on the flank that drives, and the wind-up, wherever the screw is and however
+    large e is."""
+    gap, size = 1.0e-6, 3.0e-6
+    radius = axis.value("transmission.pitch") / (2.0 * np.pi)
+    plant = make_plant(axis, NoiseSpec.none(), {"backlash": {"width_rad": gap / radius},
+                                                "screw_pitch_error": {"amplitude_m": size, "phase_rad": 0.5}})
+    r = respond(plant, np.repeat([2.5, -2.5], 12000))
+    screw = r["theta"] / plant["gear"]
+    ahead = radius * screw + size * np.sin(screw + 0.5) - r["x"]
+    assert np.ptp(screw) > np.pi          # through more than half a turn: the error has both signs
+    for part, sign in ((slice(500, 12000), 1.0), (slice(14000, None), -1.0)):
+        assert ahead[part] * sign == pytest.approx(0.5 * gap, abs=0.15 * gap)
+
+
 @pytest.mark.parametrize("name", sorted(EVERY))
 def test_an_effect_is_the_same_from_axis_file_and_run_file(axis, tmp_path, name):
     axis.with_effects({name: EVERY[name]}).save(tmp_path / "axis.yaml")

@@ -3,16 +3,20 @@ model.
 
 A wide gap lets a closed loop rattle from flank to flank; then the stage no longer tells where the motor is, and
 every residual that takes it for granted is worthless. The gap is found by replaying the stage behind it
-(`gap_replay`) and comparing with the measured stage; all else is prepared with the motor's own travel.
+(`gap_replay`) and comparing with the measured stage; all else is prepared with the motor's own travel. An error of the
+lead goes with the place and is linear in its size: it is free in every comparison, and neither hides a gap nor passes
+for one.
 """
 
 import dataclasses
 
 import numpy as np
 
+from microstage_ros.diagnosis.catalogue import FORMS
+from microstage_ros.diagnosis.catalogue.form import Frame
 from microstage_ros.diagnosis.preprocessing.gap_replay import stage_behind_gap
 from microstage_ros.diagnosis.preprocessing.threads import side_by_side
-from microstage_ros.diagnosis.residuals.transmission_deflection import Windup
+from microstage_ros.diagnosis.residuals.transmission_deflection import BLOCK, Windup
 
 STANDS_OUT = 1.4         # times the baseline's loss from which the search is worth its time
 EXPLAINS = 0.4           # share of what stands out that the gap must take away (other causes: a tenth at most),
@@ -35,11 +39,18 @@ FORM_ERROR = 0.015       # share of the width: flanks are not as hard as modelle
 RATTLE_ERROR = 0.02      # and for every usual loss that rattle, not followed hit by hit, adds to it
 MOST_ERROR = 0.08
 BOUND = 20.0             # usual sizes above which a misfit counts no more
+#: The effect whose forms are free beside a gap.
+FREE = "screw_pitch_error"
+# of a column's length that must be its own; derived: a column that others give to seven digits is rounding
+OWN = 1.0e-7
+ROUNDS = 20              # derived: each halves what is left of the way at least
+TINY = np.finfo(float).tiny
 
 
 @dataclasses.dataclass(frozen=True)
 class Gap:
-    """Lost motion at the stage [m] with its standard error, and χ² of the held-out records without and with it.
+    """Lost motion at the stage [m] with its standard error, and χ² of the held-out records without and with it, rare
+    stretches that the replay lost bounded.
 
     ``taken``: χ² that it takes from a learning record, on average."""
 
@@ -52,11 +63,49 @@ class Gap:
     taken: float
 
 
+class Deflection(Windup):
+    """`Windup` of one record that is compared beside any error of the lead.
+
+    Its noise is that of what that leaves: an error of the lead would pass for loads that turn round within a block.
+    """
+
+    def __init__(self, prepared, drive):
+        super().__init__(prepared, drive)
+        frame = Frame(drive, 0.0, 0.0, 0.0)
+        free = [form for form in FORMS if form.channel == self.name and form.effect == FREE]
+        columns = np.concatenate([form.columns(self, frame) for form in free], axis=1)
+        columns = columns / np.maximum(np.linalg.norm(np.diff(columns, axis=0), axis=0), TINY)
+        known = columns @ _sizes(np.diff(columns, axis=0), np.diff(self.residual))
+        self.residual = self.residual - known + known[0]
+        middle = BLOCK * (np.arange(len(known)) + 0.5)
+        raw = self.deflection()
+        self.walk, self.white = self._noise(raw - np.interp(np.arange(len(raw)), middle, known))
+        white = self.whiten(columns)[0]
+        basis, sizes, _ = np.linalg.svd(white / np.maximum(np.linalg.norm(white, axis=0), TINY), full_matrices=False)
+        self._basis = basis[:, sizes > OWN * sizes[0]]
+
+    def white_beside(self, residual):
+        """Whitened ``residual`` (blocks,) [m] without what an error of the lead takes of it."""
+        white = self.whiten(residual[:, None])[0][:, 0]
+        return white - self._basis @ (self._basis.T @ white)
+
+
+def _sizes(columns, changes):
+    """Sizes (k,) by which ``columns`` (n, k) follow ``changes`` (n,) with the least sum of absolute values, by
+    iteratively reweighted least squares: the jumps of a gap are large and few."""
+    weight = np.ones(len(changes))
+    for _ in range(ROUNDS):
+        sizes = np.linalg.lstsq(columns * weight[:, None], changes * weight, rcond=OWN)[0]
+        left = np.abs(changes - columns @ sizes)
+        weight = 1.0 / np.sqrt(np.maximum(left, max(float(np.median(left)), TINY)))
+    return sizes
+
+
 def find_gap(prepared, drive):
     """`Gap` of the drive train, or None.  ``prepared`` {"learn" | "held" | "base": [`Prepared`]}."""
     if not all(p.has_current for p in (*prepared["learn"], *prepared["held"])):
         return None
-    channels = {name: [Windup(p, drive) for p in prepared[name]] for name in ("learn", "held", "base")}
+    channels = {name: [Deflection(p, drive) for p in prepared[name]] for name in ("learn", "held", "base")}
     usual = max(_mean(_loss(c, c.residual) for c in channels["base"]), USUAL) if channels["base"] else USUAL
     without = _losses(channels["learn"], 0.0)
     if without < STANDS_OUT * usual:
@@ -79,9 +128,10 @@ def find_gap(prepared, drive):
         return None
     if channels["base"] and _losses(channels["base"], width) < _losses(channels["base"], 0.0):
         return None
-    held = [sum(len(c.residual) * _energy(c, gap) for c in channels["held"]) for gap in (0.0, width)]
-    if held[1] > LOST * held[0]:
+    lost = [sum(len(c.residual) * _energy(c, gap) for c in channels["held"]) for gap in (0.0, width)]
+    if lost[1] > LOST * lost[0]:
         return None
+    held = [sum(float(np.sum(_bounded(c, _behind(c, gap)) ** 2)) for c in channels["held"]) for gap in (0.0, width)]
     taken = _mean(len(c.residual) * (_energy(c, 0.0) - _energy(c, width)) for c in channels["learn"])
     rattle = max(_losses(channels["learn"], width) / usual - 1.0, 0.0)
     error = min(FORM_ERROR + RATTLE_ERROR * rattle, MOST_ERROR) * width + 3.0e-9
@@ -131,7 +181,7 @@ def _wound_up(channels):
         p, drive = channel.prepared, channel.drive
         force = p.guideway + drive.guideway.viscous * p.stage_speed + drive.mass * np.gradient(p.stage_speed, p.period)
         more.append(channel.mean(force / drive.stiffness))
-        residual, column = channel.whiten(np.stack([channel.residual, more[-1]], axis=1))[0].T
+        residual, column = channel.white_beside(channel.residual), channel.white_beside(more[-1])
         product, square = product + column @ residual, square + column @ column
     return _mean(_loss(c, c.residual - product / square * column) for c, column in zip(channels, more))
 
@@ -157,15 +207,20 @@ def _followed(channels, gap):
 
 
 def _loss(channel, residual):
-    """Mean size of the whitened residual; rare stretches that a replay lost count no more than `BOUND` usual ones."""
-    own = np.median(np.abs(channel.whiten(channel.residual[:, None])[0]))
-    white = np.abs(channel.whiten(residual[:, None])[0][:, 0])
-    return float(np.minimum(white, BOUND * max(own, USUAL)).mean())
+    """Mean size of the whitened residual, `_bounded`."""
+    return float(_bounded(channel, residual).mean())
+
+
+def _bounded(channel, residual):
+    """Sizes (blocks,) of the whitened residual; rare stretches that a replay lost count no more than `BOUND` usual
+    ones."""
+    own = np.median(np.abs(channel.white_beside(channel.residual)))
+    return np.minimum(np.abs(channel.white_beside(residual)), BOUND * max(own, USUAL))
 
 
 def _energy(channel, gap):
     """χ² per row."""
-    return float(np.mean(channel.whiten(_behind(channel, gap)[:, None])[0] ** 2))
+    return float(np.mean(channel.white_beside(_behind(channel, gap)) ** 2))
 
 
 def _mean(values):

@@ -35,16 +35,19 @@ class Windup:
         p = prepared
         self.time, self.position, self.speed = (self.mean(v) for v in (p.time, p.position, p.speed))
         self.voltage, self.current = self.mean(p.answered), self.mean(p.settled)
-        force = p.guideway + drive.guideway.viscous * p.stage_speed
-        self.force = self.mean(force)
-        if p.behind is None:
-            behind = -(force + drive.mass * np.gradient(p.stage_speed, p.period)) / drive.stiffness
-        else:
-            behind = p.behind
-        residual = p.stage - p.angle - behind
+        self._load = p.guideway + drive.guideway.viscous * p.stage_speed
+        self.force = self.mean(self._load)
+        residual = self.deflection()
         self.residual = self.mean(residual - residual[0])
         self.walk, self.white = self._noise(residual)
         self.noise = float(np.sqrt(np.median(self.white)))
+
+    def deflection(self):
+        """Stage against motor and wind-up [m] at the record's rate, shape (n,)."""
+        p, drive = self.prepared, self.drive
+        if p.behind is not None:
+            return p.stage - p.angle - p.behind
+        return p.stage - p.angle + (self._load + drive.mass * np.gradient(p.stage_speed, p.period)) / drive.stiffness
 
     def mean(self, values):
         """Block means of a signal, ``values`` of shape (n,) or (n, k)."""

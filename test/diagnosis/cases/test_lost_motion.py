@@ -12,9 +12,8 @@ from microstage_ros.diagnosis.prerequisites.amplifier import find_slowness
 from microstage_ros.diagnosis.prerequisites.drive import drive_of
 from microstage_ros.diagnosis.prerequisites.encoder import seen_interpolation
 from microstage_ros.diagnosis.prerequisites.lines import find_lines
-from microstage_ros.diagnosis.prerequisites.lost_motion import _losses, _wound_up, find_gap
+from microstage_ros.diagnosis.prerequisites.lost_motion import Deflection, _losses, _wound_up, find_gap
 from microstage_ros.diagnosis.residuals.resonance import Resonance
-from microstage_ros.diagnosis.residuals.transmission_deflection import Windup
 from microstage_ros.diagnosis.validation import second_world
 from microstage_ros.diagnosis.validation.simulated_records import Hidden, make_case
 from microstage_ros.model.axis_file import load_axis
@@ -63,6 +62,18 @@ def test_a_gap_is_found_whether_the_loop_rattles_or_not(axis, drive, width, seed
     assert gap.width / drive.radius == pytest.approx(width, rel=0.1)
 
 
+def test_an_error_of_the_lead_neither_hides_a_gap_nor_passes_for_one(axis, drive):
+    """A lead that is off by as much as the gap is wide (pairs, seed 9103, case 6)."""
+    beside = {"screw_pitch_error": {"amplitude_m": 2.7e-6, "phase_rad": 3.2}}
+    gap = find_gap(prepared_case(axis, drive, beside | {"backlash": {"width_rad": 0.0131}}, 12), drive)
+    assert gap is not None and gap.width / drive.radius == pytest.approx(0.0131, rel=0.1)
+    assert gap.held_after < 0.5 * gap.held_before
+    prepared = prepared_case(axis, drive, beside, 12)
+    assert find_gap(prepared, drive) is None
+    channels = [Deflection(p, drive) for p in prepared["learn"]]
+    assert _losses(channels, 0.0) < 1.0         # noise: √(2/π)
+
+
 @pytest.mark.parametrize("effects", [
     {}, {"drive_compliance": {"stiffness_factor": 0.05}}, {"amplifier_deadband": {"half_width_V": 0.03}},
 ], ids=["healthy", "soft drive", "dead zone of the amplifier"])
@@ -77,7 +88,7 @@ def test_a_soft_drive_that_hangs_back_is_no_gap_however_fine_the_encoder(axis):
     drive = seen_interpolation(drive_of(axis), groups[2])
     prepared = {name: [prepare(record, drive) for record in group] for name, group in zip(GROUPS, groups)}
     assert find_gap(prepared, drive) is None
-    channels = [Windup(p, drive) for p in prepared["learn"]]
+    channels = [Deflection(p, drive) for p in prepared["learn"]]
     assert _losses(channels, 7.7e-7) < 0.7 * _losses(channels, 0.0)      # a gap would explain much of it
     assert _wound_up(channels) < 0.5 * _losses(channels, 7.7e-7)
 
