@@ -1,6 +1,6 @@
 """Encoder against interferometer: two instruments at one stage must not part."""
 
-from collections import OrderedDict
+import numpy as np
 
 KEPT = 2000
 """Readings of each that wait for their partner."""
@@ -18,39 +18,44 @@ class EncoderComparison:
 
     def __init__(self, bound):
         self._bound = bound
-        self._encoder, self._light = OrderedDict(), OrderedDict()
+        self._encoder, self._light = {}, {}
+        self._newest = [-1, -1]  # period of either
+        self._forget()
+
+    def _forget(self):
+        self._encoder.clear()
+        self._light.clear()
         self._first, self._beyond, self._last = None, 0, 0.0
         self.reported = False
 
-    def add_encoder(self, sequence, position):
-        """The encoder read ``position`` [m] in the control period number ``sequence`` [1]."""
-        self._add(self._encoder, sequence, position)
+    def add_encoder(self, sequences, positions):
+        """What the encoder read: ``positions`` [m] in the control periods ``sequences`` [1], both (n,), in order."""
+        self._add(0, self._encoder, sequences, positions)
 
-    def add_interferometer(self, readings):
-        """Corrected readings of the interferometer, (period, position [m])."""
-        for sequence, position in readings:
-            self._add(self._light, sequence, position)
+    def add_interferometer(self, sequences, positions):
+        """The same of the interferometer, corrected: ``positions`` [m], ``sequences`` [1], both (n,)."""
+        self._add(1, self._light, sequences, positions)
 
-    def _add(self, kept, sequence, position):
-        if not self._bound:
+    def _add(self, which, kept, sequences, positions):
+        if not self._bound or not len(sequences):
             return
-        if kept and sequence < next(reversed(kept)):  # the driver began anew
-            self._encoder.clear()
-            self._light.clear()
-            self._first, self._beyond, self.reported = None, 0, False
-        kept[sequence] = position
-        while len(kept) > KEPT:
-            kept.popitem(last=False)
+        if sequences[0] < self._newest[which]:  # the driver began anew
+            self._forget()
+        self._newest[which] = int(sequences[-1])
+        kept.update(zip(sequences.tolist(), positions.tolist()))
+        for sequence in list(kept)[:-KEPT]:
+            del kept[sequence]
 
     def breach(self):
         """What is wrong, in words, once; empty while nothing is."""
-        if not self._bound:
-            return ""
-        for sequence in [number for number in self._light if number in self._encoder]:
-            difference = self._encoder.pop(sequence) - self._light.pop(sequence)
-            self._first = difference if self._first is None else self._first
-            self._last = difference - self._first
-            self._beyond = self._beyond + 1 if not abs(self._last) <= self._bound else 0
+        both = sorted(self._light.keys() & self._encoder.keys())
+        if both:
+            difference = np.array([self._encoder.pop(n) - self._light.pop(n) for n in both])
+            self._first = difference[0] if self._first is None else self._first
+            difference -= self._first
+            within = np.flatnonzero(np.abs(difference) <= self._bound)
+            self._beyond = len(both) - 1 - within[-1] if len(within) else self._beyond + len(both)
+            self._last = difference[-1]
         if self._beyond < IN_A_ROW or self.reported:
             return ""
         self.reported = True

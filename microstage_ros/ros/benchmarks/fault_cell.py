@@ -107,6 +107,8 @@ class FaultCell:
         facts["says"] = self._says
         if not still:
             facts["faulted"] = next((status.message for status in self._statuses[heard:] if status.fault), "")
+            # in lockstep time stands still while a follower that was stopped holds its credit back
+            self._await(lambda: self._view.commanded_ns > before, ANSWER_S, stop=lambda: self._paced)
             facts["went_on"] = not facts["faulted"] and self._view.commanded_ns > before
         facts["must_answer"] = still or name == "move_server"
         return facts

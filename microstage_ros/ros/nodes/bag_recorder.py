@@ -27,7 +27,7 @@ from microstage_ros.ros.transport.codec import Codec, stamps_ns
 from microstage_ros.ros.transport.credit import Granter, repeat_after
 from microstage_ros.ros.transport.servo_path import make_servo_path, reader_qos
 
-BATCH = 0.04
+BATCH = 0.03
 """Time [s] from one look at all topics to the next: fewer looks, each for more; half a second's worth could wait."""
 LEAST_SLEEP = 0.01
 """Sleep [s] between two looks of which one takes as long as `BATCH`: others want the processor too."""

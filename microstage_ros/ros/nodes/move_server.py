@@ -91,17 +91,18 @@ class MoveServer(MoveCalls, MoveCredit, MoveRequests, MoveResults, Node):
             self._servo.wait(self._inside.readers + self._interferometer.readers, WAIT)
             while (rows := self._interferometer.take()) is not None:
                 readings = self._reading_codec.array(rows)
-                self._readings.extend(readings["sequence"].astype(np.int64), readings["position"])
-                self._comparison.add_interferometer(readings[["sequence", "position"]].tolist())
+                sequence = readings["sequence"].astype(np.int64)
+                self._readings.extend(sequence, readings["position"])
+                self._comparison.add_interferometer(sequence, readings["position"])
             while (rows := self._inside.take()) is not None:
+                states = self._inside_codec.array(rows)
+                states = states[states["sequence"] < MOST]
                 with self._changed:
                     self._heard = time.monotonic()
-                    for state in self._inside_codec.array(rows)[["sequence", "position", "reference", "mode"]].tolist():
-                        if state[0] < MOST:
-                            self._on_inside(*state)
-                            self._comparison.add_encoder(*state[:2])
+                    self._on_block(states)
                     self._granter.tell()
                     self._changed.notify_all()
+                self._comparison.add_encoder(states["sequence"].astype(np.int64), states["position"])
             self._keep_credit_alive()
             self._end_inherited_move()
             self._compare()
@@ -132,6 +133,12 @@ class MoveServer(MoveCalls, MoveCredit, MoveRequests, MoveResults, Node):
             have = "has" if len(gone) == 1 else "have"
             self._cell_says = f"{' and '.join(gone)}: the process {have} ended or stand still" if gone else ""
             self._changed.notify_all()
+
+    def _on_block(self, states):
+        """The controller's ``states``, (n,), in order: each of them while a move is watched, else the last one."""
+        watched = self._move is not None and not self._move.done
+        for state in states[["sequence", "position", "reference", "mode"]][0 if watched else -1:].tolist():
+            self._on_inside(*state)
 
     def _on_inside(self, sequence, position, reference, mode):
         before = self._latest[0] if self._latest else -1

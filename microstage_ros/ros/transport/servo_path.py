@@ -143,6 +143,8 @@ class RawWriter:
 
     def __init__(self, publisher):
         self._handle = publisher.handle
+        with self._handle:
+            self._pointer = ctypes.c_void_p(self._handle.pointer)
         self._publish = ctypes.CDLL("librcl.so").rcl_publish_serialized_message
         self._forget_error = ctypes.CDLL("librcutils.so").rcutils_reset_error
         self._turn = threading.Lock()
@@ -165,7 +167,7 @@ class RawWriter:
                 self._make_place(len(raw))
             self._place[:] = raw
             with self._handle:  # only meanwhile: a publisher that is destroyed must leave the graph
-                refused = self._publish(ctypes.c_void_p(self._handle.pointer), self._address, None)
+                refused = self._publish(self._pointer, self._address, None)
             if not refused:
                 return True
         self._forget_error()
