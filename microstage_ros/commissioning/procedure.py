@@ -25,6 +25,7 @@ from microstage_ros.commissioning.design.law_choice import (
 )
 from microstage_ros.commissioning.experiments.dead_encoder import EncoderWatch, standing
 from microstage_ros.commissioning.experiments.machine import LONGEST
+from microstage_ros.commissioning.experiments.simulated_proof import beside_simulation, judge_proof
 from microstage_ros.commissioning.experiments.open_loop import Strokes, fit_strokes, strokes
 from microstage_ros.commissioning.experiments.sliding import sliding_response
 from microstage_ros.commissioning.estimation.parameters import draws, identified, slope_of
@@ -269,7 +270,7 @@ def _prove(outcome, machine, axis, drawn, law, gains, found, first, seed, progre
 
     The loop is measured under each law that is tried, and what is reported is that of the law that is taken.
     """
-    taken = None
+    taken = failed = None
     for name, chosen in _candidates(law, gains, axis, drawn):
         if taken is not None and machine.time + LONGEST_PROOF > LONGEST:
             break
@@ -285,6 +286,7 @@ def _prove(outcome, machine, axis, drawn, law, gains, found, first, seed, progre
                 raise
             outcome.remarks.append(f"{name} was given up: {reason.check.says}.")
             outcome.check(reason.check)
+            failed = loop
             machine.rest(0.3)
             continue
         if taken is None or tried.worst < taken.worst:
@@ -293,8 +295,8 @@ def _prove(outcome, machine, axis, drawn, law, gains, found, first, seed, progre
             break
         outcome.remarks.append(f"{name} leaves a move {tried.worst * 1e6:.3g} µm off its target (4s, or mean error).")
     if taken is None:
-        raise Refused(outcome.checks["runaway"])
-    outcome.check(Check("runaway", True, taken.sine, "m", "the loop rests and follows"))
+        check = outcome.checks["runaway"]
+        raise Refused(beside_simulation(failed, check, seed) if check.unit == "m" else check)
     outcome.moves, outcome.iso, outcome.sine, outcome.law = taken.moves, taken.iso, taken.sine, taken.loop.law
     outcome.responses += [r for r in (*taken.rest, *taken.motion) if r is not None]
     outcome.rest_margins = measured_margins(taken.rest[1]) if taken.rest[1] is not None else None
@@ -302,6 +304,9 @@ def _prove(outcome, machine, axis, drawn, law, gains, found, first, seed, progre
     if taken.motion[1] is not None:
         outcome.margins = whole_margins(taken.motion[1], axis, drawn, taken.loop.law, taken.loop.gains)
     machine.note_surroundings()
+    progress(f"what {taken.loop.law} left beside what it should leave")
+    outcome.remarks += filter(None, [judge_proof(taken.loop, taken.worst, taken.sine, seed)])
+    outcome.check(Check("runaway", True, taken.sine, "m", "the loop rests and follows"))
     section = {"type": taken.loop.law, "tuned_period": machine.period}
     if taken.loop.gains:
         section[taken.loop.law] = {name: float(f"{value:.6g}") for name, value in taken.loop.gains.items()}
@@ -332,7 +337,7 @@ class Tried:
     @property
     def worst(self):
         """Largest 4s or mean error of the moves [m]."""
-        return max(max(row["four_s_m"], abs(row["bias_m"])) for row in self.moves)
+        return proof.worst_of(self.moves)
 
 
 def _candidates(law, gains, axis, drawn):

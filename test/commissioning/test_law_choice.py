@@ -1,4 +1,4 @@
-"""The choice of law and gains: margins on the axis and on draws."""
+"""The choice of law and gains: margins on the axis and on draws; what the law left beside what it leaves in simulation."""
 
 from types import SimpleNamespace
 
@@ -8,17 +8,25 @@ from machines import random_axis
 
 from microstage_ros.commissioning import procedure
 from microstage_ros.commissioning.design import law_choice
-from microstage_ros.commissioning.design.law_choice import FLOOR_GAIN, FLOOR_PHASE, OBSERVER, choose_law, observer_gains, too_little
+from microstage_ros.commissioning.design.law_choice import FLOOR_GAIN, FLOOR_PHASE, OBSERVER, choose_law, observer_gains, soft_gains, too_little
 from microstage_ros.commissioning.estimation.frequency_response import MeasuredMargins
-from microstage_ros.commissioning.findings import Refused, refused
+from microstage_ros.commissioning.experiments.closed_loop import Loop
+from microstage_ros.commissioning.experiments.machine import Machine
+from microstage_ros.commissioning.experiments.proof import OFF
+from microstage_ros.commissioning.experiments.simulated_proof import NOTICED, beside_simulation, judge_proof, simulated_proof
+from microstage_ros.commissioning.findings import Check, Refused, refused
 from microstage_ros.control.laws.controller import controller_parameters
 from microstage_ros.control.runs.run_file import Run
 from microstage_ros.control.runs.simulate import simulate
 from microstage_ros.control.tuning.margins import controller_margins
 from microstage_ros.control.tuning.tuning import GUARDED
+from microstage_ros.hardware import make_hardware
+from microstage_ros.hardware.protocol import Setup
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.model.friction.blocks import STIFFNESS
 from microstage_ros.places import config_file
+
+LAW = "self_tuning_feedforward"
 
 
 def _worst(axis, gains):
@@ -135,6 +143,7 @@ def test_a_law_that_has_passed_is_kept_where_a_later_one_seems_blocked(monkeypat
                               rest=lambda seconds: None, note_surroundings=lambda: None)
     axis = load_axis(config_file("axis.yaml"))
     outcome = procedure.Outcome()
+    monkeypatch.setattr(procedure, "judge_proof", lambda *proven: "")
     found = SimpleNamespace(friction=0.1)
     prove = procedure._prove, outcome, machine, axis, [axis], "self_tuning_feedforward", {}, found, None, 0, print, print
     if blocked:
@@ -145,3 +154,66 @@ def test_a_law_that_has_passed_is_kept_where_a_later_one_seems_blocked(monkeypat
     assert outcome.law == "self_tuning_feedforward" and outcome.checks["runaway"].passed and machine.failed is None
     assert went == pytest.approx([7.0e-3, 6.6e-3])
     assert any(text.startswith("pid_feedforward was not proven: at 6.8 mm") for text in outcome.remarks)
+
+
+def loop_on(axis):
+    """The encoder-only law on a simulated machine that is the axis."""
+    backend = make_hardware("simulated", Setup(axis, 1, {}))
+    backend.open()
+    machine = Machine(backend, axis)
+    machine.begin()
+    machine.noise, machine.safe_speed = 8e-9, 3e-3
+    return Loop(machine, axis, LAW, 0.1, soft_gains(LAW, axis, [])[0])
+
+
+@pytest.fixture(scope="module")
+def shipped():
+    return loop_on(load_axis(config_file("axis.yaml")))
+
+
+@pytest.fixture(scope="module")
+def steep():
+    """Static torque five times the Coulomb torque, and little back-EMF: no law with margins holds it closer than micrometres."""
+    return loop_on(random_axis(load_axis(config_file("axis.yaml")), 7307))
+
+
+def test_moves_that_scatter_by_micrometres_are_refused_with_both_figures(shipped):
+    with pytest.raises(Refused) as caught:
+        judge_proof(shipped, 2.55e-6, 4.7e-6, 1)
+    check = caught.value.check
+    assert check.id == "runaway" and not check.passed and check.value == 4.7e-6
+    assert "2.55 µm" in check.says and "4.7 µm" in check.says and "friction that the model does not describe" in check.says
+
+
+def test_friction_that_falls_too_fast_is_distinguished_from_one_that_is_not_modelled(steep):
+    worst, sine, why = simulated_proof(steep, 1)
+    assert why or max(worst, sine) > OFF
+    with pytest.raises(Refused, match="falls to 20% as sliding begins"):
+        judge_proof(steep, 2.55e-6, 4.7e-6, 2)
+
+
+@pytest.mark.parametrize("which, cause", [("steep", "falls to 20% as sliding begins"), ("shipped", "does not describe")])
+def test_a_loop_that_does_not_come_to_rest_is_refused_with_what_the_simulation_does(which, cause, request):
+    check = Check("runaway", False, 3e-6, "m", "the stage rests 3 µm beside its target")
+    found = beside_simulation(request.getfixturevalue(which), check, 1)
+    assert found.says.startswith(check.says) and "simulated on the identified axis" in found.says and cause in found.says
+    assert (found.id, found.passed, found.value) == ("runaway", False, 3e-6)
+
+
+def test_a_sine_far_off_what_the_model_lets_expect_is_a_remark(shipped):
+    worst, sine, why = simulated_proof(shipped, 1)
+    assert not why and max(worst, sine) < NOTICED
+    says = judge_proof(shipped, worst, 1.5e-6, 1)
+    assert "1.5 µm" in says and "does not describe" in says
+    assert judge_proof(shipped, worst, sine, 1) == ""
+
+
+def test_a_law_whose_moves_scatter_is_not_ready(monkeypatch, shipped):
+    """The commissioning ends with the refusal, and the report keeps what was measured."""
+    row = {"target_m": 1e-5, "n": 10, "bias_m": 0.0, "four_s_m": 4.5e-6}
+    monkeypatch.setattr(procedure, "_tried", lambda loop, *more: procedure.Tried(loop, (None, None), (None, None), [row], {}, 1e-7))
+    monkeypatch.setattr(procedure, "_candidates", lambda law, gains, axis, drawn: [(law, gains)])
+    outcome = procedure.Outcome()
+    with pytest.raises(Refused, match="4.5 µm"):
+        procedure._prove(outcome, shipped.machine, shipped.axis, [], LAW, {}, SimpleNamespace(friction=0.1), None, 0, print, print)
+    assert outcome.moves == [row] and outcome.law == LAW and "runaway" not in outcome.checks

@@ -88,12 +88,22 @@ def moves(loop, keep):
     return rows, _iso_figures(sides)
 
 
+def most_beside(machine):
+    """How far beside its target [m] a move may end on a ``machine``, `Machine`."""
+    return max(OFF, 40.0 * machine.count)
+
+
+def worst_of(rows):
+    """Largest 4s or mean error [m]. ``rows``: those of `moves`, 4s and mean error of each [m]."""
+    return max(max(row["four_s_m"], abs(row["bias_m"])) for row in rows)
+
+
 def _at_rest(loop, swing, error):
     """Refuse a law that swings at rest, or does not come to rest at its target, at the first move that shows it."""
     machine, said = loop.machine, ""
     if swing > max(SWING, 16.0 * machine.count, 12.0 * machine.noise):
         said, value = f"the stage swings by {swing * 1e6:.3g} µm at rest", swing
-    elif abs(error) > max(OFF, 40.0 * machine.count):
+    elif abs(error) > most_beside(machine):
         said, value = f"the stage rests {error * 1e6:.3g} µm beside its target", error
     if said:
         machine.rest(0.0)
