@@ -13,7 +13,7 @@ from microstage_ros.quantities.errors import InputError
 
 USAGE = """usage: microstage test [--last-bits] [--seeds K] [options of pytest]
 
-All the tests, four at a time: cells wait often. Examples: microstage test test/ros   microstage test -k lockstep -n 0
+All the tests, three at a time: cells wait often. Examples: microstage test test/ros   microstage test -k lockstep -n 0
 
   --last-bits  simulated machines begin with last bits that differ (by 10^-15), as on another processor
   --seeds K    every noise of simulated machines from the K-th other set of seeds, K = 1, 2, ...
@@ -45,7 +45,7 @@ def main(argv=None):
     variables = _other_trajectories(arguments)
     options = arguments
     if importlib.util.find_spec("xdist"):  # tests of one file may share a cell, so a file stays with one worker
-        options = ["-n", "4", "--dist", "loadfile", "--no-loadscope-reorder", *arguments]
+        options = ["-n", "3", "--dist", "loadfile", "--no-loadscope-reorder", *arguments]
     variables = {**os.environ, **variables}
     variables |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     if not argv and not os.path.isdir(cache_folder("ros")):
