@@ -12,7 +12,7 @@ from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 
 
-ASK_AGAIN_S = 2.0
+ASK_AGAIN_S = 0.5
 """An answer that has not come after so long [s] was lost, as happens while processes discover each other."""
 
 
