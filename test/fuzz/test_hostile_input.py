@@ -133,3 +133,10 @@ def test_any_reference(start, positions):
         assert all(map(math.isfinite, positions)) and max(map(abs, np.diff([1e-3, *positions])), default=0.0) <= 0.05 * 1e-4 + 1e-9
     reference, _ = player.at(11, 1e-3)
     assert abs(reference - 1e-3) <= 0.05 * 1e-4 + 1e-9
+
+
+@pytest.mark.parametrize("end", ["\n", "\r", "\v", "\x1c", "\x85", "\u2028"])
+def test_a_key_that_ends_a_line_is_shown_in_one(end):
+    with pytest.raises(InputError) as caught:
+        run_from_dict({"controller": {"type": "pid"}, "program": [], end: None})
+    assert len(str(caught.value).splitlines()) == 1
