@@ -43,7 +43,7 @@ BOUND = 20.0             # usual sizes above which a misfit counts no more
 FREE = "screw_pitch_error"
 # of a column's length that must be its own; derived: a column that others give to seven digits is rounding
 OWN = 1.0e-7
-ROUNDS = 20              # derived: each halves what is left of the way at least
+ROUNDS = 20              # derived: six digits where a round halves the error
 TINY = np.finfo(float).tiny
 
 
