@@ -90,13 +90,13 @@ def main(arguments=None):
 def __getattr__(name):
     """The executable of each command, for ``ros2 run microstage_ros NAME``."""
     if name in COMMANDS:
-        return lambda: run(name, sys.argv[1:])
+        return lambda: _end(name, run(name, sys.argv[1:]))
     raise AttributeError(name)
 
 
-def _end(status):
+def _end(name, status):
     """End the process. After a cell there is nothing left to do, and to unload all libraries takes a second."""
-    if sys.argv[1:2] == ["cell"]:
+    if name == "cell":
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(status)
@@ -104,4 +104,4 @@ def _end(status):
 
 
 if __name__ == "__main__":
-    _end(main())
+    _end("".join(sys.argv[1:2]), main())

@@ -143,6 +143,7 @@ class Staying:
     def __init__(self, line, folder, environment):
         self.line, self._output = line, folder / f"staying{len(list(folder.glob('staying*.txt')))}.txt"
         self._began, cell = time.monotonic(), line.startswith("./microstage cell")
+        environment = {**environment, "PYTHONFAULTHANDLER": "1"}
         with open(self._output, "w", encoding="utf-8") as file:
             self._process = subprocess.Popen(["bash", "-c", f"exec {line}"], cwd=folder, env=environment, stdout=file,
                                              stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, start_new_session=True)
@@ -168,9 +169,9 @@ class Staying:
         try:
             status = self._process.wait(60)
         except subprocess.TimeoutExpired:
-            self._process.kill()
+            self._process.send_signal(signal.SIGABRT)  # Python's fault handler prints where its threads stand
             self._process.wait()
-            return f"{self.line}: had to be killed"
+            return f"{self.line}: had to be killed\n{self.said[-5000:]}"
         # 130: the interrupt came before the command had begun its work
         good = status == 0 or status == 130 and self.said.rstrip().endswith(": interrupted")
         return None if good else f"{self.line}: status {status}\n{self.said[-2000:]}"

@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import signal
 import sys
 from contextlib import contextmanager
 from pathlib import Path
@@ -79,11 +78,11 @@ def earlier_aside(folder):
 
 def _run(arguments, backend, machine, recording):
     from microstage_ros.ros.launching.cell_processes import NODES, QUICK, CellFailure, CellProcesses
-    from microstage_ros.ros.launching.supervision import Supervisor, run_until_interrupted
+    from microstage_ros.ros.launching.interruption import Interruption
+    from microstage_ros.ros.launching.supervision import Supervisor, leave_graph, run_until_interrupted
 
     print(f"{which_ros()}\n{backend.words(machine.name, arguments.seed)}", file=sys.stderr)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.default_int_handler)
+    interruption = Interruption()
     axis = {"axis_file": str(Path(arguments.axis).resolve())} if arguments.axis else {}
     driver = {"mode": arguments.mode, "seed": arguments.seed, **axis, **backend.driver_parameters}
     if arguments.mode == "lockstep":
@@ -104,21 +103,18 @@ def _run(arguments, backend, machine, recording):
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
             node = rclpy.create_node("cell", namespace=arguments.namespace)
             supervisor = Supervisor(cell, node)
-            cell.activate(node)
+            cell.activate(node, interruption.check)
             recording()
             what = "simulated" if backend.simulated else backend.name
             answer.state(namespace=arguments.namespace, nodes=list(nodes), mode=arguments.mode, backend=backend.name,
                          simulated=backend.simulated, seed=arguments.seed, record=arguments.record)
             print(f"{arguments.namespace} is active ({len(nodes)} nodes, {arguments.mode}, {what}). "
                   f"In another terminal: ./microstage move --to 1e-5. Ctrl-C stops it.", flush=True)
-            run_until_interrupted(supervisor, lambda seconds: rclpy.spin_once(node, timeout_sec=seconds))
+            run_until_interrupted(supervisor, lambda seconds: rclpy.spin_once(node, timeout_sec=seconds), interruption)
         finally:
-            for number in (signal.SIGINT, signal.SIGTERM):  # a second Ctrl-C must not keep the processes from ending
-                signal.signal(number, signal.SIG_IGN)
             cell.stop(QUICK)
             if node is not None:
-                node.destroy_node()
-                rclpy.try_shutdown()
+                leave_graph(node)
     except KeyboardInterrupt:
         return 0
     except CellFailure as failure:

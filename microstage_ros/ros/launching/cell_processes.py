@@ -112,7 +112,7 @@ class CellProcesses:
         self._directory = self._parameters.get("bag_recorder", {}).get("directory", "")
         self.processes = {}
         self._folder = self._forked = self._owned = None
-        self._again = {}
+        self._again, self._meanwhile = {}, lambda: None
 
     def __enter__(self):
         self.start()
@@ -188,10 +188,12 @@ class CellProcesses:
         errors = [line for line in lines if line.startswith(("[ERROR]", "[FATAL]"))]
         return f": {(errors or lines)[-1]}" if lines else ""
 
-    def activate(self, node):
-        """Configure and activate the driver, through ``node``. Raises `CellFailure`."""
+    def activate(self, node, meanwhile=None):
+        """Configure and activate the driver, through ``node``; the function ``meanwhile`` is called, without
+        arguments, again and again. Raises `CellFailure`, and what ``meanwhile`` raises."""
         from lifecycle_msgs.msg import State, Transition
 
+        self._meanwhile = meanwhile or self._meanwhile
         self._transition(node, Transition.TRANSITION_CONFIGURE, State.PRIMARY_STATE_INACTIVE, "configured")
         self._transition(node, Transition.TRANSITION_ACTIVATE, State.PRIMARY_STATE_ACTIVE, "activated")
         self._owned.activated()
@@ -239,6 +241,7 @@ class CellProcesses:
 
     def _turn(self, node, end, complaint):
         """A moment for ``node``; raises `CellFailure` after ``end`` or if a process has ended."""
+        self._meanwhile()
         self.check()
         if time.monotonic() > end:
             raise CellFailure(f"{complaint} within {START_WAIT:.0f} s")

@@ -5,9 +5,9 @@ Driver and controller may not: without either of them the axis stands at zero vo
 """
 
 import os
-import signal
 import socket
 import sys
+import threading
 import time
 
 from microstage_ros.ros.launching.cell_processes import CellFailure
@@ -18,6 +18,10 @@ MOST_RESTARTS, WITHIN_S = 5, 60.0
 
 STOPPED_S = 5.0
 """A process that has been stopped by a signal for so long [s] is started anew."""
+
+
+LEAVING_S = 1.0
+"""Longest wait [s] for the middleware when the process leaves."""
 
 
 class Supervisor:
@@ -122,11 +126,25 @@ def _how(status):
     return f"by signal {-status}" if status < 0 else f"with status {status}"
 
 
-def run_until_interrupted(supervisor, spin, every=0.05):
-    """Look after the processes until SIGINT or SIGTERM, which raise KeyboardInterrupt; ``spin(seconds)`` passes the
-    time, ``every`` [s] between two looks."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.default_int_handler)
+def run_until_interrupted(supervisor, spin, interruption, every=0.05):
+    """Look after the processes until ``interruption`` (an `Interruption`) has come, which raises KeyboardInterrupt;
+    ``spin(seconds)`` passes the time, ``every`` [s] between two looks."""
     while True:
+        interruption.check()
         supervisor.look()
         spin(every)
+
+
+def leave_graph(node, within=LEAVING_S):
+    """Take ``node`` out of the graph and shut ROS down, in a thread that is waited for at most ``within`` [s]: the
+    middleware may wait for a lock whose holder was killed, and by now nothing depends on it. True if it was in time."""
+    import rclpy
+
+    def leave():
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+    thread = threading.Thread(target=leave, name="leaving", daemon=True)
+    thread.start()
+    thread.join(within)
+    return not thread.is_alive()
