@@ -25,24 +25,11 @@ from microstage_ros.records import read_record
 from microstage_ros.report.plots import new_figure, plot_signal
 
 WORK = pathlib.Path(sys.argv[1])
+PAPER = load_axis("config/axis.yaml")
 
 
 def leaf(value, unit):
     return {"value": value, "unit": unit, "source": "estimate"}
-
-
-def with_the_law(path):
-    """The tree of an axis file with the new friction law where its stage is guided.
-
-    Every part is tried on such an axis: beside the law, and in one compiled loop (the shipped axis would take another).
-    """
-    tree = load_axis(path).as_dict()
-    tree["contacts"]["guideway"] = {"law": "exponential", "stiffness": leaf(8.0e5, "N/m"), "static": leaf(0.9, "N"),
-                                    "viscous": leaf(20.0, "N s/m")}
-    return tree
-
-
-MACHINE = axis_from_dict(with_the_law("config/axis.yaml"), "axis")
 
 
 def through_the_command(axis, name, controller):
@@ -63,30 +50,33 @@ def friction_law():
     packed = law.pack({"stiffness": 50.0, "static": 1.0})
     way = np.linspace(0.0, 0.1, 101)
     force = run_law(law, packed, np.r_[0.0, np.full(100, 1.0)], 1e-3)
+    tree = PAPER.as_dict()
+    tree["contacts"]["guideway"] = {"law": "exponential", "stiffness": leaf(8.0e5, "N/m"), "static": leaf(0.9, "N"),
+                                    "viscous": leaf(20.0, "N s/m")}
     found = EXPERIMENTS["pre-sliding hysteresis"]("exponential")
     return {
         # the first of the steps accelerates from rest: half a step of way
         "error": float(np.abs(force - (1.0 - np.exp(-50.0 * np.maximum(way - 0.0005, 0.0)))).max()),
         "hysteresis": found.shown, "in_table": laws.law_named("exponential").title,
-        **through_the_command(MACHINE, "law", {"type": "self_tuning_observer"}),
+        **through_the_command(axis_from_dict(tree, "axis"), "law", {"type": "self_tuning_observer"}),
     }
 
 
 def effect():
     hidden = one("magnet_pull", np.random.default_rng(3))
-    learn, hold, base = make_case(MACHINE, hidden, 11, friction=0.02)
-    diagnosis = diagnose_case(MACHINE, learn, hold, base)
-    report = write_answer(diagnosis, MACHINE, WORK / "diagnosis", {})
+    learn, hold, base = make_case(PAPER, hidden, 11, friction=0.02)
+    diagnosis = diagnose_case(PAPER, learn, hold, base)
+    report = write_answer(diagnosis, PAPER, WORK / "diagnosis", {})
     page = (WORK / "diagnosis" / "report.html").read_text()
     again = load_axis(WORK / "diagnosis" / "extended.yaml")
     return {"verdict": report["verdict"], "causes": [cause["id"] for cause in report["causes"]], "hidden": hidden.effects["magnet_pull"],
             "fitted": again.effects.get("magnet_pull"), "label_on_page": REGISTRY["magnet_pull"].label in page,
             "pictures": [picture.title for picture in diagnosis.pictures],
-            **through_the_command(MACHINE.with_effects(hidden.effects), "effect", {"type": "pid"})}
+            **through_the_command(PAPER.with_effects(hidden.effects), "effect", {"type": "pid"})}
 
 
 def actuator():
-    tree = with_the_law("config/emps.yaml")
+    tree = load_axis("config/emps.yaml").as_dict()
     tree["drive"] = {"type": "cylinder", "force_limit": leaf(300.0, "N"), "time": leaf(2.0e-3, "s")}
     tree["controller"] = {}
     axis = axis_from_dict(tree, "axis")
@@ -94,7 +84,7 @@ def actuator():
 
 
 def sensor():
-    tree = MACHINE.as_dict()
+    tree = PAPER.as_dict()
     tree["sensors"]["encoder"] = {"type": "potentiometer", "turn": leaf(4.0e-7, "m"), "resolution": leaf(0.0, "m"), "noise": leaf(0.0, "m")}
     found = through_the_command(axis_from_dict(tree, "axis"), "sensor", {"type": "pid"})
     readings = read_record(WORK / "sensor.csv")["encoder_m"] / 4.0e-7
@@ -102,12 +92,12 @@ def sensor():
 
 
 def controller():
-    return through_the_command(MACHINE, "controller", {"type": "pd", "proportional": 2.0e5})
+    return through_the_command(PAPER, "controller", {"type": "pd", "proportional": 2.0e5})
 
 
 def backend():
-    card = make_hardware("laboratory.card:Card", Setup(MACHINE, seed=1, options={}))
-    control = make_controller("pid", MACHINE)
+    card = make_hardware("laboratory.card:Card", Setup(PAPER, seed=1, options={}))
+    control = make_controller("pid", PAPER)
     card.open()
     for _ in range(200):
         reading = card.read()
@@ -118,7 +108,7 @@ def backend():
 
 def simulated():
     """The unpatched parts still run."""
-    columns = simulate(MACHINE, run_from_dict({"controller": {"type": "none"}, "program": [{"move_to_m": 1e-6}]}, "run"), seed=1)
+    columns = simulate(PAPER, run_from_dict({"controller": {"type": "none"}, "program": [{"move_to_m": 1e-6}]}, "run"), seed=1)
     return {"rows": len(columns["t_s"])}
 
 

@@ -9,6 +9,7 @@ import time
 from contextlib import contextmanager
 from pathlib import Path
 
+import microstage_ros.ros  # noqa: F401  (before rclpy loads the middleware)
 import pytest
 
 HIGHEST_DOMAIN = 100
