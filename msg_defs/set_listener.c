@@ -7,8 +7,8 @@
  * that had not left the graph after ten minutes, on a computer with nothing else to do; reported to Fast DDS as issue
  * 6513. Here the same function of Fast DDS that takes a limit is called, a second at a time.
  *
- * microstage_ros.ros loads this library for all; the linker then prefers it to the one of Fast DDS. Without it the
- * above is back, and nothing else changes. */
+ * microstage_ros.ros loads this library where Fast DDS 2.14 is; the linker then prefers it to the one of Fast DDS.
+ * Without it the above is back, and nothing else changes. */
 
 #define _GNU_SOURCE
 #include <dlfcn.h>

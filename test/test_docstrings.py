@@ -69,8 +69,8 @@ OBJECTS_OF = {
     "ros": {"absent", "bag", "c_calls", "call", "cancel", "chance", "context", "entity", "entry", "example",
             "feedback", "found", "frame", "group", "guard", "hardware", "here", "implementation",
             "interruption", "logger", "make", "meanwhile", "message", "message_type", "mode", "node", "node_name",
-            "nodes", "others", "owner", "paced", "prefix", "process", "publish", "publisher", "raw", "reader", "readers", "reliable", "rules",
-            "running", "simulated", "stamped", "state", "supervisor", "tell", "tracing", "when", "word"},
+            "nodes", "others", "owner", "paced", "prefix", "process", "publish", "publisher", "raw", "reader",
+            "readers", "reliable", "rules", "running", "simulated", "stamped", "state", "supervisor", "tell", "tracing", "when", "word"},
 }
 #: Functions of these modules implement the methods of that class, which documents them.
 INTERFACES = {"model/friction": "FrictionLaw"}

@@ -104,4 +104,4 @@ def _end(name, status):
 
 
 if __name__ == "__main__":
-    _end("".join(sys.argv[1:2]), main())
+    _end(sys.argv[1] if len(sys.argv) > 1 else "", main())

@@ -73,8 +73,6 @@ def test_a_node_that_does_not_leave_is_left_behind(monkeypatch):
             held.wait(20)
 
     monkeypatch.setattr("rclpy.try_shutdown", lambda: None)
-    began = time.monotonic()
     assert not supervision.leave_graph(Stuck(), within=0.2)
-    assert time.monotonic() < began + 5
     held.set()
     assert supervision.leave_graph(Stuck(), within=5)
