@@ -28,11 +28,11 @@ import time
 from pathlib import Path
 
 from microstage_ros.numerics.compiled import cache_folder
+from microstage_ros.ros.launching.interruption import STOPPING
 from microstage_ros.ros.transport.abandoned_locks import OPENED, AbandonedLocks
 
 PACKAGE = "microstage_ros.ros.nodes"
 PR_SET_PDEATHSIG, PR_SET_NAME = 1, 15
-STOPPING = (signal.SIGINT, signal.SIGTERM)
 GRACE = 20.0
 """Time [s] that children have to end after SIGINT before they are killed; a bag of hours closes in some seconds."""
 

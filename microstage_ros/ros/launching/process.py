@@ -18,6 +18,7 @@ from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, Si
 from rclpy.signals import SignalHandlerOptions
 
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.ros.launching.interruption import LAST_RESORT, STOPPING
 from microstage_ros.ros.launching.shared_memory import remember
 from microstage_ros.ros.transport.scheduling import processors, take_place
 from microstage_ros.ros.transport.servo_path import RCLError
@@ -26,15 +27,11 @@ from microstage_ros.ros.transport.topics import CREDIT
 SWITCH_INTERVAL = 1e-4
 """How long the other thread may keep the interpreter [s]; Python's own 5 ms would be fifty control periods."""
 
-STOPPING = (signal.SIGINT, signal.SIGTERM)
 URGENT = signal.SIGUSR1
 
 ACKNOWLEDGED = {signal.SIGINT: 5.0, signal.SIGTERM: 0.3}
 """Longest wait [s] at the end until every reader has what was sent to it, by the signal that asked to stop: a reader
 that was killed never has it, and who sends SIGTERM is in a hurry."""
-
-LAST_RESORT = 10.0
-"""A process that has been asked to stop and is still there after so long [s] ends at once, whatever it waits for."""
 
 MEETING = 1.0
 """Longest wait [s] at the begin for all threads of an executor."""
