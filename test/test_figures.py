@@ -5,6 +5,7 @@ import pathlib
 
 import pytest
 
+from microstage_ros.commands.project import first_day
 from microstage_ros.commands.project.figures import CONTROL_PAGES, RUNS, main, state_of
 from microstage_ros.commands.tables import CODE, code_of, command_of, update_tables
 from microstage_ros.quantities.errors import InputError
@@ -119,3 +120,29 @@ def test_cases_of_another_code_or_world_are_no_figures_of_today(tmp_path):
         main(["second-world", "--from", str(cases)])
     with pytest.raises(InputError, match="--from"):
         main(["emps", "--from", str(cases)])
+
+
+def test_what_the_first_day_shows_comes_from_the_pages_own_sketch(tmp_path, monkeypatch):
+    """The commission command is replaced: what it prints and draws, and what a refusal says."""
+    page, printed = tmp_path / "first_day.md", []
+
+    def commission(arguments):
+        out = pathlib.Path(arguments[arguments.index("--out") + 1])
+        out.mkdir()
+        printed.append(pathlib.Path(arguments[arguments.index("--axis") + 1]).read_text())
+        (out / "report.html").write_text('<div aria-label="Gain, phase" x><div class="wide-form"><svg viewBox="0 0 1 1"></svg></div></div>')
+        print(f"says so; {out}/report.html")
+        return status
+
+    monkeypatch.setattr("microstage_ros.commands.operation.commission.main", commission)
+    page.write_text("text\n```yaml\n# sketch.yaml\nformat: 1\n```\n")
+    status = 0
+    text = first_day.measured(page)
+    assert printed == ["format: 1\n"] and "says so; today/report.html" in text and "![Gain, phase](pictures/first_day_gain_phase.svg)" in text
+    assert "--ink" in (tmp_path / "pictures" / "first_day_gain_phase.svg").read_text()
+    status = 3
+    with pytest.raises(InputError, match="says so"):
+        first_day.measured(page)
+    page.write_text("no sketch")
+    with pytest.raises(InputError, match="sketch.yaml"):
+        first_day.measured(page)

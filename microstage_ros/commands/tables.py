@@ -14,7 +14,9 @@ from microstage_ros.report.stamped import read_tables, stamp_now, write_table
 CONTROL = ("control", "model", "solver")
 DIAGNOSIS = ("diagnosis", "model", "solver")
 FORCE_BALANCE = ("diagnosis/resimulation", "solver", "control/laws")
-CODE = {("figures", "emps"): FORCE_BALANCE, "figures": DIAGNOSIS, "compare": CONTROL, "robustness": CONTROL}
+FIRST_DAY = ("commissioning", "identification", "control", "model", "solver")
+CODE = {("figures", "emps"): FORCE_BALANCE, ("figures", "first-day"): FIRST_DAY, "figures": DIAGNOSIS,
+        "compare": CONTROL, "robustness": CONTROL}
 """(owner, title), or owner, of a table to the files and folders of microstage_ros that its figures are about."""
 
 

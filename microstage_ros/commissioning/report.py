@@ -275,10 +275,12 @@ def _parameters(made, outcome):
 
 def _bode(found):
     figure, (top, bottom) = new_figure(2, 1, height=2.4, sharex=True)
-    for response, colour in zip(found, ("blue", "orange", "green", "pink", "grey")):
+    for k, (response, colour) in enumerate(zip(found, ("blue", "orange", "green", "pink", "grey"))):
         r = response.kept()
         size = np.abs(r.value) * (1e6 if r.what == "plant" else 1.0)
-        label = f"{r.what}, {r.condition}" + (" [µm/V]" if r.what == "plant" else "")
+        # the plant in sliding is measured twice: before any loop is closed, and with the law that is chosen
+        again = any((before.what, before.condition) == (r.what, r.condition) for before in found[:k])
+        label = f"{r.what}, {r.condition}" + ", in closed loop" * again + (" [µm/V]" if r.what == "plant" else "")
         top.loglog(r.frequency, size, color=COLOURS[colour], label=label)
         top.fill_between(
             r.frequency,

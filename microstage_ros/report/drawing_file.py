@@ -36,6 +36,18 @@ def drawing(figure, salt, narrow=False):
     return _as_page_element(_svg(_narrowed(figure) if narrow else figure, salt))
 
 
+def standalone(element: str, palette: str) -> str:
+    """A drawing of a page (`drawing`) as the text of an SVG file, which other pages show as an image.
+
+    Parameters
+    ----------
+    element : of `drawing`. palette : CSS that gives the page's variables their colours, for light and dark.
+    """
+    head = ('<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
+            'font-family="sans-serif" style="background: var(--paper)" ')
+    return element.replace("<svg ", head, 1).replace(">", f">\n<style>{palette}</style>", 1) + "\n"
+
+
 def _narrowed(figure):
     """A copy of the figure, laid out for a narrow window."""
     figure = pickle.loads(pickle.dumps(figure))

@@ -3,12 +3,13 @@
 import html
 import re
 from html.parser import HTMLParser
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
 from microstage_ros.quantities.errors import InputError
-from microstage_ros.report.drawing_file import drawing
+from microstage_ros.report.drawing_file import drawing, standalone
 from microstage_ros.report.page import LARGEST_SVG, Page, breakable, is_short, picture
 from microstage_ros.report.plots import new_figure, plot_signal
 
@@ -132,3 +133,11 @@ def test_long_names_break_between_their_parts_only():
     assert str(breakable("contacts.actuator.stribeck_velocity")) == "contacts.<wbr>actuator.<wbr>stribeck_<wbr>velocity"
     assert str(breakable("3.40966 ± 0.00078 Ω")) == "3.40966 ± 0.00078 Ω" and str(breakable("<b>")) == "&lt;b&gt;"
     assert is_short("64.8 ± 4.3 mN m/rad\n13.15 ± 0.88 mN m/rad") and not is_short("torque balance")
+
+
+def test_a_drawing_stands_alone_as_a_file_with_its_own_colours():
+    """Another page shows it as an image, which has no other style than its own."""
+    text = standalone(drawing(small_figure(), "a"), ":root { --ink: #123456; }")
+    root = ElementTree.fromstring(text)
+    assert root.tag == "{http://www.w3.org/2000/svg}svg" and "--ink: #123456" in root[0].text
+    assert root.get("fill") == "var(--ink)" and len(text) > len(drawing(small_figure(), "a"))

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from microstage_ros.commands import answer
 from microstage_ros.commands.parser import Parser
+from microstage_ros.commands.project import first_day
 from microstage_ros.commands.tables import code_of, command_of
 from microstage_ros.places import SOURCE
 from microstage_ros.quantities.errors import InputError
@@ -77,6 +78,11 @@ def _emps(page, earlier=()):
     write_table(page, "figures", "emps", emps_table(), stamp_now(SOURCE, code_of("figures", "emps")))
 
 
+def _first_day(page, earlier=()):
+    stamp = stamp_now(SOURCE, code_of("figures", "first-day"))
+    write_table(page, "figures", "first-day", first_day.measured(page), stamp)
+
+
 def _compare(*pages, earlier=()):
     from microstage_ros.commands.analysis import compare
 
@@ -96,6 +102,7 @@ RUNS = {
     "first-world": Run(("docs/diagnosis.md",), functools.partial(_campaign, world="first-world"), 240.0),
     "second-world": Run(("docs/diagnosis.md",), functools.partial(_campaign, world="second-world"), 240.0),
     "emps": Run(("docs/evidence/emps.md",), _emps, 8.0),
+    "first-day": Run(("docs/first_day.md",), _first_day, 1.0),
     "compare": Run(CONTROL_PAGES, _compare, 180.0),
     "robustness": Run(CONTROL_PAGES[:1], _robustness, 120.0),
 }
