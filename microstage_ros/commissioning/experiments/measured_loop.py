@@ -31,13 +31,21 @@ FROZEN = {
     "level_variability": 0.0,
 }
 """Gains with which a self-tuning law learns nothing."""
-HELD = {"waves": 0, "unfollowed": 0, "emf_doubt": 0.0, "emf_ratio_time_s": 0.0, "steady": 0.0, "running": math.inf}
-"""What the observer law has found that no gain turns off, set back before each period: swings in a row and periods in
-which the current does not follow (`source_doubt`), the motor constant read from one motion and the doubt in it
-(`motor_constant`), for how long the voltage has been explained (without that no change of the drive is found), and for
-how long its noise has been averaged (`drive_learning`). The ratio of back-EMF to speed, filtered, swings by a fifth
-with the test signal: the doubt that came of it took up to 85 % off the loop gain, the same in each period of the
-signal, so that the coherence did not show it."""
+HELD = {
+    "waves": 0,
+    "unfollowed": 0,
+    "emf_doubt": 0.0,
+    "emf_ratio_time_s": 0.0,
+    "strayed": 0.0,
+    "steady": 0.0,
+    "running": math.inf,
+}
+"""What the observer law finds that no gain turns off, set back before each period: swings in a row and periods in which
+the current does not follow (`source_doubt`), the motor constant read from one motion and the doubt in it
+(`motor_constant`), a position that stays beside the encoder, for how long the voltage has been explained (without that
+no change of the drive is found), for how long its noise has been averaged (`drive_learning`). The ratio of back-EMF to
+speed, filtered, swings by a fifth with the test signal: the doubt that came of it took up to 85 % off the loop gain,
+alike in each period of the signal, so that the coherence did not show it."""
 OBSERVED = "self_tuning_observer"
 STEP_SHARE, FAST = 0.2, 1e-4
 """The observer law takes steps of the voltage between periods for noise, and believes the back-EMF less where they are
@@ -47,8 +55,8 @@ FLAT = (30.0, 60.0, 120.0, 240.0)
 """Frequencies [Hz] up to which all lines have one size; from there they fall with 1/f, so that every line has the same
 share of the steps. The first is taken that keeps the next limit too."""
 PEAK_UNTOLD = 0.5
-"""Slow voltages added, at most, over the voltage of which the observer law says nothing: more is taken for another
-motor constant."""
+"""Slow voltages added, at most, over the voltage of which the observer law says nothing: more was taken for another
+motor constant, and is more than the loop needs."""
 SPEED_SHARE = 0.25  # rms of the speed added in motion, over that of the motion: the stage does not turn round
 PEAK_SHARE = 0.3  # of the voltage limit, largest voltage added
 UNSEEN = 0.03  # modelled loop gain above which there are lines
