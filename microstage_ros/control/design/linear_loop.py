@@ -166,22 +166,27 @@ def observer_step(parameters, stiffness, damping):
     swings, share, time = np.array(o["swing_matrix"]), float(o["swing_share"]), float(o["swing_time"])
     absorbed = min(period / friction_level.ABSORB_TIME, 1.0) if stiffness > 0.0 else 0.0
     per_ampere, resistance = float(m["force_per_ampere"]), float(m["resistance"])
-    # above its newest value by half of what the back-EMF takes off the current within a period
-    fall = 0.5 * period * per_ampere * emf / resistance
+    fall = per_ampere * emf / resistance  # within a period the current falls as the back-EMF rises
+    parts = motion_filter.parts_of(period)
+    h = period / parts
 
     def step(values):
         x, v, d, before, integral, spring, swing, rate, acceleration, position, current, voltage = values
         start = v
-        force = per_ampere * (current + part * (before - current)) + fall * acceleration
-        pull = period * ((force - spring - damping * v) / mass - d)
-        mean, v = v + 0.5 * pull, v + pull
-        x = x + period * mean
-        # blocks follow the predicted motion, not its corrections
-        spring = (spring if stiffness > 0.0 else 0.0) + stiffness * period * mean
-        v = v - 0.5 * period * (stiffness * period * mean + damping * 0.5 * pull) / mass
-        settled = (current - rest * before) / (1.0 - rest)
+        force = per_ampere * (current + part * (before - current))
+        spring = spring if stiffness > 0.0 else 0.0
+        for k in range(parts):
+            push = force + fall * acceleration * h * (parts - k - 0.5)
+            pull = h * ((push - spring - damping * v) / mass - d)
+            mean = v + 0.5 * pull
+            x = x + h * mean
+            # blocks follow the predicted motion, not its corrections
+            spring = spring + stiffness * h * mean
+            change = pull - 0.5 * h * (stiffness * h * mean + damping * 0.5 * pull) / mass
+            v, acceleration = v + change, change / h
         acceleration = (v - start) / period
         swing, rate = swings @ [swing, rate, acceleration]
+        settled = (current - rest * before) / (1.0 - rest)
         innovation = np.array([position - swing - x, (voltage - resistance * settled) / emf - v])
         x, v, d = np.array([x, v, d]) + gain @ innovation
         spring, d = spring + absorbed * mass * d, (1.0 - absorbed) * d
