@@ -276,7 +276,7 @@ def _prove(outcome, machine, axis, drawn, law, gains, found, first, seed, progre
             break
         loop = Loop(machine, axis, name, found.friction, chosen)
         try:
-            tried = _tried(loop, first, found, seed, progress, keep)
+            tried = _tried(loop, drawn, first, found, seed, progress, keep)
         except Refused as reason:
             if reason.check.id == "end_stop" and taken is not None:  # that the stage goes there is known since `stroke`
                 _go_past(taken.loop, reason.check.value)
@@ -300,9 +300,7 @@ def _prove(outcome, machine, axis, drawn, law, gains, found, first, seed, progre
     outcome.moves, outcome.iso, outcome.sine, outcome.law = taken.moves, taken.iso, taken.sine, taken.loop.law
     outcome.responses += [r for r in (*taken.rest, *taken.motion) if r is not None]
     outcome.rest_margins = measured_margins(taken.rest[1]) if taken.rest[1] is not None else None
-    outcome.margins = outcome.rest_margins
-    if taken.motion[1] is not None:
-        outcome.margins = whole_margins(taken.motion[1], axis, drawn, taken.loop.law, taken.loop.gains)
+    outcome.margins = taken.margins or outcome.rest_margins
     machine.note_surroundings()
     progress(f"what {taken.loop.law} left beside what it should leave")
     outcome.remarks += filter(None, [judge_proof(taken.loop, taken.worst, taken.sine, seed)])
@@ -325,7 +323,8 @@ def _go_past(loop, place):
 
 @dataclass(frozen=True)
 class Tried:
-    """What one law did: its measured (plant, loop) responses at rest and in motion, moves and slow sine."""
+    """What one law did: its measured (plant, loop) responses at rest and in motion, moves and slow sine,
+    `MeasuredMargins` in motion or None."""
 
     loop: Loop
     rest: tuple
@@ -333,6 +332,7 @@ class Tried:
     moves: list
     iso: dict
     sine: float
+    margins: object = None
 
     @property
     def worst(self):
@@ -351,12 +351,13 @@ def _candidates(law, gains, axis, drawn):
                 yield name, softer
 
 
-def _tried(loop, first, found, seed, progress, keep):
+def _tried(loop, drawn, first, found, seed, progress, keep):
     progress(f"loop of {loop.law}, measured at rest and in motion")
     keep("hold", loop.settle())
     motion = measured_loop.loop_in_motion(loop, found, seed, keep)
+    margins = None
     if motion[1] is not None:
-        margins = measured_margins(motion[1])
+        margins = whole_margins(motion[1], loop.axis, drawn, loop.law, loop.gains)
         little = too_little(margins)
         if little:
             raise refused(
@@ -364,4 +365,4 @@ def _tried(loop, first, found, seed, progress, keep):
             )
     rest = measured_loop.loop_at_rest(loop, first.breakaway, seed, keep)
     progress(f"moves of 1 to 1000 µm and a slow sine under {loop.law}")
-    return Tried(loop, rest, motion, *proof.prove(loop, keep))
+    return Tried(loop, rest, motion, *proof.prove(loop, keep), margins)

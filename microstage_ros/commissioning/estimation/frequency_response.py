@@ -5,8 +5,11 @@ With the disturbance d known, the joint input-output method gives, whatever feed
     plant  G = Σ X D* / Σ U D*        loop  L = −Σ C D* / Σ U D*        (U = C + D; C: the controller's part)
 
 over all whole periods of d. The position is differenced before it is transformed and divided by e^{jωT} − 1 after: so
-the base motion, a ramp, leaves nothing in any line. Coherence γ² = |ΣXD*|²/(Σ|X|²Σ|D|²); a line's relative standard
-deviation over n periods is √((1 − γ²)/(2 γ² n)), for magnitude and, in radians, for phase.
+the base motion, a ramp, leaves nothing in any line. Coherence γ² = |ΣXD*|²/(Σ|X|²Σ|D|²); over n periods ΣXD* and ΣCD*
+have a relative standard deviation of √((1 − γ²)/(2 γ² n)), for magnitude and, in radians, for phase. What disturbs them
+disturbs U = C + D too: of L = −C/(C + D) it is dL/L = (1 + L) dC/C, and of G, where a force or the encoder's noise
+disturbs the loop, dG/G = (1 + L) dX/X. So the relative standard deviation of both is |1 + L| times that, which below
+the crossover is far more, and about it less.
 """
 
 import csv
@@ -113,13 +116,13 @@ def responses(parts, sine, period, condition):
             periods += 1
     if not periods:
         return None, None
-    frequency = sine.lines / (sine.rows * period)
+    frequency, differing = sine.lines / (sine.rows * period), np.abs(sums["dd"] / sums["ud"])  # |1 + L|
     found = []
     for what, value, top, power in (("plant", sums["xd"] / sums["ud"], sums["xd"], sums["xx"]),
                                     ("loop", -sums["cd"] / sums["ud"], sums["cd"], sums["cc"])):
         coherence = np.abs(top) ** 2 / np.maximum(np.real(power * sums["dd"]), 1e-300)
         coherence = np.clip(np.real(coherence), 0.0, 1.0)
-        relative = np.sqrt((1.0 - coherence) / np.maximum(2.0 * coherence * periods, 1e-12))
+        relative = differing * np.sqrt((1.0 - coherence) / np.maximum(2.0 * coherence * periods, 1e-12))
         found.append(Response(what, condition, frequency, value, coherence, amplitude / periods, relative))
     return tuple(found)
 

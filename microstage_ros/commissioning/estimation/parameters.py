@@ -327,11 +327,10 @@ def draws(axis, estimates, count, seed, sketch=None):
                 values["contacts.actuator.static"], 1.01 * values["contacts.actuator.coulomb"]
             )
         if train is not None:
-            common, ratio = (math.exp(rng.standard_normal() * part) for part in train)
+            common, ratio, damping = (math.exp(rng.standard_normal() * part) for part in train)
             values["stage.mass"] = axis.value("stage.mass") * common
-            values |= {
-                key: axis.value(key) * common * ratio for key in ("transmission.stiffness", "transmission.damping")
-            }
+            values["transmission.stiffness"] = axis.value("transmission.stiffness") * common * ratio
+            values["transmission.damping"] = axis.value("transmission.damping") * common * damping
         if moving is not None and moving.determined:
             total = moving_mass(axis) * math.exp(rng.standard_normal() * moving.stderr / moving.value)
             mass = values.get(force_axis.MASS, axis.value(force_axis.MASS) * total / moving_mass(axis))
@@ -358,11 +357,14 @@ def _shared_out(axis, total, mass, ratio):
 
 
 def _drive_train_doubt(axis, estimates):
-    """Standard deviations (logarithms) of the mass, and of stiffness over mass, which the resonance tells; None without
-    a resonance."""
+    """Standard deviations (logarithms) of the mass, and of stiffness and damping over mass, which the resonance tells;
+    None without a resonance."""
     whole = estimates.get("transmission.stiffness")
     if whole is None or not axis.has("transmission.stiffness"):
         return None
-    ratio = (axis.quantity("transmission.stiffness").stderr or 0.0) / axis.value("transmission.stiffness")
+    ratio, damping = (
+        (axis.quantity(key).stderr or 0.0) / axis.value(key)
+        for key in ("transmission.stiffness", "transmission.damping")
+    )
     both = float(whole.stderr) / float(whole.value)
-    return min(math.sqrt(max(both**2 - ratio**2, 0.0)), 0.5), min(ratio, 0.5)
+    return min(math.sqrt(max(both**2 - ratio**2, 0.0)), 0.5), min(ratio, 0.5), min(damping, 0.5)

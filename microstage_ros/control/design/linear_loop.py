@@ -15,8 +15,9 @@ from microstage_ros.solver.plant import NoiseSpec, make_plant
 
 #: Speeds [m/s] at which sliding is linearised: creeping (steepest fall of the Stribeck curve) and moving.
 SLIDING_SPEEDS = (1e-6, 1e-3)
-# x, v, d, current of the period before, integral, force of the stuck blocks, the stage's swing and its rate
-OBSERVER_STATES = 8
+# x, v, d, current of the period before, integral, force of the stuck blocks, the stage's swing and its rate,
+# acceleration of the period before
+OBSERVER_STATES = 9
 QUADRATIC_STATES = 4
 PID_STATES = 3  # integral, filtered velocity, position of the period before
 
@@ -164,25 +165,35 @@ def observer_step(parameters, stiffness, damping):
     gain = motion_filter.steady_gain(o, m, period, motion_filter.STIFFNESS_SHARE * stiffness / mass, damping / mass)
     swings, share, time = np.array(o["swing_matrix"]), float(o["swing_share"]), float(o["swing_time"])
     absorbed = min(period / friction_level.ABSORB_TIME, 1.0) if stiffness > 0.0 else 0.0
+    per_ampere, resistance = float(m["force_per_ampere"]), float(m["resistance"])
+    fall = per_ampere * emf / resistance  # within a period the current falls as the back-EMF rises
+    parts = motion_filter.parts_of(period)
+    h = period / parts
 
     def step(values):
-        x, v, d, before, integral, spring, swing, rate, position, current, voltage = values
+        x, v, d, before, integral, spring, swing, rate, acceleration, position, current, voltage = values
         start = v
-        force = float(m["force_per_ampere"]) * (current + part * (before - current))
-        pull = period * ((force - spring - damping * v) / mass - d)
-        mean, v = v + 0.5 * pull, v + pull
-        x = x + period * mean
-        # blocks follow the predicted motion, not its corrections
-        spring = (spring if stiffness > 0.0 else 0.0) + stiffness * period * mean
-        v = v - 0.5 * period * (stiffness * period * mean + damping * 0.5 * pull) / mass
+        force = per_ampere * (current + part * (before - current))
+        spring = spring if stiffness > 0.0 else 0.0
+        for k in range(parts):
+            push = force + fall * acceleration * h * (parts - k - 0.5)
+            pull = h * ((push - spring - damping * v) / mass - d)
+            mean = v + 0.5 * pull
+            x = x + h * mean
+            # blocks follow the predicted motion, not its corrections
+            spring = spring + stiffness * h * mean
+            change = pull - 0.5 * h * (stiffness * h * mean + damping * 0.5 * pull) / mass
+            v, acceleration = v + change, change / h
+        acceleration = (v - start) / period
+        swing, rate = swings @ [swing, rate, acceleration]
         settled = (current - rest * before) / (1.0 - rest)
-        swing, rate = swings @ [swing, rate, (v - start) / period]
-        innovation = np.array([position - swing - x, (voltage - float(m["resistance"]) * settled) / emf - v])
+        innovation = np.array([position - swing - x, (voltage - resistance * settled) / emf - v])
         x, v, d = np.array([x, v, d]) + gain @ innovation
         spring, d = spring + absorbed * mass * d, (1.0 - absorbed) * d
         error = x + share * swing + time * rate
         integral = integral - ki * period * error
-        return np.array([x, v, d, current, integral, spring, swing, rate, -kp * error - kd * v + integral])
+        voltage = -kp * error - kd * v + integral
+        return np.array([x, v, d, current, integral, spring, swing, rate, acceleration, voltage])
 
     return step
 

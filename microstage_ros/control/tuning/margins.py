@@ -102,17 +102,33 @@ def loop_margins(loop, period, regime=""):
     stable = bool(np.all(np.abs(control.feedback(loop, 1).poles()) < 1 - 1e-9))
     omega = np.geomspace(0.1, math.pi / period, 6000)[:-1]
     response = frequency_response(loop, omega, period)
-    gain, phase = np.abs(response), np.unwrap(np.angle(response))
-    cross = np.flatnonzero(np.diff(np.sign(gain - 1)))
-    turn = np.flatnonzero((np.diff(np.sign(response.imag)) != 0) & (response.real[:-1] < 0))
-    distances = np.abs((np.degrees(phase[cross]) % 360) - 180)
-    up = [-20 * math.log10(gain[k]) for k in turn if gain[k] < 1]
-    down = [20 * math.log10(gain[k]) for k in turn if gain[k] > 1]
+    (left, cross), (gains, _) = crossings(omega, response)
     return Margins(
-        regime, stable, float(distances.min()) if len(cross) else math.inf,
-        min(up, default=math.inf), min(down, default=math.inf),
-        float(omega[cross[-1]] / 2 / math.pi) if len(cross) else 0.0, float(np.max(1 / np.abs(1 + response))),
+        regime, stable, float(left.min(initial=math.inf)), float(gains[gains > 0.0].min(initial=math.inf)),
+        float((-gains[gains < 0.0]).min(initial=math.inf)), float(cross.max(initial=0.0) / 2 / math.pi),
+        float(np.max(1 / np.abs(1 + response))),
     )
+
+
+def crossings(omega, response):
+    """((phase margins [degrees], where), (gain margins [dB], where)) at every crossing of unity and of -180 degrees,
+    one array each; a gain margin below 0 is how far the gains may fall.
+
+    ``response``: of a loop [1] at ``omega`` [rad/s], shape (n,), interpolated on logarithmic axes: beside a resonance
+    the phase turns by 2 degrees from one of 6000 points to the next.
+    """
+    size, turned, places = np.log(np.abs(response)), np.unwrap(np.angle(response)), np.log(omega)
+    beside = np.mod(turned, 2.0 * math.pi) - math.pi
+
+    def at(k, of, wanted):
+        share = of[k] / (of[k] - of[k + 1])
+        return tuple(each[k] + share * (each[k + 1] - each[k]) for each in (wanted, places))
+
+    phase, cross = at(np.flatnonzero(np.diff(np.sign(size))), size, turned)
+    turn = np.flatnonzero((np.diff(np.sign(beside)) != 0) & (np.abs(np.diff(beside)) < math.pi))
+    gain, turns = at(turn, beside, size)
+    left = np.degrees(np.abs(np.mod(phase, 2.0 * math.pi) - math.pi))
+    return (left, np.exp(cross)), (-20.0 / math.log(10.0) * gain, np.exp(turns))
 
 
 def pid_margins(axis, gains, delay=0):
