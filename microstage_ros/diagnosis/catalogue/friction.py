@@ -5,7 +5,7 @@ import numpy as np
 from microstage_ros.diagnosis.catalogue.form import Form, one, splines, wave
 from microstage_ros.diagnosis.preprocessing.friction_replay import lag_factor, replay
 from microstage_ros.diagnosis.preprocessing.motion import through_play
-from microstage_ros.diagnosis.preprocessing.preparation import triangle
+from microstage_ros.diagnosis.preprocessing.smoothing import triangle
 from microstage_ros.numerics.compiled import compiled
 
 ASYMMETRY_STEP = 0.05

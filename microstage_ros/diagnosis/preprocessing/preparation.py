@@ -10,8 +10,9 @@ import numpy as np
 from scipy.signal import cont2discrete, lfilter
 
 from microstage_ros.diagnosis.preprocessing.friction_replay import replay
-from microstage_ros.diagnosis.preprocessing.gap_replay import stage_behind_gap
 from microstage_ros.diagnosis.preprocessing.motion import smooth_motion
+from microstage_ros.diagnosis.preprocessing.smoothing import triangle
+from microstage_ros.diagnosis.preprocessing.transmitted_force import offset_where_closed
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.signals.current import between_readings, settled_current
 from microstage_ros.signals.rows import bridged, of_row_before
@@ -20,6 +21,7 @@ from microstage_ros.signals.travel import motor_travel
 LEAST_ROWS = 5000
 FUSION = 41           # periods over which the position reading corrects the motor's travel
 GAP_FUSION = 1001     # the same where the stage may rattle in a gap
+HIT = 3               # periods of the stage's mean there; derived: the least that is one, as a hit lasts some ten
 TRAVEL_NOISE = 2.0e-8 # m: the back-EMF's travel is trusted below some 200 Hz, current and inertia above
 # m; derived: a thousandth of the finest count of such encoders, and far above the last bits of a double
 LEAST_COUNT = 1.0e-11
@@ -44,7 +46,8 @@ class Prepared:
     ``stage``: the position reading nearest to the truth, the interferometer (less a slow course of its own) if there is
     one, else the encoder;
     ``count``: the step of the encoder's reading [m], 0 where it shows none;
-    ``behind``: how far the stage is ahead of the motor by the replay through a gap, or None without a gap.
+    ``behind``: how far the stage is ahead of the motor by a gap and the wind-up, and ``closed``, whether a flank of the
+    gap carried the stage; None without a gap.
     """
 
     name: str
@@ -74,6 +77,7 @@ class Prepared:
     air: dict
     stage: np.ndarray
     behind: np.ndarray | None = None
+    closed: np.ndarray | None = None
     count: float = 0.0
 
 
@@ -122,16 +126,17 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None):
         current = settled = (answered - drive.back_emf / drive.lever * speed) / drive.resistance
     # fast motion is known better from current and inertia: the back-EMF's noise would ring at the resonance
     travel = smooth_motion(angle, settled, drive, period, TRAVEL_NOISE).position
-    if gap > 0.0:
-        carried = stage_behind_gap(travel, gap, drive, period)
+    closed = offset = None
+    if gap > 0.0:   # the stage may rattle: its own reading alone tells how it moves
+        position = triangle(stage, HIT)
+        offset, closed = offset_where_closed(stage, angle, gap, drive, period)
+        motor = angle + triangle(offset, GAP_FUSION)
     else:
         carried = lfilter(*stage_filter(drive, period), angle - angle[0]) + angle[0]
-    position = carried + triangle(stage - carried, FUSION)
+        position = carried + triangle(stage - carried, FUSION)
     stage_speed = np.gradient(position, period)
     guideway, _ = replay(drive.guideway, stage_speed, period)
-    if gap > 0.0:  # the replay has wound the drive train up already
-        motor = angle + triangle(stage - carried, GAP_FUSION)
-    else:
+    if gap == 0.0:
         motor = angle + triangle(stage + guideway / drive.stiffness - carried, FUSION)
     motion = smooth_motion(motor, settled, drive, period, MOTOR_NOISE)
     load = motion.load + np.roll(between_readings(settled, current, motion.speed, drive, period), -1)
@@ -167,7 +172,8 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None):
         has_current="current_A" in columns,
         air=air,
         stage=stage,
-        behind=carried - travel if gap > 0.0 else None,
+        behind=stage - angle - offset if gap > 0.0 else None,
+        closed=closed,
         count=count_of(record["encoder_m"]),
     )
 
@@ -181,13 +187,6 @@ def count_of(reading):
         return 0.0
     multiple = steps / steps.min()
     return float(steps.min()) if np.mean(np.abs(multiple - np.round(multiple)) < 0.02) > ALL_COUNTS else 0.0
-
-
-def reading_noise(reading):
-    """Standard deviation of a position reading's white noise from its third differences, robustly [m]."""
-    differences = np.diff(reading, 3)
-    spread = np.subtract(*np.percentile(differences, [75.0, 25.0])) / 1.349
-    return max(spread / np.sqrt(20.0), 1.0e-10)
 
 
 def _filled(values, place):
@@ -208,15 +207,3 @@ def stage_filter(drive, period, stiffness=1.0, damping=1.0, mass=1.0, force=Fals
     k, d, m = drive.stiffness * stiffness, drive.damping * damping, drive.mass * mass
     b, a, _ = cont2discrete(([1.0] if force else [d, k], [m, d, k]), period, method="foh")
     return b.ravel(), a
-
-
-def triangle(values, width):
-    """Centred triangular running mean of ``values`` (n,): two running means of odd ``width`` [1], ends padded."""
-    return _boxcar(_boxcar(values, width), width)
-
-
-def _boxcar(values, width):
-    """Centred running mean of odd ``width``, ends padded with the end values."""
-    padded = np.pad(values, width // 2, mode="edge")
-    sums = np.cumsum(np.concatenate([[0.0], padded]))
-    return (sums[width:] - sums[:-width]) / width

@@ -9,7 +9,7 @@ import dataclasses
 
 import numpy as np
 
-from microstage_ros.diagnosis.preprocessing.preparation import triangle
+from microstage_ros.diagnosis.preprocessing.smoothing import triangle
 from microstage_ros.diagnosis.prerequisites.periods import LEAST_SPEED, SLOW
 
 EVERY = 5        # rows between those that are used; neighbours tell the same

@@ -2,13 +2,14 @@
 model.
 
 A wide gap lets a closed loop rattle from flank to flank; then the stage no longer tells where the motor is, and
-every residual that takes it for granted is worthless. The gap is found by replaying the stage behind it
-(`gap_replay`) and comparing with the measured stage; all else is prepared with the motor's own travel. An error of the
-lead goes with the place and is linear in its size: it is free in every comparison, and neither hides a gap nor passes
-for one.
+every residual that takes it for granted is worthless. Where it rattles, force over deflection tells the gap
+(`characteristic`), and the drive train's stiffness with it. Elsewhere the stage is replayed behind it (`gap_replay`)
+and compared with the measured one. An error of the lead goes with the place and is linear in its size: it is free in
+every comparison, and neither hides a gap nor passes for one.
 """
 
 import dataclasses
+import math
 
 import numpy as np
 
@@ -16,9 +17,12 @@ from microstage_ros.diagnosis.catalogue import FORMS
 from microstage_ros.diagnosis.catalogue.form import Frame
 from microstage_ros.diagnosis.preprocessing.gap_replay import stage_behind_gap
 from microstage_ros.diagnosis.preprocessing.threads import side_by_side
+from microstage_ros.diagnosis.preprocessing.transmitted_force import SIGMAS
+from microstage_ros.diagnosis.prerequisites.characteristic import SIZES, Windows, fit
+from microstage_ros.diagnosis.prerequisites.resonant import DAMPING_ERROR, FAR
 from microstage_ros.diagnosis.residuals.transmission_deflection import BLOCK, Windup
 
-STANDS_OUT = 1.4         # times the baseline's loss from which the search is worth its time
+STANDS_OUT = 1.4         # times the baseline's loss, or the force's noise, from which the search is worth its time
 EXPLAINS = 0.4           # share of what stands out that the gap must take away (other causes: a tenth at most),
 # already at the best of the first widths (found gaps: 0.5 and more; other causes: 0.15 at most),
 EXPLAINS_FIRST = 0.25
@@ -41,6 +45,11 @@ MOST_ERROR = 0.08
 BOUND = 20.0             # usual sizes above which a misfit counts no more
 #: The effect whose forms are free beside a gap.
 FREE = "screw_pitch_error"
+# share of what force over deflection leaves above its noise without a gap that the gap must take, in the learning and
+# in the held-out records; the geometric mean of 0.58, of a motor's travel that is wrong by an amplifier's lag, and
+# 0.89, of a gap under late readings; calibrated by: microstage campaign --world second --kind two, seed 9203, case 47,
+# and seed 9401, case 53
+CLEARLY = 0.72
 # of a column's length that must be its own; derived: a column that others give to seven digits is rounding
 OWN = 1.0e-7
 ROUNDS = 20              # derived: six digits where a round halves the error
@@ -52,15 +61,42 @@ class Gap:
     """Lost motion at the stage [m] with its standard error, and χ² of the held-out records without and with it, rare
     stretches that the replay lost bounded.
 
-    ``taken``: χ² that it takes from a learning record, on average."""
+    ``taken``: χ² that it takes from a learning record, on average; ``stiffness`` and ``damping``: factors on the drive
+    train's, with the stiffness's standard error, where a rattle told them (`characteristic`), else 1 and None;
+    ``held_loose``: χ² of the held-out records with the gap alone."""
 
     width: float
     stderr: float
     held_before: float
     held_after: float
-    held_rows: int
+    held_rows: float
     noise: float
     taken: float
+    stiffness: float = 1.0
+    damping: float = 1.0
+    stiffness_stderr: float | None = None
+    held_loose: float = 0.0
+
+    @property
+    def rattles(self):
+        """Whether force over deflection told the gap, and the drive train's stiffness and damping with it."""
+        return self.stiffness_stderr is not None
+
+    @property
+    def far(self):
+        """Whether the drive train behind the gap is far from the model's."""
+        return self.rattles and not 1.0 / FAR < self.stiffness < FAR
+
+    @property
+    def scales(self):
+        """Whether stiffness and damping are off by one factor, as another mass on the stage makes them seem."""
+        return abs(math.log(max(self.damping, TINY) / self.stiffness)) < DAMPING_ERROR
+
+    def drive(self, nominal):
+        """`Drive` with these factors on ``nominal``, a `Drive`."""
+        return dataclasses.replace(
+            nominal, stiffness=nominal.stiffness * self.stiffness, damping=nominal.damping * self.damping
+        )
 
 
 class Deflection(Windup):
@@ -105,6 +141,43 @@ def find_gap(prepared, drive):
     """`Gap` of the drive train, or None.  ``prepared`` {"learn" | "held" | "base": [`Prepared`]}."""
     if not all(p.has_current for p in (*prepared["learn"], *prepared["held"])):
         return None
+    return _rattling(prepared, drive) or _replayed(prepared, drive)
+
+
+def _rattling(prepared, drive):
+    """`Gap` by force over deflection, where flanks are hit from both sides in the records; else None."""
+    records = {name: [Windows(p, drive) for p in group] for name, group in prepared.items()}
+    without = fit(records["learn"], drive, SIZES[1:])
+    found = fit(records["learn"], drive) if without is not None else None
+    if found is None or found.gap < max(LEAST, SIGMAS * found.gap_stderr):
+        return None
+    loose = dataclasses.replace(found, stiffness=drive.stiffness, damping=drive.damping)
+    held, base = ([fit(records[name], drive, (), one) for one in (without, found, loose)] for name in ("held", "base"))
+    noise = min(record.noise for record in records["learn"] if len(record))
+    for before, after in ((without, found), held[:2]):
+        if before is None or before.left < STANDS_OUT * noise:
+            return None
+        if before.left**2 - after.left**2 < CLEARLY * (before.left**2 - noise**2):
+            return None
+    if base[0] is not None and base[1].left < base[0].left:
+        return None
+
+    def chi2(one, rows):
+        return rows * (one.left / found.left) ** 2
+
+    share = min(FORM_ERROR + RATTLE_ERROR * max(found.left / noise - 1.0, 0.0), MOST_ERROR)
+    return Gap(
+        width=found.gap, stderr=math.hypot(share * found.gap, found.gap_stderr),
+        held_before=chi2(held[0], held[0].rows), held_after=chi2(held[1], held[0].rows), held_rows=held[0].rows,
+        noise=found.left / found.stiffness,
+        taken=(chi2(without, found.rows) - chi2(found, found.rows)) / len(records["learn"]),
+        stiffness=found.stiffness / drive.stiffness, damping=found.damping / drive.damping,
+        stiffness_stderr=float(found.stiffness_stderr / drive.stiffness), held_loose=chi2(held[2], held[0].rows),
+    )
+
+
+def _replayed(prepared, drive):
+    """`Gap` by the stage replayed behind it, which asks for no rattle; or None."""
     channels = {name: [Deflection(p, drive) for p in prepared[name]] for name in ("learn", "held", "base")}
     usual = max(_mean(_loss(c, c.residual) for c in channels["base"]), USUAL) if channels["base"] else USUAL
     without = _losses(channels["learn"], 0.0)

@@ -14,7 +14,7 @@ from scipy.stats import gamma
 from microstage_ros.diagnosis.catalogue import drive as ripples
 from microstage_ros.diagnosis.catalogue import friction, measuring
 from microstage_ros.diagnosis.catalogue.form import Form
-from microstage_ros.diagnosis.preprocessing.preparation import triangle
+from microstage_ros.diagnosis.preprocessing.smoothing import triangle
 from microstage_ros.diagnosis.residuals.evidence import gather
 
 CHANCE = 1.0e-6   # that the strongest of all lines is none; derived: as `selection.LEVEL`, over all lines at once

@@ -12,7 +12,7 @@ from microstage_ros.diagnosis.preprocessing.threads import side_by_side
 from microstage_ros.diagnosis.prerequisites.amplifier import MOST, find_slowness
 from microstage_ros.diagnosis.prerequisites.lines import find_lines
 from microstage_ros.diagnosis.prerequisites.lost_motion import find_gap
-from microstage_ros.diagnosis.prerequisites.resonant import fit_train
+from microstage_ros.diagnosis.prerequisites.resonant import FAR, fit_train
 from microstage_ros.diagnosis.prerequisites.slow_drift import courses
 from microstage_ros.diagnosis.residuals.resonance import Resonance
 
@@ -20,7 +20,6 @@ RATTLED = 0.4           # share of the command's χ² that a slow amplifier must
 SWING = 0.5             # of a slow amplifier's χ² that must be left of it once the drive train is known
 MOST_ROUNDS = 8         # of slow amplifier and motor's speed; derived: a change of a half each leaves 4·10⁻³
 SETTLED = 0.01          # relative change of its time; derived: a fifth of `amplifier.LAG_ERROR`
-FAR = 1.5               # factor on the stiffness beyond which the motion is computed with it
 CHANGED = ("learn", "held")    # groups of records in which something may be wrong
 
 
@@ -38,7 +37,8 @@ class Known:
     def prepare(self, groups, drive, prepared):
         """``prepared`` with the learning and held-out records prepared anew."""
         anew, number = dict(prepared), 0
-        drive = self.train.drive(drive) if self.train else drive
+        for found in (self.train, self.gap):
+            drive = found.drive(drive) if found else drive
         for name in CHANGED:
             anew[name] = []
             for record in groups[name]:

@@ -29,6 +29,7 @@ STEP = 0.05           # of the logarithms, for the bend at the best pair
 STIFFNESS_ERROR = 0.06
 # share of the damping: a loop that swings at its resonance tells it poorly (simulated: factors of 0.6 to 2)
 DAMPING_ERROR = 0.4
+FAR = 1.5             # factor on the stiffness beyond which the motion is computed with it
 EXPLAINS = 0.3        # share of what stands out that the pair must take to count
 
 

@@ -41,14 +41,14 @@ def pictures_of(collection, evidences, choices, left):
 
 
 def gap_picture(prepared):
-    """`Picture` of stage against motor over the stretch of one record in which it moves most, measured and replayed."""
+    """`Picture` of stage against motor in the stretch of one record where it moves most, measured and by the gap."""
     rows = int(STRETCH / prepared.period)
     ahead = prepared.stage - prepared.angle
     ranges = [np.ptp(prepared.behind[at: at + rows]) for at in range(0, len(ahead) - rows, rows)]
     part = slice(rows * int(np.argmax(ranges)), rows * (int(np.argmax(ranges)) + 1))
     time = prepared.time[part][::5]
     curves = {"measured": (time, (ahead - np.median(ahead[part]))[part][::5]),
-              "stage replayed behind the gap": (time, (prepared.behind - np.median(prepared.behind[part]))[part][::5])}
+              "stage behind the gap": (time, (prepared.behind - np.median(prepared.behind[part]))[part][::5])}
     return Picture(
         "backlash-windup-time", "backlash: stage against motor", LABELS["time"], Y_LABELS["windup"], curves, "backlash"
     )

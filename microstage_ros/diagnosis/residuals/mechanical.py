@@ -72,6 +72,17 @@ class Mechanical:
         self.own = self.own + torque
         self.white = self._white()
 
+    def nuisance(self):
+        """Behind a gap: a column (blocks, 1) [N m per period] by which the stage's force comes late, else None.
+
+        At every hit it turns by some ten times the friction; half a period of it is a matter of stamps, and would be
+        friction.
+        """
+        if self.prepared.closed is None:
+            return None
+        drive, p = self.drive, self.prepared
+        return self.mean(drive.lever * drive.mass * np.gradient(np.gradient(p.stage_speed)) / p.period)[:, None]
+
     def mean(self, values, coarse=1):
         """Block means of a torque, ``values`` (n,) or (n, k), with one row per ``coarse`` periods, as `Prepared.load`
         would show it.

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from microstage_ros.diagnosis.catalogue.form import splines
-from microstage_ros.diagnosis.preprocessing.preparation import reading_noise
+from microstage_ros.diagnosis.preprocessing.smoothing import reading_noise
 from microstage_ros.diagnosis.preprocessing.whitening import whiten_states
 
 BLOCK = 5

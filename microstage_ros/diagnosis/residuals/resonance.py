@@ -7,7 +7,8 @@
 import numpy as np
 from scipy.ndimage import median_filter, uniform_filter1d
 
-from microstage_ros.diagnosis.preprocessing.preparation import reading_noise, stage_filter
+from microstage_ros.diagnosis.preprocessing.preparation import stage_filter
+from microstage_ros.diagnosis.preprocessing.smoothing import reading_noise
 from microstage_ros.numerics.compiled import compiled
 
 BLOCK = 5.0e-4       # s; at least a period

@@ -77,7 +77,10 @@ class Windup:
         # where the load turns round within a block, its mean depends on the very moment
         edge = EDGE * np.maximum(np.abs(change) - 4.0 * walk, 0.0)
         edge = np.maximum(np.append(edge, 0.0), np.insert(edge, 0, 0.0))
-        return walk, READING**2 + np.maximum(rattle**2 - 4.0 * usual**2, 0.0) + edge**2
+        white = READING**2 + np.maximum(rattle**2 - 4.0 * usual**2, 0.0) + edge**2
+        if self.prepared.closed is not None:    # what is bridged while no flank touches says nothing
+            white += np.where(self.mean(self.prepared.closed) > 0.0, 0.0, np.ptp(self.prepared.behind) ** 2)
+        return walk, white
 
     def nuisance(self):
         """Columns (blocks, k) that are free: readings late by some tenths of a period are a matter of stamps, not of

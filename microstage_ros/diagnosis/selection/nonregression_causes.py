@@ -3,6 +3,7 @@ readings."""
 
 import numpy as np
 
+from microstage_ros.diagnosis.prerequisites.resonant import DAMPING_ERROR, STIFFNESS_ERROR
 from microstage_ros.diagnosis.prerequisites.timing import readings_late
 from microstage_ros.diagnosis.result import Cause, Improvement, Parameter
 from microstage_ros.diagnosis.selection import judge
@@ -18,6 +19,8 @@ def nonregression_causes(collection, known, course, others, book, unsure):
         causes += _slowness(known.slow, book, unsure)
     if known.gap is not None:
         causes.append(_lost_motion(known.gap, collection.frame.drive.radius, book))
+        if known.gap.far and not any(cause.id == "payload_change" for cause in others):
+            causes += _drive_behind(known.gap, book, unsure)
     if known.lines:
         causes.append(_vibration(known.lines, len(collection.prepared["held"]), book))
     if course is not None:
@@ -60,6 +63,25 @@ def _lost_motion(gap, radius, book):
         Improvement(float(rms[0]), float(rms[1]), "m"),
         "windup",
     )
+
+
+def _drive_behind(gap, book, unsure):
+    """The cause ``drive_compliance`` of a drive train that a rattle in a `Gap` tells; it or a mass are rivals where the
+    damping is off by the same factor, as it would be by a mass."""
+    if gap.scales:
+        unsure.append(judge.rivals_entry(["drive_compliance", "payload_change"]))
+        return []
+    part = max(gap.held_loose - gap.held_after, 0.0)
+    book.before += part
+    book.parts["drive_compliance"] = part
+    rms = [gap.noise * np.sqrt(v / gap.held_rows) for v in (gap.held_loose, gap.held_after)]
+    error = float(np.hypot(gap.stiffness_stderr, STIFFNESS_ERROR * gap.stiffness))
+    parameters = {
+        "stiffness_factor": Parameter(gap.stiffness, error, "1"),
+        "damping_factor": Parameter(gap.damping, DAMPING_ERROR * gap.damping, "1"),
+    }
+    return [Cause("drive_compliance", parameters, {name: p.value for name, p in parameters.items()}, 0.0, 0.0,
+                  Improvement(*map(float, rms), "m"), "windup")]
 
 
 def _drift(course, collection, book):

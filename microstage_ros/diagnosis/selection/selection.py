@@ -117,6 +117,8 @@ def _masses_agree(evidences, choice, choices):
     if choice.effect != "payload_change":
         return True
     masses = {form.channel: sizes_of(evidences, choice, choices, form)[0]["mass_kg"][:2] for form in choice.forms}
+    if evidences.frame.rattled_mass:    # behind a gap the rattle tells what the resonance would
+        masses["resonance"] = (evidences.frame.rattled_mass, 0.0)
     if not {"torque", "resonance"} <= set(masses):
         return False
     (friction, stderr), (resonance, _) = masses["torque"], masses["resonance"]

@@ -11,12 +11,15 @@ class Frame:
     """What all records of one diagnosis share.
 
     ``low`` and ``high`` bound the positions that the records visit [m]; ``duration`` is the longest record [s].
+    ``rattled_mass``: mass added to the stage [kg] that the drive train's stiffness stands for if it is as stated, where
+    a rattle told stiffness over mass; 0 where none did.
     """
 
     drive: object
     low: float
     high: float
     duration: float
+    rattled_mass: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True)

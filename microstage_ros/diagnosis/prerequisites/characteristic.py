@@ -1,0 +1,173 @@
+"""Force over deflection of a drive train whose flanks are hit from both sides: gap, stiffness and damping at once.
+
+    LP[m dv/dt + F_g + c v] = K LP[z] + D LP[ḋ 1_c],   z = d − d₀ − sgn(d − d₀) b/2 where |d − d₀| > b/2 (1_c), else 0
+
+with d = (r/N) θ − x from the back-EMF and the stage's reading, and one running mean LP on both sides, so that it biases
+nothing. Noise stands on the left alone (two differences of the reading), the deflection is known to nanometres. Fitted
+by Gauss–Newton: b, K, D and how late the stage is read against the motor, over all windows of a tenth of a second in
+which the force is clear both ways; each has an offset d₀ and a drift of its own, as the back-EMF walks. Nothing is
+integrated, so a rattle of thousands of hits leaves no place to lose, and a soft drive with a gap is told from either.
+
+Source: the dead zone of a compliant drive train, M. Nordin, P.-O. Gutman, Automatica 38 (2002) 1633.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from microstage_ros.diagnosis.preprocessing.smoothing import triangle
+from microstage_ros.diagnosis.preprocessing.transmitted_force import SIGMAS, force_noise, transmitted_force
+
+# periods; derived: half a millisecond, a sixth of a cycle of the drive train's resonance against the stage
+WIDTH = 5
+# s; derived: of a walk of 25 nm per √s (1 mV of the amplifier's noise) it holds 8 nm, and some ten cycles of a rattle
+WINDOW = 0.1
+MOST = 100      # windows of a record; derived: a tenth of its error from a tenth of the rows
+LEAST = 4       # windows in all; derived: as many as there are sizes
+CLEAR_SHARE = 0.02      # of a window's rows in each direction; derived: twice the smoothing
+ROUNDS = 24     # derived: a factor of thirty on the stiffness, by at most a half each, and some to settle
+# relative change of the stiffness, and m of the gap, that end the search; derived: a tenth of what is stated as error
+SETTLED, SETTLED_GAP = 1.0e-3, 2.0e-9
+FIRST_GAP = 1.0e-6      # m, by which a gap may grow in the first step; derived: a fifth of a usual one
+# of a row's stiffness squared, that keeps an offset that nothing tells; derived: rounding
+RIDGE = 1.0e-9
+# share of a period's neighbours in a second difference; derived: B. Numerov's x'' + T²/12 d²x''/dt², to order T⁴
+NUMEROV = 1.0 / 12.0
+SIZES = ("gap", "stiffness", "damping", "late")
+
+
+@dataclasses.dataclass(frozen=True)
+class Characteristic:
+    """What fits best: ``gap`` [m] and its standard error, ``stiffness`` [N/m] with its error and ``damping`` [N s/m],
+    and the force's root mean square that is left [N]; ``rows`` that count."""
+
+    gap: float
+    gap_stderr: float
+    stiffness: float
+    stiffness_stderr: float
+    damping: float
+    left: float
+    rows: float
+
+
+class Windows:
+    """Windows of one record in which the force on the stage is clear both ways; ``noise`` [N] of that force."""
+
+    def __init__(self, prepared, drive):
+        p = prepared
+        stage, angle, period = p.stage, p.angle, p.period
+        length, edge = round(WINDOW / period), 2 * WIDTH
+        force = transmitted_force(stage, drive, period, WIDTH)
+        self.noise = force_noise(stage, drive, period, WIDTH)
+        pieces = force[: len(force) // length * length].reshape(-1, length)
+        clear = [np.mean(sign * pieces > SIGMAS * self.noise, axis=1) > CLEAR_SHARE for sign in (1.0, -1.0)]
+        number = np.flatnonzero(clear[0] & clear[1])
+        number = number[(number > 0) & (number < len(pieces) - 1)]
+        number = number[:: max(-(-len(number) // MOST), 1)]
+        rows = number[:, None] * length + np.arange(-edge, length + edge)
+        self.force = pieces[number]
+        deflection = angle - stage
+        self.deflection = deflection[rows]
+        self.rate = np.gradient(triangle(deflection, WIDTH), period)[rows]
+        self.speed = np.gradient(triangle(angle, WIDTH), period)[rows]
+        self.time = np.linspace(-1.0, 1.0, rows.shape[1])
+        self.start()
+
+    def start(self):
+        """Forget the offsets: each window's middle between its extremes, and no drift."""
+        middle = 0.5 * (self.deflection.max(axis=1, initial=-np.inf) + self.deflection.min(axis=1, initial=np.inf))
+        self.offset, self.drift = middle, np.zeros(len(middle))
+
+    def __len__(self):
+        return len(self.force)
+
+    def mean(self, values):
+        """What the running mean and the two differences make of ``values`` (windows, rows), shape as ``force``."""
+        middle = NUMEROV * (values[:, :-2] + values[:, 2:]) + (1.0 - 2.0 * NUMEROV) * values[:, 1:-1]
+        for _ in range(2):
+            sums = np.cumsum(np.pad(middle, ((0, 0), (1, 0))), axis=1)
+            middle = (sums[:, WIDTH:] - sums[:, :-WIDTH]) / WIDTH
+        spare = (middle.shape[1] - self.force.shape[1]) // 2
+        return middle[:, spare:spare + self.force.shape[1]]
+
+    def columns(self, gap, stiffness, damping):
+        """What is left of the force [N] (windows, rows), its derivatives by `SIZES` (windows, rows, 4), and what offset
+        and drift take of both, (windows, 2, 4) and (windows, 2), and is gone from them.
+
+        At a ``gap`` [m], ``stiffness`` [N/m] and ``damping`` [N s/m].
+        """
+        deflection = self.deflection - self.offset[:, None] - self.drift[:, None] * self.time
+        closed = (np.abs(deflection) > 0.5 * gap).astype(float)
+        side = np.sign(deflection) * closed
+        wound = deflection * closed - 0.5 * gap * side
+        touching = self.mean(-stiffness * closed)
+        free = np.stack([touching, self.mean(-stiffness * closed * self.time)], axis=2)
+        parts = (-0.5 * stiffness * side, wound, self.rate * closed, -stiffness * self.speed * closed)
+        derivatives = np.stack([self.mean(part) for part in parts], axis=2)
+        left = self.force - self.mean(stiffness * wound + damping * self.rate * closed)
+        normal = np.einsum("wrj,wrk->wjk", free, free)
+        inverse = np.linalg.inv(normal + RIDGE * stiffness**2 * self.force.shape[1] * np.eye(2))
+        of_sizes = inverse @ np.einsum("wrj,wrk->wjk", free, derivatives)
+        of_left = np.einsum("wjk,wrk,wr->wj", inverse, free, left)
+        derivatives = derivatives - np.einsum("wrj,wjk->wrk", free, of_sizes)
+        return left - np.einsum("wrj,wj->wr", free, of_left), derivatives, of_sizes, of_left
+
+    def follow(self, change, of_sizes, of_left):
+        """Move the offsets along with a ``change`` (4,) of the sizes; the largest step [m] of them.
+
+        ``of_sizes`` (windows, 2, 4) and ``of_left`` (windows, 2): from `columns`.
+        """
+        step = of_left - of_sizes @ change
+        self.offset, self.drift = self.offset + step[:, 0], self.drift + step[:, 1]
+        return float(np.abs(step).max())
+
+
+def fit(records, drive, free=SIZES, start=None):
+    """`Characteristic` of some `Windows`, or None where they tell none.
+
+    Parameters
+    ----------
+    records : list of `Windows`. drive : `Drive` to start from.
+    free : names of the sizes that are fitted, of `SIZES`; the gap is 0 where it is not among them and not given.
+    start : `Characteristic` to start from, and to keep where a size is not fitted.
+    """
+    records = [record for record in records if len(record)]
+    if sum(map(len, records)) < LEAST:
+        return None
+    for record in records:
+        record.start()
+    gap, stiffness, damping = (start.gap, start.stiffness, start.damping) if start else (
+        0.0, drive.stiffness, drive.damping)
+    which = [SIZES.index(name) for name in free]
+    for _ in range(ROUNDS):
+        parts = [record.columns(gap, stiffness, damping) for record in records]
+        change, errors, left = _solve(parts, which)
+        if change is None:
+            return None
+        moved = max(record.follow(change, *part[2:]) for record, part in zip(records, parts))
+        factor = 1.0 + float(np.clip(change[1] / stiffness, -0.5, 1.0))
+        wider = max(gap + float(np.clip(change[0], -0.5 * gap, 0.5 * gap + FIRST_GAP)), 0.0)
+        settled = abs(factor - 1.0) < SETTLED and max(abs(wider - gap), moved) < SETTLED_GAP
+        gap, stiffness, damping = wider, stiffness * factor, damping + change[2]
+        if settled:
+            break
+    rows = sum(record.force.size for record in records) / (2 * WIDTH - 1)
+    return Characteristic(gap, errors[0], stiffness, errors[1], float(damping), left, rows)
+
+
+def _solve(parts, which):
+    """(change of `SIZES` (4,), standard errors by how the windows disagree (4,), root mean square that is left [N])."""
+    change, errors = np.zeros(len(SIZES)), np.zeros(len(SIZES))
+    left = np.concatenate([part[0] for part in parts])
+    columns = np.concatenate([part[1] for part in parts])[:, :, which]
+    if which:
+        normal = np.einsum("wrj,wrk->jk", columns, columns)
+        scale = np.sqrt(np.diag(normal))
+        if not np.all(scale > 0.0):
+            return None, None, None
+        inverse = np.linalg.pinv(normal / np.outer(scale, scale)) / np.outer(scale, scale)
+        change[which] = inverse @ np.einsum("wrj,wr->j", columns, left)
+        left = left - columns @ change[which]
+        scores = np.einsum("wrj,wr->wj", columns, left)
+        errors[which] = np.sqrt(np.diag(inverse @ (scores.T @ scores) @ inverse))
+    return change, errors, float(np.sqrt(np.mean(left**2)))
