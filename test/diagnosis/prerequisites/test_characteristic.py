@@ -54,7 +54,8 @@ def test_a_rattle_tells_gap_stiffness_and_damping_at_once(axis, drive, effects, 
     assert gap.stiffness == pytest.approx(stiffness, rel=0.01)
     assert gap.damping == pytest.approx(damping, rel=0.12)
     assert gap.scales == ("drive_compliance" not in effects)
-    assert gap.held_after < 0.01 * gap.held_before
+    assert gap.held_after == pytest.approx(gap.held_rows, rel=0.1)      # at the noise
+    assert gap.held_before > 10.0 * gap.held_rows
 
 
 @pytest.mark.parametrize("effects", [SOFT, LOAD], ids=["soft drive", "payload"])
@@ -91,7 +92,7 @@ def test_the_offset_is_told_on_the_flanks_and_bridged_between(drive):
     offset, closed = offset_where_closed(stage, angle, gap, drive, PERIOD)
     settled = closed & (np.abs(np.gradient(stage, PERIOD)) > 1.0e-3)
     assert settled.any() and not closed.all()
-    assert np.abs(offset[settled] + start).max() < 2.0e-9
+    assert np.abs(offset[settled] + start).max() < 1.0e-3 * gap
     without, _ = offset_where_closed(stage, angle, 0.0, drive, PERIOD)
     assert np.abs(without[settled] + start).max() > 0.4 * gap      # the gap is what makes them agree
 

@@ -252,6 +252,7 @@ def resonant(mass_in_torque, payload=0.6, drive=0.6, stderr_rows=None):
         sums["resonance"] = getattr(one_world.evidences, group)["resonance"]
         torque = World(forms, {"payload_change": mass_in_torque / 5.0}, seed=[13, rows], shared=shared)
         sums["torque"] = getattr(torque.evidences, group)["torque"]
+    world.evidences.frame = types.SimpleNamespace(rattled_mass=0.0)
     return world
 
 
@@ -267,7 +268,7 @@ def following(world, share):
                                                      (3.0, 0.92, "payload_change"), (0.0, 0.88, "drive_compliance")])
 def test_the_torque_balance_tells_a_payload_from_a_soft_drive(mass, share, said):
     world = following(resonant(mass), share)
-    world.evidences.frame = types.SimpleNamespace(drive=types.SimpleNamespace(mass=5.0))
+    world.evidences.frame = types.SimpleNamespace(drive=types.SimpleNamespace(mass=5.0), rattled_mass=0.0)
     trials = {effect: selection.best_forms(world.evidences, effect, []) for effect in mass_or_drive.RESONANT}
     assert mass_or_drive.resonance_is(world.evidences, trials, []) == said
     for first in mass_or_drive.RESONANT:
@@ -370,6 +371,9 @@ def test_more_friction_alone_is_no_payload():
     assert selection.acceptable(world.evidences, both, [])
     torque = Choice("payload_change", tuple(form for form in both.choice.forms if form.channel == "torque"))
     assert not selection.acceptable(world.evidences, Trial(torque, both.gain, 1, both.held), [])
+    for rattled, stands in ((3.0, True), (0.5, False)):     # behind a gap a rattle tells the mass that the resonance would
+        world.evidences.frame.rattled_mass = rattled
+        assert selection.acceptable(world.evidences, Trial(torque, both.gain, 1, both.held), []) == stands
     apart = resonant(3.0, payload=0.1)      # half a kilogram in the resonance
     assert not selection.acceptable(apart.evidences, selection.best_forms(apart.evidences, "payload_change", []), [])
 

@@ -45,6 +45,22 @@ def test_a_gap_as_an_angle_of_the_screw(after, part):
     assert (cause.gain.before, cause.gain.after) == pytest.approx((1.0e-8, 1.0e-9 * (after / 10.0) ** 0.5))
 
 
+@pytest.mark.parametrize(("damping", "says"), [(0.9, "drive_compliance"), (0.05, "open")])
+def test_a_soft_drive_behind_a_gap_unless_its_damping_is_off_by_the_same_factor(damping, says):
+    """A mass m (1/k − 1) makes both seem k times as large: then the rattle alone leaves it open."""
+    gap = Gap(width=6.0e-6, stderr=3.0e-8, held_before=9000.0, held_after=1000.0, held_rows=1000.0, noise=1.0e-9, taken=0.0,
+              stiffness=0.05, damping=damping, stiffness_stderr=1.0e-4, held_loose=5000.0)
+    book, unsure = Ledger(before=5.0), []
+    causes = made._drive_behind(gap, book, unsure)
+    assert gap.far and gap.scales == (says == "open")
+    if says == "open":
+        assert causes == [] and set(unsure[0].ids) == {"drive_compliance", "payload_change"} and book.before == 5.0
+        return
+    assert [cause.id for cause in causes] == [says] and not unsure
+    assert causes[0].effect == {"stiffness_factor": 0.05, "damping_factor": 0.9}
+    assert book.parts == {"drive_compliance": 4000.0} and book.before == 4005.0
+
+
 def test_a_drift_of_every_records_own():
     course = types.SimpleNamespace(held_before=900.0, held_after=100.0, size=4.0e-8, size_stderr=1.0e-9, rate=2.0e-9, rate_stderr=3.0e-10)
     channels = [types.SimpleNamespace(scatter=2.0e-9, residual=np.zeros(60)), types.SimpleNamespace(scatter=4.0e-9, residual=np.zeros(40))]
@@ -88,6 +104,7 @@ def test_each_that_is_known_becomes_a_cause(monkeypatch, known):
     monkeypatch.setattr(made, "readings_late", lambda *_, sde: sde)
     monkeypatch.setattr(made, "_late", lambda late, book: late)
     has = types.SimpleNamespace(**{name: [1] if name in known else [] if name == "lines" else None for name in names})
+    has.gap = types.SimpleNamespace(far=False) if "gap" in known else None
     collection = types.SimpleNamespace(prepared={"learn": [], "held": [1], "base": []},
                                        frame=types.SimpleNamespace(drive=types.SimpleNamespace(radius=1.0)))
     others = [types.SimpleNamespace(id="gravity_tilt", effect="tilt"), types.SimpleNamespace(id="encoder_sde", effect="sde")]

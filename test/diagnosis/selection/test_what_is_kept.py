@@ -57,6 +57,7 @@ def test_a_gap_that_makes_the_held_out_record_much_worse_is_none(monkeypatch, le
     """Of a payload on a machine of another law: twenty times as much was left behind the gap (seed 3313, case 16)."""
     channel = types.SimpleNamespace(residual=np.zeros(100), noise=1.0e-9)
     monkeypatch.setattr(lost_motion, "Deflection", lambda prepared, drive: channel)
+    monkeypatch.setattr(lost_motion, "_rattling", lambda prepared, drive: None)
     for name, value in (("_loss", 0.7), ("_spread", 1.0e-5), ("_followed", 0.5), ("_explained", 0.9), ("_refined", 5.0e-6),
                         ("_wound_up", 9.0), ("_bounded", np.ones(100)), ("_behind", None)):
         monkeypatch.setattr(lost_motion, name, lambda *_, value=value: value)
