@@ -277,6 +277,8 @@ def _bode(found):
     figure, (top, bottom) = new_figure(2, 1, height=2.4, sharex=True)
     for k, (response, colour) in enumerate(zip(found, ("blue", "orange", "green", "pink", "grey"))):
         r = response.kept()
+        if not len(r.frequency):
+            continue
         size = np.abs(r.value) * (1e6 if r.what == "plant" else 1.0)
         # the plant in sliding is measured twice: before any loop is closed, and with the law that is chosen
         again = any((before.what, before.condition) == (r.what, r.condition) for before in found[:k])
