@@ -128,6 +128,24 @@ def test_a_dead_encoder_costs_ten_microns_where_the_sketch_tells_mass_and_fricti
         assert machine.wrong < 1e-5 and machine.wrong_time < 0.1
 
 
+def test_a_stage_that_only_comes_back_from_short_pulses_is_not_said_to_go_backwards(tmp_path):
+    """Its friction lets go under the counterpart of each pulse, which the spring before sliding helps: the longer pulses decide."""
+    sketch = load_sketch(config_file(FILES["current_motor"]))
+    sketch = replace(sketch, axis=sketch.axis.with_values({"period": 5e-4}, source="datasheet"))
+    random_axis(sketch.axis, 7818).save(tmp_path / "truth.yaml")
+    for fault, ends in (("", ""), ("motor_polarity", "polarity")):
+        backend = make_hardware("machines:Machine", Setup(sketch.axis, 7818, {"truth": str(tmp_path / "truth.yaml"), "fault": fault}))
+        backend.open()
+        hand = Hand(backend, sketch.axis)
+        hand.begin()
+        try:
+            checks = first_motion(hand, sketch, lambda name, record: None)[1]
+            found = "".join(check.id for check in checks if not check.passed)
+        except Refused as end:
+            found = end.check.id
+        assert found == ends
+
+
 @pytest.mark.parametrize("level", [1.5, 3.0, 8.0])
 def test_the_way_of_a_short_pulse_is_that_of_a_mass_with_friction(level):
     """Integrated in steps of a thousandth: what is left of a pulse and its counterpart."""

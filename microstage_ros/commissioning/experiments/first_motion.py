@@ -110,15 +110,19 @@ def first_motion(machine, sketch, keep):
                 break
         if not moved and level >= highest:
             if seen:  # no longer pulse moves the stage while it lasts: what the short ones showed stands
-                moved = [(each.level, each.way) for each in seen]
+                moved = [(each.level, each.way) for each in seen if each.tells_sign]
                 break
             _nothing_moves(machine, pulses, level, keep, pulses.rows(level))
         if not moved:
             level = min(RISE * level, highest)
+    last = moved[-1][0] if moved else seen[-1].level
     for k in range(2 * REPEATS - 1):  # the same again in both directions
-        found = pulses.one(-math.copysign(level * RISE ** (k // 2), moved[-1][0]))
+        found = pulses.one(-math.copysign(level * RISE ** (k // 2), last))
         if found:
             moved.append(found)
+            last = found[0]
+    if not moved:  # nothing that tells the sign: what came back later is the best there is
+        moved = [(each.level, each.way) for each in seen]
     _check_polarity(machine, pulses, moved, level, keep)
     record = pulses.record()
     keep("first_motion", record)
