@@ -30,8 +30,8 @@ def which_ros():
 
 def run(name, arguments):
     """Run one command. Returns the exit status."""
-    # the threads of the linear algebra wait for one another on the processor: where two other programs kept both cores
-    # busy, a diagnosis took 44 s with two of them and 19 s with one (twice each); on idle cores 15 s and 16 s
+    # the threads of the linear algebra wait for one another on the processor: where two other programs keep both cores
+    # busy, a diagnosis takes 29 and 34 s with two of them, 16 and 17 s with one; on idle cores 12 s with either
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     answer.begin()
     status = 1

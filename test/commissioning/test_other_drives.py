@@ -103,9 +103,10 @@ def test_a_fault_is_named(tmp_path, fault, check, farthest):
     assert machine.highest - machine.lowest < farthest and machine._voltage == 0.0
 
 
-def pulsed(folder, kind, seed, fault=""):
+def pulsed(folder, kind, seed, fault="", **changes):
     """(id of the check that failed or "", machine) of the first motion, the sketch complete, within a factor of two."""
     sketch = load_sketch(config_file(FILES[kind]))
+    sketch = replace(sketch, axis=sketch.axis.with_values(changes, source="datasheet"))
     random_axis(sketch.axis, seed).save(folder / "truth.yaml")
     backend = make_hardware("machines:Machine", Setup(sketch.axis, seed, {"truth": str(folder / "truth.yaml"), "fault": fault}))
     backend.open()
@@ -130,20 +131,8 @@ def test_a_dead_encoder_costs_ten_microns_where_the_sketch_tells_mass_and_fricti
 
 def test_a_stage_that_only_comes_back_from_short_pulses_is_not_said_to_go_backwards(tmp_path):
     """Its friction lets go under the counterpart of each pulse, which the spring before sliding helps: the longer pulses decide."""
-    sketch = load_sketch(config_file(FILES["current_motor"]))
-    sketch = replace(sketch, axis=sketch.axis.with_values({"period": 5e-4}, source="datasheet"))
-    random_axis(sketch.axis, 7818).save(tmp_path / "truth.yaml")
-    for fault, ends in (("", ""), ("motor_polarity", "polarity")):
-        backend = make_hardware("machines:Machine", Setup(sketch.axis, 7818, {"truth": str(tmp_path / "truth.yaml"), "fault": fault}))
-        backend.open()
-        hand = Hand(backend, sketch.axis)
-        hand.begin()
-        try:
-            checks = first_motion(hand, sketch, lambda name, record: None)[1]
-            found = "".join(check.id for check in checks if not check.passed)
-        except Refused as end:
-            found = end.check.id
-        assert found == ends
+    for fault, named in (("", ""), ("motor_polarity", "polarity")):
+        assert pulsed(tmp_path, "current_motor", 7818, fault, period=5e-4)[0] == named
 
 
 @pytest.mark.parametrize("level", [1.5, 3.0, 8.0])

@@ -14,16 +14,9 @@ from microstage_ros.signals.current import between_readings
 from microstage_ros.diagnosis.prerequisites.drive import drive_of
 from microstage_ros.diagnosis.residuals.mechanical import Mechanical
 from microstage_ros.diagnosis.validation import simulated_records as cases
-from microstage_ros.model.axis_file import load_axis
-from microstage_ros.places import config_file
 from microstage_ros.solver.plant import NoiseSpec, make_plant
 
 PERIOD = 1.0e-4
-
-
-@pytest.fixture(scope="module")
-def axis():
-    return load_axis(config_file("axis.yaml"))
 
 
 @pytest.fixture(scope="module")

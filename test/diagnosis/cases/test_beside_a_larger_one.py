@@ -7,15 +7,8 @@ from microstage_ros.diagnosis.prerequisites.drive import drive_of
 from microstage_ros.diagnosis.prerequisites.prerequisites import find_known
 from microstage_ros.diagnosis.validation import second_world, simulated_records
 from microstage_ros.diagnosis.validation.simulated_records import Hidden
-from microstage_ros.model.axis_file import load_axis
-from microstage_ros.places import config_file
 
 WORLDS = {"first": simulated_records.make_case, "second": second_world.make_case}
-
-
-@pytest.fixture(scope="module")
-def axis():
-    return load_axis(config_file("axis.yaml"))
 
 
 def diagnosed(axis, world, effects, seed):

@@ -32,11 +32,6 @@ NOTICED_RATE = 0.75      # that ends `unexplained`: 20 of 21 in the campaign bou
 CHANCE = 1.0e-4
 
 
-@pytest.fixture(scope="module")
-def axis():
-    return load_axis(config_file("axis.yaml"))
-
-
 def least(count, rate=HEALTHY_RATE, chance=CHANCE):
     """Hits of ``count`` that a code with this rate falls short of with at most this chance."""
     return int(max(k for k in range(count + 1) if binom.cdf(k - 1, count, rate) <= chance))

@@ -16,21 +16,9 @@ from microstage_ros.diagnosis.prerequisites.lost_motion import Deflection, _loss
 from microstage_ros.diagnosis.residuals.resonance import Resonance
 from microstage_ros.diagnosis.validation import second_world
 from microstage_ros.diagnosis.validation.simulated_records import Hidden, make_case
-from microstage_ros.model.axis_file import load_axis
-from microstage_ros.places import config_file
 
 PERIOD = 1.0e-4
 GROUPS = ("learn", "held", "base")
-
-
-@pytest.fixture(scope="module")
-def axis():
-    return load_axis(config_file("axis.yaml"))
-
-
-@pytest.fixture(scope="module")
-def drive(axis):
-    return drive_of(axis)
 
 
 def prepared_case(axis, drive, effects, seed):

@@ -15,15 +15,8 @@ from microstage_ros.diagnosis.prerequisites.prerequisites import find_known
 from microstage_ros.diagnosis.prerequisites.slow_drift import MEANS, _trend
 from microstage_ros.diagnosis.residuals.position import course_columns
 from microstage_ros.diagnosis.validation.simulated_records import Hidden, make_case
-from microstage_ros.model.axis_file import load_axis
-from microstage_ros.places import config_file
 
 GROUPS = ("learn", "held", "base")
-
-
-@pytest.fixture(scope="module")
-def axis():
-    return load_axis(config_file("axis.yaml"))
 
 
 def walk_along(generator, rows=8000):

@@ -10,12 +10,9 @@ from microstage_ros.diagnosis.preprocessing.friction_replay import replay
 from microstage_ros.diagnosis.preprocessing.preparation import prepare
 from microstage_ros.diagnosis.preprocessing.transmitted_force import WIDTH, offset_where_closed, transmitted_force
 from microstage_ros.diagnosis.prerequisites.characteristic import SIZES, Windows, fit
-from microstage_ros.diagnosis.prerequisites.drive import drive_of
 from microstage_ros.diagnosis.prerequisites.lost_motion import find_gap
 from microstage_ros.diagnosis.validation import second_world
 from microstage_ros.diagnosis.validation.simulated_records import Hidden
-from microstage_ros.model.axis_file import load_axis
-from microstage_ros.places import config_file
 
 PERIOD = 1.0e-4
 GROUPS = ("learn", "held", "base")
@@ -23,16 +20,6 @@ GAP = {"backlash": {"width_rad": 0.0199}}
 SOFT = {"drive_compliance": {"stiffness_factor": 0.0362, "damping_factor": 0.89}}
 LOAD = {"payload_change": {"mass_kg": 2.05}}
 SEED = 9401 * 100_003 + 11      # a machine whose loop rattles
-
-
-@pytest.fixture(scope="module")
-def axis():
-    return load_axis(config_file("axis.yaml"))
-
-
-@pytest.fixture(scope="module")
-def drive(axis):
-    return drive_of(axis)
 
 
 def records_of(axis, effects):

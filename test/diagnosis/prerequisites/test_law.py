@@ -13,15 +13,9 @@ from microstage_ros.diagnosis.prerequisites.law import LAWS, contact_of, own_law
 from microstage_ros.diagnosis.residuals.mechanical import Mechanical, fit_spreads
 from microstage_ros.diagnosis.validation import second_world
 from microstage_ros.diagnosis.validation.simulated_records import Hidden
-from microstage_ros.model.axis_file import axis_from_dict, load_axis
-from microstage_ros.places import config_file
+from microstage_ros.model.axis_file import axis_from_dict
 
 FRICTION = 0.03
-
-
-@pytest.fixture(scope="module")
-def axis():
-    return load_axis(config_file("axis.yaml"))
 
 
 def baseline(axis, law, seed):
