@@ -5,6 +5,10 @@
 
 The motor's travel is prescribed, so nothing drifts apart: wherever the replay starts in the gap, the flanks
 bring it to the stage's true place within the first reversal.
+
+Positions and friction blocks stand half a step beside the speed (Störmer and Verlet; E. Hairer, C. Lubich, G. Wanner,
+"Geometric numerical integration illustrated by the Störmer–Verlet method", Acta Numerica 12, 2003), what damps is
+implicit: second order, no energy from the step itself, and one stretch of friction in one direction per step.
 """
 
 import numpy as np
@@ -13,12 +17,14 @@ from microstage_ros.diagnosis.preprocessing.friction_replay import pack
 from microstage_ros.model.friction.generalised_maxwell_slip import stretch
 from microstage_ros.numerics.compiled import compiled
 
-STEP = 2.5e-5   # s, at most: the drive train rings at some hundred hertz
+# derived: (ω h)²/24 of the drive train's oscillation, the scheme's error of its frequency, is 4·10⁻⁴
+ANGLE = 0.1     # rad of that oscillation in a step, at most
 
 
 def stage_behind_gap(travel, gap, drive, period):
     """Stage position [m], shape (n,), for a motor's ``travel`` (n,) [m] through a gap [m], at a ``period`` [s]."""
-    contact, parts = drive.guideway, int(np.ceil(period / STEP - 1e-6))
+    contact = drive.guideway
+    parts = int(np.ceil(period * np.sqrt(drive.stiffness / drive.mass) / ANGLE - 1e-6))
     return _replay(np.ascontiguousarray(travel), gap, drive.stiffness, drive.damping, drive.mass, contact.viscous,
                    pack(contact), len(contact.weight), period, parts)
 
@@ -28,27 +34,20 @@ def _replay(travel, gap, stiffness, damping, mass, viscous, law, blocks, period,
     out = np.empty(travel.size)
     state = np.zeros(2 * blocks)
     step = period / parts
-    x, v = travel[0], 0.0
+    x, v = travel[0], 0.0   # x: in the middle of the step that v goes on to
     out[0] = x
     for i in range(travel.size - 1):
         slope = (travel[i + 1] - travel[i]) / parts
         for part in range(parts):
-            d = travel[i] + part * slope - x
-            force = 0.0
+            x += step * v
+            direction = 1.0 if v > 0.0 else (-1.0 if v < 0.0 else 0.0)
+            force = -stretch(law, state, direction, abs(v), abs(v), step, 1.0)
+            damped = viscous
+            d = travel[i] + (part + 0.5) * slope - x
             if abs(d) > 0.5 * gap:
-                force = stiffness * (d - np.copysign(0.5 * gap, d)) + damping * (slope / step - v)
-            held = 0.0
-            for j in range(blocks):
-                held += state[j]
-            faster = v + step * (force - held - viscous * v) / mass
-            direction = 1.0 if v + faster > 0.0 else (-1.0 if v + faster < 0.0 else 0.0)
-            if v * faster >= 0.0:
-                stretch(law, state, direction, abs(v), abs(faster), step, 1.0)
-            else:
-                turn = step * v / (v - faster)
-                stretch(law, state, 1.0 if v > 0.0 else -1.0, abs(v), 0.0, turn, 1.0)
-                stretch(law, state, 1.0 if faster > 0.0 else -1.0, 0.0, abs(faster), step - turn, 1.0)
-            x += 0.5 * step * (v + faster)
-            v = faster
-        out[i + 1] = x
+                force += stiffness * (d - np.copysign(0.5 * gap, d)) + damping * slope / step
+                damped += damping
+            half = 0.5 * step * damped / mass
+            v = ((1.0 - half) * v + step * force / mass) / (1.0 + half)
+        out[i + 1] = x + 0.5 * step * v
     return out

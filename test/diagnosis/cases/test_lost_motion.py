@@ -43,6 +43,21 @@ def test_a_stage_within_the_gap_stays_where_it_is(drive):
     assert np.ptp(stage_behind_gap(travel, 5.0e-6, drive, PERIOD)) == 0.0
 
 
+@pytest.mark.parametrize("frequency", [40.0, 250.0, 400.0])
+def test_the_drive_train_answers_as_its_closed_form_without_friction(drive, frequency):
+    """x/θr = (K + jωD)/(K − mω² + jωD), below its resonance and above; a step that feeds energy in is off by more."""
+    loose = dataclasses.replace(drive.guideway, static=1.0e-9, coulomb=1.0e-9, viscous=0.0)
+    drive = dataclasses.replace(drive, guideway=loose)
+    turn = 2.0j * np.pi * frequency
+    stiff = drive.stiffness + turn * drive.damping
+    expected = stiff / (stiff + drive.mass * turn**2)
+    phase = np.exp(turn * PERIOD * np.arange(20000))
+    stage = stage_behind_gap(1.0e-6 * phase.imag, 0.0, drive, PERIOD)
+    late = slice(10000, 20000)      # whole cycles, after what was there at the start has died away
+    found = 2.0j * np.mean(stage[late] * phase[late].conj()) / 1.0e-6
+    assert abs(found - expected) < 0.01 * abs(expected), found / expected
+
+
 @pytest.mark.parametrize("width, seed", [(0.004, 11), (0.0131, 12)])
 def test_a_gap_is_found_whether_the_loop_rattles_or_not(axis, drive, width, seed):
     gap = find_gap(prepared_case(axis, drive, {"backlash": {"width_rad": width}}, seed), drive)
