@@ -30,6 +30,7 @@ from pathlib import Path
 from microstage_ros.numerics.compiled import cache_folder
 from microstage_ros.ros.launching.interruption import STOPPING
 from microstage_ros.ros.transport.abandoned_locks import OPENED, AbandonedLocks
+from microstage_ros.ros.transport.checked import load_taking
 
 PACKAGE = "microstage_ros.ros.nodes"
 PR_SET_PDEATHSIG, PR_SET_NAME = 1, 15
@@ -59,6 +60,7 @@ class ForkServer:
             print(f"nodes are started one by one, slower: {why}", file=sys.stderr, flush=True)
         else:
             _load_message_types()
+            load_taking()
         wakened = self._watch_children()
         nodes.sort(key=lambda node: hasattr(modules[node["name"]], "warm_up"))  # what is ready goes to work meanwhile
         warming = [modules[node["name"]].warm_up for node in nodes if hasattr(modules[node["name"]], "warm_up")]
