@@ -8,7 +8,6 @@ import numpy as np
 
 from microstage_ros.commands.analysis import laws
 from microstage_ros.commands.analysis.simulate import main as simulate_command
-from microstage_ros.control.laws.controller import make_controller
 from microstage_ros.control.runs.run_file import run_from_dict
 from microstage_ros.control.runs.simulate import simulate
 from microstage_ros.diagnosis.case import diagnose_case
@@ -97,11 +96,9 @@ def controller():
 
 def backend():
     card = make_hardware("laboratory.card:Card", Setup(PAPER, seed=1, options={}))
-    control = make_controller("pid", PAPER)
     card.open()
     for _ in range(200):
-        reading = card.read()
-        card.write(control.step(1.0e-5, reading.encoder))
+        card.write(1.0e3 * (1.0e-5 - card.read().encoder))   # proportional, V/m: a shipped law would be compiled anew for this
     card.close()
     return {"moved_m": float(card.read().encoder)}
 
