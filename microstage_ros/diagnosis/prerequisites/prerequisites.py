@@ -141,8 +141,10 @@ def _slow_or_loose(groups, prepared, drive, known):
         return prompt      # a dead band, in which the loop hunts, holds a lag's share of what it does to the command
     known = dataclasses.replace(before, slow=slow)
     prepared = known.prepare(groups, drive, prepared)
-    gap, known = with_gap()
-    return (known.prepare(groups, drive, prepared) if gap is not None else prepared), known
+    found, known = with_gap()
+    if gap is not None and found is None:
+        return prompt      # a lag that moves the motor to where a gap, plain without it, is none is the rattle's own
+    return (known.prepare(groups, drive, prepared) if found is not None else prepared), known
 
 
 def _all_currents(prepared):
