@@ -52,7 +52,7 @@ def test_few_steady_runs_give_no_number():
 
 
 def test_as_many_runs_as_speeds_give_no_number():
-    """Nine runs at nine speeds: of 200 resamples of nine, some have fewer than the five speeds that a curve needs."""
+    """Of 200 resamples of nine runs at nine speeds some have fewer than the five speeds that a curve needs."""
     speeds = np.geomspace(0.03, 16.0, 9)
     features = Features(speed=[*speeds], friction=[*stribeck_curve(TRUTH, speeds)], repeat=[0] * 9)
     estimate = identify_sliding(features, 1).estimates["contacts.actuator.static"]
