@@ -1,7 +1,6 @@
 """How the code is kept: linter, type checker, sizes of files, lines and folders; docstrings have `test_docstrings`."""
 
 import collections
-import os
 import shutil
 import subprocess
 import sys
@@ -35,7 +34,8 @@ def test_linter_finds_nothing():
 
 
 def test_types_are_right():
-    done = subprocess.run([_tool("mypy"), "--no-incremental", "--cache-dir", os.devnull], cwd=ROOT, capture_output=True, text=True, check=False)
+    """From nothing the checker takes 12 s of processor; what has not changed since its last run comes from its cache."""
+    done = subprocess.run([_tool("mypy"), "--cache-dir", str(ROOT / ".build/mypy")], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
 
 

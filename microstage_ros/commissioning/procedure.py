@@ -365,4 +365,5 @@ def _tried(loop, drawn, first, found, seed, progress, keep):
             )
     rest = measured_loop.loop_at_rest(loop, first.breakaway, seed, keep)
     progress(f"moves of 1 to 1000 µm and a slow sine under {loop.law}")
-    return Tried(loop, rest, motion, *proof.prove(loop, keep), margins)
+    moves, iso, sine = proof.prove(loop, keep)
+    return Tried(loop, rest, motion, moves, iso, sine, margins)

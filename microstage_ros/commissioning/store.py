@@ -4,11 +4,23 @@ import hashlib
 import json
 import os
 from pathlib import Path
+from typing import TypedDict
 
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records import read_record, write_record
 
 PROGRESS, REPORT = "progress.json", "report.json"
+
+
+class Progress(TypedDict):
+    """What `PROGRESS` holds: ``done`` is {phase: {"result", "records"}}, ``number`` that of the last record, ``time_s``
+    the machine time so far [s]."""
+
+    format: int
+    identity: str
+    done: dict[str, dict]
+    number: int
+    time_s: float
 
 
 def write_json(path, tree):
@@ -35,7 +47,7 @@ class Store:
         self.folder = Path(folder)
         self._records = self.folder / "records"
         digest = hashlib.sha256(identity.encode()).hexdigest()[:16]
-        self._progress = {"format": 1, "identity": digest, "done": {}, "number": 0, "time_s": 0.0}
+        self._progress: Progress = {"format": 1, "identity": digest, "done": {}, "number": 0, "time_s": 0.0}
         report = self._read(REPORT)
         if report and report.get("verdict") == "ready":
             raise InputError("--out", str(folder), "a folder without a finished commissioning")

@@ -87,9 +87,8 @@ def _pooled(found, groups, reports):
         parameters[name] = Parameter(float(np.median(sizes)), float(error), first["unit"])
     middle = numbers[int(np.argsort([cause["share"] for cause in causes])[len(causes) // 2])]
     effect = load_axis(pathlib.Path(groups[middle].out) / "extended.yaml").effects[causes[0]["id"]]
-    gain = Improvement(
-        *(_rms([cause["gain"][key] for cause in causes]) for key in ("before", "after")), causes[0]["gain"]["unit"]
-    )
+    before, after = (_rms([cause["gain"][key] for cause in causes]) for key in ("before", "after"))
+    gain = Improvement(before, after, causes[0]["gain"]["unit"])
     share = float(np.sum([cause["share"] for cause in causes]) / len(reports))
     return Cause(
         causes[0]["id"],

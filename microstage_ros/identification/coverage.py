@@ -18,7 +18,6 @@ from microstage_ros.identification.estimators.variability import identify_variab
 from microstage_ros.identification.estimators.virgin_curve import Blocks, loading_from_samples
 from microstage_ros.identification.experiments import SPEEDS
 from microstage_ros.model.axis_file import load_axis
-from microstage_ros.model.friction.contact import blocks_of
 from microstage_ros.places import share
 
 WAY = 0.5  # travel of a steady run [rad]
@@ -56,7 +55,7 @@ def synthetic_features(axis, repeats, generator, ratio=2e-3 / (2.0 * np.pi)):
     ``ratio``: travel of the stage per angle of the output [m/rad].
     """
     features = Features()
-    blocks = Blocks(*blocks_of(axis, "actuator"), axis.value("contacts.actuator.static"))
+    blocks = Blocks.of(axis, "actuator")
     truth = [axis.value(f"contacts.actuator.{name}") for name in NAMES]
     limit = [*truth[:4], 0.0]
     for repeat in range(repeats):

@@ -7,6 +7,7 @@ DIR/axis.yaml (the whole axis with what was found) and DIR/figures.json.
 """
 
 import argparse
+import dataclasses
 import json
 import pathlib
 
@@ -19,7 +20,6 @@ from microstage_ros.identification.page import identification_page
 from microstage_ros.identification.pipeline import identify
 from microstage_ros.identification.signals import motor_signals
 from microstage_ros.model.axis_file import load_axis
-from microstage_ros.model.friction.contact import blocks_of
 from microstage_ros.model.transmission import screw_ratio
 from microstage_ros.places import config_file, share
 from microstage_ros.report.plots import COLOURS, new_figure
@@ -60,7 +60,7 @@ def ramp_figure(axis, seed, count=10):
             angle = record["encoder_m"][100:-100:20] / ratio
             end = np.argmax(np.abs(angle) > 8e-3) or len(angle)
             axes.plot(angle[:end] * 1e3, torque[:end] * 1e6, linewidth=0.7, color=COLOURS["sky"])
-    blocks = Blocks(*blocks_of(axis, "actuator"), axis.value("contacts.actuator.static"))
+    blocks = Blocks.of(axis, "actuator")
     grid = np.linspace(0.0, 8e-3, 400)
     for sign in (1.0, -1.0):
         axes.plot(sign * grid * 1e3, sign * blocks.curve(grid) * 1e6, color=COLOURS["black"], linewidth=0.8)
@@ -94,12 +94,11 @@ def comparison(result, bench, guideway):
                     )
                 )
         static = result.estimates[f"contacts.{contact}.static"].value
-        truth = Blocks(*blocks_of(axis, contact), axis.value(f"contacts.{contact}.static"))
-        known = result.to_axis(axis)
-        found = Blocks(*blocks_of(known, contact), static)
-        grid = np.geomspace(0.1 * truth.slip_displacement[0], truth.slip_displacement[-1], 200)
+        paper_blocks = Blocks.of(axis, contact)
+        own_blocks = dataclasses.replace(Blocks.of(result.to_axis(axis), contact), static=static)
+        grid = np.geomspace(0.1 * paper_blocks.slip_displacement[0], paper_blocks.slip_displacement[-1], 200)
         figures[f"{contact} pre-sliding curve, rms"] = float(
-            np.sqrt(np.mean((found.curve(grid) / truth.curve(grid) - 1.0) ** 2))
+            np.sqrt(np.mean((own_blocks.curve(grid) / paper_blocks.curve(grid) - 1.0) ** 2))
         )
     values = []
     for name in NAMES:

@@ -149,13 +149,14 @@ def _constants(record, bounds):
     moved = span(record, "encoder_m") / (bounds.resolution_m or FINEST)
     if "encoder_m" not in record or moved == 0:
         _refuse(record, "encoder_m", "constant", "positions that change, by a count at least")
-    command = command_of(record).column
-    if moved > 100 and span(record, command) == 0 and np.nanmax(np.abs(record[command])) == 0:
-        _refuse(record, command, "0 throughout", f"the command that moved the axis {moved:.0f} counts")
+    command = command_of(record)
+    commanded = span(record, command.column) if command is not None else 0.0
+    if command is not None and moved > 100 and commanded == 0 and np.nanmax(np.abs(record[command.column])) == 0:
+        _refuse(record, command.column, "0 throughout", f"the command that moved the axis {moved:.0f} counts")
     for name in ("interferometer_m", "motor_angle_rad"):
         if name in record and moved > 1000 and span(record, name) == 0:
             _refuse(record, name, "constant", f"readings that follow the encoder ({moved:.0f} counts), or no column")
-    if "current_A" in record and span(record, "current_A") == 0 and span(record, command) > 0.2 * bounds.limit_V:
+    if "current_A" in record and span(record, "current_A") == 0 and commanded > 0.2 * bounds.limit_V:
         _refuse(record, "current_A", "constant", "the motor current, or no column")
     return []
 
@@ -252,9 +253,9 @@ def _current(record, bounds):
 
 def _clipped(record, bounds):
     """A sensor that stands at its largest or smallest value while what drives it goes on is at its end."""
-    command = command_of(record).column
-    pairs = [
-        ("current_A", command, 0.1 * span(record, command)),
+    command = command_of(record)
+    pairs = [("current_A", command.column, 0.1 * span(record, command.column))] if command is not None else []
+    pairs += [
         ("interferometer_m", "encoder_m", 200 * bounds.resolution_m),
         ("encoder_m", "reference_m", 200 * bounds.resolution_m),
     ]

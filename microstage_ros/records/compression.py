@@ -41,7 +41,7 @@ def read_bytes(path):
     if not kind:
         return raw
     try:
-        with {".gz": gzip.open, ".xz": lzma.open}[kind](io.BytesIO(raw)) as stream:
+        with (gzip.open if kind == ".gz" else lzma.open)(io.BytesIO(raw)) as stream:
             return _unpacked(stream, path)
     except (OSError, EOFError, lzma.LZMAError, zlib.error) as error:
         raise InputError(path, str(error), f"a whole {kind.lstrip('.')} file") from None

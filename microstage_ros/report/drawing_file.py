@@ -96,7 +96,7 @@ def _dots(text):
         uses = re.findall(r'<use xlink:href="#(\w+)" x="([^"]+)" y="([^"]+)" style="([^"]*)"/>', found[0])
         if len({(name, style) for name, _, _, style in uses}) > 1 or uses[0][0] not in sizes:
             return found[0]
-        colour = re.search(r"fill: ?([^;]+)", uses[0][3])[1]
+        colour = re.findall(r"fill: ?([^;]+)", uses[0][3])[0]
         faint = re.search(r"(?:fill-)?opacity: ?([\d.]+)", uses[0][3])
         way = "".join(f"M{x} {y}h0" for _, x, y, _ in uses)
         return (

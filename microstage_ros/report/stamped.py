@@ -80,9 +80,9 @@ class Table:
 def _without_docstrings(tree):
     """The tree of a module, without the docstrings of its classes and functions and its own."""
     for node in ast.walk(tree):
-        has_body = isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef))
-        if has_body and ast.get_docstring(node, clean=False) is not None:
-            node.body = node.body[1:]
+        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
+            if ast.get_docstring(node, clean=False) is not None:
+                node.body = node.body[1:]
     return tree
 
 

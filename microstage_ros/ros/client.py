@@ -229,18 +229,17 @@ class AxisClient:
         """Where the set point of the axis stands [m]; its position where no controller state arrives. Raises
         `NoAnswer`."""
         heard = {}
+
+        def hear_controller(state):
+            heard.setdefault("reference", state.reference)
+
+        def hear_joint(state):
+            heard.setdefault("position", state.position[0])
+
         states = self.node.create_subscription(
-            ControllerState,
-            self._prefix + topics.CONTROLLER_STATE,
-            lambda state: heard.setdefault("reference", state.reference),
-            10,
+            ControllerState, self._prefix + topics.CONTROLLER_STATE, hear_controller, 10
         )
-        joints = self.node.create_subscription(
-            JointState,
-            self._prefix + topics.JOINT_STATES,
-            lambda state: heard.setdefault("position", state.position[0]),
-            10,
-        )
+        joints = self.node.create_subscription(JointState, self._prefix + topics.JOINT_STATES, hear_joint, 10)
         end = time.monotonic() + wait
         try:
             while "reference" not in heard and not ("position" in heard and time.monotonic() > end - 0.8 * wait):

@@ -51,6 +51,14 @@ def test_few_steady_runs_give_no_number():
     assert not estimate.determined and "2 steady runs" in estimate.remark
 
 
+def test_as_many_runs_as_speeds_give_no_number():
+    """Of 200 resamples of nine runs at nine speeds some have fewer than the five speeds that a curve needs."""
+    speeds = np.geomspace(0.03, 16.0, 9)
+    features = Features(speed=[*speeds], friction=[*stribeck_curve(TRUTH, speeds)], repeat=[0] * 9)
+    estimate = identify_sliding(features, 1).estimates["contacts.actuator.static"]
+    assert not estimate.determined and "9 steady runs" in estimate.remark
+
+
 def test_means_by_unit_and_speed():
     speeds, means, deviation = by_unit(np.array([1.0, 1.0, 1.0, 2.0]), np.array([1.0, 3.0, 4.0, 5.0]), np.full(4, 0.1),
                                        np.array([0, 0, 1, 1]))

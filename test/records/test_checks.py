@@ -126,6 +126,13 @@ def test_weak_points_are_told():
     assert "5 counts" in check(honest(reach=1e-3), replace(BOUNDS, resolution_m=5e-9))[0]
 
 
+def test_a_record_without_a_command_is_checked_for_what_it_has():
+    columns = {name: values for name, values in honest().items() if name != "voltage_V"}
+    assert check(columns) == []
+    with pytest.raises(InputError, match="mm for m"):
+        check({**columns, "encoder_m": 1e3 * columns["encoder_m"]})
+
+
 @pytest.mark.skipif(not PRACTICE.exists(), reason="the practice records (../shared/data/practice) are not here")
 @pytest.mark.parametrize("case", ["healthy", "cable", "two"])
 def test_records_of_another_simulator_pass(case):

@@ -85,9 +85,9 @@ def _of_two(machine, case, arguments):
              for paths in (case.records, case.holdout, case.baseline)]
     rows = []
     for name, axis in machine.alone.items():
-        records = [[each[name] for each in group] for group in given]
+        records, holdout, baseline = ([each[name] for each in group] for group in given)
         with progress(f"diagnosing the {name} stage") as bar:
-            found = diagnose_records(axis, *records, case.seed, bar.say, arguments.jobs)
+            found = diagnose_records(axis, records, holdout, baseline, case.seed, bar.say, arguments.jobs)
         report = write_answer(found, axis, pathlib.Path(case.out) / name, case.sources)
         rows.append(_row(dataclasses.replace(case, name=name), report))
         print(f"{name}: ", end="")

@@ -116,7 +116,7 @@ def markdown(table):
         "F is the law's force (N, or N m), q its displacement (m, or rad), w = dq/dt.\n",
     ]
     for law in LAWS:
-        parts += [f"### {law.title} (`{law.name}`)\n", without_roles(inspect.cleandoc(law.file.__doc__)), ""]
+        parts += [f"### {law.title} (`{law.name}`)\n", without_roles(inspect.cleandoc(law.file.__doc__ or "")), ""]
         parts += [f"- `{name}`: {spec.meaning} [{GENERAL_UNITS[spec.unit]}]." for name, spec in law.own.items()]
         parts += [""]
     return without_blank_runs("\n".join(parts))

@@ -244,7 +244,9 @@ class _Player:
 
     @property
     def place(self):
-        """Where the reference stands [m]."""
+        """Where the reference stands [m]; waits for the controller's first state."""
+        while self._state is None:
+            self.turn()
         return float(self._state.reference)
 
     def _ask(self, positions):

@@ -92,7 +92,7 @@ def machine():
             (row.split(":")[1].strip() for row in cpuinfo.read_text().splitlines() if row.startswith("model name")),
             name,
         )
-    versions = {}
+    versions: dict[str, str | None] = {}
     for library in LIBRARIES:
         try:
             versions[library] = importlib.metadata.version(library)

@@ -80,7 +80,7 @@ def _make(root, build, ready, digest):
         else "ROS 2 Jazzy from the Python package index, into .venv; no root needed"
     )
     print(f"microstage: setting up once: {whose}.", file=sys.stderr)
-    python = Path(shutil.which("python3") if sourced else _python())
+    python = Path((shutil.which("python3") if sourced else None) or _python())
     tools = _tools(root, python, sourced)
     venv = root / (".venv-ros" if sourced else ".venv")
     with _libraries_beside(root, venv, python, build, sourced, tools):

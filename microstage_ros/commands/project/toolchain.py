@@ -51,7 +51,7 @@ class Toolchain(NamedTuple):
 def find(headers=None):
     """The `Toolchain` of this machine; nothing is downloaded. ``headers``: where Python.h would be (default: this
     Python's)."""
-    packages = ()
+    packages: tuple[str, ...] = ()
     found = [next(filter(None, map(shutil.which, names)), None) for names in COMPILERS]
     if not all(found):
         packages = ("ziglang",)

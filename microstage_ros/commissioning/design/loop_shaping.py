@@ -55,11 +55,11 @@ def read_response(path):
     if len(table) < 8:
         raise InputError(str(path), f"{len(table)} lines of the plant", "at least 8")
     best = []  # where two measurements have a line in common, the more coherent one
-    for row in sorted(table):
-        if best and row[0] < SAME * best[-1][0]:
-            best[-1] = max(best[-1], row, key=lambda r: r[3])
+    for line in sorted(table):
+        if best and line[0] < SAME * best[-1][0]:
+            best[-1] = max(best[-1], line, key=lambda r: r[3])
         else:
-            best.append(row)
+            best.append(line)
     order = np.array(best)
     value = order[:, 1] * np.exp(1j * np.radians(order[:, 2]))
     return Response(

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 LINES = 36
+DRAWS = 8  # of the phases; the one with the lowest peak is taken
 LEAST_COHERENCE = 0.5  # below, a line says nothing
 
 
@@ -75,15 +76,11 @@ def multi_sine(period, lowest, highest, amplitude, seed, count=LINES):
     base = 1.0 / (rows * period)
     highest = min(highest, 0.45 / period)
     lines = np.unique(np.round(np.geomspace(1, max(highest / base, 2.0), count)).astype(int))
-    rng, best = np.random.default_rng(seed), None
-    t = np.arange(rows) * period
+    angles = 2.0 * math.pi * base * np.outer(np.arange(rows) * period, lines)
     size = np.array([amplitude(k * base) for k in lines])
-    for _ in range(8):  # of some draws of phases the one with the lowest peak
-        phases = rng.uniform(0.0, 2.0 * math.pi, len(lines))
-        signal = np.sin(2.0 * math.pi * base * np.outer(t, lines) + phases) @ size
-        if best is None or np.abs(signal).max() < np.abs(best).max():
-            best = signal
-    return MultiSine(lines, rows, best)
+    drawn = np.random.default_rng(seed).uniform(0.0, 2.0 * math.pi, (DRAWS, len(lines)))
+    signals = (np.sin(angles + phases) @ size for phases in drawn)
+    return MultiSine(lines, rows, min(signals, key=lambda signal: np.abs(signal).max()))
 
 
 def responses(parts, sine, period, condition):
@@ -94,9 +91,9 @@ def responses(parts, sine, period, condition):
     parts : list of (encoder [m], voltage [V], disturbance [V]), each of k·rows + 1 rows, in step with the sine.
     sine : `MultiSine`. period : of control [s]. condition : of the machine, rest or sliding.
     """
-    sums = {name: 0.0 for name in ("xd", "ud", "cd", "xx", "dd", "cc")}
+    sums = {name: np.zeros(len(sine.lines), complex) for name in ("xd", "ud", "cd", "xx", "dd", "cc")}
     shift = np.exp(2j * math.pi * sine.lines / sine.rows) - 1.0
-    periods, amplitude = 0, 0.0
+    periods, amplitude = 0, np.zeros(len(sine.lines))
     for encoder, voltage, disturbance in parts:
         for k in range((len(encoder) - 1) // sine.rows):
             rows = slice(k * sine.rows, (k + 1) * sine.rows)

@@ -63,8 +63,8 @@ def whole_margins(loop, axis, drawn, law, gains):
     points = np.append(lines, whole)
     every = modelled_loop(axis, law, parameters, points)
     model, off = every[len(lines) :], np.log(seen.value / every[: len(lines)])
-    ways = [np.log(modelled_loop(each, law, parameters, points, axis) / every) for each in drawn]
-    ways = np.column_stack([np.empty((len(points), 0)), *ways]) / math.sqrt(max(len(drawn), 1))
+    others = [np.log(modelled_loop(each, law, parameters, points, axis) / every) for each in drawn]
+    ways = np.column_stack([np.empty((len(points), 0)), *others]) / math.sqrt(max(len(drawn), 1))
     found = max(
         (_fitted(seen, off, _basis(points, ways, width, size)) for width in WIDTHS for size in SIZES),
         key=lambda fit: fit[0],
@@ -112,7 +112,8 @@ def modelled_loop(axis, law, parameters, frequency, believed=None):
     period = axis.value("period")
     plant = _sliding(axis)[1]
     if law == OBSERVED:
-        loop = observer_loop(axis, plant, *_sliding(believed or axis)[2], parameters)
+        stiffness, damping = _sliding(believed or axis)[2]
+        loop = observer_loop(axis, plant, stiffness, damping, parameters)
     else:
         pid = {name: float(parameters["pid"][name]) for name in parameters["pid"].dtype.names}
         loop = loop_of(plant, pid_transfer(pid, period), period)

@@ -30,7 +30,8 @@ def scale_check(found, sketch, sliding=None):
     found : `Strokes`. sketch : `Sketch`. sliding : inertia [V s²/m] by the response in sliding, or None.
     """
     if sketch.axis.choices["drive.type"] != "voltage_motor":
-        return _judged_scale(*_scale_by_inertia(found, sketch), "the sketched mass and force")
+        low, high = _scale_by_inertia(found, sketch)
+        return _judged_scale(low, high, "the sketched mass and force")
     inertia = sliding if sliding is not None else found.inertia if found.has_current else None
     low, high, alone = _scale_of_motor(found, sketch, inertia)
     if low > high:

@@ -8,7 +8,7 @@ the sketched mass, without any friction, goes `FREE_WAY` at most, with the oppos
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -168,6 +168,18 @@ def _nothing_moves(machine, pulses, level, keep, rows):
                   f"{rows * machine.period * 1e3:.3g} ms; {why}")
 
 
+@dataclass
+class _Seen:
+    """What one pulse has shown so far."""
+
+    moved: int = 0
+    """Rows in a row with the encoder away from its start [1]."""
+    turned: float = 0.0
+    """Travel of the motor by its back-EMF [m]."""
+    first: list = field(default_factory=list)
+    """First currents [A]."""
+
+
 class Pulses:
     """Pulses and what is kept of them: ``machine``, ``threshold`` of motion [m], ``rest`` after a pulse [s],
     ``records``."""
@@ -199,46 +211,47 @@ class Pulses:
         machine = self.machine
         rows, rest = self.rows(voltage), machine.periods(REST, 20)
         start = machine.position
-        state = {"seen": 0, "level": None, "drop": 0.0, "best": 0.0}
+        turning, seen = self._turning, _Seen()
         settle = max(3, machine.periods(1e-3))
 
         def ends(n, x, i):
             moved = x - start
-            state["seen"] = state["seen"] + 1 if abs(moved) > self.threshold else 0
-            if state["seen"] >= 3:
+            seen.moved = seen.moved + 1 if abs(moved) > self.threshold else 0
+            if seen.moved >= 3:
                 return True
-            if self._turning is not None and math.isfinite(i) and n > settle + 8:
-                self._watch(state, n, voltage, i - self.offset)
-                if state["drop"] > TURNED and abs(moved) < 0.2 * state["drop"]:
+            if turning is not None and math.isfinite(i) and n > settle + 8:
+                self._watch(seen, n, abs(turning * voltage), i - self.offset)
+                if seen.turned > TURNED and abs(moved) < 0.2 * seen.turned:
                     raise refused(
                         "encoder_dead",
                         moved,
                         "m",
-                        f"at {voltage:.3g} {machine.command.unit} the motor turned as for {state['drop'] * 1e6:.2g} µm "
+                        f"at {voltage:.3g} {machine.command.unit} the motor turned as for {seen.turned * 1e6:.2g} µm "
                         f"(by its back-EMF), and the encoder showed {moved * 1e6:.2g} µm",
                     )
             return False
 
-        state["first"] = []
         first = machine.run(np.full(rows, start), lambda n, x, i: voltage, until=lambda n, x, i: ends(n, x, i))
         moved, ended = machine.position - start, machine.ended
-        brake = rows if self._turning is None and ended != "until" else 0
+        brake = rows if turning is None and ended != "until" else 0
         after = machine.run(np.full(brake + rest, start), lambda n, x, i: -voltage if n < brake else 0.0)
         self.records += [first, after]
         return (voltage, moved) if ended == "until" else None
 
-    def _watch(self, state, n, voltage, current):
-        """Sum up the drop of the current against its first level: volts of back-EMF over the sketch's constant."""
-        first = state["first"]
-        if len(first) < 6:
-            first.append(current)
+    def _watch(self, seen, n, most, current):
+        """Sum up the drop of the current against its first level: volts of back-EMF over the sketch's constant.
+
+        ``most`` [m]: travel in one period at which the back-EMF would be the whole voltage.
+        """
+        if len(seen.first) < 6:
+            seen.first.append(current)
             return
-        level = float(np.mean(first))
+        level = float(np.mean(seen.first))
         if abs(level) < 8.0 * max(self.current_noise, 1e-9):
             return
-        state["drop"] = max(state["drop"] + abs(self._turning) * abs(voltage) * (1.0 - current / level), 0.0)
-        noise_level = 4.0 * abs(self._turning) * abs(voltage) * self.current_noise / abs(level) * math.sqrt(n)
-        state["drop"] = state["drop"] if state["drop"] > noise_level else state["drop"] * 0.999
+        seen.turned = max(seen.turned + most * (1.0 - current / level), 0.0)
+        noise_level = 4.0 * most * self.current_noise / abs(level) * math.sqrt(n)
+        seen.turned = seen.turned if seen.turned > noise_level else seen.turned * 0.999
 
     def record(self):
         """All pulses as one record."""

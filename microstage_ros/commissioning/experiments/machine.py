@@ -100,7 +100,8 @@ class Machine:
         if self.time + rows * self.period > LONGEST:
             raise Stopped(f"more than {LONGEST:g} s of machine time would be needed")
         table = np.full((5, rows), math.nan)
-        encoder, current, angle, voltage, added = (memoryview(row) for row in table)
+        columns: list[memoryview[float]] = [memoryview(row) for row in table]
+        encoder, current, angle, voltage, added = columns
         low, high = (max(window[0], self.travel[0]), min(window[1], self.travel[1])) if window else self.travel
         extra = None if disturbance is None else np.asarray(disturbance, float).tolist()
         wanted, limit, look = np.asarray(reference, float).tolist(), self.limit, self.periods(LOOK, 10)

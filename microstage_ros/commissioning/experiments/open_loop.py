@@ -156,8 +156,8 @@ def fit_strokes(record, sketch, first, period):
         return _forced(motion, low(held)[fast], first, top)
     if not first.has_current:
         return _balanced(motion, low(held)[fast], None, None, sketch, top)
-    ends = [of_both_ends(values)[fast] for values in (held, np.nan_to_num(record["current_A"]))]
-    return _balanced(motion, low(held)[fast], *ends, sketch, top)
+    voltage, current = (of_both_ends(values)[fast] for values in (held, np.nan_to_num(record["current_A"])))
+    return _balanced(motion, low(held)[fast], voltage, current, sketch, top)
 
 
 def _balanced(motion, held, u, i, sketch, top):

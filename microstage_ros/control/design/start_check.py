@@ -71,7 +71,7 @@ def observer_is_stable(axis, parameters):
 def _observer_is_stable(axis, parameters):
     period = float(parameters["period"])
     return all(
-        _settles(*_sampled(each, actuator, guideway, period), observer_step(parameters, *slopes), OBSERVER_STATES)
+        _settles(_sampled(each, actuator, guideway, period), observer_step(parameters, *slopes), OBSERVER_STATES)
         for each in doubted_axes(axis) for name, actuator, guideway, slopes in regime_slopes(each) if name != CREEPING
     )
 
@@ -115,7 +115,7 @@ def _plants(axis, period):
 
 def _pid_settles(plants, gains, period, margin):
     return all(
-        _settles(a, b, c[:1], pid_step({**gains, "proportional": factor * gains["proportional"]}, period), PID_STATES)
+        _settles((a, b, c[:1]), pid_step({**gains, "proportional": factor * gains["proportional"]}, period), PID_STATES)
         for factor in (1.0, margin)
         for a, b, c in plants
     )
@@ -126,7 +126,8 @@ def _sampled(axis, actuator, guideway, period):
     return *held(a, b, period), c
 
 
-def _settles(a, b, c, step, size):
-    """Whether the closed loop of plant (a, b, c) and law settles."""
+def _settles(plant, step, size):
+    """Whether the closed loop of ``plant`` (a, b, c) and law settles."""
+    a, b, c = plant
     loop, entry, row = cut_loop(a, b, c, step, size)
     return bool(np.abs(np.linalg.eigvals(loop + entry @ row)).max() < 1.0 - 1e-9)

@@ -37,7 +37,7 @@ SINES = tuple(  # m, Hz: 1 um ... 1 mm, 0.03 ... 1 Hz, up to 2 mm/s
 )
 DOUBTS = (1.2e-3, 2.3e-3, 4.6e-3, 9.2e-3, 1.84e-2)  # V, in the voltage behind the observer law's back-EMF
 GAIN_JUMPS = (0.4, 0.5, 0.7, 1.4, 2.0, 2.5)  # of the amplifier
-STRESS = {
+STRESS: dict[str, dict] = {
     "nominal": {},
     "friction x 0.5": {"effects": {"friction_level_change": {"factor": 0.5}}},
     "friction x 2": {"effects": {"friction_level_change": {"factor": 2.0}}},
@@ -197,10 +197,10 @@ def rest(evaluation, controllers):
 def sines(evaluation, kinds=("pid", "self_tuning", "self_tuning_feedforward", "self_tuning_observer")):
     """Sines of many sizes: worst peak [m] of each law, and of the best fixed PID searched for that very sine."""
     def one(sine):
-        seeds = fresh_seeds(evaluation)
-        worst = {kind: max(sine_trial(evaluation.axis, kind, {}, *sine, seed).peak for seed in seeds) for kind in kinds}
-        gains, worst["best_pid"] = best_for_sine(evaluation.axis, seeds, *sine, evaluation.extent.searches)
-        return {"amplitude": sine[0], "frequency": sine[1], "gains": gains, "peak": worst}
+        axis, seeds, (size, frequency) = evaluation.axis, fresh_seeds(evaluation), sine
+        worst = {kind: max(sine_trial(axis, kind, {}, size, frequency, seed).peak for seed in seeds) for kind in kinds}
+        gains, worst["best_pid"] = best_for_sine(axis, seeds, size, frequency, evaluation.extent.searches)
+        return {"amplitude": size, "frequency": frequency, "gains": gains, "peak": worst}
 
     evaluation.progress("best fixed PID for every sine")
     return evaluation.each(one, evaluation.extent.sines)
@@ -215,9 +215,10 @@ def stress(evaluation, controllers):
     def one(job):
         kind, name = job
         conditions, seeds = STRESS[name], range(evaluation.extent.seeds)
+        size, frequency = STRESS_SINE
         peaks = [
             cycle_peaks(
-                sine_trial(evaluation.axis, kind, {}, *STRESS_SINE, seed, STRESS_CYCLES, **conditions), STRESS_SINE[1]
+                sine_trial(evaluation.axis, kind, {}, size, frequency, seed, STRESS_CYCLES, **conditions), frequency
             )
             for seed in seeds
         ]

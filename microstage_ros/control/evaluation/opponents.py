@@ -222,13 +222,13 @@ def contest(axis, evaluations=2000, seed=0, progress=lambda words: None, known=(
 
     ``known`` : `Opponent` list of an earlier search, which are not searched again.
     """
-    found = {opponent.kind: opponent for opponent in known}
+    by_kind = {opponent.kind: opponent for opponent in known}
     for kind in (*OPPONENTS, *repetition.KINDS):
         progress(f"searching {kind}")
-        if kind not in found:
-            base = found[repetition.BASE].gains if kind in repetition.KINDS else None
-            found[kind] = searched(axis, kind, budget(kind, evaluations), seed, base)
-    found = [found[kind] for kind in (*OPPONENTS, *repetition.KINDS)]
+        if kind not in by_kind:
+            base = by_kind[repetition.BASE].gains if kind in repetition.KINDS else None
+            by_kind[kind] = searched(axis, kind, budget(kind, evaluations), seed, base)
+    found = [by_kind[kind] for kind in (*OPPONENTS, *repetition.KINDS)]
     found += [Opponent(kind, {}, cost(axis, kind, {}), 0) for kind in NOT_SEARCHED]
     table = {}
     for condition in conditions(axis):

@@ -127,7 +127,10 @@ def run_from_dict(tree, place="run", folder="."):
     if not isinstance(controller, dict):
         raise InputError(f"{place}: controller", controller, "a mapping {type: ..., gains}")
     if controller:
-        laws.law(controller.get("type"), f"{place}: controller.type")
+        kind = controller.get("type")
+        if not isinstance(kind, str):
+            raise InputError(f"{place}: controller.type", kind, "one of " + ", ".join(laws.LAWS))
+        laws.law(kind, f"{place}: controller.type")
     noise = tree.get("noise") or {}
     _mapping(noise, f"{place}: noise", NOISES)
     noise = {
@@ -215,9 +218,9 @@ def _segment(segment, place, folder):
     for key in inner:
         if key not in body:
             raise InputError(f"{place}.{kind}.{key}", None, "a number")
-    low = {"to_m": -1e3}
+    lowest = {"to_m": -1e3}
     return {
-        kind: {key: _number(body[key], f"{place}.{kind}.{key}", low.get(key, 1e-12), 1e6, "(SI)") for key in inner},
+        kind: {key: _number(body[key], f"{place}.{kind}.{key}", lowest.get(key, 1e-12), 1e6, "(SI)") for key in inner},
         **checked,
     }
 

@@ -78,8 +78,7 @@ def simulate(axis, run, seed=0, machine=None, progress=None):
         if progress:
             progress(min(start + PIECE, len(trace)), len(trace))
     trace = trace[len(before):]
-    rows = len(trace)
-    columns = {"t_s": np.arange(rows) * period, "reference_m": tables["reference"]}
+    columns = {"t_s": np.arange(len(trace)) * period, "reference_m": tables["reference"]}
     columns |= {name: trace[:, place].copy() for place, name in enumerate(TRACE) if name not in SURROUNDINGS}
     columns |= surroundings(trace)
     actuator = actuator_of(machine)

@@ -71,7 +71,8 @@ def step_trial(axis, kind, gains, distance, seed, moves=10, dwell=0.4, **conditi
     parts = [slice(2 * k * rows, (2 * k + 1) * rows) for k in range(moves)]
     last = min(round(0.1 / period), rows)
     figures = [_figures(columns, part, distance, period, last) for part in parts]
-    return StepTrial(*(np.array(figure) for figure in zip(*figures)), columns)
+    errors, interferometer, settling, overshoot, rest = map(np.array, zip(*figures))
+    return StepTrial(errors, interferometer, settling, overshoot, rest, columns)
 
 
 def _figures(columns, part, distance, period, last):

@@ -57,11 +57,12 @@ class ReferencePlayer:
     def at(self, sequence, encoder):
         """(reference [m], mode) of control period ``sequence`` [1]; the first call ever holds ``encoder`` [m]."""
         with self._lock:
-            if self._positions is None:
-                self._positions = np.array([encoder])
+            positions = self._positions
+            if positions is None:
+                positions = self._positions = np.array([encoder])
                 self._start = sequence
             self._last = sequence
-            return self._value(sequence), self._mode(sequence)
+            return self._value(positions, sequence), self._mode(positions, sequence)
 
     @property
     def plan(self):
@@ -75,13 +76,13 @@ class ReferencePlayer:
         with self._lock:
             self._last = sequence
 
-    def _value(self, sequence):
+    def _value(self, positions, sequence):
         index = sequence - self._start
-        size = len(self._positions)
-        return float(self._positions[0 if index < 0 else index if index < size else size - 1])
+        size = len(positions)
+        return float(positions[0 if index < 0 else index if index < size else size - 1])
 
-    def _mode(self, sequence):
-        if not 0 <= sequence - self._start < len(self._positions) - 1:
+    def _mode(self, positions, sequence):
+        if not 0 <= sequence - self._start < len(positions) - 1:
             return HOLDING
         return STOPPING if self._stopping else MOVING
 
@@ -113,27 +114,28 @@ class ReferencePlayer:
         InputError : a step at the joint, another plan under way, a period that has passed.
         """
         with self._lock:
-            if self._positions is None:
+            before = self._positions
+            if before is None:
                 raise InputError("reference", "no state so far", "a driver that is active")
-            if self._repeats(start, positions):
+            end = self._start + len(before) - 1
+            if self._last < end and self._repeats(start, before, positions):
                 return self._start, self._start + len(positions) - 1, float(positions[-1])
             start = start or self._last + 1
             if start <= self._last:
                 raise InputError("reference: start_sequence", start, f"a period after {self._last}, which has begun")
-            if start < self._start + len(self._positions) - 1:
+            if start < end:
                 raise InputError(
                     "reference: start_sequence", start, "the end of the motion under way, or a stop before"
                 )
-            here = self._value(start)
+            here = self._value(before, start)
             if abs(positions[0] - here) > JOINT:
                 raise InputError("reference: first position", float(positions[0]), f"{here!r} m, where it stands")
             self._positions, self._start, self._stopping = positions, start, False
             return start, start + len(positions) - 1, float(positions[-1])
 
-    def _repeats(self, start, positions):
-        """True for the plan that has not come to its end."""
-        return (not self._stopping and start in (0, self._start) and self._last < self._start + len(self._positions) - 1
-                and np.array_equal(positions, self._positions))
+    def _repeats(self, start, before, positions):
+        """True for the plan ``before``, under way, once more."""
+        return not self._stopping and start in (0, self._start) and np.array_equal(positions, before)
 
     def stop(self):
         """Ramp to rest from the next period on. Returns what `follow` returns.
@@ -141,15 +143,14 @@ class ReferencePlayer:
         Raises InputError: no state has been heard of so far.
         """
         with self._lock:
-            if self._positions is None:
+            positions = self._positions
+            if positions is None:
                 raise InputError("reference", "no state so far", "a driver that is active")
             start = self._last + 1
-            here, before = self._value(start), self._value(self._last)
+            here, before = self._value(positions, start), self._value(positions, self._last)
             count = max(round(self.stop_time / self.period), 1)
             s = np.arange(count + 1) / count
             # integral of (1 - s)^2 (1 + 2 s) = 1 - 3 s^2 + 2 s^3
-            self._positions = here + (here - before) * count * (s - s**3 + s**4 / 2)
-            if here == before:
-                self._positions = np.array([here])
-            self._start, self._stopping = start, True
-            return start, start + len(self._positions) - 1, float(self._positions[-1])
+            ramp = here + (here - before) * count * (s - s**3 + s**4 / 2) if here != before else np.array([here])
+            self._positions, self._start, self._stopping = ramp, start, True
+            return start, start + len(ramp) - 1, float(ramp[-1])

@@ -157,8 +157,8 @@ def controller_margins(axis, parameters):
         return pid_margins(axis, {name: float(parameters["pid"][name]) for name in parameters["pid"].dtype.names})
     period = float(parameters["period"])
     return [
-        loop_margins(observer_loop(axis, plant, *slopes, parameters), period, name)
-        for name, plant, slopes in regimes(axis)
+        loop_margins(observer_loop(axis, plant, stiffness, damping, parameters), period, name)
+        for name, plant, (stiffness, damping) in regimes(axis)
     ]
 
 

@@ -107,7 +107,7 @@ def _channels(prepared, drive, fast_only):
     """The channels that a prepared record can fill, by name; the command channel alone if ``fast_only``."""
     if fast_only:
         return {"command": Command(prepared, drive)} if prepared.has_current else {}
-    kinds = [Mechanical]
+    kinds: list[type[Mechanical | Windup | Resonance | Position]] = [Mechanical]
     if prepared.has_current:
         kinds += [Windup] if prepared.behind is not None else [Windup, Resonance]
     if prepared.interferometer is not None:

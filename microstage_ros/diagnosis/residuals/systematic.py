@@ -4,7 +4,7 @@ Measured on healthy records (three baselines of another simulator of the same ax
 2, 4 and 6 % random friction): the scatter of each form's fitted size beyond its standard error.
 """
 
-SYSTEMATIC = {
+SYSTEMATIC: dict[str, dict] = {
     "command": {("generic:gain", ""): 0.15},
     "torque": {
         ("rising_static_friction", "0.03,3e-05"): 0.015,

@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from microstage_ros.model.actuators import actuator_of
+from microstage_ros.model.axis_file import Axis
+from microstage_ros.model.effects.resimulated import Candidate
 from microstage_ros.quantities.errors import InputError
 
 OWN = (
@@ -28,7 +30,7 @@ ENOUGH = 5e-4                  # relative fall of the sum of squares at which th
 class Chosen:
     """A candidate with the values of its sizes and shapes."""
 
-    candidate: object
+    candidate: Candidate
     values: tuple
 
     @property
@@ -46,7 +48,7 @@ class Chosen:
 class Model:
     """An axis, its own parameters that are free, and the causes chosen so far."""
 
-    axis: object
+    axis: Axis
     keys: tuple
     own: tuple
     chosen: tuple = ()
@@ -111,7 +113,9 @@ class Model:
             low.append(-np.inf if key == OFFSET else 1e-3 * value)
             high.append(np.inf)
         for fitted in (f for c in self.chosen for f in c.candidate.fitted):
-            steps.append(fitted.step), low.append(fitted.low), high.append(fitted.high)
+            steps.append(fitted.step)
+            low.append(fitted.low)
+            high.append(fitted.high)
         return np.array(steps), np.array(low), np.array(high)
 
 

@@ -69,7 +69,7 @@ def make_folds(parts, held):
     Where no record is held out, the last `HELD_BACK` of every record is; of a motion without repetition every
     third of `STRETCHES`, since its end is like nothing before it.
     """
-    learn, phase, clock, period, at = [], [], [], 0, 0
+    learns, phases, period = [], [], 0
     for part, out in zip(parts, held):
         rows = len(part)
         mask = np.zeros(rows, bool) if out else np.ones(rows, bool)
@@ -77,11 +77,9 @@ def make_folds(parts, held):
         if not any(held):
             mask &= ~held_back(rows, own)
         period = max(period, own)
-        learn.append(mask)
-        phase.append(np.arange(rows) % own / own if own else np.full(rows, np.nan))
-        clock.append(at + np.arange(rows))
-        at += rows
-    learn, phase, clock = np.concatenate(learn), np.concatenate(phase), np.concatenate(clock)
+        learns.append(mask)
+        phases.append(np.arange(rows) % own / own if own else np.full(rows, np.nan))
+    learn, phase = np.concatenate(learns), np.concatenate(phases)
     order = np.cumsum(learn) - 1
     bounds = order * PARTS // max(int(learn.sum()), 1)
     time = [learn & (bounds == k) for k in range(PARTS)]

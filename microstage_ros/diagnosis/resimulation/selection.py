@@ -16,7 +16,7 @@ import numpy as np
 from scipy.stats import f as fisher
 
 from microstage_ros.diagnosis.resimulation.closed_loop import turning_effects
-from microstage_ros.diagnosis.resimulation.fit import BLOCK_S, fit, jacobian, standard_errors
+from microstage_ros.diagnosis.resimulation.fit import BLOCK_S, Model, fit, jacobian, standard_errors
 from microstage_ros.diagnosis.resimulation.folds import left_out_residual, mean_square
 from microstage_ros.diagnosis.selection.stepwise import forward
 
@@ -37,7 +37,7 @@ REFITTED = 3                   # candidates fitted at every step
 class Stage:
     """A fitted model with its residual, derivatives and mean squares on left-out time and motion."""
 
-    model: object
+    model: Model
     residual: np.ndarray
     columns: np.ndarray
     time: float
@@ -162,7 +162,7 @@ class Selector:
             if taken is not None and (taken.candidate.form == candidate.form or candidate.stands_for):
                 continue
             name = None if taken is None else candidate.id
-            if name not in bases:
+            if taken is not None and name not in bases:
                 freed = taken.candidate.stands_for
                 bases[name] = self.refit(now.model.without(name).freeing(freed)) if freed else self.without(now, name)
             base = bases[name]
@@ -177,7 +177,8 @@ class Selector:
                 seen.add(candidate.form)
                 sizes = [0.2 * fitted.step for fitted in candidate.sizes]
                 model = base.model.with_cause(candidate, (*sizes, *shape))
-                trials.append(self.stage(*fit(self.loop, model, self.folds.learn, base.columns), base.columns))
+                model, residual = fit(self.loop, model, self.folds.learn, base.columns)
+                trials.append(self.stage(model, residual, base.columns))
         return sorted(trials, key=lambda trial: trial.time)
 
     @staticmethod
@@ -261,4 +262,5 @@ class Selector:
                 keep[at: at + len(cause.values)] = False
             at += len(cause.values)
         columns = last.columns[:, keep]
-        return self.stage(*fit(self.loop, last.model.without(name), self.folds.learn, columns), columns)
+        model, residual = fit(self.loop, last.model.without(name), self.folds.learn, columns)
+        return self.stage(model, residual, columns)

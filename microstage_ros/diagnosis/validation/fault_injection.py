@@ -34,13 +34,12 @@ def _friction_bursts(generator, strength):
     """Friction that jumps up for some tenths of a second now and then (dirt)."""
     times = np.sort(generator.uniform(0.0, 30.0, 25))
     height = generator.uniform(0.3, 0.6) * strength
-    state = {"level": None}
+    state: dict[str, float] = {}
 
     def change(plant, _, time):
-        if state["level"] is None:
-            state["level"] = float(plant["actuator"]["level"])
+        level = state.setdefault("level", float(plant["actuator"]["level"]))
         burst = bool(np.any((time >= times) & (time < times + 0.25)))
-        plant["actuator"]["level"] = state["level"] * (1.0 + height * burst)
+        plant["actuator"]["level"] = level * (1.0 + height * burst)
 
     return Hidden("friction bursts", change=change, outside=True)
 
@@ -58,12 +57,11 @@ def _swinging_force(generator, strength):
 def _supply_sag(generator, strength):
     """An amplifier whose gain breathes with a slow supply."""
     size, frequency = generator.uniform(0.08, 0.2) * strength, generator.uniform(0.2, 0.6)
-    state = {"gain": None}
+    state: dict[str, float] = {}
 
     def change(plant, _, time):
-        if state["gain"] is None:
-            state["gain"] = float(plant["gain"])
-        plant["gain"] = state["gain"] * (1.0 + size * np.sin(2 * np.pi * frequency * time))
+        gain = state.setdefault("gain", float(plant["gain"]))
+        plant["gain"] = gain * (1.0 + size * np.sin(2 * np.pi * frequency * time))
 
     return Hidden("supply that breathes", change=change, outside=True)
 

@@ -228,7 +228,7 @@ def log_of(machine, runs, cycles, rng, degrade, extra, source, programme=None):
     they are not to come from ``rng``."""
     parts = []
     step = max(int(round(1.0 / degrade["rate"] / machines.DT)), 1)
-    for run in range(runs):
+    for number in range(runs):
         warm = machine.changed(
             jitter_level=rng.normal(0, degrade["run"]),
             viscous=machine.values["viscous"] * (1 + rng.normal(0, degrade["temperature"])),
@@ -248,7 +248,7 @@ def log_of(machine, runs, cycles, rng, degrade, extra, source, programme=None):
             effort = np.round(effort / degrade["quantum"]) * degrade["quantum"]
         speed = out[rows, 1] + rng.normal(0, 0.005 * machine.top, len(rows))
         parts.append((rows * machines.DT, reference[rows], place, speed, effort * degrade["gain"],
-                      np.full(len(rows), run), effort))
+                      np.full(len(rows), number), effort))
     time, reference, place, speed, effort, run, force = (np.concatenate(c) for c in zip(*parts))
     every = {"reference": reference, "position": place, "following_error": reference - place, "velocity": speed,
              "current": effort if degrade["signed"] else np.abs(effort), "torque": effort,

@@ -8,6 +8,7 @@ differ from those that the analysis knows.
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -100,7 +101,8 @@ def _pieces(off, rows, chunk):
 
 def _program(generator, home, period):
     """Reference [m] of one record, and the rows (start, stop) where the motor is off."""
-    parts = [lambda at, s=speed: _out_and_back(at, generator, s, period) for speed in SCAN_SPEEDS]
+    parts: list[Callable[[float], np.ndarray]]
+    parts = [functools.partial(_out_and_back, generator=generator, speed=speed, period=period) for speed in SCAN_SPEEDS]
     parts += [lambda at: _there_and_back(at, 1.0e-3, 0.7, generator, period)]
     parts += [lambda at: _there_and_back(at, 1.5e-4, 0.5, generator, period) for _ in range(2)]
     parts += [lambda at: _steps(at, generator, period), lambda at: _dither(at, generator, period)]

@@ -167,12 +167,13 @@ def identify_attraction(signals, axis):
     def squares(log_c):
         return sum(float(e @ e) for e in (b.left(log_c) for b in balances))
 
-    grid = np.linspace(*np.log(ATTRACTION_RANGE), 15)
+    lowest, highest = np.log(ATTRACTION_RANGE)
+    grid = np.linspace(lowest, highest, 15)
     best = _refine(squares, grid, int(np.argmin([squares(c) for c in grid])))
     rows = _rows_that_count(
         balances, best, [[_Balance(s, other, edge) for s in signals] for other in _other_curves(axis)]
     )
-    low, high = profile_interval(lambda c: rows * math.log(squares(c)), best, *np.log(ATTRACTION_RANGE), spread=0.1)
+    low, high = profile_interval(lambda c: rows * math.log(squares(c)), best, lowest, highest, spread=0.1)
     if axis.value("contacts.actuator.coulomb") / math.exp(best) < signals[0].period:
         high = math.inf  # a lag of less than a period is none that these rows can show
     if not (np.isfinite(low) and np.isfinite(high)):

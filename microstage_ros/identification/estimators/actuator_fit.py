@@ -85,20 +85,10 @@ def identify_sliding(features, seed, contact="actuator", resamples=RESAMPLES):
     keys = [f"contacts.{contact}.{name}" for name in NAMES]
     speed, friction, repeat = (np.asarray(v) for v in (features.speed, features.friction, features.repeat))
     if len(np.unique(np.round(np.log(np.abs(speed)) / 0.2))) < FEWEST_SPEEDS:
-        for key, unit in zip(keys, UNITS):
-            result.add(
-                Estimate(
-                    key,
-                    float("nan"),
-                    unit,
-                    determined=False,
-                    remark=f"not determined by these records ({len(speed)} steady runs); {SLIDING_EXPERIMENT}",
-                )
-            )
-        return result
+        return _too_few_runs(result, keys, len(speed))
     spread = point_spread(speed, friction)
     by_repeat = len(np.unique(repeat)) >= FEWEST_REPEATS
-    unit = repeat if by_repeat else np.arange(len(speed))
+    sample = repeat if by_repeat else np.arange(len(speed))
     pooled = None
     rows = []
     for name, mask in (("both", np.ones(len(speed), bool)), ("ω > 0", speed > 0), ("ω < 0", speed < 0)):
@@ -106,7 +96,7 @@ def identify_sliding(features, seed, contact="actuator", resamples=RESAMPLES):
             continue
         try:
             fit = _bootstrap_curve(
-                np.abs(speed[mask]), np.abs(friction[mask]), spread[mask], unit[mask], seed, resamples
+                np.abs(speed[mask]), np.abs(friction[mask]), spread[mask], sample[mask], seed, resamples
             )
         except InputError:
             continue
@@ -115,6 +105,8 @@ def identify_sliding(features, seed, contact="actuator", resamples=RESAMPLES):
             (name, NAMES[i], quantity(fit[0][i], UNITS[i], 4), interval(fit[2][i], fit[3][i], UNITS[i], 4))
             for i in range(5)
         ]
+    if pooled is None:  # some resample had fewer than the five speeds that a curve needs
+        return _too_few_runs(result, keys, len(speed))
     values, stderr, low, high, covariance = pooled
     for i, key in enumerate(keys):
         result.add(from_interval(key, values[i], stderr[i], UNITS[i], low[i], high[i],
@@ -134,6 +126,13 @@ def identify_sliding(features, seed, contact="actuator", resamples=RESAMPLES):
     result.correlations.append((tuple(keys), correlation(covariance)))
     result.tables.append(("Stribeck curve by direction (Table 2)", ("direction", "parameter", "value", "95 %"), rows))
     result.curves.append(_sliding_curve(speed, friction, values, covariance))
+    return result
+
+
+def _too_few_runs(result, keys, runs):
+    for key, unit in zip(keys, UNITS):
+        remark = f"not determined by these records ({runs} steady runs); {SLIDING_EXPERIMENT}"
+        result.add(Estimate(key, float("nan"), unit, determined=False, remark=remark))
     return result
 
 
@@ -215,12 +214,15 @@ def identify_presliding(loadings, repeat, seed, contact="actuator", units=("N m/
         pick = [array[part].tolist() for array in (values, stderr, low, high)]
         pick = [p[0] for p in pick] if part.stop - part.start == 1 else pick
         determined = whole if key in keys[:2] else narrow(pick[0], *pick[2:])
+        value, deviation, least, most = pick
         result.add(
             Estimate(
                 key,
-                pick[0],
+                value,
                 unit,
-                *pick[1:],
+                deviation,
+                least,
+                most,
                 determined=determined,
                 method="bootstrap over repeats",
                 remark=""

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.optimize import least_squares, nnls
 
 from microstage_ros.model.friction.blocks import virgin_curve
+from microstage_ros.model.friction.contact import blocks_of
 from microstage_ros.quantities.errors import InputError
 
 MAX_BLOCKS = 8
@@ -38,6 +39,12 @@ class Blocks:
     stiffness: np.ndarray
     weight: np.ndarray
     static: float
+
+    @classmethod
+    def of(cls, axis, contact):
+        """The blocks of an `Axis`'s ``contact``, as the solver carries them."""
+        stiffness, weight = blocks_of(axis, contact)
+        return cls(stiffness, weight, axis.value(f"contacts.{contact}.static"))
 
     @property
     def slip_displacement(self):
@@ -185,17 +192,19 @@ def choose_count(loadings, limit=MAX_BLOCKS):
     factors = register(loadings, _rough_fit(loadings))
     curves = collapse(loadings, factors / factors.mean(), grid)
     if len(loadings) < 4:
-        return _count_by_information(*mean_curve(grid, curves), limit)
+        places, mean = mean_curve(grid, curves)
+        return _count_by_information(places, mean, limit)
     folds = np.arange(len(curves)) % min(5, len(curves))
     errors = {}
     for count in range(1, limit + 1):
         squares = []
         for fold in np.unique(folds):
-            blocks, _ = fit_blocks(*mean_curve(grid, curves[folds != fold]), count)
+            places, mean = mean_curve(grid, curves[folds != fold])
+            blocks, _ = fit_blocks(places, mean, count)
             squares.extend(np.nanmean((curves[folds == fold] - blocks.curve(grid)) ** 2, axis=1))
         errors[count] = np.array(squares)
     means = {count: values.mean() for count, values in errors.items()}
-    best = errors[min(means, key=means.get)]
+    best = errors[min(means, key=lambda count: means[count])]
     enough = best.mean() + best.std(ddof=1) / np.sqrt(len(best))
     chosen = next(count for count in sorted(means) if means[count] <= enough)
     return chosen, {count: float(np.sqrt(value)) for count, value in means.items()}
@@ -216,13 +225,14 @@ def _count_by_information(grid, mean, limit):
         _, residual = fit_blocks(grid, mean, count)
         rms[count] = float(np.sqrt(np.mean(residual**2)))
         scores[count] = len(grid) * np.log(rms[count] ** 2 + (1e-4 * mean.max()) ** 2) + 2 * count * np.log(len(grid))
-    return min(scores, key=scores.get), rms
+    return min(scores, key=lambda count: scores[count]), rms
 
 
 def _rough_fit(loadings):
     grid = common_grid(loadings)
     statics = np.array([loading.force[-1] for loading in loadings])
-    return fit_blocks(*mean_curve(grid, collapse(loadings, statics / statics.mean(), grid)), 6)[0]
+    places, mean = mean_curve(grid, collapse(loadings, statics / statics.mean(), grid))
+    return fit_blocks(places, mean, 6)[0]
 
 
 def identify_blocks(loadings, count, blocks=None, factors=None):
@@ -249,10 +259,12 @@ def identify_blocks(loadings, count, blocks=None, factors=None):
     if blocks is not None:
         # factors are levels relative to the earlier mean curve: the resample's own mean is what varies
         level = factors.mean()
-        found, _ = fit_blocks(*mean_curve(grid, collapse(loadings, factors, grid)), count, blocks.slip_displacement)
+        places, mean = mean_curve(grid, collapse(loadings, factors, grid))
+        found, _ = fit_blocks(places, mean, count, blocks.slip_displacement)
         return Blocks(found.stiffness, found.weight, found.static * level), factors
     factors = register(loadings, _rough_fit(loadings))
     for _ in range(2):
-        blocks, _ = fit_blocks(*mean_curve(grid, collapse(loadings, factors / factors.mean(), grid)), count)
+        places, mean = mean_curve(grid, collapse(loadings, factors / factors.mean(), grid))
+        blocks, _ = fit_blocks(places, mean, count)
         factors = register(loadings, blocks)
     return blocks, factors

@@ -20,7 +20,7 @@ from microstage_ros.records.bags.bag_metadata import CUSTOM_DATA
 from microstage_ros.records.bags.chunk import HEAD_BYTES, HEAD_DTYPE, LENGTH_BEFORE_PAYLOAD
 from microstage_ros.records.bags.definition import installed_definition, parse_definition, service_event_text
 from microstage_ros.records.bags.layout import NoFixedLayout, layout_of_message, layout_of_type
-from microstage_ros.records.bags.mcap_source import McapSource
+from microstage_ros.records.bags.mcap_source import ChunkPlace, McapSource
 from microstage_ros.records.bags.variable import decode_messages
 
 THREADS = 2
@@ -152,7 +152,7 @@ class _Part:
     """A chunk, the wanted messages in it by topic, and where they go in the arrays."""
 
     source: McapSource
-    chunk: object
+    chunk: ChunkPlace
     entries: dict
     at: dict
 
@@ -213,6 +213,8 @@ class _Gathered:
     def messages(self):
         """All message records as bytes, in their order."""
         found, at = [], 0
+        if self.rows is None:  # nothing was put
+            return found
         while at < self.count:
             if at in self.pieces:
                 found.extend(self.pieces[at])
@@ -263,11 +265,12 @@ def _fixed_array(topic, rows):
 
 def _with_times(layout):
     """The dtype of whole message records: the two times, then the fields of the message."""
+    head = HEAD_DTYPE.fields or {}
     fields = {name: layout.dtype.fields[name] for name in layout.dtype.names}
     return np.dtype({
         "names": ["log_time_ns", "publish_time_ns", *fields],
         "formats": ["<i8", "<i8", *(kind for kind, _ in fields.values())],
-        "offsets": [HEAD_DTYPE.fields["log_time"][1], HEAD_DTYPE.fields["publish_time"][1],
+        "offsets": [head["log_time"][1], head["publish_time"][1],
                     *(HEAD_BYTES + offset for _, offset in fields.values())],
         "itemsize": HEAD_BYTES + layout.size})
 

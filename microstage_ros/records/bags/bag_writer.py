@@ -166,17 +166,17 @@ class BagWriter:
         """Close the chunk in hand; what is in it survives this process a moment later."""
         self._close_chunk()
         if self._split_bytes and self.folder is not None and self._sink.place > self._split_bytes:
-            self._next_file()
+            self._next_file(self.folder)
 
-    def _next_file(self):
-        """Close the file and begin the next one of the folder."""
+    def _next_file(self, folder):
+        """Close the file and begin the next one of the ``folder``."""
         self._close_file()
         self._earlier.append((self.file.name, self._part()))
         number = int(self.file.stem.rpartition("_")[2]) + 1
         if self._keep_files and len(self._earlier) >= self._keep_files:
             oldest, _ = self._earlier.pop(0)
-            (self.folder / oldest).unlink(missing_ok=True)
-        self.file = self.folder / f"{self.folder.name}_{number}.mcap"
+            (folder / oldest).unlink(missing_ok=True)
+        self.file = folder / f"{folder.name}_{number}.mcap"
         self._sink = McapSink(self.file, open_file(self.file), self._compression)
         self._sink.add_metadata(CUSTOM_DATA, _texts(self.custom_data))
         for schema, channel in self._channels:

@@ -49,7 +49,7 @@ class ChunkLog:
     def pop(self):
         """Remove the last entry; its facts."""
         self._length -= 1
-        if self._recent:
+        if self._recent or self._file is None:
             return self._recent.pop()[1]
         end = self._file.seek(-_TAIL.size, 2) + _TAIL.size
         record, facts = _TAIL.unpack(self._file.read(_TAIL.size))

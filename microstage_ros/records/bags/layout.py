@@ -47,10 +47,6 @@ class Layout:
         """Bytes of one message."""
         return self.dtype.itemsize
 
-    def offset(self, name):
-        """Byte at which a field begins, encapsulation included."""
-        return self.dtype.fields[name][1]
-
     def blank(self, **values):
         """A message as a bytearray: lengths in place, all values zero but those given.
 

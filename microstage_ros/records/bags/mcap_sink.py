@@ -210,15 +210,14 @@ class McapSink:
 
     def _closing(self):
         """Everything after the data: summary, offsets, footer."""
-        groups = [(Opcode.SCHEMA, self._schemas), (Opcode.CHANNEL, self._channels),
-                  (Opcode.STATISTICS, [self._statistics()]),
-                  (Opcode.CHUNK_INDEX, self._chunks),
-                  (Opcode.METADATA_INDEX, self._metadata)]
+        groups = [(Opcode.SCHEMA, _bytes_of(*self._schemas)), (Opcode.CHANNEL, _bytes_of(*self._channels)),
+                  (Opcode.STATISTICS, _bytes_of(self._statistics())),
+                  (Opcode.CHUNK_INDEX, self._chunks.records()),
+                  (Opcode.METADATA_INDEX, _bytes_of(*self._metadata))]
         data_end = _bytes_of(DataEnd(0))
         summary_start = self._place + len(data_end)
         summary, offsets = b"", b""
-        for opcode, records in groups:
-            part = records.records() if records is self._chunks else b"".join(_bytes_of(record) for record in records)
+        for opcode, part in groups:
             offsets += _bytes_of(SummaryOffset(opcode, summary_start + len(summary), len(part))) if part else b""
             summary += part
         offset_start = summary_start + len(summary)
@@ -235,10 +234,11 @@ class McapSink:
             schema_count=len(self._schemas))
 
 
-def _bytes_of(record):
-    """A record of the `mcap` package as bytes."""
+def _bytes_of(*records):
+    """Records of the `mcap` package as bytes."""
     builder = RecordBuilder()
-    record.write(builder)
+    for record in records:
+        record.write(builder)
     return builder.end()
 
 

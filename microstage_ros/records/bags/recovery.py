@@ -151,8 +151,7 @@ def _recover_file(file):
     """One file; `Recovery`, and what its metadata need."""
     source = _Scanned(file)
     found = Recovery(file, chunks=len(source.good), lost_chunks=source.bad)
-    schemas = {channel.schema_id: source.schemas.get(channel.schema_id) for channel in source.channels.values()}
-    channels = {number: channel for number, channel in source.channels.items() if schemas.get(channel.schema_id)}
+    channels = {number: channel for number, channel in source.channels.items() if channel.schema_id in source.schemas}
     counts = Counter()
     for _, _, entries in source.good:
         counts.update({channel: len(rows) for channel, rows in entries.items() if channel in channels})
@@ -165,7 +164,7 @@ def _recover_file(file):
         TopicInfo(
             number,
             channel.topic,
-            schemas[channel.schema_id].name,
+            source.schemas[channel.schema_id].name,
             dict(channel.metadata).get("topic_type_hash", ""),
             _profiles(channel),
         )
@@ -173,7 +172,7 @@ def _recover_file(file):
     ]
     part = topics, counts, start, end, source.metadata.get(CUSTOM_DATA, {})
     if not found.whole:
-        found.lost_bytes = _write_anew(file, source, channels, schemas, part)
+        found.lost_bytes = _write_anew(file, source, channels, part)
     return found, part
 
 
@@ -192,12 +191,12 @@ def _same(indexed, found):
     return set(indexed) == set(found) and all(indexed[channel].tolist() == found[channel].tolist() for channel in found)
 
 
-def _write_anew(file, source, channels, schemas, part):
+def _write_anew(file, source, channels, part):
     """Write the file beside the damaged one and put it in its place. Bytes that were of no use."""
     fresh = file.with_name(file.name + ".recovered")
     sink = McapSink(fresh, open_file(fresh), "zstd")
     for _, channel in sorted(channels.items()):
-        sink.add_channel(schemas[channel.schema_id], channel)
+        sink.add_channel(source.schemas[channel.schema_id], channel)
     for name, values in source.metadata.items():
         if name != "rosbag2":
             sink.add_metadata(name, values)

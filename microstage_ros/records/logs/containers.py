@@ -1,6 +1,7 @@
 """MATLAB files and MCAP bags as tables of columns."""
 
 import io
+from collections import Counter
 
 import numpy as np
 
@@ -31,8 +32,8 @@ def read_mat(path):
             _collect(vectors, name, value)
     if not vectors:
         raise InputError(path, "no vectors of numbers", "a vector per quantity")
-    lengths, times = np.unique([len(v) for v in vectors.values()], return_counts=True)
-    rows = int(lengths[np.lexsort((lengths, times))[-1]])
+    times = Counter(len(v) for v in vectors.values())
+    rows = max(times, key=lambda length: (times[length], length))
     left = [name for name, v in vectors.items() if len(v) != rows]
     notes = [f"left out, of another length than {rows}: {', '.join(left[:6])}"] if left else []
     return Table({name: v for name, v in vectors.items() if len(v) == rows}, {}, "MATLAB", None, notes)
@@ -76,16 +77,7 @@ def read_mcap(path, topic=""):
         with open(path, "rb") as file:
             raw = file.read()
         reader = make_reader(io.BytesIO(raw), decoder_factories=[DecoderFactory()])
-        summary = reader.get_summary()
-        counts = {
-            channel.topic: summary.statistics.channel_message_counts.get(key, 0)
-            for key, channel in summary.channels.items()
-        }
-        kinds = {
-            channel.topic: summary.schemas[channel.schema_id].name
-            for channel in summary.channels.values()
-            if channel.schema_id
-        }
+        counts, kinds = _contents(reader)
         chosen = topic or _best_topic(counts, kinds)
         if chosen not in counts:
             raise InputError(f"{path}: topic", chosen, "one of " + ", ".join(sorted(counts)))
@@ -99,6 +91,18 @@ def read_mcap(path, topic=""):
     if not rows:
         raise InputError(f"{path}: {chosen}", "no messages", "a topic with messages")
     return _messages(rows, chosen, kinds.get(chosen, ""))
+
+
+def _contents(reader):
+    """({topic: messages}, {topic: type}) by the summary; read through where there is none (mcap.dev/spec, Footer)."""
+    summary = reader.get_summary()
+    if summary is not None and summary.statistics is not None:
+        counts = {channel.topic: summary.statistics.channel_message_counts.get(key, 0)
+                  for key, channel in summary.channels.items()}
+        return counts, {channel.topic: summary.schemas[channel.schema_id].name
+                        for channel in summary.channels.values() if channel.schema_id}
+    found = [(channel.topic, schema.name if schema else "") for schema, channel, _ in reader.iter_messages()]
+    return Counter(topic for topic, _ in found), dict(found)
 
 
 def _best_topic(counts, kinds):

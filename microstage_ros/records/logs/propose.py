@@ -58,7 +58,8 @@ class Proposal:
 
 def propose(table):
     """`Proposal` for a `Table`."""
-    tree, reasons, used = {}, {}, set()
+    tree: dict[str, dict | list] = {}
+    reasons, used = {}, set()
     numeric = {name: v for name, v in table.columns.items() if getattr(v.dtype, "kind", "") == "f"}
     for quantity, pattern in NAMES:
         found = next(

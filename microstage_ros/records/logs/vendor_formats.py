@@ -46,8 +46,9 @@ def read_text(path, separator="", skip_rows=None):
     """`Table` of a text file of any of these sorts, or of a plain table."""
     text = decoded(path)
     head = text[:4000]
-    if HALSCOPE.search(head):
-        return _halscope(text, path)
+    halscope = HALSCOPE.search(head)
+    if halscope:
+        return _halscope(text, path, int(halscope[1]) * 1e-9)
     lines = [line for line in head.split("\n") if line.strip()][:20]
     if lines and sum(bool(CAMONITOR.match(line)) for line in lines) > 0.7 * len(lines):
         return _camonitor(text)
@@ -61,8 +62,7 @@ def read_text(path, separator="", skip_rows=None):
     return table
 
 
-def _halscope(text, path):
-    period = int(HALSCOPE.search(text)[1]) * 1e-9
+def _halscope(text, path, period):
     rows = [line.split() for line in text.split("\n")[1:] if line.strip()]
     if not rows:
         raise InputError(path, "no samples", "lines of labels and values below the sampling period")
@@ -99,11 +99,11 @@ def _camonitor(text):
     moments = np.array(stamps, dtype="datetime64[ns]").astype(np.int64) * 1e-9
     union = np.unique(moments)
     columns = {"time": union - union[0]}
-    values, names = np.array(values), np.array(names)
-    for name in dict.fromkeys(names.tolist()):
-        own = names == name
+    sources, numbers = np.array(names), np.array(values)
+    for name in dict.fromkeys(names):
+        own = sources == name
         order = np.argsort(moments[own], kind="stable")
-        at, held = moments[own][order], values[own][order]
+        at, held = moments[own][order], numbers[own][order]
         place = np.searchsorted(at, union, side="right") - 1
         columns[name] = np.where(place >= 0, held[np.maximum(place, 0)], np.nan)
     notes = ["every process variable holds its value until its next event"]

@@ -4,6 +4,7 @@ A cell lives through many faults, as a real one has to: what may be started agai
 next fault comes. It ends where the axis cannot go on (driver, controller or the process that starts the nodes killed).
 """
 
+import contextlib
 import os
 import resource
 import signal
@@ -62,7 +63,10 @@ class FaultCell:
         self._node = rclpy.create_node("faults", namespace=NAMESPACE)
         self._node.create_subscription(DriverStatus, topics.DRIVER_STATUS, self._statuses.append, topics.LATCHED)
         self._pids, self._killed_recorders, self._direction, self._looked = set(), {}, 1.0, 0.0
-        self._client = self._operator = self._says = None
+        self._says = ""
+        self._client: AxisClient  # these two once it is started
+        self._operator: Operator
+        self._closing = contextlib.ExitStack()
         self._cell = CellProcesses(NAMESPACE, NODES, cell_parameters(mode, folder), logs=self._folder / "logs")
 
     def start(self):
@@ -71,7 +75,9 @@ class FaultCell:
         self._supervisor = Supervisor(self._cell, self._node, tell=lambda text: None)
         self._cell.activate(self._node)
         self._client = AxisClient(NAMESPACE, self._node, wait=60.0)
+        self._closing.callback(self._client.close)
         self._operator = Operator(NAMESPACE, self._node)
+        self._closing.callback(self._operator.close)
         self._view = OutputView(self._cell.processes["axis_driver"].pid)
         self.usable = True
 
@@ -260,9 +266,7 @@ class FaultCell:
         orphans = [pid for pid in self._pids if alive(pid)]
         for pid in orphans:
             _signal(pid, signal.SIGKILL)
-        if self._operator:
-            self._operator.close()
-            self._client.close()
+        self._closing.close()
         self._node.destroy_node()
         return {
             "mode": self.mode,
@@ -281,7 +285,8 @@ class FaultCell:
 
     def _bags(self):
         """How many bags are whole, recovered, unreadable; how old the last state was when a recorder was killed [s]."""
-        found = {"bags_whole": 0, "bags_recovered": 0, "bags_unreadable": 0, "messages": 0, "last_state_age_s": []}
+        found = {"bags_whole": 0, "bags_recovered": 0, "bags_unreadable": 0, "messages": 0}
+        ages, says = [], []
         for folder in self._bag_folders():
             try:
                 done = recover(folder)
@@ -291,7 +296,7 @@ class FaultCell:
             except InputError as error:
                 empty = not any(path.stat().st_size > 100 for path in folder.glob("*.mcap*"))
                 found["bags_unreadable"] += not empty  # one that was killed before its first message holds none
-                found.setdefault("says", []).append(" ".join(str(error).split())[:200])
+                says.append(" ".join(str(error).split())[:200])
                 continue
             if folder in self._killed_recorders and self._paced:
                 last = max(
@@ -304,8 +309,8 @@ class FaultCell:
                     default=None,
                 )
                 if last is not None:  # else it was killed before its first state
-                    found["last_state_age_s"].append(round(self._killed_recorders[folder] - last * 1e-9, 4))
-        return found
+                    ages.append(round(self._killed_recorders[folder] - last * 1e-9, 4))
+        return {**found, "last_state_age_s": ages, **({"says": says} if says else {})}
 
 
 def children(pid, word):

@@ -110,7 +110,7 @@ def lockstep(node, nodes, seconds, moving=False):
     cancelled move allows."""
     name = f"lockstep, {_which(nodes)}" + (", credit as during moves" if moving else "")
     with tempfile.TemporaryDirectory() as folder:
-        parameters = {"bag_recorder": {"directory": f"{folder}/bag"}}
+        parameters: dict[str, dict] = {"bag_recorder": {"directory": f"{folder}/bag"}}
         if moving:
             parameters["move_server"] = {"idle_window": MOVING_WINDOW}
         first, last, wall, shares = _observed(node, nodes, parameters, seconds, Path(folder))

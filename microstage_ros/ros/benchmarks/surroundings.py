@@ -47,11 +47,15 @@ def shiftable_clock(folder):
 def surround(mode="paced_1kHz"):
     """A second owner, and the clock set back by an hour, during moves of one cell; the facts as plain data."""
     facts, short, statuses, stamps = {"mode": mode}, [], [], []
+
+    def keep_stamp(state):
+        stamps.append(state.header.stamp.sec)
+
     with tempfile.TemporaryDirectory(prefix="microstage_around_") as folder, shiftable_clock(folder) as set_clock:
         node = rclpy.create_node("around", namespace=NAMESPACE)
         try:
             node.create_subscription(DriverStatus, topics.DRIVER_STATUS, statuses.append, topics.LATCHED)
-            node.create_subscription(AxisState, topics.STATE, lambda state: stamps.append(state.header.stamp.sec), 10)
+            node.create_subscription(AxisState, topics.STATE, keep_stamp, 10)
             with CellProcesses(NAMESPACE, NODES, cell_parameters(mode, folder), logs=Path(folder) / "logs") as cell:
                 cell.activate(node)
                 client = AxisClient(NAMESPACE, node, wait=60.0)

@@ -129,23 +129,28 @@ class CellProcesses:
         self._folder = tempfile.TemporaryDirectory(prefix="microstage_")
         if self._logs:
             self._logs.mkdir(parents=True, exist_ok=True)
-        self._forked = ForkedNodes(
-            [self._node(name) for name in self.nodes], self._log("fork_server"), self._folder.name
-        )
+        folder = self._folder.name
+        self._forked = ForkedNodes([self._node(name, folder) for name in self.nodes], self._log("fork_server"), folder)
         self.processes = dict(self._forked.processes)
 
     def _log(self, name):
         return str(self._logs.resolve() / f"{name}.log") if self._logs else None
 
-    def _node(self, name):
-        """What the fork server must know of a node."""
+    def _started(self):
+        """(the fork server, folder of the parameters); raises CellFailure before `start`."""
+        if self._forked is None or self._folder is None:
+            raise CellFailure("the cell has not been started")
+        return self._forked, self._folder.name
+
+    def _node(self, name, folder):
+        """What the fork server must know of a node, whose parameters stand in the ``folder``."""
         arguments = ["--ros-args", "-r", f"__ns:={self.namespace}"] + (
             ["-r", f"__node:={self._beside}_{name}"] if self._beside else []
         )
         if os.environ.get("ROS_SECURITY_ENABLE") == "true":
             arguments += ["--enclave", f"{self.namespace}/{name}"]
         if self._parameters[name]:
-            path = Path(self._folder.name) / f"{name}.yaml"
+            path = Path(folder) / f"{name}.yaml"
             path.write_text(yaml.safe_dump({"/**": {"ros__parameters": self._parameters[name]}}), encoding="utf-8")
             arguments += ["--params-file", str(path)]
         return {"name": name, "arguments": arguments, "log": self._log(name)}
@@ -153,12 +158,12 @@ class CellProcesses:
     @property
     def server_pid(self):
         """Number of the process that starts the nodes."""
-        return self._forked.server_pid
+        return self._started()[0].server_pid
 
     @property
     def server_status(self):
         """Exit status of the process that starts the nodes, None while it runs."""
-        return self._forked.server_status
+        return self._started()[0].server_status
 
     def check(self):
         """Raise `CellFailure` if a process has ended."""
@@ -171,7 +176,8 @@ class CellProcesses:
         self._again[name] = self._again.get(name, 1) + 1
         if self._parameters[name].get("directory"):
             self._parameters[name] = {**self._parameters[name], "directory": f"{self._directory}_{self._again[name]}"}
-        self.processes[name] = self._forked.start_again(self._node(name))
+        forked, folder = self._started()
+        self.processes[name] = forked.start_again(self._node(name, folder))
 
     def last_words(self, name):
         """The last error in a process's log, or else its last line, after a colon; empty if there is none. A warning of
@@ -196,7 +202,8 @@ class CellProcesses:
         self._meanwhile = meanwhile or self._meanwhile
         self._transition(node, Transition.TRANSITION_CONFIGURE, State.PRIMARY_STATE_INACTIVE, "configured")
         self._transition(node, Transition.TRANSITION_ACTIVATE, State.PRIMARY_STATE_ACTIVE, "activated")
-        self._owned.activated()
+        if self._owned is not None:
+            self._owned.activated()
 
     def deactivate(self, node):
         """Deactivate the driver: zero voltage."""

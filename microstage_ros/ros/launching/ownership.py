@@ -106,15 +106,15 @@ def free_namespace(wanted="/axis", others=("/demo", *map("/demo_{}".format, rang
 
     Raises `InputError`, which names the owner of ``wanted``, if all are taken.
     """
-    refused = None
+    refusals = []
     for name in (wanted, *others):
         try:
             Ownership("cell", name, ("driver",)).release()
         except InputError as error:
-            refused = refused or error
+            refusals.append(error)
         else:
             return name
-    raise refused
+    raise refusals[0]
 
 
 def owned_namespaces():

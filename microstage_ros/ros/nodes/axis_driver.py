@@ -220,7 +220,8 @@ class AxisDriver(DriverPeriods, DriverRequests, LifecycleNode):
     def _look_aside(self):
         """What the sender's thread looks at beside the blocks."""
         self._credits.take()
-        self._quick.look_for_listeners()
+        if self._quick is not None:
+            self._quick.look_for_listeners()
 
     def _once_per_second(self):
         """Timing and diagnostics, read while the loop goes on: to stop it would cost it many periods."""

@@ -31,7 +31,8 @@ class GmsObserver(Node):
         self._observer = FrictionObserver(
             axis, **yaml_mapping("gms_observer: gains", p.gains, "{encoder_noise: 3.0e-8}")
         )
-        FrictionObserver(axis).advance_all(*np.zeros((3, 2)))  # compiled before anybody waits for credit
+        position, voltage, current = np.zeros((3, 2))
+        FrictionObserver(axis).advance_all(position, voltage, current)  # compiled before anybody waits for credit
         self._codec, self._every = Codec("FrictionState"), p.decimation
         servo = make_servo_path(self)
         self._outlet = Outlet(self, servo, FrictionState, topics.FRICTION)
@@ -39,9 +40,9 @@ class GmsObserver(Node):
                              p.expected_followers).loop
 
     def _take(self, states):
-        columns = [states[name] for name in ("position", "applied_voltage", "current")]
+        position, voltage, current = (states[name] for name in ("position", "applied_voltage", "current"))
         reported = np.flatnonzero(states["sequence"] % self._every == 0)
-        found = self._observer.advance_all(*columns, reported)
+        found = self._observer.advance_all(position, voltage, current, reported)
         if len(reported):
             messages = self._codec.blank(stamps_ns(states[reported]))
             messages["sequence"] = states["sequence"][reported]

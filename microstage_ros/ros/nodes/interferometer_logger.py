@@ -5,6 +5,7 @@ Follows the instrument (of a simulated axis: topic `simulation`; a real one: `in
 `air_humidity`.
 """
 
+import functools
 import sys
 
 import numpy as np
@@ -32,7 +33,7 @@ class InterferometerLogger(Node):
         super().__init__("interferometer_logger")
         p = self.parameters = Parameters(self, "interferometer_logger")
         self._measured = {}
-        self._zeroed = self._setup = None
+        self._zero = None  # air and `Interferometer` of the first reading
         self._uncertainty = p.expanded_uncertainty
         self._count = 0
         self._codec = Codec("InterferometerReading")
@@ -66,9 +67,12 @@ class InterferometerLogger(Node):
                 self.create_subscription(
                     kind,
                     topic,
-                    lambda message, field=field: self._measured.__setitem__(field, getattr(message, field)),
+                    functools.partial(self._measure, field),
                     topics.SLOW,
                 )
+
+    def _measure(self, field, message):
+        self._measured[field] = getattr(message, field)
 
     def _take(self, seen):
         air = Air(*(seen[name] for name in ("air_temperature", "air_pressure", "air_humidity")))
@@ -108,15 +112,16 @@ class InterferometerLogger(Node):
             p.instrument == "topic" and p.air == "instrument"
         ):  # the instrument corrects, and tells neither air nor budget
             return counted, np.full(len(counted), p.expanded_uncertainty)
-        if self._zeroed is None:
-            self._zeroed = _first(air)
-            self._setup = Interferometer(
-                assumed_index=float(refractive_index(self._zeroed)), dead_path_m=p.dead_path, noise_m=p.noise
+        if self._zero is None:
+            first = _first(air)
+            self._zero = first, Interferometer(
+                assumed_index=float(refractive_index(first)), dead_path_m=p.dead_path, noise_m=p.noise
             )
-        position = counted if p.air_compensated else correct(counted, air, self._zeroed, self._setup)
+        zeroed, setup = self._zero
+        position = counted if p.air_compensated else correct(counted, air, zeroed, setup)
         uncertainty = np.full(len(counted), self._uncertainty)
         for k in range(-self._count % p.budget_every, len(counted), p.budget_every):
-            own = budget(float(position[k]), _first(air, k), self._zeroed, self._setup).expanded_m
+            own = budget(float(position[k]), _first(air, k), zeroed, setup).expanded_m
             uncertainty[k:] = self._uncertainty = max(p.expanded_uncertainty, own)
         self._count += len(counted)
         return position, uncertainty

@@ -247,6 +247,12 @@ class MoveServer(MoveCalls, MoveCredit, MoveRequests, MoveResults, Node):
             if not (math.isfinite(value) and value >= 0.0):
                 raise InputError(f"move: {name}", value, "0 (the server's parameter) or a finite limit above 0")
 
+    def _heard_so_far(self):
+        """(last status of the driver, last state inside the controller); raises `Refused` before the first of each."""
+        if self._status is None or self._latest is None:
+            raise Refused(RESULT.CODE_REFUSED, "no driver, or no controller, so far")
+        return self._status, self._latest
+
     def _begin(self, request):
         """Plan the reference, hand it over, return the `Move` that watches it."""
         p = self.parameters
@@ -258,7 +264,8 @@ class MoveServer(MoveCalls, MoveCredit, MoveRequests, MoveResults, Node):
                     timeout=self._patience):
                 raise Refused(RESULT.CODE_REFUSED, "no controller: nobody publishes controller_state")
             self._check_alive()
-            moving = self._latest[3] in (ControllerState.MODE_MOVING, ControllerState.MODE_STOPPING)
+            latest = self._latest
+            moving = latest is not None and latest[3] in (ControllerState.MODE_MOVING, ControllerState.MODE_STOPPING)
         if moving:  # of somebody who is not there any more, or of another program: the newer goal counts
             self._stop(lambda *_: None)
         elif not self._introduced:  # the middleware may lose the first answers to a process that it has just found
@@ -274,17 +281,18 @@ class MoveServer(MoveCalls, MoveCredit, MoveRequests, MoveResults, Node):
     def _hand_over(self, request, limits, here=None):
         """Plan from where the reference stands, hand the plan to the controller, return its answer; sets `_move`."""
         with self._changed:
-            lockstep = self._status.lockstep
+            status, latest = self._heard_so_far()
+            lockstep = status.lockstep
             self._hold(lockstep)
-            here = self._latest[2] if here is None else here
+            here = latest[2] if here is None else here
         try:
-            positions = jerk_limited_move(here, request.target, self._status.period, limits)
+            positions = jerk_limited_move(here, request.target, status.period, limits)
             answer = self._ask(FollowReference.Request(
                 start_sequence=self._granter.until + 1 if lockstep else 0, positions=positions))
             if not answer.accepted:
                 return answer
             move = Move(here, request.target, request.tolerance, request.settle_time, request.timeout,
-                        answer.start_sequence, answer.rest_sequence, self._status.period)
+                        answer.start_sequence, answer.rest_sequence, status.period)
             with self._changed:
                 self._move, self._heard = move, time.monotonic()
             return answer
@@ -297,8 +305,7 @@ class MoveServer(MoveCalls, MoveCredit, MoveRequests, MoveResults, Node):
         while True:
             with self._changed:
                 self._changed.wait(timeout=0.02)
-                sequence, position = self._latest[:2]
-                status = self._status
+                status, (sequence, position, _, _) = self._heard_so_far()
                 self._check_alive()
             if status.fault or not status.active:
                 raise Refused(RESULT.CODE_FAULT, f"the driver stopped the axis: {status.message or 'not active'}")

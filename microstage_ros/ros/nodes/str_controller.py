@@ -89,8 +89,8 @@ class StrController(Node):
             self._requests.serve()
             if self._last > self._left_at:
                 self._left_at = -1
-            quick = self._quick is not None and self._left_at < 0 and self._quick.ready
-            raw = self._answer_quickly() if quick else self._next_state()
+            quick = self._quick if self._left_at < 0 else None
+            raw = self._answer_quickly(quick) if quick is not None and quick.ready else self._next_state()
             if raw is not None:
                 self._answer_state(raw)
 
@@ -103,21 +103,21 @@ class StrController(Node):
         self._patience = WAIT if raw is None else MOMENT
         return raw
 
-    def _answer_quickly(self):
+    def _answer_quickly(self, quick):
         """Answer in compiled code; returns a state that it leaves to us, or None."""
         before = self._last
-        why, self._last = self._quick.run(before, self._patience)
+        why, self._last = quick.run(before, self._patience)
         if self._last != before:
-            self._answer = self._quick.command.bytes
+            self._answer = quick.command.bytes
         if why == NOTHING_CAME:
             self._flush()
         elif why == CROWDED:
-            lockstep = bool(self._quick.state.message["status"][0] & AxisState.STATUS_LOCKSTEP)
+            lockstep = bool(quick.state.message["status"][0] & AxisState.STATUS_LOCKSTEP)
             # paced, the loop waits for nobody: messages that find no place are missing
             self._commands.send_closed(lockstep)
             self._insides.send_closed(lockstep)
         self._patience = WAIT if why == NOTHING_CAME else MOMENT
-        return self._quick.state.bytes if why == STRANGE else None
+        return quick.state.bytes if why == STRANGE else None
 
     def _flush(self):
         """Send what waits for its block to be full."""

@@ -265,7 +265,7 @@ class Stream:
         )
         self.malformed = 0
         self._single, self._suspects, self._left = None, set(), None
-        self.readers = (self._blocks.reader,)
+        self.readers: tuple = (self._blocks.reader,)
 
     @property
     def publishers(self):
@@ -307,24 +307,24 @@ class Stream:
         in_blocks = _senders(self._node, BLOCKS + self._topic)
         if in_blocks & self._expected:
             self._suspects = set()
-            return self._single is not None and self._read_blocks_alone()
+            return self._single is not None and self._read_blocks_alone(self._single)
         if self._single is not None:
             return False
         blockless = _senders(self._node, self._topic) - in_blocks
         seen_twice, self._suspects = blockless & self._suspects, blockless  # its blocks may be found a moment later
         if not seen_twice:
             return False
-        self._single = CheckedReader(
+        single = CheckedReader(
             self._servo.reader(self._kind, self._topic, reader_qos(DEPTH, reliable=True)),
             self._size,
             self._single_holder,
             self._size + WORD,
         )
-        self.readers = (self._blocks.reader, self._single.reader)
+        self._single, self.readers = single, (self._blocks.reader, single.reader)
         return True
 
-    def _read_blocks_alone(self):
-        self._node.destroy_subscription(self._single.reader.subscription)
+    def _read_blocks_alone(self, single):
+        self._node.destroy_subscription(single.reader.subscription)
         self._single, self.readers = None, (self._blocks.reader,)
         return True
 

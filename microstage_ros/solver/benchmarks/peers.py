@@ -103,9 +103,8 @@ def solve_with_runge_kutta(equations, voltage, substeps, plain_python=False):
     ``equations``: `Equations`; ``voltage`` (n,) [V]; ``substeps`` per period [1].
     """
     dt = equations.p["period"] / substeps
-    z, x = [0.0] * equations.size, []
-    if not plain_python:
-        z = np.array(z)
+    z: list[float] | np.ndarray = [0.0] * equations.size if plain_python else np.zeros(equations.size)
+    x = []
     for u in voltage:
         for _ in range(substeps):
             z = _python_step(equations, z, u, dt) if plain_python else _numpy_step(equations, z, u, dt)

@@ -163,3 +163,15 @@ def test_wrong_input_is_one_line(name, content, says, tmp_path, capsys):
     assert "\n" not in str(told.value)
     assert microstage(["log", str(tmp_path / name)]) == 2
     assert "Traceback" not in capsys.readouterr().err
+
+
+def test_a_bag_without_a_summary_is_read_through(tmp_path):
+    """A footer whose summary begins at byte 0: there is none (mcap.dev/spec, Footer)."""
+    path = tmp_path / "now.mcap"
+    joint_states(path, *motion(1))
+    raw, whole = path.read_bytes(), read_table(path)
+    data, footer, magic = raw[:int.from_bytes(raw[-28:-20], "little")], raw[-37:-28], raw[-8:]
+    path.write_bytes(data + footer + bytes(20) + magic)
+    found = read_table(path)
+    assert set(found.columns) == set(whole.columns)
+    np.testing.assert_array_equal(found.columns["slide.position"], whole.columns["slide.position"])

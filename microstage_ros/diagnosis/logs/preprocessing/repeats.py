@@ -56,8 +56,8 @@ def completeness(labels, log, motion):
     key = ((log.condition * 2 + (motion.direction > 0.0)) * PARTS + part)[moving]
     count = np.bincount(key, minlength=parts * (int(log.condition.max()) + 1)).reshape(-1, parts)
     common = count >= np.maximum(COMMON * count.sum(axis=1), 1.0)[:, None]
-    held = np.bincount(labels[moving] * common.size + key, minlength=(int(labels.max()) + 1) * common.size)
-    held = held.reshape(-1, *common.shape) > 0
+    rows = np.bincount(labels[moving] * common.size + key, minlength=(int(labels.max()) + 1) * common.size)
+    held = rows.reshape(-1, *common.shape) > 0
     met = held.any(axis=2)                     # a stretch is judged by the conditions that it holds
     wanted = met @ common.sum(axis=1)
     shares = (held & common).sum(axis=(1, 2)) / np.maximum(wanted, 1)

@@ -33,8 +33,8 @@ def _guess(groups, channel, stroke):
     span = abs(stroke[1] - stroke[0])
     if span <= 0.0:
         return 0.0
-    power, count = 0.0, 0
     frequencies = np.arange(LEAST_TURNS, 400) / span
+    power, count = np.zeros(len(frequencies)), 0
     for rows in [*groups["baseline"][:4], *groups["now"][:4]]:
         m, y = rows.motion, channel.values(rows) - channel.predicted(rows)
         for direction in (-1, 1):

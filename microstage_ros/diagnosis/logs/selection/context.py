@@ -62,7 +62,7 @@ class Context:
 
     def dominant_order(self):
         """Cycles per turn of the ripple that changed most, or None."""
-        best = (0.0, None)
+        best: tuple[float, int | None] = (0.0, None)
         for (is_now, code, direction), (orders, size) in self.spectra.items():
             before = self.spectra.get((False, code, direction))
             if is_now and before is not None and len(before[1]) == len(size):

@@ -71,7 +71,7 @@ class Problem:
     dof: float
     inflation: dict = dataclasses.field(default_factory=dict)
     whole_inflation: float = 1.0
-    factor: tuple | None = None
+    factor: tuple = dataclasses.field(init=False)
     direction: np.ndarray | None = None
 
     def __post_init__(self):
@@ -107,11 +107,12 @@ class Problem:
         ratio = max(both - alone, 0.0) / k / max(self.inflation.get(name, 1.0), 1.0)
         return float(log_sf(ratio, k, self.dof))
 
-    def directions_disagree(self, name, beside=()):
-        """log of the chance [1] that an effect of one size shows as differently in the two directions of motion."""
+    def directions_disagree(self, name, ahead, beside=()):
+        """log of the chance [1] that an effect of one size shows as differently in the two directions of motion;
+        ``ahead``: the rows (K,) of the positive one."""
         both = self.taken([*beside, name])[0]
         root = self.factor[1]
-        forward = (self.direction > 0)[:, None]
+        forward = ahead[:, None]
         halves = [np.linalg.solve(root, self.effects[name] * own) for own in (forward, ~forward)]
         if not all(np.any(half) for half in halves):
             return 0.0
@@ -346,7 +347,8 @@ def acceptable(problem, name, beside):
     if (uniform in problem.effects and uniform not in [plain(b) for b in beside]
             and problem.log_p(name, [*beside, uniform]) > LEVEL):
         return False
-    if name in OF_PLACE and problem.direction is not None and problem.directions_disagree(name, beside) < LEVEL:
+    ahead = None if problem.direction is None else problem.direction > 0
+    if name in OF_PLACE and ahead is not None and problem.directions_disagree(name, ahead, beside) < LEVEL:
         return False
     if plain(name) not in POSITIVE and name not in POSITIVE and plain(name) not in NEGATIVE:
         return True

@@ -64,7 +64,9 @@ def parameters_of(name, parts, beta, covariance, context, shown, reach=1.0):
         return {"coefficient": Parameter(b * scale / top**2, s * scale / top**2, f"{unit} s²/{place}²")}
     if name == "direction_asymmetry":
         relative = _of_coulomb(b, s, scale, context.coulomb(shown))
-        return {"asymmetry": Parameter(*relative, "1")} if relative else {"relative_asymmetry": Parameter(b, s, "1")}
+        if relative is None:
+            return {"relative_asymmetry": Parameter(b, s, "1")}
+        return {"asymmetry": Parameter(relative[0], relative[1], "1")}
     if name in ("gravity_tilt", "amplifier_offset"):
         return {("offset_V" if name == "amplifier_offset" else "force"): Parameter(b * scale, s * scale, unit)}
     if name == "amplifier_deadband":

@@ -39,7 +39,7 @@ class Stage:
     also: dict = dataclasses.field(default_factory=dict)
     free: tuple = ()
     largest: dict = dataclasses.field(default_factory=dict)
-    problem: object = None
+    problem: decide.Problem = dataclasses.field(init=False)
     seen: dict = dataclasses.field(default_factory=dict)
     chosen: list = dataclasses.field(default_factory=list)
     whole: float = 0.0
@@ -202,11 +202,11 @@ def calibrate(stage):
         like = [k for k in range(count) if k != left and set(first.condition[np.isfinite(first.baseline[k])]) & codes]
         others = [k for k in like if first.group_baseline[k] == first.group_baseline[left]]
         across = not others
-        others = np.array(others or like)
-        if not len(others):
+        rows = np.array(others or like)
+        if not len(rows):
             continue
         single = build(stage, {n: r.baseline[[left]] for n, r in stage.coordinates.items()},
-                       {n: r.baseline[others] for n, r in stage.coordinates.items()}, assembly=across)
+                       {n: r.baseline[rows] for n, r in stage.coordinates.items()}, assembly=across)
         for name in ratios:
             if np.sum(single.white[name] ** 2) < TELLING * np.sum(problem.white[name] ** 2):
                 continue           # this repetition says next to nothing of the effect

@@ -9,7 +9,7 @@ import dataclasses
 
 import numpy
 
-from microstage_ros.model.friction.registry import advance_law, law_named, run_law
+from microstage_ros.model.friction.registry import FrictionLaw, advance_law, law_named, run_law
 
 STIFFNESS = (1.159, 0.064417, 0.013066, 0.008027, 0.002043, 0.000961)  # N m/rad, Table 1
 WEIGHT = (0.575, 0.160, 0.059, 0.120, 0.051, 0.034)  # Table 1
@@ -53,7 +53,7 @@ class Contact:
     ``viscous`` 0 leaves the viscous part out, which every law has alike and no experiment here is about.
     """
 
-    law: object
+    law: FrictionLaw
     packed: numpy.ndarray
     state: numpy.ndarray
 
