@@ -12,6 +12,7 @@ and more than `FACTOR` times the other's largest error within `NEAR` of it. Besi
 """
 
 import functools
+import math
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
@@ -199,7 +200,7 @@ def _of_fixed(runs):
     fixed = [
         {
             "law": found[0].law,
-            "largest": max(one.largest for one in found),
+            "largest": max(one.largest if one.largest < math.inf else math.inf for one in found),  # of nan, too
             "failed": sum(not (one.largest < LARGEST and one.rests) for one in found),
             "restless": sum(not one.rests for one in found),
         }
