@@ -144,7 +144,7 @@ STATE_FIELDS = [
     *dead_band.FIELDS,
     *long_delay.FIELDS,
     *wind_up.FIELDS,
-    ("net_force", "f8"),  # N, that accelerated the axis in the newest period
+    ("net_force", "f8"),  # N, that accelerated the axis in the newest period, sum over its parts
     *motion_filter.FIELDS,
     *swing.FIELDS,
     *lost_motion.FIELDS,
@@ -212,7 +212,7 @@ def predict(model, s, period, force):
     friction = model.force_per_torque * s.actuator_friction + load
     mass = model.moving_mass * s.inertia
     pull = ((force - friction) / mass - s.d) * period
-    s.net_force = force - friction
+    s.net_force += force - friction
     mean = s.v + 0.5 * pull
     s.v += pull
     velocity = mean
@@ -293,6 +293,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     before = s.v
     motion_filter.linearise(model, s)
     parts = motion_filter.parts_of(period)
+    s.net_force = 0.0
     for k in range(parts):
         start = s.v
         predict(model, s, period / parts, force + fall * s.acceleration * period * (parts - k - 0.5) / parts)
@@ -323,7 +324,8 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         speed = speed_innovation(model, s, drop)
         doubt = voltage_variance(model, s, drop, s.v, 1.0)
         doubtful = s.contact != TOUCHING or source_doubt.lost_motion_suspected(s) or s.waves > source_doubt.SWINGS
-        inertia.learn_inertia(s, period, (s.net_force - s.loaded) / model.moving_mass, read_speed, doubtful)
+        net = (inertia.mean_net(s, parts) - s.loaded) / model.moving_mass
+        inertia.learn_inertia(s, period, net, read_speed, doubtful)
         s.current = current
         constant = s.emf_centre * model.volts_per_velocity
         if s.contact == TOUCHING and dead_band.watch_dead_band(s, period, voltage, drop, constant, read_speed):
