@@ -8,7 +8,7 @@ import pytest
 
 from microstage_ros.commands.__main__ import main
 from microstage_ros.control.robustness import ends_of_moves, margins_cost
-from microstage_ros.control.robustness.campaign import Outcome, examine, summary, worse_for
+from microstage_ros.control.robustness.campaign import FixedOutcome, Outcome, best_of, examine, summary, worse_for
 from microstage_ros.control.robustness.conditions import MASS, Condition, conditions, random_machine, rests
 
 
@@ -80,6 +80,34 @@ def test_the_command_prints_what_fails_and_how_to_see_it_again(tmp_path, capsys)
     assert "1 of 2 runs failed" in printed and "worse for (s)" in printed and "mass x 10, seed 0: error" in printed
     again = next(line for line in printed.splitlines() if line.strip().startswith("./microstage simulate"))
     assert main(again.split()[1:]) == 0 and (tmp_path / "mass_x_10_0" / "record.csv").exists()
+
+
+def test_the_best_fixed_law_is_one_that_rests_in_every_run():
+    """Smallest error of its worst seed among those that rest in all; where none does, the smallest, marked."""
+    swings, rests = [FixedOutcome("a", 1e-7, 3e-7, 0.0), FixedOutcome("a", 1e-7, 0.0, 0.0)], FixedOutcome("b", 4e-7, 1e-7, 1e-7)
+    outcomes = [Outcome("c", seed, 1e-6, 0, 0, 0, 0, fixed=(swings[seed], rests._replace(largest=(2 + seed) * 1e-7))) for seed in (0, 1)]
+    (row,) = summary(outcomes)
+    assert row["best"] == {"law": "b", "largest": 3e-7, "failed": 0, "restless": 0}
+    assert row["fixed"][0] == {"law": "a", "largest": 1e-7, "failed": 1, "restless": 1}
+    assert best_of([row["fixed"][0], {**row["best"], "restless": 2}])["law"] == "a"
+
+
+def test_the_command_sets_searched_fixed_laws_beside(tmp_path, capsys):
+    """A PID of far too small a gain cannot be the best; the law of trials has none here; `self_tuning` was not searched."""
+    listed = [{"kind": kind, "gains": gains, "cost": 0.0, "evaluations": evaluations} for kind, gains, evaluations in (
+        ("pid", {"proportional": 4e4}, 8), ("pid_feedforward", {}, 8), ("repetitive", {}, 8), ("self_tuning", {}, 0))]
+    found, page, place = tmp_path / "opponents.json", tmp_path / "page.md", tmp_path / "r.json"
+    found.write_text(json.dumps({"opponents": listed}))
+    page.write_text("<!-- robustness: pid, conditions -->\n<!-- end -->\n")
+    main(["robustness", "--law", "pid", "--only", "nominal", "--seeds", "1", "--opponents", str(found), "--update", str(page), "--json", str(place)])
+    tree = json.loads(place.read_text())
+    (row,), (run,) = tree["conditions"], tree["runs"]
+    assert [entry["law"] for entry in row["fixed"]] == ["pid", "pid_feedforward"] and row["best"]["law"] == "pid_feedforward"
+    assert run["fixed"][1]["largest"] == row["best"]["largest"] < run["fixed"][0]["largest"]
+    assert f"| {row['best']['largest'] * 1e6:.3g} pid_feedforward |" in page.read_text()
+    assert " nm: 1 (nominal); of the best" in " ".join(page.read_text().split()) and "best fixed (um)" in capsys.readouterr().out
+    found.write_text("{}")
+    assert main(["robustness", "--opponents", str(found)]) == 2 and "--opponents" in capsys.readouterr().err
 
 
 def test_moves_that_end_beside_their_target_are_counted_and_drawn_by_record():

@@ -93,11 +93,7 @@ def _known(arguments):
     """Fixed laws that an earlier search found, from its opponents.json."""
     if not arguments.found:
         return []
-    try:
-        listed = json.loads(pathlib.Path(arguments.found).read_text())["opponents"]
-        found = [opponents.Opponent(**entry) for entry in listed if entry["evaluations"]]
-    except (OSError, ValueError, KeyError, TypeError):
-        raise InputError("--found", arguments.found, "an opponents.json of an earlier compare --opponents") from None
+    found = opponents.read_opponents(arguments.found, "--found")
     return [
         opponent for opponent in found if opponent.evaluations >= opponents.budget(opponent.kind, arguments.opponents)
     ]

@@ -7,20 +7,19 @@ import os
 import pathlib
 import shlex
 
-import numpy as np
 import yaml
-from rich.console import Console
-from rich.table import Table
 
 from microstage_ros import __version__
 from microstage_ros.commands import answer
 from microstage_ros.commands.analysis.ends_of_moves import show_ends
 from microstage_ros.commands.analysis.margins_cost import show_margins_cost
+from microstage_ros.commands.analysis.robustness_tables import document, of_machines, show
 from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.drives import check_drive
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
 from microstage_ros.commands.tables import check_documents, update_tables
+from microstage_ros.control.evaluation import opponents
 from microstage_ros.control.laws.registry import LAWS
 from microstage_ros.control.robustness import campaign
 from microstage_ros.control.robustness.conditions import Condition, conditions, random_machine
@@ -28,7 +27,6 @@ from microstage_ros.diagnosis.fleet import in_order
 from microstage_ros.files import keep_earlier, write_text
 from microstage_ros.hardware.simulated import machine_for
 from microstage_ros.places import config_file
-from microstage_ros.metrology.rates import rate
 from microstage_ros.quantities.errors import InputError
 
 DEFAULT_AXIS = str(config_file("axis.yaml"))
@@ -53,18 +51,27 @@ def main(argv=None):
     chosen, seeds = _chosen(arguments, axis), [arguments.seed + n for n in range(arguments.seeds)]
     if arguments.moves:
         return show_ends(arguments, axis, chosen, law)
+    fixed = _fixed(arguments)
     each = functools.partial(in_order, scheduler=arguments.scheduler) if arguments.scheduler else None
     with progress(law, total=len(chosen) * len(seeds)) as bar:
         outcomes = campaign.campaign(
-            axis, chosen, seeds, law, arguments.jobs, lambda done: bar.advance(), each=each, beside=arguments.beside
+            axis,
+            chosen,
+            seeds,
+            law,
+            arguments.jobs,
+            lambda done: bar.advance(),
+            each=each,
+            beside=arguments.beside,
+            fixed=fixed,
         )
     rows = campaign.summary(outcomes)
-    _show(rows, law, arguments)
+    show(rows, law, arguments)
     title = (
         f"{law},"
         f" {f'{arguments.random} random machines within {arguments.factor:g}' if arguments.random else 'conditions'}"
     )
-    update_tables(arguments.update, [(title, *_document(rows, arguments))], "robustness")
+    update_tables(arguments.update, [(title, *document(rows, arguments))], "robustness")
     failures = [o for o in outcomes if o.fault]
     folder = pathlib.Path(arguments.out) if arguments.out else None
     for outcome in failures:
@@ -73,7 +80,7 @@ def main(argv=None):
             f"{outcome.condition}, seed {outcome.seed}: {outcome.fault}\n "
             f" {_again(arguments, axis, condition, outcome, law, folder)}"
         )
-    print(f"{len(failures)} of {len(outcomes)} runs failed; {_of_machines(rows)}")
+    print(f"{len(failures)} of {len(outcomes)} runs failed; {of_machines(rows)}")
     facts = {
         "version": __version__,
         "axis": axis.as_dict(),
@@ -81,7 +88,9 @@ def main(argv=None):
         "seeds": seeds,
         "failed": len(failures),
         "conditions": rows,
-        "runs": [{**o._asdict(), "fault": o.fault} for o in outcomes],
+        "runs": [
+            {**o._asdict(), "fixed": [one._asdict() for one in o.fixed], "fault": o.fault} for o in outcomes
+        ],
     }
     answer.state(**facts)
     if isinstance(arguments.json, str):
@@ -111,6 +120,12 @@ def _parse(argv):
         default="",
         metavar="TYPE",
         help="run this law on the same as well: its largest error, and for how long it was better",
+    )
+    parser.add_argument(
+        "--opponents",
+        default="",
+        metavar="FILE",
+        help="run the fixed laws of this opponents.json (compare --opponents) on the same as well: the best of them",
     )
     parser.add_argument(
         "--only", nargs="+", default=[], metavar="NAME", help="these conditions or random machines alone, by name"
@@ -167,6 +182,14 @@ def _parse(argv):
     if not 1.0 <= arguments.factor <= 100.0:
         raise InputError("--factor", arguments.factor, "a number from 1 to 100")
     return arguments
+
+
+def _fixed(arguments):
+    """Fixed laws of ``--opponents``; those that learn from trial to trial have no trials here."""
+    if not arguments.opponents:
+        return ()
+    found = opponents.read_opponents(arguments.opponents, "--opponents")
+    return tuple(opponent for opponent in found if opponent.kind in opponents.OPPONENTS)
 
 
 def _chosen(arguments, axis):
@@ -230,108 +253,3 @@ def _again(arguments, axis, condition, outcome, law, folder):
             str(place / "record.csv"),
         ]
     )
-
-
-def _of_machines(rows):
-    """Sentence: on how many machines a run failed or did not rest, exact 95 % intervals (Clopper and Pearson 1934).
-
-    Runs of one machine are no independent trials; machines drawn at random are.
-    """
-    parts = []
-    for words, keys in (("failed", ("failed",)), ("swung or rested beside the target", ("swinging", "off"))):
-        count = sum(any(row[key] for key in keys) for row in rows)
-        parts.append(f"machines that {words}: {rate(count, len(rows))}")
-    return ", ".join(parts) + ", 95 % intervals"
-
-
-HEADS = [
-    "condition",
-    "failed",
-    "> 5 um",
-    "swings",
-    "off",
-    "largest (um)",
-    "sine (nm)",
-    "settled (nm)",
-    "swing (nm)",
-    "off (nm)",
-]
-
-
-def _heads(arguments):
-    """Heads of the columns with figures."""
-    return [*HEADS[5:], *([f"{arguments.beside} (um)", "worse for (s)"] if arguments.beside else [])]
-
-
-def _figures(row, arguments):
-    """Figures of a row as text, below `_heads`."""
-    found = [
-        f"{row['largest'] * 1e6:.3g}",
-        *(f"{row[name] * 1e9:.3g}" for name in ("sine", "settled", "swing", "left")),
-    ]
-    return found + ([f"{row['other'] * 1e6:.3g}", f"{row['worse_s']:.3g}"] if arguments.beside else [])
-
-
-def _document(rows, arguments):
-    """(header, rows, remark) of the table for a document: conditions one by one, random machines as quantiles."""
-    total = sum(row["runs"] for row in rows)
-    counts = ", ".join(
-        f"{sum(row[key] for row in rows)} {words}"
-        for key, words in (
-            ("failed", "failed"),
-            ("beyond", "beyond 5 um"),
-            ("swinging", "swing at rest"),
-            ("off", "rest beside their target"),
-        )
-    )
-    last = arguments.seed + arguments.seeds - 1
-    remark = f"Worst of the seeds {arguments.seed} … {last}. Of {total} runs {counts}; {_of_machines(rows)}."
-    if arguments.random:
-        remark = f"Machines {arguments.first} … {arguments.first + arguments.random - 1}. {remark}"
-    if arguments.beside:
-        beyond = [
-            row["condition"] for row in rows if row["largest"] > max(campaign.FACTOR * row["other"], campaign.HARMLESS)
-        ]
-        long = [row["condition"] for row in rows if row["worse_s"] > 1.0]
-        remark += (
-            f" Largest error beyond {campaign.FACTOR:g} times that of {arguments.beside} and"
-            f" {campaign.HARMLESS * 1e9:g} nm: {_listed(beyond)}. Worse than it for more than a second:"
-            f" {_listed(long)}."
-        )
-    if not arguments.random:
-        return (
-            ["condition", "failed", *_heads(arguments)],
-            [
-                [
-                    row["condition"],
-                    f"{row['failed']} of {row['runs']}" if row["failed"] else "–",
-                    *_figures(row, arguments),
-                ]
-                for row in rows
-            ],
-            remark,
-        )
-    keys = ("largest", "sine", "settled", "swing", "left", "other", "worse_s")
-    found = []
-    for words, share in (("median", 0.5), ("90 %", 0.9), ("worst", 1.0)):
-        found.append(
-            [words, *_figures({key: np.quantile([row[key] for row in rows], share) for key in keys}, arguments)]
-        )
-    return ["over the machines", *_heads(arguments)], found, remark
-
-
-def _listed(names, most=12):
-    """Number and names, as far as a sentence bears them."""
-    return f"{len(names)} ({'; '.join(names)})" if 0 < len(names) <= most else str(len(names))
-
-
-def _show(rows, law, arguments):
-    table = Table(*HEADS[:5], *_heads(arguments), title=f"{law}: worst of {arguments.seeds} seeds")
-    for row in rows:
-        counts = [
-            f"{row[name]} of {row['runs']}" if row[name] else "–" for name in ("failed", "beyond", "swinging", "off")
-        ]
-        table.add_row(row["condition"], *counts, *_figures(row, arguments))
-    console = Console()
-    console.width = max(console.width, 150)  # the table is wide
-    console.print(table)

@@ -19,7 +19,9 @@ with margins could only do worse. All laws are then judged on seeds that no sear
 """
 
 import functools
+import json
 import math
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +33,7 @@ from microstage_ros.control.robustness.conditions import conditions
 from microstage_ros.control.runs.closed_loop import TRACE, run_loop
 from microstage_ros.control.runs.run_file import Run
 from microstage_ros.control.trajectories.lead_in import lead_in
+from microstage_ros.quantities.errors import InputError
 from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work, usual_start
 
 FIXED = ("proportional", "integral_time", "derivative_time", "filter_time")
@@ -73,6 +76,20 @@ class Opponent(NamedTuple):
     gains: dict
     cost: float
     evaluations: int
+
+
+def read_opponents(path: str, option: str) -> list[Opponent]:
+    """`Opponent` list of the laws that a search found, from its opponents.json.
+
+    Raises
+    ------
+    InputError : the file of ``option`` is no such file.
+    """
+    try:
+        listed = json.loads(Path(path).read_text(encoding="utf-8"))["opponents"]
+        return [Opponent(**entry) for entry in listed if entry["evaluations"]]
+    except (OSError, ValueError, KeyError, TypeError):
+        raise InputError(option, path, "an opponents.json of an earlier compare --opponents") from None
 
 
 class Figures(NamedTuple):

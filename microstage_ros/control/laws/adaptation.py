@@ -76,6 +76,7 @@ GAINS = (
     Gain("calm_band", "m", 0.0, 1e-3, 5.0e-8, "error up to which the axis is at rest"),
     Gain("calm_time", "s", 1e-3, 1e3, 0.1, "time in which it comes to rest"),
 )
+CORNER = math.log(0.55)  # of the bandwidth, below which w_p is bound to it (`design.rules`: b / 4.4 < 270 1/s)
 SLOWLY = 0.04  # of `back_off`, below `prompt`
 # of the logarithm of a raised K_D, by which the filter grows: what K_D passes on of noise and resonance hardly grows
 FILTERED = 0.7
@@ -201,10 +202,14 @@ def watch_swings(p, s, error, period):
 
 
 @compiled
-def allow_for_delay(s, lag, delay):
-    """Lower the ceiling for a voltage that acts ``delay`` [s] late in a loop tuned with a ``lag`` [s] of its own: a
-    loop's bandwidth goes as one over the whole."""
-    s.ceiling = min(s.ceiling, math.log(lag / (lag + delay)))
+def allow_for_delay(s, share):
+    """Lower the ceilings for a voltage that acts late, to the ``share`` [1] of the bandwidth that is left.
+
+    K_D goes as the bandwidth, K_P too, and as its square where the corner between them has to come down as well.
+    """
+    slower = math.log(share)
+    s.ceiling = min(s.ceiling, slower + min(slower - CORNER, 0.0))
+    s.damping_ceiling = min(s.damping_ceiling, slower)
 
 
 @compiled

@@ -34,8 +34,12 @@ PARTS = {
     "encoder_pid": Part((), pid.PARAMETERS, pid.STATE_FIELDS),
     "encoder_adaptation": Part((), adaptation.PARAMETERS, adaptation.STATE_FIELDS),
     "encoder_filter": Part((), "f8"),  # factor on its filter time at the start, where the observer law is unstable
+    "lagged": Part(state="f8"),  # m/s, speed of the reference through the filter of the encoder-only law
     "unstable": Part((), "i8"),  # 1: the observer law is unstable on the axis file's own model
 }
+
+# rad, that a delay of the voltage may take off the loop's phase at its bandwidth: up to 0.3 ms no gain is lowered
+PHASE = 0.8
 
 
 @compiled
@@ -43,6 +47,7 @@ def observed_reset(parameters, state, voltage):
     """Forget everything; the encoder-only law continues from ``voltage`` [V] as well."""
     self_tuning_reset(parameters, state, voltage)
     pid.pid_reset(parameters.encoder_pid, state.encoder_pid, voltage)
+    state.lagged = 0.0
     adaptation.adaptation_reset(parameters.encoder_adaptation, state.encoder_adaptation, state.encoder_pid)
     if parameters.unstable != 0:
         own = state.encoder_adaptation
@@ -93,22 +98,23 @@ def observed_step(parameters, state, reference, encoder, current):
         # a gap explains innovations that one mass does not
         rattles = source_doubt.lost_motion_suspected(observer)
         position_test, speed_test = (1.0, 1.0) if rattles else (observer.position_test, observer.speed_test)
-        late = observer.delayed
-        reason = supervision.sign_of_trouble(rule, watched, position_test, speed_test, found, late, period)
+        reason = supervision.sign_of_trouble(rule, watched, position_test, speed_test, found, period)
         if reason == supervision.NOTHING:
             return regulate(parameters, state, reference)
         supervision.hand_over(rule, watched, reason)
         if reason == supervision.SWINGS:  # what error and speed ask for belongs to the swing, and damps it
             state.encoder_pid.integral = watched.mean_voltage_V
         else:
-            go_on_from(parameters.encoder_pid, state.encoder_pid, state.voltage)
-        if reason == supervision.DELAY:
+            known = without_level(state, state.feed_forward) if reason == supervision.NOISE else 0.0
+            go_on_from(parameters.encoder_pid, state.encoder_pid, state.voltage - known)
+        state.lagged = state.encoder_pid.reference_velocity
+        if observer.lag > 0:  # a loop's bandwidth goes as one over its whole delay
             lag = parameters.encoder_pid.filter_time + rules.SAMPLING_LAG * period
-            adaptation.allow_for_delay(state.encoder_adaptation, lag, observer.delay_s)
+            adaptation.allow_for_delay(state.encoder_adaptation, lag / (lag + observer.lag * period))
         if observer.contact != TOUCHING:
             lost_motion.settle(observer, 0.0)
     elif supervision.may_return(
-        rule, watched, observer.position_test, observer.speed_test, found, observer.delayed, period
+        rule, watched, observer.position_test, observer.speed_test, found, period
     ):
         supervision.hand_back(watched)
         voltage = regulate(parameters, state, reference)
@@ -125,20 +131,32 @@ def go_on_from(p, s, voltage):
 
 
 @compiled
+def without_level(state, planned):
+    """Of the ``planned`` feed-forward [V] what is given where nothing tells the friction's level."""
+    return planned - (1.0 - rules.FRICTION_SHARE) * state.feedforward.friction
+
+
+@compiled
 def encoder_only_step(parameters, state, reference):
     """The encoder-only law, and what the observer law needs to take over again: its model along the reference, no
     crossing."""
     not_inlined()
     period, model, own, shown = parameters.period, parameters.feedforward, state.encoder_pid, state.pid
-    feedforward.feedforward_step(
+    planned = feedforward.feedforward_step(
         model, state.feedforward, period, reference, state.observer.level, 1.0, 0.0, state.observer.inertia
     )
+    state.lagged += period / (period + own.filter_time) * (own.reference_velocity - state.lagged)
+    if state.supervision.reason == supervision.NOISE:  # the model of the axis holds
+        # the measured speed comes through a filter: so has the wanted one to
+        planned = without_level(state, planned) - own.kd * (own.reference_velocity - state.lagged)
+    else:
+        planned = 0.0
     gap_crossing.crossing_reset(state.crossing)
     adaptation.adaptation_step(
         parameters.encoder_adaptation, state.encoder_adaptation, parameters.encoder_pid, own, period, 1.0, True
     )
-    voltage = pid.pid_output(parameters.encoder_pid, own, period, parameters.voltage_limit, 0.0)
-    state.feed_forward = 0.0
+    voltage = pid.pid_output(parameters.encoder_pid, own, period, parameters.voltage_limit, planned)
+    state.feed_forward = planned
     state.observer.rest_time_s = state.supervision.rest_time_s
     shown.kp, shown.ki, shown.kd, shown.integral, shown.error = own.kp, own.ki, own.kd, own.integral, own.error
     shown.proportional_term, shown.derivative_term, shown.saturated = (
@@ -147,6 +165,14 @@ def encoder_only_step(parameters, state, reference):
         own.saturated,
     )
     return voltage
+
+
+@compiled
+def slow_for_delay(parameters, learned, delay):
+    """Bandwidth for a voltage that acts ``delay`` [s] late: the phase that it takes off stays below `PHASE`."""
+    p, model = parameters.pid, parameters.feedforward
+    bandwidth = p.proportional * p.derivative_time / (model.rotor + model.volts_per_force * model.mass)
+    adaptation.allow_for_delay(learned, PHASE / (bandwidth * delay))
 
 
 @compiled
@@ -182,16 +208,21 @@ def regulate(parameters, state, reference):
         reference - observer.x - swing.read_swing(parameters.observer, observer),
         speed,
     )
-    state.pid.reference_velocity = speed + crossing.held_speed
+    gained = speed - state.feedforward.velocity if period > rules.OBSERVER_PERIOD else 0.0
+    # the observer's speed is that of now, the difference of the reference is the mean of the period before
+    state.pid.reference_velocity = speed + 0.5 * gained + crossing.held_speed
     state.feed_forward = feedforward.feedforward_step(
         model, state.feedforward, period, reference, observer.level, 1.0, crossing.offset_speed, observer.inertia
     )
+    state.feed_forward += model.volts_per_velocity * gained  # and the voltage is held over the period that comes
     integral = state.pid.integral
     in_gap = observer.contact != TOUCHING
     planned = state.feedforward
     loose = in_gap or source_doubt.lost_motion_suspected(observer)
     wound_up = 0.0 if loose else planned.screw_velocity - planned.offset_speed - planned.velocity
     wind_up.plan_wind_up(model, observer, wound_up)
+    if observer.lag > 0:
+        slow_for_delay(parameters, state.adaptation, observer.lag * period)
     if not in_gap:
         adaptation.adaptation_step(
             parameters.adaptation,

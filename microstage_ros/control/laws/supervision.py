@@ -1,7 +1,7 @@
 """Whether the observer law may go on: swings, a rest beside the target, innovations; and the way to the encoder-only
 law and back.
 
-The observer law leans on its model of the drive. Four signs say that the model does not hold:
+The observer law leans on its model of the drive. Three signs say that the model does not hold:
 
 * a limit cycle: half waves of the error (encoder alone, without its slow part) beyond `swing`, each within `half_wave`
   of the one before: more than `swings` in a row for `cycle_time`, since a motor that rattles in a gap finds its
@@ -9,12 +9,12 @@ The observer law leans on its model of the drive. Four signs say that the model 
   not alternate so regularly, and a move gives one or two;
 * the axis rests beside its target: beyond `beside` for `beside_time` while the reference stands, or the error's size,
   averaged over `REST_TIME`, is beyond `rest_error` there: a swing that is too slow or too small for the first sign;
-* the voltage acts later than the observer allows for (`observer.long_delay`);
 * innovations: the mean square of the position's and of the speed's innovation over what the filter expects stays beyond
   `position_test` or `speed_test` for `test_time`; or the error is beyond `lost` for `lost_time` while drive and stage
-  are taken to be apart, which no crossing of a gap takes; or the current has been noisier than `loudest` as long
-  (normalised innovation squared; Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and
-  Navigation", Wiley 2001, section 5.4).
+  are taken to be apart, which no crossing of a gap takes; or the current has been noisier than `loudest` for
+  `NOISE_TIME` (normalised innovation squared; Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking
+  and Navigation", Wiley 2001, section 5.4). After noise the encoder-only law is fed forward: the model of the axis
+  holds.
 
 Then the encoder-only self-tuning law goes on from the voltage that was last given, after swings from its mean. It
 hands back once the axis has rested at its target and the innovations have been consistent for `calm_time`, and for
@@ -50,7 +50,7 @@ GAINS = (
         5e-2,
         "doubt in the voltage behind the back-EMF beyond which the current is worth nothing",
     ),
-    Gain("test_time", "s", 1e-3, 100.0, 1.0, "for which either lasts"),
+    Gain("test_time", "s", 1e-3, 100.0, 1.0, "for which innovations are too large"),
     Gain("calm_time", "s", 1e-3, 100.0, 0.1, "at rest and consistent before the observer law is tried again"),
     Gain("trial_time", "s", 1e-3, 1e6, 2.0, "before the first trial"),
     Gain("probation", "s", 0.0, 100.0, 1.0, "length of a trial"),
@@ -58,7 +58,7 @@ GAINS = (
     Gain("patience", "1", 1.0, 1e3, 16.0, "by which the time to the next trial grows with every hand-over"),
 )
 OBSERVER, ENCODER_ONLY = range(2)
-NOTHING, SWINGS, BESIDE, INNOVATIONS, START_CHECK, DELAY = range(6)
+NOTHING, SWINGS, BESIDE, INNOVATIONS, START_CHECK, _, NOISE = range(7)  # 5: of bags before delays were allowed for
 #: What is said of a hand-over, by its number.
 REASONS = (
     "",
@@ -67,7 +67,9 @@ REASONS = (
     "innovations beyond what the filter expects",
     "unstable on the axis file's own model",
     "the voltage acts late",
+    "the current is too noisy",
 )
+NOISE_TIME = 0.05  # s: five times the shortest memory of the noise that is found
 LARGE_SWINGS = 4  # in a row, the last one beyond `large_swing`: no gap is that wide, and a move gives one or two
 SMOOTH_TIME, SLOW_TIME = 5e-4, 2e-2  # s, of the error's fast part
 STILL_TIME = 0.05  # s, for which the reference has stood when a rest is judged
@@ -161,11 +163,9 @@ def watch_error(p, s, error, reference_speed, in_gap, voltage, period):
 
 
 @compiled
-def sign_of_trouble(p, s, position_test, speed_test, noise, delayed, period):
+def sign_of_trouble(p, s, position_test, speed_test, noise, period):
     """Why the observer law may not go on, `NOTHING` if it may; tests: normalised innovations squared [1]; ``noise``
-    [V]; ``delayed``: 1 if the voltage acts later than the law is designed for."""
-    if delayed != 0:
-        return DELAY
+    [V]."""
     doubted = position_test > p.position_test or speed_test > p.speed_test
     s.doubted = s.doubted + period if doubted else 0.0
     s.deaf = s.deaf + period if noise > p.loudest else 0.0
@@ -175,7 +175,9 @@ def sign_of_trouble(p, s, position_test, speed_test, noise, delayed, period):
         return SWINGS
     if s.beside > p.beside_time or s.rest_size > p.rest_error:
         return BESIDE
-    if s.lost > p.lost_time or s.doubted > p.test_time or s.deaf > p.test_time:
+    if s.deaf > NOISE_TIME:
+        return NOISE
+    if s.lost > p.lost_time or s.doubted > p.test_time:
         return INNOVATIONS
     return NOTHING
 
@@ -195,9 +197,9 @@ def hand_over(p, s, reason):
 
 
 @compiled
-def may_return(p, s, position_test, speed_test, noise, delayed, period):
+def may_return(p, s, position_test, speed_test, noise, period):
     """Whether the observer law is to be tried again."""
-    if delayed != 0 or position_test > p.position_test or speed_test > p.speed_test or noise > p.loudest:
+    if position_test > p.position_test or speed_test > p.speed_test or noise > p.loudest:
         s.calm = 0.0
         s.proved = 0.0
     elif s.rest_time_s == 0.0:

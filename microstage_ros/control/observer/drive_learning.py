@@ -7,6 +7,7 @@ motion, so what they disagree on tells (compiled parts of `observer_law`).
 
 import math
 
+from microstage_ros.control.observer.long_delay import far_voltage, keep_far_voltage
 from microstage_ros.control.observer.motion_filter import along_motion
 from microstage_ros.control.observer.wind_up import wind_up_step
 from microstage_ros.numerics.compiled import compiled
@@ -14,7 +15,7 @@ from microstage_ros.signals.current import settled
 
 PEAK_TIME = 1e-2  # s, memory of the largest innovation of the position
 PEAK_LIMIT = 5.0  # doubts in the encoder beyond which something goes on that is not the drive (backlash, an impact)
-LAGS = 4  # voltage delays distinguished, in periods
+LAGS = 4  # periods, longest delay of the voltage that a glance tells; `long_delay` finds longer ones
 EXCITED = 1e-6  # V^2, mean square of voltage steps that tells the delay: 1 mV rms
 LAG_LIMIT = 2.0  # doubts in the voltage that its rms steps are beyond when they tell of another delay
 LAG_LEAST = 0.3  # share of the current's steps that follow the voltage of another delay at least
@@ -67,13 +68,15 @@ def keep_voltage(s, voltage):
     for j in range(LAGS, 0, -1):
         s.voltages[j] = s.voltages[j - 1]
     s.voltages[0] = voltage
+    keep_far_voltage(s, voltage)
+    s.answered = voltage if s.lag == 0 else far_voltage(s, s.lag)
 
 
 @compiled
 def speed_innovation(model, s, drop):
     """Speed [m/s] by the voltage of the found delay less R i = ``drop`` [V], less the predicted one."""
     motor = s.v + s.wind_up_speed
-    return (s.voltages[s.lag] - s.learned[0] * drop - s.learned[1]) / model.volts_per_velocity - s.learned[2] * motor
+    return (s.answered - s.learned[0] * drop - s.learned[1]) / model.volts_per_velocity - s.learned[2] * motor
 
 
 @compiled
@@ -85,16 +88,20 @@ def compare_voltage(model, s, drop):
 
 
 @compiled
-def drive_changed(p, model, s, period, drop):
+def drive_changed(p, model, s, period, drop, repeats):
     """Whether current and speed call for another voltage than the applied one all of a sudden.
+
+    Readings that ``repeats`` those of the period before to the last bit are lost ones, and say nothing.
 
     Nothing but the drive itself can do that: a force on the motor takes many periods, since it has to turn the rotor
     first. Only the planned wind-up may change at once (`wind_up`); masses follow it later.
     """
     low, high = min(s.voltages), max(s.voltages)
-    confirmed = (
-        s.answers[s.lag] * model.resistance * s.learned[0] > LAG_CONFIRMED * s.excitation and s.excitation > EXCITED
-    )
+    if s.lag > LAGS:
+        for j in range(LAGS):
+            low, high = min(low, far_voltage(s, s.lag - j)), max(high, far_voltage(s, s.lag - j))
+    power = s.far_voltage_power
+    confirmed = s.far_answers[s.lag] * model.resistance * s.learned[0] > LAG_CONFIRMED * power and power > EXCITED
     unsettled = (WINDING if confirmed else 1.0) * (high - low)
     unsettled += wind_up_step(model, s)
     before = s.unexplained
@@ -107,7 +114,7 @@ def drive_changed(p, model, s, period, drop):
     sudden = step * step > doubt + CHANGE_LIMIT * CHANGE_LIMIT * expected
     beyond = now * now > doubt + CHANGE_LIMIT * CHANGE_LIMIT * voltage_variance(model, s, drop, s.v, 1.0)
     s.since += period
-    if sudden and beyond and (s.steady > STEADY_TIME or s.changes > 0 and s.since < 3.5 * period):
+    if sudden and beyond and not repeats and (s.steady > STEADY_TIME or s.changes > 0 and s.since < 3.5 * period):
         s.steady = 0.0
         return True
     learn_noise(p, s, step, period)
@@ -162,7 +169,7 @@ def weighed_current(p, model, s, current):
     if noise <= 0.0:
         return current
     motion = s.learned[1] + s.learned[2] * model.volts_per_velocity * s.v
-    expected = (s.voltages[s.lag] - motion) / (model.resistance * s.learned[0])
+    expected = (s.answered - motion) / (model.resistance * s.learned[0])
     return expected + WORTH * WORTH / (WORTH * WORTH + noise) * (current - expected)
 
 
@@ -228,32 +235,33 @@ def bound_learned(p, s):
 
 
 @compiled
-def find_lag(p, model, s, step):
-    """Which past voltage the current follows, from its newest ``step`` [A]. True if it is another one than before.
+def find_lag(p, model, s):
+    """Which past voltage the current follows. True if it is another one than before.
 
     At rest the loop's steps of voltage are no larger than the amplifier's noise, and any delay may seem to fit for a
     while.
     """
     best = s.lag
-    for j in range(LAGS):
-        s.answers[j] += 0.01 * (step * (s.voltages[j] - s.voltages[j + 1]) - s.answers[j])
-        if s.answers[j] > 1.5 * s.answers[best]:
-            best = j
-    change = s.voltages[0] - s.voltages[1]
-    s.excitation += 0.01 * (change * change - s.excitation)
+    if s.delayed == 1:
+        best = s.delay
+    else:
+        for j in range(LAGS + 1):
+            if s.far_answers[j] > 1.5 * s.far_answers[best]:
+                best = j
     if best == s.lag:
         return False
     restored = s.changes == 0 or s.since > STEADY_TIME  # what a change of the drive shakes says nothing of the delay
-    excited = s.excitation > LAG_LIMIT * LAG_LIMIT * p.voltage_noise * p.voltage_noise
+    excited = s.far_voltage_power > LAG_LIMIT * LAG_LIMIT * p.voltage_noise * p.voltage_noise
     clear = LAG_CLEAR * math.sqrt(s.far_voltage_power * s.far_current_power)
     if (
         not excited
-        or s.answers[best] - s.answers[s.lag] < clear
+        or s.far_answers[best] - s.far_answers[s.lag] < clear
         or not restored
-        or s.answers[best] * model.resistance * s.learned[0] < LAG_LEAST * s.excitation
+        or s.far_answers[best] * model.resistance * s.learned[0] < LAG_LEAST * s.far_voltage_power
     ):
         return False
     s.lag = best
+    s.answered = far_voltage(s, best)
     return True
 
 

@@ -32,6 +32,7 @@ FIELDS = [
     ("inertia", "f8"),  # 1, moving mass over the file's, as it is counted with
     ("net", "f8", 2),  # m/s^2, n filtered once and twice
     ("stage_speed", "f8", 2),  # m/s, of the encoder, filtered once and twice
+    ("net_before", "f8"),  # N, mean over the period before
     ("filtered_s", "f8"),  # s, for which both have been observed undisturbed
 ]
 
@@ -57,6 +58,20 @@ def inertia_reset(s):
     s.net[:] = 0.0
     s.stage_speed[:] = 0.0
     s.filtered_s = 0.0
+    s.net_before = 0.0
+
+
+@compiled
+def mean_net(s, parts):
+    """Net force [N] that goes with the difference of the encoder's last two speeds: the mean over both periods.
+
+    Where a period is one step of the prediction, ``parts`` = 1 [1], half of it is not worth the while.
+    """
+    if parts == 1:
+        return s.net_force
+    mean, before = s.net_force / parts, s.net_before
+    s.net_before = mean
+    return 0.5 * (mean + before)
 
 
 @compiled

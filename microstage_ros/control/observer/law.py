@@ -128,8 +128,7 @@ STATE_FIELDS = [
     ("of_speed", "f8", 3),
     ("shift", "f8", (3, 3)),  # how far x, v, d are off per unit error of what is learned
     ("voltages", "f8", LAGS + 1),  # V, newest first
-    ("answers", "f8", LAGS),  # correlation of current steps with voltage steps, by lag
-    ("excitation", "f8"),  # V^2, mean square of voltage steps
+    ("answered", "f8"),  # V, that the newest current answers
     ("lag", "i8"),  # periods between a voltage and its current, beyond the hold
     ("actuator", "f8", BLOCK_STATE),
     ("guideway", "f8", BLOCK_STATE),
@@ -145,7 +144,7 @@ STATE_FIELDS = [
     *dead_band.FIELDS,
     *long_delay.FIELDS,
     *wind_up.FIELDS,
-    ("net_force", "f8"),  # N, that accelerated the axis in the newest period
+    ("net_force", "f8"),  # N, that accelerated the axis in the newest period, sum over its parts
     *motion_filter.FIELDS,
     *swing.FIELDS,
     *lost_motion.FIELDS,
@@ -165,7 +164,6 @@ def observer_reset(p, s):
     motor_constant.motor_constant_reset(s)
     forget_drive(p, s)
     s.applied[:] = s.learned
-    s.excitation = 0.0
     s.rest_time_s = 0.0
     s.lag = 0
     s.unexplained = s.drop = s.speed = 0.0
@@ -184,7 +182,7 @@ def observer_reset(p, s):
     s.noise_variance = (p.voltage_noise / NOISE_DOUBT) ** 2
     s.running = s.last_step = 0.0
     s.voltages[:] = 0.0
-    s.answers[:] = 0.0
+    s.answered = 0.0
     s.actuator_friction = s.guideway_friction = 0.0
     s.noise = 0.0
     s.position_test = 1.0
@@ -214,7 +212,7 @@ def predict(model, s, period, force):
     friction = model.force_per_torque * s.actuator_friction + load
     mass = model.moving_mass * s.inertia
     pull = ((force - friction) / mass - s.d) * period
-    s.net_force = force - friction
+    s.net_force += force - friction
     mean = s.v + 0.5 * pull
     s.v += pull
     velocity = mean
@@ -288,12 +286,14 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     else:
         force = voltage / model.volts_per_force
     # a lost sample stands as the one before; a moving axis does not repeat both readings
-    lost = encoder == s.read and current == s.current and abs(s.v) * period > REPEATED * p.encoder_noise
+    repeats = encoder == s.read and current == s.current
+    lost = repeats and abs(s.v) * period > REPEATED * p.encoder_noise
     moved = 0.0 if math.isnan(s.read) else encoder - s.read
     s.read = encoder
     before = s.v
     motion_filter.linearise(model, s)
     parts = motion_filter.parts_of(period)
+    s.net_force = 0.0
     for k in range(parts):
         start = s.v
         predict(model, s, period / parts, force + fall * s.acceleration * period * (parts - k - 0.5) / parts)
@@ -310,20 +310,22 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     speed, drop, doubt = 0.0, 0.0, 0.0
     if senses:
         drop = settled_drop(p, model, s, current)
-        if drive_changed(p, model, s, period, drop):
+        changed = drive_changed(p, model, s, period, drop, repeats)
+        long_delay.watch_long_delay(s, period, current - s.current)
+        if changed:
             relearn(p, model, s, drop)
             dead_band.forget_bins(s)
             s.calm = 0.0
             s.since = 0.0 if s.since > 1e-3 else s.since
             s.changes += 1
-        elif find_lag(p, model, s, current - s.current):
+        elif find_lag(p, model, s):
             forget_drive(p, s)  # learned from voltages of another period
-        long_delay.watch_long_delay(s, period, s.voltages[0] - s.voltages[1], current - s.current)
         apply_learned(p, s, period)
         speed = speed_innovation(model, s, drop)
         doubt = voltage_variance(model, s, drop, s.v, 1.0)
         doubtful = s.contact != TOUCHING or source_doubt.lost_motion_suspected(s) or s.waves > source_doubt.SWINGS
-        inertia.learn_inertia(s, period, s.net_force / model.moving_mass, read_speed, doubtful)
+        net = (inertia.mean_net(s, parts) - s.loaded) / model.moving_mass
+        inertia.learn_inertia(s, period, net, read_speed, doubtful)
         s.current = current
         constant = s.emf_centre * model.volts_per_velocity
         if s.contact == TOUCHING and dead_band.watch_dead_band(s, period, voltage, drop, constant, read_speed):

@@ -80,10 +80,10 @@ def watch_motor_constant(p, model, s, period, drop, speed):
     Returns True if the constant was found elsewhere.
     """
     share = min(period / FILTER_TIME, 1.0)
-    turning = (s.voltages[s.lag] - s.slow_resistance * drop - s.slow_zero_V) / model.volts_per_velocity
+    turning = (s.answered - s.slow_resistance * drop - s.slow_zero_V) / model.volts_per_velocity
     s.emf_speed += share * (0.5 * (turning + s.emf_before) - s.emf_speed)      # the encoder's speed is a period's mean
     s.emf_before = turning
-    s.emf_voltage += share * (s.voltages[s.lag] - s.emf_voltage)
+    s.emf_voltage += share * (s.answered - s.emf_voltage)
     s.encoder_speed += share * (speed - s.encoder_speed)
     size = abs(s.encoder_speed)
     if size < SLOW:
@@ -99,7 +99,7 @@ def watch_motor_constant(p, model, s, period, drop, speed):
     s.emf_ratio_time_s += period
     off, emf = s.emf_ratio - s.learned[2], model.volts_per_velocity * size
     doubt = DEVIATIONS * math.sqrt(s.slow_variance_V2)
-    late = LATE * abs(s.voltages[s.lag] - s.emf_voltage) / FILTER_TIME
+    late = LATE * abs(s.answered - s.emf_voltage) / FILTER_TIME
     if s.emf_ratio_time_s >= SHORTEST:
         if abs(off) < LEAST:
             s.emf_doubt = 0.0
@@ -115,7 +115,7 @@ def watch_motor_constant(p, model, s, period, drop, speed):
     s.emf_ratio_time_s = 0.0
     centre_on(p, s, min(max(s.emf_ratio, LOWEST), HIGHEST))
     # the motion was led astray meanwhile: it begins anew from both readings
-    s.v = (s.voltages[s.lag] - s.learned[0] * drop - s.learned[1]) / (s.learned[2] * model.volts_per_velocity)
+    s.v = (s.answered - s.learned[0] * drop - s.learned[1]) / (s.learned[2] * model.volts_per_velocity)
     change = s.read - s.swing - s.x
     s.x += change
     s.screw += change

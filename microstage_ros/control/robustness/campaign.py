@@ -5,12 +5,14 @@ anywhere, by a swing of more than `SWING` peak to peak in the last second, or by
 
 Beside another law, which is run on the same machine with the same seed, two figures more: its largest error, and for
 how long without a break the first law was worse. Worse is a `BLOCK` of time whose largest error is beyond `HARMLESS`
-and more than `FACTOR` times the other's largest error within `NEAR` of it.
+and more than `FACTOR` times the other's largest error within `NEAR` of it. Beside fixed laws with gains of their own
+(`evaluation.opponents`), which are run on the same too, `FixedOutcome` says what each of them showed.
 
 ``gains``: {name: number in the unit of its `control.gains.Gain`}. ``seed``, ``seeds`` (k,) and ``jobs`` are counts [1].
 """
 
 import functools
+import math
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
@@ -35,6 +37,20 @@ PROGRAM = [
 ]
 
 
+class FixedOutcome(NamedTuple):
+    """What a fixed law showed on the same machine with the same seed: fields as those of `Outcome` (m)."""
+
+    law: str
+    largest: float
+    swing: float
+    left: float
+
+    @property
+    def rests(self):
+        """True if it neither swings at rest nor rests beside its target."""
+        return self.swing < SWING and self.left < LEFT
+
+
 class Outcome(NamedTuple):
     """What one run showed (true position; m)."""
 
@@ -47,6 +63,7 @@ class Outcome(NamedTuple):
     worst_settled: float  # |error| at the end of a move's dwell
     other_largest: float = 0.0  # as `largest`, of the law beside
     worse_s: float = 0.0  # s, longest time for which this law was worse than the one beside
+    fixed: tuple[FixedOutcome, ...] = ()
 
     @property
     def fault(self):
@@ -68,30 +85,41 @@ def run_of(condition, law, gains=None):
     )
 
 
-def examine(axis, condition, seed, law, gains=None, beside=""):
-    """`Outcome` of one run; ``beside``: a law that is run on the same, as it is shipped."""
+def examine(axis, condition, seed, law, gains=None, beside="", fixed=()):
+    """`Outcome` of one run; ``beside``: a law that is run on the same, as it is shipped; ``fixed``: laws that are, with
+    their gains (`evaluation.opponents.Opponent`)."""
     period, columns, error = _run(axis, condition, seed, law, gains)
-    rest = error[-round(1.0 / period) :]
     sine = error[round(1.0 / period) : round(4.0 / period)]
     moves = np.flatnonzero(np.diff(columns["reference_m"]) != 0.0)
     starts = moves[np.flatnonzero(np.diff(moves, prepend=-10) > 0.1 / period)]
     ends = starts[starts > 8.0 / period] - 1
     first = round(FIRST / period)
+    largest, swing, left = _extent(error, period)
     found = Outcome(
         condition.name,
         seed,
-        float(np.abs(error[first:]).max()),
+        largest,
         float(np.abs(sine).max()),
-        float(np.ptp(rest)),
-        float(abs(rest.mean())),
+        swing,
+        left,
         float(np.abs(error[ends]).max()) if len(ends) else 0.0,
+        fixed=tuple(
+            FixedOutcome(opponent.kind, *_extent(_run(axis, condition, seed, opponent.kind, opponent.gains)[2], period))
+            for opponent in fixed
+        ),
     )
     if not beside:
         return found
     other = _run(axis, condition, seed, beside, None)[2]
     return found._replace(
-        other_largest=float(np.abs(other[first:]).max()), worse_s=worse_for(error[first:], other[first:], period)
+        other_largest=_extent(other, period)[0], worse_s=worse_for(error[first:], other[first:], period)
     )
+
+
+def _extent(error, period):
+    """(largest, swing, left) [m] of a run's true ``error`` [m]: fields of `Outcome`."""
+    rest = error[-round(1.0 / period) :]
+    return float(np.abs(error[round(FIRST / period) :]).max()), float(np.ptp(rest)), float(abs(rest.mean()))
 
 
 def _run(axis, condition, seed, law, gains):
@@ -112,22 +140,20 @@ def worse_for(error, other, period):
     return longest * BLOCK
 
 
-def campaign(axis, chosen, seeds, law, jobs=1, progress=None, gains=None, each=None, beside=""):
+def campaign(axis, chosen, seeds, law, jobs=1, progress=None, gains=None, each=None, beside="", fixed=()):
     """`Outcome` of every condition and seed, in order.
 
     ``chosen`` : `conditions.Condition` list. ``seeds`` : of the runs. ``progress`` is called with the number done.
-    ``beside`` : another law that is run on the same. ``each`` : function (function, items) → results in order, in place
-    of ``jobs`` threads: other computers.
+    ``beside`` and ``fixed`` : laws that are run on the same, `examine` and `evaluation.opponents.Opponent`. ``each`` :
+    function (function, items) → results in order, in place of ``jobs`` threads: other computers.
     """
-    if each:
-        return each(
-            functools.partial(_one, axis, law, gains, beside),
-            [(condition, seed) for condition in chosen for seed in seeds],
-        )
+    examined = functools.partial(_one, axis, law, gains, beside, fixed)
     work, done = [(condition, seed) for condition in chosen for seed in seeds], [0]
+    if each:
+        return each(examined, work)
 
     def one(job):
-        found = examine(axis, *job, law, gains, beside)
+        found = examined(job)
         done[0] += 1
         if progress:
             progress(done[0])
@@ -137,13 +163,14 @@ def campaign(axis, chosen, seeds, law, jobs=1, progress=None, gains=None, each=N
         return list(pool.map(one, work))
 
 
-def _one(axis, law, gains, beside, job):
-    return examine(axis, *job, law, gains, beside)
+def _one(axis, law, gains, beside, fixed, job):
+    return examine(axis, *job, law, gains, beside, fixed)
 
 
 def summary(outcomes):
     """Rows by condition, in order: name, runs, failures, swings, off, largest [m], sine [m], settled [m], swing [m],
-    left [m], the other law's largest [m], longest time for which it was better [s]."""
+    left [m], the other law's largest [m], longest time for which it was better [s], and of every fixed law its largest
+    [m] and the numbers of runs in which it failed and in which it did not rest; ``best`` of them: see `best_of`."""
     rows = {}
     for o in outcomes:
         rows.setdefault(o.condition, []).append(o)
@@ -162,6 +189,27 @@ def summary(outcomes):
             "left": max(o.left for o in group),
             "other": max(o.other_largest for o in group),
             "worse_s": max(o.worse_s for o in group),
+            **_of_fixed([o.fixed for o in group]),
         }
         for name, group in rows.items()
     ]
+
+
+def _of_fixed(runs):
+    """{"fixed": rows of the fixed laws, "best": of `best_of`}; ``runs``: the `FixedOutcome` tuple of every run."""
+    fixed = [
+        {
+            "law": found[0].law,
+            "largest": max(one.largest if one.largest < math.inf else math.inf for one in found),  # of nan, too
+            "failed": sum(not (one.largest < LARGEST and one.rests) for one in found),
+            "restless": sum(not one.rests for one in found),
+        }
+        for found in zip(*runs)
+    ]
+    return {"fixed": fixed, "best": best_of(fixed)} if fixed else {}
+
+
+def best_of(fixed):
+    """Of the rows ``fixed`` of `summary` [m] that of the smallest largest error among those that rest in all runs; of
+    all, if none does."""
+    return min(fixed, key=lambda row: (row["restless"] > 0, row["largest"]))

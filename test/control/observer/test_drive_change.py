@@ -82,7 +82,7 @@ def test_new_gain_from_one_reading_is_voltage_over_what_it_should_be(axis, facto
     drop, speed = 0.11, 2e-4
     emf = float(model["volts_per_velocity"]) * speed
     memory["v"], memory["learned_covariance"] = speed, 0.0
-    memory["voltages"][:] = (drop + emf) / factor
+    memory["voltages"][:] = memory["answered"] = (drop + emf) / factor
     drive_learning.relearn(parameters, model, memory, drop)
     called = memory["learned"][0] * drop + memory["learned"][1] + memory["learned"][2] * emf
     assert called == pytest.approx((drop + emf) / factor, rel=1e-3)

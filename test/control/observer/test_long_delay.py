@@ -1,4 +1,4 @@
-"""A voltage that acts later than the observer law is designed for: found, handed over, and not found where there is none."""
+"""A voltage that acts five periods late or later: found, counted with in a slower loop, and not found where there is none."""
 
 import numpy as np
 import pytest
@@ -19,23 +19,17 @@ def delayed(axis, columns):
 
 
 def largest(columns):
-    return np.abs(columns["stage_m"] - columns["reference_m"]).max()
+    return np.abs(columns["stage_m"] - columns["reference_m"])[1000:].max()
 
 
-@pytest.mark.parametrize("delay", [5e-4, 1e-3])
-def test_long_delay_is_found_at_once_and_costs_no_more_than_under_the_encoder_only_law(axis, run, delay):
-    """Not found, 1 ms left the axis 5 to 72 um off (five seeds of a campaign), where `self_tuning` has 3.5.
-
-    Single runs of either law go up to 10 um: medians are compared.
-    """
+@pytest.mark.parametrize("delay, most", [(5e-4, 2e-7), (1e-3, 9e-7), (2e-3, 5e-6)])
+def test_long_delay_is_found_at_once_and_the_observer_law_goes_on_with_it(axis, run, delay, most):
+    """Handed over to the encoder-only law it cost 2.4, 5.4 and 15 um; after the first 0.1 s, in which it is found."""
     effects = {"transport_delay": {"delay_s": delay}}
-    ours, others = [], []
-    for seed in range(1, 8):
+    for seed in range(1, 5):
         columns = run("self_tuning_observer", PROGRAM, seed=seed, effects=effects)
         assert np.flatnonzero(delayed(axis, columns))[0] < 0.05 / 1e-4
-        ours.append(largest(columns))
-        others.append(largest(run("self_tuning", PROGRAM, seed=seed, effects=effects)))
-    assert np.median(ours) < 1.2 * np.median(others) and max(ours) < 1.5 * max(others)
+        assert largest(columns) < most
 
 
 @pytest.mark.parametrize("conditions", [

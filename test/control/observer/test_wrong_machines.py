@@ -7,7 +7,8 @@ import pytest
 
 from microstage_ros.control.laws import adaptation, supervision
 from microstage_ros.control.laws.controller import make_controller
-from microstage_ros.control.observer import drive_learning, long_delay
+from microstage_ros.control.observer import drive_learning, inertia, long_delay
+from microstage_ros.control.robustness.campaign import PROGRAM, examine
 from microstage_ros.control.robustness.conditions import MOTOR, Condition, conditions
 from microstage_ros.control.runs.run_file import Run
 from microstage_ros.control.runs.simulate import simulate
@@ -40,16 +41,16 @@ def test_back_emf_is_doubted_until_the_constant_is_read(axis, factor, most):
         assert np.abs(errors(axis, condition, moves, seed)[1000:]).max() < most
 
 
-@pytest.mark.parametrize("answers, lag", [((0.34, 0.53, 0.4, 0.3), 0), ((-0.3, 0.3, -0.7, 0.9), 3)])
+@pytest.mark.parametrize("answers, lag", [((0.34, 0.53, 0.4, 0.3), 0), ((-0.3, 0.3, -0.7, 0.9), 3), ((0.0, 0.0, 0.1, 0.1, 0.9), 4)])
 def test_steps_of_a_coarse_converter_are_no_delay(axis, answers, lag):
     """What a 10-bit current showed at rest (a period of delay was found: 1 to 2 um), and what a delay of 0.3 ms shows."""
     controller = make_controller(LAW, axis)
     parameters, memory = controller.parameters, controller.memory["observer"]
     volts = 5e-3
     amperes = volts / float(parameters["feedforward"]["resistance"])
-    memory["excitation"] = memory["far_voltage_power"] = volts**2
-    memory["far_current_power"], memory["answers"][:] = amperes**2, np.array(answers) * volts * amperes
-    drive_learning.find_lag(parameters["observer"], parameters["feedforward"], memory, 0.0)
+    memory["far_voltage_power"], memory["far_current_power"] = volts**2, amperes**2
+    memory["far_answers"][: len(answers)] = np.array(answers) * volts * amperes
+    drive_learning.find_lag(parameters["observer"], parameters["feedforward"], memory)
     assert memory["lag"] == lag
 
 
@@ -67,14 +68,49 @@ def test_slow_amplifier_is_no_long_delay(axis):
         memory = make_controller(LAW, axis).memory["observer"]
         for _ in range(200):
             memory["far_answers"][:], memory["far_voltage_power"], memory["far_current_power"] = answers, 1.0, 1.0
-            long_delay.watch_long_delay(memory, 1e-4, 0.0, 0.0)
-        assert memory["delayed"] == delayed and memory["delay_s"] == pytest.approx(7e-4 * delayed)
+            long_delay.watch_long_delay(memory, 1e-4, 0.0)
+        assert memory["delayed"] == delayed and memory["delay"] == 7 * delayed
 
 
-def test_encoder_only_law_allows_for_a_delay_that_was_found(axis):
-    memory = make_controller(LAW, axis).memory["encoder_adaptation"]
-    adaptation.allow_for_delay(memory, 1.62e-3, 2e-3)
-    assert math.exp(memory["ceiling"]) == pytest.approx(1.62 / 3.62)
+def test_the_voltage_of_a_found_delay_is_the_one_that_is_counted_with(axis):
+    memory = make_controller(LAW, axis).memory["observer"]
+    for lag in (0, 3, long_delay.LONGEST - 1):
+        memory["lag"] = lag
+        for period in range(60):
+            drive_learning.keep_voltage(memory, float(period))
+        assert memory["answered"] == 59.0 - lag
+
+
+def test_gains_fall_with_the_bandwidth_that_a_delay_leaves(axis):
+    memory = make_controller(LAW, axis).memory["adaptation"]
+    for share, proportional in ((2.0, 1.2), (0.8, 0.8), (0.3, 0.3 * 0.3 / 0.55)):
+        adaptation.allow_for_delay(memory, share)
+        assert math.exp(memory["ceiling"]) == pytest.approx(proportional)
+        assert math.exp(memory["damping_ceiling"]) == pytest.approx(min(share, 1.2))
+
+
+def test_a_lost_sample_at_a_start_is_no_change_of_the_drive(axis):
+    """The current stood for a period while the voltage rose: R and zero went astray, 0.5 um in the move that began."""
+    condition = Condition("lost", effects={"sampling_jitter": {"lost_fraction": 0.05}})
+    for seed in (12101, 12102, 12103):
+        columns = simulate(condition.assumed_axis(axis), Run(controller={"type": LAW}, program=PROGRAM), seed)
+        assert np.abs(columns["stage_m"] - columns["reference_m"])[1000:].max() < 8e-8
+
+
+@pytest.mark.parametrize("name, most", [("current offset 20 mA", 1.4e-7), ("current noise 20 mA", 2e-7), ("1 kHz", 6e-7)])
+def test_conditions_in_which_a_fixed_law_was_nearer(axis, name, most):
+    """0.33, 0.95 and 1.4 um, where fixed laws had 0.12, 0.12 and 0.39; 25 seeds 0.09, 0.13 and 0.45 at most since then."""
+    condition = {c.name: c for c in conditions(axis)}[name]
+    assert max(examine(axis, condition, seed, LAW).largest for seed in (5, 6, 7)) < most
+
+
+def test_the_inertia_is_learned_from_forces_and_speeds_of_the_same_time(axis):
+    """At 1 kHz a force of the period's end, beside speeds of a period before, made 1.7 times the inertia of a swing at 300 Hz."""
+    memory = make_controller(LAW, axis).memory["observer"]
+    for force in (30.0, 50.0):
+        memory["net_force"] = force
+        found = inertia.mean_net(memory, 5)
+    assert found == pytest.approx(0.5 * (30.0 + 50.0) / 5.0) and inertia.mean_net(memory, 1) == 50.0
 
 
 def test_fifth_large_swing_is_handed_over_at_once(axis):
@@ -82,7 +118,7 @@ def test_fifth_large_swing_is_handed_over_at_once(axis):
     rule, memory = controller.parameters["supervision"], controller.memory["supervision"]
     for swings, peak, said in ((4, 2e-5, supervision.NOTHING), (5, 9e-6, supervision.NOTHING), (5, 2e-5, supervision.SWINGS)):
         memory["swings"], memory["peak"], memory["swinging"] = swings, peak, 0.02
-        assert supervision.sign_of_trouble(rule, memory, 1.0, 1.0, 0.0, 0, 1e-4) == said
+        assert supervision.sign_of_trouble(rule, memory, 1.0, 1.0, 0.0, 1e-4) == said
 
 
 def test_wind_up_of_the_drive_train_is_no_motion_of_the_stage(axis):
