@@ -20,9 +20,6 @@ from microstage_ros.signals.travel import motor_travel
 
 LEAST_ROWS = 5000
 FUSION = 41           # periods, at least, over which the position reading corrects the motor's travel
-# cycles of the drive train's resonance over which it does; derived: on the shipped axis those of `FUSION`. Nearer to
-# the resonance the stage tells of the motor through an amplification that the damping makes, and nobody knows well
-FUSION_CYCLES = 1.3
 GAP_FUSION = 1001     # the same where the stage may rattle in a gap
 HIT = 3               # periods of the stage's mean there; derived: the least that is one, as a hit lasts some ten
 TRAVEL_NOISE = 2.0e-8 # m: the back-EMF's travel is trusted below some 200 Hz, current and inertia above
@@ -199,10 +196,14 @@ def _carried(stage, angle, drive, period):
 
 
 def _fusion(drive, period):
-    """Odd number of periods [1] over which the stage's reading corrects the motor's travel: `FUSION_CYCLES` of the
-    resonance √(K/m)."""
+    """Odd number of periods [1] over which the stage's reading corrects the motor's travel: `FUSION`, and a whole cycle
+    of the drive train's resonance √(K/m) at least.
+
+    A swing at the resonance has no mean over that, so the stage, which swings several times as far as the motor and by
+    a damping that nobody knows well, tells nothing of it.
+    """
     cycle = 2.0 * np.pi * np.sqrt(drive.mass / drive.stiffness)
-    return max(FUSION, 2 * int(0.5 * FUSION_CYCLES * cycle / period) + 1)
+    return max(FUSION, 2 * int(0.5 * cycle / period) + 1)
 
 
 def count_of(reading):
