@@ -138,8 +138,10 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None):
     stage_speed = np.gradient(position, period)
     guideway, _ = replay(drive.guideway, stage_speed, period)
     motion = smooth_motion(motor, settled, drive, period, MOTOR_NOISE)
-    load = motion.load + np.roll(between_readings(settled, current, motion.speed, drive, period), -1)
-    load = 0.5 * (load + of_row_before(load))  # of the periods on both sides of a reading
+    more = between_readings(settled, current, motion.speed, drive, period) / drive.torque_constant
+    # the same smoothing for all of the current: an amplifier that is driven from limit to limit has much between readings
+    motion = smooth_motion(motor, settled + more, drive, period, MOTOR_NOISE)
+    load = 0.5 * (motion.load + of_row_before(motion.load))  # of the periods on both sides of a reading
     screw_speed = motion.speed / drive.radius
     actuator, stuck = replay(drive.actuator, screw_speed, period)
     air = {name: _filled(record[name], name)[0] for name in
