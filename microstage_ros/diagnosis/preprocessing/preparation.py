@@ -139,7 +139,7 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None):
     guideway, _ = replay(drive.guideway, stage_speed, period)
     motion = smooth_motion(motor, settled, drive, period, MOTOR_NOISE)
     more = between_readings(settled, current, motion.speed, drive, period) / drive.torque_constant
-    # the same smoothing for all of the current: an amplifier that is driven from limit to limit has much between readings
+    # all of the current smoothed alike: one that is driven from limit to limit has much of it between readings
     motion = smooth_motion(motor, settled + more, drive, period, MOTOR_NOISE)
     load = 0.5 * (motion.load + of_row_before(motion.load))  # of the periods on both sides of a reading
     screw_speed = motion.speed / drive.radius

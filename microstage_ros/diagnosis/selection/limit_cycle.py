@@ -5,6 +5,7 @@ then leave residuals of the same kind, and no linear form follows the motion cyc
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -28,7 +29,7 @@ def share_at_limit(prepared, limit):
     return float(np.mean(np.concatenate(at)))
 
 
-def judged(share, causes, unsure, scattered, errors=(), no_gap=lambda: False):
+def judged(share, causes, unsure, scattered, errors=(), no_gap: Callable[[], bool] = lambda: False):
     """(causes, rivals, note) of records with this share at the limit: what rattle feigns becomes an open question.
 
     Parameters
