@@ -19,7 +19,7 @@ from microstage_ros.signals.rows import bridged, of_row_before
 from microstage_ros.signals.travel import motor_travel
 
 LEAST_ROWS = 5000
-FUSION = 41           # periods over which the position reading corrects the motor's travel
+FUSION = 41           # periods, at least, over which the position reading corrects the motor's travel
 GAP_FUSION = 1001     # the same where the stage may rattle in a gap
 HIT = 3               # periods of the stage's mean there; derived: the least that is one, as a hit lasts some ten
 TRAVEL_NOISE = 2.0e-8 # m: the back-EMF's travel is trusted below some 200 Hz, current and inertia above
@@ -132,15 +132,16 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None):
         offset, closed = offset_where_closed(stage, angle, gap, drive, period)
         motor = angle + triangle(offset, GAP_FUSION)
     else:
-        carried = lfilter(*stage_filter(drive, period), angle - angle[0]) + angle[0]
+        carried = _carried(stage, angle, drive, period)
         position = carried + triangle(stage - carried, FUSION)
+        motor = angle + triangle(stage - carried, _fusion(drive, period))
     stage_speed = np.gradient(position, period)
     guideway, _ = replay(drive.guideway, stage_speed, period)
-    if gap == 0.0:
-        motor = angle + triangle(stage + guideway / drive.stiffness - carried, FUSION)
     motion = smooth_motion(motor, settled, drive, period, MOTOR_NOISE)
-    load = motion.load + np.roll(between_readings(settled, current, motion.speed, drive, period), -1)
-    load = 0.5 * (load + of_row_before(load))  # of the periods on both sides of a reading
+    more = between_readings(settled, current, motion.speed, drive, period) / drive.torque_constant
+    # all of the current smoothed alike: one that is driven from limit to limit has much of it between readings
+    motion = smooth_motion(motor, settled + more, drive, period, MOTOR_NOISE)
+    load = 0.5 * (motion.load + of_row_before(motion.load))  # of the periods on both sides of a reading
     screw_speed = motion.speed / drive.radius
     actuator, stuck = replay(drive.actuator, screw_speed, period)
     air = {name: _filled(record[name], name)[0] for name in
@@ -176,6 +177,35 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None):
         closed=closed,
         count=count_of(record["encoder_m"]),
     )
+
+
+def _carried(stage, angle, drive, period):
+    """Where the drive train carries the stage, H(s) (r/N) θ − G(s) F_g (`stage_filter`), shape (n,) [m].
+
+    The guideways' force F_g acts through the drive train as the motor does: at the resonance of a soft one it moves the
+    stage several times as far as at rest, and late. It is replayed on the stage's own speed, as far as that is known
+    without it.
+
+    Parameters
+    ----------
+    stage : reading (n,) [m]. angle : motor, as travel of the stage (n,) [m]. period : of the rows [s].
+    """
+    driven = lfilter(*stage_filter(drive, period), angle - angle[0]) + angle[0]
+    speed = np.gradient(driven + triangle(stage - driven, FUSION), period)
+    force = replay(drive.guideway, speed, period)[0] + drive.guideway.viscous * speed
+    yielding = lfilter(*stage_filter(drive, period, force=True), force - force[0]) + force[0] / drive.stiffness
+    return driven - yielding
+
+
+def _fusion(drive, period):
+    """Odd number of periods [1] over which the stage's reading corrects the motor's travel: `FUSION`, and a whole cycle
+    of the drive train's resonance √(K/m) at least.
+
+    A swing at the resonance has no mean over that, so the stage, which swings several times as far as the motor and by
+    a damping that nobody knows well, tells nothing of it.
+    """
+    cycle = 2.0 * np.pi * np.sqrt(drive.mass / drive.stiffness)
+    return max(FUSION, 2 * int(0.5 * cycle / period) + 1)
 
 
 def count_of(reading):

@@ -176,6 +176,22 @@ def _rattling(prepared, drive):
     )
 
 
+def shows_no_gap(prepared, drive):
+    """Whether force over deflection is one straight line down to its noise: the drive train swings, and has no gap.
+
+    Asked of the learning and of the held-out records; a line in which no gap of `LEAST` could hide. ``prepared``
+    {"learn" | "held": [`Prepared`]}, ``drive``: `Drive` of the axis.
+    """
+    for name in ("learn", "held"):
+        records = [Windows(p, drive) for p in prepared[name] if p.has_current]
+        found = fit(records, drive)
+        if found is None or found.gap + SIGMAS * found.gap_stderr > LEAST:
+            return False
+        if found.left > STANDS_OUT * min(record.noise for record in records if len(record)):
+            return False
+    return True
+
+
 def _replayed(prepared, drive):
     """`Gap` by the stage replayed behind it, which asks for no rattle; or None."""
     channels = {name: [Deflection(p, drive) for p in prepared[name]] for name in ("learn", "held", "base")}

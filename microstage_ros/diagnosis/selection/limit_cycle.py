@@ -5,6 +5,7 @@ then leave residuals of the same kind, and no linear form follows the motion cyc
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -28,7 +29,7 @@ def share_at_limit(prepared, limit):
     return float(np.mean(np.concatenate(at)))
 
 
-def judged(share, causes, unsure, scattered, errors=()):
+def judged(share, causes, unsure, scattered, errors=(), no_gap: Callable[[], bool] = lambda: False):
     """(causes, rivals, note) of records with this share at the limit: what rattle feigns becomes an open question.
 
     Parameters
@@ -36,6 +37,7 @@ def judged(share, causes, unsure, scattered, errors=()):
     share : of `share_at_limit` [1]. causes, unsure : sequences of `Cause` and `Rivals`, as found.
     scattered : channels that stand above the noise floor.
     errors : {id: `agreement.unsteadiness` [1]} of the causes; without an entry a loop that swings gives it no one size.
+    no_gap : asked where a cause may be a gap's, () → whether force over deflection shows that there is none.
     """
     errors = dict(errors)
     followed = any(cause.id == "backlash" for cause in causes)  # the replay through the gap kept its place
@@ -43,6 +45,8 @@ def judged(share, causes, unsure, scattered, errors=()):
     swings = share > MOST_AT_LIMIT
     most, unknown = (ONE_SIZE, math.inf) if swings else (SOME_SIZE, 0.0)
     feigned = [c for c in causes if c.id in LOOSE_OR_SOFT and not followed and errors.get(c.id, unknown) > most]
+    if feigned and no_gap():
+        feigned = []
     nameless = not causes and not unsure and left
     if swings and (feigned or nameless):
         note = (f"The command stands at its limit {share:.0%} of the time: the loop swings by itself. Records under a "

@@ -10,7 +10,7 @@ from microstage_ros.diagnosis.preprocessing.friction_replay import replay
 from microstage_ros.diagnosis.preprocessing.preparation import prepare
 from microstage_ros.diagnosis.preprocessing.transmitted_force import WIDTH, offset_where_closed, transmitted_force
 from microstage_ros.diagnosis.prerequisites.characteristic import SIZES, Windows, fit
-from microstage_ros.diagnosis.prerequisites.lost_motion import find_gap
+from microstage_ros.diagnosis.prerequisites.lost_motion import find_gap, shows_no_gap
 from microstage_ros.diagnosis.validation import second_world
 from microstage_ros.diagnosis.validation.simulated_records import Hidden
 
@@ -54,6 +54,11 @@ def test_a_drive_that_swings_without_a_gap_has_none(axis, drive, effects):
     if found is not None:       # it swings so far that its force is clear both ways
         assert found.gap < 1.0e-7
         assert found.left == pytest.approx(fit(windows, drive, SIZES[1:]).left, rel=0.01)
+
+
+@pytest.mark.parametrize("effects", [GAP | SOFT, {}], ids=["gap and soft drive", "a loop that rests"])
+def test_no_straight_line_is_seen_where_there_is_a_gap_or_no_swing(axis, drive, effects):
+    assert not shows_no_gap(prepared_case(axis, drive, effects), drive)
 
 
 def test_the_force_on_the_stage_is_that_of_its_motion(drive):

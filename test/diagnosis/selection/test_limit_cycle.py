@@ -39,6 +39,17 @@ def test_a_stiffness_that_is_another_in_every_stretch_may_be_a_gap():
     assert judged(0.0, soft, [], ["torque"], {"drive_compliance": 0.09}) == (soft, [], None)    # nothing is left there
 
 
+def test_force_over_deflection_without_a_gap_answers_the_question():
+    """A drive whose size scattered by 3 % between stretches, on a loop that swings between the limits (pairs, seed 9701, cases
+    19 and 78)."""
+    soft, asked = causes("drive_compliance"), []
+    errors = {"drive_compliance": 0.06}
+    assert judged(0.7, soft, [], ["windup"], errors, lambda: True) == (soft, [], None)
+    assert judged(0.7, soft, [], ["windup"], errors, lambda: False)[0] == []
+    assert judged(0.7, soft, [], ["windup"], {"drive_compliance": 0.01}, lambda: asked.append(1)) == (soft, [], None)
+    assert not asked        # it takes a fit
+
+
 def test_a_loop_that_rests_keeps_its_answer():
     soft = causes("drive_compliance")
     assert judged(0.01, soft, [], ["windup"]) == (soft, [], None)
