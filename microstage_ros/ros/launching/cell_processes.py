@@ -286,8 +286,8 @@ class CellProcesses:
     def _stop_quickly(self, end):
         """Ask the driver, then all others at once; end at ``end`` those that are still there.
 
-        The others are asked when the driver has ended, or half of the time has passed: on a busy machine a recorder that
-        is asked together with it hears nothing for `bag_recorder.DRAIN` before the driver's last state comes.
+        The others are asked when the driver has ended, or half of the time has passed: on a busy machine a recorder
+        that is asked together with it hears nothing for `bag_recorder.DRAIN` before the driver's last state comes.
         """
         driver = [process for name, process in self.processes.items() if name == "axis_driver"]
         others = [process for name, process in self.processes.items() if name != "axis_driver"]
