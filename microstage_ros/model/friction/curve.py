@@ -84,6 +84,8 @@ def sliding_limit(parameters, direction, speed, limit_factor):
     coulomb = parameters[head + COULOMB]
     if static == coulomb:
         return limit_factor * static
+    if speed == 0.0:    # the power and the exponential take longer than all the rest; the same to the last bit
+        return limit_factor * (coulomb + (static - coulomb))
     ratio = speed / parameters[head + STRIBECK_VELOCITY]
     drop = (static - coulomb) * math.exp(-(ratio ** parameters[head + STRIBECK_EXPONENT]))
     return limit_factor * (coulomb + drop)

@@ -31,6 +31,9 @@ from microstage_ros.quantities.spec import Spec, not_negative
 TITLE = "Leuven"
 SUBSTEPS = 16  # at most, in one stretch
 SUBSTEP_SHARE = 0.25  # of the limit that F_h may rise in a substep before more substeps are taken
+# of the limit: this near to it F_h decays onto it, which one substep solves; what the linearisation leaves is of the
+# square of this
+SETTLED = 0.02
 PARAMETERS = {
     **block_parameters("elements of the hysteresis"),
     "damping": not_negative("N m s/rad", "σ₁, micro-damping", default=0.0),
@@ -89,14 +92,15 @@ def follow(parameters, state, direction, distance, limit, limit_factor):
     exponent = parameters[STIFFNESS + 2 * int(parameters[COUNT]) + 1]
     for _ in range(4 * int(parameters[COUNT]) + 8):  # each round but the last ends at an element's limit
         force = direction * hysteresis(parameters, state)
-        rate = 1.0 - math.copysign(abs(force / limit) ** exponent, force)
+        steepness = abs(force / limit) ** (exponent - 1.0)
+        rate = 1.0 - steepness * force / limit
         if rate == 0.0 or distance <= 0.0:
             return
         sense = math.copysign(1.0, rate)
         tangent, way = free_elements(parameters, state, sense * direction, limit_factor)
         if tangent == 0.0:
             return
-        decay = exponent * abs(force / limit) ** (exponent - 1.0) * tangent / limit
+        decay = exponent * steepness * tangent / limit
         small = decay * distance < 1e-9
         move = abs(rate) * (distance if small else -math.expm1(-decay * distance) / decay)
         if force < limit:
@@ -116,7 +120,12 @@ def stretch(parameters, state, direction, speed_start, speed_end, duration, limi
     s_end = sliding_limit(parameters, direction, speed_end, limit_factor)
     tangent, _ = free_elements(parameters, state, direction, limit_factor)
     rise = 0.5 * (speed_start + speed_end) * duration * tangent / (SUBSTEP_SHARE * s_end)
-    substeps = 1 + int(min(rise, SUBSTEPS - 1.0))
+    substeps = 1
+    if rise > 1.0:
+        s_start = sliding_limit(parameters, direction, speed_start, limit_factor)
+        before = direction * hysteresis(parameters, state)
+        if max(abs(s_start - before), abs(s_end - before)) > SETTLED * s_end:
+            substeps = 1 + int(min(rise, SUBSTEPS - 1.0))
     step, acceleration = duration / substeps, (speed_end - speed_start) / substeps
     for i in range(substeps):
         speed = speed_start + acceleration * (i + 0.5)
@@ -124,6 +133,8 @@ def stretch(parameters, state, direction, speed_start, speed_end, duration, limi
         follow(parameters, state, direction, speed * step, limit, limit_factor)
     n = int(parameters[COUNT])
     force = direction * hysteresis(parameters, state)
+    if parameters[STIFFNESS + 2 * n] == 0.0:
+        return direction * force
     rate = 1.0 - math.copysign(abs(force / s_end) ** parameters[STIFFNESS + 2 * n + 1], force)
     damping = passive_damping(parameters[STIFFNESS + 2 * n], s_end, speed_end, 1.0)
     return direction * (force + damping * speed_end * rate)
