@@ -10,16 +10,19 @@ gc.disable()
 
 #: Files that take longest, by a full run on two cores; the rest follow in the order of their names.
 LONGEST = (
-    "documents/test_pages_run", "ros/safety/test_safety", "diagnosis/cases/test_position_drives",
-    "diagnosis/cases/test_beside_a_larger_one", "test_every_law_everywhere",
-    "commands/test_mutation", "hardware/test_mesa", "diagnosis/cases/test_lost_motion", "maintenance/test_maintenance",
-    "diagnosis/cases/test_every_verdict", "ros/transport/test_lockstep", "diagnosis/cases/test_diagnose_case", "test_house",
-    "diagnosis/cases/test_unlisted_forms", "control/test_tuning", "ros/test_drives_in_a_cell", "commands/test_diagnose",
-    "diagnosis/logs/test_many", "ros/launching/test_parameters", "ros/test_outside_backend", "ros/safety/test_driver_safety",
-    "ros/test_health_monitor", "commissioning/test_commission", "diagnosis/cases/test_practice", "solver/test_step",
-    "ros/launching/test_fork_server", "test_documentation", "ros/test_experiment", "documents/test_notebooks",
-    "diagnosis/logs/test_file_kinds", "identification/test_motor", "control/observer/test_observer",
-    "commissioning/test_other_drives",
+    "documents/test_pages_run", "maintenance/test_maintenance", "diagnosis/cases/test_beside_a_larger_one",
+    "ros/safety/test_safety", "diagnosis/prerequisites/test_characteristic", "diagnosis/cases/test_position_drives",
+    "diagnosis/cases/test_every_verdict", "diagnosis/cases/test_diagnose_case", "diagnosis/cases/test_lost_motion",
+    "test_every_law_everywhere", "commands/test_mutation", "hardware/test_mesa", "solver/test_step",
+    "diagnosis/cases/test_practice", "diagnosis/cases/test_unlisted_forms", "ros/transport/test_lockstep",
+    "commissioning/test_commission", "ros/test_drives_in_a_cell", "commissioning/test_law_choice", "ros/safety/test_driver_safety",
+    "commands/test_diagnose", "test_documentation", "ros/test_health_monitor", "diagnosis/logs/test_file_kinds",
+    "commissioning/test_programme", "control/test_tuning", "diagnosis/prerequisites/test_law", "test_house", "ros/test_experiment",
+    "diagnosis/logs/test_many", "diagnosis/preprocessing/test_motion_on_a_soft_drive", "control/runs/test_coarse_fine",
+    "ros/test_outside_backend", "ros/launching/test_fork_server", "commissioning/test_frequency_response",
+    "control/observer/test_observer", "ros/safety/test_resting_cell", "identification/test_motor", "control/test_closed_loop",
+    "diagnosis/logs/test_simulated", "documents/test_notebooks", "commands/test_laws", "diagnosis/cases/test_force_axis",
+    "ros/launching/test_parameters", "commissioning/test_other_drives",
 )
 
 

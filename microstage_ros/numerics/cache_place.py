@@ -27,7 +27,8 @@ class CachePlace:
     """
 
     def __init__(self, module, file, line):
-        self._module, self._file, self._line = module, file, line
+        self._module, self._line = module, line
+        self._py_file = str(file)    # numba's name: its warning about a function that cannot be cached reads it
 
     @classmethod
     def from_function(cls, function, file):
@@ -54,7 +55,7 @@ class CachePlace:
 
     def get_source_stamp(self):
         """What has to agree for the code to be used: the digest of the source file."""
-        return _digest(self._file)
+        return _digest(self._py_file)
 
     def get_disambiguator(self):
         """Tells functions of one name apart."""
@@ -63,4 +64,4 @@ class CachePlace:
 
 @functools.lru_cache
 def _digest(path):
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import sysconfig
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -172,6 +173,17 @@ def test_compiled_code_is_shared_between_checkouts(tmp_path):
         assert package.startswith(str(root))
         said.append(place)
     assert said[0] == said[1] != said[2]
+
+
+def test_a_function_that_cannot_be_cached_is_a_warning():
+    """Numba says the file of such a function, as the place of its compiled code knows it."""
+    from numba.core.errors import NumbaWarning
+
+    from microstage_ros.numerics.random import next_bits
+    compiled = SimpleNamespace(lifted=(), library=SimpleNamespace(has_dynamic_globals=True), fndesc=SimpleNamespace(qualname="f"))
+    with pytest.warns(NumbaWarning, match="Cannot cache") as caught:
+        assert not next_bits._cache._impl.check_cachable(compiled)
+    assert caught[0].filename.endswith("random.py")
 
 
 def _parent(path):
