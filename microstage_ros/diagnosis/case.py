@@ -125,12 +125,22 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
     if refined != choices:
         evidences, choices = _final(collection, refined)
         choices = judge.that_agree(evidences, choices)
-    kept = judge.without_faint(evidences, judge.without_strangers(evidences, choices))
+    kept = judge.without_faint(evidences, judge.without_strangers(evidences, choices), _taken(known, course))
     dropped = [c.effect for c in choices if c not in kept]
     for choice in kept if dropped else []:      # no rivals as long as both stood
         rivals[choice.effect] = [*rivals.get(choice.effect, ()), *judge.rivals_of(evidences, choice, kept, dropped)]
     choices = kept
     return _answer(collection, evidences, choices, rivals, (known, course), holdout, notes, seed)
+
+
+def _taken(known, course):
+    """χ² of the held-out records that the known prerequisites take, no matter of regression: a slow amplifier, lines
+    of the floor, a drift of its own course; and a gap."""
+    parts = [line.held for line in known.lines]
+    parts += [known.slow.held] if known.slow is not None else []
+    parts += [course.held_before - course.held_after] if course is not None else []
+    parts += [max(known.gap.held_before - known.gap.held_after, known.gap.taken)] if known.gap is not None else []
+    return sum(parts)
 
 
 def _beyond_the_known(evidences, choices, known):
@@ -153,15 +163,17 @@ def _beyond_the_known(evidences, choices, known):
     soft = [c for c in choices if c.effect in RESONANT] if known.train is not None else []
     if soft:
         part = evidences.held_gain(choices) - evidences.held_gain([c for c in choices if c not in soft])
-        swings = known.train.stiffness < SWINGS
-        clear = _clear_of(evidences, choices, part, SOFT_SHARE)
+        swings, of_drive = known.train.stiffness < SWINGS, part
         # in a dead band the motor's travel, which comes from the command, is off in every half of a cycle
         moved = [c for c in choices if c not in soft and c.effect != "amplifier_deadband"]
         part = evidences.held_gain(choices) - evidences.held_gain(moved)
         # a limit cycle repeats itself: what it feigns has one size in all stretches, too
         swung = _clear_of(evidences, choices, part, SOFT_SWUNG_SHARE if swings else LESS_SWUNG_SHARE,
                           of_one_size=not (swings or len(moved) + len(soft) < len(choices)))
-        kept = [*soft, *(c for c in clear if c not in soft and (c.effect not in SWUNG or c in swung))]
+        kept = [c for c in choices if c in soft or c.effect not in SWUNG or c in swung]
+        # what the swing feigns takes nothing from what is judged without it
+        clear = _clear_of(evidences, kept, of_drive, SOFT_SHARE)
+        kept = [*soft, *(c for c in clear if c not in soft)]
         if len(kept) < len(choices):    # what was chosen beside a shape that the swing feigns stands without it, or not
             kept = [c for c in kept if c in soft or _stands(evidences, c, kept)]
         choices = kept

@@ -54,17 +54,20 @@ class Train:
 def fit_train(learn, base, near=None):
     """`Train` that the resonance channels of some records tell, or None if nothing stands out there.
 
-    ``near``: a `Train` to start from, which spares the search over the grid.
+    ``near``: a `Train` to start from, which spares the search over the grid. The motion is computed with it by then,
+    and the load is fitted along as in `_drive_form`.
     """
+    left = (lambda k, d: _left_with_load(learn, stiffness=k, damping=d)[0]) if near else (
+        lambda k, d: _energy(learn, k, d))
     rows = sum(len(c.residual) for c in learn)
     usual = np.mean([_left(c, 1.0, 1.0) / len(c.residual) for c in base]) if base else 1.0
     before = _energy(learn, 1.0, 1.0)
     if before < STANDS_OUT * usual * rows:
         return None
     dampings = (1.0,) if near else DAMPINGS
-    table = {(k, d): _energy(learn, k, d) for k in (1.0, *STIFFNESS_FACTORS) for d in dampings}
+    table = {(k, d): left(k, d) for k in (1.0, *STIFFNESS_FACTORS) for d in dampings}
     start = (near.stiffness, near.damping) if near else min(table, key=table.get)
-    fit = minimize(lambda at: _energy(learn, *np.exp(at)), np.log(start), method="Nelder-Mead", bounds=_bounds(),
+    fit = minimize(lambda at: left(*map(float, np.exp(at))), np.log(start), method="Nelder-Mead", bounds=_bounds(),
                    options={"xatol": 2e-3, "fatol": 1.0, "maxiter": 50,
                             "initial_simplex": np.log(start) + np.array([[0.0, 0.0], [0.12, 0.0], [0.0, 0.5]])})
     if before - fit.fun < EXPLAINS * (before - usual * rows):

@@ -10,6 +10,7 @@ the last quarter, each in turn (four-fold cross-validation), beyond the scatter 
 """
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 from scipy.stats import t as student
 
 from microstage_ros.diagnosis.catalogue.form import Form, splines
@@ -31,6 +32,10 @@ KNOTS = 0.2
 # derived: the inner products of a baseline of thirty pieces then fill 38 MB. Where hardly any of the random friction is
 # bound to a place its travel length is undetermined, and may come out at nanometres
 MOST_SPLINES = 400
+LARGEST = 25.0    # χ² of a row in the likelihood; derived: five standard deviations, beyond which a row is no noise
+# of the random friction's variance, where the search ends; derived: a thirtieth of its standard deviation, which adds a
+# thousandth to any other part
+LEAST_LEFT = 1.0e-3
 HALF = 0.5        # of sizes from other pieces; derived: with less of them χ² grows
 RIDGE = 1.0e-6    # relative; derived: of the order of a column's rounding, it parts columns that one baseline does not
 TINY = np.finfo(float).tiny
@@ -96,13 +101,58 @@ def laws_of(forms):
 def profile_of(frame, spreads):
     """`Form` of friction × splines of x, as fine as the random friction (at most `MOST_SPLINES`), with its size as
     prior."""
-    count = round((frame.high - frame.low) / (KNOTS * spreads.travel_length))
-    count = min(max(count, 2), MOST_SPLINES)
-
     def columns(channel, frame):
-        return channel.friction[:, None] * splines(channel.position, frame.low, frame.high, count)
+        return channel.friction[:, None] * _along_stroke(channel, frame, spreads)
 
     return Form("position_dependent_friction", "torque", "healthy", columns, prior=spreads.relative)
+
+
+def _along_stroke(channel, frame, spreads):
+    """Splines (blocks, k) of the position of a record, as fine as the random friction."""
+    count = round((frame.high - frame.low) / (KNOTS * spreads.travel_length))
+    return splines(channel.position, frame.low, frame.high, min(max(count, 2), MOST_SPLINES))
+
+
+def leave_random(channels, baseline, frame, spreads):
+    """Tell every torque balance how much of the friction along the stroke is still random where it goes.
+
+    Once its profile is taken out, of the variance σ² [1] that goes with travel there is left, at a place x with splines
+    b (k,),
+
+        σ² (l + (1 − l) u),   u = b' C b / (σ_p² b' b),
+
+    with C (k, k) the covariance of the profile's sizes that the baseline leaves, σ_p their prior, and l what of the
+    random friction does not repeat at its place, by maximum likelihood of the baseline, freed of the profile by other
+    pieces of it. Where the baseline was not, u is one, and the friction is as random as it was.
+
+    Parameters
+    ----------
+    channels, baseline, frame, spreads : as in `take_healthy`, which took out the form `profile_of`; ``random`` of all
+        ``channels`` is changed.
+    """
+    bases = [_along_stroke(channel, frame, spreads) for channel in channels]
+    precision = np.eye(bases[0].shape[1]) / spreads.relative**2
+    for channel, basis in zip(channels, bases):
+        if any(channel is one for one in baseline):
+            white = channel.whiten(channel.friction[:, None] * basis, spreads)[0]
+            precision += white.T @ white
+    covariance = np.linalg.inv(precision)
+    prior = [spreads.relative**2 * (b * b).sum(axis=1) for b in bases]
+    unknown = [np.clip(((b @ covariance) * b).sum(axis=1) / most, 0.0, 1.0) for b, most in zip(bases, prior)]
+
+    def leave(left):
+        for channel, share in zip(channels, unknown):
+            channel.random = np.sqrt(left + (1.0 - left) * share)
+
+    def cost(log_left):
+        leave(np.exp(log_left))
+        total = 0.0
+        for channel in baseline:
+            out, determinant = channel.whiten(channel.residual[:, None], spreads)
+            total += np.minimum(out[:, 0] ** 2, LARGEST).sum() + determinant
+        return total
+
+    leave(float(np.exp(minimize_scalar(cost, bounds=(np.log(LEAST_LEFT), 0.0), method="bounded").x)))
 
 
 def unevenness(baseline, taken, frame):

@@ -42,10 +42,12 @@ class Mechanical:
     ``friction`` (nominal actuator friction without viscosity), ``guideway`` and ``inertial`` (force of the
     stage's mass) [N m at the shaft],
     ``stuck``, ``travel`` (path length so far), ``torque`` (k_M i − J dω/dt), ``own`` (what the healthy axis's friction
-    is beyond the model's, zero until it is taken out).
+    is beyond the model's, zero until it is taken out), ``random`` (standard deviation of the friction that varies along
+    the stroke, over `Spreads`' [1]; one until `healthy.leave_random`).
     """
 
     name, unit = "torque", "N m"
+    random = 1.0
 
     def __init__(self, prepared, drive):
         self.prepared, self.drive, self._coarse = prepared, drive, {}
@@ -129,7 +131,7 @@ class Mechanical:
             np.exp(-ahead / spreads.travel_length), np.full(len(ahead), np.exp(-period / spreads.time_length)),
             np.exp(-period / STUCK_TIME - ahead / STUCK_TRAVEL),
         ], axis=1)
-        gains = np.stack([self.friction, self.friction, self.stuck], axis=1)
+        gains = np.stack([self.friction * self.random, self.friction, self.stuck], axis=1)
         return whiten_states(matrix, gains, keeps, spreads.deviations, self.white)
 
 

@@ -110,7 +110,7 @@ def in_baseline(evidences, choice, others):
     What the healthy model took from the baseline counts, too: it does not hold to the last on another programme, nor on
     a part of the stroke where the baseline was not, and what is left of it there is no other cause than it was.
     """
-    if any(_wave_of_baseline(evidences, form, others) for form in choice.forms):
+    if any(is_wave_of_baseline(evidences, form, others) for form in choice.forms):
         return True
     if evidences.raw:
         amplitude, stderr = evidences.amplitude_in_base(choice, others, raw=True)
@@ -120,7 +120,7 @@ def in_baseline(evidences, choice, others):
     return bool((amplitude > HALF and stderr < HALF) or amplitude > max(BASE_SHARE, 2.0 * stderr))
 
 
-def _wave_of_baseline(evidences, form, others):
+def is_wave_of_baseline(evidences, form, others):
     """Whether the baseline has a wave of this length and at least half this height, at whatever phase.
 
     Of friction along the stroke: a wave number is read to a per cent or so; some millimetres on, where the baseline

@@ -25,7 +25,7 @@ from microstage_ros.diagnosis.selection.agreement import (
 )
 from microstage_ros.diagnosis.selection.mass_or_drive import RESONANT, resonance_is
 from microstage_ros.diagnosis.selection.selection import RIVAL_MARGIN, acceptable, best_forms, level_or_viscous
-from microstage_ros.diagnosis.selection.splinters import FAINT_GAIN, FRICTIONS
+from microstage_ros.diagnosis.selection.splinters import FAINT_GAIN, FRICTIONS, stand_side_by_side
 from microstage_ros.diagnosis.selection.stroke_profile import profile_of
 from microstage_ros.model.effects import REGISTRY
 
@@ -134,6 +134,8 @@ def rivals_of(evidences, choice, choices, effects):
             found.append(effect)
             continue
         if trial is None or not acceptable(evidences, trial, others) or _level(evidences, trial.choice, others):
+            continue
+        if stand_side_by_side(evidences, choice, trial.choice, others):
             continue
         lead = own.gain + own.held - 2 * own.sizes - (trial.gain + trial.held - 2 * trial.sizes)
         if lead < max(RIVAL_MARGIN, RIVAL_SHARE * own.gain) or not _leads(evidences, choice, trial.choice, others):
@@ -313,27 +315,29 @@ def _main_channel(evidences, choice, kept, others):
     return max(own.items(), key=lambda item: item[1])
 
 
-def without_faint(evidences, choices):
+def without_faint(evidences, choices, beside=0.0):
     """Drop causes that hold less than they need on held-out records, the faintest first.
 
     A size of no reality can agree with itself: at one chance in a hundred, on every hundredth healthy axis.
+    ``beside``: χ² [1] of the held-out records that causes take which are no matter of regression.
     """
     kept = list(choices)
     while kept:
-        spare = [_spare(evidences, choice, [o for o in kept if o is not choice]) for choice in kept]
+        spare = [_spare(evidences, choice, [o for o in kept if o is not choice], beside) for choice in kept]
         if min(spare) >= 0.0:
             break
         del kept[spare.index(min(spare))]
     return kept
 
 
-def _spare(evidences, choice, others):
+def _spare(evidences, choice, others, beside=0.0):
     """χ² that a cause holds on held-out records beyond what it needs: `LEAST_EVIDENCE`; of what the learning records
     show twice as clearly, all that it can hold there, as the held-out records may hardly go where it is. An axis on
     which another cause is clear is no healthy one: a size that is certain needs to be there only."""
     learned, held = (gain([*others, choice]) - gain(others) for gain in (evidences.gain, evidences.held_gain))
     needed = LEAST_EVIDENCE
-    if others and evidences.held_gain(others) >= LEAST_EVIDENCE and unsteadiness(evidences, choice, others) < CERTAIN:
+    clear = beside + evidences.held_gain(others) >= LEAST_EVIDENCE
+    if clear and unsteadiness(evidences, choice, others) < CERTAIN:
         needed = FAINT_GAIN
     if learned >= 2.0 * LEAST_EVIDENCE:
         needed = min(needed, max(evidences.signal(choice, others), FAINT_GAIN))

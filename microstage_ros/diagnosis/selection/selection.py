@@ -4,7 +4,7 @@ import numpy as np
 
 from microstage_ros.diagnosis.catalogue import CONTAINS
 from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, Trial
-from microstage_ros.diagnosis.selection.agreement import agrees_with_itself, in_baseline
+from microstage_ros.diagnosis.selection.agreement import agrees_with_itself, in_baseline, is_wave_of_baseline
 from microstage_ros.diagnosis.selection.mass_or_drive import (
     RESONANT,
     alike,
@@ -12,7 +12,14 @@ from microstage_ros.diagnosis.selection.mass_or_drive import (
     resonance_is,
 )
 from microstage_ros.diagnosis.selection.sizes import sizes_of, width
-from microstage_ros.diagnosis.selection.splinters import FRICTIONS, LEVEL, is_splinter, wider_keys, without_splinters
+from microstage_ros.diagnosis.selection.splinters import (
+    ALONG_STROKE,
+    FRICTIONS,
+    LEVEL,
+    is_splinter,
+    wider_keys,
+    without_splinters,
+)
 from microstage_ros.diagnosis.selection.stepwise import forward
 from microstage_ros.diagnosis.selection.stroke_profile import (
     CLEARLY_LESS,
@@ -45,11 +52,16 @@ def best_forms(evidences, effect, choices):
             if not form.possible(own, evidences.frame):
                 continue
             more = total / evidences.scatter[channel] - before
-            if effect == "position_dependent_friction":
+            score = more
+            if effect == ALONG_STROKE:
+                if is_wave_of_baseline(evidences, form, choices):
+                    continue
                 # a wave of the machine's own, which the baseline shows as well, is not the form of a change
                 more -= evidences.usual(channel, form.key)
-            if best is None or more - 2 * len(own) > best[0] - 2 * best[1]:
-                best = (more, len(own), form)
+                # how fine a profile is the held-out records tell, too: its sizes are many
+                score = more + evidences.held_more(channel, keys, form.key)
+            if best is None or score - 2 * len(own) > best[3] - 2 * best[1]:
+                best = (more, len(own), form, score)
         if best and (best[0] > 2 * best[1] + 4 or not used):
             gain, sizes = gain + best[0], sizes + best[1]
             used.append(best[2])

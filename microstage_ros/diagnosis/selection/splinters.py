@@ -38,6 +38,7 @@ FLIPS_NOT = ("gravity_tilt", "cable_spring")
 #: What the speed alone sets leaves nothing that needs rest. A profile along the stroke may be but a level.
 OF_SPEED = ("viscous_change", "nonlinear_viscous")
 OF_REST = ("rising_static_friction", "presliding_creep")
+ALONG_STROKE = "position_dependent_friction"
 
 
 def wider_keys(evidences, effect, channel):
@@ -101,11 +102,22 @@ def stands_beside(evidences, choice, choices, shapes):
     return beside > HALF * alone
 
 
+def stand_side_by_side(evidences, choice, other, others):
+    """Whether a cause explains, beside another name, more than half of what it does without it, on the learning and on
+    the held-out records: then that name explains something else, and takes nobody's place."""
+    alone, beside = [*others, choice], [*others, other]
+    return all(gain([*beside, choice]) - gain(beside) > HALF * (gain(alone) - gain(others))
+               for gain in (evidences.gain, evidences.held_gain))
+
+
 def _whatever_else(evidences, effect, larger):
     """(channel, key) of the nameless shapes that hold all that a larger `Choice` may leave beside itself, and not the
     ``effect``; none where there are no such shapes."""
-    if effect in FLIPS_NOT and larger.effect in FLIPS or effect in OF_REST and larger.effect in OF_SPEED:
+    beside = ((FLIPS_NOT, FLIPS), (OF_REST, OF_SPEED), ((ALONG_STROKE,), FLIPS_NOT))
+    if any(effect in ours and larger.effect in theirs for ours, theirs in beside):
         return wider_keys(evidences, larger.effect, "torque")
+    if effect == ALONG_STROKE and larger.effect in OF_REST:
+        return [("torque", form.key) for form in evidences.forms if form.effect in OF_REST]
     if effect in FRICTIONS and larger.effect == "nonlinear_viscous" and not any("," in f.variant for f in larger.forms):
         return [("torque", form.key) for form in evidences.forms if form.effect == OTHER_POWER]
     return []

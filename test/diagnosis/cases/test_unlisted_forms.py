@@ -120,3 +120,14 @@ def test_a_search_for_a_drive_train_ends_where_nothing_depends_on_it(monkeypatch
     monkeypatch.setattr(resonant, "_energy", energy)
     train = resonant.fit_train([types.SimpleNamespace(residual=np.zeros(1000))], [])
     assert np.isfinite(seen).all() and np.max(seen) <= 1000.0 and 1.0 < train.stiffness <= 1000.0
+
+
+@pytest.mark.parametrize(("near", "stiffness"), [(None, 0.3), (resonant.Train(0.4, 1.0, 2e4, 1e4, 1e4), 0.6)])
+def test_a_drive_train_that_is_refined_is_fitted_with_the_load_that_it_carries(monkeypatch, near, stiffness):
+    """A payload's load drew the stiffness away from its mass's, and was called a soft drive (pairs, seed 9901, cases 29, 46)."""
+    cost = lambda best: lambda k, d: 1e4 * (1.0 + (np.log(k / best) ** 2 + np.log(d) ** 2))
+    alone, loaded = cost(0.3), cost(0.6)
+    monkeypatch.setattr(resonant, "_energy", lambda channels, k, d: alone(k, d))
+    monkeypatch.setattr(resonant, "_left_with_load", lambda channels, stiffness, damping: (loaded(stiffness, damping), 1.2))
+    train = resonant.fit_train([types.SimpleNamespace(residual=np.zeros(1000))], [], near)
+    assert train.stiffness == pytest.approx(stiffness, rel=0.02)

@@ -105,6 +105,32 @@ def test_what_was_chosen_beside_a_feigned_shape_stands_without_it(monkeypatch, s
     assert kept(parts, stiffness=0.07) == {"drive_compliance", *(["friction_level_change"] if stands else [])}
 
 
+def test_what_a_swing_feigns_takes_nothing_from_what_is_judged_without_it(monkeypatch):
+    """Friction along the stroke beside creep that a soft drive feigned, which took most of it: 0.0008 of the drive's χ²
+    beside the creep, and more once it was dropped (pairs, seed 9601, case 97)."""
+    monkeypatch.setattr(case, "_stands", lambda *_: True)
+
+    def gain(choices):
+        there = {c.effect for c in choices}
+        friction = 250.0 if {"presliding_creep", "position_dependent_friction"} <= there else 170.0 * bool(
+            {"presliding_creep", "position_dependent_friction"} & there)
+        return 1.0e5 * ("drive_compliance" in there) + friction
+
+    evidences = types.SimpleNamespace(held_gain=gain, gain=gain, agreement=lambda *_: None, forms=[])
+    known = types.SimpleNamespace(slow=None, gap=None, lines=[], train=types.SimpleNamespace(stiffness=0.5 * SWINGS))
+    choices = [named(e) for e in ("drive_compliance", "presliding_creep", "position_dependent_friction")]
+    left = _beyond_the_known(evidences, choices, known)
+    assert {c.effect for c in left} == {"drive_compliance", "position_dependent_friction"}
+
+
+def test_what_is_known_beside_the_regression_is_counted_on_held_out_records():
+    slow, line = (types.SimpleNamespace(held=value) for value in (100.0, 20.0))
+    course = types.SimpleNamespace(held_before=7.0, held_after=4.0)
+    gap = types.SimpleNamespace(held_before=1000.0, held_after=900.0, taken=400.0)
+    assert case._taken(types.SimpleNamespace(lines=[line, line], slow=slow, gap=gap), course) == 543.0
+    assert case._taken(types.SimpleNamespace(lines=(), slow=None, gap=None), None) == 0.0
+
+
 def test_a_stage_that_stands_in_a_gap_while_the_motor_moves_loses_no_samples():
     """The encoder repeats its count, and a current of coarse steps does so by chance."""
     rows = 4000

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from microstage_ros.diagnosis.catalogue.form import Form, Frame
-from microstage_ros.diagnosis.residuals.healthy import KINDS, laws_of, profile_of, take_healthy
+from microstage_ros.diagnosis.residuals.healthy import KINDS, laws_of, leave_random, profile_of, take_healthy
 from microstage_ros.diagnosis.residuals.mechanical import BLOCK, Mechanical, Spreads, fit_spreads
 
 STEP, ROWS = 0.01, 3000
@@ -70,6 +70,28 @@ def test_friction_along_the_stroke_is_the_baselines():
     taken = take_healthy([base, record], [base], [profile_of(FRAME, SPREADS)], FRAME, SPREADS)
     assert len(taken) == 1 and record.residual.std() == pytest.approx(1.0, abs=0.1)
     assert Balance(5, profile=wave).residual.std() > 3.0
+
+
+class Uncertain(Balance):
+    """The same with friction that is random by `SPREADS` in every row, as far as it still is."""
+
+    random = 1.0
+
+    def whiten(self, matrix, spreads):
+        size = np.sqrt(1.0 + (self.friction * spreads.relative * self.random) ** 2)
+        return matrix / size[:, None], 2.0 * np.log(size).sum()
+
+
+@pytest.mark.parametrize(("repeats", "there"), [(True, 0.1), (False, 1.0)])
+def test_what_the_baseline_took_along_the_stroke_is_random_no_more_where_it_went(repeats, there):
+    """Friction along the stroke of a tenth held less than it needed, as random friction of 4 % hid it (pairs, seed 9901,
+    case 20)."""
+    base, same, elsewhere = Uncertain(8), Uncertain(9), Uncertain(10)
+    elsewhere.position = elsewhere.position + 1.0e-3
+    base.residual += 0.0 if repeats else 3.0 * np.random.default_rng(11).normal(size=ROWS)
+    leave_random([base, same, elsewhere], [base], Frame(None, 0.0, 2.0e-3, ROWS * STEP), SPREADS)
+    assert np.median(same.random) == pytest.approx(there, abs=0.1)
+    assert np.median(elsewhere.random) == pytest.approx(1.0, abs=0.1)
 
 
 def test_a_travel_length_of_nanometres_makes_no_columns_without_end():

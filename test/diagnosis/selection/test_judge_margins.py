@@ -22,12 +22,14 @@ def louder(evidence, factor):
     return dataclasses.replace(evidence, matrix=matrix)
 
 
-def mixed(share, seed=1):
-    """`Evidences` of two effects whose columns have the correlation ``share``; the first one acts with size 0.4."""
+def mixed(share, seed=1, second=0.0):
+    """`Evidences` of two effects whose columns have the correlation ``share``; the first one acts with size 0.4, the other
+    with size ``second``."""
     generator, forms, sums = np.random.default_rng(seed), [simple("torque_ripple"), simple("amplifier_offset")], {}
     for group, rows in ROWS.items():
         a, b, noise = generator.normal(size=(3, rows))
-        matrix = np.stack([noise + 0.4 * a * (group != "base"), a, share * a + math.sqrt(1.0 - share**2) * b], axis=1)
+        other = share * a + math.sqrt(1.0 - share**2) * b
+        matrix = np.stack([noise + (0.4 * a + second * other) * (group != "base"), a, other], axis=1)
         where = {forms[0].key: slice(1, 2), forms[1].key: slice(2, 3)}
         sums[group] = {"torque": Evidence(matrix.T @ matrix, where, rows)}
     return Evidences(sums["learn"], sums["held"], sums["base"], forms, {"torque": 1.0}, None)
@@ -48,6 +50,15 @@ def test_the_floor_is_the_baselines_energy_on_as_many_rows():
 def test_a_name_that_explains_half_as_much_is_no_rival(share, rivals):
     """χ² of a column with correlation ρ is ρ² of the true one's: half of it is clearly less, 0.998 of it is not."""
     world = mixed(share)
+    mine = choice(world, "torque_ripple")
+    assert judge.rivals_of(world, mine, [mine], ("torque_ripple", "amplifier_offset")) == rivals
+
+
+@pytest.mark.parametrize(("share", "rivals"), [(0.3, []), (0.9, ["amplifier_offset"])])
+def test_a_name_that_explains_something_else_is_no_rival(share, rivals):
+    """Both act. A level of friction beside a payload had a rival in a soft drive, which explained what the payload left in
+    the resonance (pairs, seed 9901, case 83)."""
+    world = mixed(share, second=0.4)
     mine = choice(world, "torque_ripple")
     assert judge.rivals_of(world, mine, [mine], ("torque_ripple", "amplifier_offset")) == rivals
 

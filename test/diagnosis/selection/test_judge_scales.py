@@ -107,6 +107,7 @@ def test_the_lead_of_a_name_counts_both_groups_and_every_size(monkeypatch, gain,
     """Lead 1000 + 500 − 2 of the name over gain + held − 2·sizes of the other, against 2 % of 1000 = 20."""
     mine, other = (types.SimpleNamespace(effect=e, forms=()) for e in ("torque_ripple", "amplifier_offset"))
     monkeypatch.setattr(judge, "best_or_same", lambda *_: types.SimpleNamespace(gain=1000.0, held=500.0, sizes=1))
+    monkeypatch.setattr(judge, "stand_side_by_side", lambda *_: False)
     monkeypatch.setattr(judge, "best_forms", lambda *_: types.SimpleNamespace(choice=other, gain=gain, held=held, sizes=sizes))
     for name, value in (("acceptable", True), ("_leads", True), ("level_or_viscous", None), ("is_constant_force", False)):
         monkeypatch.setattr(judge, name, lambda *_, value=value: value)

@@ -148,12 +148,12 @@ def test_friction_along_the_stroke_must_vary_more_than_the_healthy_axiss():
 
 
 def test_a_wave_of_the_baseline_is_not_the_form_of_a_change():
-    """Two waves of one size: the one that the baseline has as well does not compete."""
+    """Two waves of one size: the one that the baseline has as well does not compete. It gained more than the profile that
+    was there, and was then dropped as the baseline's own (pairs, seed 9901, case 93)."""
     case, choice = waved(0.6)
-    before = selection.best_forms(case, choice.effect, []).gain
+    assert selection.best_forms(case, choice.effect, []) is None
     case.base["torque"] = waved(0.0)[0].base["torque"]
-    after = selection.best_forms(case, choice.effect, []).gain
-    assert after > 300.0 and before < 0.4 * after
+    assert selection.best_forms(case, choice.effect, []).gain > 300.0
 
 
 def test_up_to_the_models_own_noise_nothing_stands_out():
