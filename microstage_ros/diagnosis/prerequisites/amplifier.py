@@ -104,7 +104,7 @@ def find_slowness(prepared, drive):
 
 def _candidates(fast):
     """Forms to try: the catalogue's, and delays around the one at which the residual repeats the command."""
-    length, total = 2 * LONGEST, 0.0
+    length, total = 2 * LONGEST, np.zeros(LONGEST - 1)
     for channel in (c["command"] for c in fast.channels["learn"]):
         residual, command = channel.whiten(np.stack([channel.residual, channel.command], axis=1))[0].T
         size = 2 ** int(np.ceil(np.log2(len(residual) + length)))

@@ -220,11 +220,13 @@ def _replayed(prepared, drive):
     lost = [sum(len(c.residual) * _energy(c, gap) for c in channels["held"]) for gap in (0.0, width)]
     if lost[1] > LOST * lost[0]:
         return None
-    held = [sum(float(np.sum(_bounded(c, _behind(c, gap)) ** 2)) for c in channels["held"]) for gap in (0.0, width)]
+    before, after = (
+        sum(float(np.sum(_bounded(c, _behind(c, gap)) ** 2)) for c in channels["held"]) for gap in (0.0, width)
+    )
     taken = _mean(len(c.residual) * (_energy(c, 0.0) - _energy(c, width)) for c in channels["learn"])
     rattle = max(_losses(channels["learn"], width) / usual - 1.0, 0.0)
     error = min(FORM_ERROR + RATTLE_ERROR * rattle, MOST_ERROR) * width + 3.0e-9
-    return Gap(width, error, *held, sum(len(c.residual) for c in channels["held"]),
+    return Gap(width, error, before, after, sum(len(c.residual) for c in channels["held"]),
                _mean(c.noise for c in channels["held"]), taken)
 
 

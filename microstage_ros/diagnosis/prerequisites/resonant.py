@@ -63,14 +63,15 @@ def fit_train(learn, base, near=None):
         return None
     dampings = (1.0,) if near else DAMPINGS
     table = {(k, d): _energy(learn, k, d) for k in (1.0, *STIFFNESS_FACTORS) for d in dampings}
-    start = (near.stiffness, near.damping) if near else min(table, key=table.get)
+    start = (near.stiffness, near.damping) if near else min(table, key=lambda at: table[at])
     fit = minimize(lambda at: _energy(learn, *np.exp(at)), np.log(start), method="Nelder-Mead", bounds=_bounds(),
                    options={"xatol": 2e-3, "fatol": 1.0, "maxiter": 50,
                             "initial_simplex": np.log(start) + np.array([[0.0, 0.0], [0.12, 0.0], [0.0, 0.5]])})
     if before - fit.fun < EXPLAINS * (before - usual * rows):
         return None
     alone = min(value for (_, d), value in table.items() if d == 1.0)
-    return Train(*(float(v) for v in np.exp(fit.x)), before, float(fit.fun), alone)
+    stiffness, damping = (float(v) for v in np.exp(fit.x))
+    return Train(stiffness, damping, before, float(fit.fun), alone)
 
 
 def _bounds():

@@ -42,14 +42,7 @@ def find_course(collection, evidences, choices):
     forms = [form for choice in choices for form in choice.forms if form.channel == "position"]
     beta = evidences.learn["position"].fit([form.key for form in forms])[0]
     trends = {
-        group: [
-            _trend(
-                *_means(_left(c["position"], forms, beta, collection.frame), c["position"].time),
-                np.var(c["position"].residual),
-            )
-            for c in records
-            if "position" in c
-        ]
+        group: [_trend_beside(c["position"], forms, beta, collection.frame) for c in records if "position" in c]
         for group, records in collection.channels.items()
     }
     ours = trends["learn"] + trends["held"]
@@ -104,6 +97,12 @@ def _agree(ours, base, least):
 def _means(values, time, count=MEANS):
     rows = len(values) // count * count
     return tuple(v[:rows].reshape(-1, count).mean(axis=1) for v in (values, time))
+
+
+def _trend_beside(channel, forms, beta, frame):
+    """`_Trend` of what these forms leave of a channel."""
+    values, time = _means(_left(channel, forms, beta, frame), channel.time)
+    return _trend(values, time, np.var(channel.residual))
 
 
 def _trend(values, time, whole=1.0):

@@ -38,8 +38,9 @@ def scatter_findings(collection, evidences, choices, channels):
         table = _table(collection, evidences, choices, channel)
         if table is None:
             continue
-        own = [Finding(channel, name, *_variance_ratio(values, table["z2"]), _variance_ratio(values, table["z2"])[0])
-               for name, values in table.items() if name not in ("z2", "line")]
+        coordinates = [name for name in table if name not in ("z2", "line")]
+        ratios = {name: _variance_ratio(table[name], table["z2"]) for name in coordinates}
+        own = [Finding(channel, name, ratio, usual, ratio) for name, (ratio, usual) in ratios.items()]
         frequency, strength, threshold = table["line"]
         if strength > threshold:
             own.append(Finding(channel, "time", strength, threshold, strength))
