@@ -31,7 +31,8 @@ EXPLAINS_ALONE = 0.5     # or of every learning record alone
 # times the χ² of held-out records without the gap that a replay may leave there; derived: one that lost its place is on
 # the wrong flank, and off by the gap where the model without one is off by half of it
 LOST = 4.0
-USUAL = 0.7              # mean size of a whitened residual that is noise
+# mean size of a whitened residual that is noise; derived: of a Gaussian of unit variance
+USUAL = math.sqrt(2.0 / math.pi)
 # of the spread of stage against motor, tried first; derived: with `STEPS` on both sides no width between 0.25 and 1.5
 # is left out
 WIDTHS = (0.35, 0.6, 0.85, 1.1)

@@ -15,13 +15,13 @@ from microstage_ros.diagnosis.catalogue import drive as ripples
 from microstage_ros.diagnosis.catalogue import friction, measuring
 from microstage_ros.diagnosis.catalogue.form import Form
 from microstage_ros.diagnosis.preprocessing.smoothing import triangle
+from microstage_ros.diagnosis.prerequisites.lines import REST_SPEED
 from microstage_ros.diagnosis.residuals.evidence import gather
+from microstage_ros.model.plant_record import RIPPLES
 
 CHANCE = 1.0e-6   # that the strongest of all lines is none; derived: as `selection.LEVEL`, over all lines at once
 BESIDE = 3001        # frequencies from whose median a line must stand out; short scans make lines wide
-LEAST_SPEED = 2.0e-5 # m/s: at rest nothing is seen of a period
 MOST = 8             # lines looked for
-TERMS = 6            # most of one ripple
 REAL = 40.0          # χ² that a ripple must hold on its own
 ONE_PHASE = 0.7      # rad: the phase of one direction of one record from the mean of all
 SDE_RANGE = (4.0e-7, 6.0e-5)       # m, of the encoder's signal periods
@@ -91,7 +91,7 @@ def periods(ways, shortest, longest):
 
 def both_ways(position, values, speed):
     """The two `Way`s of one record; ``position`` [m], ``values`` and ``speed`` [m/s] each of shape (n,)."""
-    return [Way(position[moving], values[moving]) for moving in (speed > LEAST_SPEED, speed < -LEAST_SPEED)]
+    return [Way(position[moving], values[moving]) for moving in (speed > REST_SPEED, speed < -REST_SPEED)]
 
 
 def periodic_forms(collection):
@@ -125,7 +125,7 @@ def _ripples(collection):
     real = _bound_to_the_place(collection, found)
     forms = [ripples.ripple_form((n,)) for n in real if _new(n, ripples.RIPPLE_CYCLES)]
     if len(real) > 1:
-        forms.append(ripples.ripple_form(tuple(real[:TERMS])))
+        forms.append(ripples.ripple_form(tuple(real[:RIPPLES])))
     return [*forms, *(friction.periodic_form(turn / n) for n in found if n not in real)]
 
 

@@ -20,7 +20,6 @@ DAMPINGS = (0.25, 1.0, 4.0)
 STANDS_OUT = 1.15     # χ² per row over the baseline's from which the search is worth its time
 BETTER = 0.08         # share of the resonance's χ² that the damping must take beside the stiffness,
 LEAST = 150.0         # and at least this much
-MASS_RANGE = (0.3, 30.0)   # of the moving mass
 MASS_REACH = 0.7      # of its logarithm, on both sides of the reciprocal of the stiffness that fits
 SEARCH = {"xatol": 2e-3, "maxiter": 40}     # of logarithms; derived: a thirtieth of `STIFFNESS_ERROR`
 GRID = 9             # masses tried before the search; derived: steps of a sixth in a range of a factor of four
@@ -142,8 +141,8 @@ def _mass_form(learn, train):
     def left(log):
         return _left_with_load(learn, mass=float(np.exp(log)))[0]
 
-    start = float(np.clip(-np.log(train.stiffness), *np.log(MASS_RANGE)))
-    low, high = np.clip([start - MASS_REACH, start + MASS_REACH], *np.log(MASS_RANGE))
+    start = -float(np.log(train.stiffness))
+    low, high = start - MASS_REACH, start + MASS_REACH
     grid = np.linspace(low, high, GRID)     # a resonance that meets another frequency makes more than one valley
     best = grid[int(np.argmin([left(log) for log in grid]))]
     step = (high - low) / (GRID - 1)

@@ -39,8 +39,8 @@ SIGMAS = 3.0            # derived: a chance of 1.3·10⁻³
 CONSTANT = 0.5
 # times the model's own noise that a healthy channel may show where no baseline says what it usually shows
 UNSEEN = 1.5
-STRANGER = {"torque": 40.0}  # times its own part that may be left in the channel of a named cause; friction is random
-STRANGER_ELSE = 6.0
+# times its own part that may be left in the channel of a named cause; in the torque more, as friction is random
+STRANGER, STRANGER_IN_TORQUE = 6.0, 40.0
 # relative standard error of a size, by how stretches scatter, up to which it is one and the same; calibrated by:
 # microstage campaign --world second --kind two --seed 8205, case 5 (an encoder's error beside a drift, 0.0996)
 SIZE_OF_NO_STRANGER = 0.12
@@ -136,7 +136,7 @@ def rivals_of(evidences, choice, choices, effects):
         if trial is None or not acceptable(evidences, trial, others) or _level(evidences, trial.choice, others):
             continue
         lead = own.gain + own.held - 2 * own.sizes - (trial.gain + trial.held - 2 * trial.sizes)
-        if lead < max(RIVAL_MARGIN, RIVAL_SHARE * own.gain) or not _leads(evidences, choice, trial.choice, others):
+        if lead < RIVAL_MARGIN or lead < RIVAL_SHARE * own.gain or not _leads(evidences, choice, trial.choice, others):
             found.append(effect)
     return found
 
@@ -267,9 +267,9 @@ def stands_out(evidences, choices):
         usual = max(usual_size(evidences, channel), 1.0) * (1.0 if channel in evidences.base else UNSEEN)
         keys = Evidences._keys(channel, choices)
         beta = evidences.learn[channel].fit(keys)[0]
-        ratios = [(group.energy() - group.reduction(keys, beta)) / group.rows / usual
-                  for group in (evidences.learn[channel], evidences.held[channel])]
-        if min(ratios) > SCATTER and _louder(evidences, channel, choices):
+        sizes = [(group.energy() - group.reduction(keys, beta)) / group.rows
+                 for group in (evidences.learn[channel], evidences.held[channel])]
+        if min(sizes) > usual * SCATTER and _louder(evidences, channel, choices):
             found.append(channel)
     return found
 
@@ -297,7 +297,7 @@ def without_strangers(evidences, choices):
         channel, own = _main_channel(evidences, choice, kept, others)
         if channel not in stands_out(evidences, kept):
             continue
-        small = left[channel] < STRANGER.get(channel, STRANGER_ELSE) * max(own, 0.0)
+        small = left[channel] < (STRANGER_IN_TORQUE if channel == "torque" else STRANGER) * max(own, 0.0)
         if not small and unsteadiness(evidences, choice, others) > SIZE_OF_NO_STRANGER:
             kept = others
     return _shown_by_more_than_the_reading(evidences, kept)

@@ -9,12 +9,13 @@ is not independent); a line in time shows in the periodogram of z.
 import numpy as np
 from scipy.stats import f as fisher
 
+from microstage_ros.diagnosis.prerequisites.lines import REST_SPEED
 from microstage_ros.diagnosis.residuals.evidence_set import Evidences
 from microstage_ros.diagnosis.result import Finding
 
 PIECE = 0.1          # s, mean of z² taken as one number
 CLASSES = 12
-CHANCE = 1.0e-3      # that a coordinate stands out on which nothing depends
+CHANCE = 1.0e-3      # that a coordinate stands out on which nothing depends; derived: what `Finding` promises
 LINE_RANGE = (0.2, 8.0)   # Hz: slower is the time itself, faster than this the loop's own
 LEAST_PIECES = 60     # derived: five of each class
 
@@ -80,7 +81,7 @@ def _table(collection, evidences, choices, channel):
                 "time": piece(time),
                 "position": piece(position),
                 "velocity": np.abs(piece(speed)),
-                "direction": np.sign(piece(speed)) * (np.abs(piece(speed)) > 2e-5),
+                "direction": np.sign(piece(speed)) * (np.abs(piece(speed)) > REST_SPEED),
                 "dwell": _since_motion(piece(np.abs(speed)), PIECE),
             }
         )
@@ -92,11 +93,11 @@ def _table(collection, evidences, choices, channel):
     return table
 
 
-def _since_motion(speed, step, rest=2.0e-5):
+def _since_motion(speed, step):
     """Time since the last motion [s], shape as ``speed`` [m/s]."""
     since, out = 0.0, np.empty(len(speed))
     for n, value in enumerate(speed):
-        since = 0.0 if value > rest else since + step
+        since = 0.0 if value > REST_SPEED else since + step
         out[n] = since
     return out
 
