@@ -22,7 +22,9 @@ from microstage_ros.diagnosis.prerequisites.characteristic import SIZES, Windows
 from microstage_ros.diagnosis.prerequisites.resonant import DAMPING_ERROR, FAR
 from microstage_ros.diagnosis.residuals.transmission_deflection import BLOCK, Windup
 
-STANDS_OUT = 1.4         # times the baseline's loss, or the force's noise, from which the search is worth its time
+# times the baseline's loss, or the force's noise, from which the search is worth its time; calibrated by:
+# validation.margins (1.23 to 1.73)
+STANDS_OUT = 1.4
 EXPLAINS = 0.4           # share of what stands out that the gap must take away (other causes: a tenth at most),
 # already at the best of the first widths (found gaps: 0.5 and more; other causes: 0.15 at most),
 EXPLAINS_FIRST = 0.25
@@ -37,7 +39,8 @@ USUAL = math.sqrt(2.0 / math.pi)
 # is left out
 WIDTHS = (0.35, 0.6, 0.85, 1.1)
 SLOW = 5000              # periods over which the spread is taken
-LEAST = 1.0e-7           # m: smaller gaps are a matter of regression
+# m: smaller gaps are a matter of regression; calibrated by: validation.margins (5.3e-9 to 9.2e-6)
+LEAST = 1.0e-7
 # of the width's logarithm around the best of these; derived: further than half way to the next one, ln(0.6/0.35)/2
 STEPS = tuple(0.05 * n for n in range(-7, 8))
 FORM_ERROR = 0.015       # share of the width: flanks are not as hard as modelled,

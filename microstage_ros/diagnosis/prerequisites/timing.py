@@ -15,7 +15,8 @@ BLOCK = 20
 FREEDOM = BLOCK / (1.0 + 2.0 * sum((1.0 - k / BLOCK) * (r / 20.0) ** 2 for k, r in ((1, 15.0), (2, 6.0), (3, 1.0))))
 MOST_SPEED = 3.0e-3      # m/s: faster, smooth errors no longer drop out
 LEAST_SPEED = 8.0e-5     # m/s: slower, the encoder's rounding is not averaged out
-LEAST_LOST = 5.0e-4      # share of repeated samples
+# share of repeated samples; calibrated by: validation.margins (8e-5 to 1.5e-3)
+LEAST_LOST = 5.0e-4
 # standard deviations of two readings' difference; derived: a reading that steps back so far comes once in 700
 STEP_BACK = 3.0
 LEAST_SCATTER = 1.0      # of the floor, at the fastest: an encoder without noise rounds differently at every speed

@@ -31,7 +31,8 @@ from microstage_ros.model.effects import REGISTRY
 
 RIVAL_SHARE = 0.02      # and share of its own gain
 FLAT = 0.5              # spread of a profile over its mean, below which it is a level
-SCATTER = 1.35          # χ² per row over the baseline's that no healthy record reaches
+# χ² per row over the baseline's that no healthy record reaches; calibrated by: validation.margins (1.18 to 1.64)
+SCATTER = 1.35
 LARGEST_ASYMMETRY = REGISTRY["direction_asymmetry"].parameters["asymmetry"].maximum   # of the guideways' limits
 ONE_FORCE = {"gravity_tilt", "direction_asymmetry"}
 SIGMAS = 3.0            # derived: a chance of 1.3·10⁻³
@@ -54,7 +55,8 @@ ALONE = 2.0             # times its threshold that a dependence must reach if on
 # --world second, seeds 901 (healthy: 44, 47, 63, 83 and 578 held by wrong names), 921, 923, 941 (right ones: 158 and
 # more)
 LEAST_EVIDENCE = 115.0
-LEFT_SHARE = 0.08       # of what stood out, above which something is left
+# of what stood out, above which something is left; calibrated by: validation.margins (0.034 to 0.39)
+LEFT_SHARE = 0.08
 COORDINATES = {
     "position": "position", "time": "time", "friction in time": "time", "viscous in time": "time",
     "velocity": "velocity", "speed": "velocity",

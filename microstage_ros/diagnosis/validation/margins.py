@@ -4,11 +4,11 @@ A constant that is only compared with something is replaced, while cases of a ca
 keeps the value at which each comparison would have turned out otherwise. All are watched at once, in one run; the
 ranges that stand beside constants ("calibrated by: validation.margins (low to high)") are of
 
-    ./microstage shell python -m microstage_ros.diagnosis.validation.margins --kind single two --world first second
-        --seed 9811
+    ./microstage shell python -m microstage_ros.diagnosis.validation.margins --seed 9811
 
-Wherever in its range a constant lies, the others as they are, every decision of these 108 cases is the same. A range
-is no more than that: a case that comes nearer makes it narrower.
+Wherever in its range a constant lies, the others as they are, every decision of these 27 cases, one of each effect, is
+the same. A range is no more than that: a case that comes nearer makes it narrower. A constant to which no case comes
+near from one of the two sides is not calibrated by them, and its comment names no range.
 """
 
 import argparse
@@ -53,12 +53,8 @@ class Turns(list):
 
 
 class Watched(float):
-    """scale · C + offset of a constant C, which keeps in ``turns`` the C at which each comparison turns out otherwise.
-
-    Parameters
-    ----------
-    constant : C. turns : list that is added to. scale, offset : numbers.
-    """
+    """scale · C + offset of a ``constant`` C, which adds to the list ``turns`` the C at which each comparison turns out
+    otherwise."""
 
     __array_ufunc__ = None      # numbers of numpy leave operations to this class
     constant: float
@@ -115,7 +111,7 @@ class Watched(float):
 
 
 def modules_with(name, value):
-    """Modules of the diagnosis in which ``name`` is this very ``value``: where a constant stands, or was imported."""
+    """Modules of the diagnosis in which ``name`` is this very ``value`` [any unit]: where it stands or was imported."""
     every = pkgutil.walk_packages(diagnosis.__path__, "microstage_ros.diagnosis.")
     return [module for module in (importlib.import_module(found.name) for found in every)
             if vars(module).get(name) is value]
@@ -148,7 +144,12 @@ def _watched(value, place, name, turns):
 
 
 def around(constant, turns):
-    """(largest below, smallest not below) of the values at which a comparison with a ``constant`` turns."""
+    """(largest below, smallest not below) of the values at which a comparison with a constant turns.
+
+    Parameters
+    ----------
+    constant : its value [any unit]. turns : those values, shape (n,).
+    """
     return (max((t for t in turns if t < constant), default=-math.inf),
             min((t for t in turns if t >= constant), default=math.inf))
 
@@ -185,9 +186,9 @@ def rows(turns):
 
 
 def size_rows(errors):
-    """A line of text for every parameter of ``errors`` {name: [(error, standard error, truth)]}: how far sizes are off.
+    """A line of text for every parameter of ``errors`` {name: [(error, standard error, truth)], shape (n, 3)}.
 
-    Root mean square of the error in its stated standard errors, and relative to the truth.
+    It says how far sizes are off: root mean square of the error in its stated standard errors, and relative to truth.
     """
     for name in sorted(errors):
         error, stderr, truth = np.array(errors[name]).T

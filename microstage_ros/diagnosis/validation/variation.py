@@ -45,7 +45,10 @@ GROUPS = {
 
 
 def changed(value, factor):
-    """A constant times ``factor`` [1]: whole numbers stay whole, and odd ones odd; of a range both ends move out."""
+    """A constant's ``value`` [any unit] times ``factor`` [1]; of a range both ends move out.
+
+    Whole numbers stay whole, and odd ones odd.
+    """
     if isinstance(value, tuple):
         return tuple(v * (1.0 / factor if n == 0 and len(value) == 2 else factor) for n, v in enumerate(value))
     if isinstance(value, int):
@@ -55,7 +58,7 @@ def changed(value, factor):
 
 @contextlib.contextmanager
 def with_factor(place, names, factor):
-    """Context in which these constants of a module are `changed`, wherever they were imported."""
+    """Context in which these constants of a module are `changed` by a ``factor`` [1], wherever they were imported."""
     owner, before = importlib.import_module(f"microstage_ros.diagnosis.{place}"), []
     for name in names:
         value = getattr(owner, name)
@@ -79,7 +82,12 @@ def answer_of(axis, records):
 
 
 def moved(before, after):
-    """Largest change [1] of a size that both answers have, in the standard errors of the one ``before``."""
+    """Largest change [1] of a size that both answers have, in the standard errors of the one before.
+
+    Parameters
+    ----------
+    before, after : {parameter: (value, standard error)}, each of shape (2,).
+    """
     changes = [abs(after[name][0] - value) / stderr for name, (value, stderr) in before.items()
                if name in after and np.isfinite(stderr) and stderr > 0.0]
     return max(changes, default=0.0)
