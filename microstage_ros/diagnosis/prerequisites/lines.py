@@ -15,10 +15,12 @@ from microstage_ros.diagnosis.residuals.resonance import BLOCK
 from microstage_ros.diagnosis.residuals.transmission_deflection import LEAST_NOISE
 from microstage_ros.model.plant_record import LINES
 
-REST_SPEED = 2.0e-5        # m/s
+# m/s; calibrated by: validation.variation --group lines (half and double: the same answers)
+REST_SPEED = 2.0e-5
 # usual sizes of a whitened residual; derived: noise comes so far once in 5·10⁸ rows
 CLIPPED = 6.0
-LOWEST = 8.0       # Hz
+# Hz; calibrated by: validation.variation --group lines (half and double: the same answers)
+LOWEST = 8.0
 # Hz; derived: nine tenths of the Nyquist frequency 1/(2 BLOCK), beyond which a line is an image of another
 HIGHEST = 0.45 / BLOCK
 # blocks of the mean speed; derived: a period of the slowest line, in which no line moves the stage on

@@ -20,16 +20,23 @@ from microstage_ros.diagnosis.residuals.evidence import gather
 from microstage_ros.model.plant_record import RIPPLES
 
 CHANCE = 1.0e-6   # that the strongest of all lines is none; derived: as `selection.LEVEL`, over all lines at once
-BESIDE = 3001        # frequencies from whose median a line must stand out; short scans make lines wide
-MOST = 8             # lines looked for
+# frequencies from whose median a line must stand out; short scans make lines wide; calibrated by:
+# validation.variation --group periods (half and double: the same answers)
+BESIDE = 3001
+# lines looked for; calibrated by: validation.variation --group periods (half and double: the same answers)
+MOST = 8
 # χ² that a ripple must hold on its own; calibrated by: validation.margins (26 to 74)
 REAL = 40.0
 # rad: the phase of one direction of one record from the mean of all; calibrated by: validation.margins (0.63 to 1.5)
 ONE_PHASE = 0.7
-SDE_RANGE = (4.0e-7, 6.0e-5)       # m, of the encoder's signal periods
+# m, of the encoder's signal periods; derived: it holds those that `EncoderSde.draw` draws, 0.8 to 40 µm
+SDE_RANGE = (4.0e-7, 6.0e-5)
 RIPPLE_RANGE = (4.0e-6, 2.5e-4)    # m
-SLOW = 2001          # periods: courses in time slower than this are no matter of the encoder's periods
-# m: speed, and with it the whitening's gain, changes from move to move, so one line has sides this close
+# periods: courses in time slower than this are no matter of the encoder's periods; calibrated by: validation.variation
+# --group periods (half and double: the same answers)
+SLOW = 2001
+# m: speed, and with it the whitening's gain, changes from move to move, so one line has sides this close;
+# calibrated by: validation.variation --group periods (half and double: the same answers)
 STRETCH = 1.0e-3
 # relative distance from a whole or half number of cycles per turn that is none; calibrated by:
 # validation.margins (3.9e-3 to 0.5)

@@ -11,8 +11,11 @@ from microstage_ros.diagnosis.preprocessing.preparation import stage_filter
 from microstage_ros.diagnosis.preprocessing.smoothing import reading_noise
 from microstage_ros.numerics.compiled import compiled
 
-BLOCK = 5.0e-4       # s; at least a period
-WINDOW = 1.05e-2     # s: slower parts belong to the wind-up channel
+# s; at least a period; calibrated by: validation.variation --group swing (half and double: the same answers)
+BLOCK = 5.0e-4
+# s: slower parts belong to the wind-up channel; calibrated by: validation.variation --group swing (half and double: the
+# same answers)
+WINDOW = 1.05e-2
 NEAR = round(WINDOW / BLOCK)   # blocks over which the local size is taken; derived: those of one `WINDOW`
 # local size of a whitened residual that noise alone reaches; derived: five standard deviations above that of `NEAR`
 CALM = 1.0 + 5.0 / (2.0 * NEAR) ** 0.5

@@ -6,7 +6,9 @@ of one group are all multiplied by a factor, the same cases diagnosed again, and
     ./microstage shell python -m microstage_ros.diagnosis.validation.variation --group lines --factors 0.5 2
 
 An answer is the same with the same verdict, names and rivals; of every size it is told by how many of its standard
-errors it moved.
+errors it moved. "Half and double: the same answers" beside a constant is of this command with that group and its usual
+cases, one of each effect of the group and a healthy axis: few, and no more is said. No size of lines, periods and swing
+moved by more than 0.4 of its standard errors.
 """
 
 import argparse
