@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+# periods; calibrated by: validation.variation --group scatter (half and double: the same answers)
 BLOCK = 20
 # of a block's mean square of n third differences of white noise; derived: n / (1 + 2 Σₖ (1 − k/n) ρₖ²) with their
 # correlations ρ = −15/20, 6/20, −1/20

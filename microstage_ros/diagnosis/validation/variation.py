@@ -7,8 +7,8 @@ of one group are all multiplied by a factor, the same cases diagnosed again, and
 
 An answer is the same with the same verdict, names and rivals; of every size it is told by how many of its standard
 errors it moved. "Half and double: the same answers" beside a constant is of this command with that group and its usual
-cases, one of each effect of the group and a healthy axis: few, and no more is said. No size of lines, periods and swing
-moved by more than 0.4 of its standard errors.
+cases, one of each effect of the group and a healthy axis: few, and no more is said. No size of lines, periods, swing,
+gap and scatter moved by more than 0.4 of its standard errors.
 """
 
 import argparse
