@@ -110,9 +110,9 @@ def _advance_pieces(plant, state, work, u):
     for k in range(pieces):
         end = np.int64(TICKS)
         if pieces == 2 and k == 0:
-            end = split
+            end = np.int64(split)
         elif pieces > 2:
-            end = (k + 1) * TICKS // pieces
+            end = np.int64((k + 1) * TICKS // pieces)
         target = late if start < split else u
         if plant.actuator_lag > 0.0:
             state.voltage = lag_output(plant, state, target, (end - start) / TICKS)

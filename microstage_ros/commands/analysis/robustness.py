@@ -45,8 +45,8 @@ def main(argv=None):
         return 0
     if arguments.margins:
         return show_margins_cost(arguments, axis)
-    if arguments.out:
-        folder = pathlib.Path(arguments.out)
+    folder = pathlib.Path(arguments.out) if arguments.out else None
+    if folder:
         keep_earlier("--out", [*folder.glob("*/run.yaml"), folder / "failure" / "run.yaml"], arguments.force)
     chosen, seeds = _chosen(arguments, axis), [arguments.seed + n for n in range(arguments.seeds)]
     if arguments.moves:
@@ -73,7 +73,6 @@ def main(argv=None):
     )
     update_tables(arguments.update, [(title, *document(rows, arguments))], "robustness")
     failures = [o for o in outcomes if o.fault]
-    folder = pathlib.Path(arguments.out) if arguments.out else None
     for outcome in failures:
         condition = next(c for c in chosen if c.name == outcome.condition)
         print(

@@ -168,7 +168,7 @@ def gap_limits(evaluation):
     third)}."""
     evaluation.progress("what not knowing a gap costs")
     jobs = [(seed, given) for given in GIVEN_OF_GAP for seed in range(evaluation.extent.seeds)]
-    peaks = evaluation.each(lambda job: gap_sine(evaluation.axis, *job, GAP_WIDTH), jobs)
+    peaks = evaluation.each(lambda job: gap_sine(evaluation.axis, job[0], job[1], GAP_WIDTH), jobs)
     return {
         given: tuple(max(p[k] for (_, of), p in zip(jobs, peaks) if of == given) for k in range(2))
         for given in GIVEN_OF_GAP

@@ -164,7 +164,8 @@ def campaign(axis, chosen, seeds, law, jobs=1, progress=None, gains=None, each=N
 
 
 def _one(axis, law, gains, beside, fixed, job):
-    return examine(axis, *job, law, gains, beside, fixed)
+    condition, seed = job
+    return examine(axis, condition, seed, law, gains, beside, fixed)
 
 
 def summary(outcomes):

@@ -54,7 +54,7 @@ class Prepared:
     period: float
     time: np.ndarray
     encoder: np.ndarray
-    interferometer: np.ndarray
+    interferometer: np.ndarray | None
     reference: np.ndarray
     commanded: np.ndarray
     answered: np.ndarray

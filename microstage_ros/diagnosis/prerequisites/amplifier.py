@@ -25,16 +25,18 @@ LEAST_TIME = 4.0e-6      # s: a few hundredths of a period are a matter of stamp
 GAIN_TIME = 4.0
 LAG_ERROR = 0.05         # share of a lag that gain and lag cannot tell apart above 1 kHz
 DELAY_ERROR = 0.02       # of a period: next to a whole one, what is left of it hardly shows
-LATE = 2.0e-5            # s
+# s that the encoder may be read later than the interferometer; calibrated by: validation.margins (1.9e-6 to 2.6e-4)
+LATE = 2.0e-5
 DOMINANCE = 0.5          # of the gain of the strongest form, accepted or not, that the answer must reach
-LONGEST = 64             # periods
+LONGEST = 64             # periods; derived: the power of two above the 60 that `TransportDelay` may have
 DELAY_STEPS = np.arange(-0.75, 0.76, 0.05)   # periods
 SHORT_OF_WHOLE = (0.04, 0.03, 0.02, 0.01)    # periods: so little of one is left that the winding just begins to answer
 MOST_SHIFTS = 5          # of the range searched; derived: 1.7⁵ is a factor of fourteen
 REACH = 1.7              # of the range searched, upwards; derived: from 0.6 it spans 2.8, the forms' times 2.7
 AT_END = 1.02            # so near to its end an optimum lies beyond; derived: ten times the search's tolerance
 MOST = 0.5               # of a channel's χ²; derived: more than all else
-CLEAR = 0.03             # relative difference of χ² by which delay and lag must differ
+# relative difference of χ² by which delay and lag must differ; calibrated by: validation.margins (0.0017 to 0.52)
+CLEAR = 0.03
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,7 +106,7 @@ def find_slowness(prepared, drive):
 
 def _candidates(fast):
     """Forms to try: the catalogue's, and delays around the one at which the residual repeats the command."""
-    length, total = 2 * LONGEST, 0.0
+    length, total = 2 * LONGEST, np.zeros(LONGEST - 1)
     for channel in (c["command"] for c in fast.channels["learn"]):
         residual, command = channel.whiten(np.stack([channel.residual, channel.command], axis=1))[0].T
         size = 2 ** int(np.ceil(np.log2(len(residual) + length)))

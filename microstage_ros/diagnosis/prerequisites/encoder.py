@@ -10,9 +10,8 @@ import dataclasses
 import numpy as np
 
 from microstage_ros.diagnosis.preprocessing.smoothing import triangle
-from microstage_ros.diagnosis.prerequisites.periods import LEAST_SPEED, SLOW
-
-EVERY = 5        # rows between those that are used; neighbours tell the same
+from microstage_ros.diagnosis.prerequisites.lines import REST_SPEED
+from microstage_ros.diagnosis.prerequisites.periods import SLOW
 
 
 def seen_interpolation(drive, baseline):
@@ -41,7 +40,7 @@ def seen_interpolation(drive, baseline):
         phase = 2.0 * np.pi * stage / drive.signal_period
         waves = [f(n * phase) for n in range(1, harmonics + 1) for f in (np.sin, np.cos)]
         speed = np.abs(np.gradient(triangle(stage, 201), record.period_s))
-        used = np.flatnonzero(speed > LEAST_SPEED)[::EVERY]
+        used = np.flatnonzero(speed > REST_SPEED)
         x = np.stack([(w - triangle(w, SLOW))[used] for w in waves], axis=1)
         matrix += x.T @ x
         vector += x.T @ (error - triangle(error, SLOW))[used]

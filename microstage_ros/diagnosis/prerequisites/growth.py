@@ -36,7 +36,7 @@ def power_forms(collection):
         return learn.alone(form).fit([form.key])[2]
 
     grid = {power: gain(power) for power in EXPONENTS}
-    start = max(grid, key=grid.get)
+    start = max(grid, key=lambda power: grid[power])
     if grid[start] < LEAST:
         return []
     found = minimize_scalar(lambda power: -gain(power), bounds=(max(start - REACH, STEP), start + REACH),

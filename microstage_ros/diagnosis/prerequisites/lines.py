@@ -11,18 +11,25 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from microstage_ros.diagnosis.preprocessing.whitening import whiten_walk
+from microstage_ros.diagnosis.residuals.resonance import BLOCK
 from microstage_ros.diagnosis.residuals.transmission_deflection import LEAST_NOISE
+from microstage_ros.model.plant_record import LINES
 
-REST_SPEED = 2.0e-5        # m/s
-WINDOW = 201               # blocks of half a millisecond: a tenth of a second
+# m/s; calibrated by: validation.variation --group lines (half and double: the same answers)
+REST_SPEED = 2.0e-5
 # usual sizes of a whitened residual; derived: noise comes so far once in 5·10⁸ rows
 CLIPPED = 6.0
-LOWEST, HIGHEST = 8.0, 900.0   # Hz
+# Hz; calibrated by: validation.variation --group lines (half and double: the same answers)
+LOWEST = 8.0
+# Hz; derived: nine tenths of the Nyquist frequency 1/(2 BLOCK), beyond which a line is an image of another
+HIGHEST = 0.45 / BLOCK
+# blocks of the mean speed; derived: a period of the slowest line, in which no line moves the stage on
+WINDOW = 2 * round(0.5 / (LOWEST * BLOCK)) + 1
 # of summed periodograms in units of their mean; derived: e⁻³² times 10⁵ frequencies is a chance of 10⁻⁹
 LEAST_POWER = 32.0
 LEAST_AMPLITUDE = 3.0e-10  # m
-NARROW = 0.04              # power half a hertz or so beside a line, relative to it
-MOST = 6
+# power half a hertz or so beside a line, relative to it; calibrated by: validation.margins (0.034 to 0.045)
+NARROW = 0.04
 BESIDE = 2.0       # Hz; derived: a line that swings for half a second now and then is as wide
 # standard errors; derived: with so many an amplitude of half the line's is told from all of it
 CLEAR = 4.0
@@ -120,7 +127,7 @@ def find_lines(learn, held, base):
         return []
     length = 2 ** int(np.ceil(np.log2(2 * max(len(s.values) for s in [*learn, *held, *base]))))
     found, none = [], []
-    for _ in range(MOST):
+    for _ in range(LINES):
         total = sum(s.power(length)[0] for s in learn)
         frequency = learn[0].power(length)[1]
         total[(frequency < LOWEST) | (frequency > HIGHEST)] = 0.0

@@ -22,7 +22,9 @@ from microstage_ros.diagnosis.prerequisites.characteristic import SIZES, Windows
 from microstage_ros.diagnosis.prerequisites.resonant import DAMPING_ERROR, FAR
 from microstage_ros.diagnosis.residuals.transmission_deflection import BLOCK, Windup
 
-STANDS_OUT = 1.4         # times the baseline's loss, or the force's noise, from which the search is worth its time
+# times the baseline's loss, or the force's noise, from which the search is worth its time; calibrated by:
+# validation.margins (1.23 to 1.73)
+STANDS_OUT = 1.4
 EXPLAINS = 0.4           # share of what stands out that the gap must take away (other causes: a tenth at most),
 # already at the best of the first widths (found gaps: 0.5 and more; other causes: 0.15 at most),
 EXPLAINS_FIRST = 0.25
@@ -31,18 +33,24 @@ EXPLAINS_ALONE = 0.5     # or of every learning record alone
 # times the χ² of held-out records without the gap that a replay may leave there; derived: one that lost its place is on
 # the wrong flank, and off by the gap where the model without one is off by half of it
 LOST = 4.0
-USUAL = 0.7              # mean size of a whitened residual that is noise
+# mean size of a whitened residual that is noise; derived: of a Gaussian of unit variance
+USUAL = math.sqrt(2.0 / math.pi)
 # of the spread of stage against motor, tried first; derived: with `STEPS` on both sides no width between 0.25 and 1.5
 # is left out
 WIDTHS = (0.35, 0.6, 0.85, 1.1)
-SLOW = 5000              # periods over which the spread is taken
-LEAST = 1.0e-7           # m: smaller gaps are a matter of regression
+# periods over which the spread is taken; calibrated by: validation.variation --group gap (half and
+# double: the same answers)
+SLOW = 5000
+# m: smaller gaps are a matter of regression; calibrated by: validation.margins (5.3e-9 to 9.2e-6)
+LEAST = 1.0e-7
 # of the width's logarithm around the best of these; derived: further than half way to the next one, ln(0.6/0.35)/2
 STEPS = tuple(0.05 * n for n in range(-7, 8))
 FORM_ERROR = 0.015       # share of the width: flanks are not as hard as modelled,
 RATTLE_ERROR = 0.02      # and for every usual loss that rattle, not followed hit by hit, adds to it
 MOST_ERROR = 0.08
-BOUND = 20.0             # usual sizes above which a misfit counts no more
+# usual sizes above which a misfit counts no more; calibrated by: validation.variation --group gap (half and
+# double: the same answers)
+BOUND = 20.0
 #: The effect whose forms are free beside a gap.
 FREE = "screw_pitch_error"
 # share of what force over deflection leaves above its noise without a gap that the gap must take, in the learning and
@@ -220,11 +228,13 @@ def _replayed(prepared, drive):
     lost = [sum(len(c.residual) * _energy(c, gap) for c in channels["held"]) for gap in (0.0, width)]
     if lost[1] > LOST * lost[0]:
         return None
-    held = [sum(float(np.sum(_bounded(c, _behind(c, gap)) ** 2)) for c in channels["held"]) for gap in (0.0, width)]
+    before, after = (
+        sum(float(np.sum(_bounded(c, _behind(c, gap)) ** 2)) for c in channels["held"]) for gap in (0.0, width)
+    )
     taken = _mean(len(c.residual) * (_energy(c, 0.0) - _energy(c, width)) for c in channels["learn"])
     rattle = max(_losses(channels["learn"], width) / usual - 1.0, 0.0)
     error = min(FORM_ERROR + RATTLE_ERROR * rattle, MOST_ERROR) * width + 3.0e-9
-    return Gap(width, error, *held, sum(len(c.residual) for c in channels["held"]),
+    return Gap(width, error, before, after, sum(len(c.residual) for c in channels["held"]),
                _mean(c.noise for c in channels["held"]), taken)
 
 

@@ -15,21 +15,32 @@ from microstage_ros.diagnosis.catalogue import drive as ripples
 from microstage_ros.diagnosis.catalogue import friction, measuring
 from microstage_ros.diagnosis.catalogue.form import Form
 from microstage_ros.diagnosis.preprocessing.smoothing import triangle
+from microstage_ros.diagnosis.prerequisites.lines import REST_SPEED
 from microstage_ros.diagnosis.residuals.evidence import gather
+from microstage_ros.model.plant_record import RIPPLES
 
 CHANCE = 1.0e-6   # that the strongest of all lines is none; derived: as `selection.LEVEL`, over all lines at once
-BESIDE = 3001        # frequencies from whose median a line must stand out; short scans make lines wide
-LEAST_SPEED = 2.0e-5 # m/s: at rest nothing is seen of a period
-MOST = 8             # lines looked for
-TERMS = 6            # most of one ripple
-REAL = 40.0          # χ² that a ripple must hold on its own
-ONE_PHASE = 0.7      # rad: the phase of one direction of one record from the mean of all
-SDE_RANGE = (4.0e-7, 6.0e-5)       # m, of the encoder's signal periods
+# frequencies from whose median a line must stand out; short scans make lines wide; calibrated by:
+# validation.variation --group periods (half and double: the same answers)
+BESIDE = 3001
+# lines looked for; calibrated by: validation.variation --group periods (half and double: the same answers)
+MOST = 8
+# χ² that a ripple must hold on its own; calibrated by: validation.margins (26 to 74)
+REAL = 40.0
+# rad: the phase of one direction of one record from the mean of all; calibrated by: validation.margins (0.63 to 1.5)
+ONE_PHASE = 0.7
+# m, of the encoder's signal periods; derived: it holds those that `EncoderSde.draw` draws, 0.8 to 40 µm
+SDE_RANGE = (4.0e-7, 6.0e-5)
 RIPPLE_RANGE = (4.0e-6, 2.5e-4)    # m
-SLOW = 2001          # periods: courses in time slower than this are no matter of the encoder's periods
-# m: speed, and with it the whitening's gain, changes from move to move, so one line has sides this close
+# periods: courses in time slower than this are no matter of the encoder's periods; calibrated by: validation.variation
+# --group periods (half and double: the same answers)
+SLOW = 2001
+# m: speed, and with it the whitening's gain, changes from move to move, so one line has sides this close;
+# calibrated by: validation.variation --group periods (half and double: the same answers)
 STRETCH = 1.0e-3
-SNAP = 4.0e-3        # relative distance from a whole or half number of cycles per turn that is none
+# relative distance from a whole or half number of cycles per turn that is none; calibrated by:
+# validation.margins (3.9e-3 to 0.5)
+SNAP = 4.0e-3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,7 +102,7 @@ def periods(ways, shortest, longest):
 
 def both_ways(position, values, speed):
     """The two `Way`s of one record; ``position`` [m], ``values`` and ``speed`` [m/s] each of shape (n,)."""
-    return [Way(position[moving], values[moving]) for moving in (speed > LEAST_SPEED, speed < -LEAST_SPEED)]
+    return [Way(position[moving], values[moving]) for moving in (speed > REST_SPEED, speed < -REST_SPEED)]
 
 
 def periodic_forms(collection):
@@ -125,7 +136,7 @@ def _ripples(collection):
     real = _bound_to_the_place(collection, found)
     forms = [ripples.ripple_form((n,)) for n in real if _new(n, ripples.RIPPLE_CYCLES)]
     if len(real) > 1:
-        forms.append(ripples.ripple_form(tuple(real[:TERMS])))
+        forms.append(ripples.ripple_form(tuple(real[:RIPPLES])))
     return [*forms, *(friction.periodic_form(turn / n) for n in found if n not in real)]
 
 

@@ -9,10 +9,10 @@ import dataclasses
 
 from microstage_ros.diagnosis.preprocessing.preparation import prepare
 from microstage_ros.diagnosis.preprocessing.threads import side_by_side
-from microstage_ros.diagnosis.prerequisites.amplifier import MOST, find_slowness
+from microstage_ros.diagnosis.prerequisites.amplifier import MOST, Slowness, find_slowness
 from microstage_ros.diagnosis.prerequisites.lines import find_lines
-from microstage_ros.diagnosis.prerequisites.lost_motion import find_gap
-from microstage_ros.diagnosis.prerequisites.resonant import FAR, fit_train
+from microstage_ros.diagnosis.prerequisites.lost_motion import Gap, find_gap
+from microstage_ros.diagnosis.prerequisites.resonant import FAR, Train, fit_train
 from microstage_ros.diagnosis.prerequisites.slow_drift import courses
 from microstage_ros.diagnosis.residuals.resonance import Resonance
 
@@ -28,9 +28,9 @@ class Known:
     """What was found so far: `amplifier.Slowness`, `lost_motion.Gap`, `resonant.Train`, [`lines.Line`], and each
     record's course of the interferometer."""
 
-    slow: object = None
-    gap: object = None
-    train: object = None
+    slow: Slowness | None = None
+    gap: Gap | None = None
+    train: Train | None = None
     lines: tuple = ()
     courses: tuple = ()
 

@@ -17,10 +17,13 @@ from microstage_ros.model.effects import REGISTRY
 
 # factors where the search begins; derived: one of them is within a factor of two of any between an eighth and eight
 DAMPINGS = (0.25, 1.0, 4.0)
-STANDS_OUT = 1.15     # χ² per row over the baseline's from which the search is worth its time
-BETTER = 0.08         # share of the resonance's χ² that the damping must take beside the stiffness,
-LEAST = 150.0         # and at least this much
-MASS_RANGE = (0.3, 30.0)   # of the moving mass
+# χ² per row over the baseline's from which the search is worth its time; calibrated by: validation.margins
+# (1.10 to 1.16)
+STANDS_OUT = 1.15
+# share of the resonance's χ² that the damping must take beside the stiffness; calibrated by: validation.margins
+# (0.035 to 0.24)
+BETTER = 0.08
+LEAST = 150.0         # of χ², and at least this much
 MASS_REACH = 0.7      # of its logarithm, on both sides of the reciprocal of the stiffness that fits
 SEARCH = {"xatol": 2e-3, "maxiter": 40}     # of logarithms; derived: a thirtieth of `STIFFNESS_ERROR`
 GRID = 9             # masses tried before the search; derived: steps of a sixth in a range of a factor of four
@@ -30,7 +33,8 @@ STIFFNESS_ERROR = 0.06
 # share of the damping: a loop that swings at its resonance tells it poorly (simulated: factors of 0.6 to 2)
 DAMPING_ERROR = 0.4
 FAR = 1.5             # factor on the stiffness beyond which the motion is computed with it
-EXPLAINS = 0.3        # share of what stands out that the pair must take to count
+# share of what stands out that the pair must take to count; calibrated by: validation.margins (0.20 to 0.96)
+EXPLAINS = 0.3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,14 +70,15 @@ def fit_train(learn, base, near=None):
         return None
     dampings = (1.0,) if near else DAMPINGS
     table = {(k, d): left(k, d) for k in (1.0, *STIFFNESS_FACTORS) for d in dampings}
-    start = (near.stiffness, near.damping) if near else min(table, key=table.get)
+    start = (near.stiffness, near.damping) if near else min(table, key=lambda at: table[at])
     fit = minimize(lambda at: left(*map(float, np.exp(at))), np.log(start), method="Nelder-Mead", bounds=_bounds(),
                    options={"xatol": 2e-3, "fatol": 1.0, "maxiter": 50,
                             "initial_simplex": np.log(start) + np.array([[0.0, 0.0], [0.12, 0.0], [0.0, 0.5]])})
     if before - fit.fun < EXPLAINS * (before - usual * rows):
         return None
     alone = min(value for (_, d), value in table.items() if d == 1.0)
-    return Train(*(float(v) for v in np.exp(fit.x)), before, float(fit.fun), alone)
+    stiffness, damping = (float(v) for v in np.exp(fit.x))
+    return Train(stiffness, damping, before, float(fit.fun), alone)
 
 
 def _bounds():
@@ -144,8 +149,8 @@ def _mass_form(learn, train):
     def left(log):
         return _left_with_load(learn, mass=float(np.exp(log)))[0]
 
-    start = float(np.clip(-np.log(train.stiffness), *np.log(MASS_RANGE)))
-    low, high = np.clip([start - MASS_REACH, start + MASS_REACH], *np.log(MASS_RANGE))
+    start = -float(np.log(train.stiffness))
+    low, high = start - MASS_REACH, start + MASS_REACH
     grid = np.linspace(low, high, GRID)     # a resonance that meets another frequency makes more than one valley
     best = grid[int(np.argmin([left(log) for log in grid]))]
     step = (high - low) / (GRID - 1)

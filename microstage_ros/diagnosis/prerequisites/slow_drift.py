@@ -15,10 +15,13 @@ LEFT_OUT = 0.5     # s, predicted from what is on both sides
 FOLDS = 3
 MEANS = 40   # blocks of the position channel in a mean of 20 ms; derived: half a millisecond each,
 SAMPLES = 200   # and samples in one; derived: at 10 kHz
-PREDICTED_SHARE = 0.7         # share of what moves that the course must tell
+# share of what moves that the course must tell; calibrated by: validation.margins (0.53 to 0.99)
+PREDICTED_SHARE = 0.7
 ABOVE_BASE = 3.0   # times the baseline's course
-LEAST = 2.0e-9     # m rms
-MATTERS = 2.0e-8   # m rms: above it, other residuals must take it into account
+# m rms; calibrated by: validation.margins (5.8e-10 to 9.6e-8)
+LEAST = 2.0e-9
+# m rms: above it, other residuals must take it into account; calibrated by: validation.margins (5.8e-10 to 9.6e-8)
+MATTERS = 2.0e-8
 OF_ALL = 0.1       # share of the whole residual's variance
 
 
@@ -42,14 +45,7 @@ def find_course(collection, evidences, choices):
     forms = [form for choice in choices for form in choice.forms if form.channel == "position"]
     beta = evidences.learn["position"].fit([form.key for form in forms])[0]
     trends = {
-        group: [
-            _trend(
-                *_means(_left(c["position"], forms, beta, collection.frame), c["position"].time),
-                np.var(c["position"].residual),
-            )
-            for c in records
-            if "position" in c
-        ]
+        group: [_trend_beside(c["position"], forms, beta, collection.frame) for c in records if "position" in c]
         for group, records in collection.channels.items()
     }
     ours = trends["learn"] + trends["held"]
@@ -104,6 +100,12 @@ def _agree(ours, base, least):
 def _means(values, time, count=MEANS):
     rows = len(values) // count * count
     return tuple(v[:rows].reshape(-1, count).mean(axis=1) for v in (values, time))
+
+
+def _trend_beside(channel, forms, beta, frame):
+    """`_Trend` of what these forms leave of a channel."""
+    values, time = _means(_left(channel, forms, beta, frame), channel.time)
+    return _trend(values, time, np.var(channel.residual))
 
 
 def _trend(values, time, whole=1.0):

@@ -9,11 +9,15 @@ import math
 
 import numpy as np
 
+# periods; calibrated by: validation.variation --group scatter (half and double: the same answers)
 BLOCK = 20
-FREEDOM = 0.33 * BLOCK   # of a block's mean square of third differences, which are correlated
+# of a block's mean square of n third differences of white noise; derived: n / (1 + 2 Σₖ (1 − k/n) ρₖ²) with their
+# correlations ρ = −15/20, 6/20, −1/20
+FREEDOM = BLOCK / (1.0 + 2.0 * sum((1.0 - k / BLOCK) * (r / 20.0) ** 2 for k, r in ((1, 15.0), (2, 6.0), (3, 1.0))))
 MOST_SPEED = 3.0e-3      # m/s: faster, smooth errors no longer drop out
 LEAST_SPEED = 8.0e-5     # m/s: slower, the encoder's rounding is not averaged out
-LEAST_LOST = 5.0e-4      # share of repeated samples
+# share of repeated samples; calibrated by: validation.margins (8e-5 to 1.5e-3)
+LEAST_LOST = 5.0e-4
 # standard deviations of two readings' difference; derived: a reading that steps back so far comes once in 700
 STEP_BACK = 3.0
 LEAST_SCATTER = 1.0      # of the floor, at the fastest: an encoder without noise rounds differently at every speed

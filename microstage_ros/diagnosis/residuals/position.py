@@ -13,7 +13,7 @@ from microstage_ros.diagnosis.catalogue.form import splines
 from microstage_ros.diagnosis.preprocessing.smoothing import reading_noise
 from microstage_ros.diagnosis.preprocessing.whitening import whiten_states
 
-BLOCK = 5
+BLOCK = 5   # periods; derived: half a millisecond, as `resonance.BLOCK`, at 10 kHz
 LEAST_ROUNDING = 1.5e-9   # m, in a mean at rest; derived: UNSURE · `rounding_left` (25 nm, 8 nm) of the shipped encoder
 UNSURE = 2.0        # times what the stated noise leaves: an encoder quieter than its file says leaves more
 RENEWAL = 0.8       # counts of travel

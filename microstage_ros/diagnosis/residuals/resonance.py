@@ -11,9 +11,14 @@ from microstage_ros.diagnosis.preprocessing.preparation import stage_filter
 from microstage_ros.diagnosis.preprocessing.smoothing import reading_noise
 from microstage_ros.numerics.compiled import compiled
 
-BLOCK = 5.0e-4       # s; at least a period
-WINDOW = 1.05e-2     # s: slower parts belong to the wind-up channel
-CALM = 1.8           # local size of a whitened residual that noise alone reaches
+# s; at least a period; calibrated by: validation.variation --group swing (half and double: the same answers)
+BLOCK = 5.0e-4
+# s: slower parts belong to the wind-up channel; calibrated by: validation.variation --group swing (half and double: the
+# same answers)
+WINDOW = 1.05e-2
+NEAR = round(WINDOW / BLOCK)   # blocks over which the local size is taken; derived: those of one `WINDOW`
+# local size of a whitened residual that noise alone reaches; derived: five standard deviations above that of `NEAR`
+CALM = 1.0 + 5.0 / (2.0 * NEAR) ** 0.5
 
 
 class Resonance:
@@ -60,7 +65,7 @@ class Resonance:
         white = self._fast(self.residual) / self.noise
         local = median_filter(np.abs(white), 101, mode="nearest") / 0.6745
         clipped = np.minimum(np.abs(white), 4.0 * np.maximum(local, 1.0))
-        power = uniform_filter1d(clipped**2, 21, mode="nearest")
+        power = uniform_filter1d(clipped**2, NEAR, mode="nearest")
         return 1.0 / np.maximum(np.sqrt(power) / CALM, 1.0)
 
     def _fast(self, values):

@@ -31,7 +31,8 @@ from microstage_ros.model.effects import REGISTRY
 
 RIVAL_SHARE = 0.02      # and share of its own gain
 FLAT = 0.5              # spread of a profile over its mean, below which it is a level
-SCATTER = 1.35          # χ² per row over the baseline's that no healthy record reaches
+# χ² per row over the baseline's that no healthy record reaches; calibrated by: validation.margins (1.18 to 1.64)
+SCATTER = 1.35
 LARGEST_ASYMMETRY = REGISTRY["direction_asymmetry"].parameters["asymmetry"].maximum   # of the guideways' limits
 ONE_FORCE = {"gravity_tilt", "direction_asymmetry"}
 SIGMAS = 3.0            # derived: a chance of 1.3·10⁻³
@@ -39,8 +40,8 @@ SIGMAS = 3.0            # derived: a chance of 1.3·10⁻³
 CONSTANT = 0.5
 # times the model's own noise that a healthy channel may show where no baseline says what it usually shows
 UNSEEN = 1.5
-STRANGER = {"torque": 40.0}  # times its own part that may be left in the channel of a named cause; friction is random
-STRANGER_ELSE = 6.0
+# times its own part that may be left in the channel of a named cause; in the torque more, as friction is random
+STRANGER, STRANGER_IN_TORQUE = 6.0, 40.0
 # relative standard error of a size, by how stretches scatter, up to which it is one and the same; calibrated by:
 # microstage campaign --world second --kind two --seed 8205, case 5 (an encoder's error beside a drift, 0.0996)
 SIZE_OF_NO_STRANGER = 0.12
@@ -54,7 +55,8 @@ ALONE = 2.0             # times its threshold that a dependence must reach if on
 # --world second, seeds 901 (healthy: 44, 47, 63, 83 and 578 held by wrong names), 921, 923, 941 (right ones: 158 and
 # more)
 LEAST_EVIDENCE = 115.0
-LEFT_SHARE = 0.08       # of what stood out, above which something is left
+# of what stood out, above which something is left; calibrated by: validation.margins (0.034 to 0.39)
+LEFT_SHARE = 0.08
 COORDINATES = {
     "position": "position", "time": "time", "friction in time": "time", "viscous in time": "time",
     "velocity": "velocity", "speed": "velocity",
@@ -138,7 +140,7 @@ def rivals_of(evidences, choice, choices, effects):
         if stand_side_by_side(evidences, choice, trial.choice, others):
             continue
         lead = own.gain + own.held - 2 * own.sizes - (trial.gain + trial.held - 2 * trial.sizes)
-        if lead < max(RIVAL_MARGIN, RIVAL_SHARE * own.gain) or not _leads(evidences, choice, trial.choice, others):
+        if lead < RIVAL_MARGIN or lead < RIVAL_SHARE * own.gain or not _leads(evidences, choice, trial.choice, others):
             found.append(effect)
     return found
 
@@ -269,9 +271,9 @@ def stands_out(evidences, choices):
         usual = max(usual_size(evidences, channel), 1.0) * (1.0 if channel in evidences.base else UNSEEN)
         keys = Evidences._keys(channel, choices)
         beta = evidences.learn[channel].fit(keys)[0]
-        ratios = [(group.energy() - group.reduction(keys, beta)) / group.rows / usual
-                  for group in (evidences.learn[channel], evidences.held[channel])]
-        if min(ratios) > SCATTER and _louder(evidences, channel, choices):
+        sizes = [(group.energy() - group.reduction(keys, beta)) / group.rows
+                 for group in (evidences.learn[channel], evidences.held[channel])]
+        if min(sizes) > usual * SCATTER and _louder(evidences, channel, choices):
             found.append(channel)
     return found
 
@@ -299,7 +301,7 @@ def without_strangers(evidences, choices):
         channel, own = _main_channel(evidences, choice, kept, others)
         if channel not in stands_out(evidences, kept):
             continue
-        small = left[channel] < STRANGER.get(channel, STRANGER_ELSE) * max(own, 0.0)
+        small = left[channel] < (STRANGER_IN_TORQUE if channel == "torque" else STRANGER) * max(own, 0.0)
         if not small and unsteadiness(evidences, choice, others) > SIZE_OF_NO_STRANGER:
             kept = others
     return _shown_by_more_than_the_reading(evidences, kept)

@@ -9,12 +9,13 @@ is not independent); a line in time shows in the periodogram of z.
 import numpy as np
 from scipy.stats import f as fisher
 
+from microstage_ros.diagnosis.prerequisites.lines import REST_SPEED
 from microstage_ros.diagnosis.residuals.evidence_set import Evidences
 from microstage_ros.diagnosis.result import Finding
 
 PIECE = 0.1          # s, mean of z² taken as one number
 CLASSES = 12
-CHANCE = 1.0e-3      # that a coordinate stands out on which nothing depends
+CHANCE = 1.0e-3      # that a coordinate stands out on which nothing depends; derived: what `Finding` promises
 LINE_RANGE = (0.2, 8.0)   # Hz: slower is the time itself, faster than this the loop's own
 LEAST_PIECES = 60     # derived: five of each class
 
@@ -38,8 +39,9 @@ def scatter_findings(collection, evidences, choices, channels):
         table = _table(collection, evidences, choices, channel)
         if table is None:
             continue
-        own = [Finding(channel, name, *_variance_ratio(values, table["z2"]), _variance_ratio(values, table["z2"])[0])
-               for name, values in table.items() if name not in ("z2", "line")]
+        coordinates = [name for name in table if name not in ("z2", "line")]
+        ratios = {name: _variance_ratio(table[name], table["z2"]) for name in coordinates}
+        own = [Finding(channel, name, ratio, usual, ratio) for name, (ratio, usual) in ratios.items()]
         frequency, strength, threshold = table["line"]
         if strength > threshold:
             own.append(Finding(channel, "time", strength, threshold, strength))
@@ -79,7 +81,7 @@ def _table(collection, evidences, choices, channel):
                 "time": piece(time),
                 "position": piece(position),
                 "velocity": np.abs(piece(speed)),
-                "direction": np.sign(piece(speed)) * (np.abs(piece(speed)) > 2e-5),
+                "direction": np.sign(piece(speed)) * (np.abs(piece(speed)) > REST_SPEED),
                 "dwell": _since_motion(piece(np.abs(speed)), PIECE),
             }
         )
@@ -91,11 +93,11 @@ def _table(collection, evidences, choices, channel):
     return table
 
 
-def _since_motion(speed, step, rest=2.0e-5):
+def _since_motion(speed, step):
     """Time since the last motion [s], shape as ``speed`` [m/s]."""
     since, out = 0.0, np.empty(len(speed))
     for n, value in enumerate(speed):
-        since = 0.0 if value > rest else since + step
+        since = 0.0 if value > REST_SPEED else since + step
         out[n] = since
     return out
 

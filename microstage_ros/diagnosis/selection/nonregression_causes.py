@@ -26,7 +26,8 @@ def nonregression_causes(collection, known, course, others, book, unsure):
     if course is not None:
         causes.append(_drift(course, collection, book))
     sde = next((cause.effect for cause in others if cause.id == "encoder_sde"), None)
-    late = readings_late(*(collection.prepared[g] for g in ("learn", "held", "base")), sde=sde)
+    learn, held, base = (collection.prepared[group] for group in ("learn", "held", "base"))
+    late = readings_late(learn, held, base, sde=sde)
     if late is not None:
         causes.append(_late(late, book))
     return causes
@@ -74,14 +75,14 @@ def _drive_behind(gap, book, unsure):
     part = max(gap.held_loose - gap.held_after, 0.0)
     book.before += part
     book.parts["drive_compliance"] = part
-    rms = [gap.noise * np.sqrt(v / gap.held_rows) for v in (gap.held_loose, gap.held_after)]
+    before, after = (float(gap.noise * np.sqrt(v / gap.held_rows)) for v in (gap.held_loose, gap.held_after))
     error = float(np.hypot(gap.stiffness_stderr, STIFFNESS_ERROR * gap.stiffness))
     parameters = {
         "stiffness_factor": Parameter(gap.stiffness, error, "1"),
         "damping_factor": Parameter(gap.damping, DAMPING_ERROR * gap.damping, "1"),
     }
     return [Cause("drive_compliance", parameters, {name: p.value for name, p in parameters.items()}, 0.0, 0.0,
-                  Improvement(*map(float, rms), "m"), "windup")]
+                  Improvement(before, after, "m"), "windup")]
 
 
 def _drift(course, collection, book):
@@ -92,10 +93,11 @@ def _drift(course, collection, book):
     book.parts["thermal_drift"] = part
     channels = [c["position"] for c in collection.channels["held"]]
     noise, rows = np.mean([c.scatter for c in channels]), sum(len(c.residual) for c in channels)
-    rms = [float(noise * np.sqrt(v / rows)) for v in (course.held_before, course.held_after)]
+    before, after = (float(noise * np.sqrt(v / rows)) for v in (course.held_before, course.held_after))
     parameters = {"drift_rms_m": Parameter(course.size, course.size_stderr, "m"),
                   "rate_m_s": Parameter(course.rate, course.rate_stderr, "m/s")}
-    return Cause("thermal_drift", parameters, {"rate_m_s": course.rate}, 0.0, 0.0, Improvement(*rms, "m"), "position")
+    return Cause("thermal_drift", parameters, {"rate_m_s": course.rate}, 0.0, 0.0, Improvement(before, after, "m"),
+                 "position")
 
 
 def _vibration(lines, held_records, book):

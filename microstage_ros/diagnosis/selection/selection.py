@@ -110,7 +110,7 @@ def acceptable(evidences, trial, choices):
     share = np.mean([rows[form.channel] for form in trial.choice.forms])
     # a cable slack where the held-out records go pulls little there
     expected = min(share * trial.gain, evidences.signal(trial.choice, choices))
-    if trial.held < max(HELD_SHARE * expected, 5.0):
+    if trial.held < 5.0 or trial.held < HELD_SHARE * expected:
         return False
     if not _masses_agree(evidences, trial.choice, choices) or is_level_of_a_profile(evidences, trial.choice, choices):
         return False

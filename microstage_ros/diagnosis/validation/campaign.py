@@ -46,7 +46,7 @@ class Examination:
 class Outcome:
     """What became of a case; ``covered`` lists (parameter, inside its 95 % interval), ``stated`` (id, probability,
     χ² on held-out records, clarity, whether it was hidden) of every named cause, and ``doubted`` the same of those
-    too unlikely to be named."""
+    too unlikely to be named; ``errors`` lists (parameter, error, standard error, truth)."""
 
     number: int
     kind: str
@@ -64,6 +64,7 @@ class Outcome:
     error: str = ""
     stated: tuple = ()
     doubted: tuple = ()
+    errors: tuple = ()
 
     @property
     def removed(self):
@@ -122,6 +123,7 @@ def examine(examination):
         named=tuple(cause.id for cause in answer.causes),
         rivals=tuple(tuple(rivals.ids) for rivals in answer.rivals),
         covered=tuple(covered(answer.causes, what.effects)),
+        errors=tuple(errors_of(answer.causes, what.effects)),
         before=gain.before if gain else float("nan"),
         after=gain.after if gain else float("nan"),
         floor=gain.floor if gain else float("nan"),
@@ -136,7 +138,15 @@ def _stated(causes, what):
 
 
 def covered(causes, truth):
-    """(id.parameter, truth within 1.96 standard errors) for every scalar that was hidden and fitted by the same name.
+    """(id.parameter, truth within 1.96 standard errors) for every scalar that was hidden and fitted by the same
+    name."""
+    for name, error, stderr, _ in errors_of(causes, truth):
+        yield name, bool(abs(error) <= 1.96 * stderr)
+
+
+def errors_of(causes, truth):
+    """(id.parameter, error, standard error, truth) for every scalar that was hidden and fitted by the same name, each
+    in the parameter's unit.
 
     Phases are compared around the circle."""
     for cause in causes:
@@ -148,7 +158,7 @@ def covered(causes, truth):
                 error = number.value - value
                 if number.unit == "rad" and name.startswith("phase"):
                     error = (error + np.pi) % (2.0 * np.pi) - np.pi
-                yield f"{cause.id}.{name}", bool(abs(error) <= 1.96 * number.stderr)
+                yield f"{cause.id}.{name}", float(error), float(number.stderr), float(value)
 
 
 def run(examined, jobs, scheduler=None):

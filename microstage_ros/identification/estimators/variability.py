@@ -181,5 +181,5 @@ def position_locked_share(position, deviation, travel, cell, separation):
         first, second = np.triu_indices(len(group), 1)
         far = np.abs(travel[group[second]] - travel[group[first]]) > separation
         products.append((centred[group[first]] * centred[group[second]])[far])
-    products = np.concatenate(products)
-    return (float(products.mean() / centred.var()), len(products)) if len(products) else (float("nan"), 0)
+    every = np.concatenate(products)
+    return (float(every.mean() / centred.var()), len(every)) if len(every) else (float("nan"), 0)

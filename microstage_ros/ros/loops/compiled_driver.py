@@ -23,6 +23,7 @@ from microstage_ros.ros.transport.response_times import ResponseTimes
 from microstage_ros.ros.transport.scheduling import SPIN
 from microstage_ros.ros.transport.work_handover import SIZE, Handover
 
+COUNTERS = frozenset(COUNTS.names or ())
 FRAMES = (("AxisState",), ("SimulationTruth",), ("VoltageCommand",), ("Clock", "rosgraph_msgs"))
 
 
@@ -129,7 +130,7 @@ class QuickPeriods:
         self._links[0] = (topics.states.address, state, topics.truths.address, truth, topics.clock_address, clock,
                           reader.address, command, servo.semaphore.address.value, sender.address.value)
         for name, value in settings.items():
-            (self._counts if name in COUNTS.names else self._values)[name] = value
+            (self._counts if name in COUNTERS else self._values)[name] = value
         self._work = new_work(stop, (self._links, self._counts, self._values), arrays, self._frames,
                               (topics.states.ring, topics.truths.ring), responses,
                               new_guard(self.command, watch))
@@ -172,6 +173,6 @@ class QuickPeriods:
         return why
 
     def __getattr__(self, name):
-        if name in COUNTS.names:
+        if name in COUNTERS:
             return int(self._counts[name][0])
         raise AttributeError(name)

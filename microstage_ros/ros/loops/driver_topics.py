@@ -72,11 +72,9 @@ class DriverTopics:
     def missing_readers(self, absent):
         """What is missing for the first period, in words, empty if nothing; ``absent``: names without credit."""
         p, states = self._node.parameters, self.states
-        instruments = (
-            len({"interferometer_logger", "bag_recorder"} & set(p.followers)) if self.truths is not None else 0
-        )
+        instruments = len({"interferometer_logger", "bag_recorder"} & set(p.followers))
         if states.listeners >= p.expected_subscribers and states.followers >= p.expected_followers and not absent \
-                and (not instruments or self.truths.followers >= instruments):
+                and (self.truths is None or self.truths.followers >= instruments):
             return ""
         return (f"{states.listeners} of {p.expected_subscribers} readers of the state, {states.followers} of "
                 f"{p.expected_followers} of its blocks; no credit from {absent}")

@@ -51,7 +51,7 @@ def missing_private_calls(implementation=rclpy_implementation, c_calls=None):
         try:
             loaded = ctypes.CDLL(library)
         except OSError:
-            lacking.append(library)
+            lacking.append(library or "libc")
             continue
         lacking += [name for name in names if not hasattr(loaded, name)]
     return lacking
@@ -278,7 +278,7 @@ class QueueReader:
     @property
     def publishers(self):
         """Number of matched publishers."""
-        return self.subscription.get_publisher_count()
+        return 0 if self.subscription is None else self.subscription.get_publisher_count()
 
 
 class PlainServoPath:

@@ -1,0 +1,135 @@
+"""Whether the diagnosis's answers depend on constants that no comparison shows: the same cases with others in place.
+
+A window, a range of a search or the length of a block has no value at which a decision turns (`margins`). So constants
+of one group are all multiplied by a factor, the same cases diagnosed again, and the answers compared:
+
+    ./microstage shell python -m microstage_ros.diagnosis.validation.variation --group lines --factors 0.5 2
+
+An answer is the same with the same verdict, names and rivals; of every size it is told by how many of its standard
+errors it moved. "Half and double: the same answers" beside a constant is of this command with that group and its usual
+cases, one of each effect of the group and a healthy axis: few, and no more is said. No size of lines, periods, swing,
+gap and scatter moved by more than 0.4 of its standard errors.
+"""
+
+import argparse
+import contextlib
+import importlib
+
+import numpy as np
+
+from microstage_ros.diagnosis.batch import diagnose_records
+from microstage_ros.diagnosis.validation.campaign import WORLDS, examinations
+from microstage_ros.diagnosis.validation.campaign import draw as drawn
+from microstage_ros.diagnosis.validation.margins import modules_with
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.places import config_file
+
+#: Group to (module of the diagnosis, its constants that are multiplied together) and the effects of the cases.
+GROUPS = {
+    "lines": ("prerequisites.lines", ("LOWEST", "WINDOW", "REST_SPEED"), ("floor_vibration",)),
+    "periods": ("prerequisites.periods", ("BESIDE", "SLOW", "STRETCH", "MOST"), ("encoder_sde", "torque_ripple")),
+    "ranges": ("prerequisites.periods", ("SDE_RANGE", "RIPPLE_RANGE"), ("encoder_sde", "torque_ripple")),
+    "gap": ("prerequisites.lost_motion", ("SLOW", "BOUND"), ("backlash",)),
+    "timing": ("prerequisites.timing", ("LEAST_SPEED", "MOST_SPEED"), ("sampling_jitter",)),
+    "scatter": ("prerequisites.timing", ("BLOCK",), ("sampling_jitter",)),
+    "resonant": ("prerequisites.resonant", ("MASS_REACH", "STEP"), ("payload_change", "drive_compliance")),
+    "delays": ("prerequisites.amplifier", ("DELAY_STEPS", "SHORT_OF_WHOLE"), ("transport_delay", "actuator_lag")),
+    "sticking": ("residuals.mechanical", ("STUCK_TIME", "STUCK_TRAVEL", "SETTLING_TRAVEL"),
+                 ("rising_static_friction", "presliding_creep", "friction_level_change")),
+    "torque": ("residuals.mechanical", ("BLOCK",), ("frictional_lag", "nonlinear_viscous")),
+    "position": ("residuals.position", ("RENEWAL", "PIECE"), ("encoder_sde", "thermal_drift")),
+    "reading": ("residuals.position", ("BLOCK",), ("encoder_sde", "thermal_drift")),
+    "swing": ("residuals.resonance", ("BLOCK", "WINDOW"), ("drive_compliance", "payload_change")),
+    "deflection": ("residuals.transmission_deflection", ("READING", "WIDER"), ("backlash", "amplifier_offset")),
+    "travel": ("residuals.transmission_deflection", ("BLOCK",), ("resistance_rise", "amplifier_offset")),
+    "leftover": ("selection.leftover", ("PIECE", "CLASSES", "LINE_RANGE"), ()),
+}
+
+
+def changed(value, factor):
+    """A constant's ``value`` [any unit] times ``factor`` [1]; of a range both ends move out.
+
+    Whole numbers stay whole, and odd ones odd.
+    """
+    if isinstance(value, tuple):
+        return tuple(v * (1.0 / factor if n == 0 and len(value) == 2 else factor) for n, v in enumerate(value))
+    if isinstance(value, int):
+        return 2 * round((value * factor - 1) / 2) + 1 if value % 2 else round(value * factor)
+    return value * factor
+
+
+@contextlib.contextmanager
+def with_factor(place, names, factor):
+    """Context in which these constants of a module are `changed` by a ``factor`` [1], wherever they were imported."""
+    owner, before = importlib.import_module(f"microstage_ros.diagnosis.{place}"), []
+    for name in names:
+        value = getattr(owner, name)
+        before += [(module, name, value) for module in modules_with(name, value)]
+    for module, name, value in before:
+        setattr(module, name, changed(value, factor))
+    try:
+        yield
+    finally:
+        for module, name, value in before:
+            setattr(module, name, value)
+
+
+def answer_of(axis, records):
+    """((verdict, names, rivals), {parameter: (value, standard error)}) of records (learn, held out, baseline)."""
+    learn, held, base = records
+    answer = diagnose_records(axis, learn, held, base, seed=0)
+    sizes = {f"{cause.id}.{name}": (number.value, number.stderr)
+             for cause in answer.causes for name, number in cause.parameters.items()}
+    return (answer.verdict, sorted(c.id for c in answer.causes), sorted(sorted(r.ids) for r in answer.rivals)), sizes
+
+
+def moved(before, after):
+    """Largest change [1] of a size that both answers have, in the standard errors of the one before.
+
+    Parameters
+    ----------
+    before, after : {parameter: (value, standard error)}, each of shape (2,).
+    """
+    changes = [abs(after[name][0] - value) / stderr for name, (value, stderr) in before.items()
+               if name in after and np.isfinite(stderr) and stderr > 0.0]
+    return max(changes, default=0.0)
+
+
+def main(argv=None):
+    """Print, for every group and factor, in how many of the cases the answer is the same, and how far sizes moved."""
+    parser = argparse.ArgumentParser(prog="variation", description=__doc__.split("\n")[0])
+    parser.add_argument("--group", nargs="+", default=list(GROUPS), choices=list(GROUPS))
+    parser.add_argument("--factors", nargs="+", type=float, default=[0.5, 2.0])
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--cases", type=int, default=1, help="of each effect, and as many healthy axes")
+    given = parser.parse_args(argv)
+    path = str(config_file("axis.yaml"))
+    axis, known = load_axis(path), {}
+
+    def case(kind, effect, number):
+        if (kind, effect, number) not in known:
+            one = examinations(number + 1, given.seed, path, kind, effect=effect)[number]
+            what, friction = drawn(one)
+            records = WORLDS[one.world](axis, what, given.seed * 100_003 + number, friction)
+            known[kind, effect, number] = records, answer_of(axis, records)
+        return known[kind, effect, number]
+
+    for group in given.group:
+        place, names, effects = GROUPS[group]
+        wanted = [("single", effect) for effect in effects] if effects else [("outside", "")]
+        cases = [(kind, effect, n) for kind, effect in [*wanted, ("healthy", "")] for n in range(given.cases)]
+        before = {one: case(*one) for one in cases}
+        for factor in given.factors:
+            same, most = 0, 0.0
+            with with_factor(place, names, factor):
+                for one, (records, (said, sizes)) in before.items():
+                    said_now, sizes_now = answer_of(axis, records)
+                    same, most = same + (said_now == said), max(most, moved(sizes, sizes_now))
+                    if said_now != said:
+                        print(f"    {one}: {said} becomes {said_now}", flush=True)
+            print(f"{group:12} x {factor:g}: the same in {same} of {len(before)}, sizes by {most:.2f} standard errors"
+                  f"   {place}: {', '.join(names)}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
