@@ -10,9 +10,20 @@ the level would have to be in the two directions, l_f and l_b, means over `level
 
     F_0 = S (l_f - l_b) / 2,        as far as the half difference is beyond `ALIKE`
 
-In strong accelerations a wrong inertia looks like friction, and nothing is read. The force stays in d, at rest too, and
-the level and the inertia are learned from what is left.
+A spring, as of a cable, is a force that grows with the position. Friction of whatever curve is odd in the direction of
+motion, a spring is the same in both. So the unexplained force is regressed on the position in each direction alone, and
+a spring is what both slopes have in common:
+
+    k = the smaller of the two slopes, 0 where their signs differ, times 1 - q^2, 0 where q > 1,
+
+q the force that `ALIKE` stands for over that which k makes over the narrower of the two ranges, which says nothing
+within `NARROW`. F_0 is then what is left.
+
+In strong accelerations a wrong inertia looks like friction, and nothing is read of either. Both forces stay in d, at
+rest too, and the level and the inertia are learned from what is left.
 """
+
+import math
 
 from microstage_ros.control.observer.inertia import LEAST
 from microstage_ros.numerics.compiled import compiled
@@ -22,6 +33,8 @@ ABSORB_TIME = 5e-3  # s, in which sticking blocks take over what is unexplained
 # 1, by which friction itself may: its level varies, and may be 0.2 higher one way. Read in strong accelerations too, it
 # cost two of 60 random machines a factor of 2 and 3.5
 ALIKE = 0.4
+SPRING_LENGTH = 1.5e-3  # m of travel, memory of the regressions: there and back through what is now seen of the axis
+NARROW = 1e-4  # m, half a range that says nothing of a spring: a heavy axis swings by 30 um and more
 FIELDS = [
     ("level", "f8"),  # 1, limits of the actuator over nominal
     ("variance", "f8"),  # of the level
@@ -29,7 +42,12 @@ FIELDS = [
     ("level_forward", "f8"),  # 1, slow mean of the level while moving forward
     ("level_backward", "f8"),
     ("slipping", "f8"),  # share of the actuator's limit that slips
-    ("loaded", "f8"),  # N, a force that does not turn with the motion
+    ("constant", "f8"),  # N, F_0
+    ("spring", "f8"),  # N/m, k
+    ("spring_centre", "f8"),  # m, where it is taken to make no force
+    # of forward and backward: weight [1], mean place [m], mean force [N], variance [m^2], covariance [m N]
+    ("seen", "f8", (2, 5)),
+    ("loaded", "f8"),  # N, a force that does not turn with the motion, of constant and spring
 ]
 
 
@@ -42,7 +60,8 @@ def level_reset(p, s):
     s.level_forward = 1.0
     s.level_backward = 1.0
     s.slipping = 0.0
-    s.loaded = 0.0
+    s.constant = s.spring = s.spring_centre = s.loaded = 0.0
+    s.seen[:] = 0.0
 
 
 @compiled
@@ -109,10 +128,41 @@ def learn_level(p, model, s, period):
     s.variance *= 1.0 - gain * s.sensitivity
     if s.slipping > 0.9 and abs(s.acceleration) < LEAST:
         share = min(2.0 * travel, 1.0)
-        found = s.level + s.loaded / s.sensitivity
+        found = s.level + s.constant / s.sensitivity
         if s.v > 0.0:
             s.level_forward += share * (found - s.level_forward)
         else:
             s.level_backward += share * (found - s.level_backward)
         half = 0.5 * (s.level_forward - s.level_backward)
-        s.loaded = abs(s.sensitivity) * (half - min(max(half, -ALIKE), ALIKE))
+        s.constant = abs(s.sensitivity) * (half - min(max(half, -ALIKE), ALIKE))
+        force = s.sensitivity * (s.level - 1.0) + model.moving_mass * s.inertia * s.d
+        learn_spring(s, abs(s.v) * period, force, ALIKE * abs(s.sensitivity))
+    s.d += s.spring * s.v * period / (model.moving_mass * s.inertia)
+    s.loaded = s.constant + s.spring * (s.x - s.spring_centre)
+
+
+@compiled
+def learn_spring(s, travel, force, alike):
+    """Take in the ``force`` [N] beyond nominal friction over this period's ``travel`` [m]; ``alike`` [N]: what the two
+    directions may differ by without a spring."""
+    if travel == 0.0:
+        return
+    row = s.seen[0] if s.v > 0.0 else s.seen[1]
+    share = min(travel / SPRING_LENGTH, 1.0)
+    row[0] += share * (1.0 - row[0])
+    share /= row[0]
+    place, beyond = s.x - row[1], force - row[2]
+    row[1] += share * place
+    row[2] += share * beyond
+    row[3] += share * ((1.0 - share) * place * place - row[3])
+    row[4] += share * ((1.0 - share) * place * beyond - row[4])
+    one, other = s.seen[0], s.seen[1]
+    s.spring = 0.0
+    narrower = min(one[3], other[3])
+    if 3.0 * narrower < NARROW * NARROW or one[4] * other[4] <= 0.0:
+        return
+    s.spring_centre = 0.5 * (one[1] + other[1])
+    ahead, back = one[4] / one[3], other[4] / other[3]
+    common = ahead if abs(ahead) < abs(back) else back
+    doubt = alike / (abs(common) * math.sqrt(3.0 * narrower))  # half of an even range is 1.7 standard deviations
+    s.spring = common * max(1.0 - doubt * doubt, 0.0)

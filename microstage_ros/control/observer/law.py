@@ -342,6 +342,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
             # a voltage that comes late looks like a motor that leads
             pulls = abs(drop) > PULL * model.volts_per_torque * model.actuator[COULOMB]
             pulls = pulls and s.voltage_factor < source_doubt.GROWN * p.voltage_doubt
+            pulls = pulls and source_doubt.current_follows(model, s)
             if lost_motion.watch_contact(
                 p, s, force, model.guideway[0], math.sqrt(doubt) / model.volts_per_velocity, pulls
             ):

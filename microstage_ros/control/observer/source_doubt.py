@@ -17,8 +17,11 @@ start are those that hold the axis file's own model (`design.start_check`).
 
 A voltage that acts late needs no swing to be seen: where its steps are large, the current does not follow them. An
 amplifier with a lag, a dead band or a slow filter of the current leave less than `FOLLOWS` of their mean square
-(`long_delay` keeps both; a resistance or gain that is off by a factor of two leaves more). The voltage is then doubted
-at once, by `UNFOLLOWED`.
+(`long_delay` keeps the current's; a resistance or gain that is off by a factor of two leaves more). The voltage is then
+doubted at once, by `UNFOLLOWED`. Of the steps what the back-EMF takes is left out: in a strong constant acceleration of
+a light rotor the voltage rises and the current stands. Where the current does not follow the voltage of the found
+delay, by `FOLLOWED`, a motor that seems to lead says nothing of a gap either (`current_follows`), before any doubt has
+been raised.
 
 A motor that rattles in a gap of the drive makes such swings too, but they begin at the size of the gap, where a loop
 that is no longer stable swings up from the noise and the wind-up of the drive bounds its swings. So mechanical ones
@@ -28,6 +31,7 @@ beyond `RATTLE` that smaller ones did not announce (`GROWN`) say that lost motio
 """
 
 from microstage_ros.control.half_waves import half_wave
+from microstage_ros.control.observer.long_delay import MEMORY, far_voltage
 from microstage_ros.numerics.compiled import compiled
 
 SMOOTH_TIME, SLOW_TIME = 5e-4, 2e-2  # s, of the innovation's fast part
@@ -50,6 +54,7 @@ LEAST_STEP = 2e-3  # V, rms of steps beyond which noise of amplifier and current
 # 0.16 and more with twice the resistance, half the gain, a lag of 0.1 ms
 FOLLOWS = 0.08
 UNFOLLOWED = 5.0
+FOLLOWED = 0.3  # share of the steps of the voltage, in R times the current's; a lag of 1 ms leaves 0.1 of a step
 PERIODS = 20  # in a row: a current that answers late has answered by then
 FADE = 1e-2  # 1/s, of the logarithm
 FIELDS = [
@@ -62,6 +67,7 @@ FIELDS = [
     ("wave_before", "f8"),  # m, size of the half wave before
     ("wave_time", "f8"),  # s, since then
     ("waves", "i8"),  # in a row
+    ("push_power", "f8"),  # V^2, mean square of the steps of what the current answers, less the back-EMF
     ("unfollowed", "i8"),  # periods in a row in which the current has not followed the voltage
     ("suspected", "f8"),  # s, for which lost motion stays suspected
     ("drives", "i8"),  # 1: the law that regulates leans on this observer; swings under another one say nothing
@@ -80,6 +86,7 @@ def doubt_reset(p, s):
     s.wave_before = 0.0
     s.wave_time = 0.0
     s.waves = 0
+    s.push_power = 0.0
     s.unfollowed = 0
     s.suspected = 0.0
 
@@ -91,11 +98,20 @@ def lost_motion_suspected(s):
 
 
 @compiled
+def current_follows(model, s):
+    """Whether the current's steps are those of the voltage that it is taken to answer."""
+    return s.far_answers[s.lag] * model.resistance * s.learned[0] >= FOLLOWED * s.far_voltage_power
+
+
+@compiled
 def weigh_sources(p, model, s, period, position):
     """One period of the innovation ``position`` [m]."""
     drop = model.resistance * s.learned[0]
-    excited = s.drives == 1 and s.far_voltage_power > LEAST_STEP * LEAST_STEP
-    unfollowed = drop * drop * s.far_current_power < FOLLOWS * s.far_voltage_power
+    turned = s.learned[2] * model.volts_per_velocity * s.acceleration * period
+    step = far_voltage(s, s.lag) - far_voltage(s, s.lag + 1) - turned
+    s.push_power += MEMORY * (step * step - s.push_power)
+    excited = s.drives == 1 and s.push_power > LEAST_STEP * LEAST_STEP
+    unfollowed = drop * drop * s.far_current_power < FOLLOWS * s.push_power
     s.unfollowed = s.unfollowed + 1 if excited and unfollowed else 0
     if s.unfollowed > PERIODS:
         s.voltage_factor = max(s.voltage_factor, UNFOLLOWED)

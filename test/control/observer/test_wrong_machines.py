@@ -7,7 +7,7 @@ import pytest
 
 from microstage_ros.control.laws import adaptation, supervision
 from microstage_ros.control.laws.controller import make_controller
-from microstage_ros.control.observer import drive_learning, inertia, long_delay
+from microstage_ros.control.observer import drive_learning, friction_level, inertia, long_delay
 from microstage_ros.control.robustness.campaign import PROGRAM, examine
 from microstage_ros.control.robustness.conditions import MOTOR, Condition, conditions
 from microstage_ros.control.runs.run_file import Run
@@ -95,6 +95,30 @@ def test_a_lost_sample_at_a_start_is_no_change_of_the_drive(axis):
     for seed in (12101, 12102, 12103):
         columns = simulate(condition.assumed_axis(axis), Run(controller={"type": LAW}, program=PROGRAM), seed)
         assert np.abs(columns["stage_m"] - columns["reference_m"])[1000:].max() < 8e-8
+
+
+@pytest.mark.parametrize(
+    "name, seeds, most",
+    [("actuator lag 1 ms", (12102, 12114), 4e-7), ("rotor inertia x 0.25", (12701, 12704), 6e-7), ("cable spring 20 kN/m", (12700, 12702), 5e-7)],
+)
+def test_what_current_and_place_tell_before_a_loop_swings(axis, name, seeds, most):
+    """0.8 to 1.3 um where a late voltage was taken for a gap, 0.8 to 0.9 where the rising back-EMF of a light rotor was
+    taken for a late voltage, 0.58 where a spring was taken for friction and inertia."""
+    condition = {c.name: c for c in conditions(axis)}[name]
+    assert max(examine(axis, condition, seed, LAW).largest for seed in seeds) < most
+
+
+@pytest.mark.parametrize("stiffness, odd", [(2e4, 0.0), (2e4, 3.0), (0.0, 3.0)])
+def test_a_spring_is_what_both_directions_have_in_common(axis, stiffness, odd):
+    """A spring [N/m], and friction [N] that grows along either way as far as it goes."""
+    memory = make_controller(LAW, axis).memory["observer"]
+    step = 1e-6
+    for way in (1.0, -1.0, 1.0, -1.0):
+        memory["v"] = way
+        for place in way * np.arange(-1e-3, 1e-3, step):
+            memory["x"] = place
+            friction_level.learn_spring(memory, step, stiffness * place + way * odd * (1.0 + way * place / 1e-3), 3.0)
+    assert memory["spring"] == pytest.approx(stiffness, rel=0.2, abs=100.0)
 
 
 @pytest.mark.parametrize("name, most", [("current offset 20 mA", 1.4e-7), ("current noise 20 mA", 2e-7), ("1 kHz", 6e-7)])
