@@ -38,9 +38,7 @@ USUAL = math.sqrt(2.0 / math.pi)
 # of the spread of stage against motor, tried first; derived: with `STEPS` on both sides no width between 0.25 and 1.5
 # is left out
 WIDTHS = (0.35, 0.6, 0.85, 1.1)
-# periods over which the spread is taken; calibrated by: validation.variation --group gap (half and
-# double: the same answers)
-SLOW = 5000
+SLOW = 5000              # periods over which the spread is taken
 # m: smaller gaps are a matter of regression; calibrated by: validation.margins (5.3e-9 to 9.2e-6)
 LEAST = 1.0e-7
 # of the width's logarithm around the best of these; derived: further than half way to the next one, ln(0.6/0.35)/2
@@ -48,9 +46,7 @@ STEPS = tuple(0.05 * n for n in range(-7, 8))
 FORM_ERROR = 0.015       # share of the width: flanks are not as hard as modelled,
 RATTLE_ERROR = 0.02      # and for every usual loss that rattle, not followed hit by hit, adds to it
 MOST_ERROR = 0.08
-# usual sizes above which a misfit counts no more; calibrated by: validation.variation --group gap (half and
-# double: the same answers)
-BOUND = 20.0
+BOUND = 20.0             # usual sizes above which a misfit counts no more
 #: The effect whose forms are free beside a gap.
 FREE = "screw_pitch_error"
 # share of what force over deflection leaves above its noise without a gap that the gap must take, in the learning and

@@ -7,8 +7,8 @@ of one group are all multiplied by a factor, the same cases diagnosed again, and
 
 An answer is the same with the same verdict, names and rivals; of every size it is told by how many of its standard
 errors it moved. "Half and double: the same answers" beside a constant is of this command with that group and its usual
-cases, one of each effect of the group and a healthy axis: few, and no more is said. No size of lines, periods, swing,
-gap and scatter moved by more than 0.4 of its standard errors.
+cases, one of each effect of the group and a healthy axis: few, and no more is said. No size of lines, periods, swing
+and scatter moved by more than 0.4 of its standard errors.
 """
 
 import argparse
@@ -29,7 +29,6 @@ GROUPS = {
     "lines": ("prerequisites.lines", ("LOWEST", "WINDOW", "REST_SPEED"), ("floor_vibration",)),
     "periods": ("prerequisites.periods", ("BESIDE", "SLOW", "STRETCH", "MOST"), ("encoder_sde", "torque_ripple")),
     "ranges": ("prerequisites.periods", ("SDE_RANGE", "RIPPLE_RANGE"), ("encoder_sde", "torque_ripple")),
-    "gap": ("prerequisites.lost_motion", ("SLOW", "BOUND"), ("backlash",)),
     "timing": ("prerequisites.timing", ("LEAST_SPEED", "MOST_SPEED"), ("sampling_jitter",)),
     "scatter": ("prerequisites.timing", ("BLOCK",), ("sampling_jitter",)),
     "resonant": ("prerequisites.resonant", ("MASS_REACH", "STEP"), ("payload_change", "drive_compliance")),
