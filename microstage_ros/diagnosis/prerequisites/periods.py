@@ -35,8 +35,7 @@ RIPPLE_RANGE = (4.0e-6, 2.5e-4)    # m
 # periods: courses in time slower than this are no matter of the encoder's periods; calibrated by: validation.variation
 # --group periods (half and double: the same answers)
 SLOW = 2001
-# m: speed, and with it the whitening's gain, changes from move to move, so one line has sides this close;
-# calibrated by: validation.variation --group periods (half and double: the same answers)
+# m: speed, and with it the whitening's gain, changes from move to move, so one line has sides this close
 STRETCH = 1.0e-3
 # relative distance from a whole or half number of cycles per turn that is none; calibrated by:
 # validation.margins (3.9e-3 to 0.5)

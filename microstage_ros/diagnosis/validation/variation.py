@@ -27,7 +27,7 @@ from microstage_ros.places import config_file
 #: Group to (module of the diagnosis, its constants that are multiplied together) and the effects of the cases.
 GROUPS = {
     "lines": ("prerequisites.lines", ("LOWEST", "WINDOW", "REST_SPEED"), ("floor_vibration",)),
-    "periods": ("prerequisites.periods", ("BESIDE", "SLOW", "STRETCH", "MOST"), ("encoder_sde", "torque_ripple")),
+    "periods": ("prerequisites.periods", ("BESIDE", "SLOW", "MOST"), ("encoder_sde", "torque_ripple")),
     "ranges": ("prerequisites.periods", ("SDE_RANGE", "RIPPLE_RANGE"), ("encoder_sde", "torque_ripple")),
     "timing": ("prerequisites.timing", ("LEAST_SPEED", "MOST_SPEED"), ("sampling_jitter",)),
     "scatter": ("prerequisites.timing", ("BLOCK",), ("sampling_jitter",)),
