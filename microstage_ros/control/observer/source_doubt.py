@@ -21,7 +21,7 @@ amplifier with a lag, a dead band or a slow filter of the current leave less tha
 doubted at once, by `UNFOLLOWED`. Of the steps what the back-EMF takes is left out: in a strong constant acceleration of
 a light rotor the voltage rises and the current stands. Where the current does not follow the voltage of the found
 delay, by `FOLLOWED`, a motor that seems to lead says nothing of a gap either (`current_follows`), before any doubt has
-been raised.
+been raised. Steps of the current beyond all that the voltage's could make are noise, and say nothing of a lag.
 
 A motor that rattles in a gap of the drive makes such swings too, but they begin at the size of the gap, where a loop
 that is no longer stable swings up from the noise and the wind-up of the drive bounds its swings. So mechanical ones
@@ -99,8 +99,10 @@ def lost_motion_suspected(s):
 
 @compiled
 def current_follows(model, s):
-    """Whether the current's steps are those of the voltage that it is taken to answer."""
-    return s.far_answers[s.lag] * model.resistance * s.learned[0] >= FOLLOWED * s.far_voltage_power
+    """Whether the current's steps are those of the voltage that it is taken to answer, or too large to tell: noise."""
+    drop = model.resistance * s.learned[0]
+    noisy = drop * drop * s.far_current_power > s.far_voltage_power
+    return noisy or drop * s.far_answers[s.lag] >= FOLLOWED * s.far_voltage_power
 
 
 @compiled
