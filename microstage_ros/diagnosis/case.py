@@ -134,8 +134,8 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
 
 
 def _taken(known, course):
-    """χ² of the held-out records that the known prerequisites take, no matter of regression: a slow amplifier, lines
-    of the floor, a drift of its own course; and a gap."""
+    """χ² [1] of the held-out records taken by causes that are modelled outside the regression: a slow amplifier, lines
+    of the floor, a drift of its own course, a gap."""
     parts = [line.held for line in known.lines]
     parts += [known.slow.held] if known.slow is not None else []
     parts += [course.held_before - course.held_after] if course is not None else []

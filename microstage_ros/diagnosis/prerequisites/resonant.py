@@ -21,7 +21,7 @@ DAMPINGS = (0.25, 1.0, 4.0)
 # (1.10 to 1.16)
 STANDS_OUT = 1.15
 # share of the resonance's χ² that the damping must take beside the stiffness; calibrated by: validation.margins
-# (0.035 to 0.24)
+# (0.038 to 0.17)
 BETTER = 0.08
 LEAST = 150.0         # of χ², and at least this much
 MASS_REACH = 0.7      # of its logarithm, on both sides of the reciprocal of the stiffness that fits

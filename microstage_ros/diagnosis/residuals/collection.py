@@ -14,7 +14,13 @@ from microstage_ros.diagnosis.residuals.command import Command
 from microstage_ros.diagnosis.residuals.evidence import gather
 from microstage_ros.diagnosis.residuals.evidence_set import Evidences
 from microstage_ros.diagnosis.residuals.growing import Growing
-from microstage_ros.diagnosis.residuals.healthy import laws_of, leave_random, profile_of, take_healthy, unevenness
+from microstage_ros.diagnosis.residuals.healthy import (
+    laws_of,
+    profile_of,
+    rescale_random_friction,
+    take_healthy,
+    unevenness,
+)
 from microstage_ros.diagnosis.residuals.mechanical import Mechanical, fit_spreads, stated_spreads
 from microstage_ros.diagnosis.residuals.position import Position
 from microstage_ros.diagnosis.residuals.resonance import Resonance
@@ -53,7 +59,7 @@ class Collection:
             self.own_profile = unevenness(healthy, found, self.frame)
             self.healthy += found
             if found:
-                leave_random(every, healthy, self.frame, self.spreads)
+                rescale_random_friction(every, healthy, self.frame, self.spreads)
         self.names = set.intersection(*({*c} for group in ("learn", "held") for c in self.channels[group]))
 
     def gather(self, channel, forms, group):

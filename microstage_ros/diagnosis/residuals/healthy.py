@@ -113,7 +113,7 @@ def _along_stroke(channel, frame, spreads):
     return splines(channel.position, frame.low, frame.high, min(max(count, 2), MOST_SPLINES))
 
 
-def leave_random(channels, baseline, frame, spreads):
+def rescale_random_friction(channels, baseline, frame, spreads):
     """Tell every torque balance how much of the friction along the stroke is still random where it goes.
 
     Once its profile is taken out, of the variance σ² [1] that goes with travel there is left, at a place x with splines

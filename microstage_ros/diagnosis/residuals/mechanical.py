@@ -43,7 +43,7 @@ class Mechanical:
     stage's mass) [N m at the shaft],
     ``stuck``, ``travel`` (path length so far), ``torque`` (k_M i − J dω/dt), ``own`` (what the healthy axis's friction
     is beyond the model's, zero until it is taken out), ``random`` (standard deviation of the friction that varies along
-    the stroke, over `Spreads`' [1]; one until `healthy.leave_random`).
+    the stroke, over `Spreads`' [1]; one until `healthy.rescale_random_friction`).
     """
 
     name, unit = "torque", "N m"

@@ -321,7 +321,7 @@ def without_faint(evidences, choices, beside=0.0):
     """Drop causes that hold less than they need on held-out records, the faintest first.
 
     A size of no reality can agree with itself: at one chance in a hundred, on every hundredth healthy axis.
-    ``beside``: χ² [1] of the held-out records that causes take which are no matter of regression.
+    ``beside``: χ² [1] of the held-out records taken by causes that are modelled outside the regression.
     """
     kept = list(choices)
     while kept:

@@ -29,7 +29,8 @@ from microstage_ros.diagnosis.selection.stroke_profile import (
 )
 
 RIVAL_MARGIN = 12.0     # χ² by which a cause must beat every other name; derived: odds of exp(12/2), 400 to one
-HELD_SHARE = 0.1            # of the gain expected on held-out records that must arrive
+# of the gain expected on held-out records that must arrive; calibrated by: validation.margins (0.039 to 0.20)
+HELD_SHARE = 0.1
 DOMINANCE = 0.5              # of the gain of a stronger name that does not stand, below which a weaker one is not taken
 # share of the gain of payload and soft drive that the payload alone must reach on the coarse grid
 ONE_RESONANCE = 0.35
@@ -58,7 +59,7 @@ def best_forms(evidences, effect, choices):
                     continue
                 # a wave of the machine's own, which the baseline shows as well, is not the form of a change
                 more -= evidences.usual(channel, form.key)
-                # how fine a profile is the held-out records tell, too: its sizes are many
+                # a fine profile has many sizes: the held-out records help to decide how fine it may be
                 score = more + evidences.held_more(channel, keys, form.key)
             if best is None or score - 2 * len(own) > best[3] - 2 * best[1]:
                 best = (more, len(own), form, score)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from microstage_ros.diagnosis.catalogue.form import Form, Frame
-from microstage_ros.diagnosis.residuals.healthy import KINDS, laws_of, leave_random, profile_of, take_healthy
+from microstage_ros.diagnosis.residuals.healthy import KINDS, laws_of, rescale_random_friction, profile_of, take_healthy
 from microstage_ros.diagnosis.residuals.mechanical import BLOCK, Mechanical, Spreads, fit_spreads
 
 STEP, ROWS = 0.01, 3000
@@ -89,7 +89,7 @@ def test_what_the_baseline_took_along_the_stroke_is_random_no_more_where_it_went
     base, same, elsewhere = Uncertain(8), Uncertain(9), Uncertain(10)
     elsewhere.position = elsewhere.position + 1.0e-3
     base.residual += 0.0 if repeats else 3.0 * np.random.default_rng(11).normal(size=ROWS)
-    leave_random([base, same, elsewhere], [base], Frame(None, 0.0, 2.0e-3, ROWS * STEP), SPREADS)
+    rescale_random_friction([base, same, elsewhere], [base], Frame(None, 0.0, 2.0e-3, ROWS * STEP), SPREADS)
     assert np.median(same.random) == pytest.approx(there, abs=0.1)
     assert np.median(elsewhere.random) == pytest.approx(1.0, abs=0.1)
 

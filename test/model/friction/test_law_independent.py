@@ -190,6 +190,16 @@ def test_leuven_with_unequal_directions_agrees_with_scipy():
     assert errors[1] < errors[0] / 4.0
 
 
+def test_one_substep_of_leuven_in_settled_sliding_leaves_no_larger_error():
+    """Beside 64 times finer steps on the same broken line: 0.0088, as with sixteen substeps everywhere; 0.013 where half of the
+    limit counts as settled."""
+    law, packed = pack("leuven", damping=0.0)
+    rows = numpy.arange(201)
+    coarse = 10.0 * numpy.sin(2 * numpy.pi * 5e-3 * rows)
+    fine = numpy.interp(numpy.arange(64 * (rows.size - 1) + 1) / 64, rows, coarse)
+    assert run_law(law, packed, coarse, 5e-3) == pytest.approx(run_law(law, packed, fine, 5e-3 / 64)[::64], abs=1e-2)
+
+
 def rate_of(rate, velocity, force):
     """``rate`` along a record."""
     return numpy.array([rate(w, f) for w, f in zip(velocity, force, strict=True)])

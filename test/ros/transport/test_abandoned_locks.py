@@ -61,7 +61,11 @@ def test_a_message_arrives_at_a_reader_whose_lock_a_killed_process_held(node, re
         process = shut_by_another_process([path], which)
         assert segment.holders()[which] == process.pid
         assert locks.look() == 0  # seen once may be a moment's use
-    locks.look()  # how many locks it opens the tests on copies count: here such a cell may be first
+        (tmp_path / "copy").mkdir()
+        shutil.copy(path, tmp_path / "copy")
+        alone = AbandonedLocks(tmp_path / "copy")
+        assert [alone.look() for _ in range(3)] == [0, 1, 0]
+    locks.look()  # such a cell may have opened it first
     assert segment.holders() == (None, None) and locks.look() == 0
     publisher = node.create_publisher(VoltageCommand, "command", 10)
     spin_until(node, lambda: publisher.get_subscription_count() == 1)
