@@ -5,6 +5,7 @@ import pytest
 
 from microstage_ros.hardware import BACKENDS, make_hardware
 from microstage_ros.hardware.protocol import HardwareError, Setup, safety_members
+from microstage_ros.hardware.simulated import machine_for
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
@@ -78,3 +79,39 @@ def test_safety_members_are_optional():
 
     assert safety_members(Bare()) == {}
     assert list(safety_members(WithEnable())) == ["enable"]
+
+
+def test_a_machine_that_is_not_what_the_controller_is_told(tmp_path):
+    """`machine_for`: the same period and kind of drive, whatever else."""
+    cold, resistance = tmp_path / "cold.yaml", AXIS.value("drive.resistance")
+    AXIS.with_values({"drive.resistance": 0.5 * resistance}, source="estimate").save(cold)
+    assert machine_for(AXIS, None) is AXIS and machine_for(AXIS, str(cold)).value("drive.resistance") == 0.5 * resistance
+    assert run([0.5] * 50, machine=str(cold))[0][-1, 0] > 1.5 * run([0.5] * 50)[0][-1, 0]
+    AXIS.with_values({"period": 2e-4}, source="estimate").save(cold)
+    with pytest.raises(InputError, match="cold.yaml: period.*0.0001 s, as in"):
+        machine_for(AXIS, str(cold))
+    with pytest.raises(InputError, match="drive.type|period"):
+        machine_for(AXIS, str(config_file("axes/voice_coil.yaml")))
+
+
+def test_closed_it_gets_no_voltage():
+    axis = make_hardware("simulated", Setup(AXIS, 1, QUIET))
+    axis.open()
+    assert axis.arrays is None  # until the first reading
+    axis.read()
+    axis.write(2.0)
+    assert axis.arrays is axis.own_arrays and axis.simulated and axis.standing == 0.0
+    axis.close()
+    axis.read()
+    assert abs(axis.read().current) < 1e-3
+    axis.open()
+    assert axis.arrays is None
+
+
+def test_what_only_a_simulated_axis_can_tell():
+    axis = make_hardware("simulated", Setup(AXIS, 1, {**QUIET, "position": 1e-3}))
+    axis.open()
+    axis.read()
+    assert axis.last_reading == axis.read()._replace() and axis.truth.interferometer == pytest.approx(1e-3, abs=1e-6)
+    assert 250.0 < axis.truth.air_temperature < 330.0 and 8e4 < axis.truth.air_pressure < 1.1e5 and 0.0 <= axis.truth.air_humidity <= 1.0
+    assert 250.0 < axis.truth.stage_temperature < 330.0 and axis.truth.stage_velocity == pytest.approx(0.0, abs=1e-4)

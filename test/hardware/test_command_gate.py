@@ -131,3 +131,70 @@ def test_codes_match_the_message():
     codes = {name.removeprefix("FAULT_").lower(): getattr(messages.AxisState, name)
              for name in dir(type(messages.AxisState)) if name.startswith("FAULT_")}
     assert codes == {name: code for code, name in enumerate(FAULTS)}
+
+
+def test_before_the_first_period(clock):
+    gate = CommandGate(6.0, clock)
+    assert (gate.period, gate.last, gate.voltage, gate.command) == (-1, -1, 0.0, 0.0) and gate.placed and not gate.active and not gate.saturated
+    assert (gate.answered, gate.late, gate.lost, gate.duplicated, gate.reordered, gate.zeroed) == (0,) * 6
+    assert gate.unit == "V" and gate.fault == "none" and gate.safe_words == "the voltage is zero"
+    assert CommandGate(6.0, clock, holds=True).safe_words == "the command keeps its last value"
+    assert gate.activate() and not gate.offer(0, 1.0) and gate.fault == "command_sequence"
+    assert gate.message == "a command answered period 0, the present one is -1"
+
+
+def test_five_seconds_more_before_the_first_command_is_missed(clock):
+    gate = CommandGate(6.0, clock)
+    for begin in (gate.activate, gate.reset):
+        begin()
+        assert gate.silent_s == pytest.approx(-5.0)
+    gate.begin(3)
+    clock.now_ns = 5_000_000_000 + 20_000_000
+    gate.close_period(0.02)
+    assert gate.fault == "none" and gate.lost == 1
+    clock.now_ns += 1_000_000
+    gate.close_period(0.02)
+    assert gate.fault == "command_timeout" and gate.message == "no valid command for 21.0 ms, the bound is 20.0 ms"
+    gate.close_period(0.02)
+    assert gate.lost == 2  # a fault is latched: nothing is expected any more
+
+
+@pytest.mark.parametrize("sequence, fault", [(90, "command_inactive"), (91, "none"), (100, "none"), (101, "command_inactive")])
+def test_answers_that_are_still_on_their_way(clock, sequence, fault):
+    gate = CommandGate(6.0, clock, unit="A")
+    gate.begin(100)
+    assert not gate.offer(sequence, 1.5) and gate.fault == fault
+    assert gate.message in ("", "a command of 1.5 A came while the driver was not active") and STALE == 10
+
+
+def test_a_hold_looks_ahead(gate, clock):
+    gate.offer(0, 1.0)
+    clock.now_ns = 10_000_000
+    gate.hold(0.011)
+    gate.hold(0.010)
+    assert gate.voltage == 1.0 and gate.zeroed == 0
+    gate.hold(0.010, 0.001)
+    assert gate.voltage == gate.command == 0.0 and gate.zeroed == 1 and not gate.saturated
+    gate.hold(0.010, 0.001)
+    assert gate.zeroed == 1  # it is zero already
+
+
+def test_after_a_reset_the_present_period_is_answered(gate):
+    gate.begin(5)
+    gate.trip("hardware", "cable out")
+    gate.reset()
+    assert gate.last == 5 and not gate.offer(5, 1.0) and gate.duplicated == 1 and not gate.offer(4, 1.0) and gate.reordered == 1
+    gate.close_period(0.0)
+    assert gate.lost == 0
+
+
+def test_where_a_drive_that_holds_a_position_stands(clock):
+    gate = CommandGate(6.0, clock, holds=True)
+    assert not gate.placed
+    gate.place(None)
+    assert not gate.placed
+    gate.place(2)
+    assert gate.placed and gate.voltage == gate.command == 2.0
+    plain = CommandGate(6.0, clock)
+    plain.place(2)
+    assert plain.placed and plain.voltage == 0.0

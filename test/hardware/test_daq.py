@@ -198,3 +198,115 @@ def test_the_lines_of_the_safety_chain(log, monkeypatch):
     assert [entry[2] for entry in log if entry[1] == "write"][-2:] == [(0.0,), (False,)]
     with pytest.raises(InputError, match="limit_lines"):
         card(limit_lines="Dev1/port0/line2")
+
+
+def of(log, call):
+    """What one call of a task was given: positional arguments and named ones together."""
+    return [(*entry[2], entry[3]) for entry in log if entry[1] == call]
+
+
+def test_channels_with_their_ranges_and_clock(log):
+    from nidaqmx.constants import AcquisitionType, EncoderType, OverwriteMode, ReadRelativeTo
+
+    daq = card(samples_per_period=2, sample_clock="/Dev1/PFI0")
+    daq.open()
+    span = AXIS.value("drive.dac_range")
+    assert of(log, "add_ao_voltage_chan") == [("Dev1/ao0", {"min_val": -span, "max_val": span})]
+    count = AXIS.value("sensors.encoder.resolution")
+    assert of(log, "add_ci_lin_encoder_chan") == [("Dev1/ctr0", {"decoding_type": EncoderType.X_4, "dist_per_pulse": 4 * count})]
+    assert of(log, "add_ai_voltage_chan") == [("Dev1/ai0", {})]
+    timing = {"sample_mode": AcquisitionType.CONTINUOUS, "samps_per_chan": 40_000}
+    assert of(log, "cfg_samp_clk_timing") == [(20_000.0, {"source": "/Dev1/PFI0", **timing}), (20_000.0, {"source": "", **timing})]
+    for task in ("task1", "task2"):
+        assert (task, "overwrite", OverwriteMode.OVERWRITE_UNREAD_SAMPLES) in log and (task, "relative_to", ReadRelativeTo.MOST_RECENT_SAMPLE) in log
+    assert of(log, "write") == [(0.0, {"auto_start": True})] and not daq.simulated and not daq.watchdog_armed
+    log.clear()
+    card(current_input=None, sample_clock="/Dev1/PFI0").open()
+    assert [arguments[0] for arguments in of(log, "cfg_samp_clk_timing")] == [40_000.0] and len(of(log, "start")) == 1
+
+
+def test_a_drive_that_holds_a_position_is_never_put_to_zero(log):
+    """Zero would be a move of a piezo: neither at the start nor at the end."""
+    piezo = make_hardware("daq", Setup(load_axis(config_file("axes/piezo.yaml")), options={"output": "Dev1/ao0", "counter": "Dev1/ctr0"}))
+    piezo.open()
+    piezo.write(2.0)
+    piezo.close()
+    piezo.close()
+    assert of(log, "write") == [(2.0, {})] and [entry[1] for entry in log][-2:] == ["close"] * 2
+
+
+@pytest.fixture
+def watchdogs(log, monkeypatch):
+    """The vendor's watchdog, with its calls noted."""
+    import nidaqmx.system.watchdog as real
+
+    kind = real.WatchdogTask
+    monkeypatch.setattr(real, "WatchdogTask", lambda device, timeout: (log.append(("made", "watchdog", (device, timeout), {})), Checked(kind, "watchdog", log))[1])
+    return log
+
+
+def test_a_watchdog_is_armed_and_disarmed(watchdogs):
+    daq = card()
+    daq.open()
+    daq.watchdog(0.01)
+    assert of(watchdogs, "watchdog") == [("Dev1", 0.01, {})]
+    assert [entry[1] for entry in watchdogs if entry[0] == "watchdog"] == ["cfg_watchdog_ao_expir_states", "start"]
+    daq.watchdog(0.0)
+    assert not daq.watchdog_armed and watchdogs[-1][:2] == ("watchdog", "close")
+    daq.write(0.5)
+    assert "reset_timer" not in [entry[1] for entry in watchdogs]
+    daq.watchdog(0.02)
+    daq.close()
+    assert not daq.watchdog_armed and [entry[1] for entry in watchdogs if entry[0] == "watchdog"][-1] == "close"
+    without = card(watchdog=False)
+    without.open()
+    without.watchdog(0.01)
+    assert not without.watchdog_armed and len(of(watchdogs, "watchdog")) == 2
+
+
+def test_a_watchdog_that_cannot_be_petted_is_an_error(watchdogs, monkeypatch):
+    daq = card()
+    daq.open()
+    daq.watchdog(0.01)
+    daq._watchdog = None
+    daq.write(0.5)  # armed by nobody: nothing to pet
+
+    class Broken:
+        def reset_timer(self):
+            raise nidaqmx.errors.DaqError("expired", -1)
+
+        def close(self):
+            """Nothing."""
+
+    daq._watchdog = Broken()
+    with pytest.raises(HardwareError, match="expired"):
+        daq.write(0.5)
+
+
+def test_a_voltage_that_cannot_be_taken_away_at_the_end_is_an_error_and_frees_the_channels(log):
+    daq = card()
+    daq.open()
+    Task.failing = "write"
+    with pytest.raises(HardwareError, match="cable out"):
+        daq.close()
+    assert [entry[1] for entry in log][-3:] == ["close"] * 3
+    daq.close()  # the second time there is nothing left
+    with pytest.raises(HardwareError, match="cable out"):
+        card().open()
+
+
+def test_the_span_of_the_output_is_told_to_who_takes_the_voltage_away(log):
+    span = AXIS.value("drive.dac_range")
+    assert card().outside_stop()[1] == {"output": "Dev1/ao0", "span": span}
+    zero_output("Dev1/ao0", span)
+    assert of(log, "add_ao_voltage_chan") == [("Dev1/ao0", {"min_val": -span, "max_val": span})]
+    assert of(log, "write") == [(0.0, {"auto_start": True})] and log[-1][1] == "close"
+
+
+@pytest.mark.parametrize("options, words", [
+    ({"limit_lines": ["Dev1/port0/line2"]}, "limit_lines.*two lines"), ({"limit_lines": ["a", "b", "c"]}, "limit_lines"),
+    ({"counter": None}, "option counter.*Dev1/ao0 or Dev1/ctr0"), ({"samples_per_period": 1.5}, "a whole number from 1")])
+def test_options_that_do_not_fit(options, words):
+    with pytest.raises(InputError, match=words):
+        card(**options)
+    assert card(samples_per_period=1, limit_lines=["a", "b"])

@@ -129,6 +129,73 @@ def test_zero_is_no_limit_and_the_derived_ones_let_the_machine_reach_its_top_spe
     assert limits["current"][0] == pytest.approx(1.3 * highest) and limits["velocity"][0] > 6e-3
 
 
+def test_every_number_of_the_limits():
+    """Of the shipped axis: 6 V over 25 nm, and what was given."""
+    axis = load_axis(config_file("axis.yaml")).with_values({"period": PERIOD}, source="estimate")
+    limits, memory = new_limits(axis, (-0.01, 0.02), GIVEN)
+    bounds = limits[0]
+    volts, count = axis.value("drive.voltage_limit"), axis.value("sensors.encoder.resolution")
+    assert (bounds["low"], bounds["high"]) == (-0.01, 0.02) and bounds["blend"] == pytest.approx(0.2) and bounds["period"] == PERIOD
+    assert bounds["jump"] == pytest.approx(3.0 * 0.01 * PERIOD + 100.0 * count)
+    assert bounds["frozen_voltage"] == pytest.approx(0.25 * volts) and bounds["frozen_periods"] == pytest.approx(100.0)
+    assert bounds["voltage_step"] == pytest.approx(2.0) and bounds["motor_gap"] == 5e-4 and bounds["following"] == 1e-3
+    assert np.isnan(memory["reference"][0]) and memory["begun"][0] == 0.0
+    slow = new_limits(axis.with_values({"period": 0.02}, source="estimate"), (-0.01, 0.01), GIVEN)[0][0]
+    assert slow["frozen_periods"] == 10.0 and slow["blend"] == 1.0  # never fewer than ten periods, never more than the reading itself
+
+
+def test_a_drive_that_holds_a_position_may_stand_still_under_command():
+    piezo, _ = new_limits(load_axis(config_file("axes/piezo.yaml")), (-1e-3, 1e-3), {"velocity": 0.01})
+    assert np.isinf(piezo["frozen_voltage"][0]) and np.isinf(piezo["current"][0])
+
+
+def test_the_smoothing_of_speed_and_current(machine):
+    """A first-order mean over 5 ms: a fifth of the difference in each millisecond."""
+    machine.move(0.005, 1, current=0.1)
+    assert machine.memory["velocity"][0] == pytest.approx(0.001) and machine.memory["current"][0] == pytest.approx(0.02)
+    machine.move(0.005, 1, current=0.1)
+    assert machine.memory["velocity"][0] == pytest.approx(0.0018) and machine.memory["current"][0] == pytest.approx(0.036)
+
+
+def test_bounds_hold_both_ways(machine):
+    begin_anew(machine.memory[0])
+    assert machine.period(encoder=0.01) == "none" and machine.period(encoder=0.01 + 1e-9) == "travel"
+    for way in (1.0, -1.0):
+        made = Machine()
+        made.period()
+        assert made.move(way * 0.012, 100)[0] == "velocity"
+        assert made.says("velocity").startswith(f"{made.memory['velocity'][0]:.6g} m/s, the bound is 0.01 m/s")
+        made = Machine()
+        made.period()
+        assert made.move(0.0, 100, 0.1, current=way * 0.6)[0] == "current"
+        made = Machine()
+        made.period()
+        made.memory["reference"] = way * 1.1e-3
+        assert made.period() == "following_error" and f"{way * 1.1e-3:.6g} m, the bound" in made.says("following_error")
+        made = Machine()
+        made.period()
+        assert made.period(voltage=way * 2.0) == "none" and made.period(voltage=-way * 0.1) == "voltage_rate"
+
+
+def test_words_of_a_frozen_encoder(machine):
+    machine.voltage = -2.0
+    assert machine.move(0.0, 1000, -2.0)[0] == "encoder_frozen"
+    assert machine.says("encoder_frozen") == "the encoder has not changed by one count for 0.101 s at -2 V (bound: 0.1 s above 1.5 V)"
+
+
+def test_words_in_the_unit_of_another_command(machine):
+    machine.move(1e-4, 1, -2.2)
+    text = in_words(FAULTS.index("voltage_rate"), machine.limits, machine.memory, "A")[1]
+    assert text == "the bound is 2 A in one period"
+
+
+def test_one_count_keeps_an_encoder_alive(machine):
+    for _ in range(3):
+        assert machine.move(0.0, 100, 2.0)[0] == "none"
+        machine.position += 25e-9
+        assert machine.move(0.0, 1, 2.0)[0] == "none"
+
+
 def test_after_a_reset_places_are_compared_anew(machine):
     machine.move(0.005, 10)
     begin_anew(machine.memory[0])

@@ -67,6 +67,100 @@ def test_a_look_in_time_and_a_look_too_late():
     assert watch.word(TAKEN) == at and watch.word(TAKEN_COUNT) == 1 and len(stopped) == 2
 
 
+def test_when_it_looks_next(monkeypatch):
+    memory = bytearray(BYTES)
+    watch = Watch(memory)
+    monkeypatch.setattr(time, "monotonic_ns", lambda: 10**12)
+    assert watch.look() == 0.1 and watch.word(watchdog.DOG) == 10**12
+    watch.set(LIMIT, 10**7)
+    for age, expected in ((0, 0.01), (4 * 10**6, 0.006), (-(10**9), 0.1), (10**7, 0.01), (5 * 10**7, 0.01)):
+        watch.set(BEAT, 10**12 - age)
+        assert watch.look() == pytest.approx(expected)
+    assert watch.word(TAKEN) == 0  # there was no voltage to take away
+    struct.pack_into("<d", memory, 8 * VOLTS, -1e-3)
+    watch.set(BEAT, 10**12 - 10**7 + 1)
+    assert watch.look() == pytest.approx(1e-9) and watch.word(TAKEN) == 0
+    watch.set(BEAT, 10**12 - 10**7)
+    assert watch.look() == pytest.approx(0.01) and watch.word(TAKEN) == 10**12
+    watch.died()
+    assert watch.word(watchdog.DIED) == 10**12
+
+
+def test_words_of_the_shared_memory():
+    """Driver and watchdog are two programs: each place is one number, 64 bit wide."""
+    places = VOLTS, BEAT, LIMIT, TAKEN, watchdog.DOG, TAKEN_COUNT, watchdog.DIED, watchdog.ZEROED, HOLDS
+    assert places == tuple(range(9)) and BYTES == 72
+    made = OutputGuard(0.25)
+    assert made.words.shape == made.volts.shape == (9,) and not made.words.any() and made.pid is None and not made.watching
+    assert not made.taken and made.taken_count == 0 and made.restarts == 0
+    made.arm()
+    assert made.words[LIMIT] == 250_000_000 and made.words[BEAT] > 0
+    made.put(1.0)
+    made.words[TAKEN] = made.words[BEAT] + 1_500_000_000
+    assert made.words[watchdog.ZEROED] == 0 and made.taken_after == pytest.approx(1.5)
+    made.arm()
+    assert made.taken == 0
+    made.put(0.0)
+    at = made.words[watchdog.ZEROED]
+    made.put(0.0)
+    assert at > 0 and made.words[watchdog.ZEROED] == at
+    made.close()
+    holds = OutputGuard(0.25, holds=True)
+    holds.arm()
+    assert holds.words[LIMIT] == 0  # nothing to take away
+    holds.close()
+
+
+@pytest.mark.parametrize("text", ["null", "[]"])
+def test_no_stop_from_outside(text):
+    assert watchdog.outside_stop(text)() is None
+
+
+def test_a_stop_from_outside_that_fails_is_told_and_nothing_else(tmp_path, monkeypatch, capsys):
+    (tmp_path / "a_card_that_fails.py").write_text("def take(volts):\n    raise OSError(f'no {volts}')\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    watchdog.outside_stop('["a_card_that_fails:take", {"volts": 3}]')()
+    assert capsys.readouterr().err == "watchdog: a_card_that_fails:take: OSError: no 3\n"
+
+
+def test_its_process_watches_until_the_driver_is_gone():
+    made = OutputGuard(0.0)
+    alive, ours = os.pipe()
+    process = subprocess.Popen([sys.executable, watchdog.__file__, str(made._memory), str(alive), "null"], pass_fds=[made._memory, alive])
+    os.close(alive)
+    made.put(1.0)
+    wait(lambda: made.words[watchdog.DOG])
+    assert process.poll() is None and made.words[watchdog.DIED] == 0
+    os.close(ours)
+    assert process.wait(120) == 0
+    assert made.volts[VOLTS] == 0.0 and made.words[watchdog.DIED] == made.taken and made.taken_count == 1
+    made.close()
+
+
+def test_a_watchdog_that_does_not_start_is_not_waited_for(monkeypatch):
+    start, began = subprocess.Popen, time.monotonic()
+    monkeypatch.setattr(subprocess, "Popen", lambda command, **more: start(["true"], **more))
+    made = OutputGuard(LIMIT_S)
+    assert not made.start() and time.monotonic() - began < 60.0 and not made.watching
+    monkeypatch.setattr(subprocess, "Popen", lambda command, **more: start(["sleep", "100"], **more))
+    assert not made.start(wait=0.05) and not made.watching and made.pid is not None
+    made.close()
+    assert made.pid is None
+
+
+def test_one_that_has_not_looked_for_two_seconds_does_not_watch(guard, monkeypatch):
+    now = time.monotonic_ns
+    wait(lambda: guard.watching)
+    os.kill(guard.pid, signal.SIGSTOP)
+    time.sleep(0.05)
+    looked = int(guard.words[watchdog.DOG])
+    monkeypatch.setattr(time, "monotonic_ns", lambda: looked + 1_999_999_999)
+    assert guard.watching
+    monkeypatch.setattr(time, "monotonic_ns", lambda: looked + 2_000_000_000)
+    assert not guard.watching
+    monkeypatch.setattr(time, "monotonic_ns", now)
+
+
 def test_the_loop_that_has_gone_to_zero_itself_is_left_alone():
     memory = bytearray(BYTES)
     watch = Watch(memory)
