@@ -8,11 +8,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from microstage_ros.diagnosis.catalogue import forms_of
+from microstage_ros.diagnosis.catalogue.friction import COARSE
 from microstage_ros.diagnosis.preprocessing.motion import load_kernel
-from microstage_ros.diagnosis.preprocessing.preparation import prepare
+from microstage_ros.diagnosis.preprocessing.preparation import MOTOR_NOISE, prepare
 from microstage_ros.signals.current import between_readings
 from microstage_ros.diagnosis.prerequisites.drive import drive_of
-from microstage_ros.diagnosis.residuals.mechanical import Mechanical
+from microstage_ros.diagnosis.residuals.mechanical import BLOCK, Mechanical
 from microstage_ros.diagnosis.validation import simulated_records as cases
 from microstage_ros.solver.plant import NoiseSpec, make_plant
 
@@ -29,6 +30,11 @@ def quiet(axis):
         (record, _), _, _ = cases.make_case(ideal, cases.Hidden("healthy"), 3, 0.0)
     drive = drive_of(ideal)
     return Mechanical(prepare(record, drive), drive)
+
+
+def test_a_block_is_as_long_as_the_load_is_smoothed(axis):
+    width = 1.0 / np.sum(load_kernel(drive_of(axis), PERIOD, MOTOR_NOISE) ** 2)
+    assert BLOCK - COARSE < width <= BLOCK and BLOCK % COARSE == 0
 
 
 def test_nothing_is_left_of_a_quiet_axis(quiet):

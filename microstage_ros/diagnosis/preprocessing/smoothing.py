@@ -2,6 +2,12 @@
 
 import numpy as np
 
+QUARTILES = 1.349       # interquartile range of a Gaussian of unit variance; derived: 2 Φ⁻¹(3/4)
+MEDIAN_SIZE = 0.6745    # median of its sizes; derived: Φ⁻¹(3/4)
+# variance of a third difference of white noise, over the noise's; derived: 1² + 3² + 3² + 1²
+THIRD_DIFFERENCE = 20.0
+LEAST_READING = 1.0e-10     # m; derived: a hundredth of the 10 nm of a reading's noise, where a record has none
+
 
 def triangle(values, width):
     """Centred triangular running mean of ``values`` (n,): two running means of odd ``width`` [1], ends padded."""
@@ -16,7 +22,11 @@ def _boxcar(values, width):
 
 
 def reading_noise(reading):
-    """Standard deviation of a position reading's white noise from its third differences, robustly [m]."""
+    """Standard deviation of a position reading's white noise from its third differences, by their quartiles [m]."""
     differences = np.diff(reading, 3)
-    spread = np.subtract(*np.percentile(differences, [75.0, 25.0])) / 1.349
-    return max(spread / np.sqrt(20.0), 1.0e-10)
+    return max(spread_of(differences) / np.sqrt(THIRD_DIFFERENCE), LEAST_READING)
+
+
+def spread_of(values):
+    """Standard deviation of Gaussian ``values`` (n,) [any unit] from their quartiles, which outliers do not move."""
+    return np.subtract(*np.percentile(values, [75.0, 25.0])) / QUARTILES

@@ -54,14 +54,19 @@ def _kalman(matrix, gains, keeps, variances, white):
     return out, determinant
 
 
+def predicted(ratio):
+    """Variance that a random walk's filter predicts, over the noise's [1]: p of p² = q (p + 1), ``ratio`` q = (step /
+    noise)² [1], the root of the stationary Riccati equation."""
+    return 0.5 * (ratio + np.sqrt(ratio**2 + 4.0 * ratio))
+
+
 def whiten_walk(matrix, step, noise):
     """Innovations of ``matrix`` (n, k): a random walk of ``step`` per row, read with white ``noise``, both standard
     deviations in the unit of the matrix.
 
     Constant gain; the first row's level is unknown and is taken as it is read.
     """
-    ratio = (step / noise) ** 2
-    p = 0.5 * (ratio + np.sqrt(ratio**2 + 4.0 * ratio))  # predicted variance over the noise's
+    p = predicted((step / noise) ** 2)
     keep = 1.0 / (1.0 + p)
     centred = matrix - matrix[:1]
     return lfilter([1.0, -1.0], [1.0, -keep], centred, axis=0) / (noise * np.sqrt(1.0 + p))

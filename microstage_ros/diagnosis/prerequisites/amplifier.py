@@ -18,25 +18,31 @@ from microstage_ros.diagnosis.residuals.collection import Collection
 
 GAIN = next(form for form in FORMS if not form.named)
 LEAST_GAIN = 60.0   # χ²; derived: one size reaches it by chance in 10⁻¹⁴ of the cases
-LEAST_TIME = 4.0e-6      # s: a few hundredths of a period are a matter of stamps
 # periods by which a gain that differs by 1 may seem late; calibrated by:
 # `microstage campaign --world second --kind single --seed 1003 --cases 60`: 2.3 of what this channel
 # reads of the gain (0.04 of 0.07, case 12; the only one there)
 GAIN_TIME = 4.0
 LAG_ERROR = 0.05         # share of a lag that gain and lag cannot tell apart above 1 kHz
 DELAY_ERROR = 0.02       # of a period: next to a whole one, what is left of it hardly shows
+LEAST_TIME = 2.0 * DELAY_ERROR     # periods; derived: two standard errors of a delay; less is a matter of stamps
 # s that the encoder may be read later than the interferometer; calibrated by: validation.margins (1.9e-6 to 2.6e-4)
 LATE = 2.0e-5
 DOMINANCE = 0.5          # of the gain of the strongest form, accepted or not, that the answer must reach
 LONGEST = 64             # periods; derived: the power of two above the 60 that `TransportDelay` may have
-DELAY_STEPS = np.arange(-0.75, 0.76, 0.05)   # periods
-SHORT_OF_WHOLE = (0.04, 0.03, 0.02, 0.01)    # periods: so little of one is left that the winding just begins to answer
+# periods; derived: half way between two of the catalogue's forms, and half as far again
+DELAY_REACH = 0.75
+DELAY_STEPS = np.arange(-DELAY_REACH, DELAY_REACH, LEAST_TIME)
+# periods short of a whole one, where the winding just begins to answer; derived: up to two standard errors of a delay
+SHORT_OF_WHOLE = tuple(DELAY_ERROR * n for n in (2.0, 1.5, 1.0, 0.5))
 MOST_SHIFTS = 5          # of the range searched; derived: 1.7⁵ is a factor of fourteen
 REACH = 1.7              # of the range searched, upwards; derived: from 0.6 it spans 2.8, the forms' times 2.7
+TOLERANCE = 2.0e-3       # of the time or the period; derived: a tenth of `DELAY_ERROR`
+MOST_TRIES = 14          # derived: 0.62¹⁴, by golden sections, is a thousandth of the range
 AT_END = 1.02            # so near to its end an optimum lies beyond; derived: ten times the search's tolerance
 MOST = 0.5               # of a channel's χ²; derived: more than all else
 # relative difference of χ² by which delay and lag must differ; calibrated by: validation.margins (0.0017 to 0.52)
 CLEAR = 0.03
+OPEN = 20.0              # χ², and by which they must at least; derived: odds of exp(20/2), 22 000 to one
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,7 +88,7 @@ def find_slowness(prepared, drive):
     winding = drive.inductance / drive.resistance
     refined = [_refine(learn, trial, period, winding) for trial in best.values() if trial and trial[0] > LEAST_GAIN]
     refined = sorted((r for r in refined if r is not None), key=lambda r: -r[0])
-    if not refined or refined[0][2] < LEAST_TIME:
+    if not refined or refined[0][2] < LEAST_TIME * period:
         return None
     gain, effect, time, stderr = refined[0]
     if gain < DOMINANCE * strongest:  # a time that makes no sense explains more: neither is true
@@ -99,7 +105,7 @@ def find_slowness(prepared, drive):
         return None
     if base is not None and base.reduction([form.key], np.ones(1)) > 0.3 * base.matrix[1, 1]:
         return None
-    rival = len(refined) > 1 and refined[1][0] > gain - max(20.0, CLEAR * gain)
+    rival = len(refined) > 1 and refined[1][0] > gain - max(OPEN, CLEAR * gain)
     noise = float(np.mean([c["command"].noise for c in fast.channels["held"]]))
     return Slowness(effect, time, stderr, gain, held_gain, held.energy(), held.rows, rival, noise, winding)
 
@@ -150,7 +156,7 @@ def _around_whole_periods(loss, start, period):
     narrow optimum beside a broad one. Where the best is the grid's last, the grid moves there."""
     centre = start / period
     for _ in range(MOST_SHIFTS):
-        wholes = np.arange(np.ceil(centre - 0.75), centre + 0.76)
+        wholes = np.arange(np.ceil(centre - DELAY_REACH), np.floor(centre + DELAY_REACH) + 1.0)
         tried = np.concatenate([centre + DELAY_STEPS, *(wholes - part for part in SHORT_OF_WHOLE)])
         tried = np.sort(tried[tried > 0.0]) * period
         at = min(range(len(tried)), key=lambda n: loss(tried[n]))
@@ -190,14 +196,14 @@ def _refine(learn, trial, period, winding):
         low, high = _around_whole_periods(loss, start, period)
     else:
         low, high = (0.01 * start, 1.3 * start) if beta < 0.4 else (0.6 * start, REACH * start)
-    options = {"xatol": min(2e-3 * start, 2e-3 * period), "maxiter": 14}
+    options = {"xatol": TOLERANCE * min(start, period), "maxiter": MOST_TRIES}
     for _ in range(MOST_SHIFTS):
         found = minimize_scalar(loss, bounds=(low, high), method="bounded", options=options)
         if on_grid or low * AT_END < found.x < high / AT_END:
             break
         low, high = found.x / REACH, found.x * REACH      # the optimum lies beyond where it was looked for
     time = float(found.x)
-    step = 0.02 * time
+    step = DELAY_ERROR * time
     bend = (loss(time - step) + loss(time + step) - 2.0 * found.fun) / step**2
     stderr = float(np.sqrt(2.0 / bend)) if bend > 0 else step
     form_error = LAG_ERROR * time if form.effect == "actuator_lag" else DELAY_ERROR * period

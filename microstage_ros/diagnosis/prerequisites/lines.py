@@ -9,8 +9,10 @@ import dataclasses
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
+from scipy.stats import gamma
 
-from microstage_ros.diagnosis.preprocessing.whitening import whiten_walk
+from microstage_ros.diagnosis.preprocessing.smoothing import MEDIAN_SIZE
+from microstage_ros.diagnosis.preprocessing.whitening import predicted, whiten_walk
 from microstage_ros.diagnosis.residuals.resonance import BLOCK
 from microstage_ros.diagnosis.residuals.transmission_deflection import LEAST_NOISE
 from microstage_ros.model.plant_record import LINES
@@ -27,12 +29,15 @@ HIGHEST = 0.45 / BLOCK
 WINDOW = 2 * round(0.5 / (LOWEST * BLOCK)) + 1
 # of summed periodograms in units of their mean; derived: e⁻³² times 10⁵ frequencies is a chance of 10⁻⁹
 LEAST_POWER = 32.0
-LEAST_AMPLITUDE = 3.0e-10  # m
 # power half a hertz or so beside a line, relative to it; calibrated by: validation.margins (0.034 to 0.045)
 NARROW = 0.04
 BESIDE = 2.0       # Hz; derived: a line that swings for half a second now and then is as wide
 # standard errors; derived: with so many an amplitude of half the line's is told from all of it
 CLEAR = 4.0
+SIGMAS = 5.0       # standard errors that the amplitude lies above zero; derived: a chance of 6·10⁻⁷
+# χ² of a line in every held-out record, at the frequency learned; derived: a chance of e⁻¹⁰
+AGAIN = 20.0
+TINY = np.finfo(float).tiny
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,13 +77,13 @@ class Spectrum:
         mean = uniform_filter1d(channel.speed, WINDOW, mode="nearest")
         self.mask = uniform_filter1d(np.abs(mean), WINDOW, mode="nearest") < REST_SPEED
         self.mask[:400] = False
-        usual = np.median(np.abs(white[self.mask])) / 0.6745 if self.mask.any() else 1.0
+        usual = np.median(np.abs(white[self.mask])) / MEDIAN_SIZE if self.mask.any() else 1.0
         bound = CLIPPED * max(usual, 1.0)  # a strong line must not be clipped: it would grow harmonics
         self.values = np.where(self.mask, np.clip(white, -bound, bound), 0.0)
         self.count = max(int(self.mask.sum()), 1)
         self.off = self.mask & (channel.mean(p.off.astype(float)) == 1.0)
         scale = np.sqrt(np.mean(self.values[self.mask] ** 2)) if self.mask.any() else 1.0
-        self.values = self.values / max(scale, 1e-12)
+        self.values = self.values / max(scale, TINY)
         self.scale = scale
         self._untouched = self.values     # `remove` takes out of all rows what may be in some only
 
@@ -90,7 +95,7 @@ class Spectrum:
     def gain(self, frequency):
         """What one metre of a line at ``frequency`` [Hz] becomes in the whitened values, complex [1/m]."""
         ratio = (self.walk / self.noise) ** 2
-        p = 0.5 * (ratio + np.sqrt(ratio**2 + 4.0 * ratio))
+        p = predicted(ratio)
         z = np.exp(-2j * np.pi * frequency * self.step)
         return (1.0 - z) / (1.0 - z / (1.0 + p)) / (self.noise * np.sqrt(1.0 + p)) / self.scale
 
@@ -137,7 +142,7 @@ def find_lines(learn, held, base):
         skirt = np.median(total[(distance > 0.3) & (distance < 1.5)])
         if skirt > NARROW * total[at]:
             break
-        if total[at] < LEAST_POWER * max(np.median(near) / (1.68 if len(learn) > 1 else 0.69), 1.0):
+        if total[at] < LEAST_POWER * max(np.median(near) / gamma.median(len(learn)), 1.0):
             break
         peak = float(_peak(frequency, total, at))
         # what is left of a line that is none of the floor's lies beside it
@@ -163,13 +168,13 @@ def _judge(frequency, learn, held, base):
     errors = [np.sqrt(2.0 / s.count) / abs(s.gain(frequency)) for s in learn]
     size = float(np.mean(sizes))
     stderr = float(np.hypot(np.mean(errors) / np.sqrt(len(learn)), np.std(sizes) / np.sqrt(len(learn))))
-    if stderr > 0.2 * size or size < LEAST_AMPLITUDE:
+    if size < SIGMAS * stderr:
         return None
     # the floor shakes with the motor off, too; a loop that swings does not
     still = [s.size_with_the_motor_off(frequency) for s in learn]
     if all(size > CLEAR * error and here < 0.5 * size for here, error in still):
         return None
-    if held and sum(s.fit(frequency)[1] for s in held) < 20.0 * len(held):
+    if held and sum(s.fit(frequency)[1] for s in held) < AGAIN * len(held):
         return None
     if base and np.mean([abs(s.fit(frequency)[0] / s.gain(frequency)) for s in base]) > 0.5 * size:
         return None
@@ -177,4 +182,4 @@ def _judge(frequency, learn, held, base):
     return Line(frequency, size, stderr, phase, float(sum(f[1] for f in fits)),
                 float(sum(s.fit(frequency)[1] for s in held)),
                 tuple(s.fit(frequency)[0] / s.gain(frequency) for s in (*learn, *held)),
-                float(np.sqrt(12.0) / (2.0 * np.pi) * stderr / size / max(s.count * s.step for s in learn)))
+                float(np.sqrt(3.0) / np.pi * stderr / size / max(s.count * s.step for s in learn)))

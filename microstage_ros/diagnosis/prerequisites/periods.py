@@ -31,7 +31,8 @@ REAL = 40.0
 ONE_PHASE = 0.7
 # m, of the encoder's signal periods; derived: it holds those that `EncoderSde.draw` draws, 0.8 to 40 µm
 SDE_RANGE = (4.0e-7, 6.0e-5)
-RIPPLE_RANGE = (4.0e-6, 2.5e-4)    # m
+# cycles per turn of a ripple; derived: it holds those that `TorqueRipple.draw` draws, 0.5 to 24, with a tenth beyond
+RIPPLES_PER_TURN = (0.5 / 1.1, 24.0 * 1.1)
 # periods: courses in time slower than this are no matter of the encoder's periods; calibrated by: validation.variation
 # --group periods (half and double: the same answers)
 SLOW = 2001
@@ -130,7 +131,7 @@ def _ripples(collection):
         white = channel.whiten(channel.residual[:, None], collection.spreads)[0][:, 0]
         bound = 5.0 * max(np.median(np.abs(white)), 1.0)
         ways += both_ways(channel.position, np.clip(white, -bound, bound), channel.speed)
-    found = [_snapped(turn / p) for p in periods(ways, *RIPPLE_RANGE)]
+    found = [_snapped(turn / p) for p in periods(ways, *(turn / n for n in reversed(RIPPLES_PER_TURN)))]
     # a tone of the dither at a steady speed is a line along the stroke, too, but no torque that depends on the place
     real = _bound_to_the_place(collection, found)
     forms = [ripples.ripple_form((n,)) for n in real if _new(n, ripples.RIPPLE_CYCLES)]

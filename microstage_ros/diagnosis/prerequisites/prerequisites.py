@@ -16,7 +16,6 @@ from microstage_ros.diagnosis.prerequisites.resonant import FAR, Train, fit_trai
 from microstage_ros.diagnosis.prerequisites.slow_drift import courses
 from microstage_ros.diagnosis.residuals.resonance import Resonance
 
-RATTLED = 0.4           # share of the command's χ² that a slow amplifier must hold beside a gap
 SWING = 0.5             # of a slow amplifier's χ² that must be left of it once the drive train is known
 MOST_ROUNDS = 8         # of slow amplifier and motor's speed; derived: a change of a half each leaves 4·10⁻³
 SETTLED = 0.01          # relative change of its time; derived: a fifth of `amplifier.LAG_ERROR`
@@ -93,7 +92,7 @@ def _far_train(prepared, drive):
     if not _all_currents(prepared):
         return None
     train = fit_train(*([Resonance(p, drive) for p in prepared[name]] for name in ("learn", "base")))
-    return train if train is not None and not 1.0 / FAR < train.stiffness < FAR else None
+    return train if train is not None and max(train.stiffness, 1.0 / train.stiffness) >= FAR else None
 
 
 def _train_instead(groups, prompt, drive, prepared, known):
@@ -113,6 +112,11 @@ def _train_instead(groups, prompt, drive, prepared, known):
     return corrected, other
 
 
+def _holds_most(slow):
+    """Whether a `Slowness` explains most of what stands above the noise of its own channel in the held-out records."""
+    return slow.held >= MOST * (slow.held_before - slow.held_rows)
+
+
 def _slow_or_loose(groups, prepared, drive, known):
     """Slowness and gap: the gap first, as in its rattle the amplifier cannot be judged; and again with a slow
     amplifier, whose lateness moves the motor's travel."""
@@ -126,7 +130,7 @@ def _slow_or_loose(groups, prepared, drive, known):
         prepared = known.prepare(groups, drive, prepared)
     prompt = prepared, known
     slow = find_slowness(prepared, drive)
-    if slow is None or (gap is not None and slow.held < RATTLED * slow.held_before):
+    if slow is None or (gap is not None and not _holds_most(slow)):
         return prepared, known
     # the motor's speed was computed with a prompt amplifier, then with one that is not slow enough, and so on
     for _ in range(MOST_ROUNDS):
@@ -137,7 +141,7 @@ def _slow_or_loose(groups, prepared, drive, known):
         slow = again or slow
         if settled:
             break
-    if slow.held < MOST * (slow.held_before - slow.held_rows):
+    if not _holds_most(slow):
         return prompt      # a dead band, in which the loop hunts, holds a lag's share of what it does to the command
     known = dataclasses.replace(before, slow=slow)
     prepared = known.prepare(groups, drive, prepared)

@@ -13,6 +13,7 @@ from scipy.optimize import minimize, minimize_scalar
 from microstage_ros.diagnosis.catalogue.electrical import STIFFNESS_FACTORS, payload_resonance
 from microstage_ros.diagnosis.catalogue.form import Form
 from microstage_ros.diagnosis.preprocessing.threads import side_by_side
+from microstage_ros.diagnosis.prerequisites.amplifier import LEAST_GAIN
 from microstage_ros.model.effects import REGISTRY
 
 # factors where the search begins; derived: one of them is within a factor of two of any between an eighth and eight
@@ -23,18 +24,24 @@ STANDS_OUT = 1.15
 # share of the resonance's χ² that the damping must take beside the stiffness; calibrated by: validation.margins
 # (0.038 to 0.17)
 BETTER = 0.08
-LEAST = 150.0         # of χ², and at least this much
-MASS_REACH = 0.7      # of its logarithm, on both sides of the reciprocal of the stiffness that fits
-SEARCH = {"xatol": 2e-3, "maxiter": 40}     # of logarithms; derived: a thirtieth of `STIFFNESS_ERROR`
+# of the mass's logarithm, on both sides of the reciprocal of the stiffness that fits; derived: a factor of two, as
+# between the `DAMPINGS`
+MASS_REACH = float(np.log(2.0))
+# of logarithms; derived: a thirtieth of `STIFFNESS_ERROR`; halving a simplex a dozen times in each direction
+SEARCH = {"xatol": 2e-3, "maxiter": 50}
 GRID = 9             # masses tried before the search; derived: steps of a sixth in a range of a factor of four
 MOST_LOAD = 1.5      # of the mass's factor; derived: the guideways carry the stage, by a mass known to a half
-STEP = 0.05           # of the logarithms, for the bend at the best pair
 STIFFNESS_ERROR = 0.06
+STEP = STIFFNESS_ERROR    # of the logarithms, for the bend at the best pair; derived: the error that is stated anyway
 # share of the damping: a loop that swings at its resonance tells it poorly (simulated: factors of 0.6 to 2)
 DAMPING_ERROR = 0.4
-FAR = 1.5             # factor on the stiffness beyond which the motion is computed with it
+# factor on the stiffness beyond which the motion is computed with it; calibrated by: validation.margins (1.001 and
+# more), and with --known --kind single --world second --effect drive_compliance payload_change --seed 9814 --cases 9
+# (up to 1.84)
+FAR = 1.5
 # share of what stands out that the pair must take to count; calibrated by: validation.margins (0.20 to 0.96)
 EXPLAINS = 0.3
+TINY = np.finfo(float).tiny
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,7 +79,7 @@ def fit_train(learn, base, near=None):
     table = {(k, d): left(k, d) for k in (1.0, *STIFFNESS_FACTORS) for d in dampings}
     start = (near.stiffness, near.damping) if near else min(table, key=lambda at: table[at])
     fit = minimize(lambda at: left(*map(float, np.exp(at))), np.log(start), method="Nelder-Mead", bounds=_bounds(),
-                   options={"xatol": 2e-3, "fatol": 1.0, "maxiter": 50,
+                   options={**SEARCH, "fatol": 1.0,
                             "initial_simplex": np.log(start) + np.array([[0.0, 0.0], [0.12, 0.0], [0.0, 0.5]])})
     if before - fit.fun < EXPLAINS * (before - usual * rows):
         return None
@@ -113,7 +120,7 @@ def _drive_form(learn, train):
     The load is fitted along as in `_mass_form`: a mass is a stiffness and a damping of its reciprocal, and the two
     names are only to be compared on the same footing.
     """
-    damped = train.alone - train.after >= max(BETTER * (train.before - train.after), LEAST)
+    damped = train.alone - train.after >= max(BETTER * (train.before - train.after), LEAST_GAIN)
 
     def left(at):
         damping = float(np.exp(at[1])) if damped else 1.0
@@ -154,8 +161,7 @@ def _mass_form(learn, train):
     grid = np.linspace(low, high, GRID)     # a resonance that meets another frequency makes more than one valley
     best = grid[int(np.argmin([left(log) for log in grid]))]
     step = (high - low) / (GRID - 1)
-    best = minimize_scalar(left, bounds=(best - step, best + step), method="bounded",
-                           options={"xatol": 2e-3, "maxiter": 18})
+    best = minimize_scalar(left, bounds=(best - step, best + step), method="bounded", options=SEARCH)
     factor = float(np.exp(best.x))
     load = _left_with_load(learn, mass=factor)[1]
     error = float(np.hypot(_error(left, best.x, STEP, best.fun), STIFFNESS_ERROR)) * factor
@@ -184,7 +190,7 @@ def _left_with_load(channels, mass=1.0, **factors):
         return white.T @ white
 
     (rest, cross), (_, own) = sum(side_by_side(parts, channels))
-    load = float(np.clip(cross / max(own, 1e-300), 0.0, MOST_LOAD * mass))
+    load = float(np.clip(cross / max(own, TINY), 0.0, MOST_LOAD * mass))
     return float(rest - 2.0 * load * cross + load**2 * own), load
 
 

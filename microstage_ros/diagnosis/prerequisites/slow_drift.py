@@ -23,6 +23,7 @@ LEAST = 2.0e-9
 # m rms: above it, other residuals must take it into account; calibrated by: validation.margins (5.8e-10 to 9.6e-8)
 MATTERS = 2.0e-8
 OF_ALL = 0.1       # share of the whole residual's variance
+TINY = np.finfo(float).tiny
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,7 +117,7 @@ def _trend(values, time, whole=1.0):
         out = part == fold
         error[out] = values[out] - basis[out] @ np.linalg.lstsq(basis[~out], values[~out], rcond=None)[0]
     noise = np.mean(np.diff(values) ** 2) / 2.0
-    moves = max(np.var(values) - noise, 1e-24)
+    moves = max(np.var(values) - noise, TINY)
     course = basis @ np.linalg.lstsq(basis, values, rcond=None)[0]
     return _Trend(
         1.0 - (np.mean(error**2) - noise) / moves,

@@ -9,13 +9,17 @@ import math
 
 import numpy as np
 
+from microstage_ros.diagnosis.preprocessing.smoothing import THIRD_DIFFERENCE
+from microstage_ros.diagnosis.prerequisites.lines import REST_SPEED
+
 # periods; calibrated by: validation.variation --group scatter (half and double: the same answers)
 BLOCK = 20
 # of a block's mean square of n third differences of white noise; derived: n / (1 + 2 Σₖ (1 − k/n) ρₖ²) with their
 # correlations ρ = −15/20, 6/20, −1/20
 FREEDOM = BLOCK / (1.0 + 2.0 * sum((1.0 - k / BLOCK) * (r / 20.0) ** 2 for k, r in ((1, 15.0), (2, 6.0), (3, 1.0))))
-MOST_SPEED = 3.0e-3      # m/s: faster, smooth errors no longer drop out
-LEAST_SPEED = 8.0e-5     # m/s: slower, the encoder's rounding is not averaged out
+# m/s: faster, smooth errors no longer drop out; derived: third differences pass (2π v T/p)³/√20 = 0.0015 of an error of
+# the encoder's signal period p = 10 µm at T = 0.1 ms, of the largest drawn (50 nm) a hundredth of the reading's noise
+MOST_SPEED = 3.0e-3
 # share of repeated samples; calibrated by: validation.margins (8e-5 to 1.5e-3)
 LEAST_LOST = 5.0e-4
 # standard deviations of two readings' difference; derived: a reading that steps back so far comes once in 700
@@ -70,15 +74,14 @@ def timing_of(prepared, sde=None):
         place = _place(p)
         error = p.encoder - place - _subdivisional(place, sde or {})
         # third differences: what is smooth from sample to sample drops out
-        rough = np.diff(error, 3) / np.sqrt(20.0)
+        rough = np.diff(error, 3) / np.sqrt(THIRD_DIFFERENCE)
         used = len(rough) // BLOCK * BLOCK
         speed = np.abs(p.speed[:used].reshape(-1, BLOCK))
-        steady = np.ptp(speed, axis=1) < 0.1 * speed.mean(axis=1) + 2.0e-5
-        good = steady & (speed.mean(axis=1) > LEAST_SPEED) & (speed.mean(axis=1) < MOST_SPEED)
+        steady = np.ptp(speed, axis=1) < 0.1 * speed.mean(axis=1) + REST_SPEED
+        good = steady & (speed.mean(axis=1) > REST_SPEED) & (speed.mean(axis=1) < MOST_SPEED)
         spreads.append((rough[:used].reshape(-1, BLOCK) ** 2).mean(axis=1)[good])
         speeds.append(speed.mean(axis=1)[good])
-        steps = np.abs(np.diff(p.encoder))
-        rounding = max(rounding, float(np.min(steps[steps > 1.0e-12], initial=1.0e-3)) ** 2 / 12.0)
+        rounding = max(rounding, (0.5 * p.count) ** 2 / 3.0)     # uniform within half a count
         same = (np.diff(p.encoder) == 0.0) & (np.diff(p.current) == 0.0) & (p.current[1:] != 0.0)
         # behind a gap the motor moves while the stage, and its encoder, stand
         moving = np.minimum(np.abs(p.speed), np.abs(p.stage_speed))[1:] > repeat_speed(

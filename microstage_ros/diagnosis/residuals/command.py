@@ -10,6 +10,8 @@ step at which the drive is switched off.
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from microstage_ros.diagnosis.preprocessing.smoothing import spread_of
+
 # periods; derived: a mean of 9 at 10 kHz takes half away at 670 Hz; below, the motor itself moves, and the wind-up
 # channel judges
 WINDOW = 9
@@ -30,8 +32,7 @@ class Command:
         self.winding = p.period * drive.resistance / drive.inductance
         voltage = drive.resistance * p.settled + drive.back_emf / drive.lever * p.speed
         self.residual = voltage - p.commanded
-        spread = np.subtract(*np.percentile(self.fast(self.residual[:, None])[:, 0], [75.0, 25.0])) / 1.349
-        self.noise = max(spread, 0.5e-3)
+        self.noise = max(spread_of(self.fast(self.residual[:, None])[:, 0]), 0.5e-3)
         off = np.abs(self.fast(self.residual[:, None])) / self.noise  # (n, 1)
         self._weight = FURTHEST / np.maximum(off, FURTHEST)
 

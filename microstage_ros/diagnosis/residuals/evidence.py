@@ -9,6 +9,11 @@ import dataclasses
 import numpy as np
 import scipy.linalg
 
+# of correlations, on the diagonal of a normal matrix; derived: a fifteenth of √ε = 1.5·10⁻⁸, short of which two columns
+# differ by no more than the rounding ε of their squares
+RIDGE = 1.0e-9
+TINY = np.finfo(float).tiny
+
 
 @dataclasses.dataclass
 class Evidence:
@@ -41,7 +46,7 @@ class Evidence:
         """χ² [1] of the residual without any candidate."""
         return float(self.matrix[0, 0])
 
-    def fit(self, keys, ridge=1e-9):
+    def fit(self, keys, ridge=RIDGE):
         """Least squares with these forms: (β, covariance, reduction of χ²).
 
         ``ridge``: added to the diagonal of the normal matrix in correlations [1].
@@ -52,10 +57,10 @@ class Evidence:
         a = self.matrix[np.ix_(index, index)]
         b = self.matrix[index, 0]
         known = a + np.diag(self._precision(keys))
-        scale = np.sqrt(np.maximum(np.diag(known), 1e-300))
+        scale = np.sqrt(np.maximum(np.diag(known), TINY))
         scaled = known / np.outer(scale, scale)
-        scaled[np.diag_indices_from(scaled)] += ridge + (np.diag(known) < 1e-200)
-        factor = scipy.linalg.cho_factor(scaled + 1e-9 * np.eye(len(index)))
+        scaled[np.diag_indices_from(scaled)] += ridge + (np.diag(known) < TINY)
+        factor = scipy.linalg.cho_factor(scaled + RIDGE * np.eye(len(index)))
         beta = scipy.linalg.cho_solve(factor, b / scale) / scale
         covariance = scipy.linalg.cho_solve(factor, np.eye(len(index))) / np.outer(scale, scale)
         return beta, covariance, float(2.0 * b @ beta - beta @ a @ beta)

@@ -16,6 +16,7 @@ STRETCH = 0.25
 LOUDNESS_STRETCH = 2.0
 FEW = 3.0              # stretches; derived: two have one difference, and no scatter
 TINY = np.finfo(float).tiny
+UNTOLD = 1.0e9         # standard error of an amplitude without a baseline; derived: the inverse of `evidence.RIDGE`
 LEAST_FREEDOM = 1.0    # degrees; derived: one stretch that holds all is compared with one other
 
 
@@ -250,7 +251,7 @@ class Evidences:
         ``raw``: before anything was taken out of the baseline.
         """
         if not self.base:
-            return 0.0, 1e9
+            return 0.0, UNTOLD
         base = {**self.base, **self.raw} if raw else self.base
         top = bottom = 0.0
         for channel in {form.channel for form in choice.forms}:
@@ -262,7 +263,7 @@ class Evidences:
             index = evidence.indices(own)
             top += part @ evidence.matrix[index, 0] / self.scatter[channel]
             bottom += part @ evidence.matrix[np.ix_(index, index)] @ part / self.scatter[channel]
-        return (top / bottom, 1.0 / math.sqrt(bottom)) if bottom > 0 else (0.0, 1e9)
+        return (top / bottom, 1.0 / math.sqrt(bottom)) if bottom > 0 else (0.0, UNTOLD)
 
 
 def factor(u, d, scatter=True):

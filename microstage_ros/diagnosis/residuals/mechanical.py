@@ -20,16 +20,24 @@ from scipy.signal import upfirdn
 from microstage_ros.diagnosis.preprocessing.friction_replay import replay
 from microstage_ros.diagnosis.preprocessing.motion import load_kernel
 from microstage_ros.diagnosis.preprocessing.preparation import MOTOR_NOISE
+from microstage_ros.diagnosis.preprocessing.smoothing import MEDIAN_SIZE
 from microstage_ros.diagnosis.preprocessing.whitening import whiten_states
 
-BLOCK = 20  # periods
-STUCK_TIME, STUCK_TRAVEL = 0.5, 3.0e-6  # s, m: how long an unknown pre-sliding state is remembered
-SETTLING_TRAVEL = 8.0e-6  # m: until then the record's unknown first friction state counts
+# periods; derived: the smoothed load is 1/Σw² = 18 periods wide (`motion.load_kernel` of the shipped axis): shorter
+# blocks would read one load twice; and the next number that `friction.COARSE` divides
+BLOCK = 20
+# s, m: how long an unknown pre-sliding state is remembered; calibrated by: validation.variation --group sticking (half
+# and double: the same answers)
+STUCK_TIME, STUCK_TRAVEL = 0.5, 3.0e-6
+# m: until then the record's unknown first friction state counts; calibrated by: validation.variation --group settling
+# (half and double: the same answers)
+SETTLING_TRAVEL = 8.0e-6
 # of the contact's static limit that the unknown state of sticking blocks leaves open; calibrated by: `fit_spreads` on
 # healthy records of the shipped axis, 15 of 219 µN m; it measures it wherever a baseline is given
 STUCK_SHARE = 0.07
 # random friction of an axis file that states none: no friction repeats better than to a hundredth
 LEAST_RELATIVE = 0.01
+FURTHEST = 5.0  # standard deviations that a row counts at most; derived: noise comes so far once in 2·10⁶ rows
 # standard deviations of the logarithms (of the odds, for the share) about the axis file's figures; derived: ln 2, as a
 # figure of one significant digit is uncertain by a factor of two, and ln 10 for the time, which nobody has measured
 PRIOR = {"relative": 0.7, "stuck": 0.7, "travel_length": 0.7, "share": 1.0, "time_length": 2.3}
@@ -112,14 +120,15 @@ class Mechanical:
     def _white(self):
         """Variance of each block's white part: local scatter of block to block, and the unknown first state."""
         change = np.diff(self.residual, prepend=self.residual[0])
-        scatter = np.minimum(np.abs(change), 5e-4)
-        local = median_filter(scatter, 101, mode="nearest") / 0.6745 / np.sqrt(2.0)
+        static = self.drive.actuator.static
+        scatter = np.minimum(np.abs(change), 2.0 * static)      # no friction changes by more than from limit to limit
+        local = median_filter(scatter, 101, mode="nearest") / MEDIAN_SIZE / np.sqrt(2.0)
         smooth = (
             np.convolve(np.pad(np.minimum(scatter, 6 * local), 10, mode="edge") ** 2, np.ones(21) / 21, "valid") / 2
         )
         white = np.maximum(local**2, smooth) + (1.0e-6) ** 2
         first = np.exp(-np.maximum(self.travel / SETTLING_TRAVEL - 2.0, 0.0) * 3.0)
-        return white + (150.0e-6 * first) ** 2
+        return white + (static / math.sqrt(3.0) * first) ** 2      # anywhere between the limits
 
     def whiten(self, matrix, spreads=None):
         """Unit-variance innovations of ``matrix`` (blocks, k), and Σ ln S; ``spreads``: `Spreads`, those of the axis
@@ -204,7 +213,7 @@ def fit_spreads(channels):
         total = 0.0
         for channel in channels:
             out, determinant = channel.whiten(channel.residual[:, None], at(point))
-            total += np.minimum(out[:, 0] ** 2, 25.0).sum() + determinant
+            total += np.minimum(out[:, 0] ** 2, FURTHEST**2).sum() + determinant
         return total + float((((sized(point) - middle) / spread) ** 2).sum())
 
     simplex = np.concatenate([middle[None], middle + np.diag([0.5, 0.5, 0.4, 0.6, -1.0])])

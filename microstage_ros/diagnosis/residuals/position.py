@@ -61,7 +61,7 @@ class Position:
         difference = prepared.interferometer - prepared.encoder
         self.residual = self.mean(difference)
         self.residual -= np.median(self.residual)
-        self.scatter = max(reading_noise(difference), 1e-10) / np.sqrt(BLOCK)
+        self.scatter = reading_noise(difference) / np.sqrt(BLOCK)
         count = prepared.count or drive.encoder_resolution
         self.rounding = max(UNSURE * rounding_left(count, drive.encoder_noise), LEAST_ROUNDING)
         self.renewal = max(RENEWAL * count, LEAST_RENEWAL)

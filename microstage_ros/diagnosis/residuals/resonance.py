@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from microstage_ros.diagnosis.preprocessing.preparation import stage_filter
-from microstage_ros.diagnosis.preprocessing.smoothing import reading_noise
+from microstage_ros.diagnosis.preprocessing.smoothing import MEDIAN_SIZE, reading_noise
 from microstage_ros.numerics.compiled import compiled
 
 # s; at least a period; calibrated by: validation.variation --group swing (half and double: the same answers)
@@ -63,7 +63,7 @@ class Resonance:
         must not outvote the rest.
         """
         white = self._fast(self.residual) / self.noise
-        local = median_filter(np.abs(white), 101, mode="nearest") / 0.6745
+        local = median_filter(np.abs(white), 101, mode="nearest") / MEDIAN_SIZE
         clipped = np.minimum(np.abs(white), 4.0 * np.maximum(local, 1.0))
         power = uniform_filter1d(clipped**2, NEAR, mode="nearest")
         return 1.0 / np.maximum(np.sqrt(power) / CALM, 1.0)

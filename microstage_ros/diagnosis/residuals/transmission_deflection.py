@@ -11,18 +11,21 @@ import math
 
 import numpy as np
 
+from microstage_ros.diagnosis.preprocessing.smoothing import reading_noise, spread_of
 from microstage_ros.diagnosis.preprocessing.whitening import whiten_states
-from microstage_ros.diagnosis.residuals.mechanical import stated_spreads
+from microstage_ros.diagnosis.residuals import mechanical
 
-BLOCK = 200
+PARTS = 10      # of a block, whose scatter is its rattle; derived: nine differences tell it to a quarter, 1/√18
+BLOCK = PARTS * mechanical.BLOCK    # periods; derived: a part is as long as a block of the torque's
 # m: the walk as a first-order process so wide that it forgets nothing; derived: 10⁵ times a walk of 25 nm per √s in
 # half a minute
 SPREAD = 1.0e-2
-READING = 1.0e-9     # m: mean of a block that does not move
 EDGE = 0.5           # share of a sudden change that a block's mean may miss
 # V of an amplifier whose axis file states no noise: derived: a thirtieth of a 16-bit converter's step over ±10 V
 LEAST_NOISE = 1.0e-5
-WIDER = 1.7          # times the stated walk that the records may show before it is no noise any more
+# times the stated walk that the records may show before it is no noise any more; derived: a noise of one significant
+# digit is uncertain by a factor of two, as in `position.UNSURE`
+WIDER = 2.0
 
 
 class Windup:
@@ -65,19 +68,20 @@ class Windup:
         better."""
         rows = len(residual) // BLOCK * BLOCK
         blocks = residual[:rows].reshape(-1, BLOCK)
-        inner = blocks.reshape(len(blocks), 10, -1).mean(axis=2)
+        inner = blocks.reshape(len(blocks), PARTS, -1).mean(axis=2)
         rattle = np.std(np.diff(inner, axis=1), axis=1) / np.sqrt(2.0)
         usual = np.median(rattle)
         change = np.diff(self.residual)
-        spread = np.subtract(*np.percentile(change, [75, 25])) / 1.349
-        noise = max(math.hypot(self.drive.amplifier_noise, self.drive.converter_step / math.sqrt(12.0)), LEAST_NOISE)
+        spread = spread_of(change)
+        rounding = 0.5 * self.drive.converter_step / math.sqrt(3.0)
+        noise = max(math.hypot(self.drive.amplifier_noise, rounding), LEAST_NOISE)
         per_volt = self.prepared.period * np.sqrt(BLOCK) * self.drive.lever / self.drive.back_emf
         self.amplifier_noise = float(spread / per_volt)    # as this record shows it, with all else that walks
         walk = float(np.clip(spread, noise * per_volt, WIDER * noise * per_volt))
         # where the load turns round within a block, its mean depends on the very moment
         edge = EDGE * np.maximum(np.abs(change) - 4.0 * walk, 0.0)
         edge = np.maximum(np.append(edge, 0.0), np.insert(edge, 0, 0.0))
-        white = READING**2 + np.maximum(rattle**2 - 4.0 * usual**2, 0.0) + edge**2
+        white = reading_noise(self.prepared.stage) ** 2 / BLOCK + np.maximum(rattle**2 - 4.0 * usual**2, 0.0) + edge**2
         if self.prepared.closed is not None:    # what is bridged while no flank touches says nothing
             white += np.where(self.mean(self.prepared.closed) > 0.0, 0.0, np.ptp(self.prepared.behind) ** 2)
         return walk, white
@@ -91,7 +95,7 @@ class Windup:
         """Unit-variance innovations of ``matrix`` (blocks, k), and Σ ln S."""
         rows = len(self.residual)
         ahead = np.append(np.abs(np.diff(self.position)), 0.0)
-        vary = stated_spreads(self.drive)
+        vary = mechanical.stated_spreads(self.drive)
         keeps = np.stack(
             [np.full(rows, np.sqrt(1.0 - (self.walk / SPREAD) ** 2)), np.exp(-ahead / vary.travel_length)], axis=1
         )

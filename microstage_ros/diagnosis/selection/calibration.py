@@ -20,8 +20,8 @@ from scipy.optimize import minimize
 from microstage_ros import __version__
 from microstage_ros.quantities.errors import InputError
 
+TINY = np.finfo(float).tiny
 FILE = pathlib.Path(__file__).with_name("calibration.yaml")
-LEAST_CLARITY = 1.0e-3
 PRIOR = ((2.0, 2.0), (0.5, 0.5), (0.5, 0.5))     # mean and standard deviation of a, b, c: right far more often than not
 
 
@@ -46,7 +46,7 @@ class Calibration:
 
 
 def _features(evidence, clarity):
-    return np.array([1.0, np.log10(1.0 + max(evidence, 0.0)), np.log10(max(clarity, LEAST_CLARITY))])
+    return np.array([1.0, np.log10(1.0 + max(evidence, 0.0)), np.log10(max(clarity, TINY))])
 
 
 @functools.cache

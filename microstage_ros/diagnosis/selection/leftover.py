@@ -16,8 +16,10 @@ from microstage_ros.diagnosis.result import Finding
 PIECE = 0.1          # s, mean of z² taken as one number
 CLASSES = 12
 CHANCE = 1.0e-3      # that a coordinate stands out on which nothing depends; derived: what `Finding` promises
-LINE_RANGE = (0.2, 8.0)   # Hz: slower is the time itself, faster than this the loop's own
+SLOWEST = 0.2        # Hz; derived: CLASSES/2 in half a minute, slower is a dependence on the time itself
+FASTEST = 0.45       # of the rate of pieces; derived: nine tenths of the Nyquist frequency, as `lines.HIGHEST`
 LEAST_PIECES = 60     # derived: five of each class
+TINY = np.finfo(float).tiny
 
 
 def scatter_findings(collection, evidences, choices, channels):
@@ -114,14 +116,14 @@ def _variance_ratio(values, z2):
     mean = np.concatenate(groups).mean()
     between = sum(len(g) * (g.mean() - mean) ** 2 for g in groups) / (count - 1)
     within = sum(((g - g.mean()) ** 2).sum() for g in groups) / (total - count)
-    return float(between / max(within, 1e-300)), float(fisher.isf(CHANCE, count - 1, total - count))
+    return float(between / max(within, TINY)), float(fisher.isf(CHANCE, count - 1, total - count))
 
 
 def _line(values, step):
     """(frequency [Hz], power over the median's mean, threshold) of the strongest line in time of z's means."""
     power = np.abs(np.fft.rfft(values - values.mean())) ** 2
     frequency = np.fft.rfftfreq(len(values), step)
-    inside = (frequency > LINE_RANGE[0]) & (frequency < min(LINE_RANGE[1], 0.45 / step))
+    inside = (frequency > SLOWEST) & (frequency < FASTEST / step)
     if inside.sum() < 8:
         return 0.0, 0.0, 1.0
     usual = np.median(power[inside]) / np.log(2.0)

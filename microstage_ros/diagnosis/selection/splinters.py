@@ -5,6 +5,7 @@ import math
 from scipy.stats import chi2
 
 from microstage_ros.diagnosis.catalogue import WIDER
+from microstage_ros.diagnosis.prerequisites.amplifier import LEAST_GAIN
 from microstage_ros.diagnosis.prerequisites.growth import OTHER_POWER
 from microstage_ros.diagnosis.selection.agreement import HALF, unsteadiness
 
@@ -12,7 +13,8 @@ from microstage_ros.diagnosis.selection.agreement import HALF, unsteadiness
 # cases
 LEVEL = math.log(1e-6)
 FAINT = 1.0e-3               # share of all gain on held-out records below which a further cause is not reported
-FAINT_GAIN = 60.0            # and χ² above which it is reported all the same
+# and χ² above which it is reported all the same; derived: one size reaches it by chance in 10⁻¹⁴ of the cases
+FAINT_GAIN = LEAST_GAIN
 MAJOR = 0.15                 # share of what its channel's others explain above which a cause is no misfit of them
 MINOR = 0.03                 # a further cause must explain this share of what its channel's others explain,
 # beside a plain factor or constant, whose form is known to the last; calibrated by: microstage campaign --world second

@@ -109,7 +109,7 @@ class QuickPeriods:
     ----------
     servo, reader : `FastServoPath` and its reader of commands. sender : semaphore of who sends the blocks. topics :
         `DriverTopics`. gate : `CommandGate`. stop : int64 (1,), 1 while another thread asks for something. responses :
-        `ResponseTimes`. arrays : `SimulatedAxis.own_arrays`. settings : field of `COUNTS` or `VALUES` to its constant
+        `ResponseTimes`. machine : `SimulatedAxis`. settings : field of `COUNTS` or `VALUES` to its constant
         value. watch : `Watch`.
 
     Attributes
@@ -120,8 +120,9 @@ class QuickPeriods:
         `sequence` and `time_ns`.
     """
 
-    def __init__(self, servo, reader, sender, topics, gate, stop, responses, arrays, settings, watch):
+    def __init__(self, servo, reader, sender, topics, gate, stop, responses, machine, settings, watch):
         load_libraries()
+        self.machine, arrays = machine, machine.own_arrays
         self._topics, self._gate, self._refused = topics, gate, Refusals(topics.states)
         self._frames = [Frame(*name) for name in FRAMES]
         self.state, _, self.command, _ = self._frames

@@ -22,6 +22,7 @@ from microstage_ros.ros.loops.driver_loop import (
     TRAVEL,
     WAITED,
 )
+from microstage_ros.ros.loops.driver_state import DriverState
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.credit import UNLIMITED
 from microstage_ros.ros.transport.scheduling import SPIN, sleep_precisely, sleep_until
@@ -34,8 +35,8 @@ _ACTIVE, _SATURATED, _LATE, _FAULT, _ZEROED = (
     AxisState.STATUS_ZEROED)
 
 
-class DriverPeriods:
-    """What `AxisDriver` does in its servo loop; the attributes are the node's."""
+class DriverPeriods(DriverState):
+    """What `AxisDriver` does in its servo loop."""
 
     def loop(self):
         """The servo loop."""
@@ -47,8 +48,8 @@ class DriverPeriods:
                 self._taken_away()
             if self.gate.fault != "none":
                 self._faulted_period()
-            elif self.gate.active and self._quick is not None and self.hardware.arrays is not None:
-                self._quick_periods()
+            elif self.gate.active and self._quick is not None and self._quick.machine.arrays is not None:
+                self._quick_periods(self._quick)
             elif self.gate.active:
                 period()
             else:
@@ -284,7 +285,7 @@ class DriverPeriods:
 
     def _end_paced_period(self, n, begun):
         gate, readers = self.gate, self._command_readers
-        end = self._due + self.period - SPIN
+        end = (begun if self._due is None else self._due) + self.period - SPIN
         while gate.fault == "none" and gate.last != n:
             rest = end - time.perf_counter()
             if rest <= 0.0:
@@ -300,9 +301,9 @@ class DriverPeriods:
         if n % 100 == 0:
             self._credits.take()
 
-    def _quick_periods(self):
+    def _quick_periods(self, quick):
         """Periods in compiled code until something needs a closer look, and the closer look."""
-        quick, gate = self._quick, self.gate
+        gate = self.gate
         credit = self.ledger.limit if self._lockstep else UNLIMITED
         why = quick.run(self.sequence, credit, self._due, gate.valid_ns)
         self.sequence, self._time_ns = quick.sequence, quick.time_ns
@@ -319,7 +320,7 @@ class DriverPeriods:
             self.topics.send_closed(wait=self._lockstep)
         elif why == TRAVEL:
             self.sequence -= 1
-            self._announce(self._time_ns, self.hardware.last_reading, gate.last != gate.period, quick.fault)
+            self._announce(self._time_ns, quick.machine.last_reading, gate.last != gate.period, quick.fault)
             self.topics.rest(*self._begun)
         elif why in (WAITED, STRANGE, MISSED):
             if why == STRANGE:

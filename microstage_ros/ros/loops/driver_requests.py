@@ -17,6 +17,7 @@ from std_srvs.srv import Trigger
 from microstage_ros.hardware.command_gate import FAULTS
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.ros.launching.process import running
+from microstage_ros.ros.loops.driver_periods import DriverPeriods
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.identity import ANYBODY
 
@@ -42,8 +43,8 @@ def _answering(answer):
     return answered
 
 
-class DriverRequests:
-    """Services of `AxisDriver`; the attributes are the node's."""
+class DriverRequests(DriverPeriods):
+    """Services of `AxisDriver`."""
 
     def serve_requests(self):
         """Offer the services."""

@@ -7,7 +7,8 @@ from microstage_msgs.action import MoveTo
 from microstage_msgs.srv import FollowReference
 
 from microstage_ros.ros.launching.process import running
-from microstage_ros.ros.loops.move_results import RESULT
+from microstage_ros.ros.loops.move_credit import MoveCredit
+from microstage_ros.ros.loops.move_state import RESULT, Refused
 
 ASK_AGAIN = 0.1
 """A stop that nobody has answered for so long [s] is asked for again."""
@@ -15,16 +16,8 @@ PLAN_AGAIN = 0.5
 """A plan, which may be megabytes long, is sent again after so long [s]."""
 
 
-class Refused(Exception):
-    """Why a move ended without reaching its target: code and message of the result."""
-
-    def __init__(self, code, message):
-        super().__init__(message)
-        self.code = code
-
-
-class MoveCalls:
-    """Calls of the controller by `MoveServer`; the attributes are the node's."""
+class MoveCalls(MoveCredit):
+    """Calls of the controller by `MoveServer`."""
 
     @property
     def _patience(self):
@@ -46,8 +39,8 @@ class MoveCalls:
     def _stop(self, feedback):
         """Ramp the reference to rest and wait until it is there. Returns when that was, in words."""
         with self._changed:
-            asked = self._latest[0]
-            self._hold(self._status.lockstep)
+            status, (asked, *_) = self._heard_so_far()
+            self._hold(status.lockstep)
         try:
             answer = self._ask(FollowReference.Request())
         finally:
@@ -56,9 +49,9 @@ class MoveCalls:
             self._rest = answer.rest_position
             if self._move is not None:
                 self._move.done = True
-            self._changed.wait_for(lambda: self._cell_says or self._latest[0] > answer.rest_sequence,
+            self._changed.wait_for(lambda: self._cell_says or self._heard_so_far()[1][0] > answer.rest_sequence,
                                    timeout=self._patience)
-            position = self._latest[1]
+            position = self._heard_so_far()[1][1]
         feedback(position, answer.rest_position - position, MoveTo.Feedback.PHASE_STOPPING)
         return (f"in period {asked}; the reference rests at {answer.rest_position:.9f} m "
                 f"from period {answer.rest_sequence} on")
@@ -94,8 +87,9 @@ class MoveCalls:
         now = time.monotonic()
         if self._cell_says:
             return self._cell_says
-        if self._status.fault and asked:
-            return f"the driver stopped the axis: {self._status.message}"
+        status = self._status
+        if status is not None and status.fault and asked:
+            return f"the driver stopped the axis: {status.message}"
         if now > end or not running():
             return (f"the controller does not answer: asked {asked} times in {now - began:.1f} s, its last state came"
                     f" {now - self._heard:.1f} s ago")

@@ -2,11 +2,12 @@
 
 import time
 
+from microstage_ros.ros.loops.move_state import MoveState
 from microstage_ros.ros.transport.credit import repeat_after
 
 
-class MoveCredit:
-    """Flow control of `MoveServer`; the attributes are the node's."""
+class MoveCredit(MoveState):
+    """Flow control of `MoveServer`."""
 
     def _grant_at(self, sequence, before):
         """Credit for a window from ``sequence`` on, every half window; ``before``: the sequence heard last."""
@@ -41,8 +42,8 @@ class MoveCredit:
 
     def _pause_is_over(self):
         """Whether time has stood still for longer than it may without a request."""
-        held = self._held_since is not None and not self._talking
-        return held and time.monotonic() - self._held_since > self.parameters.pause_s
+        since = self._held_since
+        return since is not None and not self._talking and time.monotonic() - since > self.parameters.pause_s
 
     def _let_go(self):
         """Time goes on."""

@@ -7,6 +7,7 @@ from microstage_msgs.action import MoveTo
 from microstage_msgs.srv import FollowReference, Jog
 from std_srvs.srv import Trigger
 
+from microstage_ros.ros.loops.move_state import MoveState
 from microstage_ros.ros.transport import topics
 
 LONGEST_JOG_S = 10.0
@@ -16,8 +17,8 @@ HEARD_S = 0.05
 """Wait for the driver's word that it is active [s]: who has just reset a fault may ask before it is heard here."""
 
 
-class MoveRequests:
-    """Services of `MoveServer`; the attributes are the node's."""
+class MoveRequests(MoveState):
+    """Services of `MoveServer`."""
 
     def serve_requests(self, group):
         """Offer the services."""
@@ -59,7 +60,7 @@ class MoveRequests:
 
     def _serve_jog(self, request, response):
         response.message = self._why_not()
-        velocity, duration = request.velocity, request.duration
+        velocity, duration, status, latest = request.velocity, request.duration, self._status, self._latest
         if not response.message and not (math.isfinite(velocity) and abs(velocity) <= self.parameters.max_velocity):
             response.message = (
                 f"velocity: got {velocity!r}, expected a number from {-self.parameters.max_velocity} to"
@@ -67,14 +68,13 @@ class MoveRequests:
             )
         if not response.message and not 0.0 <= duration <= LONGEST_JOG_S:
             response.message = f"duration: got {duration!r}, expected 0 to {LONGEST_JOG_S} s"
-        if response.message:
+        if response.message or status is None or latest is None:
             return response
         if velocity == 0.0 or duration == 0.0:
             held = self._serve_hold(Trigger.Request(), Trigger.Response())
-            response.accepted, response.message, response.target = held.success, held.message, float(self._latest[2])
+            response.accepted, response.message, response.target = held.success, held.message, float(latest[2])
             return response
-        low, high = self._status.minimum, self._status.maximum
-        response.target = min(max(self._latest[2] + velocity * duration, low), high)
+        response.target = min(max(latest[2] + velocity * duration, status.minimum), status.maximum)
         response.accepted = True
         response.message = f"on the way to {response.target:.9f} m"
         self._move_aside(MoveTo.Goal(target=response.target, max_velocity=abs(velocity), tolerance=JOG_TOLERANCE,

@@ -5,8 +5,9 @@ import threading
 import time
 
 import numpy as np
-from microstage_msgs.action import MoveTo
 from microstage_msgs.msg import AccuracyRow
+
+from microstage_ros.ros.loops.move_state import RESULT, MoveState
 
 INTERFEROMETER_WAIT = 2.0
 """Lockstep: longest wait [s] for the interferometer's readings of a settle time."""
@@ -16,7 +17,6 @@ PACED_WAIT = 0.4
 MOST_RESULTS = 10_000
 """Statistics are of so many moves, the newest: a move every second for three hours."""
 
-RESULT = MoveTo.Result
 RESULT_KEPT_S = 60.0
 """How long [s] a client can ask for the result of a goal that has ended. The action server keeps all of them so long,
 and by itself for 900 s, in which a busy client fills memory."""
@@ -90,8 +90,12 @@ class Results:
         return {float(each): table[distances == each, 1:] for each in dict.fromkeys(distances.tolist())}
 
 
-class MoveResults:
-    """Results of `MoveServer`; the attributes are the node's."""
+class MoveResults(MoveState):
+    """Results of `MoveServer`: ``_readings`` of the interferometer, ``_results`` of the newest moves."""
+
+    def __init__(self):
+        super().__init__()
+        self._readings, self._results = Readings(), Results()
 
     def _fill(self, result, move):
         result.reached, result.final_error, result.overshoot = move.reached, move.final_error, move.overshoot
@@ -111,7 +115,8 @@ class MoveResults:
         if not self._interferometer.publishers:
             return math.nan
         first, last = move.window
-        until = time.monotonic() + (INTERFEROMETER_WAIT if self._status.lockstep else PACED_WAIT)
+        lockstep = self._status is not None and self._status.lockstep
+        until = time.monotonic() + (INTERFEROMETER_WAIT if lockstep else PACED_WAIT)
         while self._readings.latest < last and time.monotonic() < until:
             time.sleep(0.002)
         found = self._readings.between(first, last)

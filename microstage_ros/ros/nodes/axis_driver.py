@@ -10,129 +10,52 @@ import sys
 import threading
 import time
 
-from microstage_msgs.msg import AxisState, Credit, VoltageCommand
+from microstage_msgs.msg import AxisState
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from rclpy.lifecycle import TransitionCallbackReturn
 
 from microstage_ros.hardware import make_hardware
-from microstage_ros.hardware.command_gate import CommandGate
-from microstage_ros.hardware.limits import new_limits
-from microstage_ros.hardware.output_guard import OutputGuard
-from microstage_ros.hardware.protocol import HardwareError, Setup, safety_members
-from microstage_ros.model.actuators import actuator_of
+from microstage_ros.hardware.protocol import HardwareError, Setup
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
-from microstage_ros.ros.launching.ownership import Ownership
-from microstage_ros.ros.launching.parameters import Parameters, yaml_mapping
 from microstage_ros.ros.launching.process import on_stop, on_urgent, run_node, running
 from microstage_ros.ros.loops.compiled_driver import QuickPeriods, Watch, load, timing
-from microstage_ros.ros.loops.driver_periods import SLICE, DriverPeriods
+from microstage_ros.ros.loops.driver_periods import SLICE
 from microstage_ros.ros.loops.driver_requests import DriverRequests
-from microstage_ros.ros.loops.driver_topics import DriverTopics
-from microstage_ros.ros.transport import topics
-from microstage_ros.ros.transport.abandoned_locks import AbandonedLocks
 from microstage_ros.ros.transport.blocks import Sender
-from microstage_ros.ros.transport.checked import CheckedReader
-from microstage_ros.ros.transport.codec import Codec
-from microstage_ros.ros.transport.credit import CreditReader, Ledger
-from microstage_ros.ros.transport.identity import Holder, Names
-from microstage_ros.ros.transport.requests import Requests
-from microstage_ros.ros.transport.response_times import ResponseTimes
-from microstage_ros.ros.transport.servo_path import FastServoPath, make_servo_path, reader_qos
 
-TRAVEL_MARGIN = 1e-4
 COUNTERS = ("answered", "late", "lost", "duplicated", "reordered", "zeroed")
 """Of the gate, in the timing message."""
 
 QUICK_COUNTERS = ("answered", "late", "lost", "overruns", "zeroed", "foreign", "malformed", "host_stops")
 """Of the compiled loop, beside those of the gate."""
 
-CREDIT_BYTES = 80
-"""More than a `Credit` with the longest name."""
 
-HOLD_PERIODS = 2.5
-"""A command is in force for at least so many control periods."""
-
-WATCHDOG_LATER_S = 5e-4
-"""The watchdog acts so much later than the loop itself would [s]."""
-
-
-class AxisDriver(DriverPeriods, DriverRequests, LifecycleNode):
+class AxisDriver(DriverRequests):
     """The driver's process: the servo loop has the hardware and the gate to itself, requests are handed to it."""
 
     def __init__(self):
-        super().__init__("axis_driver")
-        p = self.parameters = Parameters(self, "axis_driver")
-        self._owned = Ownership("driver", self.get_namespace())
-        AbandonedLocks().keep_looking(running, self.get_logger())
-        self.axis = load_axis(p.axis_file or config_file("axis.yaml"))
-        self.period = self.axis.value("period")
-        self._travel = (self.axis.value("travel.minimum") - TRAVEL_MARGIN,
-                        self.axis.value("travel.maximum") + TRAVEL_MARGIN)
-        self._lockstep = p.mode == "lockstep"
-        actuator = actuator_of(self.axis)
-        self.gate = CommandGate(actuator.command_limit(self.axis), unit=actuator.command.unit,
-                                holds=actuator.holds_on_fault)
-        self._disables = actuator.disables_on_fault
-        self._hold_s = max(p.command_hold_s, HOLD_PERIODS * self.period)
-        self.limits, self.memory = new_limits(
-            self.axis,
-            self._travel,
-            {
-                name: getattr(p, f"limit_{name}")
-                for name in ("velocity", "current", "following_error", "encoder_motor", "voltage_rate")
-            },
-        )
-        self.guard = OutputGuard(0.0 if self._lockstep else self._hold_s + WATCHDOG_LATER_S, actuator.holds_on_fault)
-        self.ledger = Ledger(p.followers)
-        self.responses = ResponseTimes()
-        self._stop_from_outside, self._configured = None, False
-        self.host_stops, self.host_stopped = 0, 0.0
-        self.sequence, self.overruns, self._time_ns, self._due, self._reported = -1, 0, 0, None, None
-        options = yaml_mapping("axis_driver: backend_options", p.backend_options, "{position: 0.0}")
-        self._card_watchdog_s = options.get("watchdog_s", self._hold_s + WATCHDOG_LATER_S)
-        self.hardware = make_hardware(p.backend, Setup(self.axis, p.seed, options))
-        if p.mode == "lockstep" and not self.hardware.simulated:
-            raise InputError("axis_driver: parameter mode", p.mode, f"paced: backend {p.backend} has its own time")
-        self._safety, self._enabled, self._switches = safety_members(self.hardware), False, (False, False)
-        servo = self._servo = make_servo_path(self)
-        self.holder = Holder(self, topics.COMMAND, ("str_controller",))
-        quick = p.compiled_loop and isinstance(servo, FastServoPath) and hasattr(self.hardware, "arrays")
-        side = make_servo_path(self) if quick else servo
-        self._requests, self._quick = Requests(servo.semaphore.post_now if quick else lambda: None), None
-        granted = CheckedReader(
-            side.reader(Credit, topics.CREDIT, reader_qos(1000, reliable=True)), 8, largest=CREDIT_BYTES
-        )
-        self._credits = CreditReader(granted, self.ledger, self._on_credit, self._present,
-                                     Names(self, topics.CREDIT))
-        self._commands = servo.reader(VoltageCommand, topics.COMMAND, reader_qos(100, reliable=False))
-        self._checked = CheckedReader(self._commands, Codec("VoltageCommand").size, self.holder, passes_on=False)
-        self._command_readers = (self._commands,)
-        self._idle_readers = (self._commands,) if quick else (granted.reader, self._commands)
-        self._unpack_command = Codec("VoltageCommand").unpack
-        self._constant_status = (AxisState.STATUS_SIMULATED if self.hardware.simulated else 0) | (
-            AxisState.STATUS_LOCKSTEP if p.mode == "lockstep" else 0)
-        self.topics = DriverTopics(self, servo, self.axis, getattr(self.hardware, "has_truth", self.hardware.simulated))
-        if quick:
+        super().__init__()
+        if self._compiled:
             self._quick = QuickPeriods(
-                servo,
+                self._servo,
                 self._commands,
-                side.semaphore,
+                self._side.semaphore,
                 self.topics,
                 self.gate,
                 self._requests.asked,
                 self.responses,
-                self.hardware.own_arrays,
+                self.hardware,
                 self._settings(),
                 Watch(self.guard.words, self.guard.volts, self.holder.words, self.limits, self.memory),
             )
-            self._sender = Sender(self.topics.outlets, side.semaphore, self._look_aside)
+            self._sender = Sender(self.topics.outlets, self._side.semaphore, self._look_aside)
         on_stop(self._requests.interrupt)
         on_urgent(self.stop_now)
         self.serve_requests()
         self.create_timer(1.0, self._once_per_second, callback_group=MutuallyExclusiveCallbackGroup())
-        if p.activate:
+        if self.parameters.activate:
             self._starter = threading.Thread(target=self._start_alone, daemon=True)
             self._starter.start()
 
@@ -207,15 +130,6 @@ class AxisDriver(DriverPeriods, DriverRequests, LifecycleNode):
         self.trigger_activate()
 
     # --- for the other thread while the loop goes on ------------------------------------------------------
-
-    def _present(self):
-        """Number of the present control period, whoever counts it."""
-        return self.sequence if self._quick is None else max(self.sequence, self._quick.sequence)
-
-    def _on_credit(self, limit):
-        if self._quick is not None and self._lockstep:
-            self._quick.grant(limit)
-            self._servo.semaphore.post_now()
 
     def _look_aside(self):
         """What the sender's thread looks at beside the blocks."""

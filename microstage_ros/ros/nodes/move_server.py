@@ -7,35 +7,29 @@ stops and holds. In lockstep it grants the driver credit, so that a cancel is he
 
 import math
 import sys
-import threading
 import time
 import traceback
 
 import numpy as np
 from microstage_msgs.action import MoveTo
-from microstage_msgs.msg import AxisState, CellStatus, ControllerState, DriverStatus, InterferometerReading
+from microstage_msgs.msg import AxisState, CellStatus, ControllerState, DriverStatus
 from microstage_msgs.srv import FollowReference, Statistics, Trip
 from microstage_msgs.srv import Move as MoveService
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.node import Node
 
 from microstage_ros.control.trajectories.comparison import EncoderComparison
 from microstage_ros.control.trajectories.move import Move, check_move
 from microstage_ros.control.trajectories.profiles import MotionLimits, jerk_limited_move
 from microstage_ros.quantities.errors import InputError
-from microstage_ros.ros.launching.parameters import Parameters
 from microstage_ros.ros.launching.process import keep_memory_steady, run_node, running
-from microstage_ros.ros.loops.move_calls import MoveCalls, Refused
-from microstage_ros.ros.loops.move_credit import MoveCredit
+from microstage_ros.ros.loops.move_calls import MoveCalls
 from microstage_ros.ros.loops.move_requests import MoveRequests
-from microstage_ros.ros.loops.move_results import RESULT, RESULT_KEPT_S, MoveResults, Readings, Results
+from microstage_ros.ros.loops.move_results import RESULT_KEPT_S, MoveResults
+from microstage_ros.ros.loops.move_state import RESULT, Refused
 from microstage_ros.ros.transport import topics
-from microstage_ros.ros.transport.blocks import Stream
 from microstage_ros.ros.transport.checked import MOST
 from microstage_ros.ros.transport.codec import Codec
-from microstage_ros.ros.transport.credit import Granter
-from microstage_ros.ros.transport.servo_path import RCLError, make_servo_path
+from microstage_ros.ros.transport.servo_path import RCLError
 
 WAIT = 0.05
 LOOK = 0.5
@@ -46,33 +40,18 @@ NEEDED = ("axis_driver", "str_controller")
 """Without them no move goes on."""
 
 
-class MoveServer(MoveCalls, MoveCredit, MoveRequests, MoveResults, Node):
+class MoveServer(MoveCalls, MoveRequests, MoveResults):
     """The process that turns goals into references."""
 
     def __init__(self):
-        super().__init__("move_server")
-        self.parameters = Parameters(self, "move_server")
-        self._changed = threading.Condition()
-        self._turn = threading.Lock()
-        self._status = None
-        self._latest, self._stale, self._heard = None, -1, time.monotonic()
-        self._cell_says, self._granted_window = "", 0
+        super().__init__()
+        self._stale = -1
         self._comparison = EncoderComparison(self.parameters.limit_interferometer)
-        self._move, self._repeated, self._inherited = None, 0.0, False
-        self._numbered = self._newest_goal = 0
-        self._introduced = False
+        self._inherited = False
         self._numbers = {}
-        self._held_since, self._talking = None, False
-        self._readings = Readings()
-        self._results = Results()
-        self._granter = Granter(self)
-        servo = self._servo = make_servo_path(self)
-        self._inside = Stream(self, servo, ControllerState, topics.CONTROLLER_STATE)
-        self._interferometer = Stream(self, servo, InterferometerReading, topics.INTERFEROMETER)
         self._inside_codec, self._reading_codec = Codec("ControllerState"), Codec("InterferometerReading")
-        group = ReentrantCallbackGroup()
+        group = self._group
         self.create_subscription(DriverStatus, topics.DRIVER_STATUS, self._on_status, topics.LATCHED)
-        self._follow = self.create_client(FollowReference, topics.FOLLOW_REFERENCE, callback_group=group)
         self._action = ActionServer(self, MoveTo, topics.MOVE_TO, self._execute, callback_group=group,
                                     goal_callback=self._number_goal, cancel_callback=lambda goal: CancelResponse.ACCEPT,
                                     result_timeout=RESULT_KEPT_S)
@@ -169,12 +148,6 @@ class MoveServer(MoveCalls, MoveCredit, MoveRequests, MoveResults, Node):
 
     # --- one move -------------------------------------------------------------------------------------------
 
-    def _number(self):
-        """The number of a request: the later one counts, whichever of them a thread comes to first."""
-        with self._changed:
-            self._numbered += 1
-            return self._numbered
-
     def _number_goal(self, request):
         """Accept a goal. Who sent it hears of that later, so no goal that is sent then has a smaller number."""
         self._numbers[id(request)] = self._number()
@@ -246,12 +219,6 @@ class MoveServer(MoveCalls, MoveCredit, MoveRequests, MoveResults, Node):
             value = getattr(request, name)
             if not (math.isfinite(value) and value >= 0.0):
                 raise InputError(f"move: {name}", value, "0 (the server's parameter) or a finite limit above 0")
-
-    def _heard_so_far(self):
-        """(last status of the driver, last state inside the controller); raises `Refused` before the first of each."""
-        if self._status is None or self._latest is None:
-            raise Refused(RESULT.CODE_REFUSED, "no driver, or no controller, so far")
-        return self._status, self._latest
 
     def _begin(self, request):
         """Plan the reference, hand it over, return the `Move` that watches it."""
