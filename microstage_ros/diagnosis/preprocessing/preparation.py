@@ -81,7 +81,7 @@ class Prepared:
     count: float = 0.0
 
 
-def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None):
+def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None, pull=0.0):
     """`Prepared` from a `Record`.
 
     ``amplifier(command, period)`` (n,) → (n,): what an amplifier that delays or lags makes of the command;
@@ -129,7 +129,7 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None):
     closed = offset = None
     if gap > 0.0:   # the stage may rattle: its own reading alone tells how it moves
         position = triangle(stage, HIT)
-        offset, closed = offset_where_closed(stage, angle, gap, drive, period)
+        offset, closed = offset_where_closed(stage, angle, gap, drive, period, pull)
         motor = angle + triangle(offset, GAP_FUSION)
     else:
         carried = _carried(stage, angle, drive, period)
