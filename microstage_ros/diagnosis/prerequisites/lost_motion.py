@@ -19,7 +19,7 @@ from microstage_ros.diagnosis.preprocessing.gap_replay import stage_behind_gap
 from microstage_ros.diagnosis.preprocessing.threads import side_by_side
 from microstage_ros.diagnosis.preprocessing.transmitted_force import SIGMAS
 from microstage_ros.diagnosis.prerequisites.characteristic import PULLED, SIZES, Windows, fit
-from microstage_ros.diagnosis.prerequisites.resonant import DAMPING_ERROR, FAR
+from microstage_ros.diagnosis.prerequisites.resonant import DAMPING_ERROR, FAR, STIFFNESS_ERROR
 from microstage_ros.diagnosis.residuals.transmission_deflection import BLOCK, Windup
 
 # times the baseline's loss, or the force's noise, from which the search is worth its time; calibrated by:
@@ -98,6 +98,12 @@ class Gap:
     def scales(self):
         """Whether stiffness and damping are off by one factor, as another mass on the stage makes them seem."""
         return abs(math.log(max(self.damping, TINY) / self.stiffness)) < DAMPING_ERROR
+
+    def added_mass(self, mass):
+        """Mass M [kg] added to the stage of ``mass`` m [kg] that the stiffness, k times the stated one, stands for,
+        m (1/k − 1), and its standard error."""
+        error = math.hypot(self.stiffness_stderr, STIFFNESS_ERROR * self.stiffness)
+        return mass * (1.0 / self.stiffness - 1.0), mass * error / self.stiffness**2
 
     def drive(self, nominal):
         """`Drive` with these factors on ``nominal``, a `Drive`."""
