@@ -116,8 +116,8 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
     notes += [law.words] if law is not None else []
     rattles = known.gap is not None and known.gap.rattles
     mass = known.gap.added_mass(drive.mass)[0] if rattles and known.gap.scales else 0.0
-    pull = (known.gap.pull, known.gap.pull_stderr) if rattles else None
-    collection = Collection(prepared, drive, rattled_mass=mass, pull=pull)
+    drive = dataclasses.replace(drive, pull=(known.gap.pull, known.gap.pull_stderr) if rattles else None)
+    collection = Collection(prepared, drive, rattled_mass=mass)
     found = ("backlash", "drive_compliance") if rattles else ("backlash",) if known.gap is not None else ()
     effects = [effect for effect in EFFECTS if effect not in found]
     own = [*periodic_forms(collection), *damped_forms(collection, known.train), *power_forms(collection),
@@ -167,8 +167,7 @@ def _beyond_the_known(evidences, choices, known):
         clear, swung = (_clear_of(evidences, choices, held, shares) for shares in both)
         choices = [c for c in choices if c.effect in OF_TURNS or c in (swung if c.effect in SWUNG else clear)]
         # behind a gap only the deflection would tell of a soft drive, and there the gap's own error does
-        choices = [c if c.effect not in RESONANT else Choice(c.effect, tuple(f for f in c.forms if f.channel == "torque"))
-                   for c in choices]
+        choices = [_in_torque(c) if c.effect in RESONANT else c for c in choices]
         choices = [c for c in choices if c.forms]
     if known.lines:
         loose = _clear_of(evidences, choices, sum(line.held for line in known.lines), SHAKEN_SHARE)
@@ -192,6 +191,11 @@ def _beyond_the_known(evidences, choices, known):
             kept = [c for c in kept if c in soft or _stands(evidences, c, kept)]
         choices = kept
     return choices
+
+
+def _in_torque(choice):
+    """A `Choice` as it shows in the torque alone."""
+    return Choice(choice.effect, tuple(form for form in choice.forms if form.channel == "torque"))
 
 
 def _stands(evidences, choice, choices):

@@ -108,9 +108,9 @@ def _is_pull_somewhere(beta, frame):
 
 def _tells_pull(forces, frame):
     """Whether ``forces`` [N] at the two ends of the stroke allow the one that a rattle told, if it did."""
-    if frame.pull is None:
+    if frame.drive.pull is None:
         return True
-    value, stderr = frame.pull
+    value, stderr = frame.drive.pull
     loose = SAME_PULL * max(map(abs, forces)) + SIGMAS * stderr
     return bool(min(forces) - loose < value < max(forces) + loose)
 

@@ -87,7 +87,8 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None, pull=
     ``amplifier(command, period)`` (n,) → (n,): what an amplifier that delays or lags makes of the command;
     ``lines``: (frequency [Hz], complex amplitude [m]) of vibrations to take out of the position readings;
     ``gap``: lost motion of the drive train, as travel of the stage [m];
-    ``course`` (n,): slow drift of the interferometer [m], which is not the stage's.
+    ``course`` (n,): slow drift of the interferometer [m], which is not the stage's;
+    ``pull``: what pulls on a stage behind a gap towards smaller x [N].
     Raises InputError for a record that is too short or lacks what is needed."""
     n = len(record)
     if n < LEAST_ROWS:

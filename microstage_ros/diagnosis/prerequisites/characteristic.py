@@ -1,13 +1,14 @@
 """Force over deflection of a drive train whose flanks are hit from both sides: gap, stiffness and damping at once.
 
-    LP[m dv/dt + F_g + c v + P] = K LP[z] + D LP[ḋ 1_c],   z = d − d₀ − sgn(d − d₀) b/2 where |d − d₀| > b/2 (1_c), else 0
+    LP[m dv/dt + F_g + c v + P] = K LP[z] + D LP[ḋ 1_c],   z = d − d₀ − sgn(d − d₀) b/2
 
-with d = (r/N) θ − x from the back-EMF and the stage's reading, and one running mean LP on both sides, so that it biases
-nothing. Noise stands on the left alone (two differences of the reading), the deflection is known to nanometres. Fitted
-by Gauss–Newton: b, K, D, how late the stage is read against the motor, and, where a gap is fitted, a force P that pulls
-on the stage all the time, over all windows of a tenth of a second in which the force is clear both ways; each has an
-offset d₀ and a drift of its own, as the back-EMF walks. A stage that no flank touches falls by P alone. Nothing is
-integrated, so a rattle of thousands of hits leaves no place to lose, and a soft drive with a gap is told from either.
+where |d − d₀| > b/2 (1_c), else 0, with d = (r/N) θ − x from the back-EMF and the stage's reading, and one running mean
+LP on both sides, so that it biases nothing. Noise stands on the left alone (two differences of the reading), the
+deflection is known to nanometres. Fitted by Gauss–Newton: b, K, D, how late the stage is read against the motor, and,
+where a gap is fitted, a force P that pulls on the stage all the time, over all windows of a tenth of a second in which
+the force is clear both ways; each has an offset d₀ and a drift of its own, as the back-EMF walks. A stage that no flank
+touches falls by P alone. Nothing is integrated, so a rattle of thousands of hits leaves no place to lose, and a soft
+drive with a gap is told from either.
 
 Source: the dead zone of a compliant drive train, M. Nordin, P.-O. Gutman, Automatica 38 (2002) 1633.
 """
@@ -155,16 +156,16 @@ def fit(records, drive, free=SIZES, start=None):
         factor = 1.0 + float(np.clip(change[1] / stiffness, -0.5, 1.0))
         wider = max(gap + float(np.clip(change[0], -0.5 * gap, 0.5 * gap + FIRST_GAP)), 0.0)
         settled = abs(factor - 1.0) < SETTLED and max(abs(wider - gap), moved) < SETTLED_GAP
-        gap, stiffness, damping, pull = wider, stiffness * factor, damping + change[2], pull + change[4]
+        gap, stiffness, damping, pull = wider, stiffness * factor, damping + change[2], pull + change[-1]
         if settled:
             break
     rows = sum(record.force.size for record in records) / (2 * WIDTH - 1)
     return Characteristic(gap, errors[0], stiffness, errors[1], float(damping), left, rows,
-                          float(pull), errors[4])
+                          float(pull), errors[-1])
 
 
 def _solve(parts, which):
-    """(change of `PULLED` (5,), standard errors by how the windows disagree (5,), root mean square that is left [N])."""
+    """(change of `PULLED` (5,), standard errors by how windows disagree (5,), root mean square that is left [N])."""
     change, errors = np.zeros(len(PULLED)), np.zeros(len(PULLED))
     left = np.concatenate([part[0] for part in parts])
     columns = np.concatenate([part[1] for part in parts])[:, :, which]

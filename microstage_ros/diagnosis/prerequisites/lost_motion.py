@@ -102,7 +102,7 @@ class Gap:
     def added_mass(self, mass):
         """Mass M [kg] added to the stage of ``mass`` m [kg] that the stiffness, k times the stated one, stands for,
         m (1/k − 1), and its standard error."""
-        error = math.hypot(self.stiffness_stderr, STIFFNESS_ERROR * self.stiffness)
+        error = math.hypot(self.stiffness_stderr or 0.0, STIFFNESS_ERROR * self.stiffness)
         return mass * (1.0 / self.stiffness - 1.0), mass * error / self.stiffness**2
 
     def drive(self, nominal):

@@ -39,9 +39,9 @@ class Collection:
     standard deviation of the healthy friction along the stroke.
     """
 
-    def __init__(self, prepared, drive, fast_only=False, rattled_mass=0.0, pull=None):
+    def __init__(self, prepared, drive, fast_only=False, rattled_mass=0.0):
         drive = seen_amplifier(prepared["base"], drive)
-        self.frame = dataclasses.replace(frame_of(prepared, drive), rattled_mass=rattled_mass, pull=pull)
+        self.frame = dataclasses.replace(frame_of(prepared, drive), rattled_mass=rattled_mass)
         self.prepared = prepared
         self.channels = {group: [_channels(p, drive, fast_only) for p in prepared[group]] for group in GROUPS}
         self.spreads = stated_spreads(drive)

@@ -43,8 +43,8 @@ def mass_of_inertia(evidences, others):
             (mass * float(beta[-2] + beta[-1]), mass * math.sqrt(covariance.sum())))
 
 
-def told_by_rattle(evidences, choice):
-    """Whether a payload is told by the rattle in a gap, too: then what else is left in the torque is no matter of it."""
+def shown_by_rattle(evidences, choice):
+    """Whether a rattle in a gap tells a payload, too: then what else is left in the torque is no matter of it."""
     return choice.effect == "payload_change" and evidences.frame.rattled_mass != 0.0
 
 

@@ -60,13 +60,13 @@ def stated_sizes(evidences, choice, others, form):
 
 
 def with_rattled_mass(causes, mass, stderr):
-    """These `Cause` with the ``mass`` [kg] of a payload that a rattle in a gap tells, and its standard error [kg].
+    """These `Cause` with the ``mass`` [kg] of a payload that a rattle in a gap tells, and its ``stderr`` [kg].
 
     Stiffness over mass comes from the hits themselves; the torque balance, in which every hit leaves some friction, is
     off by more than its error.
     """
-    told = {"parameters": {"mass_kg": Parameter(mass, stderr, "kg")}, "effect": {"mass_kg": mass}}
-    return [dataclasses.replace(c, **told) if c.id == "payload_change" else c for c in causes]
+    rattled = {"parameters": {"mass_kg": Parameter(mass, stderr, "kg")}, "effect": {"mass_kg": mass}}
+    return [dataclasses.replace(c, **rattled) if c.id == "payload_change" else c for c in causes]
 
 
 def with_payload(causes, mass):

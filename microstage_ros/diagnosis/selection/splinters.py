@@ -111,7 +111,7 @@ def _is_level(evidences, choice, choices):
 
 
 def stands_beside(evidences, choice, choices, shapes):
-    """Whether a cause gains more than half as much beside nameless ``shapes``, (channel, key) each, in their channels."""
+    """Whether a cause gains more than half as much beside ``shapes``, (channel, key) each, in their channels."""
     alone = evidences.gain([*choices, choice]) - evidences.gain(choices)
     beside = 0.0
     for channel in {channel for channel, _ in shapes}:

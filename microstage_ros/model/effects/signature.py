@@ -12,8 +12,7 @@ class Frame:
 
     ``low`` and ``high`` bound the positions that the records visit [m]; ``duration`` is the longest record [s].
     ``rattled_mass``: mass added to the stage [kg] that the drive train's stiffness stands for if it is as stated, where
-    a rattle told stiffness over mass; 0 where none did. ``pull``: the force that pulls on the stage towards smaller x [N]
-    and its standard error, as a rattle told it; None where none did.
+    a rattle told stiffness over mass; 0 where none did.
     """
 
     drive: object
@@ -21,7 +20,6 @@ class Frame:
     high: float
     duration: float
     rattled_mass: float = 0.0
-    pull: tuple | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,8 +35,7 @@ class Form:
     sizes : ``sizes(beta, covariance, frame)`` → (parameters {name: (value, stderr, unit)}, effect {name: value}).
     accept : ``accept(beta)``: whether the fitted sizes make sense (a width is positive); None: always.
     prior : standard deviation that sizes are expected to have, or None.
-    beyond : ``beyond(beta, frame)``: whether the sizes exceed what the axis's own instruments leave, and agree with what
-        is known of it; None: always.
+    beyond : ``beyond(beta, frame)``: whether the sizes exceed what the axis's own instruments leave; None: always.
     """
 
     effect: str

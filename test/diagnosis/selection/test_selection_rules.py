@@ -220,7 +220,8 @@ class Beside(Parts):
     ("presliding_creep", "rising_static_friction", 7000.0, True),       # 2 % beside creep (pairs, seed 10201, case 30)
     ("presliding_creep", "rising_static_friction", 3000.0, False),
 ])
-def test_what_stands_beside_all_that_a_friction_may_leave_is_no_misfit_of_it_however_large(larger, second, left, stands, monkeypatch):
+def test_what_stands_beside_all_that_a_friction_may_leave_is_no_misfit_of_it_however_large(larger, second, left, stands,
+                                                                                          monkeypatch):
     monkeypatch.setattr(splinters, "profile_of", lambda *_: (-0.3, 0.1))
     larger, _, ends = larger.partition(",")
     case, first, small = Beside(larger, second, 8000.0, left), choice(larger), choice(second)
