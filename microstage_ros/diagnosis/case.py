@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from microstage_ros.diagnosis.catalogue import FORMS
+from microstage_ros.diagnosis.catalogue.drive import inertia_form
 from microstage_ros.diagnosis.prerequisites.drive import drive_of
 from microstage_ros.diagnosis.prerequisites.encoder import seen_count, seen_interpolation
 from microstage_ros.diagnosis.prerequisites.growth import power_forms
@@ -24,6 +25,7 @@ from microstage_ros.diagnosis.prerequisites.resonant import damped_forms
 from microstage_ros.diagnosis.prerequisites.slow_drift import find_course, take_out
 from microstage_ros.diagnosis.report.pictures import drift_picture, gap_picture, pictures_of
 from microstage_ros.diagnosis.residuals.collection import Collection
+from microstage_ros.diagnosis.residuals.evidence_set import Choice
 from microstage_ros.diagnosis.residuals.systematic import SYSTEMATIC
 from microstage_ros.diagnosis.result import Cause, Diagnosis, Parameter
 from microstage_ros.diagnosis.selection import judge, limit_cycle
@@ -34,8 +36,15 @@ from microstage_ros.diagnosis.selection.mass_or_drive import RESONANT
 from microstage_ros.diagnosis.selection.nonregression_causes import nonregression_causes
 from microstage_ros.diagnosis.selection.refinement import refine
 from microstage_ros.diagnosis.selection.selection import acceptable, select
-from microstage_ros.diagnosis.selection.sizes import stated_sizes, with_payload
-from microstage_ros.diagnosis.selection.splinters import FLIPS_NOT, STEADY, stands_beside
+from microstage_ros.diagnosis.selection.sizes import stated_sizes, with_payload, with_rattled_mass
+from microstage_ros.diagnosis.selection.splinters import (
+    FLIPS_NOT,
+    OF_REST,
+    STEADY,
+    one_force,
+    stands_beside,
+    wider_keys,
+)
 from microstage_ros.quantities.errors import InputError
 
 EFFECTS = tuple(sorted({form.effect for form in FORMS if form.named and form.channel != "command"}))
@@ -106,12 +115,13 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
     prepared, drive, law = own_law(prepared, seen_count(drive, prepared))
     notes += [law.words] if law is not None else []
     rattles = known.gap is not None and known.gap.rattles
-    mass = drive.mass * (1.0 / known.gap.stiffness - 1.0) if rattles and known.gap.scales else 0.0
+    mass = known.gap.added_mass(drive.mass)[0] if rattles and known.gap.scales else 0.0
+    drive = dataclasses.replace(drive, pull=(known.gap.pull, known.gap.pull_stderr) if rattles else None)
     collection = Collection(prepared, drive, rattled_mass=mass)
     found = ("backlash", "drive_compliance") if rattles else ("backlash",) if known.gap is not None else ()
     effects = [effect for effect in EFFECTS if effect not in found]
     own = [*periodic_forms(collection), *damped_forms(collection, known.train), *power_forms(collection),
-           *forms_of_slowness(groups, drive, known, collection)]
+           *forms_of_slowness(groups, drive, known, collection), *([inertia_form()] if known.gap is not None else [])]
     evidences = collection.evidences([*(form for form in FORMS if form.channel != "command"), *own])
     choices, _ = select(evidences, effects)
     course = find_course(collection, evidences, choices)
@@ -121,6 +131,7 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
         choices, _ = select(evidences, effects)
     choices = _beyond_the_known(evidences, choices, known)
     rivals = {c.effect: judge.rivals_of(evidences, c, choices, effects) for c in choices}
+    choices, rivals = one_force(evidences, choices, rivals)
     refined = refine(collection, choices)
     if refined != choices:
         evidences, choices = _final(collection, refined)
@@ -156,7 +167,8 @@ def _beyond_the_known(evidences, choices, known):
         clear, swung = (_clear_of(evidences, choices, held, shares) for shares in both)
         choices = [c for c in choices if c.effect in OF_TURNS or c in (swung if c.effect in SWUNG else clear)]
         # behind a gap only the deflection would tell of a soft drive, and there the gap's own error does
-        choices = [c for c in choices if c.effect not in RESONANT or any(f.channel == "torque" for f in c.forms)]
+        choices = [_in_torque(c) if c.effect in RESONANT else c for c in choices]
+        choices = [c for c in choices if c.forms]
     if known.lines:
         loose = _clear_of(evidences, choices, sum(line.held for line in known.lines), SHAKEN_SHARE)
         choices = [c for c in choices if c.effect not in SHAKEN or c in loose]
@@ -170,20 +182,34 @@ def _beyond_the_known(evidences, choices, known):
         # a limit cycle repeats itself: what it feigns has one size in all stretches, too
         swung = _clear_of(evidences, choices, part, SOFT_SWUNG_SHARE if swings else LESS_SWUNG_SHARE,
                           of_one_size=not (swings or len(moved) + len(soft) < len(choices)))
-        kept = [c for c in choices if c in soft or c.effect not in SWUNG or c in swung]
+        rested = [c for c in choices if c.effect in OF_REST and _beside_any_speed(evidences, c, choices)]
+        kept = [c for c in choices if c in soft or c.effect not in SWUNG or c in (*swung, *rested)]
         # what the swing feigns takes nothing from what is judged without it
-        clear = _clear_of(evidences, kept, of_drive, SOFT_SHARE)
-        kept = [*soft, *(c for c in clear if c not in soft)]
+        clear = [*_clear_of(evidences, kept, of_drive, SOFT_SHARE), *rested]
+        kept = [*soft, *(c for c in kept if c in clear and c not in soft)]
         if len(kept) < len(choices):    # what was chosen beside a shape that the swing feigns stands without it, or not
             kept = [c for c in kept if c in soft or _stands(evidences, c, kept)]
         choices = kept
     return choices
 
 
+def _in_torque(choice):
+    """A `Choice` as it shows in the torque alone."""
+    return Choice(choice.effect, tuple(form for form in choice.forms if form.channel == "torque"))
+
+
 def _stands(evidences, choice, choices):
     """Whether a cause is acceptable beside the other ``choices``."""
     others = [c for c in choices if c is not choice]
     return acceptable(evidences, judge.best_or_same(evidences, choice, others), others)
+
+
+def _beside_any_speed(evidences, choice, choices):
+    """Whether a cause that needs rest is of a certain size, and stands beside any friction over speed: a swing feigns
+    that, and knows no rest."""
+    others = [o for o in choices if o is not choice]
+    shapes = wider_keys(evidences, "viscous_change", "torque")
+    return unsteadiness(evidences, choice, others) < CERTAIN and stands_beside(evidences, choice, others, shapes)
 
 
 def _is_constant(evidences, choice, choices):
@@ -234,8 +260,10 @@ def _answer(collection, evidences, choices, rivals, nonregression, holdout, note
             unsure.append(judge.rivals_entry([choice.effect, *others]))
         else:
             causes.append(_cause(evidences, choice, choices, units))
-    causes = with_payload(causes, collection.frame.drive.mass)
     known, course = nonregression
+    if collection.frame.rattled_mass:
+        causes = with_rattled_mass(causes, *known.gap.added_mass(collection.frame.drive.mass))
+    causes = with_payload(causes, collection.frame.drive.mass)
     scattered = judge.stands_out(evidences, choices)
     if known.slow is not None and "resonance" in scattered and not known.lines:
         # what is left follows the motor otherwise than the model at the very frequencies that tell a delay from a lag

@@ -6,6 +6,11 @@ from microstage_ros.diagnosis.catalogue.form import Form, one, wave
 
 GRAVITY = 9.80665
 RIPPLE_CYCLES = tuple(range(1, 13))  # per turn of the motor
+# of a force, by which the torque balance may differ from what the rattle tells; derived: midway between all and none
+SAME_PULL = 0.5
+SIGMAS = 3.0            # derived: a chance of 1.3·10⁻³
+#: The stage's inertia alone [N m]: beside a payload, by which mass inertia and load differ.
+INERTIA = "generic:inertia"
 
 
 def gravity_tilt(channel, frame):
@@ -26,6 +31,11 @@ def cable_windup(channel, frame):
 def payload_change(channel, frame):
     """Guideway friction and inertia grow with the load; β = added mass over m."""
     return (channel.guideway + channel.inertial)[:, None]
+
+
+def inertia_alone(channel, frame):
+    """The inertia of a load without its weight on the guideways; β = added mass over m."""
+    return channel.inertial[:, None]
 
 
 def torque_ripple(numbers):
@@ -69,6 +79,11 @@ def _mass_sizes(beta, covariance, frame):
     return ({"mass_kg": (mass, float(np.sqrt(covariance[0, 0]) * frame.drive.mass), "kg")}, {"mass_kg": mass})
 
 
+def inertia_form():
+    """`Form` of the stage's inertia alone, which no cause is."""
+    return Form(INERTIA, "torque", "", inertia_alone)
+
+
 def ripple_form(numbers):
     """`Form` of a ripple with these ``numbers`` of cycles per turn of the motor [1] together."""
     return Form(
@@ -76,12 +91,35 @@ def ripple_form(numbers):
     )
 
 
+def _pulls_back(beta):
+    """A cable pulls back: one that pushed on would be no spring."""
+    return beta[0] > 0.0
+
+
+def _is_pull(beta, frame):
+    """Whether a tilt, or a cable, pulls on the stage as much as a rattle in a gap tells."""
+    weight = frame.drive.mass * GRAVITY * beta[0]
+    return _tells_pull((weight, weight), frame)
+
+
+def _is_pull_somewhere(beta, frame):
+    return _tells_pull((beta[0] * frame.low + beta[1], beta[0] * frame.high + beta[1]), frame)
+
+
+def _tells_pull(forces, frame):
+    """Whether ``forces`` [N] at the two ends of the stroke allow the one that a rattle told, if it did."""
+    if frame.drive.pull is None:
+        return True
+    value, stderr = frame.drive.pull
+    loose = SAME_PULL * max(map(abs, forces)) + SIGMAS * stderr
+    return bool(min(forces) - loose < value < max(forces) + loose)
+
+
 FORMS = (
     Form("gravity_tilt", "torque", "", gravity_tilt,
-         one("angle_rad", "rad", value=lambda b: np.arcsin(np.clip(b, -1, 1)))),
-    # a cable pulls back: one that pushed on would be no spring
-    Form("cable_spring", "torque", "", cable_spring, _cable_sizes, lambda b: b[0] > 0.0),
-    Form("cable_spring", "windup", "", cable_windup, one("stiffness_N_m", "N/m")),
+         one("angle_rad", "rad", value=lambda b: np.arcsin(np.clip(b, -1, 1))), beyond=_is_pull),
+    Form("cable_spring", "torque", "", cable_spring, _cable_sizes, _pulls_back, beyond=_is_pull_somewhere),
+    Form("cable_spring", "windup", "", cable_windup, one("stiffness_N_m", "N/m"), _pulls_back),
     Form("payload_change", "torque", "", payload_change, _mass_sizes),
     *(ripple_form((n,)) for n in RIPPLE_CYCLES),
 )

@@ -4,6 +4,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from microstage_ros.diagnosis.catalogue.form import Form, one, wave
+from microstage_ros.model.effects import REGISTRY
 
 DEAD_WIDTHS = (0.5e-3, 1e-3, 2e-3, 5e-3, 10e-3, 20e-3, 40e-3, 80e-3)  # V
 HEAT_TIMES = (2.0, 6.0, 20.0, 60.0)                                    # s
@@ -11,6 +12,7 @@ STIFFNESS_FACTORS = tuple(round(1.25**n, 3 if n < -8 else 2) for n in (*range(-1
 MASS_FACTORS = tuple(round(1.12**n, 2) for n in (*range(-5, 0), *range(1, 14)))
 FLANK_FORCES = (0.02, 0.1, 0.25)                                       # N: over which a flank gives way
 SCREW_HARMONICS = (1, 2, 3)
+MOST_LEAD_ERROR = REGISTRY["screw_pitch_error"].parameters["cumulative"].maximum    # of the lead
 
 
 def amplifier_offset(channel, frame):
@@ -137,6 +139,16 @@ def _lead_sizes(harmonic):
     return sizes
 
 
+def _heats(beta):
+    """Loss warms a winding: one that cooled by it is another gain."""
+    return beta[1] > 0.0
+
+
+def _is_a_screw(beta):
+    """No screw's lead is off by more than its effect allows: what goes with the travel so is another gain."""
+    return abs(beta[2]) < MOST_LEAD_ERROR
+
+
 def _gap_sizes(beta, covariance, frame):
     r = frame.drive.radius
     width = float(beta[0] / r)
@@ -168,8 +180,11 @@ FORMS = (
         )
         for h in DEAD_WIDTHS
     ),
-    *(Form("resistance_rise", "windup", f"{t:g}", resistance_rise(t), _heat_sizes(t)) for t in HEAT_TIMES),
-    *(Form("screw_pitch_error", "windup", f"{n}", screw_pitch_error(n), _lead_sizes(n)) for n in SCREW_HARMONICS),
+    *(Form("resistance_rise", "windup", f"{t:g}", resistance_rise(t), _heat_sizes(t), _heats) for t in HEAT_TIMES),
+    *(
+        Form("screw_pitch_error", "windup", f"{n}", screw_pitch_error(n), _lead_sizes(n), _is_a_screw)
+        for n in SCREW_HARMONICS
+    ),
     *(Form("backlash", "windup", f"{f:g}", backlash(f), _gap_sizes, lambda b: b[0] > 0) for f in FLANK_FORCES),
     Form("drive_compliance", "windup", "", windup_compliance, _compliance_sizes),
     *(

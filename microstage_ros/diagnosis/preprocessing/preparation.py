@@ -81,13 +81,14 @@ class Prepared:
     count: float = 0.0
 
 
-def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None):
+def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None, pull=0.0):
     """`Prepared` from a `Record`.
 
     ``amplifier(command, period)`` (n,) → (n,): what an amplifier that delays or lags makes of the command;
     ``lines``: (frequency [Hz], complex amplitude [m]) of vibrations to take out of the position readings;
     ``gap``: lost motion of the drive train, as travel of the stage [m];
-    ``course`` (n,): slow drift of the interferometer [m], which is not the stage's.
+    ``course`` (n,): slow drift of the interferometer [m], which is not the stage's;
+    ``pull``: what pulls on a stage behind a gap towards smaller x [N].
     Raises InputError for a record that is too short or lacks what is needed."""
     n = len(record)
     if n < LEAST_ROWS:
@@ -129,7 +130,7 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None):
     closed = offset = None
     if gap > 0.0:   # the stage may rattle: its own reading alone tells how it moves
         position = triangle(stage, HIT)
-        offset, closed = offset_where_closed(stage, angle, gap, drive, period)
+        offset, closed = offset_where_closed(stage, angle, gap, drive, period, pull)
         motor = angle + triangle(offset, GAP_FUSION)
     else:
         carried = _carried(stage, angle, drive, period)

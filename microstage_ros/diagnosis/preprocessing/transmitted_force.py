@@ -47,7 +47,7 @@ def force_noise(stage, drive, period, width):
     return drive.mass * reading_noise(stage) * math.sqrt(6.0) / (width * period) ** 2
 
 
-def offset_where_closed(stage, angle, gap, drive, period):
+def offset_where_closed(stage, angle, gap, drive, period, pull=0.0):
     """(stage less motor without gap and wind-up (n,) [m], whether a flank carries the stage (n,)).
 
     Where none does the offset is bridged in a straight line: it tells nothing there.
@@ -56,8 +56,9 @@ def offset_where_closed(stage, angle, gap, drive, period):
     ----------
     stage, angle : place of the stage, and of the motor in metres of stage, (n,) [m].
     gap : b [m]. drive : `Drive` with its stiffness. period : of the rows [s].
+    pull : force that pulls on the stage towards smaller x all the time [N]; a flank bears it, too.
     """
-    force = transmitted_force(stage, drive, period, WIDTH)
+    force = transmitted_force(stage, drive, period, WIDTH) + pull
     least = max(CARRIED * drive.guideway.static, SIGMAS * force_noise(stage, drive, period, WIDTH))
     closed = np.abs(force) > least
     offset = triangle(stage - angle, WIDTH)

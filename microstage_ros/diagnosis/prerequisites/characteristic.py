@@ -1,12 +1,14 @@
 """Force over deflection of a drive train whose flanks are hit from both sides: gap, stiffness and damping at once.
 
-    LP[m dv/dt + F_g + c v] = K LP[z] + D LP[ḋ 1_c],   z = d − d₀ − sgn(d − d₀) b/2 where |d − d₀| > b/2 (1_c), else 0
+    LP[m dv/dt + F_g + c v + P] = K LP[z] + D LP[ḋ 1_c],   z = d − d₀ − sgn(d − d₀) b/2
 
-with d = (r/N) θ − x from the back-EMF and the stage's reading, and one running mean LP on both sides, so that it biases
-nothing. Noise stands on the left alone (two differences of the reading), the deflection is known to nanometres. Fitted
-by Gauss–Newton: b, K, D and how late the stage is read against the motor, over all windows of a tenth of a second in
-which the force is clear both ways; each has an offset d₀ and a drift of its own, as the back-EMF walks. Nothing is
-integrated, so a rattle of thousands of hits leaves no place to lose, and a soft drive with a gap is told from either.
+where |d − d₀| > b/2 (1_c), else 0, with d = (r/N) θ − x from the back-EMF and the stage's reading, and one running mean
+LP on both sides, so that it biases nothing. Noise stands on the left alone (two differences of the reading), the
+deflection is known to nanometres. Fitted by Gauss–Newton: b, K, D, how late the stage is read against the motor, and,
+where a gap is fitted, a force P that pulls on the stage all the time, over all windows of a tenth of a second in which
+the force is clear both ways; each has an offset d₀ and a drift of its own, as the back-EMF walks. A stage that no flank
+touches falls by P alone. Nothing is integrated, so a rattle of thousands of hits leaves no place to lose, and a soft
+drive with a gap is told from either.
 
 Source: the dead zone of a compliant drive train, M. Nordin, P.-O. Gutman, Automatica 38 (2002) 1633.
 """
@@ -34,12 +36,15 @@ RIDGE = 1.0e-9
 # share of a period's neighbours in a second difference; derived: B. Numerov's x'' + T²/12 d²x''/dt², to order T⁴
 NUMEROV = 1.0 / 12.0
 SIZES = ("gap", "stiffness", "damping", "late")
+#: And what pulls on the stage [N]: without a gap it is but an offset.
+PULLED = (*SIZES, "pull")
 
 
 @dataclasses.dataclass(frozen=True)
 class Characteristic:
     """What fits best: ``gap`` [m] and its standard error, ``stiffness`` [N/m] with its error and ``damping`` [N s/m],
-    and the force's root mean square that is left [N]; ``rows`` that count."""
+    and the force's root mean square that is left [N]; ``rows`` that count; ``pull``: P [N] with its error, 0 where it
+    was not fitted."""
 
     gap: float
     gap_stderr: float
@@ -48,6 +53,8 @@ class Characteristic:
     damping: float
     left: float
     rows: float
+    pull: float = 0.0
+    pull_stderr: float = 0.0
 
 
 class Windows:
@@ -90,11 +97,11 @@ class Windows:
         spare = (middle.shape[1] - self.force.shape[1]) // 2
         return middle[:, spare:spare + self.force.shape[1]]
 
-    def columns(self, gap, stiffness, damping):
-        """What is left of the force [N] (windows, rows), its derivatives by `SIZES` (windows, rows, 4), and what offset
-        and drift take of both, (windows, 2, 4) and (windows, 2), and is gone from them.
+    def columns(self, gap, stiffness, damping, pull=0.0):
+        """What is left of the force [N] (windows, rows), its derivatives by `PULLED` (windows, rows, 5), and what
+        offset and drift take of both, (windows, 2, 5) and (windows, 2), and is gone from them.
 
-        At a ``gap`` [m], ``stiffness`` [N/m] and ``damping`` [N s/m].
+        At a ``gap`` [m], ``stiffness`` [N/m], ``damping`` [N s/m] and ``pull`` [N].
         """
         deflection = self.deflection - self.offset[:, None] - self.drift[:, None] * self.time
         closed = (np.abs(deflection) > 0.5 * gap).astype(float)
@@ -102,9 +109,10 @@ class Windows:
         wound = deflection * closed - 0.5 * gap * side
         touching = self.mean(-stiffness * closed)
         free = np.stack([touching, self.mean(-stiffness * closed * self.time)], axis=2)
-        parts = (-0.5 * stiffness * side, wound, self.rate * closed, -stiffness * self.speed * closed)
+        parts = (-0.5 * stiffness * side, wound, self.rate * closed, -stiffness * self.speed * closed,
+                 -np.ones_like(wound))
         derivatives = np.stack([self.mean(part) for part in parts], axis=2)
-        left = self.force - self.mean(stiffness * wound + damping * self.rate * closed)
+        left = self.force + pull - self.mean(stiffness * wound + damping * self.rate * closed)
         normal = np.einsum("wrj,wrk->wjk", free, free)
         inverse = np.linalg.inv(normal + RIDGE * stiffness**2 * self.force.shape[1] * np.eye(2))
         of_sizes = inverse @ np.einsum("wrj,wrk->wjk", free, derivatives)
@@ -113,9 +121,9 @@ class Windows:
         return left - np.einsum("wrj,wj->wr", free, of_left), derivatives, of_sizes, of_left
 
     def follow(self, change, of_sizes, of_left):
-        """Move the offsets along with a ``change`` (4,) of the sizes; the largest step [m] of them.
+        """Move the offsets along with a ``change`` (5,) of the sizes; the largest step [m] of them.
 
-        ``of_sizes`` (windows, 2, 4) and ``of_left`` (windows, 2): from `columns`.
+        ``of_sizes`` (windows, 2, 5) and ``of_left`` (windows, 2): from `columns`.
         """
         step = of_left - of_sizes @ change
         self.offset, self.drift = self.offset + step[:, 0], self.drift + step[:, 1]
@@ -128,7 +136,7 @@ def fit(records, drive, free=SIZES, start=None):
     Parameters
     ----------
     records : list of `Windows`. drive : `Drive` to start from.
-    free : names of the sizes that are fitted, of `SIZES`; the gap is 0 where it is not among them and not given.
+    free : names of the sizes that are fitted, of `PULLED`; the gap is 0 where it is not among them and not given.
     start : `Characteristic` to start from, and to keep where a size is not fitted.
     """
     records = [record for record in records if len(record)]
@@ -136,11 +144,11 @@ def fit(records, drive, free=SIZES, start=None):
         return None
     for record in records:
         record.start()
-    gap, stiffness, damping = (start.gap, start.stiffness, start.damping) if start else (
-        0.0, drive.stiffness, drive.damping)
-    which = [SIZES.index(name) for name in free]
+    gap, stiffness, damping, pull = (start.gap, start.stiffness, start.damping, start.pull) if start else (
+        0.0, drive.stiffness, drive.damping, 0.0)
+    which = [PULLED.index(name) for name in free]
     for _ in range(ROUNDS):
-        parts = [record.columns(gap, stiffness, damping) for record in records]
+        parts = [record.columns(gap, stiffness, damping, pull) for record in records]
         change, errors, left = _solve(parts, which)
         if change is None:
             return None
@@ -148,16 +156,17 @@ def fit(records, drive, free=SIZES, start=None):
         factor = 1.0 + float(np.clip(change[1] / stiffness, -0.5, 1.0))
         wider = max(gap + float(np.clip(change[0], -0.5 * gap, 0.5 * gap + FIRST_GAP)), 0.0)
         settled = abs(factor - 1.0) < SETTLED and max(abs(wider - gap), moved) < SETTLED_GAP
-        gap, stiffness, damping = wider, stiffness * factor, damping + change[2]
+        gap, stiffness, damping, pull = wider, stiffness * factor, damping + change[2], pull + change[-1]
         if settled:
             break
     rows = sum(record.force.size for record in records) / (2 * WIDTH - 1)
-    return Characteristic(gap, errors[0], stiffness, errors[1], float(damping), left, rows)
+    return Characteristic(gap, errors[0], stiffness, errors[1], float(damping), left, rows,
+                          float(pull), errors[-1])
 
 
 def _solve(parts, which):
-    """(change of `SIZES` (4,), standard errors by how the windows disagree (4,), root mean square that is left [N])."""
-    change, errors = np.zeros(len(SIZES)), np.zeros(len(SIZES))
+    """(change of `PULLED` (5,), standard errors by how windows disagree (5,), root mean square that is left [N])."""
+    change, errors = np.zeros(len(PULLED)), np.zeros(len(PULLED))
     left = np.concatenate([part[0] for part in parts])
     columns = np.concatenate([part[1] for part in parts])[:, :, which]
     if which:

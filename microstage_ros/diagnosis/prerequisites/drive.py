@@ -54,7 +54,8 @@ class Drive:
 
     ``lever`` is r/N [m per radian of the motor]: stage travel for a radian of the motor shaft. ``amplifier_noise`` [V]
     and ``variability`` are what the axis file states of noise; where records of the healthy axis are given, they say it
-    instead.
+    instead. ``pull``: the force that pulls on the stage towards smaller x [N] and its standard error, where a rattle in
+    a gap told it.
     """
 
     resistance: float
@@ -81,6 +82,7 @@ class Drive:
     current_skew: float = 0.0
     amplifier_noise: float = 0.0
     variability: "Variability | None" = None
+    pull: tuple[float, float] | None = None
 
     def interpolation_error(self, position):
         """What the encoder of the axis file reads beyond ``position`` [m], (n,), by interpolation [m]."""

@@ -18,8 +18,8 @@ from microstage_ros.diagnosis.catalogue.form import Frame
 from microstage_ros.diagnosis.preprocessing.gap_replay import stage_behind_gap
 from microstage_ros.diagnosis.preprocessing.threads import side_by_side
 from microstage_ros.diagnosis.preprocessing.transmitted_force import SIGMAS
-from microstage_ros.diagnosis.prerequisites.characteristic import SIZES, Windows, fit
-from microstage_ros.diagnosis.prerequisites.resonant import DAMPING_ERROR, FAR
+from microstage_ros.diagnosis.prerequisites.characteristic import PULLED, SIZES, Windows, fit
+from microstage_ros.diagnosis.prerequisites.resonant import DAMPING_ERROR, FAR, STIFFNESS_ERROR
 from microstage_ros.diagnosis.residuals.transmission_deflection import BLOCK, Windup
 
 # times the baseline's loss, or the force's noise, from which the search is worth its time; calibrated by:
@@ -70,7 +70,8 @@ class Gap:
 
     ``taken``: χ² that it takes from a learning record, on average; ``stiffness`` and ``damping``: factors on the drive
     train's, with the stiffness's standard error, where a rattle told them (`characteristic`), else 1 and None;
-    ``held_loose``: χ² of the held-out records with the gap alone."""
+    ``held_loose``: χ² of the held-out records with the gap alone; ``pull``: force that pulls on the stage towards
+    smaller x [N] and its standard error, as the rattle tells it, else 0."""
 
     width: float
     stderr: float
@@ -83,6 +84,8 @@ class Gap:
     damping: float = 1.0
     stiffness_stderr: float | None = None
     held_loose: float = 0.0
+    pull: float = 0.0
+    pull_stderr: float = 0.0
 
     @property
     def rattles(self):
@@ -98,6 +101,12 @@ class Gap:
     def scales(self):
         """Whether stiffness and damping are off by one factor, as another mass on the stage makes them seem."""
         return abs(math.log(max(self.damping, TINY) / self.stiffness)) < DAMPING_ERROR
+
+    def added_mass(self, mass):
+        """Mass M [kg] added to the stage of ``mass`` m [kg] that the stiffness, k times the stated one, stands for,
+        m (1/k − 1), and its standard error."""
+        error = math.hypot(self.stiffness_stderr or 0.0, STIFFNESS_ERROR * self.stiffness)
+        return mass * (1.0 / self.stiffness - 1.0), mass * error / self.stiffness**2
 
     def drive(self, nominal):
         """`Drive` with these factors on ``nominal``, a `Drive`."""
@@ -155,7 +164,7 @@ def _rattling(prepared, drive):
     """`Gap` by force over deflection, where flanks are hit from both sides in the records; else None."""
     records = {name: [Windows(p, drive) for p in group] for name, group in prepared.items()}
     without = fit(records["learn"], drive, SIZES[1:])
-    found = fit(records["learn"], drive) if without is not None else None
+    found = fit(records["learn"], drive, PULLED) if without is not None else None
     if found is None or found.gap < max(LEAST, SIGMAS * found.gap_stderr):
         return None
     loose = dataclasses.replace(found, stiffness=drive.stiffness, damping=drive.damping)
@@ -180,6 +189,7 @@ def _rattling(prepared, drive):
         taken=(chi2(without, found.rows) - chi2(found, found.rows)) / len(records["learn"]),
         stiffness=found.stiffness / drive.stiffness, damping=found.damping / drive.damping,
         stiffness_stderr=float(found.stiffness_stderr / drive.stiffness), held_loose=chi2(held[2], held[0].rows),
+        pull=found.pull, pull_stderr=found.pull_stderr,
     )
 
 

@@ -50,6 +50,7 @@ class Known:
                         traces,
                         self.gap.width if self.gap else 0.0,
                         self.courses[number] if self.courses else None,
+                        self.gap.pull if self.gap else 0.0,
                     )
                 )
                 number += 1

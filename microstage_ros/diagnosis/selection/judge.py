@@ -23,7 +23,7 @@ from microstage_ros.diagnosis.selection.agreement import (
     shortfall,
     unsteadiness,
 )
-from microstage_ros.diagnosis.selection.mass_or_drive import RESONANT, resonance_is
+from microstage_ros.diagnosis.selection.mass_or_drive import RESONANT, resonance_is, shown_by_rattle
 from microstage_ros.diagnosis.selection.selection import RIVAL_MARGIN, acceptable, best_forms, level_or_viscous
 from microstage_ros.diagnosis.selection.splinters import FAINT_GAIN, FRICTIONS, stand_side_by_side
 from microstage_ros.diagnosis.selection.stroke_profile import profile_of
@@ -299,7 +299,7 @@ def without_strangers(evidences, choices):
     for choice in choices:
         others, left = [c for c in kept if c is not choice], ledger_of(evidences, kept).left
         channel, own = _main_channel(evidences, choice, kept, others)
-        if channel not in stands_out(evidences, kept):
+        if shown_by_rattle(evidences, choice) or channel not in stands_out(evidences, kept):
             continue
         small = left[channel] < (STRANGER_IN_TORQUE if channel == "torque" else STRANGER) * max(own, 0.0)
         if not small and unsteadiness(evidences, choice, others) > SIZE_OF_NO_STRANGER:

@@ -2,9 +2,10 @@
 
 import math
 
-from microstage_ros.diagnosis.residuals.evidence_set import Choice
+from microstage_ros.diagnosis.catalogue.drive import INERTIA
+from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences
 from microstage_ros.diagnosis.selection.agreement import LEADING_ODDS, log_odds, size_beyond_baseline
-from microstage_ros.diagnosis.selection.sizes import sizes_of
+from microstage_ros.diagnosis.selection.sizes import CAUTION, sizes_of
 
 RESONANT = ("payload_change", "drive_compliance")
 # share of a soft drive's gain in resonance and wind-up from which a payload explains them as well: the drive would have
@@ -17,6 +18,34 @@ ALIKE, UNLIKE = 0.9, 0.5
 # which the torque balance told two fifths)
 ALIKE_MASS, LEAST_ALIKE = 0.4, 0.25
 DECISIVE = 4.0   # standard errors; derived: a chance of 6·10⁻⁵ on both sides
+
+
+def behind_gap(evidences):
+    """Whether the records are of a stage behind a gap, where no resonance is judged and the gap's own error is in the
+    deflection."""
+    return "windup" in evidences.learn and "resonance" not in evidences.learn
+
+
+def mass_of_inertia(evidences, others):
+    """Masses [kg], and their standard errors, that the load on the guideways and the stage's inertia tell in the torque
+    balance beside ``others``: two (mass, error), or None where it was not asked (`inertia_form`).
+
+    What is no mass shows in one of them only, or as two masses.
+    """
+    torque = evidences.learn.get("torque")
+    keys = [("payload_change", ""), (INERTIA, "")]
+    if torque is None or any(not any(form.key == key for form in evidences.forms) for key in keys):
+        return None
+    beta, covariance, _ = torque.fit([*Evidences._keys("torque", others), *keys])
+    covariance = covariance[-2:, -2:] * evidences.scatter["torque"] * CAUTION["torque"] ** 2
+    mass = evidences.frame.drive.mass
+    return ((mass * float(beta[-2]), mass * math.sqrt(covariance[0, 0])),
+            (mass * float(beta[-2] + beta[-1]), mass * math.sqrt(covariance.sum())))
+
+
+def shown_by_rattle(evidences, choice):
+    """Whether a rattle in a gap tells a payload, too: then what else is left in the torque is no matter of it."""
+    return choice.effect == "payload_change" and evidences.frame.rattled_mass != 0.0
 
 
 def alike(mass, other):
@@ -42,7 +71,7 @@ def resonance_is(evidences, trials, others):
     ``trials``: {effect: `Trial` or None}.
     """
     payload, drive = trials["payload_change"], trials["drive_compliance"]
-    if payload is None or drive is None:
+    if payload is None or drive is None or behind_gap(evidences):
         return None
     fast = ("resonance", "windup")
     gains = [

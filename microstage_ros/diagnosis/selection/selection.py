@@ -6,9 +6,12 @@ from microstage_ros.diagnosis.catalogue import CONTAINS
 from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, Trial
 from microstage_ros.diagnosis.selection.agreement import agrees_with_itself, in_baseline, is_wave_of_baseline
 from microstage_ros.diagnosis.selection.mass_or_drive import (
+    DECISIVE,
     RESONANT,
     alike,
+    behind_gap,
     mass_beyond_baseline,
+    mass_of_inertia,
     resonance_is,
 )
 from microstage_ros.diagnosis.selection.sizes import sizes_of, width
@@ -132,6 +135,9 @@ def _masses_agree(evidences, choice, choices):
     masses = {form.channel: sizes_of(evidences, choice, choices, form)[0]["mass_kg"][:2] for form in choice.forms}
     if evidences.frame.rattled_mass:    # behind a gap the rattle tells what the resonance would
         masses["resonance"] = (evidences.frame.rattled_mass, 0.0)
+    elif "torque" in masses and behind_gap(evidences):    # or the load on the guideways and the inertia, each alone
+        two = mass_of_inertia(evidences, choices)
+        return two is not None and all(abs(m) > DECISIVE * error for m, error in two) and alike(two[0][0], two[1][0])
     if not {"torque", "resonance"} <= set(masses):
         return False
     (friction, stderr), (resonance, _) = masses["torque"], masses["resonance"]

@@ -4,6 +4,7 @@ import dataclasses
 import math
 
 from microstage_ros.diagnosis.residuals.evidence_set import Evidences
+from microstage_ros.diagnosis.result import Parameter
 
 #: Standard errors of a channel, by what simulated cases show beyond the noise model (random friction is no
 #: exact sum of two processes, and is clipped).
@@ -56,6 +57,16 @@ def stated_sizes(evidences, choice, others, form):
         parameters = {name: (value, max(stderr, scattered[name][1]), unit)
                       for name, (value, stderr, unit) in parameters.items()}
     return _with_form_error(parameters, form), effect
+
+
+def with_rattled_mass(causes, mass, stderr):
+    """These `Cause` with the ``mass`` [kg] of a payload that a rattle in a gap tells, and its ``stderr`` [kg].
+
+    Stiffness over mass comes from the hits themselves; the torque balance, in which every hit leaves some friction, is
+    off by more than its error.
+    """
+    rattled = {"parameters": {"mass_kg": Parameter(mass, stderr, "kg")}, "effect": {"mass_kg": mass}}
+    return [dataclasses.replace(c, **rattled) if c.id == "payload_change" else c for c in causes]
 
 
 def with_payload(causes, mass):

@@ -8,6 +8,7 @@ from microstage_ros.diagnosis.catalogue import WIDER
 from microstage_ros.diagnosis.prerequisites.amplifier import LEAST_GAIN
 from microstage_ros.diagnosis.prerequisites.growth import OTHER_POWER
 from microstage_ros.diagnosis.selection.agreement import HALF, unsteadiness
+from microstage_ros.diagnosis.selection.stroke_profile import profile_of
 
 # of one candidate; derived: some hundred candidates at 10⁻⁶ name a cause of a healthy axis by chance in 10⁻⁴ of the
 # cases
@@ -40,7 +41,11 @@ FLIPS_NOT = ("gravity_tilt", "cable_spring")
 #: What the speed alone sets leaves nothing that needs rest. A profile along the stroke may be but a level.
 OF_SPEED = ("viscous_change", "nonlinear_viscous")
 OF_REST = ("rising_static_friction", "presliding_creep")
+#: What pulls one way, but for the first micrometres after a reversal.
+ONE_FORCE = ("gravity_tilt", "direction_asymmetry")
 ALONG_STROKE = "position_dependent_friction"
+#: What goes with the place of the screw is none of what an amplifier swallows, whatever its width.
+OF_SCREW, SWALLOWS = "screw_pitch_error", "amplifier_deadband"
 
 
 def wider_keys(evidences, effect, channel):
@@ -89,6 +94,8 @@ def _no_part_of(evidences, choice, larger, choices):
     """Whether a cause stands beside the larger ones whatever else their shape may be: then it is no misfit of them."""
     extra = []
     for one in larger:
+        if one.effect in OF_SPEED and _is_level(evidences, choice, choices):
+            return False
         shapes = _whatever_else(evidences, choice.effect, one)
         if not shapes:
             return False
@@ -96,11 +103,22 @@ def _no_part_of(evidences, choice, larger, choices):
     return stands_beside(evidences, choice, choices, extra)
 
 
+def _is_level(evidences, choice, choices):
+    """Whether friction along the stroke is, by its mean, as much a level, which a viscosity leaves where the speed is
+    ever the same."""
+    if choice.effect != ALONG_STROKE:
+        return False
+    mean, spread = profile_of(evidences, choice, [*choices, choice])
+    return HALF * spread < abs(mean)
+
+
 def stands_beside(evidences, choice, choices, shapes):
-    """Whether a cause gains more than half as much beside nameless ``shapes`` of the torque, (channel, key) each."""
+    """Whether a cause gains more than half as much beside ``shapes``, (channel, key) each, in their channels."""
     alone = evidences.gain([*choices, choice]) - evidences.gain(choices)
-    beside = evidences.channel_gain("torque", [*choices, choice], shapes)
-    beside -= evidences.channel_gain("torque", choices, shapes)
+    beside = 0.0
+    for channel in {channel for channel, _ in shapes}:
+        beside += evidences.channel_gain(channel, [*choices, choice], shapes)
+        beside -= evidences.channel_gain(channel, choices, shapes)
     return beside > HALF * alone
 
 
@@ -115,14 +133,33 @@ def stand_side_by_side(evidences, choice, other, others):
 def _whatever_else(evidences, effect, larger):
     """(channel, key) of the nameless shapes that hold all that a larger `Choice` may leave beside itself, and not the
     ``effect``; none where there are no such shapes."""
-    beside = ((FLIPS_NOT, FLIPS), (OF_REST, OF_SPEED), ((ALONG_STROKE,), FLIPS_NOT))
+    beside = ((FLIPS_NOT, FLIPS), ((*OF_REST, ALONG_STROKE), OF_SPEED), ((ALONG_STROKE,), FLIPS_NOT))
     if any(effect in ours and larger.effect in theirs for ours, theirs in beside):
         return wider_keys(evidences, larger.effect, "torque")
-    if effect == ALONG_STROKE and larger.effect in OF_REST:
-        return [("torque", form.key) for form in evidences.forms if form.effect in OF_REST]
+    if effect in (ALONG_STROKE, *OF_REST) and larger.effect in OF_REST:
+        return [("torque", form.key) for form in evidences.forms if form.effect in OF_REST and form.effect != effect]
+    if effect == OF_SCREW and larger.effect == SWALLOWS:
+        return [(form.channel, form.key) for form in evidences.forms if form.effect == SWALLOWS]
     if effect in FRICTIONS and larger.effect == "nonlinear_viscous" and not any("," in f.variant for f in larger.forms):
         return [("torque", form.key) for form in evidences.forms if form.effect == OTHER_POWER]
     return []
+
+
+def one_force(evidences, choices, rivals):
+    """Choices and rivals where a tilt and an asymmetry were chosen on a machine of another friction law.
+
+    An asymmetry of that law is neither the one that is replayed nor a constant force, and both together are nearer than
+    either. They are two causes if the fainter one holds more than a misfit does; else one, and which is open.
+    """
+    both = [c for c in choices if c.effect in ONE_FORCE]
+    others = [c for c in choices if c not in both]
+    if len(both) < len(ONE_FORCE) or evidences.frame.drive.actuator.law < 0:
+        return choices, rivals
+    whole, *alone = (evidences.gain([*others, *some]) - evidences.gain(others) for some in (both, *([c] for c in both)))
+    if whole - max(alone) > MAJOR * whole:
+        return choices, rivals
+    stronger, fainter = both if alone[0] >= alone[1] else both[::-1]
+    return [c for c in choices if c is not fainter], {**rivals, stronger.effect: [fainter.effect]}
 
 
 def without_splinters(evidences, choices):
