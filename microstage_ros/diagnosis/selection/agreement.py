@@ -8,6 +8,7 @@ baseline, is its noise.
 
 import math
 
+import numpy as np
 from scipy.stats import t as student
 
 from microstage_ros.model.effects import REGISTRY
@@ -146,18 +147,27 @@ def log_tail(size):
     return float(student.logsf(value / stderr, freedom))
 
 
-def log_odds(lead):
+def log_odds(lead, base=(0.0, 0.0, 0.0)):
     """ln [1] of how much more likely a factor ½ + lead is if the first of two names is right, and the factor one, than
     if the second is, and the factor nothing.
 
     ``lead``: value, standard error [1], degrees of freedom; Student's t. Where the factor lies further from one than
-    its error allows neither name is right to the last, and the error is at least that distance.
+    its error allows neither name is right to the last, and the error is at least that distance. ``base``: the same of
+    what the healthy axis clearly shows of the difference, with its sign. It is the machine's, and then it is in the
+    records, too, as it is; or random friction's, and then the records have another one of that size. Either is as
+    likely beforehand.
     """
     value, stderr, freedom = lead
-    stderr = max(stderr, abs(0.5 - value))
-    if stderr == 0.0:
-        return math.inf
-    return float(student.logpdf((value - 0.5) / stderr, freedom) - student.logpdf((value + 0.5) / stderr, freedom))
+    shown, error, more = base
+    first, second = [], []
+    for shift, spread in ((shown, math.hypot(stderr, error)), (0.0, math.hypot(stderr, shown))):
+        away = value - 0.5 - shift                  # from what is expected under the first name
+        spread = max(spread, abs(away))
+        if spread == 0.0:
+            return math.inf
+        for found, distance in ((first, away), (second, away + 1.0)):
+            found.append(student.logpdf(distance / spread, freedom + more) - math.log(spread))
+    return float(np.logaddexp(*first) - np.logaddexp(*second))
 
 
 def shortfall(evidences, choice, others):

@@ -162,8 +162,8 @@ def _leads(evidences, choice, other, others):
         return False
     # the two differ by the very shapes in which the machine's law differs from the model's, and by as much of that
     # difference as the healthy axis clearly shows either of them may gain on the other where nothing has changed
-    lead = beyond(lead, clear_part(evidences.lead_of_baseline(choice, other, others)))
-    return log_tail(lead) < OF_NAMES or log_odds(lead) > LEADING_ODDS
+    base = clear_part(evidences.lead_of_baseline(choice, other, others))
+    return log_tail(beyond(lead, (abs(base[0]), *base[1:]))) < OF_NAMES or log_odds(lead, base) > LEADING_ODDS
 
 
 def is_constant_force(evidences, choice, effect, others):

@@ -139,17 +139,17 @@ def test_a_lead_in_few_stretches_of_unlike_weight_is_sure_if_each_agrees():
 
 def test_a_lead_no_larger_than_what_the_baselines_law_takes_for_it_is_none():
     """What the machine's own law leaves in the direction from one name to the other, it leaves in the records, too; what
-    it leaves elsewhere says nothing of the two."""
+    it leaves elsewhere says nothing of the two, and what it leaves in favour of the other name takes no lead."""
     other = Choice("amplifier_offset", (OTHER,))
     case = evidences(lambda k: 0.3, base=lambda k: 0.0)
     for size, reverse, leads in ((0.0, False, True), (0.02, False, True), (0.2, False, False), (-0.2, False, False),
-                                 (0.6, True, True)):
+                                 (0.1, False, False), (-0.1, False, True), (0.6, True, True)):
         channel = Channel(5, lambda k: 0.0)
         channel.residual = channel.residual + size * (channel.signal[::-1] if reverse else channel.signal)
         case.base = {"torque": Growing([channel], [EFFECT, OTHER], None)}
         found, stderr, _ = case.lead_of_baseline(CHOICE, other, [])
         if not reverse:
-            assert found == pytest.approx(abs(size) / 0.3, abs=3.0 * stderr)
+            assert found == pytest.approx(size / 0.3, abs=3.0 * stderr)
         assert judge._leads(case, CHOICE, other, []) == leads, size
     assert evidences(lambda k: 0.3).lead_of_baseline(CHOICE, other, []) == (0.0, 0.0, 0.0)
 
