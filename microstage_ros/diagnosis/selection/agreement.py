@@ -33,6 +33,7 @@ BASE_SHARE = 0.3
 CERTAIN = 0.2
 # of a cause's size from which on the baseline shows the same thing; derived: midway between none of it and all
 HALF = 0.5
+SIGMAS = 3.0            # derived: a chance of 1.3·10⁻³
 
 
 def size_beyond_baseline(evidences, choice, others):
@@ -56,6 +57,16 @@ def unsteadiness(evidences, choice, others):
     if any(size is None or size[0] <= 0.0 for size in sizes):
         return math.inf
     return max(stderr / value for value, stderr, _ in sizes)
+
+
+def has_two_sizes(evidences, choice, others):
+    """Whether the held-out records show another size of a cause than the learning ones, by `SIGMAS` of the scatter
+    between stretches of both: then it is no size of anything, however certain it is in either."""
+    sizes = [evidences.agreement(choice, others, group) for group in ("learn", "held")]
+    if None in sizes:
+        return False
+    (learned, stderr, _), (held, error, _) = sizes
+    return abs(held - learned) > SIGMAS * math.hypot(stderr, error)
 
 
 def agrees_with_itself(evidences, choice, others):
@@ -168,6 +179,34 @@ def log_odds(lead, base=(0.0, 0.0, 0.0)):
         for found, distance in ((first, away), (second, away + 1.0)):
             found.append(student.logpdf(distance / spread, freedom + more) - math.log(spread))
     return float(np.logaddexp(*first) - np.logaddexp(*second))
+
+
+def leads(lead, base):
+    """Whether a ``lead`` of the first of two names is certain beyond what the healthy axis clearly shows of the same
+    difference (``base``), or the odds are `LEADING_ODDS`: value, standard error [1], degrees of freedom each.
+
+    The two names differ by the very shapes in which the machine's law differs from the model's, and by as much of that
+    difference as the healthy axis shows either of them may gain on the other where nothing has changed.
+    """
+    return _certainly_nearer(lead, base) or log_odds(lead, base) > LEADING_ODDS
+
+
+def _certainly_nearer(lead, base):
+    shown, *error = base
+    return log_tail(beyond(lead, (abs(shown), *error))) < OF_NAMES
+
+
+def is_the_first(evidences, one, other, others):
+    """Whether of two names the stretches of the records put the factor of `Evidences.lead` at one, the first name,
+    within `SIGMAS`, and certainly beyond ½, more than the healthy axis shows of the difference.
+
+    Then the first is right to the last, and nothing is left of the difference that a form which is not exact could have
+    made; how small it is beside what both explain says nothing.
+    """
+    lead = evidences.lead(one, other, others)
+    if lead is None or abs(lead[0] - HALF) > SIGMAS * lead[1]:
+        return False
+    return _certainly_nearer(lead, clear_part(evidences.lead_of_baseline(one, other, others)))
 
 
 def shortfall(evidences, choice, others):

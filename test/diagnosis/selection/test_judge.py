@@ -209,6 +209,10 @@ def test_strangers_are_dropped_and_others_kept():
     for error, kept in ((0.13, []), (0.11, [stranger])):       # of one size in every stretch it is no nearest name
         world.evidences.agreement = lambda *_, error=error: (1.0, error, 50.0)
         assert judge.without_strangers(world.evidences, [stranger]) == kept
+    for held, kept in ((1.4, [stranger]), (1.6, [])):          # but for one that is another size in the held-out records
+        size = {"learn": (1.0, 0.11, 50.0), "held": (held, 0.15, 20.0)}
+        world.evidences.agreement = lambda choice, others, group, size=size: size[group]
+        assert judge.without_strangers(world.evidences, [stranger]) == kept
     world = World(forms, {"encoder_sde": 2.0}, excess={"position": 0.6}, seed=9)
     mine = choice(world, "encoder_sde")
     assert judge.stands_out(world.evidences, [mine]) == ["position"]
