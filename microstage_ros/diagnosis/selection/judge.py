@@ -292,7 +292,7 @@ def _louder(evidences, channel, choices):
 def without_strangers(evidences, choices):
     """Drop causes that explain next to nothing of the channel in which they show most, while much more stands out
     there: the nearest name is no answer. It has another size wherever one looks; a cause of one size is none such.
-    Where anything stands out, a cause of one size in the learning records and another one in the others is none."""
+    Beside another cause of that channel, one of another size in the held-out than in the learning records is none."""
     kept = list(choices)
     for choice in choices:
         others, left = [c for c in kept if c is not choice], ledger_of(evidences, kept).left
@@ -301,7 +301,7 @@ def without_strangers(evidences, choices):
             continue
         small = left[channel] < (STRANGER_IN_TORQUE if channel == "torque" else STRANGER) * max(own, 0.0)
         of_no_size = not small and unsteadiness(evidences, choice, others) > SIZE_OF_NO_STRANGER
-        if of_no_size or has_two_sizes(evidences, choice, others):
+        if of_no_size or any(o.keys(channel) for o in others) and has_two_sizes(evidences, choice, others):
             kept = others
     return _shown_by_more_than_the_reading(evidences, kept)
 
