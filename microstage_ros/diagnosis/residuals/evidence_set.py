@@ -177,15 +177,15 @@ class Evidences:
     def lead_of_baseline(self, one, other, others):
         """How much of the difference of the two fits, ``one`` and ``other``, `Choice` each, the healthy axis shows,
         where neither is there: the same factor a on the baseline's residual, before anything was taken out of it or
-        after, whichever is larger.
+        after, whichever is larger in size. Above zero where the healthy axis is nearer to the first.
 
         Returns
         -------
-        (size of a, its standard error, degrees of freedom); zeros without a baseline.
+        (a, its standard error, degrees of freedom); zeros without a baseline.
         """
         found = [self._between(one, other, others, group) for group in ("base", "raw") if getattr(self, group)]
-        found = [(abs(a), stderr, freedom) for a, stderr, freedom in filter(None, found) if math.isfinite(stderr)]
-        return max(found, default=(0.0, 0.0, 0.0))
+        found = [size for size in filter(None, found) if math.isfinite(size[1])]
+        return max(found, key=lambda size: abs(size[0]), default=(0.0, 0.0, 0.0))
 
     def _between(self, one, other, others, *groups):
         """Factor on the difference of two fits, in groups of records; without one of the two in the baseline."""

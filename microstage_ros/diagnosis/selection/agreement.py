@@ -8,6 +8,7 @@ baseline, is its noise.
 
 import math
 
+import numpy as np
 from scipy.stats import t as student
 
 from microstage_ros.model.effects import REGISTRY
@@ -32,6 +33,7 @@ BASE_SHARE = 0.3
 CERTAIN = 0.2
 # of a cause's size from which on the baseline shows the same thing; derived: midway between none of it and all
 HALF = 0.5
+SIGMAS = 3.0            # derived: a chance of 1.3·10⁻³
 
 
 def size_beyond_baseline(evidences, choice, others):
@@ -55,6 +57,16 @@ def unsteadiness(evidences, choice, others):
     if any(size is None or size[0] <= 0.0 for size in sizes):
         return math.inf
     return max(stderr / value for value, stderr, _ in sizes)
+
+
+def has_two_sizes(evidences, choice, others):
+    """Whether the held-out records show another size of a cause than the learning ones, by `SIGMAS` of the scatter
+    between stretches of both: then it is no size of anything, however certain it is in either."""
+    sizes = [evidences.agreement(choice, others, group) for group in ("learn", "held")]
+    if None in sizes:
+        return False
+    (learned, stderr, _), (held, error, _) = sizes
+    return abs(held - learned) > SIGMAS * math.hypot(stderr, error)
 
 
 def agrees_with_itself(evidences, choice, others):
@@ -146,18 +158,55 @@ def log_tail(size):
     return float(student.logsf(value / stderr, freedom))
 
 
-def log_odds(lead):
+def log_odds(lead, base=(0.0, 0.0, 0.0)):
     """ln [1] of how much more likely a factor ½ + lead is if the first of two names is right, and the factor one, than
     if the second is, and the factor nothing.
 
     ``lead``: value, standard error [1], degrees of freedom; Student's t. Where the factor lies further from one than
-    its error allows neither name is right to the last, and the error is at least that distance.
+    its error allows neither name is right to the last, and the error is at least that distance. ``base``: the same of
+    what the healthy axis clearly shows of the difference, with its sign. It is the machine's, and then it is in the
+    records, too, as it is; or random friction's, and then the records have another one of that size. Either is as
+    likely beforehand.
     """
     value, stderr, freedom = lead
-    stderr = max(stderr, abs(0.5 - value))
-    if stderr == 0.0:
-        return math.inf
-    return float(student.logpdf((value - 0.5) / stderr, freedom) - student.logpdf((value + 0.5) / stderr, freedom))
+    shown, error, more = base
+    first, second = [], []
+    for shift, spread in ((shown, math.hypot(stderr, error)), (0.0, math.hypot(stderr, shown))):
+        away = value - 0.5 - shift                  # from what is expected under the first name
+        spread = max(spread, abs(away))
+        if spread == 0.0:
+            return math.inf
+        for found, distance in ((first, away), (second, away + 1.0)):
+            found.append(student.logpdf(distance / spread, freedom + more) - math.log(spread))
+    return float(np.logaddexp(*first) - np.logaddexp(*second))
+
+
+def leads(lead, base):
+    """Whether a ``lead`` of the first of two names is certain beyond what the healthy axis clearly shows of the same
+    difference (``base``), or the odds are `LEADING_ODDS`: value, standard error [1], degrees of freedom each.
+
+    The two names differ by the very shapes in which the machine's law differs from the model's, and by as much of that
+    difference as the healthy axis shows either of them may gain on the other where nothing has changed.
+    """
+    return _certainly_nearer(lead, base) or log_odds(lead, base) > LEADING_ODDS
+
+
+def _certainly_nearer(lead, base):
+    shown, *error = base
+    return log_tail(beyond(lead, (abs(shown), *error))) < OF_NAMES
+
+
+def is_the_first(evidences, one, other, others):
+    """Whether of two names the stretches of the records put the factor of `Evidences.lead` at one, the first name,
+    within `SIGMAS`, and certainly beyond ½, more than the healthy axis shows of the difference.
+
+    Then the first is right to the last, and nothing is left of the difference that a form which is not exact could have
+    made; how small it is beside what both explain says nothing.
+    """
+    lead = evidences.lead(one, other, others)
+    if lead is None or abs(lead[0] - HALF) > SIGMAS * lead[1]:
+        return False
+    return _certainly_nearer(lead, clear_part(evidences.lead_of_baseline(one, other, others)))
 
 
 def shortfall(evidences, choice, others):

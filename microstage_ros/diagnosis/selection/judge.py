@@ -11,14 +11,14 @@ from microstage_ros.diagnosis.result import Finding, Improvement, OverallImprove
 from microstage_ros.diagnosis.selection.agreement import (
     CERTAIN,
     HALF,
-    LEADING_ODDS,
-    OF_NAMES,
     OF_ONE,
+    SIGMAS,
     agrees_with_itself,
-    beyond,
     clear_part,
+    has_two_sizes,
     in_baseline,
-    log_odds,
+    is_the_first,
+    leads,
     log_tail,
     shortfall,
     unsteadiness,
@@ -35,7 +35,6 @@ FLAT = 0.5              # spread of a profile over its mean, below which it is a
 SCATTER = 1.35
 LARGEST_ASYMMETRY = REGISTRY["direction_asymmetry"].parameters["asymmetry"].maximum   # of the guideways' limits
 ONE_FORCE = {"gravity_tilt", "direction_asymmetry"}
-SIGMAS = 3.0            # derived: a chance of 1.3·10⁻³
 # share of a tilt's gain from which the asymmetry, but for the record's first 40 µm the same, explains it too
 CONSTANT = 0.5
 # times the model's own noise that a healthy channel may show where no baseline says what it usually shows
@@ -58,9 +57,8 @@ LEAST_EVIDENCE = 115.0
 # of what stood out, above which something is left; calibrated by: validation.margins (0.034 to 0.39)
 LEFT_SHARE = 0.08
 COORDINATES = {
-    "position": "position", "time": "time", "friction in time": "time", "viscous in time": "time",
-    "velocity": "velocity", "speed": "velocity",
-    "acceleration": "acceleration", "voltage": "voltage", "direction": "direction",
+    "position": "position", "direction": "direction", "acceleration": "acceleration", "voltage": "voltage",
+    "time": "time", "friction in time": "time", "viscous in time": "time", "velocity": "velocity", "speed": "velocity",
 }
 #: Shapes that healthy axes show a little of, by factors on the threshold.
 LOOSE = {"generic:acceleration": 30.0, "generic:velocity": 3.0, "generic:friction in time": 3.0,
@@ -137,10 +135,12 @@ def rivals_of(evidences, choice, choices, effects):
             continue
         if trial is None or not acceptable(evidences, trial, others) or _level(evidences, trial.choice, others):
             continue
-        if stand_side_by_side(evidences, choice, trial.choice, others):
+        pair = evidences, choice, trial.choice, others
+        if stand_side_by_side(*pair):
             continue
         lead = own.gain + own.held - 2 * own.sizes - (trial.gain + trial.held - 2 * trial.sizes)
-        if lead < RIVAL_MARGIN or lead < RIVAL_SHARE * own.gain or not _leads(evidences, choice, trial.choice, others):
+        clear = lead >= RIVAL_SHARE * own.gain or is_the_first(*pair)
+        if lead < RIVAL_MARGIN or not clear or not _leads(*pair):
             found.append(effect)
     return found
 
@@ -160,10 +160,7 @@ def _leads(evidences, choice, other, others):
         return True
     if (choice.effect, other.effect) == ("gravity_tilt", "direction_asymmetry") and lead[0] + SIGMAS * lead[1] < HALF:
         return False
-    # the two differ by the very shapes in which the machine's law differs from the model's, and by as much of that
-    # difference as the healthy axis clearly shows either of them may gain on the other where nothing has changed
-    lead = beyond(lead, clear_part(evidences.lead_of_baseline(choice, other, others)))
-    return log_tail(lead) < OF_NAMES or log_odds(lead) > LEADING_ODDS
+    return leads(lead, clear_part(evidences.lead_of_baseline(choice, other, others)))
 
 
 def is_constant_force(evidences, choice, effect, others):
@@ -294,7 +291,8 @@ def _louder(evidences, channel, choices):
 
 def without_strangers(evidences, choices):
     """Drop causes that explain next to nothing of the channel in which they show most, while much more stands out
-    there: the nearest name is no answer. It has another size wherever one looks; a cause of one size is none such."""
+    there: the nearest name is no answer. It has another size wherever one looks; a cause of one size is none such.
+    Beside another cause of that channel, one of another size in the held-out than in the learning records is none."""
     kept = list(choices)
     for choice in choices:
         others, left = [c for c in kept if c is not choice], ledger_of(evidences, kept).left
@@ -302,7 +300,8 @@ def without_strangers(evidences, choices):
         if shown_by_rattle(evidences, choice) or channel not in stands_out(evidences, kept):
             continue
         small = left[channel] < (STRANGER_IN_TORQUE if channel == "torque" else STRANGER) * max(own, 0.0)
-        if not small and unsteadiness(evidences, choice, others) > SIZE_OF_NO_STRANGER:
+        of_no_size = not small and unsteadiness(evidences, choice, others) > SIZE_OF_NO_STRANGER
+        if of_no_size or any(o.keys(channel) for o in others) and has_two_sizes(evidences, choice, others):
             kept = others
     return _shown_by_more_than_the_reading(evidences, kept)
 

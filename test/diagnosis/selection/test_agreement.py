@@ -13,12 +13,22 @@ from microstage_ros.diagnosis.prerequisites.timing import repeat_speed
 from microstage_ros.diagnosis.residuals.evidence_set import LOUDNESS_STRETCH, STRETCH, Choice, Evidences
 from microstage_ros.diagnosis.residuals.growing import Growing
 from microstage_ros.diagnosis.selection import judge, selection
-from microstage_ros.diagnosis.selection.agreement import OF_NAMES, agrees_with_itself, in_baseline, log_tail, shortfall
+from microstage_ros.diagnosis.selection.agreement import (
+    OF_NAMES,
+    agrees_with_itself,
+    has_two_sizes,
+    in_baseline,
+    is_the_first,
+    log_tail,
+    shortfall,
+)
 from microstage_ros.diagnosis.selection.sizes import CAUTION, sizes_of, stated_sizes
 
 STEP, ROWS = 0.01, 3000     # s, rows of one record of 30 s
 EFFECT = Form("gravity_tilt", "torque", "", lambda channel, frame: channel.signal[:, None], one("size", "1"))
 OTHER = Form("amplifier_offset", "torque", "", lambda channel, frame: np.cos(channel.time / 3.0)[:, None], one("size", "1"))
+
+COMMON = Form("scale_error", "torque", "", lambda channel, frame: np.sin(channel.time / 0.4)[:, None], one("size", "1"))
 
 
 class Channel:
@@ -121,6 +131,29 @@ def test_the_lead_of_a_name_is_half_where_it_is_right_and_sure_if_the_stretches_
     assert once.gain([CHOICE]) - once.gain([other]) > selection.RIVAL_MARGIN and not judge._leads(once, CHOICE, other, [])
 
 
+@pytest.mark.parametrize(("size", "second", "first"), [(0.3, 0.0, True), (0.0, 0.3, False), (0.3, 0.15, False)])
+def test_a_name_is_the_first_of_two_where_nothing_is_left_of_the_other(size, second, first):
+    """Of the difference of the two fits, however small it is beside what both explain; halfway it is neither."""
+    other, common = Choice("amplifier_offset", (OTHER,)), Choice("scale_error", (COMMON,))
+    case = evidences(lambda k: size)
+    for group in (case._in_rows(None), case.held["torque"]):
+        for record in group._records:
+            channel = record._channel
+            channel.residual += second * OTHER.columns(channel, None)[:, 0] + 20.0 * COMMON.columns(channel, None)[:, 0]
+    made = [Growing([r._channel for r in group._records], [EFFECT, OTHER, COMMON], None)
+            for group in (case._in_rows(None), case.held["torque"])]
+    case.learn, case.held, case._in_rows = {"torque": made[0]}, {"torque": made[1]}, lambda channel: made[0]
+    assert is_the_first(case, CHOICE, other, [common]) == first
+
+
+def test_two_sizes_are_those_of_the_learning_and_of_the_held_out_records():
+    for held, two in ((0.3, False), (0.34, False), (0.6, True), (0.0, True)):
+        assert has_two_sizes(evidences(lambda k: 0.3, lambda k, held=held: held), CHOICE, []) == two
+    kept = evidences(lambda k: 0.3)
+    kept._in_rows, kept._learn_rows = None, {}
+    assert not has_two_sizes(kept, CHOICE, [])          # the rows were not kept
+
+
 def test_a_lead_in_few_stretches_of_unlike_weight_is_sure_if_each_agrees():
     """An effect that shows at speed only, in seven stretches of a record: χ² of them differs twentyfold."""
     strength = {10: 0.4, 11: 0.6, 40: 0.9, 41: 1.2, 70: 1.5, 71: 1.6, 100: 1.8}
@@ -139,17 +172,17 @@ def test_a_lead_in_few_stretches_of_unlike_weight_is_sure_if_each_agrees():
 
 def test_a_lead_no_larger_than_what_the_baselines_law_takes_for_it_is_none():
     """What the machine's own law leaves in the direction from one name to the other, it leaves in the records, too; what
-    it leaves elsewhere says nothing of the two."""
+    it leaves elsewhere says nothing of the two, and what it leaves in favour of the other name takes no lead."""
     other = Choice("amplifier_offset", (OTHER,))
     case = evidences(lambda k: 0.3, base=lambda k: 0.0)
     for size, reverse, leads in ((0.0, False, True), (0.02, False, True), (0.2, False, False), (-0.2, False, False),
-                                 (0.6, True, True)):
+                                 (0.1, False, False), (-0.1, False, True), (0.6, True, True)):
         channel = Channel(5, lambda k: 0.0)
         channel.residual = channel.residual + size * (channel.signal[::-1] if reverse else channel.signal)
         case.base = {"torque": Growing([channel], [EFFECT, OTHER], None)}
         found, stderr, _ = case.lead_of_baseline(CHOICE, other, [])
         if not reverse:
-            assert found == pytest.approx(abs(size) / 0.3, abs=3.0 * stderr)
+            assert found == pytest.approx(size / 0.3, abs=3.0 * stderr)
         assert judge._leads(case, CHOICE, other, []) == leads, size
     assert evidences(lambda k: 0.3).lead_of_baseline(CHOICE, other, []) == (0.0, 0.0, 0.0)
 

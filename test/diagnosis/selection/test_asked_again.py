@@ -93,6 +93,9 @@ def test_the_clear_part_of_a_size_is_what_stands_above_its_error():
     ((0.1, 0.06, 60.0), (0.0, 0.1, 30.0), False),
     ((0.2, 0.08, 60.0), (0.0, 0.1, 30.0), False),      # an asymmetry on a machine of LuGre's law, called a tilt
     ((-0.5, 0.25, 30.0), (0.0, 0.1, 30.0), False),
+    # a level of friction: the healthy axis was nearer to a viscosity (pairs, seed 10201, case 47), or to the level
+    ((0.297, 0.033, 52.0), (-0.339, 0.096, 24.0), True),
+    ((0.297, 0.033, 52.0), (0.339, 0.096, 24.0), False),
 ])
 def test_a_name_leads_by_the_odds_of_two_names_or_by_certainty(lead, base, leads):
     case = types.SimpleNamespace(lead=lambda *_: lead, lead_of_baseline=lambda *_: base)
@@ -117,3 +120,14 @@ def test_the_odds_of_two_names_are_those_of_the_factor():
     assert log_odds((0.5, 0.2, 3.0)) < 0.5 / 0.2**2 and log_odds((0.5, 0.0, 3.0)) == math.inf
     assert log_odds((0.2, 0.01, 1.0e6)) == pytest.approx(0.2 / 0.3**2, rel=1e-3)      # a distance of 0.3 from the first
     assert log_tail((0.5, 0.25, 30.0)) > OF_NAMES
+
+
+def test_what_the_baseline_shows_of_two_names_is_the_machines_or_of_one_record():
+    gauss = 1.0e6
+    both = log_odds((0.5, 0.1, gauss), (0.2, 0.0, gauss)), log_odds((0.5, 0.1, gauss), (-0.2, 0.0, gauss))
+    random = math.hypot(0.1, 0.2)
+    density = lambda distance, spread: math.exp(-0.5 * (distance / spread) ** 2) / spread
+    for found, shown in zip(both, (0.2, -0.2)):     # a distance of 0.2 from the first name if it is the machine's
+        first = density(0.2, 0.2) + density(0.0, random)
+        assert found == pytest.approx(math.log(first / (density(1.0 - shown, 0.2) + density(1.0, random))), rel=1e-3)
+    assert both[1] > both[0]

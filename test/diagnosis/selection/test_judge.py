@@ -215,6 +215,18 @@ def test_strangers_are_dropped_and_others_kept():
     assert judge.without_strangers(world.evidences, [mine]) == [mine]
 
 
+@pytest.mark.parametrize(("held", "kept"), [(1.4, True), (1.6, False)])
+def test_beside_another_cause_one_of_two_sizes_is_none(held, kept):
+    """Where more stands out: 0.4 and 0.6 of its size are 2.2 and 3.2 standard errors of both record groups."""
+    forms = [simple("encoder_sde", "position"), simple("scale_error", "position")]
+    world = World(forms, {"encoder_sde": 0.3, "scale_error": 1.0}, excess={"position": 3.0}, seed=9)
+    mine, larger = choice(world, "encoder_sde"), choice(world, "scale_error")
+    sizes = {"learn": (1.0, 0.11, 50.0), "held": (held, 0.15, 20.0)}
+    world.evidences.agreement = lambda one, others, group: sizes[group] if one is mine else (1.0, 0.11, 50.0)
+    assert judge.without_strangers(world.evidences, [larger, mine]) == ([larger, mine] if kept else [larger])
+    assert judge.without_strangers(world.evidences, [mine]) == [mine]      # alone it is the nearest name to what it is
+
+
 def test_sizes_hold_the_error_of_the_form_and_the_caution_of_the_channel():
     """stderr² = (scatter · 2 σ_β)² + (share · size)², the share of `FORM_ERROR`; a factor counts from one."""
     forms = [FORM[("friction_level_change", "", "torque")], FORM[("gravity_tilt", "", "torque")]]

@@ -109,9 +109,14 @@ def test_the_lead_of_a_name_counts_both_groups_and_every_size(monkeypatch, gain,
     monkeypatch.setattr(judge, "best_or_same", lambda *_: types.SimpleNamespace(gain=1000.0, held=500.0, sizes=1))
     monkeypatch.setattr(judge, "stand_side_by_side", lambda *_: False)
     monkeypatch.setattr(judge, "best_forms", lambda *_: types.SimpleNamespace(choice=other, gain=gain, held=held, sizes=sizes))
+    first = {"is_the_first": False}
     for name, value in (("acceptable", True), ("_leads", True), ("level_or_viscous", None), ("is_constant_force", False)):
         monkeypatch.setattr(judge, name, lambda *_, value=value: value)
-    assert judge.rivals_of(None, mine, [mine], ["torque_ripple", "amplifier_offset"]) == (["amplifier_offset"] if rival else [])
+    monkeypatch.setattr(judge, "is_the_first", lambda *_: first["is_the_first"])
+    ask = lambda: judge.rivals_of(None, mine, [mine], ["torque_ripple", "amplifier_offset"])
+    assert ask() == (["amplifier_offset"] if rival else [])
+    first["is_the_first"] = True        # where the stretches put the records at the name itself, the margin of 12 decides
+    assert ask() == (["amplifier_offset"] if 1500.0 - 2.0 - (gain + held - 2.0 * sizes) < 12.0 else [])
 
 
 @pytest.mark.parametrize(("excess", "stands"), [(0.7, []), (1.5, ["torque"])])
@@ -170,6 +175,7 @@ def test_a_cause_that_explains_nothing_where_something_stands_out_is_a_stranger(
     monkeypatch.setattr(judge, "stands_out", lambda *_: ["position"])
     monkeypatch.setattr(judge, "_main_channel", lambda *_: ("position", own))
     monkeypatch.setattr(judge, "unsteadiness", lambda *_: 1.0)
+    monkeypatch.setattr(judge, "has_two_sizes", lambda *_: False)
     monkeypatch.setattr(judge, "_shown_by_more_than_the_reading", lambda _, choices: choices)
     assert judge.without_strangers(None, [mine]) == ([mine] if kept else [])
 
