@@ -137,6 +137,29 @@ def test_its_process_watches_until_the_driver_is_gone():
     made.close()
 
 
+@pytest.mark.parametrize("permitted", [True, False])
+def test_it_asks_for_real_time_priority_and_does_without(monkeypatch, permitted):
+    memory, (alive, ours), asked, ignored = os.memfd_create("output"), os.pipe(), [], []
+
+    def schedule(pid, policy, parameters):
+        asked.append((pid, policy, parameters.sched_priority))
+        if not permitted:
+            raise PermissionError("not permitted")
+
+    monkeypatch.setattr(os, "sched_setscheduler", schedule)
+    monkeypatch.setattr(signal, "signal", lambda *what: ignored.append(what))
+    monkeypatch.setattr(watchdog.gc, "freeze", lambda: None)
+    monkeypatch.setattr(watchdog.gc, "disable", lambda: None)
+    os.ftruncate(memory, BYTES)
+    os.close(ours)  # the driver is gone at once
+    assert watchdog.main([str(memory), str(alive), "null"]) == 0
+    assert asked == [(0, os.SCHED_FIFO, 40)] and ignored == [(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
+    words = struct.unpack("<9q", os.pread(memory, BYTES, 0))
+    assert words[watchdog.DIED] == words[TAKEN] > 0 and words[TAKEN_COUNT] == 1
+    os.close(memory)
+    os.close(alive)
+
+
 def test_a_watchdog_that_does_not_start_is_not_waited_for(monkeypatch):
     start, began = subprocess.Popen, time.monotonic()
     monkeypatch.setattr(subprocess, "Popen", lambda command, **more: start(["true"], **more))
