@@ -62,11 +62,9 @@ COORDINATES = {
     "velocity": "velocity", "speed": "velocity",
     "acceleration": "acceleration", "voltage": "voltage", "direction": "direction",
 }
-# factors on the threshold of shapes that healthy axes show a little of; calibrated by: validation.margins --kind two
-# --world second --seed 9812 --cases 15 (4.9 to 126 of the acceleration, 2.3 to 3.02 of the velocity, 2.8 to 3.2 of the
-# friction in time, 2.98 to 3.4 of the viscosity, 2.8 to 4.1 of the time)
-LOOSE = {"generic:acceleration": 30.0, "generic:velocity": 3.0, "generic:friction in time": 3.0,
-         "generic:viscous in time": 3.0, "generic:time": 3.0}
+#: Healthy axes show a little; calibrated by: validation.margins --kind two --world second --seed 9812 --cases 15
+LOOSE = {"generic:acceleration": 30.0, "generic:velocity": 3.0,     # 4.9 to 126; 2.3 to 3.02; and 2.8 to 3.2;
+         "generic:friction in time": 3.0, "generic:viscous in time": 3.0, "generic:time": 3.0}  # 2.98 to 3.4; to 4.1
 
 
 @dataclasses.dataclass
