@@ -24,6 +24,7 @@ MOST_SPEED = 3.0e-3
 LEAST_LOST = 5.0e-4
 # standard deviations of two readings' difference; derived: a reading that steps back so far comes once in 700
 STEP_BACK = 3.0
+CLEAR = 6.0              # standard errors of a jitter's variance; derived: a chance of 10⁻⁹
 LEAST_SCATTER = 1.0      # of the floor, at the fastest: an encoder without noise rounds differently at every speed
 
 
@@ -144,7 +145,7 @@ def readings_late(learn, held, base, sde=None):
     # a coarse encoder's rounding differs from speed to speed, and makes it seem of either sign
     usual = abs(healthy.variance) if healthy else 0.0
     usual_lost = healthy.lost if healthy else 0.0
-    scattered = (taught.significance > 6.0 and again.significance > 2.0 and taught.variance > 4.0 * usual
+    scattered = (taught.significance > CLEAR and again.significance > 2.0 and taught.variance > 2.0**2 * usual
                  and taught.jitter * taught.fastest > np.sqrt(LEAST_SCATTER * taught.floor))
     lost = taught.lost > LEAST_LOST + 3.0 * usual_lost and again.lost > 0.3 * taught.lost
     return (taught, again) if scattered or lost else None

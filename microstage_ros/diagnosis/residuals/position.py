@@ -16,10 +16,13 @@ from microstage_ros.diagnosis.preprocessing.whitening import whiten_states
 BLOCK = 5   # periods; derived: half a millisecond, as `resonance.BLOCK`, at 10 kHz
 LEAST_ROUNDING = 1.5e-9   # m, in a mean at rest; derived: UNSURE · `rounding_left` (25 nm, 8 nm) of the shipped encoder
 UNSURE = 2.0        # times what the stated noise leaves: an encoder quieter than its file says leaves more
-RENEWAL = 0.8       # counts of travel
+# counts of travel; calibrated by: validation.variation --group rounding (half and double: the same answers)
+RENEWAL = 0.8
 LEAST_RENEWAL = 2.0e-8    # m; derived: RENEWAL · 25 nm
 ORDERS = 200        # of the series; derived: the rest is 0.0015 of the sum's root even without noise
-PIECE = 2.5         # s between the knots of a record's own course of drift
+# s between the knots of a record's own course of drift; calibrated by: validation.variation --group course (half and
+# double: the same answers)
+PIECE = 2.5
 
 
 def course_columns(time):

@@ -20,6 +20,7 @@ BLOCK = PARTS * mechanical.BLOCK    # periods; derived: a part is as long as a b
 # m: the walk as a first-order process so wide that it forgets nothing; derived: 10⁵ times a walk of 25 nm per √s in
 # half a minute
 SPREAD = 1.0e-2
+WALKED = 4.0         # standard deviations; derived: a walk goes so far once in 16 000 blocks
 EDGE = 0.5           # share of a sudden change that a block's mean may miss
 # V of an amplifier whose axis file states no noise: derived: a thirtieth of a 16-bit converter's step over ±10 V
 LEAST_NOISE = 1.0e-5
@@ -79,9 +80,10 @@ class Windup:
         self.amplifier_noise = float(spread / per_volt)    # as this record shows it, with all else that walks
         walk = float(np.clip(spread, noise * per_volt, WIDER * noise * per_volt))
         # where the load turns round within a block, its mean depends on the very moment
-        edge = EDGE * np.maximum(np.abs(change) - 4.0 * walk, 0.0)
+        edge = EDGE * np.maximum(np.abs(change) - WALKED * walk, 0.0)
         edge = np.maximum(np.append(edge, 0.0), np.insert(edge, 0, 0.0))
-        white = reading_noise(self.prepared.stage) ** 2 / BLOCK + np.maximum(rattle**2 - 4.0 * usual**2, 0.0) + edge**2
+        resting = reading_noise(self.prepared.stage) ** 2 / BLOCK
+        white = resting + np.maximum(rattle**2 - (2.0 * usual) ** 2, 0.0) + edge**2
         if self.prepared.closed is not None:    # what is bridged while no flank touches says nothing
             white += np.where(self.mean(self.prepared.closed) > 0.0, 0.0, np.ptp(self.prepared.behind) ** 2)
         return walk, white

@@ -60,9 +60,9 @@ COORDINATES = {
     "position": "position", "direction": "direction", "acceleration": "acceleration", "voltage": "voltage",
     "time": "time", "friction in time": "time", "viscous in time": "time", "velocity": "velocity", "speed": "velocity",
 }
-#: Shapes that healthy axes show a little of, by factors on the threshold.
-LOOSE = {"generic:acceleration": 30.0, "generic:velocity": 3.0, "generic:friction in time": 3.0,
-         "generic:viscous in time": 3.0, "generic:time": 3.0}
+#: Healthy axes show a little; calibrated by: validation.margins --kind two --world second --seed 9812 --cases 15
+LOOSE = {"generic:acceleration": 30.0, "generic:velocity": 3.0,     # 4.9 to 126; 2.3 to 3.02; and 2.8 to 3.2;
+         "generic:friction in time": 3.0, "generic:viscous in time": 3.0, "generic:time": 3.0}  # 2.98 to 3.4; to 4.1
 
 
 @dataclasses.dataclass

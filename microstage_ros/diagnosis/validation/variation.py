@@ -40,7 +40,7 @@ GROUPS = {
                  ("rising_static_friction", "presliding_creep", "friction_level_change")),
     "gap": ("prerequisites.lost_motion", ("BOUND",), ("backlash",)),
     "torque": ("residuals.mechanical", ("BLOCK",), ("frictional_lag", "nonlinear_viscous")),
-    "rounding": ("residuals.position", ("RENEWAL",), ("encoder_sde", "thermal_drift")),
+    "rounding": ("residuals.position", ("RENEWAL", "LEAST_RENEWAL"), ("encoder_sde", "thermal_drift")),
     "course": ("residuals.position", ("PIECE",), ("encoder_sde", "thermal_drift")),
     "reading": ("residuals.position", ("BLOCK",), ("encoder_sde", "thermal_drift")),
     "swing": ("residuals.resonance", ("BLOCK", "WINDOW"), ("drive_compliance", "payload_change")),
