@@ -178,5 +178,5 @@ def _solve(parts, which):
         change[which] = inverse @ np.einsum("wrj,wr->j", columns, left)
         left = left - columns @ change[which]
         scores = np.einsum("wrj,wr->wj", columns, left)
-        errors[which] = np.sqrt(np.diag(inverse @ (scores.T @ scores) @ inverse))
+        errors[which] = np.linalg.norm(inverse @ scores.T, axis=1)
     return change, errors, float(np.sqrt(np.mean(left**2)))
