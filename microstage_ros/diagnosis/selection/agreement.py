@@ -61,12 +61,13 @@ def unsteadiness(evidences, choice, others):
 
 def has_two_sizes(evidences, choice, others):
     """Whether the held-out records show another size of a cause than the learning ones, by `SIGMAS` of the scatter
-    between stretches of both: then it is no size of anything, however certain it is in either."""
+    between stretches of both and by half of it: then it is no size of anything, however certain it is in either. By
+    less, a form that is not exact may be off."""
     sizes = [evidences.agreement(choice, others, group) for group in ("learn", "held")]
     if None in sizes:
         return False
     (learned, stderr, _), (held, error, _) = sizes
-    return abs(held - learned) > SIGMAS * math.hypot(stderr, error)
+    return abs(held - learned) > max(SIGMAS * math.hypot(stderr, error), HALF * abs(learned))
 
 
 def agrees_with_itself(evidences, choice, others):

@@ -147,8 +147,12 @@ def test_a_name_is_the_first_of_two_where_nothing_is_left_of_the_other(size, sec
 
 
 def test_two_sizes_are_those_of_the_learning_and_of_the_held_out_records():
-    for held, two in ((0.3, False), (0.34, False), (0.6, True), (0.0, True)):
-        assert has_two_sizes(evidences(lambda k: 0.3, lambda k, held=held: held), CHOICE, []) == two
+    for held, two in ((0.3, False), (0.34, False), (0.42, False), (0.6, True), (0.0, True)):
+        case = evidences(lambda k: 0.3, lambda k, held=held: held)
+        assert has_two_sizes(case, CHOICE, []) == two
+        if held == 0.42:        # by four of its errors, and by two fifths
+            (learned, stderr, _), (size, error, _) = (case.agreement(CHOICE, [], group) for group in ("learn", "held"))
+            assert size - learned > 3.5 * math.hypot(stderr, error)
     kept = evidences(lambda k: 0.3)
     kept._in_rows, kept._learn_rows = None, {}
     assert not has_two_sizes(kept, CHOICE, [])          # the rows were not kept
