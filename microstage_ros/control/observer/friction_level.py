@@ -25,7 +25,6 @@ rest too, and the level and the inertia are learned from what is left.
 
 import math
 
-from microstage_ros.control.observer.inertia import LEAST
 from microstage_ros.numerics.compiled import compiled
 
 FORCE_TIME = 5e-3  # s, over which errors of d hang together
@@ -33,6 +32,7 @@ ABSORB_TIME = 5e-3  # s, in which sticking blocks take over what is unexplained
 # 1, by which friction itself may: its level varies, and may be 0.2 higher one way. Read in strong accelerations too, it
 # cost two of 60 random machines a factor of 2 and 3.5
 ALIKE = 0.4
+LEAST = 0.03  # m/s^2, a strong acceleration
 SPRING_LENGTH = 1.5e-3  # m of travel, memory of the regressions: there and back through what is now seen of the axis
 NARROW = 1e-4  # m, half a range that says nothing of a spring: a heavy axis swings by 30 um and more
 FIELDS = [

@@ -324,8 +324,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         speed = speed_innovation(model, s, drop)
         doubt = voltage_variance(model, s, drop, s.v, 1.0)
         doubtful = s.contact != TOUCHING or source_doubt.lost_motion_suspected(s) or s.waves > source_doubt.SWINGS
-        net = (inertia.mean_net(s, parts) - s.loaded) / model.moving_mass
-        inertia.learn_inertia(s, period, net, read_speed, doubtful)
+        inertia.learn_inertia(model, s, period, inertia.mean_net(s, parts), read_speed, doubtful)
         s.current = current
         constant = s.emf_centre * model.volts_per_velocity
         if s.contact == TOUCHING and dead_band.watch_dead_band(s, period, voltage, drop, constant, read_speed):
