@@ -167,14 +167,15 @@ def log_odds(lead, base=(0.0, 0.0, 0.0)):
     its error allows neither name is right to the last, and the error is at least that distance. ``base``: the same of
     what the healthy axis clearly shows of the difference, with its sign. It is the machine's, and then it is in the
     records, too, as it is; or random friction's, and then the records have another one of that size. Either is as
-    likely beforehand.
+    likely beforehand, and the distance is that from the nearer of the two.
     """
     value, stderr, freedom = lead
     shown, error, more = base
+    least = min(abs(value - 0.5 - shown), abs(value - 0.5))
     first, second = [], []
     for shift, spread in ((shown, math.hypot(stderr, error)), (0.0, math.hypot(stderr, shown))):
         away = value - 0.5 - shift                  # from what is expected under the first name
-        spread = max(spread, abs(away))
+        spread = max(spread, least)
         if spread == 0.0:
             return math.inf
         for found, distance in ((first, away), (second, away + 1.0)):

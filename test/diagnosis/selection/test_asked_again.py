@@ -96,6 +96,8 @@ def test_the_clear_part_of_a_size_is_what_stands_above_its_error():
     # a level of friction: the healthy axis was nearer to a viscosity (pairs, seed 10201, case 47), or to the level
     ((0.297, 0.033, 52.0), (-0.339, 0.096, 24.0), True),
     ((0.297, 0.033, 52.0), (0.339, 0.096, 24.0), False),
+    # or to the level, by little (seed 10431, case 8)
+    ((0.341, 0.086, 167.0), (0.325, 0.16, 56.0), True),
 ])
 def test_a_name_leads_by_the_odds_of_two_names_or_by_certainty(lead, base, leads):
     case = types.SimpleNamespace(lead=lambda *_: lead, lead_of_baseline=lambda *_: base)
@@ -128,6 +130,6 @@ def test_what_the_baseline_shows_of_two_names_is_the_machines_or_of_one_record()
     random = math.hypot(0.1, 0.2)
     density = lambda distance, spread: math.exp(-0.5 * (distance / spread) ** 2) / spread
     for found, shown in zip(both, (0.2, -0.2)):     # a distance of 0.2 from the first name if it is the machine's
-        first = density(0.2, 0.2) + density(0.0, random)
-        assert found == pytest.approx(math.log(first / (density(1.0 - shown, 0.2) + density(1.0, random))), rel=1e-3)
+        first = density(0.2, 0.1) + density(0.0, random)
+        assert found == pytest.approx(math.log(first / (density(1.0 - shown, 0.1) + density(1.0, random))), rel=1e-3)
     assert both[1] > both[0]
