@@ -12,8 +12,9 @@ other three are what J would be taken for without them: a spring, in slow motion
 that falls with the speed for half of it. So l walks with the travel and with the logarithm of the speed, as the file's
 curve is not quite the axis's. Simon, "Optimal State Estimation", Wiley 2006, ch. 5.
 
-J moves in strong accelerations only, beyond `TELLS`: below, blocks that let go look like one. Till then its doubt is
-kept as it is, and counted with (Schmidt's consider filter; Simon, ch. 9.4). Noise is counted as `CORRELATED` long. The
+J moves in strong accelerations only, beyond `TELLS`: below, blocks that let go look like one; and where the motor
+shares it, by the back-EMF: a stage that is struck in a gap accelerates without a force. Till then its doubt is kept
+as it is, and counted with (Schmidt's consider filter; Simon, ch. 9.4). Noise is counted as `CORRELATED` long. The
 regulator, the feed-forward and the observer's own prediction follow beyond `SLACK` and `CLEAR` standard deviations,
 within `APPLY_TIME`, so that nothing jumps.
 """
@@ -24,6 +25,7 @@ from microstage_ros.numerics.compiled import compiled
 
 FILTER_TIME = 3e-3  # s, of all sides, twice: slower than the drive train's resonance
 TELLS = 0.02  # m/s^2
+TOGETHER = 0.5  # of a, by which the motor's may differ: a motor constant that has not been read yet
 STEP_TIME = 1e-3  # s, between two steps of the filter: a third of what it looks through
 NOISE = 3e-3  # m/s^2, of the balance: friction beyond its law, counts of the encoder
 RELATIVE = 0.1  # of a: the drive's wind-up, a current that is off by its gain
@@ -49,6 +51,7 @@ FIELDS = [
     ("net", "f8", 2),  # m/s^2, (F - F_f) / M filtered once and twice
     ("sliding", "f8", 2),  # m/s^2, S / M likewise
     ("stage_speed", "f8", 2),  # m/s, of the encoder, likewise
+    ("motor_speed", "f8"),  # m/s, of the back-EMF (`motor_constant`), filtered twice
     ("net_before", "f8"),  # N, mean over the period before
     ("filtered_s", "f8"),  # s, for which all have been observed undisturbed
 ]
@@ -91,6 +94,7 @@ def inertia_reset(s):
     s.net[:] = 0.0
     s.sliding[:] = 0.0
     s.stage_speed[:] = 0.0
+    s.motor_speed = 0.0
     s.filtered_s = 0.0
     s.net_before = 0.0
 
@@ -122,8 +126,11 @@ def walk_balance(s):
 
 
 @compiled
-def weigh_balance(s, slope, since):
-    """One step of the filter at the acceleration ``slope`` [m/s^2], ``since`` [s] after the one before."""
+def weigh_balance(s, slope, motor, since):
+    """One step of the filter, ``since`` [s] after the one before.
+
+    ``slope``, ``motor``: accelerations of stage and motor [m/s^2].
+    """
     walk_balance(s)
     b, c = s.balance, s.balance_covariance
     level, place = s.sliding[1], s.x - s.balance_centre
@@ -146,7 +153,7 @@ def weigh_balance(s, slope, since):
     c[2, 2] -= part * g2 * g2
     c[2, 3] -= part * g2 * g3
     c[3, 3] -= part * g3 * g3
-    if abs(slope) > TELLS:
+    if abs(slope) > TELLS and abs(motor - slope) < TOGETHER * abs(slope):
         keep_inertia(s, b[0] + g0 * beyond, c[0, 0] - part * g0 * g0)
 
 
@@ -162,12 +169,14 @@ def learn_inertia(model, s, period, force, speed, lost):
     slope = (s.stage_speed[0] - s.stage_speed[1]) / FILTER_TIME
     s.stage_speed[1] += share * (s.stage_speed[0] - s.stage_speed[1])
     s.stage_speed[0] += share * (speed - s.stage_speed[0])
+    motor = (s.emf_speed - s.motor_speed) / FILTER_TIME
+    s.motor_speed += share * (s.emf_speed - s.motor_speed)
     s.filtered_s = 0.0 if lost else s.filtered_s + period
     s.balance_wait_s += period
     if s.balance_wait_s > STEP_TIME - 0.5 * period:
         slides = s.slipping > 0.9 or model.has_actuator == 0
         if slides and s.filtered_s > 5.0 * FILTER_TIME:
-            weigh_balance(s, slope, s.balance_wait_s)
+            weigh_balance(s, slope, motor, s.balance_wait_s)
         s.balance_wait_s = 0.0
     if abs(s.rho * s.inertia - 1.0) < 0.25 * SLACK:   # then its logarithm is below 0.3 SLACK, too
         return

@@ -97,20 +97,26 @@ def _pulls_back(beta):
 
 
 def _is_pull(beta, frame):
-    """Whether a tilt, or a cable, pulls on the stage as much as a rattle in a gap tells."""
+    """Whether a tilt pulls on the stage as much as a rattle in a gap tells, if one does."""
+    if _no_rattle(frame):
+        return True
     weight = frame.drive.mass * GRAVITY * beta[0]
-    return _tells_pull((weight, weight), frame)
+    return _holds_pull((weight, weight), frame.drive.pull)
 
 
 def _is_pull_somewhere(beta, frame):
-    return _tells_pull((beta[0] * frame.low + beta[1], beta[0] * frame.high + beta[1]), frame)
+    """Whether a cable pulls so somewhere on the stroke."""
+    ends = () if _no_rattle(frame) else (frame.low, frame.high)
+    return not ends or _holds_pull([beta[0] * x + beta[1] for x in ends], frame.drive.pull)
 
 
-def _tells_pull(forces, frame):
-    """Whether ``forces`` [N] at the two ends of the stroke allow the one that a rattle told, if it did."""
-    if frame.drive.pull is None:
-        return True
-    value, stderr = frame.drive.pull
+def _no_rattle(frame):
+    return frame is None or frame.drive.pull is None
+
+
+def _holds_pull(forces, pull):
+    """Whether ``forces`` [N] at the two ends of the stroke allow a ``pull`` (value, standard error) [N]."""
+    value, stderr = pull
     loose = SAME_PULL * max(map(abs, forces)) + SIGMAS * stderr
     return bool(min(forces) - loose < value < max(forces) + loose)
 

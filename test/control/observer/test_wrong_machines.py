@@ -171,12 +171,24 @@ def test_inertia_is_told_from_a_spring_and_from_friction(axis, true, spring, cur
     memory["slipping"], before = 1.0, 1.6e-5
     for speed in before + 1.55e-3 * (ahead - 2.0 * back + 2.0 * again):
         memory["x"] += period * speed
+        memory["emf_speed"] += period / inertia.FILTER_TIME * (speed - memory["emf_speed"])
         memory["sensitivity"] = math.copysign(rubs, speed)
         force = float(model["moving_mass"]) * (true * (speed - before) / period + spring * memory["x"])
         force += memory["sensitivity"] * curve * math.exp(-abs(speed) / 6e-5)
         inertia.learn_inertia(model, memory, period, force, speed, False)
         before = speed
     assert memory["inertia"] == pytest.approx(true, rel=0.15)
+
+
+def test_a_stage_that_is_struck_in_a_gap_says_nothing_of_the_inertia(axis):
+    """Accelerations without a force, and a motor that stands, made 0.16 to 0.48 times the inertia: 5 of 59 records of moves of 10 um
+    through half a degree then missed nine and more of their 17 targets."""
+    controller = make_controller(LAW, axis)
+    model, memory = controller.parameters["feedforward"], controller.memory["observer"]
+    memory["slipping"], memory["sensitivity"] = 1.0, 7.5
+    for time in np.arange(0.0, 1.0, 1e-4):
+        inertia.learn_inertia(model, memory, 1e-4, 0.0, 6e-4 * math.sin(300.0 * time), False)
+    assert memory["inertia"] == 1.0
 
 
 def test_fifth_large_swing_is_handed_over_at_once(axis):
