@@ -6,6 +6,8 @@ module's name and the digest of its own file are enough. Used through numba's se
 and later; an older numba ignores it and keeps its usual place).
 """
 
+import contextlib
+import fcntl
 import functools
 import hashlib
 import os
@@ -60,6 +62,25 @@ class CachePlace:
     def get_disambiguator(self):
         """Tells functions of one name apart."""
         return str(self._line)
+
+
+@contextlib.contextmanager
+def one_at_a_time(folder):
+    """While it lasts no other process, and no other thread, that asks for the same ``folder`` goes on.
+
+    Numba names the files of one function's signatures by their number, which it looks up first. Two processes that
+    compile different signatures at once would take one name, and from then on the code of one signature would run in
+    place of the other's, on records of another layout. A folder that cannot be written is not locked.
+    """
+    try:
+        os.makedirs(folder, exist_ok=True)
+        lock = open(os.path.join(folder, ".lock"), "a", encoding="ascii")
+    except OSError:
+        yield
+        return
+    with lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)   # until it is closed, or the process ends
+        yield
 
 
 @functools.lru_cache

@@ -20,6 +20,8 @@ from numba.core.ccallback import CFunc  # noqa: E402
 from numba.core.runtime import rtsys  # noqa: E402
 from numba.extending import intrinsic, overload  # noqa: E402, F401  (the rest of the package has them from here)
 
+from microstage_ros.numerics.cache_place import one_at_a_time  # noqa: E402
+
 if _hidden:
     del sys.modules["coverage"]
 
@@ -78,7 +80,7 @@ def compiled(function=None, makes_arrays=True, **options):
     usual = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True,
              "forceinline": False, "_nrt": makes_arrays}   # said, or numba passes a caller's on to all that it calls
     dispatcher = numba.njit(**{**usual, **options})(function)
-    _load_without_compiler(getattr(dispatcher, "_cache", None))
+    _use_ours(getattr(dispatcher, "_cache", None))
     return dispatcher
 
 
@@ -92,10 +94,11 @@ def _name_place(function):
     numba.config.CACHE_LOCATOR_CLASSES = PLACES
 
 
-def _load_without_compiler(cache):
-    """Have a cache of numba's use `_load`."""
-    if hasattr(cache, "_load_overload"):  # numba as we know it
+def _use_ours(cache):
+    """Have a cache of numba's use `_load` and `_save`."""
+    if hasattr(cache, "_load_overload") and hasattr(cache, "_save_overload"):  # numba as we know it
         cache.load_overload = functools.partial(_load, cache)
+        cache.save_overload = functools.partial(_save, cache)
 
 
 def _load(cache, signature, context):
@@ -106,6 +109,12 @@ def _load(cache, signature, context):
     rtsys.initialize(context)
     with cache._guard_against_spurious_io_errors():
         return cache._load_overload(signature, context)
+
+
+def _save(cache, signature, data):
+    """What numba's cache does with compiled code, one process at a time (`one_at_a_time`)."""
+    with one_at_a_time(cache.cache_path), cache._guard_against_spurious_io_errors():
+        cache._save_overload(signature, data)
 
 
 def in_place(function):
@@ -168,7 +177,7 @@ def called_from_c(function, kind):
     made = CFunc(function, (arguments, numba.types.void), locals={},
                  options={"nopython": True, "error_model": "numpy", "_nrt": False})
     made.enable_caching()
-    _load_without_compiler(made._cache)
+    _use_ours(made._cache)
     made.compile()
     return made
 
