@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from microstage_ros.control.laws.controller import make_controller
+from microstage_ros.control.laws.self_tuning_observer import regulate
 from microstage_ros.control.observer import drive_learning
 from microstage_ros.control.friction_observer import FrictionObserver
 from microstage_ros.control.runs.closed_loop import TRACE, run_loop
@@ -113,3 +114,15 @@ def test_controller_leaves_a_drive_alone_that_is_learned_as_nominal(axis):
     for _ in range(20000):
         drive_learning.apply_learned(observer.parameters, memory, 1e-4)
     np.testing.assert_allclose(memory["applied"], [1.25, 0.04, 1.0], rtol=1e-3)
+
+
+@pytest.mark.parametrize("applied", [(1.0, 0.0, 1.0), (0.5, 0.0, 0.8), (0.5, 0.3, 0.8), (2.0, -0.2, 1.0)])
+def test_a_drive_of_another_resistance_has_all_its_voltage(axis, applied):
+    """What is learned of R, offset and E turns the regulator's nominal volts into volts: the limit is that of the latter."""
+    controller, limit = make_controller("self_tuning_observer", axis), axis.value("drive.voltage_limit")
+    for _ in range(50):
+        controller.step(0.0, 0.0, 0.0)
+    for far in (1e-3, -1e-3):
+        memory = controller.memory.copy()
+        memory["observer"]["applied"] = applied
+        assert regulate(controller.parameters, memory, far) == np.copysign(limit, far)
