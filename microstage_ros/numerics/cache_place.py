@@ -66,7 +66,7 @@ class CachePlace:
 
 @contextlib.contextmanager
 def one_at_a_time(folder):
-    """While it lasts no other process, and no other thread, that asks for the same ``folder`` goes on.
+    """A lock of the ``folder``: one process, and one thread of it, is inside at a time; the others wait.
 
     Numba names the files of one function's signatures by their number, which it looks up first. Two processes that
     compile different signatures at once would take one name, and from then on the code of one signature would run in

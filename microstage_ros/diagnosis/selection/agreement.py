@@ -60,9 +60,9 @@ def unsteadiness(evidences, choice, others):
 
 
 def has_two_sizes(evidences, choice, others):
-    """Whether the held-out records show another size of a cause than the learning ones, by `SIGMAS` of the scatter
-    between stretches of both and by half of it: then it is no size of anything, however certain it is in either. By
-    less, a form that is not exact may be off."""
+    """Whether a cause has another size in the held-out records than in the learning ones: the two differ by more than
+    `SIGMAS` of their standard errors, by the scatter between stretches, and by more than half the learned size. Such a
+    cause is none, however certain it is in either. A form that is not exact may differ by less."""
     sizes = [evidences.agreement(choice, others, group) for group in ("learn", "held")]
     if None in sizes:
         return False

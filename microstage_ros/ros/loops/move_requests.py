@@ -72,7 +72,7 @@ class MoveRequests(MoveState):
             return response
         if velocity == 0.0 or duration == 0.0:
             held = self._serve_hold(Trigger.Request(), Trigger.Response())
-            response.accepted, response.message, response.target = held.success, held.message, float(latest[2])
+            response.accepted, response.message, response.target = held.success, held.message, self._heard_so_far()[1][2]
             return response
         response.target = min(max(latest[2] + velocity * duration, status.minimum), status.maximum)
         response.accepted = True
