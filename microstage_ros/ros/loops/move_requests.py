@@ -72,7 +72,8 @@ class MoveRequests(MoveState):
             return response
         if velocity == 0.0 or duration == 0.0:
             held = self._serve_hold(Trigger.Request(), Trigger.Response())
-            response.accepted, response.message, response.target = held.success, held.message, self._heard_so_far()[1][2]
+            response.accepted, response.message = held.success, held.message
+            response.target = self._heard_so_far()[1][2]    # as it is now: asking may have taken a while
             return response
         response.target = min(max(latest[2] + velocity * duration, status.minimum), status.maximum)
         response.accepted = True
