@@ -10,7 +10,7 @@ import dataclasses
 import numpy as np
 from scipy.stats import f as f_distribution
 
-from microstage_ros.diagnosis.logs.selection.effects import ALSO, RARER, SIGNATURES
+from microstage_ros.diagnosis.logs.selection.effects import ALSO, RARER
 from microstage_ros.diagnosis.logs.selection.visibility import LEVEL
 from microstage_ros.diagnosis.selection.stepwise import forward
 
@@ -26,11 +26,6 @@ WHOLE = np.log(1e-5)       # log p below which the difference as a whole stands 
 POSITIVE = {"torque_ripple+", "backlash", "rising_static_friction", "floor_vibration", "sampling_jitter",
             "screw_pitch_error", "amplifier_deadband", "transport_delay", "actuator_lag"}
 NEGATIVE = {"presliding_creep"}      # on in the direction of motion, which lessens the error
-#: Wider or other forms of an effect: friction that differs in one place; friction that a loop without integrator shows
-#: at rest too.
-LOCAL = {"position_dependent_friction": ("bumps",), "friction_level_change": ("friction in error", "lost motion")}
-#: The same where an effort is logged: friction whose part in proportion to the speed has stayed as it was.
-OF_EFFORT = {"friction_level_change": ("dead zone",)}
 #: What belongs to a place of the stroke is there on the way out and on the way back: else it goes with the way since
 #: the last stop, not with the place. (In the following error the loop shifts one against the other.)
 OF_PLACE = ("position_dependent_friction", "position_dependent_friction+")
@@ -127,83 +122,6 @@ def log_sf(ratio, k, dof):
     where the number itself underflows."""
     value = f_distribution.logsf(ratio, k, dof)
     return value if np.isfinite(value) else -0.5 * dof * np.log1p(k * ratio / dof)
-
-
-def effects_of(channels, only=None, without=()):
-    """{id: (K, k)} and {id: column names} for stacked coordinates; ``channels``: {name: Coordinates}; ``only``: ids, or
-    None for all; ``without``: ids that are left out.
-
-    A trace in fluctuations with and without motion comes in a wider form too (``id+``).
-    """
-    effects, parts = {}, {}
-    offsets, total = {}, 0
-    for name, coordinates in channels.items():
-        offsets[name] = total
-        total += len(coordinates.kind)
-
-    def placed(channel, names):
-        coordinates = channels[channel]
-        found = [coordinates.columns[n] for n in names if n in coordinates.columns]
-        block = np.hstack(found)[:, np.abs(np.hstack(found)).max(axis=0) > 1e-9] if found else np.zeros((0, 0))
-        if not block.shape[1]:
-            return None
-        out = np.zeros((total, block.shape[1]))
-        out[offsets[channel]: offsets[channel] + len(coordinates.kind)] = block
-        return out
-
-    for effect, signature in SIGNATURES.items():
-        if (only is not None and effect not in only) or effect in without:
-            continue
-        block, names = _block(channels, signature, placed)
-        amplitudes = []
-        in_error = effect == "torque_ripple" and "effort" not in channels
-        wanted_of = [("error", w) if in_error else (c, w) for c, w in signature.amplitudes]
-        for channel, wanted in wanted_of:
-            if channel in channels:
-                coordinates = channels[channel]
-                base, _, which = wanted.partition(" ")
-                own = (coordinates.kind == wanted) if base == "ripple" else (coordinates.kind == base) & (
-                    (coordinates.direction == 0) if which == "0" else (coordinates.direction != 0))
-                if own.any():
-                    out = np.zeros((total, 1))
-                    out[offsets[channel] + np.flatnonzero(own), 0] = 1.0
-                    amplitudes.append((base if base == "rough" else wanted, out))
-        if effect == "floor_vibration":
-            if len(amplitudes) == 2 and "rough 0" in [w for c, w in signature.amplitudes if c in channels]:
-                effects[effect + "+"], parts[effect + "+"] = np.hstack([a for _, a in amplitudes]), ["rough", "rough"]
-            amplitudes = amplitudes[:1] if len(amplitudes) == 2 else []
-        if effect in LOCAL and block is not None:
-            other = OF_EFFORT.get(effect, LOCAL[effect]) if "effort" in channels else LOCAL[effect]
-            wide = placed("effort" if "effort" in channels else "error", other)
-            if wide is not None:
-                effects[effect + "+"], parts[effect + "+"] = wide, list(other)
-        if effect == "torque_ripple" and "effort" in channels:
-            coordinates = channels["effort"]
-            own = (coordinates.kind == "rough") & (coordinates.direction != 0)
-            if own.any():
-                out = np.zeros((total, 1))
-                out[offsets["effort"] + np.flatnonzero(own), 0] = 1.0
-                effects[effect + "+"], parts[effect + "+"] = out, ["rough"]
-        blocks = [b for b in (block, *(a for _, a in amplitudes)) if b is not None]
-        if not blocks and effect + "+" in effects:
-            effects[effect], parts[effect] = effects.pop(effect + "+"), parts.pop(effect + "+")
-        if blocks:
-            effects[effect], parts[effect] = np.hstack(blocks), [*names, *(n for n, _ in amplitudes)]
-    return effects, parts
-
-
-def _block(channels, signature, placed):
-    """Columns of one effect in the channel where it is to be looked for, and their names."""
-    kind = channels["effort"].channel.kind if "effort" in channels else ""
-    if "voltage" in channels and signature.voltage:
-        return placed("voltage", signature.voltage), list(signature.voltage)
-    if "effort" in channels and signature.effort:
-        if signature.kinds and kind not in signature.kinds:
-            return None, []
-        return placed("effort", signature.effort), list(signature.effort)
-    if "error" in channels and signature.error and "effort" not in channels:
-        return placed("error", signature.error), list(signature.error)
-    return None, []
 
 
 def plain(name):

@@ -14,7 +14,7 @@ from microstage_ros.diagnosis.logs.preprocessing.motion import STATES
 
 WAVES = 4               # half waves of friction along the stroke
 BUMPS = 8               # hat functions for what is local
-START = STATES.index("start")
+START, BRAKE = STATES.index("start"), STATES.index("brake")
 DWELL = 0.05            # s, at which rising static friction begins to grow (default of the effect)
 
 
@@ -206,96 +206,162 @@ def columns_of(stroke, turn=0.0):
     low, high = stroke
 
     def columns(channel, rows):
-        m = rows.motion
-        scale = np.zeros(len(rows.log))
-        for code, value in channel.scale.items():
-            scale[rows.condition == code] = value
-        moving = (m.direction != 0.0).astype(float)
-        s, top, sharp = m.direction, max(m.top_speed, 1e-300), max(m.top_acceleration, 1e-300)
-        turned = channel.orientation(rows)
-        still = 1.0 - moving
-        u = np.clip((m.x - low) / max(high - low, 1e-300), 0.0, 1.0) if m.absolute else np.zeros(len(m.x))
-        found = {}
         if channel.name == "voltage":
-            predicted = channel.predicted(rows)
-            model = np.array([channel.models.get(int(c), np.zeros(3)) for c in range(int(rows.condition.max()) + 1)])
-            ohmic = np.nan_to_num(rows.log.signals["current"]) * model[np.maximum(rows.condition, 0), 1]
-            return {
-                "gain": predicted[:, None],
-                "constant": scale[:, None],
-                "dead zone": (scale * np.sign(ohmic))[:, None],
-                "resistive": ohmic[:, None],
-            }
+            return _of_voltage(channel, rows)
         if channel.kind == FLUCTUATION:
             return {}
-        unit = scale * turned
-        found["level"] = (turned * _friction(channel, rows, scale))[:, None]
-        found["viscous"] = (unit * m.speed / top * moving)[:, None]
-        found["quadratic"] = (unit * m.speed * np.abs(m.speed) / top**2 * moving)[:, None]
-        found["moving"] = (unit * moving)[:, None]
-        found["constant"] = (unit * (moving if not channel.signed else 1.0))[:, None]
-        found["inertia"] = (unit * m.acceleration / sharp * moving)[:, None]
-        found["start"] = (unit * s * (m.state == START))[:, None]
-        found["brake"] = (unit * s * (m.state == STATES.index("brake")))[:, None]
-        if m.absolute:
-            found["spring"] = (unit * (2.0 * u - 1.0) * (moving if not channel.signed else 1.0))[:, None]
-            found["waves"] = np.stack([unit * s * np.cos(np.pi * k * u) for k in range(1, WAVES + 1)], axis=1)
-            found["bumps"] = np.stack(
-                [unit * s * np.clip(1.0 - np.abs(u * BUMPS - k), 0.0, 1.0) for k in range(BUMPS + 1)], axis=1
-            )
-            found["waves of force"] = np.stack(
-                [unit * moving * np.cos(np.pi * k * u) for k in range(2, WAVES + 1)], axis=1
-            )
-        if turn:
-            phase = 2.0 * np.pi * m.x / turn
-            found["turn"] = np.stack(
-                [unit * moving * w for k in (1, 2) for w in (np.cos(k * phase), np.sin(k * phase))], axis=1
-            )
-            found["turn of friction"] = found["turn"] * s[:, None]
-        if m.absolute:
-            found["place"] = (scale * (2.0 * u - 1.0))[:, None]
-        if channel.name == "effort":
-            found["gain"] = channel.predicted(rows)[:, None]
-            found["dead zone"] = (unit * s)[:, None]
-            model = np.array([channel.models.get(int(c), np.zeros(7)) for c in range(int(rows.condition.max()) + 1)])
-            electric = channel.predicted(rows) - turned * m.speed * moving * model[np.maximum(rows.condition, 0), 2]
-            found["resistive"] = electric[:, None]
-        else:
-            found["gain"] = channel.predicted(rows)[:, None]
-            slow = {
-                name: low_pass(v, channel.lag, rows.log.period)
-                for name, v in (("s", s), ("v", m.speed / top), ("m", moving))
-            }
-            passed = {name: high_pass(v, channel.memory, rows.log.period) for name, v in slow.items()}
-            found["level transient"] = (scale * passed["s"])[:, None]
-            found["speed transient"] = (scale * passed["v"])[:, None]
-            found["force in error"] = np.stack([scale * moving, scale * passed["m"]], axis=1)
-            forces = {
-                "friction": s,
-                "viscous": m.speed / top * moving,
-                "quadratic": m.speed * np.abs(m.speed) / top**2,
-                "asymmetry": moving,
-                "constant": np.ones(len(s)),
-                "inertia": m.acceleration / sharp * moving,
-            }
-            if m.absolute:
-                forces["spring"] = 2.0 * u - 1.0
-            for name, force in forces.items():
-                found[f"{name} in error"] = through_loop(channel, rows, force)[:, None]
-            found["constant in error"] *= moving[:, None]       # at rest friction may hold it
-            if m.absolute:
-                found["waves in error"] = np.stack(
-                    [through_loop(channel, rows, s * np.cos(np.pi * k * u)) for k in range(1, WAVES + 1)], axis=1
-                )
-            found["lost motion"] = (scale * m.last)[:, None]
-            found["speed"] = (scale * m.speed / top * moving)[:, None]
-            found["acceleration"] = (scale * m.acceleration / sharp)[:, None]
-            found["creep"] = (scale * still * m.last * np.log1p(m.since / DWELL))[:, None]
-            found["load"] = (scale * (s + m.acceleration / sharp))[:, None]
-            found["offset"] = scale[:, None]
-        return found
+        m = rows.motion
+        along = np.clip((m.x - low) / max(high - low, 1e-300), 0.0, 1.0) if m.absolute else None
+        found = {**_of_forces(channel, rows), **_of_place(channel, rows, along), **_of_turn(channel, rows, turn)}
+        found["gain"] = channel.predicted(rows)[:, None]
+        own = _of_effort(channel, rows) if channel.name == "effort" else _of_error(channel, rows, along)
+        return {**found, **own}
 
     return columns
+
+
+def _scale(channel, rows):
+    """Scale of the channel in every row (n,), in its unit."""
+    scale = np.zeros(len(rows.log))
+    for code, value in channel.scale.items():
+        scale[rows.condition == code] = value
+    return scale
+
+
+def _moving(rows):
+    """1 in motion, 0 at rest (n,)."""
+    return (rows.motion.direction != 0.0).astype(float)
+
+
+def _relative(rows):
+    """(speed, acceleration) over the largest of the move (n,)."""
+    m = rows.motion
+    return m.speed / max(m.top_speed, 1e-300), m.acceleration / max(m.top_acceleration, 1e-300)
+
+
+def _model(channel, rows, count):
+    """The baseline's ``count`` coefficients of the condition of every row, (n, count)."""
+    table = [channel.models.get(int(c), np.zeros(count)) for c in range(int(rows.condition.max()) + 1)]
+    return np.array(table)[np.maximum(rows.condition, 0)]
+
+
+def _cosines(weight, along, first=1):
+    """Half waves along the stroke of ``along`` (0 … 1), from number ``first`` [1] on, times ``weight``: (n, k)."""
+    return np.stack([weight * np.cos(np.pi * k * along) for k in range(first, WAVES + 1)], axis=1)
+
+
+def _of_voltage(channel, rows):
+    scale = _scale(channel, rows)
+    ohmic = np.nan_to_num(rows.log.signals["current"]) * _model(channel, rows, 3)[:, 1]
+    return {
+        "gain": channel.predicted(rows)[:, None],
+        "constant": scale[:, None],
+        "dead zone": (scale * np.sign(ohmic))[:, None],
+        "resistive": ohmic[:, None],
+    }
+
+
+def _of_forces(channel, rows):
+    """What a force in proportion to direction, speed or acceleration moves in effort and error."""
+    m, moving, scale = rows.motion, _moving(rows), _scale(channel, rows)
+    turned = channel.orientation(rows)
+    unit, (speed, acceleration) = scale * turned, _relative(rows)
+    return {
+        "level": (turned * _friction(channel, rows, scale))[:, None],
+        "viscous": (unit * speed * moving)[:, None],
+        "quadratic": (unit * speed * np.abs(speed) * moving)[:, None],
+        "moving": (unit * moving)[:, None],
+        "constant": (unit * (1.0 if channel.signed else moving))[:, None],
+        "inertia": (unit * acceleration * moving)[:, None],
+        "start": (unit * m.direction * (m.state == START))[:, None],
+        "brake": (unit * m.direction * (m.state == BRAKE))[:, None],
+    }
+
+
+def _of_place(channel, rows, along):
+    """What belongs to a place ``along`` (0 … 1) the stroke; nothing where places are not known (None)."""
+    if along is None:
+        return {}
+    moving, scale = _moving(rows), _scale(channel, rows)
+    unit = scale * channel.orientation(rows)
+    friction = unit * rows.motion.direction
+    hats = [friction * np.clip(1.0 - np.abs(along * BUMPS - k), 0.0, 1.0) for k in range(BUMPS + 1)]
+    return {
+        "spring": (unit * (2.0 * along - 1.0) * (1.0 if channel.signed else moving))[:, None],
+        "waves": _cosines(friction, along),
+        "bumps": np.stack(hats, axis=1),
+        "waves of force": _cosines(unit * moving, along, first=2),
+        "place": (scale * (2.0 * along - 1.0))[:, None],
+    }
+
+
+def _of_turn(channel, rows, turn):
+    """Force and friction that repeat with every ``turn`` (in the unit of the position; 0: no turn is known)."""
+    if not turn:
+        return {}
+    phase = 2.0 * np.pi * rows.motion.x / turn
+    unit = _scale(channel, rows) * channel.orientation(rows) * _moving(rows)
+    waves = np.stack([unit * w for k in (1, 2) for w in (np.cos(k * phase), np.sin(k * phase))], axis=1)
+    return {"turn": waves, "turn of friction": waves * rows.motion.direction[:, None]}
+
+
+def _of_effort(channel, rows):
+    m, turned = rows.motion, channel.orientation(rows)
+    electric = channel.predicted(rows) - turned * m.speed * _moving(rows) * _model(channel, rows, 7)[:, 2]
+    return {
+        "dead zone": (_scale(channel, rows) * turned * m.direction)[:, None],
+        "resistive": electric[:, None],
+    }
+
+
+def _of_error(channel, rows, along):
+    """What moves the following error alone, and what forces leave there behind the loop."""
+    m, moving, scale, (speed, acceleration) = rows.motion, _moving(rows), _scale(channel, rows), _relative(rows)
+    return {
+        **_transients(channel, rows),
+        **_through_loop(channel, rows, along),
+        "lost motion": (scale * m.last)[:, None],
+        "speed": (scale * speed * moving)[:, None],
+        "acceleration": (scale * acceleration)[:, None],
+        "creep": (scale * (1.0 - moving) * m.last * np.log1p(m.since / DWELL))[:, None],
+        "load": (scale * (m.direction + acceleration))[:, None],
+        "offset": scale[:, None],
+    }
+
+
+def _transients(channel, rows):
+    """What an integrator takes back: direction, speed and motion behind the loop's lag and its memory."""
+    moving, scale = _moving(rows), _scale(channel, rows)
+
+    def passed(signal):
+        return high_pass(low_pass(signal, channel.lag, rows.log.period), channel.memory, rows.log.period)
+
+    return {
+        "level transient": (scale * passed(rows.motion.direction))[:, None],
+        "speed transient": (scale * passed(_relative(rows)[0]))[:, None],
+        "force in error": np.stack([scale * moving, scale * passed(moving)], axis=1),
+    }
+
+
+def _through_loop(channel, rows, along):
+    """What a changed force adds to the error, through the loop's own response: columns "… in error"."""
+    s, moving, (speed, acceleration) = rows.motion.direction, _moving(rows), _relative(rows)
+    forces = {
+        "friction": s,
+        "viscous": speed * moving,
+        "quadratic": speed * np.abs(speed),
+        "asymmetry": moving,
+        "constant": np.ones(len(s)),
+        "inertia": acceleration * moving,
+    }
+    if along is not None:
+        forces["spring"] = 2.0 * along - 1.0
+    found = {f"{name} in error": through_loop(channel, rows, force)[:, None] for name, force in forces.items()}
+    found["constant in error"] *= moving[:, None]       # at rest friction may hold it
+    if along is not None:
+        waves = _cosines(s, along).T
+        found["waves in error"] = np.stack([through_loop(channel, rows, wave) for wave in waves], axis=1)
+    return found
 
 
 def _friction(channel, rows, scale):

@@ -5,7 +5,7 @@ import dataclasses
 
 import numpy as np
 
-from microstage_ros.diagnosis.logs.selection import decide
+from microstage_ros.diagnosis.logs.selection import decide, stacking
 from microstage_ros.diagnosis.logs.preprocessing import spread
 from microstage_ros.diagnosis.logs.preprocessing.channels import FLUCTUATION
 from microstage_ros.diagnosis.logs.preprocessing.coordinates import FREE
@@ -165,7 +165,7 @@ def build(stage, now=None, base=None, assembly=True, form=True):
     for block in blocks:
         covariance[at: at + len(block), at: at + len(block)] = block
         at += len(block)
-    effects, parts = decide.effects_of(stage.coordinates, stage.only, stage.without)
+    effects, parts = stacking.effects_of(stage.coordinates, stage.only, stage.without)
     of_effort = "error" not in stage.coordinates
     return decide.Problem(
         np.concatenate(differences),

@@ -12,7 +12,7 @@ from microstage_ros.diagnosis.logs.selection.context import LogDiagnosis, health
 from microstage_ros.diagnosis.logs.selection.effects import (
     BEHIND, BEHIND_NEED, FOLLOWING, FORCED, FROM_READING, SIGNATURES, WITHOUT_EFFORT, separation,
 )
-from microstage_ros.diagnosis.logs.selection.sizes import parameters_of, widening
+from microstage_ros.diagnosis.logs.selection.sizes import Fitted, parameters_of, widening
 from microstage_ros.diagnosis.logs.selection.stages import build, stages_of
 from microstage_ros.diagnosis.logs.selection.visibility import LARGEST
 from microstage_ros.diagnosis.report.wording import sentence_of
@@ -224,7 +224,7 @@ def _sizes(stage, names, name, context):
     column = problem.effects[name][:, 0]
     reach = float(np.sqrt(np.mean(column[column != 0.0] ** 2))) if column.any() else 1.0
     plain, parts = decide.plain(name), problem.parts[name]
-    return parameters_of(plain, parts, beta[own], spread_of, context, channel, reach), channel
+    return parameters_of(plain, Fitted(parts, beta[own], spread_of, context, channel, reach)), channel
 
 
 def _gain(stages, groups):
