@@ -207,9 +207,9 @@ def test_the_more_channels_the_less_likely_must_a_loudness_be(channels, louder):
     assert judge._louder(case, "torque", []) is louder is bool(channels * norm.sf(2.8) < 0.01)
 
 
-@pytest.mark.parametrize(("sizes", "rival"), [(1, False), (3, False), (12, True)])
+@pytest.mark.parametrize(("sizes", "rival"), [(1, False), (6, False), (7, True), (12, True)])
 def test_every_size_of_the_named_cause_takes_from_its_lead(monkeypatch, sizes, rival):
-    """1000 + 500 − 2·sizes over 980 + 490 − 2: a lead of 30, 26 and 8, of which 20 are needed."""
+    """1000 + 500 − 2·sizes over 980 + 490 − 2: a lead of 30, 20, 18 and 8, of which 20 are needed."""
     mine, other = (types.SimpleNamespace(effect=e, forms=()) for e in ("torque_ripple", "amplifier_offset"))
     monkeypatch.setattr(judge, "best_or_same", lambda *_: types.SimpleNamespace(gain=1000.0, held=500.0, sizes=sizes))
     monkeypatch.setattr(judge, "best_forms", lambda *_: types.SimpleNamespace(choice=other, gain=980.0, held=490.0, sizes=1))
@@ -237,3 +237,62 @@ def test_another_cause_is_clear_from_the_least_evidence_on(monkeypatch, others, 
     case = types.SimpleNamespace(gain=learned, held_gain=total, signal=lambda choice, others: 65.0)      # of which the first has enough
     monkeypatch.setattr(judge, "LEAST_EVIDENCE", 115.0)
     assert (mine in judge.without_faint(case, [first, mine])) is kept
+
+
+@pytest.mark.parametrize("scatter", [1.0, 4.0])
+def test_the_part_of_a_cause_is_what_it_adds_to_the_others_in_units_of_the_scatter(scatter):
+    world = World(PLAIN, {"torque_ripple": 0.5, "gravity_tilt": 0.3}, seed=63)
+    world.evidences.scatter["torque"] = scatter
+    both = [choice(world, "torque_ripple"), choice(world, "gravity_tilt")]
+    book, n = judge.ledger_of(world.evidences, both), ROWS["held"] / scatter
+    assert book.parts["torque_ripple"] == pytest.approx(0.25 * n, rel=0.15) and book.parts["gravity_tilt"] == pytest.approx(0.09 * n, rel=0.2)
+    assert book.before == pytest.approx(1.34 * n, rel=0.1) and book.after == pytest.approx(n, rel=0.1)
+
+
+@pytest.mark.parametrize(("left", "kept"), [(49.0, True), (51.0, False)])
+def test_a_channel_is_clear_where_a_twentieth_of_what_its_cause_took_is_left(monkeypatch, left, kept):
+    """A size that is off by a fifth leaves a twenty-fifth of 1000, whatever the readings differ by."""
+    mine = Choice("drive_compliance", (simple("drive_compliance", "resonance"),))
+    case = types.SimpleNamespace(held_gain=lambda choices, channels=None: 1000.0 * len(choices))
+    monkeypatch.setattr(judge, "stands_out", lambda *_: ["position"])
+    monkeypatch.setattr(judge, "ledger_of", lambda *_: judge.Ledger(left={"position": 1.0e6, "resonance": left}))
+    assert (judge._shown_by_more_than_the_reading(case, [mine]) == [mine]) is kept
+
+
+@pytest.mark.parametrize(("base", "louder"), [((1.0, 0.0, 4.0), True), ((1.0, 0.0, 0.0), False)])
+def test_how_certain_a_loudness_is_both_groups_of_stretches_tell(base, louder):
+    """3.2 standard errors are a chance of 0.016 with four degrees of freedom, and of 0.006 with eight."""
+    sizes = {"learn": (1.32, 0.1, 4.0), "base": base}
+    case = types.SimpleNamespace(loudness=lambda channel, choices, group: sizes[group], base={"torque": None}, learn={"torque": None})
+    assert judge._louder(case, "torque", []) is louder
+
+
+@pytest.mark.parametrize("passed", ["chosen", "resonance", "constant force", "does not stand", "level", "side by side", "no form"])
+def test_a_name_that_is_passed_over_ends_no_search(monkeypatch, passed):
+    """Whatever is said of the first name, the second one is a rival."""
+    mine, first, last = (Choice(e, (simple(e),)) for e in ("drive_compliance", "payload_change" if passed == "resonance" else "gravity_tilt", "backlash"))
+    is_first = lambda one: one == first or one == first.effect
+    monkeypatch.setattr(judge, "best_or_same", lambda *_: types.SimpleNamespace(gain=1000.0, held=500.0, sizes=1))
+    form = lambda evidences, effect, others: None if passed == "no form" and is_first(effect) else types.SimpleNamespace(
+        choice=first if is_first(effect) else last, gain=1000.0, held=500.0, sizes=1)
+    rules = {"best_forms": form, "level_or_viscous": lambda *_: None, "_leads": lambda *_: True, "is_the_first": lambda *_: True,
+             "resonance_is": lambda *_: "drive_compliance", "is_constant_force": lambda evidences, choice, effect, others: passed == "constant force" and is_first(effect),
+             "acceptable": lambda evidences, trial, others: not (passed == "does not stand" and is_first(trial.choice)),
+             "_level": lambda evidences, choice, others: passed == "level" and is_first(choice),
+             "stand_side_by_side": lambda evidences, choice, other, others: passed == "side by side" and is_first(other)}
+    for name, rule in rules.items():
+        monkeypatch.setattr(judge, name, rule)
+    there = [mine, *([first] if passed == "chosen" else [])]
+    found = judge.rivals_of(None, mine, there, [first.effect, "backlash"])
+    assert found == ([first.effect] if passed == "constant force" else []) + ["backlash"]
+
+
+def test_a_cause_that_is_no_stranger_hides_none(monkeypatch):
+    kept, shown, stranger = (Choice(e, (simple(e, "position"),)) for e in ("scale_error", "thermal_drift", "encoder_sde"))
+    monkeypatch.setattr(judge, "ledger_of", lambda *_: judge.Ledger(left={"position": 1.0e6, "torque": 0.0}))
+    monkeypatch.setattr(judge, "stands_out", lambda *_: ["position"])
+    monkeypatch.setattr(judge, "_main_channel", lambda evidences, choice, *_: ("torque" if choice is kept else "position", 1.0))
+    monkeypatch.setattr(judge, "shown_by_rattle", lambda evidences, choice: choice is shown)
+    monkeypatch.setattr(judge, "unsteadiness", lambda *_: 1.0)
+    monkeypatch.setattr(judge, "_shown_by_more_than_the_reading", lambda _, choices: choices)
+    assert judge.without_strangers(None, [kept, shown, stranger]) == [kept, shown]
