@@ -344,3 +344,41 @@ def test_a_cause_that_no_longer_stands_beside_the_others_is_pruned(gain, held, k
     case = Written({("gravity_tilt", "torque", ""): (gain, held, 1), ("amplifier_gain", "windup", ""): (500.0, 250.0, 1)})
     both = [case.choice("gravity_tilt"), case.choice("amplifier_gain")]
     assert selection.prune(case, both) == (both if kept else both[1:])
+
+
+def test_where_every_channel_makes_the_held_out_records_worse_all_of_them_are_on_trial():
+    """The rules that follow refuse it as a whole."""
+    case = Written({("torque_ripple", "torque", ""): (300.0, -150.0, 3), ("torque_ripple", "windup", ""): (100.0, -5.0, 2)})
+    assert len(selection.best_forms(case, "torque_ripple", []).choice.forms) == 2
+
+
+def test_a_shape_that_is_not_worth_its_sizes_is_no_misfit_however_small_the_cause():
+    case = Written({("gravity_tilt", "torque", ""): (0.5, 0.2, 1), ("generic:position", "torque", ""): (7.3, 0.0, 4)})
+    mine = case.choice("gravity_tilt")
+    assert selection.misfit(case, mine, [mine]) == 0.0
+
+
+def selecting(monkeypatch, best=None):
+    """`select` on trials that stand whenever they are asked, of six names that have nothing to do with each other."""
+    names = ("gravity_tilt", "torque_ripple", "viscous_change", "scale_error", "amplifier_gain", "amplifier_offset")
+    case = Written({(name, "torque", ""): (1.0e3 * (6 - n), 500.0, 1) for n, name in enumerate(names)})
+    case.forms.append(Form("friction_level_change", "torque", "", None, one("size", "1")))
+    case.parts["friction_level_change", "torque", ""] = (1.0, 0.0, 1)
+    case.learn["torque"].where["friction_level_change", ""] = slice(7, 8)
+    for name, value in (("acceptable", True), ("level_or_viscous", best), ("in_baseline", False)):
+        monkeypatch.setattr(selection, name, lambda *_, value=value: value)
+    monkeypatch.setattr(selection, "without_splinters", lambda _, choices: choices)
+    return case, names
+
+
+def test_four_causes_are_looked_for_unless_more_are_asked(monkeypatch):
+    case, names = selecting(monkeypatch)
+    for found, count in ((selection.select(case, names)[0], 4), (selection.select(case, names, most=2)[0], 2)):
+        assert [c.effect for c in found] == list(names[:count])
+
+
+def test_what_friction_along_the_stroke_decides_takes_the_place_of_the_other_name_alone(monkeypatch):
+    level = Choice("friction_level_change", (Form("friction_level_change", "torque", "", None, one("size", "1")),))
+    case, names = selecting(monkeypatch, level)
+    found, lost = selection.select(case, names)
+    assert [c.effect for c in found] == ["gravity_tilt", "torque_ripple", "friction_level_change", "scale_error"] and lost
