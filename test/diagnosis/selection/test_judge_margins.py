@@ -11,6 +11,7 @@ from scipy.stats import chi2, norm
 from microstage_ros.diagnosis.catalogue.form import Form, one
 from microstage_ros.diagnosis.residuals.evidence import Evidence
 from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences
+from microstage_ros.diagnosis.result import Finding
 from microstage_ros.diagnosis.selection import judge
 
 from test.diagnosis.selection.test_judge import PLAIN, ROWS, World, choice, simple
@@ -296,3 +297,16 @@ def test_a_cause_that_is_no_stranger_hides_none(monkeypatch):
     monkeypatch.setattr(judge, "unsteadiness", lambda *_: 1.0)
     monkeypatch.setattr(judge, "_shown_by_more_than_the_reading", lambda _, choices: choices)
     assert judge.without_strangers(None, [kept, shown, stranger]) == [kept, shown]
+
+
+def test_the_gain_of_a_cause_is_what_it_adds_to_the_others():
+    world = World(PLAIN, {"torque_ripple": 0.5, "gravity_tilt": 0.3}, seed=64)
+    found = judge.best_or_same(world.evidences, choice(world, "gravity_tilt"), [choice(world, "torque_ripple")])
+    assert found.gain == pytest.approx(0.09 * ROWS["learn"], rel=0.2) and found.held == pytest.approx(0.09 * ROWS["held"], rel=0.2)
+    assert found.sizes == 1
+
+
+@pytest.mark.parametrize(("held", "stands"), [(24.9, False), (25.1, True)])
+def test_a_dependence_needs_five_standard_errors_on_the_held_out_records(held, stands):
+    finding = Finding("torque", "time", 90.0, 30.0, 90.0)
+    assert bool(judge.leftovers([(finding, held)])) is stands
