@@ -211,6 +211,10 @@ def test_the_best_form_pays_for_its_sizes():
     case = Written({("torque_ripple", "torque", "fine"): (303.0, 150.0, 5), ("torque_ripple", "torque", "plain"): (300.0, 150.0, 1)})
     assert selection.best_forms(case, "torque_ripple", []).choice.forms[0].variant == "plain"
     assert selection.best_forms(case, "torque_ripple", [Choice("torque_ripple", (case.forms[1],))]).choice.forms[0].variant == "fine"
+    assert selection.best_forms(case, "torque_ripple", [Choice("torque_ripple", (case.forms[0],))]).choice.forms[0].variant == "plain"
+    case.forms[1:1] = [Form("torque_ripple", "torque", "", None, one("size", "1"), lambda beta: False)]      # a size that makes no sense
+    case.learn["torque"].where["torque_ripple", ""], case.parts["torque_ripple", "torque", ""] = slice(7, 8), (900.0, 450.0, 1)
+    assert selection.best_forms(case, "torque_ripple", []).choice.forms[0].variant == "plain"
 
 
 def test_behind_a_wave_that_the_baseline_shows_the_other_profiles_are_asked(monkeypatch):
@@ -226,11 +230,14 @@ def test_the_misfit_is_what_a_wider_shape_explains_of_both_beyond_its_sizes(wide
     case = Written({("gravity_tilt", "torque", ""): (100.0, 50.0, 1), ("generic:position", "torque", ""): (wide, 0.0, sizes)})
     mine = case.choice("gravity_tilt")
     assert selection.misfit(case, mine, [mine]) == pytest.approx(share)
+    case.usual = lambda channel, key: 0.6 * wide      # of which the healthy axis shows so much, too
+    more = max(0.4 * wide - 2.0 * sizes, 0.0)
+    assert selection.misfit(case, mine, [mine]) == pytest.approx(more / (100.0 + more))
     case.forms.pop()
     assert selection.misfit(case, mine, [mine]) == 0.0
 
 
-@pytest.mark.parametrize(("own", "wide", "share"), [(75.0, 25.0, 0.25), (25.0, 75.0, 0.5), (-10.0, -0.5, 0.0), (-10.0, 40.0, 0.5)])
+@pytest.mark.parametrize(("own", "wide", "share"), [(75.0, 25.0, 0.25), (25.0, 75.0, 0.5), (-10.0, -0.5, 0.0), (-10.0, 40.0, 0.5), (0.6, 0.4, 0.4)])
 def test_beside_another_cause_the_misfit_must_be_there_on_the_held_out_records(own, wide, share):
     """Of half in the learning records, no more than what the held-out ones show of it."""
     case = Written({("gravity_tilt", "torque", ""): (100.0, own, 1), ("generic:position", "torque", ""): (102.0, wide, 1),
