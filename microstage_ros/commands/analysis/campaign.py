@@ -18,6 +18,7 @@ from microstage_ros.commands.progress import progress
 from microstage_ros.commands.tables import DIAGNOSIS
 from microstage_ros.diagnosis.selection.calibration import calibrate, write_calibration
 from microstage_ros.diagnosis.validation import campaign
+from microstage_ros.diagnosis.validation.form_errors import form_errors
 from microstage_ros.files import write_text
 from microstage_ros.metrology.rates import rate
 from microstage_ros.model.effects import REGISTRY
@@ -57,7 +58,10 @@ def main(argv=None):
         named = [(evidence, clarity, right) for _, _, evidence, clarity, right in stated]
         words = " ".join(["./microstage campaign", *(sys.argv[1:] if argv is None else argv)])
         write_calibration(arguments.calibrate, calibrate(named), words)
-    show(outcomes, counts, medians, Console(width=None if sys.stdout.isatty() else 160))
+    console = Console(width=None if sys.stdout.isatty() else 160)
+    show(outcomes, counts, medians, console)
+    if arguments.form_errors:
+        show_form_errors(outcomes, read_axis(arguments.axis).value("period"), console)
     return 0
 
 
@@ -93,6 +97,7 @@ def _parse(argv):
         metavar="FILE",
         help="write the calibration of the stated probabilities that these cases give; with --from, of those",
     )
+    parser.add_argument("--form-errors", action="store_true", help="print by what share sizes are off beyond the noise")
     parser.add_argument("--from", dest="earlier", nargs="+", type=pathlib.Path, default=[], metavar="JSON",
                         help="count the cases of earlier campaigns (their --json files) too")
     parser.add_argument(
@@ -227,3 +232,18 @@ def show(outcomes, counts, medians, console):
     for low, high, mean, right, named in campaign.reliability(outcomes):
         diagram.add_row(f"{low:.2f} … {high:.2f}", f"{mean:.3f}", str(rate(right, named)))
     console.print(diagram)
+
+
+def show_form_errors(outcomes, period, console):
+    """Print by what share of themselves sizes are off beyond the noise (`form_errors`).
+
+    Parameters
+    ----------
+    outcomes : of the cases, `Outcome` each. period : of the control loop [s]. console : of rich.
+    """
+    sheet = Table("size", "inside 95 %", "stated", "most likely", "95 % interval",
+                  title="Form errors", title_justify="left")
+    for one in form_errors([error for outcome in outcomes for error in outcome.errors], period):
+        sheet.add_row(one.parameter, str(rate(one.inside, one.count)), f"{one.stated:.2g}", f"{one.share:.2g}",
+                      f"{one.low:.2g} … {one.high:.2g}")
+    console.print(sheet)

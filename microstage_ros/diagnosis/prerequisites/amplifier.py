@@ -22,9 +22,13 @@ LEAST_GAIN = 60.0   # χ²; derived: one size reaches it by chance in 10⁻¹⁴
 # `microstage campaign --world second --kind single --seed 1003 --cases 60`: 2.3 of what this channel
 # reads of the gain (0.04 of 0.07, case 12; the only one there)
 GAIN_TIME = 4.0
-LAG_ERROR = 0.05         # share of a lag that gain and lag cannot tell apart above 1 kHz
-DELAY_ERROR = 0.02       # of a period: next to a whole one, what is left of it hardly shows
-LEAST_TIME = 2.0 * DELAY_ERROR     # periods; derived: two standard errors of a delay; less is a matter of stamps
+# share of a lag that gain and lag cannot tell apart above 1 kHz; calibrated by: microstage campaign --form-errors
+# (0.007 to 0.015)
+LAG_ERROR = 0.015
+# of a period, of a delay; calibrated by: the same (0.00098 to 0.0030)
+DELAY_ERROR = 0.003
+DELAY_STEP = 0.02        # of a period: next to a whole one, what is left of it hardly shows
+LEAST_TIME = 2.0 * DELAY_STEP     # periods; derived: two steps; less is a matter of stamps
 # s that the encoder may be read later than the interferometer; calibrated by: validation.margins (1.9e-6 to 2.6e-4)
 LATE = 2.0e-5
 DOMINANCE = 0.5          # of the gain of the strongest form, accepted or not, that the answer must reach
@@ -32,11 +36,11 @@ LONGEST = 64             # periods; derived: the power of two above the 60 that 
 # periods; derived: half way between two of the catalogue's forms, and half as far again
 DELAY_REACH = 0.75
 DELAY_STEPS = np.arange(-DELAY_REACH, DELAY_REACH, LEAST_TIME)
-# periods short of a whole one, where the winding just begins to answer; derived: up to two standard errors of a delay
-SHORT_OF_WHOLE = tuple(DELAY_ERROR * n for n in (2.0, 1.5, 1.0, 0.5))
+# periods short of a whole one, where the winding just begins to answer; derived: up to two steps of a delay
+SHORT_OF_WHOLE = tuple(DELAY_STEP * n for n in (2.0, 1.5, 1.0, 0.5))
 MOST_SHIFTS = 5          # of the range searched; derived: 1.7⁵ is a factor of fourteen
 REACH = 1.7              # of the range searched, upwards; derived: from 0.6 it spans 2.8, the forms' times 2.7
-TOLERANCE = 2.0e-3       # of the time or the period; derived: a tenth of `DELAY_ERROR`
+TOLERANCE = 2.0e-3       # of the time or the period; derived: a tenth of `DELAY_STEP`
 MOST_TRIES = 14          # derived: 0.62¹⁴, by golden sections, is a thousandth of the range
 AT_END = 1.02            # so near to its end an optimum lies beyond; derived: ten times the search's tolerance
 MOST = 0.5               # of a channel's χ²; derived: more than all else
@@ -203,7 +207,7 @@ def _refine(learn, trial, period, winding):
             break
         low, high = found.x / REACH, found.x * REACH      # the optimum lies beyond where it was looked for
     time = float(found.x)
-    step = DELAY_ERROR * time
+    step = DELAY_STEP * time
     bend = (loss(time - step) + loss(time + step) - 2.0 * found.fun) / step**2
     stderr = float(np.sqrt(2.0 / bend)) if bend > 0 else step
     form_error = LAG_ERROR * time if form.effect == "actuator_lag" else DELAY_ERROR * period

@@ -158,10 +158,7 @@ class _Balance:
         """Every effect that is not taken yet in its best form, the strongest first."""
         taken = {c.effect for c in choices}
         trials = [best_forms(self.evidences, effect, choices) for effect in self.effects if effect not in taken]
-        trials = sorted((t for t in trials if t is not None), key=lambda t: t.log_p)
-        # log p underflows for large gains: then the gain itself decides
-        trials.sort(key=lambda t: -(t.gain - 2 * t.sizes) if t.gain > 500 else -min(t.gain - 2 * t.sizes, 500))
-        return trials
+        return sorted((t for t in trials if t is not None), key=lambda t: 2 * t.sizes - t.gain)
 
     def first_standing(self, trials, choices):
         """See `_first_acceptable`."""

@@ -2,14 +2,16 @@
 
 import dataclasses
 import math
+import types
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
 from microstage_ros.diagnosis.catalogue.form import Form, one
 from microstage_ros.diagnosis.residuals.evidence import Evidence
-from microstage_ros.diagnosis.residuals.evidence_set import Evidences
+from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences
+from microstage_ros.diagnosis.result import Finding
 from microstage_ros.diagnosis.selection import judge
 
 from test.diagnosis.selection.test_judge import PLAIN, ROWS, World, choice, simple
@@ -151,3 +153,160 @@ def test_a_level_or_a_viscosity_that_friction_along_the_stroke_decides_is_no_ope
     mine = choice(world, "viscous_change")
     monkeypatch.setattr(judge, "level_or_viscous", lambda *_: mine if decided else None)
     assert judge.rivals_of(world.evidences, mine, [mine], ("viscous_change", "friction_level_change")) == rivals
+
+
+def test_a_cause_that_makes_the_held_out_records_worse_has_no_part_of_them():
+    world = World(PLAIN, {"torque_ripple": 0.5}, held={"torque_ripple": -0.5}, seed=61)
+    assert judge.ledger_of(world.evidences, [choice(world, "torque_ripple")]).parts == {"torque_ripple": 0.0}
+
+
+def one_channel(energy, explained, rows=400):
+    """Evidences of one channel whose held-out χ² is ``energy``, of which any choice explains so much."""
+    held = types.SimpleNamespace(energy=lambda: energy, rows=rows)
+    return types.SimpleNamespace(held={"torque": held}, scatter={"torque": 1.0},
+                                 held_gain=lambda choices, channels=None: explained * len(choices))
+
+
+@pytest.mark.parametrize(("explained", "after"), [(300.0, 0.5), (399.5, math.sqrt(0.5 / 400.0)), (400.0, 0.0), (400.0 + 1e-9, 0.0)])
+def test_what_is_left_by_a_cause_that_explains_all_is_nothing(explained, after):
+    """Rounding may take a last bit more than there was."""
+    mine = Choice("gravity_tilt", (simple("gravity_tilt"),))
+    channel, gain = judge.cause_gain(one_channel(400.0, explained), mine, [mine], {"torque": (1.0, "V")})
+    assert (channel, gain.before, gain.unit) == ("torque", 1.0, "V") and gain.after == pytest.approx(after, abs=1e-12)
+
+
+@pytest.mark.parametrize(("mine", "other", "asked"), [("windup", "windup", False), ("windup", "torque", False), ("torque", "windup", False), ("torque", "torque", True)])
+def test_only_where_both_names_are_of_the_torque_must_stretches_agree(mine, other, asked):
+    """No friction law is in the other channels: there χ² alone decides. A lead of nothing, as certain as can be, is none."""
+    case = types.SimpleNamespace(lead=lambda *_: (0.0, 0.01, 50.0), lead_of_baseline=lambda *_: (0.0, 0.0, 0.0))
+    pair = (Choice("amplifier_gain", (simple("amplifier_gain", mine),)), Choice("gravity_tilt", (simple("gravity_tilt", other),)))
+    assert judge._leads(case, *pair, []) is not asked
+
+
+@pytest.mark.parametrize(("base", "agrees", "stays"), [(False, True, True), (True, True, False), (False, False, False), (True, False, False)])
+def test_a_dependence_needs_to_be_new_and_to_agree_with_itself(monkeypatch, base, agrees, stays):
+    world = World(NAMELESS[:2], {"generic:position": 0.3}, seed=62)
+    monkeypatch.setattr(judge, "shortfall", lambda *_: 0.0)
+    monkeypatch.setattr(judge, "in_baseline", lambda *_: base)
+    monkeypatch.setattr(judge, "agrees_with_itself", lambda *_: agrees)
+    found = judge.findings_of(world.evidences, [], NAMELESS[:1])
+    assert (len(judge.leftovers(found)) == 1) is stays
+
+
+@pytest.mark.parametrize(("quiet", "said", "louder"), [(0.4, 1.1, False), (0.4, 1.5, True), (2.0, 2.1, False), (2.0, 2.5, True)])
+def test_a_baseline_that_is_quieter_than_the_noise_model_is_no_yardstick(quiet, said, louder):
+    """By 0.1 of 0.1 nothing is louder, by 0.5 it is; what counts is the louder one of the baseline and the model's 1."""
+    sizes = {"learn": (said, 0.1, 200.0), "base": (quiet, 0.0, 0.0)}
+    case = types.SimpleNamespace(loudness=lambda channel, choices, group: sizes[group], base={"torque": None}, learn={"torque": None})
+    assert judge._louder(case, "torque", []) is louder
+
+
+@pytest.mark.parametrize(("channels", "louder"), [(1, True), (3, True), (4, False), (40, False)])
+def test_the_more_channels_the_less_likely_must_a_loudness_be(channels, louder):
+    """2.8 standard errors are a chance of 0.0026: in one of three channels less than a hundredth, in one of four more."""
+    case = types.SimpleNamespace(loudness=lambda channel, choices, group: (1.28, 0.1, 1.0e6), base={}, learn=dict.fromkeys(range(channels)))
+    assert judge._louder(case, "torque", []) is louder is bool(channels * norm.sf(2.8) < 0.01)
+
+
+@pytest.mark.parametrize(("sizes", "rival"), [(1, False), (6, False), (7, True), (12, True)])
+def test_every_size_of_the_named_cause_takes_from_its_lead(monkeypatch, sizes, rival):
+    """1000 + 500 − 2·sizes over 980 + 490 − 2: a lead of 30, 20, 18 and 8, of which 20 are needed."""
+    mine, other = (types.SimpleNamespace(effect=e, forms=()) for e in ("torque_ripple", "amplifier_offset"))
+    monkeypatch.setattr(judge, "best_or_same", lambda *_: types.SimpleNamespace(gain=1000.0, held=500.0, sizes=sizes))
+    monkeypatch.setattr(judge, "best_forms", lambda *_: types.SimpleNamespace(choice=other, gain=980.0, held=490.0, sizes=1))
+    for name, value in (("acceptable", True), ("_leads", True), ("level_or_viscous", None), ("is_constant_force", False),
+                        ("stand_side_by_side", False), ("is_the_first", False)):
+        monkeypatch.setattr(judge, name, lambda *_, value=value: value)
+    assert (judge.rivals_of(None, mine, [mine], ["torque_ripple", "amplifier_offset"]) == ["amplifier_offset"]) is rival
+
+
+@pytest.mark.parametrize(("learned", "kept"), [(231.0, True), (300.0, True), (229.0, False)])
+def test_what_the_learning_records_show_twice_as_clearly_needs_no_more_than_there_can_be(learned, kept):
+    """Twice 115 of χ²; the held-out records, which hardly go there, can show 65 and show 80."""
+    mine = Choice("cable_spring", (simple("cable_spring"),))
+    case = types.SimpleNamespace(gain=lambda choices: learned * len(choices), held_gain=lambda choices: 80.0 * len(choices), signal=lambda *_: 65.0)
+    assert (judge.without_faint(case, [mine]) == [mine]) is kept
+
+
+@pytest.mark.parametrize(("others", "kept"), [(114.5, False), (115.0, True)])
+def test_another_cause_is_clear_from_the_least_evidence_on(monkeypatch, others, kept):
+    monkeypatch.setattr(judge, "unsteadiness", lambda *_: 0.1)
+    first, mine = (Choice(e, (simple(e),)) for e in ("torque_ripple", "gravity_tilt"))
+    parts = {"torque_ripple": others, "gravity_tilt": 80.0}
+    total = lambda choices: sum(parts[c.effect] for c in choices)
+    learned = lambda choices: sum({"torque_ripple": 300.0, "gravity_tilt": 80.0}[c.effect] for c in choices)
+    case = types.SimpleNamespace(gain=learned, held_gain=total, signal=lambda choice, others: 65.0)      # of which the first has enough
+    monkeypatch.setattr(judge, "LEAST_EVIDENCE", 115.0)
+    assert (mine in judge.without_faint(case, [first, mine])) is kept
+
+
+@pytest.mark.parametrize("scatter", [1.0, 4.0])
+def test_the_part_of_a_cause_is_what_it_adds_to_the_others_in_units_of_the_scatter(scatter):
+    world = World(PLAIN, {"torque_ripple": 0.5, "gravity_tilt": 0.3}, seed=63)
+    world.evidences.scatter["torque"] = scatter
+    both = [choice(world, "torque_ripple"), choice(world, "gravity_tilt")]
+    book, n = judge.ledger_of(world.evidences, both), ROWS["held"] / scatter
+    assert book.parts["torque_ripple"] == pytest.approx(0.25 * n, rel=0.15) and book.parts["gravity_tilt"] == pytest.approx(0.09 * n, rel=0.2)
+    assert book.before == pytest.approx(1.34 * n, rel=0.1) and book.after == pytest.approx(n, rel=0.1)
+
+
+@pytest.mark.parametrize(("left", "kept"), [(49.0, True), (51.0, False)])
+def test_a_channel_is_clear_where_a_twentieth_of_what_its_cause_took_is_left(monkeypatch, left, kept):
+    """A size that is off by a fifth leaves a twenty-fifth of 1000, whatever the readings differ by."""
+    mine = Choice("drive_compliance", (simple("drive_compliance", "resonance"),))
+    case = types.SimpleNamespace(held_gain=lambda choices, channels=None: 1000.0 * len(choices))
+    monkeypatch.setattr(judge, "stands_out", lambda *_: ["position"])
+    monkeypatch.setattr(judge, "ledger_of", lambda *_: judge.Ledger(left={"position": 1.0e6, "resonance": left}))
+    assert (judge._shown_by_more_than_the_reading(case, [mine]) == [mine]) is kept
+
+
+@pytest.mark.parametrize(("base", "louder"), [((1.0, 0.0, 4.0), True), ((1.0, 0.0, 0.0), False)])
+def test_how_certain_a_loudness_is_both_groups_of_stretches_tell(base, louder):
+    """3.2 standard errors are a chance of 0.016 with four degrees of freedom, and of 0.006 with eight."""
+    sizes = {"learn": (1.32, 0.1, 4.0), "base": base}
+    case = types.SimpleNamespace(loudness=lambda channel, choices, group: sizes[group], base={"torque": None}, learn={"torque": None})
+    assert judge._louder(case, "torque", []) is louder
+
+
+@pytest.mark.parametrize("passed", ["chosen", "resonance", "constant force", "does not stand", "level", "side by side", "no form"])
+def test_a_name_that_is_passed_over_ends_no_search(monkeypatch, passed):
+    """Whatever is said of the first name, the second one is a rival."""
+    mine, first, last = (Choice(e, (simple(e),)) for e in ("drive_compliance", "payload_change" if passed == "resonance" else "gravity_tilt", "backlash"))
+    is_first = lambda one: one == first or one == first.effect
+    monkeypatch.setattr(judge, "best_or_same", lambda *_: types.SimpleNamespace(gain=1000.0, held=500.0, sizes=1))
+    form = lambda evidences, effect, others: None if passed == "no form" and is_first(effect) else types.SimpleNamespace(
+        choice=first if is_first(effect) else last, gain=1000.0, held=500.0, sizes=1)
+    rules = {"best_forms": form, "level_or_viscous": lambda *_: None, "_leads": lambda *_: True, "is_the_first": lambda *_: True,
+             "resonance_is": lambda *_: "drive_compliance", "is_constant_force": lambda evidences, choice, effect, others: passed == "constant force" and is_first(effect),
+             "acceptable": lambda evidences, trial, others: not (passed == "does not stand" and is_first(trial.choice)),
+             "_level": lambda evidences, choice, others: passed == "level" and is_first(choice),
+             "stand_side_by_side": lambda evidences, choice, other, others: passed == "side by side" and is_first(other)}
+    for name, rule in rules.items():
+        monkeypatch.setattr(judge, name, rule)
+    there = [mine, *([first] if passed == "chosen" else [])]
+    found = judge.rivals_of(None, mine, there, [first.effect, "backlash"])
+    assert found == ([first.effect] if passed == "constant force" else []) + ["backlash"]
+
+
+def test_a_cause_that_is_no_stranger_hides_none(monkeypatch):
+    kept, shown, stranger = (Choice(e, (simple(e, "position"),)) for e in ("scale_error", "thermal_drift", "encoder_sde"))
+    monkeypatch.setattr(judge, "ledger_of", lambda *_: judge.Ledger(left={"position": 1.0e6, "torque": 0.0}))
+    monkeypatch.setattr(judge, "stands_out", lambda *_: ["position"])
+    monkeypatch.setattr(judge, "_main_channel", lambda evidences, choice, *_: ("torque" if choice is kept else "position", 1.0))
+    monkeypatch.setattr(judge, "shown_by_rattle", lambda evidences, choice: choice is shown)
+    monkeypatch.setattr(judge, "unsteadiness", lambda *_: 1.0)
+    monkeypatch.setattr(judge, "_shown_by_more_than_the_reading", lambda _, choices: choices)
+    assert judge.without_strangers(None, [kept, shown, stranger]) == [kept, shown]
+
+
+def test_the_gain_of_a_cause_is_what_it_adds_to_the_others():
+    world = World(PLAIN, {"torque_ripple": 0.5, "gravity_tilt": 0.3}, seed=64)
+    found = judge.best_or_same(world.evidences, choice(world, "gravity_tilt"), [choice(world, "torque_ripple")])
+    assert found.gain == pytest.approx(0.09 * ROWS["learn"], rel=0.2) and found.held == pytest.approx(0.09 * ROWS["held"], rel=0.2)
+    assert found.sizes == 1
+
+
+@pytest.mark.parametrize(("held", "stands"), [(24.9, False), (25.1, True)])
+def test_a_dependence_needs_five_standard_errors_on_the_held_out_records(held, stands):
+    finding = Finding("torque", "time", 90.0, 30.0, 90.0)
+    assert bool(judge.leftovers([(finding, held)])) is stands

@@ -167,9 +167,9 @@ def test_the_channel_of_a_cause_is_where_it_adds_most_not_where_most_is_explaine
     assert judge._main_channel(case, mine, [mine, other], [other]) == ("resonance", 50.0)
 
 
-@pytest.mark.parametrize(("own", "left", "kept"), [(0.0, 3.0, False), (-2.0, 3.0, False), (1.0, 3.0, True), (1.0, 7.0, False)])
+@pytest.mark.parametrize(("own", "left", "kept"), [(0.0, 3.0, False), (-2.0, 3.0, False), (1.0, 3.0, True), (1.0, 7.0, False), (-2.0, -5.0, True)])
 def test_a_cause_that_explains_nothing_where_something_stands_out_is_a_stranger(monkeypatch, own, left, kept):
-    """However little it is that stands out there."""
+    """However little it is that stands out there; where nothing is left above the floor there is none."""
     mine = choice(World([simple("encoder_sde", "position")], {"encoder_sde": 0.1}, seed=47), "encoder_sde")
     monkeypatch.setattr(judge, "ledger_of", lambda *_: judge.Ledger(left={"position": left}))
     monkeypatch.setattr(judge, "stands_out", lambda *_: ["position"])

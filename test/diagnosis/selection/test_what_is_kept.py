@@ -18,6 +18,7 @@ from microstage_ros.diagnosis.residuals.growing import Growing
 from microstage_ros.diagnosis.result import Cause, Parameter
 from microstage_ros.diagnosis.selection import mass_or_drive, selection
 from microstage_ros.diagnosis.selection.sizes import with_rattled_mass
+from test.diagnosis.selection.test_asked_again import Written
 
 FORM = Form("scale_error", "position", "", lambda channel, frame: channel.signal[:, None], one("size", "1"))
 MASS = Form("payload_change", "torque", "", None, one("mass_kg", "kg"))
@@ -176,3 +177,46 @@ def test_a_payload_that_a_rattle_tells_is_no_nearest_name_to_what_else_is_left()
     assert not mass_or_drive.shown_by_rattle(types.SimpleNamespace(frame=frame), Choice("viscous_change", ()))
     frame.rattled_mass = 0.0
     assert not mass_or_drive.shown_by_rattle(types.SimpleNamespace(frame=frame), Choice("payload_change", (MASS,)))
+
+
+@pytest.mark.parametrize(("channels", "stands"), [(("torque",), True), (("windup", "torque"), True), (("windup",), False)])
+def test_a_cable_pulls_in_the_torque_balance(channels, stands):
+    cable = Choice("cable_spring", tuple(Form("cable_spring", channel, "", None, one("size", "1")) for channel in channels))
+    assert selection._masses_agree(None, cable, []) is stands
+
+
+@pytest.mark.parametrize(("friction", "resonance", "stands"), [
+    (2.0, 2.1, True), (0.29, 0.3, False), (0.31, 0.3, True), (-0.31, -0.3, True),      # three standard errors of 0.1 kg
+    (2.0, 5.1, False), (2.0, 4.9, True), (2.0, 0.7, False), (2.0, 0.9, True), (2.0, -2.0, False),      # within a factor of 2.5
+])
+def test_a_payload_has_one_mass_in_friction_and_resonance(monkeypatch, friction, resonance, stands):
+    masses = {"torque": friction, "resonance": resonance}
+    monkeypatch.setattr(selection, "sizes_of", lambda evidences, choice, choices, form: ({"mass_kg": (masses[form.channel], 0.1, "kg")}, {}))
+    monkeypatch.setattr(selection, "behind_gap", lambda _: False)
+    forms = tuple(Form("payload_change", channel, "", None, one("mass_kg", "kg")) for channel in masses)
+    case = types.SimpleNamespace(frame=types.SimpleNamespace(rattled_mass=0.0))
+    assert selection._masses_agree(case, Choice("payload_change", forms), []) is stands
+    for form in forms:      # one of the two alone is no payload
+        assert not selection._masses_agree(case, Choice("payload_change", (form,)), [])
+    case.frame.rattled_mass = resonance     # behind a gap the rattle tells what the resonance would
+    assert selection._masses_agree(case, Choice("payload_change", forms[:1]), []) is stands
+
+
+@pytest.mark.parametrize(("said", "stands", "beyond", "answer"), [
+    ("payload_change", True, False, "payload"), ("drive_compliance", True, False, "drive"), ("open", True, True, "as it was"), (None, True, True, "as it was"),
+    ("payload_change", False, True, "payload without its torque"), ("payload_change", False, False, "as it was"), ("drive_compliance", False, True, "as it was"),
+])
+def test_what_the_torque_balance_says_of_the_resonance_is_taken_where_it_stands(monkeypatch, said, stands, beyond, answer):
+    names = ("payload_change", "drive_compliance", "gravity_tilt")
+    case = Written({(names[0], "resonance", ""): (400.0, 50.0, 1), (names[0], "torque", ""): (100.0, 50.0, 1),
+                    (names[1], "resonance", ""): (500.0, 50.0, 1), (names[2], "torque", ""): (90.0, 50.0, 1)})
+    payload, drive, tilt = map(case.choice, names)
+    monkeypatch.setattr(selection, "resonance_is", lambda *_: said)
+    monkeypatch.setattr(selection, "acceptable", lambda *_: stands)
+    monkeypatch.setattr(selection, "mass_beyond_baseline", lambda *_: beyond)
+    reduced = Choice(names[0], payload.forms[:1])
+    for mine in (payload, drive):
+        wanted = {"payload": [tilt, payload], "drive": [tilt, drive], "as it was": [mine, tilt], "payload without its torque": [tilt, reduced]}[answer]
+        assert selection.mass_or_stiffness(case, [mine, tilt]) == wanted
+    assert selection.mass_or_stiffness(case, [tilt]) == [tilt]
+    assert selection.mass_or_stiffness(case, [payload, drive]) == [payload, drive]      # both: no question of one
