@@ -79,10 +79,9 @@ SWINGS = 0.2
 #: that what hangs back there may seem to be friction of the place; the turns of the motor they do not know.
 OF_PLACE = ("position_dependent_friction", "torque_ripple")
 OF_TURNS = ("torque_ripple",)
-#: A floor that shakes the contacts loosens them, which looks like creep; the share of the vibration's χ² that these
-#: must hold: the geometric mean of 0.04, without creep (campaign --world second --kind single --seed 2103, case 49),
-#: and 0.095, of creep that is there (test_creep_beside_a_vibration_of_the_floor).
-SHAKEN = ("presliding_creep", "rising_static_friction")
+#: A floor that shakes the contacts loosens them, which looks like creep; the share of the vibration's χ² that what needs
+#: rest must hold if its size is not certain: the geometric mean of 0.04, without creep (campaign --world second --kind
+#: single --seed 2103, case 49), and 0.095, of creep that is there (test_creep_beside_a_vibration_of_the_floor).
 SHAKEN_SHARE = {"torque": 0.06}
 SLOW_IN_TIME = ("thermal_drift", "refractive_index")   # what a course of every record's own leaves no room for
 # least probability of a further cause; calibrated by: microstage campaign --world second, seeds 3301, 3313, 3401, 4105,
@@ -171,7 +170,8 @@ def _beyond_the_known(evidences, choices, known):
         choices = [c for c in choices if c.forms]
     if known.lines:
         loose = _clear_of(evidences, choices, sum(line.held for line in known.lines), SHAKEN_SHARE)
-        choices = [c for c in choices if c.effect not in SHAKEN or c in loose]
+        choices = [c for c in choices
+                   if c.effect not in OF_REST or c in loose or _beside_any_speed(evidences, c, choices)]
     soft = [c for c in choices if c.effect in RESONANT] if known.train is not None else []
     if soft:
         part = evidences.held_gain(choices) - evidences.held_gain([c for c in choices if c not in soft])
@@ -205,8 +205,8 @@ def _stands(evidences, choice, choices):
 
 
 def _beside_any_speed(evidences, choice, choices):
-    """Whether a cause that needs rest is of a certain size, and stands beside any friction over speed: a swing feigns
-    that, and knows no rest."""
+    """Whether a cause that needs rest is of a certain size, and stands beside any friction over speed: a swing, or a
+    floor that shakes, feigns that, and knows no rest."""
     others = [o for o in choices if o is not choice]
     shapes = wider_keys(evidences, "viscous_change", "torque")
     return unsteadiness(evidences, choice, others) < CERTAIN and stands_beside(evidences, choice, others, shapes)

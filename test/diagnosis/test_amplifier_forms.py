@@ -5,7 +5,9 @@ import types
 import numpy as np
 import pytest
 
-from microstage_ros.diagnosis.catalogue.command import delay_form, delayed, lagged, weight_of_old, whole_delay_form
+from microstage_ros.diagnosis.catalogue.command import FORMS, delay_form, delayed, lagged, weight_of_old, whole_delay_form
+from microstage_ros.diagnosis.prerequisites.amplifier import _refine, _within_a_period
+from microstage_ros.diagnosis.residuals.evidence import Evidence
 
 PERIOD, WINDING = 1.0e-4, 22.0e-6  # s
 STEPS = 2000
@@ -53,3 +55,28 @@ def test_one_pair_of_columns_serves_every_delay_within_a_period(command, late):
     sizes = np.array([1.0, weight_of_old(late - int(late), channel.winding)])
     one = delay_form(late, anyway=True).columns(channel, None)[:, 0]
     np.testing.assert_allclose(whole_delay_form(int(late)).columns(channel, None) @ sizes, one, atol=1e-12)
+
+
+@pytest.mark.parametrize("late", [0.35, 0.775, 0.97])
+def test_a_delay_within_a_period_is_tried_at_its_own_time(late):
+    """Of a delay of 78 µs the grid's sizes were 15.6, 3.8 and 0.36, none of them right, and it was called a lag (singles at half size,
+    seed 10312, case 38)."""
+    walk = np.cumsum(np.random.default_rng(1).standard_normal(500))
+    channel = types.SimpleNamespace(command=walk, winding=PERIOD / WINDING, prepared=types.SimpleNamespace(period=PERIOD))
+    residual = delayed(walk, late, channel.winding) - walk
+
+    def alone(form):
+        rows = np.column_stack([residual, form.columns(channel, None)])
+        return Evidence(rows.T @ rows, {form.key: slice(1, rows.shape[1])}, len(rows))
+
+    learn = types.SimpleNamespace(alone=alone)
+    accepted = [form for form in FORMS if form.effect == "transport_delay"
+                and form.accept(alone(form).fit([form.key])[0])]
+    (form,) = _within_a_period(learn, channel.winding)
+    beta, _, gain = alone(form).fit([form.key])
+    assert not accepted or late != 0.775
+    assert form.accept(beta) and abs(float(form.variant) - late) < 1.0e-3
+    _, effect, time, _ = _refine(learn, (gain, form, float(beta[0])), PERIOD, WINDING)
+    assert effect == "transport_delay" and abs(time - late * PERIOD) < 2.0e-3 * PERIOD
+    residual = walk - delayed(walk, late, channel.winding)     # what comes early is not late
+    assert _within_a_period(learn, channel.winding) == []

@@ -9,6 +9,9 @@ from microstage_ros.diagnosis.preprocessing.smoothing import triangle
 from microstage_ros.numerics.compiled import compiled
 
 ASYMMETRY_STEP = 0.05
+# of the limits; derived: up to a quarter, either way, no asymmetry is further than 0.05 from one of these or from
+# `ASYMMETRY_STEP`; the second order leaves a fifth of what that step leaves of −0.2
+ASYMMETRIES = (-0.2, -0.1, 0.1, 0.2)
 # of the largest friction: below it the derivative by an asymmetry has no share of the friction; derived: far above the
 # rounding of a replayed friction, far below a sliding one
 NEAR_ZERO = 0.05
@@ -44,20 +47,35 @@ def _changed(channel, frame, **how):
     return channel.mean(changed - plain, COARSE)[:, None]
 
 
-def direction_asymmetry(channel, frame):
-    """Limits × (1 + a · sgn w): the friction's derivative by a [N m].
+def direction_asymmetry(size):
+    """Limits × (1 + a · sgn w): what an asymmetry a of this ``size`` [1] adds to the friction, per a [N m].
 
-    Of the replayed friction, and in proportion of what the healthy axis's own is beyond it.
+    Of the replayed friction, and in proportion of what the healthy axis's own is beyond it. A rate equation, |F/s|ⁿ, is
+    not linear in its limits: what the derivative leaves of an asymmetry of a fifth flows at reversals as creep does.
     """
-    replayed = _changed(channel, frame, asymmetry=ASYMMETRY_STEP) / ASYMMETRY_STEP
-    size = np.abs(channel.friction).max() * NEAR_ZERO
-    share = np.clip(replayed[:, 0] * channel.friction / (channel.friction**2 + size**2), -1.0, 1.0)
-    return replayed + (share * channel.own)[:, None]
+    def columns(channel, frame):
+        more = channel.coarse_friction(COARSE, size) - channel.coarse_friction(COARSE)
+        replayed = channel.mean(more, COARSE) / size
+        zero = np.abs(channel.friction).max() * NEAR_ZERO
+        share = np.clip(replayed * channel.friction / (channel.friction**2 + zero**2), -1.0, 1.0)
+        return (replayed + share * channel.own)[:, None]
+    return columns
 
 
-def all_asymmetry(channel, frame):
-    """Limits and viscous friction [N m] each differ between the directions: two sizes."""
-    return np.concatenate([direction_asymmetry(channel, frame), np.abs(channel.viscous)[:, None]], axis=1)
+def all_asymmetry(size):
+    """Limits, by ``size`` [1] as above, and viscous friction [N m] each differ between the directions: two sizes."""
+    def columns(channel, frame):
+        return np.concatenate([direction_asymmetry(size)(channel, frame), np.abs(channel.viscous)[:, None]], axis=1)
+    return columns
+
+
+def _asymmetries(size=0.0):
+    """Forms of an asymmetry about this ``size`` [1], without and with its viscous part; of any size if it is zero."""
+    names = [f"{size:g}", f"{size:g},viscous"] if size else ["", "viscous"]
+    accept = (lambda beta: beta[0] * size > 0.0) if size else None
+    ways = (direction_asymmetry, one("asymmetry", "1")), (all_asymmetry, _asymmetry_sizes)
+    return [Form("direction_asymmetry", "torque", name, columns(size or ASYMMETRY_STEP), sizes, accept)
+            for name, (columns, sizes) in zip(names, ways)]
 
 
 def guideway_asymmetry(channel, frame):
@@ -93,6 +111,11 @@ def friction_level_change(channel, frame):
 def viscous_change(channel, frame):
     """σ → factor · σ."""
     return channel.viscous[:, None]
+
+
+def _hinders(beta):
+    """No friction drives, anywhere: a factor below zero is another cause's."""
+    return np.min(beta) > -1.0
 
 
 def nonlinear_viscous(exponent, ends=0.0):
@@ -252,13 +275,12 @@ def _lag_sizes(time):
 
 
 FORMS = (
-    Form("direction_asymmetry", "torque", "", direction_asymmetry, one("asymmetry", "1")),
-    Form("direction_asymmetry", "torque", "viscous", all_asymmetry, _asymmetry_sizes),
+    *(form for size in (0.0, *ASYMMETRIES) for form in _asymmetries(size)),
     Form("direction_asymmetry", "torque", "guideway", guideway_asymmetry, _guideway_sizes, lambda b: abs(b[0]) < 0.9),
-    Form(
-        "friction_level_change", "torque", "", friction_level_change, one("factor", "1", value=lambda beta: 1.0 + beta)
+    *(
+        Form(effect, "torque", "", columns, one("factor", "1", value=lambda beta: 1.0 + beta), _hinders)
+        for effect, columns in (("friction_level_change", friction_level_change), ("viscous_change", viscous_change))
     ),
-    Form("viscous_change", "torque", "", viscous_change, one("factor", "1", value=lambda beta: 1.0 + beta)),
     *(
         Form(
             "nonlinear_viscous", "torque", f"{n:g}", nonlinear_viscous(n), _power_sizes(n), _grows if n < 1.0 else None
@@ -273,6 +295,7 @@ FORMS = (
             f"{s:g}",
             position_dependent(s),
             _profile_sizes(s),
+            _hinders,
             prior=PROFILE_PRIOR,
         )
         for s in PIECES

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from microstage_ros.diagnosis.catalogue.command import (
+    DELAYS,
     FORMS,
     delay_form,
     delayed,
@@ -78,8 +79,9 @@ def find_slowness(prepared, drive):
     fast = Collection(prepared, drive, fast_only=True)
     if "command" not in fast.names:
         return None
-    forms = _candidates(fast)
-    learn = fast.growing("command", [GAIN], "learn")
+    learn, period = fast.growing("command", [GAIN], "learn"), prepared["learn"][0].period
+    winding = drive.inductance / drive.resistance
+    forms = [*_candidates(fast), *_within_a_period(learn, period / winding)]
     trials, strongest = [], 0.0
     for form in forms:
         beta, _, gain = learn.alone(form).fit([form.key])
@@ -88,8 +90,6 @@ def find_slowness(prepared, drive):
             trials.append((gain, form, float(beta[0])))
     best = {effect: max((t for t in trials if t[1].effect == effect), key=lambda t: t[0], default=None)
             for effect in ("transport_delay", "actuator_lag")}
-    period = prepared["learn"][0].period
-    winding = drive.inductance / drive.resistance
     refined = [_refine(learn, trial, period, winding) for trial in best.values() if trial and trial[0] > LEAST_GAIN]
     refined = sorted((r for r in refined if r is not None), key=lambda r: -r[0])
     if not refined or refined[0][2] < LEAST_TIME * period:
@@ -126,6 +126,20 @@ def _candidates(fast):
     known = {form.variant for form in FORMS}
     near = [delay_form(at + part) for part in (-0.5, 0.0, 0.5)]
     return [*(form for form in FORMS if form.named), *(form for form in near if form.variant not in known)]
+
+
+def _within_a_period(learn, winding):
+    """The delay of less than a period that the fast part tells, as a list of one `Form`, or of none.
+
+    All of these have one column, as large as `weight_of_old` of their time; ``winding``: T/τ [1]. The catalogue's few
+    times are of a size that is hardly ever the right one where a winding answers within the period.
+    """
+    any_part = delay_form(DELAYS[0])
+    old = float(learn.alone(any_part).fit([any_part.key])[0][0]) * weight_of_old(DELAYS[0], winding)
+    if not 0.0 < old < 1.0:
+        return []
+    a = np.exp(-winding)
+    return [delay_form(1.0 + np.log(a + old * (1.0 - a)) / winding)]
 
 
 def lateness(prepared):
@@ -195,7 +209,7 @@ def _refine(learn, trial, period, winding):
     _, form, beta = trial
     start = float(form.variant) * (period if form.effect == "transport_delay" else 1.0)
     loss = _loss(learn, form.effect, period, winding)
-    on_grid = form.effect == "transport_delay" and start >= period
+    on_grid = form.effect == "transport_delay"
     if on_grid:
         low, high = _around_whole_periods(loss, start, period)
     else:

@@ -26,6 +26,7 @@ from microstage_ros.diagnosis.selection.splinters import (
 from microstage_ros.diagnosis.selection.stepwise import forward
 from microstage_ros.diagnosis.selection.stroke_profile import (
     CLEARLY_LESS,
+    is_flat,
     is_level_of_a_profile,
     profile_of,
     uneven_as_ever,
@@ -118,7 +119,7 @@ def acceptable(evidences, trial, choices):
         return False
     if not _masses_agree(evidences, trial.choice, choices) or is_level_of_a_profile(evidences, trial.choice, choices):
         return False
-    if in_baseline(evidences, trial.choice, choices) or uneven_as_ever(evidences, trial.choice, choices):
+    if any(refuses(evidences, trial.choice, choices) for refuses in (in_baseline, uneven_as_ever, is_flat)):
         return False
     if misfit(evidences, trial.choice, [*choices, trial.choice]) >= MISFIT or is_splinter(evidences, trial, choices):
         return False
@@ -176,7 +177,7 @@ def select(evidences, effects, most=4):
     choices, lost = forward(balance, [], most)
     renamed = _renamed(evidences, choices, effects)
     if renamed != choices:
-        choices, lost = forward(balance, renamed, most)
+        choices, lost = forward(balance, prune(evidences, renamed), most)
     choices = mass_or_stiffness(evidences, _one_resonance(evidences, choices))
     best = level_or_viscous(evidences, choices)
     if best is not None:

@@ -48,6 +48,8 @@ ONE_FORCE = ("gravity_tilt", "direction_asymmetry")
 ALONG_STROKE = "position_dependent_friction"
 #: What goes with the place of the screw is none of what an amplifier swallows, whatever its width.
 OF_SCREW, SWALLOWS = "screw_pitch_error", "amplifier_deadband"
+#: What goes with the motor's turns, of whatever order, knows no rest.
+OF_TURNS = "torque_ripple"
 
 
 def wider_keys(evidences, effect, channel):
@@ -140,8 +142,8 @@ def _whatever_else(evidences, effect, larger):
         return wider_keys(evidences, larger.effect, "torque")
     if effect in (ALONG_STROKE, *OF_REST) and larger.effect in OF_REST:
         return [("torque", form.key) for form in evidences.forms if form.effect in OF_REST and form.effect != effect]
-    if effect == OF_SCREW and larger.effect == SWALLOWS:
-        return [(form.channel, form.key) for form in evidences.forms if form.effect == SWALLOWS]
+    if effect in OF_REST and larger.effect == OF_TURNS or effect == OF_SCREW and larger.effect == SWALLOWS:
+        return [(form.channel, form.key) for form in evidences.forms if form.effect == larger.effect]
     if effect in FRICTIONS and larger.effect == "nonlinear_viscous" and not any("," in f.variant for f in larger.forms):
         return [("torque", form.key) for form in evidences.forms if form.effect == OTHER_POWER]
     return []

@@ -8,6 +8,7 @@ from microstage_ros.diagnosis.residuals.evidence_set import Evidences
 from microstage_ros.diagnosis.selection.sizes import width
 
 CLEARLY_LESS = 0.5           # of the other's mean
+FLAT = 0.5                   # spread of a profile over its mean, below which it is a level
 # times the healthy friction's own unevenness; derived: five waves of one size that all add up where the records
 # are have √5 times the standard deviation that they have along the whole stroke
 UNEVEN = math.sqrt(5.0)
@@ -37,6 +38,14 @@ def is_level_of_a_profile(evidences, choice, choices):
         return False
     alone, beside = (abs(profile_of(evidences, profile, chosen)[0]) for chosen in (choices, [*choices, choice]))
     return beside > CLEARLY_LESS * alone
+
+
+def is_flat(evidences, choice, choices):
+    """Whether friction along the stroke is but another level of it: then the name says nothing of a place."""
+    if choice.effect != "position_dependent_friction":
+        return False
+    mean, spread = profile_of(evidences, choice, [*choices, choice])
+    return spread < FLAT * abs(mean)
 
 
 def profile_of(evidences, profile, choices):

@@ -10,7 +10,7 @@ from microstage_ros.diagnosis.catalogue import CONTAINS
 from microstage_ros.diagnosis.catalogue.form import Form, one
 from microstage_ros.diagnosis.prerequisites.growth import OTHER_POWER
 from microstage_ros.diagnosis.residuals.evidence_set import Choice, Trial
-from microstage_ros.diagnosis.selection import judge, selection, splinters
+from microstage_ros.diagnosis.selection import judge, selection, splinters, stroke_profile
 
 
 def choice(effect, *channels):
@@ -184,7 +184,7 @@ class Beside(Parts):
     def __init__(self, larger, second, gain, left):
         super().__init__({(larger, "torque"): 1.0e8, (second, "torque"): gain})
         shapes = ("generic:velocity", "generic:viscous in time", "generic:position", OTHER_POWER, "presliding_creep",
-                  "rising_static_friction")
+                  "rising_static_friction", "torque_ripple")
         self.forms = [Form(effect, "torque", "", None) for effect in shapes]
         self.second, self.gain_of_second, self.left = second, gain, left
 
@@ -219,6 +219,9 @@ class Beside(Parts):
     ("presliding_creep", "position_dependent_friction", 3000.0, False),     # gone where the creep may be another
     ("presliding_creep", "rising_static_friction", 7000.0, True),       # 2 % beside creep (pairs, seed 10201, case 30)
     ("presliding_creep", "rising_static_friction", 3000.0, False),
+    ("torque_ripple", "presliding_creep", 7000.0, True),        # 738 beside 65 000 (pairs, seed 10701, case 21)
+    ("torque_ripple", "presliding_creep", 3000.0, False),       # gone where the ripple may have other orders
+    ("torque_ripple", "viscous_change", 7000.0, False),
 ])
 def test_what_stands_beside_all_that_a_friction_may_leave_is_no_misfit_of_it_however_large(larger, second, left, stands,
                                                                                           monkeypatch):
@@ -273,9 +276,9 @@ def test_a_faint_cause_of_a_channel_of_its_own_is_dropped_below_sixty_of_chi_squ
 
 @pytest.mark.parametrize(("mean", "spread", "level"), [(0.2, 0.09, True), (-0.2, 0.09, True), (0.2, 0.11, False)])
 def test_friction_along_the_stroke_that_is_alike_everywhere_is_a_level(monkeypatch, mean, spread, level):
-    monkeypatch.setattr(judge, "profile_of", lambda *_: (mean, spread))
-    assert judge._level(None, choice("position_dependent_friction"), []) == level
-    assert not judge._level(None, choice("friction_level_change"), [])
+    monkeypatch.setattr(stroke_profile, "profile_of", lambda *_: (mean, spread))
+    assert stroke_profile.is_flat(None, choice("position_dependent_friction"), []) == level
+    assert not stroke_profile.is_flat(None, choice("friction_level_change"), [])
 
 
 def test_an_open_question_names_all_that_it_may_be():
