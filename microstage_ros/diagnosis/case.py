@@ -28,6 +28,7 @@ from microstage_ros.diagnosis.report.pictures import drift_picture, gap_picture,
 from microstage_ros.diagnosis.residuals.collection import Collection
 from microstage_ros.diagnosis.residuals.evidence_set import Choice
 from microstage_ros.diagnosis.residuals.systematic import SYSTEMATIC
+from microstage_ros.diagnosis.residuals.terminals import at_terminals
 from microstage_ros.diagnosis.result import Cause, Diagnosis, Parameter
 from microstage_ros.diagnosis.selection import judge, limit_cycle
 from microstage_ros.diagnosis.selection.agreement import CERTAIN, held_out_records_show, unsteadiness
@@ -35,7 +36,7 @@ from microstage_ros.diagnosis.selection.calibration import probability
 from microstage_ros.diagnosis.selection.leftover import over_twin, scatter_findings
 from microstage_ros.diagnosis.selection.mass_or_drive import RESONANT
 from microstage_ros.diagnosis.selection.nonregression_causes import nonregression_causes
-from microstage_ros.diagnosis.selection.refinement import refine
+from microstage_ros.diagnosis.selection.refinement import about_their_sizes, refine
 from microstage_ros.diagnosis.selection.selection import acceptable, select
 from microstage_ros.diagnosis.selection.sizes import stated_sizes, with_payload, with_rattled_mass
 from microstage_ros.diagnosis.selection.splinters import (
@@ -102,8 +103,8 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0, twin=()):
     holdout : records to judge on; without any, the last record is held back, or the last third of the only one.
     baseline : records of the healthy axis, for the thresholds; may be empty.
     seed : written into the result [1]; nothing here is drawn at random.
-    twin : the held-out records as the same machine makes them with nothing wrong in it, which only a simulation has;
-        nothing is fitted to them (`leftover.over_twin`).
+    twin : list of `Record`, the held-out ones as the same machine makes them with nothing wrong in it, which only a
+        simulation has; nothing is fitted to them (`leftover.over_twin`).
 
     Raises
     ------
@@ -134,10 +135,13 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0, twin=()):
         evidences, course = take_out(collection, evidences, course)
         effects = [effect for effect in effects if effect not in SLOW_IN_TIME]
         choices, _ = select(evidences, effects)
+    anew = at_terminals(collection, evidences, choices, groups, known, law)
+    if anew is not evidences:
+        evidences, (choices, _) = anew, select(anew, effects)
     choices = _beyond_the_known(evidences, choices, known)
     rivals = {c.effect: judge.rivals_of(evidences, c, choices, effects) for c in choices}
     choices, rivals = one_force(evidences, choices, rivals)
-    refined = refine(collection, choices)
+    refined = refine(collection, about_their_sizes(evidences, choices))
     if refined != choices:
         evidences, choices = _final(collection, refined)
         choices = judge.that_agree(evidences, choices)
