@@ -102,7 +102,8 @@ def diagnose_records(axis, records, holdout, baseline, seed, progress=None, jobs
 
     Linear algebra runs on one thread meanwhile: its matrices are small, records are worked on side by side as it is
     (`preprocessing.threads`), and threads that wait for each other cost three times the processor time. ``seed``: of
-    what re-simulation draws [1]; ``jobs``: of its threads [1]; ``twin``: as `diagnose_case` has it.
+    what re-simulation draws [1]; ``jobs``: of its threads [1]; ``twin``: list of `Record`, as `diagnose_case`
+    has it.
     """
     try:
         with threadpool_limits(limits=1, user_api="blas"):

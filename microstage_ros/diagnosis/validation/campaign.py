@@ -28,6 +28,7 @@ TWINS = {"first": simulated_records.make_twin, "second": second_world.make_twin}
 RELIABILITY = (0.0, 0.8, 0.95, 1.0)       # edges of the classes of stated probabilities
 WHOLE_WAY = 0.9
 OVER_TWIN = "causes named, and 90 % of the way to the floor of the healthy twin"
+WITHIN_ERROR = OVER_TWIN + ", within 1.96 standard errors"
 SIGMAS = 1.96                              # of a 95 % interval
 NOTHING = "nothing"
 MOST_TERMS = 5     # of a ripple; longer lists are profiles
@@ -257,8 +258,8 @@ def scores(outcomes):
         "named, and 90 % of the way to the noise": (sum(o.removed >= 0.9 for o in named), len(named)),
         # of all channels together the floor of the quiet ones, which differs from record to record, is the larger part
         "causes named, and 90 % of the way in their own channel": (sum(c >= 0.9 for c in clarity), len(clarity)),
-        OVER_TWIN: (sum(reached(*way) for way in ways), len(ways)),
-        OVER_TWIN + ", or less short of it than it is sure": (sum(reached(*way, sigmas=SIGMAS) for way in ways), len(ways)),
+        OVER_TWIN: (sum(reached(way) for way in ways), len(ways)),
+        WITHIN_ERROR: (sum(reached(way, sigmas=SIGMAS) for way in ways), len(ways)),
         "errors": (sum(bool(o.error) for o in outcomes), len(outcomes)),
     }
     seconds = [o.seconds for o in outcomes]
@@ -272,12 +273,12 @@ def scores(outcomes):
     return counts, medians
 
 
-def reached(_, hidden, part, left, stderr, sigmas=0.0):
+def reached(way, sigmas=0.0):
     """Whether a cause goes 90 % of the way to the floor of the healthy twin; a wrong name never does.
 
-    ``hidden`` … ``stderr``: an entry of `Outcome.ways`; ``sigmas``: standard errors of what is left that are forgiven
-    [1].
+    ``way``: of `Outcome.ways`; ``sigmas``: standard errors of what is left that are forgiven [1].
     """
+    _, hidden, part, left, stderr = way
     return bool(hidden) and part >= WHOLE_WAY * (part + max(left - sigmas * stderr, 0.0))
 
 

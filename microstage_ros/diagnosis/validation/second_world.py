@@ -89,8 +89,8 @@ def make_case(axis, hidden, seed, friction=0.04, law=None):
 
 
 def make_twin(axis, hidden, seed, friction=0.04, law=None):
-    """The held-out records of `make_case` as the same machine makes them with nothing ``hidden`` in it: same programme,
-    same noise; a list of `Record`."""
+    """The held-out records of `make_case` as the same machine makes them with nothing ``hidden`` in it: same
+    ``seed`` [1], so same programme and noise, and ``friction`` [1]; a list of `Record`."""
     own = _habits_of(hidden, seed, friction, law)
     number = NAMES.index("hold")
     return [_record(machine_of(axis, own), Hidden("healthy"), own, [seed, 78, number], NAMES[number])]

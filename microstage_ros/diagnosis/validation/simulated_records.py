@@ -63,8 +63,8 @@ def make_case(axis, hidden, seed, friction=0.04):
 
 
 def make_twin(axis, hidden, seed, friction=0.04):
-    """The held-out records of `make_case` as the same axis makes them with nothing ``hidden`` in it: same programme,
-    same noise; a list of `Record`."""
+    """The held-out records of `make_case` as the same axis makes them with nothing ``hidden`` in it: same
+    ``seed`` [1], so same programme and noise, and ``friction`` [1]; a list of `Record`."""
     number = NAMES.index("hold")
     return [_record(axis, Hidden("healthy"), friction, [seed, number], NAMES[number])]
 

@@ -46,11 +46,11 @@ def test_its_error_is_how_the_stretches_disagree():
 
 
 def test_nine_tenths_of_the_way_are_asked_and_a_wrong_name_never_goes_them():
-    assert campaign.reached("", True, 900.0, 99.0, 10.0) and campaign.reached("", True, 900.0, -50.0, 10.0)
-    assert not campaign.reached("", True, 900.0, 101.0, 10.0)
-    assert campaign.reached("", True, 900.0, 101.0, 10.0, campaign.SIGMAS)
-    assert not campaign.reached("", True, 900.0, 121.0, 10.0, campaign.SIGMAS)
-    assert not campaign.reached("", False, 900.0, -50.0, 10.0, campaign.SIGMAS)
+    assert campaign.reached(("", True, 900.0, 99.0, 10.0)) and campaign.reached(("", True, 900.0, -50.0, 10.0))
+    assert not campaign.reached(("", True, 900.0, 101.0, 10.0))
+    assert campaign.reached(("", True, 900.0, 101.0, 10.0), campaign.SIGMAS)
+    assert not campaign.reached(("", True, 900.0, 121.0, 10.0), campaign.SIGMAS)
+    assert not campaign.reached(("", False, 900.0, -50.0, 10.0), campaign.SIGMAS)
 
 
 def test_every_named_cause_is_counted():
