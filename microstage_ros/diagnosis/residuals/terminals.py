@@ -36,7 +36,7 @@ def at_terminals(collection, evidences, choices, groups, known, law):
 
     Parameters
     ----------
-    collection : `Collection`, whose channels are replaced. evidences, choices : what was fitted so far.
+    collection : `Collection`, whose channels are changed. evidences, choices : what was fitted so far.
     groups : records {group: [`Record`]}. known : `prerequisites.Known`. law : `prerequisites.law.OwnLaw` or None.
 
     Returns
@@ -59,7 +59,8 @@ def at_terminals(collection, evidences, choices, groups, known, law):
             own = [form.columns(torque, frame) @ sizes for form, sizes in collection.healthy]
             torque.take_out(sum(own, np.zeros(len(torque.residual))))
             torque.random = old["torque"].random
-            old.update({name: new[name] for name in names})
+            for name in names:      # in their places: forms that the records suggested know their channels
+                vars(old[name]).update(vars(new[name]))
         for name in names:
             tables[group][name] = how(name, [form for form in evidences.forms if form.channel == name], group)
     return evidences.with_tables(tables["learn"], tables["held"])

@@ -95,7 +95,9 @@ def test_a_warm_winding_takes_its_voltage(case):
 
 
 def test_torque_and_resonance_alone_are_made_anew(case, monkeypatch):
+    before = case.collection.channels["held"][0]["torque"]
     _, after = found(case, [windup("amplifier_gain", "")], [0.1])
+    assert case.collection.channels["held"][0]["torque"] is before      # forms that records suggest know their channels
     for group in ("learn", "held"):
         (record,) = case.collection.channels[group]
         assert record["windup"] == "kept" and record["torque"].name == "anew" and record["torque"].random == 0.3
