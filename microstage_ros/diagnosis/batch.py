@@ -94,7 +94,7 @@ def checked_record(path, axis):
     return record
 
 
-def diagnose_records(axis, records, holdout, baseline, seed, progress=None, jobs=1):
+def diagnose_records(axis, records, holdout, baseline, seed, progress=None, jobs=1, twin=()):
     """`Diagnosis` by the way that suits the drive: force balance of a motor, or closed-loop re-simulation.
 
     The axis file has been checked before: an effect out of its range is one that was fitted here, and no fault of the
@@ -102,13 +102,14 @@ def diagnose_records(axis, records, holdout, baseline, seed, progress=None, jobs
 
     Linear algebra runs on one thread meanwhile: its matrices are small, records are worked on side by side as it is
     (`preprocessing.threads`), and threads that wait for each other cost three times the processor time. ``seed``: of
-    what re-simulation draws [1]; ``jobs``: of its threads [1].
+    what re-simulation draws [1]; ``jobs``: of its threads [1]; ``twin``: list of `Record`, as `diagnose_case`
+    has it.
     """
     try:
         with threadpool_limits(limits=1, user_api="blas"):
             if actuator_of(axis).estimated(axis, "diagnose") != "motor":
                 return diagnose_force_axis(axis, records, holdout, baseline, seed, progress, jobs)
-            return diagnose_case(axis, records, holdout, baseline, seed)
+            return diagnose_case(axis, records, holdout, baseline, seed, twin)
     except InputError as error:
         if not re.search(r"(^|: )effects: ", error.place):
             raise

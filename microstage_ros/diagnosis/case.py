@@ -13,6 +13,7 @@ import numpy as np
 
 from microstage_ros.diagnosis.catalogue import FORMS
 from microstage_ros.diagnosis.catalogue.drive import inertia_form
+from microstage_ros.diagnosis.preprocessing.preparation import prepare
 from microstage_ros.diagnosis.prerequisites.drive import drive_of
 from microstage_ros.diagnosis.prerequisites.encoder import seen_count, seen_interpolation
 from microstage_ros.diagnosis.prerequisites.growth import power_forms
@@ -27,14 +28,15 @@ from microstage_ros.diagnosis.report.pictures import drift_picture, gap_picture,
 from microstage_ros.diagnosis.residuals.collection import Collection
 from microstage_ros.diagnosis.residuals.evidence_set import Choice
 from microstage_ros.diagnosis.residuals.systematic import SYSTEMATIC
+from microstage_ros.diagnosis.residuals.terminals import at_terminals
 from microstage_ros.diagnosis.result import Cause, Diagnosis, Parameter
 from microstage_ros.diagnosis.selection import judge, limit_cycle
 from microstage_ros.diagnosis.selection.agreement import CERTAIN, held_out_records_show, unsteadiness
 from microstage_ros.diagnosis.selection.calibration import probability
-from microstage_ros.diagnosis.selection.leftover import scatter_findings
+from microstage_ros.diagnosis.selection.leftover import over_twin, scatter_findings
 from microstage_ros.diagnosis.selection.mass_or_drive import RESONANT
 from microstage_ros.diagnosis.selection.nonregression_causes import nonregression_causes
-from microstage_ros.diagnosis.selection.refinement import refine
+from microstage_ros.diagnosis.selection.refinement import about_their_sizes, refine
 from microstage_ros.diagnosis.selection.selection import acceptable, select
 from microstage_ros.diagnosis.selection.sizes import stated_sizes, with_payload, with_rattled_mass
 from microstage_ros.diagnosis.selection.splinters import (
@@ -90,7 +92,7 @@ LIKELY = 0.82
 GENERIC = tuple(form for form in FORMS if not form.named)
 
 
-def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
+def diagnose_case(axis, records, holdout=(), baseline=(), seed=0, twin=()):
     """Find what makes these records differ from the axis's model.
 
     Parameters
@@ -100,6 +102,8 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
     holdout : records to judge on; without any, the last record is held back, or the last third of the only one.
     baseline : records of the healthy axis, for the thresholds; may be empty.
     seed : written into the result [1]; nothing here is drawn at random.
+    twin : list of `Record`, the held-out ones as the same machine makes them with nothing wrong in it, which only a
+        simulation has; nothing is fitted to them (`leftover.over_twin`).
 
     Raises
     ------
@@ -111,7 +115,9 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
     if not baseline:
         notes.append("No baseline was given: thresholds come from the model's own figures.")
     prepared, known = find_known(groups, drive)
-    prepared, drive, law = own_law(prepared, seen_count(drive, prepared))
+    seen = seen_count(drive, prepared)
+    prepared |= {"twin": [prepare(one, drive) for one in twin]} if twin else {}
+    prepared, drive, law = own_law(prepared, seen)
     notes += [law.words] if law is not None else []
     rattles = known.gap is not None and known.gap.rattles
     mass = known.gap.added_mass(drive.mass)[0] if rattles and known.gap.scales else 0.0
@@ -128,10 +134,13 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0):
         evidences, course = take_out(collection, evidences, course)
         effects = [effect for effect in effects if effect not in SLOW_IN_TIME]
         choices, _ = select(evidences, effects)
+    anew = at_terminals(collection, evidences, choices, groups, known, law)
+    if anew is not evidences:
+        evidences, (choices, _) = anew, select(anew, effects)
     choices = _beyond_the_known(evidences, choices, known)
     rivals = {c.effect: judge.rivals_of(evidences, c, choices, effects) for c in choices}
     choices, rivals = one_force(evidences, choices, rivals)
-    refined = refine(collection, choices)
+    refined = refine(collection, about_their_sizes(evidences, choices))
     if refined != choices:
         evidences, choices = _final(collection, refined)
         choices = judge.that_agree(evidences, choices)
@@ -310,6 +319,7 @@ def _answer(collection, evidences, choices, rivals, nonregression, holdout, note
         gain=judge.overall_gain(book, [record.source for record in holdout]),
         findings=tuple(sorted([*(f for f, _ in found), *by_size], key=lambda f: -f.statistic / f.threshold)),
         pictures=tuple(pictures), notes=tuple(notes), seed=seed, doubtful=tuple(doubtful),
+        floors=over_twin(collection, evidences, choices),
     )
 
 

@@ -128,6 +128,8 @@ class Diagnosis:
     that the extended axis predicts as well as it can; {id: {parameter: value}}.
     ``doubtful``: further causes that were too unlikely to be named.
     ``of_one_homing``: effects whose phase holds until the machine homes again; a record after that has its own.
+    ``floors``: {channel: (χ² that the causes leave of the held-out records above what their twin leaves, its standard
+    error)}, where a simulation gave a twin.
     """
 
     verdict: str
@@ -142,6 +144,7 @@ class Diagnosis:
     provisional: dict = dataclasses.field(default_factory=dict)
     of_one_homing: tuple = ()
     doubtful: tuple = ()
+    floors: dict = dataclasses.field(default_factory=dict)
 
     @property
     def effects(self):

@@ -25,9 +25,14 @@ def follow_law(work, contact, c, w0, w1, h):
 @internal
 def _follow(work, contact, c, w0, w1, h):
     # all of the law is scaled by the level, so that it keeps its shape below the limit too
-    factor = c.factor / contact.level * direction_factor(contact, w0 + w1)
+    factor, law, parameters = c.factor / contact.level, contact.law - 1, contact.law_parameters
     c.law_before = c.law_force
-    c.law_force = contact.level * advance_law(contact.law - 1, contact.law_parameters, c.law_state, w0, w1, h, factor)
+    if contact.asymmetry != 0.0 and w0 * w1 < 0.0:     # each way with its own limits, down to the noise of a rest
+        turn = h * w0 / (w0 - w1)
+        advance_law(law, parameters, c.law_state, w0, 0.0, turn, factor * direction_factor(contact, w0))
+        w0, h = 0.0, h - turn
+    factor *= direction_factor(contact, w0 + w1)
+    c.law_force = contact.level * advance_law(law, parameters, c.law_state, w0, w1, h, factor)
 
 
 @overload(any_law, inline="always")

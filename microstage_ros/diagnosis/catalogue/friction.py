@@ -1,5 +1,8 @@
 """Friction effects in the torque balance. Residual = torque that was needed − torque of the nominal model."""
 
+import dataclasses
+import functools
+
 import numpy as np
 
 from microstage_ros.diagnosis.catalogue.form import Form, one, splines, wave
@@ -8,20 +11,23 @@ from microstage_ros.diagnosis.preprocessing.motion import through_play
 from microstage_ros.diagnosis.preprocessing.smoothing import triangle
 from microstage_ros.numerics.compiled import compiled
 
-ASYMMETRY_STEP = 0.05
+# relative change of the limits for derivatives by them; derived: blocks near their limit are few in it, and a replay's
+# rounding is far less
+LIMIT_STEP = 0.05
 # of the limits; derived: up to a quarter, either way, no asymmetry is further than 0.05 from one of these or from
-# `ASYMMETRY_STEP`; the second order leaves a fifth of what that step leaves of −0.2
+# `LIMIT_STEP`; the second order leaves a fifth of what that step leaves of −0.2
 ASYMMETRIES = (-0.2, -0.1, 0.1, 0.2)
-# of the largest friction: below it the derivative by an asymmetry has no share of the friction; derived: far above the
+# of the largest friction: below it the derivative by its limits has no share of the friction; derived: far above the
 # rounding of a replayed friction, far below a sliding one
 NEAR_ZERO = 0.05
+# sizes nearer to zero than this are not replayed as they are; derived: a fifth of `LIMIT_STEP`
+LEAST_STEP = 0.01
 EXPONENT_STDERR = 0.13                               # the grid's step, halved
 LAGS = (1.0e-3, 3.0e-3, 1.0e-2, 3.0e-2)             # s
 EXPONENTS = (0.5, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0)
 ENDS = (0.6, 1.5, 4.0)                               # rad/s
 PIECES = (0.25e-3, 0.5e-3, 1.0e-3)                   # m between the knots of friction along the stroke
 AGING = tuple((scale, release) for scale in (0.03, 0.2) for release in (2.0e-6, 8.0e-6, 30.0e-6))  # s, m
-AGING_STEP = 0.05
 CALM = 201                                           # periods
 # share of a record in which nothing shakes the axis, and standard deviations of the position there that noise alone
 # does not reach; derived: records rest a tenth of their time, and Gaussian noise is beyond three in 0.3 % of it
@@ -32,6 +38,11 @@ PROFILE_STDERR = 0.08
 COARSE = 4                                           # periods per step of the replays for candidates
 CREEPS = ((0.015, 2.0e-8), (0.06, 2.0e-8), (0.06, 8.0e-8), (0.3, 2.0e-8), (0.3, 8.0e-8))   # s, m
 CREEP_RELEASE = 1.0e-6                               # m
+# m; derived: a tenth of the least of `CREEPS`
+LEAST_CREEP = 2.0e-9
+# of the limits' own; source: `model.effects.friction`, the least factor and the largest asymmetry that its effects take
+LEAST_LIMIT, MOST_ASYMMETRY = 0.05, 0.9
+FINE = 8             # points per piece of a profile; derived: a cubic piece is told by four
 
 
 def _changed(channel, frame, **how):
@@ -47,26 +58,50 @@ def _changed(channel, frame, **how):
     return channel.mean(changed - plain, COARSE)[:, None]
 
 
-def direction_asymmetry(size):
-    """Limits × (1 + a · sgn w): what an asymmetry a of this ``size`` [1] adds to the friction, per a [N m].
+def _with_own(channel, replayed):
+    """A derivative (blocks,) [N m] by the limits of the replayed friction, and in proportion of what the healthy axis's
+    own is beyond it: column (blocks, 1)."""
+    size = np.abs(channel.friction).max() * NEAR_ZERO
+    share = np.clip(replayed * channel.friction / (channel.friction**2 + size**2), -1.0, 1.0)
+    return (replayed + share * channel.own)[:, None]
 
-    Of the replayed friction, and in proportion of what the healthy axis's own is beyond it. A rate equation, |F/s|ⁿ, is
-    not linear in its limits: what the derivative leaves of an asymmetry of a fifth flows at reversals as creep does.
+
+def by_limits(channel, frame):
+    """The friction's derivative by a factor on its limits [N m], (blocks, 1): all of it where it slides, none where
+    blocks stick far below their limits."""
+    if "by limits" not in channel.kept:      # forms of every spacing and period need it
+        factor = np.full(len(channel.prepared.time), 1.0 + LIMIT_STEP)
+        channel.kept["by limits"] = _changed(channel, frame, factor=factor)[:, 0] / LIMIT_STEP
+    return _with_own(channel, channel.kept["by limits"])
+
+
+def direction_asymmetry(step=LIMIT_STEP):
+    """Limits × (1 + a · sgn w): what the friction changes by an asymmetry ``step`` [1], over it [N m].
+
+    A rate equation, |F/s|ⁿ, is not linear in its limits: what the derivative leaves of an asymmetry of a fifth flows at
+    reversals as creep does.
     """
     def columns(channel, frame):
-        more = channel.coarse_friction(COARSE, size) - channel.coarse_friction(COARSE)
-        replayed = channel.mean(more, COARSE) / size
-        zero = np.abs(channel.friction).max() * NEAR_ZERO
-        share = np.clip(replayed * channel.friction / (channel.friction**2 + zero**2), -1.0, 1.0)
-        return (replayed + share * channel.own)[:, None]
+        more = channel.coarse_friction(COARSE, step) - channel.coarse_friction(COARSE)
+        return _with_own(channel, channel.mean(more, COARSE) / step)
     return columns
 
 
-def all_asymmetry(size):
-    """Limits, by ``size`` [1] as above, and viscous friction [N m] each differ between the directions: two sizes."""
+def all_asymmetry(step=LIMIT_STEP):
+    """Limits and viscous friction [N m] each differ between the directions: two sizes; ``step``: of the limits [1]."""
     def columns(channel, frame):
-        return np.concatenate([direction_asymmetry(size)(channel, frame), np.abs(channel.viscous)[:, None]], axis=1)
+        return np.concatenate([direction_asymmetry(step)(channel, frame), np.abs(channel.viscous)[:, None]], axis=1)
     return columns
+
+
+def _about(columns, least=LEAST_STEP, most=np.inf):
+    """`Form.about` of columns whose ``columns(step)`` are exact for a first size of ``step``, in its unit."""
+    def about_of(form):
+        def about(beta):
+            step = float(np.copysign(np.clip(abs(beta[0]), least, most), beta[0]))
+            return dataclasses.replace(form, variant=f"{form.variant} about {step:.3g}", columns=columns(step))
+        return dataclasses.replace(form, about=about)
+    return about_of
 
 
 def _asymmetries(size=0.0):
@@ -74,7 +109,8 @@ def _asymmetries(size=0.0):
     names = [f"{size:g}", f"{size:g},viscous"] if size else ["", "viscous"]
     accept = (lambda beta: beta[0] * size > 0.0) if size else None
     ways = (direction_asymmetry, one("asymmetry", "1")), (all_asymmetry, _asymmetry_sizes)
-    return [Form("direction_asymmetry", "torque", name, columns(size or ASYMMETRY_STEP), sizes, accept)
+    return [_about(columns, most=MOST_ASYMMETRY)(
+                Form("direction_asymmetry", "torque", name, columns(size or LIMIT_STEP), sizes, accept))
             for name, (columns, sizes) in zip(names, ways)]
 
 
@@ -82,8 +118,8 @@ def guideway_asymmetry(channel, frame):
     """The same of the guideways' limits alone [N m]: a constant force but for their long pre-sliding."""
     p, drive = channel.prepared, frame.drive
     speed = p.stage_speed[::COARSE]
-    plain, changed = (replay(drive.guideway, speed, COARSE * p.period, asymmetry=a)[0] for a in (0.0, ASYMMETRY_STEP))
-    return drive.lever * channel.mean(changed - plain, COARSE)[:, None] / ASYMMETRY_STEP
+    plain, changed = (replay(drive.guideway, speed, COARSE * p.period, asymmetry=a)[0] for a in (0.0, LIMIT_STEP))
+    return drive.lever * channel.mean(changed - plain, COARSE)[:, None] / LIMIT_STEP
 
 
 def _guideway_sizes(beta, covariance, frame):
@@ -151,11 +187,34 @@ def _grows(beta):
 
 
 def position_dependent(spacing):
-    """Friction × splines of x, with knots every ``spacing`` [m]."""
+    """Limits × (1 + splines of x), with knots every ``spacing`` [m]: the friction's derivative by its limits × splines.
+
+    The limits alone: below them the blocks, or bristles, have the stiffness that they have everywhere.
+    """
     def columns(channel, frame):
         pieces = max(round((frame.high - frame.low) / spacing), 2)
-        return channel.friction[:, None] * splines(channel.position, frame.low, frame.high, pieces)
+        return by_limits(channel, frame) * splines(channel.position, frame.low, frame.high, pieces)
     return columns
+
+
+def _profile_about(spacing):
+    """`position_dependent` with the change that a profile p makes, over p, in place of the derivative."""
+    def about(beta):
+        def columns(channel, frame):
+            pieces = max(round((frame.high - frame.low) / spacing), 2)
+            x = np.linspace(frame.low, frame.high, FINE * pieces + 1)
+            profile = np.clip(splines(x, frame.low, frame.high, pieces) @ beta, LEAST_LIMIT - 1.0, None)
+            there, here = (np.interp(at, x, profile) for at in (channel.prepared.position, channel.position))
+            changed, plain = _changed(channel, frame, factor=1.0 + there)[:, 0], by_limits(channel, frame)[:, 0]
+            secant = (changed * here + plain * LEAST_STEP**2) / (here**2 + LEAST_STEP**2)
+            return _with_own(channel, secant) * splines(channel.position, frame.low, frame.high, pieces)
+        return _profile_form(spacing, f"{spacing:g} about {np.std(beta):.3g}", columns, None)
+    return about
+
+
+def _profile_form(spacing, variant, columns, about):
+    return Form("position_dependent_friction", "torque", variant, columns, _profile_sizes(spacing), _hinders,
+                prior=PROFILE_PRIOR, about=about)
 
 
 def _profile_sizes(spacing):
@@ -179,7 +238,7 @@ def _profile_sizes(spacing):
 def _periodic(period):
     def columns(channel, frame):
         angle = 2.0 * np.pi * channel.position / period
-        return channel.friction[:, None] * np.stack([np.sin(angle), np.cos(angle)], axis=1)
+        return by_limits(channel, frame) * np.stack([np.sin(angle), np.cos(angle)], axis=1)
     return columns
 
 
@@ -193,7 +252,7 @@ def _periodic_sizes(period):
 
 
 def periodic_form(period):
-    """Form of friction × (1 + a sin(2π x / period + phase)) at a period that the records showed [m]."""
+    """Form of limits × (1 + a sin(2π x / period + phase)) at a period that the records showed [m]."""
     return Form(
         "position_dependent_friction", "torque", f"wave {period:.6g}", _periodic(period), _periodic_sizes(period)
     )
@@ -207,15 +266,16 @@ def frictional_lag(time):
     return columns
 
 
-def rising_static(scale, release):
-    """Limits × (1 + a): a grows with log dwell while blocks stick and fades with travel; derivative by the rate.
+def rising_static(scale, release, step=LIMIT_STEP):
+    """Limits × (1 + a): a grows with log dwell while blocks stick and fades with travel; what a rate ``step`` [1]
+    changes, over it.
 
     ``scale``: time from which it grows [s]; ``release``: travel over which it fades [m].
     """
     def columns(channel, frame):
         p = channel.prepared
         age = _ageing(p.stuck, _calm_speed(p), p.period, scale, release)
-        return _changed(channel, frame, factor=1.0 + AGING_STEP * age) / AGING_STEP
+        return _changed(channel, frame, factor=1.0 + step * age) / step
     return columns
 
 
@@ -288,38 +348,31 @@ FORMS = (
         for n in EXPONENTS
     ),
     *map(_ending, ENDS),
-    *(
-        Form(
-            "position_dependent_friction",
-            "torque",
-            f"{s:g}",
-            position_dependent(s),
-            _profile_sizes(s),
-            _hinders,
-            prior=PROFILE_PRIOR,
-        )
-        for s in PIECES
-    ),
+    *(_profile_form(s, f"{s:g}", position_dependent(s), _profile_about(s)) for s in PIECES),
     *(Form("frictional_lag", "torque", f"{t:g}", frictional_lag(t), _lag_sizes(t), lambda b: b[0] > 0) for t in LAGS),
     *(
-        Form(
-            "rising_static_friction",
-            "torque",
-            f"{s:g},{r:g}",
-            rising_static(s, r),
-            one("rate_per_decade", "1", extra={"dwell_scale_s": s, "release_m": r}),
-            lambda b: b[0] > 0,
+        _about(functools.partial(rising_static, s, r))(
+            Form(
+                "rising_static_friction",
+                "torque",
+                f"{s:g},{r:g}",
+                rising_static(s, r),
+                one("rate_per_decade", "1", extra={"dwell_scale_s": s, "release_m": r}),
+                lambda b: b[0] > 0,
+            )
         )
         for s, r in AGING
     ),
     *(
-        Form(
-            "presliding_creep",
-            "torque",
-            f"{s:g},{a:g}",
-            presliding_creep(s, a),
-            one("amplitude_m", "m", extra={"time_s": s, "release_m": CREEP_RELEASE}),
-            lambda b: b[0] > 0,
+        _about(functools.partial(presliding_creep, s), LEAST_CREEP)(
+            Form(
+                "presliding_creep",
+                "torque",
+                f"{s:g},{a:g}",
+                presliding_creep(s, a),
+                one("amplitude_m", "m", extra={"time_s": s, "release_m": CREEP_RELEASE}),
+                lambda b: b[0] > 0,
+            )
         )
         for s, a in CREEPS
     ),

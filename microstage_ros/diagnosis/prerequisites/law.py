@@ -77,12 +77,18 @@ LAWS = (
 @dataclasses.dataclass(frozen=True)
 class OwnLaw:
     """The law that the healthy axis follows: its ``name`` in axis files, its title, and the fitted number with its
-    name."""
+    name; ``play``: half width [m] of that through which the motor's position drives its replay."""
 
     name: str
     title: str
     parameter: str
     number: float
+    play: float = 0.0
+
+    def replayed(self, prepared, drive):
+        """``prepared``, `preparation.Prepared` each, with the actuator's friction [N m] replayed by this law, which
+        ``drive`` has."""
+        return side_by_side(lambda one: _replayed(one, drive, self.play), prepared)
 
     @property
     def words(self):
@@ -113,8 +119,8 @@ def own_law(prepared, drive):
         return prepared, drive, None
     _, law, number, play = max(found, key=lambda one: one[0])
     drive = dataclasses.replace(drive, actuator=contact_of(law, drive.actuator, number))
-    anew = {name: side_by_side(lambda one: _replayed(one, drive, play), group) for name, group in prepared.items()}
-    return anew, drive, OwnLaw(law.name, law_named(law.name).title, law.parameter, number)
+    own = OwnLaw(law.name, law_named(law.name).title, law.parameter, number, play)
+    return {name: own.replayed(group, drive) for name, group in prepared.items()}, drive, own
 
 
 def contact_of(law, contact, number):

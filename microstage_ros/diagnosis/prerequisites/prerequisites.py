@@ -33,8 +33,9 @@ class Known:
     lines: tuple = ()
     courses: tuple = ()
 
-    def prepare(self, groups, drive, prepared):
-        """``prepared`` with the learning and held-out records prepared anew."""
+    def prepare(self, groups, drive, prepared, more=()):
+        """``prepared`` with the learning and held-out records prepared anew; ``more``: voltage (n,) [V] that each of
+        them has at the motor's terminals beyond what the amplifier makes of the command."""
         anew, number = dict(prepared), 0
         for found in (self.train, self.gap):
             drive = found.drive(drive) if found else drive
@@ -46,7 +47,7 @@ class Known:
                     prepare(
                         record,
                         drive,
-                        self.slow.apply if self.slow else None,
+                        _amplified(self.slow, more[number] if more else None),
                         traces,
                         self.gap.width if self.gap else 0.0,
                         self.courses[number] if self.courses else None,
@@ -55,6 +56,14 @@ class Known:
                 )
                 number += 1
         return anew
+
+
+def _amplified(slow, more):
+    """``amplifier`` of `preparation.prepare`: with a `Slowness`, or without, and ``more`` [V], or nothing."""
+    apply = slow.apply if slow else None
+    if more is None:
+        return apply
+    return lambda command, period: (apply(command, period) if apply else command) + more
 
 
 def find_known(groups, drive):

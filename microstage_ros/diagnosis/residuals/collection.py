@@ -33,7 +33,8 @@ GROUPS = ("learn", "held", "base")
 class Collection:
     """Channels of all records in the groups ``learn``, ``held`` and ``base``, and what is common to them.
 
-    ``channels`` {group: [{name: channel}]}; ``spreads`` of the random friction (from the baseline);
+    ``channels`` {group: [{name: channel}]}, of a group ``twin``, too, where there is one; ``spreads`` of the random
+    friction (from the baseline);
     ``healthy`` [(form, sizes)] that the baseline shows and that were taken out of every torque balance; ``raw`` the
     baseline's balances before that; ``own_profile`` the relative
     standard deviation of the healthy friction along the stroke.
@@ -43,13 +44,13 @@ class Collection:
         drive = seen_amplifier(prepared["base"], drive)
         self.frame = dataclasses.replace(frame_of(prepared, drive), rattled_mass=rattled_mass)
         self.prepared = prepared
-        self.channels = {group: [_channels(p, drive, fast_only) for p in prepared[group]] for group in GROUPS}
+        self.channels = {group: [channels_of(p, drive, fast_only) for p in some] for group, some in prepared.items()}
         self.spreads = stated_spreads(drive)
         healthy = [c["torque"] for c in self.channels["base"] if "torque" in c]
         self.own_profile, self.healthy, self.raw = 0.0, [], [copy.copy(one) for one in healthy]
         if healthy:
             self.spreads = fit_spreads(healthy)
-            every = [c["torque"] for group in GROUPS for c in self.channels[group] if "torque" in c]
+            every = [c["torque"] for some in self.channels.values() for c in some if "torque" in c]
             self.healthy = take_healthy(every, healthy, laws_of(FORMS), self.frame, self.spreads)
             if self.healthy:
                 self.spreads = fit_spreads(healthy)
@@ -111,7 +112,7 @@ def frame_of(prepared, drive):
                  max(p.time[-1] for p in every))
 
 
-def _channels(prepared, drive, fast_only):
+def channels_of(prepared, drive, fast_only=False):
     """The channels that a prepared record can fill, by name; the command channel alone if ``fast_only``."""
     if fast_only:
         return {"command": Command(prepared, drive)} if prepared.has_current else {}

@@ -51,14 +51,15 @@ class Mechanical:
     stage's mass) [N m at the shaft],
     ``stuck``, ``travel`` (path length so far), ``torque`` (k_M i − J dω/dt), ``own`` (what the healthy axis's friction
     is beyond the model's, zero until it is taken out), ``random`` (standard deviation of the friction that varies along
-    the stroke, over `Spreads`' [1]; one until `healthy.rescale_random_friction`).
+    the stroke, over `Spreads`' [1]; one until `healthy.rescale_random_friction`). ``kept`` {name: torque}: replays that
+    several candidates need.
     """
 
     name, unit = "torque", "N m"
     random = 1.0
 
     def __init__(self, prepared, drive):
-        self.prepared, self.drive, self._coarse = prepared, drive, {}
+        self.prepared, self.drive, self._coarse, self.kept = prepared, drive, {}, {}
         p = prepared
         self.time, self.position, self.speed, self.torque = (
             _means(v, BLOCK) for v in (p.time, p.position, p.speed, p.load)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import f as fisher
 
 from microstage_ros.diagnosis.prerequisites.lines import REST_SPEED
-from microstage_ros.diagnosis.residuals.evidence_set import Evidences
+from microstage_ros.diagnosis.residuals.evidence_set import LEAST_FREEDOM, LOUDNESS_STRETCH, Evidences
 from microstage_ros.diagnosis.result import Finding
 
 PIECE = 0.1          # s, mean of z² taken as one number
@@ -20,6 +20,33 @@ SLOWEST = 0.2        # Hz; derived: CLASSES/2 in half a minute, slower is a depe
 FASTEST = 0.45       # of the rate of pieces; derived: nine tenths of the Nyquist frequency, as `lines.HIGHEST`
 LEAST_PIECES = 60     # derived: five of each class
 TINY = np.finfo(float).tiny
+
+
+def over_twin(collection, evidences, choices):
+    """How much more the causes leave of the held-out records than a machine leaves that has none of them.
+
+    The twin is the same machine with nothing wrong on the same programme, so what it leaves is the noise floor of these
+    very rows: a baseline went elsewhere, at other speeds, and leaves another χ² per row there, on a machine of another
+    friction law above all. Nothing is fitted to it.
+
+    Returns
+    -------
+    {channel: (χ² above the twin's, its standard error by how stretches of `LOUDNESS_STRETCH` disagree)}; empty without
+    a twin.
+    """
+    found = {}
+    for channel, held in evidences.held.items() if collection.channels.get("twin") else ():
+        forms = [form for form in evidences.forms if form.channel == channel]
+        twin, keys = collection.growing(channel, forms, "twin"), Evidences._keys(channel, choices)
+        if twin is None:
+            continue
+        left, rows = held.energies(keys, evidences.learn[channel].fit(keys)[0], LOUDNESS_STRETCH)
+        floor, of = twin.energies([], np.zeros(0), LOUDNESS_STRETCH)
+        more = (left - floor * rows / of) / evidences.scatter[channel]
+        count = max(len(more), 1.0 + LEAST_FREEDOM)
+        scatter = ((more - more.sum() * rows / rows.sum()) ** 2).sum() * count / (count - 1.0)
+        found[channel] = float(more.sum()), float(np.sqrt(scatter))
+    return found
 
 
 def scatter_findings(collection, evidences, choices, channels):

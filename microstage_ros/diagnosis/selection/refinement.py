@@ -33,6 +33,24 @@ FAMILIES = {
 }
 
 
+def about_their_sizes(evidences, choices):
+    """Choices whose forms' columns, where they depend on the sizes, are those at the sizes fitted beside each other.
+
+    A derivative taken at a small size tells an effect from others; at its own size an asymmetry of a fifth, or friction
+    that varies by a third along the stroke, is not in proportion any more.
+    """
+    def form_about(form):
+        if form.about is None:
+            return form
+        evidence, keys = evidences.learn[form.channel], evidences._keys(form.channel, choices)
+        beta, at = evidence.fit(keys)[0], 0
+        for key in keys[:keys.index(form.key)]:
+            at += len(evidence.indices([key]))
+        return form.about(beta[at:at + len(evidence.indices([form.key]))])
+
+    return [Choice(choice.effect, tuple(map(form_about, choice.forms))) for choice in choices]
+
+
 def refine(collection, choices):
     """Choices with their non-linear sizes refined."""
     result = list(choices)

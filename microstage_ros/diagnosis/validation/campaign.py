@@ -7,6 +7,7 @@ the catalogue does not hold, coverage of the stated intervals, held-out gain, ti
 
 import collections
 import dataclasses
+import math
 import time
 
 import numpy as np
@@ -23,7 +24,12 @@ KINDS = ("single", "healthy", "two", "outside")
 SHARES = (0.55, 0.15, 0.15, 0.15)          # of the kinds among mixed cases
 FRICTION = (0.02, 0.06)                    # range of the relative random friction
 WORLDS = {"first": simulated_records.make_case, "second": second_world.make_case}   # who makes the records
+TWINS = {"first": simulated_records.make_twin, "second": second_world.make_twin}
 RELIABILITY = (0.0, 0.8, 0.95, 1.0)       # edges of the classes of stated probabilities
+WHOLE_WAY = 0.9
+OVER_TWIN = "causes named, and 90 % of the way to the floor of the healthy twin"
+WITHIN_ERROR = OVER_TWIN + ", within 1.96 standard errors"
+SIGMAS = 1.96                              # of a 95 % interval
 NOTHING = "nothing"
 MOST_TERMS = 5     # of a ripple; longer lists are profiles
 
@@ -46,7 +52,9 @@ class Examination:
 class Outcome:
     """What became of a case; ``covered`` lists (parameter, inside its 95 % interval), ``stated`` (id, probability,
     χ² on held-out records, clarity, whether it was hidden) of every named cause, and ``doubted`` the same of those
-    too unlikely to be named; ``errors`` lists (parameter, error, standard error, truth)."""
+    too unlikely to be named; ``errors`` lists (parameter, error, standard error, truth); ``ways`` (id, whether it was
+    hidden, χ² that it takes from the held-out records, χ² that the causes leave in its channel above what the healthy
+    twin leaves of the same programme, standard error of that) of every named cause."""
 
     number: int
     kind: str
@@ -65,6 +73,7 @@ class Outcome:
     stated: tuple = ()
     doubted: tuple = ()
     errors: tuple = ()
+    ways: tuple = ()
 
     @property
     def removed(self):
@@ -103,15 +112,15 @@ def examine(examination):
     """Make one case, diagnose it, compare. Returns `Outcome`; an error becomes part of it."""
     axis = load_axis(examination.axis)
     what, friction = draw(examination)
-    records, holdout, baseline = WORLDS[examination.world](
-        axis, what, examination.seed * 100_003 + examination.number, friction
-    )
+    machine = axis, what, examination.seed * 100_003 + examination.number, friction
+    records, holdout, baseline = WORLDS[examination.world](*machine)
+    twin = TWINS[examination.world](*machine) if what.ids else ()
     if not examination.baseline:  # the axis file alone says what noise there is
         baseline = []
     start = time.perf_counter()      # making the records does not count
     known = dict(number=examination.number, kind=examination.kind, hidden=what.ids, name=what.name, sizes=what.effects)
     try:
-        answer = diagnose_records(axis, records, holdout, baseline, seed=0)
+        answer = diagnose_records(axis, records, holdout, baseline, seed=0, twin=twin)
     except Exception as error:  # noqa: BLE001  a case that fails is an outcome, too
         nothing = float("nan")
         return Outcome(**known, verdict="error", named=(), rivals=(), covered=(), before=nothing, after=nothing,
@@ -130,11 +139,19 @@ def examine(examination):
         seconds=time.perf_counter() - start,
         stated=_stated(answer.causes, what),
         doubted=_stated(answer.doubtful, what),
+        ways=tuple(_ways(answer, what)),
     )
 
 
 def _stated(causes, what):
     return tuple((c.id, c.probability, c.evidence, c.clarity, c.id in what.ids) for c in causes)
+
+
+def _ways(answer, what):
+    for cause in answer.causes:
+        # what lies outside the regression has no twin: what was left there by the baseline's floor
+        left = cause.evidence / cause.clarity - cause.evidence if cause.clarity > 0.0 else math.inf
+        yield cause.id, cause.id in what.ids, cause.evidence, *answer.floors.get(cause.channel, (left, 0.0))
 
 
 def covered(causes, truth):
@@ -217,6 +234,7 @@ def scores(outcomes):
     right = [o for o in single if o.named[:1] == o.hidden]
     named = [o for o in outcomes if o.named]
     clarity = [one[3] for o in outcomes for one in o.stated]
+    ways = [way for o in outcomes for way in o.ways]
     counts = {
         "single: right name first": (len(right), len(single)),
         "single: undetermined": (sum(o.verdict == "undetermined" for o in single), len(single)),
@@ -240,6 +258,8 @@ def scores(outcomes):
         "named, and 90 % of the way to the noise": (sum(o.removed >= 0.9 for o in named), len(named)),
         # of all channels together the floor of the quiet ones, which differs from record to record, is the larger part
         "causes named, and 90 % of the way in their own channel": (sum(c >= 0.9 for c in clarity), len(clarity)),
+        OVER_TWIN: (sum(reached(way) for way in ways), len(ways)),
+        WITHIN_ERROR: (sum(reached(way, sigmas=SIGMAS) for way in ways), len(ways)),
         "errors": (sum(bool(o.error) for o in outcomes), len(outcomes)),
     }
     seconds = [o.seconds for o in outcomes]
@@ -251,6 +271,15 @@ def scores(outcomes):
         "seconds per case, longest": float(np.max(seconds)),
     }
     return counts, medians
+
+
+def reached(way, sigmas=0.0):
+    """Whether a cause goes 90 % of the way to the floor of the healthy twin; a wrong name never does.
+
+    ``way``: of `Outcome.ways`; ``sigmas``: standard errors of what is left that are forgiven [1].
+    """
+    _, hidden, part, left, stderr = way
+    return bool(hidden) and part >= WHOLE_WAY * (part + max(left - sigmas * stderr, 0.0))
 
 
 def reliability(outcomes):

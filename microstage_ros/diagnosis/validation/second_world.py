@@ -16,7 +16,7 @@ import numpy as np
 from microstage_ros.control.laws.controller import make_controller
 from microstage_ros.control.runs.closed_loop import TRACE, run_loop, surroundings
 from microstage_ros.control.trajectories import profiles
-from microstage_ros.diagnosis.validation.simulated_records import CHUNK, SEEN, Hidden
+from microstage_ros.diagnosis.validation.simulated_records import CHUNK, NAMES, SEEN, Hidden
 from microstage_ros.model.axis_file import axis_from_dict
 from microstage_ros.model.effects import REGISTRY
 from microstage_ros.model.effects.effect import BLOCKS, STRIBECK
@@ -28,7 +28,6 @@ from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new
 LAWS = ("generalised_maxwell_slip", "leuven", "lugre")
 LAW_SHARES = (0.5, 0.3, 0.2)
 CONTROLLERS = ("pid", "pid_feedforward", "self_tuning")
-NAMES = ("rec1", "rec2", "hold", "base")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,15 +81,27 @@ def make_case(axis, hidden, seed, friction=0.04, law=None):
     law : friction law of the machine's actuator, one of `LAWS`; None draws one (the first where an effect is hidden
         that needs its blocks).
     """
-    own = habits(np.random.default_rng([seed, 77]), friction)
-    # not every law has blocks
-    if law is None and any(REGISTRY[effect].needs in (BLOCKS, STRIBECK) for effect in hidden.effects):
-        law = LAWS[0]
-    own = own if law is None else dataclasses.replace(own, law=law)
+    own = _habits_of(hidden, seed, friction, law)
     machine = machine_of(axis, own)
     records = [_record(machine, hidden if name != "base" else Hidden("healthy"), own, [seed, 78, number], name)
                for number, name in enumerate(NAMES)]
     return records[:2], records[2:3], records[3:]
+
+
+def make_twin(axis, hidden, seed, friction=0.04, law=None):
+    """The held-out records of `make_case` as the same machine makes them with nothing ``hidden`` in it: same
+    ``seed`` [1], so same programme and noise, and ``friction`` [1]; a list of `Record`."""
+    own = _habits_of(hidden, seed, friction, law)
+    number = NAMES.index("hold")
+    return [_record(machine_of(axis, own), Hidden("healthy"), own, [seed, 78, number], NAMES[number])]
+
+
+def _habits_of(hidden, seed, friction, law):
+    """`Habits` of a case; every law but the first has no blocks, which some effects need."""
+    own = habits(np.random.default_rng([seed, 77]), friction)
+    if law is None and any(REGISTRY[effect].needs in (BLOCKS, STRIBECK) for effect in hidden.effects):
+        law = LAWS[0]
+    return own if law is None else dataclasses.replace(own, law=law)
 
 
 def machine_of(axis, own):

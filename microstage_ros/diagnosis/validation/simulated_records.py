@@ -23,6 +23,7 @@ from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new
 OFF_TIME = 1.3          # s with the motor off
 CHUNK = 10              # periods between two calls of ``change``
 SCAN_SPEEDS = (1.0e-4, 4.0e-4, 8.0e-4, 2.1e-3)
+NAMES = ("rec1", "rec2", "hold", "base")
 SEEN = ("encoder_m", "voltage_V", "current_A", "interferometer_m")
 
 
@@ -55,10 +56,17 @@ def make_case(axis, hidden, seed, friction=0.04):
     [1].
     """
     records = []
-    for number, name in enumerate(("rec1", "rec2", "hold", "base")):
+    for number, name in enumerate(NAMES):
         what = hidden if name != "base" else Hidden("healthy")
         records.append(_record(axis, what, friction, [seed, number], name))
     return records[:2], records[2:3], records[3:]
+
+
+def make_twin(axis, hidden, seed, friction=0.04):
+    """The held-out records of `make_case` as the same axis makes them with nothing ``hidden`` in it: same
+    ``seed`` [1], so same programme and noise, and ``friction`` [1]; a list of `Record`."""
+    number = NAMES.index("hold")
+    return [_record(axis, Hidden("healthy"), friction, [seed, number], NAMES[number])]
 
 
 def _record(axis, hidden, friction, seed, name):

@@ -36,6 +36,7 @@ class Form:
     accept : ``accept(beta)``: whether the fitted sizes make sense (a width is positive); None: always.
     prior : standard deviation that sizes are expected to have, or None.
     beyond : ``beyond(beta, frame)``: whether the sizes exceed what the axis's own instruments leave; None: always.
+    about : ``about(beta)``: the same form where the columns depend on the sizes, exact at ``beta``; None: they do not.
     """
 
     effect: str
@@ -46,6 +47,7 @@ class Form:
     accept: Callable | None = None
     prior: float | None = None
     beyond: Callable | None = None
+    about: Callable | None = None
 
     def possible(self, beta, frame):
         """Whether fitted sizes ``beta`` (k,) make sense on this axis: `accept` and `beyond`."""

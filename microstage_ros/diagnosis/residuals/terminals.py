@@ -1,0 +1,81 @@
+"""Torque and resonance of records whose amplifier and winding are known by now.
+
+The motor's speed comes from its back-EMF, K_E ω = u − R i: what the amplifier makes of the command otherwise, or the
+winding's resistance, is in it. The wind-up tells such a fault to a thousandth, by its integral; but in the torque,
+which has the speed's derivative, and in the resonance it leaves what no friction does, and some of that passes for
+creep, for a lag or for a mass. So these two channels are made anew with the voltage that the motor had at its
+terminals. The wind-up stays as it is: the fault is judged there.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from microstage_ros.diagnosis.catalogue.electrical import amplifier_deadband
+from microstage_ros.diagnosis.residuals.collection import channels_of
+from microstage_ros.diagnosis.residuals.evidence_set import Evidences
+
+AT_TERMINALS = ("amplifier_offset", "amplifier_gain", "amplifier_deadband", "resistance_rise")
+MADE_ANEW = ("torque", "resonance")
+CHANGED = ("learn", "held")
+
+
+@dataclasses.dataclass
+class _Voltage:
+    """A record as the wind-up's forms see it, but for the integral: their columns are voltages (n, k) [V]."""
+
+    prepared: object
+
+    @staticmethod
+    def integral(voltage):
+        return voltage
+
+
+def at_terminals(collection, evidences, choices, groups, known, law):
+    """`Evidences` in which torque and resonance are those of the voltage at the motor's terminals.
+
+    Parameters
+    ----------
+    collection : `Collection`, whose channels are changed. evidences, choices : what was fitted so far.
+    groups : records {group: [`Record`]}. known : `prerequisites.Known`. law : `prerequisites.law.OwnLaw` or None.
+
+    Returns
+    -------
+    The very same ``evidences`` where no fault of amplifier or winding was chosen, or a gap parts stage and motor.
+    """
+    faults = [c for c in choices if c.effect in AT_TERMINALS]
+    if not faults or known.gap is not None:
+        return evidences
+    frame = collection.frame
+    more = [_voltage_of(evidences, choices, p, frame) for group in CHANGED for p in collection.prepared[group]]
+    anew = known.prepare(groups, frame.drive, collection.prepared, more)
+    tables = {group: dict(getattr(evidences, group)) for group in CHANGED}
+    names = [name for name in MADE_ANEW if name in evidences.learn]
+    for group, how in (("learn", collection.gather), ("held", collection.growing)):
+        prepared = law.replayed(anew[group], frame.drive) if law is not None else anew[group]
+        for old, one in zip(collection.channels[group], prepared):
+            new = channels_of(one, frame.drive)
+            torque = new["torque"]
+            own = [form.columns(torque, frame) @ sizes for form, sizes in collection.healthy]
+            torque.take_out(sum(own, np.zeros(len(torque.residual))))
+            torque.random = old["torque"].random
+            for name in names:      # in their places: forms that the records suggested know their channels
+                vars(old[name]).update(vars(new[name]))
+        for name in names:
+            tables[group][name] = how(name, [form for form in evidences.forms if form.channel == name], group)
+    return evidences.with_tables(tables["learn"], tables["held"])
+
+
+def _voltage_of(evidences, choices, prepared, frame):
+    """What the chosen faults add to the voltage that a record's amplifier was told (n,) [V]."""
+    evidence, keys = evidences.learn["windup"], Evidences._keys("windup", choices)
+    beta, total, at = evidence.fit(keys)[0], np.zeros(len(prepared.time)), 0
+    forms = {form.key: form for choice in choices for form in choice.forms if form.channel == "windup"}
+    for key in keys:
+        own = beta[at:at + len(evidence.indices([key]))]
+        at += len(own)
+        if key[0] == "amplifier_deadband":      # the catalogue's widths are a grid
+            total += own[0] * amplifier_deadband(own[0])(_Voltage(prepared), frame)[:, 0]
+        elif key[0] in AT_TERMINALS:
+            total += forms[key].columns(_Voltage(prepared), frame) @ own
+    return total
