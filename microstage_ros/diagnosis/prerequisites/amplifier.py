@@ -28,7 +28,9 @@ GAIN_TIME = 4.0
 LAG_ERROR = 0.015
 # of a period, of a delay; calibrated by: the same (0.00098 to 0.0030)
 DELAY_ERROR = 0.003
-DELAY_STEP = 0.02        # of a period: next to a whole one, what is left of it hardly shows
+# of a period: next to a whole one, what is left of it hardly shows; calibrated by: validation.variation --group delay
+# --cases 2 (half and double: the same answers)
+DELAY_STEP = 0.02
 LEAST_TIME = 2.0 * DELAY_STEP     # periods; derived: two steps; less is a matter of stamps
 # s that the encoder may be read later than the interferometer; calibrated by: validation.margins (1.9e-6 to 2.6e-4)
 LATE = 2.0e-5
