@@ -12,6 +12,8 @@ ASYMMETRY_STEP = 0.05
 # of the limits; derived: up to a quarter, either way, no asymmetry is further than 0.05 from one of these or from
 # `ASYMMETRY_STEP`; the second order leaves a fifth of what that step leaves of −0.2
 ASYMMETRIES = (-0.2, -0.1, 0.1, 0.2)
+# of the friction that was; source: `model.effects.friction`, the least factor of a profile along the stroke
+LEAST_FACTOR = 0.05
 # of the largest friction: below it the derivative by an asymmetry has no share of the friction; derived: far above the
 # rounding of a replayed friction, far below a sliding one
 NEAR_ZERO = 0.05
@@ -114,8 +116,8 @@ def viscous_change(channel, frame):
 
 
 def _hinders(beta):
-    """No friction drives, anywhere: a factor below zero is another cause's."""
-    return np.min(beta) > -1.0
+    """No friction drives, anywhere, and none is gone: a smaller factor is another cause's."""
+    return np.min(beta) > LEAST_FACTOR - 1.0
 
 
 def nonlinear_viscous(exponent, ends=0.0):
