@@ -81,9 +81,9 @@ SWINGS = 0.2
 #: that what hangs back there may seem to be friction of the place; the turns of the motor they do not know.
 OF_PLACE = ("position_dependent_friction", "torque_ripple")
 OF_TURNS = ("torque_ripple",)
-#: A floor that shakes the contacts loosens them, which looks like creep; the share of the vibration's χ² that what needs
-#: rest must hold if its size is not certain: the geometric mean of 0.04, without creep (campaign --world second --kind
-#: single --seed 2103, case 49), and 0.095, of creep that is there (test_creep_beside_a_vibration_of_the_floor).
+#: A floor that shakes the contacts loosens them, which looks like creep; the share of the vibration's χ² that what
+#: needs rest must hold if its size is not certain: the geometric mean of 0.04, without creep (campaign --world second
+#: --kind single --seed 2103, case 49), and 0.095, of creep that is there (test_creep_beside_a_vibration_of_the_floor).
 SHAKEN_SHARE = {"torque": 0.06}
 SLOW_IN_TIME = ("thermal_drift", "refractive_index")   # what a course of every record's own leaves no room for
 # least probability of a further cause; calibrated by: microstage campaign --world second, seeds 3301, 3313, 3401, 4105,

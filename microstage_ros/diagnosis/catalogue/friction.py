@@ -150,8 +150,8 @@ def viscous_change(channel, frame):
 
 
 def _hinders(beta):
-    """No friction drives, anywhere: a factor below zero is another cause's."""
-    return np.min(beta) > -1.0
+    """No friction drives, anywhere, and none is gone: a smaller factor is another cause's."""
+    return np.min(beta) > LEAST_LIMIT - 1.0
 
 
 def nonlinear_viscous(exponent, ends=0.0):
