@@ -268,7 +268,7 @@ def test_how_certain_a_loudness_is_both_groups_of_stretches_tell(base, louder):
     assert judge._louder(case, "torque", []) is louder
 
 
-@pytest.mark.parametrize("passed", ["chosen", "resonance", "constant force", "does not stand", "level", "side by side", "no form"])
+@pytest.mark.parametrize("passed", ["chosen", "resonance", "constant force", "does not stand", "side by side", "no form"])
 def test_a_name_that_is_passed_over_ends_no_search(monkeypatch, passed):
     """Whatever is said of the first name, the second one is a rival."""
     mine, first, last = (Choice(e, (simple(e),)) for e in ("drive_compliance", "payload_change" if passed == "resonance" else "gravity_tilt", "backlash"))
@@ -279,7 +279,6 @@ def test_a_name_that_is_passed_over_ends_no_search(monkeypatch, passed):
     rules = {"best_forms": form, "level_or_viscous": lambda *_: None, "_leads": lambda *_: True, "is_the_first": lambda *_: True,
              "resonance_is": lambda *_: "drive_compliance", "is_constant_force": lambda evidences, choice, effect, others: passed == "constant force" and is_first(effect),
              "acceptable": lambda evidences, trial, others: not (passed == "does not stand" and is_first(trial.choice)),
-             "_level": lambda evidences, choice, others: passed == "level" and is_first(choice),
              "stand_side_by_side": lambda evidences, choice, other, others: passed == "side by side" and is_first(other)}
     for name, rule in rules.items():
         monkeypatch.setattr(judge, name, rule)
