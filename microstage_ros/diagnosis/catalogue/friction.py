@@ -14,9 +14,6 @@ from microstage_ros.numerics.compiled import compiled
 # relative change of the limits for derivatives by them; derived: blocks near their limit are few in it, and a replay's
 # rounding is far less
 LIMIT_STEP = 0.05
-# of the limits; derived: up to a quarter, either way, no asymmetry is further than 0.05 from one of these or from
-# `LIMIT_STEP`; the second order leaves a fifth of what that step leaves of −0.2
-ASYMMETRIES = (-0.2, -0.1, 0.1, 0.2)
 # of the largest friction: below it the derivative by its limits has no share of the friction; derived: far above the
 # rounding of a replayed friction, far below a sliding one
 NEAR_ZERO = 0.05
@@ -76,14 +73,9 @@ def by_limits(channel, frame):
 
 
 def direction_asymmetry(step=LIMIT_STEP):
-    """Limits × (1 + a · sgn w): what the friction changes by an asymmetry ``step`` [1], over it [N m].
-
-    A rate equation, |F/s|ⁿ, is not linear in its limits: what the derivative leaves of an asymmetry of a fifth flows at
-    reversals as creep does.
-    """
+    """Limits × (1 + a · sgn w): what the friction changes by an asymmetry ``step`` [1], over it [N m]."""
     def columns(channel, frame):
-        more = channel.coarse_friction(COARSE, step) - channel.coarse_friction(COARSE)
-        return _with_own(channel, channel.mean(more, COARSE) / step)
+        return _with_own(channel, _changed(channel, frame, asymmetry=step)[:, 0] / step)
     return columns
 
 
@@ -102,16 +94,6 @@ def _about(columns, least=LEAST_STEP, most=np.inf):
             return dataclasses.replace(form, variant=f"{form.variant} about {step:.3g}", columns=columns(step))
         return dataclasses.replace(form, about=about)
     return about_of
-
-
-def _asymmetries(size=0.0):
-    """Forms of an asymmetry about this ``size`` [1], without and with its viscous part; of any size if it is zero."""
-    names = [f"{size:g}", f"{size:g},viscous"] if size else ["", "viscous"]
-    accept = (lambda beta: beta[0] * size > 0.0) if size else None
-    ways = (direction_asymmetry, one("asymmetry", "1")), (all_asymmetry, _asymmetry_sizes)
-    return [_about(columns, most=MOST_ASYMMETRY)(
-                Form("direction_asymmetry", "torque", name, columns(size or LIMIT_STEP), sizes, accept))
-            for name, (columns, sizes) in zip(names, ways)]
 
 
 def guideway_asymmetry(channel, frame):
@@ -335,7 +317,12 @@ def _lag_sizes(time):
 
 
 FORMS = (
-    *(form for size in (0.0, *ASYMMETRIES) for form in _asymmetries(size)),
+    _about(direction_asymmetry, most=MOST_ASYMMETRY)(
+        Form("direction_asymmetry", "torque", "", direction_asymmetry(), one("asymmetry", "1"))
+    ),
+    _about(all_asymmetry, most=MOST_ASYMMETRY)(
+        Form("direction_asymmetry", "torque", "viscous", all_asymmetry(), _asymmetry_sizes)
+    ),
     Form("direction_asymmetry", "torque", "guideway", guideway_asymmetry, _guideway_sizes, lambda b: abs(b[0]) < 0.9),
     *(
         Form(effect, "torque", "", columns, one("factor", "1", value=lambda beta: 1.0 + beta), _hinders)

@@ -110,14 +110,13 @@ class Mechanical:
         first = (lead + len(weights) - 1) // block
         return out[first:first + rows // block]
 
-    def coarse_friction(self, coarse, asymmetry=0.0):
-        """Nominal actuator friction replayed with one step per ``coarse`` [1] periods, its limits × (1 ± ``asymmetry``
-        [1]) by the direction (kept, many candidates need it)."""
-        key = coarse, asymmetry
-        if key not in self._coarse:
+    def coarse_friction(self, coarse):
+        """Nominal actuator friction replayed with one step per ``coarse`` [1] periods (kept, many candidates need
+        it)."""
+        if coarse not in self._coarse:
             speed = self.prepared.contact_speed[::coarse] / self.drive.radius
-            self._coarse[key] = replay(self.drive.actuator, speed, coarse * self.prepared.period, asymmetry)[0]
-        return self._coarse[key]
+            self._coarse[coarse] = replay(self.drive.actuator, speed, coarse * self.prepared.period)[0]
+        return self._coarse[coarse]
 
     def _white(self):
         """Variance of each block's white part: local scatter of block to block, and the unknown first state."""
