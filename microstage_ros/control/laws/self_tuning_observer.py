@@ -15,7 +15,7 @@ from microstage_ros.control.laws.law import ControlLaw, Part
 from microstage_ros.control.laws.pid_feedforward import FEEDFORWARD, PID
 from microstage_ros.control.laws.self_tuning import ADAPTATION, self_tuning_reset
 from microstage_ros.control.observer import flexible_mode as swing
-from microstage_ros.control.observer import gap_crossing, lost_motion, source_doubt, wind_up
+from microstage_ros.control.observer import gap_crossing, inertia_doubt, lost_motion, source_doubt, wind_up
 from microstage_ros.control.observer import law as observer_law
 from microstage_ros.control.observer.dead_band import over_band
 from microstage_ros.control.observer.drive_learning import drive_voltage
@@ -152,6 +152,7 @@ def encoder_only_step(parameters, state, reference):
     else:
         planned = 0.0
     gap_crossing.crossing_reset(state.crossing)
+    state.observer.planned_acceleration = 0.0
     adaptation.adaptation_step(
         parameters.encoder_adaptation, state.encoder_adaptation, parameters.encoder_pid, own, period, 1.0, True
     )
@@ -211,6 +212,7 @@ def regulate(parameters, state, reference):
     gained = speed - state.feedforward.velocity if period > rules.OBSERVER_PERIOD else 0.0
     # the observer's speed is that of now, the difference of the reference is the mean of the period before
     state.pid.reference_velocity = speed + 0.5 * gained + crossing.held_speed
+    inertia_doubt.plan_acceleration(observer, period, speed - state.feedforward.velocity)
     state.feed_forward = feedforward.feedforward_step(
         model, state.feedforward, period, reference, observer.level, 1.0, crossing.offset_speed, observer.inertia
     )

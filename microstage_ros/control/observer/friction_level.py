@@ -19,7 +19,8 @@ a spring is what both slopes have in common:
 q the force that `ALIKE` stands for over that which k makes over the narrower of the two ranges, which says nothing
 within `NARROW`. F_0 is then what is left.
 
-In strong accelerations a wrong inertia looks like friction, and nothing is read of either. Both forces stay in d, at
+In strong accelerations a wrong inertia looks like friction: nothing is read of either, and d is doubted by what the
+inertia's doubt leaves of them (`inertia_doubt`). Both forces stay in d, at
 rest too, and the level and the inertia are learned from what is left.
 """
 
@@ -118,7 +119,8 @@ def learn_level(p, model, s, period):
     s.variance = min(s.variance + 2.0 * spread * (travel + period / p.level_time), 1.0)
     # while few blocks slip, d is rather an error of the place of the reversal than one of the level
     doubt = p.force_noise / max(s.slipping, 0.1) ** 6
-    noise = doubt * doubt * FORCE_TIME / period
+    inertial = model.moving_mass * s.inertia * s.inertial_doubt
+    noise = (doubt * doubt + inertial * inertial) * FORCE_TIME / period
     gain = s.variance * s.sensitivity / (s.sensitivity * s.sensitivity * s.variance + noise)
     residual = model.moving_mass * s.inertia * s.d - s.loaded
     change = gain * residual

@@ -24,6 +24,7 @@ from microstage_ros.control.observer import (
     dead_band,
     friction_level,
     inertia,
+    inertia_doubt,
     long_delay,
     lost_motion,
     motion_filter,
@@ -94,7 +95,6 @@ REPEATED = 0.2  # doubts in the encoder that the axis moves within a period when
 TEST_TIME = 2e-2  # s, over which innovations are averaged
 # of the actuator's Coulomb friction, that the current overcomes where the motor moves at all: else it is a dead band
 PULL = 0.2
-GAP_GAIN = 0.3  # of the speed while apart, where the encoder says nothing of the motor and friction changes fast
 PARAMETERS = record_type(GAINS, [("motion_gain", "f8", (3, 2)), ("transient", "f8"), *swing.PARAMETERS])
 BLOCK_STATE = feedforward.BLOCK_STATE
 STATE_FIELDS = [
@@ -144,6 +144,7 @@ STATE_FIELDS = [
     *dead_band.FIELDS,
     *long_delay.FIELDS,
     *wind_up.FIELDS,
+    *inertia_doubt.FIELDS,
     ("net_force", "f8"),  # N, that accelerated the axis in the newest period, sum over its parts
     *motion_filter.FIELDS,
     *swing.FIELDS,
@@ -178,6 +179,7 @@ def observer_reset(p, s):
     s.drives = 1
     s.net_force = s.force_current = 0.0
     wind_up.wind_up_reset(s)
+    inertia_doubt.inertia_doubt_reset(s)
     s.voltage_noise = p.voltage_doubt * p.voltage_noise
     s.noise_variance = (p.voltage_noise / NOISE_DOUBT) ** 2
     s.running = s.last_step = 0.0
@@ -246,29 +248,6 @@ def correct(s, position, speed):
 
 
 @compiled
-def steady_measure(p, s):
-    """What to add to the learned back-EMF [1] so that the way through a gap is always counted in the same measure.
-
-    That is the nominal one, unless the amplifier's gain has changed the measure of all.
-    """
-    beyond = s.learned[2] - s.emf_centre
-    return beyond if abs(beyond) < 2.0 * p.emf_spread else 0.0
-
-
-@compiled
-def correct_in_gap(p, model, s, period, position, speed, trust):
-    """`correct` while drive and stage are apart: the speed tells of the motor, the position of the stage."""
-    trust /= s.voltage_factor * s.voltage_factor  # a voltage that comes late says little of the speed here too
-    s.v += trust * max(p.motion_gain[1, 1], GAP_GAIN) * speed
-    s.d += trust * p.motion_gain[2, 1] * speed
-    step = 0.05 * position
-    s.x += step
-    if model.has_guideway != 0:
-        s.guideway_friction = friction_along(model.guideway, s.guideway, step / period, period, 1.0)
-    s.screw = s.x + s.guideway_friction * model.compliance
-
-
-@compiled
 def observer_step(p, model, s, period, encoder, voltage, current):
     """One control period: ``encoder`` [m] and ``current`` [A] of now, ``voltage`` [V] held until now."""
     senses, fall, used = model.force_per_ampere > 0.0 and math.isfinite(current), 0.0, current
@@ -332,6 +311,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
             lost_motion.lost_motion_reset(p, s)
         if not doubtful:
             motor_constant.watch_motor_constant(p, model, s, period, drop, read_speed)
+        inertia_doubt.doubt_inertia(s, period, read_speed, doubtful)
     position = encoder - s.x
     if senses:
         motor_speed = s.v + s.wind_up_speed + speed / s.learned[2]
@@ -350,7 +330,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
             forget_drive(p, s)
         position = encoder - s.x
     if s.contact != TOUCHING:
-        correct_in_gap(p, model, s, period, position, speed + steady_measure(p, s) * s.v, trust_in_speed(s, doubt))
+        lost_motion.correct_in_gap(p, model, s, period, position, speed, trust_in_speed(s, doubt))
         compare_voltage(model, s, drop)
         motion_filter.forget_motion(s)
         s.swing, s.swing_rate = 0.0, 0.0

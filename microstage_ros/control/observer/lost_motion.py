@@ -14,6 +14,7 @@ the next, corrected by every later crossing (a scalar Kalman filter, opened agai
 counted in the nominal back-EMF: a constant error of that is learned with the gap.
 """
 
+from microstage_ros.control.feedforward.axis import friction_along
 from microstage_ros.numerics.compiled import compiled
 
 TOUCHING, IN_GAP = range(2)
@@ -35,6 +36,7 @@ TOUCHED, DOUBTED = 1.5e-8, 2e-3  # m, s; a push that stops the drive, and for ho
 PUSH_TIME = 7e-4  # s, that it takes to show
 LANDING, GIVEN_UP = 8e-3, 16e-3  # s, that a contact takes to count at least and at most
 NEAR = 5e-8  # m, by which the drive may be off the stage before the latter
+GAP_GAIN = 0.3  # of the speed while apart, where the encoder says nothing of the motor and friction changes fast
 UNSEEN = 4e-8  # m, doubt in where a contact opened that was noticed late
 FIELDS = [
     ("contact", "i8"),  # TOUCHING or IN_GAP
@@ -231,3 +233,28 @@ def learn_gap(p, s, found, doubt):
     gain = s.gap_variance / (s.gap_variance + noise) if s.gap > 0.0 else 1.0
     s.gap_variance = (1.0 - gain) * s.gap_variance if s.gap > 0.0 else noise
     s.gap = min(max(s.gap + gain * change, 0.0), p.widest_gap)
+
+
+@compiled
+def steady_measure(p, s):
+    """What to add to the learned back-EMF [1] so that the way through a gap is always counted in the same measure.
+
+    That is the nominal one, unless the amplifier's gain has changed the measure of all.
+    """
+    beyond = s.learned[2] - s.emf_centre
+    return beyond if abs(beyond) < 2.0 * p.emf_spread else 0.0
+
+
+@compiled
+def correct_in_gap(p, model, s, period, position, speed, trust):
+    """The observer's corrections while drive and stage are apart, by the innovations of ``position`` [m] and ``speed``
+    [m/s] (with its ``trust``): the speed tells of the motor, the position of the stage."""
+    speed += steady_measure(p, s) * s.v
+    trust /= s.voltage_factor * s.voltage_factor  # a voltage that comes late says little of the speed here too
+    s.v += trust * max(p.motion_gain[1, 1], GAP_GAIN) * speed
+    s.d += trust * p.motion_gain[2, 1] * speed
+    step = 0.05 * position
+    s.x += step
+    if model.has_guideway != 0:
+        s.guideway_friction = friction_along(model.guideway, s.guideway, step / period, period, 1.0)
+    s.screw = s.x + s.guideway_friction * model.compliance

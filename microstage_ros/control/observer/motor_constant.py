@@ -129,8 +129,14 @@ def watch_motor_constant(p, model, s, period, drop, speed):
 
 @compiled
 def unread_variance(model, s):
-    """Variance [V^2] of the back-EMF while the constant has not been read off, or differs from what is counted with."""
-    return (s.emf_doubt * model.volts_per_velocity * s.v) ** 2
+    """Variance [V^2] of the back-EMF while the constant has not been read off, or differs from what is counted with.
+
+    Where both speeds agree while the inertia is doubted (`inertia_doubt`), no more than they differ by.
+    """
+    doubt = abs(s.emf_doubt * s.v)
+    if s.inertial_doubt > 0.0:
+        doubt = min(doubt, abs(s.speed_difference[1]))
+    return (doubt * model.volts_per_velocity) ** 2
 
 
 @compiled

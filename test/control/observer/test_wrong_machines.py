@@ -8,7 +8,7 @@ import pytest
 
 from microstage_ros.control.laws import adaptation, supervision
 from microstage_ros.control.laws.controller import make_controller
-from microstage_ros.control.observer import drive_learning, friction_level, inertia, long_delay, source_doubt
+from microstage_ros.control.observer import drive_learning, friction_level, inertia, inertia_doubt, long_delay, source_doubt
 from microstage_ros.control.robustness.campaign import PROGRAM, examine
 from microstage_ros.control.robustness.conditions import MOTOR, Condition, conditions
 from microstage_ros.control.runs.run_file import Run
@@ -178,6 +178,31 @@ def test_inertia_is_told_from_a_spring_and_from_friction(axis, true, spring, cur
         inertia.learn_inertia(model, memory, period, force, speed, False)
         before = speed
     assert memory["inertia"] == pytest.approx(true, rel=0.15)
+
+
+@pytest.mark.parametrize("name, most", [("rotor inertia x 0.5", 1.4e-7), ("rotor inertia x 4", 5e-7)])
+def test_a_wrong_inertia_is_doubted_from_the_first_acceleration_on(axis, name, most):
+    """0.17 to 0.19 and 0.96 to 1.08 um where the estimated speed lagged until the inertia was known; 0.05 to 0.12 and 0.26 to 0.29 since."""
+    condition = {c.name: c for c in conditions(axis)}[name]
+    assert max(examine(axis, condition, seed, LAW).largest for seed in (16300, 16301)) < most
+
+
+@pytest.mark.parametrize("constant, doubted", [(1.0, True), (0.8, False)])
+def test_the_inertia_is_doubted_where_back_emf_and_encoder_agree_only(axis, constant, doubted):
+    """An acceleration of 0.05 m/s^2. Where the speeds part, what d has taken in meanwhile goes."""
+    memory = make_controller(LAW, axis).memory["observer"]
+    memory["d"], memory["covariance"][2, 2] = 0.01, 1e-4
+    for time in np.arange(0.0, 0.02, 1e-4):
+        inertia_doubt.plan_acceleration(memory, 1e-4, 0.05 * 1e-4)
+        memory["v"] = 0.05 * time
+        memory["emf_before"] = memory["v"] / constant
+        inertia_doubt.doubt_inertia(memory, 1e-4, memory["v"] - 0.05 * 0.5e-4, False)
+        if memory["inertial_doubt"] > 0.0:
+            memory["d"], memory["covariance"][2, 2] = 0.5, 1e-2
+    assert (memory["inertial_doubt"] > 0.0) == doubted
+    assert memory["d"] == (0.5 if doubted else 0.01)
+    if doubted:
+        assert memory["inertial_doubt"] == pytest.approx(0.5 * (0.05 - inertia_doubt.STANDING), rel=1e-3)
 
 
 def test_a_stage_that_is_struck_in_a_gap_says_nothing_of_the_inertia(axis):
