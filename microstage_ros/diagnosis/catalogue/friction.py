@@ -63,13 +63,18 @@ def _with_own(channel, replayed):
     return (replayed + share * channel.own)[:, None]
 
 
-def by_limits(channel, frame):
-    """The friction's derivative by a factor on its limits [N m], (blocks, 1): all of it where it slides, none where
-    blocks stick far below their limits."""
+def _replayed_by_limits(channel, frame):
+    """The replayed friction's derivative by a factor on its limits, (blocks,) [N m]."""
     if "by limits" not in channel.kept:      # forms of every spacing and period need it
         factor = np.full(len(channel.prepared.time), 1.0 + LIMIT_STEP)
         channel.kept["by limits"] = _changed(channel, frame, factor=factor)[:, 0] / LIMIT_STEP
-    return _with_own(channel, channel.kept["by limits"])
+    return channel.kept["by limits"]
+
+
+def by_limits(channel, frame):
+    """The friction's derivative by a factor on its limits [N m], (blocks, 1): all of it where it slides, none where
+    blocks stick far below their limits."""
+    return _with_own(channel, _replayed_by_limits(channel, frame))
 
 
 def direction_asymmetry(step=LIMIT_STEP):
@@ -86,14 +91,19 @@ def all_asymmetry(step=LIMIT_STEP):
     return columns
 
 
-def _about(columns, least=LEAST_STEP, most=np.inf):
-    """`Form.about` of columns whose ``columns(step)`` are exact for a first size of ``step``, in its unit."""
-    def about_of(form):
-        def about(beta):
-            step = float(np.copysign(np.clip(abs(beta[0]), least, most), beta[0]))
-            return dataclasses.replace(form, variant=f"{form.variant} about {step:.3g}", columns=columns(step))
-        return dataclasses.replace(form, about=about)
-    return about_of
+def _about_its_size(form, columns, least=LEAST_STEP, most=np.inf):
+    """The ``form`` with `Form.about`: its ``columns(step)`` are exact for a first size of ``step``, in its unit, which
+    is kept between ``least`` and ``most``."""
+    def about(beta):
+        step = float(np.copysign(np.clip(abs(beta[0]), least, most), beta[0]))
+        return dataclasses.replace(form, variant=f"{form.variant} about {step:.3g}", columns=columns(step))
+    return dataclasses.replace(form, about=about)
+
+
+def _positive(effect, variant, first, columns, sizes, least=LEAST_STEP):
+    """Form of a size above zero, whose ``columns(step)`` are taken at ``first``, in its unit, until it is fitted."""
+    form = Form(effect, "torque", variant, columns(first), sizes, lambda beta: beta[0] > 0)
+    return _about_its_size(form, columns, least)
 
 
 def guideway_asymmetry(channel, frame):
@@ -187,7 +197,7 @@ def _profile_about(spacing):
             x = np.linspace(frame.low, frame.high, FINE * pieces + 1)
             profile = np.clip(splines(x, frame.low, frame.high, pieces) @ beta, LEAST_LIMIT - 1.0, None)
             there, here = (np.interp(at, x, profile) for at in (channel.prepared.position, channel.position))
-            changed, plain = _changed(channel, frame, factor=1.0 + there)[:, 0], by_limits(channel, frame)[:, 0]
+            changed, plain = _changed(channel, frame, factor=1.0 + there)[:, 0], _replayed_by_limits(channel, frame)
             secant = (changed * here + plain * LEAST_STEP**2) / (here**2 + LEAST_STEP**2)
             return _with_own(channel, secant) * splines(channel.position, frame.low, frame.high, pieces)
         return _profile_form(spacing, f"{spacing:g} about {np.std(beta):.3g}", columns, None)
@@ -248,7 +258,7 @@ def frictional_lag(time):
     return columns
 
 
-def rising_static(scale, release, step=LIMIT_STEP):
+def rising_static(scale, release, step):
     """Limits × (1 + a): a grows with log dwell while blocks stick and fades with travel; what a rate ``step`` [1]
     changes, over it.
 
@@ -317,11 +327,10 @@ def _lag_sizes(time):
 
 
 FORMS = (
-    _about(direction_asymmetry, most=MOST_ASYMMETRY)(
-        Form("direction_asymmetry", "torque", "", direction_asymmetry(), one("asymmetry", "1"))
-    ),
-    _about(all_asymmetry, most=MOST_ASYMMETRY)(
-        Form("direction_asymmetry", "torque", "viscous", all_asymmetry(), _asymmetry_sizes)
+    *(
+        _about_its_size(Form("direction_asymmetry", "torque", variant, columns(), sizes), columns, most=MOST_ASYMMETRY)
+        for variant, columns, sizes in (("", direction_asymmetry, one("asymmetry", "1")),
+                                        ("viscous", all_asymmetry, _asymmetry_sizes))
     ),
     Form("direction_asymmetry", "torque", "guideway", guideway_asymmetry, _guideway_sizes, lambda b: abs(b[0]) < 0.9),
     *(
@@ -338,29 +347,13 @@ FORMS = (
     *(_profile_form(s, f"{s:g}", position_dependent(s), _profile_about(s)) for s in PIECES),
     *(Form("frictional_lag", "torque", f"{t:g}", frictional_lag(t), _lag_sizes(t), lambda b: b[0] > 0) for t in LAGS),
     *(
-        _about(functools.partial(rising_static, s, r))(
-            Form(
-                "rising_static_friction",
-                "torque",
-                f"{s:g},{r:g}",
-                rising_static(s, r),
-                one("rate_per_decade", "1", extra={"dwell_scale_s": s, "release_m": r}),
-                lambda b: b[0] > 0,
-            )
-        )
+        _positive("rising_static_friction", f"{s:g},{r:g}", LIMIT_STEP, functools.partial(rising_static, s, r),
+                  one("rate_per_decade", "1", extra={"dwell_scale_s": s, "release_m": r}))
         for s, r in AGING
     ),
     *(
-        _about(functools.partial(presliding_creep, s), LEAST_CREEP)(
-            Form(
-                "presliding_creep",
-                "torque",
-                f"{s:g},{a:g}",
-                presliding_creep(s, a),
-                one("amplitude_m", "m", extra={"time_s": s, "release_m": CREEP_RELEASE}),
-                lambda b: b[0] > 0,
-            )
-        )
+        _positive("presliding_creep", f"{s:g},{a:g}", a, functools.partial(presliding_creep, s),
+                  one("amplitude_m", "m", extra={"time_s": s, "release_m": CREEP_RELEASE}), LEAST_CREEP)
         for s, a in CREEPS
     ),
 )

@@ -18,7 +18,7 @@ from microstage_ros.diagnosis.residuals.resonance import Resonance
 
 SWING = 0.5             # of a slow amplifier's χ² that must be left of it once the drive train is known
 MOST_ROUNDS = 8         # of slow amplifier and motor's speed; derived: a change of a half each leaves 4·10⁻³
-SETTLED = 0.01          # relative change of its time; derived: two thirds of `amplifier.LAG_ERROR`
+SETTLED = 0.01          # relative change of its time; derived: less than `amplifier.LAG_ERROR`
 CHANGED = ("learn", "held")    # groups of records in which something may be wrong
 
 

@@ -65,6 +65,11 @@ class Evidence:
         covariance = scipy.linalg.cho_solve(factor, np.eye(len(index))) / np.outer(scale, scale)
         return beta, covariance, float(2.0 * b @ beta - beta @ a @ beta)
 
+    def sizes(self, keys):
+        """{key: sizes (k,)} of the joint fit of these forms, each in the unit of its form."""
+        widths = [len(self.indices([key])) for key in keys]
+        return dict(zip(keys, np.split(self.fit(keys)[0], np.cumsum(widths)[:-1])))
+
     def reduction(self, keys, beta):
         """Reduction of χ² [1] on these records by given sizes ``beta`` (k,), negative if they make it worse."""
         index = self.indices(keys)

@@ -68,14 +68,11 @@ def at_terminals(collection, evidences, choices, groups, known, law):
 
 def _voltage_of(evidences, choices, prepared, frame):
     """What the chosen faults add to the voltage that a record's amplifier was told (n,) [V]."""
-    evidence, keys = evidences.learn["windup"], Evidences._keys("windup", choices)
-    beta, total, at = evidence.fit(keys)[0], np.zeros(len(prepared.time)), 0
     forms = {form.key: form for choice in choices for form in choice.forms if form.channel == "windup"}
-    for key in keys:
-        own = beta[at:at + len(evidence.indices([key]))]
-        at += len(own)
+    seen, total = _Voltage(prepared), np.zeros(len(prepared.time))
+    for key, sizes in evidences.learn["windup"].sizes(Evidences._keys("windup", choices)).items():
         if key[0] == "amplifier_deadband":      # the catalogue's widths are a grid
-            total += own[0] * amplifier_deadband(own[0])(_Voltage(prepared), frame)[:, 0]
+            total += sizes[0] * amplifier_deadband(sizes[0])(seen, frame)[:, 0]
         elif key[0] in AT_TERMINALS:
-            total += forms[key].columns(_Voltage(prepared), frame) @ own
+            total += forms[key].columns(seen, frame) @ sizes
     return total

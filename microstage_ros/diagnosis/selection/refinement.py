@@ -42,11 +42,8 @@ def about_their_sizes(evidences, choices):
     def form_about(form):
         if form.about is None:
             return form
-        evidence, keys = evidences.learn[form.channel], evidences._keys(form.channel, choices)
-        beta, at = evidence.fit(keys)[0], 0
-        for key in keys[:keys.index(form.key)]:
-            at += len(evidence.indices([key]))
-        return form.about(beta[at:at + len(evidence.indices([form.key]))])
+        keys = evidences._keys(form.channel, choices)
+        return form.about(evidences.learn[form.channel].sizes(keys)[form.key])
 
     return [Choice(choice.effect, tuple(map(form_about, choice.forms))) for choice in choices]
 

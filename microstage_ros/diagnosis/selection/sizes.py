@@ -25,10 +25,10 @@ FORM_ERROR = {
     "viscous_change": 0.011,                     # 0.0039 to 0.011
     "refractive_index": 0.0074,                  # 0.0057 to 0.010
     ("drive_compliance", "resonance"): 0.06,     # 0.020 to 0.058
-    ("drive_compliance", "windup"): 0.03,
+    ("drive_compliance", "windup"): 0.03,        # inside the same
     ("payload_change", "resonance"): 0.06,       # 0.0071 to 0.060
-    ("payload_change", "windup"): 0.06,
-    ("payload_change", "torque"): 0.05,
+    ("payload_change", "windup"): 0.06,          # the same
+    ("payload_change", "torque"): 0.05,          # inside the same
 }
 # of all others; calibrated by: the same (0.0029 to 0.0066 of late readings, 0.0008 to 0.0067 of an encoder's second
 # amplitude, up to 0.0041 of all others, which are not stated better than these)

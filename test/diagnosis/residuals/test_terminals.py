@@ -27,14 +27,11 @@ def windup(effect, variant):
 class Fitted:
     """Evidence whose fit says the given sizes."""
 
-    def __init__(self, sizes):
-        self.sizes = sizes
+    def __init__(self, said):
+        self.said = said
 
-    def indices(self, keys):
-        return np.zeros(sum(len(self.sizes[key]) for key in keys))
-
-    def fit(self, keys):
-        return (np.concatenate([self.sizes[key] for key in keys]),)
+    def sizes(self, keys):
+        return {key: self.said[key] for key in keys}
 
 
 class Torque:
