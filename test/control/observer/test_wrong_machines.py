@@ -180,11 +180,12 @@ def test_inertia_is_told_from_a_spring_and_from_friction(axis, true, spring, cur
     assert memory["inertia"] == pytest.approx(true, rel=0.15)
 
 
-@pytest.mark.parametrize("name, most", [("rotor inertia x 0.5", 1.4e-7), ("rotor inertia x 4", 5e-7)])
+@pytest.mark.parametrize("name, most", [("rotor inertia x 0.5", 1.3e-7), ("rotor inertia x 4", 5e-7)])
 def test_a_wrong_inertia_is_doubted_from_the_first_acceleration_on(axis, name, most):
-    """0.17 to 0.19 and 0.96 to 1.08 um where the estimated speed lagged until the inertia was known; 0.05 to 0.12 and 0.26 to 0.29 since."""
+    """0.17 to 0.19 and 0.96 to 1.08 um where the estimated speed lagged until the inertia was known; 0.05 to 0.12 and 0.26 to 0.29 since. The median of five
+    records: no single trajectory decides."""
     condition = {c.name: c for c in conditions(axis)}[name]
-    assert max(examine(axis, condition, seed, LAW).largest for seed in (16300, 16301)) < most
+    assert np.median([examine(axis, condition, seed, LAW).largest for seed in range(16300, 16305)]) < most
 
 
 @pytest.mark.parametrize("constant, doubted", [(1.0, True), (0.8, False)])
