@@ -8,7 +8,7 @@ must stand in all learning records together, again in the held-out ones, and not
 import dataclasses
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import binary_opening, uniform_filter1d
 from scipy.stats import gamma
 
 from microstage_ros.diagnosis.preprocessing.smoothing import MEDIAN_SIZE
@@ -27,6 +27,8 @@ LOWEST = 8.0
 HIGHEST = 0.45 / BLOCK
 # blocks of the mean speed; derived: a period of the slowest line, in which no line moves the stage on
 WINDOW = 2 * round(0.5 / (LOWEST * BLOCK)) + 1
+# blocks of a rest that lasts; derived: two periods of the slowest line
+LASTING = 2 * WINDOW
 # of summed periodograms in units of their mean; derived: e⁻³² times 10⁵ frequencies is a chance of 10⁻⁹
 LEAST_POWER = 32.0
 # power half a hertz or so beside a line, relative to it; calibrated by: validation.margins (0.034 to 0.045)
@@ -82,6 +84,8 @@ class Spectrum:
         self.values = np.where(self.mask, np.clip(white, -bound, bound), 0.0)
         self.count = max(int(self.mask.sum()), 1)
         self.off = self.mask & (channel.mean(p.off.astype(float)) == 1.0)
+        # and not where the stage only turns round: what a sine repeats there has lines at its harmonics
+        self.lasting = binary_opening(self.mask, np.ones(LASTING))
         scale = np.sqrt(np.mean(self.values[self.mask] ** 2)) if self.mask.any() else 1.0
         self.values = self.values / max(scale, TINY)
         self.scale = scale
@@ -110,11 +114,11 @@ class Spectrum:
         z = 2.0 * np.vdot(wave, self.values) / self.count
         return z, np.abs(z) ** 2 * self.count / 2.0
 
-    def size_with_the_motor_off(self, frequency):
-        """Amplitude [m] of a line at ``frequency`` [Hz] while the motor has no voltage, and its standard error
-        (infinite where it always has)."""
-        count = max(int(self.off.sum()), 1)
-        wave = np.exp(2j * np.pi * frequency * self.time) * self.off
+    def size_in(self, rows, frequency):
+        """Amplitude [m] of a line at ``frequency`` [Hz] in these ``rows``, a mask (n,) such as `off` or `lasting`, and
+        its standard error (infinite where there are none)."""
+        count = max(int(rows.sum()), 1)
+        wave = np.exp(2j * np.pi * frequency * self.time) * rows
         gain = abs(self.gain(frequency))
         stderr = np.sqrt(2.0 / count) / gain if count > 1 else np.inf
         return 2.0 * abs(np.vdot(wave, self._untouched)) / count / gain, stderr
@@ -171,8 +175,10 @@ def _judge(frequency, learn, held, base):
     if size < SIGMAS * stderr:
         return None
     # the floor shakes with the motor off, too; a loop that swings does not
-    still = [s.size_with_the_motor_off(frequency) for s in learn]
+    still = [s.size_in(s.off, frequency) for s in learn]
     if all(size > CLEAR * error and here < 0.5 * size for here, error in still):
+        return None
+    if all(s.size_in(s.lasting, frequency)[0] < 0.5 * size for s in learn):
         return None
     if held and sum(s.fit(frequency)[1] for s in held) < AGAIN * len(held):
         return None

@@ -33,3 +33,16 @@ def test_a_line_too_faint_to_be_looked_for_in_a_second_is_not_asked_for_there():
     """1 nm in noise of 20 nm: half a nanometre in the rows with the motor off is two standard errors."""
     lines = find_lines([channel(n, 7.0e-10, 0.4) for n in (1, 2)], [channel(3, 7.0e-10, 0.4)], [channel(4, 0.0, 1.0)])
     assert len(lines) == 1
+
+
+@pytest.mark.parametrize(("rests", "found"), [(False, 0), (True, 1)])
+def test_a_line_of_the_floor_is_there_while_the_stage_rests_and_not_only_where_it_turns_round(rests, found):
+    """A sine of 10 µm and 1 Hz is slower than 20 µm/s at its turns, for less than a tenth of a second. What a dead band leaves there
+    repeats itself at the sine's harmonics."""
+    records = [channel(n, size, 1.0) for n, size in ((1, 3.0e-8), (2, 3.0e-8), (3, 3.0e-8), (4, 0.0))]
+    for one in records:
+        runs = one.time < 8.0
+        one.speed = np.where(runs, 6.3e-5 * np.sin(2.0 * np.pi * one.time), 0.0)
+        if not rests:
+            one.prepared.stage = np.where(runs, one.prepared.stage, NOISE * np.random.default_rng(5).normal(size=ROWS))
+    assert len(find_lines(records[:2], records[2:3], records[3:])) == found
