@@ -7,7 +7,6 @@ regression is added (`nonregression`); everything is judged on held-out records.
 """
 
 import dataclasses
-import math
 
 import numpy as np
 
@@ -32,7 +31,7 @@ from microstage_ros.diagnosis.residuals.terminals import at_terminals
 from microstage_ros.diagnosis.result import Cause, Diagnosis, Parameter
 from microstage_ros.diagnosis.selection import judge, limit_cycle
 from microstage_ros.diagnosis.selection.agreement import CERTAIN, held_out_records_show, unsteadiness
-from microstage_ros.diagnosis.selection.calibration import probability
+from microstage_ros.diagnosis.selection.calibration import likely, probability
 from microstage_ros.diagnosis.selection.leftover import over_twin, scatter_findings
 from microstage_ros.diagnosis.selection.mass_or_drive import RESONANT
 from microstage_ros.diagnosis.selection.nonregression_causes import nonregression_causes
@@ -86,9 +85,6 @@ OF_TURNS = ("torque_ripple",)
 #: --kind single --seed 2103, case 49), and 0.095, of creep that is there (test_creep_beside_a_vibration_of_the_floor).
 SHAKEN_SHARE = {"torque": 0.06}
 SLOW_IN_TIME = ("thermal_drift", "refractive_index")   # what a course of every record's own leaves no room for
-# least probability of a further cause; calibrated by: microstage campaign --world second, seeds 3301, 3313, 3401, 4105,
-# 6101, 6105 and 8205: the four further causes below it were wrong, of the six between it and 0.9 two
-LIKELY = 0.82
 GENERIC = tuple(form for form in FORMS if not form.named)
 
 
@@ -279,7 +275,8 @@ def _answer(collection, evidences, choices, rivals, nonregression, holdout, note
         known = dataclasses.replace(known, slow=dataclasses.replace(known.slow, rival=True))
     causes += nonregression_causes(collection, known, course, causes, book, unsure)
     errors = {c.effect: unsteadiness(evidences, c, [o for o in choices if o is not c]) for c in choices}
-    causes, doubtful = _likely(_with_shares(causes, book), unsure, errors)
+    rattled = known.gap.held_before if known.gap is not None and known.gap.rattles else 0.0
+    causes, doubtful = likely(_with_shares(causes, book), unsure, errors, rattled)
     at_limit = limit_cycle.share_at_limit(collection.prepared["learn"], collection.frame.drive.voltage_limit)
     causes, unsure, swings = limit_cycle.judged(
         at_limit, causes, unsure, scattered, errors,
@@ -355,18 +352,6 @@ def _with_shares(causes, book):
         shared.append(dataclasses.replace(c, probability=probability(part, clarity), share=min(part / total, 1.0),
                                           evidence=part, clarity=clarity))
     return sorted(shared, key=lambda c: -c.share)
-
-
-def _likely(causes, unsure=(), errors=None):
-    """(causes, those left out): a further cause of a low calibrated probability is not named.
-
-    The first one stands, unless an open question (``unsure``) does: something has changed, and its probability says
-    how sure its name is. So does one whose size is certain, by its relative standard ``errors`` {effect: `unsteadiness`
-    [1]}: the probability knows how much stands out beside a cause, and not how alike the cause is everywhere.
-    """
-    doubtful = [c for c in causes[0 if unsure else 1:]
-                if c.probability < LIKELY and (errors or {}).get(c.id, math.inf) >= CERTAIN]
-    return [c for c in causes if c not in doubtful], doubtful
 
 
 def _units(collection):

@@ -8,7 +8,7 @@ from microstage_ros.model.effects import REGISTRY
 
 DEAD_WIDTHS = (0.5e-3, 1e-3, 2e-3, 5e-3, 10e-3, 20e-3, 40e-3, 80e-3)  # V
 HEAT_TIMES = (2.0, 6.0, 20.0, 60.0)                                    # s
-STIFFNESS_FACTORS = tuple(round(1.25**n, 3 if n < -8 else 2) for n in (*range(-14, 0), *range(1, 5)))
+STIFFNESS_FACTORS = tuple(round(1.25**n, 3 if n < -8 else 2) for n in range(-14, 0))
 MASS_FACTORS = tuple(round(1.12**n, 2) for n in (*range(-5, 0), *range(1, 14)))
 FLANK_FORCES = (0.02, 0.1, 0.25)                                       # N: over which a flank gives way
 SCREW_HARMONICS = (1, 2, 3)
@@ -161,6 +161,11 @@ def _compliance_sizes(beta, covariance, frame):
             {"stiffness_factor": factor})
 
 
+def _yields_more(beta):
+    """A drive that yielded less than the file's would be none of the effect, which is a softer one."""
+    return beta[0] > 0.0
+
+
 def _near_one(smallest=False):
     """β must be near 1 for the form's own size to be the right one; the smallest forms are linear down to 0."""
     return lambda beta: (0.0 if smallest else 0.5) < beta[0] < 1.8
@@ -186,7 +191,7 @@ FORMS = (
         for n in SCREW_HARMONICS
     ),
     *(Form("backlash", "windup", f"{f:g}", backlash(f), _gap_sizes, lambda b: b[0] > 0) for f in FLANK_FORCES),
-    Form("drive_compliance", "windup", "", windup_compliance, _compliance_sizes),
+    Form("drive_compliance", "windup", "", windup_compliance, _compliance_sizes, _yields_more),
     *(
         Form(
             "drive_compliance",
@@ -194,7 +199,7 @@ FORMS = (
             f"{f:g}",
             drive_compliance(f),
             _factor_sizes("stiffness_factor", "1", f),
-            _near_one(0.75 < f < 1.3),
+            _near_one(0.75 < f),
         )
         for f in STIFFNESS_FACTORS
     ),

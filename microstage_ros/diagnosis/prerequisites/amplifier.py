@@ -8,6 +8,7 @@ from scipy.optimize import minimize_scalar
 from microstage_ros.diagnosis.catalogue.command import (
     DELAYS,
     FORMS,
+    LAGS,
     delay_form,
     delayed,
     lag_form,
@@ -35,6 +36,10 @@ LEAST_TIME = 2.0 * DELAY_STEP     # periods; derived: two steps; less is a matte
 # s that the encoder may be read later than the interferometer; calibrated by: validation.margins (1.9e-6 to 2.6e-4)
 LATE = 2.0e-5
 DOMINANCE = 0.5          # of the gain of the strongest form, accepted or not, that the answer must reach
+HELD_SHARE = 0.1         # of what it can hold on held-out records; derived: as `selection.HELD_SHARE`
+BETWEEN = LAGS[4]        # s; derived: one of the middle of the forms' times
+# of a form that a healthy axis may show; derived: what `HELD_SHARE` asks of the records under test
+FED_BACK = HELD_SHARE
 LONGEST = 64             # periods; derived: the power of two above the 60 that `TransportDelay` may have
 # periods; derived: half way between two of the catalogue's forms, and half as far again
 DELAY_REACH = 0.75
@@ -81,6 +86,7 @@ def find_slowness(prepared, drive):
     fast = Collection(prepared, drive, fast_only=True)
     if "command" not in fast.names:
         return None
+    _without_neighbours_of_a_fed_back_current(fast)
     learn, period = fast.growing("command", [GAIN], "learn"), prepared["learn"][0].period
     winding = drive.inductance / drive.resistance
     forms = [*_candidates(fast), *_within_a_period(learn, period / winding)]
@@ -105,15 +111,34 @@ def find_slowness(prepared, drive):
     held = fast.gather("command", [form, GAIN], "held")
     held_gain = held.reduction([form.key], np.ones(1))
     base = fast.gather("command", [form, GAIN], "base")
-    # held-out records that move the amplifier less show less of it: then most of what they show is enough
-    needed = min(0.2 * gain / max(len(prepared["learn"]), 1), MOST * held.energy())
-    if gain < LEAST_GAIN or held_gain < needed:
+    # held-out records that move the amplifier less show less of it: then most of what they show is enough, or a part of
+    # what it can hold there
+    needed = min(0.2 * gain / max(len(prepared["learn"]), 1), MOST * held.energy(), HELD_SHARE * held.matrix[1, 1])
+    if gain < LEAST_GAIN or held_gain < max(needed, LEAST_GAIN):
         return None
     if base is not None and base.reduction([form.key], np.ones(1)) > 0.3 * base.matrix[1, 1]:
         return None
     rival = len(refined) > 1 and refined[1][0] > gain - max(OPEN, CLEAR * gain)
     noise = float(np.mean([c["command"].noise for c in fast.channels["held"]]))
     return Slowness(effect, time, stderr, gain, held_gain, held.energy(), held.rows, rival, noise, winding)
+
+
+def _without_neighbours_of_a_fed_back_current(fast):
+    """Leaves the command's neighbours in the channel where a healthy axis shows less of a lag with them.
+
+    A law that takes its voltage from the current puts the current's noise into the rows of the command that follow.
+    Beside its neighbours on both sides there is then little else in the command, and the lag of a healthy axis, zero,
+    comes out as −0.3 to −0.6 of the form's; with them left in as 0.07 to 0.1.
+    """
+    commands = [c["command"] for some in fast.channels.values() for c in some if "command" in c]
+    form, shown = lag_form(BETWEEN, anyway=True), []
+    for alone in (False, True):
+        for command in commands:
+            command.alone = alone
+        base = fast.gather("command", [form], "base")
+        shown.append(0.0 if base is None else abs(float(base.fit([form.key])[0][0])))
+    for command in commands:
+        command.alone = shown[1] < shown[0] and shown[0] > FED_BACK
 
 
 def _candidates(fast):

@@ -37,6 +37,11 @@ BESIDE = 2.0       # Hz; derived: a line that swings for half a second now and t
 # standard errors; derived: with so many an amplitude of half the line's is told from all of it
 CLEAR = 4.0
 SIGMAS = 5.0       # standard errors that the amplitude lies above zero; derived: a chance of 6·10⁻⁷
+# relative standard error of the amplitude by how stretches of rest differ: the geometric mean of 0.012, a line of the
+# floor, and 0.22, what moves that a record repeats leave beside an amplifier of another gain; calibrated by:
+# test/diagnosis/prerequisites/test_lines.py
+STEADY = 0.05
+FAITHFUL = 1.5     # times what white noise makes of that; derived: by chance in one of a hundred of a dozen stretches
 # χ² of a line in every held-out record, at the frequency learned; derived: a chance of e⁻¹⁰
 AGAIN = 20.0
 TINY = np.finfo(float).tiny
@@ -123,6 +128,21 @@ class Spectrum:
         stderr = np.sqrt(2.0 / count) / gain if count > 1 else np.inf
         return 2.0 * abs(np.vdot(wave, self._untouched)) / count / gain, stderr
 
+    def unsteadiness(self, frequency):
+        """Relative standard error [1] of the amplitude of a line at ``frequency`` [Hz] by how stretches of rest differ,
+        and how many times that is what white noise makes of it."""
+        wave, edges = np.exp(2j * np.pi * frequency * self.time), np.diff(self.mask, prepend=0, append=0).nonzero()[0]
+        parts = [part for start, stop in edges.reshape(-1, 2)
+                 for part in np.array_split(np.arange(start, stop), max(round((stop - start) / LASTING), 1))]
+        rows = np.array([len(part) for part in parts], float)
+        if len(rows) < 2:
+            return 0.0, 0.0
+        z = np.array([np.vdot(wave[part], self._untouched[part]) for part in parts])
+        along = 2.0 * (z * np.exp(-1j * np.angle(z.sum()))).real / rows
+        mean = np.average(along, weights=rows)
+        stderr = np.sqrt(((rows * (along - mean)) ** 2).sum() * len(rows) / (len(rows) - 1.0)) / rows.sum()
+        return stderr / mean, stderr / np.sqrt(2.0 / rows.sum())
+
     def remove(self, frequency):
         """Take a line at ``frequency`` [Hz] out of the values."""
         z, _ = self.fit(frequency)
@@ -135,18 +155,15 @@ def find_lines(learn, held, base):
     if not learn or min(s.count for s in learn) < 500:
         return []
     length = 2 ** int(np.ceil(np.log2(2 * max(len(s.values) for s in [*learn, *held, *base]))))
+    rests = sum(np.abs(np.fft.rfft(s.mask, length)) ** 2 / s.count for s in learn)
+    skirt = float(np.median(rests[_skirt(learn[0].power(length)[1])]) / rests[0])
     found, none = [], []
     for _ in range(LINES):
         total = sum(s.power(length)[0] for s in learn)
         frequency = learn[0].power(length)[1]
         total[(frequency < LOWEST) | (frequency > HIGHEST)] = 0.0
-        at = int(np.argmax(total))
-        near = total[max(at - 400, 0): at + 400]
-        distance = np.abs(frequency - frequency[at])
-        skirt = np.median(total[(distance > 0.3) & (distance < 1.5)])
-        if skirt > NARROW * total[at]:
-            break
-        if total[at] < LEAST_POWER * max(np.median(near) / gamma.median(len(learn)), 1.0):
+        at = _narrow_peak(frequency, total, len(learn), skirt)
+        if at is None:
             break
         peak = float(_peak(frequency, total, at))
         # what is left of a line that is none of the floor's lies beside it
@@ -157,6 +174,29 @@ def find_lines(learn, held, base):
         if line is not None:
             found.append(line)
     return found
+
+
+def _skirt(distance):
+    """Where the ``distance`` [Hz] from a peak is that of its skirt, a mask."""
+    return (distance > 0.3) & (distance < 1.5)
+
+
+def _narrow_peak(frequency, power, count, skirt):
+    """Index of the strongest narrow peak in ``power``, of ``count`` [1] periodograms together; None without one.
+
+    A broad one hides no line: what a sine repeats at its turns, or a move at its end, may be stronger than the floor.
+    ``skirt``: share [1] of a pure line's power that the few stretches of rest put beside it.
+    """
+    left = power.copy()
+    while True:
+        at = int(np.argmax(left))
+        near = power[max(at - 400, 0): at + 400]
+        if left[at] < LEAST_POWER * max(np.median(near) / gamma.median(count), 1.0):
+            return None
+        distance = np.abs(frequency - frequency[at])
+        if np.median(power[_skirt(distance)]) <= (NARROW + skirt) * power[at]:
+            return at
+        left[distance < BESIDE] = 0.0
 
 
 def _peak(frequency, power, at):
@@ -179,6 +219,9 @@ def _judge(frequency, learn, held, base):
     if all(size > CLEAR * error and here < 0.5 * size for here, error in still):
         return None
     if all(s.size_in(s.lasting, frequency)[0] < 0.5 * size for s in learn):
+        return None
+    # nor does it shake more after one move than after another
+    if any(error > STEADY and times > FAITHFUL for error, times in (s.unsteadiness(frequency) for s in learn)):
         return None
     if held and sum(s.fit(frequency)[1] for s in held) < AGAIN * len(held):
         return None

@@ -98,11 +98,11 @@ def _slow_behind(groups, prepared, drive, known):
 
 
 def _far_train(prepared, drive):
-    """`resonant.Train` of the records if it is far from the model's, else None."""
+    """`resonant.Train` of the records if it is far softer than the model's, else None."""
     if not _all_currents(prepared):
         return None
     train = fit_train(*([Resonance(p, drive) for p in prepared[name]] for name in ("learn", "base")))
-    return train if train is not None and max(train.stiffness, 1.0 / train.stiffness) >= FAR else None
+    return train if train is not None and train.stiffness * FAR <= 1.0 else None
 
 
 def _train_instead(groups, prompt, drive, prepared, known):

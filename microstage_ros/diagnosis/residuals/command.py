@@ -21,7 +21,7 @@ FURTHEST = 30.0  # standard deviations; derived: no noise comes there, a step or
 
 class Command:
     """Residual of one record; ``command`` is the rounded voltage that each current answers, slow parts kept;
-    ``winding`` is T R/L."""
+    ``winding`` is T R/L; ``alone``: whether its neighbours are left in."""
 
     name, unit = "command", "V"
 
@@ -35,13 +35,17 @@ class Command:
         self.noise = max(spread_of(self.fast(self.residual[:, None])[:, 0]), 0.5e-3)
         off = np.abs(self.fast(self.residual[:, None])) / self.noise  # (n, 1)
         self._weight = FURTHEST / np.maximum(off, FURTHEST)
+        self.alone = False
 
     def nuisance(self):
         """The command's neighbours, as many periods before as after, (n, REACH).
 
         Motor speed comes from the back-EMF, so from the command, smoothed without delay. An amplifier of another gain
-        shows through it on both sides of a change alike; a delay or a lag shows after it alone.
+        shows through it on both sides of a change alike; a delay or a lag shows after it alone. None if the command is
+        to stand ``alone``.
         """
+        if self.alone:
+            return None
         padded = np.pad(self.command, REACH, mode="edge")
         n = len(self.command)
         return np.stack([padded[REACH - k:][:n] + padded[REACH + k:][:n] for k in range(1, REACH + 1)], axis=1)

@@ -2,10 +2,10 @@
 
 Same machine, same effects, everything else other than in `simulated_records`: programmes (raised-cosine journeys,
 staircases, chirps, noise in place of tones, long rests), controllers (PID of other strength, PID with feed-forward, the
-self-tuning law), encoders and noise levels, what scales the friction (a fixed wavy profile of the place that every
-record repeats, and jumps in time, neither of them Gaussian), and the friction law of the machine itself: the diagnosis
-is given the axis file with its generalised Maxwell-slip law while the machine may be one of Leuven's or of LuGre's law,
-with the stiffness, limit and Stribeck curve of the file.
+self-tuning law and the shipped one), encoders and noise levels, what scales the friction (a fixed wavy profile of the
+place that every record repeats, and jumps in time, neither of them Gaussian), and the friction law of the machine
+itself: the diagnosis is given the axis file with its generalised Maxwell-slip law while the machine may be one of
+Leuven's or of LuGre's law, with the stiffness, limit and Stribeck curve of the file.
 """
 
 import dataclasses
@@ -27,7 +27,9 @@ from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new
 
 LAWS = ("generalised_maxwell_slip", "leuven", "lugre")
 LAW_SHARES = (0.5, 0.3, 0.2)
-CONTROLLERS = ("pid", "pid_feedforward", "self_tuning")
+CONTROLLERS = ("pid", "pid_feedforward", "self_tuning", "self_tuning_observer")
+#: Those that find their gains themselves.
+SELF_TUNED = CONTROLLERS[2:]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,7 +60,7 @@ def habits(generator, friction):
         noise=NoiseSpec(
             encoder_m=generator.uniform(2.0e-9, 1.2e-8),
             voltage_V=generator.uniform(3.0e-4, 2.0e-3),
-            current_A=0.0,
+            current_A=None,     # the file's: a law that listens to the current passes its noise on to the voltage
             interferometer_m=generator.uniform(3.0e-9, 1.5e-8),
             friction_relative=0.0,
         ),
@@ -135,7 +137,7 @@ def _record(axis, hidden, own, seed, name):
     plant["varies"] = 1
     state = new_state(plant, seed=int(generator.integers(2**31)), position=float(reference[0]), friction="random")
     vary = _variation(own, generator)
-    gains = {"proportional": own.proportional} if own.controller != "self_tuning" else {}
+    gains = {} if own.controller in SELF_TUNED else {"proportional": own.proportional}
     controller, idle = make_controller(own.controller, axis, **gains), make_controller("none", axis)
     work, readings, zero = new_work(plant), new_readings(), np.zeros(len(reference))
     trace = np.empty((len(reference), len(TRACE)))

@@ -46,3 +46,31 @@ def test_a_line_of_the_floor_is_there_while_the_stage_rests_and_not_only_where_i
         if not rests:
             one.prepared.stage = np.where(runs, one.prepared.stage, NOISE * np.random.default_rng(5).normal(size=ROWS))
     assert len(find_lines(records[:2], records[2:3], records[3:])) == found
+
+SOME = np.array([1.0, 0.1, 0.6, 1.0, 0.1, 0.5, 0.1, 0.8, 0.1, 1.0])
+
+
+def rests(seed, sizes):
+    """Ten rests of 0.9 s between moves, at the ends of which the stage swings at 12 Hz with ``sizes`` (10,) [m]."""
+    one = channel(seed, 0.0, 1.0)
+    within, number = one.time % 1.0, np.minimum(one.time.astype(int), len(sizes) - 1)
+    one.speed = np.where(within > 0.9, 1.0e-3, 0.0)
+    one.prepared.stage = one.prepared.stage + np.asarray(sizes)[number] * np.cos(2.0 * np.pi * 12.0 * within)
+    return one
+
+
+@pytest.mark.parametrize(("sizes", "found"), [(SOME * 4.0e-8, 0), (np.full(10, 4.0e-8), 1)])
+def test_a_line_of_the_floor_is_as_large_after_one_move_as_after_another(sizes, found):
+    """Moves that every record repeats leave the same beside an amplifier of another gain each time: 46 nm at 12 Hz in a few of twelve rests."""
+    lines = find_lines([rests(n, sizes) for n in (1, 2)], [rests(3, sizes)], [rests(4, 10 * [0.0])])
+    assert len(lines) == found
+
+
+def test_few_rests_hide_no_line():
+    """Half a second and a second of rest in ten: such a line is as broad as they are short."""
+    records = [channel(n, size, 1.0) for n, size in ((1, 1.0e-7), (2, 1.0e-7), (3, 1.0e-7), (4, 0.0))]
+    for one in records:
+        at_rest = (one.time > 1.0) & (one.time < 1.6) | (one.time > 8.9)
+        one.speed = np.where(at_rest, 0.0, 1.0e-3)
+    lines = find_lines(records[:2], records[2:3], records[3:])
+    assert [round(line.frequency, 1) for line in lines] == [FREQUENCY]
