@@ -32,8 +32,9 @@ Robust law. The same three products drive the logarithms of the gains, after the
   forward; K_I comes up again while reference and error stand still, so that a move ends at its target. None falls
   below its least, and all rise at `recovery`, slowly, so that an axis whose limit was found stays near it;
 * where the reference stands and swings go on all the same, `HUSHED` in a row, K_P and K_D fade with each further one,
-  below every floor, until friction holds the axis: without them the loop is an axis that rests, led to its target by
-  K_I alone. They are back as soon as the reference moves.
+  below every floor, until friction holds the axis: without them the loop is an axis that rests, led to within `HELD` of
+  its target by K_I alone. An axis that slides is thrown by K_I alone, from side to side of a gap and ever further. So
+  they are back as soon as the error's fast part is beyond `large` and `THROWN` half waves, or the reference moves.
 """
 
 import math
@@ -82,7 +83,9 @@ SLOWLY = 0.04  # of `back_off`, below `prompt`
 FILTERED = 0.7
 HUSHED = 40  # swings in a row at rest, from which on K_P and K_D fade there
 LEAST_HUSH = math.log(0.01)  # of K_P and K_D
-BACK_TIME = 1e-3  # s, in which they grow e-fold once the reference moves
+THROWN = 2.0  # half waves, of the smallest since they began to fade: friction does not hold an axis that goes beyond
+HELD = 1e-7  # m, error within which friction is left to hold it: K_I would only wind up until it lets go
+BACK_TIME = 1e-3  # s, in which they grow e-fold once the reference moves, or the axis is thrown
 STANDING = math.log(1.5)  # of K_I ahead of K_P on a lowered ceiling, where the axis stands
 LOGGED = (
     "prompt", "joint", "filter_ceiling", "soft_proportional", "soft_integral", "soft_damping", "floor", "least_ceiling",
@@ -108,7 +111,9 @@ STATE_FIELDS = [
     ("log_ki", "f8"),
     ("log_kd", "f8"),
     ("calm", "f8"),  # 0: in motion, 1: at rest
+    ("wave", "f8"),  # m, size of the half wave before
     ("rest_swings", "i8"),  # in a row, since the reference stands
+    ("rest_wave", "f8"),  # m, smallest half wave since K_P and K_D began to fade; 0: they do not
     ("hush", "f8"),  # logarithm of what they leave of K_P and K_D
 ]
 
@@ -137,7 +142,9 @@ def adaptation_reset(p, s, pid_s):
     s.log_filter = 0.0
     s.calm = 0.0
     s.more_share = 0.0
+    s.wave = 0.0
     s.rest_swings = 0
+    s.rest_wave = 0.0
     s.hush = 0.0
     s.log_kp = math.log(p.start)
     s.log_ki = s.log_kp
@@ -195,6 +202,7 @@ def watch_swings(p, s, error, period):
     if turned:
         if s.swings > 4:
             lower_ceilings(p, s)
+        s.wave = abs(s.peak)
         s.peak = fast
         s.since = 0.0
     elif abs(fast) > abs(s.peak):
@@ -215,12 +223,15 @@ def allow_for_delay(s, share):
 @compiled
 def hush(p, s, still, period):
     """Let K_P and K_D fade while swings go on though the reference is ``still``; called after `watch_swings`."""
-    if not still:
-        s.rest_swings = 0
+    thrown = s.rest_wave > 0.0 and abs(s.smooth - s.slow) > max(p.large, THROWN * s.rest_wave)
+    if thrown or not still:
+        s.rest_swings, s.rest_wave = 0, 0.0
+    if s.rest_wave == 0.0:
         s.hush = min(s.hush + period / BACK_TIME, 0.0)
-    elif s.since == 0.0:
+    if still and s.since == 0.0:
         s.rest_swings = s.rest_swings + 1 if s.swings > 0 else 0
         if s.rest_swings > HUSHED:
+            s.rest_wave = min(s.rest_wave, s.wave) if s.rest_wave > 0.0 else s.wave
             s.hush = max(s.hush - p.back_off, LEAST_HUSH)
 
 
@@ -316,7 +327,8 @@ def adaptation_step(p, s, pid_p, pid_s, period, scale, fades):
     share = scale * (1.0 - s.calm * (1.0 - p.calm_gain))
     fade = math.exp(s.hush) if s.hush < 0.0 else 1.0
     kp = fade * share * pid_p.proportional * math.exp(s.log_kp)
-    ki = share * pid_p.proportional / pid_p.integral_time * math.exp(s.log_ki)
+    held = s.hush < 0.0 and abs(s.smooth) < HELD
+    ki = 0.0 if held else share * pid_p.proportional / pid_p.integral_time * math.exp(s.log_ki)
     kd = (
         fade
         * share
