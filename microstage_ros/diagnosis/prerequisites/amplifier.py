@@ -98,7 +98,9 @@ def find_slowness(prepared, drive):
             trials.append((gain, form, float(beta[0])))
     best = {effect: max((t for t in trials if t[1].effect == effect), key=lambda t: t[0], default=None)
             for effect in ("transport_delay", "actuator_lag")}
-    refined = [_refine(learn, trial, period, winding) for trial in best.values() if trial and trial[0] > LEAST_GAIN]
+    fed_back = fast.channels["learn"][0]["command"].alone
+    refined = [_refine(learn, trial, period, winding, fed_back)
+               for trial in best.values() if trial and trial[0] > LEAST_GAIN]
     refined = sorted((r for r in refined if r is not None), key=lambda r: -r[0])
     if not refined or refined[0][2] < LEAST_TIME * period:
         return None
@@ -231,8 +233,12 @@ def _loss(learn, effect, period, winding):
     return of_delay if effect == "transport_delay" else of_lag
 
 
-def _refine(learn, trial, period, winding):
-    """(gain, effect, time, stderr) at the time where β = 1 explains most; ``winding`` = L/R [s]."""
+def _refine(learn, trial, period, winding, fed_back=False):
+    """(gain, effect, time, stderr) at the time where β = 1 explains most; ``winding`` = L/R [s].
+
+    Where the current's noise is ``fed_back``, the χ² of times is not exact: the error covers all delays that explain as
+    much but for `CLEAR` of it, as of an even distribution. Just short of a whole period and well beyond it are alike.
+    """
     _, form, beta = trial
     start = float(form.variant) * (period if form.effect == "transport_delay" else 1.0)
     loss = _loss(learn, form.effect, period, winding)
@@ -252,4 +258,8 @@ def _refine(learn, trial, period, winding):
     bend = (loss(time - step) + loss(time + step) - 2.0 * found.fun) / step**2
     stderr = float(np.sqrt(2.0 / bend)) if bend > 0 else step
     form_error = LAG_ERROR * time if form.effect == "actuator_lag" else DELAY_ERROR * period
+    if fed_back and on_grid:
+        near = time + period * np.arange(-DELAY_REACH, DELAY_REACH, DELAY_STEP)
+        alike = [other for other in near if other > 0.0 and loss(other) < (1.0 - CLEAR) * found.fun]
+        form_error = max(form_error, *(abs(other - time) / np.sqrt(3.0) for other in alike))
     return -float(found.fun), form.effect, time, float(np.hypot(stderr, form_error))

@@ -1,0 +1,119 @@
+"""`diagnose` on records as a user makes them: the shipped axis under one of its laws, on three short programmes.
+
+    ./microstage shell python test/diagnosis/cases/plain_programmes.py [--law TYPE] [--programme NAME ...] [--effect NAME ...]
+        [--kind single|two|healthy] [--cases N] [--seed N]
+
+One line per case: two records with the hidden effects to learn from, one to judge on, one healthy as the baseline, as
+`simulate` makes them. "right": named, and nothing else; "rival": all among the names and the open questions, which hold
+nothing else alone; "missed"; "WRONG": a name that was not hidden, or an open question without any that was. Friction
+along the stroke may be even where a programme goes: of what no axis shows nothing can be told.
+"""
+
+import argparse
+import json
+from collections import Counter
+
+import numpy as np
+from scipy.stats import beta
+
+from microstage_ros.control.runs.run_file import run_from_dict
+from microstage_ros.control.runs.simulate import simulated_record
+from microstage_ros.diagnosis.batch import diagnose_records
+from microstage_ros.diagnosis.validation import fault_injection
+from microstage_ros.diagnosis.validation.campaign import effects_of
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.places import config_file
+
+
+def move(target, dwell):
+    """A move to ``target`` [m] and ``dwell`` [s] there."""
+    return {"move_to_m": target, "dwell_s": dwell}
+
+
+def sine(amplitude, frequency, cycles):
+    """So many ``cycles`` [1] of a sine, ``amplitude`` [m], ``frequency`` [Hz]."""
+    return {"sine": {"amplitude_m": amplitude, "frequency_hz": frequency, "cycles": cycles}}
+
+
+PROGRAMMES = {
+    "plain": [move(1e-5, 0.5), sine(1e-5, 1.0, 4), move(1e-3, 0.5), sine(3e-4, 0.5, 3), move(-1e-4, 1.0)],
+    "moves": [move(x, 0.4) for x in (1e-6, 1e-5, -1e-5, 1e-4, 0.0, 1e-3, 5e-4, -5e-4, 2e-5, 0.0, 1e-3, 0.0)],
+    "sines": [sine(5e-6, 2.0, 6), sine(1e-4, 1.0, 4), move(2e-3, 0.5), sine(1e-3, 0.5, 3), move(0.0, 1.0)],
+}
+
+
+def records(axis, law, programme, effects, seed):
+    """([two to learn from], [one to judge on], [baseline]) under a ``law`` with ``effects`` {id: parameters}; ``seed`` [1] of the first."""
+    made = [simulated_record(axis, run_from_dict({"program": PROGRAMMES[programme], "controller": {"type": law}, "effects": hidden}), seed + number)
+            for number, hidden in enumerate([effects] * 3 + [{}])]
+    return made[:2], made[2:3], made[3:]
+
+
+def drawn(names, seed):
+    """{id: parameters} of the effects ``names``, of a clear size, by a ``seed`` [1]; None if one has a course that no run file holds."""
+    generator, effects = np.random.default_rng([seed, *(sum(map(ord, name)) for name in names)]), {}
+    for name in names:
+        hidden = fault_injection.one(name, generator)
+        if hidden.change or hidden.after or not hidden.effects:
+            return None
+        effects.update(hidden.effects)
+    return json.loads(json.dumps(effects, default=lambda value: value.tolist()))
+
+
+def judged(answer, hidden):
+    """"right", "rival", "missed" or "WRONG": see above."""
+    named, open_ = {cause.id for cause in answer.causes}, [set(rivals.ids) for rivals in answer.rivals]
+    if named - hidden or any(not ids & hidden for ids in open_):
+        return "WRONG"
+    if named == hidden and not open_ and (hidden or answer.verdict == "agrees"):
+        return "right"
+    return "rival" if hidden and hidden <= named.union(*open_) else "missed"
+
+
+def interval(found, count):
+    """Clopper–Pearson's 95 % interval [%] of ``found`` of ``count`` [1]."""
+    low = beta.ppf(0.025, found, count - found + 1) if found else 0.0
+    high = beta.ppf(0.975, found + 1, count - found) if found < count else 1.0
+    return f"{100 * low:.1f} to {100 * high:.1f} %"
+
+
+def cases_of(axis, options):
+    """The names hidden in each case, a list of tuples."""
+    names = options.effect or list(effects_of(axis))
+    if options.kind == "single":
+        return [(name,) for name in names]
+    if options.kind == "healthy":
+        return [()] * options.cases
+    generator = np.random.default_rng([options.seed, 77])
+    return [tuple(generator.choice(names, 2, replace=False)) for _ in range(options.cases)]
+
+
+def main():
+    """Print a line per case, and how many were right, open, missed and wrong."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--law", default="self_tuning_observer")
+    parser.add_argument("--programme", nargs="+", choices=PROGRAMMES, default=list(PROGRAMMES))
+    parser.add_argument("--effect", nargs="+", default=[])
+    parser.add_argument("--kind", choices=("single", "two", "healthy"), default="single")
+    parser.add_argument("--cases", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    axis, count = load_axis(config_file("axis.yaml")), Counter()
+    for programme in options.programme:
+        for number, names in enumerate(cases_of(axis, options)):
+            effects = drawn(names, options.seed + number)
+            if effects is None:
+                continue
+            learn, held, base = records(axis, options.law, programme, effects, 10 * (options.seed + number))
+            answer = diagnose_records(axis, learn, held, base, seed=0)
+            word = judged(answer, set(names))
+            count[word] += 1
+            print(word, programme, number, "+".join(names) or "healthy", answer.verdict, [cause.id for cause in answer.causes],
+                  [list(rivals.ids) for rivals in answer.rivals], "" if word == "right" else json.dumps(effects)[:120], flush=True)
+    total = sum(count.values())
+    for word, found in count.items():
+        print(f"{word}: {found} of {total} ({interval(found, total)})")
+
+
+if __name__ == "__main__":
+    main()
