@@ -25,6 +25,7 @@ def records(axis):
     """Learning, held-out and baseline records, with the true speeds and frictions."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(second_world, "SEEN", (*second_world.SEEN, *TRUTH))
+        patch.setattr(second_world, "CONTROLLERS", ("pid", "pid_feedforward", "self_tuning"))    # of which this seed draws one that swings
         hidden = Hidden("soft", ("drive_compliance",), {"drive_compliance": SOFT})
         return second_world.make_case(axis, hidden, SEED, 0.04, "generalised_maxwell_slip")
 
