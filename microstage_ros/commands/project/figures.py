@@ -108,7 +108,7 @@ RUNS = {
     "emps": Run(("docs/evidence/emps.md",), _emps, 8.0),
     "first-day": Run(("docs/first_day.md",), _first_day, 1.0),
     "compare": Run(CONTROL_PAGES, _compare, 180.0),
-    "robustness": Run(CONTROL_PAGES[:1], _robustness, 150.0),
+    "robustness": Run(CONTROL_PAGES[:1], _robustness, 15.0),
 }
 """Name on the command line to what it runs."""
 

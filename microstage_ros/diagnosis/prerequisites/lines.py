@@ -39,7 +39,8 @@ CLEAR = 4.0
 SIGMAS = 5.0       # standard errors that the amplitude lies above zero; derived: a chance of 6·10⁻⁷
 # relative standard error of the amplitude by how stretches of rest differ: the geometric mean of 0.012, a line of the
 # floor, and 0.22, what moves that a record repeats leave beside an amplifier of another gain; calibrated by:
-# test/diagnosis/prerequisites/test_lines.py
+# test/diagnosis/prerequisites/test_lines.py (0.003 and 0.22 there; 0.012 of `microstage campaign --world second --kind
+# single --effect floor_vibration --seed 777` of commit d3505cd)
 STEADY = 0.05
 FAITHFUL = 1.5     # times what white noise makes of that; derived: by chance in one of a hundred of a dozen stretches
 # χ² of a line in every held-out record, at the frequency learned; derived: a chance of e⁻¹⁰

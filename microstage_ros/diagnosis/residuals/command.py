@@ -21,7 +21,8 @@ FURTHEST = 30.0  # standard deviations; derived: no noise comes there, a step or
 
 class Command:
     """Residual of one record; ``command`` is the rounded voltage that each current answers, slow parts kept;
-    ``winding`` is T R/L; ``alone``: whether its neighbours are left in."""
+    ``winding`` is T R/L; ``alone``: whether
+    the command's neighbours, `nuisance`, are not taken out of residual and forms."""
 
     name, unit = "command", "V"
 

@@ -29,8 +29,8 @@ FILE = pathlib.Path(__file__).with_name("calibration.yaml")
 LIKELY = 0.82
 # clarity below which a further cause of the torque is but what a rattle leaves there, if it holds no more of the gap's
 # χ² than `RATTLED`: between 0.115 and 0.32, an asymmetry that was there; calibrated by: microstage campaign --world
-# second --kind two, seeds 10301, 10322 and 10501 (right ones: 0.32 to 1), and records of the shipped law on the
-# programme of test/diagnosis/cases/test_default_law.py with a gap of 1.3 to 1.7° (wrong ones: 0.031 and 0.115)
+# second --kind two, seeds 10301, 10322 and 10501 (right ones that hold as little: 1), and records of the shipped law on
+# test/diagnosis/cases/plain_programmes.py with a gap of 1.3 to 1.7° (wrong ones: 0.031 and 0.115)
 UNCLEAR = 0.25
 RATTLED = 0.002     # the share that `case.FOLLOWED_SWUNG_SHARE` asks of shapes that a rattle feigns
 PRIOR = ((2.0, 2.0), (0.5, 0.5), (0.5, 0.5))     # mean and standard deviation of a, b, c: right far more often than not

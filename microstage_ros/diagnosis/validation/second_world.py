@@ -60,7 +60,7 @@ def habits(generator, friction):
         noise=NoiseSpec(
             encoder_m=generator.uniform(2.0e-9, 1.2e-8),
             voltage_V=generator.uniform(3.0e-4, 2.0e-3),
-            current_A=None,     # the file's: a law that listens to the current passes its noise on to the voltage
+            current_A=None,     # the file's: a law that feeds back the current passes its noise on to the voltage
             interferometer_m=generator.uniform(3.0e-9, 1.5e-8),
             friction_relative=0.0,
         ),

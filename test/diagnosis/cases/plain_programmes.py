@@ -4,9 +4,11 @@
         [--kind single|two|healthy] [--cases N] [--seed N]
 
 One line per case: two records with the hidden effects to learn from, one to judge on, one healthy as the baseline, as
-`simulate` makes them. "right": named, and nothing else; "rival": all among the names and the open questions, which hold
-nothing else alone; "missed"; "WRONG": a name that was not hidden, or an open question without any that was. Friction
-along the stroke may be even where a programme goes: of what no axis shows nothing can be told.
+`simulate` makes them. "right": all that is hidden is named, and nothing else; "rival": all of it is among the names and
+the open questions; "missed"; "WRONG": a name that was not hidden, or an open question without any that was. Behind it,
+for every number of the effect that the answer states, by how much it is off: relative, and in stated standard errors.
+Friction along the stroke may be nearly even on the part of the stroke that a programme covers, and cannot be told then.
+--cases: pairs or healthy axes of each programme (20), or how often each single effect is drawn (1).
 """
 
 import argparse
@@ -14,13 +16,13 @@ import json
 from collections import Counter
 
 import numpy as np
-from scipy.stats import beta
 
 from microstage_ros.control.runs.run_file import run_from_dict
 from microstage_ros.control.runs.simulate import simulated_record
 from microstage_ros.diagnosis.batch import diagnose_records
 from microstage_ros.diagnosis.validation import fault_injection
 from microstage_ros.diagnosis.validation.campaign import effects_of
+from microstage_ros.metrology.rates import rate
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 
@@ -70,35 +72,42 @@ def judged(answer, hidden):
     return "rival" if hidden and hidden <= named.union(*open_) else "missed"
 
 
-def interval(found, count):
-    """Clopper–Pearson's 95 % interval [%] of ``found`` of ``count`` [1]."""
-    low = beta.ppf(0.025, found, count - found + 1) if found else 0.0
-    high = beta.ppf(0.975, found + 1, count - found) if found < count else 1.0
-    return f"{100 * low:.1f} to {100 * high:.1f} %"
+def errors_of(answer, effects):
+    """[(effect.parameter, relative error, error in stated standard errors)] of the plain numbers of ``effects`` that the answer states."""
+    found = []
+    for cause in answer.causes:
+        for name, true in effects.get(cause.id, {}).items():
+            told = cause.parameters.get(name)
+            if told is not None and isinstance(true, (int, float)) and true and told.stderr:
+                found.append((f"{cause.id}.{name}", told.value / true - 1.0, (told.value - true) / told.stderr))
+    return found
 
 
 def cases_of(axis, options):
     """The names hidden in each case, a list of tuples."""
     names = options.effect or list(effects_of(axis))
     if options.kind == "single":
-        return [(name,) for name in names]
+        return [(name,) for name in names] * (options.cases or 1)
     if options.kind == "healthy":
-        return [()] * options.cases
+        return [()] * (options.cases or 20)
     generator = np.random.default_rng([options.seed, 77])
-    return [tuple(generator.choice(names, 2, replace=False)) for _ in range(options.cases)]
+    return [tuple(generator.choice(names, 2, replace=False)) for _ in range(options.cases or 20)]
 
 
 def main():
-    """Print a line per case, and how many were right, open, missed and wrong."""
+    """Print a line per case, how many were right, open, missed and wrong, and how many numbers were within 1.96 of their stated errors."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--law", default="self_tuning_observer")
     parser.add_argument("--programme", nargs="+", choices=PROGRAMMES, default=list(PROGRAMMES))
     parser.add_argument("--effect", nargs="+", default=[])
     parser.add_argument("--kind", choices=("single", "two", "healthy"), default="single")
-    parser.add_argument("--cases", type=int, default=20)
+    parser.add_argument("--cases", type=int)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    axis, count = load_axis(config_file("axis.yaml")), Counter()
+    axis, count, errors = load_axis(config_file("axis.yaml")), Counter(), []
+    unknown = set(options.effect) - set(effects_of(axis))
+    if unknown:
+        parser.error(f"--effect {' '.join(sorted(unknown))}: expected some of {', '.join(effects_of(axis))}")
     for programme in options.programme:
         for number, names in enumerate(cases_of(axis, options)):
             effects = drawn(names, options.seed + number)
@@ -107,12 +116,14 @@ def main():
             learn, held, base = records(axis, options.law, programme, effects, 10 * (options.seed + number))
             answer = diagnose_records(axis, learn, held, base, seed=0)
             word = judged(answer, set(names))
-            count[word] += 1
+            off = errors_of(answer, effects)
+            count[word], errors = count[word] + 1, errors + off
             print(word, programme, number, "+".join(names) or "healthy", answer.verdict, [cause.id for cause in answer.causes],
-                  [list(rivals.ids) for rivals in answer.rivals], "" if word == "right" else json.dumps(effects)[:120], flush=True)
-    total = sum(count.values())
+                  [list(rivals.ids) for rivals in answer.rivals], *(f"{name} {100 * part:+.2g} % {sigmas:+.1f} s" for name, part, sigmas in off),
+                  "" if word == "right" else json.dumps(effects)[:120], flush=True)
     for word, found in count.items():
-        print(f"{word}: {found} of {total} ({interval(found, total)})")
+        print(f"{word}: {rate(found, sum(count.values()))}")
+    print(f"numbers within 1.96 stated errors: {rate(sum(abs(sigmas) < 1.96 for _, _, sigmas in errors), len(errors))}")
 
 
 if __name__ == "__main__":

@@ -5,7 +5,10 @@ import types
 import numpy as np
 import pytest
 
-from microstage_ros.diagnosis.prerequisites.lines import find_lines
+from microstage_ros.diagnosis.preprocessing.preparation import prepare
+from microstage_ros.diagnosis.prerequisites.lines import STEADY, Spectrum, find_lines
+from microstage_ros.diagnosis.residuals.resonance import Resonance
+from test.diagnosis.cases.plain_programmes import records
 
 STEP, ROWS, NOISE, FREQUENCY = 5.0e-4, 20000, 2.0e-9, 61.3
 
@@ -39,15 +42,16 @@ def test_a_line_too_faint_to_be_looked_for_in_a_second_is_not_asked_for_there():
 def test_a_line_of_the_floor_is_there_while_the_stage_rests_and_not_only_where_it_turns_round(rests, found):
     """A sine of 10 µm and 1 Hz is slower than 20 µm/s at its turns, for less than a tenth of a second. What a dead band leaves there
     repeats itself at the sine's harmonics."""
-    records = [channel(n, size, 1.0) for n, size in ((1, 3.0e-8), (2, 3.0e-8), (3, 3.0e-8), (4, 0.0))]
-    for one in records:
+    made = [channel(n, size, 1.0) for n, size in ((1, 3.0e-8), (2, 3.0e-8), (3, 3.0e-8), (4, 0.0))]
+    for one in made:
         runs = one.time < 8.0
         one.speed = np.where(runs, 6.3e-5 * np.sin(2.0 * np.pi * one.time), 0.0)
         if not rests:
             one.prepared.stage = np.where(runs, one.prepared.stage, NOISE * np.random.default_rng(5).normal(size=ROWS))
-    assert len(find_lines(records[:2], records[2:3], records[3:])) == found
+    assert len(find_lines(made[:2], made[2:3], made[3:])) == found
 
-SOME = np.array([1.0, 0.1, 0.6, 1.0, 0.1, 0.5, 0.1, 0.8, 0.1, 1.0])
+
+UNEVEN = np.array([1.0, 0.1, 0.6, 1.0, 0.1, 0.5, 0.1, 0.8, 0.1, 1.0])
 
 
 def rests(seed, sizes):
@@ -59,7 +63,7 @@ def rests(seed, sizes):
     return one
 
 
-@pytest.mark.parametrize(("sizes", "found"), [(SOME * 4.0e-8, 0), (np.full(10, 4.0e-8), 1)])
+@pytest.mark.parametrize(("sizes", "found"), [(UNEVEN * 4.0e-8, 0), (np.full(10, 4.0e-8), 1)])
 def test_a_line_of_the_floor_is_as_large_after_one_move_as_after_another(sizes, found):
     """Moves that every record repeats leave the same beside an amplifier of another gain each time: 46 nm at 12 Hz in a few of twelve rests."""
     lines = find_lines([rests(n, sizes) for n in (1, 2)], [rests(3, sizes)], [rests(4, 10 * [0.0])])
@@ -68,9 +72,19 @@ def test_a_line_of_the_floor_is_as_large_after_one_move_as_after_another(sizes, 
 
 def test_few_rests_hide_no_line():
     """Half a second and a second of rest in ten: such a line is as broad as they are short."""
-    records = [channel(n, size, 1.0) for n, size in ((1, 1.0e-7), (2, 1.0e-7), (3, 1.0e-7), (4, 0.0))]
-    for one in records:
+    made = [channel(n, size, 1.0) for n, size in ((1, 1.0e-7), (2, 1.0e-7), (3, 1.0e-7), (4, 0.0))]
+    for one in made:
         at_rest = (one.time > 1.0) & (one.time < 1.6) | (one.time > 8.9)
         one.speed = np.where(at_rest, 0.0, 1.0e-3)
-    lines = find_lines(records[:2], records[2:3], records[3:])
+    lines = find_lines(made[:2], made[2:3], made[3:])
     assert [round(line.frequency, 1) for line in lines] == [FREQUENCY]
+
+
+@pytest.mark.parametrize(("effects", "frequency", "low", "high"), [
+    ({"floor_vibration": {"frequencies_hz": [60.0], "amplitudes_m": [1.0e-7]}}, 60.0, 0.0, 0.25 * STEADY),
+    ({"amplifier_gain": {"factor": 1.08}}, 12.04, 4.0 * STEADY, 1.0)])
+def test_how_much_a_line_and_what_moves_leave_differ_between_rests(axis, drive, effects, frequency, low, high):
+    """The two figures between which `STEADY` lies: a vibration of 0.1 µm, and what a gain leaves after twelve moves that repeat."""
+    for record in records(axis, "self_tuning_observer", "moves", effects, 410)[0]:
+        error, _ = Spectrum(Resonance(prepare(record, drive), drive)).unsteadiness(frequency)
+        assert low <= error <= high
