@@ -10,6 +10,13 @@ from microstage_ros.diagnosis.prerequisites.amplifier import _refine, _within_a_
 from microstage_ros.diagnosis.residuals.evidence import Evidence
 
 PERIOD, WINDING = 1.0e-4, 22.0e-6  # s
+
+
+def of_known_speed(**given):
+    """A channel whose motor's speed takes nothing of the voltage."""
+    return types.SimpleNamespace(beside_speed=lambda voltage: voltage[:, None], **given)
+
+
 STEPS = 2000
 
 
@@ -51,7 +58,7 @@ def test_delay(command, late):
 
 @pytest.mark.parametrize("late", [0.3, 1.0, 2.0 + 1e-9, 4.96])
 def test_one_pair_of_columns_serves_every_delay_within_a_period(command, late):
-    channel = types.SimpleNamespace(command=command, winding=PERIOD / WINDING)
+    channel = of_known_speed(command=command, winding=PERIOD / WINDING)
     sizes = np.array([1.0, weight_of_old(late - int(late), channel.winding)])
     one = delay_form(late, anyway=True).columns(channel, None)[:, 0]
     np.testing.assert_allclose(whole_delay_form(int(late)).columns(channel, None) @ sizes, one, atol=1e-12)
@@ -62,7 +69,7 @@ def test_a_delay_within_a_period_is_tried_at_its_own_time(late):
     """Of a delay of 78 µs the grid's sizes were 15.6, 3.8 and 0.36, none of them right, and it was called a lag (singles at half size,
     seed 10312, case 38)."""
     walk = np.cumsum(np.random.default_rng(1).standard_normal(500))
-    channel = types.SimpleNamespace(command=walk, winding=PERIOD / WINDING, prepared=types.SimpleNamespace(period=PERIOD))
+    channel = of_known_speed(command=walk, winding=PERIOD / WINDING, prepared=types.SimpleNamespace(period=PERIOD))
     residual = delayed(walk, late, channel.winding) - walk
 
     def alone(form):

@@ -23,7 +23,8 @@ def test_a_delay_explains_a_step_of_the_voltage_like_everything_else(step):
     """A drive that is switched off: thousands of standard deviations in a row."""
     rng = np.random.default_rng(3)
     command = 0.05 * np.cumsum(rng.normal(size=20_000)) % 1.0 + step * (np.arange(20_000) > 9_000)
-    prepared = types.SimpleNamespace(commanded=command, speed=np.zeros(20_000), period=PERIOD, settled=None)
+    prepared = types.SimpleNamespace(commanded=command, answered=command, speed=np.zeros(20_000), period=PERIOD, settled=None,
+                                     speed_share=np.zeros(1))
     prepared.settled = (delayed(command, DELAY, PERIOD * DRIVE.resistance / DRIVE.inductance)
                         + 1e-3 * rng.normal(size=20_000)) / DRIVE.resistance
     channel = Command(prepared, DRIVE)
@@ -38,8 +39,9 @@ def test_a_gain_that_shows_through_the_motors_speed_is_no_delay():
     """Speed from the back-EMF holds a share of the command, smoothed alike before and after."""
     rng = np.random.default_rng(4)
     command = np.cumsum(0.05 * rng.normal(size=20_000)) % 1.0
-    smooth = np.convolve(command, [0.05, 0.1, 0.2, 0.3, 0.2, 0.1, 0.05], mode="same")
-    prepared = types.SimpleNamespace(commanded=command, period=PERIOD, speed=-0.07 * smooth / DRIVE.back_emf,
+    share = np.array([0.05, 0.1, 0.2, 0.3, 0.2, 0.1, 0.05])
+    smooth = np.convolve(command, share, mode="same")
+    prepared = types.SimpleNamespace(commanded=command, answered=command, period=PERIOD, speed_share=share, speed=-0.07 * smooth / DRIVE.back_emf,
                                      settled=(1.07 * command + 1e-4 * rng.normal(size=20_000)) / DRIVE.resistance)
     channel = Command(prepared, DRIVE)
     form = delay_form(0.1)

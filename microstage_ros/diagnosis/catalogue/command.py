@@ -52,16 +52,17 @@ def lagged(command, time, period, winding):
 
 
 def transport_delay(periods):
-    """u(t − delay) − u(t), the delay being ``periods`` [1]: a form's columns, (n, 1)."""
+    """u(t − delay) − u(t), the delay being ``periods`` [1], beside the motor's speed: a form's columns, (n, 1)."""
     def columns(channel, frame):
-        return (delayed(channel.command, periods, channel.winding) - channel.command)[:, None]
+        return channel.beside_speed(delayed(channel.command, periods, channel.winding) - channel.command)
     return columns
 
 
 def actuator_lag(time):
-    """Command through a lag of ``time`` [s] minus command: a form's columns, (n, 1)."""
+    """Command through a lag of ``time`` [s] minus command, beside the motor's speed: a form's columns, (n, 1)."""
     def columns(channel, frame):
-        return (lagged(channel.command, time, channel.prepared.period, channel.winding) - channel.command)[:, None]
+        late = lagged(channel.command, time, channel.prepared.period, channel.winding)
+        return channel.beside_speed(late - channel.command)
     return columns
 
 
@@ -87,7 +88,7 @@ def whole_delay_form(whole):
     """The `Form` of all delays from so many ``whole`` periods [1] to one more, exactly: sizes 1 and `weight_of_old`."""
     def columns(channel, frame):
         early, late = _shifted(channel.command, whole)
-        return np.stack([early - channel.command, late - early], axis=1)
+        return np.concatenate([channel.beside_speed(part) for part in (early - channel.command, late - early)], axis=1)
     return Form("transport_delay", "command", f"from {whole}", columns)
 
 
@@ -99,7 +100,7 @@ def lag_form(time, anyway=False):
 
 def gain(channel, frame):
     """A gain that differs; the wind-up channel judges it."""
-    return channel.command[:, None]
+    return channel.beside_speed(channel.command)
 
 
 FORMS = (*map(delay_form, DELAYS), *map(lag_form, LAGS), Form("generic:gain", "command", "", gain))

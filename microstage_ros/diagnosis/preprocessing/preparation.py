@@ -23,6 +23,9 @@ FUSION = 41           # periods, at least, over which the position reading corre
 GAP_FUSION = 1001     # the same where the stage may rattle in a gap
 HIT = 3               # periods of the stage's mean there; derived: the least that is one, as a hit lasts some ten
 TRAVEL_NOISE = 2.0e-8 # m: the back-EMF's travel is trusted below some 200 Hz, current and inertia above
+# periods to either side; derived: a speed's share of a period's voltage has died away (to 10⁻³) within 10 ms at 10 kHz
+SHARE_REACH = 100
+SHARE_ROWS = 16 * SHARE_REACH     # derived: far enough from both ends of what is smoothed
 # m; derived: a thousandth of the finest count of such encoders, and far above the last bits of a double
 LEAST_COUNT = 1.0e-11
 ALL_COUNTS = 0.99     # share of the changes that must be whole multiples; derived: chance makes 0.04 of them
@@ -45,6 +48,7 @@ class Prepared:
     ``lost`` marks samples that repeat the one before or were missing;
     ``stage``: the position reading nearest to the truth, the interferometer (less a slow course of its own) if there is
     one, else the encoder;
+    ``speed_share``: how much of an error of ``answered`` is in K_E (N/r) ``speed``, `speed_share`;
     ``count``: the step of the encoder's reading [m], 0 where it shows none;
     ``behind``: how far the stage is ahead of the motor by a gap and the wind-up, and ``closed``, whether a flank of the
     gap carried the stage; None without a gap.
@@ -76,6 +80,7 @@ class Prepared:
     has_current: bool
     air: dict
     stage: np.ndarray
+    speed_share: np.ndarray
     behind: np.ndarray | None = None
     closed: np.ndarray | None = None
     count: float = 0.0
@@ -174,6 +179,7 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None, pull=
         has_current="current_A" in columns,
         air=air,
         stage=stage,
+        speed_share=speed_share(drive, period, gap > 0.0),
         behind=stage - angle - offset if gap > 0.0 else None,
         closed=closed,
         count=count_of(record["encoder_m"]),
@@ -207,6 +213,29 @@ def _fusion(drive, period):
     """
     cycle = 2.0 * np.pi * np.sqrt(drive.mass / drive.stiffness)
     return max(FUSION, 2 * int(0.5 * cycle / period) + 1)
+
+
+@functools.cache
+def speed_share(drive, period, loose=False):
+    """What K_E (N/r) times the motor's smoothed speed takes of a voltage that was off by 1 V for one ``period`` [s].
+
+    The back-EMF's travel is then off by a step. The stage's reading takes it back as far as the drive train carries the
+    stage there; not within `GAP_FUSION` where the stage is ``loose`` in a gap.
+
+    Returns
+    -------
+    (2 `SHARE_REACH` + 1,) [1]; entry `SHARE_REACH` + k is the share k periods later.
+    """
+    rows, at = SHARE_ROWS, SHARE_ROWS // 2
+    voltage = np.zeros(rows)
+    voltage[at] = 1.0
+    travel = motor_travel(voltage, np.zeros(rows), drive, period)
+    if not loose:
+        carried = lfilter(*stage_filter(drive, period), travel)
+        travel = travel - triangle(carried, _fusion(drive, period))
+    speed = smooth_motion(travel, np.zeros(rows), drive, period, MOTOR_NOISE).speed
+    share = drive.back_emf / drive.lever * speed
+    return share[at - SHARE_REACH: at + SHARE_REACH + 1]
 
 
 def count_of(reading):

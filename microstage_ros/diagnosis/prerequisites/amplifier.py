@@ -8,7 +8,6 @@ from scipy.optimize import minimize_scalar
 from microstage_ros.diagnosis.catalogue.command import (
     DELAYS,
     FORMS,
-    LAGS,
     delay_form,
     delayed,
     lag_form,
@@ -27,7 +26,9 @@ GAIN_TIME = 4.0
 # share of a lag that gain and lag cannot tell apart above 1 kHz; calibrated by: microstage campaign --form-errors
 # (0.007 to 0.015)
 LAG_ERROR = 0.015
-# of a period, of a delay; calibrated by: the same (0.00098 to 0.0030)
+# of a period, of a lag; calibrated by: `test/diagnosis/cases/plain_programmes.py --effect actuator_lag` (0.02 to 0.04)
+LAG_STEP = 0.03
+# of a period, of a delay, and of the weight of the command before it; calibrated by: the same (0.00098 to 0.0030)
 DELAY_ERROR = 0.003
 # of a period: next to a whole one, what is left of it hardly shows; calibrated by: validation.variation --group delay
 # --cases 2 (half and double: the same answers)
@@ -37,9 +38,6 @@ LEAST_TIME = 2.0 * DELAY_STEP     # periods; derived: two steps; less is a matte
 LATE = 2.0e-5
 DOMINANCE = 0.5          # of the gain of the strongest form, accepted or not, that the answer must reach
 HELD_SHARE = 0.1         # of what it can hold on held-out records; derived: as `selection.HELD_SHARE`
-BETWEEN = LAGS[4]        # s; derived: one of the middle of the forms' times
-# of a form that a healthy axis may show; derived: what `HELD_SHARE` asks of the records under test
-FED_BACK = HELD_SHARE
 LONGEST = 64             # periods; derived: the power of two above the 60 that `TransportDelay` may have
 # periods; derived: half way between two of the catalogue's forms, and half as far again
 DELAY_REACH = 0.75
@@ -86,7 +84,6 @@ def find_slowness(prepared, drive):
     fast = Collection(prepared, drive, fast_only=True)
     if "command" not in fast.names:
         return None
-    _without_neighbours_of_a_fed_back_current(fast)
     learn, period = fast.growing("command", [GAIN], "learn"), prepared["learn"][0].period
     winding = drive.inductance / drive.resistance
     forms = [*_candidates(fast), *_within_a_period(learn, period / winding)]
@@ -98,8 +95,8 @@ def find_slowness(prepared, drive):
             trials.append((gain, form, float(beta[0])))
     best = {effect: max((t for t in trials if t[1].effect == effect), key=lambda t: t[0], default=None)
             for effect in ("transport_delay", "actuator_lag")}
-    fed_back = fast.channels["learn"][0]["command"].alone
-    refined = [_refine(learn, trial, period, winding, fed_back)
+    feigned = _feigned_weight(fast)
+    refined = [_refine(learn, trial, period, winding, feigned)
                for trial in best.values() if trial and trial[0] > LEAST_GAIN]
     refined = sorted((r for r in refined if r is not None), key=lambda r: -r[0])
     if not refined or refined[0][2] < LEAST_TIME * period:
@@ -125,31 +122,42 @@ def find_slowness(prepared, drive):
     return Slowness(effect, time, stderr, gain, held_gain, held.energy(), held.rows, rival, noise, winding)
 
 
-def _without_neighbours_of_a_fed_back_current(fast):
-    """Decide whether the command's neighbours (`Command.nuisance`) are taken out: not where the baseline, which has no
-    lag, shows less of one without that.
+def _feigned_weight(fast):
+    """Weight [1] that the command of one period before seems to have in the baseline, whose amplifier is prompt; 0
+    without one.
 
-    A law that feeds back the measured current puts the current's noise into the rows of the command that follow, so
-    that residual and command are correlated without a lag. With the neighbours taken out the baseline then shows 0.15
-    of the form's lag, else 0.08; under a law that reads the encoder alone −0.003 either way
-    (`test_default_law.py`).
+    A law that feeds back the measured current puts its noise into the next rows of the command (`residuals.command`):
+    −0.025 under the shipped one, 0.001 where the encoder alone is read (`test_default_law.py`).
     """
-    commands = [c["command"] for some in fast.channels.values() for c in some if "command" in c]
-    form, shown = lag_form(BETWEEN, anyway=True), []
-    for alone in (False, True):
-        for command in commands:
-            command.alone = alone
-        base = fast.gather("command", [form], "base")
-        shown.append(0.0 if base is None else abs(float(base.fit([form.key])[0][0])))
-    for command in commands:
-        command.alone = shown[1] < shown[0] and shown[0] > FED_BACK
+    form = delay_form(1.0, anyway=True)
+    base = fast.gather("command", [form, GAIN], "base")
+    return 0.0 if base is None else float(base.fit([form.key])[0][0])
+
+
+def _corrected(time, winding, feigned):
+    """A delay [periods] and its standard error [periods], by the weight of the command of one period before.
+
+    Of ``feigned`` [1] that weight holds something between none and all, as a law may feed back the current in some
+    parts of a record only: half of it is taken off, and is an error beside `DELAY_ERROR`. Just beyond a whole period
+    the weight hardly grows with the delay, just short of one it does all the more; so the delay's error is the larger
+    distance to the delays of two errors of the weight, as of an even distribution. ``winding``: T/τ [1].
+    """
+    whole, a = int(time), np.exp(-winding)
+    weight = whole + weight_of_old(time - whole, winding) - 0.5 * feigned
+    error = 2.0 * np.hypot(0.5 * feigned, DELAY_ERROR)
+    least, found, most = (
+        np.floor(end) + 1.0 + np.log(a + (end - np.floor(end)) * (1.0 - a)) / winding
+        for end in (weight - error, weight, weight + error)
+    )
+    return float(found), float(max(most - found, found - least) / np.sqrt(3.0))
 
 
 def _candidates(fast):
     """Forms to try: the catalogue's, and delays around the one at which the residual repeats the command."""
     length, total = 2 * LONGEST, np.zeros(LONGEST - 1)
     for channel in (c["command"] for c in fast.channels["learn"]):
-        residual, command = channel.whiten(np.stack([channel.residual, channel.command], axis=1))[0].T
+        command = channel.beside_speed(channel.command)
+        residual, command = channel.whiten(np.hstack([channel.residual[:, None], command]))[0].T
         size = 2 ** int(np.ceil(np.log2(len(residual) + length)))
         spectrum = np.fft.rfft(residual, size) * np.conj(np.fft.rfft(command, size))
         total = total + np.fft.irfft(spectrum, size)[1:LONGEST]
@@ -195,7 +203,8 @@ def _gain_beside(fast, form):
     top = bottom = 0.0
     for channel in (c["command"] for c in fast.channels["learn"]):
         left = channel.residual - form.columns(channel, fast.frame)[:, 0]
-        left, command = channel.whiten(np.stack([left, channel.command], axis=1))[0].T
+        command = channel.beside_speed(channel.command)
+        left, command = channel.whiten(np.hstack([left[:, None], command]))[0].T
         top, bottom = top + float(left @ command), bottom + float(command @ command)
     return top / bottom if bottom > 0.0 else 0.0
 
@@ -235,12 +244,9 @@ def _loss(learn, effect, period, winding):
     return of_delay if effect == "transport_delay" else of_lag
 
 
-def _refine(learn, trial, period, winding, fed_back=False):
-    """(gain, effect, time, stderr) at the time where β = 1 explains most; ``winding`` = L/R [s].
-
-    Where the current's noise is ``fed_back``, the χ² of times is not exact: the error covers all delays that explain as
-    much but for `CLEAR` of it, as of an even distribution. Just short of a whole period and well beyond it are alike.
-    """
+def _refine(learn, trial, period, winding, feigned=0.0):
+    """(gain, effect, time, stderr) at the time where β = 1 explains most; ``winding`` = L/R [s]; ``feigned`` as in
+    `_corrected`."""
     _, form, beta = trial
     start = float(form.variant) * (period if form.effect == "transport_delay" else 1.0)
     loss = _loss(learn, form.effect, period, winding)
@@ -259,9 +265,8 @@ def _refine(learn, trial, period, winding, fed_back=False):
     step = DELAY_STEP * time
     bend = (loss(time - step) + loss(time + step) - 2.0 * found.fun) / step**2
     stderr = float(np.sqrt(2.0 / bend)) if bend > 0 else step
-    form_error = LAG_ERROR * time if form.effect == "actuator_lag" else DELAY_ERROR * period
-    if fed_back and on_grid:
-        near = time + period * np.arange(-DELAY_REACH, DELAY_REACH, DELAY_STEP)
-        alike = [other for other in near if other > 0.0 and loss(other) < (1.0 - CLEAR) * found.fun]
-        form_error = max(form_error, *(abs(other - time) / np.sqrt(3.0) for other in alike))
+    form_error = float(np.hypot(LAG_ERROR * time, LAG_STEP * period))
+    if on_grid:
+        periods, form_error = _corrected(time / period, period / winding, feigned)
+        time, form_error = periods * period, period * max(DELAY_ERROR, form_error)
     return -float(found.fun), form.effect, time, float(np.hypot(stderr, form_error))
