@@ -8,6 +8,8 @@ docs/decisions/one-selection.md says in what.
 
 from typing import Protocol, TypeVar
 
+ROUNDS = 2      # per cause; derived: each is taken once, and once more if another one that pushed it out is dropped
+
 State = TypeVar("State")
 Trial = TypeVar("Trial")
 
@@ -32,9 +34,15 @@ class ResidualModel(Protocol[State, Trial]):
 
 def forward(model: ResidualModel, state: State, most: int) -> tuple[State, list]:
     """Add causes as long as one stands, ``most`` at most: the last state, and the trials of the last round that was
-    won."""
+    won.
+
+    A cause that is added may push another one out, and that one the first again; so there are `ROUNDS` for each of
+    ``most``.
+    """
     last: list = []
-    while model.count(state) < most:
+    for _ in range(ROUNDS * most):
+        if model.count(state) >= most:
+            break
         trials = model.trials(state)
         winner = model.first_standing(trials, state)
         if winner is None:

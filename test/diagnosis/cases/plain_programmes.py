@@ -1,18 +1,20 @@
 """`diagnose` on records as a user makes them: the shipped axis under one of its laws, on three short programmes.
 
     ./microstage shell python test/diagnosis/cases/plain_programmes.py [--law TYPE] [--programme NAME ...] [--effect NAME ...]
-        [--kind single|two|healthy] [--cases N] [--seed N]
+        [--kind single|two|healthy] [--cases N] [--seed N] [--period S]
 
 One line per case: two records with the hidden effects to learn from, one to judge on, one healthy as the baseline, as
 `simulate` makes them. "right": all that is hidden is named, and nothing else; "rival": all of it is among the names and
 the open questions; "missed"; "WRONG": a name that was not hidden, or an open question without any that was. Behind it,
 for every number of the effect that the answer states, by how much it is off: relative, and in stated standard errors.
 Friction along the stroke may be nearly even on the part of the stroke that a programme covers, and cannot be told then.
+--period: of the control, 1e-4 s.
 --cases: pairs or healthy axes of each programme (20), or how often each single effect is drawn (1).
 """
 
 import argparse
 import json
+import math
 from collections import Counter
 
 import numpy as np
@@ -44,10 +46,11 @@ PROGRAMMES = {
 }
 
 
-def records(axis, law, programme, effects, seed):
-    """([two to learn from], [one to judge on], [baseline]) under a ``law`` with ``effects`` {id: parameters}; ``seed`` [1] of the first."""
-    made = [simulated_record(axis, run_from_dict({"program": PROGRAMMES[programme], "controller": {"type": law}, "effects": hidden}), seed + number)
-            for number, hidden in enumerate([effects] * 3 + [{}])]
+def records(axis, law, programme, effects, seed, period=1e-4):
+    """([two to learn from], [one to judge on], [baseline]) under a ``law`` with ``effects`` {id: parameters}; ``seed`` [1] of the first; control
+    ``period`` [s]."""
+    run = {"period_s": period, "program": PROGRAMMES[programme], "controller": {"type": law}}
+    made = [simulated_record(axis, run_from_dict({**run, "effects": hidden}), seed + number) for number, hidden in enumerate([effects] * 3 + [{}])]
     return made[:2], made[2:3], made[3:]
 
 
@@ -79,7 +82,9 @@ def errors_of(answer, effects):
         for name, true in effects.get(cause.id, {}).items():
             told = cause.parameters.get(name)
             if told is not None and isinstance(true, (int, float)) and true and told.stderr:
-                found.append((f"{cause.id}.{name}", told.value / true - 1.0, (told.value - true) / told.stderr))
+                off = told.value - true
+                off = math.remainder(off, 2.0 * math.pi) if "phase" in name else off
+                found.append((f"{cause.id}.{name}", off / true, off / told.stderr))
     return found
 
 
@@ -103,6 +108,7 @@ def main():
     parser.add_argument("--kind", choices=("single", "two", "healthy"), default="single")
     parser.add_argument("--cases", type=int)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--period", type=float, default=1e-4, help="control period [s]")
     options = parser.parse_args()
     axis, count, errors = load_axis(config_file("axis.yaml")), Counter(), []
     unknown = set(options.effect) - set(effects_of(axis))
@@ -113,7 +119,7 @@ def main():
             effects = drawn(names, options.seed + number)
             if effects is None:
                 continue
-            learn, held, base = records(axis, options.law, programme, effects, 10 * (options.seed + number))
+            learn, held, base = records(axis, options.law, programme, effects, 10 * (options.seed + number), options.period)
             answer = diagnose_records(axis, learn, held, base, seed=0)
             word = judged(answer, set(names))
             off = errors_of(answer, effects)

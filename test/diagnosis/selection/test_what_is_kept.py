@@ -18,6 +18,7 @@ from microstage_ros.diagnosis.residuals.growing import Growing
 from microstage_ros.diagnosis.result import Cause, Parameter
 from microstage_ros.diagnosis.selection import mass_or_drive, selection
 from microstage_ros.diagnosis.selection.sizes import with_rattled_mass
+from microstage_ros.diagnosis.selection.stepwise import forward
 from test.diagnosis.selection.test_asked_again import Written
 
 FORM = Form("scale_error", "position", "", lambda channel, frame: channel.signal[:, None], one("size", "1"))
@@ -220,3 +221,22 @@ def test_what_the_torque_balance_says_of_the_resonance_is_taken_where_it_stands(
         assert selection.mass_or_stiffness(case, [mine, tilt]) == wanted
     assert selection.mass_or_stiffness(case, [tilt]) == [tilt]
     assert selection.mass_or_stiffness(case, [payload, drive]) == [payload, drive]      # both: no question of one
+
+
+def test_causes_that_push_each_other_out_end_the_selection():
+    """An amplifier's offset at 1 kHz: a pitch error and a gain, each taken as long as the other was not there, went on for ever."""
+    class Circle:
+        def count(self, state):
+            return len(state)
+
+        def trials(self, state):
+            return ["other" if "one" in state else "one"]
+
+        def first_standing(self, trials, state):
+            return trials[0]
+
+        def extended(self, state, winner, trials):
+            return [] if state else [winner]
+
+    state, last = forward(Circle(), [], 4)
+    assert state == [] and last == ["other"]
