@@ -12,8 +12,10 @@ believed too much:
 Every swing after the second in a row that is no smaller than the one before (`DECAY`) raises a doubt by `STEP`: that
 of the encoder where the mean square innovation of the position, over what the filter expects, is more than
 `MECHANICAL` times that of the speed, that of the voltage where it is less than `ELECTRICAL` times that, both in
-between. A doubt falls back at `FADE`, slowly, so that a machine whose doubt was found stays near it. The doubts at the
-start are those that hold the axis file's own model (`design.start_check`).
+between. A swing that began below `BEGINS`, grows by more than `STEP` and hardly shows in the back-EMF (`SOFT`), a soft
+drive's in a fast move, raises the doubt in the encoder by as much as it grows, from the second half wave on: it doubles
+with every one, and `STEP` would not follow. A doubt falls back at `FADE`, slowly, so that a machine whose doubt was
+found stays near it. The doubts at the start are those that hold the axis file's own model (`design.start_check`).
 
 A voltage that acts late needs no swing to be seen: where its steps are large, the current does not follow them. An
 amplifier with a lag, a dead band or a slow filter of the current leave less than `FOLLOWS` of their mean square
@@ -25,7 +27,8 @@ been raised. Steps of the current beyond all that the voltage's could make are n
 
 A motor that rattles in a gap of the drive makes such swings too, but they begin at the size of the gap, where a loop
 that is no longer stable swings up from the noise and the wind-up of the drive bounds its swings. So mechanical ones
-beyond `RATTLE` that smaller ones did not announce (`GROWN`) say that lost motion is suspected
+beyond `RATTLE` that smaller ones did not announce (the row began below `BEGINS`, or the doubt is `GROWN`) say that
+lost motion is suspected
 (`lost_motion_suspected`): both doubts go back to those of the start, the friction's level to nominal, and for
 `SUSPECTED_TIME` no mechanical swing raises a doubt, the inertia is not learned and the gains do not fade at rest.
 """
@@ -48,6 +51,12 @@ MECHANICAL, ELECTRICAL = 3.0, 0.7
 # m; a gap of 0.5 degrees at the motor makes 1.1 to 2.7 um, ten times the mass 0.3, a payload on a soft drive 0.7
 RATTLE = 1e-6
 GROWN = 2.0  # times the doubt of the start, to which smaller swings have brought it: these grow, where a rattle begins
+# m, first half wave of a row; gaps of 0.25 to 1 degree begin with 0.49 to 0.88 um, a soft drive in a fast move with
+# 0.07 to 0.19, and doubles with every half wave: beyond `RATTLE` before the doubt has been raised to `GROWN`
+BEGINS = 2.5e-7
+# as `MECHANICAL`: the second half wave of a soft drive in a fast move has 17 to 54, that of heavy stages 15 at most;
+# the largest factor on a doubt of one half wave
+SOFT, LARGEST_STEP = 16.0, 3.0
 SUSPECTED_TIME = 10.0  # s, since the last rattle
 LEAST_STEP = 2e-3  # V, rms of steps beyond which noise of amplifier and current, which only adds to R di, is small
 # 1, mean square of R di over du: 0.002 to 0.07 with a lag of 0.3 and 1 ms, a dead band of 50 mV, a filter of 300 Hz;
@@ -65,6 +74,7 @@ FIELDS = [
     ("wave_slow", "f8"),  # m, its slow part
     ("wave_peak", "f8"),  # m, largest fast innovation since its sign changed
     ("wave_before", "f8"),  # m, size of the half wave before
+    ("wave_first", "f8"),  # m, size of the first in the row
     ("wave_time", "f8"),  # s, since then
     ("waves", "i8"),  # in a row
     ("push_power", "f8"),  # V^2, mean square of the steps of what the current answers, less the back-EMF
@@ -83,7 +93,7 @@ def doubt_reset(p, s):
     s.wave_smooth = 0.0
     s.wave_slow = 0.0
     s.wave_peak = 0.0
-    s.wave_before = 0.0
+    s.wave_before = s.wave_first = 0.0
     s.wave_time = 0.0
     s.waves = 0
     s.push_power = 0.0
@@ -124,9 +134,12 @@ def weigh_sources(p, model, s, period, position):
     s.suspected = max(s.suspected - period, 0.0)
     s.waves, turned = half_wave(fast, s.wave_peak, s.waves, s.wave_time, HALF_WAVE, WAVE * p.encoder_noise)
     if turned:
-        if s.drives == 1 and s.waves > SWINGS and abs(s.wave_peak) > DECAY * s.wave_before:
+        swings = s.waves > SWINGS or s.waves == SWINGS and swings_up(s)
+        if s.drives == 1 and swings and abs(s.wave_peak) > DECAY * s.wave_before:
             doubt_more(p, s)
         s.wave_before = abs(s.wave_peak)
+        if s.waves <= 1:
+            s.wave_first = s.wave_before
         s.wave_peak = fast
         s.wave_time = 0.0
     elif abs(fast) > abs(s.wave_peak):
@@ -137,15 +150,25 @@ def weigh_sources(p, model, s, period, position):
 
 
 @compiled
+def swings_up(s):
+    """Whether this half wave is one of a row that began as no gap makes it and grows, and hardly shows in the
+    back-EMF."""
+    grows = abs(s.wave_peak) > STEP * s.wave_before
+    return grows and s.wave_first < BEGINS and s.position_test > SOFT * s.speed_test
+
+
+@compiled
 def doubt_more(p, s):
     """Answer one swing."""
     late = s.position_test < ELECTRICAL * s.speed_test
-    if not late and abs(s.wave_peak) > RATTLE and s.encoder_factor < GROWN * p.encoder_doubt:
+    announced = s.wave_first < BEGINS or s.encoder_factor >= GROWN * p.encoder_doubt
+    if not late and abs(s.wave_peak) > RATTLE and not announced:
         s.encoder_factor, s.voltage_factor = p.encoder_doubt, p.voltage_doubt
         s.suspected = SUSPECTED_TIME
     if not late and s.suspected > 0.0:
         return
     if not late:
-        s.encoder_factor = min(STEP * s.encoder_factor, max(MOST_ENCODER, p.encoder_doubt))
+        step = min(abs(s.wave_peak) / s.wave_before, LARGEST_STEP) if swings_up(s) else STEP
+        s.encoder_factor = min(step * s.encoder_factor, max(MOST_ENCODER, p.encoder_doubt))
     if s.position_test < MECHANICAL * s.speed_test:
         s.voltage_factor = min((LATE_STEP if late else STEP) * s.voltage_factor, max(MOST_VOLTAGE, p.voltage_doubt))

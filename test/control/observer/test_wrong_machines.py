@@ -225,6 +225,25 @@ def test_fifth_large_swing_is_handed_over_at_once(axis):
         assert supervision.sign_of_trouble(rule, memory, 1.0, 1.0, 0.0, 1e-4) == said
 
 
+def test_swings_that_grow_from_small_ones_are_no_rattle_in_a_gap(axis):
+    """A drive of 0.15 times the stiffness swings up in a fast move, half waves of 0.18, 0.26, 0.50 and 1.1 um: 15 to 19 um where
+    they were taken for a rattle and raised no doubt, 0.6 to 2.6 since; a doubt that rises from the third half wave on, by the
+    same step whatever the growth, lets seed 32005 go to 2.3 um."""
+    condition = {c.name: c for c in conditions(axis)}["drive compliance 0.15"]
+    for seed, most in ((32224, 1e-6), (32243, 3.5e-6), (32005, 1e-6)):
+        assert examine(axis, condition, seed, LAW).largest < most
+
+
+@pytest.mark.parametrize("first, suspected", [(0.18e-6, False), (0.5e-6, True)])
+def test_a_rattle_begins_at_the_size_of_a_gap(axis, first, suspected):
+    controller = make_controller(LAW, axis)
+    memory = controller.memory["observer"]
+    memory["position_test"], memory["speed_test"] = 100.0, 1.0
+    memory["wave_first"], memory["wave_peak"] = first, 1.1e-6
+    source_doubt.doubt_more(controller.parameters["observer"], memory)
+    assert (memory["suspected"] > 0.0) == suspected
+
+
 def test_wind_up_of_the_drive_train_is_no_motion_of_the_stage(axis):
     """The motor leads a stage that it accelerates by 40 to 90 nm, which was taken for motion of the stage: 80 to 87 nm
     in moves, 28 to 35 nm since (six seeds each)."""
