@@ -47,7 +47,8 @@ class Prepared:
     one, else the encoder;
     ``count``: the step of the encoder's reading [m], 0 where it shows none;
     ``behind``: how far the stage is ahead of the motor by a gap and the wind-up, and ``closed``, whether a flank of the
-    gap carried the stage; None without a gap.
+    gap carried the stage; None without a gap;
+    ``shake``: the floor's lines [m] that were taken out of the readings.
     """
 
     name: str
@@ -79,6 +80,7 @@ class Prepared:
     behind: np.ndarray | None = None
     closed: np.ndarray | None = None
     count: float = 0.0
+    shake: np.ndarray | float = 0.0
 
 
 def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None, pull=0.0):
@@ -101,11 +103,14 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None, pull=
             lost |= gaps
     if "voltage_V" not in columns:
         raise InputError(f"{record.source}: voltage_V", "missing", "the commanded voltage")
-    for frequency, size in lines:
-        shake = (size * np.exp(2j * np.pi * frequency * (record["t_s"] - record["t_s"][0]))).real
-        for name in {"encoder_m", "interferometer_m"} & set(columns):
-            columns[name] = columns[name] - shake
+    # the scale is read where the floor has shaken it to
     columns["encoder_m"] = columns["encoder_m"] - drive.interpolation_error(columns["encoder_m"])
+    shake = np.zeros(n)
+    for frequency, size in lines:
+        line = (size * np.exp(2j * np.pi * frequency * (record["t_s"] - record["t_s"][0]))).real
+        for name in {"encoder_m", "interferometer_m"} & set(columns):
+            columns[name] = columns[name] - line
+        shake = shake + line
     if "current_A" in columns:
         columns["current_A"] = columns["current_A"] - drive.current_offset
     rounded = np.round(columns["voltage_V"] / drive.converter_step) * drive.converter_step
@@ -177,6 +182,7 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None, pull=
         behind=stage - angle - offset if gap > 0.0 else None,
         closed=closed,
         count=count_of(record["encoder_m"]),
+        shake=shake,
     )
 
 
