@@ -51,7 +51,8 @@ class Prepared:
     ``speed_share``: how much of an error of ``answered`` is in K_E (N/r) ``speed``, `speed_share`;
     ``count``: the step of the encoder's reading [m], 0 where it shows none;
     ``behind``: how far the stage is ahead of the motor by a gap and the wind-up, and ``closed``, whether a flank of the
-    gap carried the stage; None without a gap.
+    gap carried the stage; None without a gap;
+    ``shake``: the floor's lines [m] that were taken out of the readings.
     """
 
     name: str
@@ -84,6 +85,7 @@ class Prepared:
     behind: np.ndarray | None = None
     closed: np.ndarray | None = None
     count: float = 0.0
+    shake: np.ndarray | float = 0.0
 
 
 def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None, pull=0.0):
@@ -106,11 +108,14 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None, pull=
             lost |= gaps
     if "voltage_V" not in columns:
         raise InputError(f"{record.source}: voltage_V", "missing", "the commanded voltage")
-    for frequency, size in lines:
-        shake = (size * np.exp(2j * np.pi * frequency * (record["t_s"] - record["t_s"][0]))).real
-        for name in {"encoder_m", "interferometer_m"} & set(columns):
-            columns[name] = columns[name] - shake
+    # the scale is read where the floor has shaken it to
     columns["encoder_m"] = columns["encoder_m"] - drive.interpolation_error(columns["encoder_m"])
+    shake = np.zeros(n)
+    for frequency, size in lines:
+        line = (size * np.exp(2j * np.pi * frequency * (record["t_s"] - record["t_s"][0]))).real
+        for name in {"encoder_m", "interferometer_m"} & set(columns):
+            columns[name] = columns[name] - line
+        shake = shake + line
     if "current_A" in columns:
         columns["current_A"] = columns["current_A"] - drive.current_offset
     rounded = np.round(columns["voltage_V"] / drive.converter_step) * drive.converter_step
@@ -183,6 +188,7 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None, pull=
         behind=stage - angle - offset if gap > 0.0 else None,
         closed=closed,
         count=count_of(record["encoder_m"]),
+        shake=shake,
     )
 
 

@@ -10,7 +10,7 @@ import dataclasses
 from microstage_ros.diagnosis.preprocessing.preparation import prepare
 from microstage_ros.diagnosis.preprocessing.threads import side_by_side
 from microstage_ros.diagnosis.prerequisites.amplifier import MOST, Slowness, find_slowness
-from microstage_ros.diagnosis.prerequisites.lines import find_lines
+from microstage_ros.diagnosis.prerequisites.lines import find_lines, remainder_taken
 from microstage_ros.diagnosis.prerequisites.lost_motion import Gap, find_gap
 from microstage_ros.diagnosis.prerequisites.resonant import FAR, Train, fit_train
 from microstage_ros.diagnosis.prerequisites.slow_drift import courses
@@ -77,6 +77,9 @@ def find_known(groups, drive):
         prepared, known = _train_instead(groups, prompt, drive, prepared, known)
     lines = _lines(prepared, drive)
     if lines:
+        known = dataclasses.replace(known, lines=tuple(lines))
+        prepared = known.prepare(groups, drive, prepared)
+        lines = remainder_taken(lines, *([Resonance(p, drive) for p in prepared[name]] for name in ("learn", "held")))
         known = dataclasses.replace(known, lines=tuple(lines))
         prepared = known.prepare(groups, drive, prepared)
     if known.train is None and known.gap is None:

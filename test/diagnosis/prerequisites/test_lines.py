@@ -5,6 +5,7 @@ import types
 import numpy as np
 import pytest
 
+from microstage_ros.diagnosis.catalogue.measuring import encoder_sde
 from microstage_ros.diagnosis.preprocessing.preparation import prepare
 from microstage_ros.diagnosis.prerequisites.lines import STEADY, Spectrum, find_lines
 from microstage_ros.diagnosis.residuals.resonance import Resonance
@@ -49,6 +50,24 @@ def test_a_line_of_the_floor_is_there_while_the_stage_rests_and_not_only_where_i
         if not rests:
             one.prepared.stage = np.where(runs, one.prepared.stage, NOISE * np.random.default_rng(5).normal(size=ROWS))
     assert len(find_lines(made[:2], made[2:3], made[3:])) == found
+
+
+def test_the_phase_of_a_line_does_not_run_away_between_rests():
+    """A tenth of a radian at the end of half a minute is 0.5 mHz, which no parabola through a spectrum tells."""
+    made = [channel(n, size, 1.0) for n, size in ((1, 8.0e-8), (2, 8.0e-8), (3, 8.0e-8), (4, 0.0))]
+    for number, one in enumerate(made):
+        one.speed = np.where((one.time + number) % 3.7 < 1.9, 1.0e-3, 0.0)
+    line, = find_lines(made[:2], made[2:3], made[3:])
+    assert line.frequency == pytest.approx(FREQUENCY, abs=2.0e-4)
+
+
+def test_an_encoder_is_read_where_the_floor_shakes_it_to():
+    """80 nm are a quarter of a radian of a signal period of 2 µm."""
+    shake = 8.0e-8 * np.sin(2.0 * np.pi * FREQUENCY * STEP * np.arange(ROWS))
+    place = np.linspace(0.0, 1.0e-4, ROWS)
+    of = lambda place, shake: encoder_sde(2.0e-6)(types.SimpleNamespace(
+        prepared=types.SimpleNamespace(stage_position=place, shake=shake), mean=lambda values: values), None)
+    np.testing.assert_allclose(of(place, shake), of(place + shake, 0.0), atol=1.0e-12)
 
 
 UNEVEN = np.array([1.0, 0.1, 0.6, 1.0, 0.1, 0.5, 0.1, 0.8, 0.1, 1.0])
