@@ -82,6 +82,8 @@ def find_known(groups, drive):
         lines = remainder_taken(lines, *([Resonance(p, drive) for p in prepared[name]] for name in ("learn", "held")))
         known = dataclasses.replace(known, lines=tuple(lines))
         prepared = known.prepare(groups, drive, prepared)
+        if known.slow is not None:
+            prepared, known = _slow_without_lines(groups, prepared, drive, known)
     if known.train is None and known.gap is None:
         train = _far_train(prepared, drive)
         if train is not None:
@@ -89,6 +91,15 @@ def find_known(groups, drive):
             prepared = known.prepare(groups, drive, prepared)
             prepared, known = _slow_behind(groups, prepared, drive, known)
     return prepared, known
+
+
+def _slow_without_lines(groups, prepared, drive, known):
+    """The slow amplifier judged anew where the floor's lines are known by now: the loop answers them, and so does the
+    stage's reading, from which the motor's speed comes at such frequencies."""
+    prompt = dataclasses.replace(known, slow=None)
+    anew = prompt.prepare(groups, drive, prepared)
+    slow = find_slowness(anew, drive)
+    return (anew, prompt) if slow is None else (prepared, known)
 
 
 def _slow_behind(groups, prepared, drive, known):
