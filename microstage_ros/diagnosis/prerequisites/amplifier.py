@@ -57,7 +57,10 @@ OPEN = 20.0              # χ², and by which they must at least; derived: odds 
 
 @dataclasses.dataclass(frozen=True)
 class Slowness:
-    """What was found: ``effect`` with its time [s], χ² reductions, and whether the other one fits as well."""
+    """What was found: ``effect`` with its time [s], χ² reductions, and whether the other one fits as well.
+
+    ``held_usual``: χ² that the baseline's noise alone leaves in the held-out rows, in units of theirs.
+    """
 
     effect: str
     time: float
@@ -69,6 +72,7 @@ class Slowness:
     rival: bool
     noise: float
     winding: float
+    held_usual: float
 
     def apply(self, command, period):
         """The ``command`` (n,) as the slow amplifier passes it on, at a ``period`` [s]."""
@@ -119,7 +123,17 @@ def find_slowness(prepared, drive):
         return None
     rival = len(refined) > 1 and refined[1][0] > gain - max(OPEN, CLEAR * gain)
     noise = float(np.mean([c["command"].noise for c in fast.channels["held"]]))
-    return Slowness(effect, time, stderr, gain, held_gain, held.energy(), held.rows, rival, noise, winding)
+    return Slowness(effect, time, stderr, gain, held_gain, held.energy(), held.rows, rival, noise, winding,
+                    _usual(fast))
+
+
+def _usual(fast):
+    """χ² [1] that the noise of the baseline leaves in the held-out rows, each record's in units of its own noise, which
+    holds what is not explained; without a baseline their number."""
+    noises = {name: [c["command"].noise for c in some if "command" in c] for name, some in fast.channels.items()}
+    usual = float(np.mean(noises["base"])) if noises["base"] else np.inf
+    rows = [len(c["command"].residual) for c in fast.channels["held"]]
+    return float(sum(n * min(usual / noise, 1.0) ** 2 for n, noise in zip(rows, noises["held"])))
 
 
 def _feigned_weight(fast):

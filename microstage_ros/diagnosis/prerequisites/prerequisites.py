@@ -99,7 +99,7 @@ def _slow_without_lines(groups, prepared, drive, known):
     prompt = dataclasses.replace(known, slow=None)
     anew = prompt.prepare(groups, drive, prepared)
     slow = find_slowness(anew, drive)
-    return (anew, prompt) if slow is None else (prepared, known)
+    return (prepared, known) if slow is not None and _holds_most(slow) else (anew, prompt)
 
 
 def _slow_behind(groups, prepared, drive, known):
@@ -138,7 +138,7 @@ def _train_instead(groups, prompt, drive, prepared, known):
 
 def _holds_most(slow):
     """Whether a `Slowness` explains most of what stands above the noise of its own channel in the held-out records."""
-    return slow.held >= MOST * (slow.held_before - slow.held_rows)
+    return slow.held >= MOST * (slow.held_before - slow.held_usual)
 
 
 def _slow_or_loose(groups, prepared, drive, known):
