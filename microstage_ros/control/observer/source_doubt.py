@@ -27,9 +27,8 @@ been raised. Steps of the current beyond all that the voltage's could make are n
 
 A motor that rattles in a gap of the drive makes such swings too, but they begin at the size of the gap, where a loop
 that is no longer stable swings up from the noise and the wind-up of the drive bounds its swings. So mechanical ones
-beyond `RATTLE` that smaller ones did not announce (the row began below `BEGINS`, or the doubt is `GROWN`) say that
-lost motion is suspected
-(`lost_motion_suspected`): both doubts go back to those of the start, the friction's level to nominal, and for
+beyond `RATTLE` that smaller ones did not announce (the row is a soft drive's, or the doubt is `GROWN`) say that lost
+motion is suspected (`lost_motion_suspected`): both doubts go back to those of the start, the friction's level to nominal, and for
 `SUSPECTED_TIME` no mechanical swing raises a doubt, the inertia is not learned and the gains do not fade at rest.
 """
 
@@ -153,15 +152,20 @@ def weigh_sources(p, model, s, period, position):
 def swings_up(s):
     """Whether this half wave is one of a row that began as no gap makes it and grows, and hardly shows in the
     back-EMF."""
-    grows = abs(s.wave_peak) > STEP * s.wave_before
-    return grows and s.wave_first < BEGINS and s.position_test > SOFT * s.speed_test
+    return abs(s.wave_peak) > STEP * s.wave_before and of_soft_drive(s)
+
+
+@compiled
+def of_soft_drive(s):
+    """Whether the row began as no gap makes it and hardly shows in the back-EMF."""
+    return s.wave_first < BEGINS and s.position_test > SOFT * s.speed_test
 
 
 @compiled
 def doubt_more(p, s):
     """Answer one swing."""
     late = s.position_test < ELECTRICAL * s.speed_test
-    announced = s.wave_first < BEGINS or s.encoder_factor >= GROWN * p.encoder_doubt
+    announced = of_soft_drive(s) or s.encoder_factor >= GROWN * p.encoder_doubt
     if not late and abs(s.wave_peak) > RATTLE and not announced:
         s.encoder_factor, s.voltage_factor = p.encoder_doubt, p.voltage_doubt
         s.suspected = SUSPECTED_TIME
