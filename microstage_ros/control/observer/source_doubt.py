@@ -28,8 +28,9 @@ been raised. Steps of the current beyond all that the voltage's could make are n
 A motor that rattles in a gap of the drive makes such swings too, but they begin at the size of the gap, where a loop
 that is no longer stable swings up from the noise and the wind-up of the drive bounds its swings. So mechanical ones
 beyond `RATTLE` that smaller ones did not announce (the row is a soft drive's, or the doubt is `GROWN`) say that lost
-motion is suspected (`lost_motion_suspected`): both doubts go back to those of the start, the friction's level to nominal, and for
-`SUSPECTED_TIME` no mechanical swing raises a doubt, the inertia is not learned and the gains do not fade at rest.
+motion is suspected (`lost_motion_suspected`): both doubts go back to those of the start, the friction's level to
+nominal, and for `SUSPECTED_TIME` no mechanical swing raises a doubt, the inertia is not learned and the gains do not
+fade at rest.
 """
 
 from microstage_ros.control.half_waves import half_wave
