@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from microstage_ros.diagnosis.catalogue.command import FORMS, delay_form, delayed, lagged, weight_of_old, whole_delay_form
-from microstage_ros.diagnosis.prerequisites.amplifier import _refine, _within_a_period
+from microstage_ros.diagnosis.prerequisites.amplifier import _corrected, _refine, _usual, _within_a_period
 from microstage_ros.diagnosis.residuals.evidence import Evidence
 
 PERIOD, WINDING = 1.0e-4, 22.0e-6  # s
@@ -87,3 +87,23 @@ def test_a_delay_within_a_period_is_tried_at_its_own_time(late):
     assert effect == "transport_delay" and abs(time - late * PERIOD) < 2.0e-3 * PERIOD
     residual = walk - delayed(walk, late, channel.winding)     # what comes early is not late
     assert _within_a_period(learn, channel.winding) == []
+
+
+@pytest.mark.parametrize("late", [1.64, 2.2, 3.07, 4.48])
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_a_delay_is_known_as_well_as_the_weight_of_the_command_before(late, share):
+    """The feigned part of the weight is in the delay by none of it, by half or by all; where it is half the delay is right."""
+    feigned, winding = -0.025, PERIOD / WINDING
+    weight = late // 1 + weight_of_old(late % 1, winding) + share * feigned
+    seen = weight // 1 + 1.0 + np.log(np.exp(-winding) + weight % 1 * (1.0 - np.exp(-winding))) / winding
+    found, error = _corrected(seen, winding, feigned)
+    assert abs(found - late) < (1.0e-9 if share == 0.5 else 2.0 * error)
+    assert _corrected(late, winding, 0.0)[0] == pytest.approx(late) and _corrected(late, winding, 0.0)[1] < error
+
+
+def test_what_is_not_explained_is_no_noise():
+    """A record of twice the baseline's noise leaves a quarter of its rows to it."""
+    noises = {"held": (2e-3, 1e-3), "base": (1e-3,)}
+    channels = {name: [{"command": types.SimpleNamespace(noise=noise, residual=np.zeros(1000))} for noise in some] for name, some in noises.items()}
+    assert _usual(types.SimpleNamespace(channels=channels)) == pytest.approx(1250.0)
+    assert _usual(types.SimpleNamespace(channels={**channels, "base": []})) == pytest.approx(2000.0)
