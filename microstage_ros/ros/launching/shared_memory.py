@@ -49,8 +49,10 @@ def remember(node, running=lambda: True):
             if info.node_name == node.get_name() and info.node_namespace == node.get_namespace():
                 prefix = ".".join(f"{byte:02x}" for byte in info.endpoint_gid[:12])
                 path = folder() / f"{os.getpid()}{ENDING}"
+                half = path.with_suffix(".writing")     # whoever reads the note meanwhile would remove it as broken
                 try:
-                    path.write_text(f"{os.getpid()} {_began(os.getpid())} {prefix}\n", encoding="ascii")
+                    half.write_text(f"{os.getpid()} {_began(os.getpid())} {prefix}\n", encoding="ascii")
+                    half.replace(path)
                 except OSError:
                     return None
                 return path

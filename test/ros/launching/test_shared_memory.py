@@ -31,7 +31,9 @@ def test_only_ours_and_only_of_the_dead(tmp_path, monkeypatch):
     assert [path.name for path in notes.iterdir()] == [f"alive{ENDING}"]
 
 
-def test_a_killed_node_leaves_nothing_for_long(tmp_path):
+def test_a_killed_node_leaves_nothing_for_long(tmp_path, monkeypatch):
+    """With notes of its own: whatever cell starts meanwhile beside this test removes what it finds in the common ones."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     with own_domain():
         with CellProcesses("/axis", ("gms_observer",), logs=tmp_path) as cell:
             process = cell.processes["gms_observer"]
