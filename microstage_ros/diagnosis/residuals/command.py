@@ -22,8 +22,8 @@ from scipy.signal import oaconvolve
 
 from microstage_ros.diagnosis.preprocessing.smoothing import spread_of
 
-# periods; calibrated by: `test/diagnosis/cases/plain_programmes.py --effect actuator_lag` (of 9, 21 and 41, lags came
-# out up to 51, 4 and 0.3 % too long; a gap then holds 0.01, 0.02 and 0.2 of what a lag of 0.3 ms does)
+# periods; calibrated by: `test/diagnosis/cases/plain_programmes.py --effect actuator_lag`, with 9, 21 and 41 here (seed
+# 7000: lags up to 51, 4 and 0.3 % too long; but the wider, the more of a lag does a gap of the drive feign)
 WINDOW = 21
 FURTHEST = 30.0  # standard deviations; derived: no noise comes there, a step or a gap in the record does
 

@@ -234,11 +234,11 @@ def test_swings_that_grow_from_small_ones_are_no_rattle_in_a_gap(axis):
         assert examine(axis, condition, seed, LAW).largest < most
 
 
-@pytest.mark.parametrize("first, suspected", [(0.18e-6, False), (0.5e-6, True)])
-def test_a_rattle_begins_at_the_size_of_a_gap(axis, first, suspected):
+@pytest.mark.parametrize("first, mechanical, suspected", [(0.18e-6, 100.0, False), (0.5e-6, 100.0, True), (0.18e-6, 10.0, True)])
+def test_a_rattle_begins_at_the_size_of_a_gap_or_shows_in_the_back_emf(axis, first, mechanical, suspected):
     controller = make_controller(LAW, axis)
     memory = controller.memory["observer"]
-    memory["position_test"], memory["speed_test"] = 100.0, 1.0
+    memory["position_test"], memory["speed_test"] = mechanical, 1.0
     memory["wave_first"], memory["wave_peak"] = first, 1.1e-6
     source_doubt.doubt_more(controller.parameters["observer"], memory)
     assert (memory["suspected"] > 0.0) == suspected

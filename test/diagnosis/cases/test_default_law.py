@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from microstage_ros.diagnosis.batch import diagnose_records
+from microstage_ros.diagnosis.catalogue.command import lag_form, lagged
 from microstage_ros.diagnosis.preprocessing.preparation import SHARE_REACH, prepare
 from microstage_ros.diagnosis.prerequisites.amplifier import _feigned_weight
 from microstage_ros.diagnosis.residuals.collection import Collection
+from microstage_ros.diagnosis.residuals.command import Command
 from test.diagnosis.cases.plain_programmes import records
 
 
@@ -44,3 +46,20 @@ def test_the_speed_takes_of_the_voltage_what_is_said(axis, drive):
     found = drive.back_emf / drive.lever * (shaken.speed - plain.speed)[row - 60: row + 61] / size
     expected = plain.speed_share[SHARE_REACH - 60: SHARE_REACH + 61]
     assert np.abs(found - expected).max() < 0.1 * expected.max()
+    spectrum = np.abs(np.fft.rfft(plain.speed_share, 10_000))       # 1 Hz apart
+    assert 0.85 < spectrum[200] < 0.95 and spectrum[700] < 0.02
+    assert np.abs(plain.speed_share[[0, -1]]).max() < 2.0e-3
+
+
+@pytest.mark.parametrize(("period", "time", "off", "before"), [(1e-4, 5e-4, 0.01, 0.995), (2.5e-4, 1.2e-3, 0.01, 0.8), (1e-3, 1.2e-3, 0.05, 0.8)])
+@pytest.mark.parametrize("law", ["self_tuning_observer", "self_tuning"])
+def test_a_lag_that_is_put_in_has_its_size(axis, drive, law, period, time, off, before):
+    """Least squares of the residual on the form of that lag; ``before``: below which it is on the lag of the command alone, which the
+    motor's speed holds a part of."""
+    learn, _, _ = records(axis, law, "plain", {"actuator_lag": {"time_s": time}}, 100, period)
+    command = Command(prepare(learn[0], drive), drive)
+    found = []
+    for voltage in (lag_form(time).columns(command, None), (lagged(command.command, time, period, command.winding) - command.command)[:, None]):
+        residual, form = command.whiten(np.hstack([command.residual[:, None], voltage]))[0].T
+        found.append(float(residual @ form / (form @ form)))
+    assert found[0] == pytest.approx(1.0, abs=off) and found[1] < before
