@@ -23,8 +23,8 @@ FUSION = 41           # periods, at least, over which the position reading corre
 GAP_FUSION = 1001     # the same where the stage may rattle in a gap
 HIT = 3               # periods of the stage's mean there; derived: the least that is one, as a hit lasts some ten
 TRAVEL_NOISE = 2.0e-8 # m: the back-EMF's travel is trusted below some 200 Hz, current and inertia above
-# periods to either side; derived: within 10 ms at 10 kHz a speed's share of a period's voltage has died away to 1.5·10⁻³,
-# a thirtieth of its largest
+# periods to either side; derived: within 10 ms at 10 kHz a speed's share of a period's voltage has died away to
+# 1.5·10⁻³, a thirtieth of its largest
 SHARE_REACH = 100
 SHARE_ROWS = 16 * SHARE_REACH     # derived: far enough from both ends of what is smoothed
 # m; derived: a thousandth of the finest count of such encoders, and far above the last bits of a double
