@@ -30,6 +30,13 @@ def weight_of_old(part, winding):
     return (b - a) / (1.0 - a)
 
 
+def part_of(old, winding):
+    """The part [1] of a period that leaves this weight ``old`` [1] on the value before, with ``winding`` = T/τ [1]: the
+    inverse of `weight_of_old`."""
+    a = np.exp(-winding)
+    return 1.0 + np.log(a + old * (1.0 - a)) / winding
+
+
 def _shifted(command, whole):
     """The command (n,) so many whole periods later, and one more."""
     early = np.concatenate([np.full(whole, command[0]), command[: len(command) - whole]])
@@ -42,26 +49,51 @@ def lagged(command, time, period, winding):
     ``time``: of the lag [s]; ``period``: T [s]. The lag's own state decays by e = exp(−T/time) per period; the settled
     current gives it the weight (e − a)/((1 − a)(1 − τ/time)), a = exp(−T/τ), ``winding`` = T/τ [1].
     """
+    time = _unlike(time / period, winding) * period
     keep, a = np.exp(-period / time), np.exp(-winding)
     ratio = period / winding / time
-    if abs(ratio - 1.0) < 1e-6:
-        ratio = 1.0 + 1e-6
     state = lfilter([0.0, 1.0 - keep], [1.0, -keep], command, zi=[command[0]])[0]  # at the period's start
     old = (keep - a) / ((1.0 - a) * (1.0 - ratio))
     return command + (state - command) * old
 
 
+def _unlike(time, winding):
+    """A ``time`` [1], in periods, that is not the winding's own, where the weights below are 0/0."""
+    return time * (1.0 + 1.0e-5) if abs(time * winding - 1.0) < 1.0e-6 else time
+
+
+def late_and_lagged(command, periods, time, winding):
+    """What a command (n,) that comes ``periods`` [1] later, through a lag of ``time`` [1] periods, does to the settled
+    current, as an equivalent command.
+
+    Within a period the old value holds for a part f and the new one for p = 1 − f, and the lag's state follows the one,
+    then the other. The settled current gives the state the weight of `lagged`, the new value (1 − b)/(1 − a) −
+    (e^{−p/time} − b)/((1 − a)(1 − τ/time)), b = exp(−p T/τ), a = exp(−T/τ), and the old one the rest; ``winding`` =
+    T/τ [1].
+    """
+    whole = int(periods)
+    early, late = _shifted(command, whole)
+    time = _unlike(time, winding)
+    part, ratio = 1.0 - (periods - whole), 1.0 / winding / time
+    keep, kept, a, b = np.exp(-1.0 / time), np.exp(-part / time), np.exp(-winding), np.exp(-part * winding)
+    target = (kept - keep) * late + (1.0 - kept) * early                  # what the state takes in over a period
+    state = lfilter([0.0, 1.0], [1.0, -keep], target, zi=command[:1])[0]
+    of_state = (keep - a) / ((1.0 - a) * (1.0 - ratio))
+    new = (1.0 - b) / (1.0 - a) - (kept - b) / ((1.0 - a) * (1.0 - ratio))
+    return of_state * state + new * early + (1.0 - of_state - new) * late
+
+
 def transport_delay(periods):
     """u(t − delay) − u(t), the delay being ``periods`` [1], beside the motor's speed: a form's columns, (n, 1)."""
     def columns(channel, frame):
-        return channel.beside_speed(delayed(channel.command, periods, channel.winding) - channel.command)
+        return channel.beside_speed(delayed(channel.prompt, periods, channel.winding) - channel.command)
     return columns
 
 
 def actuator_lag(time):
     """Command through a lag of ``time`` [s] minus command, beside the motor's speed: a form's columns, (n, 1)."""
     def columns(channel, frame):
-        late = lagged(channel.command, time, channel.prepared.period, channel.winding)
+        late = lagged(channel.prompt, time, channel.prepared.period, channel.winding)
         return channel.beside_speed(late - channel.command)
     return columns
 
@@ -87,9 +119,16 @@ def delay_form(periods, period=1e-4, anyway=False):
 def whole_delay_form(whole):
     """The `Form` of all delays from so many ``whole`` periods [1] to one more, exactly: sizes 1 and `weight_of_old`."""
     def columns(channel, frame):
-        early, late = _shifted(channel.command, whole)
+        early, late = _shifted(channel.prompt, whole)
         return np.concatenate([channel.beside_speed(part) for part in (early - channel.command, late - early)], axis=1)
     return Form("transport_delay", "command", f"from {whole}", columns)
+
+
+def delay_and_lag_form(periods, time):
+    """The `Form` of an amplifier that comes ``periods`` [1] late and lags by ``time`` [1] of them."""
+    def columns(channel, frame):
+        return channel.beside_speed(late_and_lagged(channel.prompt, periods, time, channel.winding) - channel.command)
+    return Form("transport_delay", "command", f"{periods:g} beside {time:g}", columns)
 
 
 def lag_form(time, anyway=False):

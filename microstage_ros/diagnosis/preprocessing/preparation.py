@@ -46,7 +46,8 @@ class Prepared:
     is replayed, ``speed`` but where `prerequisites.law` knows better; ``load`` the torque that friction and loads took;
     ``actuator`` and ``guideway`` the nominal frictions without viscosity [N m at the motor, N], ``stuck`` the
     share of the actuator's blocks that stick;
-    ``lost`` marks samples that repeat the one before or were missing;
+    ``lost`` marks samples that were missing, ``repeated`` those in which encoder and current
+    stand as one row before (none without a current);
     ``stage``: the position reading nearest to the truth, the interferometer (less a slow course of its own) if there is
     one, else the encoder;
     ``speed_share``: how much of an error of ``answered`` is in K_E (N/r) ``speed``, `speed_share`;
@@ -78,6 +79,7 @@ class Prepared:
     contact_speed: np.ndarray
     guideway: np.ndarray
     lost: np.ndarray
+    repeated: np.ndarray
     off: np.ndarray
     has_current: bool
     air: dict
@@ -109,6 +111,10 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None, pull=
             lost |= gaps
     if "voltage_V" not in columns:
         raise InputError(f"{record.source}: voltage_V", "missing", "the commanded voltage")
+    # as read: what is taken out below differs from row to row
+    repeated = np.full(n, "current_A" in columns)
+    for name in {"encoder_m", "current_A"} & set(columns):
+        repeated &= columns[name] == of_row_before(columns[name])
     # the scale is read where the floor has shaken it to
     columns["encoder_m"] = columns["encoder_m"] - drive.interpolation_error(columns["encoder_m"])
     shake = np.zeros(n)
@@ -181,6 +187,7 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None, pull=
         contact_speed=motion.speed,
         guideway=guideway,
         lost=lost,
+        repeated=repeated,
         off=off,
         has_current="current_A" in columns,
         air=air,

@@ -1,17 +1,21 @@
 """Delay and lag of the amplifier: found first, from the fast part alone, and then taken into the input of all else."""
 
 import dataclasses
+import math
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 
 from microstage_ros.diagnosis.catalogue.command import (
     DELAYS,
     FORMS,
+    delay_and_lag_form,
     delay_form,
     delayed,
     lag_form,
     lagged,
+    late_and_lagged,
+    part_of,
     weight_of_old,
     whole_delay_form,
 )
@@ -49,6 +53,9 @@ REACH = 1.7              # of the range searched, upwards; derived: from 0.6 it 
 TOLERANCE = 2.0e-3       # of the time or the period; derived: a tenth of `DELAY_STEP`
 MOST_TRIES = 14          # derived: 0.62¹⁴, by golden sections, is a thousandth of the range
 AT_END = 1.02            # so near to its end an optimum lies beyond; derived: ten times the search's tolerance
+SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)   # of a delay in what looks like one time; derived: even steps
+SIDE = 0.1               # of that time, and of the lag; derived: half a step of `SHARES`
+MOST_LOOKS = 80          # derived: each halves the place's distance in two of a dozen looks
 MOST = 0.5               # of a channel's χ²; derived: more than all else
 # relative difference of χ² by which delay and lag must differ; calibrated by: validation.margins (0.0017 to 0.52)
 CLEAR = 0.03
@@ -59,7 +66,8 @@ OPEN = 20.0              # χ², and by which they must at least; derived: odds 
 class Slowness:
     """What was found: ``effect`` with its time [s], χ² reductions, and whether the other one fits as well.
 
-    ``held_usual``: χ² that the baseline's noise alone leaves in the held-out rows, in units of theirs.
+    ``held_usual``: χ² that the baseline's noise alone leaves in the held-out rows, in units of theirs; ``lag`` [s] of
+    an amplifier that delays, too, its standard error, and its part of ``held``; 0 without one.
     """
 
     effect: str
@@ -73,21 +81,42 @@ class Slowness:
     noise: float
     winding: float
     held_usual: float
+    lag: float = 0.0
+    lag_stderr: float = 0.0
+    lag_held: float = 0.0
+
+    @property
+    def total(self):
+        """Delay and lag together [s]."""
+        return self.time + self.lag
 
     def apply(self, command, period):
         """The ``command`` (n,) as the slow amplifier passes it on, at a ``period`` [s]."""
+        if self.lag:
+            return late_and_lagged(command, self.time / period, self.lag / period, period / self.winding)
         if self.effect == "transport_delay":
             return delayed(command, self.time / period, period / self.winding)
         return lagged(command, self.time, period, period / self.winding)
 
 
-def find_slowness(prepared, drive):
-    """`Slowness` of the amplifier, or None."""
+def find_slowness(prepared, drive, more=None):
+    """`Slowness` of the amplifier, or None.
+
+    Parameters
+    ----------
+    prepared : {group: [`Prepared`]} with what is known. drive : of the records.
+    more : voltage (n,) [V] that the amplifier puts out beyond the command, for each learning, then each held-out
+        record; None before that is known. Without it a lag takes what is missing of the fast part, or too much, for its
+        own: at a gain of 1.07 it was 8 % short (`campaign --world second --kind two --seed 12501`, case 66).
+    """
     if lateness(prepared["learn"]) > LATE:
         return None  # current and encoder were read late: the amplifier cannot be judged against them
     fast = Collection(prepared, drive, fast_only=True)
     if "command" not in fast.names:
         return None
+    changed = [c["command"] for name in ("learn", "held") for c in fast.channels[name]]
+    for channel, voltage in zip(changed, more or []):
+        channel.prompt = channel.command + voltage
     learn, period = fast.growing("command", [GAIN], "learn"), prepared["learn"][0].period
     winding = drive.inductance / drive.resistance
     forms = [*_candidates(fast), *_within_a_period(learn, period / winding)]
@@ -108,23 +137,61 @@ def find_slowness(prepared, drive):
     gain, effect, time, stderr = refined[0]
     if gain < DOMINANCE * strongest:  # a time that makes no sense explains more: neither is true
         return None
-    form = _form(effect, time, period)
-    if time < GAIN_TIME * abs(_gain_beside(fast, form)) * period:
-        return None
+    noise = float(np.mean([c["command"].noise for c in fast.channels["held"]]))
+    rival = len(refined) > 1 and refined[1][0] > gain - max(OPEN, CLEAR * gain)
+    rows = sum(len(c["command"].residual) for c in fast.channels["held"])
+    slow = Slowness(effect, time, stderr, gain, 0.0, 0.0, rows, rival, noise, winding, _usual(fast))
+    single, form = _on_held(fast, slow, _form(effect, time, period)), _form(effect, time, period)
+    both, pair = _delay_and_lag(learn, single, period)
+    if both is not None:
+        both = _on_held(fast, both, pair)
+        if both.held > (1.0 + CLEAR) * single.held:
+            without = [_on_held(fast, both, one).held for one in (
+                lag_form(both.lag, anyway=True), delay_form(both.time / period, period, anyway=True))]
+            more = both.held - np.array(without)        # that the delay, and that the lag explains beside the other
+            single, form = dataclasses.replace(both, lag_held=float(both.held * more[1] / more.sum())), pair
+    return single if _stands(fast, single, form, period) else None
+
+
+def _on_held(fast, slow, form):
+    """``slow`` with χ² of the held-out records before it, and of its ``form`` there."""
     held = fast.gather("command", [form, GAIN], "held")
-    held_gain = held.reduction([form.key], np.ones(1))
-    base = fast.gather("command", [form, GAIN], "base")
+    return dataclasses.replace(slow, held=held.reduction([form.key], np.ones(1)), held_before=held.energy())
+
+
+def _stands(fast, slow, form, period):
+    """Whether a slow amplifier is no gain that differs, is there in the held-out records and not in the baseline."""
+    if slow.total < GAIN_TIME * abs(_gain_beside(fast, form)) * period:
+        return False
+    held, base = (fast.gather("command", [form, GAIN], name) for name in ("held", "base"))
     # held-out records that move the amplifier less show less of it: then most of what they show is enough, or a part of
     # what it can hold there
-    needed = min(0.2 * gain / max(len(prepared["learn"]), 1), MOST * held.energy(), HELD_SHARE * held.matrix[1, 1])
-    if gain < LEAST_GAIN or held_gain < max(needed, LEAST_GAIN):
-        return None
-    if base is not None and base.reduction([form.key], np.ones(1)) > 0.3 * base.matrix[1, 1]:
-        return None
-    rival = len(refined) > 1 and refined[1][0] > gain - max(OPEN, CLEAR * gain)
-    noise = float(np.mean([c["command"].noise for c in fast.channels["held"]]))
-    return Slowness(effect, time, stderr, gain, held_gain, held.energy(), held.rows, rival, noise, winding,
-                    _usual(fast))
+    records = max(len(fast.channels["learn"]), 1)
+    needed = min(0.2 * slow.gain / records, MOST * held.energy(), HELD_SHARE * held.matrix[1, 1])
+    if slow.gain < LEAST_GAIN or slow.held < max(needed, LEAST_GAIN):
+        return False
+    return base is None or base.reduction([form.key], np.ones(1)) <= 0.3 * base.matrix[1, 1]
+
+
+def _delay_and_lag(learn, slow, period):
+    """(`Slowness`, `Form`) of an amplifier that both delays and lags, where that explains clearly more of the learning
+    records than ``slow``, one of the two alone; else (None, None). ``period`` [s]."""
+    def loss(place):
+        form = delay_and_lag_form(abs(place[0]), math.exp(place[1]))
+        return -learn.alone(form).reduction([form.key], np.ones(1))
+
+    total = slow.time / period
+    start = min(((share * total, math.log((1.0 - share) * total)) for share in SHARES), key=loss)
+    simplex = np.array([start, (start[0] + SIDE * total, start[1]), (start[0], start[1] + SIDE)])
+    found = minimize(loss, start, method="Nelder-Mead",
+                     options={"initial_simplex": simplex, "xatol": TOLERANCE, "fatol": OPEN, "maxfev": MOST_LOOKS})
+    periods, lag = abs(float(found.x[0])), math.exp(float(found.x[1]))
+    if min(periods, lag) < LEAST_TIME or -found.fun < (1.0 + CLEAR) * slow.gain:
+        return None, None
+    error = float(np.hypot(LAG_ERROR * lag, LAG_STEP) * period)
+    both = dataclasses.replace(slow, effect="transport_delay", time=periods * period, stderr=error, gain=-found.fun,
+                               rival=False, lag=lag * period, lag_stderr=error)
+    return both, delay_and_lag_form(periods, lag)
 
 
 def _usual(fast):
@@ -156,13 +223,11 @@ def _corrected(time, winding, feigned):
     the weight hardly grows with the delay, just short of one it does all the more; so the delay's error is the larger
     distance to the delays of two errors of the weight, as of an even distribution. ``winding``: T/τ [1].
     """
-    whole, a = int(time), np.exp(-winding)
+    whole = int(time)
     weight = whole + weight_of_old(time - whole, winding) - 0.5 * feigned
     error = 2.0 * np.hypot(0.5 * feigned, DELAY_ERROR)
-    least, found, most = (
-        np.floor(end) + 1.0 + np.log(a + (end - np.floor(end)) * (1.0 - a)) / winding
-        for end in (weight - error, weight, weight + error)
-    )
+    least, found, most = (np.floor(end) + part_of(end - np.floor(end), winding)
+                          for end in (weight - error, weight, weight + error))
     return float(found), float(max(most - found, found - least) / np.sqrt(3.0))
 
 
@@ -189,10 +254,7 @@ def _within_a_period(learn, winding):
     """
     any_part = delay_form(DELAYS[0])
     old = float(learn.alone(any_part).fit([any_part.key])[0][0]) * weight_of_old(DELAYS[0], winding)
-    if not 0.0 < old < 1.0:
-        return []
-    a = np.exp(-winding)
-    return [delay_form(1.0 + np.log(a + old * (1.0 - a)) / winding)]
+    return [delay_form(part_of(old, winding))] if 0.0 < old < 1.0 else []
 
 
 def lateness(prepared):
@@ -259,7 +321,7 @@ def _loss(learn, effect, period, winding):
 
 
 def _refine(learn, trial, period, winding, feigned=0.0):
-    """(gain, effect, time, stderr) at the time where β = 1 explains most; ``winding`` = L/R [s]; ``feigned`` as in
+    """(χ², effect, time, stderr) at the time where β = 1 explains most; ``winding`` = L/R [s]; ``feigned`` as in
     `_corrected`."""
     _, form, beta = trial
     start = float(form.variant) * (period if form.effect == "transport_delay" else 1.0)

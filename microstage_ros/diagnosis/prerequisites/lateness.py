@@ -35,7 +35,7 @@ def forms_of_slowness(groups, drive, known, collection):
 
 def _residuals(groups, drive, known, collection, factor):
     """{id of a torque balance under test: its residual (blocks,) [N m] with the slow amplifier's time × ``factor``}."""
-    slow = dataclasses.replace(known.slow, time=known.slow.time * factor)
+    slow = dataclasses.replace(known.slow, time=known.slow.time * factor, lag=known.slow.lag * factor)
     prepared = dataclasses.replace(known, slow=slow).prepare(groups, drive, collection.prepared)
     return {
         id(own["torque"]): Mechanical(anew, collection.frame.drive).residual

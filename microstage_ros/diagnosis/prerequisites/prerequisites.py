@@ -93,6 +93,32 @@ def find_known(groups, drive):
     return prepared, known
 
 
+def slow_beside(more, groups, prepared, drive, known):
+    """({group: [`Prepared`]}, `Known`) with the slow amplifier found anew beside its gain, offset and dead band; None
+    where that neither changes its time by more than its error nor makes clear what it is.
+
+    A soft drive is looked for anew, too: an amplifier of a wrong time leaves a swing.
+
+    Parameters
+    ----------
+    more : voltage (n,) [V] of those faults for each learning, then each held-out record, `find_slowness`.
+    groups, prepared, drive, known : as in `find_known`, and what it found.
+    """
+    plain = dataclasses.replace(known, train=None)
+    prepared = plain.prepare(groups, drive, prepared) if known.train is not None else prepared
+    slow, before = find_slowness(prepared, drive, more), known.slow
+    if slow is None or (slow.effect, slow.rival, bool(slow.lag)) == (
+            before.effect, before.rival, bool(before.lag)) and abs(slow.total - before.total) < before.stderr:
+        return None
+    known = dataclasses.replace(plain, slow=slow)
+    if known.gap is None:
+        period = prepared["learn"][0].period
+        terminals = [slow.apply(voltage, period) for voltage in more]
+        train = _far_train(known.prepare(groups, drive, prepared, terminals), drive)
+        known = dataclasses.replace(known, train=train)
+    return known.prepare(groups, drive, prepared), known
+
+
 def _slow_without_lines(groups, prepared, drive, known):
     """The slow amplifier judged anew where the floor's lines are known by now: the loop answers them, and so does the
     stage's reading, from which the motor's speed comes at such frequencies."""
@@ -161,7 +187,7 @@ def _slow_or_loose(groups, prepared, drive, known):
         known = dataclasses.replace(before, slow=slow)
         prepared = known.prepare(groups, drive, prepared)
         again = find_slowness(prepared, drive)
-        settled = again is None or abs(again.time - slow.time) < SETTLED * slow.time
+        settled = again is None or abs(again.total - slow.total) < SETTLED * slow.total
         slow = again or slow
         if settled:
             break

@@ -83,7 +83,7 @@ def timing_of(prepared, sde=None):
         spreads.append((rough[:used].reshape(-1, BLOCK) ** 2).mean(axis=1)[good])
         speeds.append(speed.mean(axis=1)[good])
         rounding = max(rounding, (0.5 * p.count) ** 2 / 3.0)     # uniform within half a count
-        same = (np.diff(p.encoder) == 0.0) & (np.diff(p.current) == 0.0) & (p.current[1:] != 0.0)
+        same = p.repeated[1:] & (p.current[1:] != 0.0)
         # behind a gap the motor moves while the stage, and its encoder, stand
         moving = np.minimum(np.abs(p.speed), np.abs(p.stage_speed))[1:] > repeat_speed(
             p.count, float(np.sqrt(np.median(spreads[-1]))) if len(spreads[-1]) else 0.0, p.period

@@ -29,7 +29,8 @@ FURTHEST = 30.0  # standard deviations; derived: no noise comes there, a step or
 
 
 class Command:
-    """Residual of one record; ``command`` is the rounded voltage that each current answers, slow parts kept;
+    """Residual of one record; ``command`` is the rounded voltage that each current answers, slow parts kept; ``prompt``
+    what of it an amplifier without delay or lag puts out, the command itself where nothing else is known;
     ``winding`` is T R/L."""
 
     name, unit = "command", "V"
@@ -37,7 +38,7 @@ class Command:
     def __init__(self, prepared, drive):
         self.prepared, self.drive = prepared, drive
         p = prepared
-        self.command = p.commanded
+        self.command = self.prompt = p.commanded
         self.winding = p.period * drive.resistance / drive.inductance
         voltage = drive.resistance * p.settled + drive.back_emf / drive.lever * p.speed
         self.residual = voltage - p.commanded - self.in_speed(p.answered - p.commanded)

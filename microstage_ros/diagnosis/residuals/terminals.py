@@ -15,7 +15,8 @@ from microstage_ros.diagnosis.catalogue.electrical import amplifier_deadband
 from microstage_ros.diagnosis.residuals.collection import channels_of
 from microstage_ros.diagnosis.residuals.evidence_set import Evidences
 
-AT_TERMINALS = ("amplifier_offset", "amplifier_gain", "amplifier_deadband", "resistance_rise")
+OF_AMPLIFIER = ("amplifier_offset", "amplifier_gain", "amplifier_deadband")
+AT_TERMINALS = (*OF_AMPLIFIER, "resistance_rise")
 MADE_ANEW = ("torque", "resonance")
 CHANGED = ("learn", "held")
 
@@ -66,13 +67,26 @@ def at_terminals(collection, evidences, choices, groups, known, law):
     return evidences.with_tables(tables["learn"], tables["held"])
 
 
-def _voltage_of(evidences, choices, prepared, frame):
-    """What the chosen faults add to the voltage that a record's amplifier was told (n,) [V]."""
+def beyond_the_command(collection, evidences, choices):
+    """What the amplifier puts out beyond the command, without its delay or lag: voltage (n,) [V] of each learning, then
+    each held-out record of a ``collection``; None where no fault of the amplifier is among the ``choices`` that were
+    fitted by ``evidences``."""
+    faults = [c for c in choices if c.effect in OF_AMPLIFIER]
+    if not faults:
+        return None
+    prompt = [dataclasses.replace(p, answered=p.commanded) for name in CHANGED for p in collection.prepared[name]]
+    return [_voltage_of(evidences, choices, p, collection.frame, OF_AMPLIFIER) for p in prompt]
+
+
+def _voltage_of(evidences, choices, prepared, frame, effects=AT_TERMINALS):
+    """What the chosen faults among ``effects`` add to the voltage that a record's amplifier was told (n,) [V]."""
     forms = {form.key: form for choice in choices for form in choice.forms if form.channel == "windup"}
     seen, total = _Voltage(prepared), np.zeros(len(prepared.time))
     for key, sizes in evidences.learn["windup"].sizes(Evidences._keys("windup", choices)).items():
+        if key[0] not in effects:
+            continue
         if key[0] == "amplifier_deadband":      # the catalogue's widths are a grid
             total += sizes[0] * amplifier_deadband(sizes[0])(seen, frame)[:, 0]
-        elif key[0] in AT_TERMINALS:
+        else:
             total += forms[key].columns(seen, frame) @ sizes
     return total

@@ -34,16 +34,22 @@ def nonregression_causes(collection, known, course, others, book, unsure):
 
 
 def _slowness(slow, book, unsure):
-    """The cause ``transport_delay`` or ``actuator_lag``, or both as rivals."""
+    """The causes ``transport_delay`` and ``actuator_lag``, one of them, or one of them as the other's rival."""
     book.before += slow.held
-    book.parts[slow.effect] = slow.held
     if slow.rival:
+        book.parts[slow.effect] = slow.held
         unsure.append(judge.rivals_entry(["transport_delay", "actuator_lag"]))
         return []
-    name = "delay_s" if slow.effect == "transport_delay" else "time_s"
-    rms = [slow.noise * np.sqrt(v / slow.held_rows) for v in (slow.held_before, slow.held_before - slow.held)]
-    return [Cause(slow.effect, {name: Parameter(slow.time, slow.stderr, "s")}, {name: slow.time}, 0.0, 0.0,
-                  Improvement(float(rms[0]), float(rms[1]), "V"), "command")]
+    found = [(slow.effect, slow.time, slow.stderr, slow.held - slow.lag_held)]
+    found += [("actuator_lag", slow.lag, slow.lag_stderr, slow.lag_held)] if slow.lag else []
+    causes, left = [], slow.held_before - slow.held
+    for effect, time, stderr, part in found:
+        book.parts[effect] = part
+        name = "delay_s" if effect == "transport_delay" else "time_s"
+        before, after = (float(slow.noise * np.sqrt(v / slow.held_rows)) for v in (left + part, left))
+        causes.append(Cause(effect, {name: Parameter(time, stderr, "s")}, {name: time}, 0.0, 0.0,
+                            Improvement(before, after, "V"), "command"))
+    return causes
 
 
 def _lost_motion(gap, radius, book):

@@ -1,5 +1,7 @@
 """Which causes: forward and backward over the catalogue, on the evidence of all channels together."""
 
+import math
+
 import numpy as np
 
 from microstage_ros.diagnosis.catalogue import CONTAINS
@@ -128,9 +130,14 @@ def acceptable(evidences, trial, choices):
 
 def _masses_agree(evidences, choice, choices):
     """A payload shows in friction and in resonance with the same mass, or it is none: more friction alone is no
-    mass."""
-    if choice.effect == "cable_spring":  # a force without friction's balance knowing of it is none
-        return any(form.channel == "torque" for form in choice.forms)
+    mass. Nor is a cable one whose force the torque does not know, or knows as another than the drive train that it
+    bends."""
+    if choice.effect == "cable_spring":
+        springs = {f.channel: sizes_of(evidences, choice, choices, f)[0]["stiffness_N_m"][:2] for f in choice.forms}
+        if set(springs) != {"torque", "windup"}:
+            return "torque" in springs
+        (torque, stderr), (windup, error) = springs["torque"], springs["windup"]
+        return alike(windup, torque) or abs(windup - torque) < DECISIVE * math.hypot(stderr, error)
     if choice.effect != "payload_change":
         return True
     masses = {form.channel: sizes_of(evidences, choice, choices, form)[0]["mass_kg"][:2] for form in choice.forms}

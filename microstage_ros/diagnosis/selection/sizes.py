@@ -87,6 +87,23 @@ def with_rattled_mass(causes, mass, stderr):
     return [dataclasses.replace(c, **rattled) if c.id == "payload_change" else c for c in causes]
 
 
+def before_the_gain(causes):
+    """The causes with offset and dead band of an amplifier as they are at its input, u_a = gain · dead(u + offset), and
+    not behind its gain, where they were found."""
+    gain = next((c.parameters["factor"].value for c in causes if c.id == "amplifier_gain"), 1.0)
+    names = {"amplifier_offset": "offset_V", "amplifier_deadband": "half_width_V"}
+    changed = []
+    for cause in causes:
+        name = names.get(cause.id)
+        if name is not None and gain != 1.0:
+            found = cause.parameters[name]
+            before = dataclasses.replace(found, value=found.value / gain, stderr=found.stderr / gain)
+            cause = dataclasses.replace(cause, parameters={**cause.parameters, name: before},
+                                        effect={**cause.effect, name: cause.effect[name] / gain})
+        changed.append(cause)
+    return changed
+
+
 def with_payload(causes, mass):
     """These `Cause` with a tilt's angle for the stage of ``mass`` m [kg] and the payload M named beside it.
 

@@ -167,15 +167,24 @@ def errors_of(causes, truth):
 
     Phases are compared around the circle."""
     for cause in causes:
+        term = _term_of(cause, truth.get(cause.id, {}))
         for name, number in cause.parameters.items():
             value = truth.get(cause.id, {}).get(name)
-            # the largest term is reported first
-            value = value[0] if isinstance(value, list) and len(value) < MOST_TERMS else value
+            value = value[term] if isinstance(value, list) and len(value) < MOST_TERMS else value
             if isinstance(value, (int, float)) and np.isfinite(number.stderr):
                 error = number.value - value
                 if number.unit == "rad" and name.startswith("phase"):
                     error = (error + np.pi) % (2.0 * np.pi) - np.pi
                 yield f"{cause.id}.{name}", float(error), float(number.stderr), float(value)
+
+
+def _term_of(cause, truth):
+    """Which of several hidden terms a cause states, the largest of those that it found: the nearest in frequency or
+    period; the first where it states neither."""
+    for name in ("cycles_per_turn", "period_m"):
+        if name in cause.parameters and isinstance(truth.get(name), list):
+            return int(np.argmin(np.abs(np.array(truth[name]) - cause.parameters[name].value)))
+    return 0
 
 
 def run(examined, jobs, scheduler=None):

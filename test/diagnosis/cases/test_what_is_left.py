@@ -45,6 +45,7 @@ def test_a_viscous_friction_and_a_faint_growth_have_no_form_of_their_own(torque)
 @dataclasses.dataclass(frozen=True)
 class Slow:
     time: float = 3.0e-4
+    lag: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True)

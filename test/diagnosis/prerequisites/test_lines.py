@@ -8,6 +8,7 @@ import pytest
 from microstage_ros.diagnosis.catalogue.measuring import encoder_sde
 from microstage_ros.diagnosis.preprocessing.preparation import prepare
 from microstage_ros.diagnosis.prerequisites.lines import STEADY, Spectrum, find_lines
+from microstage_ros.diagnosis.prerequisites.timing import timing_of
 from microstage_ros.diagnosis.residuals.resonance import Resonance
 from test.diagnosis.cases.plain_programmes import records
 
@@ -107,3 +108,11 @@ def test_how_much_a_line_and_what_moves_leave_differ_between_rests(axis, drive, 
     for record in records(axis, "self_tuning_observer", "moves", effects, 410)[0]:
         error, _ = Spectrum(Resonance(prepare(record, drive), drive)).unsteadiness(frequency)
         assert low <= error <= high
+
+
+def test_a_sample_that_was_lost_is_one_beside_a_line_of_the_floor_too(drive, axis):
+    """Counted after the line was taken out of the readings, lost samples were stated as none (pairs, seed 12501, cases 7 and 84)."""
+    record = records(axis, "self_tuning", "plain", {"sampling_jitter": {"jitter_s": 1.0e-5, "lost_fraction": 0.02}}, 40)[0][0]
+    plain, without = (prepare(record, drive, lines=lines) for lines in ((), [(FREQUENCY, 5.0e-8)]))
+    assert plain.repeated.sum() > 0.01 * len(plain.time) and (without.repeated == plain.repeated).all()
+    assert timing_of([without]).lost == pytest.approx(0.02, rel=0.2)

@@ -5,8 +5,8 @@ import types
 import numpy as np
 import pytest
 
-from microstage_ros.diagnosis import case
-from microstage_ros.diagnosis.case import SWINGS, _beside_any_time, _beyond_the_known
+from microstage_ros.diagnosis import beyond_the_known as module
+from microstage_ros.diagnosis.beyond_the_known import SWINGS, _beside_any_time, beyond_the_known, taken
 from microstage_ros.diagnosis.catalogue.form import Form, one
 from microstage_ros.diagnosis.prerequisites import timing
 from microstage_ros.diagnosis.prerequisites.lateness import OTHER_TIME
@@ -31,7 +31,7 @@ def kept(parts, slow=None, gap=None, stiffness=None, error=None, beside=None, ra
         slow=slow and types.SimpleNamespace(held=slow), lines=[],
         gap=gap and types.SimpleNamespace(held_before=gap, held_after=0.0, taken=0.0, rattles=rattles),
         train=stiffness and types.SimpleNamespace(stiffness=stiffness))
-    return {c.effect for c in _beyond_the_known(evidences, [named(effect) for effect in parts], known)}
+    return {c.effect for c in beyond_the_known(evidences, [named(effect) for effect in parts], known)}
 
 
 @pytest.mark.parametrize("what", ["slow", "gap"])
@@ -78,7 +78,7 @@ def test_behind_a_gap_a_payload_is_what_the_torque_tells_of_it(channels, left):
     payload = Choice("payload_change", tuple(Form("payload_change", channel, "", None) for channel in channels))
     evidences = types.SimpleNamespace(held_gain=lambda choices: 1.0e5 * len(choices), agreement=lambda *_: None)
     gap = types.SimpleNamespace(held_before=1.0e6, held_after=0.0, taken=0.0, rattles=False)
-    kept = _beyond_the_known(evidences, [payload], types.SimpleNamespace(slow=None, gap=gap, lines=[], train=None))
+    kept = beyond_the_known(evidences, [payload], types.SimpleNamespace(slow=None, gap=gap, lines=[], train=None))
     assert [{form.channel for form in c.forms} for c in kept] == ([left] if left else [])
 
 
@@ -102,7 +102,7 @@ def test_friction_of_one_size_in_every_stretch_stands_beside_a_soft_drive_on_whi
 def test_in_a_dead_band_friction_over_speed_must_hold_its_share_of_the_band(monkeypatch):
     """The motor's travel comes from the command: a power of the speed that was not there held a fifth of a payload's χ² beside
     a loop that hunted in a dead band (pairs, seed 5105, case 11)."""
-    monkeypatch.setattr(case, "_stands", lambda *_: True)
+    monkeypatch.setattr(module, "_stands", lambda *_: True)
     parts = {"payload_change": 2.9e4, "nonlinear_viscous": 6.1e3}
     assert kept(parts, stiffness=0.38) == set(parts)
     assert kept(parts | {"amplifier_deadband": 4.0e6}, stiffness=0.38) == {"payload_change", "amplifier_deadband"}
@@ -111,7 +111,7 @@ def test_in_a_dead_band_friction_over_speed_must_hold_its_share_of_the_band(monk
 @pytest.mark.parametrize("stands", [True, False])
 def test_what_was_chosen_beside_a_feigned_shape_stands_without_it(monkeypatch, stands):
     """A level of friction beside two shapes over speed (pairs, seed 9601, case 99)."""
-    monkeypatch.setattr(case, "_stands", lambda evidences, choice, choices: stands)
+    monkeypatch.setattr(module, "_stands", lambda evidences, choice, choices: stands)
     parts = {"drive_compliance": 1.4e5, "viscous_change": 1.3e3, "friction_level_change": 8.2e2}
     assert kept(parts, stiffness=0.07) == {"drive_compliance", *(["friction_level_change"] if stands else [])}
 
@@ -119,7 +119,7 @@ def test_what_was_chosen_beside_a_feigned_shape_stands_without_it(monkeypatch, s
 def test_what_a_swing_feigns_takes_nothing_from_what_is_judged_without_it(monkeypatch):
     """Friction along the stroke beside creep that a soft drive feigned, which took most of it: 0.0008 of the drive's χ²
     beside the creep, and more once it was dropped (pairs, seed 9601, case 97)."""
-    monkeypatch.setattr(case, "_stands", lambda *_: True)
+    monkeypatch.setattr(module, "_stands", lambda *_: True)
 
     def gain(choices):
         there = {c.effect for c in choices}
@@ -130,7 +130,7 @@ def test_what_a_swing_feigns_takes_nothing_from_what_is_judged_without_it(monkey
     evidences = types.SimpleNamespace(held_gain=gain, gain=gain, agreement=lambda *_: None, forms=[])
     known = types.SimpleNamespace(slow=None, gap=None, lines=[], train=types.SimpleNamespace(stiffness=0.5 * SWINGS))
     choices = [named(e) for e in ("drive_compliance", "presliding_creep", "position_dependent_friction")]
-    left = _beyond_the_known(evidences, choices, known)
+    left = beyond_the_known(evidences, choices, known)
     assert {c.effect for c in left} == {"drive_compliance", "position_dependent_friction"}
 
 
@@ -150,8 +150,8 @@ def test_what_needs_rest_is_none_of_what_a_swing_or_a_shaken_floor_feigns(effect
     known = types.SimpleNamespace(slow=None, gap=None, lines=[], train=types.SimpleNamespace(stiffness=0.5 * SWINGS))
     if shaken:
         known.lines, known.train = [types.SimpleNamespace(held=1.69e4)], None
-        stays = stays or effect not in case.OF_REST     # a lag of friction is not asked
-    left = _beyond_the_known(evidences, [named("drive_compliance"), named(effect)], known)
+        stays = stays or effect not in module.OF_REST     # a lag of friction is not asked
+    left = beyond_the_known(evidences, [named("drive_compliance"), named(effect)], known)
     assert {c.effect for c in left} == {"drive_compliance", *([effect] if stays else [])}
 
 
@@ -159,8 +159,8 @@ def test_what_is_known_beside_the_regression_is_counted_on_held_out_records():
     slow, line = (types.SimpleNamespace(held=value) for value in (100.0, 20.0))
     course = types.SimpleNamespace(held_before=7.0, held_after=4.0)
     gap = types.SimpleNamespace(held_before=1000.0, held_after=900.0, taken=400.0)
-    assert case._taken(types.SimpleNamespace(lines=[line, line], slow=slow, gap=gap), course) == 543.0
-    assert case._taken(types.SimpleNamespace(lines=(), slow=None, gap=None), None) == 0.0
+    assert taken(types.SimpleNamespace(lines=[line, line], slow=slow, gap=gap), course) == 543.0
+    assert taken(types.SimpleNamespace(lines=(), slow=None, gap=None), None) == 0.0
 
 
 def test_a_stage_that_stands_in_a_gap_while_the_motor_moves_loses_no_samples():
@@ -170,6 +170,7 @@ def test_a_stage_that_stands_in_a_gap_while_the_motor_moves_loses_no_samples():
     wobble = 1e-9 * np.random.default_rng(5).normal(size=rows // 2)
     record = types.SimpleNamespace(
         encoder=np.repeat(25e-9 * np.arange(rows // 2) + wobble, 2), stage_position=np.zeros(rows), current=current, period=1e-4,
+        repeated=np.arange(rows) % 2 == 1,
         speed=np.full(rows, 1e-3), stage_speed=np.zeros(rows), count=25e-9, lost=np.zeros(rows, bool), behind=None)
     assert timing.timing_of([record]).lost == 0.0
     record.stage_speed = record.speed
@@ -184,7 +185,7 @@ def test_a_stage_that_rattles_in_a_gap_is_not_read_late(behind):
     stage = np.cumsum(speed) * 1e-4
     record = types.SimpleNamespace(
         encoder=stage + 2e-9 * noise[0], interferometer=stage, stage_position=stage + 1e-5 * speed * noise[1], speed=speed,
-        stage_speed=speed, current=speed, period=1e-4, count=0.0, lost=np.zeros(rows, bool), behind=stage if behind else None)
+        stage_speed=speed, current=speed, period=1e-4, count=0.0, lost=np.zeros(rows, bool), repeated=np.zeros(rows, bool), behind=stage if behind else None)
     found = timing.timing_of([record])
     assert (found.significance < 6.0) == behind and (behind or found.jitter == pytest.approx(1e-5, rel=0.1))
 

@@ -8,13 +8,15 @@ import pytest
 from microstage_ros.diagnosis.prerequisites.lines import Line
 from microstage_ros.diagnosis.prerequisites.lost_motion import Gap
 from microstage_ros.diagnosis.prerequisites.timing import Timing
+from microstage_ros.diagnosis.result import Cause, Parameter
 from microstage_ros.diagnosis.selection import nonregression_causes as made
 from microstage_ros.diagnosis.selection.judge import Ledger
+from microstage_ros.diagnosis.selection.sizes import before_the_gain
 
 
-def slowness(effect="transport_delay", rival=False):
+def slowness(effect="transport_delay", rival=False, **lag):
     return types.SimpleNamespace(effect=effect, time=3.0e-4, stderr=2.0e-6, rival=rival, held=900.0, held_before=1000.0, held_rows=100,
-                                 noise=2.0e-3)
+                                 noise=2.0e-3, **{"lag": 0.0, "lag_stderr": 0.0, "lag_held": 0.0, **lag})
 
 
 @pytest.mark.parametrize(("effect", "name"), [("transport_delay", "delay_s"), ("actuator_lag", "time_s")])
@@ -25,6 +27,16 @@ def test_a_slow_amplifier_by_its_name(effect, name):
     assert (cause.parameters[name].value, cause.parameters[name].stderr, cause.parameters[name].unit) == (3.0e-4, 2.0e-6, "s")
     assert (cause.gain.before, cause.gain.after) == pytest.approx((2.0e-3 * 10.0**0.5, 2.0e-3))
     assert book.before == 950.0 and book.parts == {effect: 900.0}
+
+
+def test_an_amplifier_that_delays_and_lags_is_two_causes_that_share_what_they_hold():
+    slow = slowness("transport_delay", lag=5.0e-4, lag_stderr=8.0e-6, lag_held=300.0)
+    book = Ledger(before=50.0)
+    delay, lag = made._slowness(slow, book, [])
+    assert (delay.id, delay.effect, lag.id, lag.effect) == ("transport_delay", {"delay_s": 3.0e-4}, "actuator_lag", {"time_s": 5.0e-4})
+    assert lag.parameters["time_s"].stderr == 8.0e-6 and book.before == 950.0
+    assert book.parts == {"transport_delay": 600.0, "actuator_lag": 300.0}
+    assert (delay.gain.after, lag.gain.after) == (lag.gain.after, delay.gain.after) and lag.gain.before < delay.gain.before
 
 
 def test_a_slow_amplifier_that_may_be_either_is_an_open_question():
@@ -111,3 +123,16 @@ def test_each_that_is_known_becomes_a_cause(monkeypatch, known):
     found = made.nonregression_causes(collection, has, "course", others, Ledger(), [])
     assert found == [*known, "course", "sde"]       # jitter is looked for without the encoder's own error
     assert made.nonregression_causes(collection, has, None, others[:1], Ledger(), []) == list(known)
+
+
+def test_offset_and_dead_band_are_those_of_the_amplifiers_input():
+    """u_a = gain · dead(u + offset): behind a gain of 1.25 a dead band of 40 mV is one of 50."""
+    def cause(effect, name, value):
+        return Cause(effect, {name: Parameter(value, 0.01 * value, "V")}, {name: value}, 0.0, 0.0, None, "windup")
+
+    found = [cause("amplifier_deadband", "half_width_V", 0.05), cause("amplifier_offset", "offset_V", -0.01), cause("gravity_tilt", "angle_rad", 0.02)]
+    assert before_the_gain(found) == found
+    band, offset, tilt, gain = before_the_gain([*found, cause("amplifier_gain", "factor", 1.25)])
+    assert (band.parameters["half_width_V"].value, band.parameters["half_width_V"].stderr) == pytest.approx((0.04, 4.0e-4))
+    assert band.effect == {"half_width_V": pytest.approx(0.04)} and offset.effect == {"offset_V": pytest.approx(-0.008)}
+    assert tilt is found[2] and gain.effect == {"factor": 1.25}
