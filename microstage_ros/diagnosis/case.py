@@ -37,13 +37,22 @@ from microstage_ros.diagnosis.selection.leftover import over_twin, scatter_findi
 from microstage_ros.diagnosis.selection.nonregression_causes import nonregression_causes
 from microstage_ros.diagnosis.selection.refinement import about_their_sizes, refine
 from microstage_ros.diagnosis.selection.selection import select
-from microstage_ros.diagnosis.selection.sizes import before_the_gain, stated_sizes, with_payload, with_rattled_mass
+from microstage_ros.diagnosis.selection.sizes import (
+    before_the_gain,
+    offset_of,
+    stated_sizes,
+    with_payload,
+    with_rattled_mass,
+)
 from microstage_ros.diagnosis.selection.splinters import (
     one_force,
 )
 from microstage_ros.quantities.errors import InputError
 
 EFFECTS = tuple(sorted({form.effect for form in FORMS if form.named and form.channel != "command"}))
+#: Rounds in which an offset and the dead band around it are found beside each other, and relative change of the offset
+#: that ends them; derived: each round leaves less than half of what the offset was off, and its error is larger
+MOST_OFFSETS, SAME_OFFSET = 3, 0.01
 SLOW_IN_TIME = ("thermal_drift", "refractive_index")   # what a course of every record's own leaves no room for
 GENERIC = tuple(form for form in FORMS if not form.named)
 
@@ -72,12 +81,12 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0, twin=()):
         notes.append("No baseline was given: thresholds come from the model's own figures.")
     prepared, known = find_known(groups, drive)
     prepared |= {"twin": [prepare(one, drive) for one in twin]} if twin else {}
-    chosen = _choose(groups, prepared, drive, known)
+    chosen = _beside_offset(groups, prepared, drive, known)
     more = beyond_the_command(chosen.collection, chosen.evidences, chosen.choices) if known.slow is not None else None
     anew = slow_beside(more, groups, prepared, drive, known) if more is not None else None
     if anew is not None:
         prepared, known = anew
-        chosen = _choose(groups, prepared, drive, known)
+        chosen = _choose(groups, prepared, drive, known, chosen.collection.frame.offset)
     collection, evidences, choices = chosen.collection, chosen.evidences, chosen.choices
     course, effects = chosen.course, chosen.effects
     notes += [chosen.law.words] if chosen.law is not None else []
@@ -112,13 +121,28 @@ class _Chosen:
     law: OwnLaw | None
 
 
-def _choose(groups, prepared, drive, known):
-    """`_Chosen` of ``prepared`` records {group: [`Prepared`]}, with a `prerequisites.Known`."""
+def _beside_offset(groups, prepared, drive, known):
+    """`_choose`, and again with the amplifier's offset that was found, where a dead band, which lies around it, was
+    chosen, too, or something is left of the wind-up."""
+    chosen = _choose(groups, prepared, drive, known)
+    for _ in range(MOST_OFFSETS):
+        offset = offset_of(chosen.evidences, chosen.choices)
+        swallows = any(c.effect == "amplifier_deadband" for c in chosen.choices)
+        if abs(offset - chosen.collection.frame.offset) <= SAME_OFFSET * abs(offset) or not (
+                swallows or "windup" in judge.stands_out(chosen.evidences, chosen.choices)):
+            break
+        chosen = _choose(groups, prepared, drive, known, offset)
+    return chosen
+
+
+def _choose(groups, prepared, drive, known, offset=0.0):
+    """`_Chosen` of ``prepared`` records {group: [`Prepared`]}, with a `prerequisites.Known` and the amplifier's
+    ``offset`` [V]."""
     prepared, drive, law = own_law(prepared, seen_count(drive, prepared))
     rattles = known.gap is not None and known.gap.rattles
     mass = known.gap.added_mass(drive.mass)[0] if rattles and known.gap.scales else 0.0
     drive = dataclasses.replace(drive, pull=(known.gap.pull, known.gap.pull_stderr) if rattles else None)
-    collection = Collection(prepared, drive, rattled_mass=mass)
+    collection = Collection(prepared, drive, rattled_mass=mass, offset=offset)
     found = ("backlash", "drive_compliance") if rattles else ("backlash",) if known.gap is not None else ()
     effects = [effect for effect in EFFECTS if effect not in found]
     own = [*periodic_forms(collection), *damped_forms(collection, known.train), *power_forms(collection),

@@ -1,7 +1,9 @@
 """Scatter of the encoder that grows with speed, and samples that stand twice: readings at the wrong time.
 
 In blocks of some milliseconds: variance of (encoder − smoothed stage), by its third differences, = a + τ² v². The
-random lateness τ is the jitter; a sample that was lost repeats the reading before it.
+random lateness τ is the jitter; a sample that was lost repeats the reading before it. The rounding of a coarse encoder
+is smooth from sample to sample at some speeds and alternates at others, by the part of a count that the stage goes on
+in a period: a is one number for each of some such parts.
 """
 
 import dataclasses
@@ -12,6 +14,9 @@ import numpy as np
 from microstage_ros.diagnosis.preprocessing.smoothing import THIRD_DIFFERENCE
 from microstage_ros.diagnosis.prerequisites.lines import REST_SPEED
 
+# parts of half a count, by which rounding differs; derived: its third differences go from nothing to 2.4 times their
+# mean as the step goes from a whole to half a count, a fifth of that a part
+PARTS = 8
 # periods; calibrated by: validation.variation --group scatter (half and double: the same answers)
 BLOCK = 20
 # of a block's mean square of n third differences of white noise; derived: n / (1 + 2 Σₖ (1 − k/n) ρₖ²) with their
@@ -25,6 +30,7 @@ LEAST_LOST = 5.0e-4
 # standard deviations of two readings' difference; derived: a reading that steps back so far comes once in 700
 STEP_BACK = 3.0
 CLEAR = 6.0              # standard errors of a jitter's variance; derived: a chance of 10⁻⁹
+TINY = 1.0e-12           # of a matrix's trace; derived: far below its entries, far above their rounding
 LEAST_SCATTER = 1.0      # of the floor, at the fastest: an encoder without noise rounds differently at every speed
 
 
@@ -69,7 +75,7 @@ class Timing:
 def timing_of(prepared, sde=None):
     """`Timing` of some prepared records together, the encoder's sub-divisional error ``sde`` (effect entry) taken
     out."""
-    spreads, speeds, rounding = [], [], 0.0
+    spreads, speeds, parts, rounding = [], [], [], 0.0
     repeated = samples = missing = rows = 0
     for p in prepared:
         place = _place(p)
@@ -82,6 +88,7 @@ def timing_of(prepared, sde=None):
         good = steady & (speed.mean(axis=1) > REST_SPEED) & (speed.mean(axis=1) < MOST_SPEED)
         spreads.append((rough[:used].reshape(-1, BLOCK) ** 2).mean(axis=1)[good])
         speeds.append(speed.mean(axis=1)[good])
+        parts.append(_part_of_count(speeds[-1] * p.period, p.count))
         rounding = max(rounding, (0.5 * p.count) ** 2 / 3.0)     # uniform within half a count
         same = p.repeated[1:] & (p.current[1:] != 0.0)
         # behind a gap the motor moves while the stage, and its encoder, stand
@@ -91,20 +98,44 @@ def timing_of(prepared, sde=None):
         repeated, samples = repeated + int((same & moving).sum()), samples + int(moving.sum())
         missing, rows = missing + int(p.lost.sum()), rows + len(p.lost)
     lost = repeated / max(samples, 1) + missing / max(rows, 1)
-    spread, square = np.concatenate(spreads), np.concatenate(speeds) ** 2
+    spread, square, part = np.concatenate(spreads), np.concatenate(speeds) ** 2, np.concatenate(parts)
     if len(spread) < 100 or np.isclose(square.min(), square.max()):    # one speed alone cannot tell jitter from noise
         return Timing(0.0, 1.0, lost, 0.0, 0.0, 0.0, max(samples, 1))
+    floors, b, variance = _fitted(spread / float(np.median(spread)), square / float(square.mean()), part)
     usual, scale = float(np.median(spread)), float(square.mean())
-    design, level = np.stack([np.ones(len(square)), square / scale], axis=1), spread / usual    # of order 1
-    weight = np.ones(len(spread))
-    for _ in range(3):
-        inner = np.linalg.inv(design.T @ (design * weight[:, None]))
-        a, b = inner @ (design.T @ (level * weight))
-        weight = 1.0 / np.maximum(a + max(b, 0.0) * design[:, 1], 0.2 * abs(a)) ** 2
-    stderr, a, b = float(np.sqrt(inner[1, 1] * 2.0 / FREEDOM)) * usual / scale, a * usual, b * usual / scale
-    explained = float(max(b, 0.0) * (square.sum()) / a * FREEDOM)
-    return Timing(float(b), stderr, lost, explained, max(float(a), rounding), float(np.sqrt(square.max())),
+    stderr, a, b = float(np.sqrt(variance)) * usual / scale, floors * usual, b * usual / scale
+    explained = float(max(b, 0.0) * (square / a[part]).sum() * FREEDOM)
+    return Timing(float(b), stderr, lost, explained, max(float(a[part].mean()), rounding), float(np.sqrt(square.max())),
                   max(samples, 1), float(spread.mean()), float(square.mean()))
+
+
+def _fitted(level, square, part):
+    """Floors of the parts that were visited [1], slope over the ``square`` of the speed [1], and its variance [1],
+    of scatters ``level``, (n,), in units of their median; ``part``: which floor each has.
+
+    Parts without a block have the mean floor.
+    """
+    visited, own = np.unique(part, return_inverse=True)
+    design = np.column_stack([own[:, None] == np.arange(len(visited)), square])
+    weight = np.ones(len(level))
+    for _ in range(3):
+        normal = design.T @ (design * weight[:, None])
+        inner = np.linalg.inv(normal + TINY * np.trace(normal) * np.eye(len(normal)))
+        sizes = inner @ (design.T @ (level * weight))
+        model = design @ np.append(sizes[:-1], max(sizes[-1], 0.0))
+        weight = 1.0 / np.maximum(model, 0.2 * np.abs(sizes[:-1]).mean()) ** 2
+    floors = np.full(PARTS, sizes[:-1][own].mean())
+    floors[visited] = sizes[:-1]
+    return floors, float(sizes[-1]), float(inner[-1, -1] * 2.0 / FREEDOM)
+
+
+def _part_of_count(step, count):
+    """Which of `PARTS` each ``step`` (n,) [m] in a period belongs to, by its distance from whole counts [m], of half a
+    ``count`` [m]; the first where the encoder shows no count."""
+    if count == 0.0:
+        return np.zeros(len(step), int)
+    away = np.abs(step / count - np.round(step / count))
+    return np.minimum((2.0 * PARTS * away).astype(int), PARTS - 1)
 
 
 def _place(prepared):

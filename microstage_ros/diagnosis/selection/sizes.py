@@ -87,6 +87,16 @@ def with_rattled_mass(causes, mass, stderr):
     return [dataclasses.replace(c, **rattled) if c.id == "payload_change" else c for c in causes]
 
 
+def offset_of(evidences, choices):
+    """The amplifier's offset [V] at its input, of `Choice`s fitted by ``evidences`` together; 0 where none was
+    chosen."""
+    if all(c.effect != "amplifier_offset" for c in choices):
+        return 0.0
+    sizes = evidences.learn["windup"].sizes(Evidences._keys("windup", choices))
+    gain = 1.0 + (float(sizes["amplifier_gain", ""][0]) if ("amplifier_gain", "") in sizes else 0.0)
+    return float(sizes["amplifier_offset", ""][0]) / gain
+
+
 def before_the_gain(causes):
     """The causes with offset and dead band of an amplifier as they are at its input, u_a = gain · dead(u + offset), and
     not behind its gain, where they were found."""

@@ -5,13 +5,15 @@ import types
 import numpy as np
 import pytest
 
+from microstage_ros.diagnosis.catalogue.form import Form, one
 from microstage_ros.diagnosis.prerequisites.lines import Line
 from microstage_ros.diagnosis.prerequisites.lost_motion import Gap
 from microstage_ros.diagnosis.prerequisites.timing import Timing
+from microstage_ros.diagnosis.residuals.evidence_set import Choice
 from microstage_ros.diagnosis.result import Cause, Parameter
 from microstage_ros.diagnosis.selection import nonregression_causes as made
 from microstage_ros.diagnosis.selection.judge import Ledger
-from microstage_ros.diagnosis.selection.sizes import before_the_gain
+from microstage_ros.diagnosis.selection.sizes import before_the_gain, offset_of
 
 
 def slowness(effect="transport_delay", rival=False, **lag):
@@ -136,3 +138,13 @@ def test_offset_and_dead_band_are_those_of_the_amplifiers_input():
     assert (band.parameters["half_width_V"].value, band.parameters["half_width_V"].stderr) == pytest.approx((0.04, 4.0e-4))
     assert band.effect == {"half_width_V": pytest.approx(0.04)} and offset.effect == {"offset_V": pytest.approx(-0.008)}
     assert tilt is found[2] and gain.effect == {"factor": 1.25}
+
+
+def test_the_offset_is_that_of_the_amplifiers_input():
+    windup = types.SimpleNamespace(sizes=lambda keys: {key: np.array([size]) for key, size in (
+        (("amplifier_offset", ""), -0.05), (("amplifier_gain", ""), 0.25)) if key in keys})
+    choice = {name: Choice(name, (Form(name, "windup", "", None, one("size", "V")),)) for name in ("amplifier_offset", "amplifier_gain")}
+    evidences = types.SimpleNamespace(learn={"windup": windup})
+    assert offset_of(evidences, [choice["amplifier_gain"]]) == 0.0
+    assert offset_of(evidences, [choice["amplifier_offset"]]) == pytest.approx(-0.05)
+    assert offset_of(evidences, [*choice.values()]) == pytest.approx(-0.04)
