@@ -1,5 +1,6 @@
 """Which causes: forward and backward over the catalogue, on the evidence of all channels together."""
 
+import itertools
 import math
 
 import numpy as np
@@ -38,6 +39,8 @@ RIVAL_MARGIN = 12.0     # χ² by which a cause must beat every other name; deri
 # of the gain expected on held-out records that must arrive; calibrated by: validation.margins (0.039 to 0.20)
 HELD_SHARE = 0.1
 DOMINANCE = 0.5              # of the gain of a stronger name that does not stand, below which a weaker one is not taken
+WITHOUT_FRICTION = frozenset({"windup", "position"})     # channels in which there is no friction law
+PAIRED = 4      # trials of which two may stand together; derived: two that mask each other are among the strongest
 # share of the gain of payload and soft drive that the payload alone must reach on the coarse grid
 ONE_RESONANCE = 0.35
 MISFIT = 0.5                 # a wider shape may explain at most this share beside the named one
@@ -169,11 +172,13 @@ class _Balance:
         return sorted((t for t in trials if t is not None), key=lambda t: 2 * t.sizes - t.gain)
 
     def first_standing(self, trials, choices):
-        """See `_first_acceptable`."""
-        return _first_acceptable(self.evidences, trials, choices)
+        """See `_first_acceptable`, and `_standing_pair` where no single trial stands."""
+        return _first_acceptable(self.evidences, trials, choices) or _standing_pair(self.evidences, trials, choices)
 
     def extended(self, choices, winner, trials):
-        """With the winner, or the simpler effect that it contains; pruned."""
+        """With the winner, or the simpler effect that it contains, or the pair; pruned."""
+        if isinstance(winner, tuple):
+            return prune(self.evidences, [*choices, *(trial.choice for trial in winner)])
         return prune(self.evidences, [*choices, _simpler(self.evidences, winner, trials, choices).choice])
 
 
@@ -278,6 +283,31 @@ def _first_acceptable(evidences, trials, choices):
                 part = evidences.channel_gain(channel, [*choices, trial.choice])
                 part -= evidences.channel_gain(channel, choices)
                 blocked[channel] = max(blocked.get(channel, 0.0), part)
+    return None
+
+
+def _standing_pair(evidences, trials, choices):
+    """The strongest two trials of one channel that stand beside each other though neither stands alone, or None.
+
+    Where one is as large as the other each is the other's misfit, and what the learning records say of one alone the
+    held-out ones deny: a gain and a dead band, an error of the scale and a refractive index. Together they explain at
+    least what the strongest of the channel does. Of the torque that is not asked, as the machine's friction law may be
+    another one, nor behind a gap, which leaves something of its own.
+    """
+    if behind_gap(evidences):
+        return None
+    strong = [t for t in trials[:PAIRED] if t.log_p < LEVEL and not in_baseline(evidences, t.choice, choices)]
+    for one, other in itertools.combinations(strong, 2):
+        shared = WITHOUT_FRICTION.intersection(*({f.channel for f in t.choice.forms} for t in (one, other)))
+        second = best_forms(evidences, other.choice.effect, [*choices, one.choice]) if shared else None
+        first = best_forms(evidences, one.choice.effect, [*choices, second.choice]) if second is not None else None
+        if first is None or second is None or not all(
+                acceptable(evidences, trial, [*choices, beside.choice])
+                for trial, beside in ((first, second), (second, first))):
+            continue
+        both = evidences.gain([*choices, first.choice, second.choice]) - evidences.gain(choices)
+        if both > max(t.gain for t in trials if shared & {f.channel for f in t.choice.forms}):
+            return first, second
     return None
 
 

@@ -245,3 +245,25 @@ def test_causes_that_push_each_other_out_end_the_selection():
 
     state, last = forward(Circle(), [], 4)
     assert state == [] and last == ["other"]
+
+
+@pytest.mark.parametrize(("alone", "beside", "both", "pair"), [
+    (False, True, 150.0, True), (False, False, 150.0, False), (False, True, 90.0, False), (True, True, 150.0, False)])
+def test_two_that_mask_each_other_stand_together(monkeypatch, alone, beside, both, pair):
+    """An error of the scale beside a refractive index: the held-out records denied either alone, and a drift was named (pairs, seed 12701,
+    case 80). A gain and a dead band were each the other's misfit, and nothing was named."""
+    choice = {name: Choice(name, (Form(name, "windup", "", None, one("size", "1")),)) for name in ("amplifier_gain", "amplifier_deadband")}
+    trials = [types.SimpleNamespace(choice=c, gain=100.0, held=50.0, log_p=-100.0, sizes=1) for c in choice.values()]
+    monkeypatch.setattr(selection, "in_baseline", lambda *_: False)
+    monkeypatch.setattr(selection, "behind_gap", lambda _: False)
+    monkeypatch.setattr(selection, "best_forms", lambda evidences, effect, choices: next(t for t in trials if t.choice.effect == effect))
+    monkeypatch.setattr(selection, "acceptable", lambda evidences, trial, choices: beside if choices else alone)
+    monkeypatch.setattr(selection, "prune", lambda evidences, choices: choices)
+    evidences = types.SimpleNamespace(gain=lambda choices: both if choices else 0.0, channel_gain=lambda channel, choices: 100.0 * bool(choices))
+    balance = selection._Balance(evidences, [])
+    winner = balance.first_standing(trials, [])
+    assert isinstance(winner, tuple) == pair and (winner is None) == (not pair and not alone)
+    if pair:
+        assert balance.extended([], winner, trials) == [*choice.values()]
+        monkeypatch.setattr(selection, "behind_gap", lambda _: True)     # a rattle left a gain and an error of the screw
+        assert balance.first_standing(trials, []) is None
