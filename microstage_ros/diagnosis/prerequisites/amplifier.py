@@ -59,7 +59,7 @@ AT_END = 1.02            # so near to its end an optimum lies beyond; derived: t
 BESIDE = 1.0e-3
 SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)   # of a delay in what looks like one time; derived: even steps
 SIDE = 0.1               # of that time, and of the lag; derived: half a step of `SHARES`
-MOST_LOOKS = 80          # derived: each halves the place's distance in two of a dozen looks
+MOST_LOOKS = 80          # evaluations; derived: some fifteen halvings of the simplex, at five each
 MOST = 0.5               # of a channel's χ²; derived: more than all else
 # relative difference of χ² by which delay and lag must differ; calibrated by: validation.margins (0.0017 to 0.52)
 CLEAR = 0.03

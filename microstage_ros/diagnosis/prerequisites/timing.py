@@ -15,7 +15,7 @@ from microstage_ros.diagnosis.preprocessing.smoothing import THIRD_DIFFERENCE
 from microstage_ros.diagnosis.prerequisites.lines import REST_SPEED
 
 # parts of half a count, by which rounding differs; derived: its third differences go from nothing to 2.4 times their
-# mean as the step goes from a whole to half a count, a fifth of that a part
+# mean as the step goes from a whole to half a count, 0.3 of it a part
 PARTS = 8
 # periods; calibrated by: validation.variation --group scatter (half and double: the same answers)
 BLOCK = 20

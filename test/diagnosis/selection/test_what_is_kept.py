@@ -182,9 +182,9 @@ def test_a_payload_that_a_rattle_tells_is_no_nearest_name_to_what_else_is_left()
 
 @pytest.mark.parametrize(("springs", "stands"), [
     ({"torque": 300.0}, True), ({"windup": 300.0}, False), ({"torque": 300.0, "windup": 250.0}, True), ({"torque": 30.0, "windup": 250.0}, True),
-    ({"torque": 300.0, "windup": 2.5e5}, False), ({"torque": 300.0, "windup": -2.0e4}, False)])
+    ({"torque": 300.0, "windup": 1.2e6}, False), ({"torque": 300.0, "windup": -2.0e4}, False)])
 def test_a_cable_pulls_in_the_torque_balance_as_much_as_it_bends_the_drive(monkeypatch, springs, stands):
-    """An amplifier's gain of 0.9 beside a dead band bends the wind-up as a cable of 0.25 N/µm would, and was left open."""
+    """An amplifier's gain of 0.9 beside a dead band bends the wind-up as a cable of a tenth of the drive's 12 N/µm would, and was left open."""
     monkeypatch.setattr(selection, "sizes_of", lambda evidences, choice, choices, form: (
         {"stiffness_N_m": (springs[form.channel], 60.0, "N/m")}, {}))
     cable = Choice("cable_spring", tuple(Form("cable_spring", channel, "", None, one("size", "1")) for channel in springs))
