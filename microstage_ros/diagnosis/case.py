@@ -87,7 +87,7 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0, twin=()):
     anew = slow_beside(more, groups, prepared, drive, known) if more is not None else None
     if anew is not None:
         prepared, known = anew
-        chosen = _choose(groups, prepared, drive, known, chosen.collection.frame.offset)
+        chosen = _choose(groups, prepared, drive, known, chosen.collection.frame.drive.offset)
     collection, evidences, choices = chosen.collection, chosen.evidences, chosen.choices
     course, effects = chosen.course, chosen.effects
     notes += [chosen.law.words] if chosen.law is not None else []
@@ -129,7 +129,7 @@ def _beside_offset(groups, prepared, drive, known):
     for _ in range(MOST_OFFSETS):
         offset = offset_of(chosen.evidences, chosen.choices)
         swallows = any(c.effect == "amplifier_deadband" for c in chosen.choices)
-        if abs(offset - chosen.collection.frame.offset) <= SAME_OFFSET * abs(offset) or not (
+        if abs(offset - chosen.collection.frame.drive.offset) <= SAME_OFFSET * abs(offset) or not (
                 swallows or "windup" in judge.stands_out(chosen.evidences, chosen.choices)):
             break
         chosen = _choose(groups, prepared, drive, known, offset)
@@ -142,8 +142,8 @@ def _choose(groups, prepared, drive, known, offset=0.0):
     prepared, drive, law = own_law(prepared, seen_count(drive, prepared))
     rattles = known.gap is not None and known.gap.rattles
     mass = known.gap.added_mass(drive.mass)[0] if rattles and known.gap.scales else 0.0
-    drive = dataclasses.replace(drive, pull=(known.gap.pull, known.gap.pull_stderr) if rattles else None)
-    collection = Collection(prepared, drive, rattled_mass=mass, offset=offset)
+    pull = (known.gap.pull, known.gap.pull_stderr) if rattles else None
+    collection = Collection(prepared, dataclasses.replace(drive, pull=pull, offset=offset), rattled_mass=mass)
     found = ("backlash", "drive_compliance") if rattles else ("backlash",) if known.gap is not None else ()
     effects = [effect for effect in EFFECTS if effect not in found]
     own = [*periodic_forms(collection), *damped_forms(collection, known.train), *power_forms(collection),

@@ -29,7 +29,7 @@ def amplifier_deadband(width):
     """u → sgn u · max(|u| − h, 0), u with the amplifier's offset: what is missing is u clipped to ±h; scaled to volts
     of h, the ``width`` [V]."""
     def columns(channel, frame):
-        return -channel.integral(np.clip((channel.prepared.answered + frame.offset) / width, -1.0, 1.0))[:, None]
+        return -channel.integral(np.clip((channel.prepared.answered + frame.drive.offset) / width, -1.0, 1.0))[:, None]
     return columns
 
 

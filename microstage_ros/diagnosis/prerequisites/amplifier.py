@@ -19,6 +19,7 @@ from microstage_ros.diagnosis.catalogue.command import (
     weight_of_old,
     whole_delay_form,
 )
+from microstage_ros.diagnosis.preprocessing.smoothing import triangle
 from microstage_ros.diagnosis.residuals.collection import Collection
 
 GAIN = next(form for form in FORMS if not form.named)
@@ -40,6 +41,10 @@ DELAY_STEP = 0.02
 LEAST_TIME = 2.0 * DELAY_STEP     # periods; derived: two steps; less is a matter of stamps
 # s that the encoder may be read later than the interferometer; calibrated by: validation.margins (1.9e-6 to 2.6e-4)
 LATE = 2.0e-5
+# s: means over which the two position readings are compared, longer and shorter; derived: readings of a moving stage
+# change within a second, air does not; ten milliseconds hold the delays and the lags that are looked for
+STRETCH, HASTE = 1.0, 0.01
+SIGMAS = 3.0             # derived: one record in 370 by chance
 DOMINANCE = 0.5          # of the gain of the strongest form, accepted or not, that the answer must reach
 HELD_SHARE = 0.1         # of what it can hold on held-out records; derived: as `selection.HELD_SHARE`
 LONGEST = 64             # periods; derived: the power of two above the 60 that `TransportDelay` may have
@@ -263,14 +268,26 @@ def _within_a_period(learn, winding):
 
 
 def lateness(prepared):
-    """By how much the encoder is read later than the interferometer [s]; 0 without an interferometer."""
-    top = bottom = 0.0
+    """By how much the encoder is surely read later than the interferometer, beyond three standard errors [s]; 0 without
+    an interferometer.
+
+    Slope of encoder − interferometer over the interferometer's speed, both between `STRETCH` and `HASTE`: a refractive
+    index that wanders is slower than that, a reading's noise mostly faster. Standard error by how stretches disagree.
+    """
+    found = [np.zeros((2, 1))]
     for p in prepared:
         if p.interferometer is not None:
-            error = p.encoder - p.interferometer
-            top += float(np.dot(p.stage_speed, error - error.mean()))
-            bottom += float(np.dot(p.stage_speed, p.stage_speed))
-    return top / bottom if bottom > 0.0 else 0.0
+            stretch, haste = (2 * int(0.5 * width / p.period) + 1 for width in (STRETCH, HASTE))
+            readings = p.encoder - p.interferometer, np.gradient(p.interferometer, p.period)
+            error, speed = (x - triangle(x, stretch) for x in (triangle(reading, haste) for reading in readings))
+            starts = np.arange(0, len(error), stretch)
+            found.append(np.add.reduceat(speed * np.stack([error, speed]), starts, axis=1))
+    tops, bottoms = np.hstack(found)
+    if bottoms.sum() == 0.0:
+        return 0.0
+    late = tops.sum() / bottoms.sum()
+    stderr = np.sqrt(np.sum((tops - late * bottoms) ** 2)) / bottoms.sum()
+    return float(np.sign(late) * max(abs(late) - SIGMAS * stderr, 0.0))
 
 
 def _form(effect, time, period):

@@ -55,7 +55,8 @@ class Drive:
     ``lever`` is r/N [m per radian of the motor]: stage travel for a radian of the motor shaft. ``amplifier_noise`` [V]
     and ``variability`` are what the axis file states of noise; where records of the healthy axis are given, they say it
     instead. ``pull``: the force that pulls on the stage towards smaller x [N] and its standard error, where a rattle in
-    a gap told it.
+    a gap told it. ``offset``: of the amplifier [V], once it is found: its dead band lies around the command that this
+    makes nothing of.
     """
 
     resistance: float
@@ -83,6 +84,7 @@ class Drive:
     amplifier_noise: float = 0.0
     variability: "Variability | None" = None
     pull: tuple[float, float] | None = None
+    offset: float = 0.0
 
     def interpolation_error(self, position):
         """What the encoder of the axis file reads beyond ``position`` [m], (n,), by interpolation [m]."""

@@ -40,9 +40,9 @@ class Collection:
     standard deviation of the healthy friction along the stroke.
     """
 
-    def __init__(self, prepared, drive, fast_only=False, rattled_mass=0.0, offset=0.0):
+    def __init__(self, prepared, drive, fast_only=False, rattled_mass=0.0):
         drive = seen_amplifier(prepared["base"], drive)
-        self.frame = dataclasses.replace(frame_of(prepared, drive), rattled_mass=rattled_mass, offset=offset)
+        self.frame = dataclasses.replace(frame_of(prepared, drive), rattled_mass=rattled_mass)
         self.prepared = prepared
         self.channels = {group: [channels_of(p, drive, fast_only) for p in some] for group, some in prepared.items()}
         self.spreads = stated_spreads(drive)

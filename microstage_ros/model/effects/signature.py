@@ -12,8 +12,7 @@ class Frame:
 
     ``low`` and ``high`` bound the positions that the records visit [m]; ``duration`` is the longest record [s].
     ``rattled_mass``: mass added to the stage [kg] that the drive train's stiffness stands for if it is as stated, where
-    a rattle told stiffness over mass; 0 where none did. ``offset``: of the amplifier [V], once it is found: its dead
-    band lies around the command that this makes nothing of.
+    a rattle told stiffness over mass; 0 where none did.
     """
 
     drive: object
@@ -21,7 +20,6 @@ class Frame:
     high: float
     duration: float
     rattled_mass: float = 0.0
-    offset: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True)

@@ -17,7 +17,7 @@ TIME = np.arange(200) * 1e-2
 COMMAND = 2.0 * np.sin(9.0 * TIME)
 TILT = Form("gravity_tilt", "torque", "", None)
 OWN = Form("generic:velocity", "torque", "own", lambda channel, frame: np.ones((3, 1)))
-FRAME = types.SimpleNamespace(offset=0.0, drive=types.SimpleNamespace(resistance=3.0))
+FRAME = types.SimpleNamespace(drive=types.SimpleNamespace(offset=0.0, resistance=3.0))
 
 
 def windup(effect, variant):
