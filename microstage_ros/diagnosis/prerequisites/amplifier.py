@@ -19,7 +19,6 @@ from microstage_ros.diagnosis.catalogue.command import (
     weight_of_old,
     whole_delay_form,
 )
-from microstage_ros.diagnosis.preprocessing.smoothing import triangle
 from microstage_ros.diagnosis.residuals.collection import Collection
 
 GAIN = next(form for form in FORMS if not form.named)
@@ -39,12 +38,6 @@ DELAY_ERROR = 0.003
 # --cases 2 (half and double: the same answers)
 DELAY_STEP = 0.02
 LEAST_TIME = 2.0 * DELAY_STEP     # periods; derived: two steps; less is a matter of stamps
-# s that the encoder may be read later than the interferometer; calibrated by: validation.margins (1.9e-6 to 2.6e-4)
-LATE = 2.0e-5
-# s: means over which the two position readings are compared, longer and shorter; derived: readings of a moving stage
-# change within a second, air does not; ten milliseconds hold the delays and the lags that are looked for
-STRETCH, HASTE = 1.0, 0.01
-SIGMAS = 3.0             # derived: one record in 370 by chance
 DOMINANCE = 0.5          # of the gain of the strongest form, accepted or not, that the answer must reach
 HELD_SHARE = 0.1         # of what it can hold on held-out records; derived: as `selection.HELD_SHARE`
 LONGEST = 64             # periods; derived: the power of two above the 60 that `TransportDelay` may have
@@ -66,8 +59,9 @@ SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)   # of a delay in what looks like one time; d
 SIDE = 0.1               # of that time, and of the lag; derived: half a step of `SHARES`
 MOST_LOOKS = 80          # evaluations; derived: some fifteen halvings of the simplex, at five each
 MOST = 0.5               # of a channel's χ²; derived: more than all else
-# relative difference of χ² by which delay and lag must differ; calibrated by: validation.margins (0.0017 to 0.52)
-CLEAR = 0.03
+# relative difference of χ² by which delay and lag must differ; calibrated by: validation.margins (0.0017 to 0.52), and
+# microstage campaign --world second --kind two --seed 12901, case 12, and 12501, case 61 (0.019 and 0.025, lags)
+CLEAR = 0.01
 OPEN = 20.0              # χ², and by which they must at least; derived: odds of exp(20/2), 22 000 to one
 
 
@@ -118,8 +112,6 @@ def find_slowness(prepared, drive, more=None):
         record; None before that is known. Without it a lag takes what is missing of the fast part, or too much, for its
         own: at a gain of 1.07 it was 8 % short (`campaign --world second --kind two --seed 12501`, case 66).
     """
-    if lateness(prepared["learn"]) > LATE:
-        return None  # current and encoder were read late: the amplifier cannot be judged against them
     fast = Collection(prepared, drive, fast_only=True)
     if "command" not in fast.names:
         return None
@@ -265,29 +257,6 @@ def _within_a_period(learn, winding):
     any_part = delay_form(DELAYS[0])
     old = float(learn.alone(any_part).fit([any_part.key])[0][0]) * weight_of_old(DELAYS[0], winding)
     return [delay_form(part_of(old, winding))] if 0.0 < old < 1.0 else []
-
-
-def lateness(prepared):
-    """By how much the encoder is surely read later than the interferometer, beyond three standard errors [s]; 0 without
-    an interferometer.
-
-    Slope of encoder − interferometer over the interferometer's speed, both between `STRETCH` and `HASTE`: a refractive
-    index that wanders is slower than that, a reading's noise mostly faster. Standard error by how stretches disagree.
-    """
-    found = [np.zeros((2, 1))]
-    for p in prepared:
-        if p.interferometer is not None:
-            stretch, haste = (2 * int(0.5 * width / p.period) + 1 for width in (STRETCH, HASTE))
-            readings = p.encoder - p.interferometer, np.gradient(p.interferometer, p.period)
-            error, speed = (x - triangle(x, stretch) for x in (triangle(reading, haste) for reading in readings))
-            starts = np.arange(0, len(error), stretch)
-            found.append(np.add.reduceat(speed * np.stack([error, speed]), starts, axis=1))
-    tops, bottoms = np.hstack(found)
-    if bottoms.sum() == 0.0:
-        return 0.0
-    late = tops.sum() / bottoms.sum()
-    stderr = np.sqrt(np.sum((tops - late * bottoms) ** 2)) / bottoms.sum()
-    return float(np.sign(late) * max(abs(late) - SIGMAS * stderr, 0.0))
 
 
 def _form(effect, time, period):

@@ -46,9 +46,10 @@ OF_REST = ("rising_static_friction", "presliding_creep")
 #: What pulls one way, but for the first micrometres after a reversal.
 ONE_FORCE = ("gravity_tilt", "direction_asymmetry")
 ALONG_STROKE = "position_dependent_friction"
-#: What goes with the place of the screw is none of what an amplifier swallows, whatever its width.
-OF_SCREW, SWALLOWS = "screw_pitch_error", "amplifier_deadband"
-#: What goes with the motor's turns, of whatever order, knows no rest.
+#: What goes with the place of the screw, or with all of the command, is none of what an amplifier swallows of a small
+#: one, whatever its width.
+NOT_SWALLOWED, SWALLOWS = ("screw_pitch_error", "amplifier_gain"), "amplifier_deadband"
+#: What goes with the motor's turns, of whatever order, knows no rest and no direction.
 OF_TURNS = "torque_ripple"
 
 
@@ -138,11 +139,11 @@ def _whatever_else(evidences, effect, larger):
     """(channel, key) of the nameless shapes that hold all that a larger `Choice` may leave beside itself, and not the
     ``effect``; none where there are no such shapes."""
     beside = ((FLIPS_NOT, FLIPS), ((*OF_REST, ALONG_STROKE), OF_SPEED), ((ALONG_STROKE,), FLIPS_NOT))
+    if effect in (ALONG_STROKE, *OF_REST, *FLIPS_NOT, *FRICTIONS) and larger.effect in OF_REST:
+        return [("torque", form.key) for form in evidences.forms if form.effect in OF_REST and form.effect != effect]
     if any(effect in ours and larger.effect in theirs for ours, theirs in beside):
         return wider_keys(evidences, larger.effect, "torque")
-    if effect in (ALONG_STROKE, *OF_REST) and larger.effect in OF_REST:
-        return [("torque", form.key) for form in evidences.forms if form.effect in OF_REST and form.effect != effect]
-    if effect in OF_REST and larger.effect == OF_TURNS or effect == OF_SCREW and larger.effect == SWALLOWS:
+    if effect in FLIPS and larger.effect == OF_TURNS or effect in NOT_SWALLOWED and larger.effect == SWALLOWS:
         return [(form.channel, form.key) for form in evidences.forms if form.effect == larger.effect]
     if effect in FRICTIONS and larger.effect == "nonlinear_viscous" and not any("," in f.variant for f in larger.forms):
         return [("torque", form.key) for form in evidences.forms if form.effect == OTHER_POWER]

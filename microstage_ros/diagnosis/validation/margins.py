@@ -36,7 +36,7 @@ from microstage_ros.places import config_file
 TINY = np.finfo(float).tiny
 #: Module of the diagnosis to those of its constants that are watched.
 WATCHED = {
-    "prerequisites.amplifier": ("LATE", "CLEAR"),
+    "prerequisites.amplifier": ("CLEAR",),
     "prerequisites.lines": ("NARROW",),
     "prerequisites.lost_motion": ("STANDS_OUT", "EXPLAINS", "EXPLAINS_FIRST", "EXPLAINS_HELD", "LEAST"),
     "prerequisites.periods": ("REAL", "ONE_PHASE", "SNAP"),

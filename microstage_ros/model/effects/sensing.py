@@ -15,8 +15,8 @@ from microstage_ros.model.effects.effect import Effect, Parameter
 class SamplingJitter(Effect):
     """Readings taken late against their stamps, samples lost.
 
-    Encoder and current are read at t_n + late_s + |jitter_s · N(0,1)|; with probability lost_fraction a
-    sample is lost and the reading before it stands again.
+    The encoder is read at t_n + late_s + |jitter_s · N(0,1)|, the current at t_n; with probability lost_fraction a
+    sample is lost and the readings of both before it stand again.
     """
 
     id = "sampling_jitter"

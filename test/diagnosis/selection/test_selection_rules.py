@@ -222,7 +222,10 @@ class Beside(Parts):
     ("presliding_creep", "rising_static_friction", 3000.0, False),
     ("torque_ripple", "presliding_creep", 7000.0, True),        # 738 beside 65 000 (pairs, seed 10701, case 21)
     ("torque_ripple", "presliding_creep", 3000.0, False),       # gone where the ripple may have other orders
-    ("torque_ripple", "viscous_change", 7000.0, False),
+    ("presliding_creep", "cable_spring", 7000.0, True), ("presliding_creep", "cable_spring", 3000.0, False),   # 887 beside 4828 (pairs, seed 12801, case 23)
+    ("presliding_creep", "friction_level_change", 7000.0, True), ("presliding_creep", "friction_level_change", 3000.0, False),  # 2504 beside 12 793 (case 20)
+    ("torque_ripple", "friction_level_change", 7000.0, True), ("torque_ripple", "viscous_change", 3000.0, False),   # 1691 beside 84 000 (case 95)
+    ("torque_ripple", "gravity_tilt", 7000.0, False),
 ])
 def test_what_stands_beside_all_that_a_friction_may_leave_is_no_misfit_of_it_however_large(larger, second, left, stands,
                                                                                           monkeypatch):
@@ -243,15 +246,16 @@ def test_friction_along_the_stroke_beside_a_viscosity_is_a_cause_if_it_is_no_lev
     assert (small in splinters.without_splinters(case, [large, small])) == stands
 
 
+@pytest.mark.parametrize("second", ["screw_pitch_error", "amplifier_gain"])
 @pytest.mark.parametrize(("left", "stands"), [(9300.0, True), (4000.0, False)])
-def test_an_error_of_the_screw_stands_beside_a_dead_band_of_any_width(left, stands):
-    """9519 beside 5.6·10⁶, 9292 beside dead bands of all widths (pairs, seed 10201, case 16)."""
-    band, screw = choice("amplifier_deadband", "windup"), choice("screw_pitch_error", "windup")
-    case = Beside("amplifier_deadband", "screw_pitch_error", 9519.0, left)
-    case.parts = {("amplifier_deadband", "windup"): 5.6e6, ("screw_pitch_error", "windup"): 9519.0}
+def test_an_error_of_the_screw_and_a_gain_stand_beside_a_dead_band_of_any_width(second, left, stands):
+    """An error of 9519 beside 5.6·10⁶, 9292 beside dead bands of all widths (pairs, seed 10201, case 16); a gain of 0.9 beside 41 mV (seed 12801, case 2)."""
+    band, small = choice("amplifier_deadband", "windup"), choice(second, "windup")
+    case = Beside("amplifier_deadband", second, 9519.0, left)
+    case.parts = {("amplifier_deadband", "windup"): 5.6e6, (second, "windup"): 9519.0}
     case.forms = [Form("amplifier_deadband", "windup", "0.04", None)]
     case.channel_gain = lambda channel, choices, extra=(): 0.0 if channel == "torque" else Beside.channel_gain(case, "torque", choices, extra)
-    assert (screw in splinters.without_splinters(case, [band, screw])) == stands
+    assert (small in splinters.without_splinters(case, [band, small])) == stands
 
 
 @pytest.mark.parametrize(("law", "whole", "open_"), [(2, 3738.0, True), (2, 4600.0, False), (-1, 3738.0, False)])
