@@ -8,7 +8,8 @@ import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
-MOST = 4     # threads of one diagnosis
+# threads of one diagnosis; derived: a record each of a usual case, two to learn from, one held out, a baseline
+MOST = 4
 
 _inside = threading.local()
 

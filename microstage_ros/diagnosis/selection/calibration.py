@@ -32,7 +32,8 @@ LIKELY = 0.82
 # second --kind two, seeds 10301, 10322 and 10501 (right ones that hold as little: 1), and records of the shipped law on
 # test/diagnosis/cases/plain_programmes.py with a gap of 1.3 to 1.7° (wrong ones: 0.031 and 0.115)
 UNCLEAR = 0.25
-RATTLED = 0.002     # the share that `case.FOLLOWED_SWUNG_SHARE` asks of shapes that a rattle feigns
+# derived: the share that `beyond_the_known.FOLLOWED_SWUNG_SHARE` asks of shapes that a rattle feigns
+RATTLED = 0.002
 PRIOR = ((2.0, 2.0), (0.5, 0.5), (0.5, 0.5))     # mean and standard deviation of a, b, c: right far more often than not
 
 
