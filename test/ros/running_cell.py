@@ -10,7 +10,7 @@ from microstage_ros.ros.launching.cell_processes import NODES, QUICK, CellProces
 from microstage_ros.ros.launching.supervision import Supervisor
 from microstage_ros.ros.transport.topics import LATCHED
 
-TRIP_S = 4.0
+TRIP_S = 2.0
 """Silence of the commands that is a fault [s]: longer than the host keeps a controller of these tests from its processor."""
 
 WITHOUT_RECORDER = tuple(name for name in NODES if name != "bag_recorder")
