@@ -18,7 +18,7 @@ from microstage_ros.signals.current import between_readings, settled_current
 from microstage_ros.signals.rows import bridged, of_row_before
 from microstage_ros.signals.travel import motor_travel
 
-LEAST_ROWS = 5000     # derived: two stretches of `evidence_set.STRETCH` at 10 kHz: one has no scatter
+LEAST_ROWS = 5000
 FUSION = 41           # periods, at least, over which the position reading corrects the motor's travel
 GAP_FUSION = 1001     # the same where the stage may rattle in a gap
 HIT = 3               # periods of the stage's mean there; derived: the least that is one, as a hit lasts some ten

@@ -8,8 +8,7 @@ import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
-# threads of one diagnosis; derived: a record each of a usual case, two to learn from, one held out, a baseline
-MOST = 4
+MOST = 4     # threads of one diagnosis
 
 _inside = threading.local()
 

@@ -55,8 +55,8 @@ class Drive:
     ``lever`` is r/N [m per radian of the motor]: stage travel for a radian of the motor shaft. ``amplifier_noise`` [V]
     and ``variability`` are what the axis file states of noise; where records of the healthy axis are given, they say it
     instead. ``pull``: the force that pulls on the stage towards smaller x [N] and its standard error, where a rattle in
-    a gap told it. ``offset``: of the amplifier [V], once it is found: its dead band lies around the command that this
-    makes nothing of.
+    a gap told it. ``offset``: of the amplifier [V], once it is found; its dead band is centred on the command
+    −offset.
     """
 
     resistance: float

@@ -46,8 +46,8 @@ OF_REST = ("rising_static_friction", "presliding_creep")
 #: What pulls one way, but for the first micrometres after a reversal.
 ONE_FORCE = ("gravity_tilt", "direction_asymmetry")
 ALONG_STROKE = "position_dependent_friction"
-#: What goes with the place of the screw, or with all of the command, is none of what an amplifier swallows of a small
-#: one, whatever its width.
+#: An error of the screw goes with its angle, a gain with the command at any size: a dead band leaves neither, whatever
+#: its width.
 NOT_SWALLOWED, SWALLOWS = ("screw_pitch_error", "amplifier_gain"), "amplifier_deadband"
 #: What goes with the motor's turns, of whatever order, knows no rest and no direction.
 OF_TURNS = "torque_ripple"

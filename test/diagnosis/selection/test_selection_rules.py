@@ -224,7 +224,7 @@ class Beside(Parts):
     ("torque_ripple", "presliding_creep", 3000.0, False),       # gone where the ripple may have other orders
     ("presliding_creep", "cable_spring", 7000.0, True), ("presliding_creep", "cable_spring", 3000.0, False),   # 887 beside 4828 (pairs, seed 12801, case 23)
     ("presliding_creep", "friction_level_change", 7000.0, True), ("presliding_creep", "friction_level_change", 3000.0, False),  # 2504 beside 12 793 (case 20)
-    ("torque_ripple", "friction_level_change", 7000.0, True), ("torque_ripple", "viscous_change", 3000.0, False),   # 1691 beside 84 000 (case 95)
+    ("torque_ripple", "friction_level_change", 7000.0, True), ("torque_ripple", "viscous_change", 7000.0, True), ("torque_ripple", "viscous_change", 3000.0, False),   # 1691 beside 84 000 (case 95)
     ("torque_ripple", "gravity_tilt", 7000.0, False),
 ])
 def test_what_stands_beside_all_that_a_friction_may_leave_is_no_misfit_of_it_however_large(larger, second, left, stands,
