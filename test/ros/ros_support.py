@@ -48,6 +48,7 @@ def own_domain():
 def ros_node(name="tester", namespace="/axis"):
     """An rclpy node in a domain of its own."""
     import rclpy
+    from rclpy.action import ActionClient, ActionServer
 
     with own_domain():
         rclpy.init()
@@ -55,6 +56,9 @@ def ros_node(name="tester", namespace="/axis"):
         try:
             yield made
         finally:
+            for waitable in list(made.waitables):
+                if isinstance(waitable, (ActionClient, ActionServer)):
+                    waitable.destroy()  # destroy_node leaves them, and while one is there the participant is
             made.destroy_node()  # else its readers and writers go on to be there in this process
             rclpy.try_shutdown()
 

@@ -101,6 +101,8 @@ class _Reader:
         import rclpy
         from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+        from microstage_ros.ros.transport.topics import DEPTH
+
         self._node, self._wait, self._spin = node, arguments.wait, rclpy.spin_once
         self.name = arguments.name if arguments.name.startswith("/") else "/" + arguments.name
         offered = self._offered(time.monotonic() + arguments.wait)
@@ -117,7 +119,7 @@ class _Reader:
             self.name,
             lambda message: self._heard.append((time.monotonic(), message)),
             QoSProfile(
-                depth=10_000,
+                depth=DEPTH,
                 reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
                 durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
             ),

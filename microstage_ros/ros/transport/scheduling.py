@@ -1,8 +1,10 @@
 """Keeping time: a sleep that spins its last stretch, and real-time scheduling where it is permitted."""
 
 import ctypes
+import faulthandler
 import os
 import resource
+import signal
 import time
 from pathlib import Path
 
@@ -106,7 +108,8 @@ def take_place(logger, cpus, scheduling="normal", priority=0):
 
 def bound_real_time(seconds=LONGEST_UNBROKEN_S):
     """Have the kernel end this process once a real-time thread of it has run for ``seconds`` [s] without a wait
-    (RLIMIT_RTTIME)."""
+    (RLIMIT_RTTIME). Where each thread of Python stood then goes to the standard error first."""
+    faulthandler.register(signal.SIGXCPU, chain=True)
     soft = int(seconds * 1e6)
     _, most = resource.getrlimit(resource.RLIMIT_RTTIME)
     hard = 2 * soft if most == resource.RLIM_INFINITY else min(2 * soft, most)

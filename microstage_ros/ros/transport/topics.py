@@ -2,8 +2,11 @@
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-DEPTH = 10_000
-"""Messages that a servo topic keeps for a slow reader: one second at 10 kHz."""
+DEPTH = 5_000
+"""Messages that a servo topic keeps for a slow reader: half a second at 10 kHz. Not more than Fast DDS stores for one
+endpoint (its `max_samples`, 5000): beyond that a history of the last messages does not drop the oldest but refuses the
+newest, and with data sharing the thread that reads looks at the refused one again for ever (upstream pull request
+6490)."""
 
 SERVO = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
 """Once per control period, or a fixed part of it: nothing may be lost on the way to the bag."""

@@ -10,6 +10,7 @@ from ros_support import own_domain, ros_node, spin_until
 from microstage_ros.records.bags.bag_reader import Bag
 from microstage_ros.ros.client import AxisClient
 from microstage_ros.ros.launching.cell_processes import CellProcesses
+from microstage_ros.ros.transport import topics
 
 TOPICS = ("state", "command", "controller_state", "friction", "interferometer", "simulation")
 
@@ -64,14 +65,13 @@ def test_another_seed_is_another_run(first, tmp_path):
 def test_replay_sends_the_same_bytes_in_order(first, tmp_path):
     """At a hundredth of its speed, by the command itself; a reader that was there first misses nothing."""
     import rclpy
-    from rclpy.qos import QoSProfile
 
     recorded = [raw for _, raw in messages(first)["/axis/command"]]
     with own_domain():
         rclpy.init()
         try:
             node, heard = rclpy.create_node("listener"), []
-            node.create_subscription(VoltageCommand, "/axis/command", heard.append, QoSProfile(depth=10_000), raw=True)
+            node.create_subscription(VoltageCommand, "/axis/command", heard.append, topics.SERVO, raw=True)
             command = [sys.executable, "-m", "microstage_ros.commands", "replay", str(first), "--rate", "0.1", "--delay", "5",
                        "--topics", "/axis/command"]
             with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as player:
