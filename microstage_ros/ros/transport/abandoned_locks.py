@@ -138,7 +138,7 @@ class AbandonedLocks:
     """Looks again and again at all readers of this user and at the ports of this domain, and opens what nobody will."""
 
     def __init__(self, place=PLACE):
-        self._place, self._segments, self._seen = place, {}, {}
+        self._place, self._segments, self._files, self._seen = place, {}, {}, {}
         self._changed, self._settled, self._listed = None, 0.0, 0.0
         self._known = _mutexes_are_as_expected()
         self._domain = int(os.environ.get("ROS_DOMAIN_ID") or 0)
@@ -174,21 +174,23 @@ class AbandonedLocks:
         known, new = 0, []
         with os.scandir(self._place) as entries:  # one after the other: there may be thousands
             for entry in entries:
-                if entry.name in self._segments:
+                if entry.name in self._segments and self._files.get(entry.name) == entry.inode():
                     known += 1
                 elif self._concerns(entry.name):
-                    new.append(entry.name)
+                    new.append((entry.name, entry.inode()))  # a port is made anew under the name that it had
         if known < len(self._segments):
             for name in [name for name in self._segments if not os.path.exists(os.path.join(self._place, name))]:
-                del self._segments[name]
-        for name in new:
-            path = self._place / name
+                del self._segments[name], self._files[name]
+        for name, file in new:
+            path, made = self._place / name, None
+            self._segments.pop(name, None), self._files.pop(name, None)
             with contextlib.suppress(OSError):  # gone meanwhile, or somebody else's
                 try:
-                    self._segments[name] = Segment(path)
+                    made = Segment(path)
                 except ValueError:
-                    if time.time() - path.stat().st_mtime > MAKING_S:
-                        self._segments[name] = None
+                    if time.time() - path.stat().st_mtime <= MAKING_S:
+                        continue
+                self._segments[name], self._files[name] = made, file
 
     def _concerns(self, name):
         """True for the file of a reader or writer with data sharing, and of a port of this domain."""

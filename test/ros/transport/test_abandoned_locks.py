@@ -73,6 +73,19 @@ def test_a_message_arrives_at_a_reader_whose_lock_a_killed_process_held(node, re
     spin_until(node, lambda: heard and heard[0].voltage == 3.0)
 
 
+def test_a_segment_made_anew_under_its_name_is_looked_at_in_place_of_the_old_one(copied):
+    """The middleware makes a port anew for the next process of the same number."""
+    folder, path = copied
+    locks = AbandonedLocks(folder)
+    assert locks.look() == 0
+    shutil.copy(path, folder / "new")
+    (folder / "new").replace(path)
+    shut_by_another_process([path], 1)
+    locks._listed = 0.0  # as after `LISTED_S`
+    assert [locks.look() for _ in range(3)] == [0, 1, 0]
+    assert Segment(path).holders() == (None, None)
+
+
 def test_a_stopped_holder_is_one_and_a_waiting_one_is_none(copied):
     folder, path = copied
     locks = AbandonedLocks(folder)
