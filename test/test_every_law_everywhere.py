@@ -69,8 +69,11 @@ def test_every_controller_moves_an_axis_with_this_law(law, contact):
             assert np.isfinite(columns[name]).all(), (controller, name)
         limit = axis.value("drive.voltage_limit")
         assert np.abs(columns["voltage_V"]).max() <= limit + 1e-9
-        if controller not in ("none", "nctf"):
-            assert np.abs(columns["stage_m"][-1] - 1e-6) < 1e-6, controller   # on its way there, not anywhere else
+        off = abs(columns["stage_m"][-1] - 1e-6)
+        if controller not in ("none", "cascade"):   # P beside P, of force drives: friction keeps it where it stood
+            assert off < 5e-7, controller           # on its way there, not anywhere else
+        else:
+            assert off < 1.5e-6, controller
 
 
 @pytest.mark.parametrize(("law", "contact"), PRODUCT)

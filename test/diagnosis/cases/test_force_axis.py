@@ -25,9 +25,11 @@ def record_of(axis, seed, cycles=3):
 
 
 def test_a_healthy_axis_has_no_cause(axis):
-    for seed in (5, 6):
-        answer = diagnose_force_axis(axis, [record_of(axis, seed)])
-        assert (answer.verdict, answer.causes, answer.rivals) == ("agrees", (), ())
+    """One of five is called `unexplained` (docs/claims.md), so that fewer than two of eight agree once in 10⁴ runs."""
+    answers = [diagnose_force_axis(axis, [record_of(axis, seed)]) for seed in range(5, 13)]
+    assert all((answer.causes, answer.rivals) == ((), ()) for answer in answers)
+    assert {answer.verdict for answer in answers} <= {"agrees", "unexplained"}
+    assert sum(answer.verdict == "agrees" for answer in answers) >= 2
 
 
 def test_asymmetry_is_named_sized_and_pays_on_held_out_records(axis):
