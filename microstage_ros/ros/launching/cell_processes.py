@@ -36,7 +36,10 @@ STOP_WAIT = 20.0
 """Longest wait [s] for each process to end by itself, where nothing may be lost."""
 
 QUICK = 1.6
-"""The same for all together where a person waits."""
+"""The same for all together where a person waits; a busy machine may need longer (`LAST_STATE`)."""
+
+LAST_STATE = 4.0
+"""Longest wait [s] there for the driver, and then for the recorder. Together less than `interruption.LAST_RESORT`."""
 
 START_WAIT = 240.0
 ASK_AGAIN, LONGEST_PATIENCE = 0.2, 0.4
@@ -267,15 +270,14 @@ class CellProcesses:
         if self._forked:
             self._forked.go_on()
         if within is None:
-            ranks = {"axis_driver": 0, "bag_recorder": 2}  # a recorder waits until nothing comes
             for rank in range(3):
-                names = [name for name in self.processes if ranks.get(name, 1) == rank]
+                names = [name for name in self.processes if _rank(name) == rank]
                 for name in names:
                     self._ask_to_stop(self.processes[name], signal.SIGINT)
                 for name in names:
                     self._await(self.processes.pop(name), STOP_WAIT)
         else:
-            self._stop_quickly(time.monotonic() + within)
+            self._stop_quickly(within)
         if self._forked:
             self._forked.close()
         if self._folder:
@@ -283,31 +285,33 @@ class CellProcesses:
         if self._owned:
             self._owned.release()
 
-    def _stop_quickly(self, end):
-        """Ask the driver, then all others at once; end at ``end`` those that are still there.
+    def _stop_quickly(self, within):
+        """Ask the driver, then all others; end those that are still there after ``within`` [s].
 
-        The others are asked when the driver has ended, or half of the time has passed: on a busy machine a recorder
-        that is asked together with it hears nothing for `bag_recorder.DRAIN` before the driver's last state comes.
+        The others are asked when the driver has ended, or half of the time has passed. Driver and recorder have longer
+        on a busy machine (`LAST_STATE`), each in its turn: the bag is to show that the voltage is zero, and a recorder
+        that is asked before the driver's last state has come hears nothing for `bag_recorder.DRAIN` and leaves.
         """
-        driver = [process for name, process in self.processes.items() if name == "axis_driver"]
-        others = [process for name, process in self.processes.items() if name != "axis_driver"]
+        began = time.monotonic()
+        driver, others, recorder = ([self.processes[name] for name in self.processes if _rank(name) == rank]
+                                    for rank in range(3))
         self.processes.clear()
-        for group, until in ((driver, (time.monotonic() + end) / 2), (others, end)):
-            for process in group:
-                self._ask_to_stop(process, signal.SIGTERM)
-            for process in group:
-                _wait_until(process, until)
-        for process in driver + others:
-            _wait_until(process, end)
-            if process.poll() is None:
-                process.kill()
-        for process in driver + others:
-            process.wait()
+        self._ask_all(driver)
+        _wait_until(driver, began + within / 2)
+        self._ask_all(others)
+        _end(driver, began + LAST_STATE)
+        self._ask_all(recorder)
+        _end(others, began + within)
+        _end(recorder, time.monotonic() + LAST_STATE)
 
     def stop_one(self, name):
         """Ask one process to stop and wait for it. Returns its exit status."""
         self._ask_to_stop(self.processes[name], signal.SIGINT)
         return self._await(self.processes.pop(name), STOP_WAIT)
+
+    def _ask_all(self, processes):
+        for process in processes:
+            self._ask_to_stop(process, signal.SIGTERM)
 
     @staticmethod
     def _ask_to_stop(process, number):
@@ -325,7 +329,23 @@ class CellProcesses:
             return process.wait()
 
 
-def _wait_until(process, end):
-    """Wait for the end of ``process``, until the time ``end`` [s] of `time.monotonic` at the longest."""
-    with contextlib.suppress(subprocess.TimeoutExpired):
-        process.wait(max(end - time.monotonic(), 0.0))
+def _rank(name):
+    """Place in the order in which processes stop: driver, others, recorder, which waits until nothing comes."""
+    return {"axis_driver": 0, "bag_recorder": 2}.get(name, 1)
+
+
+def _wait_until(processes, end):
+    """Wait for the end of ``processes``, until the time ``end`` [s] of `time.monotonic` at the longest."""
+    for process in processes:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(max(end - time.monotonic(), 0.0))
+
+
+def _end(processes, end):
+    """Wait as `_wait_until`, then kill those that are still there."""
+    _wait_until(processes, end)
+    for process in processes:
+        if process.poll() is None:
+            process.kill()
+    for process in processes:
+        process.wait()

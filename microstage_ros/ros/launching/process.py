@@ -29,7 +29,7 @@ SWITCH_INTERVAL = 1e-4
 
 URGENT = signal.SIGUSR1
 
-ACKNOWLEDGED = {signal.SIGINT: 5.0, signal.SIGTERM: 0.3}
+ACKNOWLEDGED = {signal.SIGINT: 5.0, signal.SIGTERM: 0.5}
 """Longest wait [s] at the end until every reader has what was sent to it, by the signal that asked to stop: a reader
 that was killed never has it, and who sends SIGTERM is in a hurry."""
 

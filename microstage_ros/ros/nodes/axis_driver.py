@@ -163,6 +163,7 @@ class AxisDriver(DriverRequests):
             if was_active and not self._lockstep:  # a last state shows it; in lockstep no period lacks its command
                 self._begin(time.time_ns())
                 self.topics.rest(*self._begun)
+                self.topics.flush()  # now: the rest of the end takes its time on a busy machine
         finally:
             try:
                 self.hardware.close()
