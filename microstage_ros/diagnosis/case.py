@@ -33,7 +33,7 @@ from microstage_ros.diagnosis.result import Cause, Diagnosis, Parameter
 from microstage_ros.diagnosis.selection import judge, limit_cycle
 from microstage_ros.diagnosis.selection.agreement import unsteadiness
 from microstage_ros.diagnosis.selection.calibration import likely, probability
-from microstage_ros.diagnosis.selection.leftover import over_twin, scatter_findings
+from microstage_ros.diagnosis.selection.leftover import over_twin, scatter_findings, swings_in_time
 from microstage_ros.diagnosis.selection.nonregression_causes import nonregression_causes
 from microstage_ros.diagnosis.selection.refinement import about_their_sizes, refine
 from microstage_ros.diagnosis.selection.selection import select
@@ -207,11 +207,12 @@ def _answer(collection, evidences, choices, rivals, nonregression, holdout, note
             if left
             else []
         )
-    by_size, words = scatter_findings(collection, evidences, choices, scattered)
-    if scattered:
+    above = [*scattered, *(name for name in swings_in_time(collection, evidences, choices) if name not in scattered)]
+    by_size, words = scatter_findings(collection, evidences, choices, above)
+    if above:
         notes.append(
-            f"The residual{' that is left' if causes else ''} stands above the noise floor in {', '.join(scattered)}"
-            + "".join(f"; {words[name]}" for name in scattered if name in words)
+            f"The residual{' that is left' if causes else ''} stands above the noise floor in {', '.join(above)}"
+            + "".join(f"; {words[name]}" for name in above if name in words)
             + "."
         )
     if known.gap is not None and known.gap.held_after >= known.gap.held_before:
@@ -220,7 +221,7 @@ def _answer(collection, evidences, choices, rivals, nonregression, holdout, note
         )
     if course is not None:
         notes.append("Every record drifts on a course of its own; the extended axis holds the mean rate only.")
-    verdict = judge.verdict_of(causes, unsure, left, book, scattered)
+    verdict = judge.verdict_of(causes, unsure, left, book, above)
     pictures = pictures_of(collection, evidences, choices, left)
     if collection.prepared["held"][0].behind is not None:
         pictures.insert(0, gap_picture(collection.prepared["held"][0]))

@@ -19,6 +19,7 @@ from microstage_ros.diagnosis.selection.leftover import (
     _since_motion,
     _variance_ratio,
     scatter_findings,
+    swings_in_time,
 )
 
 STEP, ROWS = 0.01, 3000
@@ -83,6 +84,37 @@ def test_a_force_that_swings_is_reported_with_its_frequency():
     assert found[0].coordinate == "time" and words["torque"] == "what is left in torque depends most on time (1.3 Hz)"
 
 
+def swings(**frequencies):
+    """What `swings_in_time` finds where each group of records swings at a frequency [Hz], 0 for not at all."""
+    def group(name, number):
+        one_ = Balance([7, number], lambda r: 1.0)
+        frequency = frequencies.get(name, 0.0)
+        one_.residual = one_.residual + 0.8 * np.sin(2.0 * np.pi * frequency * one_.time + number)
+        return one_
+
+    made = {"learn": [group("learn", 0), group("second", 1)], "held": [group("held", 2)], "base": [group("base", 3)]}
+    collection = types.SimpleNamespace(channels={name: [{"torque": one_} for one_ in ones] for name, ones in made.items()},
+                                       frame=None, spreads=None)
+    evidence = {"torque": gather(made["learn"][0], [FORM], None)}
+    case = Evidences(evidence, evidence, {}, [FORM], {"torque": 1.0}, None)
+    return swings_in_time(collection, case, [Choice("gravity_tilt", (FORM,))])
+
+
+def test_what_swings_in_time_does_so_in_every_record_at_one_frequency_and_not_in_the_baseline():
+    found = swings(learn=1.3, second=1.3, held=1.3)
+    assert list(found) == ["torque"] and found["torque"] == pytest.approx(1.3, abs=0.02)
+    assert swings(learn=1.3, second=1.3, held=1.3, base=2.1)      # the baseline swings, but not so
+    assert swings() == swings(learn=1.3, second=1.3) == swings(held=1.3) == swings(learn=1.3, held=1.3) == {}
+    assert swings(learn=1.3, second=1.3, held=1.5) == swings(learn=1.3, second=1.3, held=1.3, base=1.3) == {}
+
+
+def test_what_changes_slowly_is_no_line():
+    """A random walk is loudest at the lowest frequency, and the whole of its spectrum is falling."""
+    generator = np.random.default_rng(9)
+    lines = [_line(np.cumsum(generator.normal(size=300)), PIECE) for _ in range(300)]
+    assert sum(line.stands for line in lines) <= 6
+
+
 @pytest.mark.parametrize("frequency, found", [(0.15, False), (1.0, True), (4.4, True), (4.7, False)])
 def test_a_line_is_looked_for_between_slow_changes_and_the_means_own_limit(frequency, found):
     values = 3.0 * np.sin(2.0 * np.pi * frequency * PIECE * np.arange(600)) + np.random.default_rng(5).normal(size=600)
@@ -92,12 +124,12 @@ def test_a_line_is_looked_for_between_slow_changes_and_the_means_own_limit(frequ
 def test_the_threshold_of_a_line_is_one_chance_in_a_thousand_for_all_frequencies_together():
     generator, above = np.random.default_rng(6), 0
     for _ in range(300):
-        _, strength, threshold = _line(generator.normal(size=300), PIECE)
+        _, strength, threshold, _ = _line(generator.normal(size=300), PIECE)
         above += strength > threshold
     inside = np.fft.rfftfreq(300, PIECE)
     inside = ((inside > 0.2) & (inside < 4.5)).sum()
     assert threshold == pytest.approx(np.log(inside / CHANCE)) and above <= 3
-    assert _line(generator.normal(size=12), PIECE) == (0.0, 0.0, 1.0)
+    assert _line(generator.normal(size=12), PIECE) == (0.0, 0.0, 1.0, 0.0)
 
 
 def test_the_ratio_of_variances_is_that_of_the_analysis_of_variance():

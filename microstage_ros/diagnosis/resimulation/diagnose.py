@@ -103,8 +103,9 @@ def _answer(axis, parts, folds, loop, selection, floor, records, holdout, seed):
         bootstrap_interval(last.residual[own], block, seed),
     )
     names = [cause.candidate.id for cause in last.model.chosen]
+    stays = after if holdout or names else min(after, math.sqrt(last.time))
     return Diagnosis(
-        _verdict(causes, rivals, open_share, before, after, floor, found),
+        _verdict(causes, rivals, open_share, stays, floor),
         tuple(causes),
         tuple(rivals),
         gain,
@@ -154,10 +155,15 @@ def _why(ids, found):
             + WHY[condition_of(ids)])
 
 
-def _verdict(causes, rivals, open_share, before, after, floor, found):
+def _verdict(causes, rivals, open_share, after, floor):
+    """One of `diagnosis.VERDICTS`.
+
+    Without a cause ``after`` is what the axis's own numbers leave when they are fitted again: a file's numbers may be a
+    little off (`selection.OWN_CHANGE`), and friction has another level on another day. Of one record both kinds of time
+    have to show it, what was learned from and what was held back.
+    """
     if not causes and not rivals:
-        stands_out = before > AT_THE_FLOOR * floor and any(f.significant for f in found)
-        return "unexplained" if stands_out else "agrees"
+        return "unexplained" if after > AT_THE_FLOOR * floor else "agrees"
     if rivals and (open_share >= OPEN or not causes):
         return "undetermined"
     return "explained" if after <= AT_THE_FLOOR * floor else "partly_explained"

@@ -6,6 +6,8 @@ between classes of one coordinate after the other (one-way analysis of variance 
 is not independent); a line in time shows in the periodogram of z.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.stats import f as fisher
 
@@ -19,6 +21,10 @@ CHANCE = 1.0e-3      # that a coordinate stands out on which nothing depends; de
 SLOWEST = 0.2        # Hz; derived: CLASSES/2 in half a minute, slower is a dependence on the time itself
 FASTEST = 0.45       # of the rate of pieces; derived: nine tenths of the Nyquist frequency, as `lines.HIGHEST`
 LEAST_PIECES = 60     # derived: five of each class
+LOBE = 2             # frequencies beside a line that are its own; derived: of a line between two of them
+AROUND = 2.0 / 3.0    # of a frequency, how far its neighbours reach; derived: lines from 0.35 Hz on in half a minute
+LEAST_AROUND = 8      # frequencies with which one is compared; derived: their median is then known to 35 %
+SAME_FREQUENCY = 2.0  # of the width 1/T of a line in a record of length T; derived: to the next zero of each line
 TINY = np.finfo(float).tiny
 
 
@@ -65,43 +71,53 @@ def scatter_findings(collection, evidences, choices, channels):
     """
     found, words = [], {}
     for channel in channels:
-        table = _table(collection, evidences, choices, channel)
-        if table is None:
+        table, line = _table(collection, evidences, choices, channel)
+        if line is None:
             continue
-        coordinates = [name for name in table if name not in ("z2", "line")]
+        coordinates = [name for name in table if name != "z2"]
         ratios = {name: _variance_ratio(table[name], table["z2"]) for name in coordinates}
         own = [Finding(channel, name, ratio, usual, ratio) for name, (ratio, usual) in ratios.items()]
-        frequency, strength, threshold = table["line"]
-        if strength > threshold:
-            own.append(Finding(channel, "time", strength, threshold, strength))
+        if line.stands:
+            own.append(Finding(channel, "time", line.strength, line.threshold, line.strength))
         own.sort(key=lambda finding: -finding.statistic / finding.threshold)
         found += own
         best = own[0]
         if best.significant:
-            at = f" ({frequency:.2g} Hz)" if best.coordinate == "time" and best.statistic == strength else ""
+            at = f" ({line.frequency:.2g} Hz)" if best.coordinate == "time" and best.statistic == line.strength else ""
             words[channel] = f"what is left in {channel} depends most on {best.coordinate}{at}"
         else:
             words[channel] = f"what is left in {channel} depends on none of the coordinates looked at"
     return found, words
 
 
+def swings_in_time(collection, evidences, choices):
+    """What swings in time beside the causes: a line at one frequency in every learning and held-out record, and not in
+    the baseline. Its mean along every coordinate is nothing, and its size hardly more than that of friction's noise.
+
+    Returns
+    -------
+    {channel: frequency [Hz]}.
+    """
+    found = {}
+    for channel in evidences.held:
+        forms, beta = _fitted(evidences, choices, channel)
+        lines = [_line_of(one, collection, channel, forms, beta)
+                 for group in ("learn", "held") for one in _records(collection, group, channel)]
+        usual = [_line_of(one, collection, channel, [], beta) for one in _records(collection, "base", channel)]
+        first = lines[0]
+        if all(line.stands and line.is_at(first) for line in lines) \
+                and not any(line.stands and line.is_at(first) for line in usual):
+            found[channel] = float(np.mean([line.frequency for line in lines]))
+    return found
+
+
 def _table(collection, evidences, choices, channel):
-    """Means of z² and of every coordinate over pieces of the held-out records; the strongest line in time."""
-    keys = Evidences._keys(channel, choices)
-    beta = evidences.learn[channel].fit(keys)[0]
-    forms = [form for choice in choices for form in choice.forms if form.channel == channel]
+    """(Means of z² and of every coordinate over pieces of the held-out records, their strongest `Line` in time);
+    ({}, None) of too few pieces."""
+    forms, beta = _fitted(evidences, choices, channel)
     rows, lines = [], []
-    for one in (c[channel] for c in collection.channels["held"] if channel in c):
-        columns = [form.columns(one, collection.frame) for form in forms]
-        left = one.residual - (np.concatenate(columns, axis=1) @ beta if columns else 0.0)
-        noise = {"spreads": collection.spreads} if channel == "torque" else {}
-        z = one.whiten(left[:, None], **noise)[0][:, 0]
-        time = one.time if hasattr(one, "time") else one.prepared.time
-        step = float(time[1] - time[0])
-        count = max(int(PIECE / step), 1)
-        whole = len(z) // count * count
-        piece = lambda values, count=count, whole=whole: values[:whole].reshape(-1, count).mean(axis=1)
-        limit = 25.0 * np.median(z**2) / 0.455       # one spike is no dependence
+    for one in _records(collection, "held", channel):
+        z, time, piece, limit = _pieces(one, collection, channel, forms, beta)
         speed = one.speed if hasattr(one, "speed") else one.prepared.speed
         position = one.position if hasattr(one, "position") else one.prepared.position
         rows.append(
@@ -114,12 +130,40 @@ def _table(collection, evidences, choices, channel):
                 "dwell": _since_motion(piece(np.abs(speed)), PIECE),
             }
         )
-        lines.append(_line(piece(np.clip(z, -np.sqrt(limit), np.sqrt(limit))), PIECE))
+        lines.append(_line_of(one, collection, channel, forms, beta))
     if not rows or sum(len(r["z2"]) for r in rows) < LEAST_PIECES:
-        return None
+        return {}, None
     table = {name: np.concatenate([r[name] for r in rows]) for name in rows[0]}
-    table["line"] = max(lines, key=lambda line: line[1])
-    return table
+    return table, max(lines, key=lambda line: line.strength)
+
+
+def _fitted(evidences, choices, channel):
+    """(the causes' forms in a channel, their sizes)."""
+    forms = [form for choice in choices for form in choice.forms if form.channel == channel]
+    return forms, evidences.learn[channel].fit(Evidences._keys(channel, choices))[0]
+
+
+def _records(collection, group, channel):
+    return [c[channel] for c in collection.channels.get(group) or () if channel in c]
+
+
+def _pieces(one, collection, channel, forms, beta):
+    """(whitened residual z of one record beside the forms, its time [s], function that makes means over `PIECE`, the
+    largest z² that is no spike)."""
+    columns = [form.columns(one, collection.frame) for form in forms]
+    left = one.residual - (np.concatenate(columns, axis=1) @ beta if columns else 0.0)
+    noise = {"spreads": collection.spreads} if channel == "torque" else {}
+    z = one.whiten(left[:, None], **noise)[0][:, 0]
+    time = one.time if hasattr(one, "time") else one.prepared.time
+    count = max(int(PIECE / float(time[1] - time[0])), 1)
+    whole = len(z) // count * count
+    return z, time, lambda values: values[:whole].reshape(-1, count).mean(axis=1), 25.0 * np.median(z**2) / 0.455
+
+
+def _line_of(one, collection, channel, forms, beta):
+    """The strongest line in time of one record, as `Line`."""
+    z, _, piece, limit = _pieces(one, collection, channel, forms, beta)
+    return _line(piece(np.clip(z, -np.sqrt(limit), np.sqrt(limit))), PIECE)
 
 
 def _since_motion(speed, step):
@@ -146,13 +190,42 @@ def _variance_ratio(values, z2):
     return float(between / max(within, TINY)), float(fisher.isf(CHANCE, count - 1, total - count))
 
 
+class Line(NamedTuple):
+    """The strongest line in time of a record: frequency [Hz], power over the usual one [1], the threshold that chance
+    exceeds with `CHANCE`, and the line's width 1/T [Hz]."""
+
+    frequency: float
+    strength: float
+    threshold: float
+    width: float
+
+    @property
+    def stands(self):
+        """Whether it is more than chance."""
+        return self.strength > self.threshold
+
+    def is_at(self, other):
+        """Whether another record's line has the same frequency."""
+        return abs(self.frequency - other.frequency) <= SAME_FREQUENCY * max(self.width, other.width)
+
+
 def _line(values, step):
-    """(frequency [Hz], power over the median's mean, threshold) of the strongest line in time of z's means."""
+    """`Line` of z's means, ``step`` [s] apart.
+
+    The usual power is that of which half of the frequencies have more, of all or of those as far above as below, where
+    these are louder: what changes slowly is loud at low frequencies, and no line.
+    """
     power = np.abs(np.fft.rfft(values - values.mean())) ** 2
     frequency = np.fft.rfftfreq(len(values), step)
     inside = (frequency > SLOWEST) & (frequency < FASTEST / step)
-    if inside.sum() < 8:
-        return 0.0, 0.0, 1.0
-    usual = np.median(power[inside]) / np.log(2.0)
-    best = int(np.argmax(np.where(inside, power, 0.0)))
-    return float(frequency[best]), float(power[best] / usual), float(np.log(inside.sum() / CHANCE))
+    if inside.sum() < LEAST_AROUND:
+        return Line(0.0, 0.0, 1.0, 0.0)
+    strength = np.zeros(len(power))
+    for k in np.flatnonzero(inside):
+        around = inside & (np.abs(frequency - frequency[k]) < AROUND * frequency[k])
+        around[k - LOBE : k + LOBE + 1] = False
+        if around.sum() >= LEAST_AROUND:
+            strength[k] = power[k] * np.log(2.0) / max(np.median(power[inside]), np.median(power[around]), TINY)
+    best = int(np.argmax(strength))
+    return Line(float(frequency[best]), float(strength[best]), float(np.log(inside.sum() / CHANCE)),
+                float(frequency[1]))

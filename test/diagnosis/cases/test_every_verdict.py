@@ -84,13 +84,13 @@ def test_what_no_catalogue_holds_gets_no_name(axis):
 def test_a_nameless_force_beside_an_encoder_error_is_only_partly_explained(axis):
     """A force that swings in time is in no catalogue; the encoder's error beside it is named, and the rest is not called noise.
 
-    It swings by 1.26 N; of half of it a third is noticed (docs/claims.md)."""
-    swing = fault_injection.outside("swinging force", np.random.default_rng(11), 2.0)
+    It swings by 0.63 N: in most channels less than friction's own noise (docs/claims.md)."""
+    swing = fault_injection.outside("swinging force", np.random.default_rng(11))
     hidden = dataclasses.replace(swing, ids=("encoder_sde",), effects={"encoder_sde": {"period_m": 4e-6, "amplitude1_m": 3e-8}})
     records, holdout, baseline = make_case(axis, hidden, 61, 0.04)
     answer = diagnose_case(axis, records, holdout, baseline)
     assert {cause.id for cause in answer.causes} == {"encoder_sde"} and answer.verdict == "partly_explained"
-    assert answer.gain.after > 1.05 * answer.gain.floor
+    assert answer.gain.after > answer.gain.floor
     assert any("torque" in note and "depends" in note for note in answer.notes)
 
 
