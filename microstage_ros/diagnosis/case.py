@@ -207,8 +207,10 @@ def _answer(collection, evidences, choices, rivals, nonregression, holdout, note
             if left
             else []
         )
-    above = [*scattered, *(name for name in swings_in_time(collection, evidences, choices) if name not in scattered)]
+    swinging = swings_in_time(collection, evidences, choices)
+    above = [*scattered, *(name for name in swinging if name not in scattered)]
     by_size, words = scatter_findings(collection, evidences, choices, above)
+    words |= {name: f"what is left in {name} swings in time ({at:.2g} Hz)" for name, at in swinging.items()}
     if above:
         notes.append(
             f"The residual{' that is left' if causes else ''} stands above the noise floor in {', '.join(above)}"

@@ -91,7 +91,7 @@ def test_a_nameless_force_beside_an_encoder_error_is_only_partly_explained(axis)
     answer = diagnose_case(axis, records, holdout, baseline)
     assert {cause.id for cause in answer.causes} == {"encoder_sde"} and answer.verdict == "partly_explained"
     assert answer.gain.after > answer.gain.floor
-    assert any("torque" in note and "depends" in note for note in answer.notes)
+    assert any("what is left in torque swings in time" in note for note in answer.notes)
 
 
 def test_command_line_with_a_baseline_that_already_shows_the_effect(axis, tmp_path):
