@@ -14,7 +14,7 @@ from microstage_ros.model.friction.generalised_maxwell_slip import stretch
 from microstage_ros.model.friction.registry import advance_law
 from microstage_ros.numerics.compiled import compiled
 
-STATES = 16     # entries that hold the state of any law: eight blocks and what is apart from them
+STATES = 16     # derived: entries that hold the state of any law, eight blocks and what is apart from them
 
 
 def pack(contact, asymmetry=0.0):

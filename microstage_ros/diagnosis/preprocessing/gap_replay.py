@@ -24,6 +24,7 @@ ANGLE = 0.1     # rad of that oscillation in a step, at most
 def stage_behind_gap(travel, gap, drive, period):
     """Stage position [m], shape (n,), for a motor's ``travel`` (n,) [m] through a gap [m], at a ``period`` [s]."""
     contact = drive.guideway
+    # derived: a whole number stays whole when it is rounded
     parts = int(np.ceil(period * np.sqrt(drive.stiffness / drive.mass) / ANGLE - 1e-6))
     return _replay(np.ascontiguousarray(travel), gap, drive.stiffness, drive.damping, drive.mass, contact.viscous,
                    pack(contact), len(contact.weight), period, parts)

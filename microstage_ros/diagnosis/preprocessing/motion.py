@@ -45,11 +45,13 @@ def smooth_motion(reading, current, drive, period, noise):
     """
     lever = drive.lever
     gain = drive.torque_constant * lever / drive.inertia
+    # derived: the noise of a reading is about one
     scale = 1.0e-8  # metres per unit of the filter's state, for conditioning
     walk = LOAD_WALK * lever / drive.inertia / scale
     f = np.array([[1.0, period, -period**2 / 2], [0.0, 1.0, -period], [0.0, 0.0, 1.0]])
     b = np.array([period**2 / 2, period, 0.0]) * gain / scale
     q = np.diag([0.0, 0.0, walk**2 * period])
+    # derived: a variance of (10⁻¹⁴ m)², for the Riccati equation to be regular
     q[0, 0], q[1, 1] = 1e-12, (walk * period) ** 2 * period
     h = np.array([[1.0, 0.0, 0.0]])
     r = np.array([[(noise / scale) ** 2]])
@@ -64,6 +66,7 @@ def smooth_motion(reading, current, drive, period, noise):
     return Motion(z[:, 0] * scale + origin, z[:, 1] * scale, z[:, 2] * scale * drive.inertia / lever)
 
 
+# derived: memory alone, no result depends on it
 @functools.lru_cache(maxsize=64)
 def load_kernel(drive, period, noise, reach=60):
     """What `smooth_motion` makes of a load that stands for one period: shape (2 ``reach`` + 1,), sum 1.
@@ -71,6 +74,7 @@ def load_kernel(drive, period, noise, reach=60):
     ``reach``: periods to either side [1]; ``noise``: of the readings [m]. Entry ``reach`` + k is the share that it
     gives to the reading k periods later.
     """
+    # derived: from the middle to either end four times as far as is looked at
     rows = 8 * reach
     load = np.zeros(rows)
     load[rows // 2] = drive.inertia / drive.lever

@@ -267,10 +267,12 @@ def _filled(values, place):
     """Values with missing samples bridged in a straight line, and where they were missing."""
     missing = ~np.isfinite(values)
     if missing.mean() > 0.5:
+        # derived: per cent
         raise InputError(place, f"{100 * missing.mean():.0f} % missing", "at least half of the samples")
     return bridged(values), missing
 
 
+# derived: memory alone, no result depends on it
 @functools.lru_cache(maxsize=256)
 def stage_filter(drive, period, stiffness=1.0, damping=1.0, mass=1.0, force=False):
     """Discrete (b, a) from the motor's travel to the stage, H = (D s + K)/(m s² + D s + K), linear between samples.

@@ -29,4 +29,5 @@ def reading_noise(reading):
 
 def spread_of(values):
     """Standard deviation of Gaussian ``values`` (n,) [any unit] from their quartiles, which outliers do not move."""
+    # derived: the quartiles
     return np.subtract(*np.percentile(values, [75.0, 25.0])) / QUARTILES

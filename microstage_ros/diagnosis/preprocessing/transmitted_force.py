@@ -44,6 +44,7 @@ def force_noise(stage, drive, period, width):
 
     ``stage``: the readings (n,) [m]; ``drive``: `Drive` with the mass; ``period``: T [s]; ``width`` [1], in periods.
     """
+    # derived: a second difference has the variance 1 + 4 + 1
     return drive.mass * reading_noise(stage) * math.sqrt(6.0) / (width * period) ** 2
 
 

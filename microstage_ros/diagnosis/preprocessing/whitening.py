@@ -57,6 +57,7 @@ def _kalman(matrix, gains, keeps, variances, white):
 def predicted(ratio):
     """Variance that a random walk's filter predicts, over the noise's [1]: p of p² = q (p + 1), ``ratio`` q = (step /
     noise)² [1], the root of the stationary Riccati equation."""
+    # derived: the root of a quadratic equation
     return 0.5 * (ratio + np.sqrt(ratio**2 + 4.0 * ratio))
 
 

@@ -73,6 +73,7 @@ class Drive:
     voltage_limit: float
     actuator: Contact
     guideway: Contact
+    # source: sensors.encoder.signal_period of config/axis.yaml
     signal_period: float = 1.0e-5
     interpolation: tuple = ()
     interpolation_cosine: tuple = ()

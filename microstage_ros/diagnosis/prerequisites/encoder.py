@@ -44,6 +44,7 @@ def seen_interpolation(drive, baseline):
         x = np.stack([(w - triangle(w, SLOW))[used] for w in waves], axis=1)
         matrix += x.T @ x
         vector += x.T @ (error - triangle(error, SLOW))[used]
+    # derived: of the sixteen digits ten are left; the addend is for a matrix of zeros
     if np.linalg.cond(matrix + 1e-12 * np.eye(len(matrix))) > 1e6:
         return drive      # the baseline hardly moved
     sizes = np.linalg.solve(matrix, vector)

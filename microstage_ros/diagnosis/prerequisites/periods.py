@@ -75,10 +75,12 @@ def periods(ways, shortest, longest):
     ways = [way for way in ways if len(way.values) > 200]
     if not ways:
         return []
+    # derived: a mean over a sixth of the shortest period keeps sinc(1/6) = 0.95 of its amplitude
     cell = shortest / 6.0
     reach = max(np.ptp(way.position) for way in ways)
     if reach < 3.0 * longest:
         longest = reach / 3.0
+    # derived: between two of these frequencies a line keeps sinc(1/8) = 0.97 of its amplitude
     length = 2 ** int(np.ceil(np.log2(4.0 * reach / cell)))
     frequency = np.fft.rfftfreq(length, cell)
     inside = (frequency > 1.0 / longest) & (frequency < 1.0 / shortest)
@@ -129,6 +131,7 @@ def _ripples(collection):
     for channels in collection.channels["learn"]:
         channel = channels["torque"]
         white = channel.whiten(channel.residual[:, None], collection.spreads)[0][:, 0]
+        # derived: 3.4 standard deviations, which noise exceeds once in 1500 rows
         bound = 5.0 * max(np.median(np.abs(white)), 1.0)
         ways += both_ways(channel.position, np.clip(white, -bound, bound), channel.speed)
     found = [_snapped(turn / p) for p in periods(ways, *(turn / n for n in reversed(RIPPLES_PER_TURN)))]

@@ -99,6 +99,7 @@ def timing_of(prepared, sde=None):
         missing, rows = missing + int(p.lost.sum()), rows + len(p.lost)
     lost = repeated / max(samples, 1) + missing / max(rows, 1)
     spread, square, part = np.concatenate(spreads), np.concatenate(speeds) ** 2, np.concatenate(parts)
+    # derived: from a hundred values a variance is known to √(2/100) = 14 %
     if len(spread) < 100 or np.isclose(square.min(), square.max()):    # one speed alone cannot tell jitter from noise
         return Timing(0.0, 1.0, lost, 0.0, 0.0, 0.0, max(samples, 1))
     floors, b, variance = _fitted(spread / float(np.median(spread)), square / float(square.mean()), part)

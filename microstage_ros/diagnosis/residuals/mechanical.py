@@ -127,6 +127,7 @@ class Mechanical:
         smooth = (
             np.convolve(np.pad(np.minimum(scatter, 6 * local), 10, mode="edge") ** 2, np.ones(21) / 21, "valid") / 2
         )
+        # derived: a divisor, never nothing: (1 µN m)²
         white = np.maximum(local**2, smooth) + (1.0e-6) ** 2
         first = np.exp(-np.maximum(self.travel / SETTLING_TRAVEL - 2.0, 0.0) * 3.0)
         return white + (static / math.sqrt(3.0) * first) ** 2      # anywhere between the limits
@@ -167,6 +168,7 @@ def stated_spreads(drive):
     v = drive.variability
     return Spreads(
         max(v.relative, LEAST_RELATIVE),
+        # derived: the logarithm of the odds, which is fitted, stays within ±3
         min(max(v.travel_share, 0.05), 0.95),
         v.travel_length,
         v.time_length,
@@ -180,6 +182,7 @@ def _means(values, block):
     return values[:rows].reshape(-1, block).mean(axis=1)
 
 
+# derived: memory alone, no result depends on it
 @functools.lru_cache(maxsize=64)
 def _weights(drive, period, coarse):
     """Symmetric weights of the rows around a block in its mean as the smoothed load shows it; sum 1."""

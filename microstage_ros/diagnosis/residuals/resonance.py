@@ -64,6 +64,7 @@ class Resonance:
         """
         white = self._fast(self.residual) / self.noise
         local = median_filter(np.abs(white), 101, mode="nearest") / MEDIAN_SIZE
+        # derived: noise comes so far once in 16 000 rows
         clipped = np.minimum(np.abs(white), 4.0 * np.maximum(local, 1.0))
         power = uniform_filter1d(clipped**2, NEAR, mode="nearest")
         return 1.0 / np.maximum(np.sqrt(power) / CALM, 1.0)

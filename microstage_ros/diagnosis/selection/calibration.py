@@ -111,6 +111,7 @@ def write_calibration(path, calibration, command):
     """Write a calibration with the command that gave it. Raises `InputError` if the file cannot be written."""
     tree = {"made_by": command, "version": __version__, "named": calibration.count, "right": calibration.right,
             "without_evidence": list(calibration.bare),
+            # derived: far below their standard errors
             "coefficients": [round(c, 4) for c in calibration.coefficients]}
     try:
         pathlib.Path(path).write_text(yaml.safe_dump(tree, sort_keys=False), encoding="utf-8")

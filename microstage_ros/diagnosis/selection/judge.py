@@ -86,7 +86,7 @@ class Ledger:
     @property
     def excess(self):
         """What stood out of the noise."""
-        return max(self.before - self.floor, 1e-9)
+        return max(self.before - self.floor, 1e-9)  # derived: a divisor, never nothing
 
 
 def usual_size(evidences, channel):
@@ -223,6 +223,7 @@ def findings_of(evidences, choices, generic):
 
 def leftovers(found):
     """Findings that stand after the causes were taken out, and on the held-out records too."""
+    # derived: five standard errors
     return [finding for finding, held in found if finding.left > finding.threshold and held > 25.0]
 
 
@@ -373,6 +374,7 @@ def overall_gain(book, names):
     """`OverallImprovement` as root mean square of the standardised residual, with the interval of after."""
     rows = max(book.rows, 1)
     before, after, floor = (math.sqrt(max(v, 0.0) / rows) for v in (book.before, book.after, book.floor))
+    # derived: 95 % of a Gaussian; the relative standard error of an rms of n values is 1/√(2n)
     half = 1.96 / math.sqrt(2.0 * rows) * after
     return OverallImprovement("rms of the residual over its noise, all channels", "1", tuple(names), before, after,
                               floor, (after - half, after + half))

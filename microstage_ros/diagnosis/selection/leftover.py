@@ -157,6 +157,7 @@ def _pieces(one, collection, channel, forms, beta):
     time = one.time if hasattr(one, "time") else one.prepared.time
     count = max(int(PIECE / float(time[1] - time[0])), 1)
     whole = len(z) // count * count
+    # derived: five standard deviations; the median of χ² of one is 0.455 times its mean
     return z, time, lambda values: values[:whole].reshape(-1, count).mean(axis=1), 25.0 * np.median(z**2) / 0.455
 
 

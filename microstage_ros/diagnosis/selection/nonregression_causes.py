@@ -129,6 +129,7 @@ def _late(late, book):
     taught, again = late
     book.before += again.gain
     book.parts["sampling_jitter"] = book.parts.get("sampling_jitter", 0.0) + again.gain
+    # derived: of the root of a variance; the divisor is never nothing
     jitter, stderr = taught.jitter, taught.stderr / max(2.0 * taught.jitter, 1e-9)
     parameters = {"jitter_s": Parameter(jitter, float(stderr), "s"),
                   "lost_fraction": Parameter(taught.lost, taught.lost_stderr, "1")}

@@ -96,6 +96,7 @@ def _refined(collection, family, form, choices, choice):
             at = log + step * np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
             gains = trial(np.exp(at))
             best = int(np.argmax(gains))
+            # derived: neither the first nor the last of the five
             if 0 < best < 4:
                 break
             log = at[best]

@@ -74,6 +74,7 @@ def best_forms(evidences, effect, choices):
                 score = more + evidences.held_more(channel, keys, form.key)
             if best is None or score - 2 * len(own) > best[3] - 2 * best[1]:
                 best = (more, len(own), form, score)
+        # derived: Akaike's criterion, and a relative likelihood of e⁻² beyond it
         if best and (best[0] > 2 * best[1] + 4 or not used):
             gain, sizes = gain + best[0], sizes + best[1]
             used.append(best[2])
@@ -109,6 +110,7 @@ def misfit(evidences, choice, choices):
             share = more / (own + max(more, 0.0))
             if any(other.keys(channel) for other in others):
                 held = evidences.held_more(channel, keys, pair[1])
+                # derived: a divisor, never nothing
                 share = min(share, held / (max(own_held, 1e-9) + max(held, 0.0)))
             worst = max(worst, share)
     return worst
@@ -122,6 +124,7 @@ def acceptable(evidences, trial, choices):
     share = np.mean([rows[form.channel] for form in trial.choice.forms])
     # a cable slack where the held-out records go pulls little there
     expected = min(share * trial.gain, evidences.signal(trial.choice, choices))
+    # derived: a χ² of 5 of one size is a chance of 0.025
     if trial.held < 5.0 or trial.held < HELD_SHARE * expected:
         return False
     if not _masses_agree(evidences, trial.choice, choices) or is_level_of_a_profile(evidences, trial.choice, choices):
