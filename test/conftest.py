@@ -5,29 +5,39 @@ of the time that took) nor afterwards.
 """
 
 import gc
+import os
 
 gc.disable()
 
 #: Files that take longest, by a full run on two cores; the rest follow in the order of their names.
 LONGEST = (
-    "documents/test_pages_run", "maintenance/test_maintenance", "diagnosis/cases/test_beside_a_larger_one",
-    "ros/safety/test_safety", "diagnosis/prerequisites/test_characteristic", "diagnosis/cases/test_position_drives",
-    "diagnosis/cases/test_every_verdict", "diagnosis/cases/test_diagnose_case", "diagnosis/cases/test_lost_motion",
-    "test_every_law_everywhere", "commands/test_mutation", "hardware/test_mesa", "solver/test_step",
-    "diagnosis/cases/test_practice", "diagnosis/cases/test_unlisted_forms", "ros/transport/test_lockstep",
-    "commissioning/test_commission", "ros/test_drives_in_a_cell", "commissioning/test_law_choice", "ros/safety/test_driver_safety",
-    "commands/test_diagnose", "test_documentation", "ros/test_health_monitor", "diagnosis/logs/test_file_kinds",
-    "commissioning/test_programme", "control/test_tuning", "diagnosis/prerequisites/test_law", "test_house", "ros/test_experiment",
-    "diagnosis/logs/test_many", "diagnosis/preprocessing/test_motion_on_a_soft_drive", "control/runs/test_coarse_fine",
-    "ros/test_outside_backend", "ros/launching/test_fork_server", "commissioning/test_frequency_response",
-    "control/observer/test_observer", "ros/safety/test_resting_cell", "identification/test_motor", "control/test_closed_loop",
-    "diagnosis/logs/test_simulated", "documents/test_notebooks", "commands/test_laws", "diagnosis/cases/test_force_axis",
-    "ros/launching/test_parameters", "commissioning/test_other_drives",
+    "documents/test_pages_run", "diagnosis/prerequisites/test_characteristic", "ros/safety/test_safety",
+    "diagnosis/cases/test_diagnose_case", "diagnosis/cases/test_position_drives", "diagnosis/cases/test_default_law",
+    "diagnosis/cases/test_unlisted_forms", "diagnosis/cases/test_every_verdict", "diagnosis/cases/test_beside_a_larger_one",
+    "test_documentation", "diagnosis/cases/test_lost_motion", "diagnosis/cases/test_practice", "commissioning/test_law_choice",
+    "commissioning/test_commission", "commands/test_diagnose", "control/test_tuning", "diagnosis/logs/test_many",
+    "ros/test_drives_in_a_cell", "commands/test_mutation", "ros/transport/test_lockstep", "diagnosis/logs/test_file_kinds",
+    "control/runs/test_coarse_fine", "ros/safety/test_driver_safety", "ros/test_outside_backend",
+    "ros/safety/test_resting_cell", "ros/test_health_monitor", "maintenance/test_maintenance",
+    "diagnosis/prerequisites/test_law", "control/test_robustness", "control/test_closed_loop", "ros/test_experiment",
+    "commissioning/test_frequency_response", "commands/test_laws", "control/observer/test_observer",
+    "identification/test_motor", "diagnosis/logs/test_simulated", "diagnosis/cases/test_force_axis",
+    "commissioning/test_other_drives", "identification/test_identify_command", "documents/test_notebooks",
+    "monitoring/test_watch_command", "model/friction/test_law_properties", "ros/safety/test_security", "test_compiled",
 )
 
 
-def pytest_collection_modifyitems(items):
-    """Sort by file; tests of one file stay together and in their order."""
+def pytest_configure(config):
+    """Say what the marker means."""
+    config.addinivalue_line("markers", "extended: a further case of what another test examines (`./microstage test --extended`)")
+
+
+def pytest_collection_modifyitems(config, items):
+    """Sort by file; tests of one file stay together and in their order. Further cases wait until they are asked for."""
+    if "MICROSTAGE_EXTENDED" not in os.environ:
+        left_out = [item for item in items if item.get_closest_marker("extended")]
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = [item for item in items if item not in left_out]
     rank = {f"test/{name}.py": place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: rank.get(item.nodeid.partition("::")[0], len(rank)))
 
