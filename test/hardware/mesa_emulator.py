@@ -9,7 +9,9 @@ with them. Bad cards: cookie, name, idrom, width, clock, endless, no_pwm, versio
 """
 
 import argparse
+import contextlib
 import json
+import os
 import select
 import socket
 import struct
@@ -295,7 +297,11 @@ def main():
     parser.add_argument("--faults", type=json.loads, default={})
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--bad", default="")
+    parser.add_argument("--priority", type=int, default=0, help="real-time, where it is permitted: a card does not wait for other processes")
     arguments = parser.parse_args()
+    if arguments.priority:
+        with contextlib.suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(arguments.priority))
     card = Card(load_axis(arguments.axis), arguments.seed, arguments.clock, arguments.bad)
     serve(card, arguments.faults, arguments.seed)
     card.go_on()

@@ -6,16 +6,18 @@ import signal
 import subprocess
 import sys
 import textwrap
+import time
 from pathlib import Path
 
 import pytest
 import rclpy
 from microstage_msgs.msg import DriverStatus
-from ros_support import own_domain, real_time_place, spin_until
+from ros_support import PATIENCE_S, own_domain, real_time_place, spin_until
 
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 from microstage_ros.ros.client import AxisClient
+from microstage_ros.ros.operator import Operator
 from microstage_ros.ros.transport.topics import LATCHED
 
 MACHINE = """
@@ -79,7 +81,7 @@ def test_the_cell_over_the_wire_to_an_emulated_card(tmp_path):
     axis.save(tmp_path / "axis.yaml")
     emulator = subprocess.Popen(
         [sys.executable, str(Path(__file__).parents[1] / "hardware" / "mesa_emulator.py"), "--axis", str(config_file("axis.yaml")),
-         "--clock", "1e-3"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+         "--clock", "1e-3", "--priority", "10"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     port = int(emulator.stdout.readline())
     (tmp_path / "options.yaml").write_text(f"{{host: 127.0.0.1, port: {port}, watchdog_s: 0.2, wait_share: 20.0}}\n")
     with own_domain(), real_time_place():
@@ -92,7 +94,14 @@ def test_the_cell_over_the_wire_to_an_emulated_card(tmp_path):
             rclpy.init()
             node = rclpy.create_node("tester", namespace="/axis")
             try:
-                result = AxisClient("/axis", node, wait=240.0).move(2e-5, tolerance=2e-6, settle_time=0.02, timeout=20.0)
+                client = AxisClient("/axis", node, wait=240.0)
+                end = time.monotonic() + 0.5 * PATIENCE_S
+                while True:  # where real-time priorities are not permitted, a busy machine keeps the card's answers back
+                    result = client.move(2e-5, tolerance=2e-6, settle_time=0.02, timeout=20.0)
+                    if result.reached or "error level" not in result.message or time.monotonic() > end:
+                        break
+                    with Operator("/axis", node) as operator:
+                        operator.reset()
                 assert abs(result.final_error) < 5e-6, result.message
             finally:
                 node.destroy_node()
