@@ -74,7 +74,7 @@ def test_the_speed_takes_of_the_voltage_what_is_said(axis, drive):
     assert np.abs(plain.speed_share[[0, -1]]).max() < 2.0e-3
 
 
-@pytest.mark.parametrize(("period", "time", "off", "before"), [(1e-4, 5e-4, 0.01, 0.995), (2.5e-4, 1.2e-3, 0.01, 0.8), (1e-3, 1.2e-3, 0.05, 0.8)])
+@pytest.mark.parametrize(("period", "time", "off", "before"), [(1e-4, 5e-4, 0.01, 0.995), (2.5e-4, 1.2e-3, 0.01, 0.9), (1e-3, 1.2e-3, 0.05, 0.9)])
 @pytest.mark.parametrize("law", ["self_tuning_observer", "self_tuning"])
 def test_a_lag_that_is_put_in_has_its_size(axis, drive, law, period, time, off, before):
     """Least squares of the residual on the form of that lag; ``before``: below which it is on the lag of the command alone, which the
