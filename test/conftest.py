@@ -5,7 +5,6 @@ of the time that took) nor afterwards.
 """
 
 import gc
-import os
 
 gc.disable()
 
@@ -17,7 +16,8 @@ LONGEST = (
     "test_documentation", "diagnosis/cases/test_lost_motion", "diagnosis/cases/test_practice", "commissioning/test_law_choice",
     "commissioning/test_commission", "commands/test_diagnose", "control/test_tuning", "diagnosis/logs/test_many",
     "ros/test_drives_in_a_cell", "commands/test_mutation", "ros/transport/test_lockstep", "diagnosis/logs/test_file_kinds",
-    "control/runs/test_coarse_fine", "ros/safety/test_driver_safety", "ros/test_outside_backend",
+    "control/runs/test_coarse_fine", "ros/safety/test_driver_safety", "commissioning/test_programme",
+    "diagnosis/preprocessing/test_motion_on_a_soft_drive", "ros/test_outside_backend",
     "ros/safety/test_resting_cell", "ros/test_health_monitor", "maintenance/test_maintenance",
     "diagnosis/prerequisites/test_law", "control/test_robustness", "control/test_closed_loop", "ros/test_experiment",
     "commissioning/test_frequency_response", "commands/test_laws", "control/observer/test_observer",
@@ -27,17 +27,8 @@ LONGEST = (
 )
 
 
-def pytest_configure(config):
-    """Say what the marker means."""
-    config.addinivalue_line("markers", "extended: a further case of what another test examines (`./microstage test --extended`)")
-
-
-def pytest_collection_modifyitems(config, items):
-    """Sort by file; tests of one file stay together and in their order. Further cases wait until they are asked for."""
-    if "MICROSTAGE_EXTENDED" not in os.environ:
-        left_out = [item for item in items if item.get_closest_marker("extended")]
-        config.hook.pytest_deselected(items=left_out)
-        items[:] = [item for item in items if item not in left_out]
+def pytest_collection_modifyitems(items):
+    """Sort by file; tests of one file stay together and in their order."""
     rank = {f"test/{name}.py": place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: rank.get(item.nodeid.partition("::")[0], len(rank)))
 

@@ -38,13 +38,6 @@ def test_options_of_the_command_become_the_plugins():
         command._other_trajectories(["--seeds", "few"])
 
 
-def test_further_cases_run_where_they_are_asked_for_or_files_are_named():
-    arguments = ["--extended", "-n", "0"]
-    assert command._extended(arguments) == {"MICROSTAGE_EXTENDED": "1"} and arguments == ["-n", "0"]
-    assert command._extended(["test/control/test_tuning.py::test_a"]) == command._extended(["-k", "x", "test/ros"]) == {"MICROSTAGE_EXTENDED": "1"}
-    assert command._extended([]) == command._extended(["-n", "3", "-k", "lockstep"]) == {}
-
-
 def test_modules_that_conftest_imports_get_the_other_trajectories(monkeypatch):
     monkeypatch.setenv("MICROSTAGE_LAST_BITS", "1")
     code = "import test.last_bits, test.conftest; import microstage_ros.control.runs.simulate as s; import microstage_ros.solver.plant as p; import sys; " \

@@ -28,7 +28,6 @@ def test_running_and_record_go_together(words):
         tune.main(["--axis", str(config_file("axis.yaml")), *words])
 
 
-@pytest.mark.extended
 def test_friction_that_varies_slowly_is_in_the_intervals():
     """The part of the variability that goes with time, 20 s, is one value per record: of two records it leaves at least
     0.06 sqrt(0.2 / 2) = 1.9 % times the 0.8 of a record of 30 s; blocks of a second said 0.9 %."""

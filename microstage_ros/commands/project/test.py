@@ -11,11 +11,10 @@ from microstage_ros.numerics.compiled import cache_folder
 from microstage_ros.places import SOURCE
 from microstage_ros.quantities.errors import InputError
 
-USAGE = """usage: microstage test [--extended] [--last-bits] [--seeds K] [options of pytest]
+USAGE = """usage: microstage test [--last-bits] [--seeds K] [options of pytest]
 
 All the tests, three at a time: cells wait often. Examples: microstage test test/ros   microstage test -k lockstep -n 0
 
-  --extended   further cases of what other tests examine, too; they also run where files or folders are named
   --last-bits  simulated machines begin with last bits that differ (by 10^-15), as on another processor
   --seeds K    every noise of simulated machines from the K-th other set of seeds, K = 1, 2, ...
 """
@@ -43,7 +42,7 @@ def main(argv=None):
     except environment.Failure as failure:
         print(f"microstage: {failure}", file=sys.stderr)
         return 1
-    variables = _other_trajectories(arguments) | _extended(arguments)
+    variables = _other_trajectories(arguments)
     options = arguments
     if importlib.util.find_spec("xdist"):  # tests of one file may share a cell, so a file stays with one worker
         options = ["-n", "3", "--dist", "loadfile", "--no-loadscope-reorder", *arguments]
@@ -65,15 +64,6 @@ def _compile_first(variables):
             processes.append(subprocess.Popen(command, cwd=SOURCE, env=variables))
     for process in processes:
         process.wait()
-
-
-def _extended(arguments):
-    """Environment of `test/conftest.py` for further cases; the option is taken out of ``arguments``."""
-    asked = "--extended" in arguments
-    if asked:
-        arguments.remove("--extended")
-    named = any((SOURCE / word.partition("::")[0]).exists() for word in arguments if not word.startswith("-"))
-    return {"MICROSTAGE_EXTENDED": "1"} if asked or named else {}
 
 
 def _other_trajectories(arguments):

@@ -31,8 +31,8 @@ def test_a_ripple_beside_a_growth_that_holds_a_thousand_times_as_much(axis):
 @pytest.mark.parametrize(("effects", "seed", "names"), [
     ({"payload_change": {"mass_kg": 3.0}}, 72, ("payload_change",)),
     ({"drive_compliance": {"stiffness_factor": 0.4, "damping_factor": 1.0}}, 73, ("drive_compliance",)),
-    pytest.param({"payload_change": {"mass_kg": 4.0}, "resistance_rise": {"rise_per_joule": 0.15, "time_s": 12.0}}, 74,
-                 ("payload_change", "resistance_rise"), marks=pytest.mark.extended),
+    ({"payload_change": {"mass_kg": 4.0}, "resistance_rise": {"rise_per_joule": 0.15, "time_s": 12.0}}, 74,
+     ("payload_change", "resistance_rise")),
 ])
 def test_a_payload_is_no_soft_drive(axis, effects, seed, names):
     """Where the records do not tell the two apart both are named as rivals, and no other name is said.

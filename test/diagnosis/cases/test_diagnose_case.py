@@ -94,7 +94,7 @@ def test_records_that_cannot_be_used(axis):
         diagnose_case(axis, [])
 
 
-@pytest.mark.parametrize(("size", "least"), [(1.2e-7, {"floor_vibration", "presliding_creep"}), pytest.param(6e-8, {"floor_vibration"}, marks=pytest.mark.extended)])
+@pytest.mark.parametrize(("size", "least"), [(1.2e-7, {"floor_vibration", "presliding_creep"}), (6e-8, {"floor_vibration"})])
 def test_creep_beside_a_vibration_of_the_floor(axis, size, least):
     """A line that moves faster than rest does not hide what the blocks do while they are held.
 

@@ -54,7 +54,7 @@ def test_a_smooth_course_predicts_what_was_left_out_and_a_wave_of_the_stroke_doe
     assert MEANS * 5 == 200     # the same 20 ms from blocks as from samples
 
 
-@pytest.mark.parametrize("delay", [1.99e-4, pytest.param(3.989e-4, marks=pytest.mark.extended)])
+@pytest.mark.parametrize("delay", [1.99e-4, 3.989e-4])
 def test_a_delay_just_short_of_whole_periods_keeps_its_size(axis, delay):
     drive = drive_of(axis)
     groups = make_case(axis, Hidden("late", ("transport_delay",), {"transport_delay": {"delay_s": delay}}), 5, friction=0.03)

@@ -61,7 +61,6 @@ def test_force_over_deflection_of_the_swing_is_a_straight_line(records, drive):
     assert shows_no_gap({"learn": [prepare(r, drive) for r in learn], "held": [prepare(r, drive) for r in held]}, drive)
 
 
-@pytest.mark.extended
 def test_no_friction_is_named_beside_a_drive_on_which_the_loop_swings(axis, records):
     learn, held, base = records
     answer = diagnose_case(axis, learn, held, base)
