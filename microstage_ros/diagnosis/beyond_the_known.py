@@ -59,8 +59,11 @@ def taken(known, course):
     return sum(parts)
 
 
-def beyond_the_known(evidences, choices, known):
-    """Choices that are more than what the known prerequisites, never modelled to the last nanometre, leave behind."""
+def beyond_the_known(evidences, choices, known, rests=True):
+    """Choices that are more than what the known prerequisites, never modelled to the last nanometre, leave behind.
+
+    ``rests``: whether the axis ever does; a loop that swings between the amplifier's limits shows nothing of rest.
+    """
     if known.slow is not None:
         clear = _clear_of(evidences, choices, known.slow.held, SLOW_SHARE)
         choices = [c for c in choices if c in clear or c.effect in OF_PLACE or _is_constant(evidences, c, choices)
@@ -88,8 +91,10 @@ def beyond_the_known(evidences, choices, known):
         # a limit cycle repeats itself: what it feigns has one size in all stretches, too
         swung = _clear_of(evidences, choices, part, SOFT_SWUNG_SHARE if swings else LESS_SWUNG_SHARE,
                           of_one_size=not (swings or len(moved) + len(soft) < len(choices)))
-        rested = [c for c in choices if c.effect in OF_REST and _beside_any_speed(evidences, c, choices)]
-        kept = [c for c in choices if c in soft or c.effect not in SWUNG or c in (*swung, *rested)]
+        rested = [c for c in choices if rests and c.effect in OF_REST and _beside_any_speed(evidences, c, choices)]
+        # friction that turns at every cycle of a swing has one speed: a level is a viscosity, or a power of the speed
+        feigned = SWUNG if rests else (*SWUNG, "friction_level_change")
+        kept = [c for c in choices if c in soft or c.effect not in feigned or c in (*swung, *rested)]
         # what the swing feigns takes nothing from what is judged without it
         clear = [*_clear_of(evidences, kept, of_drive, SOFT_SHARE), *rested]
         kept = [*soft, *(c for c in kept if c in clear and c not in soft)]

@@ -94,7 +94,7 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0, twin=()):
     anew = at_terminals(collection, evidences, choices, groups, known, chosen.law)
     if anew is not evidences:
         evidences, (choices, _) = anew, select(anew, effects)
-    choices = beyond_the_known(evidences, choices, known)
+    choices = beyond_the_known(evidences, choices, known, rests=not _swings(collection))
     rivals = {c.effect: judge.rivals_of(evidences, c, choices, effects) for c in choices}
     choices, rivals = one_force(evidences, choices, rivals)
     refined = refine(collection, about_their_sizes(evidences, choices))
@@ -192,9 +192,8 @@ def _answer(collection, evidences, choices, rivals, nonregression, holdout, note
     errors = {c.effect: unsteadiness(evidences, c, [o for o in choices if o is not c]) for c in choices}
     rattled = known.gap.held_before if known.gap is not None and known.gap.rattles else 0.0
     causes, doubtful = likely(_with_shares(causes, book), unsure, errors, rattled)
-    at_limit = limit_cycle.share_at_limit(collection.prepared["learn"], collection.frame.drive.voltage_limit)
     causes, unsure, swings = limit_cycle.judged(
-        at_limit, causes, unsure, scattered, errors,
+        _at_limit(collection), causes, unsure, scattered, errors,
         lambda: known.gap is None and shows_no_gap(collection.prepared, collection.frame.drive))
     notes += [swings] if swings else []
     if doubtful:
@@ -236,6 +235,15 @@ def _answer(collection, evidences, choices, rivals, nonregression, holdout, note
         pictures=tuple(pictures), notes=tuple(notes), seed=seed, doubtful=tuple(doubtful),
         floors=over_twin(collection, evidences, choices),
     )
+
+
+def _at_limit(collection):
+    return limit_cycle.share_at_limit(collection.prepared["learn"], collection.frame.drive.voltage_limit)
+
+
+def _swings(collection):
+    """Whether the loop of the learning records swings between the amplifier's limits."""
+    return _at_limit(collection) > limit_cycle.MOST_AT_LIMIT
 
 
 def _cause(evidences, choice, choices, units):

@@ -53,17 +53,21 @@ def test_slow_motion_has_a_say(monkeypatch):
 
 
 def test_friction_that_is_stiffer_than_identified_makes_no_hunting():
-    """On a machine 2.2 times as stiff before sliding as its file says slow motion hunts with the file's model."""
+    """On a machine 2.2 times as stiff before sliding as its file says slow motion hunts with the file's model.
+
+    By 504 nm in the median of 60 records, and less than 200 nm in 2 (0.4 to 11.5 %); by 29 nm with the stiffer one, and
+    more than 100 nm in 2: held to the median of seven.
+    """
     truth = random_axis(load_axis(config_file("axis.yaml")), 7305)
     key = "contacts.actuator.stiffness"
     axis = truth.with_values({key: [v / 2.23 for v in truth.value(key)]}, source="estimate").with_controller({"type": OBSERVER})
     doubt = {"voltage_noise": 2.25 * float(controller_parameters(OBSERVER, axis, {})["observer"]["voltage_noise"])}
 
     def error(gains):
-        controller = {"type": OBSERVER, **doubt, **gains}
-        found = simulate(axis, Run(program=[{"sine": law_choice.SLOW_SINE}], start_m=0.0, controller=controller), 11, machine=truth)
-        left = np.abs(found["stage_m"] - found["reference_m"])
-        return left[len(left) // 4:].max()
+        slow = Run(program=[{"sine": law_choice.SLOW_SINE}], start_m=0.0, controller={"type": OBSERVER, **doubt, **gains})
+        records = (simulate(axis, slow, seed, machine=truth) for seed in range(11, 18))
+        left = [np.abs(found["stage_m"] - found["reference_m"]) for found in records]
+        return np.median([one[len(one) // 4:].max() for one in left])
 
     assert error(law_choice.STIFFER) < 1e-7 < 2e-7 < error({})
 

@@ -74,19 +74,21 @@ def test_the_inertia_is_learned_from_strong_accelerations(axis, factor):
 def test_a_limit_cycle_is_noticed_left_without_a_bump_and_ended(axis):
     """Six times the mass on a third of the stiffness: the swing at the start outruns what is learned of the sources.
 
-    In 29 of 30 records (95 %: 83 to 100 %; none of six at 83 %: once in 10^4 times), after 0.04 to 0.24 s; in one the doubts were in time. All
-    came to rest, with at most 31 nm peak to peak and 36 nm beside the target: held to the 0.2 um of `robustness`.
+    In 180 of 200 records (95 %: 85 to 94 %; none of six: once in 10^5 times), in 179 of them by 1.2 s, in one after 2.2 s; in the others
+    the doubts were in time. All came to rest, 2 s later with at most 11 nm peak to peak and 91 nm beside the target: held to the 0.2 um
+    of `robustness`.
     """
+    reference = np.concatenate([REFERENCE, np.full(20000, 1e-5)])
     heavy = axis.with_values({"stage.mass": 6 * 3.06, "transmission.stiffness": 4e6})
     for seed in range(6):
-        trace, seen = ride(axis, heavy, seed=seed, piece=PIECE)
+        trace, seen = ride(axis, heavy, seed=seed, piece=PIECE, reference=reference)
         stage = trace[-5000:, TRACE.index("stage_m")]
         assert np.ptp(stage) < 2e-7 and abs(stage.mean() - 1e-5) < 2e-7
-        left = [memory["supervision"]["law"] == supervision.ENCODER_ONLY for memory in seen]
+        left = [memory["supervision"]["law"] == supervision.ENCODER_ONLY for memory in seen[:1200]]
         if any(left):
             break
     first = left.index(True)
-    assert first * PIECE * 1e-4 < 1.2 and seen[first]["supervision"]["reason"] in (supervision.SWINGS, supervision.BESIDE, supervision.INNOVATIONS)
+    assert seen[first]["supervision"]["reason"] in (supervision.SWINGS, supervision.BESIDE, supervision.INNOVATIONS)
     steps, at = np.abs(np.diff(trace[:, TRACE.index("voltage_V")])), first * PIECE
     assert steps[max(at - 1, 0) : at + PIECE - 1].max() <= 1.5 * steps[max(at - 200, 0) : max(at - 1, 1)].max()
 

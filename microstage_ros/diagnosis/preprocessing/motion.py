@@ -21,6 +21,7 @@ import scipy.linalg
 from microstage_ros.numerics.compiled import compiled
 
 LOAD_WALK = 1.0e-3  # N m per square root of a second: friction turns round in some milliseconds
+REACH = 60        # periods to either side of a reading
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,21 +69,20 @@ def smooth_motion(reading, current, drive, period, noise):
 
 # derived: memory alone, no result depends on it
 @functools.lru_cache(maxsize=64)
-def load_kernel(drive, period, noise, reach=60):
-    """What `smooth_motion` makes of a load that stands for one period: shape (2 ``reach`` + 1,), sum 1.
+def load_kernel(drive, period, noise):
+    """What `smooth_motion` makes of a load that stands for one period: shape (2 `REACH` + 1,), sum 1.
 
-    ``reach``: periods to either side [1]; ``noise``: of the readings [m]. Entry ``reach`` + k is the share that it
-    gives to the reading k periods later.
+    ``noise``: of the readings [m]. Entry `REACH` + k is the share that it gives to the reading k periods later.
     """
     # derived: from the middle to either end four times as far as is looked at
-    rows = 8 * reach
+    rows = 8 * REACH
     load = np.zeros(rows)
     load[rows // 2] = drive.inertia / drive.lever
     steps = -load * drive.lever / drive.inertia * period
     speed = np.concatenate([[0.0], np.cumsum(steps)[:-1]])
     position = np.concatenate([[0.0], np.cumsum(period * (speed + 0.5 * steps))[:-1]])
     seen = smooth_motion(position, np.zeros(rows), drive, period, noise).load / load[rows // 2]
-    kernel = seen[rows // 2 - reach: rows // 2 + reach + 1]
+    kernel = seen[rows // 2 - REACH: rows // 2 + REACH + 1]
     return kernel / kernel.sum()
 
 

@@ -20,6 +20,7 @@ from microstage_ros.signals.travel import motor_travel
 
 LEAST_ROWS = 5000
 FUSION = 41           # periods, at least, over which the position reading corrects the motor's travel
+NO_CURRENT = 61       # the same where no current tells the travel, and nothing but the position reading does
 GAP_FUSION = 1001     # the same where the stage may rattle in a gap
 HIT = 3               # periods of the stage's mean there; derived: the least that is one, as a hit lasts some ten
 TRAVEL_NOISE = 2.0e-8 # m: the back-EMF's travel is trusted below some 200 Hz, current and inertia above
@@ -29,7 +30,8 @@ SHARE_REACH = 100
 SHARE_ROWS = 16 * SHARE_REACH     # derived: far enough from both ends of what is smoothed
 # m; derived: a thousandth of the finest count of such encoders, and far above the last bits of a double
 LEAST_COUNT = 1.0e-11
-ALL_COUNTS = 0.99     # share of the changes that must be whole multiples; derived: chance makes 0.04 of them
+# share of the changes that must be whole multiples, and how near to one; derived: chance makes 0.04 of them
+ALL_COUNTS, WHOLE = 0.99, 0.02
 MOTOR_NOISE = 2.0e-9  # m, of the motor's position after that
 
 
@@ -139,7 +141,7 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None, pull=
         settled = settled_current(current, drive.current_transient(period))
         angle = motor_travel(answered, settled, drive, period)
     else:
-        angle = triangle(stage, 61)
+        angle = triangle(stage, NO_CURRENT)
         speed = np.gradient(angle, period)
         current = settled = (answered - drive.back_emf / drive.lever * speed) / drive.resistance
     # fast motion is known better from current and inertia: the back-EMF's noise would ring at the resonance
@@ -260,7 +262,7 @@ def count_of(reading):
     if not len(steps):
         return 0.0
     multiple = steps / steps.min()
-    return float(steps.min()) if np.mean(np.abs(multiple - np.round(multiple)) < 0.02) > ALL_COUNTS else 0.0
+    return float(steps.min()) if np.mean(np.abs(multiple - np.round(multiple)) < WHOLE) > ALL_COUNTS else 0.0
 
 
 def _filled(values, place):

@@ -40,6 +40,8 @@ DELAY_STEP = 0.02
 LEAST_TIME = 2.0 * DELAY_STEP     # periods; derived: two steps; less is a matter of stamps
 DOMINANCE = 0.5          # of the gain of the strongest form, accepted or not, that the answer must reach
 HELD_SHARE = 0.1         # of what it can hold on held-out records; derived: as `selection.HELD_SHARE`
+TAUGHT_SHARE = 0.2       # of what an average learning record shows that is enough, too
+IN_BASELINE = 0.3        # of what it can hold in the baseline's records that they may show of it
 LONGEST = 64             # periods; derived: the power of two above the 60 that `TransportDelay` may have
 # periods; derived: half way between two of the catalogue's forms, and half as far again
 DELAY_REACH = 0.75
@@ -48,6 +50,9 @@ DELAY_STEPS = np.arange(-DELAY_REACH, DELAY_REACH, LEAST_TIME)
 SHORT_OF_WHOLE = tuple(DELAY_STEP * n for n in (2.0, 1.5, 1.0, 0.5))
 MOST_SHIFTS = 5          # of the range searched; derived: 1.7⁵ is a factor of fourteen
 REACH = 1.7              # of the range searched, upwards; derived: from 0.6 it spans 2.8, the forms' times 2.7
+# of the form's own time, where to look for one that holds `MUCH_LESS` of it, and else from where on; derived: an
+# optimum near an end moves the range on, so that neither decides anything
+SHORTER, BELOW, MUCH_LESS = (0.01, 1.3), 0.6, 0.4
 TOLERANCE = 2.0e-3       # of the time or the period; derived: a tenth of `DELAY_STEP`
 MOST_TRIES = 14          # derived: 0.62¹⁴, by golden sections, is a thousandth of the range
 AT_END = 1.02            # so near to its end an optimum lies beyond; derived: ten times the search's tolerance
@@ -169,10 +174,10 @@ def _stands(fast, slow, form, period):
     # held-out records that move the amplifier less show less of it: then most of what they show is enough, or a part of
     # what it can hold there
     records = max(len(fast.channels["learn"]), 1)
-    needed = min(0.2 * slow.gain / records, MOST * held.energy(), HELD_SHARE * held.matrix[1, 1])
+    needed = min(TAUGHT_SHARE * slow.gain / records, MOST * held.energy(), HELD_SHARE * held.matrix[1, 1])
     if slow.gain < LEAST_GAIN or slow.held < max(needed, LEAST_GAIN):
         return False
-    return base is None or base.reduction([form.key], np.ones(1)) <= 0.3 * base.matrix[1, 1]
+    return base is None or base.reduction([form.key], np.ones(1)) <= IN_BASELINE * base.matrix[1, 1]
 
 
 def _delay_and_lag(learn, slow, period):
@@ -321,7 +326,8 @@ def _refine(learn, trial, period, winding, feigned=0.0):
     if on_grid:
         low, high = _around_whole_periods(loss, start, period)
     else:
-        low, high = (0.01 * start, 1.3 * start) if beta < 0.4 else (0.6 * start, REACH * start)
+        low, high = SHORTER if beta < MUCH_LESS else (BELOW, REACH)
+        low, high = low * start, high * start
     options = {"xatol": TOLERANCE * min(start, period), "maxiter": MOST_TRIES}
     for _ in range(MOST_SHIFTS):
         found = minimize_scalar(loss, bounds=(low, high), method="bounded", options=options)

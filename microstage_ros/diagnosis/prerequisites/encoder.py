@@ -13,6 +13,9 @@ from microstage_ros.diagnosis.preprocessing.smoothing import triangle
 from microstage_ros.diagnosis.prerequisites.lines import REST_SPEED
 from microstage_ros.diagnosis.prerequisites.periods import SLOW
 
+# periods; derived: its slope is then known to 0.1 µm/s, far below `REST_SPEED`
+SMOOTH = 201
+
 
 def seen_interpolation(drive, baseline):
     """`Drive` with the interpolation error that the baseline shows.
@@ -39,7 +42,7 @@ def seen_interpolation(drive, baseline):
         error = encoder - stage
         phase = 2.0 * np.pi * stage / drive.signal_period
         waves = [f(n * phase) for n in range(1, harmonics + 1) for f in (np.sin, np.cos)]
-        speed = np.abs(np.gradient(triangle(stage, 201), record.period_s))
+        speed = np.abs(np.gradient(triangle(stage, SMOOTH), record.period_s))
         used = np.flatnonzero(speed > REST_SPEED)
         x = np.stack([(w - triangle(w, SLOW))[used] for w in waves], axis=1)
         matrix += x.T @ x

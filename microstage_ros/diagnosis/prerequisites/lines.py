@@ -34,6 +34,11 @@ LASTING = 2 * WINDOW
 LEAST_POWER = 32.0
 # power half a hertz or so beside a line, relative to it; calibrated by: validation.margins (0.034 to 0.045)
 NARROW = 0.04
+SKIRT = (0.3, 1.5)   # Hz from a peak, which is its skirt
+NEAR = 400           # frequencies to either side, over whose median a peak must stand out
+# blocks at the start of a record that are not looked at; derived: what the shipped drive train rang with has died away
+# to e⁻²⁰ in 0.2 s, by D_c/2m = 98 /s
+STARTS = 400
 BESIDE = 2.0       # Hz; derived: a line that swings for half a second now and then is as wide
 # standard errors; derived: with so many an amplitude of half the line's is told from all of it
 CLEAR = 4.0
@@ -88,7 +93,7 @@ class Spectrum:
         # the line itself may move faster than the stage: rest is where the mean speed is small
         mean = uniform_filter1d(channel.speed, WINDOW, mode="nearest")
         self.mask = uniform_filter1d(np.abs(mean), WINDOW, mode="nearest") < REST_SPEED
-        self.mask[:400] = False
+        self.mask[:STARTS] = False
         usual = np.median(np.abs(white[self.mask])) / MEDIAN_SIZE if self.mask.any() else 1.0
         bound = CLIPPED * max(usual, 1.0)  # a strong line must not be clipped: it would grow harmonics
         self.values = np.where(self.mask, np.clip(white, -bound, bound), 0.0)
@@ -157,7 +162,7 @@ class Spectrum:
 def find_lines(learn, held, base):
     """Lines in the resonance channels of these records: list of `Line`, the strongest first."""
     learn, held, base = ([Spectrum(w) for w in group] for group in (learn, held, base))
-    if not learn or min(s.count for s in learn) < 500:
+    if not learn or min(s.count for s in learn) < LASTING:
         return []
     length = 2 ** int(np.ceil(np.log2(2 * max(len(s.values) for s in [*learn, *held, *base]))))
     rests = sum(np.abs(np.fft.rfft(s.mask, length)) ** 2 / s.count for s in learn)
@@ -213,7 +218,7 @@ def _sharpened(frequency, step, learn):
 
 def _skirt(distance):
     """Where the ``distance`` [Hz] from a peak is that of its skirt, a mask."""
-    return (distance > 0.3) & (distance < 1.5)
+    return (distance > SKIRT[0]) & (distance < SKIRT[1])
 
 
 def _narrow_peak(frequency, power, count, skirt):
@@ -225,7 +230,7 @@ def _narrow_peak(frequency, power, count, skirt):
     left = power.copy()
     while True:
         at = int(np.argmax(left))
-        near = power[max(at - 400, 0): at + 400]
+        near = power[max(at - NEAR, 0): at + NEAR]
         if left[at] < LEAST_POWER * max(np.median(near) / gamma.median(count), 1.0):
             return None
         distance = np.abs(frequency - frequency[at])

@@ -51,6 +51,10 @@ STEPS = tuple(0.05 * n for n in range(-7, 8))
 # (0.00017 to 0.0013), and no less than `selection.sizes.LEAST_FORM_ERROR`
 FORM_ERROR = 0.005
 RATTLE_ERROR = 0.02      # and for every usual loss that rattle, not followed hit by hit, adds to it
+LEAST_ERROR = 3.0e-9     # m, of the width
+# per cent of the rows, and of the pieces, between which stage against motor spreads; derived: spikes are outside, and a
+# stage that goes one way stays on one flank for some of the pieces
+ROWS, PIECES = (99.0, 1.0), 75.0
 BOUND = 20.0             # usual sizes above which a misfit counts no more
 #: The effect whose forms are free beside a gap.
 FREE = "screw_pitch_error"
@@ -244,7 +248,7 @@ def _replayed(prepared, drive):
     )
     taken = _mean(len(c.residual) * (_energy(c, 0.0) - _energy(c, width)) for c in channels["learn"])
     rattle = max(_losses(channels["learn"], width) / usual - 1.0, 0.0)
-    error = (FORM_ERROR + RATTLE_ERROR * rattle) * width + 3.0e-9
+    error = (FORM_ERROR + RATTLE_ERROR * rattle) * width + LEAST_ERROR
     return Gap(width, error, before, after, sum(len(c.residual) for c in channels["held"]),
                _mean(c.noise for c in channels["held"]), taken)
 
@@ -256,7 +260,7 @@ def _spread(channels):
         raw = channel.prepared.stage - channel.prepared.angle
         rows = len(raw) // SLOW * SLOW
         pieces = raw[:rows].reshape(-1, SLOW)
-        ranges.append(np.percentile(np.subtract(*np.percentile(pieces, [99.0, 1.0], axis=1)), 75.0))
+        ranges.append(np.percentile(np.subtract(*np.percentile(pieces, ROWS, axis=1)), PIECES))
     return float(np.mean(ranges))
 
 

@@ -38,6 +38,7 @@ RIPPLES_PER_TURN = (0.5 / 1.1, 24.0 * 1.1)
 SLOW = 2001
 # m: speed, and with it the whitening's gain, changes from move to move, so one line has sides this close
 STRETCH = 1.0e-3
+LEAST_VALUES = 200     # in one direction of one record, to be looked at
 # relative distance from a whole or half number of cycles per turn that is none; calibrated by:
 # validation.margins (3.9e-3 to 0.5)
 SNAP = 4.0e-3
@@ -72,7 +73,7 @@ def periods(ways, shortest, longest):
     ``ways``: list of `Way`; ``shortest``, ``longest``: bounds of the period [m]. The probability that the first
     is chance is at most `CHANCE` over all periods between the bounds.
     """
-    ways = [way for way in ways if len(way.values) > 200]
+    ways = [way for way in ways if len(way.values) > LEAST_VALUES]
     if not ways:
         return []
     # derived: a mean over a sixth of the shortest period keeps sinc(1/6) = 0.95 of its amplitude

@@ -29,6 +29,10 @@ BETTER = 0.08
 MASS_REACH = float(np.log(2.0))
 # of logarithms; derived: a thirtieth of `STIFFNESS_ERROR`; halving a simplex a dozen times in each direction
 SEARCH = {"xatol": 2e-3, "maxiter": 50}
+# of the stiffness's logarithm, the search's first step; derived: half way to the next of the catalogue, ln(1/0.8)/2
+FIRST = 0.12
+# of a form's own size; derived: half way to its neighbours in the catalogue, whose 1/k − 1 are 3 and 3.8 times as large
+DRAWN = (0.5, 1.8)
 GRID = 9             # masses tried before the search; derived: steps of a sixth in a range of a factor of four
 MOST_LOAD = 1.5      # of the mass's factor; derived: the guideways carry the stage, by a mass known to a half
 # share of the stiffness; calibrated by: microstage campaign --form-errors (0.020 to 0.058, stated to a hundredth)
@@ -81,7 +85,7 @@ def fit_train(learn, base, near=None):
     start = (near.stiffness, near.damping) if near else min(table, key=lambda at: table[at])
     fit = minimize(lambda at: left(*map(float, np.exp(at))), np.log(start), method="Nelder-Mead", bounds=_bounds(),
                    options={**SEARCH, "fatol": 1.0,
-                            "initial_simplex": np.log(start) + np.array([[0.0, 0.0], [0.12, 0.0], [0.0, 0.5]])})
+                            "initial_simplex": np.log(start) + np.array([[0.0, 0.0], [FIRST, 0.0], [0.0, 0.5]])})
     if before - fit.fun < EXPLAINS * (before - usual * rows):
         return None
     alone = min(value for (_, d), value in table.items() if d == 1.0)
@@ -145,7 +149,7 @@ def _error(left, at, step, least):
 
 def _as_drawn(beta):
     """Whether a form made at one size is near enough to it to be the right one."""
-    return 0.5 < beta[0] < 1.8
+    return DRAWN[0] < beta[0] < DRAWN[1]
 
 
 def _mass_form(learn, train):

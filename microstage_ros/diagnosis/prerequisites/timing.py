@@ -29,6 +29,9 @@ MOST_SPEED = 3.0e-3
 LEAST_LOST = 5.0e-4
 # standard deviations of two readings' difference; derived: a reading that steps back so far comes once in 700
 STEP_BACK = 3.0
+STEADY = 0.1             # of a block's speed, by which it may change within the block
+LEAST_FLOOR = 0.2        # of the mean floor, below which no scatter counts more
+LOST_AGAIN = 0.3         # of the lost samples, that the held-out records must show
 CLEAR = 6.0              # standard errors of a jitter's variance; derived: a chance of 10⁻⁹
 TINY = 1.0e-12           # of a matrix's trace; derived: far below its entries, far above their rounding
 LEAST_SCATTER = 1.0      # of the floor, at the fastest: an encoder without noise rounds differently at every speed
@@ -84,7 +87,7 @@ def timing_of(prepared, sde=None):
         rough = np.diff(error, 3) / np.sqrt(THIRD_DIFFERENCE)
         used = len(rough) // BLOCK * BLOCK
         speed = np.abs(p.speed[:used].reshape(-1, BLOCK))
-        steady = np.ptp(speed, axis=1) < 0.1 * speed.mean(axis=1) + REST_SPEED
+        steady = np.ptp(speed, axis=1) < STEADY * speed.mean(axis=1) + REST_SPEED
         good = steady & (speed.mean(axis=1) > REST_SPEED) & (speed.mean(axis=1) < MOST_SPEED)
         spreads.append((rough[:used].reshape(-1, BLOCK) ** 2).mean(axis=1)[good])
         speeds.append(speed.mean(axis=1)[good])
@@ -124,7 +127,7 @@ def _fitted(level, square, part):
         inner = np.linalg.inv(normal + TINY * np.trace(normal) * np.eye(len(normal)))
         sizes = inner @ (design.T @ (level * weight))
         model = design @ np.append(sizes[:-1], max(sizes[-1], 0.0))
-        weight = 1.0 / np.maximum(model, 0.2 * np.abs(sizes[:-1]).mean()) ** 2
+        weight = 1.0 / np.maximum(model, LEAST_FLOOR * np.abs(sizes[:-1]).mean()) ** 2
     floors = np.full(PARTS, sizes[:-1][own].mean())
     floors[visited] = sizes[:-1]
     return floors, float(sizes[-1]), float(inner[-1, -1] * 2.0 / FREEDOM)
@@ -179,5 +182,5 @@ def readings_late(learn, held, base, sde=None):
     usual_lost = healthy.lost if healthy else 0.0
     scattered = (taught.significance > CLEAR and again.significance > 2.0 and taught.variance > 2.0**2 * usual
                  and taught.jitter * taught.fastest > np.sqrt(LEAST_SCATTER * taught.floor))
-    lost = taught.lost > LEAST_LOST + 3.0 * usual_lost and again.lost > 0.3 * taught.lost
+    lost = taught.lost > LEAST_LOST + 3.0 * usual_lost and again.lost > LOST_AGAIN * taught.lost
     return (taught, again) if scattered or lost else None

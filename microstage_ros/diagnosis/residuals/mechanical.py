@@ -32,6 +32,10 @@ STUCK_TIME, STUCK_TRAVEL = 0.5, 3.0e-6
 # m: until then the record's unknown first friction state counts; calibrated by: validation.variation --group settling
 # (half and double: the same answers)
 SETTLING_TRAVEL = 8.0e-6
+LEAST_STEP = 5.0e-9     # m of travel in a block, below which the stage is not said to move
+LOCAL = 101             # blocks over which the scatter is a median
+NEAR = 21               # blocks over which it is a mean square, of values up to
+MOST_SCATTER = 6.0      # medians
 # of the contact's static limit that the unknown state of sticking blocks leaves open; calibrated by: `fit_spreads` on
 # healthy records of the shipped axis, 15 of 219 µN m; it measures it wherever a baseline is given
 STUCK_SHARE = 0.07
@@ -73,7 +77,7 @@ class Mechanical:
         self.residual = self.torque - forces.sum(axis=1)
         self.own = np.zeros(len(self.residual))
         step = np.abs(np.diff(self.position, prepend=self.position[0]))
-        self.step = np.where(step > 5.0e-9, step, 0.0)
+        self.step = np.where(step > LEAST_STEP, step, 0.0)
         self.travel = np.cumsum(self.step)
         self.white = self._white()
 
@@ -123,9 +127,10 @@ class Mechanical:
         change = np.diff(self.residual, prepend=self.residual[0])
         static = self.drive.actuator.static
         scatter = np.minimum(np.abs(change), 2.0 * static)      # no friction changes by more than from limit to limit
-        local = median_filter(scatter, 101, mode="nearest") / MEDIAN_SIZE / np.sqrt(2.0)
+        local = median_filter(scatter, LOCAL, mode="nearest") / MEDIAN_SIZE / np.sqrt(2.0)
         smooth = (
-            np.convolve(np.pad(np.minimum(scatter, 6 * local), 10, mode="edge") ** 2, np.ones(21) / 21, "valid") / 2
+            np.convolve(np.pad(np.minimum(scatter, MOST_SCATTER * local), NEAR // 2, mode="edge") ** 2,
+                        np.ones(NEAR) / NEAR, "valid") / 2
         )
         # derived: a divisor, never nothing: (1 µN m)²
         white = np.maximum(local**2, smooth) + (1.0e-6) ** 2
@@ -220,7 +225,9 @@ def fit_spreads(channels):
             total += np.minimum(out[:, 0] ** 2, FURTHEST**2).sum() + determinant
         return total + float((((sized(point) - middle) / spread) ** 2).sum())
 
+    # derived: the first steps, of the spreads' own size
     simplex = np.concatenate([middle[None], middle + np.diag([0.5, 0.5, 0.4, 0.6, -1.0])])
+    # derived: a twentieth of the smallest spread, half of what one standard error costs, fifty steps each
     options = {"xatol": 0.03, "fatol": 0.5, "maxiter": 240, "initial_simplex": simplex}
     best = minimize(cost, middle, method="Nelder-Mead", options=options)
     return at(best.x)

@@ -18,6 +18,7 @@ LEAST_ROUNDING = 1.5e-9   # m, in a mean at rest; derived: UNSURE · `rounding_l
 UNSURE = 2.0        # times what the stated noise leaves: an encoder quieter than its file says leaves more
 # counts of travel; calibrated by: validation.variation --group rounding (half and double: the same answers)
 RENEWAL = 0.8
+RENEWAL_TIME = 10.0       # s in which the rounding of a resting stage is another
 LEAST_RENEWAL = 2.0e-8    # m; derived: RENEWAL · 25 nm
 ORDERS = 200        # of the series; derived: the rest is 0.0015 of the sum's root even without noise
 # s between the knots of a record's own course of drift; calibrated by: validation.variation --group course (half and
@@ -80,7 +81,10 @@ class Position:
 
     def whiten(self, matrix):
         """Unit-variance innovations of ``matrix`` (blocks, k), and Σ ln S."""
-        step = np.abs(self.speed) * BLOCK * self.prepared.period
-        keeps = np.exp(-step / self.renewal - BLOCK * self.prepared.period / 10.0)[:, None]
+        # the floor's lines moved the scale, too, before they were taken out of its reading
+        p = self.prepared
+        shaken = self.speed + self.mean(np.gradient(p.shake, p.period)) if np.any(p.shake) else self.speed
+        step = np.abs(shaken) * BLOCK * p.period
+        keeps = np.exp(-step / self.renewal - BLOCK * p.period / RENEWAL_TIME)[:, None]
         white = np.full(len(self.residual), self.scatter**2)
         return whiten_states(matrix, np.ones((len(step), 1)), keeps, (self.rounding,), white)

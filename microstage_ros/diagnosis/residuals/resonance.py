@@ -17,6 +17,7 @@ BLOCK = 5.0e-4
 # same answers)
 WINDOW = 1.05e-2
 NEAR = round(WINDOW / BLOCK)   # blocks over which the local size is taken; derived: those of one `WINDOW`
+LOCAL = 101     # blocks over which the size of the whitened residual is a median
 # local size of a whitened residual that noise alone reaches; derived: five standard deviations above that of `NEAR`
 CALM = 1.0 + 5.0 / (2.0 * NEAR) ** 0.5
 
@@ -63,7 +64,7 @@ class Resonance:
         must not outvote the rest.
         """
         white = self._fast(self.residual) / self.noise
-        local = median_filter(np.abs(white), 101, mode="nearest") / MEDIAN_SIZE
+        local = median_filter(np.abs(white), LOCAL, mode="nearest") / MEDIAN_SIZE
         # derived: noise comes so far once in 16 000 rows
         clipped = np.minimum(np.abs(white), 4.0 * np.maximum(local, 1.0))
         power = uniform_filter1d(clipped**2, NEAR, mode="nearest")

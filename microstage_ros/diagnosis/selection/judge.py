@@ -32,7 +32,7 @@ from microstage_ros.diagnosis.selection.selection import (
     level_or_viscous,
     misfit,
 )
-from microstage_ros.diagnosis.selection.splinters import FAINT_GAIN, FRICTIONS, stand_side_by_side
+from microstage_ros.diagnosis.selection.splinters import FAINT_GAIN, FRICTIONS, LEVEL, stand_side_by_side
 from microstage_ros.model.effects import REGISTRY
 
 RIVAL_SHARE = 0.02      # and share of its own gain
@@ -55,6 +55,8 @@ READING_SHARE = 0.1
 # of what a cause takes from its channel that may be left there above the noise; derived: a size that is off by a fifth
 # leaves a twenty-fifth
 UNCLEAR = 0.05
+SLACK = 1.5             # times what chance makes of a nameless shape that it must exceed, but for those of `LOOSE`
+MOST_LEFT = 0.3         # of what stood out over all channels, up to which it is explained
 ALONE = 2.0             # times its threshold that a dependence must reach if only the learning records show it
 # χ² on held-out records that a cause must hold: the geometric mean of 83 and 158; calibrated by: microstage campaign
 # --world second, seeds 901 (healthy: 44, 47, 63, 83 and 578 held by wrong names), 921, 923, 941 (right ones: 158 and
@@ -207,7 +209,7 @@ def findings_of(evidences, choices, generic):
         before = evidences.channel_gain(form.channel, [], [(form.channel, form.key)])
         after = evidences.channel_gain(form.channel, choices, [(form.channel, form.key)])
         after -= evidences.channel_gain(form.channel, choices)
-        threshold = chi2.isf(1e-6, count) * LOOSE.get(form.effect, 1.5)
+        threshold = chi2.isf(math.exp(LEVEL), count) * LOOSE.get(form.effect, SLACK)
         threshold = max(threshold, 3.0 * evidences.usual(form.channel, form.key))
         if after > threshold:
             shape = Choice(form.effect, (form,))
@@ -253,7 +255,7 @@ def verdict_of(causes, rivals, left, book, above):
     remaining = (book.after - book.floor) / book.excess
     if above or (left and remaining > LEFT_SHARE):
         return "partly_explained"
-    return "explained" if remaining < 0.3 else "partly_explained"
+    return "explained" if remaining < MOST_LEFT else "partly_explained"
 
 
 def stands_out(evidences, choices):
@@ -308,10 +310,8 @@ def without_strangers(evidences, choices):
 def _main_channel(evidences, choice, kept, others):
     """The channel in which a cause holds most of the held-out χ², and how much: a soft drive that explains the
     resonance is no stranger because of the millionth part of it that shows as deflection."""
-    own = {
-        channel: evidences.held_gain(kept, [channel]) - evidences.held_gain(others, [channel])
-        for channel in sorted({form.channel for form in choice.forms})
-    }
+    own = {channel: evidences.held_gain(kept, [channel]) - evidences.held_gain(others, [channel])
+           for channel in sorted({form.channel for form in choice.forms})}
     return max(own.items(), key=lambda item: item[1])
 
 

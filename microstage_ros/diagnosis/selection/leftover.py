@@ -33,7 +33,8 @@ def over_twin(collection, evidences, choices):
 
     The twin is the same machine with nothing wrong on the same programme, so what it leaves is the noise floor of these
     very rows: a baseline went elsewhere, at other speeds, and leaves another χ² per row there, on a machine of another
-    friction law above all. Nothing is fitted to it.
+    friction law above all. Nothing is fitted to it, and its positions are weighed by the reading noise of the held-out
+    record: read off counts, that is a twentieth smaller where the floor shakes the resting stage from count to count.
 
     Returns
     -------
@@ -43,6 +44,9 @@ def over_twin(collection, evidences, choices):
     found = {}
     for channel, held in evidences.held.items() if collection.channels.get("twin") else ():
         forms = [form for form in evidences.forms if form.channel == channel]
+        for mine, its in zip(_records(collection, "held", channel), _records(collection, "twin", channel)):
+            if channel == "position":
+                its.scatter = mine.scatter
         twin, keys = collection.growing(channel, forms, "twin"), Evidences._keys(channel, choices)
         if twin is None:
             continue

@@ -7,9 +7,12 @@ import numpy as np
 from microstage_ros.diagnosis.catalogue import electrical, friction
 from microstage_ros.diagnosis.catalogue.form import Form
 from microstage_ros.diagnosis.residuals.evidence_set import Choice
+from microstage_ros.diagnosis.selection.sizes import LEAST_FORM_ERROR
 
 # of the size's logarithm; derived: two steps to either side cover what half of the step before leaves open
 STEPS = (0.08, 0.03, 0.015)
+# of the logarithm of a size at which χ² is not bent; derived: what the steps look at, between the first and the second
+UNBENT = 0.05
 # with one step, while the best size lies at the end of those tried; derived: 5 · 2 steps of 8 % reach a factor of 2.2
 MOST_MOVES = 5
 
@@ -90,7 +93,7 @@ def _refined(collection, family, form, choices, choice):
         return np.array(gains)
 
     log = np.log(size) if size > 0 else 0.0
-    stderr = 0.05
+    stderr = UNBENT
     for step in STEPS:
         for _ in range(MOST_MOVES):
             at = log + step * np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
@@ -107,7 +110,7 @@ def _refined(collection, family, form, choices, choice):
         log = float(np.clip(log, at[0], at[-1]))
         if bend > 0:
             stderr = step * np.sqrt(2.0 / bend)
-    size, stderr = float(np.exp(log)), float(np.hypot(stderr, 5.0e-3))
+    size, stderr = float(np.exp(log)), float(np.hypot(stderr, LEAST_FORM_ERROR))
     value = float(family.value(size, collection.frame))
     error = abs(float(family.value(size * (1 + stderr), collection.frame)) - value)
 

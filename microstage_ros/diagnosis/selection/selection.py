@@ -45,6 +45,10 @@ WITHOUT_FRICTION = frozenset({"windup", "position"})     # channels in which the
 PAIRED = 4
 # share of the gain of payload and soft drive that the payload alone must reach on the coarse grid
 ONE_RESONANCE = 0.35
+MOST_CAUSES = 4              # beside what had to be known first
+LOOKED_AT = 8                # of the trials of a round, the strongest
+# by how much less a simpler effect may explain than one that contains it: χ², or a share
+SIMPLER, SIMPLER_SHARE = 25.0, 0.06
 MISFIT = 0.5                 # a wider shape may explain at most this share beside the named one
 
 
@@ -187,7 +191,7 @@ class _Balance:
         return prune(self.evidences, [*choices, _simpler(self.evidences, winner, trials, choices).choice])
 
 
-def select(evidences, effects, most=4):
+def select(evidences, effects, most=MOST_CAUSES):
     """Forward, then backward: the list of `Choice`, ``most`` [1] or fewer, and the trials of the last round that
     lost."""
     balance = _Balance(evidences, effects)
@@ -277,7 +281,7 @@ def _first_acceptable(evidences, trials, choices):
     """The strongest trial that stands, unless a much stronger one of the same channel does not: then nothing fits
     there. What the baseline shows, too, is no change, and stands in nothing's way."""
     blocked = {}
-    for trial in trials[:8]:
+    for trial in trials[:LOOKED_AT]:
         channels = {form.channel for form in trial.choice.forms}
         if any(trial.gain < DOMINANCE * blocked.get(channel, 0.0) for channel in channels):
             continue
@@ -328,7 +332,7 @@ def _simpler(evidences, winner, trials, choices):
     for trial in trials:
         wider = winner.choice.effect in CONTAINS.get(trial.choice.effect, ())
         pairs = (trial.gain, winner.gain), (trial.held, winner.held)
-        as_much = all(own > other - max(25.0, 0.06 * other) for own, other in pairs)
+        as_much = all(own > other - max(SIMPLER, SIMPLER_SHARE * other) for own, other in pairs)
         if wider and (as_much or trial.held > winner.held) and acceptable(evidences, trial, choices):
             return trial
     return winner

@@ -36,17 +36,17 @@ from microstage_ros.places import config_file
 TINY = np.finfo(float).tiny
 #: Module of the diagnosis to those of its constants that are watched.
 WATCHED = {
-    "prerequisites.amplifier": ("CLEAR",),
+    "prerequisites.amplifier": ("CLEAR", "IN_BASELINE", "TAUGHT_SHARE"),
     "prerequisites.lines": ("NARROW",),
     "prerequisites.lost_motion": ("STANDS_OUT", "EXPLAINS", "EXPLAINS_FIRST", "EXPLAINS_HELD", "LEAST"),
-    "prerequisites.periods": ("REAL", "ONE_PHASE", "SNAP"),
+    "prerequisites.periods": ("REAL", "ONE_PHASE", "SNAP", "LEAST_VALUES"),
     "prerequisites.resonant": ("STANDS_OUT", "BETTER", "FAR", "EXPLAINS"),
     "prerequisites.slow_drift": ("PREDICTED_SHARE", "LEAST", "MATTERS", "OF_ALL"),
-    "prerequisites.timing": ("LEAST_LOST",),
+    "prerequisites.timing": ("LEAST_LOST", "LOST_AGAIN"),
     "selection.judge": ("RIVAL_SHARE", "SCATTER", "UNSEEN", "STRANGER", "STRANGER_IN_TORQUE", "READING_SHARE",
-                        "LEFT_SHARE", "LOOSE"),
+                        "LEFT_SHARE", "LOOSE", "SLACK", "MOST_LEFT"),
     "selection.selection": ("HELD_SHARE", "ONE_RESONANCE"),
-    "selection.splinters": ("FAINT", "FAINT_GAIN", "MAJOR", "MINOR", "MINOR_BESIDE"),
+    "selection.splinters": ("FAINT", "FAINT_GAIN", "MAJOR", "MINOR", "MINOR_BESIDE", "OWN"),
 }
 
 

@@ -18,9 +18,11 @@ import argparse
 import contextlib
 import dataclasses
 import importlib
+import pkgutil
 
 import numpy as np
 
+from microstage_ros import diagnosis
 from microstage_ros.diagnosis.batch import diagnose_records
 from microstage_ros.diagnosis.validation.campaign import WORLDS, examinations
 from microstage_ros.diagnosis.validation.campaign import draw as drawn
@@ -31,8 +33,11 @@ from microstage_ros.places import config_file
 #: Group to (module of the diagnosis, its constants that are multiplied together) and the effects of the cases.
 GROUPS = {
     "lines": ("prerequisites.lines", ("LOWEST", "WINDOW", "REST_SPEED"), ("floor_vibration",)),
-    "periods": ("prerequisites.periods", ("BESIDE", "SLOW", "MOST"), ("encoder_sde", "torque_ripple")),
+    "skirt": ("prerequisites.lines", ("SKIRT", "NEAR"), ("floor_vibration",)),
+    "smooth": ("prerequisites.encoder", ("SMOOTH",), ("encoder_sde",)),
+    "periods": ("prerequisites.periods", ("BESIDE", "SLOW", "MOST", "LEAST_VALUES"), ("encoder_sde", "torque_ripple")),
     "scatter": ("prerequisites.timing", ("BLOCK",), ("sampling_jitter",)),
+    "steady": ("prerequisites.timing", ("STEADY", "LEAST_FLOOR", "LOST_AGAIN"), ("sampling_jitter",)),
     "sticking": ("residuals.mechanical", ("STUCK_TIME", "STUCK_TRAVEL"),
                  ("rising_static_friction", "presliding_creep", "friction_level_change")),
     "resonant": ("prerequisites.resonant", ("MASS_REACH", "STEP"), ("payload_change", "drive_compliance")),
@@ -41,9 +46,26 @@ GROUPS = {
     "delay": ("prerequisites.amplifier", ("LEAST_TIME", "SHORT_OF_WHOLE", "DELAY_STEP"),
               ("transport_delay", "actuator_lag")),
     "stretch": ("prerequisites.periods", ("STRETCH",), ("encoder_sde", "torque_ripple", "screw_pitch_error")),
-    "gap": ("prerequisites.lost_motion", ("BOUND",), ("backlash",)),
+    "gap": ("prerequisites.lost_motion", ("BOUND", "LEAST_ERROR", "RATTLE_ERROR", "EXPLAINS_HELD"), ("backlash",)),
+    "drift": ("prerequisites.slow_drift", ("OF_ALL",), ("thermal_drift", "refractive_index")),
+    "motion": ("preprocessing.motion", ("LOAD_WALK", "REACH"), ("frictional_lag", "amplifier_gain")),
+    "fusion": ("preprocessing.preparation", ("FUSION", "GAP_FUSION"),
+               ("backlash", "frictional_lag", "drive_compliance")),
+    "noise": ("preprocessing.preparation", ("TRAVEL_NOISE", "MOTOR_NOISE"), ("payload_change", "frictional_lag")),
+    "white": ("residuals.mechanical", ("LEAST_STEP", "LOCAL", "NEAR", "MOST_SCATTER"),
+              ("rising_static_friction", "friction_level_change", "torque_ripple")),
     "torque": ("residuals.mechanical", ("BLOCK",), ("frictional_lag", "nonlinear_viscous")),
     "rounding": ("residuals.position", ("RENEWAL", "LEAST_RENEWAL"), ("encoder_sde", "thermal_drift")),
+    "forgetting": ("residuals.position", ("RENEWAL_TIME",), ("encoder_sde", "thermal_drift")),
+    "size": ("residuals.resonance", ("LOCAL",), ("drive_compliance", "payload_change")),
+    "systematic": ("residuals.systematic", ("SYSTEMATIC",),
+                   ("presliding_creep", "amplifier_gain", "drive_compliance", "cable_spring")),
+    "judge": ("selection.judge", ("RIVAL_SHARE", "SLACK", "READING_SHARE"),
+              ("friction_level_change", "gravity_tilt", "encoder_sde", "sampling_jitter")),
+    "trials": ("selection.selection", ("LOOKED_AT", "SIMPLER", "SIMPLER_SHARE", "ONE_RESONANCE"),
+               ("friction_level_change", "payload_change", "nonlinear_viscous")),
+    "splinters": ("selection.splinters", ("FAINT", "MINOR", "OWN", "MINOR_BESIDE"),
+                  ("nonlinear_viscous", "presliding_creep", "amplifier_gain")),
     "course": ("residuals.position", ("PIECE",), ("encoder_sde", "thermal_drift")),
     "reading": ("residuals.position", ("BLOCK",), ("encoder_sde", "thermal_drift")),
     "swing": ("residuals.resonance", ("BLOCK", "WINDOW"), ("drive_compliance", "payload_change")),
@@ -55,8 +77,11 @@ GROUPS = {
 def changed(value, factor):
     """A constant's ``value`` [any unit] times ``factor`` [1]; of a range both ends move out.
 
-    Whole numbers stay whole, and odd ones odd.
+    Whole numbers stay whole, and odd ones odd. Of a table every entry is multiplied.
     """
+    if isinstance(value, dict):
+        return {key: tuple(v * factor for v in one) if isinstance(one, tuple) else changed(one, factor)
+                for key, one in value.items()}
     if isinstance(value, tuple):
         return tuple(v * (1.0 / factor if n == 0 and len(value) == 2 else factor) for n, v in enumerate(value))
     if isinstance(value, int):
@@ -73,11 +98,21 @@ def with_factor(place, names, factor):
         before += [(module, name, value) for module in modules_with(name, value)]
     for module, name, value in before:
         setattr(module, name, changed(value, factor))
+    _forget()
     try:
         yield
     finally:
         for module, name, value in before:
             setattr(module, name, value)
+        _forget()
+
+
+def _forget():
+    """Forget what the diagnosis's functions keep of earlier calls: constants are in it."""
+    for found in pkgutil.walk_packages(diagnosis.__path__, "microstage_ros.diagnosis."):
+        for one in vars(importlib.import_module(found.name)).values():
+            if hasattr(one, "cache_clear"):
+                one.cache_clear()
 
 
 def answer_of(axis, records):

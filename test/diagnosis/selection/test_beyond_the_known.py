@@ -153,6 +153,9 @@ def test_what_needs_rest_is_none_of_what_a_swing_or_a_shaken_floor_feigns(effect
         stays = stays or effect not in module.OF_REST     # a lag of friction is not asked
     left = beyond_the_known(evidences, [named("drive_compliance"), named(effect)], known)
     assert {c.effect for c in left} == {"drive_compliance", *([effect] if stays else [])}
+    if not shaken:      # creep of 69 to 742 that was not there (seed 9601, case 97, in 4 of 14 sets of noise)
+        left = beyond_the_known(evidences, [named("drive_compliance"), named(effect)], known, rests=False)
+        assert {c.effect for c in left} == {"drive_compliance"}
 
 
 def test_what_is_known_beside_the_regression_is_counted_on_held_out_records():

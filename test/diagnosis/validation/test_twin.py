@@ -38,6 +38,20 @@ def test_what_is_left_is_counted_from_what_the_twin_leaves_of_the_same_rows():
     assert (more, stderr) == pytest.approx((0.1 * 2400 / 2.0, 0.0))       # loud stretches of both are no uncertainty
 
 
+def test_positions_of_the_twin_are_weighed_by_the_reading_noise_of_the_held_out_record():
+    """A resting stage that shakes from count to count, or does not, makes the estimate of one and the same noise another."""
+    mine, its = types.SimpleNamespace(scatter=4.4e-9), types.SimpleNamespace(scatter=4.6e-9)
+    evidence = energies([1.0, 1.0, 1.0])
+    evidences = types.SimpleNamespace(held={"position": evidence}, learn={"position": types.SimpleNamespace(fit=lambda keys: (np.zeros(0),))},
+                                      scatter={"position": 1.0}, forms=[])
+    weighed = []
+    collection = types.SimpleNamespace(
+        channels={"held": [{"position": mine}], "twin": [{"position": its}]},
+        growing=lambda channel, forms, group: weighed.append(its.scatter) or evidence)
+    over_twin(collection, evidences, [])
+    assert weighed == [mine.scatter]
+
+
 def test_its_error_is_how_the_stretches_disagree():
     more, stderr = left_over([0.7, 1.2, 0.8], [0.7, 0.9, 0.8])["torque"]
     mean = 300.0 / 2400.0

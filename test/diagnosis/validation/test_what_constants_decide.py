@@ -27,7 +27,7 @@ def test_constants_are_watched_wherever_they_were_imported_and_put_back():
 
 
 @pytest.mark.parametrize("value, factor, expected", [
-    (3.0, 0.5, 1.5), (20, 2.0, 40), (201, 0.5, 101), ((2.0, 8.0), 2.0, (1.0, 16.0)), ((1.0, 2.0, 3.0), 2.0, (2.0, 4.0, 6.0)),
+    ({"a": 2.0, "b": (1.0, 3.0)}, 2.0, {"a": 4.0, "b": (2.0, 6.0)}), (3.0, 0.5, 1.5), (20, 2.0, 40), (201, 0.5, 101), ((2.0, 8.0), 2.0, (1.0, 16.0)), ((1.0, 2.0, 3.0), 2.0, (2.0, 4.0, 6.0)),
 ])
 def test_constants_are_changed_as_what_they_are(value, factor, expected):
     assert changed(value, factor) == expected
