@@ -72,7 +72,8 @@ def test_report(ready):
 def test_the_axis_file_is_one_like_any_other(ready):
     _, out, truth = ready
     axis = load_axis(out / "axis.yaml")
-    assert axis.controller["type"] in ("self_tuning_observer", "self_tuning_feedforward", "self_tuning")
+    # self_tuning_feedforward in 10 of 15 runs, the observer law in four, and in one pid_feedforward, which the other two follow (`law_choice`)
+    assert axis.controller["type"] in ("self_tuning_observer", "self_tuning_feedforward", "pid_feedforward", "self_tuning")
     assert axis.quantity("drive.back_emf").stderr > 0.0 and axis.quantity("drive.back_emf").source == "identified"
     ratio = (axis.value("transmission.stiffness") / axis.value("stage.mass")) / (truth.value("transmission.stiffness") / truth.value("stage.mass"))
     assert ratio == pytest.approx(1.0, rel=0.1)

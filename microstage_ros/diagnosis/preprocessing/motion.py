@@ -20,8 +20,10 @@ import scipy.linalg
 
 from microstage_ros.numerics.compiled import compiled
 
-LOAD_WALK = 1.0e-3  # N m per square root of a second: friction turns round in some milliseconds
-REACH = 60        # periods to either side of a reading
+# N m per root of a second: friction turns round in some milliseconds; calibrated by: validation.variation --group
+# motion (half and double: the same answers)
+LOAD_WALK = 1.0e-3
+REACH = 60        # periods to either side of a reading over which a load shows; calibrated by: the same
 
 
 @dataclasses.dataclass(frozen=True)

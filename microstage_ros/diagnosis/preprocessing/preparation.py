@@ -18,12 +18,14 @@ from microstage_ros.signals.current import between_readings, settled_current
 from microstage_ros.signals.rows import bridged, of_row_before
 from microstage_ros.signals.travel import motor_travel
 
-LEAST_ROWS = 5000
+LEAST_ROWS = 5000    # derived: one piece of `lost_motion.SLOW`, the longest over which anything is taken
 FUSION = 41           # periods, at least, over which the position reading corrects the motor's travel
 NO_CURRENT = 61       # the same where no current tells the travel, and nothing but the position reading does
 GAP_FUSION = 1001     # the same where the stage may rattle in a gap
 HIT = 3               # periods of the stage's mean there; derived: the least that is one, as a hit lasts some ten
-TRAVEL_NOISE = 2.0e-8 # m: the back-EMF's travel is trusted below some 200 Hz, current and inertia above
+# m: the back-EMF's travel is trusted below some 200 Hz, current and inertia above; calibrated by: validation.variation
+# --group noise (half and double: the same answers)
+TRAVEL_NOISE = 2.0e-8
 # periods to either side; derived: within 10 ms at 10 kHz a speed's share of a period's voltage has died away to
 # 1.5·10⁻³, a thirtieth of its largest
 SHARE_REACH = 100
@@ -32,7 +34,8 @@ SHARE_ROWS = 16 * SHARE_REACH     # derived: far enough from both ends of what i
 LEAST_COUNT = 1.0e-11
 # share of the changes that must be whole multiples, and how near to one; derived: chance makes 0.04 of them
 ALL_COUNTS, WHOLE = 0.99, 0.02
-MOTOR_NOISE = 2.0e-9  # m, of the motor's position after that
+# m, of the motor's position after that; calibrated by: the same
+MOTOR_NOISE = 2.0e-9
 
 
 @dataclasses.dataclass

@@ -8,7 +8,7 @@ import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
-MOST = 4     # threads of one diagnosis
+MOST = 4     # threads of one diagnosis; derived: no result depends on it
 
 _inside = threading.local()
 

@@ -38,7 +38,9 @@ RIPPLES_PER_TURN = (0.5 / 1.1, 24.0 * 1.1)
 SLOW = 2001
 # m: speed, and with it the whitening's gain, changes from move to move, so one line has sides this close
 STRETCH = 1.0e-3
-LEAST_VALUES = 200     # in one direction of one record, to be looked at
+# in one direction of one record, to be looked at; calibrated by: validation.variation --group periods (half and
+# double: the same answers)
+LEAST_VALUES = 200
 # relative distance from a whole or half number of cycles per turn that is none; calibrated by:
 # validation.margins (3.9e-3 to 0.5)
 SNAP = 4.0e-3

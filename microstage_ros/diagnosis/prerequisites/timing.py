@@ -29,9 +29,11 @@ MOST_SPEED = 3.0e-3
 LEAST_LOST = 5.0e-4
 # standard deviations of two readings' difference; derived: a reading that steps back so far comes once in 700
 STEP_BACK = 3.0
-STEADY = 0.1             # of a block's speed, by which it may change within the block
-LEAST_FLOOR = 0.2        # of the mean floor, below which no scatter counts more
-LOST_AGAIN = 0.3         # of the lost samples, that the held-out records must show
+# of a block's speed, by which it may change within the block; calibrated by: validation.variation --group steady (half
+# and double: the same answers; doubled, the jitter is another by 1.2 of its standard errors)
+STEADY = 0.1
+LEAST_FLOOR = 0.2        # of the mean floor, below which no scatter counts more; calibrated by: the same
+LOST_AGAIN = 0.3         # of the lost samples, that the held-out records must show; calibrated by: the same
 CLEAR = 6.0              # standard errors of a jitter's variance; derived: a chance of 10⁻⁹
 TINY = 1.0e-12           # of a matrix's trace; derived: far below its entries, far above their rounding
 LEAST_SCATTER = 1.0      # of the floor, at the fastest: an encoder without noise rounds differently at every speed

@@ -32,10 +32,12 @@ STUCK_TIME, STUCK_TRAVEL = 0.5, 3.0e-6
 # m: until then the record's unknown first friction state counts; calibrated by: validation.variation --group settling
 # (half and double: the same answers)
 SETTLING_TRAVEL = 8.0e-6
-LEAST_STEP = 5.0e-9     # m of travel in a block, below which the stage is not said to move
-LOCAL = 101             # blocks over which the scatter is a median
-NEAR = 21               # blocks over which it is a mean square, of values up to
-MOST_SCATTER = 6.0      # medians
+# m of travel in a block, below which the stage is not said to move; calibrated by: validation.variation --group white
+# (half and double: the same answers)
+LEAST_STEP = 5.0e-9
+LOCAL = 101             # blocks over which the scatter is a median; calibrated by: the same
+NEAR = 21               # blocks over which it is a mean square, of values up to; calibrated by: the same
+MOST_SCATTER = 6.0      # medians; calibrated by: the same
 # of the contact's static limit that the unknown state of sticking blocks leaves open; calibrated by: `fit_spreads` on
 # healthy records of the shipped axis, 15 of 219 µN m; it measures it wherever a baseline is given
 STUCK_SHARE = 0.07

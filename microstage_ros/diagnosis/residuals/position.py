@@ -18,7 +18,9 @@ LEAST_ROUNDING = 1.5e-9   # m, in a mean at rest; derived: UNSURE · `rounding_l
 UNSURE = 2.0        # times what the stated noise leaves: an encoder quieter than its file says leaves more
 # counts of travel; calibrated by: validation.variation --group rounding (half and double: the same answers)
 RENEWAL = 0.8
-RENEWAL_TIME = 10.0       # s in which the rounding of a resting stage is another
+# s in which the rounding of a resting stage is another; calibrated by: validation.variation --group forgetting (half
+# and double: the same answers)
+RENEWAL_TIME = 10.0
 LEAST_RENEWAL = 2.0e-8    # m; derived: RENEWAL · 25 nm
 ORDERS = 200        # of the series; derived: the rest is 0.0015 of the sum's root even without noise
 # s between the knots of a record's own course of drift; calibrated by: validation.variation --group course (half and

@@ -17,7 +17,9 @@ BLOCK = 5.0e-4
 # same answers)
 WINDOW = 1.05e-2
 NEAR = round(WINDOW / BLOCK)   # blocks over which the local size is taken; derived: those of one `WINDOW`
-LOCAL = 101     # blocks over which the size of the whitened residual is a median
+# blocks over which the size of the whitened residual is a median; calibrated by: validation.variation --group size
+# (half and double: the same answers)
+LOCAL = 101
 # local size of a whitened residual that noise alone reaches; derived: five standard deviations above that of `NEAR`
 CALM = 1.0 + 5.0 / (2.0 * NEAR) ** 0.5
 

@@ -4,6 +4,8 @@ Measured on healthy records (three baselines of another simulator of the same ax
 2, 4 and 6 % random friction): the scatter of each form's fitted size beyond its standard error.
 """
 
+# calibrated by: the scatter that is told above, and validation.variation --group systematic (half and double: the same
+# answers)
 SYSTEMATIC: dict[str, dict] = {
     "command": {("generic:gain", ""): 0.15},
     "torque": {

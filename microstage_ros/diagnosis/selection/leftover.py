@@ -15,8 +15,10 @@ from microstage_ros.diagnosis.prerequisites.lines import REST_SPEED
 from microstage_ros.diagnosis.residuals.evidence_set import LEAST_FREEDOM, LOUDNESS_STRETCH, Evidences
 from microstage_ros.diagnosis.result import Finding
 
-PIECE = 0.1          # s, mean of z² taken as one number
-CLASSES = 12
+# s, mean of z² taken as one number; calibrated by: validation.variation --group leftover (half and double: the same
+# answers)
+PIECE = 0.1
+CLASSES = 12         # of a coordinate; calibrated by: the same
 CHANCE = 1.0e-3      # that a coordinate stands out on which nothing depends; derived: what `Finding` promises
 SLOWEST = 0.2        # Hz; derived: CLASSES/2 in half a minute, slower is a dependence on the time itself
 FASTEST = 0.45       # of the rate of pieces; derived: nine tenths of the Nyquist frequency, as `lines.HIGHEST`

@@ -19,7 +19,9 @@ FAINT_GAIN = LEAST_GAIN
 # share of what its channel's others explain above which a cause is no misfit of them; calibrated by: validation.margins
 # --kind two --world second --seed 9812 --cases 15 (0.13 to 0.21)
 MAJOR = 0.15
-MINOR = 0.03                 # a further cause must explain this share of what its channel's others explain,
+# a further cause must explain this share of what its channel's others explain; calibrated by: validation.margins (0.001
+# to 0.062)
+MINOR = 0.03
 # beside a plain factor or constant, whose form is known to the last; calibrated by: microstage campaign --world second
 # --kind two --seed 2101, case 26 (a warm winding beside an amplifier's gain holds 0.0074)
 EXACT = 0.005
