@@ -65,7 +65,7 @@ SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)   # of a delay in what looks like one time; d
 SIDE = 0.1               # of that time, and of the lag; derived: half a step of `SHARES`
 MOST_LOOKS = 80          # evaluations; derived: some fifteen halvings of the simplex, at five each
 MOST = 0.5               # of a channel's χ²; derived: more than all else
-# relative difference of χ² by which delay and lag must differ; calibrated by: validation.margins (0.0017 to 0.52), and
+# relative difference of χ² by which delay and lag must differ; calibrated by: validation.margins (0.0070 to 0.70), and
 # microstage campaign --world second --kind two --seed 12901, case 12, and 12501, case 61 (0.019 and 0.025, lags)
 CLEAR = 0.01
 OPEN = 20.0              # χ², and by which they must at least; derived: odds of exp(20/2), 22 000 to one

@@ -32,7 +32,7 @@ WINDOW = 2 * round(0.5 / (LOWEST * BLOCK)) + 1
 LASTING = 2 * WINDOW
 # of summed periodograms in units of their mean; derived: e⁻³² times 10⁵ frequencies is a chance of 10⁻⁹
 LEAST_POWER = 32.0
-# power half a hertz or so beside a line, relative to it; calibrated by: validation.margins (0.034 to 0.045)
+# power half a hertz or so beside a line, relative to it; calibrated by: validation.margins (0.039 to 0.061)
 NARROW = 0.04
 SKIRT = (0.3, 1.5)   # Hz from a peak, which is its skirt
 NEAR = 400           # frequencies to either side, over whose median a peak must stand out

@@ -25,9 +25,9 @@ CHANCE = 1.0e-6   # that the strongest of all lines is none; derived: as `select
 BESIDE = 3001
 # lines looked for; calibrated by: validation.variation --group periods (half and double: the same answers)
 MOST = 8
-# χ² that a ripple must hold on its own; calibrated by: validation.margins (26 to 74)
+# χ² that a ripple must hold on its own; calibrated by: validation.margins (22 to 85)
 REAL = 40.0
-# rad: the phase of one direction of one record from the mean of all; calibrated by: validation.margins (0.63 to 1.5)
+# rad: the phase of one direction of one record from the mean of all; calibrated by: validation.margins (0.58 to 0.97)
 ONE_PHASE = 0.7
 # m, of the encoder's signal periods; derived: it holds those that `EncoderSde.draw` draws, 0.8 to 40 µm
 SDE_RANGE = (4.0e-7, 6.0e-5)
@@ -42,7 +42,7 @@ STRETCH = 1.0e-3
 # double: the same answers)
 LEAST_VALUES = 200
 # relative distance from a whole or half number of cycles per turn that is none; calibrated by:
-# validation.margins (3.9e-3 to 0.5)
+# validation.margins (3.9e-3 to 4.6e-3)
 SNAP = 4.0e-3
 
 

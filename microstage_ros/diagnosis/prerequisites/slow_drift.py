@@ -18,9 +18,9 @@ SAMPLES = 200   # and samples in one; derived: at 10 kHz
 # share of what moves that the course must tell; calibrated by: validation.margins (0.53 to 0.99)
 PREDICTED_SHARE = 0.7
 ABOVE_BASE = 3.0   # times the baseline's course
-# m rms; calibrated by: validation.margins (5.8e-10 to 9.6e-8)
+# m rms; calibrated by: validation.margins (6.2e-10 to 9.6e-8)
 LEAST = 2.0e-9
-# m rms: above it, other residuals must take it into account; calibrated by: validation.margins (5.8e-10 to 9.6e-8)
+# m rms: above it, other residuals must take it into account; calibrated by: validation.margins (6.2e-10 to 9.6e-8)
 MATTERS = 2.0e-8
 OF_ALL = 0.1       # share of the whole residual's variance
 TINY = np.finfo(float).tiny

@@ -25,7 +25,7 @@ FREEDOM = BLOCK / (1.0 + 2.0 * sum((1.0 - k / BLOCK) * (r / 20.0) ** 2 for k, r 
 # m/s: faster, smooth errors no longer drop out; derived: third differences pass (2π v T/p)³/√20 = 0.0015 of an error of
 # the encoder's signal period p = 10 µm at T = 0.1 ms, of the largest drawn (50 nm) a hundredth of the reading's noise
 MOST_SPEED = 3.0e-3
-# share of repeated samples; calibrated by: validation.margins (8e-5 to 1.5e-3)
+# share of repeated samples; calibrated by: validation.margins (8e-5 to 1.6e-3)
 LEAST_LOST = 5.0e-4
 # standard deviations of two readings' difference; derived: a reading that steps back so far comes once in 700
 STEP_BACK = 3.0

@@ -36,7 +36,7 @@ from microstage_ros.diagnosis.selection.splinters import FAINT_GAIN, FRICTIONS, 
 from microstage_ros.model.effects import REGISTRY
 
 RIVAL_SHARE = 0.02      # and share of its own gain
-# χ² per row over the baseline's that no healthy record reaches; calibrated by: validation.margins (1.18 to 1.64)
+# χ² per row over the baseline's that no healthy record reaches; calibrated by: validation.margins (1.04 to 1.54)
 SCATTER = 1.35
 LARGEST_ASYMMETRY = REGISTRY["direction_asymmetry"].parameters["asymmetry"].maximum   # of the guideways' limits
 ONE_FORCE = {"gravity_tilt", "direction_asymmetry"}
@@ -62,7 +62,7 @@ ALONE = 2.0             # times its threshold that a dependence must reach if on
 # --world second, seeds 901 (healthy: 44, 47, 63, 83 and 578 held by wrong names), 921, 923, 941 (right ones: 158 and
 # more)
 LEAST_EVIDENCE = 115.0
-# of what stood out, above which something is left; calibrated by: validation.margins (0.034 to 0.39)
+# of what stood out, above which something is left; calibrated by: validation.margins (0.034 and more)
 LEFT_SHARE = 0.08
 COORDINATES = {
     "position": "position", "direction": "direction", "acceleration": "acceleration", "voltage": "voltage",
