@@ -72,7 +72,10 @@ def beyond_the_known(evidences, choices, known, rests=True):
         gap = known.gap
         held = max(gap.held_before - gap.held_after, gap.taken)
         both = (FOLLOWED_SHARE, FOLLOWED_SWUNG_SHARE) if gap.rattles else (RATTLE_SHARE, SWUNG_SHARE)
-        clear, swung = (_clear_of(evidences, choices, held, shares) for shares in both)
+        # nor is the drive train behind it that the rattle told, which holds a thousand times as much where it is soft
+        loose = max(gap.held_loose - gap.held_after, 0.0) if gap.far else 0.0
+        clear = _clear_of(evidences, choices, max(held, loose), both[0])
+        swung = _clear_of(evidences, choices, held, both[1])
         choices = [c for c in choices if c.effect in OF_TURNS or c in (swung if c.effect in SWUNG else clear)]
         # behind a gap only the deflection would tell of a soft drive, and there the gap's own error does
         choices = [_in_torque(c) if c.effect in RESONANT else c for c in choices]

@@ -34,8 +34,10 @@ LASTING = 2 * WINDOW
 LEAST_POWER = 32.0
 # power half a hertz or so beside a line, relative to it; calibrated by: validation.margins (0.039 to 0.061)
 NARROW = 0.04
-SKIRT = (0.3, 1.5)   # Hz from a peak, which is its skirt
-NEAR = 400           # frequencies to either side, over whose median a peak must stand out
+# Hz from a peak, which is its skirt; calibrated by: validation.variation --group skirt (half, double and ten times: the
+# same answers; a tenth: the line is missed)
+SKIRT = (0.3, 1.5)
+NEAR = 400           # frequencies to either side, over whose median a peak must stand out; calibrated by: the same
 # blocks at the start of a record that are not looked at; derived: what the shipped drive train rang with has died away
 # to e⁻²⁰ in 0.2 s, by D_c/2m = 98 /s
 STARTS = 400
