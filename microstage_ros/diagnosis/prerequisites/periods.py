@@ -36,7 +36,8 @@ RIPPLES_PER_TURN = (0.5 / 1.1, 24.0 * 1.1)
 # periods: courses in time slower than this are no matter of the encoder's periods; calibrated by: validation.variation
 # --group periods (half and double: the same answers)
 SLOW = 2001
-# m: speed, and with it the whitening's gain, changes from move to move, so one line has sides this close
+# m: speed, and with it the whitening's gain, changes from move to move, so one line has sides this close;
+# calibrated by: validation.variation --group stretch --world second (half and double: the same answers)
 STRETCH = 1.0e-3
 # in one direction of one record, to be looked at; calibrated by: validation.variation --group periods (half and
 # double: the same answers)
