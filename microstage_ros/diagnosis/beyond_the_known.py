@@ -72,7 +72,7 @@ def beyond_the_known(evidences, choices, known, rests=True):
         gap = known.gap
         held = max(gap.held_before - gap.held_after, gap.taken)
         both = (FOLLOWED_SHARE, FOLLOWED_SWUNG_SHARE) if gap.rattles else (RATTLE_SHARE, SWUNG_SHARE)
-        # nor is the drive train behind it that the rattle told, which holds a thousand times as much where it is soft
+        # the drive train is no better modelled than the gap; where it is soft it holds a thousand times the gap's χ²
         loose = max(gap.held_loose - gap.held_after, 0.0) if gap.far else 0.0
         clear = _clear_of(evidences, choices, max(held, loose), both[0])
         swung = _clear_of(evidences, choices, held, both[1])
@@ -95,7 +95,7 @@ def beyond_the_known(evidences, choices, known, rests=True):
         swung = _clear_of(evidences, choices, part, SOFT_SWUNG_SHARE if swings else LESS_SWUNG_SHARE,
                           of_one_size=not (swings or len(moved) + len(soft) < len(choices)))
         rested = [c for c in choices if rests and c.effect in OF_REST and _beside_any_speed(evidences, c, choices)]
-        # friction that turns at every cycle of a swing has one speed: a level is a viscosity, or a power of the speed
+        # a swing of one amplitude has one range of speeds: level, viscosity and power of the speed look alike there
         feigned = SWUNG if rests else (*SWUNG, "friction_level_change")
         kept = [c for c in choices if c in soft or c.effect not in feigned or c in (*swung, *rested)]
         # what the swing feigns takes nothing from what is judged without it

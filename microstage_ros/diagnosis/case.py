@@ -238,6 +238,7 @@ def _answer(collection, evidences, choices, rivals, nonregression, holdout, note
 
 
 def _at_limit(collection):
+    """Share of the learning records [1] in which the command stands at the amplifier's limit."""
     return limit_cycle.share_at_limit(collection.prepared["learn"], collection.frame.drive.voltage_limit)
 
 

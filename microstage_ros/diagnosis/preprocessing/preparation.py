@@ -18,10 +18,10 @@ from microstage_ros.signals.current import between_readings, settled_current
 from microstage_ros.signals.rows import bridged, of_row_before
 from microstage_ros.signals.travel import motor_travel
 
-LEAST_ROWS = 5000    # derived: one piece of `lost_motion.SLOW`, the longest over which anything is taken
+LEAST_ROWS = 5000    # derived: one piece of `lost_motion.SLOW`, without which no spread can be taken there
 FUSION = 41           # periods, at least, over which the position reading corrects the motor's travel
-NO_CURRENT = 61       # the same where no current tells the travel, and nothing but the position reading does
-GAP_FUSION = 1001     # the same where the stage may rattle in a gap
+NO_CURRENT = 61       # periods over which the position reading is smoothed where no current tells the travel
+GAP_FUSION = 1001     # as `FUSION`, where the stage may rattle in a gap
 HIT = 3               # periods of the stage's mean there; derived: the least that is one, as a hit lasts some ten
 # m: the back-EMF's travel is trusted below some 200 Hz, current and inertia above; calibrated by: validation.variation
 # --group noise (half and double: the same answers)

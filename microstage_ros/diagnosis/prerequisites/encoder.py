@@ -13,7 +13,7 @@ from microstage_ros.diagnosis.preprocessing.smoothing import triangle
 from microstage_ros.diagnosis.prerequisites.lines import REST_SPEED
 from microstage_ros.diagnosis.prerequisites.periods import SLOW
 
-# periods; derived: its slope is then known to 0.1 µm/s, far below `REST_SPEED`
+# periods; derived: 10 nm of noise leave 0.05 µm/s of the slope's, far below `REST_SPEED`
 SMOOTH = 201
 
 

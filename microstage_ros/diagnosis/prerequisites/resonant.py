@@ -30,8 +30,9 @@ MASS_REACH = float(np.log(2.0))
 # of logarithms; derived: a thirtieth of `STIFFNESS_ERROR`; halving a simplex a dozen times in each direction
 SEARCH = {"xatol": 2e-3, "maxiter": 50}
 # of the stiffness's logarithm, the search's first step; derived: half way to the next of the catalogue, ln(1/0.8)/2
-FIRST = 0.12
-# of a form's own size; derived: half way to its neighbours in the catalogue, whose 1/k − 1 are 3 and 3.8 times as large
+FIRST_STEP = 0.12
+# of a form's own size, between which it is the right one; calibrated by: validation.variation --group drawn (half and
+# double: the same answers)
 DRAWN = (0.5, 1.8)
 GRID = 9             # masses tried before the search; derived: steps of a sixth in a range of a factor of four
 MOST_LOAD = 1.5      # of the mass's factor; derived: the guideways carry the stage, by a mass known to a half
@@ -85,7 +86,7 @@ def fit_train(learn, base, near=None):
     start = (near.stiffness, near.damping) if near else min(table, key=lambda at: table[at])
     fit = minimize(lambda at: left(*map(float, np.exp(at))), np.log(start), method="Nelder-Mead", bounds=_bounds(),
                    options={**SEARCH, "fatol": 1.0,
-                            "initial_simplex": np.log(start) + np.array([[0.0, 0.0], [FIRST, 0.0], [0.0, 0.5]])})
+                            "initial_simplex": np.log(start) + np.array([[0.0, 0.0], [FIRST_STEP, 0.0], [0.0, 0.5]])})
     if before - fit.fun < EXPLAINS * (before - usual * rows):
         return None
     alone = min(value for (_, d), value in table.items() if d == 1.0)

@@ -42,7 +42,7 @@ class Command:
         self.winding = p.period * drive.resistance / drive.inductance
         voltage = drive.resistance * p.settled + drive.back_emf / drive.lever * p.speed
         self.residual = voltage - p.commanded - self.in_speed(p.answered - p.commanded)
-        # derived: half of the 1 mV that an amplifier's data sheet states; less is no noise but a record without any
+        # derived: half of the noise of the shipped axis's amplifier; a record with less has none
         self.noise = max(spread_of(self.fast(self.residual[:, None])[:, 0]), 0.5e-3)
         off = np.abs(self.fast(self.residual[:, None])) / self.noise  # (n, 1)
         self._weight = FURTHEST / np.maximum(off, FURTHEST)

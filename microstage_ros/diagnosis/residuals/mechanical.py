@@ -36,8 +36,8 @@ SETTLING_TRAVEL = 8.0e-6
 # (half and double: the same answers)
 LEAST_STEP = 5.0e-9
 LOCAL = 101             # blocks over which the scatter is a median; calibrated by: the same
-NEAR = 21               # blocks over which it is a mean square, of values up to; calibrated by: the same
-MOST_SCATTER = 6.0      # medians; calibrated by: the same
+NEAR = 21               # blocks over which the scatter is a mean square; calibrated by: the same
+MOST_SCATTER = 6.0      # medians that one block counts at most there; calibrated by: the same
 # of the contact's static limit that the unknown state of sticking blocks leaves open; calibrated by: `fit_spreads` on
 # healthy records of the shipped axis, 15 of 219 µN m; it measures it wherever a baseline is given
 STUCK_SHARE = 0.07

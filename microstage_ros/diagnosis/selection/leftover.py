@@ -46,8 +46,8 @@ def over_twin(collection, evidences, choices):
     found = {}
     for channel, held in evidences.held.items() if collection.channels.get("twin") else ():
         forms = [form for form in evidences.forms if form.channel == channel]
-        for mine, its in zip(_records(collection, "held", channel), _records(collection, "twin", channel)):
-            if channel == "position":
+        if channel == "position":
+            for mine, its in zip(_records(collection, "held", channel), _records(collection, "twin", channel)):
                 its.scatter = mine.scatter
         twin, keys = collection.growing(channel, forms, "twin"), Evidences._keys(channel, choices)
         if twin is None:

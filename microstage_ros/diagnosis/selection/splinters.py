@@ -38,7 +38,7 @@ FITTED = 4.0e-4
 MINOR_BESIDE = {"amplifier_gain": EXACT, "amplifier_offset": EXACT, "scale_error": EXACT,
                 "rising_static_friction": 0.25, "presliding_creep": 0.25, "nonlinear_viscous": FITTED, "backlash": 0.08,
                 "position_dependent_friction": 0.08}
-OWN = 0.2           # of a small cause's gain that must be left beside a wider shape of the larger one
+OWN_SHARE = 0.2     # of a small cause's gain that must be left beside a wider shape of the larger one
 FRICTIONS = ("friction_level_change", "viscous_change")
 #: What flips with the direction leaves nothing that does not, however much of it there is.
 FLIPS = (*FRICTIONS, "nonlinear_viscous", "frictional_lag", "rising_static_friction", "presliding_creep")
@@ -85,7 +85,7 @@ def is_splinter(evidences, trial, choices):
         extra = [pair for c in there for pair in wider_keys(evidences, c.effect, channel)]
         more = evidences.channel_gain(channel, [*choices, trial.choice], extra)
         more -= evidences.channel_gain(channel, choices, extra)
-        if chi2.logsf(max(more, 0.0), trial.sizes) < LEVEL and more > OWN * trial.gain:
+        if chi2.logsf(max(more, 0.0), trial.sizes) < LEVEL and more > OWN_SHARE * trial.gain:
             return False
     return True
 

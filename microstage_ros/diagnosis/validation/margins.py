@@ -46,7 +46,7 @@ WATCHED = {
     "selection.judge": ("RIVAL_SHARE", "SCATTER", "UNSEEN", "STRANGER", "STRANGER_IN_TORQUE", "READING_SHARE",
                         "LEFT_SHARE", "LOOSE", "SLACK", "MOST_LEFT"),
     "selection.selection": ("HELD_SHARE", "ONE_RESONANCE"),
-    "selection.splinters": ("FAINT", "FAINT_GAIN", "MAJOR", "MINOR", "MINOR_BESIDE", "OWN"),
+    "selection.splinters": ("FAINT", "FAINT_GAIN", "MAJOR", "MINOR", "MINOR_BESIDE", "OWN_SHARE"),
 }
 
 
