@@ -30,9 +30,7 @@ STANDS_OUT = 1.4
 EXPLAINS = 0.4
 # already at the best of the first widths; calibrated by: the same (up to 0.38), and validation.margins (0.20 and more),
 EXPLAINS_FIRST = 0.25
-# and of the held-out records, where another cause may stand out more; calibrated by: validation.variation --group gap
-# --world second (half and double: the same answers),
-EXPLAINS_HELD = 0.1
+EXPLAINS_HELD = 0.1      # and of the held-out records, where another cause may stand out more,
 EXPLAINS_ALONE = 0.5     # or of every learning record alone
 # times the χ² of held-out records without the gap that a replay may leave there; derived: one that lost its place is on
 # the wrong flank, and off by the gap where the model without one is off by half of it
@@ -55,11 +53,11 @@ FORM_ERROR = 0.005
 # and for every usual loss that rattle, not followed hit by hit, adds to it; calibrated by: validation.variation --group
 # gap --world second (half and double: the same answers)
 RATTLE_ERROR = 0.02
-LEAST_ERROR = 3.0e-9     # m, of the width; calibrated by: the same
+LEAST_ERROR = 3.0e-9     # m, of the width
 # per cent of the rows, and of the pieces, between which stage against motor spreads; derived: spikes are outside, and a
 # stage that goes one way stays on one flank for some of the pieces
 ROWS, PIECES = (99.0, 1.0), 75.0
-BOUND = 20.0             # usual sizes above which a misfit counts no more; calibrated by: the same
+BOUND = 20.0             # usual sizes above which a misfit counts no more
 #: The effect whose forms are free beside a gap.
 FREE = "screw_pitch_error"
 # share of what force over deflection leaves above its noise without a gap that the gap must take, in the learning and

@@ -23,8 +23,7 @@ CHANCE = 1.0e-6   # that the strongest of all lines is none; derived: as `select
 # frequencies from whose median a line must stand out; short scans make lines wide; calibrated by:
 # validation.variation --group periods (half and double: the same answers)
 BESIDE = 3001
-# lines looked for; calibrated by: validation.variation --group periods (half and double: the same answers)
-MOST = 8
+MOST = 8          # lines looked for
 # χ² that a ripple must hold on its own; calibrated by: validation.margins (22 to 85)
 REAL = 40.0
 # rad: the phase of one direction of one record from the mean of all; calibrated by: validation.margins (0.58 to 0.97)
@@ -39,9 +38,7 @@ SLOW = 2001
 # m: speed, and with it the whitening's gain, changes from move to move, so one line has sides this close;
 # calibrated by: validation.variation --group stretch --world second (half and double: the same answers)
 STRETCH = 1.0e-3
-# in one direction of one record, to be looked at; calibrated by: validation.variation --group periods (half and
-# double: the same answers)
-LEAST_VALUES = 200
+LEAST_VALUES = 200   # in one direction of one record, to be looked at
 # relative distance from a whole or half number of cycles per turn that is none; calibrated by:
 # validation.margins (3.9e-3 to 4.6e-3)
 SNAP = 4.0e-3

@@ -32,8 +32,8 @@ STEP_BACK = 3.0
 # of a block's speed, by which it may change within the block; calibrated by: validation.variation --group steady (half
 # and double: the same answers; doubled, the jitter is another by 1.2 of its standard errors)
 STEADY = 0.1
-LEAST_FLOOR = 0.2        # of the mean floor, below which no scatter counts more; calibrated by: the same
-LOST_AGAIN = 0.3         # of the lost samples, that the held-out records must show; calibrated by: the same
+LEAST_FLOOR = 0.2        # of the mean floor, below which no scatter counts more
+LOST_AGAIN = 0.3         # of the lost samples, that the held-out records must show
 CLEAR = 6.0              # standard errors of a jitter's variance; derived: a chance of 10⁻⁹
 TINY = 1.0e-12           # of a matrix's trace; derived: far below its entries, far above their rounding
 LEAST_SCATTER = 1.0      # of the floor, at the fastest: an encoder without noise rounds differently at every speed

@@ -62,8 +62,7 @@ ALONE = 2.0             # times its threshold that a dependence must reach if on
 # --world second, seeds 901 (healthy: 44, 47, 63, 83 and 578 held by wrong names), 921, 923, 941 (right ones: 158 and
 # more)
 LEAST_EVIDENCE = 115.0
-# of what stood out, above which something is left; calibrated by: validation.margins (0.034 and more)
-LEFT_SHARE = 0.08
+LEFT_SHARE = 0.08       # of what stood out, above which something is left
 COORDINATES = {
     "position": "position", "direction": "direction", "acceleration": "acceleration", "voltage": "voltage",
     "time": "time", "friction in time": "time", "viscous in time": "time", "velocity": "velocity", "speed": "velocity",

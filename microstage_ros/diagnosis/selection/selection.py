@@ -36,8 +36,7 @@ from microstage_ros.diagnosis.selection.stroke_profile import (
 )
 
 RIVAL_MARGIN = 12.0     # χ² by which a cause must beat every other name; derived: odds of exp(12/2), 400 to one
-# of the gain expected on held-out records that must arrive; calibrated by: validation.margins (up to 0.15)
-HELD_SHARE = 0.1
+HELD_SHARE = 0.1             # of the gain expected on held-out records that must arrive
 DOMINANCE = 0.5              # of the gain of a stronger name that does not stand, below which a weaker one is not taken
 WITHOUT_FRICTION = frozenset({"windup", "position"})     # channels in which there is no friction law
 # strongest trials of which two may stand together; calibrated by: microstage campaign --world second --kind two --seed
