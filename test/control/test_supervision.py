@@ -105,7 +105,7 @@ def test_gains_that_faded_at_rest_stay_so_until_the_axis_is_thrown(axis):
     controller = make_controller("self_tuning", axis)
     controller.step(0.0, 0.0)
     learned, own = controller.memory["adaptation"], controller.memory["pid"]
-    learned["hush"], learned["rest_wave"], learned["rest_swings"] = adaptation.LEAST_HUSH, 1e-7, adaptation.HUSHED
+    learned["hush"], learned["rest_wave"], learned["rest_swings"] = adaptation.LEAST_HUSH, 1e-7, adaptation.LASTING
     for encoder, faded in ((0.5 * adaptation.HELD, True), (3.0 * adaptation.HELD, True), (2e-6, False)):
         for _ in range(200):
             controller.step(0.0, encoder)

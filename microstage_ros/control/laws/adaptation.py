@@ -25,13 +25,14 @@ Robust law. The same three products drive the logarithms of the gains, after the
   tau / 2 are those of a resonance: a longer filter of the derivative first, up to `filter_ceiling`, and with it lower
   ceilings (`soft_...`): on a loaded or soft axis it is K_I that lets a creeping stage hunt, so where friction is fed
   forward, the feed-forward takes over from it (`soft_share`). Then less K_D (by `damping_share`). Every other answer
-  lowers the ceilings of K_P and K_I by `back_off`; slow swings, of stick-slip or backlash, keep their damping. Below
+  lowers the ceilings of K_P and K_I by `back_off`; slow swings, of stick-slip or backlash, keep their damping,
+  until K_P is at its least and `LASTING` have followed: K_D keeps a rattle up, as a motor's in a gap. Below
   `prompt` it takes many more swings, so that one jolt of a lightly damped axis, which rings down by itself, does not
   cost more gain than it has to; a swing beyond `large` counts in full everywhere, for that is a gap being crossed,
   where a slow integral is what helps. Below `joint` the ceiling of K_I falls twice as far, and so does what is fed
   forward; K_I comes up again while reference and error stand still, so that a move ends at its target. None falls
   below its least, and all rise at `recovery`, slowly, so that an axis whose limit was found stays near it;
-* where the reference stands and swings go on all the same, `HUSHED` in a row, K_P and K_D fade with each further one,
+* where the reference stands and swings go on all the same, `LASTING` in a row, K_P and K_D fade with each further one,
   below every floor, until friction holds the axis: without them the loop is an axis that rests, led to within `HELD` of
   its target by K_I alone. An axis that slides is thrown by K_I alone, from side to side of a gap and ever further. So
   they are back as soon as the error's fast part is beyond `large` and `THROWN` half waves, or the reference moves.
@@ -81,7 +82,7 @@ CORNER = math.log(0.55)  # of the bandwidth, below which w_p is bound to it (`de
 SLOWLY = 0.04  # of `back_off`, below `prompt`
 # of the logarithm of a raised K_D, by which the filter grows: what K_D passes on of noise and resonance hardly grows
 FILTERED = 0.7
-HUSHED = 40  # swings in a row at rest, from which on K_P and K_D fade there
+LASTING = 40  # swings in a row, beyond which what has been lowered does not end them
 LEAST_HUSH = math.log(0.01)  # of K_P and K_D
 # half waves, of the smallest since they began to fade; derived: friction does not hold a swing that has grown twofold
 THROWN = 2.0
@@ -233,7 +234,7 @@ def hush(p, s, still, period):
         s.hush = min(s.hush + period / BACK_TIME, 0.0)
     if still and s.since == 0.0:
         s.rest_swings = s.rest_swings + 1 if s.swings > 0 else 0
-        if s.rest_swings > HUSHED:
+        if s.rest_swings > LASTING:
             s.rest_wave = min(s.rest_wave, s.wave) if s.rest_wave > 0.0 else s.wave
             s.hush = max(s.hush - p.back_off, LEAST_HUSH)
 
@@ -249,7 +250,7 @@ def lower_ceilings(p, s):
     present = min(s.ceiling, s.log_kp)
     step = p.back_off if abs(s.peak) > p.large or present > p.log_prompt else SLOWLY * p.back_off
     s.ceiling = max(present - step, low)
-    if fast:
+    if fast or present - step < low and s.swings > LASTING:
         s.damping_ceiling = max(min(s.damping_ceiling, s.log_kd) - p.damping_share * step, p.log_least_damping)
 
 

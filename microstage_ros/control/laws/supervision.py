@@ -31,7 +31,7 @@ GAINS = (
     Gain("supervised", "1", 0.0, 1.0, 1.0, "0: the observer law is never left, its doubts are not learned"),
     Gain("swing", "m", 1e-9, 1.0, 3.0e-7, "half wave of the error that counts as a swing"),
     Gain("swings", "1", 1.0, 1e6, 10.0, "of them in a row that are a limit cycle"),
-    Gain("cycle_time", "s", 0.0, 100.0, 0.9, "for which they last"),
+    Gain("cycle_time", "s", 0.0, 100.0, 0.6, "for which they last"),
     Gain("large_swing", "m", 1e-9, 1.0, 1.0e-5, "half wave beyond which they are at once"),
     Gain("half_wave", "s", 1e-4, 10.0, 4e-2, "longest half wave of it"),
     Gain("beside", "m", 1e-9, 1.0, 1.5e-7, "error at rest that is no rest at the target"),
