@@ -25,13 +25,15 @@ Robust law. The same three products drive the logarithms of the gains, after the
   tau / 2 are those of a resonance: a longer filter of the derivative first, up to `filter_ceiling`, and with it lower
   ceilings (`soft_...`): on a loaded or soft axis it is K_I that lets a creeping stage hunt, so where friction is fed
   forward, the feed-forward takes over from it (`soft_share`). Then less K_D (by `damping_share`). Every other answer
-  lowers the ceilings of K_P and K_I by `back_off`; slow swings, of stick-slip or backlash, keep their damping,
-  until K_P is at its least and `LASTING` have followed: K_D keeps a rattle up, as a motor's in a gap. Below
+  lowers the ceilings of K_P and K_I by `back_off`; slow swings, of stick-slip or backlash, keep their damping. Below
   `prompt` it takes many more swings, so that one jolt of a lightly damped axis, which rings down by itself, does not
   cost more gain than it has to; a swing beyond `large` counts in full everywhere, for that is a gap being crossed,
   where a slow integral is what helps. Below `joint` the ceiling of K_I falls twice as far, and so does what is fed
   forward; K_I comes up again while reference and error stand still, so that a move ends at its target. None falls
   below its least, and all rise at `recovery`, slowly, so that an axis whose limit was found stays near it;
+* where K_P is at its least, the reference moves and `LASTING` swings in a row have gone on all the same, K_D fades with
+  each further one, down to its least: it is what keeps a motor rattling in a gap. It is back within some `fade_time`
+  once the swings have ended or the reference stands;
 * where the reference stands and swings go on all the same, `LASTING` in a row, K_P and K_D fade with each further one,
   below every floor, until friction holds the axis: without them the loop is an axis that rests, led to within `HELD` of
   its target by K_I alone. An axis that slides is thrown by K_I alone, from side to side of a gap and ever further. So
@@ -61,6 +63,7 @@ GAINS = (
     Gain("soft_damping", "1", 1e-4, 100.0, 0.8, "ceiling of K_D under the longest filter"),
     Gain("soft_share", "1", 0.0, 2.0, 0.9, "share of the friction that is fed forward under the longest filter"),
     Gain("recovery", "1/s", 0.0, 100.0, 0.003, "rise of the logarithm of a lowered ceiling"),
+    Gain("fade_time", "s", 1e-3, 1e6, 0.1, "in which K_D comes back e-fold after swings that went on"),
     Gain("dead_band", "m", 0.0, 1e-3, 2.5e-8, "error that teaches nothing"),
     Gain("alternation", "m", 1e-10, 1e-3, 4.0e-8, "smallest half wave of the error that is called a swing"),
     Gain("start", "1", 1e-4, 100.0, 1.0, "gains at reset over the tuned ones"),
@@ -118,6 +121,7 @@ STATE_FIELDS = [
     ("wave", "f8"),  # m, size of the half wave before
     ("rest_swings", "i8"),  # in a row, since the reference stands
     ("rest_wave", "f8"),  # m, smallest half wave since K_P and K_D began to fade; 0: they do not
+    ("damping_fade", "f8"),  # logarithm of what swings that go on leave of K_D
     ("hush", "f8"),  # logarithm of what they leave of K_P and K_D
 ]
 
@@ -149,6 +153,7 @@ def adaptation_reset(p, s, pid_s):
     s.wave = 0.0
     s.rest_swings = 0
     s.rest_wave = 0.0
+    s.damping_fade = 0.0
     s.hush = 0.0
     s.log_kp = math.log(p.start)
     s.log_ki = s.log_kp
@@ -189,6 +194,7 @@ def adapt_robust(p, s, error, speed, period, fades):
     long = 10.0 * p.time_unit
     still = abs(speed) * long < p.dead_band
     watch_swings(p, s, error, period)
+    fade_damping(p, s, still, period)
     hush(p, s, still and fades, period)
     project(p, s, still, still and s.since > long)
 
@@ -225,6 +231,15 @@ def allow_for_delay(s, share):
 
 
 @compiled
+def fade_damping(p, s, still, period):
+    """Let K_D fade while swings go on and K_P has nothing left to give; called after `watch_swings`."""
+    if still or s.swings == 0:
+        s.damping_fade = min(s.damping_fade + period / p.fade_time, 0.0)
+    elif s.since == 0.0 and s.swings > LASTING and s.ceiling == p.log_least_ceiling:
+        s.damping_fade = max(s.damping_fade - p.back_off, p.log_least_damping)
+
+
+@compiled
 def hush(p, s, still, period):
     """Let K_P and K_D fade while swings go on though the reference is ``still``; called after `watch_swings`."""
     thrown = s.rest_wave > 0.0 and abs(s.smooth - s.slow) > max(p.large, THROWN * s.rest_wave)
@@ -250,7 +265,7 @@ def lower_ceilings(p, s):
     present = min(s.ceiling, s.log_kp)
     step = p.back_off if abs(s.peak) > p.large or present > p.log_prompt else SLOWLY * p.back_off
     s.ceiling = max(present - step, low)
-    if fast or present - step < low and s.swings > LASTING:
+    if fast:
         s.damping_ceiling = max(min(s.damping_ceiling, s.log_kd) - p.damping_share * step, p.log_least_damping)
 
 
@@ -339,6 +354,6 @@ def adaptation_step(p, s, pid_p, pid_s, period, scale, fades):
         * (1.0 - s.calm * (1.0 - p.calm_damping))
         * pid_p.proportional
         * pid_p.derivative_time
-        * math.exp(s.log_kd)
+        * math.exp(s.log_kd + s.damping_fade)
     )
     pid_change(pid_p, pid_s, kp, ki, kd)

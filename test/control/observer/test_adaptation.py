@@ -100,17 +100,20 @@ def test_large_swings_are_answered_in_full_and_small_ones_slowly_below_prompt(ax
     assert left[1][1] < 2 * p["least_integral"]
 
 
-def test_slow_swings_that_go_on_at_the_least_proportional_gain_cost_damping(axis):
+def test_slow_swings_that_go_on_at_the_least_proportional_gain_cost_damping_while_they_last(axis):
     """Half waves of 6 ms, as a motor rattles in a gap, are slow: K_D stays until K_P has nothing left to give and `LASTING` have followed."""
-    controller, kept = make_controller("self_tuning", axis), {}
-    p = controller.parameters["adaptation"]
-    for n in range(10000):
+    controller, damping = make_controller("self_tuning", axis), []
+    p, state = controller.parameters["adaptation"], controller.memory["adaptation"]
+    for n in range(12000):
         place = 1e-5 * n * T
-        controller.step(place, place + 3e-6 * np.sin(2 * np.pi * 80 * n * T))
-        kept[n] = factors(controller)
-    short, lasting = (round(half_waves / 160 / T) for half_waves in (adaptation.LASTING - 5, adaptation.LASTING + 60))
-    assert kept[short][0] < 1.01 * p["least_ceiling"] and kept[short][2] > 2.0 * p["least_damping"]
-    assert kept[lasting][2] < 1.01 * p["least_damping"]
+        controller.step(place, place + (3e-6 * np.sin(2 * np.pi * 80 * n * T) if n < 8000 else 0.0))
+        damping.append(controller.state.derivative_gain / np.exp(float(state["log_kd"])))
+    damping = np.array(damping) / damping[0]
+    half_wave = 1.0 / 160 / T
+    assert np.exp(float(state["log_kp"])) < 1.01 * p["least_ceiling"]
+    np.testing.assert_allclose(damping[: round((adaptation.LASTING - 5) * half_wave)], 1.0, rtol=0.02)
+    np.testing.assert_allclose(damping[round((adaptation.LASTING + 30) * half_wave) : 8000], p["least_damping"], rtol=0.02)
+    assert damping[-1] == pytest.approx(1.0, rel=0.02)
 
 
 def test_integral_gain_comes_back_up_to_the_proportional_one_where_the_axis_stands(axis):
