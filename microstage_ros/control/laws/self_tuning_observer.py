@@ -156,6 +156,7 @@ def encoder_only_step(parameters, state, reference):
     adaptation.adaptation_step(
         parameters.encoder_adaptation, state.encoder_adaptation, parameters.encoder_pid, own, period, 1.0, True
     )
+    adaptation.fade_damping(parameters.encoder_adaptation, state.encoder_adaptation, own.reference_velocity, period)
     voltage = pid.pid_output(parameters.encoder_pid, own, period, parameters.voltage_limit, planned)
     state.feed_forward = planned
     state.observer.rest_time_s = state.supervision.rest_time_s
@@ -235,6 +236,7 @@ def regulate(parameters, state, reference):
             observer.inertia,
             not source_doubt.lost_motion_suspected(observer),
         )
+        adaptation.fade_damping(parameters.adaptation, state.adaptation, state.pid.reference_velocity, period)
     limit, applied = parameters.voltage_limit, observer.applied
     motion = model.volts_per_velocity * state.pid.reference_velocity
     # in nominal volts, of which a drive that has learned another resistance makes ±limit

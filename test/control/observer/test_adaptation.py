@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from microstage_ros.control.runs.trials import step_trial
-from microstage_ros.control.laws import adaptation
+from microstage_ros.control.laws import adaptation, pid
 from microstage_ros.control.laws.controller import make_controller
 
 T = 1e-4
@@ -100,20 +100,23 @@ def test_large_swings_are_answered_in_full_and_small_ones_slowly_below_prompt(ax
     assert left[1][1] < 2 * p["least_integral"]
 
 
-def test_slow_swings_that_go_on_at_the_least_proportional_gain_cost_damping_while_they_last(axis):
+def test_swings_that_go_on_at_the_least_proportional_gain_cost_damping_while_they_last(axis):
     """Half waves of 6 ms, as a motor rattles in a gap, are slow: K_D stays until K_P has nothing left to give and `LASTING` have followed."""
-    controller, damping = make_controller("self_tuning", axis), []
-    p, state = controller.parameters["adaptation"], controller.memory["adaptation"]
+    controller, speed, left = make_controller("self_tuning_observer", axis), 1e-5, []
+    p, tuned = controller.parameters["encoder_adaptation"], controller.parameters["encoder_pid"]
+    state, own = np.zeros(1, np.dtype(adaptation.STATE_FIELDS))[0], np.zeros(1, np.dtype(pid.STATE_FIELDS))[0]
+    pid.pid_reset(tuned, own, 0.0)
+    adaptation.adaptation_reset(p, state, own)
+    own["reference_velocity"] = speed
     for n in range(12000):
-        place = 1e-5 * n * T
-        controller.step(place, place + (3e-6 * np.sin(2 * np.pi * 80 * n * T) if n < 8000 else 0.0))
-        damping.append(controller.state.derivative_gain / np.exp(float(state["log_kd"])))
-    damping = np.array(damping) / damping[0]
+        own["error"] = 3e-6 * np.sin(2 * np.pi * 80 * n * T) if n < 8000 else 0.0
+        adaptation.adaptation_step(p, state, tuned, own, T, 1.0, True)
+        adaptation.fade_damping(p, state, speed, T)
+        left.append(float(state["damping_fade"]))
     half_wave = 1.0 / 160 / T
     assert np.exp(float(state["log_kp"])) < 1.01 * p["least_ceiling"]
-    np.testing.assert_allclose(damping[: round((adaptation.LASTING - 5) * half_wave)], 1.0, rtol=0.02)
-    np.testing.assert_allclose(damping[round((adaptation.LASTING + 30) * half_wave) : 8000], p["least_damping"], rtol=0.02)
-    assert damping[-1] == pytest.approx(1.0, rel=0.02)
+    assert not any(left[: round((adaptation.LASTING - 5) * half_wave)]) and left[-1] == 0.0
+    np.testing.assert_allclose(left[round((adaptation.LASTING + 30) * half_wave) : 8000], p["log_least_damping"], rtol=1e-12)
 
 
 def test_integral_gain_comes_back_up_to_the_proportional_one_where_the_axis_stands(axis):
