@@ -128,16 +128,16 @@ BACKLASH = {"backlash": {"width_rad": 0.00873}}  # 0.5 degrees, 2.8 um at the st
 
 
 def test_observer_law_learns_lost_motion_and_crosses_it_softly(axis):
-    """Its width always (2.71 to 2.84 um in 100 of 100 records); a crossing is soft in most.
+    """Its width always (2.71 to 2.84 um in 100 of 100 records), and a crossing is soft.
 
-    The second and third one stay within 250 nm in 39 of 60 records (95 %: 52 to 77 %), the others rattle up to 1.1 um; at 52 % fewer than
-    3 of 20 come once in 10^4 times. A law that knows no gap: 0.6 to 1.2 um, in 10 of 10.
+    The second and third one stay within 250 nm in 60 of 60 records (95 %: 94 to 100 %), 102 nm at most; at 94 % fewer than 14 of 20 come
+    once in 10^4 times. A law that knows no gap: 0.6 to 1.2 um, in 10 of 10.
     """
     def peak(seed):
         columns = sine_trial(axis, "self_tuning_observer", {}, 1e-5, 0.1, seed=seed, cycles=1.4, effects=BACKLASH).columns
         return np.abs(columns["stage_m"] - columns["reference_m"])[60000:].max()
 
-    assert at_least(3, (peak(seed) < 250e-9 for seed in range(20)))
+    assert at_least(14, (peak(seed) < 250e-9 for seed in range(20)))
     reference = sine(0.0, 1e-5, 0.1, 2.25, 1e-4)
     none = np.zeros_like(reference)
     for gap, least, most in ((BACKLASH, 2.3e-6, 3.0e-6), ({}, 0.0, 0.0)):
@@ -148,13 +148,13 @@ def test_observer_law_learns_lost_motion_and_crosses_it_softly(axis):
 
 
 def test_moves_through_lost_motion_end_at_their_target(ideal):
-    """A rate over records, for single ones are chaotic: in 34 of 1000 (95 %: 24 ... 47) a move from the fourth on ended beyond 100 nm.
+    """A rate over records, for single ones are chaotic: in 0 of 1000 (95 %: 0 ... 0.4 %) a move from the fourth on ended beyond 100 nm, the farthest 88.
 
-    At 4.7 %, more than 14 of 100 records come once in 10^4 times. One that still rattles is up to a gap to either side: 3.5 um was the largest of 900.
+    At 0.4 %, more than 4 of 100 records come once in 10^4 times. One that still rattles is up to a gap to either side.
     """
     errors = np.array([step_trial(ideal, "self_tuning_observer", {}, 1e-5, seed, moves=6, effects=BACKLASH, friction="relaxed").errors[3:] for seed in range(100)])
     assert np.median(np.abs(errors)) < 10e-9 and np.abs(errors).max() < 2 * 2.8e-6
-    assert np.count_nonzero(np.abs(errors).max(axis=1) > 100e-9) <= 14
+    assert np.count_nonzero(np.abs(errors).max(axis=1) > 100e-9) <= 4
 
 
 def test_tenth_of_the_gains_is_made_up_within_three_moves(run):
