@@ -19,8 +19,8 @@ from sensor_msgs.msg import JointState
 
 from microstage_ros.ros.launching.ownership import owned_namespaces, starting_for
 from microstage_ros.ros.transport import topics
+from microstage_ros.ros.transport.calls import ASK_AGAIN, RESULT_AGAIN, RepeatedCall, new_goal_id
 
-ASK_AGAIN = 2.0
 MOVE_SERVER = "move_server"
 
 
@@ -177,20 +177,26 @@ class AxisClient:
             time.sleep(0.05)
         return waited
 
-    def _result(self, future, wait, again=None):
-        """Result of a future; ``again``: makes a new one where the answer may have been lost."""
-        end, next_try = time.monotonic() + wait, time.monotonic() + ASK_AGAIN
-        while not future.done():
+    def _answer(self, call, wait, lost=str):
+        """Answer to ``call``, which is made again while it has none. Raises `NoAnswer` after ``wait`` [s], and as soon
+        as ``lost()`` says in words why there will be none."""
+        end, asked = time.monotonic() + wait, RepeatedCall(call, ASK_AGAIN)
+        while not asked.done():
             rclpy.spin_once(self.node, timeout_sec=0.05)
-            if again and time.monotonic() > next_try:
-                future, next_try = again(), time.monotonic() + ASK_AGAIN
+            if lost():
+                raise NoAnswer(lost())
             if time.monotonic() > end:
                 raise NoAnswer(f"{self._prefix}: no answer within {wait:.0f} s")
-        return future.result()
+        return asked.result()
 
-    def send(self, goal, feedback=None):
-        """Send a goal, `MoveTo.Goal`; the future of its handle. ``feedback``: called with each feedback."""
-        return self._action.send_goal_async(goal, feedback_callback=lambda m: feedback and feedback(m.feedback))
+    def send(self, goal, feedback=None, goal_id=None):
+        """Send a goal, `MoveTo.Goal`; the future of its handle.
+
+        ``feedback``: called with each feedback. ``goal_id``: its `UUID` (`new_goal_id`); None: a new one.
+        """
+        return self._action.send_goal_async(
+            goal, feedback_callback=lambda m: feedback and feedback(m.feedback), goal_uuid=goal_id
+        )
 
     def move(self, target, feedback=None, cancel=None, wait=600.0, **options):
         """One move to ``target`` [m]. Returns the result of the action MoveTo.
@@ -206,18 +212,19 @@ class AxisClient:
         NoAnswer : the move server is lost or does not know the move, or no result came within ``wait``.
         """
         goal = MoveTo.Goal(target=float(target), **{name: float(value) for name, value in options.items()})
-        before = self.server_started
-        handle = self._result(self.send(goal, feedback), 15.0)
-        result = handle.get_result_async()
-        end, cancelled = time.monotonic() + wait, False
+        before, goal_id = self.server_started, new_goal_id()
+        handle = self._answer(lambda: self.send(goal, feedback, goal_id), 15.0, lambda: self.lost(before))
+        result, cancelled = RepeatedCall(handle.get_result_async, RESULT_AGAIN), None
+        end = time.monotonic() + wait
         while not result.done():
             rclpy.spin_once(self.node, timeout_sec=0.02)
             lost = self.lost(before)
             if lost and not result.done():
                 raise NoAnswer(lost)
-            if cancel is not None and not cancelled and cancel():
-                cancelled = True
-                handle.cancel_goal_async()
+            if cancelled is not None:
+                cancelled.done()  # asks again where the answer is lost
+            elif cancel is not None and cancel():
+                cancelled = RepeatedCall(handle.cancel_goal_async, ASK_AGAIN)
             if time.monotonic() > end:
                 raise NoAnswer(f"{self._prefix}: no result within {wait:.0f} s")
         answer = result.result()
@@ -255,11 +262,7 @@ class AxisClient:
 
     def statistics(self, reset=False):
         """Rows of `AccuracyRow` of the moves so far."""
-
-        def ask():
-            return self._statistics.call_async(Statistics.Request(reset=reset))
-
-        return self._result(ask(), 20.0, ask).rows
+        return self._answer(lambda: self._statistics.call_async(Statistics.Request(reset=reset)), 20.0).rows
 
     def wait_until_still(self, silence=0.5, wait=30.0):
         """Until simulated time stands still (`pause_s` of the move server): no state for ``silence`` [s]."""

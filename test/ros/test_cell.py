@@ -136,6 +136,53 @@ def test_a_move_server_that_fails_in_a_move_says_so_and_stops_the_axis(running, 
     server.destroy_node()
 
 
+def lose_first(monkeypatch, action, names, request):
+    """The first call of each of ``names`` gets no answer; ``request``: because it is lost itself. Calls made, by name."""
+    calls = dict.fromkeys(names, 0)
+
+    def losing(name, ask):
+        def call(*arguments, **options):
+            calls[name] += 1
+            if calls[name] > 1:
+                return ask(*arguments, **options)
+            if not request:
+                ask(*arguments, **options)  # its answer reaches nobody
+            return Future()
+
+        return call
+
+    for name in names:
+        monkeypatch.setattr(action, name, losing(name, getattr(action, name)))
+    monkeypatch.setattr("microstage_ros.ros.client.ASK_AGAIN", 0.5)
+    monkeypatch.setattr("microstage_ros.ros.client.RESULT_AGAIN", 0.5)
+    return calls
+
+
+def made(client):
+    """Moves that the server has counted."""
+    return sum(row.count for row in client.statistics())
+
+
+@pytest.mark.parametrize("request_is_lost", [True, False])
+def test_a_move_whose_answers_are_lost_is_made_once(running, monkeypatch, request_is_lost):
+    """The middleware may lose a request or an answer; a goal is sent again under its own number."""
+    running.client.move(0.0, **SETTLE)
+    before = made(running.client)
+    calls = lose_first(monkeypatch, running.client._action, ("send_goal_async", "_get_result_async"), request_is_lost)
+    result = running.client.move(3e-6, **SETTLE)
+    assert result.reached and result.end_sequence > result.start_sequence
+    assert min(calls.values()) >= 2, "nothing was lost"
+    assert made(running.client) == before + 1
+
+
+def test_a_cancel_whose_request_is_lost_is_asked_for_again(running, monkeypatch):
+    running.client.move(0.0, **SETTLE)
+    calls = lose_first(monkeypatch, running.client._action, ("_cancel_goal_async",), request=True)
+    seen = []
+    result = running.client.move(1e-3, seen.append, cancel=lambda: len(seen) > 0, max_velocity=1e-5)
+    assert result.code == RESULT.CODE_CANCELLED and calls["_cancel_goal_async"] >= 2
+
+
 def test_a_move_that_the_server_does_not_know_has_no_result(running, monkeypatch):
     """The middleware answers such a question with zeros."""
     answer, sent = Future(), Future()

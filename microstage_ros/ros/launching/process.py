@@ -146,7 +146,7 @@ def run_node(make, arguments=None, threads=1):
     """
     _hear_signals()
     sys.setswitchinterval(SWITCH_INTERVAL)
-    # a client that was not discovered within 0.1 s asks again (`client.ASK_AGAIN`): nothing that a person has to see
+    # a client that was not discovered within 0.1 s asks again (`transport.calls.RepeatedCall`): nobody has to see it
     warnings.filterwarnings("ignore", "failed to send response", RuntimeWarning)
     try:
         started(arguments)

@@ -33,7 +33,7 @@ from microstage_ros.ros.launching.parameters import Parameters
 from microstage_ros.ros.launching.process import run_node, running
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.blocks import Stream
-from microstage_ros.ros.transport.calls_in_turn import CallsInTurn
+from microstage_ros.ros.transport.calls import ASK_AGAIN, RESULT_AGAIN, CallsInTurn, RepeatedCall, new_goal_id
 from microstage_ros.ros.transport.codec import Codec, stamps_ns
 from microstage_ros.ros.transport.servo_path import make_servo_path
 
@@ -260,13 +260,17 @@ class HealthMonitor(Node):
 
     def _one_move(self, target, velocity, limits):
         """One move; False if the voltage passed its limit, whereupon the move is cancelled."""
-        wanted = MoveTo.Goal(target=target, max_velocity=velocity)
-        sent = self._in_turn.call(lambda: self._move.send_goal_async(wanted))
+        wanted, goal_id = MoveTo.Goal(target=target, max_velocity=velocity), new_goal_id()
+
+        def send():
+            return self._in_turn.call(lambda: self._move.send_goal_async(wanted, goal_uuid=goal_id))
+
+        sent = RepeatedCall(send, ASK_AGAIN)
         end, handle, result = time.monotonic() + MOVE_TIME, None, None
         while time.monotonic() < end:
             if handle is None and sent.done():
                 handle = sent.result()
-                result = self._in_turn.call(handle.get_result_async)
+                result = RepeatedCall(lambda: self._in_turn.call(handle.get_result_async), RESULT_AGAIN)
             if self._largest > limits.voltage:
                 if handle is not None:
                     self._in_turn.call(handle.cancel_goal_async)
