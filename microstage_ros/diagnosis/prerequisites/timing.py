@@ -1,9 +1,10 @@
 """Scatter of the encoder that grows with speed, and samples that stand twice: readings at the wrong time.
 
-In blocks of some milliseconds: variance of (encoder − smoothed stage), by its third differences, = a + τ² v². The
-random lateness τ is the jitter; a sample that was lost repeats the reading before it. The rounding of a coarse encoder
-is smooth from sample to sample at some speeds and alternates at others, by the part of a count that the stage goes on
-in a period: a is one number for each of some such parts.
+In blocks of some milliseconds: variance of (encoder − smoothed stage), by its third differences, = a + τ² v². τ is the
+standard deviation of the random lateness |jitter · N(0, 1)|. A sample that was lost repeats the reading a period T
+before; a share p of them adds p T² v², so τ is that of the blocks without one. The rounding of a coarse encoder is
+smooth from sample to sample at some speeds and alternates at others, by the part of a count that the stage goes on in a
+period: a is one number for each of some such parts.
 """
 
 import dataclasses
@@ -34,6 +35,8 @@ STEP_BACK = 3.0
 STEADY = 0.1
 LEAST_FLOOR = 0.2        # of the mean floor, below which no scatter counts more
 LOST_AGAIN = 0.3         # of the lost samples, that the held-out records must show
+# of |N(0, 1)|: its mean and its standard deviation; source: the half-normal distribution
+HALF_MEAN, HALF_SPREAD = math.sqrt(2.0 / math.pi), math.sqrt(1.0 - 2.0 / math.pi)
 CLEAR = 6.0              # standard errors of a jitter's variance; derived: a chance of 10⁻⁹
 TINY = 1.0e-12           # of a matrix's trace; derived: far below its entries, far above their rounding
 LEAST_SCATTER = 1.0      # of the floor, at the fastest: an encoder without noise rounds differently at every speed
@@ -41,10 +44,10 @@ LEAST_SCATTER = 1.0      # of the floor, at the fastest: an encoder without nois
 
 @dataclasses.dataclass(frozen=True)
 class Timing:
-    """Jitter variance τ² [s²] with standard error, share of lost samples, and χ² that the jitter explains;
-    ``floor`` variance at rest, at least that of the encoder's rounding [m²], ``fastest`` speed that was looked at
-    [m/s]; ``samples`` among which lost ones were counted; mean square of scatter [m²] and of speed [m²/s²] over all
-    blocks."""
+    """Variance τ² of the random lateness [s²] with standard error, share of lost samples, and χ² that scatter which
+    grows with speed explains; ``floor`` variance at rest, at least that of the encoder's rounding [m²], ``fastest``
+    speed that was looked at [m/s]; ``samples`` among which lost ones were counted; mean square of scatter [m²] and of
+    speed [m²/s²] over all blocks; ``growth``: τ² and what the lost samples add to it [s²], None where none was lost."""
 
     variance: float
     stderr: float
@@ -55,10 +58,16 @@ class Timing:
     samples: int = 1
     mean_square: float = 0.0
     mean_speed_square: float = 0.0
+    growth: float | None = None
 
     def left(self, variance):
-        """Mean square scatter of the encoder [m²] on these records when a jitter of this variance [s²] is taken out."""
+        """Mean square scatter of the encoder [m²] on these records when a growth of this variance [s²] is taken out."""
         return max(self.mean_square - variance * self.mean_speed_square, 0.0)
+
+    @property
+    def grown(self):
+        """Growth of the scatter with the square of the speed, of jitter and lost samples together [s²]."""
+        return max(self.variance if self.growth is None else self.growth, 0.0)
 
     @property
     def lost_stderr(self):
@@ -80,7 +89,7 @@ class Timing:
 def timing_of(prepared, sde=None):
     """`Timing` of some prepared records together, the encoder's sub-divisional error ``sde`` (effect entry) taken
     out."""
-    spreads, speeds, parts, rounding = [], [], [], 0.0
+    spreads, speeds, parts, clean, rounding = [], [], [], [], 0.0
     repeated = samples = missing = rows = 0
     for p in prepared:
         place = _place(p)
@@ -102,25 +111,45 @@ def timing_of(prepared, sde=None):
         )
         repeated, samples = repeated + int((same & moving).sum()), samples + int(moving.sum())
         missing, rows = missing + int(p.lost.sum()), rows + len(p.lost)
+        clean.append(~_touched(np.append(False, same) | p.lost, len(rough))[good])     # of slow ones some by chance
     lost = repeated / max(samples, 1) + missing / max(rows, 1)
     spread, square, part = np.concatenate(spreads), np.concatenate(speeds) ** 2, np.concatenate(parts)
+    if not _enough(square):
+        return Timing(0.0, math.inf, lost, 0.0, 0.0, 0.0, max(samples, 1))
+    floors, growth, stderr = _fitted(spread, square, part)
+    explained = float(max(growth, 0.0) * (square / floors[part]).sum() * FREEDOM)
+    all_blocks = Timing(growth, stderr, lost, explained, max(float(floors[part].mean()), rounding),
+                        float(np.sqrt(square.max())), max(samples, 1), float(spread.mean()), float(square.mean()))
+    without = np.concatenate(clean)
+    if without.all() or lost == 0.0:
+        return all_blocks
+    jitter = 0.0, math.inf
+    if _enough(square[without]):
+        jitter = _fitted(spread[without], square[without], part[without])[1:]
+    return dataclasses.replace(all_blocks, variance=jitter[0], stderr=jitter[1], growth=growth)
+
+
+def _enough(square):
+    """Whether blocks of these squares of speed (n,) [m²/s²] tell jitter from noise: one speed alone cannot."""
     # derived: from a hundred values a variance is known to √(2/100) = 14 %
-    if len(spread) < 100 or np.isclose(square.min(), square.max()):    # one speed alone cannot tell jitter from noise
-        return Timing(0.0, 1.0, lost, 0.0, 0.0, 0.0, max(samples, 1))
-    floors, b, variance = _fitted(spread / float(np.median(spread)), square / float(square.mean()), part)
-    usual, scale = float(np.median(spread)), float(square.mean())
-    stderr, a, b = float(np.sqrt(variance)) * usual / scale, floors * usual, b * usual / scale
-    explained = float(max(b, 0.0) * (square / a[part]).sum() * FREEDOM)
-    return Timing(float(b), stderr, lost, explained, max(float(a[part].mean()), rounding), float(np.sqrt(square.max())),
-                  max(samples, 1), float(spread.mean()), float(square.mean()))
+    return len(square) >= 100 and not np.isclose(square.min(), square.max())
+
+
+def _touched(marked, count):
+    """Which blocks of `BLOCK` third differences, ``count`` in all, hold a ``marked`` sample (n,)."""
+    # derived: a third difference is one of four samples
+    near = np.convolve(marked, np.ones(4), "full")[3:3 + count] > 0.0
+    return near[:count // BLOCK * BLOCK].reshape(-1, BLOCK).any(axis=1)
 
 
 def _fitted(level, square, part):
-    """Floors of the parts that were visited [1], slope over the ``square`` of the speed [1], and its variance [1],
-    of scatters ``level``, (n,), in units of their median; ``part``: which floor each has.
+    """Floors of all parts (`PARTS`,) [m²], slope over the ``square`` of the speed [s²], and its standard error [s²].
 
+    ``level``: scatters (n,) [m²]. ``square``: of their speeds, (n,) [m²/s²]. ``part``: which floor each has, (n,).
     Parts without a block have the mean floor.
     """
+    usual, scale = float(np.median(level)), float(square.mean())
+    level, square = level / usual, square / scale
     visited, own = np.unique(part, return_inverse=True)
     design = np.column_stack([own[:, None] == np.arange(len(visited)), square])
     weight = np.ones(len(level))
@@ -132,7 +161,7 @@ def _fitted(level, square, part):
         weight = 1.0 / np.maximum(model, LEAST_FLOOR * np.abs(sizes[:-1]).mean()) ** 2
     floors = np.full(PARTS, sizes[:-1][own].mean())
     floors[visited] = sizes[:-1]
-    return floors, float(sizes[-1]), float(inner[-1, -1] * 2.0 / FREEDOM)
+    return floors * usual, float(sizes[-1]) * usual / scale, math.sqrt(inner[-1, -1] * 2.0 / FREEDOM) * usual / scale
 
 
 def _part_of_count(step, count):
@@ -176,7 +205,8 @@ def _subdivisional(position, sde):
 
 
 def readings_late(learn, held, base, sde=None):
-    """(`Timing` of the learning records, of the held-out ones) if jitter or lost samples stand out, else None."""
+    """(`Timing` of the learning records, of the held-out ones) if jitter or lost samples stand out, else None; a jitter
+    that does not is none."""
     taught, again = timing_of(learn, sde), timing_of(held, sde)
     healthy = timing_of(base) if base else None
     # a coarse encoder's rounding differs from speed to speed, and makes it seem of either sign
@@ -185,4 +215,6 @@ def readings_late(learn, held, base, sde=None):
     scattered = (taught.significance > CLEAR and again.significance > 2.0 and taught.variance > 2.0**2 * usual
                  and taught.jitter * taught.fastest > np.sqrt(LEAST_SCATTER * taught.floor))
     lost = taught.lost > LEAST_LOST + 3.0 * usual_lost and again.lost > LOST_AGAIN * taught.lost
-    return (taught, again) if scattered or lost else None
+    if not (scattered or lost):
+        return None
+    return (taught if scattered else dataclasses.replace(taught, variance=0.0, growth=taught.grown)), again

@@ -4,7 +4,7 @@ readings."""
 import numpy as np
 
 from microstage_ros.diagnosis.prerequisites.resonant import DAMPING_ERROR, STIFFNESS_ERROR
-from microstage_ros.diagnosis.prerequisites.timing import readings_late
+from microstage_ros.diagnosis.prerequisites.timing import HALF_MEAN, HALF_SPREAD, readings_late
 from microstage_ros.diagnosis.result import Cause, Improvement, Parameter
 from microstage_ros.diagnosis.selection import judge
 
@@ -29,7 +29,8 @@ def nonregression_causes(collection, known, course, others, book, unsure):
     learn, held, base = (collection.prepared[group] for group in ("learn", "held", "base"))
     late = readings_late(learn, held, base, sde=sde)
     if late is not None:
-        causes.append(_late(late, book))
+        mean = next((cause.parameters["late_s"] for cause in others if cause.id == "sampling_jitter"), None)
+        causes.append(_late(late, book, mean, learn[0].period))
     return causes
 
 
@@ -124,14 +125,26 @@ def _vibration(lines, held_records, book):
     return Cause("floor_vibration", parameters, effect, 0.0, 0.0, Improvement(before, left, "m"), "position")
 
 
-def _late(late, book):
-    """The cause ``sampling_jitter`` from scatter and repeated samples."""
+def _late(late, book, mean, period):
+    """The cause ``sampling_jitter`` from scatter and repeated samples.
+
+    ``mean``: lateness [s] that the regression found, a `Parameter`, or None. Of readings that are late by late_s +
+    |jitter_s · N(0, 1)|, a share of them lost, it is late_s + √(2/π) jitter_s − lost_fraction T, as a lost one stands
+    for the reading a ``period`` T [s] before.
+    """
     taught, again = late
     book.before += again.gain
     book.parts["sampling_jitter"] = book.parts.get("sampling_jitter", 0.0) + again.gain
-    # derived: of the root of a variance; the divisor is never nothing
-    jitter, stderr = taught.jitter, taught.stderr / max(2.0 * taught.jitter, 1e-9)
-    parameters = {"jitter_s": Parameter(jitter, float(stderr), "s"),
-                  "lost_fraction": Parameter(taught.lost, taught.lost_stderr, "1")}
-    return Cause("sampling_jitter", parameters, {"jitter_s": jitter, "lost_fraction": min(taught.lost, 0.5)}, 0.0, 0.0,
-                 Improvement(float(np.sqrt(again.left(0.0))), float(np.sqrt(again.left(jitter**2))), "m"), "position")
+    jitter = taught.jitter / HALF_SPREAD
+    # derived: of the root of a variance
+    error = jitter * taught.stderr / (2.0 * taught.variance) if jitter > 0.0 else 0.0
+    parameters = {"lost_fraction": Parameter(taught.lost, taught.lost_stderr, "1")}
+    effect = {"lost_fraction": min(taught.lost, 0.5)}
+    if jitter > 0.0:
+        parameters["jitter_s"], effect["jitter_s"] = Parameter(jitter, error, "s"), jitter
+    if mean is not None:
+        constant = mean.value - HALF_MEAN * jitter + taught.lost * period
+        stderr = float(np.hypot(mean.stderr, np.hypot(HALF_MEAN * error, taught.lost_stderr * period)))
+        parameters["late_s"], effect["late_s"] = Parameter(constant, stderr, "s"), max(constant, 0.0)
+    before, after = (float(np.sqrt(again.left(growth))) for growth in (0.0, taught.grown))
+    return Cause("sampling_jitter", parameters, effect, 0.0, 0.0, Improvement(before, after, "m"), "position")

@@ -1,5 +1,6 @@
 """Causes that are no matter of regression carry the sizes, errors and gains that were found for them; by hand."""
 
+import math
 import types
 
 import numpy as np
@@ -102,11 +103,31 @@ def test_late_readings_and_what_jitter_explains():
     taught = Timing(4.0e-10, 4.0e-12, 0.7, 0.0, 1.0e-16, 2.0e-3, samples=1000)
     again = Timing(4.4e-10, 4.0e-12, 0.01, 500.0, 1.0e-16, 2.0e-3, mean_square=5.0e-16, mean_speed_square=1.0e-6)
     book = Ledger(before=1.0, parts={"sampling_jitter": 20.0})
-    cause = made._late((taught, again), book)
-    assert cause.parameters["jitter_s"].value == pytest.approx(2.0e-5) and cause.parameters["jitter_s"].stderr == pytest.approx(1.0e-7)
+    cause = made._late((taught, again), book, None, 1e-4)
+    jitter = 2.0e-5 / math.sqrt(1.0 - 2.0 / math.pi)        # the standard deviation of |jitter N(0, 1)| is 20 us
+    assert cause.parameters["jitter_s"].value == pytest.approx(jitter) and cause.parameters["jitter_s"].stderr == pytest.approx(jitter / 200.0)
     assert cause.parameters["lost_fraction"].value == 0.7 and cause.effect["lost_fraction"] == 0.5     # no effect loses more
     assert (cause.gain.before, cause.gain.after) == pytest.approx((5.0e-16**0.5, 1.0e-8))
-    assert book.before == 501.0 and book.parts == {"sampling_jitter": 520.0}
+    assert book.before == 501.0 and book.parts == {"sampling_jitter": 520.0} and "late_s" not in cause.parameters
+
+
+def test_the_constant_part_of_the_lateness_is_the_mean_without_jitter_and_lost_samples():
+    timing = Timing(4.0e-10, 4.0e-12, 0.02, 0.0, 1.0e-16, 2.0e-3, samples=1000000)
+    jitter = 2.0e-5 / math.sqrt(1.0 - 2.0 / math.pi)
+    mean = Parameter(3.0e-4 + math.sqrt(2.0 / math.pi) * jitter - 0.02 * 1e-4, 1.0e-6, "s")
+    cause = made._late((timing, timing), Ledger(), mean, 1e-4)
+    late = cause.parameters["late_s"]
+    assert late.value == cause.effect["late_s"] == pytest.approx(3.0e-4) and late.stderr == pytest.approx(1.0e-6, rel=0.05)
+    # what is late by its jitter alone has no constant part, and no effect reads ahead
+    none = made._late((timing, timing), Ledger(), Parameter(mean.value - 3.1e-4, 1.0e-6, "s"), 1e-4)
+    assert none.parameters["late_s"].value == pytest.approx(-1.0e-5) and none.effect["late_s"] == 0.0
+
+
+def test_a_jitter_that_was_not_told_is_not_stated():
+    timing = Timing(0.0, math.inf, 0.02, 10.0, 1.0e-16, 2.0e-3, mean_square=5.0e-16, mean_speed_square=1.0e-6, growth=2.0e-10)
+    cause = made._late((timing, timing), Ledger(), None, 1e-4)
+    assert set(cause.parameters) == set(cause.effect) == {"lost_fraction"}
+    assert cause.gain.after == pytest.approx(3.0e-16**0.5)      # what the lost samples made is explained
 
 
 @pytest.mark.parametrize("known", [(), ("slow",), ("gap",), ("lines",), ("slow", "gap", "lines")])
@@ -116,10 +137,10 @@ def test_each_that_is_known_becomes_a_cause(monkeypatch, known):
         monkeypatch.setattr(made, function, lambda *_, name=name: [name] if name == "slow" else name)
     monkeypatch.setattr(made, "_drift", lambda *_: "course")
     monkeypatch.setattr(made, "readings_late", lambda *_, sde: sde)
-    monkeypatch.setattr(made, "_late", lambda late, book: late)
+    monkeypatch.setattr(made, "_late", lambda late, book, mean, period: late)
     has = types.SimpleNamespace(**{name: [1] if name in known else [] if name == "lines" else None for name in names})
     has.gap = types.SimpleNamespace(far=False) if "gap" in known else None
-    collection = types.SimpleNamespace(prepared={"learn": [], "held": [1], "base": []},
+    collection = types.SimpleNamespace(prepared={"learn": [types.SimpleNamespace(period=1e-4)], "held": [1], "base": []},
                                        frame=types.SimpleNamespace(drive=types.SimpleNamespace(radius=1.0)))
     others = [types.SimpleNamespace(id="gravity_tilt", effect="tilt"), types.SimpleNamespace(id="encoder_sde", effect="sde")]
     found = made.nonregression_causes(collection, has, "course", others, Ledger(), [])
