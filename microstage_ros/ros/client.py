@@ -177,7 +177,7 @@ class AxisClient:
             time.sleep(0.05)
         return waited
 
-    def _answer(self, call, wait, lost=str):
+    def _answer(self, call, wait, lost=lambda: ""):
         """Answer to ``call``, which is made again while it has none. Raises `NoAnswer` after ``wait`` [s], and as soon
         as ``lost()`` says in words why there will be none."""
         end, asked = time.monotonic() + wait, RepeatedCall(call, ASK_AGAIN)

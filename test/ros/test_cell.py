@@ -165,7 +165,7 @@ def made(client):
 
 @pytest.mark.parametrize("request_is_lost", [True, False])
 def test_a_move_whose_answers_are_lost_is_made_once(running, monkeypatch, request_is_lost):
-    """The middleware may lose a request or an answer; a goal is sent again under its own number."""
+    """The middleware may lose a request or an answer; a goal is sent again under its own identity."""
     running.client.move(0.0, **SETTLE)
     before = made(running.client)
     calls = lose_first(monkeypatch, running.client._action, ("send_goal_async", "_get_result_async"), request_is_lost)

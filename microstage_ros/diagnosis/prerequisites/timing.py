@@ -111,7 +111,8 @@ def timing_of(prepared, sde=None):
         )
         repeated, samples = repeated + int((same & moving).sum()), samples + int(moving.sum())
         missing, rows = missing + int(p.lost.sum()), rows + len(p.lost)
-        clean.append(~_touched(np.append(False, same) | p.lost, len(rough))[good])     # of slow ones some by chance
+        # a slow encoder may repeat itself by chance, too
+        clean.append(~_touched(np.append(False, same) | p.lost, len(rough))[good])
     lost = repeated / max(samples, 1) + missing / max(rows, 1)
     spread, square, part = np.concatenate(spreads), np.concatenate(speeds) ** 2, np.concatenate(parts)
     if not _enough(square):
@@ -205,8 +206,9 @@ def _subdivisional(position, sde):
 
 
 def readings_late(learn, held, base, sde=None):
-    """(`Timing` of the learning records, of the held-out ones) if jitter or lost samples stand out, else None; a jitter
-    that does not is none."""
+    """(`Timing` of the learning records, of the held-out ones) if jitter or lost samples stand out, else None.
+
+    Where lost samples alone stand out, the variance of the learning records' lateness is set to zero."""
     taught, again = timing_of(learn, sde), timing_of(held, sde)
     healthy = timing_of(base) if base else None
     # a coarse encoder's rounding differs from speed to speed, and makes it seem of either sign

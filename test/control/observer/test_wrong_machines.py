@@ -228,7 +228,7 @@ def test_fifth_large_swing_is_handed_over_at_once(axis):
 def test_swings_that_grow_from_small_ones_are_no_rattle_in_a_gap(axis):
     """A drive of 0.15 times the stiffness swings up in a fast move, half waves of 0.18, 0.26, 0.50 and 1.1 um: 15 to 19 um where
     they were taken for a rattle and raised no doubt. Since then 6 of 300 records went beyond 1.5 um and none beyond 5: more than
-    three of six beyond 1.5 um come once in 10^6 times."""
+    three of six beyond 1.5 um come once in 10^5 times."""
     condition = {c.name: c for c in conditions(axis)}["drive compliance 0.15"]
     largest = [examine(axis, condition, seed, LAW).largest for seed in (32224, 32243, 32005, 32006, 32007, 32008)]
     assert max(largest) < 5e-6 and sum(value > 1.5e-6 for value in largest) <= 3
@@ -242,6 +242,17 @@ def test_a_rattle_begins_at_the_size_of_a_gap_or_shows_in_the_back_emf(axis, fir
     memory["wave_first"], memory["wave_peak"] = first, 1.1e-6
     source_doubt.doubt_more(controller.parameters["observer"], memory)
     assert (memory["suspected"] > 0.0) == suspected
+
+
+@pytest.mark.parametrize("growth, factor", [(1.9, 1.9), (2.7, 2.7), (1e3, source_doubt.LARGEST_STEP), (1.01, source_doubt.STEP)])
+def test_the_doubt_in_the_encoder_follows_the_growth_of_a_soft_drives_swing(axis, growth, factor):
+    """One step for every growth let a record of 0.15 times the stiffness go to 2.3 um."""
+    controller = make_controller(LAW, axis)
+    memory, told = controller.memory["observer"], controller.parameters["observer"]
+    memory["position_test"], memory["speed_test"], memory["encoder_factor"] = 100.0, 1.0, told["encoder_doubt"]
+    memory["wave_first"], memory["wave_before"], memory["wave_peak"] = 0.05e-6, 0.1e-6, growth * 0.1e-6
+    source_doubt.doubt_more(told, memory)
+    assert memory["suspected"] == 0.0 and memory["encoder_factor"] == pytest.approx(factor * told["encoder_doubt"])
 
 
 def test_wind_up_of_the_drive_train_is_no_motion_of_the_stage(axis):
