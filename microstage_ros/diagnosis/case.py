@@ -222,7 +222,7 @@ def _answer(collection, evidences, choices, rivals, nonregression, holdout, note
         )
     if course is not None:
         notes.append("Every record drifts on a course of its own; the extended axis holds the mean rate only.")
-    verdict = judge.verdict_of(causes, unsure, left, book, above)
+    verdict = judge.verdict_of(causes, unsure, left, book.remaining(one.channel for one in (*causes, *left)), above)
     pictures = pictures_of(collection, evidences, choices, left)
     if collection.prepared["held"][0].behind is not None:
         pictures.insert(0, gap_picture(collection.prepared["held"][0]))

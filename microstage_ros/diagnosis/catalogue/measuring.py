@@ -1,5 +1,7 @@
 """Sensor and environment effects in encoder against interferometer; residual = interferometer − encoder."""
 
+import dataclasses
+
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
@@ -13,6 +15,7 @@ PER_KELVIN, PER_PASCAL, PER_HUMIDITY = -0.93e-6, 2.7e-9, -0.85e-8  # relative ai
 # periods is √(2 ln M) times that: 0.039 q with N = 2000 counts of a few records and M = 10⁴ periods and harmonics
 LEAST_SHARE = 0.04
 LEAST_DRIFT = 1.0e-9                                # m over half a minute: rounding at rest leaves as much
+LEAST_LATE = 1.0e-6      # s; derived: a divisor, never nothing, in which a stage of 1 mm/s moves by 1 nm
 SMOOTHING = 1.0                                     # s, of the air and temperature columns
 
 
@@ -59,6 +62,22 @@ def refractive_index(channel, frame):
 def lateness(channel, frame):
     """Encoder read late by τ: encoder = x(t + τ), so interferometer − encoder = −v τ: columns −v [m/s]."""
     return -channel.speed[:, None]
+
+
+def lateness_of(late):
+    """The same, (x(t) − x(t + τ))/τ [m/s], of a lateness τ = ``late`` [s] in which the speed changes: behind a gap the
+    stage's swing turns round in some milliseconds."""
+    def columns(channel, frame):
+        p = channel.prepared
+        later = np.interp(p.time + late, p.time, p.stage_position)
+        return channel.mean((p.stage_position - later) / late)[:, None]
+    return columns
+
+
+def _late_about(beta):
+    """`LATE` with the columns of the lateness β [s] that was fitted."""
+    late = max(float(beta[0]), LEAST_LATE)
+    return dataclasses.replace(LATE, variant=f"about {late:.3g}", columns=lateness_of(late))
 
 
 def of_position(channel, frame):
@@ -115,6 +134,7 @@ def sde_form(period):
     )
 
 
+LATE = Form("sampling_jitter", "position", "", lateness, one("late_s", "s"), lambda b: b[0] > 0, about=_late_about)
 FORMS = (
     *(Form("encoder_sde", "position", f"{p:g}", encoder_sde(p), _sde_sizes(p), beyond=_exceeds_rounding)
       for p in SIGNAL_PERIODS),
@@ -140,7 +160,7 @@ FORMS = (
     ),
     Form("thermal_drift", "position", "temperature", drift_expansion, one("expansion_m_K", "m/K")),
     Form("refractive_index", "position", "", refractive_index, one("path_m", "m")),
-    Form("sampling_jitter", "position", "", lateness, one("late_s", "s"), lambda b: b[0] > 0),
+    LATE,
     Form("generic:position", "position", "", of_position, prior=1.0e-6),
     Form("generic:time", "position", "", of_time, prior=1.0e-6),
     Form("generic:direction", "position", "", of_direction),

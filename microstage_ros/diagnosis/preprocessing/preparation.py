@@ -15,13 +15,21 @@ from microstage_ros.diagnosis.preprocessing.smoothing import triangle
 from microstage_ros.diagnosis.preprocessing.transmitted_force import offset_where_closed
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.signals.current import between_readings, settled_current
-from microstage_ros.signals.rows import bridged, of_row_before
+from microstage_ros.signals.rows import bridged, of_row_after, of_row_before
 from microstage_ros.signals.travel import motor_travel
 
 LEAST_ROWS = 5000    # derived: one piece of `lost_motion.SLOW`, without which no spread can be taken there
-FUSION = 41           # periods, at least, over which the position reading corrects the motor's travel
-NO_CURRENT = 61       # periods over which the position reading is smoothed where no current tells the travel
-GAP_FUSION = 1001     # as `FUSION`, where the stage may rattle in a gap
+# periods, at least, over which the position reading corrects the motor's travel, for the motor's motion; calibrated by:
+# validation.windows (from 61 to 91 its speed is known best in both worlds, at 31 and at 245 by 5 to 35 % worse)
+FUSION = 61
+# the same for the stage's motion, which swings on a soft drive; calibrated by: the same
+STAGE_FUSION = 15
+# periods over which the position reading is smoothed where no current tells the travel; calibrated by: the same (at 15
+# and at 61 it is by 15 to 95 % worse)
+NO_CURRENT = 31
+# as `FUSION`, where the stage may rattle in a gap; calibrated by: the same (half as long is by 5 and 13 % worse, twice
+# as long by 3 and 6 % better, but over so long a gap may open and close)
+GAP_FUSION = 1001
 HIT = 3               # periods of the stage's mean there; derived: the least that is one, as a hit lasts some ten
 # m: the back-EMF's travel is trusted below some 200 Hz, current and inertia above; calibrated by: validation.variation
 # --group noise (half and double: the same answers)
@@ -140,7 +148,7 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None, pull=
     if course is not None and "interferometer_m" in columns:
         stage = stage - course
     if "current_A" in columns:
-        current = columns["current_A"]
+        current = _without_lost(columns["current_A"], repeated)
         settled = settled_current(current, drive.current_transient(period))
         angle = motor_travel(answered, settled, drive, period)
     else:
@@ -156,7 +164,7 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None, pull=
         motor = angle + triangle(offset, GAP_FUSION)
     else:
         carried = _carried(stage, angle, drive, period)
-        position = carried + triangle(stage - carried, FUSION)
+        position = carried + triangle(stage - carried, STAGE_FUSION)
         motor = angle + triangle(stage - carried, _fusion(drive, period))
     stage_speed = np.gradient(position, period)
     guideway, _ = replay(drive.guideway, stage_speed, period)
@@ -217,7 +225,7 @@ def _carried(stage, angle, drive, period):
     stage : reading (n,) [m]. angle : motor, as travel of the stage (n,) [m]. period : of the rows [s].
     """
     driven = lfilter(*stage_filter(drive, period), angle - angle[0]) + angle[0]
-    speed = np.gradient(driven + triangle(stage - driven, FUSION), period)
+    speed = np.gradient(driven + triangle(stage - driven, STAGE_FUSION), period)
     force = replay(drive.guideway, speed, period)[0] + drive.guideway.viscous * speed
     yielding = lfilter(*stage_filter(drive, period, force=True), force - force[0]) + force[0] / drive.stiffness
     return driven - yielding
@@ -266,6 +274,16 @@ def count_of(reading):
         return 0.0
     multiple = steps / steps.min()
     return float(steps.min()) if np.mean(np.abs(multiple - np.round(multiple)) < WHOLE) > ALL_COUNTS else 0.0
+
+
+def _without_lost(current, repeated):
+    """The current (n,) [A] with single samples that were lost on the line between their neighbours.
+
+    A lost one stands for that of the period before: ``repeated`` (n,) with the encoder's. Where many rows in a row are
+    alike nothing was lost.
+    """
+    alone = repeated & ~of_row_before(repeated) & ~of_row_after(repeated)
+    return bridged(np.where(alone, np.nan, current))
 
 
 def _filled(values, place):

@@ -23,7 +23,9 @@ CHANCE = 1.0e-6   # that the strongest of all lines is none; derived: as `select
 # frequencies from whose median a line must stand out; short scans make lines wide; calibrated by:
 # validation.variation --group periods (half and double: the same answers)
 BESIDE = 3001
-MOST = 8          # lines looked for
+# lines looked for; derived: as many terms of the motor's ripple as a machine may have, one wave of the screw and one of
+# the guideways
+MOST = RIPPLES + 2
 # χ² that a ripple must hold on its own; calibrated by: validation.margins (22 to 85)
 REAL = 40.0
 # rad: the phase of one direction of one record from the mean of all; calibrated by: validation.margins (0.58 to 0.97)

@@ -33,7 +33,8 @@ STEP_BACK = 3.0
 # of a block's speed, by which it may change within the block; calibrated by: validation.variation --group steady (half
 # and double: the same answers; doubled, the jitter is another by 1.2 of its standard errors)
 STEADY = 0.1
-LEAST_FLOOR = 0.2        # of the mean floor, below which no scatter counts more
+# of the mean floor, below which no scatter counts more; derived: what rounding alone leaves in the quietest of `PARTS`
+LEAST_FLOOR = 0.11
 LOST_AGAIN = 0.3         # of the lost samples, that the held-out records must show
 # of |N(0, 1)|: its mean and its standard deviation; source: the half-normal distribution
 HALF_MEAN, HALF_SPREAD = math.sqrt(2.0 / math.pi), math.sqrt(1.0 - 2.0 / math.pi)

@@ -1,6 +1,5 @@
 """Verdict, causes, shares and gain from what was selected, judged on held-out records."""
 
-import dataclasses
 import math
 
 from scipy.stats import chi2
@@ -23,6 +22,7 @@ from microstage_ros.diagnosis.selection.agreement import (
     shortfall,
     unsteadiness,
 )
+from microstage_ros.diagnosis.selection.ledger import ledger_of, usual_size
 from microstage_ros.diagnosis.selection.mass_or_drive import RESONANT, resonance_is, shown_by_rattle
 from microstage_ros.diagnosis.selection.selection import (
     MISFIT,
@@ -70,55 +70,6 @@ COORDINATES = {
 #: Healthy axes show a little; calibrated by: validation.margins --kind two --world second --seed 9812 --cases 15
 LOOSE = {"generic:acceleration": 30.0, "generic:velocity": 3.0,     # 4.9 to 126; 2.3 to 3.02; and 2.8 to 3.2;
          "generic:friction in time": 3.0, "generic:viscous in time": 3.0, "generic:time": 3.0}  # 2.98 to 3.4; to 4.1
-
-
-@dataclasses.dataclass
-class Ledger:
-    """χ² of the held-out records: before, after the causes, at the floor, rows; each cause's own part, and what is left
-    above the floor by channel."""
-
-    before: float = 0.0
-    after: float = 0.0
-    floor: float = 0.0
-    rows: int = 0
-    parts: dict = dataclasses.field(default_factory=dict)
-    left: dict = dataclasses.field(default_factory=dict)
-
-    @property
-    def excess(self):
-        """What stood out of the noise."""
-        return max(self.before - self.floor, 1e-9)  # derived: a divisor, never nothing
-
-
-def usual_size(evidences, channel):
-    """χ² per row of a channel on an axis where nothing is wrong: the baseline's; without one 1, what the noise of the
-    model predicts."""
-    base = evidences.base.get(channel)
-    return 1.0 if base is None else base.energy() / base.rows
-
-
-def ledger_of(evidences, choices):
-    """`Ledger` over the evidences' channels.
-
-    The floor is what a healthy axis leaves on as many rows (`usual_size`); nothing that was fitted to the records under
-    test, named or not, enters it. It is no higher than what was reached.
-    """
-    book = Ledger()
-    for channel, held in evidences.held.items():
-        scale = evidences.scatter[channel]
-        keys = Evidences._keys(channel, choices)
-        beta, _, _ = evidences.learn[channel].fit(keys)
-        after, floor = (held.energy() - held.reduction(keys, beta)) / scale, held.rows * usual_size(evidences, channel)
-        book.before += held.energy() / scale
-        book.after += after
-        book.floor += floor / scale
-        book.rows += held.rows
-        book.left[channel] = after - floor / scale
-    book.floor = min(book.floor, book.after)
-    for choice in choices:
-        others = [c for c in choices if c is not choice]
-        book.parts[choice.effect] = max(evidences.held_gain(choices) - evidences.held_gain(others), 0.0)
-    return book
 
 
 def rivals_of(evidences, choice, choices, effects):
@@ -233,14 +184,14 @@ def of_learning_records(found):
     return [finding for finding, _ in found if finding.left > ALONE * finding.threshold]
 
 
-def verdict_of(causes, rivals, left, book, above):
+def verdict_of(causes, rivals, left, remaining, above):
     """One of `diagnosis.VERDICTS`.
 
     Parameters
     ----------
     causes : what is sure. rivals : open questions.
     left : significant dependences that no cause explains.
-    book : `Ledger` of the held-out records.
+    remaining : share of what stood out that is left where the causes are [1], `Ledger.remaining`.
     above : channels whose residual, after the causes, stands above the noise floor.
 
     Returns
@@ -251,7 +202,6 @@ def verdict_of(causes, rivals, left, book, above):
         return "undetermined"
     if not causes:
         return "unexplained" if left or above else "agrees"
-    remaining = (book.after - book.floor) / book.excess
     if above or (left and remaining > LEFT_SHARE):
         return "partly_explained"
     return "explained" if remaining < MOST_LEFT else "partly_explained"

@@ -44,8 +44,6 @@ WITHOUT_FRICTION = frozenset({"windup", "position"})     # channels in which the
 PAIRED = 4
 # share of the gain of payload and soft drive that the payload alone must reach on the coarse grid
 ONE_RESONANCE = 0.35
-MOST_CAUSES = 4              # beside what had to be known first
-LOOKED_AT = 8                # of the trials of a round, the strongest
 # by how much less a simpler effect may explain than one that contains it: χ², or a share
 SIMPLER, SIMPLER_SHARE = 25.0, 0.06
 MISFIT = 0.5                 # a wider shape may explain at most this share beside the named one
@@ -190,9 +188,9 @@ class _Balance:
         return prune(self.evidences, [*choices, _simpler(self.evidences, winner, trials, choices).choice])
 
 
-def select(evidences, effects, most=MOST_CAUSES):
-    """Forward, then backward: the list of `Choice`, ``most`` [1] or fewer, and the trials of the last round that
-    lost."""
+def select(evidences, effects):
+    """Forward, then backward: the list of `Choice`, and the trials of the last round that lost."""
+    most = len(effects)
     balance = _Balance(evidences, effects)
     choices, lost = forward(balance, [], most)
     renamed = _renamed(evidences, choices, effects)
@@ -280,7 +278,7 @@ def _first_acceptable(evidences, trials, choices):
     """The strongest trial that stands, unless a much stronger one of the same channel does not: then nothing fits
     there. What the baseline shows, too, is no change, and stands in nothing's way."""
     blocked = {}
-    for trial in trials[:LOOKED_AT]:
+    for trial in trials:
         channels = {form.channel for form in trial.choice.forms}
         if any(trial.gain < DOMINANCE * blocked.get(channel, 0.0) for channel in channels):
             continue

@@ -167,9 +167,12 @@ def errors_of(causes, truth):
 
     Phases are compared around the circle."""
     for cause in causes:
-        term = _term_of(cause, truth.get(cause.id, {}))
+        mine = truth.get(cause.id, {})
+        term = _term_of(cause, mine)
+        if "factors" in mine and "factors" in cause.effect:      # of a profile its spread is stated
+            mine = mine | {"rms": hidden.rms_along(mine, cause.effect)}
         for name, number in cause.parameters.items():
-            value = truth.get(cause.id, {}).get(name)
+            value = mine.get(name)
             value = value[term] if isinstance(value, list) and len(value) < MOST_TERMS else value
             if isinstance(value, (int, float)) and np.isfinite(number.stderr):
                 error = number.value - value

@@ -6,10 +6,15 @@ that the analysis fits; periods, harmonics, damping and the course of a drift ar
 """
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
 from microstage_ros.diagnosis.validation.simulated_records import Hidden
 from microstage_ros.model.effects import REGISTRY
+
+LATE = "sampling_jitter"
+JITTER = (1.0e-5, 5.0e-5)      # s, range of the random lateness that half of the late readings have
+HALF = 0.5
 
 
 def one(name, generator, strength=1.0):
@@ -21,8 +26,23 @@ def two(names, generator, strength=1.0):
     """`Hidden` with some effects at once, ``strength`` [1] times the usual."""
     drawn = {name: REGISTRY[name].draw(generator, strength) for name in names}
     effects = {name: section for name, section in drawn.items() if isinstance(section, dict)}
+    if LATE in effects:      # its own draw has no random part
+        jitter = generator.uniform(*JITTER) * strength if generator.uniform() < HALF else 0.0
+        effects[LATE] = effects[LATE] | {"jitter_s": jitter}
     courses = [section for section in drawn.values() if callable(section)]
     return Hidden("+".join(names), tuple(names), effects, after=courses[0] if courses else None)
+
+
+def rms_along(hidden, found):
+    """Standard deviation [1] of a hidden profile of friction where another one was found.
+
+    ``hidden``, ``found``: ``positions_m`` [m] and ``factors`` [1], k and n of each; beyond what records visited, what
+    was found is constant.
+    """
+    at, factors = np.array(found["positions_m"]), np.array(found["factors"])
+    changes = np.flatnonzero(np.diff(factors))
+    visited = at[changes[0]:changes[-1] + 2] if len(changes) else at
+    return float(np.std(CubicSpline(hidden["positions_m"], hidden["factors"])(visited)))
 
 
 def outside(kind, generator, strength=1.0):

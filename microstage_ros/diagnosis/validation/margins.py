@@ -45,7 +45,7 @@ WATCHED = {
     "prerequisites.timing": ("LEAST_LOST", "LOST_AGAIN"),
     "selection.judge": ("RIVAL_SHARE", "SCATTER", "UNSEEN", "STRANGER", "STRANGER_IN_TORQUE", "READING_SHARE",
                         "LEFT_SHARE", "LOOSE", "SLACK", "MOST_LEFT"),
-    "selection.selection": ("HELD_SHARE", "ONE_RESONANCE"),
+    "selection.selection": ("HELD_SHARE", "ONE_RESONANCE", "SIMPLER", "SIMPLER_SHARE"),
     "selection.splinters": ("FAINT", "FAINT_GAIN", "MAJOR", "MINOR", "MINOR_BESIDE", "OWN_SHARE"),
 }
 

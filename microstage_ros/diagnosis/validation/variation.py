@@ -55,7 +55,7 @@ GROUPS = {
     "gap": ("prerequisites.lost_motion", ("BOUND", "LEAST_ERROR", "RATTLE_ERROR", "EXPLAINS_HELD"), ("backlash",)),
     "drift": ("prerequisites.slow_drift", ("OF_ALL",), ("thermal_drift", "refractive_index")),
     "motion": ("preprocessing.motion", ("LOAD_WALK", "REACH"), ("frictional_lag", "amplifier_gain")),
-    "fusion": ("preprocessing.preparation", ("FUSION", "GAP_FUSION"),
+    "fusion": ("preprocessing.preparation", ("FUSION", "STAGE_FUSION", "GAP_FUSION"),
                ("backlash", "frictional_lag", "drive_compliance")),
     "noise": ("preprocessing.preparation", ("TRAVEL_NOISE", "MOTOR_NOISE"), ("payload_change", "frictional_lag")),
     "white": ("residuals.mechanical", ("LEAST_STEP", "LOCAL", "NEAR", "MOST_SCATTER"),
@@ -68,7 +68,7 @@ GROUPS = {
                    ("presliding_creep", "amplifier_gain", "drive_compliance", "cable_spring")),
     "judge": ("selection.judge", ("RIVAL_SHARE", "SLACK", "READING_SHARE"),
               ("friction_level_change", "gravity_tilt", "encoder_sde", "sampling_jitter")),
-    "trials": ("selection.selection", ("LOOKED_AT", "SIMPLER", "SIMPLER_SHARE", "ONE_RESONANCE"),
+    "trials": ("selection.selection", ("SIMPLER", "SIMPLER_SHARE", "ONE_RESONANCE"),
                ("friction_level_change", "payload_change", "nonlinear_viscous")),
     "splinters": ("selection.splinters", ("FAINT", "MINOR", "OWN_SHARE", "MINOR_BESIDE"),
                   ("nonlinear_viscous", "presliding_creep", "amplifier_gain")),
@@ -152,14 +152,15 @@ def main(argv=None):
     parser.add_argument("--world", default="first", choices=list(WORLDS))
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--cases", type=int, default=1, help="of each effect, and as many healthy axes")
-    parser.add_argument("--alone", action="store_true", help="every constant of a group on its own")
+    parser.add_argument("--strength", type=float, default=1.0, help="of what is hidden, times the usual")
+    parser.add_argument("--alone", nargs="*", metavar="NAME", help="every constant of a group, or these, on its own")
     given = parser.parse_args(argv)
     path = str(config_file("axis.yaml"))
     axis, known = load_axis(path), {}
 
     def case(kind, effect, number):
         if (kind, effect, number) not in known:
-            one = examinations(number + 1, given.seed, path, kind, effect=effect, world=given.world)[number]
+            one = examinations(number + 1, given.seed, path, kind, given.strength, effect, given.world)[number]
             what, friction = drawn(one)
             records = WORLDS[one.world](axis, what, given.seed * 100_003 + number, friction)
             known[kind, effect, number] = records, answer_of(axis, records)
@@ -170,7 +171,8 @@ def main(argv=None):
         wanted = [("single", effect) for effect in effects] if effects else [("outside", "")]
         cases = [(kind, effect, n) for kind, effect in [*wanted, ("healthy", "")] for n in range(given.cases)]
         before = {one: case(*one) for one in cases}
-        sets = [(name,) for name in names] if given.alone else [names]
+        alone = given.alone is not None
+        sets = [(name,) for name in names if name in (given.alone or names)] if alone else [names]
         for names, factor in itertools.product(sets, given.factors):
             same, most, reached = 0, 0.0, 0
             with with_factor(place, names, factor):

@@ -17,7 +17,7 @@ from microstage_ros.diagnosis.residuals.evidence import Evidence
 from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, Trial
 from microstage_ros.diagnosis.result import Finding
 from microstage_ros.diagnosis.selection import judge, mass_or_drive, selection, splinters
-from microstage_ros.diagnosis.selection.judge import Ledger
+from microstage_ros.diagnosis.selection.ledger import Ledger
 from microstage_ros.diagnosis.selection.sizes import CAUTION, FORM_ERROR, form_error
 
 ROWS = {"learn": 8000, "held": 4000, "base": 4000}
@@ -179,7 +179,7 @@ def test_what_stands_out_must_do_so_in_both_groups():
 
 
 CAUSE, RIVAL, LEFT = ("cause",), ("rival",), (Finding("torque", "time", 9.0, 1.0, 9.0),)
-BOOKS = {"all": Ledger(100.0, 10.0, 10.0, 10), "most": Ledger(100.0, 30.0, 10.0, 10), "half": Ledger(100.0, 55.0, 10.0, 10)}
+SHARES = {"all": 0.0, "most": 0.22, "half": 0.5}      # explained
 TABLE = [
     ((), (), (), "all", (), "agrees"),
     ((), (), LEFT, "all", (), "unexplained"),
@@ -195,9 +195,9 @@ TABLE = [
 ]
 
 
-@pytest.mark.parametrize(("causes", "rivals", "left", "book", "above", "verdict"), TABLE)
-def test_verdicts(causes, rivals, left, book, above, verdict):
-    assert judge.verdict_of(causes, rivals, left, BOOKS[book], above) == verdict
+@pytest.mark.parametrize(("causes", "rivals", "left", "explained", "above", "verdict"), TABLE)
+def test_verdicts(causes, rivals, left, explained, above, verdict):
+    assert judge.verdict_of(causes, rivals, left, SHARES[explained], above) == verdict
 
 
 def test_strangers_are_dropped_and_others_kept():

@@ -13,6 +13,7 @@ from microstage_ros.diagnosis.residuals.evidence import Evidence
 from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences
 from microstage_ros.diagnosis.result import Finding
 from microstage_ros.diagnosis.selection import judge
+from microstage_ros.diagnosis.selection.ledger import Ledger
 
 from test.diagnosis.selection.test_judge import PLAIN, ROWS, World, choice, simple
 
@@ -141,8 +142,8 @@ def test_without_a_torque_balance_no_constant_force_is_asked_for():
 
 
 def test_an_empty_ledger_gains_nothing():
-    assert judge.overall_gain(judge.Ledger(), []).before == 0.0
-    assert judge.Ledger().excess == 1e-9
+    assert judge.overall_gain(Ledger(), []).before == 0.0
+    assert Ledger().excess == 1e-9
 
 
 @pytest.mark.parametrize(("decided", "rivals"), [(True, []), (False, ["friction_level_change"])])
@@ -256,7 +257,7 @@ def test_a_channel_is_clear_where_a_twentieth_of_what_its_cause_took_is_left(mon
     mine = Choice("drive_compliance", (simple("drive_compliance", "resonance"),))
     case = types.SimpleNamespace(held_gain=lambda choices, channels=None: 1000.0 * len(choices))
     monkeypatch.setattr(judge, "stands_out", lambda *_: ["position"])
-    monkeypatch.setattr(judge, "ledger_of", lambda *_: judge.Ledger(left={"position": 1.0e6, "resonance": left}))
+    monkeypatch.setattr(judge, "ledger_of", lambda *_: Ledger(left={"position": 1.0e6, "resonance": left}))
     assert (judge._shown_by_more_than_the_reading(case, [mine]) == [mine]) is kept
 
 
@@ -289,7 +290,7 @@ def test_a_name_that_is_passed_over_ends_no_search(monkeypatch, passed):
 
 def test_a_cause_that_is_no_stranger_hides_none(monkeypatch):
     kept, shown, stranger = (Choice(e, (simple(e, "position"),)) for e in ("scale_error", "thermal_drift", "encoder_sde"))
-    monkeypatch.setattr(judge, "ledger_of", lambda *_: judge.Ledger(left={"position": 1.0e6, "torque": 0.0}))
+    monkeypatch.setattr(judge, "ledger_of", lambda *_: Ledger(left={"position": 1.0e6, "torque": 0.0}))
     monkeypatch.setattr(judge, "stands_out", lambda *_: ["position"])
     monkeypatch.setattr(judge, "_main_channel", lambda evidences, choice, *_: ("torque" if choice is kept else "position", 1.0))
     monkeypatch.setattr(judge, "shown_by_rattle", lambda evidences, choice: choice is shown)

@@ -12,6 +12,7 @@ from microstage_ros.diagnosis.residuals.evidence import Evidence
 from microstage_ros.diagnosis.residuals.evidence_set import Choice
 from microstage_ros.diagnosis.result import Finding
 from microstage_ros.diagnosis.selection import judge
+from microstage_ros.diagnosis.selection.ledger import Ledger, ledger_of, usual_size
 from test.diagnosis.selection.test_judge import PLAIN, World, choice, simple
 from test.diagnosis.selection.test_judge_margins import GUIDEWAY, NAMELESS, WHOLE
 
@@ -135,7 +136,7 @@ def test_loudness_without_a_baseline_is_as_certain_as_its_own_stretches(freedom,
 
 
 def test_the_gain_of_one_row():
-    gain = judge.overall_gain(judge.Ledger(before=4.0, after=1.0, floor=0.25, rows=1), ["gravity_tilt"])
+    gain = judge.overall_gain(Ledger(before=4.0, after=1.0, floor=0.25, rows=1), ["gravity_tilt"])
     assert (gain.before, gain.after, gain.floor) == (2.0, 1.0, 0.5)
 
 
@@ -171,7 +172,7 @@ def test_the_channel_of_a_cause_is_where_it_adds_most_not_where_most_is_explaine
 def test_a_cause_that_explains_nothing_where_something_stands_out_is_a_stranger(monkeypatch, own, left, kept):
     """However little it is that stands out there; where nothing is left above the floor there is none."""
     mine = choice(World([simple("encoder_sde", "position")], {"encoder_sde": 0.1}, seed=47), "encoder_sde")
-    monkeypatch.setattr(judge, "ledger_of", lambda *_: judge.Ledger(left={"position": left}))
+    monkeypatch.setattr(judge, "ledger_of", lambda *_: Ledger(left={"position": left}))
     monkeypatch.setattr(judge, "stands_out", lambda *_: ["position"])
     monkeypatch.setattr(judge, "_main_channel", lambda *_: ("position", own))
     monkeypatch.setattr(judge, "unsteadiness", lambda *_: 1.0)
@@ -186,12 +187,31 @@ def test_what_late_readings_leave_asks_no_cause_for_its_reading(monkeypatch, lat
     mine = Choice("drive_compliance", (simple("drive_compliance", "resonance"),))
     named = [mine, *([Choice("sampling_jitter", (simple("sampling_jitter", "position"),))] if late else [])]
     monkeypatch.setattr(judge, "stands_out", lambda *_: ["position"] if stands else [])
-    monkeypatch.setattr(judge, "ledger_of", lambda *_: judge.Ledger(left={"position": 1.0e5, "resonance": 1.0e4}))
+    monkeypatch.setattr(judge, "ledger_of", lambda *_: Ledger(left={"position": 1.0e5, "resonance": 1.0e4}))
     assert (mine in judge._shown_by_more_than_the_reading(case, named)) is kept
 
 
 def test_a_ledger_begins_at_nothing():
     world = World(PLAIN, {}, seed=48)
-    book, held = judge.ledger_of(world.evidences, []), world.evidences.held
+    book, held = ledger_of(world.evidences, []), world.evidences.held
     assert book.before == book.after == pytest.approx(sum(held[ch].energy() / world.evidences.scatter[ch] for ch in held), rel=1e-12)
-    assert book.rows == sum(one.rows for one in held.values()) and judge.Ledger().before == 0.0
+    assert book.rows == sum(one.rows for one in held.values()) and Ledger().before == 0.0
+
+
+def test_what_is_left_counts_where_the_causes_are():
+    """Of 90 explained 10 are left in the torque, none in the wind-up, and the position is as loud as it happens to be."""
+    book = Ledger(before=190.0, after=100.0, floor=40.0, audible={"torque": 10.0, "windup": 0.0, "position": 50.0})
+    assert book.remaining(["windup"]) == 0.0 and book.remaining(["torque", "torque", "windup"]) == 0.1
+    assert book.remaining(["position"]) == pytest.approx(50.0 / 140.0) and book.remaining(["command"]) == 0.0
+    assert Ledger().remaining(["torque"]) == 0.0
+
+
+def test_what_is_no_louder_than_the_models_noise_is_not_left():
+    """Of a channel that is 0.6 of it in the baseline and 0.9 in the held-out records, nothing; of 1.5, half."""
+    for size, audible in ((0.9, 0.0), (1.5, 0.5)):
+        world = World(PLAIN, {}, excess={"torque": size - 1.0}, seed=49)
+        held = world.evidences.held["torque"]
+        book = ledger_of(world.evidences, [])
+        usual = max(usual_size(world.evidences, "torque"), 1.0)
+        assert book.audible["torque"] == pytest.approx(max(held.energy() / held.rows - usual, 0.0) * held.rows / world.evidences.scatter["torque"])
+        assert (book.audible["torque"] > 0.0) == (audible > 0.0)

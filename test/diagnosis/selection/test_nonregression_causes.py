@@ -13,7 +13,7 @@ from microstage_ros.diagnosis.prerequisites.timing import Timing
 from microstage_ros.diagnosis.residuals.evidence_set import Choice
 from microstage_ros.diagnosis.result import Cause, Parameter
 from microstage_ros.diagnosis.selection import nonregression_causes as made
-from microstage_ros.diagnosis.selection.judge import Ledger
+from microstage_ros.diagnosis.selection.ledger import Ledger
 from microstage_ros.diagnosis.selection.sizes import before_the_gain, offset_of
 
 
@@ -105,7 +105,7 @@ def test_late_readings_and_what_jitter_explains():
     book = Ledger(before=1.0, parts={"sampling_jitter": 20.0})
     cause = made._late((taught, again), book, None, 1e-4)
     jitter = 2.0e-5 / math.sqrt(1.0 - 2.0 / math.pi)        # the standard deviation of |jitter N(0, 1)| is 20 us
-    assert cause.parameters["jitter_s"].value == pytest.approx(jitter) and cause.parameters["jitter_s"].stderr == pytest.approx(jitter / 200.0)
+    assert cause.parameters["jitter_s"].value == pytest.approx(jitter) and cause.parameters["jitter_s"].stderr == pytest.approx(jitter * math.hypot(1.0 / 200.0, made.JITTER_ERROR))
     assert cause.parameters["lost_fraction"].value == 0.7 and cause.effect["lost_fraction"] == 0.5     # no effect loses more
     assert (cause.gain.before, cause.gain.after) == pytest.approx((5.0e-16**0.5, 1.0e-8))
     assert book.before == 501.0 and book.parts == {"sampling_jitter": 520.0} and "late_s" not in cause.parameters
@@ -117,7 +117,8 @@ def test_the_constant_part_of_the_lateness_is_the_mean_without_jitter_and_lost_s
     mean = Parameter(3.0e-4 + math.sqrt(2.0 / math.pi) * jitter - 0.02 * 1e-4, 1.0e-6, "s")
     cause = made._late((timing, timing), Ledger(), mean, 1e-4)
     late = cause.parameters["late_s"]
-    assert late.value == cause.effect["late_s"] == pytest.approx(3.0e-4) and late.stderr == pytest.approx(1.0e-6, rel=0.05)
+    assert late.value == cause.effect["late_s"] == pytest.approx(3.0e-4)
+    assert late.stderr == pytest.approx(math.hypot(1.0e-6, math.sqrt(2.0 / math.pi) * cause.parameters["jitter_s"].stderr), rel=0.01)
     # what is late by its jitter alone has no constant part, and no effect reads ahead
     none = made._late((timing, timing), Ledger(), Parameter(mean.value - 3.1e-4, 1.0e-6, "s"), 1e-4)
     assert none.parameters["late_s"].value == pytest.approx(-1.0e-5) and none.effect["late_s"] == 0.0
