@@ -152,13 +152,28 @@ class Evidences:
         (mean, its standard error from how stretches of `LOUDNESS_STRETCH` disagree, degrees of freedom), or None where
         the rows were not kept. The baseline is taken as it is, without the causes.
         """
-        rows, keys = self._rows_of(channel, group), self._keys(channel, choices) if group != "base" else []
-        if rows is None or not hasattr(rows, "energies"):
+        found = self._energies(channel, choices, group)
+        if found is None:
             return None
-        energy, count = rows.energies(keys, self.learn[channel].fit(keys)[0], LOUDNESS_STRETCH)
+        energy, count = found
         mean, stretches = energy.sum() / count.sum(), max(len(energy), 1.0 + LEAST_FREEDOM)
         spread = ((energy - mean * count) ** 2).sum() * stretches / (stretches - 1.0)
         return float(mean), math.sqrt(spread) / float(count.sum()), stretches - 1.0
+
+    def mostly_louder(self, channel, choices):
+        """Whether half of the stretches of the learning records, beside ``choices``, are louder than every one of the
+        baseline: however much louder some are than others, that is no chance. False where the rows were not kept."""
+        found, healthy = (self._energies(channel, choices, group) for group in ("learn", "base"))
+        if found is None or healthy is None:
+            return False
+        here, there = (energy / np.maximum(count, 1.0) for energy, count in (found, healthy))
+        return bool(np.median(here) > max(there.max(), 1.0))
+
+    def _energies(self, channel, choices, group):
+        rows, keys = self._rows_of(channel, group), self._keys(channel, choices) if group != "base" else []
+        if rows is None or not hasattr(rows, "energies"):
+            return None
+        return rows.energies(keys, self.learn[channel].fit(keys)[0], LOUDNESS_STRETCH)
 
     def lead(self, one, other, others):
         """Where the records under test lie between the fits with one `Choice` and with another, beside ``others``.

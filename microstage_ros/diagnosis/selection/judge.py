@@ -231,7 +231,7 @@ def _louder(evidences, channel, choices):
     Friction that jumps every few seconds is of one size in few stretches only.
     """
     said = evidences.loudness(channel, choices, "learn")
-    if said is None:
+    if said is None or channel in evidences.base and evidences.mostly_louder(channel, choices):
         return True
     usual = (evidences.loudness(channel, [], "base") if channel in evidences.base else None) or (1.0, 0.0, 0.0)
     usual = (max(usual[0], 1.0), *usual[1:])

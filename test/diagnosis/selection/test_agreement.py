@@ -256,6 +256,13 @@ def test_what_is_loud_in_one_stretch_only_does_not_stand_out_of_the_noise():
     assert once.learn["torque"].energy() / (2 * ROWS) > judge.SCATTER and judge.stands_out(once, []) == []
 
 
+def test_what_is_loud_in_most_stretches_stands_out_however_uneven_it_is():
+    """A supply that breathes: one to ten thousand times the noise, whose mean is less than three of its standard errors."""
+    uneven = loud(lambda k: 1.0 if k % 3 == 0 else 10.0 ** (4 * (k % 7) / 6.0))
+    mean, stderr, _ = uneven.loudness("torque", [], "learn")
+    assert mean < 4.0 * stderr and judge.stands_out(uneven, []) == ["torque"]
+
+
 def test_what_the_baseline_shows_of_an_effect_is_asked_by_the_noise_models_error():
     """Two fifths of the effect on average is there already, also where its sign changes from stretch to stretch."""
     for course, there in ((lambda k: 0.12, True), (lambda k: 0.12 + (1.0 if k % 2 else -1.0), True), (lambda k: 0.0, False)):

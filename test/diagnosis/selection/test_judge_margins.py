@@ -198,14 +198,14 @@ def test_a_dependence_needs_to_be_new_and_to_agree_with_itself(monkeypatch, base
 def test_a_baseline_that_is_quieter_than_the_noise_model_is_no_yardstick(quiet, said, louder):
     """By 0.1 of 0.1 nothing is louder, by 0.5 it is; what counts is the louder one of the baseline and the model's 1."""
     sizes = {"learn": (said, 0.1, 200.0), "base": (quiet, 0.0, 0.0)}
-    case = types.SimpleNamespace(loudness=lambda channel, choices, group: sizes[group], base={"torque": None}, learn={"torque": None})
+    case = types.SimpleNamespace(mostly_louder=lambda *_: False, loudness=lambda channel, choices, group: sizes[group], base={"torque": None}, learn={"torque": None})
     assert judge._louder(case, "torque", []) is louder
 
 
 @pytest.mark.parametrize(("channels", "louder"), [(1, True), (3, True), (4, False), (40, False)])
 def test_the_more_channels_the_less_likely_must_a_loudness_be(channels, louder):
     """2.8 standard errors are a chance of 0.0026: in one of three channels less than a hundredth, in one of four more."""
-    case = types.SimpleNamespace(loudness=lambda channel, choices, group: (1.28, 0.1, 1.0e6), base={}, learn=dict.fromkeys(range(channels)))
+    case = types.SimpleNamespace(mostly_louder=lambda *_: False, loudness=lambda channel, choices, group: (1.28, 0.1, 1.0e6), base={}, learn=dict.fromkeys(range(channels)))
     assert judge._louder(case, "torque", []) is louder is bool(channels * norm.sf(2.8) < 0.01)
 
 
@@ -265,7 +265,7 @@ def test_a_channel_is_clear_where_a_twentieth_of_what_its_cause_took_is_left(mon
 def test_how_certain_a_loudness_is_both_groups_of_stretches_tell(base, louder):
     """3.2 standard errors are a chance of 0.016 with four degrees of freedom, and of 0.006 with eight."""
     sizes = {"learn": (1.32, 0.1, 4.0), "base": base}
-    case = types.SimpleNamespace(loudness=lambda channel, choices, group: sizes[group], base={"torque": None}, learn={"torque": None})
+    case = types.SimpleNamespace(mostly_louder=lambda *_: False, loudness=lambda channel, choices, group: sizes[group], base={"torque": None}, learn={"torque": None})
     assert judge._louder(case, "torque", []) is louder
 
 

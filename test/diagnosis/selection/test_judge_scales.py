@@ -131,7 +131,7 @@ def test_without_a_baseline_a_channel_may_be_half_as_loud_again(excess, stands):
 @pytest.mark.parametrize(("freedom", "louder"), [(3.0, True), (2.0, False)])
 def test_loudness_without_a_baseline_is_as_certain_as_its_own_stretches(freedom, louder):
     """Five standard errors are one chance in a hundred by Student's t with three degrees of freedom, and not with two."""
-    case = types.SimpleNamespace(loudness=lambda channel, choices, group: (6.0, 1.0, freedom), base={}, learn={"torque": None})
+    case = types.SimpleNamespace(mostly_louder=lambda *_: False, loudness=lambda channel, choices, group: (6.0, 1.0, freedom), base={}, learn={"torque": None})
     assert judge._louder(case, "torque", []) is louder
 
 
