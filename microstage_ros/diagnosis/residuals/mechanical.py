@@ -41,7 +41,8 @@ MOST_SCATTER = 6.0      # medians that one block counts at most there; calibrate
 # of the contact's static limit that the unknown state of sticking blocks leaves open; calibrated by: `fit_spreads` on
 # healthy records of the shipped axis, 15 of 219 µN m; it measures it wherever a baseline is given
 STUCK_SHARE = 0.07
-# random friction of an axis file that states none: no friction repeats better than to a hundredth
+# random friction of an axis file that states none: no friction repeats better than to a hundredth; source: EMPS, a real
+# axis whose force differs by 0.34 N of 20 N between repetitions (docs/evidence/emps.md), the readings' noise included
 LEAST_RELATIVE = 0.01
 FURTHEST = 5.0  # standard deviations that a row counts at most; derived: noise comes so far once in 2·10⁶ rows
 # standard deviations of the logarithms (of the odds, for the share) about the axis file's figures; derived: ln 2, as a
