@@ -24,6 +24,7 @@ from microstage_ros.diagnosis.prerequisites.periods import periodic_forms
 from microstage_ros.diagnosis.prerequisites.prerequisites import find_known, slow_beside
 from microstage_ros.diagnosis.prerequisites.resonant import damped_forms
 from microstage_ros.diagnosis.prerequisites.slow_drift import Course, find_course, take_out
+from microstage_ros.diagnosis.prerequisites.timing import with_scatter
 from microstage_ros.diagnosis.report.pictures import drift_picture, gap_picture, pictures_of
 from microstage_ros.diagnosis.residuals.collection import Collection
 from microstage_ros.diagnosis.residuals.evidence_set import Evidences
@@ -39,6 +40,7 @@ from microstage_ros.diagnosis.selection.refinement import about_their_sizes, ref
 from microstage_ros.diagnosis.selection.selection import select
 from microstage_ros.diagnosis.selection.sizes import (
     before_the_gain,
+    effect_of,
     offset_of,
     stated_sizes,
     with_payload,
@@ -95,6 +97,8 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0, twin=()):
     if anew is not evidences:
         evidences, (choices, _) = anew, select(anew, effects)
     choices = beyond_the_known(evidences, choices, known, rests=not _swings(collection))
+    if "position" in judge.stands_out(evidences, choices):
+        evidences = with_scatter(collection, evidences, effect_of(evidences, choices, "encoder_sde"))
     rivals = {c.effect: judge.rivals_of(evidences, c, choices, effects) for c in choices}
     choices, rivals = one_force(evidences, choices, rivals)
     refined = refine(collection, about_their_sizes(evidences, choices))

@@ -1,5 +1,7 @@
 """Amplifier, winding and drive train in the stage-against-motor channel (all columns in metres of stage)."""
 
+import dataclasses
+
 import numpy as np
 from scipy.signal import lfilter
 
@@ -12,6 +14,9 @@ STIFFNESS_FACTORS = tuple(round(1.25**n, 3 if n < -8 else 2) for n in range(-14,
 MASS_FACTORS = tuple(round(1.12**n, 2) for n in (*range(-5, 0), *range(1, 14)))
 FLANK_FORCES = (0.02, 0.1, 0.25)                                       # N: over which a flank gives way
 SCREW_HARMONICS = (1, 2, 3)
+# of a gain above one, at which it meets the amplifier's limit until it is fitted, and the least at which it may after;
+# derived: a tenth leaves all but the last tenth of the voltage as it is, and a thousandth is no divisor of nothing
+FIRST_EXCESS, LEAST_EXCESS = 0.1, 1.0e-3
 MOST_LEAD_ERROR = REGISTRY["screw_pitch_error"].parameters["cumulative"].maximum    # of the lead
 
 
@@ -23,6 +28,22 @@ def amplifier_offset(channel, frame):
 def amplifier_gain(channel, frame):
     """u → factor · u; β = factor − 1."""
     return channel.integral(channel.prepared.answered)[:, None]
+
+
+def gain_within_the_limit(excess=FIRST_EXCESS):
+    """The same of an amplifier that has no more to give than its limit U: (clip(g u, ±U) − u)/(g − 1), g = 1 +
+    ``excess`` [1] above one."""
+    def columns(channel, frame):
+        told, most = channel.prepared.answered, frame.drive.voltage_limit
+        return channel.integral((np.clip((1.0 + excess) * told, -most, most) - told) / excess)[:, None]
+    return columns
+
+
+def _gain_about(beta):
+    """`LIMITED_GAIN` with the columns of the excess β that was fitted."""
+    excess = max(float(beta[0]), LEAST_EXCESS)
+    return dataclasses.replace(LIMITED_GAIN, variant=f"within the limit, {excess:.3g}",
+                               columns=gain_within_the_limit(excess))
 
 
 def amplifier_deadband(width):
@@ -172,9 +193,12 @@ def _near_one(smallest=False):
     return lambda beta: (0.0 if smallest else 0.5) < beta[0] < 1.8
 
 
+LIMITED_GAIN = Form("amplifier_gain", "windup", "within the limit", gain_within_the_limit(),
+                    one("factor", "1", value=lambda b: 1.0 + b), lambda b: b[0] > 0.0, about=_gain_about)
 FORMS = (
     Form("amplifier_offset", "windup", "", amplifier_offset, one("offset_V", "V")),
     Form("amplifier_gain", "windup", "", amplifier_gain, one("factor", "1", value=lambda b: 1.0 + b)),
+    LIMITED_GAIN,
     *(
         Form(
             "amplifier_deadband",

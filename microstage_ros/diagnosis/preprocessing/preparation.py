@@ -15,7 +15,7 @@ from microstage_ros.diagnosis.preprocessing.smoothing import triangle
 from microstage_ros.diagnosis.preprocessing.transmitted_force import offset_where_closed
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.signals.current import between_readings, settled_current
-from microstage_ros.signals.rows import bridged, of_row_after, of_row_before
+from microstage_ros.signals.rows import bridged, of_row_before
 from microstage_ros.signals.travel import motor_travel
 
 LEAST_ROWS = 5000    # derived: one piece of `lost_motion.SLOW`, without which no spread can be taken there
@@ -42,6 +42,8 @@ SHARE_ROWS = 16 * SHARE_REACH     # derived: far enough from both ends of what i
 LEAST_COUNT = 1.0e-11
 # share of the changes that must be whole multiples, and how near to one; derived: chance makes 0.04 of them
 ALL_COUNTS, WHOLE = 0.99, 0.02
+# samples lost one after the other; derived: four come once in 10⁵ rows where a twentieth is lost
+LOST_IN_A_ROW = 3
 # m, of the motor's position after that; calibrated by: the same
 MOTOR_NOISE = 2.0e-9
 
@@ -277,13 +279,17 @@ def count_of(reading):
 
 
 def _without_lost(current, repeated):
-    """The current (n,) [A] with single samples that were lost on the line between their neighbours.
+    """The current (n,) [A] with samples that were lost on the line between their neighbours.
 
-    A lost one stands for that of the period before: ``repeated`` (n,) with the encoder's. Where many rows in a row are
-    alike nothing was lost.
+    A lost one stands for that of the period before: ``repeated`` (n,) with the encoder's. Where more than
+    `LOST_IN_A_ROW` are alike nothing was lost: the axis rests.
     """
-    alone = repeated & ~of_row_before(repeated) & ~of_row_after(repeated)
-    return bridged(np.where(alone, np.nan, current))
+    starts, stops = np.flatnonzero(np.diff(np.concatenate([[False], repeated, [False]]).astype(int))).reshape(-1, 2).T
+    short = stops - starts <= LOST_IN_A_ROW
+    lost = np.zeros(len(current), bool)
+    for start, stop in zip(starts[short], stops[short]):
+        lost[start:stop] = True
+    return bridged(np.where(lost, np.nan, current))
 
 
 def _filled(values, place):

@@ -206,6 +206,22 @@ def _subdivisional(position, sde):
     return error
 
 
+def with_scatter(collection, evidences, sde=None):
+    """`Evidences` whose position channel knows the noise of readings at random times and of lost ones, τ² v² and p T²
+    v², where these stand out; the very same ``evidences`` else. ``sde``: as in `timing_of`."""
+    learn, held, base = (collection.prepared[group] for group in ("learn", "held", "base"))
+    late = readings_late(learn, held, base, sde)
+    if late is None:
+        return evidences
+    tables = {group: dict(getattr(evidences, group)) for group in ("learn", "held")}
+    forms = [form for form in evidences.forms if form.channel == "position"]
+    for group, how in (("learn", collection.gather), ("held", collection.growing)):
+        for channels in collection.channels[group]:
+            channels["position"].growth = late[0].grown
+        tables[group]["position"] = how("position", forms, group)
+    return evidences.with_tables(tables["learn"], tables["held"])
+
+
 def readings_late(learn, held, base, sde=None):
     """(`Timing` of the learning records, of the held-out ones) if jitter or lost samples stand out, else None.
 

@@ -62,6 +62,7 @@ class Position:
     def __init__(self, prepared, drive):
         self.prepared, self.drive = prepared, drive
         self.drifts = False     # set where the record takes a course of its own, see `slow_drift`
+        self.growth = 0.0       # variance of a reading over its squared speed [s²], where it is late at random
         self.time, self.position, self.speed = (self.mean(v) for v in (
             prepared.time, prepared.stage_position, prepared.stage_speed))
         difference = prepared.interferometer - prepared.encoder
@@ -88,5 +89,5 @@ class Position:
         shaken = self.speed + self.mean(np.gradient(p.shake, p.period)) if np.any(p.shake) else self.speed
         step = np.abs(shaken) * BLOCK * p.period
         keeps = np.exp(-step / self.renewal - BLOCK * p.period / RENEWAL_TIME)[:, None]
-        white = np.full(len(self.residual), self.scatter**2)
+        white = self.scatter**2 + self.growth * self.speed**2 / BLOCK
         return whiten_states(matrix, np.ones((len(step), 1)), keeps, (self.rounding,), white)

@@ -87,13 +87,20 @@ def with_rattled_mass(causes, mass, stderr):
     return [dataclasses.replace(c, **rattled) if c.id == "payload_change" else c for c in causes]
 
 
+def effect_of(evidences, choices, effect):
+    """Entry of the ``effects`` section of the first form of one ``effect`` among the ``choices``; None if it is
+    not."""
+    choice = next((c for c in choices if c.effect == effect), None)
+    return None if choice is None else sizes_of(evidences, choice, choices, choice.forms[0])[1]
+
+
 def offset_of(evidences, choices):
     """The amplifier's offset [V] at its input, of `Choice`s fitted by ``evidences`` together; 0 where none was
     chosen."""
     if all(c.effect != "amplifier_offset" for c in choices):
         return 0.0
     sizes = evidences.learn["windup"].sizes(Evidences._keys("windup", choices))
-    gain = 1.0 + (float(sizes["amplifier_gain", ""][0]) if ("amplifier_gain", "") in sizes else 0.0)
+    gain = 1.0 + sum(float(value[0]) for (effect, _), value in sizes.items() if effect == "amplifier_gain")
     return float(sizes["amplifier_offset", ""][0]) / gain
 
 

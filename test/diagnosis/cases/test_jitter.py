@@ -12,7 +12,9 @@ def test_jitter_and_lost_samples_have_their_own_sizes(axis, number, jitter, lost
     """9.8 us of 10, none of none (11 were stated) and 20.3 of 20 (16 were); a count of 50 nm makes them uncertain by some hundredths."""
     hidden = Hidden("late", ("sampling_jitter",), {"sampling_jitter": {"jitter_s": jitter, "lost_fraction": lost}})
     records, holdout, baseline = make_case(axis, hidden, 16400 + number, 0.03)
-    cause = next(c for c in diagnose_records(axis, records, holdout, baseline, seed=0).causes if c.id == "sampling_jitter")
+    answer = diagnose_records(axis, records, holdout, baseline, seed=0)
+    assert answer.verdict == "explained" and [c.id for c in answer.causes] == ["sampling_jitter"]     # its scatter is no unknown noise
+    cause = answer.causes[0]
     assert abs(cause.parameters["lost_fraction"].value - lost) < 0.1 * lost + 1e-4
     assert ("jitter_s" in cause.parameters) == (jitter > 0.0)
     if jitter:
