@@ -42,7 +42,9 @@ DOMINANCE = 0.5          # of the gain of the strongest form, accepted or not, t
 HELD_SHARE = 0.1         # of what it can hold on held-out records; derived: as `selection.HELD_SHARE`
 # of what an average learning record shows that is enough, too; calibrated by: validation.margins (0.097 to 0.48)
 TAUGHT_SHARE = 0.2
-IN_BASELINE = 0.3        # of what it can hold in the baseline's records that they may show of it
+# of what it can hold in the baseline's records that they may show of it; derived: 2 s − 1 of a baseline that has the
+# share s = 0.65 of its time
+IN_BASELINE = 0.3
 LONGEST = 64             # periods; derived: the power of two above the 60 that `TransportDelay` may have
 # periods; derived: half way between two of the catalogue's forms, and half as far again
 DELAY_REACH = 0.75

@@ -30,8 +30,7 @@ STANDS_OUT = 1.4
 EXPLAINS = 0.4
 # already at the best of the first widths; calibrated by: the same (up to 0.38), and validation.margins (0.20 and more),
 EXPLAINS_FIRST = 0.25
-EXPLAINS_HELD = 0.1      # and of the held-out records, where another cause may stand out more,
-EXPLAINS_ALONE = 0.5     # or of every learning record alone
+EXPLAINS_ALONE = 0.5     # or of every learning record alone, where the held-out ones are no nearer with it
 # times the χ² of held-out records without the gap that a replay may leave there; derived: one that lost its place is on
 # the wrong flank, and off by the gap where the model without one is off by half of it
 LOST = 4.0
@@ -242,7 +241,7 @@ def _replayed(prepared, drive):
         min(_explained([c], width, _losses, usual) for c in channels["learn"]) if len(channels["learn"]) > 1 else 0.0
     )
     again = max(_explained(channels["held"], width, *how) for how in ((_losses, usual), (_squares, 1.0)))
-    if again < EXPLAINS_HELD and alone < EXPLAINS_ALONE:
+    if again <= 0.0 and alone < EXPLAINS_ALONE:
         return None
     if channels["base"] and _losses(channels["base"], width) < _losses(channels["base"], 0.0):
         return None

@@ -40,7 +40,9 @@ SLOW = 2001
 # m: speed, and with it the whitening's gain, changes from move to move, so one line has sides this close;
 # calibrated by: validation.variation --group stretch --world second (half and double: the same answers)
 STRETCH = 1.0e-3
-LEAST_VALUES = 200   # in one direction of one record, to be looked at
+# in one direction of one record, to be looked at; derived: a wave as large as the noise has a power of n/4 = 50 of so
+# many, twice what `CHANCE` leaves of 10⁴ frequencies, −ln 10⁻¹⁰
+LEAST_VALUES = 200
 # relative distance from a whole or half number of cycles per turn that is none; calibrated by:
 # validation.margins (3.9e-3 to 4.6e-3)
 SNAP = 4.0e-3

@@ -22,7 +22,7 @@ ABOVE_BASE = 3.0   # times the baseline's course
 LEAST = 2.0e-9
 # m rms: above it, other residuals must take it into account; calibrated by: validation.margins (6.2e-10 to 9.6e-8)
 MATTERS = 2.0e-8
-OF_ALL = 0.1       # share of the whole residual's variance
+OF_ALL = 0.1       # share of the whole residual's variance; derived: a third of its rms, squared
 TINY = np.finfo(float).tiny
 
 

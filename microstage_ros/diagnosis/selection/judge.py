@@ -35,22 +35,26 @@ from microstage_ros.diagnosis.selection.selection import (
 from microstage_ros.diagnosis.selection.splinters import FAINT_GAIN, FRICTIONS, LEVEL, stand_side_by_side
 from microstage_ros.model.effects import REGISTRY
 
-RIVAL_SHARE = 0.02      # and share of its own gain
+# and share of its own gain; calibrated by: validation.margins --kind two --world second --seed 18001 --cases 100
+# (0.016 to 0.062)
+RIVAL_SHARE = 0.02
 # χ² per row over the baseline's that no healthy record reaches; calibrated by: validation.margins (1.04 to 1.54)
 SCATTER = 1.35
 LARGEST_ASYMMETRY = REGISTRY["direction_asymmetry"].parameters["asymmetry"].maximum   # of the guideways' limits
 ONE_FORCE = {"gravity_tilt", "direction_asymmetry"}
 # share of a tilt's gain from which the asymmetry, but for the record's first 40 µm the same, explains it too
 CONSTANT = 0.5
-# times the model's own noise that a healthy channel may show where no baseline says what it usually shows
-UNSEEN = 1.5
+# times the model's own noise that a healthy channel may show where no baseline says what it usually shows; derived:
+# with `SCATTER` twice, as a figure of one significant digit is uncertain by a factor of two
+UNSEEN = 2.0 / SCATTER
 # times its own part that may be left in the channel of a cause of no one size; in the torque calibrated by: microstage
 # campaign --world second --kind two --seed 10301, case 81 (4.6 beside a tilt that was none)
 STRANGER, STRANGER_IN_TORQUE = 6.0, 3.0
 # relative standard error of a size, by how stretches scatter, up to which it is one and the same; calibrated by:
 # microstage campaign --world second --kind two --seed 8205, case 5 (an encoder's error beside a drift, 0.0996)
 SIZE_OF_NO_STRANGER = 0.12
-# of what is left between the two readings that a cause must hold if only one of them tells of it
+# of what is left between the two readings that a cause must hold if only one of them tells of it; derived: what a size
+# of the other that is off by a third leaves of it, squared
 READING_SHARE = 0.1
 # of what a cause takes from its channel that may be left there above the noise; derived: a size that is off by a fifth
 # leaves a twenty-fifth
@@ -62,7 +66,9 @@ ALONE = 2.0             # times its threshold that a dependence must reach if on
 # --world second, seeds 901 (healthy: 44, 47, 63, 83 and 578 held by wrong names), 921, 923, 941 (right ones: 158 and
 # more)
 LEAST_EVIDENCE = 115.0
-LEFT_SHARE = 0.08       # of what stood out, above which something is left
+# of what stood out, above which something is left; calibrated by: validation.margins --kind two --world second --seed
+# 18001 --cases 100 (0.004 to 0.113)
+LEFT_SHARE = 0.08
 COORDINATES = {
     "position": "position", "direction": "direction", "acceleration": "acceleration", "voltage": "voltage",
     "time": "time", "friction in time": "time", "viscous in time": "time", "velocity": "velocity", "speed": "velocity",

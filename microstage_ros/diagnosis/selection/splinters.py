@@ -13,7 +13,9 @@ from microstage_ros.diagnosis.selection.stroke_profile import profile_of
 # of one candidate; derived: some hundred candidates at 10⁻⁶ name a cause of a healthy axis by chance in 10⁻⁴ of the
 # cases
 LEVEL = math.log(1e-6)
-FAINT = 1.0e-3               # share of all gain on held-out records below which a further cause is not reported
+# share of all gain on held-out records below which a further cause is not reported; derived: a size of the largest that
+# is off by 3 % leaves as much, squared
+FAINT = 1.0e-3
 # and χ² above which it is reported all the same; derived: one size reaches it by chance in 10⁻¹⁴ of the cases
 FAINT_GAIN = LEAST_GAIN
 # share of what its channel's others explain above which a cause is no misfit of them; calibrated by: validation.margins
@@ -34,11 +36,15 @@ LINEAR = ("amplifier_gain", "amplifier_offset", "scale_error", "refractive_index
 STEADY = 0.05
 # beside a growth whose power was fitted; derived: a power that is off by a fiftieth (`growth.UNSURE`), squared
 FITTED = 4.0e-4
-#: and more beside those whose forms are a coarse grid that leaves that much; less beside those above
+#: and more beside those whose forms are a coarse grid that leaves that much; less beside those above; calibrated by:
+#: validation.margins --kind two --world second --seed 18001 --cases 100 (0.13 and more beside rising static friction,
+#: 0.18 to 0.40 beside creep, 0.05 and more beside friction along the stroke, as much beside a gap)
 MINOR_BESIDE = {"amplifier_gain": EXACT, "amplifier_offset": EXACT, "scale_error": EXACT,
                 "rising_static_friction": 0.25, "presliding_creep": 0.25, "nonlinear_viscous": FITTED, "backlash": 0.08,
                 "position_dependent_friction": 0.08}
-OWN_SHARE = 0.2     # of a small cause's gain that must be left beside a wider shape of the larger one
+# of a small cause's gain that must be left beside a wider shape of the larger one; calibrated by: the same (0.18 to
+# 0.54)
+OWN_SHARE = 0.2
 FRICTIONS = ("friction_level_change", "viscous_change")
 #: What flips with the direction leaves nothing that does not, however much of it there is.
 FLIPS = (*FRICTIONS, "nonlinear_viscous", "frictional_lag", "rising_static_friction", "presliding_creep")

@@ -38,7 +38,7 @@ TINY = np.finfo(float).tiny
 WATCHED = {
     "prerequisites.amplifier": ("CLEAR", "IN_BASELINE", "TAUGHT_SHARE"),
     "prerequisites.lines": ("NARROW",),
-    "prerequisites.lost_motion": ("STANDS_OUT", "EXPLAINS", "EXPLAINS_FIRST", "EXPLAINS_HELD", "LEAST"),
+    "prerequisites.lost_motion": ("STANDS_OUT", "EXPLAINS", "EXPLAINS_FIRST", "LEAST"),
     "prerequisites.periods": ("REAL", "ONE_PHASE", "SNAP", "LEAST_VALUES"),
     "prerequisites.resonant": ("STANDS_OUT", "BETTER", "FAR", "EXPLAINS"),
     "prerequisites.slow_drift": ("PREDICTED_SHARE", "LEAST", "MATTERS", "OF_ALL"),

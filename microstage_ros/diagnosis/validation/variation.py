@@ -52,7 +52,7 @@ GROUPS = {
     "delay": ("prerequisites.amplifier", ("LEAST_TIME", "SHORT_OF_WHOLE", "DELAY_STEP"),
               ("transport_delay", "actuator_lag")),
     "stretch": ("prerequisites.periods", ("STRETCH",), ("encoder_sde", "torque_ripple", "screw_pitch_error")),
-    "gap": ("prerequisites.lost_motion", ("BOUND", "LEAST_ERROR", "RATTLE_ERROR", "EXPLAINS_HELD"), ("backlash",)),
+    "gap": ("prerequisites.lost_motion", ("BOUND", "LEAST_ERROR", "RATTLE_ERROR"), ("backlash",)),
     "drift": ("prerequisites.slow_drift", ("OF_ALL",), ("thermal_drift", "refractive_index")),
     "motion": ("preprocessing.motion", ("LOAD_WALK", "REACH"), ("frictional_lag", "amplifier_gain")),
     "fusion": ("preprocessing.preparation", ("FUSION", "STAGE_FUSION", "GAP_FUSION"),

@@ -325,9 +325,9 @@ def test_friction_along_the_stroke_tells_a_level_from_a_viscosity_by_its_mean(mo
     assert selection.level_or_viscous(case, [profile, other]) is None       # one of the two cannot be asked
 
 
-@pytest.mark.parametrize(("alone", "kept"), [(340.0, 3), (360.0, 2)])
+@pytest.mark.parametrize(("alone", "kept"), [(490.0, 3), (510.0, 2)])
 def test_a_payload_that_explains_enough_of_a_resonance_needs_no_soft_drive_beside_it(monkeypatch, alone, kept):
-    """0.35 of 1000; what else is there, 5000 of χ², counts for nothing."""
+    """Half of 1000; what else is there, 5000 of χ², counts for nothing."""
     case = Written({("payload_change", "resonance", ""): (alone, 100.0, 1), ("drive_compliance", "resonance", ""): (1000.0 - alone, 100.0, 1),
                     ("gravity_tilt", "torque", ""): (5000.0, 100.0, 1)})
     three = [case.choice(form.effect) for form in case.forms]
