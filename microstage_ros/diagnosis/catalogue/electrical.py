@@ -34,8 +34,8 @@ def gain_within_the_limit(excess=FIRST_EXCESS):
     """The same of an amplifier that has no more to give than its limit U: (clip(g u, ±U) − u)/(g − 1), g = 1 +
     ``excess`` [1] above one."""
     def columns(channel, frame):
-        told, most = channel.prepared.answered, frame.drive.voltage_limit
-        return channel.integral((np.clip((1.0 + excess) * told, -most, most) - told) / excess)[:, None]
+        command, most = channel.prepared.answered, frame.drive.voltage_limit
+        return channel.integral((np.clip((1.0 + excess) * command, -most, most) - command) / excess)[:, None]
     return columns
 
 
