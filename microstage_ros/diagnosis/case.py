@@ -97,7 +97,8 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0, twin=()):
     if anew is not evidences:
         evidences, (choices, _) = anew, select(anew, effects)
     choices = beyond_the_known(evidences, choices, known, rests=not _swings(collection))
-    if "position" in judge.stands_out(evidences, choices):
+    # behind a gap the stage's speed is its reading's, whose noise would weigh more than its swing
+    if known.gap is None and "position" in judge.stands_out(evidences, choices):
         evidences = with_scatter(collection, evidences, effect_of(evidences, choices, "encoder_sde"))
     rivals = {c.effect: judge.rivals_of(evidences, c, choices, effects) for c in choices}
     choices, rivals = one_force(evidences, choices, rivals)
