@@ -14,8 +14,8 @@ STIFFNESS_FACTORS = tuple(round(1.25**n, 3 if n < -8 else 2) for n in range(-14,
 MASS_FACTORS = tuple(round(1.12**n, 2) for n in (*range(-5, 0), *range(1, 14)))
 FLANK_FORCES = (0.02, 0.1, 0.25)                                       # N: over which a flank gives way
 SCREW_HARMONICS = (1, 2, 3)
-# of a gain above one, at which it meets the amplifier's limit until it is fitted, and the least at which it may after;
-# derived: a tenth leaves all but the last tenth of the voltage as it is, and a thousandth is no divisor of nothing
+# g − 1 of a gain above one: what is assumed until it is fitted, and the least after; derived: a tenth leaves all but
+# the last tenth of the voltage unlimited, and a divisor is never nothing
 FIRST_EXCESS, LEAST_EXCESS = 0.1, 1.0e-3
 MOST_LEAD_ERROR = REGISTRY["screw_pitch_error"].parameters["cumulative"].maximum    # of the lead
 

@@ -8,7 +8,7 @@ from microstage_ros.diagnosis.residuals.evidence_set import Evidences
 @dataclasses.dataclass
 class Ledger:
     """χ² of the held-out records: before, after the causes, at the floor, rows; each cause's own part, and what is left
-    above the floor by channel; ``audible``: above the floor and the model's own noise both."""
+    above the floor by channel; ``above_noise``: above the floor and the model's own noise both."""
 
     before: float = 0.0
     after: float = 0.0
@@ -16,7 +16,7 @@ class Ledger:
     rows: int = 0
     parts: dict = dataclasses.field(default_factory=dict)
     left: dict = dataclasses.field(default_factory=dict)
-    audible: dict = dataclasses.field(default_factory=dict)
+    above_noise: dict = dataclasses.field(default_factory=dict)
 
     @property
     def excess(self):
@@ -28,7 +28,7 @@ class Ledger:
         something still. How loud another one is differs from record to record by more than a small cause holds, and is
         asked by `stands_out`.
         """
-        left = sum(self.audible.get(channel, 0.0) for channel in set(channels))
+        left = sum(self.above_noise.get(channel, 0.0) for channel in set(channels))
         return left / max(self.before - self.after + left, 1e-9)  # derived: a divisor, never nothing
 
 
@@ -56,7 +56,7 @@ def ledger_of(evidences, choices):
         book.floor += floor / scale
         book.rows += held.rows
         book.left[channel] = after - floor / scale
-        book.audible[channel] = max(after - max(floor, held.rows) / scale, 0.0)
+        book.above_noise[channel] = max(after - max(floor, held.rows) / scale, 0.0)
     book.floor = min(book.floor, book.after)
     for choice in choices:
         others = [c for c in choices if c is not choice]

@@ -26,7 +26,7 @@ FORM_ERROR = {
     "direction_asymmetry": 0.03,                 # 0.0017 to 0.030
     "viscous_change": 0.011,                     # 0.0039 to 0.011
     "refractive_index": 0.0074,                  # 0.0057 to 0.010
-    "backlash": 0.08,                            # 0.0001 to 0.11, see below
+    "backlash": 0.08,                            # 0.0001 to 0.11
     "position_dependent_friction": 0.12,         # 0.014 to 0.13
     ("drive_compliance", "resonance"): 0.06,     # 0.020 to 0.058
     ("drive_compliance", "windup"): 0.03,        # inside the same

@@ -155,6 +155,10 @@ def main(argv=None):
     parser.add_argument("--strength", type=float, default=1.0, help="of what is hidden, times the usual")
     parser.add_argument("--alone", nargs="*", metavar="NAME", help="every constant of a group, or these, on its own")
     given = parser.parse_args(argv)
+    strange = set(given.alone or ()).difference(*(GROUPS[group][1] for group in given.group))
+    if strange:
+        known_ones = ", ".join(name for group in given.group for name in GROUPS[group][1])
+        parser.error(f"--alone: got {' '.join(sorted(strange))}, expected some of {known_ones}")
     path = str(config_file("axis.yaml"))
     axis, known = load_axis(path), {}
 

@@ -92,7 +92,7 @@ def examples(module, axis, kind, seeds):
 
 
 def main(argv=None):
-    """Print the errors of both speeds for every window, world and factor, as mean square over the records."""
+    """Print the errors of both speeds for every window, world and factor, rms over the records."""
     parser = argparse.ArgumentParser(prog="windows", description=__doc__.split("\n")[0])
     parser.add_argument("--window", nargs="+", default=list(WINDOWS), choices=list(WINDOWS))
     parser.add_argument("--factors", nargs="+", type=float, default=[0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 4.0])

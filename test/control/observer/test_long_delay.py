@@ -23,10 +23,10 @@ def largest(columns, first=0):
     return np.abs(columns["stage_m"] - columns["reference_m"])[first:].max()
 
 
-@pytest.mark.parametrize("delay, most", [(5e-4, 3e-7), (1e-3, 9e-7), (2e-3, 5e-6)])
+@pytest.mark.parametrize("delay, most", [(5e-4, 2e-7), (1e-3, 9e-7), (2e-3, 5e-6)])
 def test_long_delay_is_found_at_once_and_the_observer_law_goes_on_with_it(axis, run, delay, most):
     """Handed over to the encoder-only law it cost 2.4, 5.4 and 15 um; after the first 0.1 s, in which it is found.
-    Of 1200 records with 0.5 ms 7 went beyond 0.2 um (0.2 to 1.2 %), 0.26 at most."""
+    Of 1200 records with 0.5 ms 7 went beyond 0.2 um (0.2 to 1.2 %), 0.26 at most: one set of seven seeds in 25."""
     effects = {"transport_delay": {"delay_s": delay}}
     for seed in range(1, 8):
         columns = run("self_tuning_observer", PROGRAM, seed=seed, effects=effects)

@@ -20,22 +20,31 @@ TRUTH = ("motor_speed_rad_s", "stage_velocity_m_s", "actuator_friction_Nm", "gui
 SEED = 9601 * 100_003 + 97
 
 
-@pytest.fixture(scope="module")
-def records(axis):
+def made(axis, seed):
     """Learning, held-out and baseline records, with the true speeds and frictions."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(second_world, "SEEN", (*second_world.SEEN, *TRUTH))
         patch.setattr(second_world, "CONTROLLERS", ("pid", "pid_feedforward", "self_tuning"))    # of which this seed draws one that swings
         hidden = Hidden("soft", ("drive_compliance",), {"drive_compliance": SOFT})
-        return second_world.make_case(axis, hidden, SEED, 0.04, "generalised_maxwell_slip")
+        return second_world.make_case(axis, hidden, seed, 0.04, "generalised_maxwell_slip")
+
+
+def balance(record, drive):
+    """Torque balance of a record, with the drive train as it is."""
+    soft = dataclasses.replace(drive, stiffness=drive.stiffness * SOFT["stiffness_factor"],
+                               damping=drive.damping * SOFT["damping_factor"])
+    return Mechanical(prepare(record, soft), drive)
+
+
+@pytest.fixture(scope="module")
+def records(axis):
+    return made(axis, SEED)
 
 
 @pytest.fixture(scope="module")
 def channel(records, drive):
-    """Torque balance of one record of the swing, with the drive train as it is."""
-    soft = dataclasses.replace(drive, stiffness=drive.stiffness * SOFT["stiffness_factor"],
-                               damping=drive.damping * SOFT["damping_factor"])
-    return Mechanical(prepare(records[0][0], soft), drive)
+    """Torque balance of one record of the swing."""
+    return balance(records[0][0], drive)
 
 
 def test_the_motors_speed_is_known_to_a_hundredth(records, channel, drive):
@@ -45,14 +54,17 @@ def test_the_motors_speed_is_known_to_a_hundredth(records, channel, drive):
     assert np.std(channel.prepared.speed - speed) < 0.01 * np.std(speed)
 
 
-def test_what_the_motor_gives_is_what_rotor_stage_and_frictions_take(records, channel, drive):
+def test_what_the_motor_gives_is_what_rotor_stage_and_frictions_take(axis, records, channel, drive):
     """The error, as a viscosity, was sixteen times the axis's own, and a fifth of it as long as a part of the current was not
-    smoothed like the rest. It is a tenth on this seed, and a thousandth on two others."""
-    record = records[0][0]
-    stage = record["guideway_friction_N"] + drive.mass * np.gradient(record["stage_velocity_m_s"], PERIOD)
-    left = channel.torque - channel.mean(record["actuator_friction_Nm"] + drive.lever * stage)
-    left, viscous = channel.whiten(np.stack([left, channel.viscous], axis=1))[0].T
-    assert abs(viscous @ left) < 0.15 * (viscous @ viscous)
+    smoothed like the rest. It is 0.09 over three records: 0.10 on this seed, which holds most of it, and 0.001 on two others."""
+    balances = [(records[0][0], channel), *((one, balance(one, drive)) for one in (made(axis, seed)[0][0] for seed in (5, 6)))]
+    own = error = 0.0
+    for record, torque in balances:
+        stage = record["guideway_friction_N"] + drive.mass * np.gradient(record["stage_velocity_m_s"], PERIOD)
+        left = torque.torque - torque.mean(record["actuator_friction_Nm"] + drive.lever * stage)
+        left, viscous = torque.whiten(np.stack([left, torque.viscous], axis=1))[0].T
+        own, error = own + viscous @ viscous, error + abs(viscous @ left)
+    assert error < 0.1 * own
 
 
 def test_force_over_deflection_of_the_swing_is_a_straight_line(records, drive):

@@ -200,7 +200,7 @@ def test_a_ledger_begins_at_nothing():
 
 def test_what_is_left_counts_where_the_causes_are():
     """Of 90 explained 10 are left in the torque, none in the wind-up, and the position is as loud as it happens to be."""
-    book = Ledger(before=190.0, after=100.0, floor=40.0, audible={"torque": 10.0, "windup": 0.0, "position": 50.0})
+    book = Ledger(before=190.0, after=100.0, floor=40.0, above_noise={"torque": 10.0, "windup": 0.0, "position": 50.0})
     assert book.remaining(["windup"]) == 0.0 and book.remaining(["torque", "torque", "windup"]) == 0.1
     assert book.remaining(["position"]) == pytest.approx(50.0 / 140.0) and book.remaining(["command"]) == 0.0
     assert Ledger().remaining(["torque"]) == 0.0
@@ -208,10 +208,10 @@ def test_what_is_left_counts_where_the_causes_are():
 
 def test_what_is_no_louder_than_the_models_noise_is_not_left():
     """Of a channel that is 0.6 of it in the baseline and 0.9 in the held-out records, nothing; of 1.5, half."""
-    for size, audible in ((0.9, 0.0), (1.5, 0.5)):
+    for size, above_noise in ((0.9, 0.0), (1.5, 0.5)):
         world = World(PLAIN, {}, excess={"torque": size - 1.0}, seed=49)
         held = world.evidences.held["torque"]
         book = ledger_of(world.evidences, [])
         usual = max(usual_size(world.evidences, "torque"), 1.0)
-        assert book.audible["torque"] == pytest.approx(max(held.energy() / held.rows - usual, 0.0) * held.rows / world.evidences.scatter["torque"])
-        assert (book.audible["torque"] > 0.0) == (audible > 0.0)
+        assert book.above_noise["torque"] == pytest.approx(max(held.energy() / held.rows - usual, 0.0) * held.rows / world.evidences.scatter["torque"])
+        assert (book.above_noise["torque"] > 0.0) == (above_noise > 0.0)
