@@ -25,7 +25,9 @@ PERIOD, WINDING = 1.0e-4, 22.0e-6  # s
 
 def of_known_speed(**given):
     """A channel whose motor's speed takes nothing of the voltage."""
-    return types.SimpleNamespace(beside_speed=lambda voltage: voltage[:, None], **{"prompt": given["command"], **given})
+    channel = types.SimpleNamespace(**{"prompt": given["command"], **given})
+    channel.filtered = lambda amplifier: (amplifier(channel.prompt) - channel.command)[:, None]
+    return channel
 
 
 STEPS = 2000

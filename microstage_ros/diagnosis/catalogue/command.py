@@ -86,15 +86,14 @@ def late_and_lagged(command, periods, time, winding):
 def transport_delay(periods):
     """u(t − delay) − u(t), the delay being ``periods`` [1], beside the motor's speed: a form's columns, (n, 1)."""
     def columns(channel, frame):
-        return channel.beside_speed(delayed(channel.prompt, periods, channel.winding) - channel.command)
+        return channel.filtered(lambda command: delayed(command, periods, channel.winding))
     return columns
 
 
 def actuator_lag(time):
     """Command through a lag of ``time`` [s] minus command, beside the motor's speed: a form's columns, (n, 1)."""
     def columns(channel, frame):
-        late = lagged(channel.prompt, time, channel.prepared.period, channel.winding)
-        return channel.beside_speed(late - channel.command)
+        return channel.filtered(lambda command: lagged(command, time, channel.prepared.period, channel.winding))
     return columns
 
 
@@ -119,15 +118,16 @@ def delay_form(periods, period=1e-4, anyway=False):
 def whole_delay_form(whole):
     """The `Form` of all delays from so many ``whole`` periods [1] to one more, exactly: sizes 1 and `weight_of_old`."""
     def columns(channel, frame):
-        early, late = _shifted(channel.prompt, whole)
-        return np.concatenate([channel.beside_speed(part) for part in (early - channel.command, late - early)], axis=1)
+        early = channel.filtered(lambda command: _shifted(command, whole)[0])
+        late = channel.filtered(lambda command: _shifted(command, whole)[1])
+        return np.concatenate([early, late - early], axis=1)
     return Form("transport_delay", "command", f"from {whole}", columns)
 
 
 def delay_and_lag_form(periods, time):
     """The `Form` of an amplifier that comes ``periods`` [1] late and lags by ``time`` [1] of them."""
     def columns(channel, frame):
-        return channel.beside_speed(late_and_lagged(channel.prompt, periods, time, channel.winding) - channel.command)
+        return channel.filtered(lambda command: late_and_lagged(command, periods, time, channel.winding))
     return Form("transport_delay", "command", f"{periods:g} beside {time:g}", columns)
 
 

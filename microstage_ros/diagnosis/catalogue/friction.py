@@ -6,7 +6,7 @@ import functools
 import numpy as np
 
 from microstage_ros.diagnosis.catalogue.form import Form, one, splines, wave
-from microstage_ros.diagnosis.preprocessing.friction_replay import lag_factor, replay
+from microstage_ros.diagnosis.preprocessing.friction_replay import lag_factor, replayed_force
 from microstage_ros.diagnosis.preprocessing.motion import through_play
 from microstage_ros.diagnosis.preprocessing.smoothing import triangle
 from microstage_ros.numerics.compiled import compiled
@@ -48,11 +48,19 @@ def _changed(channel, frame, **how):
     speed = p.contact_speed[::COARSE] / drive.radius
     if "factor" in how:
         how["factor"] = np.ascontiguousarray(how["factor"][::COARSE])
-    changed, _ = replay(drive.actuator, speed, COARSE * p.period, **how)
+    changed = replayed_force(drive.actuator, speed, COARSE * p.period, **how)
     plain = channel.coarse_friction(COARSE)
     if "flow" in how and drive.actuator.law >= 0:   # the flow is carried by the blocks: so is what it is compared with
-        plain, _ = replay(drive.actuator, speed, COARSE * p.period, flow=np.zeros(len(speed)))
+        plain = _kept(channel, "of blocks", lambda: replayed_force(drive.actuator, speed, COARSE * p.period,
+                                                                   flow=np.zeros(len(speed))))
     return channel.mean(changed - plain, COARSE)[:, None]
+
+
+def _kept(channel, name, make):
+    """What several forms need of a channel, made once: the array ``make()`` under this ``name``."""
+    if name not in channel.kept:
+        channel.kept[name] = make()
+    return channel.kept[name]
 
 
 def _with_own(channel, replayed):
@@ -65,10 +73,8 @@ def _with_own(channel, replayed):
 
 def _replayed_by_limits(channel, frame):
     """The replayed friction's derivative by a factor on its limits, (blocks,) [N m]."""
-    if "by limits" not in channel.kept:      # forms of every spacing and period need it
-        factor = np.full(len(channel.prepared.time), 1.0 + LIMIT_STEP)
-        channel.kept["by limits"] = _changed(channel, frame, factor=factor)[:, 0] / LIMIT_STEP
-    return channel.kept["by limits"]
+    factor = np.full(len(channel.prepared.time), 1.0 + LIMIT_STEP)
+    return _kept(channel, "by limits", lambda: _changed(channel, frame, factor=factor)[:, 0] / LIMIT_STEP)
 
 
 def by_limits(channel, frame):
@@ -110,7 +116,7 @@ def guideway_asymmetry(channel, frame):
     """The same of the guideways' limits alone [N m]: a constant force but for their long pre-sliding."""
     p, drive = channel.prepared, frame.drive
     speed = p.stage_speed[::COARSE]
-    plain, changed = (replay(drive.guideway, speed, COARSE * p.period, asymmetry=a)[0] for a in (0.0, LIMIT_STEP))
+    plain, changed = (replayed_force(drive.guideway, speed, COARSE * p.period, a) for a in (0.0, LIMIT_STEP))
     return drive.lever * channel.mean(changed - plain, COARSE)[:, None] / LIMIT_STEP
 
 
@@ -266,7 +272,7 @@ def rising_static(scale, release, step):
     """
     def columns(channel, frame):
         p = channel.prepared
-        age = _ageing(p.stuck, _calm_speed(p), p.period, scale, release)
+        age = _ageing(p.stuck, _kept(channel, "calm speed", lambda: _calm_speed(p)), p.period, scale, release)
         return _changed(channel, frame, factor=1.0 + step * age) / step
     return columns
 
@@ -305,7 +311,7 @@ def presliding_creep(scale, amplitude):
     ``amplitude`` [m]. ``scale``: time from which it slows down [s]."""
     def columns(channel, frame):
         p = channel.prepared
-        held = _clock(_calm_speed(p), p.period, CREEP_RELEASE)[::COARSE]
+        held = _clock(_kept(channel, "calm speed", lambda: _calm_speed(p)), p.period, CREEP_RELEASE)[::COARSE]
         flow = amplitude / frame.drive.radius * COARSE * p.period / (held + scale)
         return _changed(channel, frame, flow=flow) / amplitude
     return columns

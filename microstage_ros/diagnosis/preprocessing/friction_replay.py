@@ -57,12 +57,22 @@ def replay(contact, speed, period, asymmetry=0.0, factor=None, flow=None):
     creeps = flow is not None
     factor = np.ones(1) if factor is None else factor
     flow = np.zeros(1) if flow is None else flow
+    force, stuck = _replay(pack(contact, asymmetry), len(contact.weight), speed, factor, flow, contact.static, period)
     if contact.law >= 0 and not creeps:
-        _, stuck = _replay(pack(contact, asymmetry), len(contact.weight), speed, factor, flow, contact.static, period)
-        return _replay_law(
-            contact.law, _both_ways(contact.packed, asymmetry), np.zeros(STATES), speed, factor, period
-        ), stuck
-    return _replay(pack(contact, asymmetry), len(contact.weight), speed, factor, flow, contact.static, period)
+        force = replayed_force(contact, speed, period, asymmetry, factor)
+    return force, stuck
+
+
+def replayed_force(contact, speed, period, asymmetry=0.0, factor=None, flow=None):
+    """The friction alone, (n,) [N m or N], of `replay`: a law that is not made of blocks then needs no replay of them.
+
+    ``contact``, ``speed`` (n,) [rad/s or m/s], ``period`` [s], ``asymmetry`` [1], ``factor`` (n,) [1] and ``flow`` (n,)
+    [rad or m] as there.
+    """
+    if contact.law < 0 or flow is not None:
+        return replay(contact, speed, period, asymmetry, factor, flow)[0]
+    factor = np.ones(1) if factor is None else factor
+    return _replay_law(contact.law, _both_ways(contact.packed, asymmetry), np.zeros(STATES), speed, factor, period)
 
 
 def _both_ways(packed, asymmetry):

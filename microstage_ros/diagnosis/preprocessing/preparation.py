@@ -9,7 +9,7 @@ import functools
 import numpy as np
 from scipy.signal import cont2discrete, lfilter
 
-from microstage_ros.diagnosis.preprocessing.friction_replay import replay
+from microstage_ros.diagnosis.preprocessing.friction_replay import replay, replayed_force
 from microstage_ros.diagnosis.preprocessing.motion import smooth_motion
 from microstage_ros.diagnosis.preprocessing.smoothing import triangle
 from microstage_ros.diagnosis.preprocessing.transmitted_force import offset_where_closed
@@ -171,7 +171,7 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None, pull=
         position = carried + triangle(stage - carried, STAGE_FUSION)
         motor = angle + triangle(stage - carried, _fusion(drive, period))
     stage_speed = np.gradient(position, period)
-    guideway, _ = replay(drive.guideway, stage_speed, period)
+    guideway = replayed_force(drive.guideway, stage_speed, period)
     motion = smooth_motion(motor, settled, drive, period, MOTOR_NOISE)
     more = between_readings(settled, current, motion.speed, drive, period) / drive.torque_constant
     # all of the current smoothed alike: one that is driven from limit to limit has much of it between readings
@@ -230,7 +230,7 @@ def _carried(stage, angle, drive, period):
     """
     driven = lfilter(*stage_filter(drive, period), angle - angle[0]) + angle[0]
     speed = np.gradient(driven + triangle(stage - driven, STAGE_FUSION), period)
-    force = replay(drive.guideway, speed, period)[0] + drive.guideway.viscous * speed
+    force = replayed_force(drive.guideway, speed, period) + drive.guideway.viscous * speed
     yielding = lfilter(*stage_filter(drive, period, force=True), force - force[0]) + force[0] / drive.stiffness
     return driven - yielding
 

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from microstage_ros.diagnosis.preprocessing.friction_replay import replay
+from microstage_ros.diagnosis.preprocessing.friction_replay import replayed_force
 from microstage_ros.diagnosis.preprocessing.smoothing import reading_noise, triangle
 
 # periods over which the stage's motion is smoothed; derived: a millisecond to either side, a quarter of a cycle of the
@@ -35,7 +35,7 @@ def transmitted_force(stage, drive, period, width):
     acceleration = np.zeros_like(stage)
     acceleration[1:-1] = np.diff(stage, 2) / period**2
     speed = np.gradient(triangle(stage, width), period)
-    friction, _ = replay(drive.guideway, speed, period)
+    friction = replayed_force(drive.guideway, speed, period)
     return triangle(drive.mass * acceleration + friction + drive.guideway.viscous * speed, width)
 
 

@@ -125,7 +125,7 @@ def find_slowness(prepared, drive, more=None):
         return None
     changed = [c["command"] for name in ("learn", "held") for c in fast.channels[name]]
     for channel, voltage in zip(changed, more or []):
-        channel.prompt = channel.command + voltage
+        channel.put_out(channel.command + voltage)
     learn, period = fast.growing("command", [GAIN], "learn"), prepared["learn"][0].period
     winding = drive.inductance / drive.resistance
     forms = [*_candidates(fast), *_within_a_period(learn, period / winding)]

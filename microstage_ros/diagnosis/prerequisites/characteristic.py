@@ -19,6 +19,7 @@ import numpy as np
 
 from microstage_ros.diagnosis.preprocessing.smoothing import triangle
 from microstage_ros.diagnosis.preprocessing.transmitted_force import SIGMAS, force_noise, transmitted_force
+from microstage_ros.numerics.compiled import compiled
 
 # periods; derived: half a millisecond, a sixth of a cycle of the drive train's resonance against the stage
 WIDTH = 5
@@ -89,16 +90,14 @@ class Windows:
         return len(self.force)
 
     def mean(self, values):
-        """What the running mean and the two differences make of ``values`` (windows, rows), shape as ``force``."""
-        middle = NUMEROV * (values[:, :-2] + values[:, 2:]) + (1.0 - 2.0 * NUMEROV) * values[:, 1:-1]
-        for _ in range(2):
-            sums = np.cumsum(np.pad(middle, ((0, 0), (1, 0))), axis=1)
-            middle = (sums[:, WIDTH:] - sums[:, :-WIDTH]) / WIDTH
-        spare = (middle.shape[1] - self.force.shape[1]) // 2
-        return middle[:, spare:spare + self.force.shape[1]]
+        """What the running mean and the two differences make of ``values`` (..., rows), (..., rows of ``force``)."""
+        spare = (values.shape[-1] - 2 * WIDTH - self.force.shape[1]) // 2
+        flat = np.ascontiguousarray(values).reshape(-1, values.shape[-1])
+        means = _means(flat, WIDTH, NUMEROV, spare, self.force.shape[1])
+        return means.reshape(*values.shape[:-1], self.force.shape[1])
 
     def columns(self, gap, stiffness, damping, pull=0.0):
-        """What is left of the force [N] (windows, rows), its derivatives by `PULLED` (windows, rows, 5), and what
+        """What is left of the force [N] (windows, rows), its derivatives by `PULLED` (windows, 5, rows), and what
         offset and drift take of both, (windows, 2, 5) and (windows, 2), and is gone from them.
 
         At a ``gap`` [m], ``stiffness`` [N/m], ``damping`` [N s/m] and ``pull`` [N].
@@ -107,18 +106,19 @@ class Windows:
         closed = (np.abs(deflection) > 0.5 * gap).astype(float)
         side = np.sign(deflection) * closed
         wound = deflection * closed - 0.5 * gap * side
-        touching = self.mean(-stiffness * closed)
-        free = np.stack([touching, self.mean(-stiffness * closed * self.time)], axis=2)
-        parts = (-0.5 * stiffness * side, wound, self.rate * closed, -stiffness * self.speed * closed,
-                 -np.ones_like(wound))
-        derivatives = np.stack([self.mean(part) for part in parts], axis=2)
-        left = self.force + pull - self.mean(stiffness * wound + damping * self.rate * closed)
-        normal = np.einsum("wrj,wrk->wjk", free, free)
+        rate = self.rate * closed
+        parts = (-stiffness * closed, -stiffness * closed * self.time,                          # of offset and drift
+                 -0.5 * stiffness * side, wound, rate, -stiffness * self.speed * closed, -np.ones_like(wound),
+                 stiffness * wound + damping * rate)
+        means = self.mean(np.stack(parts, axis=1))
+        free, derivatives = means[:, :2], means[:, 2:-1]
+        left = self.force + pull - means[:, -1]
+        normal = free @ free.transpose(0, 2, 1)
         inverse = np.linalg.inv(normal + RIDGE * stiffness**2 * self.force.shape[1] * np.eye(2))
-        of_sizes = inverse @ np.einsum("wrj,wrk->wjk", free, derivatives)
-        of_left = np.einsum("wjk,wrk,wr->wj", inverse, free, left)
-        derivatives = derivatives - np.einsum("wrj,wjk->wrk", free, of_sizes)
-        return left - np.einsum("wrj,wj->wr", free, of_left), derivatives, of_sizes, of_left
+        of_sizes = inverse @ (free @ derivatives.transpose(0, 2, 1))
+        of_left = (inverse @ (free @ left[:, :, None]))[:, :, 0]
+        derivatives = derivatives - of_sizes.transpose(0, 2, 1) @ free
+        return left - (of_left[:, None] @ free)[:, 0], derivatives, of_sizes, of_left
 
     def follow(self, change, of_sizes, of_left):
         """Move the offsets along with a ``change`` (5,) of the sizes; the largest step [m] of them.
@@ -168,15 +168,37 @@ def _solve(parts, which):
     """(change of `PULLED` (5,), standard errors by how windows disagree (5,), root mean square that is left [N])."""
     change, errors = np.zeros(len(PULLED)), np.zeros(len(PULLED))
     left = np.concatenate([part[0] for part in parts])
-    columns = np.concatenate([part[1] for part in parts])[:, :, which]
+    columns = np.concatenate([part[1] for part in parts])[:, which]
     if which:
-        normal = np.einsum("wrj,wrk->jk", columns, columns)
+        normal = np.sum(columns @ columns.transpose(0, 2, 1), axis=0)
         scale = np.sqrt(np.diag(normal))
         if not np.all(scale > 0.0):
             return None, None, None
         inverse = np.linalg.pinv(normal / np.outer(scale, scale)) / np.outer(scale, scale)
-        change[which] = inverse @ np.einsum("wrj,wr->j", columns, left)
-        left = left - columns @ change[which]
-        scores = np.einsum("wrj,wr->wj", columns, left)
+        change[which] = inverse @ np.sum(columns @ left[:, :, None], axis=0)[:, 0]
+        left = left - change[which] @ columns
+        scores = (columns @ left[:, :, None])[:, :, 0]
         errors[which] = np.linalg.norm(inverse @ scores.T, axis=1)
     return change, errors, float(np.sqrt(np.mean(left**2)))
+
+
+@compiled
+def _means(values, width, share, spare, rows):
+    """`Windows.mean` of each row of ``values``: so many ``rows`` of it, from ``spare`` on."""
+    out = np.empty((len(values), rows))
+    middle = np.empty(values.shape[1] - 2)
+    for n in range(len(values)):
+        series = values[n]
+        for i in range(middle.size):
+            middle[i] = share * (series[i] + series[i + 2]) + (1.0 - 2.0 * share) * series[i + 1]
+        count = middle.size
+        for _ in range(2):
+            count -= width - 1
+            for i in range(count):
+                total = middle[i]
+                for j in range(1, width):
+                    total += middle[i + j]
+                middle[i] = total / width
+        for i in range(rows):
+            out[n, i] = middle[spare + i]
+    return out

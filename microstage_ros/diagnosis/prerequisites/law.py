@@ -21,7 +21,7 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import t as student
 
 from microstage_ros.diagnosis.catalogue.friction import COARSE
-from microstage_ros.diagnosis.preprocessing.friction_replay import replay
+from microstage_ros.diagnosis.preprocessing.friction_replay import replay, replayed_force
 from microstage_ros.diagnosis.preprocessing.motion import through_play
 from microstage_ros.diagnosis.preprocessing.threads import side_by_side
 from microstage_ros.diagnosis.residuals.evidence_set import factor
@@ -188,7 +188,7 @@ def _pieces(channel, contact, play):
     residual, and with itself, by pieces of `PIECE`; all white."""
     p, drive = channel.prepared, channel.drive
     speed = _speed(p, play)[::COARSE] / drive.radius
-    more = channel.mean(replay(contact, speed, COARSE * p.period)[0] - channel.coarse_friction(COARSE), COARSE)
+    more = channel.mean(replayed_force(contact, speed, COARSE * p.period) - channel.coarse_friction(COARSE), COARSE)
     left, signal = channel.whiten(np.stack([channel.residual, more], axis=1))[0].T
     count = max(round(PIECE / float(channel.time[1] - channel.time[0])), 1)
     starts = np.arange(0, max(len(left) - count // 2, 1), count)

@@ -17,10 +17,10 @@ step at which the drive is switched off.
 """
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 from scipy.signal import oaconvolve
 
 from microstage_ros.diagnosis.preprocessing.smoothing import spread_of
+from microstage_ros.numerics.compiled import compiled
 
 # periods; calibrated by: `test/diagnosis/cases/plain_programmes.py --effect actuator_lag`, with 9, 21 and 41 here (seed
 # 7000: lags up to 51, 4 and 0.3 % too long; but the wider, the more of a lag does a gap of the drive feign)
@@ -42,10 +42,12 @@ class Command:
         self.winding = p.period * drive.resistance / drive.inductance
         voltage = drive.resistance * p.settled + drive.back_emf / drive.lever * p.speed
         self.residual = voltage - p.commanded - self.in_speed(p.answered - p.commanded)
+        fast = _fast_part(self.residual[:, None], WINDOW, np.ones(len(self.residual)))[:, 0]
         # derived: half of the noise of the shipped axis's amplifier; a record with less has none
-        self.noise = max(spread_of(self.fast(self.residual[:, None])[:, 0]), 0.5e-3)
-        off = np.abs(self.fast(self.residual[:, None])) / self.noise  # (n, 1)
-        self._weight = FURTHEST / np.maximum(off, FURTHEST)
+        self.noise = max(spread_of(fast), 0.5e-3)
+        off = np.abs(fast) / self.noise
+        self._weight = FURTHEST / np.maximum(off, FURTHEST)    # (n,)
+        self._shown = {}
 
     def in_speed(self, voltage):
         """What the motor's speed takes of an error of the ``voltage`` (n,) that it was found from, K_E (N/r) v, shape
@@ -59,11 +61,43 @@ class Command:
         shape (n, 1)."""
         return (voltage - self.in_speed(voltage))[:, None]
 
-    @staticmethod
-    def fast(matrix):
-        """The columns of ``matrix`` (n, k) without their running mean."""
-        return matrix - uniform_filter1d(matrix, WINDOW, axis=0, mode="nearest")
+    def put_out(self, voltage):
+        """Take it for known that a prompt amplifier would put out this ``voltage`` (n,) [V]."""
+        self.prompt = voltage
+        self._shown.pop("prompt", None)
+
+    def filtered(self, amplifier):
+        """How an amplifier that makes ``amplifier(command)`` of its command shows, less the command: shape (n, 1) [V].
+
+        ``amplifier`` is linear and the same at all times, so that K may come before it, and is computed once for all of
+        them. It sees a command that stands still before the record's first row and after its last.
+        """
+        reach = len(self.prepared.speed_share) // 2
+        late = amplifier(self._beside("prompt")) - self._beside("command")
+        return late[reach:len(late) - reach, None]
+
+    def _beside(self, name):
+        """c − K c of the attribute ``name``, half of K's length of rows longer at both ends."""
+        if name not in self._shown:
+            reach = len(self.prepared.speed_share) // 2
+            self._shown[name] = self.beside_speed(np.pad(getattr(self, name), reach, mode="edge"))[:, 0]
+        return self._shown[name]
 
     def whiten(self, matrix):
         """Unit-variance columns of ``matrix`` (n, k), the first of them the residual, and 0."""
-        return self._weight * self.fast(matrix) / self.noise, 0.0
+        return _fast_part(np.ascontiguousarray(matrix), WINDOW, self._weight / self.noise), 0.0
+
+
+@compiled
+def _fast_part(matrix, window, weight):
+    """Columns of ``matrix`` (n, k) without their running mean over ``window`` rows, times ``weight`` (n,)."""
+    rows, half = len(matrix), window // 2
+    out = np.empty_like(matrix)
+    for k in range(matrix.shape[1]):
+        total = 0.0
+        for i in range(-half, half + 1):
+            total += matrix[min(max(i, 0), rows - 1), k]
+        for i in range(rows):
+            out[i, k] = (matrix[i, k] - total / window) * weight[i]
+            total += matrix[min(i + half + 1, rows - 1), k] - matrix[max(i - half, 0), k]
+    return out

@@ -139,12 +139,17 @@ class _Record:
         if not kept.any():
             return white
         errors = self._errors if kept.all() else self._errors[:, kept]
+        return white - errors @ self._explained(errors, white, kept, effects)[1]
+
+    def _explained(self, errors, white, kept, effects=frozenset()):
+        """S'b and (S'S + 1/spread²)⁻¹ S'b of the ``errors`` S, `_spared`; ``kept``: which of all errors these are."""
         if effects not in self._solved:
             inner = np.diag(1.0 / self._spreads[kept] ** 2) + errors.T @ errors
             scale = np.sqrt(np.diag(inner))
             self._solved[effects] = scale, scipy.linalg.cho_factor(inner / np.outer(scale, scale))
         scale, factor = self._solved[effects]
-        return white - errors @ (scipy.linalg.cho_solve(factor, errors.T @ white / scale[:, None]) / scale[:, None])
+        cross = errors.T @ white
+        return cross, scipy.linalg.cho_solve(factor, cross / scale[:, None]) / scale[:, None]
 
     def _white(self, form):
         whiten = getattr(self._channel, "whiten_columns", self._channel.whiten)
@@ -191,5 +196,8 @@ class _Record:
     def with_form(self, form):
         """Matrix of the residual and a form's columns."""
         white = self._white(form)
-        beside = self._spared_residual.T @ white
-        return np.block([[self.matrix, beside], [beside.T, white.T @ self._spared(white)]])
+        beside, own = self._spared_residual.T @ white, white.T @ white
+        if self._errors.shape[1]:    # the inner product of `_spared`, without its columns
+            cross, explained = self._explained(self._errors, white, np.ones(len(self._spreads), bool))
+            own = own - cross.T @ explained
+        return np.block([[self.matrix, beside], [beside.T, own]])

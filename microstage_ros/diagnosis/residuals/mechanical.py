@@ -17,7 +17,7 @@ from scipy.ndimage import median_filter
 from scipy.optimize import minimize
 from scipy.signal import upfirdn
 
-from microstage_ros.diagnosis.preprocessing.friction_replay import replay
+from microstage_ros.diagnosis.preprocessing.friction_replay import replayed_force
 from microstage_ros.diagnosis.preprocessing.motion import load_kernel
 from microstage_ros.diagnosis.preprocessing.preparation import MOTOR_NOISE
 from microstage_ros.diagnosis.preprocessing.smoothing import MEDIAN_SIZE
@@ -58,8 +58,8 @@ class Mechanical:
     stage's mass) [N m at the shaft],
     ``stuck``, ``travel`` (path length so far), ``torque`` (k_M i − J dω/dt), ``own`` (what the healthy axis's friction
     is beyond the model's, zero until it is taken out), ``random`` (standard deviation of the friction that varies along
-    the stroke, over `Spreads`' [1]; one until `healthy.rescale_random_friction`). ``kept`` {name: torque}: replays that
-    several candidates need.
+    the stroke, over `Spreads`' [1]; one until `healthy.rescale_random_friction`). ``kept`` {name:
+    array}: what several candidates need.
     """
 
     name, unit = "torque", "N m"
@@ -122,7 +122,7 @@ class Mechanical:
         it)."""
         if coarse not in self._coarse:
             speed = self.prepared.contact_speed[::coarse] / self.drive.radius
-            self._coarse[coarse] = replay(self.drive.actuator, speed, coarse * self.prepared.period)[0]
+            self._coarse[coarse] = replayed_force(self.drive.actuator, speed, coarse * self.prepared.period)
         return self._coarse[coarse]
 
     def _white(self):

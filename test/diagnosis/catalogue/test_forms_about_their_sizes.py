@@ -100,7 +100,7 @@ def test_rest_and_creep_are_replayed_with_their_size(monkeypatch):
     asked = []
     monkeypatch.setattr(friction, "_changed", lambda channel, frame, **how: asked.append(how) or np.zeros((2, 1)))
     rest = types.SimpleNamespace(stuck=np.ones(4), position=np.zeros(4), period=0.1)
-    channel = types.SimpleNamespace(prepared=rest)
+    channel = types.SimpleNamespace(prepared=rest, kept={})
     monkeypatch.setattr(friction, "_calm_speed", lambda prepared: np.zeros(4))
     form_of("rising_static_friction", "0.03,2e-06").about([0.2]).columns(channel, None)
     assert asked[-1]["factor"][-1] == pytest.approx(1.0 + 0.2 * np.log10(1.0 + 0.4 / 0.03))
