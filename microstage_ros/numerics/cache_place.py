@@ -12,6 +12,7 @@ import functools
 import hashlib
 import os
 import tempfile
+import time
 from pathlib import Path
 
 import numba
@@ -81,6 +82,47 @@ def one_at_a_time(folder):
     with lock:
         fcntl.flock(lock, fcntl.LOCK_EX)   # until it is closed, or the process ends
         yield
+
+
+LONGEST = 300.0    # s; derived: the largest loop compiles in a tenth of that; whoever waits longer compiles it, too
+_MINE = set()      # the locks that this process has: what it compiles may need itself
+
+
+@contextlib.contextmanager
+def one_process(file):
+    """The lock ``file``: one process is inside; the others wait, `LONGEST` at most, and go on without it then.
+
+    For a caller that no other thread of its process follows in. A process that has the lock may come in again, and a
+    file that cannot be written is no lock.
+    """
+    if file in _MINE:
+        yield
+        return
+    try:
+        os.makedirs(os.path.dirname(file), exist_ok=True)
+        lock = open(file, "a", encoding="ascii")
+    except OSError:
+        yield
+        return
+    with lock:
+        end = time.monotonic() + LONGEST
+        while not _locked(lock) and time.monotonic() < end:
+            time.sleep(0.02)
+        _MINE.add(file)
+        try:
+            yield
+        finally:
+            _MINE.discard(file)
+            fcntl.flock(lock, fcntl.LOCK_UN)    # a child that was forked meanwhile holds the file, but no lock
+
+
+def _locked(lock):
+    """Whether the open file ``lock`` is locked by now."""
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
 
 
 @functools.lru_cache

@@ -17,10 +17,11 @@ import sys
 _hidden = sys.modules.setdefault("coverage", None) is None  # type: ignore[arg-type]
 import numba  # noqa: E402
 from numba.core.ccallback import CFunc  # noqa: E402
+from numba.core.compiler_lock import global_compiler_lock  # noqa: E402
 from numba.core.runtime import rtsys  # noqa: E402
 from numba.extending import intrinsic, overload  # noqa: E402, F401  (the rest of the package has them from here)
 
-from microstage_ros.numerics.cache_place import one_at_a_time  # noqa: E402
+from microstage_ros.numerics.cache_place import one_at_a_time, one_process  # noqa: E402
 
 if _hidden:
     del sys.modules["coverage"]
@@ -81,6 +82,7 @@ def compiled(function=None, makes_arrays=True, **options):
              "forceinline": False, "_nrt": makes_arrays}   # said, or numba passes a caller's on to all that it calls
     dispatcher = numba.njit(**{**usual, **options})(function)
     _use_ours(getattr(dispatcher, "_cache", None))
+    _compile_once(dispatcher, getattr(dispatcher, "_cache", None))
     return dispatcher
 
 
@@ -99,6 +101,26 @@ def _use_ours(cache):
     if hasattr(cache, "_load_overload") and hasattr(cache, "_save_overload"):  # numba as we know it
         cache.load_overload = functools.partial(_load, cache)
         cache.save_overload = functools.partial(_save, cache)
+
+
+def _compile_once(function, cache):
+    """Have one process compile a ``function`` of which its ``cache`` has nothing; the others wait for its code.
+
+    Processes that begin together, as tests do, would else compile all the same functions, each for itself. The order of
+    the locks is that of the calls, in which there is no circle.
+    """
+    index = getattr(getattr(cache, "_cache_file", None), "_index_path", None)
+    if index is None:     # no cache as we know it
+        return
+    usual = function.compile
+
+    def compile_once(*signature):
+        if os.path.exists(index):
+            return usual(*signature)
+        with global_compiler_lock, one_process(f"{index}.lock"):
+            return usual(*signature)
+
+    function.compile = compile_once
 
 
 def _load(cache, signature, context):
@@ -178,6 +200,7 @@ def called_from_c(function, kind):
                  options={"nopython": True, "error_model": "numpy", "_nrt": False})
     made.enable_caching()
     _use_ours(made._cache)
+    _compile_once(made, made._cache)
     made.compile()
     return made
 
