@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from microstage_ros.diagnosis.catalogue.command import delay_form, delayed
+from microstage_ros.diagnosis.catalogue.command import delay_form, delayed, lagged
 from microstage_ros.diagnosis.prerequisites import prerequisites
 from microstage_ros.diagnosis.prerequisites.amplifier import GAIN, Slowness
 from microstage_ros.diagnosis.residuals.command import Command
@@ -48,6 +48,21 @@ def test_a_gain_that_shows_through_the_motors_speed_is_no_delay():
     evidence = gather(channel, [form, GAIN], None, SYSTEMATIC["command"])
     beta, covariance, _ = evidence.fit([form.key])
     assert abs(beta[0]) < max(5.0 * np.sqrt(covariance[0, 0]), 0.01)
+
+
+@pytest.mark.parametrize("amplifier", [lambda command: delayed(command, 3.4, 4.5), lambda command: lagged(command, 1.3e-3, PERIOD, 4.5)])
+def test_what_the_speed_takes_is_the_same_before_and_after_the_amplifier(amplifier):
+    """Linear filters in either order, but for half of the share's length at the record's end."""
+    rng = np.random.default_rng(5)
+    command, prompt = (np.cumsum(0.05 * rng.normal(size=3_000)) for _ in range(2))
+    share = np.sin(np.linspace(0.0, np.pi, 31)) ** 2 / 20.0
+    prepared = types.SimpleNamespace(commanded=command, answered=command, period=PERIOD, speed_share=share, speed=np.zeros(3_000),
+                                     settled=command / DRIVE.resistance)
+    channel = Command(prepared, DRIVE)
+    for voltage in (command, prompt):          # what was computed of the former is not kept
+        channel.put_out(voltage)
+        direct = channel.beside_speed(amplifier(voltage) - command)
+        assert channel.filtered(amplifier)[:-15] == pytest.approx(direct[:-15], abs=1e-9)
 
 
 @pytest.mark.parametrize(("held", "found"), [(0.45e6, False), (0.55e6, True)])

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from microstage_ros.diagnosis.preprocessing.friction_replay import replay
+from microstage_ros.diagnosis.preprocessing.friction_replay import replay, replayed_force
 from microstage_ros.diagnosis.preprocessing.motion import through_play
 from microstage_ros.diagnosis.preprocessing.preparation import prepare
 from microstage_ros.diagnosis.prerequisites.drive import drive_of
@@ -35,6 +35,20 @@ def random_part(prepared, drive):
     """Relative random friction [1] and the state of sticking blocks [N m] that the baseline seems to have."""
     spreads = fit_spreads([Mechanical(prepared["base"][0], drive)])
     return spreads.relative, spreads.stuck
+
+
+@pytest.mark.parametrize("law", [None, *LAWS], ids=lambda law: law.name if law else "of the file")
+@pytest.mark.parametrize("how", [{}, {"asymmetry": 0.1}, {"factor": True}, {"flow": True}], ids=str)
+def test_the_force_alone_is_that_of_the_replay(axis, law, how):
+    contact = drive_of(axis).actuator
+    contact = contact_of(law, contact, law.starts(contact)[0]) if law else contact
+    time = np.arange(2_000) * 1.0e-4
+    given = {"factor": 1.0 + 0.1 * np.sin(50.0 * time), "flow": np.full(len(time), 1.0e-8)}
+    how = {name: given.get(name, value) for name, value in how.items()}
+    speed = 3.0 * np.sin(20.0 * time)
+    force, stuck = replay(contact, speed, 1.0e-4, **how)
+    np.testing.assert_array_equal(replayed_force(contact, speed, 1.0e-4, **how), force)
+    assert -1e-12 < stuck.min() < 0.5 < stuck.max() <= 1.0 and np.ptp(force) > contact.coulomb
 
 
 @pytest.mark.parametrize("law, seed", [("lugre", 1), ("leuven", 2)])
