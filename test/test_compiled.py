@@ -69,7 +69,7 @@ def test_whoever_has_the_lock_comes_in_again_and_nobody_waits_for_ever(tmp_path,
     with one_process(file), one_process(file):
         with open(file, "a", encoding="ascii") as other, pytest.raises(BlockingIOError):
             fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    monkeypatch.setattr(cache_place, "LONGEST", 0.1)
+    monkeypatch.setattr(cache_place, "LONGEST_WAIT", 0.1)
     with open(file, "a", encoding="ascii") as other:
         fcntl.flock(other, fcntl.LOCK_EX)
         with one_process(file):

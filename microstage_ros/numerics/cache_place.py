@@ -84,18 +84,20 @@ def one_at_a_time(folder):
         yield
 
 
-LONGEST = 300.0    # s; derived: the largest loop compiles in a tenth of that; whoever waits longer compiles it, too
-_MINE = set()      # the locks that this process has: what it compiles may need itself
+# s, after which whoever waits compiles, too; derived: three times what all that the shipped axis needs took (96 s, by
+# `commands.project.compile_ahead`)
+LONGEST_WAIT = 300.0
+_HELD = set()      # locks of this process: what it compiles may call itself
 
 
 @contextlib.contextmanager
 def one_process(file):
-    """The lock ``file``: one process is inside; the others wait, `LONGEST` at most, and go on without it then.
+    """The lock ``file``: one process is inside; the others wait, `LONGEST_WAIT` at most, and go on without it then.
 
     For a caller that no other thread of its process follows in. A process that has the lock may come in again, and a
     file that cannot be written is no lock.
     """
-    if file in _MINE:
+    if file in _HELD:
         yield
         return
     try:
@@ -105,14 +107,14 @@ def one_process(file):
         yield
         return
     with lock:
-        end = time.monotonic() + LONGEST
+        end = time.monotonic() + LONGEST_WAIT
         while not _locked(lock) and time.monotonic() < end:
             time.sleep(0.02)
-        _MINE.add(file)
+        _HELD.add(file)
         try:
             yield
         finally:
-            _MINE.discard(file)
+            _HELD.discard(file)
             fcntl.flock(lock, fcntl.LOCK_UN)    # a child that was forked meanwhile holds the file, but no lock
 
 

@@ -23,7 +23,6 @@ program:
   - {scan: {to_m: -2.0e-4, speed_m_s: 1.0e-3}}
   - {sine: {amplitude_m: 1.0e-4, frequency_hz: 2.0, cycles: 2}}
 """
-FAST = "period: {value: 1.0e-4, unit: s,"      # as config/axis.yaml has it
 CLONE = ("microstage", "config", "docs", "microstage_ros", "msg_defs", "setup.cfg", "package.xml", ".venv")
 
 
@@ -75,15 +74,8 @@ def _card(path):
     path.write_text(next(block.text for block in blocks(ROOT / "README.md") if block.name == "my_lab/card.py"), encoding="utf-8")
 
 
-
-def _slower_axis(path):
-    """An axis of one's own: the shipped one at 1 kHz. Two at 10 kHz leave nothing of two processors to who asks them."""
-    text = (ROOT / "config/axis.yaml").read_text(encoding="utf-8")
-    assert text.count(FAST) == 1
-    path.write_text(text.replace(FAST, FAST.replace("1.0e-4", "1.0e-3")), encoding="utf-8")
-
 MATERIAL = {
-    r"my_axis\.yaml": _copy("config/axis.yaml"), r"today/axis\.yaml": _copy("config/axis.yaml"), r"mine\.yaml": _slower_axis,
+    r"(my_axis|mine)\.yaml": _copy("config/axis.yaml"), r"today/axis\.yaml": _copy("config/axis.yaml"),
     r"my_lab\.card:Card": None, r"card\.yaml": lambda path: path.write_text("{}\n", encoding="utf-8"),
     r"(rec1|now1|monday)\.\w+": _record(1), r"(rec2|now2|tuesday)\.\w+": _record(2), r"(rec3|now3|today)\.(csv|mcap)": _record(3),
     r"(healthy|spring)\.csv": _record(4), r"export\.csv": _log(1),

@@ -23,9 +23,10 @@ def largest(columns, first=0):
     return np.abs(columns["stage_m"] - columns["reference_m"])[first:].max()
 
 
-@pytest.mark.parametrize("delay, most", [(5e-4, 1e-6), (1e-3, 9e-7), (2e-3, 5e-6)])
+@pytest.mark.parametrize("delay, most", [(5e-4, 2e-7), (1e-3, 9e-7), (2e-3, 5e-6)])
 def test_long_delay_is_found_at_once_and_the_observer_law_goes_on_with_it(axis, run, delay, most):
-    """Handed over to the encoder-only law it cost 2.4, 5.4 and 15 um; after the first 0.1 s, in which it is found."""
+    """Handed over to the encoder-only law it cost 2.4, 5.4 and 15 um; after the first 0.1 s, in which it is found.
+    At 0.5 ms one set of noise in 40 does not give it (the next test's rate, of seven records)."""
     effects = {"transport_delay": {"delay_s": delay}}
     for seed in range(1, 8):
         columns = run("self_tuning_observer", PROGRAM, seed=seed, effects=effects)
@@ -34,8 +35,8 @@ def test_long_delay_is_found_at_once_and_the_observer_law_goes_on_with_it(axis, 
 
 
 def test_half_a_millisecond_costs_less_than_a_tenth_of_a_micrometre_and_seldom_two(axis, run):
-    """Of 2400 records 9 went beyond 0.2 um (0.2 to 0.7 %), 0.38 at most, where the delay was forgotten for a while: four
-    or more of 40 do so twice in 10^5 sets of seeds."""
+    """Of 2400 records 9 went beyond 0.2 um (0.2 to 0.7 %), 0.38 at most; in one looked at the delay was forgotten for a
+    while. Four or more of 40 do so twice in 10^5 sets of seeds."""
     errors = np.array([largest(run("self_tuning_observer", PROGRAM, seed=seed, effects={"transport_delay": {"delay_s": 5e-4}}),
                                first=1000) for seed in range(1, 41)])
     assert np.median(errors) < 1e-7

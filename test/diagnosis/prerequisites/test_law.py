@@ -48,6 +48,9 @@ def test_the_force_alone_is_that_of_the_replay(axis, law, how):
     speed = 3.0 * np.sin(20.0 * time)
     force, stuck = replay(contact, speed, 1.0e-4, **how)
     np.testing.assert_array_equal(replayed_force(contact, speed, 1.0e-4, **how), force)
+    blocks = replay(dataclasses.replace(contact, law=-1), speed, 1.0e-4, **how)[0]
+    assert np.array_equal(blocks, force) == (law is None or "flow" in how)      # only blocks carry a flow
+    assert np.array_equal(force, replay(contact, speed, 1.0e-4)[0]) == (not how)
     assert -1e-12 < stuck.min() < 0.5 < stuck.max() <= 1.0 and np.ptp(force) > contact.coulomb
 
 
