@@ -107,7 +107,7 @@ def take_place(logger, cpus, scheduling="normal", priority=0):
             continue
 
 
-def give_way(nice):
+def lower_priority(nice):
     """Take less of the processor wherever others want it: ``nice`` [1] from 0 (as it is) to 19 (hardly any).
 
     For all threads, and for those to come. Where the kernel first shares between sessions and then within each of them
