@@ -1,5 +1,6 @@
 """Bags: what goes in comes out, here and in other people's readers."""
 
+import time
 
 import lz4.frame
 import numpy as np
@@ -14,7 +15,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
 from microstage_ros import __version__
-from microstage_ros.records.bags import bag_writer
+from microstage_ros.records.bags import bag_reader, bag_writer
 from microstage_ros.records.bags.bag import Bag, BagWriter, read_bag, read_bags
 from microstage_ros.records.bags.mcap_sink import COMPRESSORS
 
@@ -49,6 +50,25 @@ def test_any_messages_come_back_in_order_of_time(tmp_path_factory, texts):
     told = [text.decode() if isinstance(text, bytes) else text for text in read["data"].tolist()] if texts else []
     assert told == [text for _, text in expected]
     assert read["log_time_ns"].tolist() == [START_NS + time for time, _ in expected]
+
+
+class SlowToAllocate:
+    """numpy, but another thread always has its turn while memory is allocated."""
+
+    def __getattr__(self, name):
+        return getattr(np, name)
+
+    @staticmethod
+    def empty(*shape):
+        time.sleep(0.05)
+        return np.empty(*shape)
+
+
+def test_two_threads_that_begin_with_a_topic_at_once_lose_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(bag_writer, "CHUNK_BYTES", 10_000)
+    write_bag(tmp_path / "bag")
+    monkeypatch.setattr(bag_reader, "np", SlowToAllocate())
+    check_servo(read_bag(tmp_path / "bag")["/axis/servo"], 3000)
 
 
 def test_topics_and_time_ranges_read_only_what_is_asked_for(tmp_path, monkeypatch):

@@ -10,6 +10,7 @@ from bisect import bisect_left
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Lock
 
 import numpy as np
 import yaml
@@ -197,12 +198,14 @@ class _Gathered:
         self.count = count
         self.rows = None
         self.pieces = {}
+        self._making = Lock()
 
     def put(self, at, raw, offsets, ends):
         """Copy the message records from `offsets` to `ends` of an unpacked chunk."""
         record = int(ends[0] - offsets[0])
-        if self.rows is None:
-            self.rows = np.empty(self.count, f"V{record}")
+        with self._making:  # chunks come from several threads: a second array would lose what is in the first
+            if self.rows is None:
+                self.rows = np.empty(self.count, f"V{record}")
         if self.rows.itemsize == record and (ends - offsets == record).all():
             every_byte = np.ndarray((len(raw) - record + 1,), self.rows.dtype, raw.data, strides=(1,))
             self.rows[at:at + len(offsets)] = every_byte[offsets]
