@@ -57,13 +57,13 @@ BYSTANDERS = ("health_monitor",)
 PATIENT = ("gms_observer", "interferometer_logger", "health_monitor")
 """Nodes that may be late, and give way to those that may not."""
 
-
 PATIENTLY = 10
 """How far those give way [1]."""
 
 IN_SIMULATED_TIME = 5
-"""How far driver and controller give way [1] in lockstep, where time waits. Two cells take nearly all of two processors
-in many threads, each of them less than a fair share, so that a program beside them has only what they leave."""
+"""How far driver and controller give way [1] in lockstep, where time waits, and with them who has to keep up though the
+axis does not wait for it. Two cells take nearly all of two processors in many threads, each of them less than a fair
+share, so that a program beside them has only what they leave."""
 
 CONTROLLER_PRIORITY = 19
 """Real-time priority, below that of the driver (its parameter ``real_time_priority``)."""
@@ -78,14 +78,15 @@ def places(nodes, mode):
     allowed = sorted(os.sched_getaffinity(0))
     if len(allowed) < 2 or not set(PAIR) <= set(nodes):
         return {name: {} for name in nodes}
-    rest = ",".join(map(str, allowed[:-1]))
-    rank = {"scheduling": "batch", "nice": IN_SIMULATED_TIME} if mode == "lockstep" else {"scheduling": "real_time"}
-    hot = {"cpus": str(allowed[-1]), **rank}
+    rest, last = ",".join(map(str, allowed[:-1])), str(allowed[-1])
+    simulated = mode == "lockstep"
+    rank = {"scheduling": "batch", "nice": IN_SIMULATED_TIME} if simulated else {"scheduling": "real_time"}
+    patient = {name: IN_SIMULATED_TIME if simulated and name in BYSTANDERS else PATIENTLY for name in PATIENT}
     lower = {"str_controller": {"real_time_priority": CONTROLLER_PRIORITY}}  # the driver keeps time although it hangs
     return {
-        name: {**hot, **lower.get(name, {})}
+        name: {"cpus": last, **rank, **lower.get(name, {})}
         if name in PAIR
-        else {"cpus": rest, **({"nice": PATIENTLY} if name in PATIENT else {})}
+        else {"cpus": rest, **({"nice": patient[name]} if name in patient else {})}
         for name in nodes
     }
 
