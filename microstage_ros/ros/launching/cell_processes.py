@@ -57,20 +57,13 @@ BYSTANDERS = ("health_monitor",)
 PATIENT = ("gms_observer", "interferometer_logger", "health_monitor")
 """Nodes that may be late, and give way to those that may not."""
 
-PATIENTLY = 10
-"""How far those give way [1]."""
-
-IN_SIMULATED_TIME = 5
-"""How far driver and controller give way [1] in lockstep, where time waits, and with them who has to keep up though the
-axis does not wait for it. Two cells take nearly all of two processors in many threads, each of them less than a fair
-share, so that a program beside them has only what they leave."""
 
 CONTROLLER_PRIORITY = 19
 """Real-time priority, below that of the driver (its parameter ``real_time_priority``)."""
 
 
 def places(nodes, mode):
-    """Parameters ``cpus``, ``scheduling`` and ``nice``: driver and controller on one processor, the others on the rest.
+    """Parameters ``cpus`` and ``scheduling``: driver and controller on one processor, the others on the rest.
 
     A message to a process on the same processor costs a switch, one to a sleeping processor its waking, which is
     several times as much; and nobody else disturbs the pair. With one processor: no places.
@@ -78,15 +71,13 @@ def places(nodes, mode):
     allowed = sorted(os.sched_getaffinity(0))
     if len(allowed) < 2 or not set(PAIR) <= set(nodes):
         return {name: {} for name in nodes}
-    rest, last = ",".join(map(str, allowed[:-1])), str(allowed[-1])
-    simulated = mode == "lockstep"
-    rank = {"scheduling": "batch", "nice": IN_SIMULATED_TIME} if simulated else {"scheduling": "real_time"}
-    patient = {name: IN_SIMULATED_TIME if simulated and name in BYSTANDERS else PATIENTLY for name in PATIENT}
+    rest = ",".join(map(str, allowed[:-1]))
+    hot = {"cpus": str(allowed[-1]), "scheduling": "batch" if mode == "lockstep" else "real_time"}
     lower = {"str_controller": {"real_time_priority": CONTROLLER_PRIORITY}}  # the driver keeps time although it hangs
     return {
-        name: {"cpus": last, **rank, **lower.get(name, {})}
+        name: {**hot, **lower.get(name, {})}
         if name in PAIR
-        else {"cpus": rest, **({"nice": patient[name]} if name in patient else {})}
+        else {"cpus": rest, **({"nice": 10} if name in PATIENT else {})}
         for name in nodes
     }
 

@@ -20,7 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.ros.launching.interruption import LAST_RESORT, STOPPING
 from microstage_ros.ros.launching.shared_memory import remember
-from microstage_ros.ros.transport.scheduling import lower_priority, processors, take_place
+from microstage_ros.ros.transport.scheduling import processors, take_place
 from microstage_ros.ros.transport.servo_path import RCLError
 from microstage_ros.ros.transport.topics import CREDIT
 
@@ -165,7 +165,7 @@ def run_node(make, arguments=None, threads=1):
     noting = threading.Thread(target=lambda: _noted.append(remember(node, running)), daemon=True)
     noting.start()
     p = node.parameters
-    lower_priority(getattr(p, "nice", 0))
+    os.nice(getattr(p, "nice", 0))
     take_place(node.get_logger(), cpus, getattr(p, "scheduling", "normal"), getattr(p, "real_time_priority", 0))
     failed = ""
     try:

@@ -1,6 +1,5 @@
 """Keeping time: a sleep that spins its last stretch, and real-time scheduling where it is permitted."""
 
-import contextlib
 import ctypes
 import faulthandler
 import os
@@ -105,23 +104,6 @@ def take_place(logger, cpus, scheduling="normal", priority=0):
             return
         except ProcessLookupError:  # a thread that ended meanwhile
             continue
-
-
-def lower_priority(nice):
-    """Take less of the processor wherever others want it: ``nice`` [1] from 0 (as it is) to 19 (hardly any).
-
-    For all threads, and for those to come. Where the kernel first shares between sessions and then within each of them
-    (autogroup, man 7 sched), the rank of a thread counts only within its own; who leads a session, as each node of a
-    cell does, ranks the session too.
-    """
-    if not nice:
-        return
-    for thread in map(int, os.listdir("/proc/self/task")):
-        with contextlib.suppress(ProcessLookupError):  # a thread that ended meanwhile
-            os.setpriority(os.PRIO_PROCESS, thread, min(os.getpriority(os.PRIO_PROCESS, thread) + nice, 19))
-    if os.getsid(0) == os.getpid():
-        with contextlib.suppress(OSError):  # a kernel without such groups
-            Path("/proc/self/autogroup").write_text(str(nice), encoding="ascii")
 
 
 def bound_real_time(seconds=LONGEST_UNBROKEN_S):

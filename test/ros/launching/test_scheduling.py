@@ -30,29 +30,6 @@ def test_only_who_claims_a_processor_sends_its_other_threads_away(scheduling):
     assert all(places == expected for places in found["others"])
 
 
-LOWERS_PRIORITY = """
-import os, threading
-from pathlib import Path
-from microstage_ros.ros.transport.scheduling import lower_priority
-group = Path("/proc/self/autogroup")
-rank = lambda: group.read_text().split()[-1] if group.exists() and "nice" in group.read_text() else "none"
-threading.Thread(target=threading.Event().wait, daemon=True).start()
-before = rank()
-lower_priority(5)
-print(*sorted({os.getpriority(os.PRIO_PROCESS, int(t)) - int(os.environ["RANK"]) for t in os.listdir("/proc/self/task")}), before, rank())
-"""
-
-
-@pytest.mark.parametrize("leads", [True, False])
-def test_all_threads_lower_priority_and_so_does_the_session_of_who_leads_one(leads):
-    rank = os.getpriority(os.PRIO_PROCESS, 0)
-    done = subprocess.run([sys.executable, "-c", LOWERS_PRIORITY], check=True, stdout=subprocess.PIPE, start_new_session=leads,
-                          env={**os.environ, "RANK": str(min(rank, 14))})
-    threads, before, after = done.stdout.decode().split()
-    assert threads == "5"
-    assert after == ("5" if leads and before != "none" else before)
-
-
 def test_bare_machine_counts_every_period():
     script = "import json; from microstage_ros.ros.benchmarks.bare_machine import measured; print(json.dumps(measured(0.3)))"
     done = subprocess.run([sys.executable, "-c", script], check=True, stdout=subprocess.PIPE)
