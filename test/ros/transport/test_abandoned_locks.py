@@ -27,6 +27,7 @@ from microstage_ros.ros.transport.abandoned_locks import (
     VALUE,
     AbandonedLocks,
     Segment,
+    process_of,
 )
 
 MUTEXES = (VALUE + SLEEPERS, VALUE + SLEEPERS + MUTEX)
@@ -166,6 +167,35 @@ def test_a_thousand_readers_cost_no_descriptor(copied):
     assert not _opened_in(folder)
     with open(path, "rb"):
         assert len(_opened_in(folder)) == 1
+
+
+def test_the_file_of_a_reader_names_its_process(reader):
+    assert process_of(reader[1].name) == os.getpid() & 0xFFFF
+    assert process_of(f"{READER}1") is None and process_of(f"{PORT}7400") is None
+
+
+def test_readers_whose_process_is_long_gone_cost_nothing(copied, monkeypatch):
+    """The file of this process's reader under the names of two processes, one of which ended before the first look."""
+    folder, path = copied
+    gone = subprocess.Popen(["true"])
+    gone.wait()
+    with subprocess.Popen(["sleep", "60"]) as ending:
+        dead, alive = (folder / f"{READER}01.0f.78.fd.{pid & 0xFF:02x}.{pid >> 8 & 0xFF:02x}.41.90.00.00.00.00_0.0.1c.4"
+                       for pid in (gone.pid, ending.pid))
+        shutil.copy(path, dead)
+        shutil.copy(path, alive)
+        locks = AbandonedLocks(folder)
+        locks.look()
+        assert set(locks._watched) == {path.name, alive.name}
+        ending.kill()
+    monkeypatch.setattr(abandoned_locks, "COUNTED_S", 0.0)
+    locks.look()
+    assert alive.name in locks._watched  # who knew it may still write to it
+    monkeypatch.setattr(abandoned_locks, "GIVEN_UP_S", 0.0)
+    locks.look()
+    assert set(locks._watched) == {path.name}
+    locks.look()
+    assert set(locks._watched) == {path.name} and len(locks._segments) == 3
 
 
 def test_a_segment_stays_mapped_until_its_process_is_gone(copied):
