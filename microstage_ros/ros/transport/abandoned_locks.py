@@ -152,7 +152,7 @@ class AbandonedLocks:
     def look(self):
         """Open the locks held as at the last look, by a thread that is gone or stopped. Returns how many."""
         self._follow()
-        self._give_up(time.monotonic())
+        self._forget_dead(time.monotonic())
         opened, seen = 0, {}
         for name, segment in self._watched.items():
             if (holders := segment.holders()) == (None, None):
@@ -203,7 +203,7 @@ class AbandonedLocks:
                 if made is not None:
                     self._watched[name] = made
 
-    def _give_up(self, now):
+    def _forget_dead(self, now):
         """Leave the segments alone whose process has been gone for `GIVEN_UP_S` at the time ``now`` [s]; at the first
         look, before this process knows anybody, those whose process is gone."""
         if self._counted and now < self._counted + COUNTED_S:
