@@ -271,7 +271,8 @@ def process_of(name):
 
 
 def _processes():
-    """Low 16 bits of the numbers of all processes; empty where they cannot be listed."""
+    """Low 16 bits of the numbers of all processes; empty where they cannot be listed. Those of another container that
+    shares our memory and not our numbers are not among them: their readers are looked after there."""
     try:
         return {int(name) & 0xFFFF for name in os.listdir("/proc") if name.isdecimal()}
     except OSError:
