@@ -205,10 +205,10 @@ class AbandonedLocks:
 
     def _forget_dead(self, now):
         """Leave the segments alone whose process has been gone for `GIVEN_UP_S` at the time ``now`` [s]; at the first
-        look, before this process knows anybody, those whose process is gone."""
+        look those whose process is gone then, since who begins after its end never hears of it."""
         if self._counted and now < self._counted + COUNTED_S:
             return
-        there, patience = _processes(), GIVEN_UP_S if self._counted else 0.0
+        there, patience = process_numbers(), GIVEN_UP_S if self._counted else 0.0
         self._counted = now
         for name in list(self._watched):
             process = process_of(name)
@@ -217,6 +217,7 @@ class AbandonedLocks:
             elif now - self._dead.setdefault(name, now) >= patience:
                 self._segments[name] = None
                 del self._watched[name], self._dead[name]
+
     def _concerns(self, name):
         """True for the file of a reader or writer with data sharing, and of a port of this domain."""
         number = name.removeprefix(PORT)
@@ -270,7 +271,7 @@ def process_of(name):
         return None
 
 
-def _processes():
+def process_numbers():
     """Low 16 bits of the numbers of all processes; empty where they cannot be listed. Those of another container that
     shares our memory and not our numbers are not among them: their readers are looked after there."""
     try:

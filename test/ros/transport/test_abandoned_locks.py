@@ -176,18 +176,18 @@ def test_the_file_of_a_reader_names_its_process(reader):
 
 def test_readers_whose_process_is_long_gone_cost_nothing(copied, monkeypatch):
     """The file of this process's reader under the names of two processes, one of which ended before the first look."""
+    assert os.getpid() & 0xFFFF in abandoned_locks.process_numbers()
     folder, path = copied
-    gone = subprocess.Popen(["true"])
-    gone.wait()
-    with subprocess.Popen(["sleep", "60"]) as ending:
-        dead, alive = (folder / f"{READER}01.0f.78.fd.{pid & 0xFF:02x}.{pid >> 8 & 0xFF:02x}.41.90.00.00.00.00_0.0.1c.4"
-                       for pid in (gone.pid, ending.pid))
-        shutil.copy(path, dead)
-        shutil.copy(path, alive)
-        locks = AbandonedLocks(folder)
-        locks.look()
-        assert set(locks._watched) == {path.name, alive.name}
-        ending.kill()
+    gone, ending = 0x1234, 0x21FD
+    dead, alive = (folder / f"{READER}01.0f.78.fd.{number & 0xFF:02x}.{number >> 8:02x}.41.90.00.00.00.00_0.0.1c.4"
+                   for number in (gone, ending))
+    shutil.copy(path, dead)
+    shutil.copy(path, alive)
+    monkeypatch.setattr(abandoned_locks, "process_numbers", lambda: {1, ending})
+    locks = AbandonedLocks(folder)
+    locks.look()
+    assert set(locks._watched) == {path.name, alive.name}
+    monkeypatch.setattr(abandoned_locks, "process_numbers", lambda: {1})
     monkeypatch.setattr(abandoned_locks, "COUNTED_S", 0.0)
     locks.look()
     assert alive.name in locks._watched  # who knew it may still write to it
