@@ -3,6 +3,9 @@
 import numpy as np
 
 from microstage_ros.diagnosis.catalogue.form import Form, one, wave
+from microstage_ros.diagnosis.preprocessing.motion import smooth_motion
+from microstage_ros.diagnosis.preprocessing.preparation import TRAVEL_NOISE
+from microstage_ros.signals.rows import of_row_before
 
 GRAVITY = 9.80665
 RIPPLE_CYCLES = tuple(range(1, 13))  # per turn of the motor
@@ -20,7 +23,7 @@ def gravity_tilt(channel, frame):
 
 def cable_spring(channel, frame):
     """(r/N) c (x − x₀) [N m]: columns x and 1; β = (c, −c x₀)."""
-    return frame.drive.lever * np.stack([channel.position, np.ones(len(channel.position))], axis=1)
+    return frame.drive.lever * np.stack([channel.place, np.ones(len(channel.place))], axis=1)
 
 
 def cable_windup(channel, frame):
@@ -43,6 +46,22 @@ def torque_ripple(numbers):
     def columns(channel, frame):
         angle = channel.prepared.position / frame.drive.lever
         return -channel.mean(np.stack([f(n * angle) for n in numbers for f in (np.sin, np.cos)], axis=1))
+    return columns
+
+
+def shaken_by_ripple(numbers):
+    """The stage's motion [m] by what a ripple, as in `torque_ripple`, shakes the motor: the current, by which the
+    motor's fast motion is known, does not hold its torque. ``numbers``: cycles per turn n [1]."""
+    def columns(channel, frame):
+        p, drive = channel.prepared, frame.drive
+        angle, still = p.position / drive.lever, np.zeros(len(p.time))
+        unseen = []
+        for n in numbers:
+            for wave_of in (np.sin, np.cos):
+                torque = wave_of(n * angle)
+                current = 0.5 * (torque + of_row_before(torque)) / drive.torque_constant     # over the period before
+                unseen.append(smooth_motion(still, current, drive, p.period, TRAVEL_NOISE).position)
+        return np.stack([channel.passed_on(travel) for travel in unseen], axis=1)
     return columns
 
 
@@ -89,6 +108,13 @@ def ripple_form(numbers):
     return Form(
         "torque_ripple", "torque", ",".join(f"{n:g}" for n in numbers), torque_ripple(numbers), _ripple_sizes(numbers)
     )
+
+
+def shaking_form(numbers):
+    """`Form` of what such a ripple (``numbers`` of cycles per turn [1]) does to the stage, whose sizes the torque
+    tells."""
+    return Form("torque_ripple", "resonance", ",".join(f"{n:g}" for n in numbers), shaken_by_ripple(numbers),
+                lambda beta, covariance, frame: ({}, {}))
 
 
 def _pulls_back(beta):

@@ -43,11 +43,18 @@ FINE = 8             # points per piece of a profile; derived: a cubic piece is 
 
 
 def _changed(channel, frame, **how):
-    """Replayed actuator friction with a change minus without, in block means, at a quarter of the record's rate."""
-    p, drive = channel.prepared, frame.drive
-    speed = p.contact_speed[::COARSE] / drive.radius
+    """Replayed actuator friction with a change minus without, in block means, at a quarter of the record's rate; kept,
+    as the same change is asked for by learning, by stretches and by the model's own errors."""
     if "factor" in how:
         how["factor"] = np.ascontiguousarray(how["factor"][::COARSE])
+    name = "changed", *((key, hash(np.asarray(value).tobytes())) for key, value in how.items())
+    return _kept(channel, name, lambda: _replayed_change(channel, frame, how))
+
+
+def _replayed_change(channel, frame, how):
+    """`_changed` anew."""
+    p, drive = channel.prepared, frame.drive
+    speed = p.contact_speed[::COARSE] / drive.radius
     changed = replayed_force(drive.actuator, speed, COARSE * p.period, **how)
     plain = channel.coarse_friction(COARSE)
     if "flow" in how and drive.actuator.law >= 0:   # the flow is carried by the blocks: so is what it is compared with
@@ -191,7 +198,7 @@ def position_dependent(spacing):
     """
     def columns(channel, frame):
         pieces = max(round((frame.high - frame.low) / spacing), 2)
-        return by_limits(channel, frame) * splines(channel.position, frame.low, frame.high, pieces)
+        return by_limits(channel, frame) * splines(channel.place, frame.low, frame.high, pieces)
     return columns
 
 
@@ -202,10 +209,10 @@ def _profile_about(spacing):
             pieces = max(round((frame.high - frame.low) / spacing), 2)
             x = np.linspace(frame.low, frame.high, FINE * pieces + 1)
             profile = np.clip(splines(x, frame.low, frame.high, pieces) @ beta, LEAST_LIMIT - 1.0, None)
-            there, here = (np.interp(at, x, profile) for at in (channel.prepared.position, channel.position))
+            there, here = (np.interp(at, x, profile) for at in (channel.prepared.stage_position, channel.place))
             changed, plain = _changed(channel, frame, factor=1.0 + there)[:, 0], _replayed_by_limits(channel, frame)
             secant = (changed * here + plain * LEAST_STEP**2) / (here**2 + LEAST_STEP**2)
-            return _with_own(channel, secant) * splines(channel.position, frame.low, frame.high, pieces)
+            return _with_own(channel, secant) * splines(channel.place, frame.low, frame.high, pieces)
         return _profile_form(spacing, f"{spacing:g} about {np.std(beta):.3g}", columns, None)
     return about
 
@@ -235,7 +242,7 @@ def _profile_sizes(spacing):
 
 def _periodic(period):
     def columns(channel, frame):
-        angle = 2.0 * np.pi * channel.position / period
+        angle = 2.0 * np.pi * channel.place / period
         return by_limits(channel, frame) * np.stack([np.sin(angle), np.cos(angle)], axis=1)
     return columns
 
@@ -254,6 +261,13 @@ def periodic_form(period):
     return Form(
         "position_dependent_friction", "torque", f"wave {period:.6g}", _periodic(period), _periodic_sizes(period)
     )
+
+
+def waves_form(periods):
+    """Nameless `Form` of friction that waves along the stroke at all of these ``periods`` [m]."""
+    def columns(channel, frame):
+        return np.concatenate([_periodic(period)(channel, frame) for period in periods], axis=1)
+    return Form("generic:friction waves", "torque", ",".join(f"{period:.6g}" for period in periods), columns)
 
 
 def frictional_lag(time):

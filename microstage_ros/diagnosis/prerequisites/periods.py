@@ -145,6 +145,8 @@ def _ripples(collection):
     forms = [ripples.ripple_form((n,)) for n in real if _new(n, ripples.RIPPLE_CYCLES)]
     if len(real) > 1:
         forms.append(ripples.ripple_form(tuple(real[:RIPPLES])))
+    if real and "resonance" in collection.names:
+        forms.append(ripples.shaking_form(tuple(real[:RIPPLES])))
     return [*forms, *(friction.periodic_form(turn / n) for n in found if n not in real)]
 
 

@@ -95,6 +95,15 @@ class Evidences:
         after = held.reduction([*keys, key], learn.fit([*keys, key])[0])
         return (after - held.reduction(keys, learn.fit(keys)[0])) / self.scatter[channel]
 
+    def kept_beside(self, choice, others, form):
+        """Share of its gain [1] on the learning records that a cause keeps, in its channel, beside a further ``form``,
+        `Form`, that is none of the evidence's."""
+        rows = self._rows_of(form.channel, "learn")
+        rows.know(form)
+        keys, own = self._keys(form.channel, others), choice.keys(form.channel)
+        alone, beside = (rows.fit([*some, *own])[2] - rows.fit(some)[2] for some in (keys, [*keys, form.key]))
+        return beside / max(alone, TINY)
+
     @staticmethod
     def _keys(channel, choices, extra=()):
         keys = [key for choice in choices for key in choice.keys(channel)]

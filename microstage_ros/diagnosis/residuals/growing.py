@@ -32,6 +32,10 @@ class Growing(Evidence):
         priors = {form.key: form.prior for form in forms if form.prior}
         super().__init__(matrix, {}, sum(record.rows for record in self._records), priors)
 
+    def know(self, form):
+        """One more ``form`` that may be asked for."""
+        self._forms.setdefault(form.key, form)
+
     def indices(self, keys):
         """Rows of the matrix that belong to these forms, which are gathered now if they were not before."""
         for key in keys:

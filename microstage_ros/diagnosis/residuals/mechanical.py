@@ -53,7 +53,8 @@ PRIOR = {"relative": 0.7, "stuck": 0.7, "travel_length": 0.7, "share": 1.0, "tim
 class Mechanical:
     """Residual of one record in blocks, with the signals that candidates build their columns from.
 
-    Attributes (all shape (blocks,)): ``residual`` [N m], ``time``, ``position``, ``speed`` (stage, SI),
+    Attributes (all shape (blocks,)): ``residual`` [N m], ``time``, ``position``, ``speed`` (the motor's, as travel of
+    the stage, SI), ``place`` (the stage's own position [m], by which friction varies),
     ``friction`` (nominal actuator friction without viscosity), ``guideway`` and ``inertial`` (force of the
     stage's mass) [N m at the shaft],
     ``stuck``, ``travel`` (path length so far), ``torque`` (k_M i − J dω/dt), ``own`` (what the healthy axis's friction
@@ -71,6 +72,7 @@ class Mechanical:
         self.time, self.position, self.speed, self.torque = (
             _means(v, BLOCK) for v in (p.time, p.position, p.speed, p.load)
         )
+        self.place = _means(p.stage_position, BLOCK)
         guideway = drive.lever * (p.guideway + drive.guideway.viscous * p.stage_speed)
         viscous = drive.actuator.viscous * p.speed / drive.radius
         inertial = drive.lever * drive.mass * np.gradient(p.stage_speed, p.period)

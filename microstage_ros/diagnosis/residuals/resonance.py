@@ -54,6 +54,11 @@ class Resonance:
         g, _ = stage_filter(self.drive, self.prepared.period, **factors, force=True)
         return _passed_on(self.prepared.travel, self.force, b, -load * g, a, self.block)
 
+    def passed_on(self, travel):
+        """Stage position [m], in block means, from a motor's ``travel`` (n,) [m] alone."""
+        b, a = stage_filter(self.drive, self.prepared.period)
+        return _passed_on(travel, np.zeros(len(travel)), b, np.zeros(3), a, self.block)
+
     def change(self, stiffness=1.0, damping=1.0, mass=1.0, load=1.0):
         """`predict` with these factors ``stiffness``, ``damping``, ``mass``, ``load`` [1] less `predict` without any
         [m]."""

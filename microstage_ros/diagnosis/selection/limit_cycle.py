@@ -11,6 +11,7 @@ import numpy as np
 
 from microstage_ros.diagnosis.result import Rivals
 
+FOLLOWS = {"windup", "resonance", "torque"}     # channels that follow the motion
 LOOSE_OR_SOFT = ("backlash", "drive_compliance", "payload_change")
 #: Share of the periods with the command at the amplifier's limit; calibrated by: microstage simulate with gaps of
 #: 0.005, 0.01 and 0.02 rad under the plain PID and the self-tuning law: 0.001 and less where the gap is named, 0.4
@@ -47,7 +48,15 @@ def judged(share, causes, unsure, scattered, errors=(), no_gap: Callable[[], boo
     feigned = [c for c in causes if c.id in LOOSE_OR_SOFT and not followed and errors.get(c.id, unknown) > most]
     if feigned and no_gap():
         feigned = []
+    # a channel that is not followed to the noise tells a swing's size, and no fault beside it
+    unfollowed = [c for c in causes if swings and c.channel in FOLLOWS & set(scattered) and c.id not in LOOSE_OR_SOFT]
+    causes = [c for c in causes if c not in unfollowed]
     nameless = not causes and not unsure and left
+    if unfollowed and not (feigned or nameless):
+        return causes, unsure, (
+            f"The command stands at its limit {share:.0%} of the time: the loop swings by itself, and beside its swing "
+            f"the records tell nothing of {' and '.join(sorted({c.channel for c in unfollowed}))}. Records under a law "
+            "that rests (self_tuning) would.")
     if swings and (feigned or nameless):
         note = (f"The command stands at its limit {share:.0%} of the time: the loop swings by itself. Records under a "
                 "law that rests (self_tuning) would tell lost motion from a soft drive.")

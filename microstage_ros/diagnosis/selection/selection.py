@@ -31,6 +31,7 @@ from microstage_ros.diagnosis.selection.stroke_profile import (
     CLEARLY_LESS,
     is_flat,
     is_level_of_a_profile,
+    is_wave_of_friction,
     profile_of,
     uneven_as_ever,
 )
@@ -136,7 +137,8 @@ def acceptable(evidences, trial, choices):
         return False
     if misfit(evidences, trial.choice, [*choices, trial.choice]) >= MISFIT or is_splinter(evidences, trial, choices):
         return False
-    return agrees_with_itself(evidences, trial.choice, choices)
+    return agrees_with_itself(evidences, trial.choice, choices) and not is_wave_of_friction(
+        evidences, trial.choice, choices)
 
 
 def _masses_agree(evidences, choice, choices):
@@ -278,7 +280,7 @@ def mass_or_stiffness(evidences, choices):
 
 def _first_acceptable(evidences, trials, choices):
     """The strongest trial that stands, unless a much stronger one of the same channel does not: then nothing fits
-    there. What the baseline shows, too, is no change, and stands in nothing's way."""
+    there. What the baseline shows, too, and a wave of friction is no change, and stands in nothing's way."""
     blocked = {}
     for trial in trials:
         channels = {form.channel for form in trial.choice.forms}
@@ -286,12 +288,17 @@ def _first_acceptable(evidences, trials, choices):
             continue
         if acceptable(evidences, trial, choices):
             return trial
-        if trial.log_p < LEVEL and not in_baseline(evidences, trial.choice, choices):
+        if trial.log_p < LEVEL and not _machines_own(evidences, trial.choice, choices):
             for channel in channels - _swung(trial, choices):
                 part = evidences.channel_gain(channel, [*choices, trial.choice])
                 part -= evidences.channel_gain(channel, choices)
                 blocked[channel] = max(blocked.get(channel, 0.0), part)
     return None
+
+
+def _machines_own(evidences, choice, choices):
+    """Whether the healthy machine shows as much, or may: it is in the baseline, or a wave of its friction."""
+    return in_baseline(evidences, choice, choices) or is_wave_of_friction(evidences, choice, choices)
 
 
 def _standing_pair(evidences, trials, choices):

@@ -4,14 +4,18 @@ import math
 
 import numpy as np
 
+from microstage_ros.diagnosis.catalogue.friction import waves_form
 from microstage_ros.diagnosis.residuals.evidence_set import Evidences
-from microstage_ros.diagnosis.selection.sizes import width
+from microstage_ros.diagnosis.selection.sizes import sizes_of, width
 
 CLEARLY_LESS = 0.5           # of the other's mean
 FLAT = 0.5                   # spread of a profile over its mean, below which it is a level
 # times the healthy friction's own unevenness; derived: five waves of one size that all add up where the records
 # are have √5 times the standard deviation that they have along the whole stroke
 UNEVEN = math.sqrt(5.0)
+# of a ripple's gain beside friction's waves; calibrated by: microstage campaign --kind single, second world, seed
+# 19011, cases 51 (0.10, a wave) and 23 (0.99, a ripple), and the first, seed 19021, case 27 (0.997)
+KEPT = 0.25
 
 
 def uneven_as_ever(evidences, choice, choices):
@@ -29,6 +33,24 @@ def uneven_as_ever(evidences, choice, choices):
     else:
         spread = profile_of(evidences, choice, [*choices, choice])[1]
     return spread < UNEVEN * evidences.own_profile
+
+
+def is_wave_of_friction(evidences, choice, choices):
+    """Whether a ripple is but friction that waves along the stroke: most of its gain is gone beside such waves of the
+    same periods.
+
+    Friction turns round with the direction, and a torque of the motor does not. But where a stage swings on a soft
+    drive, it is tens of micrometres ahead of the motor or behind it, as it goes; over the motor's angle the mean of its
+    friction's waves is then the same in both directions.
+    """
+    if choice.effect != "torque_ripple" or evidences._rows_of("torque", "learn") is None:
+        return False
+    turn = 2.0 * math.pi * evidences.frame.drive.lever
+    for form in (form for form in choice.forms if form.channel == "torque"):
+        cycles = np.atleast_1d(sizes_of(evidences, choice, choices, form)[1]["cycles_per_turn"])
+        if evidences.kept_beside(choice, choices, waves_form(turn / cycles)) < KEPT:
+            return True
+    return False
 
 
 def is_level_of_a_profile(evidences, choice, choices):

@@ -28,6 +28,10 @@ class Balance:
         course = np.ones(ROWS) if course is None else course
         self.residual = course * (self.signals @ np.array(sizes)) + self.friction * profile(self.position) + generator.normal(size=ROWS)
 
+    @property
+    def place(self):
+        return self.position
+
     def whiten(self, matrix, spreads):
         return matrix, 0.0
 

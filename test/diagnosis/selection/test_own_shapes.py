@@ -6,9 +6,10 @@ import types
 import numpy as np
 import pytest
 
+from microstage_ros.diagnosis.catalogue.drive import ripple_form
 from microstage_ros.diagnosis.catalogue.form import Form, Frame
 from microstage_ros.diagnosis.residuals.collection import Collection
-from microstage_ros.diagnosis.residuals.evidence_set import STRETCH, Choice
+from microstage_ros.diagnosis.residuals.evidence_set import STRETCH, Choice, Evidences
 from microstage_ros.diagnosis.residuals.growing import Growing
 from microstage_ros.diagnosis.residuals.healthy import profile_of, take_healthy, unevenness
 from microstage_ros.diagnosis.selection import judge, selection, stroke_profile
@@ -183,3 +184,37 @@ def test_the_baseline_before_is_kept_apart():
     one._noise = lambda channel: {}
     energies = [one.growing("position", [EFFECT], group).energy() for group in ("raw", "base")]
     assert energies[0] > 1.05 * energies[1]
+
+
+class Swing:
+    """Torque balance of a stage that swings 25 µm on a soft drive at 57 Hz, some of it ahead of its motor and some behind, while it
+    goes out and back; ``torque(channel)`` [N m] is in it beside noise."""
+
+    def __init__(self, seed, torque):
+        self.time = 2.0e-3 * np.arange(15_000)
+        slow, angle = 1.0e-3 * np.abs((self.time + seed) % 2.0 - 1.0), 2.0 * np.pi * 57.0 * self.time
+        self.position, self.place = slow + 8.0e-6 * np.cos(angle), slow - 25.0e-6 * np.sin(angle)
+        self.friction = 1.3e-4 * np.sign(np.gradient(self.position))
+        self.own, self.kept = np.zeros(len(self.time)), {"by limits": self.friction}
+        self.prepared, self.mean = types.SimpleNamespace(position=self.position, time=self.time), lambda values: values
+        self.residual = (torque(self) + 2.0e-6 * np.random.default_rng(seed).normal(size=len(self.time))) / 2.0e-6
+
+    def whiten(self, matrix):
+        return np.concatenate([matrix[:, :1], matrix[:, 1:] / 2.0e-6], axis=1), 0.0
+
+
+def test_friction_that_waves_along_the_stroke_of_a_swinging_stage_is_no_ripple_of_the_motor():
+    """Waves of 3 % of the friction, of one turn, gave a soft drive a ripple (single effects, seed 19011, cases 15 and 51)."""
+    lever, n = 105.0e-6 / (2.0 * np.pi), 1.0
+    waves = lambda c: 0.03 * c.friction * np.sin(n * c.place / lever)
+    ripple = lambda c: 6.0e-6 * np.sin(n * c.position / lever + 0.4)
+    form, frame = ripple_form((n,)), types.SimpleNamespace(drive=types.SimpleNamespace(lever=lever))
+    choice = Choice("torque_ripple", (form,))
+    for torque, is_wave in ((waves, True), (ripple, False), (lambda c: waves(c) + ripple(c), False)):
+        learn, held = (Growing([Swing(seed, torque)], [form], frame) for seed in (1, 2))
+        case = Evidences({"torque": learn}, {"torque": held}, {}, [form], {"torque": 1.0}, frame, lambda _, learn=learn: learn)
+        assert case.gain([choice]) > 100.0 and case.held_gain([choice]) > 50.0       # it would be named
+        assert stroke_profile.is_wave_of_friction(case, choice, []) is is_wave
+    assert not stroke_profile.is_wave_of_friction(case, CHOICE, [])      # asked of no other effect
+    case._in_rows, case._learn_rows = None, {}
+    assert not stroke_profile.is_wave_of_friction(case, choice, [])      # nor where the rows were not kept
