@@ -40,13 +40,17 @@ class Course:
 
 
 def find_course(collection, evidences, choices):
-    """`Course` of the drift that is left beside these choices, or None."""
+    """`Course` of the drift that is left beside these choices, or None.
+
+    Of the baseline nothing is taken out, as it has none of them: less a drift that was learned elsewhere it would drift.
+    """
     if "position" not in collection.names:
         return None
     forms = [form for choice in choices for form in choice.forms if form.channel == "position"]
     beta = evidences.learn["position"].fit([form.key for form in forms])[0]
     trends = {
-        group: [_trend_beside(c["position"], forms, beta, collection.frame) for c in records if "position" in c]
+        group: [_trend_beside(c["position"], [] if group == "base" else forms, beta, collection.frame)
+                for c in records if "position" in c]
         for group, records in collection.channels.items()
     }
     ours = trends["learn"] + trends["held"]

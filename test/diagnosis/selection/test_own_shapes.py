@@ -6,10 +6,10 @@ import types
 import numpy as np
 import pytest
 
-from microstage_ros.diagnosis.catalogue.drive import ripple_form
+from microstage_ros.diagnosis.catalogue.drive import ripple_form, shaking_form
 from microstage_ros.diagnosis.catalogue.form import Form, Frame
 from microstage_ros.diagnosis.residuals.collection import Collection
-from microstage_ros.diagnosis.residuals.evidence_set import STRETCH, Choice, Evidences
+from microstage_ros.diagnosis.residuals.evidence_set import STRETCH, Choice, Evidences, Trial
 from microstage_ros.diagnosis.residuals.growing import Growing
 from microstage_ros.diagnosis.residuals.healthy import profile_of, take_healthy, unevenness
 from microstage_ros.diagnosis.selection import judge, selection, stroke_profile
@@ -216,5 +216,18 @@ def test_friction_that_waves_along_the_stroke_of_a_swinging_stage_is_no_ripple_o
         assert case.gain([choice]) > 100.0 and case.held_gain([choice]) > 50.0       # it would be named
         assert stroke_profile.is_wave_of_friction(case, choice, []) is is_wave
     assert not stroke_profile.is_wave_of_friction(case, CHOICE, [])      # asked of no other effect
+    learn, both = Growing([Swing(1, waves)], [form], frame), Choice("torque_ripple", (shaking_form((n,)), form))
+    case = Evidences({"torque": learn}, {}, {}, [form], {"torque": 1.0}, frame, lambda _: learn)
+    assert stroke_profile.is_wave_of_friction(case, both, [])            # the torque tells, whatever the ripple shakes
     case._in_rows, case._learn_rows = None, {}
     assert not stroke_profile.is_wave_of_friction(case, choice, [])      # nor where the rows were not kept
+
+
+@pytest.mark.parametrize("wave", [False, True])
+def test_a_ripple_that_is_a_wave_of_friction_stands_in_nobodys_way(monkeypatch, wave):
+    trials = [Trial(Choice(effect, (Form(effect, "torque", "", None),)), gain, 1) for effect, gain in (("torque_ripple", 900.0), ("gravity_tilt", 300.0))]
+    monkeypatch.setattr(selection, "acceptable", lambda evidences, one, choices: one is trials[1])
+    monkeypatch.setattr(selection, "in_baseline", lambda *_: False)
+    monkeypatch.setattr(selection, "is_wave_of_friction", lambda evidences, choice, choices: wave and choice.effect == "torque_ripple")
+    case = types.SimpleNamespace(channel_gain=lambda channel, choices: 900.0 * len(choices))
+    assert selection._first_acceptable(case, trials, []) is (trials[1] if wave else None)

@@ -38,14 +38,13 @@ def test_a_move_that_timed_out_holds_and_the_next_one_goes(resting):
 
 
 def test_two_owners_are_one_too_many(resting):
-    done = subprocess.run([sys.executable, "-m", "microstage_ros.commands", "cell"], capture_output=True, text=True,
-                          timeout=PATIENCE_S, check=False)
-    assert done.returncode == 2 and len(done.stderr.strip().splitlines()) <= 3
-    line = done.stderr.strip().splitlines()[-1]
+    commands = (["microstage_ros.commands", "cell"], ["microstage_ros.ros.nodes.axis_driver", "--ros-args", "-r", "__ns:=/axis"])
+    others = [subprocess.Popen([sys.executable, "-m", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for words in commands]
+    (cell, said), (driver, alone) = ((other, other.communicate(timeout=PATIENCE_S)[1]) for other in others)
+    assert cell.returncode == 2 and len(said.strip().splitlines()) <= 3
+    line = said.strip().splitlines()[-1]
     assert "namespace /axis" in line and f"process {os.getpid()}" in line and "since" in line
-    alone = subprocess.run([sys.executable, "-m", "microstage_ros.ros.nodes.axis_driver", "--ros-args", "-r", "__ns:=/axis"],
-                           capture_output=True, text=True, timeout=PATIENCE_S, check=False)
-    assert alone.returncode == 2 and "namespace /axis" in alone.stderr and "Traceback" not in alone.stderr
+    assert driver.returncode == 2 and "namespace /axis" in alone and "Traceback" not in alone
     resting.cell.check()
 
 
