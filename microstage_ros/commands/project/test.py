@@ -13,7 +13,8 @@ from microstage_ros.quantities.errors import InputError
 
 USAGE = """usage: microstage test [--last-bits] [--seeds K] [options of pytest]
 
-All the tests, two at a time on two processors, else three. Examples: microstage test test/ros   microstage test -k lockstep -n 0
+All the tests, two at a time on two processors, else three. Examples:
+microstage test test/ros   microstage test -k lockstep -n 0
 
   --last-bits  simulated machines begin with last bits that differ (by 10^-15), as on another processor
   --seeds K    every noise of simulated machines from the K-th other set of seeds, K = 1, 2, ...
@@ -44,10 +45,11 @@ def main(argv=None):
         return 1
     variables = _other_trajectories(arguments)
     options = arguments
-    # Tests of one file may share a cell, so a file stays with one worker. A cell computes as long as its test waits, for
-    # which a third worker on two processors makes it wait longer.
+    # Tests of one file may share a cell, so a file stays with one worker. A cell computes as long as its test waits, which
+    # takes longer with a third worker on two processors.
     if importlib.util.find_spec("xdist"):
-        options = ["-n", "3" if (os.cpu_count() or 1) > 2 else "2", "--dist", "loadfile", "--no-loadscope-reorder", *arguments]
+        workers = "3" if (os.cpu_count() or 1) > 2 else "2"
+        options = ["-n", workers, "--dist", "loadfile", "--no-loadscope-reorder", *arguments]
     variables = {**os.environ, **variables}
     variables |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     if not argv and not os.path.isdir(cache_folder("ros")):

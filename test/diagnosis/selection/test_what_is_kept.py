@@ -59,6 +59,24 @@ def test_a_drift_that_is_taken_out_leaves_what_is_asked_stretch_by_stretch():
         assert share == pytest.approx(1.0, abs=4.0 * stderr) and stderr < 0.2, group
 
 
+@pytest.mark.parametrize(("own", "found"), [(0.0, True), (1.0e-7, False)])
+def test_a_baseline_is_not_freed_of_a_drift_that_it_never_had(own, found):
+    """Less a drift learned elsewhere it drifted, and no course of the records was another (half size, seed 19112, case 11; pairs, seed
+    19101, cases 63 and 66); a baseline with an ``own`` course [m] still has one."""
+    def channel(seed, size):
+        generator, time = np.random.default_rng(seed), 5.0e-4 * np.arange(56_000)
+        return types.SimpleNamespace(time=time, residual=size * np.sin(time / 4.0 + seed) + 2.0e-9 * generator.normal(size=len(time)))
+
+    form = Form("thermal_drift", "position", "10", lambda one, frame: 1.0 - np.exp(-one.time / 10.0)[:, None], one("amplitude_m", "m"))
+    made = {"learn": [(1, 1.0e-7), (2, 1.2e-7)], "held": [(3, 0.9e-7)], "base": [(4, own)]}
+    channels = {group: [{"position": channel(*each)} for each in some] for group, some in made.items()}
+    collection = types.SimpleNamespace(names=("position",), channels=channels, frame=None)
+    case = types.SimpleNamespace(learn={"position": types.SimpleNamespace(fit=lambda keys: (np.full(len(keys), 8.0e-8), None, 0.0))})
+    course = slow_drift.find_course(collection, case, [Choice("thermal_drift", (form,))])
+    assert (course is not None) == found
+    assert slow_drift.find_course(types.SimpleNamespace(names=("torque",)), case, []) is None
+
+
 @pytest.mark.parametrize(("left", "found"), [(3.0, True), (5.0, False)])
 def test_a_gap_that_makes_the_held_out_record_much_worse_is_none(monkeypatch, left, found):
     """Of a payload on a machine of another law: twenty times as much was left behind the gap (seed 3313, case 16)."""
