@@ -45,8 +45,8 @@ def main(argv=None):
         return 1
     variables = _other_trajectories(arguments)
     options = arguments
-    # Tests of one file may share a cell, so a file stays with one worker. A cell computes as long as its test waits, which
-    # takes longer with a third worker on two processors.
+    # Tests of one file may share a cell, so a file stays with one worker. A cell computes as long as its test waits,
+    # which takes longer with a third worker on two processors.
     if importlib.util.find_spec("xdist"):
         workers = "3" if (os.cpu_count() or 1) > 2 else "2"
         options = ["-n", workers, "--dist", "loadfile", "--no-loadscope-reorder", *arguments]

@@ -42,7 +42,8 @@ class Course:
 def find_course(collection, evidences, choices):
     """`Course` of the drift that is left beside these choices, or None.
 
-    Of the baseline nothing is taken out, as it has none of them: less a drift that was learned elsewhere it would drift.
+    Of the baseline nothing is taken out, as it has none of them: less a drift that was learned elsewhere it would
+    drift.
     """
     if "position" not in collection.names:
         return None
