@@ -108,7 +108,7 @@ def profile_of(frame, spreads):
 
 
 def _along_stroke(channel, frame, spreads):
-    """Splines (blocks, k) of the position of a record, as fine as the random friction."""
+    """Splines (blocks, k) of the stage's place in a record, as fine as the random friction."""
     count = round((frame.high - frame.low) / (KNOTS * spreads.travel_length))
     return splines(channel.place, frame.low, frame.high, min(max(count, 2), MOST_SPLINES))
 

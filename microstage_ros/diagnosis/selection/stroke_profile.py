@@ -40,7 +40,7 @@ def is_wave_of_friction(evidences, choice, choices):
     same periods.
 
     Friction turns round with the direction, and a torque of the motor does not. But where a stage swings on a soft
-    drive, it is tens of micrometres ahead of the motor or behind it, as it goes; over the motor's angle the mean of its
+    drive, the motor is tens of micrometres ahead of it whichever way it goes; over the motor's angle the mean of the
     friction's waves is then the same in both directions.
     """
     if choice.effect != "torque_ripple" or evidences._rows_of("torque", "learn") is None:

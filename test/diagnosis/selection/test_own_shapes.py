@@ -187,8 +187,8 @@ def test_the_baseline_before_is_kept_apart():
 
 
 class Swing:
-    """Torque balance of a stage that swings 25 µm on a soft drive at 57 Hz, some of it ahead of its motor and some behind, while it
-    goes out and back; ``torque(channel)`` [N m] is in it beside noise."""
+    """Torque balance of a stage that swings 25 µm on a soft drive at 57 Hz, its motor ahead or behind, while it goes out
+    and back; ``torque(channel)`` [N m] is in it beside noise."""
 
     def __init__(self, seed, torque):
         self.time = 2.0e-3 * np.arange(15_000)
