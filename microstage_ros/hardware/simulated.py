@@ -100,6 +100,11 @@ class SimulatedAxis:
         """
         return None if self._voltage is None else self.own_arrays
 
+    @property
+    def held(self):
+        """Command that moves it when it is read next [its unit]; None before the first reading."""
+        return self._voltage
+
     def write(self, voltage):
         """Hold ``voltage`` [V] during the period that the last `read` began."""
         self._voltage = float(voltage)

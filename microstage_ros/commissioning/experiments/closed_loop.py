@@ -8,6 +8,7 @@ import numpy as np
 from microstage_ros.commissioning.findings import Refused, refused
 from microstage_ros.commissioning.design.law_choice import slower
 from microstage_ros.commissioning.design.programme import FASTEST, segments
+from microstage_ros.commissioning.experiments.simulated_periods import LawCommand
 from microstage_ros.control.design.rules import volts_per_acceleration
 from microstage_ros.control.laws.controller import Controller, controller_parameters
 from microstage_ros.control.trajectories.profiles import MotionLimits, jerk_limited_move
@@ -108,13 +109,8 @@ class Loop:
             controller = self._made(min(PUSH * (self._need(speed) + 0.05 * machine.limit), machine.limit))
         if fresh or gentle:
             controller.reset()
-        wanted, step = np.asarray(reference, float).tolist(), controller.step
         blind = not math.isfinite(self.machine.current_offset)
-        offset = 0.0 if blind else self.machine.current_offset
-
-        def command(n, x, i):
-            return step(wanted[n], x, i - offset if i == i else 0.0)
-
+        command = LawCommand(controller, reference, 0.0 if blind else self.machine.current_offset)
         allowed = max(error, SHARE * machine.stroke, self.lag(speed)) + LAG * speed
         try:
             record = machine.run(reference, command, disturbance, window, allowed, go_on=go_on)

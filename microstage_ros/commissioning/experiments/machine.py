@@ -1,7 +1,8 @@
 """The machine in hand: control periods through the backend's `read` and `write`, recorded and guarded.
 
-Every period passes `Machine.run`; nothing else writes a command. It clips the command, ends with zero on every way out,
-and ends the run when the encoder leaves the window, jumps, stops counting while the motor turns, or loses its number.
+Every period passes `Machine.run`; nothing else writes a command, but for `simulated_periods`, which it calls. It clips
+the command, ends with zero on every way out, and ends the run when the encoder leaves the window, jumps, stops counting
+while the motor turns, or loses its number.
 What is called voltage here is the drive's command in its own unit: volts, or newton metres of a current-driven motor.
 """
 
@@ -11,6 +12,7 @@ import time
 import numpy as np
 
 from microstage_ros.commissioning.experiments.dead_encoder import BRAKE, BRAKED
+from microstage_ros.commissioning.experiments.simulated_periods import LawCommand, law_periods
 from microstage_ros.commissioning.findings import Refused, Stopped, refused
 from microstage_ros.hardware.protocol import HardwareError, instruments, safety_members
 from microstage_ros.model.actuators import actuator_of
@@ -113,10 +115,16 @@ class Machine:
             watch.begin()
         try:
             self._arm(True)
-            for n in range(rows):
+            done, reading = 0, None
+            if isinstance(command, LawCommand) and command.compiled and until is None:
+                done, reading = self._simulated(command, wanted, extra, table, (low, high, jump, error))
+            if done:
+                n, before, u = done - 1, encoder[done - 1], voltage[done - 1]
+            for n in range(done, rows):
                 if self._paced:
                     self._wait()
-                x, i, motor = backend.read()
+                x, i, motor = reading or backend.read()
+                reading = None
                 encoder[n], current[n], angle[n] = x, i, motor
                 if clock is not None:
                     stamps.append(clock())
@@ -174,6 +182,22 @@ class Machine:
             self._note_stamps(stamps)
             self.last = self._record(table[:, : n + 1], np.asarray(reference, float)[: n + 1])
         return self.last
+
+    def _simulated(self, command, wanted, extra, table, bounds):
+        """As many periods of a simulated machine as compiled code can do: their number, and the reading after them that
+        it left to `run`, None for none. ``bounds``: encoder from, to, its jump, error [m]."""
+        arrays = getattr(self._backend, "arrays", None)  # of `SimulatedAxis` alone
+        if arrays is None or self._paced or self.watch is not None or self._clock is not None or self._members:
+            return 0, None
+        added = np.zeros(len(wanted)) if extra is None else np.array(extra)
+        bounds = np.array([self.position, *bounds, self.limit, command.offset])
+        machine, law, held = tuple(arrays), command.controller.arrays, self._backend.held
+        n = law_periods(machine, law, held, np.array(wanted), added, table, bounds)
+        if extra is not None:
+            table[4, :n] = added[:n]
+        if n:
+            self._backend.write(table[3, n - 1])
+        return n, self._backend.last_reading if n < len(wanted) else None
 
     def _brake(self, watch, voltages, currents):
         """Stop the motor, whose speed only the back-EMF tells: pulses against it, and a look without voltage after

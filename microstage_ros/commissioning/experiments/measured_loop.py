@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from microstage_ros.commissioning.estimation.frequency_response import multi_sine, responses
 from microstage_ros.commissioning.experiments.closed_loop import LOOSE, Loop
 from microstage_ros.commissioning.experiments.first_motion import joined
-from microstage_ros.control.laws.controller import controller_parameters, gain_list
+from microstage_ros.control.laws.controller import Controller, controller_parameters, gain_list
 from microstage_ros.control.observer.drive_learning import NOISE_DOUBT
 from microstage_ros.control.observer.motor_constant import FILTER_TIME, UNTOLD
 from microstage_ros.control.trajectories.profiles import jerk_limited_move
@@ -75,6 +75,18 @@ so that the coherence does not show it."""
 SLIDES, OBSERVED_SLIDES = 6, 10
 
 
+class HeldController(Controller):
+    """The observer law with its findings set back to `HELD` before each period."""
+
+    def step(self, reference, encoder, current=0.0):
+        """As `Controller.step`."""
+        observer = self.memory["observer"]
+        for name, value in HELD.items():
+            observer[name] = value
+        observer["noise_variance"] = (float(self.parameters["observer"]["voltage_noise"]) / NOISE_DOUBT) ** 2
+        return super().step(reference, encoder, current)
+
+
 class Frozen(Loop):
     """The law of another `Loop` on the same machine, learning nothing: gains `FROZEN`, findings `HELD`."""
 
@@ -85,18 +97,7 @@ class Frozen(Loop):
 
     def _made(self, limit=None):
         controller = super()._made(limit)
-        if self.law == OBSERVED:
-            observer, plain = controller.memory["observer"], controller.step
-            noise = (float(controller.parameters["observer"]["voltage_noise"]) / NOISE_DOUBT) ** 2
-
-            def step(reference, encoder, current=0.0):
-                for name, value in HELD.items():
-                    observer[name] = value
-                observer["noise_variance"] = noise
-                return plain(reference, encoder, current)
-
-            controller.step = step
-        return controller
+        return HeldController(controller.type, controller.parameters) if self.law == OBSERVED else controller
 
 
 def loop_at_rest(loop, breakaway, seed, keep):

@@ -13,7 +13,7 @@ from microstage_ros.hardware.limits import breach
 from microstage_ros.hardware.watchdog import BEAT, TAKEN, VOLTS
 from microstage_ros.hardware.watchdog import ZEROED as WENT_TO_ZERO
 from microstage_ros.numerics.compiled import in_place
-from microstage_ros.ros.loops.period_timing import early_ns, hold_back, learn_waking
+from microstage_ros.ros.loops.period_timing import early_ns, hold_back, learn_waking, too_early
 from microstage_ros.ros.transport.block_buffer import close, crowded, keep
 from microstage_ros.ros.transport.c_calls import (
     MONOTONIC,
@@ -30,8 +30,9 @@ from microstage_ros.ros.transport.work_handover import (
 )
 from microstage_ros.solver.period import advance_and_read
 
-GOOD, ASKED, CROWDED, NO_CREDIT, TAKEN_AWAY, TRAVEL, WAITED, STRANGE, MISSED, ANSWERED = range(10)
-"""Why `run_periods` returned. From `TRAVEL` on, the period that is under way has to be ended by the caller:
+GOOD, ASKED, CROWDED, NO_CREDIT, EARLY, TAKEN_AWAY, TRAVEL, WAITED, STRANGE, MISSED, ANSWERED = range(11)
+"""Why `run_periods` returned; EARLY goes no further than it. From `TRAVEL` on, the period that is under way has to be
+ended by the caller:
 TAKEN_AWAY: the watchdog has taken the voltage away. TRAVEL: a limit of `hardware.limits` was breached; read, nothing
 sent. WAITED: no command within a slice (lockstep). STRANGE: a command that is no answer to this period, nor, paced, to
 one just before. MISSED: no valid command for longer than `trip_ns` (paced). ANSWERED goes no further than
@@ -147,7 +148,7 @@ def in_force(c, v, command, guard, times):
 
 @in_place
 def await_command(stop, links, c, v, command, guard, times):
-    """GOOD when the answer to the period is in force, else why not."""
+    """GOOD when the answer to the period is in force, else why not; by the wall clock."""
     while True:
         if take_command(links, c, guard):
             if not in_force(c, v, command, guard, times):
@@ -157,15 +158,12 @@ def await_command(stop, links, c, v, command, guard, times):
             c.late += 1
             continue
         present = now(MONOTONIC, times)
-        if c.paced:
-            until = c.due_ns + c.pace_ns + (0 if c.silent else c.grace_ns)
-            if present >= until or stop[0]:
-                return MISSED
-            silent = c.valid_ns + c.hold_ns
-            wait(links.semaphore, min(until, silent + 1) if present <= silent else until, times)
-            zero_when_silent(c, v, guard, now(MONOTONIC, times), 0)
-        elif not wait(links.semaphore, present + c.slice_ns, times):
-            return WAITED
+        until = c.due_ns + c.pace_ns + (0 if c.silent else c.grace_ns)
+        if present >= until or stop[0]:
+            return MISSED
+        silent = c.valid_ns + c.hold_ns
+        wait(links.semaphore, min(until, silent + 1) if present <= silent else until, times)
+        zero_when_silent(c, v, guard, now(MONOTONIC, times), 0)
 
 
 @in_place
@@ -196,8 +194,10 @@ def begin_period(stop, links, c, v, plants, states, works, readings, frames, raw
         return NO_CREDIT
     if crowded(rings[0]):
         return CROWDED
-    if c.pace_ns > 0:
+    if c.paced:
         hold_back(c, times)
+    elif c.pace_ns > 0 and too_early(c, times):
+        return EARLY
     c.begun_ns = now(MONOTONIC, times)
     if c.paced:
         zero_when_silent(c, v, guard, c.begun_ns, c.ahead_ns)
@@ -229,28 +229,33 @@ def end_period(stop, links, c, v, plants, states, works, readings, frames, raws,
 
 
 @in_place
-def begin_with_credit(work, times):
-    """As `begin_period`, after a moment's wait for credit if there is none."""
-    links, until = work[1][0], now(MONOTONIC, times) + MOMENT_NS
-    why = begin_period(*work)
-    while why == NO_CREDIT and wait(links.semaphore, until, times):
-        why = begin_period(*work)
-    return why
+def begin_when_allowed(work, times):
+    """As `begin_period`, asleep while it is too early, and after a moment's wait for credit if there is none."""
+    links, c, until = work[1][0], work[2][0], 0
+    while True:
+        why, present = begin_period(*work), now(MONOTONIC, times)
+        if why == EARLY:
+            wait(links.semaphore, min(c.due_ns, present + c.slice_ns), times)
+        elif why == NO_CREDIT:
+            until = until if until > 0 else present + MOMENT_NS
+            if not wait(links.semaphore, until, times):
+                return why
+        else:
+            return why
 
 
 @in_place
 def timed_periods(handover, work, times):
-    """Control periods that begin when they are due. Why they ended."""
+    """Control periods by the wall clock. Why they ended."""
     links, c, v, frames, responses, guard = work[1][0], work[2][0], work[3][0], work[8], work[11], work[13]
     while True:
         why = begin_period(*work)
-        if why == WAITING and c.paced:
+        if why == WAITING:
             why = wait_for_work(handover, c, work, times)
         if why == WAITING and c.last == c.sequence:
             continue  # whoever brought the command has done the rest
         if why == WAITING:
-            if c.paced:
-                zero_when_silent(c, v, guard, now(MONOTONIC, times), 0)
+            zero_when_silent(c, v, guard, now(MONOTONIC, times), 0)
             why = await_command(work[0], links, c, v, frames[2][0], guard, times)
         if why == GOOD:
             count_answer(c, responses, times)
@@ -322,11 +327,11 @@ def run_periods(handover, work, times):
     """
     c = work[2][0]
     begin_work(handover)
-    if c.pace_ns > 0:
+    if c.paced:
         why = timed_periods(handover, work, times)
         end_work(handover)
         return why
-    why = begin_with_credit(work, times)
+    why = begin_when_allowed(work, times)
     while why == WAITING:
         before = c.sequence
         woken, why = hand_over(handover, work, now(MONOTONIC, times) + c.slice_ns, times)
@@ -334,8 +339,8 @@ def run_periods(handover, work, times):
             why = go_on(work)
             if why == WAITING and not woken and c.sequence == before:
                 why = WAITED
-        if why == NO_CREDIT:
-            why = begin_with_credit(work, times)
+        if why == NO_CREDIT or why == EARLY:
+            why = begin_when_allowed(work, times)
     end_work(handover)
     return why
 

@@ -23,6 +23,7 @@ from microstage_ros.ros.loops.driver_loop import (
     WAITED,
 )
 from microstage_ros.ros.loops.driver_state import DriverState
+from microstage_ros.ros.loops.period_timing import due_next
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.credit import UNLIMITED
 from microstage_ros.ros.transport.scheduling import SPIN, sleep_precisely, sleep_until
@@ -242,8 +243,10 @@ class DriverPeriods(DriverState):
         n = self.sequence + 1
         if n > self.ledger.limit and not self._await_credit(n):
             return
-        if self.parameters.rate_limit > 0.0:
-            self._hold_back(self.period / self.parameters.rate_limit)
+        if (rate := self.parameters.rate_limit) > 0.0:
+            self._due, rest = due_next(self._due, time.perf_counter(), self.period / rate)
+            if rest > 0.0:
+                return time.sleep(min(rest, SLICE))
         begun = time.perf_counter()
         self._begin(round(n * self.period * 1e9))
         self._end_lockstep_period(n, begun, self._begun[2])

@@ -25,6 +25,11 @@ latest, and forgetting it over so many periods. `spin_ns` is the most."""
 REAL_TIME, NORMAL = os.SCHED_FIFO, os.SCHED_BATCH
 
 
+BURST_NS = 5_000_000
+"""Simulated time that is held to a rate goes in steps of so long [ns of the wall clock], and the processor is free
+between them: who slept before each period of 100 us would be woken, and wake others, 10 000 times a second."""
+
+
 @in_place
 def early_ns(c):
     """How long before a period is due the loop must be awake."""
@@ -66,3 +71,27 @@ def hold_back(c, times):
     count_host_stop(c, now(MONOTONIC, times) - max(c.due_ns, present))
     if relaxed:
         set_policy(REAL_TIME, c.priority, times)
+
+
+@in_place
+def too_early(c, times):
+    """True where simulated time is a step ahead of its rate; else the next period is counted."""
+    present = now(MONOTONIC, times)
+    if present > c.due_ns + BURST_NS:
+        c.due_ns = present  # what was missed for longer than a step is not made up for
+    if c.due_ns > present + BURST_NS:
+        return True
+    c.due_ns += c.pace_ns
+    return False
+
+
+def due_next(due, present, period):
+    """The rule of `too_early` for a loop in Python: when the next period is due [s], and how long to sleep before it
+    is looked at again [s]; 0: it begins now, and the time is that of the one after it.
+
+    ``due`` [s], None before the first. ``present`` [s]. ``period`` of the wall clock [s].
+    """
+    burst = BURST_NS * 1e-9
+    if due is None or present > due + burst:
+        due = present
+    return (due, due - present) if due > present + burst else (due + period, 0.0)
