@@ -1,5 +1,6 @@
 """Nodes forked from one process: processes of their own, with their signals, exit statuses and logs."""
 
+import contextlib
 import os
 import signal
 import socket
@@ -34,8 +35,13 @@ def wait_for(condition, seconds=120.0):
 
 
 def loops(pid):
-    """True once the node serves: its name is set, and its middleware has threads."""
-    return len(os.listdir(f"/proc/{pid}/task")) > 4
+    """True once the node is made: its servo path hears. A node that is asked to stop while it is made on a busy computer
+    may be there longer than it is waited for, and ends with 1."""
+    for path in Path(f"/proc/{pid}/task").glob("*/comm"):
+        with contextlib.suppress(OSError):      # a thread that has ended
+            if path.read_text().startswith("dds.dsha"):
+                return True
+    return False
 
 
 def complaints(log):
