@@ -1,6 +1,5 @@
 """The rules of the forward selection one by one, on trials and gains that are written down and not simulated."""
 
-import dataclasses
 import types
 
 import numpy as np
@@ -8,15 +7,11 @@ import pytest
 
 from microstage_ros.diagnosis.catalogue import CONTAINS
 from microstage_ros.diagnosis.catalogue.form import Form, one
-from microstage_ros.diagnosis.prerequisites.growth import OTHER_POWER
 from microstage_ros.diagnosis.residuals.evidence import Evidence
-from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, Trial
-from microstage_ros.diagnosis.selection import judge, selection, splinters, stroke_profile
+from microstage_ros.diagnosis.residuals.evidence_set import Evidences, Trial
+from microstage_ros.diagnosis.selection import judge, selection, stroke_profile
 from microstage_ros.diagnosis.selection.ledger import Ledger
-
-
-def choice(effect, *channels):
-    return Choice(effect, tuple(Form(effect, channel, "", None, one("size", "1")) for channel in channels or ("torque",)))
+from test.diagnosis.selection.rules.test_splinters import Parts, choice
 
 
 def trial(effect, gain, *channels):
@@ -123,160 +118,6 @@ def test_a_cause_is_no_simpler_form_of_one_that_does_not_contain_it(standing):
     standing.add("torque_ripple")
     winner, other = trial("cable_spring", 1000.0), trial("torque_ripple", 999.0)
     assert selection._simpler(baseline(0.0), winner, [winner, other], []) is winner
-
-
-class Parts:
-    """Gains on held-out records that add up: ``parts`` {(effect, channel): χ²}."""
-
-    def __init__(self, parts):
-        self.parts, self.error = parts, None
-
-    def agreement(self, *_):
-        """A size with this relative standard error in every group of records; None: the rows were not kept."""
-        return None if self.error is None else (1.0, self.error, 50.0)
-
-    def held_gain(self, choices, channels=None):
-        here = {c.effect for c in choices}
-        return sum(v for (effect, channel), v in self.parts.items() if effect in here and channel in (channels or (channel,)))
-
-
-@pytest.mark.parametrize(("own", "elsewhere", "kept"), [
-    (290.0, 0.0, False), (310.0, 0.0, True),        # three per cent of the other one's in the channel of both
-    (290.0, 70.0, True), (290.0, 50.0, False),      # and what it holds elsewhere
-])
-def test_a_cause_that_holds_little_beside_a_larger_one_is_dropped(own, elsewhere, kept):
-    large, small = choice("viscous_change"), choice("payload_change", "torque", *(["windup"] if elsewhere else []))
-    case = Parts({("viscous_change", "torque"): 10000.0, ("payload_change", "torque"): own, ("payload_change", "windup"): elsewhere})
-    assert (small in splinters.without_splinters(case, [large, small])) == kept
-    assert large in splinters.without_splinters(case, [large, small])
-
-
-@pytest.mark.parametrize(("larger", "error", "stands"), [
-    ("refractive_index", 0.04, True), ("refractive_index", 0.06, False),
-    ("thermal_drift", 0.04, False),        # its times come from a grid, and what that leaves is steady, too
-])
-def test_a_small_cause_of_one_size_in_every_stretch_is_no_misfit(larger, error, stands):
-    """An encoder's error beside a refractive index of 450 times its χ² (pairs, seed 6105, case 29)."""
-    large, small = choice(larger, "position"), choice("encoder_sde", "position")
-    case = Parts({(larger, "position"): 8.6e7, ("encoder_sde", "position"): 1.9e5})
-    case.error, case.channel_gain = error, lambda channel, choices, extra=(): case.held_gain(choices)
-    case.forms = []
-    assert splinters.is_splinter(case, Trial(small, 1.9e5, 6, 9.6e4), [large]) != stands
-    assert (small in splinters.without_splinters(case, [large, small])) == stands
-
-
-@pytest.mark.parametrize(("larger", "second", "stands"), [
-    ("sampling_jitter", "encoder_sde", True),      # readings that come late by so much: linear (pairs, seed 8505, cases 10 and 14)
-    ("screw_pitch_error", "resistance_rise", True),     # a heat of one size that is learned with its time (case 29)
-    ("resistance_rise", "screw_pitch_error", False),    # beside which what the grid of times leaves is steady, too
-])
-def test_what_has_one_size_beside_a_linear_cause_is_no_misfit_of_it(larger, second, stands):
-    large, small = choice(larger, "windup"), choice(second, "windup")
-    case = Parts({(larger, "windup"): 1.2e6, (second, "windup"): 7.8e3})
-    case.error, case.channel_gain, case.forms = 0.02, lambda channel, choices, extra=(): case.held_gain(choices), []
-    assert splinters.is_splinter(case, Trial(small, 7.8e3, 2, 3.8e3), [large]) != stands
-    assert (small in splinters.without_splinters(case, [large, small])) == stands
-
-
-class Beside(Parts):
-    """The same of learning records; a wider shape takes all but ``left`` of what the second cause gains, and holds the
-    larger one."""
-
-    def __init__(self, larger, second, gain, left):
-        super().__init__({(larger, "torque"): 1.0e8, (second, "torque"): gain})
-        shapes = ("generic:velocity", "generic:viscous in time", "generic:position", OTHER_POWER, "presliding_creep",
-                  "rising_static_friction", "torque_ripple")
-        self.forms = [Form(effect, "torque", "", None) for effect in shapes]
-        self.second, self.gain_of_second, self.left = second, gain, left
-
-    def gain(self, choices):
-        return self.held_gain(choices)
-
-    def channel_gain(self, channel, choices, extra=()):
-        more = (1.0e8 if extra else self.held_gain([c for c in choices if c.effect != self.second])) if channel == "torque" else 0.0
-        there = any(c.effect == self.second for c in choices)
-        return more + there * (self.left if extra else self.gain_of_second)
-
-
-@pytest.mark.parametrize(("larger", "second", "left", "stands"), [
-    ("nonlinear_viscous", "cable_spring", 7000.0, True),        # 8000 of χ² beside 10⁸ (pairs, seed 5105, case 16)
-    ("nonlinear_viscous", "gravity_tilt", 7000.0, True),
-    ("nonlinear_viscous", "cable_spring", 3000.0, False),       # gone where the friction may take any course over speed
-    ("nonlinear_viscous", "payload_change", 7000.0, False),     # flips, too
-    ("nonlinear_viscous", "rising_static_friction", 7000.0, True),      # 155 beside 10⁷ (pairs, seed 8701, case 2)
-    ("nonlinear_viscous", "rising_static_friction", 3000.0, False),
-    ("viscous_change", "presliding_creep", 7000.0, True),
-    ("nonlinear_viscous", "position_dependent_friction", 7000.0, False),    # it was but a level (pairs, seed 8711, case 12)
-    ("friction_level_change", "rising_static_friction", 7000.0, False),     # the level shows at the breakaway, too
-    ("nonlinear_viscous", "frictional_lag", 7000.0, False),     # a speed that is read late looks like it
-    ("nonlinear_viscous", "friction_level_change", 7000.0, True),       # 300 beside 3·10⁶ (pairs, seed 8701, case 15)
-    ("nonlinear_viscous", "friction_level_change", 3000.0, False),      # gone where the power may be another
-    ("nonlinear_viscous,ends", "friction_level_change", 7000.0, False),     # where the growth ends is of a coarse grid
-    ("viscous_change", "friction_level_change", 7000.0, False),
-    ("direction_asymmetry", "cable_spring", 7000.0, False),     # does not flip
-    ("gravity_tilt", "position_dependent_friction", 7000.0, True),      # 3 % beside a tilt (pairs, seed 9901, case 30)
-    ("gravity_tilt", "position_dependent_friction", 3000.0, False),     # gone where the force may take any course
-    ("presliding_creep", "position_dependent_friction", 7000.0, True),      # 203 beside 10⁴ (pairs, seed 9901, case 20)
-    ("presliding_creep", "position_dependent_friction", 3000.0, False),     # gone where the creep may be another
-    ("presliding_creep", "rising_static_friction", 7000.0, True),       # 2 % beside creep (pairs, seed 10201, case 30)
-    ("presliding_creep", "rising_static_friction", 3000.0, False),
-    ("torque_ripple", "presliding_creep", 7000.0, True),        # 738 beside 65 000 (pairs, seed 10701, case 21)
-    ("torque_ripple", "presliding_creep", 3000.0, False),       # gone where the ripple may have other orders
-    ("presliding_creep", "cable_spring", 7000.0, True), ("presliding_creep", "cable_spring", 3000.0, False),   # 887 beside 4828 (pairs, seed 12801, case 23)
-    ("presliding_creep", "friction_level_change", 7000.0, True), ("presliding_creep", "friction_level_change", 3000.0, False),  # 2504 beside 12 793 (case 20)
-    ("torque_ripple", "friction_level_change", 7000.0, True), ("torque_ripple", "viscous_change", 7000.0, True), ("torque_ripple", "viscous_change", 3000.0, False),   # 1691 beside 84 000 (case 95)
-    ("torque_ripple", "gravity_tilt", 7000.0, False),
-])
-def test_what_stands_beside_all_that_a_friction_may_leave_is_no_misfit_of_it_however_large(larger, second, left, stands,
-                                                                                          monkeypatch):
-    monkeypatch.setattr(splinters, "profile_of", lambda *_: (-0.3, 0.1))
-    larger, _, ends = larger.partition(",")
-    case, first, small = Beside(larger, second, 8000.0, left), choice(larger), choice(second)
-    first = Choice(larger, tuple(dataclasses.replace(form, variant=f"1,{ends}" if ends else "2") for form in first.forms))
-    assert splinters.is_splinter(case, Trial(small, 8000.0, 1, 1600.0), [first]) != stands
-    assert (small in splinters.without_splinters(case, [first, small])) == stands
-
-
-@pytest.mark.parametrize(("mean", "left", "stands"), [(-0.02, 7000.0, True), (0.15, 7000.0, False), (-0.02, 3000.0, False)])
-def test_friction_along_the_stroke_beside_a_viscosity_is_a_cause_if_it_is_no_level(mean, left, stands, monkeypatch):
-    """Of 2255 beside 30 000, with a mean of 0.02 and a spread of 0.23, it was dropped (pairs, seed 10201, case 51)."""
-    monkeypatch.setattr(splinters, "profile_of", lambda *_: (mean, 0.23))
-    large, small = choice("viscous_change"), choice("position_dependent_friction")
-    case = Beside("viscous_change", "position_dependent_friction", 8000.0, left)
-    assert (small in splinters.without_splinters(case, [large, small])) == stands
-
-
-@pytest.mark.parametrize("second", ["screw_pitch_error", "amplifier_gain"])
-@pytest.mark.parametrize(("left", "stands"), [(9300.0, True), (4000.0, False)])
-def test_an_error_of_the_screw_and_a_gain_stand_beside_a_dead_band_of_any_width(second, left, stands):
-    """An error of 9519 beside 5.6·10⁶, 9292 beside dead bands of all widths (pairs, seed 10201, case 16); a gain of 0.9 beside 41 mV (seed 12801, case 2)."""
-    band, small = choice("amplifier_deadband", "windup"), choice(second, "windup")
-    case = Beside("amplifier_deadband", second, 9519.0, left)
-    case.parts = {("amplifier_deadband", "windup"): 5.6e6, (second, "windup"): 9519.0}
-    case.forms = [Form("amplifier_deadband", "windup", "0.04", None)]
-    case.channel_gain = lambda channel, choices, extra=(): 0.0 if channel == "torque" else Beside.channel_gain(case, "torque", choices, extra)
-    assert (small in splinters.without_splinters(case, [band, small])) == stands
-
-
-@pytest.mark.parametrize(("law", "whole", "open_"), [(2, 3738.0, True), (2, 4600.0, False), (-1, 3738.0, False)])
-def test_tilt_and_asymmetry_of_another_law_are_one_force_unless_the_fainter_holds_a_part_of_it(law, whole, open_):
-    """An asymmetry on LuGre's machine was a tilt and an asymmetry of half its size, of which one held 0.96 (pairs, seed 10201,
-    case 80); where both were there one held 0.74 (case 75)."""
-    tilt, asymmetry = choice("gravity_tilt"), choice("direction_asymmetry")
-    gains = {(): 0.0, ("gravity_tilt",): 3597.0, ("direction_asymmetry",): 3499.0, ("direction_asymmetry", "gravity_tilt"): whole}
-    evidences = types.SimpleNamespace(
-        gain=lambda choices: gains[tuple(sorted(c.effect for c in choices))],
-        frame=types.SimpleNamespace(drive=types.SimpleNamespace(actuator=types.SimpleNamespace(law=law))))
-    kept, rivals = splinters.one_force(evidences, [tilt, asymmetry], {"gravity_tilt": []})
-    assert (kept, rivals) == (([tilt], {"gravity_tilt": ["direction_asymmetry"]}) if open_ else ([tilt, asymmetry], {"gravity_tilt": []}))
-
-
-@pytest.mark.parametrize(("part", "kept"), [(45.0, False), (61.0, True)])
-def test_a_faint_cause_of_a_channel_of_its_own_is_dropped_below_sixty_of_chi_square(part, kept):
-    large, small = choice("amplifier_gain", "windup"), choice("encoder_sde", "position")
-    case = Parts({("amplifier_gain", "windup"): 1.0e6, ("encoder_sde", "position"): part})
-    assert (small in splinters.without_splinters(case, [large, small])) == kept
-    assert splinters.without_splinters(case, [small]) == [small]        # alone it is judged elsewhere
 
 
 @pytest.mark.parametrize(("mean", "spread", "level"), [(0.2, 0.09, True), (-0.2, 0.09, True), (0.2, 0.11, False)])
