@@ -28,7 +28,10 @@ from microstage_ros.places import SOURCE
 from microstage_ros.quantities.errors import InputError
 
 NO_SIMULATION = "judge judge_margins judge_scales selection_rules asked_again what_is_kept agreement own_shapes"
-BY_HAND = (*(f"test/diagnosis/selection/test_{name}.py" for name in NO_SIMULATION.split()), "test/diagnosis/selection/rules")
+BY_HAND = (
+    *(f"test/diagnosis/selection/test_{name}.py" for name in NO_SIMULATION.split()),
+    "test/diagnosis/selection/rules",
+)
 AREAS = {
     "hardware": (["microstage_ros/hardware"], ["test/hardware"]),
     "judge": (["microstage_ros/diagnosis/selection/judge*.py"], [*BY_HAND, "test/diagnosis"]),
