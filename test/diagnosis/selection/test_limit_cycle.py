@@ -57,6 +57,8 @@ def test_beside_a_swing_that_is_not_followed_to_the_noise_its_channels_tell_no_f
     named, one = [soft, friction, scale], {"drive_compliance": 0.007}
     kept, open_questions, note = judged(0.65, named, [], ["torque", "windup"], one)
     assert kept == [soft, scale] and not open_questions and "65%" in note and "nothing of torque." in note
+    kept, open_questions, note = judged(0.65, named, [], ["torque", "windup"], {"drive_compliance": 0.5})   # feigned, too
+    assert kept == [scale] and open_questions[0].ids == LOOSE_OR_SOFT and "lost motion" in note
     for share, scattered in ((0.65, []), (0.65, ["windup", "position"]), (0.01, ["torque", "windup"])):
         assert judged(share, named, [], scattered, one) == (named, [], None)
 
