@@ -17,6 +17,11 @@ from microstage_ros.diagnosis.selection.ledger import Ledger
 from microstage_ros.diagnosis.selection.sizes import before_the_gain, offset_of
 
 
+def unstated(*causes):
+    """Whether probability and share are left to who calibrates them."""
+    return all((cause.probability, cause.share) == (0.0, 0.0) for cause in causes)
+
+
 def slowness(effect="transport_delay", rival=False, **lag):
     return types.SimpleNamespace(effect=effect, time=3.0e-4, stderr=2.0e-6, rival=rival, held=900.0, held_before=1000.0, held_rows=100,
                                  noise=2.0e-3, **{"lag": 0.0, "lag_stderr": 0.0, "lag_held": 0.0, **lag})
@@ -29,7 +34,7 @@ def test_a_slow_amplifier_by_its_name(effect, name):
     assert cause.id == effect and cause.effect == {name: 3.0e-4} and not unsure
     assert (cause.parameters[name].value, cause.parameters[name].stderr, cause.parameters[name].unit) == (3.0e-4, 2.0e-6, "s")
     assert (cause.gain.before, cause.gain.after) == pytest.approx((2.0e-3 * 10.0**0.5, 2.0e-3))
-    assert book.before == 950.0 and book.parts == {effect: 900.0}
+    assert book.before == 950.0 and book.parts == {effect: 900.0} and unstated(cause)
 
 
 def test_an_amplifier_that_delays_and_lags_is_two_causes_that_share_what_they_hold():
@@ -57,7 +62,7 @@ def test_a_gap_as_an_angle_of_the_screw(after, part):
     width = cause.parameters["width_rad"]
     assert (width.value, width.stderr, cause.effect["width_rad"]) == pytest.approx((0.02, 1.0e-4, 0.02)) and width.unit == "rad"
     assert book.parts["backlash"] == part and book.before == 5.0 + part
-    assert (cause.gain.before, cause.gain.after) == pytest.approx((1.0e-8, 1.0e-9 * (after / 10.0) ** 0.5))
+    assert (cause.gain.before, cause.gain.after) == pytest.approx((1.0e-8, 1.0e-9 * (after / 10.0) ** 0.5)) and unstated(cause)
 
 
 @pytest.mark.parametrize(("damping", "says"), [(0.9, "drive_compliance"), (0.05, "open")])
@@ -73,7 +78,10 @@ def test_a_soft_drive_behind_a_gap_unless_its_damping_is_off_by_the_same_factor(
         return
     assert [cause.id for cause in causes] == [says] and not unsure
     assert causes[0].effect == {"stiffness_factor": 0.05, "damping_factor": 0.9}
-    assert book.parts == {"drive_compliance": 4000.0} and book.before == 4005.0
+    assert book.parts == {"drive_compliance": 4000.0} and book.before == 4005.0 and unstated(*causes)
+    assert (causes[0].gain.before, causes[0].gain.after) == pytest.approx((5.0**0.5 * 1.0e-9, 1.0e-9))      # beside the gap
+    assert causes[0].parameters["stiffness_factor"].stderr == pytest.approx(np.hypot(1.0e-4, made.STIFFNESS_ERROR * 0.05))
+    assert causes[0].parameters["damping_factor"].stderr == pytest.approx(made.DAMPING_ERROR * 0.9)
 
 
 def test_a_drift_of_every_records_own():
@@ -84,7 +92,7 @@ def test_a_drift_of_every_records_own():
     assert {name: (one.value, one.stderr) for name, one in cause.parameters.items()} == {
         "drift_rms_m": (4.0e-8, 1.0e-9), "rate_m_s": (2.0e-9, 3.0e-10)}
     assert cause.effect == {"rate_m_s": 2.0e-9} and book.parts == {"thermal_drift": 800.0} and book.before == 800.0
-    assert (cause.gain.before, cause.gain.after) == pytest.approx((9.0e-9, 3.0e-9))
+    assert (cause.gain.before, cause.gain.after) == pytest.approx((9.0e-9, 3.0e-9)) and unstated(cause)
 
 
 def test_lines_of_the_floor_and_how_far_their_amplitudes_hold():
@@ -96,7 +104,7 @@ def test_lines_of_the_floor_and_how_far_their_amplitudes_hold():
     assert cause.effect == {"frequencies_hz": [33.0, 60.0], "amplitudes_m": [5.0e-9, 3.0e-9], "phases_rad": [0.3, 1.3]}
     assert cause.parameters["frequency_2_hz"].stderr == 0.02 and cause.parameters["amplitude_1_m"].stderr == 1.0e-10
     assert (cause.gain.before, cause.gain.after) == pytest.approx((12.5e-18**0.5, 0.5e-18**0.5))
-    assert book.before == 110.0 and book.parts == {"floor_vibration": 110.0}
+    assert book.before == 110.0 and book.parts == {"floor_vibration": 110.0} and unstated(cause)
 
 
 def test_late_readings_and_what_jitter_explains():
@@ -108,7 +116,7 @@ def test_late_readings_and_what_jitter_explains():
     assert cause.parameters["jitter_s"].value == pytest.approx(jitter) and cause.parameters["jitter_s"].stderr == pytest.approx(jitter * math.hypot(1.0 / 200.0, made.JITTER_ERROR))
     assert cause.parameters["lost_fraction"].value == 0.7 and cause.effect["lost_fraction"] == 0.5     # no effect loses more
     assert (cause.gain.before, cause.gain.after) == pytest.approx((5.0e-16**0.5, 1.0e-8))
-    assert book.before == 501.0 and book.parts == {"sampling_jitter": 520.0} and "late_s" not in cause.parameters
+    assert book.before == 501.0 and book.parts == {"sampling_jitter": 520.0} and "late_s" not in cause.parameters and unstated(cause)
 
 
 def test_the_constant_part_of_the_lateness_is_the_mean_without_jitter_and_lost_samples():
@@ -138,14 +146,15 @@ def test_each_that_is_known_becomes_a_cause(monkeypatch, known):
         monkeypatch.setattr(made, function, lambda *_, name=name: [name] if name == "slow" else name)
     monkeypatch.setattr(made, "_drift", lambda *_: "course")
     monkeypatch.setattr(made, "readings_late", lambda *_, sde: sde)
-    monkeypatch.setattr(made, "_late", lambda late, book, mean, period: late)
+    periods = []
+    monkeypatch.setattr(made, "_late", lambda late, book, mean, period: periods.append(period) or late)
     has = types.SimpleNamespace(**{name: [1] if name in known else [] if name == "lines" else None for name in names})
     has.gap = types.SimpleNamespace(far=False) if "gap" in known else None
-    collection = types.SimpleNamespace(prepared={"learn": [types.SimpleNamespace(period=1e-4)], "held": [1], "base": []},
+    collection = types.SimpleNamespace(prepared={"learn": [types.SimpleNamespace(period=1e-4), types.SimpleNamespace(period=2e-4)], "held": [1], "base": []},
                                        frame=types.SimpleNamespace(drive=types.SimpleNamespace(radius=1.0)))
     others = [types.SimpleNamespace(id="gravity_tilt", effect="tilt"), types.SimpleNamespace(id="encoder_sde", effect="sde")]
     found = made.nonregression_causes(collection, has, "course", others, Ledger(), [])
-    assert found == [*known, "course", "sde"]       # jitter is looked for without the encoder's own error
+    assert periods == [1e-4] and found == [*known, "course", "sde"]       # jitter is looked for without the encoder's own error
     assert made.nonregression_causes(collection, has, None, others[:1], Ledger(), []) == list(known)
 
 
