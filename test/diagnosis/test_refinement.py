@@ -1,5 +1,6 @@
 """A size that enters non-linearly is found beyond the catalogue's grid, with its error; on rows made by hand."""
 
+import dataclasses
 import math
 import types
 
@@ -61,6 +62,33 @@ def test_the_error_is_that_of_least_squares_and_half_a_per_cent():
     expected = math.hypot(1.0 / np.linalg.norm(slope), 5.0e-3)
     value, stderr, _ = choice.forms[0].sizes(None, None, None)[0]["time_s"]
     assert stderr / value == pytest.approx(expected, rel=0.1)
+
+
+def test_the_part_of_the_noise_alone_is_that_of_least_squares(monkeypatch):
+    monkeypatch.setattr(refinement, "LEAST_FORM_ERROR", 0.0)
+    _, (choice,) = refined(0.5, 0.5)
+    slope = (columns(0.505)(None, None) - columns(0.495)(None, None)) / math.log(0.505 / 0.495)
+    value, stderr, _ = choice.forms[0].sizes(None, None, None)[0]["time_s"]
+    assert stderr / value == pytest.approx(1.0 / np.linalg.norm(slope), rel=0.1)
+
+
+def test_a_size_on_which_nothing_depends_is_known_no_better_than_its_steps(monkeypatch):
+    nothing = Family(lambda size: lambda channel, frame: np.zeros((ROWS, 1)), "time_s", "s", lambda size, frame: size)
+    monkeypatch.setattr(refinement, "FAMILIES", {("frictional_lag", "torque"): nothing})
+    _, (choice,) = refined(0.5, 0.5)
+    value, stderr, _ = choice.forms[0].sizes(None, None, None)[0]["time_s"]
+    assert stderr / value == pytest.approx(math.hypot(0.05, 0.005))
+
+
+@pytest.mark.parametrize(("start", "tried"), [(0.5, 3), (0.46, 3), (0.43, 4), (0.61, 4)])
+def test_a_size_is_looked_for_in_steps_of_eight_per_cent(start, tried, monkeypatch):
+    """Five sizes at a time: two steps to either side, and again from the end at which the best lies."""
+    sizes = []
+    monkeypatch.setattr(refinement, "FAMILIES", {("frictional_lag", "torque"): dataclasses.replace(
+        FAMILY, columns=lambda size: sizes.append(size) or columns(size))})
+    refined(0.5, start)
+    assert len(sizes) == 5 * tried + 1      # and the one that was found
+    assert sizes[:5] == pytest.approx(start * np.exp(0.08 * np.arange(-2.0, 3.0)))
 
 
 def test_the_errors_of_many_seeds_hold():
