@@ -15,7 +15,9 @@ from microstage_ros.diagnosis.selection.leftover import (
     CLASSES,
     LEAST_PIECES,
     PIECE,
+    Line,
     _line,
+    _pieces,
     _since_motion,
     _variance_ratio,
     scatter_findings,
@@ -106,6 +108,24 @@ def test_what_swings_in_time_does_so_in_every_record_at_one_frequency_and_not_in
     assert swings(learn=1.3, second=1.3, held=1.3, base=2.1)      # the baseline swings, but not so
     assert swings() == swings(learn=1.3, second=1.3) == swings(held=1.3) == swings(learn=1.3, held=1.3) == {}
     assert swings(learn=1.3, second=1.3, held=1.5) == swings(learn=1.3, second=1.3, held=1.3, base=1.3) == {}
+
+
+@pytest.mark.parametrize(("other", "same"), [(1.0, True), (1.065, True), (0.935, True), (1.07, False), (0.93, False)])
+def test_lines_of_one_frequency_are_at_most_two_widths_apart(other, same):
+    one_, another = Line(1.0, 9.0, 8.0, 1.0 / 30.0), Line(other, 9.0, 8.0, 1.0 / 60.0)
+    assert one_.is_at(another) == another.is_at(one_) == same
+
+
+def test_the_width_of_a_line_is_one_over_the_length_of_the_record():
+    assert _line(np.random.default_rng(4).normal(size=600), PIECE).width == pytest.approx(1.0 / 60.0)
+
+
+def test_what_is_beyond_five_standard_deviations_is_a_spike():
+    record = Balance([1, 1], lambda r: 3.0, rows=30000)
+    record.residual[::100] += 1.0e3         # the median does not see them
+    z, time, piece, limit = _pieces(record, types.SimpleNamespace(frame=None, spreads=None), "torque", [FORM], np.array([2.0]))
+    assert limit == pytest.approx((5.0 * 3.0) ** 2, rel=0.06) and z.max() > 900.0 and time is record.time
+    assert piece(record.time) == pytest.approx(0.045 + PIECE * np.arange(3000)) and len(piece(np.arange(30005.0))) == 3000
 
 
 def test_what_changes_slowly_is_no_line():
